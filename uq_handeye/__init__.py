@@ -62,9 +62,8 @@ if _typing.TYPE_CHECKING:
     from .noise.camera_noise import CameraNoise
     from .noise.estimate import NoiseEstimate, NoisePrior
     from .noise.joint_covariance import JointCovariance
-    from .noise.known_values import parse_known_values
     from .noise.models import PairNoise, PoseNoise
-    from .noise.pose_prior import PosePrior
+    from .noise.pose_prior import PosePrior, parse_known_values
     from .one_model.component import Component
     from .one_model.noise_of_data import estimate_noise, estimate_robot_noise
     from .planning.plan import plan
@@ -100,8 +99,7 @@ if _typing.TYPE_CHECKING:
     from .validation.posterior.density import ScalePrior
     from .validation.posterior.result import Posterior
     from .validation.posterior.sample import sample_posterior
-    from .validation.sweep.result import Sweep
-    from .validation.sweep.run import sweep
+    from .validation.sweep.run import Sweep, sweep
     from .verification.result import Verification
     from .verification.touches_file import read_touches
     from .verification.verify import verify

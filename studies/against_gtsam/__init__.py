@@ -33,7 +33,7 @@ from studies.common.study import Study, Tables, markdown
 from uq_handeye.likelihood.gauss_helmert import efficient
 from uq_handeye.presentation.figure_parts import BLUE, INK, ORANGE, QUIET, SMALL, TEXT, canvas, finished, plain
 from uq_handeye.propagation.all_pairs import solve_all_pairs
-from uq_handeye.propagation.target_pose import mean_target
+from uq_handeye.propagation.published_fit import mean_target
 from uq_handeye.runtime.progress import progress_bar
 
 SEED = 2019

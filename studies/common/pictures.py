@@ -1,7 +1,7 @@
 """Pictures of boards as a known camera of any model would take them, for tests and studies.
 
 The grey of a pixel is the mean over its square of what the board shows where the rays of the camera meet it. Rays are
-the inverse of the camera model (`uq_handeye.camera.rays`), once for all pictures of a camera. The board is a drawing;
+the inverse of the camera model (`uq_handeye.camera.models`), once for all pictures of a camera. The board is a drawing;
 where all of it that a pixel sees has one colour, that is the pixel's. The others look at it at ``PLACES``, a Fibonacci
 lattice, no two of which have the same u or v: a border along a row of pixels is met as exactly as any other.
 """
@@ -18,11 +18,9 @@ from numpy.typing import NDArray
 from scipy.interpolate import RectBivariateSpline
 
 from uq_handeye.camera.adjustment.initial_guess import opencv
-from uq_handeye.camera.boards.description import TAGS, Board
-from uq_handeye.camera.boards.dictionaries import bits_of, dictionary_of, drawn_upside_down
+from uq_handeye.camera.boards.description import TAGS, Board, bits_of, dictionary_of, drawn_upside_down
 from uq_handeye.camera.boards.tags import layout_of
-from uq_handeye.camera.models import MODELS
-from uq_handeye.camera.rays import rays
+from uq_handeye.camera.models import MODELS, rays
 from uq_handeye.geometry.se3 import Array
 
 COUNT, TURN = 89, 55  # of a Fibonacci lattice

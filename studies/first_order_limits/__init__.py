@@ -27,8 +27,7 @@ from uq_handeye.formatting.numbers import digits
 from uq_handeye.geometry.se3 import inverse
 from uq_handeye.presentation.figure_parts import GRID, QUIET, SMALL, TEXT, canvas, finished, plain
 from uq_handeye.runtime.progress import progress_bar
-from uq_handeye.validation.sweep.level import KINDS
-from uq_handeye.validation.sweep.limits import MethodSweep
+from uq_handeye.validation.sweep.level import KINDS, MethodSweep
 from uq_handeye.validation.sweep.run import sweep
 
 SEED = 2019

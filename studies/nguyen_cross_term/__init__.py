@@ -26,8 +26,7 @@ from studies.common.scores import errors, nees, true_means
 from studies.common.study import Study, Tables, markdown
 from uq_handeye.estimators.nguyen import nguyen
 from uq_handeye.estimators.nguyen.derivatives import NguyenDerivatives
-from uq_handeye.estimators.nguyen.descent import Stop
-from uq_handeye.estimators.nguyen.stages import CrossTerm, NguyenResult
+from uq_handeye.estimators.nguyen.stages import CrossTerm, NguyenResult, Stop
 from uq_handeye.geometry.se3 import Array, inverse, perturb
 from uq_handeye.presentation.figure_parts import BLUE, GRID, ORANGE, SMALL, TEXT, canvas, finished, plain
 

@@ -45,7 +45,7 @@ from uq_handeye.validation.posterior import moves as posterior_moves
 from uq_handeye.validation.posterior.convergence import autocorrelation_time, by_arviz
 from uq_handeye.validation.posterior.density import Density, ScalePrior, density_of
 from uq_handeye.validation.posterior.moves import Proposal, moves_of
-from uq_handeye.validation.posterior.run import ROUND, burn_in, sample_steps, sampler_of
+from uq_handeye.validation.posterior.sample import ROUND, burn_in, sample_steps, sampler_of
 
 WALKERS = 128
 LONG_ENOUGH = 50  # autocorrelation times

@@ -11,7 +11,7 @@ from support import SEED
 
 import uq_handeye as uq
 from studies.camera_covariance import ROBOT, poses_of, recorded
-from uq_handeye.camera.files.camera_dict import camera_from_dict, camera_to_dict
+from uq_handeye.camera.files.folder import camera_from_dict, camera_to_dict
 from uq_handeye.comparison.of_result import compare_beside
 from uq_handeye.errors import InputError
 from uq_handeye.files.source import Source

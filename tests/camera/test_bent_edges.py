@@ -14,7 +14,7 @@ from support import SEED
 import uq_handeye as uq
 from studies.common.pictures import Camera, picture
 from uq_handeye.camera.adjustment import bent_edges
-from uq_handeye.camera.boards.chessboard import chessboard_finder
+from uq_handeye.camera.boards.squares import chessboard_finder
 from uq_handeye.camera.corners import Corners
 from uq_handeye.camera.models import MODELS
 

@@ -8,7 +8,7 @@ from support import assert_same_covariance, difference
 import uq_handeye as uq
 from uq_handeye.camera.adjustment.initial_guess import unlike_a_board
 from uq_handeye.camera.board import picture_paths
-from uq_handeye.camera.boards.chessboard import chessboard_finder
+from uq_handeye.camera.boards.squares import chessboard_finder
 from uq_handeye.camera.corners import without_pictures
 from uq_handeye.errors import InputError, InputWarning
 

@@ -14,8 +14,7 @@ from uq_handeye.camera.adjustment.initial_guess import unlike_a_board
 from uq_handeye.camera.adjustment.model_choice import Candidate, best
 from uq_handeye.camera.calibrate import calibrate_camera
 from uq_handeye.camera.corners import Corners
-from uq_handeye.camera.models import MODELS
-from uq_handeye.camera.rays import rays
+from uq_handeye.camera.models import MODELS, rays
 from uq_handeye.errors import InputError, InputWarning
 from uq_handeye.io import write_pose_file
 

@@ -15,11 +15,9 @@ import uq_handeye as uq
 from uq_handeye.camera.adjustment.model_choice import Candidate
 from uq_handeye.camera.calibrate import calibrate_camera
 from uq_handeye.camera.files.snippets import camera_snippets
-from uq_handeye.camera.models import MODELS
-from uq_handeye.camera.rays import pixel_deviation, rays
-from uq_handeye.camera.report.figures import camera_figures, camera_pictures
+from uq_handeye.camera.models import MODELS, pixel_deviation, rays
+from uq_handeye.camera.report.figures import camera_figures, camera_pictures, outline
 from uq_handeye.camera.report.page import camera_report_html, report_files
-from uq_handeye.camera.report.view_figures import outline
 from uq_handeye.camera.residual_pattern import CELLS
 from uq_handeye.camera.what_was_seen import (
     cells_that_matter,

@@ -13,7 +13,7 @@ import uq_handeye as uq
 from studies.common.pictures import Camera
 from studies.common.pictures import picture as taken
 from uq_handeye.camera.board import board_of
-from uq_handeye.camera.boards.dictionaries import bits_of, dictionary_of, drawn_upside_down
+from uq_handeye.camera.boards.description import bits_of, dictionary_of, drawn_upside_down
 from uq_handeye.camera.boards.tags import layout_of, tag_finder
 from uq_handeye.errors import InputError, InputWarning
 

@@ -17,9 +17,8 @@ from uq_handeye import read_poses, simulate
 from uq_handeye.cli import app as cli
 from uq_handeye.cli.commands import validate as cli_validate
 from uq_handeye.io import write_pose_file
-from uq_handeye.validation.monte_carlo.chunks import Work
+from uq_handeye.validation.monte_carlo.chunks import Work, WorkersLostError
 from uq_handeye.validation.monte_carlo.run import monte_carlo
-from uq_handeye.validation.monte_carlo.workers import WorkersLostError
 
 OPTIONS = ("--robot-noise", "0.02deg,0.05mm", "--camera-noise", "0.1deg,0.5mm")
 PROGRAM = "from uq_handeye.cli.app import main; main()"

@@ -41,7 +41,7 @@ from uq_handeye.likelihood.d2_distribution import Reference
 from uq_handeye.likelihood.gauss_helmert import efficient, fit
 from uq_handeye.likelihood.starts import start_of
 from uq_handeye.propagation.all_pairs import solve_all_pairs
-from uq_handeye.propagation.target_pose import mean_target
+from uq_handeye.propagation.published_fit import mean_target
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.2mrad", "0.1mm"), camera=("1mrad", "1mm"))
 SMOOTH = [name for name, method in METHODS.items() if method.smooth]

@@ -11,10 +11,9 @@ from scipy.spatial.transform import Rotation
 from support import SEED
 
 from uq_handeye.errors import InputError
-from uq_handeye.files.pose_names import pose_name
+from uq_handeye.files.trees import pose_name
 from uq_handeye.formats.contents import finished
-from uq_handeye.formats.controllers.forms import CONTROLLERS
-from uq_handeye.formats.controllers.writing import written_poses
+from uq_handeye.formats.controllers.forms import CONTROLLERS, written_poses
 from uq_handeye.formats.detect import read_contents
 from uq_handeye.formats.opencv_storage import matrix_lines
 from uq_handeye.io import read_poses, write_pose_file

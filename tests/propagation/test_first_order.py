@@ -20,9 +20,8 @@ from support import (
 
 import uq_handeye as uq
 from uq_handeye.estimators import zhao
-from uq_handeye.propagation.first_order import BEND, SHARE, bend
 from uq_handeye.propagation.noise_transport import noise_of_pairs
-from uq_handeye.propagation.propagate import propagate_and_check
+from uq_handeye.propagation.propagate import BEND, SHARE, bend, propagate_and_check
 
 # Variances (rotation in rad^2, translation in m^2).
 ISOTROPIC = np.full(6, 1e-6)

@@ -10,9 +10,9 @@ from uq_handeye.camera.models import MODELS
 from uq_handeye.errors import InputError, InputWarning
 from uq_handeye.rosbag.info import CameraInfo
 from uq_handeye.rosbag.lens import lens_of
+from uq_handeye.rosbag.listing import camera_info_yaml
 from uq_handeye.rosbag.recording import read_recording
 from uq_handeye.rosbag.streams import camera_stream, read_bag
-from uq_handeye.rosbag.tables import camera_info_yaml
 from uq_handeye.rosbag.tags import TagTrack
 
 SIDE, D = 0.08, [-0.25, 0.08, 0.001, -0.0005, 0.0]

@@ -19,8 +19,7 @@ from ..diagnostics.source_types import with_types
 from ..diagnostics.split_half import SplitHalf, split_fit
 from ..empirical_covariance.resampled import KINDS, resampled
 from ..errors import DegenerateMotionError, InputError
-from ..files.records import Record, parts_of
-from ..files.validate import unequal
+from ..files.records import Record, parts_of, unequal
 from ..geometry.checks import checked_covariance
 from ..geometry.se3 import Array
 from ..likelihood.gauss_helmert import Fit

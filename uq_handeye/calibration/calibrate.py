@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import DegenerateMotionError, InputError, NotConvergedError, SingularNoiseError
-from ..files.validate import plain
+from ..files.records import plain
 from ..findings import Finding, renumbered, warn
 from ..input_checks.repeated_rows import counted_once
 from ..kinematics.chain import Kinematics
@@ -25,9 +25,8 @@ from ..noise.camera_noise import CameraNoise
 from ..noise.estimate import NoisePrior
 from ..noise.models import Noise, PairNoise, PoseNoise, require_count
 from ..one_model.component import Component
-from ..poses.joint_values import as_joint_values
 from ..poses.motions import Motions, relative_motions
-from ..poses.pose_pairs import PosePairs
+from ..poses.pose_pairs import PosePairs, as_joint_values
 from ..poses.selection import Selection, ranges, select_poses
 from ..prediction.excluded import residuals_against
 from ..runtime.threads import one_thread

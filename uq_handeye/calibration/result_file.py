@@ -13,8 +13,7 @@ import numpy as np
 from ..errors import InputError
 from ..estimators.registry import METHODS, ROBOT_WORLD_METHODS
 from ..files.about import as_about
-from ..files.records import attributes, parts_of
-from ..files.validate import not_finite, unequal
+from ..files.records import attributes, not_finite, parts_of, unequal
 from ..geometry.checks import as_transforms, checked_covariance
 from ..geometry.conventions import CONVENTION
 from ..geometry.frames import SETUPS

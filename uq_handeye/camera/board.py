@@ -22,17 +22,13 @@ from ..files.open import StrPath, as_path, opened, shown
 from ..files.source import Source
 from ..runtime.progress import progress_bar
 from .adjustment.initial_guess import opencv
-from .boards.charuco import charuco_finder
-from .boards.chessboard import chessboard_finder
 from .boards.description import SQUARES, TAGS
 from .boards.description import Board as Board
 from .boards.description import board_of as board_of
 from .boards.description import spacing_of as spacing_of
 from .boards.description import tag_points as tag_points
-from .boards.grid_as_seen import Tags, contradiction
-from .boards.other_tags import other_tags
-from .boards.refinement import Picture, Seen
-from .boards.tags import tag_finder
+from .boards.squares import Picture, Seen, charuco_finder, chessboard_finder
+from .boards.tags import Tags, contradiction, other_tags, tag_finder
 from .corners import Corners
 
 FINDERS = {

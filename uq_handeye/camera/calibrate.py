@@ -3,6 +3,8 @@ r"""`calibrate_camera`: corners of a board in, intrinsics, camera poses and thei
 What the poses of one camera have in common is its intrinsics: an error of the focal length moves all of them along the
 optical axis. The result therefore carries, beside the poses, their joint covariance: of each its own part, and what the
 intrinsics do to all (`bundle`, T4b). ``PoseNoise(camera=result.covariance)`` hands it to everything else.
+
+Poses of a board in new pictures by a camera that has been calibrated: its intrinsics stay as they are.
 """
 
 from __future__ import annotations
@@ -19,19 +21,16 @@ from ..errors import InputError, NotConvergedError
 from ..findings import Finding, warn
 from ..geometry.se3 import Array
 from .adjustment.bent_edges import bias
-from .adjustment.bundle import Bundle
-from .adjustment.initial_guess import unlike_a_board
-from .adjustment.model_choice import CANDIDATES, USUAL
-from .adjustment.outliers import spoilt, without_outliers
-from .adjustment.picture_weights import picture_weights
-from .adjustment.search import Lens, search
+from .adjustment.bundle import Bundle, adjust
+from .adjustment.initial_guess import AMBIGUOUS, better_start, poses_of, unlike_a_board
+from .adjustment.model_choice import CANDIDATES, USUAL, Lens, search
+from .adjustment.outliers import picture_weights, spoilt, without_outliers
 from .adjustment.setting import Known
-from .board_pattern import BoardPattern, board_pattern_of
 from .board_shape import BoardShape, polynomial_shape, possible_shapes
 from .corners import Corners, without_pictures
 from .measured_board import measured_board
-from .models import LINEAR, MODELS
-from .residual_pattern import Pattern, pattern_of
+from .models import LINEAR, MODELS, rays
+from .residual_pattern import BoardPattern, Pattern, board_pattern_of, pattern_of
 from .result import SMALL, UNCERTAIN, CameraCalibration
 
 # Pictures that must remain where others are left out as a whole.
@@ -220,3 +219,53 @@ def _checked_size(image_size: Any, corners: Corners) -> tuple[int, int]:
             f"{high[0]:.0f}, v {low[1]:.0f} to {high[1]:.0f}.{swapped}"
         )
     return width, height
+
+
+# Corners of a picture for a pose with a test of its own.
+FEWEST_CORNERS = 4
+
+
+def poses_by_known_camera(seen: CameraCalibration, corners: Corners) -> CameraCalibration:
+    """Return the same camera with new pictures, one or more; only their poses are estimated.
+
+    The covariance of the poses is that of the pixel noise of the calibration; that of the intrinsics is not in it, as
+    they share their errors with the pictures before.
+
+    Raises
+    ------
+    InputError
+        Pictures of another size, or with fewer than four corners of the board.
+    NotConvergedError
+        The poses do not converge with these intrinsics.
+    """
+    if corners.image_size is not None and corners.image_size != seen.image_size:
+        got, expected = ("{} x {}".format(*size) for size in (corners.image_size, seen.image_size))
+        raise InputError(f"Expected pictures of {expected} pixels, as those of the calibration, got {got}.")
+    few = np.flatnonzero(np.bincount(corners.picture, minlength=corners.n) < FEWEST_CORNERS)
+    if len(few):
+        raise InputError(
+            f"Picture {corners.names[int(few[0])]} shows fewer than {FEWEST_CORNERS} corners: leave it out."
+        )
+    before = seen.bundle
+    bundle = _adjusted(before, corners, _start(before, corners))
+    if corners.window is not None:
+        corners = replace(corners, pixels=corners.pixels - bias(bundle, corners), window=None)
+        bundle = _adjusted(before, corners, bundle.poses)
+    if not bundle.converged:
+        raise NotConvergedError("The poses of the new pictures do not converge with the intrinsics given.", bundle)
+    return replace(seen, bundle=bundle, corners=corners, findings=())
+
+
+def _adjusted(before: Bundle, corners: Corners, poses: Array) -> Bundle:
+    fixed = np.zeros(len(before.parameters), dtype=bool)
+    start = np.array(before.parameters), poses
+    return adjust(before.model, corners, start, free=fixed, shape=before.shape, pixel_noise=before.pixel_noise)
+
+
+def _start(before: Bundle, corners: Corners) -> Array:
+    """Poses (n, 4, 4) by OpenCV, of pixels without the lens."""
+    seen = rays(before.model, before.intrinsics, corners.pixels)
+    poses = poses_of(corners, np.ascontiguousarray(seen[:, :2] / seen[:, 2:]))
+    if len(before.shape.points) >= AMBIGUOUS:
+        return poses
+    return better_start(before.model, before.parameters, before.shape, corners, poses)

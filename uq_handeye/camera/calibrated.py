@@ -12,10 +12,9 @@ from ..geometry.se3 import Array
 from ..noise.joint_covariance import JointCovariance
 from .adjustment.bundle import Bundle
 from .adjustment.model_choice import Candidate
-from .board_pattern import BoardPattern
 from .corners import Corners
 from .measured_board import MeasuredBoard
-from .residual_pattern import Pattern
+from .residual_pattern import BoardPattern, Pattern
 
 
 class Calibrated(Protocol):

@@ -19,11 +19,10 @@ from ..presentation.document import to_text
 from ..presentation.notebook import to_html
 from .adjustment.bundle import Bundle, response_ahead
 from .adjustment.model_choice import Candidate
-from .board_pattern import BoardPattern
 from .corners import Corners, without_pictures
 from .measured_board import MeasuredBoard, measured_board
 from .report.text import camera_document
-from .residual_pattern import Pattern
+from .residual_pattern import BoardPattern, Pattern
 
 # A focal length less certain than this share of it is warned of.
 UNCERTAIN = 0.01

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from ..geometry.se3 import Array
 from .calibrated import Calibrated
-from .rays import pixel_deviation
+from .models import pixel_deviation
 from .residual_pattern import LARGE
 
 # Bins of the distance from the centre.

@@ -11,7 +11,7 @@ import numpy as np
 
 from .._version import __version__
 from ..calibration.result import Calibration
-from ..files.validate import plain
+from ..files.records import plain
 from ..geometry.conventions import CONVENTION
 from .budget import LEVEL, BudgetRow, Stated, budget_rows, components_of, worst_of
 from .contents import Contents

@@ -15,7 +15,7 @@ from .pose_files import PoseFiles
 from .views import Views, camera_of
 
 if TYPE_CHECKING:
-    from ..camera.adjustment.two_minima import Minima
+    from ..camera.adjustment.initial_guess import Minima
     from ..rosbag.info import CameraInfo
     from ..rosbag.recording import Recording
     from ..synchronisation.result import Synchronised
@@ -109,7 +109,7 @@ class BagGiven:
         import numpy as np
 
         from ..kinematics.joints_file import NamedJoints
-        from ..rosbag.tables import joint_tracks
+        from ..rosbag.listing import joint_tracks
 
         topic = self.robot or ""
         if topic not in recording.joints and f"/{topic}" not in recording.joints:

@@ -1,15 +1,21 @@
-"""Results into the folder of ``-o DIR``: all files or none, and the line that names them."""
+"""Results into the folder of ``-o DIR``: all files or none, and the line that names them.
+
+Options of the report: its title block, paper, and whether its folded sections are open.
+"""
 
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from ..errors import InputError
+from ..files.about import ABOUT, read_about
 from ..runtime.progress import working
 from .groups import OUTPUT, common_in
 from .messages import LOG, progress_wanted, timed
-from .options.common import emit, named_folder, require_writable
+from .options.common import emit, named_folder, one_of, option, require_writable
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -89,3 +95,40 @@ def deliver_csv(path: Path, table: str) -> str:
     write_atomically(path, table)
     LOG.info("-o FILE.csv is deprecated: -o names a folder, as for all other commands, e.g. -o %s/.", path.stem)
     return f"\nWrote {path}\n"
+
+
+PAPERS = ("a4", "letter")
+
+
+@dataclass(frozen=True)
+class ReportOptions:
+    """Title block of the report, and how it is printed."""
+
+    about: dict[str, str]  # title block, by the names of `files.about.ABOUT`
+    of_report: dict[str, Any]  # arguments of `Calibration.report`
+
+
+def report_options_of(
+    about: Annotated[
+        list[str] | None,
+        option(
+            "--about",
+            panel=OUTPUT,
+            common=True,
+            metavar="KEY=VALUE",
+            help=f"Title block of the report, or a TOML file. Keys: {', '.join(ABOUT)}. Repeatable.",
+        ),
+    ] = None,
+    full_report: bool = False,
+    paper: str = "a4",
+) -> ReportOptions:
+    """Read the options of the report.
+
+    Options (Output):
+      --full-report: Open the folded sections of the report, also in the PDF. Default: two pages.
+      --paper NAME <PAPERS>: Paper of a PDF report: a4 or letter.
+    """
+    for text in about or ():
+        if not text.strip():
+            raise InputError("Expected --about to name a TOML file or KEY=VALUE, got an empty text.")
+    return ReportOptions(read_about(about or ()), {"details": full_report, "paper": one_of(paper, "--paper", PAPERS)})

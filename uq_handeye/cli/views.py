@@ -170,7 +170,7 @@ def _pictures(images: str, board: BoardOptions, lens: LensOptions, options: View
         kinds = ("--pattern",) if board.pattern in ("apriltag", "aruco") and board.board is None else ()
         if given := [name for name in board.given if name not in ("--dictionary", "--first-id", *kinds)]:
             raise InputError(f"Give either --tag or {', '.join(given)}: not both.")
-        from ..camera.boards.dictionaries import APRILTAGS, dictionary_name
+        from ..camera.boards.description import APRILTAGS, dictionary_name
 
         april = board.pattern != "aruco" if board.dictionary is None else dictionary_name(board.dictionary) in APRILTAGS
         board = replace(board, square=options.tag, pattern="apriltag" if april else "aruco")

@@ -31,7 +31,7 @@ from ..procrustes.limit import pair_blocks
 from ..propagation.all_pairs import AllPairs, solve_all_pairs
 from ..propagation.noise_transport import noise_of_pairs
 from ..propagation.propagate import pose_sensitivities
-from ..propagation.target_pose import mean_target, target_by_X
+from ..propagation.published_fit import mean_target, target_by_X
 from .sandwich import JOINT, Influence, pooled_influence
 
 Counts = NDArray[np.intp]

@@ -13,12 +13,19 @@ import numpy as np
 from ..errors import InputError
 from ..files.atomic import write_atomically
 from ..files.open import StrPath, as_path, shown
-from ..formats.controllers.forms import CONTROLLERS
-from ..formats.controllers.writing import WRITTEN, written_poses
+from ..formats.controllers.forms import CONTROLLERS, WRITTEN, written_poses
 from ..formats.opencv_storage import matrix_lines, yaml_number
 from ..geometry.conventions import TOOLKIT
-from .frames import NOT_DETERMINED, Exportable, Transform, open_comments, transforms_of, yaml_fields
-from .snippets import opencv_name, urdf_joint
+from .snippets import (
+    NOT_DETERMINED,
+    Exportable,
+    Transform,
+    open_comments,
+    opencv_name,
+    transforms_of,
+    urdf_joint,
+    yaml_fields,
+)
 
 # What a ROS file says of its covariance.
 _ROS = "(x, y, z, rotation about x, y, z), translation first, fixed axes of the parent frame; m and rad; 6x6 row by row"

@@ -2,15 +2,23 @@
 
 Anchors, aliases, document types, deep nesting and files of more than 20 MB are refused. YAML goes through the events of
 PyYAML, so that tags (OpenCV's ``!!opencv-matrix``, or any other) name nothing to be made.
+
+Numbers out of trees (`trees`): every error says where in the file, what was expected and what came.
+
+Names of poses in files of several arrays or entries: which side they are, and in which frames.
 """
 
 from __future__ import annotations
 
 import json
 import re
+from functools import lru_cache
 from typing import Any
 
+import numpy as np
+
 from ..errors import InputError
+from ..geometry.se3 import Array
 from .lines import decoded, one_line, short
 
 MAX_BYTES = 20_000_000  # lists and texts take up to twenty times their size in memory
@@ -220,3 +228,134 @@ def _words(text: str) -> Any:
     if words and all(isinstance(number, float) for number in numbers):
         return numbers if len(numbers) > 1 else numbers[0]
     return text.strip().removeprefix('"').removesuffix('"')
+
+
+def got(value: Any) -> str:
+    """Describe the value that was received, in few words."""
+    if isinstance(value, dict):
+        return f"the keys {short(', '.join(map(str, value)))}"
+    if isinstance(value, list | tuple):
+        return f"a list of {len(value)}"
+    return "nothing" if value is None else short(str(value))
+
+
+def number(value: Any, where: str) -> float:
+    """A finite number."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise InputError(f"{where}: expected a number, got {got(value)}.")
+    try:
+        result = float(value)
+    except OverflowError:
+        result = np.inf
+    if not np.isfinite(result):
+        raise InputError(
+            f"{where}: expected a finite number, got {result}; leave out poses that were not measured, on both sides."
+        )
+    return result
+
+
+def item(value: Any, key: str, where: str) -> Any:
+    """``value[key]`` of a map."""
+    if not isinstance(value, dict):
+        raise InputError(f"{where}: expected a map with {key}, got {got(value)}.")
+    if key not in value:
+        raise InputError(f"{where}: expected the field {key}, got {got(value)}.")
+    return value[key]
+
+
+def vector(value: Any, size: int, where: str) -> list[float]:
+    """Check and return a list of ``size`` finite numbers."""
+    if not isinstance(value, list) or len(value) != size:
+        raise InputError(f"{where}: expected a list of {size} numbers, got {got(value)}.")
+    return [number(entry, f"{where}[{k}]") for k, entry in enumerate(value)]
+
+
+_TRANSFORM = ("translation", "rotation")
+
+
+def transform(value: Any, where: str) -> list[float]:
+    """x, y, z and the quaternion x, y, z, w of a ``geometry_msgs/Transform`` or ``Pose``, stamped or not."""
+    for outer in ("transform", "pose"):
+        if isinstance(value, dict) and outer in value and not {"translation", "position"} & set(value):
+            return transform(value[outer], f"{where}, {outer}")
+    names = ("position", "orientation") if isinstance(value, dict) and "position" in value else _TRANSFORM
+    numbers: list[float] = []
+    for part, axes in zip(names, ("xyz", "xyzw"), strict=True):
+        fields = item(value, part, where)
+        numbers += [number(item(fields, axis, f"{where}, {part}"), f"{where}, {part}.{axis}") for axis in axes]
+    return numbers
+
+
+def matrix(value: Any, where: str) -> Array:
+    """A 4x4 matrix: four rows of four numbers, or 16 numbers row by row."""
+    if isinstance(value, list) and len(value) == 16:
+        return np.array(vector(value, 16, where)).reshape(4, 4)
+    if not isinstance(value, list) or len(value) != 4:
+        raise InputError(f"{where}: expected a 4x4 matrix, got {got(value)}.")
+    return np.array([vector(row, 4, f"{where}[{k}]") for k, row in enumerate(value)])
+
+
+_WORDS = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+")
+_FRAMES = {
+    "base": ("base", "world", "robotbase", "baselink", "fixed"),
+    "gripper": ("gripper", "hand", "tool", "tcp", "ee", "eef", "flange", "endeffector", "effector", "wrist"),
+    "camera": ("camera", "cam", "optical"),
+    "target": (
+        "target", "board", "tag", "marker", "pattern", "object", "checkerboard", "chessboard", "charuco", "aruco",
+        "apriltag",
+    ),
+}  # fmt: skip
+_FRAME_OF = {word: frame for frame, words in _FRAMES.items() for word in words}
+# Words that say that something is a pose, and nothing of the frames.
+_POSE = {"pose", "poses", "t", "h", "tf", "transform", "transforms", "transformation", "transformations", "mat", "mats"}
+_POSE |= {"matrix", "matrices", "list", "all", "homogeneous"}
+# Words between two frames: base_T_gripper, gripper2base, gripper_to_base, gripper_in_base.
+_INVERTS = {"2", "to", "in"}
+_ALONE = {"pose", "poses", "tf", "transform", "transforms", "transformation", "transformations"}
+_SIDES = {
+    ("base", "gripper"): ("robot", "base_T_gripper"),
+    ("gripper", "base"): ("robot", "gripper_T_base"),
+    ("camera", "target"): ("camera", "camera_T_target"),
+    ("target", "camera"): ("camera", "target_T_camera"),
+}
+_LONGEST = 60
+
+
+@lru_cache(maxsize=4096)
+def pose_name(key: str) -> tuple[str, str] | None:
+    """Return side and frame of poses by their name; None for a name that does not say them.
+
+    ``A_T_B``, ``T_A_B`` and ``B2A`` (of OpenCV) are the pose of B in A.
+
+    >>> pose_name("T_base_ee"), pose_name("target2cam"), pose_name("marker_pose"), pose_name("camera_matrix")
+    (('robot', 'base_T_gripper'), ('camera', 'camera_T_target'), ('camera', 'camera_T_target'), None)
+    """
+    if not isinstance(key, str) or not 0 < len(key) <= _LONGEST:
+        return None
+    parts = _WORDS.findall(key.replace("tool0", "tool"))
+    if "t" in parts:  # a translation; T is a pose
+        return None
+    words = [word.lower() for word in parts]
+    if words in (["robot"], ["camera"]):
+        return _SIDES["base", "gripper"] if words == ["robot"] else _SIDES["camera", "target"]
+    frames: list[str] = []
+    inverts, fillers = False, set()
+    for word in words:
+        if word in _FRAME_OF:
+            if not frames or frames[-1] != _FRAME_OF[word]:  # end effector, camera optical
+                frames.append(_FRAME_OF[word])
+        elif word in _INVERTS and len(frames) == 1 and not inverts:
+            inverts = True
+        elif word in _POSE or word in ("robot", "end", "link", "frame"):
+            fillers.add(word)
+        else:
+            return None
+    if len(frames) == 2:
+        return _SIDES.get((frames[1], frames[0]) if inverts else (frames[0], frames[1]))
+    if inverts or not fillers & _ALONE or fillers & {"matrix", "matrices", "mat", "mats"}:
+        return None
+    if not frames and "robot" in fillers:
+        return _SIDES["base", "gripper"]
+    if frames in (["camera"], ["target"]) and "robot" not in fillers:
+        return _SIDES["camera", "target"]
+    return _SIDES["base", "gripper"] if frames == ["gripper"] else None

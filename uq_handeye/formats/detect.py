@@ -1,4 +1,7 @@
-"""Detection of the format of a file by its content, and its poses as they stand there."""
+"""Detection of the format of a file by its content, and its poses as they stand there.
+
+Formats of text that their first lines tell: programs of robots, what tools of ROS print, files of one pose.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +9,8 @@ import difflib
 import logging
 import re
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import partial
 from io import BufferedReader
 from pathlib import Path
 from typing import Any, BinaryIO, cast
@@ -14,34 +18,79 @@ from typing import Any, BinaryIO, cast
 from ..errors import InputError
 from ..files import lines as _lines
 from ..files import trees as _trees
-from ..files.fields import got
 from ..files.lines import is_number, short
 from ..files.many import is_many, paths_of
 from ..files.open import Hashed, opened, require_size, shown
-from ..files.pose_names import pose_name
 from ..files.source import Source
+from ..files.trees import got, pose_name
 from .contents import COLUMNS, Contents
 from .controllers.forms import CONTROLLERS
 from .controllers.readings import in_convention
 from .controllers.records import entries_of, is_records
-from .controllers.registry import is_document
+from .controllers.registry import ABOUT, NAMES, is_document, kind_of, read_controller
 from .controllers.tables import names_a_pose
 from .csv_poses import OF_POINTS, is_points_header, read_csv
 from .json_poses import ONE_SIDE, is_message, read_json, samples_of
 from .many_files import joined_contents
+from .matrices.arrays import listed, matrices_of, read_matrix_tree
+from .matrices.franka import is_franka, read_franka
+from .matrices.halcon import is_halcon, read_halcon
 from .matrices.mat_file import START as MAT_START
 from .matrices.mat_file import read_mat
-from .matrices.text import is_tree
-from .matrices.trees import listed, matrices_of, read_matrix_tree
+from .matrices.text import is_matrix_text, is_tree, read_matrix_text
+from .matrices.zivid import is_zivid, read_zivid
 from .not_poses import refuse_foreign
 from .numpy_poses import MAX_BYTES as MAX_ARRAY_BYTES
 from .numpy_poses import read_npy, read_npz
 from .opencv_storage import PAIRS, is_of_opencv, is_storage, read_opencv
-from .ros.easy_handeye import read_easy_handeye, read_easy_handeye2
-from .ros.moveit import NAMES as MOVEIT_NAMES
-from .ros.moveit import read_moveit
-from .texts import TEXTS, named_by
+from .ros.samples import NAMES as MOVEIT_NAMES
+from .ros.samples import read_easy_handeye, read_easy_handeye2, read_moveit
+from .ros.tf_echo import is_tf_echo, read_tf_echo
+from .ros.topic import is_ros_topic, read_ros_topic
 from .tum import names_order, read_tum
+
+
+@dataclass(frozen=True)
+class TextFormat:
+    """A format of text.
+
+    Parameters
+    ----------
+    about : what it is in a few words, for help texts
+    read : returns the poses of a text; the second argument is the name of the file, for messages
+    is_it : whether the first 64 kB of a text are of this format, and of no other
+    """
+
+    about: str
+    read: Callable[[str, str], Contents]
+    is_it: Callable[[str], bool]
+
+
+def _is_kind(name: str, head: str) -> bool:
+    return kind_of(head) == name
+
+
+TEXTS: dict[str, TextFormat] = {
+    "tf-echo": TextFormat("what tf2_echo and tf_echo print", read_tf_echo, is_tf_echo),
+    "ros-topic": TextFormat("what ros2 topic echo and rostopic echo print", read_ros_topic, is_ros_topic),
+    "franka": TextFormat("O_T_EE of Franka robots: tables, JSON, printed states", read_franka, is_franka),
+    "zivid": TextFormat("a transform of Zivid, YAML, in mm", read_zivid, is_zivid),
+    "halcon": TextFormat("what write_pose of HALCON writes", read_halcon, is_halcon),
+    **{name: TextFormat(ABOUT[name], partial(read_controller, name), partial(_is_kind, name)) for name in NAMES},
+    "matrix": TextFormat("4x4 or 3x4 matrices in text, also KITTI", read_matrix_text, is_matrix_text),
+}
+
+
+# Numbers alone, which the others may hold as well.
+_LAST = ("matrix", "table")
+
+
+def named_by(head: str) -> list[str]:
+    """Return the formats that a text may have, by its beginning."""
+    named = [name for name, known in TEXTS.items() if name not in _LAST and known.is_it(head)]
+    last = ("table",) if names_a_pose(head) else _LAST
+    return named or [name for name in last if TEXTS[name].is_it(head)][:1]
+
 
 # What each is, in a few words, for help texts.
 FORMATS = {

@@ -19,14 +19,12 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
-from ..files.fields import got, item, matrix, number, transform, vector
-from ..files.pose_names import pose_name
+from ..files.trees import got, item, matrix, number, pose_name, transform, vector
 from ..geometry.frames import SETUPS
 from ..geometry.se3 import Array
 from .contents import Contents, Side, matrices_side
 from .controllers.records import records_side
-from .matrices.arrays import is_poses, side_of_array
-from .matrices.trees import matrices_of, numbers_of
+from .matrices.arrays import is_poses, matrices_of, numbers_of, side_of_array
 
 QUATERNIONS = {"quaternion_xyzw": "xyzw", "quaternion_wxyz": "wxyz"}
 

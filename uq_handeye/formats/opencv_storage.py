@@ -18,9 +18,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ..errors import InputError
-from ..files.fields import got, number
 from ..files.lines import short
-from ..files.pose_names import pose_name
+from ..files.trees import got, number, pose_name
 from ..geometry.se3 import Array
 from .contents import Contents, matrices_side
 

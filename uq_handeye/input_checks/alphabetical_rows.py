@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..findings import Finding
 from ..geometry.se3 import Array
-from ..poses.consistency import LARGE_ROTATION, consistency
+from ..poses.board_symmetry import LARGE_ROTATION, consistency
 from ..poses.pose_pairs import PosePairs
 from ..poses.residuals import rotation_angles
 from .misread_files import FITS

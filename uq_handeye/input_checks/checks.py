@@ -17,7 +17,7 @@ from ..errors import DegenerateMotionError
 from ..findings import GROSS, Finding, Severity
 from ..geometry.se3 import Array, block, inverse, inverse_jacobian, skew
 from ..noise.models import Noise, PairNoise, PoseNoise, is_joint, marginals
-from ..poses.consistency import LARGE_ROTATION, STEADY_VIEW, direction_spread
+from ..poses.board_symmetry import LARGE_ROTATION, STEADY_VIEW, direction_spread
 from ..poses.motions import Motions
 from ..poses.pose_pairs import PosePairs
 from ..poses.residuals import median, pose_residuals, rotation_angles

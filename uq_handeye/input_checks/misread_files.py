@@ -17,7 +17,7 @@ from ..errors import DegenerateMotionError
 from ..files.source import Source
 from ..formatting.units import LENGTH_UNITS
 from ..geometry.se3 import Array, inverse
-from ..poses.consistency import LARGE_ROTATION, STEADY_VIEW, consistency, direction_spread
+from ..poses.board_symmetry import LARGE_ROTATION, STEADY_VIEW, consistency, direction_spread
 from ..poses.pose_pairs import PosePairs
 from ..procrustes.limit import solve_limit
 

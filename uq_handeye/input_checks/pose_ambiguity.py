@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..camera.adjustment.bundle import adjust
-from ..camera.adjustment.two_minima import Minima, both_minima, flipped, may_be_ambiguous
+from ..camera.adjustment.initial_guess import Minima, both_minima, flipped, may_be_ambiguous
 from ..camera.corners import Corners
 from ..camera.models import MODELS
 from ..camera.result import CameraCalibration

@@ -15,8 +15,7 @@ from ..files.open import StrPath, as_path, opened, shown
 from ..files.source import Source
 from ..formats.contents import FRAMES, Side
 from ..geometry.se3 import Array
-from ..poses.joint_values import joint_values_at
-from ..poses.pose_pairs import PosePairs
+from ..poses.pose_pairs import PosePairs, joint_values_at
 from .matching import FEWEST, SYNCHRONOUS, check_tolerance, nearest
 
 if TYPE_CHECKING:

@@ -24,9 +24,8 @@ from ..poses.pose_pairs import PosePairs
 from ..poses.stream import Stream
 from .joints import Joints, give_joints, joints_of
 from .known_camera import KnownCamera, known_camera
-from .matching import match_times
+from .matching import check_rows, match_times, warn_if_swapped
 from .readings import chosen_readings, reading_beside
-from .rows import check_rows, warn_if_swapped
 
 if TYPE_CHECKING:
     from ..camera.result import CameraCalibration

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..errors import InputError
-from ..files.validate import array_of, plain
+from ..files.records import array_of, plain
 from ..geometry.checks import as_numbers, as_transforms
 from ..geometry.se3 import Array
 from ..runtime.read_only import ReadOnlyArrays

@@ -39,7 +39,7 @@ from ..noise.joint_covariance import JointCovariance
 from ..noise.models import Noise, PairNoise, PoseNoise, is_joint, require_count
 from ..poses.motions import Motions
 from ..poses.pose_pairs import PosePairs
-from ..propagation.target_pose import loop_derivatives
+from ..propagation.published_fit import loop_derivatives
 
 _EYE = np.eye(3)
 _EYE6 = np.eye(6)

@@ -17,7 +17,7 @@ from ..poses.motions import Motions
 from ..poses.pose_pairs import PosePairs
 from ..procrustes.limit import solve_limit
 from ..propagation.all_pairs import solve_all_pairs
-from ..propagation.target_pose import mean_target
+from ..propagation.published_fit import mean_target
 from .constraint import Constraint, OnMotions, OnPoses, Unknowns, residual_covariance
 from .open_directions import solve_information
 from .open_start import isotropic_residuals, start_open

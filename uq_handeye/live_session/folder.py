@@ -54,7 +54,7 @@ class Folder:
         Two files that are equally long, or one of both sides, are read as `calibrate` reads them.
         """
         from ..io import read_poses
-        from ..io.arrived import count_arrived, read_arrived
+        from ..io.matching import count_arrived, read_arrived
 
         robot, camera = self._sides()
         if self.seen is not None:
@@ -73,7 +73,7 @@ class Folder:
     def _with_pictures(self, pictures: Seen, robot: list[Path]) -> tuple[int, PosePairs | None]:
         from ..camera.board import find_corners, source_of
         from ..input_checks.pose_ambiguity import resolve_pose_ambiguity
-        from ..io.arrived import count_arrived, read_arrived
+        from ..io.matching import count_arrived, read_arrived
         from ..poses.board_symmetry import resolve_board_rotation
 
         board, paths = pictures.read_board(), self._pictures()

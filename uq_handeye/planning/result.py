@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..files.csv_text import csv_text
-from ..formats.controllers.forms import CONTROLLERS
-from ..formats.controllers.writing import SINGLE, WRITTEN, written_poses
+from ..formats.controllers.forms import CONTROLLERS, SINGLE, WRITTEN, written_poses
 from ..geometry.conventions import CONVENTION
 from ..geometry.frames import SETUPS
 from ..geometry.se3 import Array

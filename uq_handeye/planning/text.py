@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ..formats.controllers.forms import CONTROLLERS
-from ..formats.controllers.writing import columns, in_form
+from ..formats.controllers.forms import CONTROLLERS, columns, in_form
 from ..geometry.se3 import Array
 from ..presentation.document import Document, Paragraph, Table, document_of
 from .result import Plan

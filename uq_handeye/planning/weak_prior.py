@@ -26,7 +26,7 @@ from ..likelihood.gauss_helmert import efficient
 from ..noise.models import PoseNoise
 from ..noise.square_roots import cholesky_of, gram, whiten
 from ..poses.pose_pairs import PosePairs
-from ..propagation.target_pose import mean_target
+from ..propagation.published_fit import mean_target
 
 # Standard deviations per axis, rad and m.
 PRIOR = 1.0

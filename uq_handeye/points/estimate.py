@@ -12,15 +12,12 @@ from ..errors import InputError, NotConvergedError
 from ..findings import Finding, warn
 from ..geometry.se3 import Array
 from ..noise.joint_covariance import JointCovariance
-from .checks import noise_finding, require_scale, target_findings
-from .given_noise import GivenNoise, given_noise
-from .least_squares import Sight
+from .checks import MOST_ROUNDS, distances, limit_of, next_used, noise_finding, require_scale, target_findings
+from .least_squares import Fit, Sight, fit, refitted, robust_variances, split_squares, with_model
 from .measured import PointSet, Target
-from .model import NoiseModel, sight_lines
-from .outliers import MOST_ROUNDS, distances, limit_of, next_used
+from .model import GivenNoise, NoiseModel, given_noise, sight_lines
 from .result import PointPoses, shape_names
 from .start import consensus, placed, sums, unknown_shape
-from .variances import Fit, fit, refitted, robust_variances, split_squares, with_model
 
 PAGE = "docs/how-to/points.md"
 FEWEST = 3

@@ -7,6 +7,8 @@ Frames: ``robot[k] = base_T_gripper(k)``, ``camera[k] = camera_T_target(k)``. Tw
 - ``eye-to-hand``: the camera stands still, the target sits on the gripper; ``X = base_T_camera`` and
   ``gripper_T_base X camera_T_target = gripper_T_target`` is constant. It is the same equation with the
   robot poses inverted.
+
+Joint values of the robot that go with its poses.
 """
 
 from __future__ import annotations
@@ -25,11 +27,33 @@ from ..geometry.frames import SETUPS
 from ..geometry.se3 import Array, inverse
 from ..noise.joint_covariance import JointCovariance
 from ..runtime.read_only import read_only
-from .joint_values import as_joint_values
 from .timing import Timing
 
 if TYPE_CHECKING:
     from ..camera.result import CameraCalibration
+
+
+def as_joint_values(value: Any, n: int) -> Array:
+    """Return the joint values of n poses as a read-only array (n, L); raise `InputError` for anything else."""
+    joints = np.array(as_numbers(value, "joints"))
+    if joints.ndim != 2 or len(joints) != n or joints.shape[1] == 0:
+        raise InputError(
+            f"Expected `joints` to have shape ({n}, L), a row of joint values for each pose, got {joints.shape}."
+        )
+    if not np.isfinite(joints).all():
+        row, column = (int(k) for k in np.argwhere(~np.isfinite(joints))[0])
+        raise InputError(f"Expected finite `joints`, got {joints[row, column]} in pose {row}, joint {column}.")
+    joints.flags.writeable = False
+    return joints
+
+
+def joint_values_at(times: Array, joints: Array, wanted: Array) -> Array:
+    """Interpolate joint values (n, L) at increasing ``times`` (n,) linearly: (m, L) at the times ``wanted`` (m,).
+
+    A step of a joint by more than half a turn is taken as it stands in the data, not the short way round: joint values
+    count turns.
+    """
+    return np.stack([np.interp(wanted, times, column) for column in joints.T], axis=-1)
 
 
 class Truth(NamedTuple):

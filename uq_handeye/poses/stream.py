@@ -11,7 +11,7 @@ from ..errors import InputError
 from ..files.source import Source
 from ..geometry.checks import as_numbers, as_transforms, first_duplicate
 from ..geometry.se3 import Array
-from .joint_values import as_joint_values
+from .pose_pairs import as_joint_values
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import InputError
+from ..files.records import array_of
 from ..files.source import Source
-from ..files.validate import array_of
 from ..geometry.se3 import Array
 from ..noise.joint_covariance import JointCovariance
 from .motions import Motions, relative_motions
@@ -89,12 +89,12 @@ def _stack(value: Any, name: str) -> Array:
 
 
 def _camera_to_dict(camera: Any) -> dict[str, Any]:
-    from ..camera.files.camera_dict import camera_to_dict  # slow to import, and of few results
+    from ..camera.files.folder import camera_to_dict  # slow to import, and of few results
 
     return camera_to_dict(camera)
 
 
 def _camera_from_dict(data: dict[str, Any], poses: Array) -> CameraCalibration:
-    from ..camera.files.camera_dict import camera_from_dict
+    from ..camera.files.folder import camera_from_dict
 
     return camera_from_dict(data, poses)

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
 from ..errors import InputError
-from ..files.validate import array_of
+from ..files.records import array_of
 from ..geometry.se3 import Array
 from ..noise.joint_covariance import group_of
 from ..runtime.read_only import ReadOnlyArrays

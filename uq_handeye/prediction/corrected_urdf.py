@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import InputError
-from ..export.frames import fixed_axis_angles
+from ..export.snippets import fixed_axis_angles
 from ..files.atomic import json_text, write_files
 from ..files.open import StrPath, as_path, shown
 from ..geometry.se3 import Array, inverse

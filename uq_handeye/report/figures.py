@@ -32,7 +32,7 @@ from ..poses.pose_pairs import PosePairs
 from ..presentation.ellipses import LEVELS, covariance_ellipses
 from ..presentation.figure_parts import Picture
 from ..presentation.named_figure import NamedFigure
-from ..propagation.target_pose import mean_target
+from ..propagation.published_fit import mean_target
 from ..statement.included import shared_groups
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
-from ..files.validate import plain
+from ..files.records import plain
 from ..formatting.units import parse_deviations
 from ..geometry.checks import checked_covariance
 from ..geometry.se3 import Array

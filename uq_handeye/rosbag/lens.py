@@ -16,9 +16,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..camera.adjustment.two_minima import both_minima
+from ..camera.adjustment.initial_guess import both_minima
 from ..camera.corners import Corners
-from ..camera.rays import rays
+from ..camera.models import rays
 from ..errors import InputError
 from ..geometry.se3 import Array
 from .info import CameraInfo

@@ -21,8 +21,7 @@ from ..geometry.se3 import Array
 from .info import CameraInfo, camera_info_of
 from .open import Bag, Message, is_bag, opened_bag
 from .tags import TagTrack, corners_in
-from .track import Track
-from .tree import Pair, Tree
+from .track import Pair, Track, Tree
 
 FORMAT = "rosbag"
 MAX_TEXT = 200_000_000

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..camera.adjustment.two_minima import Minima
+from ..camera.adjustment.initial_guess import Minima
 from ..errors import DegenerateMotionError, InputError, NotConvergedError
 from ..input_checks.pose_ambiguity import FEWEST, decide
 from ..poses.pose_pairs import PosePairs

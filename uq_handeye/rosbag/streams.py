@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..camera.adjustment.two_minima import Minima
+from ..camera.adjustment.initial_guess import Minima
 from ..errors import InputError, InputWarning
 from ..files.open import StrPath
 from ..formats.contents import FRAMES
@@ -23,8 +23,7 @@ from .lens import RAW, RECTIFIED, Lens, lens_of
 from .open import HINT
 from .recording import Recording, read_recording
 from .tags import TagTrack, plain_name, same_tag, tag_poses
-from .track import Track
-from .tree import Pair
+from .track import Pair, Track
 
 EXAMPLE = {"robot": "base_link:tool0", "camera": "camera_optical_frame:tag36h11_0"}
 # Names that a message lists.

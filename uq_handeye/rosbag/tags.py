@@ -18,11 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..camera.adjustment.bundle import Bundle, adjust
-from ..camera.adjustment.initial_guess import poses_of
-from ..camera.adjustment.two_minima import Minima, both_minima
+from ..camera.adjustment.initial_guess import Minima, both_minima, poses_of
 from ..camera.board import tag_points
 from ..camera.corners import Corners
-from ..camera.rays import rays
+from ..camera.models import rays
 from ..errors import InputError
 from ..formats.ros.messages import MessageError, number, part
 from ..geometry.se3 import Array

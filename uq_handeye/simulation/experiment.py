@@ -30,8 +30,7 @@ from ..poses.pose_pairs import PosePairs, Truth
 from ..procrustes.limit import solve_limit
 from ..propagation.all_pairs import AllPairs, solve_all_pairs
 from ..propagation.noise_transport import noise_of_pairs
-from ..propagation.published_fit import Published
-from ..propagation.target_pose import mean_target
+from ..propagation.published_fit import Published, mean_target
 
 # Eigenvalue of a correlation matrix below which a direction has no variance: one that is open.
 RANK = 1e-9

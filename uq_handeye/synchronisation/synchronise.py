@@ -32,8 +32,7 @@ from ..findings import Finding, warn
 from ..geometry.frames import SETUPS
 from ..geometry.se3 import Array
 from ..noise.models import PoseNoise, is_joint
-from ..poses.joint_values import joint_values_at
-from ..poses.pose_pairs import PosePairs
+from ..poses.pose_pairs import PosePairs, joint_values_at
 from ..poses.stream import Stream
 from ..poses.timing import SIDES, Timing
 from .correlation import Correlation, best_correlation

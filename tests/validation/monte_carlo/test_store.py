@@ -15,7 +15,7 @@ from monte_carlo_cases import NOISE, PROGRAM, assert_same, pairs_problem, poses_
 from support import SEED
 
 from uq_handeye import InputError, InputWarning, PairNoise
-from uq_handeye.files.lock import FileLock
+from uq_handeye.files.atomic import FileLock
 from uq_handeye.validation.monte_carlo.run import monte_carlo
 
 TRIALS = 6_500

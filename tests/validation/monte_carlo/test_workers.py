@@ -22,12 +22,19 @@ from uq_handeye import DegenerateMotionError, InputError, MissingExtraError, Not
 from uq_handeye.runtime.executors import connect_to_dask
 from uq_handeye.runtime.threads import one_thread
 from uq_handeye.simulation.experiment import experiment
+from uq_handeye.validation.monte_carlo import chunks as workers
 from uq_handeye.validation.monte_carlo import run as module
-from uq_handeye.validation.monte_carlo import workers
-from uq_handeye.validation.monte_carlo.chunks import Work, compute_chunks, from_bytes, to_bytes, versions
+from uq_handeye.validation.monte_carlo.chunks import (
+    Crew,
+    Work,
+    WorkersLostError,
+    compute_chunks,
+    from_bytes,
+    to_bytes,
+    versions,
+)
 from uq_handeye.validation.monte_carlo.run import monte_carlo
 from uq_handeye.validation.monte_carlo.sentences import INTERRUPTED, WORKERS_LOST
-from uq_handeye.validation.monte_carlo.workers import Crew, WorkersLostError
 
 TRIALS = 40_500
 

@@ -14,7 +14,7 @@ import pytest
 
 import uq_handeye as uq
 from uq_handeye.errors import InputError, NotConvergedError
-from uq_handeye.validation.posterior import run as posterior_run
+from uq_handeye.validation.posterior import sample as posterior_run
 from uq_handeye.validation.posterior.density import ScalePrior
 from uq_handeye.validation.posterior.file import FORMAT, ChainFile
 from uq_handeye.validation.posterior.moves import single
@@ -142,7 +142,7 @@ def test_interrupt_keeps_whole_rounds(whole, tmp_path, monkeypatch):
 PROGRAM = """
 import sys
 import uq_handeye as uq
-from uq_handeye.validation.posterior import run as posterior_run
+from uq_handeye.validation.posterior import sample as posterior_run
 from uq_handeye.validation.posterior.sample import sample_posterior
 posterior_run.PAUSE = 0.0
 noise = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("1mrad", "1mm"))

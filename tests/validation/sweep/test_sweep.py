@@ -17,8 +17,7 @@ from uq_handeye.simulation.experiment import experiment
 from uq_handeye.simulation.run import run
 from uq_handeye.validation.sweep import run as sweep_module
 from uq_handeye.validation.sweep.figure import sweep_figure
-from uq_handeye.validation.sweep.level import KINDS, Level, Verdict, coverage_limits, judged
-from uq_handeye.validation.sweep.limits import Limit, MethodSweep
+from uq_handeye.validation.sweep.level import KINDS, Level, Limit, MethodSweep, Verdict, coverage_limits, judged
 from uq_handeye.validation.sweep.run import CLOSE, sweep
 from uq_handeye.validation.sweep.text import verdict
 

@@ -18,16 +18,37 @@ of 54 corners the criterion alone took k1 only, and the truth lay in its 95 % el
 free in 23. Where a radial model has the smallest BIC, `best` therefore takes the best of those that hold p1 and p2
 as well. A camera without any distortion, as in rendered pictures, remains a pinhole. For the same reason a fisheye,
 which has no decentring, is taken only where its BIC is smaller by CLEARLY: through a narrow lens both fit as well.
+
+The best of many camera models and board shapes, at the price of a few fits.
+
+Candidates are nested: each is the fullest one with some parameters k_E held at 0. The fullest is fitted, and linearised
+there with the poses eliminated, ``r(d) = r + J d``, J and r compressed to a few rows by a QR. A candidate then leaves,
+to first order in the d,
+
+    Q = min_d |r + J_S d_S - J_E k_E|^2                                                      (S: what is free)
+
+a small least squares problem each. The best by `criterion` is fitted, and its own Q counts in the end. Models that are
+not nested, a fisheye beside a lens with polynomials in the plane, are fitted both.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
-from ..board_shape import FLAT
+from ...errors import InputError
+from ...geometry.se3 import Array
+from ..board_shape import FLAT, BoardShape
+from ..corners import Corners
+from ..models import MODELS
+from .bundle import SINGULAR, Bundle, Sight, prior_rows
+from .outliers import without_outliers
+from .setting import Known, Setting
+from .variable_projection import reduced
 
 # Candidates of "auto", from few parameters to many: model and coefficients that are free.
 CANDIDATES: tuple[tuple[str, tuple[str, ...]], ...] = (
@@ -76,3 +97,194 @@ def criterion(squares: float, coordinates: int, pictures: int, parameters: int) 
     """BIC of what is left, see the module."""
     nu = max(coordinates - 6 * pictures, 1)
     return float(nu * np.log(max(squares, np.finfo(float).tiny) / nu) + parameters * np.log(nu))
+
+
+# Corners of a picture, on average, below which lenses are fitted before they are ranked, and not predicted.
+FEW_CORNERS = 20
+# A first fit has at most so many coefficients: the denominator of the rational model is left to later ones.
+FIRST = 5
+Lens = tuple[str, tuple[str, ...]]  # a model and the coefficients that are free
+
+
+class Found(NamedTuple):
+    """Result of the search for a model."""
+
+    setting: Setting
+    bundle: Bundle
+    candidates: tuple[Candidate, ...]  # that were compared; empty where there was no choice
+
+
+def search(
+    corners: Corners, size: tuple[int, int], lenses: Sequence[Lens], shapes: Sequence[BoardShape], known: Known
+) -> Found:
+    """The best of all ``lenses`` with all ``shapes``, simple ones first, on the corners that a first fit keeps.
+
+    Raises `InputError` where none fits.
+    """
+    if len(lenses) == len(shapes) == 1:
+        return _first_fit(corners, size, lenses[0], shapes[0], known)
+    # What is known of k5 says nothing about a model without it.
+    lenses = [lens for lens in lenses if set(known) <= set(MODELS[lens[0]].names)] or lenses
+    found: Found | None = None
+    reasons = []
+    for fisheye in (False, True):
+        members = [lens for lens in lenses if (lens[0] == "fisheye") == fisheye]
+        if not members:
+            continue
+        try:
+            other = _best_of(corners, size, members, shapes, known, found)
+        except InputError as error:
+            reasons.append(error)
+            continue
+        tried = (*(found.candidates if found else ()), *other.candidates)
+        if found is None or _bic(other) < _bic(found) - CLEARLY:
+            found = other
+        found = found._replace(candidates=tried)
+    if found is None:
+        if len(lenses) == 1:
+            raise reasons[0]
+        raise InputError(
+            "No camera model fits the corners: are `image_size`, the points of the board and the pixels those of the "
+            f"same pictures? {reasons[0]}"
+        )
+    setting, bundle, candidates = found
+    bundle, _ = without_outliers(corners, partial(setting.fit, corners, (bundle.parameters, bundle.poses)), bundle)
+    return Found(setting, bundle, candidates)
+
+
+def _first_fit(corners: Corners, size: tuple[int, int], lens: Lens, shape: BoardShape, known: Known) -> Found:
+    """Fit the corners only, without outliers."""
+    setting = Setting.of(MODELS[lens[0]], lens[1], known, shape)
+    bundle, _ = without_outliers(corners, partial(setting.fit, corners, setting.start(corners, size)))
+    return Found(setting, bundle, ())
+
+
+def _best_of(
+    corners: Corners,
+    size: tuple[int, int],
+    lenses: Sequence[Lens],
+    shapes: Sequence[BoardShape],
+    known: Known,
+    other: Found | None,
+) -> Found:
+    """Return the best of nested lenses; ``other`` is the best of the lenses that these are not nested with."""
+    few = [lens for lens in lenses if len(lens[1]) <= FIRST] or lenses
+    lens = max(few, key=lambda lens: len(lens[1]))
+    if other is None:
+        first = _first_fit(corners, size, lens, shapes[0], known)
+    else:
+        setting = Setting.of(MODELS[lens[0]], lens[1], known, other.setting.shape)
+        first = Found(setting, setting.fit(corners, _as_fisheye(other.bundle, corners), other.bundle.used), ())
+        if not _bic(first) < _bic(other) - CLEARLY:  # then no shape of the board will make it the best
+            return first._replace(candidates=(_candidate(first, lens),))
+    used = first.bundle.used
+    fullest = first
+    for shape in sorted(shapes, key=lambda shape: -shape.q):
+        setting = Setting.of(MODELS[lens[0]], lens[1], known, shape)
+        with suppress(InputError):
+            fullest = Found(setting, setting.fit(corners, setting.after(first.bundle), used), ())
+            break
+    linear = _Linearised.of(fullest, corners)
+    tried: dict[tuple[Lens, str], Candidate] = {}
+    settings: dict[tuple[Lens, str], Setting] = {}
+    for lens in lenses:
+        for shape in shapes:
+            if shape.q > fullest.setting.shape.q:
+                continue
+            key = lens, shape.name
+            settings[key] = setting = Setting.of(MODELS[lens[0]], lens[1], known, shape)
+            tried[key] = Candidate(*lens, *linear.predicted(setting), shape.name)
+    fitted: dict[tuple[Lens, str], Found] = {}
+
+    def fit(key: tuple[Lens, str]) -> None:
+        tried[key] = tried[key]._replace(bic=float("inf"), rms=float("inf"))
+        with suppress(InputError):
+            setting = settings[key]
+            bundle = setting.fit(corners, setting.after(fullest.bundle), used)
+            if bundle.converged:
+                fitted[key] = Found(setting, bundle, ())
+                tried[key] = _candidate(fitted[key], key[0])
+
+    if corners.m < FEW_CORNERS * corners.n:  # far from linear between the candidates, and soon fitted
+        for key in settings:
+            if key[1] == shapes[0].name:
+                fit(key)
+    while (chosen := best(list(tried.values()))) is not None:
+        key = next(key for key, one in tried.items() if one is chosen)
+        if key in fitted:
+            beside = tuple(one for (lens, name), one in tried.items() if lens == key[0] or name == key[1])
+            return fitted[key]._replace(candidates=beside)
+        fit(key)
+    raise InputError(f"The model {lenses[0][0]!r} does not fit the corners, whatever the shape of the board.")
+
+
+def _as_fisheye(found: Bundle, corners: Corners) -> tuple[Array, Array]:
+    """Return the start of a fisheye that sees what a lens with a plane picture was found to see.
+
+    With the angle phi of a corner from the axis and its distance r from the centre in focal lengths the coefficients
+    are the least squares solution of ``phi + k1 phi^3 + ... + k4 phi^9 = r``.
+    """
+    fx, fy, cx, cy = found.parameters[:4]
+    poses = found.poses[corners.picture]
+    points = (poses[:, :3, :3] @ corners.points[..., None])[..., 0] + poses[:, :3, 3]
+    phi = np.arctan2(np.hypot(points[:, 0], points[:, 1]), points[:, 2])
+    r = np.hypot((corners.pixels[:, 0] - cx) / fx, (corners.pixels[:, 1] - cy) / fy)
+    powers = phi[:, None] ** np.array([3, 5, 7, 9])
+    k = np.linalg.lstsq(powers[found.used], (r - phi)[found.used], rcond=None)[0]
+    return np.concatenate([[fx, fy, cx, cy], k, found.bend]), found.poses
+
+
+def _bic(found: Found) -> float:
+    bundle = found.bundle
+    if not bundle.converged:
+        return float("inf")
+    squares = float(np.sum(bundle.residuals[bundle.used] ** 2))
+    return criterion(squares, 2 * int(bundle.used.sum()), len(bundle.poses), int(bundle.free.sum()))
+
+
+def _candidate(found: Found, lens: Lens) -> Candidate:
+    rms = float(np.sqrt(np.mean(found.bundle.residuals[found.bundle.used] ** 2)))
+    return Candidate(*lens, _bic(found), rms, found.bundle.shape.name)
+
+
+class _Linearised(NamedTuple):
+    """Residuals of one problem about a fit, poses eliminated, by all parameters, also those that were held: R d + e."""
+
+    values: dict[str, float]  # where
+    R: Array  # (p + 1, p)
+    e: Array  # (p + 1,)
+    coordinates: int
+    pictures: int
+
+    @classmethod
+    def of(cls, found: Found, corners: Corners) -> _Linearised:
+        bundle, setting = found.bundle, found.setting
+        sight = Sight.of(bundle.model, bundle.shape, corners, bundle.used)
+        r, A, B = sight.rows(bundle.parameters, bundle.poses)
+        J, _ = reduced(A, B)
+        rows = np.column_stack([J.reshape(r.size, -1), r.ravel()])
+        if setting.prior is not None:
+            mean, root = prior_rows(setting.prior, setting.free, bundle.pixel_noise)
+            known = np.zeros((len(root), rows.shape[1]))
+            known[:, :-1][:, setting.free] = root
+            known[:, -1] = root @ (bundle.parameters[setting.free] - mean)
+            rows = np.concatenate([rows, known])
+        R = np.asarray(np.linalg.qr(rows, mode="r"))
+        values = dict(zip(bundle.names, bundle.parameters.tolist(), strict=True))
+        return cls(values, R[:, :-1], R[:, -1], 2 * int(bundle.used.sum()), corners.n)
+
+    def predicted(self, setting: Setting) -> tuple[float, float]:
+        """BIC and RMS of a candidate to first order; infinite where its parameters are not determined."""
+        held = dict(zip((*setting.model.names, *setting.shape.names), setting.values.tolist(), strict=True))
+        names = np.array((*setting.model.names, *setting.shape.names))[setting.free]
+        free = np.isin(list(self.values), names)
+        off = np.array([0.0 if name in names else held.get(name, 0.0) - x for name, x in self.values.items()])
+        J, r = self.R[:, free], self.e + self.R @ off
+        size = np.linalg.norm(J, axis=0)
+        unit = J / np.maximum(size, np.finfo(float).tiny)
+        if free.any() and not np.linalg.svd(unit, compute_uv=False)[-1] ** 2 > SINGULAR:
+            return float("inf"), float("inf")
+        left = r - unit @ np.linalg.lstsq(unit, r, rcond=None)[0]
+        squares = float(left @ left)
+        bic = criterion(squares, self.coordinates, self.pictures, int(free.sum()))
+        return bic, float(np.sqrt(squares / self.coordinates))

@@ -15,8 +15,7 @@ from ..board_shape import BoardShape
 from ..corners import Corners
 from ..models import LINEAR, CameraModel
 from .bundle import Bundle, Prior, adjust
-from .initial_guess import first_guess, poses_of
-from .two_minima import AMBIGUOUS, better_start
+from .initial_guess import AMBIGUOUS, better_start, first_guess, poses_of
 
 # A value, which is exact, or a value and its standard deviation.
 Known = Mapping[str, float | tuple[float, float]]

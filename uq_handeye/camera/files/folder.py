@@ -5,6 +5,8 @@ intrinsics, and poses and intrinsics themselves; ``intrinsics.json`` the paramet
 known of them beforehand; ``corners.csv`` every corner, and whether it was used. The other files are for people and
 other programs. What belongs together is checked when it is read: the residuals follow from poses, intrinsics and
 corners.
+
+A camera calibration as plain numbers and text, and back without loss: what its folder holds, in one object.
 """
 
 from __future__ import annotations
@@ -17,10 +19,10 @@ from numpy.typing import NDArray
 
 from ...errors import InputError
 from ...files import trees as _trees
-from ...files.fields import got, item, number, vector
 from ...files.lines import one_line, short
 from ...files.open import StrPath, as_path, opened, shown
-from ...files.trees import parse_tree
+from ...files.records import plain
+from ...files.trees import got, item, number, parse_tree, vector
 from ...findings import Finding
 from ...formats.csv_poses import read_pose_file
 from ...formats.numpy_poses import MAX_BYTES, members
@@ -28,14 +30,14 @@ from ...geometry.checks import as_transforms
 from ...geometry.se3 import Array
 from ..adjustment.bundle import Bundle, Prior, Sight
 from ..adjustment.model_choice import Candidate
-from ..board_pattern import board_pattern_of
 from ..board_shape import FLAT, BoardShape, flat_shape
+from ..calibrated import Calibrated
 from ..corners import Corners
 from ..models import MODELS
-from ..residual_pattern import pattern_of
+from ..residual_pattern import board_pattern_of, pattern_of
 from ..result import CameraCalibration
 from .corner_file import corners_and_used
-from .folder_writer import CORNERS, COVARIANCE, INTRINSICS, POSES
+from .folder_writer import CORNERS, COVARIANCE, INTRINSICS, POSES, bundle_arrays, to_dict
 from .intrinsics_file import FORMAT
 
 # Poses of camera.csv, whose quaternions are rounded, are those of the archive within this.
@@ -246,3 +248,58 @@ def calibration_from_parts(
     if free.any() and np.linalg.eigvalsh(covariance[np.ix_(free, free)]).min() <= 0:
         raise InputError(f"{name}, covariance: expected one that is positive definite for the estimated parameters.")
     return found
+
+
+def camera_to_dict(cam: Calibrated) -> dict[str, Any]:
+    """All but the poses, which stand beside it, and the windows that the corners were found in.
+
+    The points of the board are listed once; corners name them by number.
+    """
+    corners = cam.corners
+    points, which = corners.on_board
+    seen = {
+        "row": corners.row.tolist(),
+        "point": which.tolist(),
+        "pixels": corners.pixels.tolist(),
+        "points": points.tolist(),
+        "names": list(corners.names),
+        "left_out": np.flatnonzero(~cam.bundle.used).tolist(),
+    }
+    arrays = {name: plain(np.asarray(value)) for name, value in bundle_arrays(cam).items()}
+    return {**to_dict(cam), "seen": seen, "arrays": arrays}
+
+
+def camera_from_dict(data: dict[str, Any], poses: Array) -> CameraCalibration:
+    """The inverse of `camera_to_dict`, for the poses ``camera_T_target`` (n, 4, 4) beside it.
+
+    Raises
+    ------
+    InputError
+        Anything else.
+    """
+    try:
+        seen = data["seen"]
+        points = np.array(seen["points"], dtype=float)
+        which = _plain_numbers(seen["point"], len(points))
+        row = _plain_numbers(seen["row"], None)
+        corners = Corners(row, points[which], np.array(seen["pixels"], dtype=float), seen["names"])
+        used = np.ones(corners.m, dtype=bool)
+        used[_plain_numbers(seen["left_out"], corners.m)] = False
+        if corners.n != len(poses) or (np.diff(row) < 0).any():
+            raise InputError(f"{corners.n} pictures, and {len(poses)} poses")
+        arrays = {name: np.array(value, dtype=float) for name, value in data["arrays"].items()} | {"poses": poses}
+        if (sd := arrays.get("board_sd")) is not None:  # None in the file: nothing is known of the shape beforehand
+            arrays["board_sd"] = np.where(np.isnan(sd), np.inf, sd)
+        return calibration_from_parts(data, corners, used, arrays, "camera_calibration")
+    except (InputError, KeyError, TypeError, ValueError, LookupError, ArithmeticError) as error:
+        raise InputError(f"data.camera_calibration is damaged ({str(error).rstrip('.')})") from error
+
+
+def _plain_numbers(values: Any, below: int | None) -> Any:
+    """Integers from 0 (and below a count); raises `InputError`."""
+    found = np.array(values, dtype=float)
+    if found.ndim != 1 or (found != np.floor(found)).any() or (found < 0).any():
+        raise InputError("expected numbers from 0")
+    if below is not None and (found >= below).any():
+        raise InputError(f"expected numbers below {below}")
+    return found.astype(np.intp)

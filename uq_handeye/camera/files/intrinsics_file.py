@@ -9,10 +9,9 @@ import numpy as np
 
 from ...errors import InputError
 from ...files import trees as _trees
-from ...files.fields import got, number
 from ...files.lines import short
 from ...files.open import StrPath, as_path, opened, shown
-from ...files.trees import parse_tree
+from ...files.trees import got, number, parse_tree
 from ...formats.opencv_storage import matrix_lines, stack
 from ...geometry.se3 import Array
 from ..calibrated import Calibrated

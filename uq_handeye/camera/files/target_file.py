@@ -10,10 +10,9 @@ from __future__ import annotations
 from typing import Any
 
 from ...errors import InputError
-from ...files.fields import number
 from ...files.lines import short
 from ...files.open import StrPath, as_path, opened, shown
-from ...files.trees import MAX_BYTES, parse_tree
+from ...files.trees import MAX_BYTES, number, parse_tree
 from ..boards.description import Board
 
 EXAMPLE = "target_type: aprilgrid, tagCols, tagRows, tagSize and tagSpacing, or target_type: checkerboard"

@@ -99,8 +99,8 @@ def _tables(
 ) -> dict[str, str]:
     """Return the tables that are asked for, by the names of their files."""
     from ...io import pose_text
+    from ...rosbag.listing import camera_info_yaml, joint_tracks, joints_csv
     from ...rosbag.streams import camera_stream, robot_stream
-    from ...rosbag.tables import camera_info_yaml, joint_tracks, joints_csv
 
     found: dict[str, str] = {}
     streams: dict[str, Any] = {}

@@ -11,8 +11,10 @@ import typer
 from ...errors import InputError, NotConvergedError
 from ...runtime.progress import working
 from ..bag_files import RobotGiven, given_of_robot
+from ..delivery import ReportOptions, report_options_of
 from ..groups import ESTIMATION, OUTPUT
 from ..messages import LOG, command_line, fail, progress_wanted, quiet, timed, withheld
+from ..new_poses import problem_for
 from ..options.common import (
     AT_THE_BOUND,
     BUNDLE,
@@ -30,13 +32,11 @@ from ..options.common import (
     require_writable,
 )
 from ..options.noise import Given, given_of, pose_prior_of, prior_of
-from ..options.report import ReportOptions, report_options_of
 from ..options.touches import TouchesToUse
 from ..outcome import Wanted, emit_refusal, emit_result, json_of, wanted_of
 from ..pictures import KINDS as BOARDS
 from ..pose_files import PoseFiles
 from ..rigs.calibrate import calibrate_rig_files, is_rig
-from ..starting_point import problem_for
 from ..views import pictures_of
 from ..watching import Watch, question_of, watched
 

@@ -7,7 +7,7 @@ import typer
 
 from ...errors import InputError
 from ...files.about import ABOUT, read_about
-from ..delivery import deliver
+from ..delivery import PAPERS, deliver
 from ..groups import OUTPUT
 from ..messages import quiet, timed
 from ..options.common import (
@@ -20,7 +20,6 @@ from ..options.common import (
     option,
     require_writable,
 )
-from ..options.report import PAPERS
 from ..outcome import NOT_USABLE, Wanted, status_of, wanted_of
 from .files import ResultFile
 

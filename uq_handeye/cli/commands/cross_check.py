@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 from ...files.csv_text import frame_text
 from ..delivery import deliver
 from ..messages import progress_wanted, timed, verbose
+from ..new_poses import calibrated, problem_for
 from ..options.arm import Arm, arm_of
 from ..options.common import (
     JsonOption,
@@ -20,7 +21,6 @@ from ..options.common import (
 )
 from ..options.noise import Given, given_of
 from ..pose_files import PoseFiles
-from ..starting_point import calibrated, problem_for
 from ..views import views_of
 from .calibrate import REPORTS, ReportFile, write_report
 from .validate import INTERRUPTED, NOT_COMPLETE

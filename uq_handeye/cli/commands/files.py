@@ -7,9 +7,9 @@ import typer
 
 from ...errors import InputError
 from ...runtime.progress import working
+from ..delivery import ReportOptions, report_options_of
 from ..messages import LOG, fail, progress_wanted, timed
 from ..options.common import CONTROLLER_NAMES, emit, made_of, one_of, require_writable
-from ..options.report import ReportOptions, report_options_of
 from ..outcome import NOT_USABLE, Wanted, emit_answer, emit_result, status_of, wanted_of
 from .calibrate import REPORTS, NoCompare
 

@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 from ...errors import InputError
 from ..delivery import deliver, wrote
 from ..messages import progress_wanted, timed
+from ..new_poses import calibrated, problem_for
 from ..options.arm import Arm, arm_of
 from ..options.common import JsonOption, emit, folder_option, made_of
 from ..options.noise import Given, given_of, pose_prior_of
 from ..pose_files import PoseFiles
-from ..starting_point import calibrated, problem_for
 from ..views import views_of
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ from ...files.csv_text import csv_text
 from ..delivery import deliver, deliver_csv, folder_or_csv_option, is_csv
 from ..options.arm import JointUnits
 from ..options.common import JsonOption, emit
-from ..options.points import coordinates
+from ..options.touches import coordinates
 from .files import ResultFile
 
 if TYPE_CHECKING:

@@ -8,12 +8,11 @@ from typing import Annotated
 import typer
 
 from ...errors import InputError, NotConvergedError
-from ...files.lock import held
-from ..delivery import deliver
+from ...files.atomic import held
+from ..delivery import ReportOptions, deliver, report_options_of
 from ..messages import quiet, timed, withheld
 from ..new_poses import NewPoses, new_poses_of
 from ..options.common import JsonOption, emit, emit_document, folder_option, made_of, require_writable
-from ..options.report import ReportOptions, report_options_of
 from ..outcome import Wanted, emit_refusal, wanted_of
 from .calibrate import (
     REPORTS,

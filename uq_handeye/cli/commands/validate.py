@@ -8,6 +8,7 @@ from ...errors import InputError
 from ...files.csv_text import frame_text
 from ..delivery import deliver, wrote
 from ..messages import LOG, progress_wanted, verbose
+from ..new_poses import calibrated, problem_for
 from ..options.arm import Arm, arm_of
 from ..options.common import (
     EVERY_METHOD,
@@ -24,7 +25,6 @@ from ..options.common import (
 )
 from ..options.noise import Given, given_of, pose_prior_of
 from ..pose_files import PoseFiles
-from ..starting_point import calibrated, problem_for
 from ..views import views_of
 
 if TYPE_CHECKING:

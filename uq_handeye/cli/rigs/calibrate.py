@@ -12,8 +12,8 @@ if TYPE_CHECKING:
     from ...rig.description import Rig
     from ...rig.result import RigCalibration
     from ...statement.tolerance import Verdict
+    from ..delivery import ReportOptions
     from ..options.noise import Given
-    from ..options.report import ReportOptions
     from ..pose_files import PoseFiles
 
 # Options that a rig takes beside the rig file, and beside a file for each camera.

@@ -46,11 +46,13 @@ from ...noise.models import PairNoise, require_count
 from ...procrustes.limit import as_pairs, trial_blocks
 from ..common.method import Derivatives, Estimate, Method
 from .derivatives import NguyenDerivatives, covariances_at
-from .descent import PUBLISHED_ITERATIONS, Rule, Stop
 from .stages import (
     BLOCK,
+    PUBLISHED_ITERATIONS,
     CrossTerm,
     NguyenResult,
+    Rule,
+    Stop,
     covariance_of,
     measured,
     refined_rotations,

@@ -1,17 +1,142 @@
-"""Poses in arrays of numbers: matrices in any shape and order, or rows of translation and rotation."""
+"""Poses in arrays of numbers: matrices in any shape and order, or rows of translation and rotation.
+
+Places of rotation and translation among the numbers of a pose that is written as a matrix.
+
+Of 16 numbers the row 0, 0, 0, 1 tells the order: at the end, row by row; as every fourth number, column by column, as
+libfranka, Eigen, MATLAB, OpenGL and three.js store it. Of 12 numbers the place of the 3x3 that is a rotation tells
+whether they are the first three rows (KITTI), a rotation before a translation, or after it; the latter do not say
+whether the rotation stands row by row.
+
+Matrices in JSON and YAML under names of their own: one per file, a list, an entry per pose.
+
+Taken is what leaves no doubt: a matrix or a list of them alone; a map with one entry that is one; entries that are
+matrices by numbered names (``pose_0``, ``pose_1``); a list of maps that each hold one under the same name, also below a
+single name (``frames`` of NeRF). The order of the 16 numbers is told by their places (`layout`).
+"""
 
 from __future__ import annotations
 
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import InputError
+from ...files.many import natural
+from ...files.trees import got
 from ...geometry.se3 import Array
-from ..contents import NORM_TOLERANCE, Reading, Side, matrices_side
+from ..contents import NORM_TOLERANCE, Contents, Reading, Side, matrices_side
 from ..controllers.readings import interpret
-from .layout import COUNTS, MOST_BEFORE, found_in, with_last_row
+
+# max |R^T R - I| of numbers that are meant as a rotation, and max deviation of a last row that is meant.
+MEANT, LAST_ROW = 0.05, 1e-3
+LAST = np.array([0.0, 0.0, 0.0, 1.0])
+# Numbers of a pose that are read as one matrix.
+COUNTS = (16, 12)
+# Numbers that may stand before them: row numbers, times.
+MOST_BEFORE = 2
+
+BOTH = (Reading("matrix", "matrix"), Reading("matrix", "transposed"))
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """Matrices (n, 4, 4) and how they stood.
+
+    Parameters
+    ----------
+    T : (n, 4, 4)
+    others : (n, k) numbers in front of each and behind it
+    note : where the numbers stood, in words
+    may : whether the rotations may be transposed
+    """
+
+    T: Array
+    others: Array
+    note: str
+    may: bool = False
+
+    @property
+    def readings(self) -> tuple[Reading, ...]:
+        """Readings of the rotations; none: matrices."""
+        return BOTH if self.may else ()
+
+
+def found_in(table: Array) -> Found | None:
+    """Return the matrices of numbers (n, k), or None where no place of a matrix fits more than half of the rows."""
+    best: tuple[float, int, str] | None = None
+    for count in COUNTS:
+        others = table.shape[1] - count
+        if not 0 <= others <= MOST_BEFORE:
+            continue
+        for before in range(others, -1, -1):
+            for layout, fits in _FITS[count].items():
+                share = float(np.mean(fits(table[:, before : before + count])))
+                if share > 0.5 and (best is None or share > best[0]):
+                    best = (share, before, layout)
+    if best is None:
+        return None
+    _, before, layout = best
+    after = before + (16 if layout in _FITS[16] else 12)
+    rest = np.concatenate([table[:, :before], table[:, after:]], axis=1)
+    return Found(_matrices(table[:, before:after], layout), rest, _NOTES[layout], layout in ("R t", "t R"))
+
+
+def fitting(numbers: Array) -> bool:
+    """Return whether numbers (n, 16) or (n, 12) are matrices in some layout."""
+    return found_in(numbers) is not None
+
+
+def _last(rows: Array) -> NDArray[np.bool_]:
+    with np.errstate(all="ignore"):
+        return np.asarray(np.abs(rows - LAST).max(axis=1) < LAST_ROW)
+
+
+def _rotations(R: Array) -> NDArray[np.bool_]:
+    """Return whether matrices (n, 3, 3) are meant as rotations, also mirrored ones."""
+    with np.errstate(all="ignore"):
+        return np.asarray(np.abs(np.swapaxes(R, 1, 2) @ R - np.eye(3)).max(axis=(1, 2)) < MEANT)
+
+
+_FITS: dict[int, dict[str, Callable[[Array], NDArray[np.bool_]]]] = {
+    16: {
+        "rows": lambda v: _last(v[:, 12:]),
+        "columns": lambda v: _last(v[:, 3::4]),
+    },
+    12: {
+        "3x4": lambda v: _rotations(v.reshape(-1, 3, 4)[:, :, :3]),
+        "R t": lambda v: _rotations(v[:, :9].reshape(-1, 3, 3)),
+        "t R": lambda v: _rotations(v[:, 3:].reshape(-1, 3, 3)),
+    },
+}
+_NOTES = {
+    "rows": "matrices 4x4 row by row",
+    "columns": "matrices 4x4 column by column: every fourth number is 0, 0, 0, 1",
+    "3x4": "the first three rows of each matrix, row by row",
+    "R t": "nine numbers of a rotation before the translation",
+    "t R": "nine numbers of a rotation after the translation",
+}
+
+
+def _matrices(numbers: Array, layout: str) -> Array:
+    n = len(numbers)
+    if layout == "rows":
+        return numbers.reshape(n, 4, 4)
+    if layout == "columns":
+        return np.swapaxes(numbers.reshape(n, 4, 4), 1, 2)
+    if layout == "3x4":
+        return with_last_row(numbers.reshape(n, 3, 4))
+    R, t = (numbers[:, :9], numbers[:, 9:]) if layout == "R t" else (numbers[:, 3:], numbers[:, :3])
+    return with_last_row(np.concatenate([R.reshape(n, 3, 3), t[:, :, None]], axis=2))
+
+
+def with_last_row(rows: Array) -> Array:
+    """Matrices (n, 4, 4) of their first three rows (n, 3, 4)."""
+    return np.concatenate([rows, np.broadcast_to(LAST, (len(rows), 1, 4))], axis=1)
+
 
 HELP = "docs/formats.md, NPZ and NPY"
 _ONE = ((4, 4), (3, 4), (16,), (12,), (7,), (6,))  # shapes of one pose
@@ -106,3 +231,104 @@ def _quaternions(rows: Array, name: str, options: dict[str, Any]) -> Side:
     t, q = (rows[:, 4:], rows[:, :4]) if first < NORM_TOLERANCE < last else (rows[:, :3], rows[:, 3:])
     readings = tuple(Reading("npy", order) for order in QUATERNIONS)
     return Side(name, t, q, times, readings=readings, **options)
+
+
+# Numbers that are looked at.
+MOST = 10_000_000
+_NUMBERED = re.compile(r"(.*?)[\[(_ -]*(\d+)[\])]*(\.[A-Za-z]\w*)?")
+
+
+def numbers_of(value: Any) -> Array | None:
+    """Lists of numbers as an array, or None for anything else."""
+    shape: list[int] = []
+    level = [value]
+    while all(isinstance(entry, list) for entry in level) and len(shape) < 4:
+        lengths = {len(entry) for entry in level}
+        if len(lengths) != 1 or lengths == {0}:
+            return None
+        shape.append(lengths.pop())
+        level = [inner for entry in level for inner in entry]
+        if len(level) > MOST:
+            return None
+    if not shape or not all(isinstance(entry, int | float) and not isinstance(entry, bool) for entry in level):
+        return None
+    return np.array(level, dtype=float).reshape(shape)
+
+
+def matrices_of(tree: Any) -> tuple[Array, str] | None:
+    """Return the matrices of a tree, and under which names they stood; None if they are not told without doubt."""
+    values = numbers_of(tree)
+    if values is not None:
+        return (values, "") if _are_matrices(values) else None
+    if isinstance(tree, dict):
+        found = {str(key): one for key, value in tree.items() if (one := matrices_of(value)) is not None}
+        if len(found) == 1:
+            ((key, (values, below)),) = found.items()
+            return values, f"{key}{f'.{below}' if below else ''}"
+        stems = {match[1] if (match := _NUMBERED.fullmatch(key)) else key for key in found}
+        if len(found) > 1 and len(stems) == 1:
+            keys = sorted(found, key=natural)
+            return _stacked([found[key][0] for key in keys], f"{keys[0]} to {keys[-1]}")
+        return None
+    if isinstance(tree, list) and tree and all(isinstance(entry, dict) for entry in tree):
+        each = [matrices_of(entry) for entry in tree]
+        names = {None if one is None else one[1] for one in each}
+        if len(names) == 1 and None not in names:
+            return _stacked([one[0] for one in each if one is not None], str(names.pop()))
+    return None
+
+
+def listed(tree: Any) -> Any:
+    """Return maps with an entry per pose by numbered names (``"0"``, ``pose_1``) as lists, also below other names.
+
+    The pose vector of ViSP (``vpPoseVector::saveYAML``: six rows, metres and rotation vector) becomes one by names.
+    """
+    if not isinstance(tree, dict):
+        return tree
+    vector = numbers_of(tree["data"]) if set(tree) == {"rows", "cols", "data"} else None
+    if vector is not None and vector.shape == (6, 1):
+        values = vector.ravel().tolist()
+        return [{"translation": values[:3], "rotvec": values[3:]}]
+    stems: dict[str, list[str]] = {}
+    for key, value in tree.items():
+        if isinstance(value, dict) and (match := _NUMBERED.fullmatch(str(key))) is not None:
+            stems.setdefault(match[1].rstrip("_- [("), []).append(key)
+    lists = {
+        stem: [tree[key] for key in sorted(keys, key=natural)]
+        for stem, keys in stems.items()
+        if len(keys) > 1 and stem not in tree
+    }
+    if len(lists) == 1 and len(tree) == len(next(iter(lists.values()))) and not _is_storage(next(iter(tree.values()))):
+        return next(iter(lists.values()))
+    taken = {key for stem in lists for key in stems[stem]}
+    return {**{key: listed(value) for key, value in tree.items() if key not in taken}, **lists}
+
+
+def _is_storage(value: dict[str, Any]) -> bool:
+    """Return whether a map is a matrix of OpenCV."""
+    return {"rows", "cols", "data"} <= set(value)
+
+
+def _are_matrices(values: Array) -> bool:
+    """Return whether an array holds matrices, and not rows of six to eight numbers."""
+    return is_poses(values.shape) and values.shape[-1] not in (6, 7, 8)
+
+
+def _stacked(parts: list[Array], name: str) -> tuple[Array, str] | None:
+    """Poses of entries that hold one each."""
+    shapes = {part.shape for part in parts}
+    if len(shapes) != 1 or shapes.pop() not in ((4, 4), (3, 4), (16,), (12,)):
+        return None
+    return np.stack(parts), name
+
+
+def read_matrix_tree(tree: Any, name: str) -> Contents:
+    """Return the poses of a tree."""
+    found = matrices_of(tree)
+    if found is None:
+        raise InputError(
+            f"{name}: expected matrices as a list, or each under one name, got {got(tree)} (docs/formats.md, JSON)."
+        )
+    values, where = found
+    side, notes = side_of_array(values, name)
+    return Contents(only=side, notes=(*([f"matrices from {where}"] if where else []), *notes))

@@ -20,7 +20,7 @@ from ...files.table import Places, Schema, name_and_unit, read_table, split_name
 from ...formatting.units import LENGTH_UNITS
 from ..columns import SECONDS, meaning_and_unit
 from ..contents import Contents, Reading, matrices_side
-from .layout import BOTH, found_in, with_last_row
+from .arrays import BOTH, found_in, with_last_row
 
 _TWO = re.compile(r"(.*?)[\[(_. ]*(\d)[\])(\[_., ]*(\d)[\])]*")
 _ONE = re.compile(r"(.*?)[\[(_. ]*(\d{1,2})[\])]*")

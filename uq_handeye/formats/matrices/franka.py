@@ -15,10 +15,9 @@ import numpy as np
 
 from ...errors import InputError
 from ..contents import Contents, Reading, matrices_side
+from .arrays import found_in
 from .columns import FRANKA, header_of, read_columns
-from .layout import found_in
-from .numbers import number_lines
-from .text import contents_of
+from .text import contents_of, number_lines
 
 READING = (Reading("franka", "matrix", "m"),)
 HELP = "docs/formats.md, Franka"

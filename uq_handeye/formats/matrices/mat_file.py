@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ...errors import InputError
 from ...files.lines import one_line, short
-from ...files.pose_names import pose_name
+from ...files.trees import pose_name
 from ...geometry.se3 import Array
 from ..contents import Contents, Side
 from ..controllers.records import records_side

@@ -19,11 +19,10 @@ from typing import Any
 import numpy as np
 
 from ...errors import InputError
-from ...files.fields import got, number
-from ...files.trees import parse_tree
+from ...files.trees import got, number, parse_tree
 from ..contents import Contents, Reading, matrices_side
 from ..opencv_storage import stack
-from .layout import found_in
+from .arrays import found_in
 
 READING = (Reading("zivid", "matrix", "mm"),)
 _KEYS = ("FloatMatrix", "PoseState")

@@ -24,7 +24,7 @@ from ...errors import InputError
 from ...files.lines import short
 from ...geometry.se3 import Array
 from ..contents import Contents
-from .side import one_side, unit_quaternions
+from .messages import one_side, unit_quaternions
 
 _TIME = re.compile(r"At time\s+(-?\d+)(?:\.(\d+))?\s*$")
 _NUMBERS = r"\[?\s*([^\]]*?)\s*\]?\s*$"

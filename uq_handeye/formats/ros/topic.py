@@ -5,19 +5,193 @@ names, also as rospy and rclpy print them; of ``ros2 topic echo --csv`` PoseStam
 TransformStamped, whose columns are sec, nanosec, frame_id(, child_frame_id), x, y, z, qx, qy, qz, qw. Sources:
 ``ros2topic/ros2topic/verb/echo.py`` in ros2/ros2cli with ``rosidl_runtime_py/convert.py`` in
 ros2/rosidl_runtime_py; ``tools/rostopic`` in ros/ros_comm.
+
+Messages as ``ros2 topic echo`` and ``rostopic echo`` print them: fields by indentation, ``---`` after each message.
+
+They are YAML, but for the lines that the tools print between messages, and a last message that Ctrl-C cuts off. A
+message also begins where the first line of the one before comes again (printed by rospy), and a line may be a message
+as rclpy prints it.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from typing import Any
 
 from ...errors import InputError
-from ...files.lines import is_number
+from ...files.lines import is_number, short
+from ...files.trees import parse_tree
 from ..contents import Contents
-from .echo import PRINTED, SAID, EchoError, messages_of
-from .messages import MessageError, Stamped, frame_name, poses_in
-from .side import side_of
+from .messages import MessageError, Stamped, frame_name, poses_in, side_of
+
+MAX_DEPTH = 30
+
+_KEY = re.compile(r"([A-Za-z_]\w*):(?:\s+(.*))?$")
+# What the tools say between messages.
+SAID = re.compile(
+    r"\[?(WARNING|WARN|ERROR|INFO)|A message was lost|total count|Subscribing|Could not|\^C|%YAML"
+    r"|\S*[$#>]? ?(ros2 (topic|run|launch)|rostopic |rosrun )"
+)
+
+# A message as Python prints it, in one line: geometry_msgs.msg.Pose(position=geometry_msgs.msg.Point(x=0.1, ...
+PRINTED = re.compile(r"\b[a-z]\w*_msgs\.msg\.(_\w+\.)?[A-Z]\w*\(")
+_ARRAY = re.compile(r"\barray\((\[[^\[\]]*\])[^()]*\)")
+_CLASS = re.compile(r"\b[A-Za-z_][\w.]*\(")
+_FIELD = re.compile(r"\b(\w+)=")
+
+
+class EchoError(Exception):
+    """Error in a line: its number and a few words."""
+
+    def __init__(self, line: int, words: str) -> None:
+        super().__init__(words)
+        self.line = line
+
+
+def messages_of(text: str) -> Iterator[tuple[int, dict[str, Any], EchoError | None, bool]]:
+    """Yield each message: its first line, its fields, what is wrong with it, and whether ``---`` ends it."""
+    begun = 0
+    lines: list[tuple[int, str]] = []
+    for number, line in enumerate(text.split("\n"), start=1):
+        line = line.rstrip("\r \t")
+        if printed := PRINTED.search(line):
+            if lines:
+                yield (begun, *_parsed(lines), True)
+            lines = []
+            yield (number, *_parsed([(number, _in_braces(line[printed.start() :]))]), True)
+            continue
+        body = line.lstrip(" \t")
+        if lines and body == line and lines[0][1] == body:
+            yield (begun, *_parsed(lines), True)
+            lines = []
+        if body == "---" or (body.endswith("---") and SAID.match(body)):
+            if lines:
+                yield (begun, *_parsed(lines), True)
+            lines = []
+        elif body and not body.startswith("#") and not SAID.match(body):
+            begun = begun if lines else number
+            lines.append((number, line))
+    if lines:
+        yield (begun, *_parsed(lines), False)
+
+
+def _in_braces(text: str) -> str:
+    """Return a message that Python printed as the same message in braces."""
+    text = _CLASS.sub("{", _ARRAY.sub(r"\1", text))
+    return _FIELD.sub(r"\1: ", text.replace(")", "}"))
+
+
+def _parsed(lines: list[tuple[int, str]]) -> tuple[dict[str, Any], EchoError | None]:
+    try:
+        if lines[0][1].lstrip().startswith("{"):  # of --flow-style
+            found = _flow(" ".join(text for _, text in lines), lines[0][0])
+            return found if isinstance(found, dict) else {}, None
+        return parse_message(lines), None
+    except EchoError as error:
+        return {}, error
+
+
+class _Level:
+    """A map or list that is being filled, and the column at which its keys or dashes stand; -1: not known yet."""
+
+    __slots__ = ("column", "values")
+
+    def __init__(self, column: int, values: dict[str, Any] | list[Any]) -> None:
+        self.column, self.values = column, values
+
+
+def parse_message(lines: list[tuple[int, str]]) -> dict[str, Any]:
+    """Return the fields of one message as nested dicts and lists; numbers stay text until they are asked for."""
+    root: dict[str, Any] = {}
+    stack = [_Level(len(lines[0][1]) - len(lines[0][1].lstrip(" ")), root)]
+    waiting: tuple[dict[str, Any], str, int] | None = None  # a key whose value is on the next lines
+    for line, text in lines:
+        body = text.lstrip(" ")
+        column = len(text) - len(body)
+        scalar = False
+        while body.startswith("- ") or body == "-":
+            items = _list_at(stack, column, waiting, line)
+            waiting = None
+            rest = body[1:].lstrip(" ")
+            if rest and not _KEY.match(rest) and not rest.startswith("- "):
+                items.append(_value(rest, line))
+                scalar = True
+                break
+            inner: dict[str, Any] = {}
+            items.append(inner)
+            column += len(body) - len(rest)
+            stack.append(_Level(column if rest else -1, inner))
+            body = rest
+            if not body:
+                break
+        if scalar or not body:
+            continue
+        if (found := _KEY.match(body)) is None:
+            raise EchoError(line, f"expected name: value, got {short(body)}")
+        if waiting is not None and column > waiting[2]:
+            new: dict[str, Any] = {}
+            waiting[0][waiting[1]] = new
+            stack.append(_Level(column, new))
+        level = _map_at(stack, column, line)
+        key, value = found.group(1), found.group(2)
+        if key in level:
+            raise EchoError(line, f"the field {short(key)} is given twice in a message; is a line of --- missing?")
+        level[key] = None if value is None or value == "" else _value(value, line)
+        waiting = (level, key, column) if level[key] is None else None
+        if len(stack) > MAX_DEPTH:
+            raise EchoError(line, f"expected at most {MAX_DEPTH} levels of nesting, got more")
+    return root
+
+
+def _list_at(stack: list[_Level], column: int, waiting: tuple[dict[str, Any], str, int] | None, line: int) -> list[Any]:
+    """Return the list whose dashes stand in a column: a new one, if a key waits for it."""
+    if waiting is not None and column >= waiting[2]:
+        new: list[Any] = []
+        waiting[0][waiting[1]] = new
+        stack.append(_Level(column, new))
+        return new
+    while stack:
+        top = stack[-1].values
+        if stack[-1].column == column and isinstance(top, list):
+            return top
+        stack.pop()
+    raise EchoError(line, "expected a field before the list")
+
+
+def _map_at(stack: list[_Level], column: int, line: int) -> dict[str, Any]:
+    """Return the map whose keys stand in a column."""
+    if stack[-1].column == -1:
+        stack[-1].column = column
+    while stack:
+        top = stack[-1].values
+        if stack[-1].column == column and isinstance(top, dict):
+            return top
+        if stack[-1].column < column:
+            break
+        stack.pop()
+    raise EchoError(line, "the indentation fits no field above")
+
+
+def _flow(text: str, line: int) -> Any:
+    """Return a value in braces."""
+    try:
+        return parse_tree(text.encode(), "the message")
+    except InputError as error:
+        raise EchoError(line, f"expected a value in braces, got {short(text)} ({error})") from None
+
+
+def _value(text: str, line: int) -> Any:
+    """Return a scalar as text without quotation marks; a list in brackets as a list of texts."""
+    text = text.strip()
+    if text[:1] == text[-1:] and text[:1] in ("'", '"') and len(text) > 1:
+        return text[1:-1]
+    if text.startswith("{"):
+        return _flow(text, line)
+    if text.startswith("[") and text.endswith("]"):
+        return [part.strip() for part in text[1:-1].split(",") if part.strip()]
+    return text
+
 
 _FIRST = re.compile(
     r"\{?(header|transforms|transform|translation|pose|position|poses|detections|markers|child_frame_id):\s*($|[{\[])"

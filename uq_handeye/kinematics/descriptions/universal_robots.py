@@ -18,10 +18,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ...errors import InputError
-from ...files.fields import got, item, number
 from ...files.lines import short
 from ...files.open import StrPath, as_path, opened, shown
-from ...files.trees import parse_tree
+from ...files.trees import got, item, number, parse_tree
 from ...geometry.se3 import Array
 from ..joint import REVOLUTE, ChainParts, Joint
 from .urdf import Tree, chain_of, read_tree

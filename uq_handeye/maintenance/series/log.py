@@ -22,9 +22,8 @@ from typing import Any, Protocol
 import numpy as np
 
 from ...errors import InputError
-from ...files.atomic import write_atomically
+from ...files.atomic import held, write_atomically
 from ...files.csv_text import csv_text, plain_text
-from ...files.lock import held
 from ...files.open import StrPath, as_path, opened, shown
 from ...findings import Finding
 from ...geometry.se3 import Array

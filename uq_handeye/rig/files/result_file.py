@@ -12,8 +12,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from ...errors import InputError
-from ...files.records import attributes, parts_of, written
-from ...files.validate import not_finite, unequal
+from ...files.records import attributes, not_finite, parts_of, unequal, written
 from ...geometry.se3 import Array
 from ...noise.pose_prior import PosePrior
 from ..description import ArmPoses, Rig, View

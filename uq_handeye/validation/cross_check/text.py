@@ -11,7 +11,7 @@ from ...formatting.numbers import digits
 from ...noise.models import PoseNoise
 from ...presentation.document import Answer, Block, Cell, Document, Heading, Paragraph, Table, document_of
 from ..noise_of_data import limit, limit_blocks
-from .ratios import TOLERANCE
+from .relations import TOLERANCE
 from .result import CrossCheck
 from .rows import METHODS
 

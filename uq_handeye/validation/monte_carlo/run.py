@@ -40,13 +40,12 @@ from ...runtime.progress import progress_bar
 from ...runtime.threads import one_thread
 from ...simulation.experiment import Fitted, experiment, problem_of
 from ..noise_of_data import noise_of_data
-from .chunks import Chunk, Work, chunk_size, from_bytes, to_bytes
+from .chunks import Chunk, Crew, Work, WorkersLostError, chunk_size, from_bytes, to_bytes
 from .consistency import Consistency, Sums, consistency
 from .result import MonteCarlo
 from .sentences import ALL, INTERRUPTED, STABLE, WORKERS_LOST
 from .stopping import BLOCK, Stability
 from .store import RunFolder
-from .workers import Crew, WorkersLostError
 
 __all__ = ["MonteCarlo", "monte_carlo"]
 

@@ -27,8 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import InputError
-from ...files.atomic import write_atomically
-from ...files.lock import FileLock
+from ...files.atomic import FileLock, write_atomically
 from ...files.open import as_path, reason, shown
 from ...noise.joint_covariance import JointCovariance
 from ...noise.models import Noise, PairNoise

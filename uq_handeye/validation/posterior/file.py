@@ -32,8 +32,7 @@ import numpy as np
 from emcee.backends import Backend, HDFBackend
 
 from ...errors import InputError
-from ...files.atomic import write_atomically
-from ...files.lock import FileLock
+from ...files.atomic import FileLock, write_atomically
 from ...files.open import as_path, reason, shown
 from ...geometry.se3 import Array
 from .moves import Proposal

@@ -27,8 +27,7 @@ from ...files.open import StrPath, as_path
 from ...formatting.numbers import digits, rough
 from ...presentation.ellipses import render
 from ...presentation.label_placement import HALO
-from .level import KINDS
-from .limits import Limit, MethodSweep
+from .level import KINDS, Limit, MethodSweep
 
 
 class Drawn(Protocol):

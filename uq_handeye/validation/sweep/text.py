@@ -8,9 +8,8 @@ from collections.abc import Callable
 from ...formatting.numbers import digits, rough
 from ...presentation.document import Answer, Block, Cell, Document, Paragraph, Table, document_of
 from ..noise_of_data import limit_blocks
-from .level import KINDS, Level, Verdict
-from .limits import Limit, MethodSweep
-from .result import Sweep
+from .level import KINDS, Level, Limit, MethodSweep, Verdict
+from .run import Sweep
 
 # Deviations of the noise may grow by so much before a covariance fails: then the noise is well inside.
 WELL = 2.0

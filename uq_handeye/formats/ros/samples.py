@@ -10,6 +10,12 @@ easy_handeye2 saves ``parameters`` and ``samples``, each with ``robot`` and ``tr
 Each is a ``geometry_msgs/Transform``: metres, quaternion by names. ``tracking`` is ``camera_T_target``. ``robot`` is
 what enters AX = XB (``_get_transforms`` in the samplers of both): ``base_T_gripper`` where the camera is on the hand,
 ``gripper_T_base`` where it is not.
+
+Samples of MoveIt calibration, in YAML: a list of maps with ``effector_wrt_world`` and ``object_wrt_sensor``.
+
+Each is a 4x4 matrix of 16 numbers, row by row, in metres: ``base_T_gripper`` and ``camera_T_target`` for both mounts of
+the camera. Source of the rules: moveit/moveit_calibration,
+``moveit_calibration_gui/handeye_calibration_rviz_plugin/src/handeye_control_widget.cpp``, ``saveSamplesBtnClicked``.
 """
 
 from __future__ import annotations
@@ -19,9 +25,9 @@ from typing import Any
 import numpy as np
 
 from ...errors import InputError
-from ...files.fields import got, item, transform
 from ...files.lines import short
-from ..contents import Contents, Side
+from ...files.trees import got, item, matrix, transform
+from ..contents import Contents, Side, matrices_side
 
 FRAMES = ("robot_base_frame", "robot_effector_frame", "tracking_base_frame", "tracking_marker_frame")
 FIELDS = ("timestamp", *(f"translation.{a}" for a in "xyz"), *(f"rotation.{a}" for a in "xyzw"))
@@ -104,3 +110,25 @@ def _setup(parameters: Any, name: str) -> tuple[str | None, list[str]]:
     if setup is None:
         raise InputError(f"{name}, parameters.{key}: expected eye_in_hand or eye_on_base, got {got(says)}.")
     return setup, [*notes, f"{setup}, from {key}: {says}"]
+
+
+NAMES = ("effector_wrt_world", "object_wrt_sensor")
+
+
+def read_moveit(tree: Any, name: str) -> Contents:
+    """The samples of a tree."""
+    if isinstance(tree, dict) and "joint_values" in tree:
+        raise InputError(f"{name} holds joint states; expected the samples, which MoveIt saves by 'Save samples'.")
+    if not isinstance(tree, list) or not tree:
+        raise InputError(f"{name}: expected a list of samples with {' and '.join(NAMES)}, got {got(tree)}.")
+    sides = [
+        np.array(
+            [matrix(item(s, key, f"{name}, sample {k}"), f"{name}, sample {k}, {key}") for k, s in enumerate(tree)]
+        )
+        for key in NAMES
+    ]
+    robot, camera = (
+        matrices_side(name, T, counted="sample", frame=frame)
+        for T, frame in zip(sides, ("base_T_gripper", "camera_T_target"), strict=True)
+    )
+    return Contents(robot, camera)
