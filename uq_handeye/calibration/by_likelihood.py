@@ -28,6 +28,7 @@ from ..likelihood.gauss_helmert import (
     corrected,
     offset_sensitivity,
     open_at,
+    without_shared_errors,
 )
 from ..likelihood.gauss_helmert import fit as refit
 from ..likelihood.goodness_of_fit import goodness_of_fit
@@ -41,7 +42,7 @@ from ..noise.square_roots import own_blocks
 from ..one_model.estimation import ROUGH, FoundSizes, JointModel
 from ..one_model.points import OpenSizes, with_open_sizes
 from ..one_model.telling import tell
-from ..poses.motions import Motions
+from ..poses.motions import Motions, relative_motions
 from ..poses.pose_pairs import PosePairs
 from ..poses.residuals import residuals, summarise
 from ..poses.timing import TimeOffset
@@ -235,6 +236,15 @@ def poses_about_errors(job: Job, result: Calibration) -> PosePairs | None:
     return replace(job.poses, robot=again)
 
 
+def motions_without_shared_errors(motions: Motions, noise: Noise, fit: Fit) -> Motions:
+    """The motions of poses less the errors that all poses share, as the fit estimates them; else as they are."""
+    poses = motions.poses
+    if poses is None or motions.pairs is None or poses.n != len(fit.residual):
+        return motions
+    found = without_shared_errors(fit, noise, poses.robot, poses.camera)
+    return motions if found is None else relative_motions(PosePairs(*found, poses.setup), motions.pairs)
+
+
 def _joint_noise(job: Job, found: Mapping[str, float] | None) -> dict[str, Array]:
     """Covariances (n, 6, 6) that joint noise gives the robot poses, by its name; nothing where there is none."""
     columns = None if job.arm is None else job.arm.columns
@@ -316,7 +326,8 @@ def _assembled(
     dof = None if estimate is not None and estimate.camera_known else reference.dof
     within = _joint_noise(job, deviations)
     analysis = Analysis(data, noise, fit, job.method, estimate, dof, job.seed, read_only(beside), read_only(within))
-    angle, distance = residuals(motions.A, motions.B, fit.X)
+    seen = motions_without_shared_errors(motions, noise, fit)
+    angle, distance = residuals(seen.A, seen.B, fit.X)
     judged = goodness_of_fit(fit)
     if estimate is not None and not estimate.tested:
         judged = replace(judged, p_value=None)

@@ -30,6 +30,7 @@ from ..errors import DegenerateMotionError, InputError, InputWarning, MissingExt
 from ..estimators import METHODS, ROBOT_WORLD_METHODS
 from ..estimators.common.method import Estimate, Method
 from ..estimators.common.robot_world import RobotWorldMethod
+from ..evidence.new_poses import poses_less_shared_errors
 from ..geometry.frames import SETUPS
 from ..likelihood.constraint import require_noise_fits
 from ..likelihood.gauss_helmert import ESTIMATORS
@@ -37,7 +38,7 @@ from ..noise.models import Noise, PairNoise
 from ..one_model.noise_of_data import estimate_noise
 from ..poses.motions import Motions, relative_motions, spread_pairs
 from ..poses.pose_pairs import PosePairs
-from ..poses.residuals import residuals, summarise
+from ..poses.residuals import Residuals, residuals, summarise
 from ..propagation.noise_transport import noise_of_pairs
 from ..propagation.published_fit import fit_published
 from ..runtime.progress import progress_bar
@@ -132,10 +133,24 @@ def compare(
     elif noise is None:
         used = _estimated(motions)
     checks = answers[0].checks if answers else ()
+    seen = explained_motions(answers[0], motions) if answers else motions
+    if answers and answers[0].residuals.pairs == motions.N and answers[0].X is own.X:
+        own = replace(own, residuals=answers[0].residuals)
     estimated = noise is None and used is not None
     return compare_rows(
-        names, motions, used, {OWN: own}, reference, estimated, available, timed, progress, checks=checks
+        names, motions, used, {OWN: own}, reference, estimated, available, timed, progress, checks=checks, seen=seen
     )
+
+
+def explained_motions(result: Calibration, motions: Motions) -> Motions:
+    """Return the motions less the shared errors that a calibration estimates, which every method's residuals leave out.
+
+    Else the X of a method that takes up the wrong size of a target would seem to fit best.
+    """
+    poses = motions.poses
+    if poses is None or motions.pairs is None or result.posterior is None or result.W is None:
+        return motions
+    return relative_motions(poses_less_shared_errors(result, poses), motions.pairs)
 
 
 def compare_rows(
@@ -149,8 +164,13 @@ def compare_rows(
     timed: bool,
     progress: bool,
     checks: tuple[Check, ...] = (),
+    seen: Motions | None = None,
 ) -> Comparison:
-    """The comparison of these methods on these motions; the rows that are ``found`` already are taken as they are."""
+    """The comparison of these methods on these motions; the rows that are ``found`` already are taken as they are.
+
+    Residuals are those of the motions ``seen``, without errors that were estimated; None: of the same.
+    """
+    judged = motions if seen is None else seen
     poses = motions.poses
     found = dict(found)
     with warnings.catch_warnings(record=True) as others:  # of progress itself, and what numpy says
@@ -163,7 +183,10 @@ def compare_rows(
     rows = [found[name] for name in names]
     base = next((found[name] for name in (reference, *names) if found[name].failure is None), None)
     common, own = _sorted_warnings(rows, base)
-    rows = [against(replace(row, warnings=own[row.method]), base) for row in rows]
+    rows = [
+        against(replace(row, warnings=own[row.method], residuals=row.residuals or _residuals(row, judged)), base)
+        for row in rows
+    ]
     result = Comparison(
         rows=tuple(rows),
         reference=None if base is None else base.method,
@@ -312,10 +335,13 @@ def _filled(row: Row, result: Calibration) -> Row:
         row,
         X=result.X,
         covariance=result.covariance,
-        residuals=result.residuals,
         converged=True,  # or it would have raised
         iterations=result.iterations,
     )
+
+
+def _residuals(row: Row, seen: Motions) -> Residuals | None:
+    return None if row.X is None else summarise(*residuals(seen.A, seen.B, row.X))
 
 
 def _without_covariance(
@@ -328,10 +354,9 @@ def _without_covariance(
         found = fit_published(motions, None, method.name, None, None)
         if not np.isfinite(found.X).all():
             raise ArithmeticError("the result holds numbers that are not finite.")
-        of_pairs = summarise(*residuals(motions.A, motions.B, found.X))
     except REFUSALS:
         return replace(row, failure=_said(error))
-    row = replace(row, X=found.X, residuals=of_pairs, converged=True, iterations=found.iterations)
+    row = replace(row, X=found.X, converged=True, iterations=found.iterations)
     return replace(row, warnings=(f"No covariance, hence no verdict: {_said(error)}",))
 
 
@@ -348,7 +373,6 @@ def _reached(row: Row, error: NotConvergedError, motions: Motions | None) -> Row
     return replace(
         row,
         X=partial.X,
-        residuals=summarise(*residuals(motions.A, motions.B, partial.X)),
         iterations=int(partial.iterations),
     )
 

@@ -10,7 +10,7 @@ import numpy as np
 from ..estimators import METHODS
 from ..poses.motions import relative_motions, spread_pairs
 from ..poses.pose_pairs import PosePairs
-from .compare import compare_rows
+from .compare import compare_rows, explained_motions
 from .result import Comparison
 from .row import Row
 
@@ -63,13 +63,22 @@ def compare_beside(result: Calibration) -> Compared:
         "",
         X=result.X,
         covariance=result.covariance,
-        residuals=result.residuals,
+        residuals=result.residuals if motions.N == result.residuals.pairs else None,
         warnings=result.warnings,
     )
     names, estimated = [base.method, *METHODS], result.noise_estimate is not None
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # those that matter are in the table
         found = compare_rows(
-            names, motions, noise, {base.method: base}, base.method, estimated, available, timed=False, progress=False
+            names,
+            motions,
+            noise,
+            {base.method: base},
+            base.method,
+            estimated,
+            available,
+            timed=False,
+            progress=False,
+            seen=explained_motions(result, motions),
         )
     return Compared(found, "", note)

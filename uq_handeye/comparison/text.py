@@ -65,7 +65,11 @@ _LEGEND = (
     ("DIFFERS", "outside of it: one of the two is biased, weights the data worse, or the noise is not as given"),
     ("UNDETERMINED", "the noise leaves X open to this method: standard deviations of first order mean nothing there"),
     ("1 sigma", "largest standard deviation over all directions, of the noise, to first order"),
-    ("residuals", "how well X explains the pairs, AX against XB; not how accurate X is"),
+    (
+        "residuals",
+        "how well X explains the pairs, AX against XB, less the shared errors that calibrate estimates; not how "
+        "accurate X is",
+    ),
     ("error (62)", "sqrt(sum |A X - X B|^2) / N, Frobenius norm, translations in m"),
     ("time", "of the estimate alone, without reading, pairs and covariance"),
 )

@@ -27,6 +27,7 @@ from ..posterior.rows import NewRows
 from ..prediction.predict import (
     NONE,
     Fresh,
+    RobotAhead,
     camera_at,
     fresh_of_camera,
     numbers_of_intrinsics,
@@ -94,13 +95,7 @@ def evidence_of_poses(
         raise InputError(f"Expected the new poses to be PosePairs of one data set, got {type(poses).__name__}.")
     if poses.setup != result.setup:
         raise InputError(f"Expected new poses of the setup {result.setup}, that of the calibration, got {poses.setup}.")
-    given = poses.joints if joints is None else joints
-    if result.kinematics is None:
-        ahead = robot_ahead(result, None, poses.robot)
-    else:
-        ahead = robot_ahead(result, given, poses.robot)
-    F_C, of_camera = _effects_on_camera(result, poses, ahead.poses)
-    camera = perturb(poses.camera, -(F_C @ posterior.estimate[:, None])[..., 0])
+    ahead, F_C, of_camera, camera = _corrected(result, poses, joints)
     constraint = OnPoses(ahead.poses, camera, poses.setup == "eye-to-hand")
     linear = constraint.linearise(Unknowns(result.X, result.W), constraint.first, constraint.second)
     D_G, D_C = linear.sides
@@ -146,6 +141,21 @@ def _require_same_camera(result: Calibrated, poses: PosePairs, same: Iterable[st
             "Expected another camera than that of the calibration, or its intrinsics: `same` (--same) names the camera "
             "as the same, and the new pictures were adjusted with intrinsics of their own."
         )
+
+
+def poses_less_shared_errors(result: Calibrated, poses: PosePairs) -> PosePairs:
+    """Poses of the rig of a calibration less the estimates of the errors that they share with its poses."""
+    ahead, _, _, camera = _corrected(result, poses, None)
+    return PosePairs(ahead.poses, camera, poses.setup)
+
+
+def _corrected(result: Calibrated, poses: PosePairs, joints: Any) -> tuple[RobotAhead, Array, Any, Array]:
+    """The robot poses corrected, what shared errors do to the camera poses, the noise of these, and they corrected."""
+    given = None if result.kinematics is None else poses.joints if joints is None else joints
+    ahead = robot_ahead(result, given, poses.robot)
+    F_C, of_camera = _effects_on_camera(result, poses, ahead.poses)
+    estimate = posterior_of(result).estimate
+    return ahead, F_C, of_camera, perturb(poses.camera, -(F_C @ estimate[:, None])[..., 0])
 
 
 def _effects_on_camera(result: Calibrated, poses: PosePairs, robot: Array) -> tuple[Array, Any]:

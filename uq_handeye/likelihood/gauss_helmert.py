@@ -33,6 +33,7 @@ from numpy.typing import NDArray
 from ..errors import DegenerateMotionError, InputError, NotConvergedError
 from ..geometry.checks import as_transforms
 from ..geometry.se3 import Array, left_jacobian, perturb
+from ..noise.joint_covariance import JointCovariance
 from ..noise.models import Noise, PairNoise, PoseNoise, is_joint, with_prior
 from ..noise.pose_prior import PosePrior
 from ..noise.square_roots import Covariance, Factor, cholesky_of, gram, joint_residuals, pulled, weighted, whiten
@@ -404,13 +405,28 @@ def corrected(fit: Fit, noise: Noise, first: Array, second: Array) -> tuple[Arra
 
     What is left of their noise is, to first order, uncorrelated with the residuals.
     """
-    factor, white = fit.factor, fit.white[0][..., None]
-    if fit.weights is not None and joint_residuals(fit.S):  # a wrong pose must not reach the others through their noise
-        factor = fit.weighted_factor
-        white = whiten(factor, fit.residual[..., None])
-    errors = _errors(fit.linear.sides, noise, factor, white)
+    errors = _errors(fit.linear.sides, noise, *_weighted_residuals(fit))
     one, other = (T if v is None else perturb(T, -v) for T, v in zip((first, second), errors, strict=True))
     return one, other
+
+
+def without_shared_errors(fit: Fit, noise: Noise, first: Array, second: Array) -> tuple[Array, Array] | None:
+    """The measured poses of both sides less the shared errors, ``F F^T D^T S^-1 residual``; None without any."""
+    shared = [S.shared if isinstance(S, JointCovariance) and S.shared.size else None for S in covariances_of(noise)]
+    if all(F is None for F in shared):
+        return None
+    pull = pulled(*_weighted_residuals(fit))
+    found: list[Array] = []
+    for T, D, F in zip((first, second), fit.linear.sides, shared, strict=True):
+        found.append(T if F is None else perturb(T, -F @ np.einsum("nkq,nk->q", F, (D.mT @ pull)[..., 0])))
+    return found[0], found[1]
+
+
+def _weighted_residuals(fit: Fit) -> tuple[Factor, Array]:
+    """The factor of the covariance of the residuals, and the residuals whitened by it."""
+    if fit.weights is not None and joint_residuals(fit.S):  # a wrong pose must not reach the others through their noise
+        return fit.weighted_factor, whiten(fit.weighted_factor, fit.residual[..., None])
+    return fit.factor, fit.white[0][..., None]
 
 
 def _last_places(constraint: Constraint, unknowns: Unknowns) -> Array:

@@ -142,7 +142,8 @@ def pair_table(result: Calibration) -> Table:
     """Residuals of the pairs."""
     r = result.residuals
     looked_at = "the" if r.pairs == result.n_pairs else f"{r.pairs:,} of the {result.n_pairs:,}"
-    caption = f"Residuals of AX = XB over {looked_at} pairs: how well X explains them, not how accurate it is"
+    less = ", less the estimated shared errors" if result.shared else ""
+    caption = f"Residuals of AX = XB over {looked_at} pairs{less}: how well X explains them, not how accurate it is"
     sizes = [
         ["rotation (deg)", *(fixed(_DEG * x) for x in (r.rotation_rms, r.rotation_median, r.rotation_max))],
         ["translation (mm)", *(fixed(_MM * x) for x in (r.translation_rms, r.translation_median, r.translation_max))],
