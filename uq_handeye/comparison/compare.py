@@ -134,7 +134,7 @@ def compare(
         used = _estimated(motions)
     checks = answers[0].checks if answers else ()
     seen = explained_motions(answers[0], motions) if answers else motions
-    if answers and answers[0].residuals.pairs == motions.N and answers[0].X is own.X:
+    if answers and answers[0].residuals.pairs == motions.N:
         own = replace(own, residuals=answers[0].residuals)
     estimated = noise is None and used is not None
     return compare_rows(

@@ -63,7 +63,7 @@ def compare_beside(result: Calibration) -> Compared:
         "",
         X=result.X,
         covariance=result.covariance,
-        residuals=result.residuals if motions.N == result.residuals.pairs else None,
+        residuals=result.residuals if result.residuals.pairs == motions.N else None,
         warnings=result.warnings,
     )
     names, estimated = [base.method, *METHODS], result.noise_estimate is not None
