@@ -152,7 +152,7 @@ def poses_less_shared_errors(result: Calibrated, poses: PosePairs) -> PosePairs:
 def _corrected(result: Calibrated, poses: PosePairs, joints: Any) -> tuple[RobotAhead, Array, Any, Array]:
     """The robot poses corrected, what shared errors do to the camera poses, the noise of these, and they corrected."""
     given = None if result.kinematics is None else poses.joints if joints is None else joints
-    ahead = robot_ahead(result, given, poses.robot)
+    ahead = robot_ahead(result, given, poses.robot, measured=True)
     F_C, of_camera = _effects_on_camera(result, poses, ahead.poses)
     estimate = posterior_of(result).estimate
     return ahead, F_C, of_camera, perturb(poses.camera, -(F_C @ estimate[:, None])[..., 0])

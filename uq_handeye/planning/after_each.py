@@ -20,10 +20,12 @@ from ..errors import DegenerateMotionError, InputError, NotConvergedError
 from ..geometry.se3 import Array, logarithm
 from ..likelihood.d2_distribution import Reference
 from ..noise.models import Noise, PoseNoise
+from ..poses.pose_pairs import PosePairs
 from ..shared_errors.shared_error import OF_ANY_POSES, SharedError
 from ..statement.accuracy import amounts, part_name
 from ..statement.tolerance import MET, Verdict, percent, probability_within
-from .plan import plan
+from .by_posterior import Known, Wanted
+from .plan import mean_distance, plan, plan_from
 
 # Share of the variance of X from which on the errors that all poses share are what limits it.
 LIMITS = 0.8
@@ -62,14 +64,19 @@ def next_pose(
     ``noise`` and ``shared`` are those that `calibrate` was given.
     """
     data = result.counted
-    if result.covariance is None or result.setup is None or data is None:
+    if result.covariance is None or not isinstance(data, PosePairs):
         return None
-    known = None if shared is None else [error for error in shared if error.name in OF_ANY_POSES]
     given = noise if isinstance(noise, PoseNoise) else None
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # they are those of the calibration
-            found = plan(data, k=1, noise=given, shared=known, sample=CANDIDATES, seed=seed)  # type: ignore[arg-type]
+            if result.posterior is not None and result.opened is None:
+                known = Known(result, data, result.noise_estimate is not None)
+                of = Wanted("trace", None, mean_distance(data))
+                found = plan_from(known, None, 1, of, sample=CANDIDATES, seed=seed)
+            else:
+                errors = None if shared is None else [error for error in shared if error.name in OF_ANY_POSES]
+                found = plan(data, k=1, noise=given, shared=errors, sample=CANDIDATES, seed=seed)
     except (InputError, NotConvergedError):
         return None
     if result.opened is not None or found.length is None:

@@ -1,13 +1,8 @@
 r"""Planning in joints: the next poses of an arm whose kinematics are wrong.
 
-X, W and the errors e of the arm are unknowns together (`prediction`): their joint posterior P from the poses so far has
-the information ``P^-1``, and a pose at joints q adds ``B^T B``, ``B = L^-1 A(q)``, with the derivatives A of the camera
-pose that will be measured there by all of them, and ``L L^T`` its own noise. Criterion ``prediction`` is the mean
-squared error (m^2) of where the camera would see the target at the task postures,
-
-    tr(Q Sigma),    Q = mean over the task of  A_t(q)^T A_t(q),    A_t the rows of the translation.
-
-That is free of the choice of base and flange (K2): it is the error with which something seen now is found elsewhere.
+X, W and the errors e of the arm are unknowns together, and poses are chosen by their joint posterior (`by_posterior`).
+The criterion ``prediction`` is free of the choice of base and flange (K2): it is the error with which something seen
+now is found elsewhere.
 
 *Candidates* are joints inside the limits. Camera poses are drawn as in `candidates`, without a box, and the arm is
 brought there by inverse kinematics (`kinematics.inverse`), half of the draws from near the joints so far, half from
@@ -17,7 +12,7 @@ is the arm itself in its way.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -32,13 +27,11 @@ from ..kinematics.gravity import spread_postures
 from ..kinematics.inverse import postures_at
 from ..kinematics.joint import PRISMATIC
 from ..poses.pose_pairs import PosePairs
-from ..posterior.selection import weight_of_X
 from ..prediction.predict import CameraAhead, camera_ahead
-from .by_posterior import chosen_by, noise_of_new
-from .candidates import draw_camera_poses, require_choice, require_number, robot_of
+from .by_posterior import PREDICTION, Known, Wanted, joint_fields, planned
+from .candidates import draw_camera_poses, require_number, robot_of
 from .result import Plan
 
-PREDICTION = "prediction"
 # Postures of the task where none are given.
 TASK = 200
 # Candidates start from joints so far, moved by this (rad, m); and are drawn so many times as often as asked for.
@@ -48,83 +41,41 @@ DRAWS = 20
 DRAWN_AT_ONCE = 2_000
 
 
-class Wanted(NamedTuple):
-    """Quantity to minimise."""
-
-    criterion: str
-    point: Array | None  # (3,) m
-    length: float | None  # m
-    task: Any  # (t, L) joints, or None
-
-
-class SoFar(NamedTuple):
-    """Information from the poses so far."""
-
-    data: PosePairs
-    joints: Array  # (n, L)
-    chain: Kinematics
-    result: Calibration
-    noise_estimated: bool
-
-
 def plan_by_joints(
-    known: SoFar,
+    data: PosePairs,
+    chain: Kinematics,
+    options: dict[str, Any],
     candidates: Any,
     k: int,
     of: Wanted,
+    task: Any,
     sample: int,
     seed: int | np.random.Generator,
     repeat: bool,
 ) -> Plan:
-    """See `plan`."""
-    data, chain, result = known.data, known.chain, known.result
-    assert result.posterior is not None and result.W is not None and result.setup is not None
-    e = None if result.kinematics is None else result.kinematics.e
+    """See `plan`; ``options`` are those of `calibrate`."""
+    result, joints = _so_far(data, chain, options)
+    assert result.W is not None
+    fitted = result.kinematics
     q = (
-        sample_joints(data, chain, known.joints, result.X, result.W, sample, e=e, seed=seed)
+        sample_joints(
+            data, chain, joints, result.X, result.W, sample, e=None if fitted is None else fitted.e, seed=seed
+        )
         if candidates is None
         else _inside(chain, candidates, "candidates")
     )
-    require_choice(len(q), k, repeat)
-    ahead = _ahead(result, chain, q)
-    at_task = (
-        spread_postures(chain.limits, _revolute(chain), TASK) if of.task is None else _inside(chain, of.task, "task")
-    )
-    Q = None
+    more = joint_fields(chain, 0.0 if fitted is None else fitted.joint_noise)
     if of.criterion == PREDICTION:
-        A = _ahead(result, chain, at_task).columns[:, 3:]
-        Q = np.einsum("tri,trj->ij", A, A) / len(A)
-    elif of.criterion != "logdet":
-        Q = weight_of_X(result.X, of.point, of.length)
-    chosen, covariances, values = chosen_by(result, ahead, k, Q, repeat)
-    return Plan(
-        chosen=chosen,
-        robot=ahead.robot[chosen],
-        camera=ahead.poses[chosen],
-        covariance_before=covariances[0],
-        covariances=covariances[1:],
-        criterion=of.criterion,
-        criterion_before=float(values[0]),
-        criterion_values=values[1:],
-        length=of.length,
-        point=of.point,
-        X=result.X,
-        W=result.W,
-        setup=result.setup,
-        n_poses=data.n,
-        n_candidates=len(q),
-        sampled=candidates is None,
-        noise=noise_of_new(result),
-        noise_estimated=known.noise_estimated,
-        open_directions=np.zeros((0, 6)),
-        shared=tuple(dict.fromkeys(error.error for error in result.shared)),
-        joints=q[chosen],
-        joint_names=chain.names,
-        joint_units=tuple(joint.unit for joint in chain.joints),
-        joint_noise=0.0 if result.kinematics is None else result.kinematics.joint_noise,
-        task=at_task if of.criterion == PREDICTION else None,
-        task_given=of.task is not None,
-    )
+        at_task = (
+            spread_postures(chain.limits, _revolute(chain), TASK) if task is None else _inside(chain, task, "task")
+        )
+        of = of._replace(task=_ahead(result, chain, at_task))
+        more["task"] = at_task
+    known = Known(result, data, options["noise"] is None)
+    return planned(
+        known, _ahead(result, chain, q), k, of, sampled=candidates is None, repeat=repeat, joints=q,
+        task_given=task is not None, **more,
+    )  # fmt: skip
 
 
 def sample_joints(
@@ -169,8 +120,8 @@ def sample_joints(
     return np.concatenate(found)
 
 
-def so_far_by_joints(data: PosePairs, chain: Kinematics, options: dict[str, Any]) -> SoFar:
-    """X, W and the errors of the arm from the poses so far; ``options`` are those of `calibrate`."""
+def _so_far(data: PosePairs, chain: Kinematics, options: dict[str, Any]) -> tuple[Calibration, Array]:
+    """X, W and the errors of the arm from the poses so far, and their joints."""
     advice = "Take more poses, with rotations about other axes, or plan them without joints."
     try:
         result = calibrate(data, kinematics=chain, **options)
@@ -179,11 +130,9 @@ def so_far_by_joints(data: PosePairs, chain: Kinematics, options: dict[str, Any]
     if result.posterior is None or result.W is None:
         raise InputError(f"The poses so far leave a part of X open, or fit exactly. {advice}")
     if result.kinematics is not None:
-        joints = result.kinematics.joints
-    else:
-        given = data.joints if options["joints"] is None else options["joints"]
-        joints = joints_by_poses(chain, data) if given is None else as_numbers(given, "joints")
-    return SoFar(data, joints, chain, result, options["noise"] is None)
+        return result, result.kinematics.joints
+    given = data.joints if options["joints"] is None else options["joints"]
+    return result, joints_by_poses(chain, data) if given is None else as_numbers(given, "joints")
 
 
 def _ahead(result: Calibration, chain: Kinematics, q: Array) -> CameraAhead:

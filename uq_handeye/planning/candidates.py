@@ -101,11 +101,6 @@ def require_choice(count: int, k: int, repeat: bool) -> None:
         )
 
 
-def predicted_camera(robot: Array, X: Array, W: Array, setup: str) -> Array:
-    """``C = inv(X) inv(G) W`` (m, 4, 4), what the camera would see from the robot poses (m, 4, 4)."""
-    return np.asarray(inverse(X) @ (robot if setup == "eye-to-hand" else inverse(robot)) @ W)
-
-
 def robot_of(camera: Array, X: Array, W: Array, setup: str) -> Array:
     """``W inv(C) inv(X)``, inverted for eye-to-hand."""
     G_inverse = X @ camera @ inverse(W)

@@ -1,17 +1,14 @@
 r"""Planning: which poses to take next, and what they would bring.
 
-Model (`constraint`, T5): the errors of pose i reach X and W through the residual of ``G X C = W``, so that its
-information about ``(xi_X, xi_W)`` is ``J_i^T S_i^-1 J_i``. Poses yet to be taken have independent errors, and all that
-the information asks of them is where they are: for a robot pose G the camera will see ``C = inv(X) inv(G) W`` (G
-inverted for eye-to-hand). To first order the covariance after the poses c is therefore known beforehand,
+Model: the calibration of the poses so far has a joint posterior of X, W and all errors that poses share, and a pose yet
+to be taken adds information about all of them that depends on where it is only (`by_posterior`): for a robot pose G the
+camera will see ``C = inv(X) inv(G) W`` (G inverted for eye-to-hand). To first order the covariance after the poses c is
+therefore known beforehand,
 
-    Sigma(c) = ( I_so_far + sum_(j in c) B_j^T B_j )^-1,    B_j = L_j^-1 J_j (6x12),    S_j = L_j L_j^T,
+    Sigma(c) = ( P^-1 + sum_(j in c) B_j^T B_j )^-1
 
-The camera that saw the poses so far will see the next, with the intrinsics it was calibrated with: their errors are
-further unknowns too, with the columns ``D_C G T`` at the poses to come (`CameraCalibration.shared_ahead`).
-
-*Shared errors* (T10) are further unknowns z with the prior N(0, I): J becomes ``[J, D F]``, new poses have the columns
-of where they will be seen, and what is known so far is an identity more. More poses do not average them out.
+P is what `calibrate` states of the same poses. Errors that all poses share, those of the camera's intrinsics among
+them, are not averaged out by more poses.
 
 The block of X is what the plan shows: errors ``(theta, tau)``, rad and m, parent frame of X. Three criteria, each
 to be made small:
@@ -31,6 +28,7 @@ Poses that leave a part of X open (parallel axes, pure translations) can be plan
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from typing import Any
 
@@ -45,31 +43,18 @@ from ..geometry.checks import as_transforms
 from ..geometry.se3 import Array
 from ..kinematics.chain import Kinematics
 from ..kinematics.kinematic_errors import KinematicErrors
-from ..likelihood.constraint import Linearised, OnPoses, constraint_of, residual_covariance
-from ..likelihood.gauss_helmert import efficient
 from ..noise.estimate import NoisePrior
 from ..noise.joint_covariance import JointCovariance
-from ..noise.models import PoseNoise, is_joint, marginals
-from ..noise.square_roots import cholesky_of, gram, whiten
+from ..noise.models import PoseNoise, is_joint
 from ..poses.pose_pairs import PosePairs
-from ..poses.timing import SIDES, warn_left_out
-from ..posterior.selection import select, weight_of_X
-from ..prediction.predict import camera_ahead, camera_at
-from ..shared_errors.shared_error import (
-    CLOCK_OFFSET,
-    OF_ANY_POSES,
-    SharedError,
-    assumed_drift,
-    checked_errors,
-    replace_defaults,
-    settled_errors,
-    without_shared,
-)
-from .by_joints import PREDICTION, Wanted, plan_by_joints, so_far_by_joints
-from .by_posterior import chosen_by, noise_of_new
-from .candidates import predicted_camera, require_choice, sample_candidates
-from .result import FORMS, Plan
-from .weak_prior import so_far
+from ..poses.timing import warn_left_out
+from ..prediction.predict import camera_ahead
+from ..shared_errors.shared_error import OF_ANY_POSES, SharedError, checked_errors
+from .by_joints import plan_by_joints
+from .by_posterior import PREDICTION, Known, Wanted, planned
+from .candidates import sample_candidates
+from .result import Plan
+from .weak_prior import OPEN, WeaklyKnown
 
 CRITERIA = ("trace", "logdet", "point")
 GIVE = "Give `noise` (--robot-noise and --camera-noise, or --noise)."
@@ -155,11 +140,10 @@ def plan(
     warn_left_out("plan()", data)
     require_integer("k", k, 1)
     if kinematics is not None:
-        options = {"noise": noise, "prior": prior, "shared": shared, "joints": joints}
-        known = so_far_by_joints(data, kinematics, options | {"kinematic_errors": kinematic_errors})
-        criterion = criterion or PREDICTION
-        of = Wanted(criterion, *_target(data, criterion, point, length), task)
-        return plan_by_joints(known, candidates, k, of, sample, seed, repeat)
+        options: dict[str, Any] = {"noise": noise, "prior": prior, "shared": shared, "joints": joints}
+        options["kinematic_errors"] = kinematic_errors
+        of = _wanted(data, criterion or PREDICTION, point, length)
+        return plan_by_joints(data, kinematics, options, candidates, k, of, task, sample, seed, repeat)
     if criterion == PREDICTION or any(given is not None for given in (joints, kinematic_errors, task)):
         raise InputError(
             "Expected `kinematics` (Kinematics.from_urdf) beside joints, kinematic errors, task and criterion "
@@ -167,100 +151,30 @@ def plan(
         )
     if noise is not None and prior is not None:
         raise InputError("Give either `noise` or, for noise that is to be estimated, a `prior`; not both.")
-    criterion = criterion or "trace"
-    estimated = noise is None
-    if shared is not None:
-        shared = tuple(error for error in checked_errors(shared, data) if not error.is_exact)
-        if own := [error.name for error in shared if error.name not in OF_ANY_POSES]:
-            raise InputError(f"Expected `shared` without {own[0]!r}: what it does to new poses is not known.")
-    errors = tuple(error.bound(data) for error in shared or ())
-    if noise is None:
-        result = _calibrated(data, shared, prior)
-        if result.posterior is not None:
-            wanted = criterion, *_target(data, criterion, point, length)
-            return _by_posterior(result, data, candidates, k, wanted, sample, seed, repeat)
-        data, noise, errors = _estimated_noise(result, data, shared)
-    elif isinstance(noise, PoseNoise) and not (
-        isinstance(noise.robot, JointCovariance) and noise.robot.shared.shape[-1]
-    ):
-        noise = _of_each_pose(noise)  # of a drift
-    intrinsics, seen = np.zeros((data.n, 6, 0)), data.camera_calibration
-    if isinstance(noise, PoseNoise) and data.camera_covariance is not None:
-        S = data.camera_covariance if noise.camera is None else noise.camera
-        noise = PoseNoise(noise.robot, marginals(S), prior=noise.prior)
-    if seen is not None and isinstance(noise, PoseNoise):
-        if noise.camera is None:
-            noise = PoseNoise(noise.robot, seen.covariance, prior=noise.prior)
-        noise, intrinsics = _without_intrinsics(noise, intrinsics)
-    target, distance = _target(data, criterion, point, length)
-    constraint = constraint_of(data, noise)
-    if not isinstance(constraint, OnPoses):
-        raise InputError("Expected PoseNoise: planning needs the noise of poses.")
-    of_new = _noise_of_new(noise)
-
-    at, information, open_directions = so_far(data, noise)
-    if intrinsics.shape[-1] and not len(open_directions):  # X is far better known by what the poses share
-        assert noise.camera is not None
-        camera_noise = JointCovariance(np.broadcast_to(noise.camera, (data.n, 6, 6)), intrinsics)
-        at = efficient(data, PoseNoise(noise.robot, camera_noise, prior=noise.prior)).unknowns
-        before = constraint.linearise(at, constraint.first, constraint.second)
-        information = gram(whiten(cholesky_of(residual_covariance(before.sides, noise)), before.J))
-        if noise.prior is not None:
-            information = information + noise.prior.normal_equations(at.X, at.W)[0]
-    assert at.W is not None
-    robot = _candidates(candidates, data, at.X, at.W, sample, seed)
-    require_choice(len(robot), k, repeat)
-    camera = predicted_camera(robot, at.X, at.W, data.setup)
-    if errors or intrinsics.shape[-1]:
-        before = constraint.linearise(at, constraint.first, constraint.second)
-        F = _white_columns(before, noise, errors, data, intrinsics)
-        J = whiten(cholesky_of(residual_covariance(before.sides, noise)), before.J)
-        across = np.einsum("nri,nrj->ij", J, F)
-        information = np.block([[information, across], [across.T, np.eye(F.shape[-1]) + gram(F)]])
-    linear = OnPoses(robot, camera, constraint.inverted).linearise(at, robot, camera)
-    rows = whiten(cholesky_of(residual_covariance(linear.sides, of_new)), linear.J)
-    if errors or intrinsics.shape[-1]:
-        new = PosePairs(robot, camera, data.setup)
-        ahead = np.zeros((len(robot), 6, 0)) if seen is None else seen.shared_ahead(camera, intrinsics)
-        rows = np.concatenate([rows, _white_columns(linear, of_new, errors, new, ahead)], axis=-1)
-
-    Q = None if criterion == "logdet" else weight_of_X(at.X, target, distance)
-    chosen, covariances, values = select(information, rows, k, Q, repeat)
-    return Plan(
-        chosen=chosen,
-        robot=robot[chosen],
-        camera=camera[chosen],
-        covariance_before=covariances[0],
-        covariances=covariances[1:],
-        criterion=criterion,
-        criterion_before=float(values[0]),
-        criterion_values=values[1:],
-        length=distance,
-        point=target,
-        X=at.X,
-        W=at.W,
-        setup=data.setup,
-        n_poses=data.n,
-        n_candidates=len(robot),
-        sampled=candidates is None,
-        noise=of_new,
-        noise_estimated=estimated,
-        open_directions=open_directions,
-        shared=tuple(error.name for error in errors),
-        form=_form_of(data),
-    )
+    of = _wanted(data, criterion or "trace", point, length)
+    return plan_from(_so_far(data, noise, shared, prior), candidates, k, of, sample=sample, seed=seed, repeat=repeat)
 
 
-def _form_of(data: PosePairs) -> str | None:
-    """Return the format in which the robot poses were read, if poses can be written in it."""
-    format = data.sources[0].format if data.sources else ""
-    return format if format in FORMS else None
+def plan_from(
+    known: Known,
+    candidates: Any,
+    k: int,
+    of: Wanted,
+    *,
+    sample: int = 200,
+    seed: int | np.random.Generator = 0,
+    repeat: bool = False,
+) -> Plan:
+    """See `plan`: from what is known already."""
+    result = known.result
+    assert result.W is not None
+    robot = _candidates(candidates, known.data, result.X, result.W, sample, seed)
+    ahead = camera_ahead(result, robot=robot)
+    return planned(known, ahead, k, of, sampled=candidates is None, repeat=repeat)
 
 
-def _target(
-    data: PosePairs, criterion: str, point: Any, length: str | float | None
-) -> tuple[Array | None, float | None]:
-    """Point and length of the criterion, checked."""
+def _wanted(data: PosePairs, criterion: str, point: Any, length: str | float | None) -> Wanted:
+    """The criterion with its point or length, checked."""
     if criterion not in (*CRITERIA, PREDICTION):
         raise InputError(f"Expected `criterion` to be one of {', '.join((*CRITERIA, PREDICTION))}, got {criterion!r}.")
     if (point is not None) != (criterion == "point"):
@@ -273,85 +187,54 @@ def _target(
     if criterion == "point":
         if isinstance(point, str) or np.shape(point) != (3,):
             raise InputError(f"Expected `point` to be x, y, z in camera coordinates, got {point!r}.")
-        return np.array([parse_length(x, "`point`") for x in point]), None
+        return Wanted(criterion, np.array([parse_length(x, "`point`") for x in point]), None)
     if criterion in ("logdet", PREDICTION):
-        return None, None
+        return Wanted(criterion, None, None)
     if length is None:
-        return None, float(np.sqrt(np.mean(np.sum(data.camera[:, :3, 3] ** 2, axis=-1))))
+        return Wanted(criterion, None, mean_distance(data))
     distance = parse_length(length, "`length`")
     if distance <= 0:
         raise InputError(f"Expected `length` to be above 0, got {length!r}.")
-    return None, distance
+    return Wanted(criterion, None, distance)
 
 
-def _white_columns(
-    linear: Linearised, noise: PoseNoise, errors: tuple[SharedError, ...], poses: PosePairs, intrinsics: Array
-) -> Array:
-    """(n, 6, q) what one standard deviation of each shared error does to the whitened residuals of these poses.
-
-    ``intrinsics`` (n, 6, k): what those of the camera do to its poses.
-    """
-    f = [linear.sides[1] @ intrinsics]
-    for error in errors:
-        if error.name == CLOCK_OFFSET and poses.timestamps is None:  # the robot stands still
-            f.append(np.zeros((poses.n, 6, 1)))
-        else:
-            f.append(linear.sides[SIDES.index(error.side)] @ (error.at(poses) * error.sd))
-    return whiten(cholesky_of(residual_covariance(linear.sides, noise)), np.concatenate(f, axis=-1))
+def mean_distance(data: PosePairs) -> float:
+    """Root mean square distance (m) from camera to target."""
+    return float(np.sqrt(np.mean(np.sum(data.camera[:, :3, 3] ** 2, axis=-1))))
 
 
-def _calibrated(data: PosePairs, shared: Sequence[SharedError] | None, prior: NoisePrior | None) -> Calibration:
-    """The calibration of the poses so far, which warns of those left out; raises `InputError` where there is none."""
-    try:
-        return calibrate(data, shared=shared, prior=prior)
-    except (DegenerateMotionError, NotConvergedError) as error:
-        raise InputError(
-            f"The noise cannot be estimated from the poses so far, which may leave a part of X open. {GIVE}"
-        ) from error
-
-
-def _by_posterior(
-    result: Calibration,
-    data: PosePairs,
-    candidates: Any,
-    k: int,
-    of: tuple[str, Array | None, float | None],
-    sample: int,
-    seed: int | np.random.Generator,
-    repeat: bool,
-) -> Plan:
-    """The plan by what the calibration knows (`by_posterior`)."""
-    assert result.W is not None
-    criterion, target, distance = of
-    kept = data if result.table is None else data.rows(np.flatnonzero(result.table.weight > 0))
-    robot = _candidates(candidates, kept, result.X, result.W, sample, seed)
-    require_choice(len(robot), k, repeat)
-    ahead = camera_ahead(result, robot=robot)
-    Q = None if criterion == "logdet" else weight_of_X(result.X, target, distance)
-    chosen, covariances, values = chosen_by(result, ahead, k, Q, repeat)
-    return Plan(
-        chosen=chosen,
-        robot=robot[chosen],
-        camera=camera_at(result, robot)[chosen],
-        covariance_before=covariances[0],
-        covariances=covariances[1:],
-        criterion=criterion,
-        criterion_before=float(values[0]),
-        criterion_values=values[1:],
-        length=distance,
-        point=target,
-        X=result.X,
-        W=result.W,
-        setup=data.setup,
-        n_poses=kept.n,
-        n_candidates=len(robot),
-        sampled=candidates is None,
-        noise=noise_of_new(result),
-        noise_estimated=True,
-        open_directions=np.zeros((0, 6)),
-        shared=tuple(dict.fromkeys(error.error for error in result.shared)),
-        form=_form_of(data),
-    )
+def _so_far(
+    data: PosePairs, noise: PoseNoise | None, shared: Sequence[SharedError] | None, prior: NoisePrior | None
+) -> Known:
+    """The calibration of the poses so far, or X and W with a weak prior where these leave a part open."""
+    if noise is not None:
+        _require_noise_of_poses(noise)
+    if shared is not None:
+        shared = tuple(error for error in checked_errors(shared, data) if not error.is_exact)
+        if own := [error.name for error in shared if error.name not in OF_ANY_POSES]:
+            raise InputError(f"Expected `shared` without {own[0]!r}: what it does to new poses is not known.")
+    result = None
+    with warnings.catch_warnings(record=True) as said:  # of a part that is open the plan speaks itself
+        warnings.simplefilter("always")
+        try:
+            result = calibrate(data, noise=noise, shared=shared, prior=prior)
+        except (DegenerateMotionError, NotConvergedError) as error:
+            if noise is None:
+                raise InputError(
+                    f"The noise cannot be estimated from the poses so far, which may leave a part of X open. {GIVE}"
+                ) from error
+    kept = np.arange(data.n)
+    if result is not None and result.table is not None:
+        kept = np.flatnonzero(np.asarray(result.table.weight) > 0)
+    if result is not None and _is_determined(result):
+        for one in said if noise is None else ():
+            warnings.warn(one.message, stacklevel=3)
+        return Known(result, data.rows(kept), noise is None)
+    of_each = _of_each_pose(noise, data) if result is None or noise is not None else result.noise
+    if not isinstance(of_each, PoseNoise):
+        raise InputError(f"The noise cannot be estimated from poses that fit exactly. {GIVE}")
+    found = WeaklyKnown.of(data.rows(kept), _of_each_pose(of_each, data).rows(kept))
+    return Known(found, found.data, noise is None, found.open_directions)
 
 
 def _candidates(given: Any, data: PosePairs, X: Array, W: Array, sample: int, seed: int | np.random.Generator) -> Array:
@@ -364,47 +247,32 @@ def _candidates(given: Any, data: PosePairs, X: Array, W: Array, sample: int, se
     return robot
 
 
-def _estimated_noise(
-    result: Calibration, data: PosePairs, shared: Sequence[SharedError] | None
-) -> tuple[PosePairs, PoseNoise, tuple[SharedError, ...]]:
-    """Noise and shared errors of a calibration that leaves a part open, and the poses that it keeps."""
-    every, noise, kept = data, result.noise, np.arange(data.n)
-    if result.table is not None and result.table.rejected:
-        kept = np.flatnonzero(result.table.weight > 0)
-        data = data.rows(kept)
-    if not isinstance(noise, PoseNoise):
-        raise InputError(f"The noise cannot be estimated from poses that fit exactly. {GIVE}")
-    listed = replace_defaults((), every.camera_known) if shared is None else shared
-    errors = settled_errors(listed, {found.name: found.prior_sd for found in result.shared}, every)
-    noise = without_shared(noise, (*errors, *assumed_drift(every)))  # a drift so far says nothing about new poses
-    return data, _of_each_pose(noise).rows(kept), errors
+def _is_determined(result: Calibration) -> bool:
+    """Return whether no direction of X is less certain than `OPEN`."""
+    if result.posterior is None or result.opened is not None:
+        return False
+    return bool(np.linalg.eigvalsh(result.posterior.covariance[:6, :6])[-1] <= OPEN**2)
 
 
-def _of_each_pose(noise: PoseNoise) -> PoseNoise:
-    """Return the marginals without what neighbours have in common, which says nothing about new poses."""
-    sides = []
-    for S in (noise.robot, noise.camera):
-        if isinstance(S, JointCovariance):
-            S = S if S.shared.shape[-1] else S.own
-        sides.append(S)
+def _of_each_pose(noise: PoseNoise | None, data: PosePairs) -> PoseNoise:
+    """Return the noise of each pose without what poses share, which a weak prior hides."""
+    assert noise is not None
+    seen, known = data.camera_calibration, data.camera_covariance
+    camera = noise.camera
+    if camera is None and (seen is not None or known is not None):
+        camera = known if seen is None else seen.covariance
+    sides = (S.own if isinstance(S, JointCovariance) else S for S in (noise.robot, camera))
     return PoseNoise(*sides, prior=noise.prior)
 
 
-def _without_intrinsics(noise: PoseNoise, none: Array) -> tuple[PoseNoise, Array]:
-    """The noise of each pose, and what errors of the intrinsics do to the camera poses so far (n, 6, q)."""
-    if not isinstance(noise.camera, JointCovariance):
-        return noise, none
-    return PoseNoise(noise.robot, noise.camera.own, prior=noise.prior), noise.camera.shared
-
-
-def _noise_of_new(noise: PoseNoise) -> PoseNoise:
-    """6x6: the noise of each new pose, the mean of those so far."""
+def _require_noise_of_poses(noise: PoseNoise) -> None:
+    """Raise `InputError` for noise that says nothing of new poses."""
+    if not isinstance(noise, PoseNoise):
+        raise InputError(f"Expected PoseNoise, got {type(noise).__name__}: planning needs the noise of poses.")
     for name, covariance in (("robot", noise.robot), ("camera", noise.camera)):
-        if covariance is not None and is_joint(covariance):
+        if covariance is not None and not isinstance(covariance, JointCovariance) and is_joint(covariance):
             raise InputError(
                 f"Expected the covariance `{name}` to be (6, 6) or (n, 6, 6), got the joint one of all poses so far, "
                 "which does not say how new poses share their errors. For a plan as if they did not, give its 6x6 "
                 "blocks, uq_handeye.noise.models.marginals(...)."
             )
-    robot, camera = (None if S is None else S.reshape(-1, 6, 6).mean(axis=0) for S in (noise.robot, noise.camera))
-    return PoseNoise(robot, camera)

@@ -16,6 +16,8 @@ started it from a wrong X.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from scipy.spatial.transform import Rotation
 
@@ -23,9 +25,12 @@ from ..errors import DegenerateMotionError
 from ..geometry.se3 import Array
 from ..likelihood.constraint import OnPoses, Unknowns, residual_covariance
 from ..likelihood.gauss_helmert import efficient
+from ..likelihood.shared_estimates import SharedEstimate
 from ..noise.models import PoseNoise
 from ..noise.square_roots import cholesky_of, gram, whiten
 from ..poses.pose_pairs import PosePairs
+from ..posterior.posterior import Posterior
+from ..posterior.selection import covariance_of
 from ..propagation.published_fit import mean_target
 
 # Standard deviations per axis, rad and m.
@@ -38,6 +43,39 @@ _STEPS = 25
 _LONGEST = 0.5
 # Root mean square residual over its noise that 4DPA is trusted with; a wrong X shows far more, wrong noise costs time.
 _LARGE_RESIDUAL = 3.0
+
+
+@dataclass(frozen=True, eq=False)
+class WeaklyKnown:
+    """X and W with the weak prior where the poses leave them open, in the place of a calibration."""
+
+    X: Array
+    W: Array
+    noise: PoseNoise
+    posterior: Posterior
+    data: PosePairs
+    open_directions: Array  # (r, 6)
+    kinematics: None = None
+    opened: None = None
+    shared: tuple[SharedEstimate, ...] = ()
+
+    @property
+    def setup(self) -> str:
+        """That of the poses."""
+        return self.data.setup
+
+    @property
+    def counted(self) -> PosePairs:
+        """All poses."""
+        return self.data
+
+    @classmethod
+    def of(cls, data: PosePairs, noise: PoseNoise) -> WeaklyKnown:
+        """Raises `InputError` for noise that does not fit."""
+        at, information, directions = so_far(data, noise)
+        assert at.W is not None
+        posterior = Posterior((), np.zeros(0), covariance_of(information))
+        return cls(at.X, at.W, noise, posterior, data, directions)
 
 
 def so_far(data: PosePairs, noise: PoseNoise) -> tuple[Unknowns, Array, Array]:

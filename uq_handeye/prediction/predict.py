@@ -278,8 +278,11 @@ def tip_at(ahead: RobotAhead, tool: Any) -> InBase:
     return InBase(lever + ahead.poses[..., :3, 3], by_all, by_G @ (ahead.noise + ahead.unseen) @ by_G.mT)
 
 
-def robot_ahead(result: Predicting, joints: Any, robot: Any) -> RobotAhead:
-    """Poses by joints, corrected by the estimates, or as the controller gives them; raises `InputError`."""
+def robot_ahead(result: Predicting, joints: Any, robot: Any, measured: bool = False) -> RobotAhead:
+    """Poses by joints, corrected by the estimates, or as the controller gives them; raises `InputError`.
+
+    ``measured``: with the noise of new measurements beside them (`BoundPopulation.unseen`).
+    """
     posterior, fitted = _posterior(result), result.kinematics
     if joints is None and robot is None:
         raise InputError("Expected `joints` of the robot, or `robot`, its poses.")
@@ -315,7 +318,7 @@ def robot_ahead(result: Predicting, joints: Any, robot: Any) -> RobotAhead:
     flat = G.reshape(-1, 4, 4)
     more = shared_effects(result, "robot", flat, np.broadcast_to(np.eye(4), flat.shape))
     G = perturb(flat, -(more @ posterior.estimate[:, None])[..., 0]).reshape(G.shape)
-    unseen = rest_of_robot(result, flat).reshape(*G.shape[:-2], 6, 6)
+    unseen = rest_of_robot(result, flat, measured and bool(posterior.noise)).reshape(*G.shape[:-2], 6, 6)
     return RobotAhead(G, columns + more.reshape(columns.shape), _fresh_of_robot(result, G, of_joints), unseen)
 
 
@@ -409,12 +412,12 @@ def reach_stated(result: Predicting) -> float | None:
     return next((error.accuracy.reach for error in result.shared if error.accuracy is not None), None)
 
 
-def rest_of_robot(result: Predicting, robot: Array) -> Array:
+def rest_of_robot(result: Predicting, robot: Array, measured: bool = False) -> Array:
     """(m, 6, 6) what the robot's errors at the poses of the calibration leave of those at other poses."""
     sd = next((error.prior_sd for error in result.shared if error.error == ROBOT_ACCURACY), 0.0)
     for error in errors_of_poses(result):
         if error.unseen is not None:
-            return sd**2 * error.unseen(PosePairs(robot, np.broadcast_to(np.eye(4), robot.shape)))
+            return sd**2 * error.unseen(PosePairs(robot, np.broadcast_to(np.eye(4), robot.shape)), measured)
     return np.zeros((len(robot), 6, 6))
 
 

@@ -167,22 +167,32 @@ class BoundPopulation(ReadOnlyArrays):
         """K (n, 6, m) at poses ``robot`` (n, 4, 4)."""
         return self._unscaled(self._rows_at(robot) @ self.basis)
 
-    def unseen(self, robot: Array) -> Array:
+    def unseen(self, robot: Array, measured: bool = False) -> Array:
         """(n, 6, 6) covariance that z leaves of other poses (n, 4, 4), a share of whose variance is unknown again.
 
         The share is ``UNSEEN^2 (1 - rho^2)^STEEP``, rho the correlation ``exp(-d^2 / 2)`` with the nearest pose of the
-        data: 0 at these. What is wrong with the geometries is smooth, and known where it was seen.
+        data: 0 at these. What is wrong with the geometries is smooth, and known where it was seen. ``measured``: beside
+        noise that was estimated from the data, which holds what is unknown again of a pose that is as far from the
+        others as the poses of the data are from each other; only what is above that of nine of ten is left.
         """
         rows = self._rows_at(robot)
-        share = 1.0 + UNSEEN**2 * (1.0 - np.exp(-self._apart(robot))) ** STEEP
-        return _left(self._unscaled(rows), self._unscaled(rows @ self.basis), share[:, None, None])
+        share = self._unknown_again(self._apart(robot))
+        if measured:
+            others = [self._unknown_again(self._apart(self.robot[[k]], k)) for k in range(len(self.robot))]
+            share = np.maximum(share - np.quantile(others, 0.9), 0.0)
+        return _left(self._unscaled(rows), self._unscaled(rows @ self.basis), (1.0 + share)[:, None, None])
 
-    def _apart(self, robot: Array) -> Array:
+    @staticmethod
+    def _unknown_again(apart: Array) -> Array:
+        return np.asarray(UNSEEN**2 * (1.0 - np.exp(-apart)) ** STEEP)
+
+    def _apart(self, robot: Array, without: int | None = None) -> Array:
         """(n,) squared distance d^2 of poses from the nearest of the data, in units of `NEAR_TIP` and `NEAR_TURN`."""
         found = np.empty(len(robot))
+        data = self.robot if without is None else np.delete(self.robot, without, axis=0)
         for k, pose in enumerate(np.asarray(robot, dtype=float)):
-            tips = np.sum((self.robot[:, :3, 3] - pose[:3, 3]) ** 2, axis=-1) / (NEAR_TIP * self.reach) ** 2
-            cosine = 0.5 * (np.einsum("nij,ij->n", self.robot[:, :3, :3], pose[:3, :3]) - 1.0)
+            tips = np.sum((data[:, :3, 3] - pose[:3, 3]) ** 2, axis=-1) / (NEAR_TIP * self.reach) ** 2
+            cosine = 0.5 * (np.einsum("nij,ij->n", data[:, :3, :3], pose[:3, :3]) - 1.0)
             found[k] = (tips + (np.arccos(np.clip(cosine, -1.0, 1.0)) / NEAR_TURN) ** 2).min(initial=np.inf)
         return found
 

@@ -95,7 +95,7 @@ class SharedError(ReadOnlyArrays):
     stated: str = ""  # in words, where the numbers are in units of what was declared
     bind: Callable[[PosePairs], dict[str, Any]] | None = None  # what changes once it belongs to poses; None: bound
     left: Array | None = None  # (n, 6, 6) per unit^2 that its numbers leave of the poses that it is bound to
-    unseen: Callable[[PosePairs], Array] | None = None  # the same of other poses
+    unseen: Callable[[PosePairs, bool], Array] | None = None  # the same of other poses, beside measured noise or not
     accuracy: RobotAccuracy | None = None  # of a robot, once it is bound
     declared: tuple[float, float, float | None] | None = (
         None  # accuracy of a robot (m, rad) and its reach (m), as given
@@ -414,7 +414,7 @@ def _population_error(move: float, turn: float, reach: float | None) -> SharedEr
             "effect": effect,
             "accuracy": accuracy,
             "left": population.left,
-            "unseen": lambda at: population.unseen(at.robot),
+            "unseen": lambda at, measured: population.unseen(at.robot, measured),
         }
 
     exact = not (move > 0 or turn > 0)

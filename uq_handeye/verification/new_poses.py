@@ -22,7 +22,7 @@ from ..maintenance.misread import misread
 from ..poses.pose_pairs import PosePairs
 from ..prediction.predict import predict_camera
 from ..presentation.document import COLUMNS, Answer, Document, Paragraph, document_of, to_text
-from .power import LEVEL, tail
+from .power import LEVEL
 from .verify import Verified
 
 
@@ -83,8 +83,9 @@ def verify_poses(result: Verified, poses: PosePairs) -> PoseVerification:
         A calibration without joint covariance, poses of another setup.
     """
     evidence = evidence_of_poses(result, poses)
-    noise_dof = result.reference.dof if result.reference.kind in ("F", "t") else None
-    p = tail(evidence.d2, evidence.dof, noise_dof, 1.0)  # all of the noise was estimated
+    reference = evidence.test.reference
+    noise_dof = None if reference.noise_given else reference.noise_dof
+    p = reference.p_value(evidence.d2)
     diagonal = np.diag(evidence.covariance).reshape(evidence.r.shape)
     sizes = [
         (float(np.sqrt(np.mean(np.sum(values[:, part] ** 2, axis=-1)))), float(np.sqrt(np.mean(np.sum(var, axis=-1)))))
@@ -142,7 +143,7 @@ def pose_verification_document(found: PoseVerification) -> Document:
     verb = ("contradicts" if found.contradicted else "agrees with") if found.n_poses == 1 else (
         "contradict" if found.contradicted else "agree with")  # fmt: skip
     word = "CONTRADICTED" if found.contradicted else "AGREES"
-    law = "chi-square" if found.noise_dof is None else f"F, noise estimated with {digits(found.noise_dof, 2)} dof"
+    law = "chi-square" if found.noise_dof is None else "a mixture over the sizes of the errors"
     (turn, shift), (turn_0, shift_0) = found.rms, found.expected
     lines = [
         Paragraph(f"d^2 {digits(found.d2)} of {found.dof} numbers ({law}).", hang="  "),
