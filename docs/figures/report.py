@@ -24,7 +24,6 @@ from selenium import webdriver
 from selenium.webdriver.chrome.service import Service
 
 import uq_handeye as uq
-from uq_handeye.cli.commands.calibrate import DEMO_NOISE
 from uq_handeye.comparison.of_result import compare_beside
 from uq_handeye.io import write_files
 from uq_handeye.presentation.pdf import FLAGS, found_browser, to_pdf
@@ -75,7 +74,7 @@ def pages(pdf: Path) -> Image.Image:
 def main(folder: Path) -> None:
     with resources.as_file(resources.files("uq_handeye") / "data") as data:
         poses = uq.read_poses(data / "robot.csv", data / "camera.csv")
-    result = uq.calibrate(poses, noise=uq.PoseNoise.isotropic(**DEMO_NOISE))
+    result = uq.calibrate(poses)
     result = replace(result, about=ABOUT)
     verdict = result.verdict(TOLERANCE)
     html = report_html(result, comparison=compare_beside(result), verdict=verdict)

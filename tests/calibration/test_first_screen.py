@@ -1,4 +1,4 @@
-"""The first screen of many kinds of results: 25 lines of 80 columns, nothing twice, and all else in the long text."""
+"""The first screen of many kinds of results: 26 lines of 80 columns, nothing twice, and all else in the long text."""
 
 import re
 from dataclasses import replace

@@ -245,7 +245,7 @@ def test_the_demo_writes_its_report_and_ends_with_the_truth(tmp_path, monkeypatc
     done = run("demo", cwd=tmp_path)
     lines = done.stdout.splitlines()
     assert (done.returncode, done.stderr, [str(path) for path in asked]) == (0, "", ["demo_report.html"])
-    assert len(lines) <= 25 and "Wrote demo_report.html." in lines
+    assert len(lines) <= 26 and "Wrote demo_report.html." in lines
     assert re.fullmatch(r"Truth: X is off by 0\.\d+ mm and 0\.\d+ deg, inside its 95 % ellipsoid\.", lines[-1])
     run("demo", "--report", "mine.html", cwd=tmp_path)
     run("demo", "-q", cwd=tmp_path)

@@ -558,3 +558,13 @@ def test_a_real_arm_that_moves_while_it_is_recorded():
     ours, theirs = efficient(sync.poses, noise), efficient(paired, noise)
     moved = offset_sensitivity(ours, sync.poses.timing)[:6] * (-0.0149 - sync.offset)
     assert np.abs(difference(theirs.X, ours.X) - moved).max() < 2e-5
+
+
+def test_few_poses_at_a_second_have_a_figure(tmp_path):
+    """Some rows are at the best offset only; the noise of the others is theirs."""
+    poses = uq.simulate(
+        30, noise=uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm")), seed=1
+    )
+    times = np.arange(30.0)
+    found = uq.synchronise(Stream(times, poses.robot), Stream(times, poses.camera))
+    assert found.figure().axes

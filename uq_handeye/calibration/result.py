@@ -373,7 +373,7 @@ class Calibration(EstimatedPoses, Statement, Plotted, Record):
     def summary(self, verbose: bool = False, threshold: float = 0.5) -> str:
         """Return the result as text: the first screen, or with ``verbose`` everything that is known.
 
-        The first screen has at most 25 lines of 80 columns. The long text lists correlations at or above ``threshold``.
+        The first screen has at most 26 lines of 80 columns. The long text lists correlations at or above ``threshold``.
         """
         if not isinstance(verbose, bool):
             raise InputError(f"Expected `verbose` to be True or False, got {verbose!r}; `threshold` goes by its name.")

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..calibration.report.analysis import budget_table
-from ..calibration.report.first_screen import STATUS_OF, status_of
+from ..calibration.report.first_screen import STATUS_OF, status_of, suited_to
 from ..calibration.report.text import parent_frame
 from ..files.about import ABOUT, OF_CERTIFICATE
 from ..findings import Finding
@@ -42,10 +42,8 @@ def title_fields(result: Calibration) -> list[tuple[str, str]]:
 
 
 def colour_of(result: Calibration, verdict: Verdict | None = None) -> str:
-    """Return "ok" where every check ran and none warned, "failed" where X is not usable or misses its tolerance."""
+    """Return the status of the headline, as everywhere, or that of the verdict on a tolerance where it is worse."""
     found = status_of(result)
-    if found == "ok" and any(check.status != "ok" for check in result.checks):
-        found = "caution"
     of_verdict = "ok" if verdict is None else STATUS_OF[verdict.word]
     return max(found, of_verdict, key=("ok", "caution", "failed").index)
 
@@ -55,6 +53,8 @@ def first_sheet(result: Calibration, verdict: Verdict | None, drawings: Mapping[
     number: list[Block] = [Answer(result.headline, colour_of(result))]
     if verdict is not None:
         number.append(Badge(verdict.word, verdict.sentence, colour_of(result, verdict)))
+    elif (suits := suited_to(result)) is not None:
+        number.append(Paragraph(suits))
     if not result.reasons:
         number += [Paragraph(text) for text in _contents_of(result.accuracy)]
     elif also := list({re.sub(r"[\d.]+", "", text): text for text in reversed(result.reasons[1:])}.values()):

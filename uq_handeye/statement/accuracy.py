@@ -72,7 +72,9 @@ def accuracy_of(result: Stated) -> Accuracy | None:
     if not touched and result.analysis is not None and result.covariance_kind in ("model", "sigma-points"):
         budget = result.analysis.budget
     factors = _factors(budget, result, distance)
-    words = [f"{text} (assumed)" if default else text for text, default in included(result)]
+    words = [
+        f"{text} (assumed)" if default and not text.endswith("assumed)") else text for text, default in included(result)
+    ]
     if touched:
         words.insert(0, f"{touched} touched {'point' if touched == 1 else 'points'}")
     return Accuracy(

@@ -26,6 +26,24 @@ def headline_of(result: Stated) -> str:
     return f"{result.frame} is known to {known}; {_ahead(accuracy)}."
 
 
+def suits_of(accuracy: Accuracy) -> str | None:
+    """Return for which tolerance of points X is good enough, and for which it is not; None where that is not known.
+
+    Of the steps 1, 2, 5 mm and so on: the least that 95 % of the errors of a point at the distance of the target are
+    within, in the worst direction, and the largest that a third of them are beyond.
+    """
+    if not np.isfinite(accuracy.point_95) or accuracy.point <= 0:
+        return None
+    steps = np.outer(10.0 ** np.arange(-7, 4), [1.0, 2.0, 5.0]).ravel()
+    good, bad = steps[steps >= accuracy.point_95], steps[steps < accuracy.point]
+    if not good.size or not bad.size:
+        return None
+    far, fails = f"Points {digits(accuracy.distance, 2)} m ahead", f"not for {digits(1e3 * bad[-1], 1)} mm"
+    if accuracy.lower_limit:
+        return f"{far}: {fails}."
+    return f"{far}: good for a tolerance of {digits(1e3 * good[0], 1)} mm (95 %); {fails}."
+
+
 def _ahead(accuracy: Accuracy) -> str:
     """Return how well a point at the distance of the target is known."""
     far = f"{digits(accuracy.distance, 3)} m"

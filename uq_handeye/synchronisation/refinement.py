@@ -237,6 +237,13 @@ def noise_at(noise: PoseNoise, found: Interpolated, side: str) -> PoseNoise:
     return PoseNoise(less, noise.camera) if side == "robot" else PoseNoise(noise.robot, less)
 
 
+def _noise_of(pairing: Pairing, best: Refined, found: Interpolated, rows: NDArray[np.intp]) -> PoseNoise:
+    """The noise of some rows: from that of the samples, or of these rows out of all that the best offset has."""
+    if best.of_samples:
+        return noise_at(best.noise, found, pairing.side)
+    return best.noise.rows(np.searchsorted(pairing.rows_at(best.offset), rows))
+
+
 def noise_of_rows(noise: PoseNoise, found: Interpolated, side: str) -> PoseNoise:
     """The noise to calibrate all rows with as if they were independent: `noise_at`, and samples that rows share.
 
@@ -312,7 +319,7 @@ def bias_of_interpolation(pairing: Pairing, best: Refined, missed: Array) -> flo
     w = np.clip(found.weight, 0.0, 1.0)[:, None]
     right = np.minimum(found.left + 1, len(missed) - 1)
     e = w * (1 - w) * 0.5 * (missed[found.left] + missed[right])
-    noise = noise_at(best.noise, found, pairing.side) if best.of_samples else best.noise
+    noise = _noise_of(pairing, best, found, rows)
     now = _round(pairing, found, rows, best.unknowns, noise, np.ones(len(rows))).fit
     moved = now.linear.sides[0 if pairing.side == "robot" else 1] @ e[..., None]
     white = whiten(now.factor, np.concatenate([now.linear.J, moved], axis=-1))
@@ -329,13 +336,15 @@ def residual_scale(pairing: Pairing, best: Refined, offsets: Array) -> tuple[Arr
     common = np.intersect1d(pairing.rows_at(float(offsets.min())), pairing.rows_at(float(offsets.max())))
     rows = thinned(np.intersect1d(common, pairing.rows_at(best.offset)), FOR_ROUNDS)
     found = pairing.interpolated(best.offset, rows)
-    weights = _round(pairing, found, rows, best.unknowns, best.noise, np.ones(len(rows))).weights
+    noise = _noise_of(pairing, best, found, rows)
+    weights = _round(pairing, found, rows, best.unknowns, noise, np.ones(len(rows))).weights
     at, sums = best.unknowns, []
     for offset in offsets:
         found = pairing.interpolated(float(offset), rows)
         fine = found.fine
         robot, camera = pairing.poses(found, rows)
-        now = fit(OnPoses(robot[fine], camera[fine], pairing.inverted), best.noise, at, 1, weights[fine])
+        noise = _noise_of(pairing, best, found, rows).rows(fine)
+        now = fit(OnPoses(robot[fine], camera[fine], pairing.inverted), noise, at, 1, weights[fine])
         squares = weights[fine] @ now.residual**2 / max(float(weights[fine].sum()), 1e-12)
         sums.append([squares[:3].mean(), squares[3:].mean()])
     rotation, translation = np.sqrt(np.array(sums)).T

@@ -254,7 +254,9 @@ def budget_table(result: Calibration, most: int | None = None) -> Table | None:
     factors = {"X translation": _MM, "X rotation": _DEG}
     standard, shares, whole = budget.standard, budget.group_shares, budget.expanded()
     rows: list[list[Cell]] = []
-    for k, source in enumerate(budget.sources):
+    largest = np.max([shares[name] for name in factors], axis=0)
+    for k in sorted(range(len(largest)), key=lambda k: (budget.sources[k].endswith(OTHERS), -largest[k])):
+        source = budget.sources[k]
         sizes = [fixed(factor * standard[name][k], 2) for name, factor in factors.items()]
         parts = [f"{100 * shares[name][k]:.1f}" for name in factors]
         rows.append([source, budget.types[k], *sizes, *parts, _freedom(float(budget.dof[k]))])
@@ -274,6 +276,10 @@ def budget_table(result: Calibration, most: int | None = None) -> Table | None:
     return Table(BUDGET_CAPTION, head, rows, frozenset({1}))
 
 
+# Ending of the name of the sources that are one row.
+OTHERS = " others"
+
+
 def shorten_budget(budget: Budget, most: int | None) -> Budget:
     """Return the budget with its smallest sources as one, so that ``most`` remain."""
     if most is None or len(budget.sources) <= most:
@@ -283,7 +289,7 @@ def shorten_budget(budget: Budget, most: int | None) -> Budget:
     names = [name for k, name in enumerate(budget.sources) if k in small]
     merged = budget.merged(names)
     whole = " + ".join(names)
-    return replace(merged, sources=tuple(f"{len(names)} others" if n == whole else n for n in merged.sources))
+    return replace(merged, sources=tuple(f"{len(names)}{OTHERS}" if n == whole else n for n in merged.sources))
 
 
 DOF = "effective degrees of freedom"

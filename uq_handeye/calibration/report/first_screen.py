@@ -1,4 +1,4 @@
-"""The first screen of a calibration: the answer, its parts, the checks and X, on 25 lines of 80 columns.
+"""The first screen of a calibration: the answer, its parts, the checks and X, on 26 lines of 80 columns.
 
 It is made of the statement of the calibration (`statement`); all else is in the long text (`text`) and the report.
 """
@@ -16,10 +16,11 @@ from ...geometry.pose_numbers import pose_numbers
 from ...geometry.se3 import Array
 from ...presentation.document import COLUMNS, Answer, Block, Checks, Code, Document, Heading, Paragraph, Table, to_text
 from ...statement.accuracy import Accuracy, Part
+from ...statement.headline import suits_of
 from ...statement.tolerance import Verdict
 from ..result import Calibration
 
-LINES = 25
+LINES = 26
 # Lines of the table of parts; smaller parts are combined.
 MOST_PARTS = 4
 # Status of the answer by the word of a verdict.
@@ -143,12 +144,19 @@ def status_of(result: Calibration) -> str:
     return "ok"
 
 
+def suited_to(result: Calibration) -> str | None:
+    """Return the plain verdict that takes the place of one on a tolerance; None where X is not usable as a whole."""
+    return suits_of(result.accuracy) if result.usable and result.accuracy is not None else None
+
+
 def answer_blocks(result: Calibration, verdict: Verdict | None = None, why: bool = True) -> list[Block]:
     """Return the headline, the verdict on a tolerance, and with ``why`` the sentence of what makes X not usable."""
     blocks: list[Block] = [Answer(result.headline, status_of(result))]
     if verdict is not None:
         text = str(verdict) if not result.reasons else f"{verdict.word}: X is not usable."
         blocks.append(Answer(text, STATUS_OF[verdict.word]))
+    elif (suits := suited_to(result)) is not None:
+        blocks.append(Paragraph(suits))
     if why:
         blocks += [Paragraph(str(one)) for one in result.cautions[:1] if one.severity == "failure"]
     return blocks

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from ...formatting.numbers import concise, digits
 from ...geometry.pose_numbers import POSE_NUMBERS, pose_numbers
-from ...presentation.document import Answer, Block, Checks, Document, Paragraph, Points, Table
+from ...presentation.document import Block, Checks, Document, Paragraph, Points, Table
 from ...presentation.notebook import blocks_html, heat_html, html_of, matrix_html, to_html
 from ..result import Calibration
 from .arm import arm_sentences
-from .first_screen import accuracy_blocks, data_words, status_of
+from .first_screen import accuracy_blocks, answer_blocks, data_words
 from .shared_errors import included_words, shared_blocks
 from .text import directions
 
@@ -22,7 +22,7 @@ def calibration_html(result: Calibration) -> str:
     origin = f"{result.n_pairs} pairs" if result.n_poses is None else data_words(result)
     setup = "" if result.setup is None else f", {result.setup}"
     checks = Checks([(check.status, check.name, check.text) for check in result.checks])
-    document: Document = [[Answer(result.headline, status_of(result))], [checks], [_numbers(result)]]
+    document: Document = [answer_blocks(result, why=False), [checks], [_numbers(result)]]
     folded = [(title, blocks_html(blocks)) for title, blocks in _folds(result).items() if blocks]
     folded.append(("Matrix X (translation in m)", matrix_html(result.X)))
     if result.covariance is not None and result.correlation is not None:

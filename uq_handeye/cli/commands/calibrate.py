@@ -54,9 +54,6 @@ if TYPE_CHECKING:
 
 METHODS = (*AT_THE_BOUND, BUNDLE, *PUBLISHED, *ROBOT_WORLD)
 
-# The noise that the embedded data set was simulated with; data/README.md has the command.
-DEMO_NOISE = {"robot": ("0.02deg", "0.05mm"), "camera": ("0.1deg", "0.5mm")}
-
 # Written by the demo where no other report is asked for.
 DEMO_REPORT = Path("demo_report.html")
 
@@ -282,7 +279,8 @@ def demo_command(
       # Also write result.json, exports and figures
       uq-handeye demo --report demo.html -o demo/ --figures
 
-    Prints the estimate, compares it with the true X, and writes the report,
+    The noise of the poses is estimated, as it is of your own. Prints the
+    estimate, compares it with the true X, and writes the report,
     demo_report.html unless --report names another file.
     """
     from importlib import resources
@@ -290,7 +288,6 @@ def demo_command(
     from ...calibration.calibrate import calibrate
     from ...calibration.report.text import against_truth
     from ...io import read_pose_file, read_poses
-    from ...noise.models import PoseNoise
 
     require_writable(report, "--report", REPORTS)
     require_folder(figures, output)
@@ -303,7 +300,7 @@ def demo_command(
     with resources.as_file(resources.files("uq_handeye") / "data") as data:
         poses = read_poses(data / "robot.csv", data / "camera.csv")
         _, truth = read_pose_file(data / "truth.csv")
-    result = calibrate(poses, noise=PoseNoise.isotropic(**DEMO_NOISE))
+    result = calibrate(poses)
     return deliver_result(
         result, Files(output, report, figures=figures), Wanted(None), as_json, more=against_truth(result, truth[0])
     )
