@@ -1,5 +1,9 @@
 """Sources with stand-ins for what is not installed; guidance; the Python interface and the page of a stored result."""
 
+import io
+import json
+import sys
+import threading
 from types import SimpleNamespace as Fields
 
 import numpy as np
@@ -8,13 +12,15 @@ from scipy.spatial.transform import Rotation
 
 import uq_handeye as uq
 from uq_handeye.geometry.se3 import inverse
+from uq_handeye.live_session.drawing.nodes import ellipsoid, nice
 from uq_handeye.live_session.folder import Folder
 from uq_handeye.live_session.guide import enough, starting_views, words
 from uq_handeye.live_session.question import Answer, Question
-from uq_handeye.live_session.scene import ellipsoid, nice
 from uq_handeye.live_session.session import Session
 from uq_handeye.live_session.sources.bag import Playback
-from uq_handeye.live_session.sources.ros import OLD, Tf, tf_source
+from uq_handeye.live_session.sources.lines import Lines
+from uq_handeye.live_session.sources.ros import OLD, Node, Tf, Topic
+from uq_handeye.live_session.sources.source import Function, Taken, feed
 from uq_handeye.live_session.sources.ur import Ur
 from uq_handeye.planning.after_each import NextPose
 from uq_handeye.statement.tolerance import Tolerance
@@ -40,7 +46,15 @@ class Buffer:
 
 def tf(stamps=(10.0, 10.1), now=10.2):
     known = {("base", "tool0"): (POSES.robot[0], stamps[0]), ("cam", "tag"): (POSES.camera[0], stamps[1])}
-    return Tf("base:tool0", "cam:tag", Buffer(known), None, lambda: now)
+    return Taken("tf", *(Tf(frames, Buffer(known), None, lambda: now) for frames in ("base:tool0", "cam:tag")))
+
+
+def message(T, stamp):
+    """A PoseStamped as ROS has it."""
+    x, y, z, w = Rotation.from_matrix(T[:3, :3]).as_quat()
+    header = Fields(stamp=Fields(sec=int(stamp), nanosec=round(1e9 * (stamp % 1))), frame_id="base")
+    pose = Fields(position=Fields(x=T[0, 3], y=T[1, 3], z=T[2, 3]), orientation=Fields(x=x, y=y, z=z, w=w))
+    return Fields(header=header, pose=pose)
 
 
 def test_a_pair_by_tf():
@@ -50,41 +64,106 @@ def test_a_pair_by_tf():
     assert pair.time == pytest.approx(10.1)
 
 
+def test_a_pair_by_topics():
+    now = [20.0]
+    sides = [Topic(name, lambda: now[0]) for name in ("/tcp_pose", "/tag_pose")]
+    source = Taken("ROS", *sides)
+    with pytest.raises(uq.InputError, match="Nothing has come on /tcp_pose yet"):
+        source.take()
+    for side, T in zip(sides, (POSES.robot[1], POSES.camera[1]), strict=True):
+        side.receive(message(T, 19.5))
+    pair = source.take()
+    np.testing.assert_allclose(pair.robot, POSES.robot[1], atol=1e-12)
+    np.testing.assert_allclose(pair.camera, POSES.camera[1], atol=1e-12)
+    assert pair.time == pytest.approx(19.5)
+    now[0] = 22.0
+    with pytest.raises(uq.InputError, match=r"/tcp_pose: the newest pose is 2\.5 s old"):
+        source.take()
+    sides[0].receive(Fields(data=1.0))
+    with pytest.raises(uq.InputError, match="/tcp_pose: expected a pose or a transform"):
+        source.take()
+
+
 @pytest.mark.parametrize(
     ("source", "why"),
-    [(tf((10.0, 10.5)), r"stamped 0\.50 s apart"), (tf(now=10.2 + OLD), "newest transforms are 2.1 s old"),
-     (Tf("base:tool0", "cam:tag", Buffer({}), None, lambda: 0.0), "tf knows no robot pose base -> tool0")],
+    [(tf((10.0, 10.5)), r"stamped 0\.50 s apart"), (tf(now=10.2 + OLD), "newest pose is 2.2 s old"),
+     (Tf("base:tool0", Buffer({}), None, lambda: 0.0), "tf knows no pose base -> tool0")],
 )  # fmt: skip
 def test_what_tf_does_not_have(source, why):
     with pytest.raises(uq.InputError, match=why):
-        source.take()
+        source.take() if isinstance(source, Taken) else source.newest()
+
+
+def test_a_node_of_ros_by_stand_ins(monkeypatch):
+    """The modules of ROS as `Node` uses them: a topic for the robot, tf for the camera."""
+    subscribed, ended = {}, []
+    known = {("cam", "tag"): (POSES.camera[2], 5.0)}
+    node = Fields(
+        get_topic_names_and_types=lambda: [("/tcp_pose", ["geometry_msgs/msg/PoseStamped"])],
+        create_subscription=lambda kind, topic, receive, depth: subscribed.update({topic: (kind, receive)}),
+        get_clock=lambda: Fields(now=lambda: Fields(nanoseconds=5_100_000_000)),
+    )
+    parts = {
+        "rclpy": Fields(init=lambda: None, create_node=lambda name: node, spin=lambda node: None,
+                        shutdown=lambda: ended.append(True)),
+        "rclpy.time": Fields(Time=lambda: None),
+        "tf2_ros": Fields(Buffer=lambda: Buffer(known), TransformListener=lambda buffer, node: None),
+        "rosidl_runtime_py": Fields(), "rosidl_runtime_py.utilities": Fields(get_message=lambda name: name),
+    }  # fmt: skip
+    for name, module in parts.items():
+        monkeypatch.setitem(sys.modules, name, module)
+    ros = Node()
+    source = Taken("ROS", ros.side("/tcp_pose"), ros.side("cam:tag"))
+    kind, receive = subscribed["/tcp_pose"]
+    receive(message(POSES.robot[2], 5.05))
+    pair = source.take()
+    np.testing.assert_allclose(pair.robot, POSES.robot[2], atol=1e-12)
+    np.testing.assert_allclose(pair.camera, POSES.camera[2], atol=1e-12)
+    assert kind == "geometry_msgs/msg/PoseStamped"
+    with pytest.raises(uq.InputError, match=r"There is no topic /pose\. Topics: /tcp_pose"):
+        ros.side("/pose")
+    ros.close()
+    assert ended == [True]
 
 
 def test_frames_and_installations_that_are_missing():
-    with pytest.raises(uq.InputError, match=r"parent:child, e\.g\. base_link:tool0, got 'base'"):
-        Tf("base", "cam:tag", None, None, None)
+    with pytest.raises(uq.InputError, match=r"parent:child, e\.g\. base_link:tool0, or a /topic, got 'base'"):
+        Tf("base", None, None, None)
     with pytest.raises(uq.MissingExtraError, match="needs rclpy"):
-        tf_source("base:tool0", "cam:tag")
+        Node()
     with pytest.raises(uq.MissingExtraError, match="need ur_rtde"):
-        Ur("192.168.0.2", lambda: np.eye(4))
+        Ur("192.168.0.2")
+
+
+def arm(pose=POSES.robot[0], speed=0.0, closed=None):
+    """An arm that stands in for that of ur_rtde."""
+    numbers = [*pose[:3, 3], *Rotation.from_matrix(pose[:3, :3]).as_rotvec()]
+    return Fields(getActualTCPPose=lambda: numbers, getActualTCPSpeed=lambda: [0.0] * 5 + [speed],
+                  disconnect=lambda: closed.append(True))  # fmt: skip
 
 
 def test_an_arm_by_rtde(tmp_path):
-    G = POSES.robot[0]
-    pose = [*G[:3, 3], *Rotation.from_matrix(G[:3, :3]).as_rotvec()]
-    speed = [0.0] * 6
     closed = []
-    arm = Fields(getActualTCPPose=lambda: pose, getActualTCPSpeed=lambda: speed, getTimestamp=lambda: 3.5,
-                 disconnect=lambda: closed.append(True))  # fmt: skip
-    source = Ur("robot", lambda: POSES.camera[0], arm)
+    source = Taken("UR", Ur("robot", arm(closed=closed)), Function(lambda: POSES.camera[0]))
     pair = source.take()
-    np.testing.assert_allclose(pair.robot, G, atol=1e-12)
+    np.testing.assert_allclose(pair.robot, POSES.robot[0], atol=1e-12)
     assert Session(Folder(tmp_path)).add(*pair).n == 1
-    speed[4] = 0.2
     with pytest.raises(uq.InputError, match="The arm moves"):
-        source.take()
+        Taken("UR", Ur("robot", arm(speed=0.2)), Function(lambda: POSES.camera[0])).take()
     source.close()
     assert closed == [True]
+
+
+def test_camera_poses_on_lines_and_the_robot_by_rtde(tmp_path):
+    """Ask the arm when a line comes: ``--rtde HOST --stdin``."""
+    text = json.dumps({"camera": POSES.camera[0].tolist()}) + "\n"
+    session = Session(Folder(tmp_path))
+    feed(session, Lines(io.StringIO(text + text), robot=Ur("robot", arm())), threading.Event())
+    assert session.answer.n == 2 and not session.notes
+    feed(session, Lines(io.StringIO(text), robot=Ur("robot", arm(speed=0.2))), threading.Event())
+    assert session.answer.n == 2 and "The arm moves" in session.notes[-1]
+    feed(session, Lines(io.StringIO('{"robot": 1}\n'), robot=Ur("robot", arm())), threading.Event())
+    assert session.answer.n == 2 and len(session.notes) == 2
 
 
 def test_a_bag_played_back():

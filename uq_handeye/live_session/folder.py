@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -9,6 +10,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from ..errors import InputError
+from ..formatting.units import parse_length
 from ..poses.pose_pairs import PosePairs
 
 # Seconds between two looks; files that change from one to the next are waited for, but not for ever.
@@ -32,6 +34,30 @@ class Seen(Protocol):
 
 
 @dataclass(frozen=True)
+class SeenBoard:
+    """Pictures of a chessboard: ``board`` its inner corners, such as 9x6, ``square`` the side of a square, as 20mm."""
+
+    images: str
+    board: str
+    square: str
+
+    def read_board(self) -> Any:
+        """Return the board."""
+        from ..camera.board import Board
+
+        numbers = re.fullmatch(r"\s*(\d{1,3})\s*x\s*(\d{1,3})\s*", self.board)
+        if numbers is None:
+            raise InputError(f"Expected the board's inner corners as COLUMNSxROWS, e.g. 9x6, got {self.board!a}.")
+        return Board(int(numbers[1]), int(numbers[2]), parse_length(self.square, "square"))
+
+    def calibrate(self, corners: Any) -> Any:
+        """Return the calibrated camera."""
+        from ..camera.calibrate import calibrate_camera
+
+        return calibrate_camera(corners)
+
+
+@dataclass(frozen=True)
 class Folder:
     """Folder of pose files; ``how`` are arguments of `read_poses` that say how they are read."""
 
@@ -42,7 +68,8 @@ class Folder:
     def state(self) -> State:
         """Return names, sizes and times of change of the files."""
         found = []
-        for path in [*self.pose_files(), *self._pictures()]:
+        joints = [Path(self.how["joints"])] if "joints" in self.how else []
+        for path in [*self.pose_files(), *self._pictures(), *joints]:
             with suppress(OSError):  # gone since
                 status = path.stat()
                 found.append((str(path), status.st_size, status.st_mtime_ns))
@@ -57,11 +84,16 @@ class Folder:
         from ..io.matching import count_arrived, read_arrived
 
         robot, camera = self._sides()
+        poses: PosePairs | None
         if self.seen is not None:
             return self._with_pictures(self.seen, robot)
         formats = self.how.get("format", (None, None))
+        if "joints" in self.how:  # the robot side
+            files = robot if camera is None else camera
+            poses = read_poses(None, files[0], **self.how) if len(files) == 1 and self._filled(files[0]) else None
+            return (0, None) if poses is None else (poses.n, poses)
         if len(robot) == 1 and camera is None and count_arrived(robot, formats[0]) >= 3:
-            poses: PosePairs | None = read_poses(robot[0], **self.how)
+            poses = read_poses(robot[0], **self.how)
         elif len(robot) == 1 and camera is not None and len(camera) == 1:
             count, other = count_arrived(robot, formats[0]), count_arrived(camera, formats[1], "camera")
             same = count == other and count >= 3
@@ -69,6 +101,13 @@ class Folder:
         else:
             poses = read_arrived(robot, camera, **self.how)
         return (0, None) if poses is None else (poses.n, poses)
+
+    def _filled(self, path: Path) -> bool:
+        """Return whether there are camera poses and joints, which a program that starts may not have written yet."""
+        from ..io.arrived import count_arrived
+
+        joints = Path(self.how["joints"])
+        return joints.exists() and count_arrived([path], role="camera") > 0
 
     def _with_pictures(self, pictures: Seen, robot: list[Path]) -> tuple[int, PosePairs | None]:
         from ..camera.board import find_corners, source_of
@@ -87,6 +126,15 @@ class Folder:
         poses = resolve_pose_ambiguity(resolve_board_rotation(poses, board))
         return n, replace(poses, sources=(*poses.sources, source_of(paths[:n], board)))
 
+    def pictures_of(self, poses: PosePairs) -> list[Path]:
+        """Return the picture of each pose: those of the board, or as many as there are in the folder."""
+        from ..camera.board import SUFFIXES
+
+        paths = self._pictures() or _in_order(path for path in self.path.iterdir() if path.suffix.lower() in SUFFIXES)
+        seen = poses.camera_calibration
+        rows = range(poses.n) if seen is None else seen.rows
+        return [paths[k] for k in rows if k < len(paths)]
+
     def _sides(self) -> tuple[list[Path], list[Path] | None]:
         """Return the files of the robot and of the camera; None: the former hold both sides."""
         files = self.pose_files()
@@ -94,6 +142,12 @@ class Folder:
         if self.seen is not None or robot or camera:
             return robot, camera
         return files, None
+
+    @property
+    def holds_camera(self) -> bool:
+        """True if there are camera poses as files, or both sides in one."""
+        robot, camera = self._sides()
+        return bool(camera) or (camera is None and bool(robot))
 
     def pose_files(self) -> list[Path]:
         """Return the pose files, in the order in which their poses are counted."""

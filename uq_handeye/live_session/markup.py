@@ -15,6 +15,7 @@ from ..calibration.result import Calibration
 from ..diagnostics.pose_table import PoseTable
 from ..formatting.numbers import digits
 from ..geometry.se3 import Array
+from ..rig.result import RigCalibration
 from .guide import words
 from .question import FEWEST, Answer
 from .session import Session
@@ -30,7 +31,9 @@ STYLE = Markup("""<style>
 [data-mantine-color-scheme=dark] .uq .ok{color:#4fd1a1}[data-mantine-color-scheme=dark] .uq .caution{color:#f2b84b}
 [data-mantine-color-scheme=dark] .uq .failed{color:#ff7a90}
 .uq .verdict{border:1px solid currentColor;border-radius:4px;padding:.25em .5em;font-weight:600}
-.uq ul{margin:.3em 0;padding-left:0;list-style:none}.uq li{margin:.15em 0}
+.uq p.check{margin:.15em 0;padding-left:1.2em;text-indent:-1.2em}
+@media (max-width:36em){.mantine-Paper-root:has(#uq-answer),.mantine-Paper-root:has(#uq-answer) [style*="20em"]{
+width:100%!important}}
 .uq .rows{max-height:15em;overflow-y:auto;border:1px solid var(--mantine-color-default-border);border-radius:4px}
 .uq table{border-collapse:collapse;width:100%;font-variant-numeric:tabular-nums}
 .uq th{position:sticky;top:0;background:var(--mantine-color-body);font-weight:600}
@@ -62,15 +65,29 @@ def summary(session: Session) -> str:
             parts.append(_line(text, f"verdict {STATUS_OF[answer.verdict.word]}"))
         parts += [_line(str(one), "failed") for one in result.cautions[:1] if one.severity == "failure"]
         parts += [_line(line) for line in _steps(session)]
+        parts += [_item(*row) for row in checks_block(result).rows if row[0] in ("caution", "failed")]
         parts.append(curve(session.curve))
-        parts += _covered(result)
     return str(Markup("").join([*parts, Markup("</div>")]))
 
 
 def of_result(result: Calibration) -> str:
     """Return a stored result: headline, what is included, checks."""
     parts = [STYLE, Markup('<div class="uq" id="uq-answer">'), _line(result.headline, f"big {status_of(result)}")]
-    return str(Markup("").join([*parts, *_covered(result), Markup("</div>")]))
+    return str(Markup("").join([*parts, Markup(covered(result)), Markup("</div>")]))
+
+
+def of_rig(result: RigCalibration) -> str:
+    """Return the poses of a rig with the root mean square lengths of their errors."""
+    row = Markup("<tr><td>{}</td><td>{}</td><td>{}</td><td>{}</td></tr>")
+    rows = []
+    for one in (*result.cameras.values(), *result.targets.values(), *list(result.arms.values())[1:], *result.pairs):
+        turn, shift = one.sizes
+        sizes = [digits(x, 2) if np.isfinite(x) else "open" for x in (1e3 * shift, float(np.degrees(turn)))]
+        rows.append(row.format(one.frame, *sizes, one.count or ""))
+    head = Markup("<tr><th>pose</th><th>mm</th><th>deg</th><th>views</th></tr>")
+    lines = [_line(str(result.rig), "big"), Markup("<table>{}{}</table>").format(head, Markup("").join(rows))]
+    lines += [_line(text, "caution") for text in result.warnings]
+    return str(Markup("").join([STYLE, Markup('<div class="uq" id="uq-answer">'), *lines, Markup("</div>")]))
 
 
 def of_point(point: Array, covariance: Array | None, text: str) -> str:
@@ -86,16 +103,22 @@ def of_point(point: Array, covariance: Array | None, text: str) -> str:
     return str(Markup('<div class="uq" id="uq-point">{}{}</div>').format(Markup("").join(parts), _line(text, "dim")))
 
 
-def _covered(result: Calibration) -> list[Markup]:
-    """Return what the accuracy includes and what not, and the checks."""
-    parts = []
+def covered(result: Calibration | None) -> str:
+    """Return the checks, and what the accuracy includes and what not."""
+    if result is None:
+        return ""
+    parts = [_item(*row) for row in checks_block(result).rows]
     if result.accuracy is not None and result.usable:
         parts.append(_line(f"Includes {', '.join(result.accuracy.included)}.", "dim"))
         if result.accuracy.not_included:
             parts.append(_line(f"Not included: {', '.join(result.accuracy.not_included)}.", "dim"))
-    item = Markup('<li class="{}">{} <b>{}</b> {}</li>')
-    rows = [item.format(status.replace(" ", "-"), _MARKS[status], *rest) for status, *rest in checks_block(result).rows]
-    return [*parts, Markup("<ul>{}</ul>").format(Markup("").join(rows))]
+    return str(Markup('<div class="uq">{}</div>').format(Markup("").join(parts)))
+
+
+def _item(status: str, name: str, text: str) -> Markup:
+    """Return one check, with its mark and colour."""
+    kind = status.replace(" ", "-")
+    return Markup('<p class="check {}"><b>{} {}</b> {}</p>').format(kind, _MARKS[status], name, text)
 
 
 def _begin(session: Session) -> str:

@@ -6,6 +6,7 @@ the last one is bit-equal to a calibration of the same files.
 
 from __future__ import annotations
 
+import threading
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -20,6 +21,8 @@ from ..planning.after_each import NextPose, next_pose, words_after, words_withou
 from ..poses.pose_pairs import PosePairs
 from ..statement.tolerance import Tolerance, Verdict
 
+# Warnings are switched off for a whole process: one answer at a time, or they would come back in another thread's.
+ONE_AT_A_TIME = threading.RLock()
 # Fewest poses of which there is an X.
 FEWEST = 3
 
@@ -42,7 +45,7 @@ class Question:
 
     def calibrate(self, poses: PosePairs, left_out: tuple[int, ...] = ()) -> tuple[Calibration, Any, Any]:
         """Return the calibration with the noise and the shared errors that it was given, without its warnings."""
-        with warnings.catch_warnings():
+        with ONE_AT_A_TIME, warnings.catch_warnings():
             warnings.simplefilter("ignore", InputWarning)  # the result holds them as findings
             noise, shared = self.beside(poses)
             result = calibrate(poses, noise=noise, shared=shared, exclude=list(left_out) or None, **self.options)
@@ -50,6 +53,10 @@ class Question:
 
     def ask(self, n: int, poses: PosePairs | None, left_out: tuple[int, ...] = (), plan: bool = True) -> Answer:
         """Return the answer for ``n`` complete poses; ``poses=None``: too few of them can be read."""
+        with ONE_AT_A_TIME:
+            return self._ask(n, poses, left_out, plan)
+
+    def _ask(self, n: int, poses: PosePairs | None, left_out: tuple[int, ...], plan: bool) -> Answer:
         if poses is None or poses.n - len(left_out) < FEWEST:
             return Answer(n, tuple(words_without(n - len(left_out), InputError(""))), left_out, poses)
         try:

@@ -13,7 +13,7 @@ import threading
 from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +24,7 @@ from ..errors import InputError, NotConvergedError
 from ..files.atomic import json_text, write_atomically
 from ..geometry.checks import as_transforms
 from ..geometry.frames import SETUPS
-from .folder import Folder, settled
+from .folder import Folder, SeenBoard, settled
 from .question import FEWEST, Answer, Question
 
 # Poses that came one by one; poses left out, with the steps that can be undone.
@@ -41,10 +41,11 @@ class Choice:
 
     left_out: tuple[int, ...] = ()
     earlier: tuple[tuple[int, ...], ...] = ()
+    board: tuple[str, str] | None = None  # of pictures that were uploaded: inner corners, side of a square
 
     def changed(self, left_out: tuple[int, ...]) -> Choice:
         """Return the choice after one more step."""
-        return Choice(tuple(sorted(left_out)), (*self.earlier, self.left_out)[-MOST_UNDONE:])
+        return replace(self, left_out=left_out, earlier=(*self.earlier, self.left_out)[-MOST_UNDONE:])
 
 
 class Session:
@@ -73,6 +74,8 @@ class Session:
         self._asked: tuple[Any, ...] | None = None
         self._mend()
         self.choice = _read_choice(folder.path / CHOICE)
+        if self.choice.board is not None:
+            self._look_for(self.choice.board)
 
     # ----------------------------------------------------------------------------------------------------- poses
 
@@ -87,12 +90,7 @@ class Session:
             raise InputError(f"Expected one pose (4, 4) each, got {pair[0].shape} and {pair[1].shape}.")
         if time is not None and not np.isfinite(time):
             raise InputError(f"Expected `time` to be a number of seconds, got {time!r}.")
-        others = [path.name for path in self.folder.pose_files() if path.name != OWN]
-        if others:
-            raise InputError(
-                f"{self.folder.path} holds {others[0]} of another program, so no pose is added here. Let that program "
-                "add it, or start with an empty folder."
-            )
+        self.require_own()
         line: dict[str, Any] = {} if time is None else {"timestamp": time}
         line |= {"robot": pair[0].tolist(), "camera": pair[1].tolist()}
         with self._lock:
@@ -103,6 +101,15 @@ class Session:
             finally:
                 os.close(file)
             return self.update() if ask else self.answer
+
+    def require_own(self) -> None:
+        """Raise `InputError` where another program writes the pose files."""
+        others = [path.name for path in self.folder.pose_files() if path.name != OWN]
+        if others:
+            raise InputError(
+                f"{self.folder.path} holds {others[0]} of another program, so no pose is added here. Let that program "
+                "add it, or start with an empty folder."
+            )
 
     def leave_out(self, *poses: int) -> Answer:
         """Leave poses out, by their numbers from 0."""
@@ -124,8 +131,19 @@ class Session:
         with self._lock:
             if not self.choice.earlier:
                 raise InputError("There is no step to undo.")
-            self._keep(Choice(self.choice.earlier[-1], self.choice.earlier[:-1]))
+            self._keep(replace(self.choice, left_out=self.choice.earlier[-1], earlier=self.choice.earlier[:-1]))
             return self.update()
+
+    def look_for(self, board: str, square: str) -> None:
+        """Take the pictures in the folder as those of a chessboard; raises `InputError` for one that is none."""
+        with self._lock:
+            self._look_for((board, square))
+            self._keep(replace(self.choice, board=(board, square)))
+
+    def _look_for(self, board: tuple[str, str]) -> None:
+        seen = SeenBoard(str(self.folder.path), *board)
+        seen.read_board()
+        self.folder = replace(self.folder, seen=seen)
 
     def _choose(self, change: Callable[[set[int]], set[int]], poses: tuple[int, ...]) -> Answer:
         with self._lock:
@@ -138,8 +156,10 @@ class Session:
             return self.update()
 
     def _keep(self, choice: Choice) -> None:
-        text = json_text({"left_out": list(choice.left_out), "earlier": [list(one) for one in choice.earlier]})
-        write_atomically(self.folder.path / CHOICE, text)
+        tree: dict[str, Any] = {"left_out": list(choice.left_out), "earlier": [list(one) for one in choice.earlier]}
+        if choice.board is not None:
+            tree["board"] = list(choice.board)
+        write_atomically(self.folder.path / CHOICE, json_text(tree))
         self.choice = choice
 
     # ---------------------------------------------------------------------------------------------------- answers
@@ -274,6 +294,7 @@ def _read_choice(path: Path) -> Choice:
     try:
         tree = json.loads(path.read_text(encoding="utf-8"))
         earlier = tuple(tuple(int(k) for k in one) for one in tree["earlier"])
-        return Choice(tuple(sorted(int(k) for k in tree["left_out"])), earlier)
-    except (ValueError, KeyError, TypeError, UnicodeDecodeError) as error:
+        board = None if tree.get("board") is None else (str(tree["board"][0]), str(tree["board"][1]))
+        return Choice(tuple(sorted(int(k) for k in tree["left_out"])), earlier, board)
+    except (ValueError, LookupError, TypeError, AttributeError) as error:
         raise InputError(f"{path} is not the file of a session. Remove it: no pose is then left out.") from error

@@ -6,57 +6,66 @@ eye-to-hand ``X^-1 p``), where `Calibration.predict` gives its covariance.
 
 from __future__ import annotations
 
-import threading
-import webbrowser
-from contextlib import suppress
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ..calibration.result import Calibration
 from ..errors import InputError
+from ..evidence.touches import Touches
 from ..geometry.se3 import Array, inverse
 from ..poses.pose_pairs import PosePairs
-from .markup import of_point, of_result
+from ..rig.result import RigCalibration
+from .browser_page import BrowserPage
+from .drawing.rig_scene import RigScene
+from .drawing.scene import Beside, Scene
+from .drawing.touched import touched
+from .markup import of_point, of_result, of_rig, preformatted
 from .question import Answer
-from .scene import Scene
-from .server import HOST, PORT, Server
+from .server import HOST, PORT
 
 
-class ViewPage:
-    """The page of one result."""
+def view_page(
+    result: Calibration | RigCalibration, host: str = HOST, port: int = PORT, touches: Touches | Path | None = None
+) -> BrowserPage:
+    """Return the page of a result, of one camera or of a rig."""
+    if isinstance(result, RigCalibration):
+        if touches is not None:
+            raise InputError("Touches are shown beside the result of one camera, not beside that of a rig.")
+        return RigPage(result, host, port)
+    return ViewPage(result, host, port, touches)
 
-    def __init__(self, result: Calibration, host: str = HOST, port: int = PORT) -> None:
+
+class ViewPage(BrowserPage):
+    """The page of one camera."""
+
+    def __init__(
+        self, result: Calibration, host: str = HOST, port: int = PORT, touches: Touches | Path | None = None
+    ) -> None:
         poses = result.data
         if not isinstance(poses, PosePairs):
             raise InputError("The result holds no poses to show: it was made of motions, or by an earlier version.")
+        found = None if touches is None else touched(result, touches)
+        super().__init__(host, port)
         self.result, self.poses = result, poses
-        self._answer = Answer(poses.n, (), result.excluded, poses, result)
-        self._server = Server(host, port)
-        self._stop, self._drawing = threading.Event(), threading.Lock()
-        gui = self._server.viser.gui
-        gui.configure_theme(show_logo=False, show_share_button=False, control_width="large")
-        gui.set_panel_label("uq-handeye")
-        self._summary = gui.add_html(of_result(result))
-        self._words = gui.add_html("")
+        self._answer, self._beside = Answer(poses.n, (), result.excluded, poses, result), Beside(touched=found)
+        self._gui.add_html(of_result(result))
+        if found is not None:
+            self._gui.add_html(preformatted(found.words))
+        self._words = self._gui.add_html("")
         kept = [k for k in range(poses.n) if k not in result.excluded]
-        self._pose: Any = gui.add_number("From pose", kept[-1], min=0, max=poses.n - 1, step=1)
+        self._pose: Any = self._gui.add_number("From pose", kept[-1], min=0, max=poses.n - 1, step=1)
         self._scene = Scene(self._server.viser, self._select)
-        self._scene.show(self._answer)
         distance = float(np.median(np.linalg.norm(poses.camera[:, :3, 3], axis=-1)))
         W = result.W if result.W is not None else poses.robot[0] @ result.X @ poses.camera[0]
         start = W if result.setup == "eye-in-hand" else result.X @ poses.camera[kept[-1]]
         self._point = self._server.viser.scene.add_transform_controls(
             "/point", scale=0.25 * distance, disable_rotations=True, position=start[:3, 3]
         )
-        self._point.on_update(self._dragged)
+        self._point.on_update(lambda _: self.predict())
         self._pose.on_update(lambda _: self._select(int(self._pose.value)))
-        self.predict()
-
-    @property
-    def url(self) -> str:
-        """Address of the page."""
-        return self._server.url
+        self._select(kept[-1])
 
     def predict(self) -> Array | None:
         """Show how well the point is known, and return its covariance (3, 3) in the base frame; None: not known."""
@@ -73,27 +82,27 @@ class ViewPage:
         self._words.content = of_point(point, covariance, f"Seen from pose {k}, {np.linalg.norm(seen[:3]):.3f} m away.")
         return covariance
 
-    def _dragged(self, event: Any) -> None:
-        self.predict()
-
     def _select(self, pose: int) -> None:
         with self._drawing:
             if self._pose.value != pose:
                 self._pose.value = pose
-            self._scene.show(self._answer, pose)
+            self._scene.show(self._answer, pose, beside=self._beside)
             self.predict()
 
-    def open(self) -> None:
-        """Open the page in the browser of this machine, where there is one."""
-        with suppress(webbrowser.Error):
-            webbrowser.open(self.url)
 
-    def wait(self) -> None:
-        """Stay until Ctrl-C."""
-        while not self._stop.wait(0.5):
-            pass
+class RigPage(BrowserPage):
+    """The page of a rig: all cameras, targets and arms, at one moment."""
 
-    def close(self) -> None:
-        """End the page."""
-        self._stop.set()
-        self._server.close()
+    def __init__(self, result: RigCalibration, host: str = HOST, port: int = PORT) -> None:
+        super().__init__(host, port)
+        self.result = result
+        self._gui.add_html(of_rig(result))
+        self._scene = RigScene(self._server.viser, result)
+        last = len(self._scene.moments) - 1
+        self._moment: Any = self._gui.add_slider("Robot pose", 0, max(last, 1), 1, 0)
+        self._moment.on_update(lambda _: self._show(int(self._moment.value)))
+        self._show(0)
+
+    def _show(self, k: int) -> None:
+        with self._drawing, self._server.viser.atomic():
+            self._scene.show(min(k, len(self._scene.moments) - 1))

@@ -1,6 +1,7 @@
 """Commands ``live`` and ``view``: a calibration in the browser, growing with each pose or stored."""
 
 import sys
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -8,8 +9,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ...errors import InputError
+from ..options.arm import arm_of
 from ..options.common import emit, made_of
 from ..options.noise import Given, given_of, prior_of
+from ..options.touches import TouchesToUse
 from ..outcome import Wanted, wanted_of
 from ..stream_files import StreamFiles
 from ..views import pictures_of
@@ -18,9 +21,11 @@ from .calibrate import Files
 from .files import ResultFile
 
 if TYPE_CHECKING:
+    from ...live_session.browser_page import BrowserPage
     from ...live_session.question import Answer
-    from ...live_session.sources.source import Source
+    from ...live_session.sources.source import Side, Source
     from ...noise.estimate import NoisePrior
+    from ..options.arm import Arm
     from ..pictures import Pictures
     from ..views import Views
 
@@ -62,25 +67,48 @@ class PageOptions:
     no_browser: bool = False
 
 
+@dataclass(frozen=True)
+class SourceOptions:
+    """Options of sources of poses other than the files of the folder.
+
+    Options (Sources):
+      * --stdin: Poses from standard input in place of files. One JSON line each: {"robot": POSE, "camera": POSE}.
+      --bag BAG: Poses of a ROS bag, played back. Give the frames by --frames.
+      --ros: Poses of a running ROS 2 system, with a button to take one. Give frames or topics by --frames.
+      --rtde HOST: Robot poses of a Universal Robots arm by RTDE, taken when a camera pose comes by --stdin, or by the
+        button of --ros. It is then CAMERA alone that --frames names.
+      --frames ROBOT,CAMERA: Frames of --bag and --ros, parent:child each, e.g. base:tool0,camera:tag0, or topics of
+        poses, e.g. /tcp_pose.
+    """
+
+    stdin: bool = False
+    bag: Path | None = None
+    ros: bool = False
+    rtde: str | None = None
+    frames: str | None = None
+
+
 @made_of(
     files=SessionFiles,
+    arm=arm_of,
     pictures=pictures_of,
     given=given_of,
     prior=prior_of,
     wanted=wanted_of,
     page=PageOptions,
+    come=SourceOptions,
+    touched=TouchesToUse,
 )
 def live_command(
     files: "SessionFiles",
+    arm: "Arm | None",
     pictures: "Pictures | Views | None",
     given: "Given",
     prior: "NoisePrior | None",
     wanted: "Wanted",
     page: "PageOptions",
-    stdin: bool = False,
-    bag: Path | None = None,
-    ros: bool = False,
-    frames: str | None = None,
+    come: "SourceOptions",
+    touched: "TouchesToUse",
 ) -> int:
     r"""Calibrate in the browser, pose by pose.
 
@@ -94,13 +122,6 @@ def live_command(
 
     Poses are on disk before the page shows them. Start the command again with
     the same folder to go on. Ctrl-C ends the page, not the session.
-
-    Options (Page):
-      * --stdin: Poses from standard input in place of files. One JSON line each: {"robot": POSE, "camera": POSE}.
-      --bag BAG: Poses of a ROS bag, played back. Give the frames by --frames.
-      --ros: Poses of a running ROS 2 system by tf, with a button to take one. Give the frames by --frames.
-      --frames ROBOT,CAMERA: Frames of --bag and --ros, parent:child each, e.g. base:tool0,camera:tag0. Topics of poses
-        for --bag, too.
     """
     from ...live_session.page import Page
     from ...live_session.session import Session
@@ -112,45 +133,52 @@ def live_command(
             raise InputError("The noise and a prior of it are both given. Give one of them.")
         prior = given.one_side
     folder = folder_of(files.folder, files, pictures)
-    question = question_of(given, pictures, {"prior": prior}, wanted.tolerance)
-    sources = _sources(files, stdin, bag, ros, frames)
+    options: dict[str, Any] = {"prior": prior}
+    if arm is not None:
+        folder = replace(folder, how=folder.how | arm.of_files)
+        options |= arm.of_calibrate
+    question = question_of(given, pictures, options, wanted.tolerance)
+    touches = touched.read(None)
+    sources = _sources(files, come)
     if sources:  # their poses are kept in a form of our own
         folder = replace(folder, how={"setup": files.setup})
     session = Session(folder, question, _deliver(files.folder / "result"))
-    if bag is not None and session.update().n:
+    if come.bag is not None and session.update().n:
         raise InputError(f"{files.folder} holds {session.answer.n} poses already. Play --bag into an empty folder.")
-    shown = Page(session, sources, page.host, page.port)
-    try:
-        emit(f"Session in {files.folder}. Page: {shown.url}\nCtrl-C ends it.\n")
-        if not page.no_browser and sys.stdout.isatty():
-            shown.open()
-        shown.wait()
-    except KeyboardInterrupt:
-        emit(f"Ended with {shown.session.answer.n} poses in {files.folder}.\n")
-    finally:
-        shown.close()
-    return 0
+    shown = Page(session, sources, page.host, page.port, touches=touches)
+    return _stay(
+        shown, page, f"Session in {files.folder}. ",
+        lambda: f"Ended with {session.answer.n} poses in {files.folder}.\n",
+    )  # fmt: skip
 
 
-def _sources(files: SessionFiles, stdin: bool, bag: Path | None, ros: bool, frames: str | None) -> "tuple[Source, ...]":
+def _sources(files: SessionFiles, given: SourceOptions) -> "tuple[Source, ...]":
     """Return where poses come from; none: the files of the folder."""
+    stdin, bag, ros, rtde, frames = given.stdin, given.bag, given.ros, given.rtde, given.frames
     if stdin + (bag is not None) + ros > 1:
         raise InputError("--stdin, --bag and --ros: give one of them.")
+    if rtde is not None and not (stdin or ros):
+        raise InputError("--rtde gives the robot poses. Add --stdin or --ros --frames CAMERA for the camera poses.")
     if (bag is not None or ros) != (frames is not None):
         raise InputError("--bag and --ros need --frames ROBOT,CAMERA, e.g. base:tool0,camera:tag0, and only these.")
     if stdin:
         from ...live_session.sources.lines import Lines
 
-        return (Lines(sys.stdin, files.reading),)
+        return (Lines(sys.stdin, files.reading, robot=_arm(rtde)),)
     if frames is None:
         return ()
     robot, comma, camera = frames.partition(",")
-    if not comma:
-        raise InputError(f"Expected --frames as ROBOT,CAMERA, e.g. base:tool0,camera:tag0, got {frames!r}.")
+    if not comma and rtde is not None:
+        robot, comma, camera = "", ",", frames
+    if not comma or (rtde is not None and robot):
+        wanted = "ROBOT,CAMERA, e.g. base:tool0,camera:tag0" if rtde is None else "CAMERA, e.g. camera:tag0"
+        raise InputError(f"Expected --frames as {wanted}, got {frames!r}.")
     if ros:
-        from ...live_session.sources.ros import tf_source
+        from ...live_session.sources.ros import Node
+        from ...live_session.sources.source import Taken
 
-        return (tf_source(robot, camera),)
+        node = Node()
+        return (Taken("ROS" if rtde is None else "RTDE, ROS", _arm(rtde) or node.side(robot), node.side(camera)),)
     from ...live_session.sources.bag import Playback
     from ...rosbag.streams import read_bag
 
@@ -159,26 +187,40 @@ def _sources(files: SessionFiles, stdin: bool, bag: Path | None, ros: bool, fram
     return (Playback(*read_bag(bag, robot=robot, camera=camera), interval=1.0, how=how, name=bag.name),)
 
 
-@made_of(page=PageOptions)
-def view_command(result: ResultFile, page: "PageOptions") -> int:
+def _arm(host: str | None) -> "Side | None":
+    from ...live_session.sources.ur import Ur
+
+    return None if host is None else Ur(host)
+
+
+@made_of(page=PageOptions, touched=TouchesToUse)
+def view_command(result: ResultFile, page: "PageOptions", touched: "TouchesToUse") -> int:
     """Show a stored calibration in the browser.
 
     Examples:
       uq-handeye view result/result.json
+      # A rig with several cameras
+      uq-handeye view rig.json
 
     Ctrl-C ends the page.
     """
-    from ...calibration.result import Calibration
-    from ...live_session.view import ViewPage
+    from ...calibration.result import Calibration, load
+    from ...live_session.view import view_page
 
-    shown = ViewPage(Calibration.from_json(result), page.host, page.port)
+    shown = load(result)
+    touches = touched.read(shown.kinematics if isinstance(shown, Calibration) else None)
+    return _stay(view_page(shown, page.host, page.port, touches), page)
+
+
+def _stay(shown: "BrowserPage", page: PageOptions, said: str = "", ended: Callable[[], str] = str) -> int:
+    """Print the address, open it, and stay until Ctrl-C."""
     try:
-        emit(f"Page: {shown.url}\nCtrl-C ends it.\n")
+        emit(f"{said}Page: {shown.url}\nCtrl-C ends it.\n")
         if not page.no_browser and sys.stdout.isatty():
             shown.open()
         shown.wait()
     except KeyboardInterrupt:
-        pass
+        emit(ended())
     finally:
         shown.close()
     return 0

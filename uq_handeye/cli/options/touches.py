@@ -116,18 +116,23 @@ class TouchesToUse:
     tool: str | None = None
     tool_sd: str = "exact"
 
-    def included_in(self, result: "Calibration") -> "tuple[Calibration, str]":
-        """Return the calibration with the touches taken in, and what to say of them."""
+    def read(self, kinematics: "FittedKinematics | None") -> "Touches | None":
+        """Return the touches of the file; None if there is none."""
         if self.touches is None:
             given = [self.tcp_sd, self.point_sd, self.tool, None if self.tool_sd == "exact" else self.tool_sd]
             if any(value is not None for value in given):
                 raise InputError("--tcp-sd, --point-sd, --tool and --tool-sd need --touches FILE.csv. Add it.")
+            return None
+        return TouchOptions(self.tcp_sd, self.point_sd, self.tool, self.tool_sd).read(self.touches, kinematics)
+
+    def included_in(self, result: "Calibration") -> "tuple[Calibration, str]":
+        """Return the calibration with the touches taken in, and what to say of them."""
+        touches = self.read(result.kinematics)
+        if touches is None:
             return result, ""
         from ...evidence.absorb import include_touches
         from ...verification.input_checks import require_metres
 
-        options = TouchOptions(self.tcp_sd, self.point_sd, self.tool, self.tool_sd)
-        touches = options.read(self.touches, result.kinematics)
         require_metres(result, touches)
         found = include_touches(result, touches)
         return found, str(found.findings[-1])

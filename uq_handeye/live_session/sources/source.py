@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Callable
 from typing import NamedTuple, Protocol
+
+import numpy as np
 
 from ...errors import InputError
 from ...geometry.se3 import Array
 from ..session import Session
+
+# Largest difference of the stamps of one pair (s).
+APART = 0.2
 
 
 class Pair(NamedTuple):
@@ -36,6 +42,51 @@ class Source(Protocol):
 
     def close(self) -> None:
         """Let go of what the source holds."""
+
+
+class Side(Protocol):
+    """One side of a pair, robot or camera, that can be asked at any time."""
+
+    def newest(self) -> tuple[Array, float | None]:
+        """Return the newest pose (4, 4) and its time (s), if it is on a clock; raises `InputError` if there is none."""
+
+    def close(self) -> None:
+        """Let go of what the side holds."""
+
+
+class Function:
+    """A side whose pose (4, 4) a function returns."""
+
+    def __init__(self, function: Callable[[], Array]) -> None:
+        self._function = function
+
+    def newest(self) -> tuple[Array, float | None]:
+        """Call the function."""
+        return np.asarray(self._function(), dtype=float), None
+
+    def close(self) -> None:
+        """Nothing is held."""
+
+
+class Taken:
+    """Pairs of two sides, taken when the user says that the robot stands still."""
+
+    on_demand, pending = True, False
+
+    def __init__(self, name: str, robot: Side, camera: Side) -> None:
+        self.name, self._robot, self._camera = name, robot, camera
+
+    def take(self) -> Pair:
+        """Return the newest pair; raises `InputError` where the two are of different moments."""
+        (robot, at), (camera, seen) = self._robot.newest(), self._camera.newest()
+        if at is not None and seen is not None and abs(at - seen) > APART:
+            raise InputError(f"Robot and camera were stamped {abs(at - seen):.2f} s apart. Let the robot stand still.")
+        return Pair(robot, camera, at if seen is None else seen)
+
+    def close(self) -> None:
+        """Close both sides."""
+        self._robot.close()
+        self._camera.close()
 
 
 def feed(session: Session, source: Source, stop: threading.Event) -> None:
