@@ -16,7 +16,7 @@ from ..empirical_covariance.resampled import resampled
 from ..errors import DegenerateMotionError, InputError, NotConvergedError
 from ..findings import Finding
 from ..geometry.se3 import Array, logarithm
-from ..input_checks.checks import check_fit, check_motions, require_signal
+from ..input_checks.checks import check_fit, check_motions, misread, require_signal
 from ..kinematics.kinematic_errors import DECLARED_AS, JOINT_NOISE
 from ..likelihood.constraint import Constraint, Unknowns
 from ..likelihood.gauss_helmert import (
@@ -59,6 +59,7 @@ from ..shared_errors.shared_error import (
     PRINCIPAL_POINT,
     TARGET_SCALE,
     VIEW,
+    WRONG_SIZE,
     assumed_drift,
     shared_columns,
     with_shared,
@@ -66,7 +67,15 @@ from ..shared_errors.shared_error import (
 )
 from .analysis import Analysis
 from .by_published import bare_result, by_sigma_points, estimate_unweighted, reference_for, reference_of
-from .findings import against_corners, against_data_sheet, against_prior, said_open, shared_findings, wrong_poses
+from .findings import (
+    against_corners,
+    against_data_sheet,
+    against_prior,
+    closed_forms,
+    said_open,
+    shared_findings,
+    wrong_poses,
+)
 from .request import FEWEST_FOR_ROBUST, OF_NOISE, Job
 from .result import Calibration
 from .result_file import FourDPA
@@ -78,6 +87,10 @@ SECOND_ORDER = 0.05
 # Share of rejected poses above which all poses are tried as a start as well; and over how many powers of e the size of
 # an outlier is spread.
 MANY_REJECTED, ORDERS = 0.05, 7.0
+# Where more are rejected, all poses are asked whether another reading of the files explains them.
+MISREAD = 0.15
+# The target has another size for sure from this probability on; below the other one nothing is asked.
+SURE, UNLIKELY = 0.99, 0.05
 # Errors whose columns at other poses are told by those that they were bound to.
 OF_POSES = frozenset({ROBOT_ACCURACY, VIEW, LENS, FOCAL_LENGTH, f"{PRINCIPAL_POINT} x"})
 # The source of a budget for what the open sizes of all errors leave.
@@ -323,7 +336,7 @@ def _assembled(
         covariance_W = None if covariance_W is None else covariance_W + of_moves(move[6:])
     table = pose_table(fit, robust)
     # Beside a camera covariance from corners the noise counts as known: most of it, or the test errs on the safe side.
-    dof = None if estimate is not None and estimate.camera_known else reference.dof
+    dof = None if estimate is not None and estimate.camera_known else reference_for(fit, estimate).dof
     within = _joint_noise(job, deviations)
     analysis = Analysis(data, noise, fit, job.method, estimate, dof, job.seed, read_only(beside), read_only(within))
     seen = motions_without_shared_errors(motions, noise, fit)
@@ -359,6 +372,7 @@ def _assembled(
         joint_posterior=joint_posterior,
         kinematics=_fitted(job, posterior, deviations),
     )
+    wrong_size = _wrong_size(found, result)
     said = said_open(fit.opened, result.setup) + against_prior(fit)
     findings = table.findings if robust else wrong_poses(job, noise, table)
     if poses is None or isinstance(noise, PairNoise):
@@ -373,10 +387,15 @@ def _assembled(
         if own is not None and not (is_of_each(own.robot) or is_of_each(own.camera)):
             own = None
         size = next((1.0 / (1.0 + of.estimate) for of in result.shared if of.name == TARGET_SCALE), 1.0)
-        findings += check_fit(rest, fit.X, known, fit.covariance_X, own, size)
+        sure = wrong_size is None or wrong_size > SURE
+        looked = check_fit(rest, fit.X, known, fit.covariance_X, own, size, sure)
+        if (~kept).mean() > MISREAD and not any(one.severity == "failure" for one in looked):
+            looked += misread(poses, fit.X)
+        findings += looked
+        findings += closed_forms(job, result, kept)
     halves = (analysis.split_half.finding, analysis.split_in_time.finding)
     findings += [found for found in (*analysis.diagnostics.findings, *halves) if found.severity != "note"]
-    findings += shared_findings(job, result, joint)
+    findings += shared_findings(job, result, joint, wrong_size)
     findings += local_findings(result)
     if estimate is not None:
         findings += against_data_sheet(result) + against_corners(estimate, judged)
@@ -384,6 +403,15 @@ def _assembled(
             values = {"item": table.item, "count": len(data), "needed": FEWEST_FOR_ROBUST}
             findings.append(Finding("calibration.few_for_outliers", "caution", values))
     return result, said + findings
+
+
+def _wrong_size(found: FoundSizes | None, result: Calibration) -> float | None:
+    """Return the probability that the target has another size, sizes of errors integrated over; None: not asked."""
+    scale = next((error for error in result.shared if error.name == TARGET_SCALE), None)
+    if found is None or scale is None:
+        return None
+    likely = scale.beyond(WRONG_SIZE)
+    return likely if likely < UNLIKELY else found.probability_of(TARGET_SCALE, WRONG_SIZE)
 
 
 def _time_offset(poses: PosePairs | None, fit: Fit, covariance: Array) -> tuple[TimeOffset | None, Array | None]:

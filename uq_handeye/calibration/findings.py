@@ -7,13 +7,15 @@ from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import ArrayLike
-from scipy.special import chdtr, chdtrc
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import chdtr, chdtrc, chdtri
 
 from ..camera.boards.description import spacing_of
 from ..diagnostics.pose_table import PoseTable, pose_table
 from ..errors import DegenerateMotionError, InputError, NotConvergedError
+from ..estimators.registry import solve
 from ..findings import GROSS, Finding, Severity, record_of
+from ..geometry.se3 import Array, logarithm
 from ..input_checks.alphabetical_rows import alphabetical_rows
 from ..input_checks.checks import check_fit, check_poses, check_rotations
 from ..input_checks.pose_ambiguity import CODE as POSE_AMBIGUITY
@@ -28,9 +30,9 @@ from ..likelihood.shared_estimates import JointFit, SharedEstimate
 from ..noise.estimate import NoiseEstimate
 from ..noise.joint_covariance import group_of
 from ..noise.models import Noise, PoseNoise
-from ..poses.motions import Motions
+from ..poses.motions import Motions, relative_motions, spread_pairs
 from ..poses.pose_pairs import PosePairs
-from ..poses.residuals import rotation_angles
+from ..poses.residuals import median, pose_residuals, rotation_angles
 from ..propagation.published_fit import fit_published
 from ..shared_errors.shared_error import TARGET_SCALE, WRONG_SIZE
 from .request import FEWEST_FOR_ROBUST, Job, request
@@ -76,6 +78,10 @@ RARE = 1e-4
 LITTLE_FROM_DATA = 1e-3
 
 
+# Closed forms beside X, the pairs that they get, and from where on one of them fits better: by the ratio of the median
+# residuals, and by d^2 of its X (the 95 % quantile of chi-square(6)).
+CLOSED_FORMS, COMPARED = ("4dpa", "tsai", "park", "horaud", "daniilidis"), 500
+BETTER, FAR_APART = 0.8, float(chdtri(6, 0.05))
 # RMS rotation residual of the pairs (rad) from which on a shifted pairing of the rows is looked for.
 SUSPICIOUS = np.radians(1.0)
 
@@ -113,10 +119,11 @@ CONTRADICTED, UNTOLD, ALL_OF_IT, HARDLY = 1e-3, 0.95, 0.8, 0.02
 TOO_SMALL = 1e-4
 
 
-def shared_findings(job: Job, result: Calibration, joint: JointFit) -> list[Finding]:
+def shared_findings(job: Job, result: Calibration, joint: JointFit, wrong_size: float | None = None) -> list[Finding]:
     """Shared errors that contradict what was assumed of them, that show a wrong size, that X cannot be told from.
 
     The numbers of one error (`group_of`) are tested together: of many single ones some are far out by chance.
+    ``wrong_size``: the probability that the target has another size; None: by its Gaussian.
     """
     found = []
     by_name: dict[str, list[SharedEstimate]] = {}
@@ -136,7 +143,8 @@ def shared_findings(job: Job, result: Calibration, joint: JointFit) -> list[Find
             shown = {name: factor * number for name, number in numbers.items()}
             values = {"name": error.name, "unit": unit, "p_value": error.p_value} | shown
             found.append(Finding("calibration.shared_contradicted", "caution", values))
-        if error.name == TARGET_SCALE and (probability := error.beyond(WRONG_SIZE)) > 0.5:
+        probability = error.beyond(WRONG_SIZE) if wrong_size is None else wrong_size
+        if error.name == TARGET_SCALE and probability > 0.5:
             size = {"estimate": error.estimate, "sd": error.sd, "square": _square_of(job), "probability": probability}
             found.append(Finding("calibration.target_size", "caution", size))
     groups: dict[str, list[SharedEstimate]] = {}
@@ -166,6 +174,40 @@ def _confounded(result: Calibration, name: str, errors: Sequence[SharedEstimate]
         return [Finding("calibration.shared_opens", "caution", values)]
     untold = all(error.sd > UNTOLD * error.prior_sd for error in errors)
     return [Finding("calibration.shared_confounded", "note", values)] if untold else []
+
+
+def closed_forms(job: Job, result: Calibration, kept: NDArray[np.bool_]) -> list[Finding]:
+    """Return a finding if a closed form fits the poses that count better than X, which it contradicts.
+
+    Better: the medians of rotation and of translation residuals are both below `BETTER` times those of X, as measured.
+    Errors that were estimated explain a part of these; a closed form that fits without them says that X may be wrong.
+    """
+    if job.poses is None or result.covariance is None or result.opened is not None or kept.sum() < FEWEST_FOR_ROBUST:
+        return []
+    poses = job.poses if kept.all() else job.poses.rows(kept)
+    motions = relative_motions(poses, spread_pairs(poses.n, COMPARED))
+    G, C = poses.effective_robot, poses.camera
+    own = np.array([median(part) for part in pose_residuals(G, C, result.X)])
+    found: list[tuple[float, str, Array, float]] = []
+    for name in CLOSED_FORMS:
+        with suppress(InputError, NotConvergedError):
+            X = solve(motions.A, motions.B, method=name)
+            ratio = np.array([median(part) for part in pose_residuals(G, C, X)]) / np.maximum(own, 1e-300)
+            xi = np.concatenate([logarithm(X[:3, :3] @ result.X[:3, :3].T), X[:3, 3] - result.X[:3, 3]])
+            d2 = float(xi @ np.linalg.solve(result.covariance, xi))
+            if (ratio < BETTER).all() and d2 > FAR_APART:
+                found.append((float(ratio.max()), name, ratio, d2))
+    if not found:
+        return []
+    _, name, ratio, d2 = min(found, key=lambda one: one[0])
+    values = {
+        "method": name,
+        "rotation": float(ratio[0]),
+        "translation": float(ratio[1]),
+        "d2": d2,
+        "count": len(found),
+    }
+    return [Finding("calibration.closed_form_fits", "caution", values)]
 
 
 def _square_of(job: Job) -> float | None:

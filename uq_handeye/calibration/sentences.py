@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ..diagnostics.sentences import along
-from ..findings import CAMERA, MOTION, NOISE, OUTLIERS, SHARED, sentence
+from ..findings import CAMERA, MOTION, NOISE, OUTLIERS, RESIDUALS, SHARED, sentence
 from ..formatting.numbers import concise, digits, multiple, probability, signed, times_of_noise
 from ..poses.selection import ranges
 
@@ -96,6 +96,22 @@ def _(estimate: float, sd: float, square: float | None, probability: float = 1.0
     found = concise(100 * size, 100 * deviation, "%")
     printed = " A printer that scales to fit the page does that; a wrong focal length looks like it." * (size > 0.015)
     return f"The target is {found} {way} than assumed{sure}.{printed} Measure it, and give its size."
+
+
+@sentence(
+    "calibration.closed_form_fits",
+    check=RESIDUALS,
+    phrase="X by {method} fits better",
+    effect=lambda v: math.sqrt(v["d2"] / 6),
+    remedy="compare the methods: uq-handeye compare",
+)
+def _(method: str, rotation: float, translation: float, d2: float, count: int) -> str:
+    others = f" ({count} closed forms fit better)" if count > 1 else ""
+    return (
+        f"X by method {method!r} fits the poses better than this X{others}: its residuals are {digits(rotation, 2)} "
+        f"times as large in rotation and {digits(translation, 2)} times in translation, and it lies outside the stated "
+        f"uncertainty (d^2 = {digits(d2, 3)}). Compare the methods before X is used."
+    )
 
 
 def _directions(directions: Sequence[Mapping[str, Any]]) -> str:

@@ -40,6 +40,10 @@ from .scale_errors import PROBED, inflation, scale_errors, shared_lengths
 _MM, _DEG = 1e3, 180.0 / np.pi
 
 
+# A pose that sees the target so many times as far away as the median pose is in another unit, and is no distance.
+MISPLACED = 10.0
+
+
 def diagnose(fit: Fit, data: PosePairs | Motions, noise: Noise, correlation_estimated: bool = False) -> Diagnostics:
     """Diagnostics of one fit, in O(n) time and memory, O(n^3) and O(n^2) for a joint covariance.
 
@@ -91,7 +95,8 @@ def diagnose(fit: Fit, data: PosePairs | Motions, noise: Noise, correlation_esti
     tests = residual_tests(fit, poses if on_poses else None, second, correlation_estimated)
     frame = UNKNOWN_FRAME if poses is None else "base" if poses.setup == "eye-to-hand" else "gripper"
     counts = second if fit.weights is None else second[fit.weights > 0.5]  # one in another unit weighs nothing
-    distance = float(np.sqrt(np.mean(np.sum(counts[:, :3, 3] ** 2, axis=-1))))
+    away = np.linalg.norm(counts[:, :3, 3], axis=-1)
+    distance = float(np.sqrt(np.mean(away[away <= MISPLACED * np.median(away)] ** 2)))
     return Diagnostics(
         n=n,
         item="pose" if on_poses else "motion",

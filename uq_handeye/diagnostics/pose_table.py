@@ -14,6 +14,8 @@ from ..findings import GROSS, Finding, Severity
 from ..geometry.se3 import Array
 from ..likelihood.gauss_helmert import Fit
 from ..likelihood.robust import FULL, RobustFit, largest_by_chance, pose_distances
+from ..noise.joint_covariance import JointCovariance
+from ..noise.square_roots import pulled, whiten
 from ..presentation.document import document_of, to_text
 from ..presentation.notebook import html_of
 
@@ -30,7 +32,8 @@ MOST_NAMED = 5
 class PoseTable(Record):
     """Arrays (n,), in the order of the data.
 
-    The residual is that of ``G X C = W`` (of ``A X = X B`` for motions) after the fit. ``distance2`` is the squared
+    The residual is that of ``G X C = W`` (of ``A X = X B`` for motions) after the fit, with the estimates of the errors
+    that poses share applied. ``distance2`` is the squared
     Mahalanobis distance of the pose from where the other poses predict it: chi-square with 6 degrees of freedom for a
     good pose and true noise. ``flag`` is "kept", "outlier" (``distance2`` beyond its 99.9 % quantile, 22.5; no robust
     estimation was asked for), "downweighted" (``weight`` says how far), "rejected", or "excluded": left out by
@@ -181,8 +184,17 @@ def pose_table(fit: Fit, robust: RobustFit | None) -> PoseTable:
         distance2, leverage = pose_distances(fit)
         weight = np.ones(n)
         flag = tuple("outlier" if far else "kept" for far in (distance2 > FULL).tolist())
-    residual = np.linalg.norm(fit.residual.reshape(n, 2, 3), axis=-1)
+    residual = np.linalg.norm(_of_each(fit).reshape(n, 2, 3), axis=-1)
     item = "motion" if fit.W is None else "pose"
     columns = (residual[:, 0], residual[:, 1], distance2, leverage, weight)
     judged = (FULL, 1.0) if robust is None else (robust.limit, robust.scale)
     return PoseTable(item, *columns, flag, *judged)
+
+
+def _of_each(fit: Fit) -> Array:
+    """Residuals (n, 6) that the errors which poses share do not explain: ``r - F z``, ``z = F^T S^-1 r``."""
+    if not isinstance(fit.S, JointCovariance):
+        return fit.residual
+    factor, F = fit.weighted_factor, fit.S.shared
+    back = pulled(factor, whiten(factor, fit.residual[..., None]))[..., 0]
+    return np.asarray(fit.residual - F @ np.einsum("niq,ni->q", F, back))

@@ -98,6 +98,7 @@ def residual_tests(
         white, J = fit.white
     n = len(white)
     rows = np.arange(n) if fit.weights is None else np.flatnonzero(fit.weights > 0.5)
+    exact = len(rows) > 0 and np.sqrt(np.mean(white[rows] ** 2)) < 1e-6
     distinct = np.unique(np.round(white[rows], 9), axis=0, return_index=True)[1]
     rows = rows[np.sort(distinct)]  # copies of a row repeat its residual
     if poses is not None and poses.timestamps is not None:
@@ -111,10 +112,10 @@ def residual_tests(
         return Finding("diagnostics.not_tested", "note", values)
 
     why = None
-    if len(rows) < needed:
-        why = "too few"
-    elif np.sqrt(np.mean(white[rows] ** 2)) < 1e-6:
+    if exact:
         why = "exact"
+    elif len(rows) < needed:
+        why = "too few"
     elif 6 * len(rows) - np.sum(_orthonormal(J[rows]) ** 2) < LEFT:
         why = "unknowns"
     unknown = np.zeros(0), np.zeros(0), None, None, None, None

@@ -210,11 +210,15 @@ def check_fit(
     covariance: Array | None,
     own: PoseNoise | None = None,
     size: float = 1.0,
+    sure: bool = True,
 ) -> list[Finding]:
     """Residuals of the poses against their noise and each other; if they are large, which other reading would fit.
 
     ``size``: of the target, estimated, as a multiple of the one given. Within `ESTIMATED_SIZES` the camera poses are
     taken with it, as X is: the size is then a finding of its own. What is farther off is misread.
+
+    ``sure``: it is all but certain (99 %) that the target has another size. Else a factor that is no unit refuses
+    nothing.
 
     ``own`` is noise that was estimated in units of a covariance of each pose: it explains the residuals as a whole, and
     says how they differ.
@@ -251,11 +255,21 @@ def check_fit(
         return [*found, Finding("input_checks.poses_unexplained", "failure", values)]
     shows = max(SCALE_SHOWS * travel, 0.005 * reach, 3.0 * _rms(most, 1), 1e-9)
     typical = median(distance) if outliers else shift
-    if typical > shows and (scaled := scaled_reading(G, C, shift, poses.sources)):
+    scaled = scaled_reading(G, C, shift, poses.sources) if typical > shows else None
+    if scaled is not None and (sure or not scaled.get("target")):
         return [*found, Finding("input_checks.wrong_scale", "failure", {"reading": scaled}), *outliers]
     if outliers:
         return found + outliers
     return found + _check_lengths(poses, X)
+
+
+def misread(poses: PosePairs, X: Array) -> list[Finding]:
+    """Return the readings of the two files that all poses fit, where those that fit X are no majority to rely on."""
+    G = poses.effective_robot
+    turn, shift = (float(np.sqrt(np.mean(part**2))) for part in pose_residuals(G, poses.camera, X))
+    readings = [one for one in other_readings(poses, turn, shift) if one["kind"] != "scale"]
+    values = {"rotation": turn, "translation": shift, "readings": readings}
+    return [Finding("input_checks.poses_unexplained", "failure", values)] if readings else []
 
 
 def _rms(squares: tuple[Array, Array] | None, k: int) -> float:

@@ -32,6 +32,8 @@ SMALL = 0.02
 INVERSE = ("inverse robot", "inverse camera")
 # Another reading fits if its translation residuals are below this share of the travel of the robot.
 FITS = 0.2
+# A factor (its logarithm) is that of a unit within these: of 2.54, and of 10, 25.4 and more, which no target has.
+UNIT_NEAR, UNIT_FAR = 0.03, 0.15
 
 
 def other_readings(poses: PosePairs, turn: float, shift: float) -> list[dict[str, Any]]:
@@ -147,7 +149,7 @@ def _unit_of(scale: float, G: Array, C: Array) -> tuple[str | None, str | None]:
             ("camera", "robot", LENGTH_UNITS[unit]),
             ("robot", "camera", 1.0 / LENGTH_UNITS[unit]),
         ):
-            if abs(scale / factor - 1.0) < 0.03:
+            if _near(scale, factor):
                 return (other, "m") if other in small else (file, unit)
     return None, None
 
@@ -155,7 +157,12 @@ def _unit_of(scale: float, G: Array, C: Array) -> tuple[str | None, str | None]:
 def _between_units(scale: float) -> bool:
     """Return whether a factor is that between two units of length, none of which need be metres."""
     ratios = np.divide.outer(list(LENGTH_UNITS.values()), list(LENGTH_UNITS.values()))
-    return bool((np.abs(scale / ratios[ratios != 1.0] - 1.0) < 0.03).any())
+    return any(_near(scale, ratio) for ratio in ratios[ratios != 1.0].tolist())
+
+
+def _near(scale: float, factor: float) -> bool:
+    """Return whether a factor is that of a unit: near 1 a target may have it, far from 1 nothing else has."""
+    return abs(np.log(scale / factor)) < (UNIT_FAR if abs(np.log(factor)) > np.log(9.0) else UNIT_NEAR)
 
 
 def _scaled_camera(G: Array, C: Array) -> float | None:

@@ -4,11 +4,16 @@ Model: ``xi = (theta, tau)`` of X has the covariance S of the calibration (noise
 standard uncertainty of a part in its worst direction is the root of the largest eigenvalue of its block of S; that of a
 point p straight ahead of the camera is ``sqrt(max eig J S J^T)``, ``J = [-[R p]x, I]`` (`diagnostics.task_space`). The
 coverage factor for 95 % is Student's t with the effective degrees of freedom in that direction (JCGM 100, G.4).
+
+*From the poses.* Errors a of robot, camera and target that are assumed, and whose numbers the data do not determine,
+add what their priors say. With P the joint covariance of xi and a, what the poses alone give is the covariance of xi
+for known a, ``P_xx - P_xa P_aa^-1 P_ax``.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from scipy.special import ndtri, stdtrit
@@ -25,6 +30,10 @@ from .included import included, not_included
 from .stated import Stated, distance_of
 
 _KINDS = ("rotation", "translation", "coupling")
+# A number of an error is told by its prior where the data leave more than this share of its variance; what priors add
+# is said where X is so many times as uncertain with it; and errors that add less than this share of the most are not
+# named.
+BY_PRIOR, DIFFERENT, NAMED = 0.5, 1.25, 0.5
 
 
 @dataclass(frozen=True)
@@ -34,6 +43,18 @@ class Part:
     name: str
     translation: float  # m
     rotation: float  # rad
+
+
+@dataclass(frozen=True)
+class FromPoses(Record):
+    """Standard uncertainties in the worst direction that the poses alone give; see the module.
+
+    ``assumed``: the errors whose priors add most of what the total has more, the first one most.
+    """
+
+    translation: float  # m
+    rotation: float  # rad
+    assumed: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -56,6 +77,9 @@ class Accuracy(Record):
     included: tuple[str, ...]
     not_included: tuple[str, ...]
     lower_limit: bool  # the errors that are not included are known to matter
+    from_poses: FromPoses | None = None  # where priors of errors that are assumed add to it
+
+    _if_any: ClassVar[str] = "from_poses"
 
 
 def accuracy_of(result: Stated) -> Accuracy | None:
@@ -90,7 +114,35 @@ def accuracy_of(result: Stated) -> Accuracy | None:
         included=("noise of the poses", *words),
         not_included=tuple(not_included(result)),
         lower_limit=lower_limit_of(result),
+        from_poses=None if touched else _from_poses(result),
     )
+
+
+def _from_poses(result: Stated) -> FromPoses | None:
+    """Return what the poses alone give; None where priors add little."""
+    posterior, S = result.posterior, result.covariance
+    if posterior is None or S is None or result.covariance_kind != "model":
+        return None
+    place = {name: len(posterior.covariance) - len(posterior.names) + k for k, name in enumerate(posterior.names)}
+    of: dict[str, list[int]] = {}
+    for error in result.shared:
+        if error.default and error.name in place and error.sd**2 > BY_PRIOR * error.prior_sd**2:
+            of.setdefault(error.error, []).append(place[error.name])
+
+    def known(index: list[int]) -> Array:
+        P = posterior.covariance
+        across = P[:6, index]
+        C = P[:6, :6] - across @ np.linalg.solve(P[np.ix_(index, index)], across.T)
+        return np.array([_worst(C[3:, 3:]), _worst(C[:3, :3])])
+
+    if not of:
+        return None
+    total, alone = np.array([_worst(S[3:, 3:]), _worst(S[:3, :3])]), known([k for index in of.values() for k in index])
+    if not (total > DIFFERENT * alone).any():
+        return None
+    gains = {name: float((1.0 - known(index) / total).max()) for name, index in of.items()}
+    named = [name for name in sorted(gains, key=lambda name: -gains[name]) if gains[name] > NAMED * max(gains.values())]
+    return FromPoses(_steady(float(alone[0])), _steady(float(alone[1])), tuple(named))
 
 
 def parts_of(budget: Budget) -> tuple[Part, ...]:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from ..formatting.numbers import digits
+from ..shared_errors.accuracy import ROBOT_ACCURACY
+from ..shared_errors.shared_error import FOCAL_LENGTH, LENS, PRINCIPAL_POINT, TARGET_SCALE, VIEW
 from .accuracy import Accuracy, accuracy_of, amounts
 from .checks import reasons_of
 from .stated import Stated
@@ -42,6 +44,32 @@ def suits_of(accuracy: Accuracy) -> str | None:
     if accuracy.lower_limit:
         return f"{far}: {fails}."
     return f"{far}: good for a tolerance of {digits(1e3 * good[0], 1)} mm (95 %); {fails}."
+
+
+# What an error whose size is assumed is like, and how to say what it is here.
+_LIKE = {
+    ROBOT_ACCURACY: (
+        "arms of unknown accuracy are like",
+        "give joints (--joints, --urdf), --robot-model or --robot-accuracy",
+    ),
+    FOCAL_LENGTH: ("calibrated cameras are like", "give pictures, or --focal-sd"),
+    PRINCIPAL_POINT: ("calibrated cameras are like", "give pictures, or --principal-point-sd"),
+    TARGET_SCALE: ("printed targets are like", "measure the target, and give --target-scale-sd"),
+    VIEW: ("poses of unknown cameras are like", "give pictures or corners"),
+    LENS: ("poses of unknown cameras are like", "give pictures or corners"),
+}
+
+
+def two_numbers(accuracy: Accuracy) -> str | None:
+    """Return what the poses give and what assumed errors add, with what to declare; None where they add little."""
+    own = accuracy.from_poses
+    if own is None:
+        return None
+    like, give = _LIKE.get(own.assumed[0], (f"is usual of the {own.assumed[0]}", "declare it"))
+    return (
+        f"{amounts(own.translation, own.rotation)} from these poses; "
+        f"{amounts(accuracy.translation, accuracy.rotation)} with what {like}: {give}."
+    )
 
 
 def _ahead(accuracy: Accuracy) -> str:

@@ -18,6 +18,7 @@ from ..likelihood.shared_estimates import SharedEstimate
 from ..noise.estimate import NoiseEstimate
 from ..noise.models import Noise
 from ..poses.timing import TimeOffset
+from ..posterior.posterior import Posterior
 
 # Distance taken where that of the target is not known (m).
 USUAL_DISTANCE = 0.5
@@ -71,6 +72,8 @@ class Stated(Protocol):
     def time_offset(self) -> TimeOffset | None: ...
     @property
     def shared(self) -> tuple[SharedEstimate, ...]: ...
+    @property
+    def posterior(self) -> Posterior | None: ...
     @property
     def reference(self) -> Reference: ...
     @property

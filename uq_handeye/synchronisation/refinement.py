@@ -37,7 +37,7 @@ from ..likelihood.consensus import NOTHING, consensus, misfit, residual_noise, r
 from ..likelihood.constraint import OnPoses, Unknowns
 from ..likelihood.gauss_helmert import CLOSED_FORM_STEPS, Fit, fit
 from ..likelihood.robust import FULL, pose_distances, robust_weights
-from ..noise.models import PoseNoise
+from ..noise.models import PoseNoise, marginals
 from ..noise.square_roots import gram, whiten
 from ..one_model.noise_of_data import estimate_noise
 from ..poses.pose_pairs import PosePairs
@@ -303,7 +303,11 @@ def with_noise(pairing: Pairing, begun: Refined, rows: NDArray[np.intp]) -> Pose
         estimate = estimate_noise(poses, start=done.fit.X, weights=(done.weights > 0.5).astype(float))
     except (InputError, NotConvergedError, DegenerateMotionError):
         return begun.noise
-    return estimate.noise if isinstance(estimate.noise, PoseNoise) else begun.noise
+    if not isinstance(estimate.noise, PoseNoise):
+        return begun.noise
+    # Other offsets have other rows: the noise of a usual one is that of all.
+    sides = (estimate.noise.robot, estimate.noise.camera)
+    return PoseNoise(*(None if S is None else marginals(S).reshape(-1, 6, 6).mean(axis=0) for S in sides))
 
 
 def bias_of_interpolation(pairing: Pairing, best: Refined, missed: Array) -> float:

@@ -10,10 +10,11 @@ import numpy as np
 from ...diagnostics.budget import Budget
 from ...diagnostics.pose_table import PoseTable
 from ...formatting.numbers import column, digits, fixed, multiple, pose_rows, probability
+from ...formatting.units import small_unit
 from ...geometry.pose_numbers import pose_numbers
 from ...geometry.se3 import Array
 from ...likelihood.goodness_of_fit import GoodnessOfFit
-from ...noise.estimate import SHOWN, Component
+from ...noise.estimate import SHOWN, Component, FoundComponent
 from ...noise.joint_covariance import JointCovariance
 from ...noise.models import Noise, PairNoise, is_joint, marginals
 from ...presentation.document import Block, Cell, Code, Heading, Paragraph, Points, Table
@@ -42,6 +43,9 @@ def noise_blocks(result: Calibration) -> list[Block]:
             caption = "Noise, estimated from the residuals and the geometry of the views:"
         head = ["source", "1 sigma per axis", "95 % interval", "status"]
         blocks.append(Table(caption, head, list(map(_component, estimate.components)), frozenset({3})))
+        if estimate.of_model:
+            head = ["error", "side", "size", "95 % interval", "determined", "share of X"]
+            blocks.append(Table(OF_MODEL, head, list(map(_of_model, estimate.of_model)), frozenset({0, 1})))
         if estimate.statement:
             blocks.append(Points(estimate.statement))
     elif result.noise is not None:
@@ -59,6 +63,20 @@ def noise_blocks(result: Calibration) -> list[Block]:
 
 NO_TEST_OF_NOISE = "The chi-square test of the noise was not run, because the noise comes from the same residuals."
 NO_NOISE = "Not known: no noise was given, and none could be estimated from the residuals."
+
+
+OF_MODEL = (
+    "Errors of the model: size (1 sigma) with its interval, how many of its numbers the data determine, and share of the "
+    "variance of X in the direction where it matters most."
+)
+
+
+def _of_model(part: FoundComponent) -> list[str]:
+    factor, unit = small_unit(part.unit)
+    size = f"{fixed(factor * part.size)} {unit}".rstrip()
+    between = "known" if part.known else f"{fixed(factor * part.low)} to {fixed(factor * part.high)} {unit}".rstrip()
+    numbers = f"{part.determined:.1f} of {part.count}" if part.count else "each pose"
+    return [part.name, part.side, size, between, numbers, f"{100 * part.share:.1f} %"]
 
 
 def _component(component: Component) -> list[str]:

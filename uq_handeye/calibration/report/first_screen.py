@@ -16,7 +16,7 @@ from ...geometry.pose_numbers import pose_numbers
 from ...geometry.se3 import Array
 from ...presentation.document import COLUMNS, Answer, Block, Checks, Code, Document, Heading, Paragraph, Table, to_text
 from ...statement.accuracy import Accuracy, Part
-from ...statement.headline import suits_of
+from ...statement.headline import suits_of, two_numbers
 from ...statement.tolerance import Verdict
 from ..result import Calibration
 
@@ -172,6 +172,8 @@ def accuracy_blocks(result: Calibration, most: int = MOST_PARTS, expanded: bool 
         blocks.append(parts_table(accuracy, most, expanded))
     else:
         blocks.append(Paragraph(f"Includes {', '.join(accuracy.included)}.", hang="  "))
+    if text := two_numbers(accuracy):
+        blocks.append(Paragraph(text, hang="  "))
     if accuracy.not_included:
         blocks.append(Paragraph(f"Not included: {', '.join(accuracy.not_included)}.", hang="  "))
     return blocks
