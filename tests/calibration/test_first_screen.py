@@ -96,7 +96,8 @@ def test_it_has_every_part_once(result):
     }
     for check in result.checks:
         assert re.search(rf"\b{check.name}\b", text), check.name
-        assert check.text in flat or "as the headline says" in flat
+        folded = check.status == "ok" and "passed" in flat  # where the screen is full
+        assert check.text in flat or folded or "as the headline says" in flat
     assert np.allclose([list(map(float, line.split())) for line in _matrix(lines)], result.X, atol=1e-9)
     assert flat.count("Next: ") == 1 and "translation x" in flat and "rotation vector x" in flat
     assert (" +- " in flat or re.search(r"\d\(\d+\)", flat) is not None) == (result.covariance is not None)

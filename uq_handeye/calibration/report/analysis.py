@@ -18,6 +18,8 @@ from ...noise.estimate import SHOWN, Component, FoundComponent
 from ...noise.joint_covariance import JointCovariance
 from ...noise.models import Noise, PairNoise, is_joint, marginals
 from ...presentation.document import Block, Cell, Code, Heading, Paragraph, Points, Table
+from ...shared_errors.drift import DRIFT
+from ...shared_errors.shared_error import VIEW
 from ..estimated_poses import deviations_of
 from ..result import Calibration
 
@@ -66,13 +68,13 @@ NO_NOISE = "Not known: no noise was given, and none could be estimated from the 
 
 
 OF_MODEL = (
-    "Errors of the model: size (1 sigma) with its interval, how many of its numbers the data determine, and share of the "
-    "variance of X in the direction where it matters most."
+    "Errors of the model: size (1 sigma) with its interval, how many of its numbers the data determine, and share "
+    "of the variance of X in the direction where it matters most."
 )
 
 
 def _of_model(part: FoundComponent) -> list[str]:
-    factor, unit = small_unit(part.unit)
+    factor, unit = (1e3, "mrad, mm") if part.name == VIEW or DRIFT in part.name else small_unit(part.unit)
     size = f"{fixed(factor * part.size)} {unit}".rstrip()
     between = "known" if part.known else f"{fixed(factor * part.low)} to {fixed(factor * part.high)} {unit}".rstrip()
     numbers = f"{part.determined:.1f} of {part.count}" if part.count else "each pose"
