@@ -1,9 +1,14 @@
 """Rig files: what is read, matching by timestamps, one line for what is wrong, the command."""
 
 import json
+import re
+import tomllib
+from xml.etree import ElementTree
 
+import cv2
 import numpy as np
 import pytest
+import yaml
 from scipy.spatial.transform import Rotation
 
 import uq_handeye as uq
@@ -249,3 +254,42 @@ def test_a_damaged_result_is_refused_in_one_line(two_on_the_hand, damage, messag
     with pytest.raises(uq.InputError, match=message) as caught:
         uq.load(path / "rig.json")
     assert "\n" not in str(caught.value)
+
+
+# ------------------------------------------------------------------------------- exports
+
+
+def test_exports_hold_every_pose_and_the_relative_ones(two_on_the_hand, capsys):
+    path = two_on_the_hand
+    assert run("calibrate", path / "rig.toml", "-o", path / "out") == 0
+    result = uq.load(path / "out" / "rig.json")
+    for name in ("x.yaml", "cv.yaml", "rig.launch.py", "rig.urdf", "poses.toml", "poses.npz", "again.json"):
+        more = ["--format", "opencv"] if name == "cv.yaml" else []
+        assert run("export", path / "out" / "rig.json", path / name, *more) == 0
+    frames = ["gripper_T_left", "gripper_T_right", "world_T_target", "left_T_right"]
+    poses = dict(zip(frames, (*result.cameras.values(), *result.targets.values(), *result.pairs), strict=True))
+    ros = yaml.safe_load((path / "x.yaml").read_text())
+    toml = tomllib.loads((path / "poses.toml").read_text())
+    arrays = np.load(path / "poses.npz")
+    storage = cv2.FileStorage(str(path / "cv.yaml"), cv2.FILE_STORAGE_READ)
+    for name, one in poses.items():
+        assert list(ros[name]["transform_stamped"]["transform"]["translation"].values()) == one.pose[:3, 3].tolist()
+        S = np.array(ros[name]["pose_with_covariance_stamped"]["pose"]["covariance"]).reshape(6, 6)
+        np.testing.assert_allclose(S[:3, :3], one.covariance[3:, 3:], rtol=1e-12)
+        table = toml["relative" if name == "left_T_right" else "poses"][name]
+        np.testing.assert_array_equal(table["matrix"], one.pose)
+        np.testing.assert_array_equal(table["covariance"], one.covariance)
+        np.testing.assert_array_equal(arrays[name], one.pose)
+        np.testing.assert_allclose(storage.getNode(name).mat(), one.pose, rtol=1e-15)
+    launch = (path / "rig.launch.py").read_text()
+    assert len(re.findall(r"            Node\(", launch)) == 3 and "# left_T_right, which follows" in launch
+    compile(launch, "rig.launch.py", "exec")
+    robot = ElementTree.parse(path / "rig.urdf").getroot()
+    joints = {(j.find("parent").get("link"), j.find("child").get("link")): j for j in robot.iter("joint")}
+    assert set(joints) == {("gripper", "left"), ("gripper", "right"), ("world", "target")}
+    xyz = np.array(joints["gripper", "left"].find("origin").get("xyz").split(), dtype=float)
+    np.testing.assert_allclose(xyz, poses["gripper_T_left"].pose[:3, 3], rtol=1e-15)
+    assert uq.load(path / "again.json").text() == result.text()
+    capsys.readouterr()
+    assert run("export", path / "out" / "rig.json", path / "x.dat", "--format", "kuka") == 2
+    assert "toml" in capsys.readouterr().err

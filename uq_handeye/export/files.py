@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -29,6 +29,7 @@ from .snippets import (
 
 # What a ROS file says of its covariance.
 _ROS = "(x, y, z, rotation about x, y, z), translation first, fixed axes of the parent frame; m and rad; 6x6 row by row"
+OWN_FRAMES = "# Put the names of your own frames in; the camera is the frame with z forward, which ROS calls optical."
 
 
 def _json(result: Exportable) -> str:
@@ -43,32 +44,36 @@ def ros_text(result: Exportable) -> str:
     X, inverse = transforms_of(result)
     lines = [
         f"# {X.name} by uq-handeye: translation first (m), then the unit quaternion (x, y, z, w).",
-        "# Put the names of your own frames in; the camera is the frame with z forward, which ROS calls optical.",
-        *_transform_stamped("transform_stamped", X),
+        OWN_FRAMES,
+        *transform_stamped("transform_stamped", X),
         f"# The inverse, {inverse.name}.",
-        *_transform_stamped("inverse_transform_stamped", inverse),
+        *transform_stamped("inverse_transform_stamped", inverse),
     ]
+    return "\n".join([*lines, *pose_with_covariance(X, open_comments(result)), ""])
+
+
+def pose_with_covariance(X: Transform, comments: Sequence[str] = ()) -> list[str]:
+    """Lines of a ``PoseWithCovarianceStamped``, or of the reason why there is none."""
     covariance = X.covariance_in("ros")
     if covariance is None:
-        lines.append(f"# {NOT_DETERMINED}")
-    else:
-        lines += [
-            f"# Covariance of {_ROS}.",
-            *(f"# {line}" for line in open_comments(result)),
-            "pose_with_covariance_stamped:",
-            f"  header: {{frame_id: {X.parent}}}",
-            "  pose:",
-            "    pose:",
-            f"      position: {yaml_fields('xyz', X.t)}",
-            f"      orientation: {yaml_fields('xyzw', X.quaternion)}",
-            "    covariance: [",
-            *(f"      {', '.join(map(yaml_number, row))}," for row in covariance),
-            "    ]",
-        ]
-    return "\n".join([*lines, ""])
+        return [f"# {NOT_DETERMINED}"]
+    return [
+        f"# Covariance of {_ROS}.",
+        *(f"# {line}" for line in comments),
+        "pose_with_covariance_stamped:",
+        f"  header: {{frame_id: {X.parent}}}",
+        "  pose:",
+        "    pose:",
+        f"      position: {yaml_fields('xyz', X.t)}",
+        f"      orientation: {yaml_fields('xyzw', X.quaternion)}",
+        "    covariance: [",
+        *(f"      {', '.join(map(yaml_number, row))}," for row in covariance),
+        "    ]",
+    ]
 
 
-def _transform_stamped(key: str, X: Transform) -> list[str]:
+def transform_stamped(key: str, X: Transform) -> list[str]:
+    """Lines of a ``TransformStamped``."""
     return [
         f"{key}:",
         f"  header: {{frame_id: {X.parent}}}",
@@ -82,34 +87,55 @@ def _transform_stamped(key: str, X: Transform) -> list[str]:
 def launch_text(result: Exportable) -> str:
     """A launch file of ROS 2, in Python, with the node that publishes X as a static transform."""
     X, _ = transforms_of(result)
+    comments = [
+        f"# {X.name} by uq-handeye: translation first (m), then the unit quaternion, scalar last.",
+        OWN_FRAMES,
+        *(f"# {line}" for line in open_comments(result)),
+    ]
+    return "\n".join(launch_lines(comments, node_lines(X)))
+
+
+def node_options(X: Transform) -> list[str]:
+    """Arguments of ``static_transform_publisher``."""
     numbers = zip(("x", "y", "z", "qx", "qy", "qz", "qw"), [*X.t.tolist(), *X.quaternion.tolist()], strict=True)
-    options = [f"--{name} {value!r}" for name, value in numbers]
-    options += [f"--frame-id {X.parent}", f"--child-frame-id {X.child}"]
-    given = (f"                    {', '.join(map(repr, option.split()))}," for option in options)
-    return "\n".join(
-        [
-            f"# {X.name} by uq-handeye: translation first (m), then the unit quaternion, scalar last.",
-            "# Put the names of your own frames in; the camera is the frame with z forward, which ROS calls optical.",
-            *(f"# {line}" for line in open_comments(result)),
-            "from launch import LaunchDescription",
-            "from launch_ros.actions import Node",
-            "",
-            "",
-            "def generate_launch_description():",
-            "    return LaunchDescription(",
-            "        [",
-            "            Node(",
-            '                package="tf2_ros",',
-            '                executable="static_transform_publisher",',
-            "                arguments=[",
-            *(line.replace("'", '"') for line in given),
-            "                ],",
-            "            )",
-            "        ]",
-            "    )",
-            "",
-        ]
-    )
+    return [
+        *(f"--{name} {value!r}" for name, value in numbers),
+        f"--frame-id {X.parent}",
+        f"--child-frame-id {X.child}",
+    ]
+
+
+def node_lines(X: Transform) -> list[str]:
+    """Lines of the node that publishes a static transform."""
+    given = (f"                    {', '.join(map(repr, option.split()))}," for option in node_options(X))
+    return [
+        "            Node(",
+        '                package="tf2_ros",',
+        '                executable="static_transform_publisher",',
+        "                arguments=[",
+        *(line.replace("'", '"') for line in given),
+        "                ],",
+        "            )",
+    ]
+
+
+def launch_lines(comments: Sequence[str], nodes: Sequence[str]) -> list[str]:
+    """Lines of a launch file with these nodes."""
+    several = sum(line.strip() == "Node(" for line in nodes) > 1
+    return [
+        *comments,
+        "from launch import LaunchDescription",
+        "from launch_ros.actions import Node",
+        "",
+        "",
+        "def generate_launch_description():",
+        "    return LaunchDescription(",
+        "        [",
+        *(f"{line}," if several and line == "            )" else line for line in nodes),
+        "        ]",
+        "    )",
+        "",
+    ]
 
 
 def urdf_text(result: Exportable) -> str:
@@ -208,6 +234,7 @@ _SUFFIXES = {
     ".py": ("launch",),
     ".urdf": ("urdf",),
     ".npz": ("npz",),
+    ".toml": ("toml",),
 }
 
 
@@ -232,19 +259,26 @@ def write_export(result: Exportable, path: StrPath, format: str | None = None) -
     InputError
         An unknown format, a suffix that says none or another one, a file that cannot be written.
     """
+    target, name = format_of(path, format, FORMATS)
+    write_atomically(target, _WRITERS[name](result))
+    return target
+
+
+def format_of(path: StrPath, format: str | None, known: tuple[str, ...]) -> tuple[Path, str]:
+    """Return path and format of an export, one of ``known``; None: by the suffix. Raises `InputError` for others."""
     target = as_path(path)
     suffix = target.suffix.lower()
     if format is None:
-        if suffix not in _SUFFIXES:
+        suffixes = [end for end, names in _SUFFIXES.items() if names[0] in known]
+        if suffix not in suffixes:
             raise InputError(
-                f"Expected {shown(target)} to end in {', '.join(_SUFFIXES)}, or `format` (--format) to be one of "
-                f"{', '.join(FORMATS)}."
+                f"Expected {shown(target)} to end in {', '.join(suffixes)}, or `format` (--format) to be one of "
+                f"{', '.join(known)}."
             )
         format = _SUFFIXES[suffix][0]
-    if not isinstance(format, str) or format not in FORMATS:
-        raise InputError(f"Expected `format` (--format) to be one of {', '.join(FORMATS)}, got {format!r}.")
+    if not isinstance(format, str) or format not in known:
+        raise InputError(f"Expected `format` (--format) to be one of {', '.join(known)}, got {format!r}.")
     if format not in _SUFFIXES.get(suffix, (format,)):
         ends = " or ".join(end for end, names in _SUFFIXES.items() if format in names)
         raise InputError(f"Expected a file of the format {format} to end in {ends}, got {shown(target)}.")
-    write_atomically(target, _WRITERS[format](result))
-    return target
+    return target, format

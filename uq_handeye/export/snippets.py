@@ -107,14 +107,18 @@ def transforms_of(result: Exportable) -> tuple[Transform, Transform]:
     parent, child = OF_MOTIONS if result.setup is None else result.frame.split("_T_")
     covariance, of_inverse = result.covariance, result.covariance_inverse
     if covariance is not None and result.opened is not None:
-        U = result.opened.of_X
-        covariance = covariance + OPEN_DEVIATION**2 * (U.T @ U)
+        covariance = with_open(covariance, result.opened.of_X)
         J = inverse_jacobian(result.X)
         of_inverse = J @ covariance @ J.T
     return (
         Transform(result.X + 0.0, covariance, parent, child),
         Transform(result.inverse + 0.0, of_inverse, child, parent),
     )
+
+
+def with_open(covariance: Array, U: Array) -> Array:
+    """Covariance (6, 6) with `OPEN_DEVIATION` along the open directions U (k, 6)."""
+    return np.asarray(covariance + OPEN_DEVIATION**2 * (U.T @ U))
 
 
 def open_comments(result: Exportable) -> list[str]:

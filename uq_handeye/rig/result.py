@@ -6,12 +6,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from itertools import combinations
+from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
 from scipy.special import chdtrc
 
 from ..errors import InputError
+from ..export.several import write_several
 from ..files.atomic import json_text
 from ..files.open import StrPath
 from ..files.records import Record, parsed
@@ -24,6 +26,7 @@ from ..runtime.read_only import ReadOnlyArrays
 from .checks.paths import RigPath
 from .description import WORLD, Rig
 from .files.result_file import from_dict, to_dict
+from .output.exported import several_of
 from .relative import closed, open_of, relative_pose
 
 
@@ -266,6 +269,13 @@ class RigCalibration(Record):
     def save(self, path: StrPath) -> None:
         """Write `to_dict` as JSON, which `uq_handeye.load` reads back bit by bit."""
         json_text(self.to_dict(), path)
+
+    def export(self, path: StrPath, format: str | None = None) -> Path:
+        """Write all poses and relative poses for another program; see `uq_handeye.export.several`.
+
+        ``format``: json, ros, launch, urdf, opencv, toml or npz; None: by the suffix.
+        """
+        return write_several(several_of(self), path, format)
 
     @classmethod
     def from_dict(cls, data: Any) -> RigCalibration:

@@ -38,15 +38,19 @@ def export_command(
       uq-handeye export result/result.json handeye.launch.py
       # As a KUKA writes a frame: X, Y, Z in mm, A, B, C in deg
       uq-handeye export result/result.json x.dat --format kuka
+      # All poses of a rig, with the relative poses of its cameras
+      uq-handeye export result/rig.json cameras.launch.py
       # URDF of the arm, with the estimated errors corrected
       uq-handeye export result/result.json new.urdf --corrects robot.urdf
 
     Options (Output):
-      * --format NAME <EXPORT_NAMES>: Format: {EXPORT_NAMES}. Default: by the suffix of FILE.
+      * --format NAME <EXPORT_NAMES>: Format: {EXPORT_NAMES}; of a rig json, ros, launch, urdf, opencv, toml or npz.
+        Default: by the suffix of FILE.
       * --corrects ROBOT.urdf: URDF of the calibrated arm, to write with its errors corrected. Corrects the errors that
         are known (standard deviation below half of the prior) and writes their covariance as JSON.
     """
-    from ...calibration.result import Calibration
+    from ...calibration.result import Calibration, load
+    from ...rig.result import RigCalibration
 
     require_writable(file, "FILE")
     if corrects is not None:
@@ -55,8 +59,11 @@ def export_command(
         found = Calibration.from_json(result).export_urdf(file, corrects)
         emit(f"Wrote {file} and {file.with_suffix('.corrections.json')}. {found.summary}\n")
         return 0
-    name = None if format is None else one_of(format, "--format", EXPORT_NAMES)
-    stored = Calibration.from_json(result)
+    name = None if format is None else one_of(format, "--format", (*EXPORT_NAMES, "toml"))
+    stored = load(result)
+    if isinstance(stored, RigCalibration):
+        emit(f"Wrote {stored.export(file, name)}\n")
+        return 0
     if stored.reasons:
         fail(f"{result} is not usable, so nothing was exported: {stored.reasons[0]}. Calibrate again.")
         return NOT_USABLE

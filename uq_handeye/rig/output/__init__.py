@@ -1,0 +1,1 @@
+"""The result of a rig for people and for other programs."""
