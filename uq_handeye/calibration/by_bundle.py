@@ -13,7 +13,8 @@ from ..noise.models import PoseNoise
 from ..poses.residuals import residuals, summarise
 from .analysis import Analysis
 from .by_likelihood import by_likelihood
-from .request import BUNDLE, Job
+from .job import Job
+from .request import BUNDLE
 from .result import Calibration
 
 # Difference of bundle adjustment and `efficient`, in standard deviations, or ratio of variances, that is warned of.
@@ -22,7 +23,7 @@ APART = 1.5
 
 def by_bundle(job: Job) -> tuple[Calibration, list[Finding]]:
     """`efficient`, which finds noise and outliers, and the bundle adjustment from there: of independent poses."""
-    result, findings = by_likelihood(replace(job, method="efficient", correlation="none"))
+    result, findings = by_likelihood(replace(job, method="efficient", request=replace(job.request, correlation="none")))
     analysis, poses = result.analysis, job.poses
     assert isinstance(analysis, Analysis) and isinstance(analysis.noise, PoseNoise) and poses is not None
     assert result.covariance is not None

@@ -76,7 +76,8 @@ from .findings import (
     shared_findings,
     wrong_poses,
 )
-from .request import FEWEST_FOR_ROBUST, OF_NOISE, Job
+from .job import FEWEST_FOR_ROBUST, Job
+from .request import OF_NOISE
 from .result import Calibration
 from .result_file import FourDPA
 
@@ -170,7 +171,7 @@ def _weighed(
 
     smooth = job.arm is not None or (all_alike and any(error.name == ROBOT_ACCURACY for error in job.shared))
     slack = TAILS if smooth and source is not None else 1.0
-    options = (job.method, estimate_noise, job.seed, job.pose_prior, slack, all_alike)
+    options = (job.method, estimate_noise, job.request.seed, job.pose_prior, slack, all_alike)
     return fit_robustly(job.constraint, job.noise, at, *options), found
 
 
@@ -213,11 +214,16 @@ def joint_model_of(job: Job, constraint: Constraint) -> JointModel:
     if job.given is not None:  # a side that it leaves out is exact
         camera, robot = (np.zeros((6, 6)) if S is None else S for S in (job.given.camera, job.given.robot))
     errors = job.shared
-    if poses is not None and job.correlation == "auto" and job.covariance in OF_NOISE and job.given is None:
+    if (
+        poses is not None
+        and job.request.correlation == "auto"
+        and job.request.covariance in OF_NOISE
+        and job.given is None
+    ):
         errors = (*errors, *assumed_drift(poses))
     beside: dict[str, Any] = {"pose_prior": job.pose_prior, "arm": job.columns_of_arm}
-    beside |= {"sizes": job.sizes, "more": job.components}
-    return JointModel.beside(constraint, poses, job.prior, camera, robot, errors, **beside)
+    beside |= {"sizes": job.request.sizes, "more": job.request.components}
+    return JointModel.beside(constraint, poses, job.request.prior, camera, robot, errors, **beside)
 
 
 def _at_corrected(source: JointModel, noise: Noise, fit: Fit) -> JointModel:
@@ -314,19 +320,19 @@ def _assembled(
     data, motions, poses = job.data, job.motions, job.poses
     reference = reference_for(fit, estimate)
     covariance, covariance_W = fit.covariance_X, fit.covariance_W
-    if fit.open is not None and job.covariance != "model":
+    if fit.open is not None and job.request.covariance != "model":
         raise InputError(
             f"The motions leave a part of X open, for which only covariance='model' is available, got "
-            f"{job.covariance!r}."
+            f"{job.request.covariance!r}."
         )
-    if job.covariance == "sigma-points":
+    if job.request.covariance == "sigma-points":
         covariance, covariance_W = by_sigma_points(job, noise, robust), None
-    elif job.covariance != "model":
-        resample = resampled(data, job.method, job.covariance, fit=fit, seed=job.seed)
+    elif job.request.covariance != "model":
+        resample = resampled(data, job.method, job.request.covariance, fit=fit, seed=job.request.seed)
         covariance, covariance_W, reference = resample.covariance_X, resample.covariance_W, reference_of(resample)
     joint = JointFit.of(fit, noise, job.shared)
     beside: dict[str, Array] = {}
-    if found is not None and job.covariance in OF_NOISE:
+    if found is not None and job.request.covariance in OF_NOISE:
         beside[SIZES_OPEN] = found.spread
     time_offset, move = _time_offset(poses, fit, covariance)
     if move is not None:
@@ -338,7 +344,8 @@ def _assembled(
     # Beside a camera covariance from corners the noise counts as known: most of it, or the test errs on the safe side.
     dof = None if estimate is not None and estimate.camera_known else reference_for(fit, estimate).dof
     within = _joint_noise(job, deviations)
-    analysis = Analysis(data, noise, fit, job.method, estimate, dof, job.seed, read_only(beside), read_only(within))
+    seed = int(job.request.seed)
+    analysis = Analysis(data, noise, fit, job.method, estimate, dof, seed, read_only(beside), read_only(within))
     seen = motions_without_shared_errors(motions, noise, fit)
     angle, distance = residuals(seen.A, seen.B, fit.X)
     judged = goodness_of_fit(fit)
@@ -358,7 +365,7 @@ def _assembled(
         covariance=covariance,
         covariance_W=covariance_W,
         iterations=fit.iterations if job.method == "ml" else 0,
-        covariance_kind=job.covariance,
+        covariance_kind=job.request.covariance,
         reference=reference,
         noise_estimate=estimate,
         bound=fit.covariance_X,

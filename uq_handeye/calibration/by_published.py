@@ -25,7 +25,7 @@ from ..poses.pose_pairs import PosePairs
 from ..poses.residuals import Residuals, residuals, rotation_angles, summarise
 from ..poses.timing import left_out_of
 from ..propagation.published_fit import Published, fit_published
-from .request import Job
+from .job import Job
 from .result import Calibration
 
 # Beyond this angle of X (rad) the errors of Tsai's Rodrigues vector grow by a factor of ten and more.
@@ -35,14 +35,14 @@ NEAR_HALF_TURN_OF_X = np.radians(170.0)
 def by_published(job: Job) -> tuple[Calibration, list[Finding]]:
     """A method of METHODS or ROBOT_WORLD_METHODS."""
     motions, poses = job.motions, job.poses
-    found = fit_published(motions, job.noise, job.method, job.scale, job.everything)
+    found = fit_published(motions, job.noise, job.method, job.request.scale, job.everything)
     angle, distance = residuals(motions.A, motions.B, found.X)
     require_signal(motions, job.noise, angle)
     noise, estimate, reference = job.noise, None, Reference()
     if noise is None:
         try:
             beside = {"camera": job.camera_noise, "robot": job.robot_noise}
-            estimate = estimate_noise(job.data, job.prior, start=found.X, shared=job.shared, **beside)
+            estimate = estimate_noise(job.data, job.request.prior, start=found.X, shared=job.shared, **beside)
         except (InputError, NotConvergedError) as error:  # X does without
             unknown = Finding("calibration.noise_not_estimated", "caution", {"error": str(error)})
             return estimate_unweighted(job, found, None, [unknown])
@@ -51,20 +51,20 @@ def by_published(job: Job) -> tuple[Calibration, list[Finding]]:
         at_bound = efficient(job.data, estimate.noise, found.X)
         noise = estimate.noise
         reference = reference_for(at_bound, estimate)
-    covariance, covariance_W, doubts = found.covariances(noise, job.kind)
-    if job.covariance == "sigma-points":
+    covariance, covariance_W, doubts = found.covariances(noise, job.request.kind)
+    if job.request.covariance == "sigma-points":
         covariance, covariance_W = by_sigma_points(job, noise, None), None
-    elif job.covariance != "model":
+    elif job.request.covariance != "model":
         every_pair = job.everything is not None or job.method in ROBOT_WORLD_METHODS
         data = poses if poses is not None and every_pair else motions
-        resample = resampled(data, job.method, job.covariance, X=found.X, noise=noise, seed=job.seed)
+        resample = resampled(data, job.method, job.request.covariance, X=found.X, noise=noise, seed=job.request.seed)
         covariance, covariance_W, reference = resample.covariance_X, resample.covariance_W, reference_of(resample)
     if poses is None:
         findings = check_motions(motions, None if estimate else noise, covariance, angle, distance, found.X)
     else:
         given = noise if isinstance(noise, PoseNoise) and estimate is None else None
         findings = check_fit(poses, found.X, given, None if given is None else covariance)
-    if job.covariance == "model":
+    if job.request.covariance == "model":
         findings += doubts
     angle_of_X = float(rotation_angles(found.X[:3, :3]))
     if job.method == "tsai" and angle_of_X > NEAR_HALF_TURN_OF_X:
@@ -76,7 +76,7 @@ def by_published(job: Job) -> tuple[Calibration, list[Finding]]:
         covariance=covariance,
         covariance_W=covariance_W,
         iterations=found.iterations,
-        covariance_kind=job.covariance,
+        covariance_kind=job.request.covariance,
         reference=reference,
         noise_estimate=estimate,
     )
@@ -90,8 +90,8 @@ def estimate_unweighted(
     angle, distance = residuals(job.motions.A, job.motions.B, found.X)
     result = bare_result(job, found.X, found.W, summarise(angle, distance), None)
     more = [] if job.poses is None else check_fit(job.poses, found.X, None, None)
-    if job.covariance != "model":
-        more.append(Finding("calibration.no_covariance", "caution", {"covariance": job.covariance}))
+    if job.request.covariance != "model":
+        more.append(Finding("calibration.no_covariance", "caution", {"covariance": job.request.covariance}))
     return replace(result, noise_estimate=estimate, kind=None), [*findings, *more]
 
 
@@ -103,8 +103,8 @@ def bare_result(job: Job, X: Array, W: Array | None, of_pairs: Residuals, noise:
         W=W,
         covariance=None,
         method=job.method,
-        scale=job.scale,
-        kind=job.kind or ("pairs" if poses is None or isinstance(noise, PairNoise) else "poses"),
+        scale=job.request.scale,
+        kind=job.request.kind or ("pairs" if poses is None or isinstance(noise, PairNoise) else "poses"),
         setup=None if poses is None else poses.setup,
         n_poses=None if poses is None else poses.n,
         n_pairs=job.everything.n_pairs if job.everything else job.motions.N,
@@ -128,7 +128,9 @@ def by_sigma_points(job: Job, noise: Noise, robust: RobustFit | None) -> Array:
     if robust is not None:
         kept = np.flatnonzero(robust.weights)
         data, noise = data.rows(kept), noise.rows(kept)
-    return sigma_points(data, noise=noise, method=job.method, scale=job.scale, seed=job.seed).mean_square
+    return sigma_points(
+        data, noise=noise, method=job.method, scale=job.request.scale, seed=job.request.seed
+    ).mean_square
 
 
 def reference_for(fit: Fit, estimate: NoiseEstimate | None) -> Reference:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,22 +23,23 @@ from ..kinematics.kinematic_errors import KinematicErrors
 from ..likelihood.gauss_helmert import ESTIMATORS
 from ..noise.camera_noise import CameraNoise
 from ..noise.estimate import NoisePrior
-from ..noise.models import Noise, PairNoise, PoseNoise, require_count
+from ..noise.models import Noise
 from ..one_model.component import Component
 from ..poses.motions import Motions, relative_motions
-from ..poses.pose_pairs import PosePairs, as_joint_values
+from ..poses.pose_pairs import PosePairs
 from ..poses.selection import Selection, ranges, select_poses
 from ..prediction.excluded import residuals_against
 from ..runtime.threads import one_thread
-from ..shared_errors.shared_error import SharedError, listed_errors
-from ..shared_errors.sizes import SizeLike, checked_sizes
+from ..shared_errors.shared_error import SharedError
+from ..shared_errors.sizes import Size, SizeLike
 from .analysis import Analysis
 from .by_bundle import by_bundle
 from .by_likelihood import by_likelihood, poses_about_errors
 from .by_published import by_published
 from .findings import flipped_poses, look_at, reasons, require_determined, shifted, why_failed, without_consequences
-from .provenance import provenance, requested
-from .request import BUNDLE, Job, request, with_sizes
+from .job import Job, job_of
+from .provenance import Provenance, provenance
+from .request import BUNDLE, Request
 from .result import Calibration
 
 # How often the errors of an arm are derived anew, at their estimate.
@@ -173,56 +174,20 @@ def calibrate(
     >>> (result.std[3:] * 1e3).round(2)  # mm
     array([0.34, 0.34, 0.28])
     """
-    options: dict[str, Any] = {
-        "noise": noise, "method": method, "pairs": pairs, "scale": scale, "kind": kind, "covariance": covariance,
-        "robust": robust, "prior": prior, "prior_X": prior_X, "prior_W": prior_W, "seed": seed, "shared": shared,
-        "correlation": correlation, "joints": joints, "kinematics": kinematics, "kinematic_errors": kinematic_errors,
-        "sizes": sizes, "components": components,
-    }  # fmt: skip
+    request = Request(
+        noise, method, pairs, scale, kind, covariance, robust, prior, prior_X, prior_W, seed, shared, correlation,
+        joints, kinematics, kinematic_errors, sizes, components,
+    )  # fmt: skip
     if not isinstance(data, PosePairs) or data.robot.ndim != 3:
         if exclude is not None or only is not None:
             raise InputError("Expected PosePairs of one data set beside `exclude` or `only`: they count its poses.")
-        return _calibrate(data, None, **options)
+        return _answer(request, data)
     asked = select_poses(data.n, exclude, only)
     selection, said = counted_once(data, asked)
     if selection is None:
-        return _calibrate(data, None, **options)
-    result = _calibrate(data.rows(selection.kept), selection, said, **_of_kept(data, selection, options))
+        return _answer(request, data)
+    result = _answer(request.rows(data, selection), data.rows(selection.kept), selection, said)
     return _with_excluded(result, data, selection, () if asked is None else tuple(asked.excluded.tolist()))
-
-
-def _of_kept(data: PosePairs, selection: Selection, options: dict[str, Any]) -> dict[str, Any]:
-    """Return the options of `calibrate` for the poses that count."""
-    kept, n, found = selection.kept, data.n, dict(options)
-    noise = options["noise"]
-    if isinstance(noise, PairNoise):
-        if any(S is not None and S.ndim > 2 for S in (noise.A, noise.B)):
-            raise InputError(
-                "Expected noise of poses, or one covariance for all motions, beside `exclude` or `only`: the motions "
-                "of the poses that are left are others."
-            )
-    elif isinstance(noise, PoseNoise | CameraNoise):
-        sides = (noise.robot, noise.camera) if isinstance(noise, PoseNoise) else (noise,)
-        for side, S in zip(("robot", "camera"), sides, strict=False):
-            if isinstance(S, CameraNoise):
-                if S.n != n:
-                    raise InputError(f"Expected camera noise of the data given, {n} poses, got that of {S.n} poses.")
-            else:
-                require_count(S, n, side, "poses")
-        found["noise"] = noise.rows(kept)
-    if options["shared"] is not None:
-        found["shared"] = [error.rows(kept, n) for error in listed_errors(options["shared"])]
-    found["components"] = [part.rows(kept) for part in options["components"]]
-    if options["joints"] is not None:
-        found["joints"] = as_joint_values(options["joints"], n)[kept]
-    if not isinstance(options["pairs"], str):
-        pairs = relative_motions(data, options["pairs"]).pairs
-        assert pairs is not None
-        pairs = pairs[np.isin(pairs, kept).all(axis=1)]
-        if not len(pairs):
-            raise InputError("`exclude` or `only` leaves no pair of poses. Give others as `pairs`.")
-        found["pairs"] = np.searchsorted(kept, pairs)
-    return found
 
 
 def _with_excluded(result: Calibration, data: PosePairs, selection: Selection, asked: tuple[int, ...]) -> Calibration:
@@ -254,38 +219,13 @@ def _with_excluded(result: Calibration, data: PosePairs, selection: Selection, a
     )
 
 
-def _calibrate(
-    data: PosePairs | Motions,
-    selection: Selection | None,
-    said: Sequence[Finding] = (),
-    *,
-    noise: Noise | CameraNoise | None,
-    method: str | None,
-    pairs: str | ArrayLike,
-    scale: float | None,
-    kind: str | None,
-    covariance: str,
-    robust: bool | None,
-    prior: NoisePrior | None,
-    prior_X: tuple[ArrayLike, ArrayLike] | None,
-    prior_W: tuple[ArrayLike, ArrayLike] | None,
-    seed: int,
-    shared: Sequence[SharedError] | None,
-    correlation: str,
-    joints: ArrayLike | None,
-    kinematics: Kinematics | None,
-    kinematic_errors: KinematicErrors | None,
-    sizes: Mapping[str, SizeLike] | None,
-    components: Sequence[Component],
+def _answer(
+    request: Request, data: PosePairs | Motions, selection: Selection | None = None, said: Sequence[Finding] = ()
 ) -> Calibration:
     """See `calibrate`; ``selection``: the numbers that the poses have in the data set they are taken from; ``said``:
     findings about that data set.
     """
-    listed = None if shared is None else listed_errors(shared)
-    asked = (noise, method, pairs, scale, kind, covariance, robust, prior, seed, listed, correlation)
-    of_arm = (joints, kinematics, kinematic_errors)
-    of_sizes = checked_sizes(sizes), tuple(components)
-    job = with_sizes(request(data, *asked, prior_X, prior_W, *of_arm), *of_sizes)
+    job = job_of(request, data)
     findings = [*said, *look_at(job), *([] if job.arm is None else job.arm.against.findings)]
     try:
         try:
@@ -296,17 +236,17 @@ def _calibrate(
                 assert job.arm is not None and result.kinematics is not None
                 again = about if isinstance(data, PosePairs) else relative_motions(about, np.asarray(data.pairs))
                 at = (job.arm.measured, result.kinematics.e)
-                job = with_sizes(request(again, *asked, prior_X, prior_W, *of_arm, at), *of_sizes)
+                job = job_of(request, again, at)
                 result, more = _run(job)
         except SingularNoiseError:
-            if method is not None or robust:
+            if request.method is not None or request.robust:
                 raise
             job = replace(job, method="4dpa", robust=False)
             result, more = by_published(job)
             more = [Finding("calibration.unweighted", "caution"), *more]
         except (InputError, NotConvergedError) as error:
             undetermined = isinstance(error, DegenerateMotionError)
-            if robust or not job.robust or (noise is None and not undetermined):
+            if request.robust or not job.robust or (request.noise is None and not undetermined):
                 raise
             job = replace(job, robust=False)
             result, more = _run_undetermined(job, error) if undetermined else _run_given(job, error)
@@ -321,26 +261,7 @@ def _calibrate(
     if flips := flipped_poses(job, result):  # which are why angles disagree
         findings = [finding for finding in findings if finding.code != "input_checks.angles_disagree"]
     findings = _numbered(without_consequences([*findings, *shifted(job, result), *flips]), selection)
-    options = {
-        "method": result.method,
-        "pairs": pairs if isinstance(pairs, str) else f"{len(job.motions)} given",
-        "scale": scale,
-        "kind": kind,
-        "covariance": covariance,
-        "robust": job.robust,
-        "prior": None if prior is None else plain(asdict(prior)),
-        **({} if job.pose_prior is None else {"pose_prior": job.pose_prior.to_dict()}),
-        "seed": job.seed,
-        "correlation": correlation,
-        "shared": [line for error in job.shared for line in error.described],
-        **({} if not job.sizes else {"sizes": {name: [s.median, s.factor] for name, s in job.sizes.items()}}),
-        **({} if not job.components else {"components": [part.name for part in job.components]}),
-        **({} if selection is None else {"exclude": ranges(selection.excluded.tolist())}),
-    }
-    about_errors = None if job.arm is None else job.arm.at
-    simulated = job.poses is not None and job.poses.truth is not None
-    given = requested(noise, robust, listed, *of_arm, about_errors, simulated)
-    result = replace(result, findings=tuple(findings), provenance=provenance(data, options, given))
+    result = replace(result, findings=tuple(findings), provenance=_origin(job, data, result.method, selection))
     try:
         require_determined(result, job.motions)
     except DegenerateMotionError as error:
@@ -349,6 +270,31 @@ def _calibrate(
         raise
     warn(findings, 3)
     return result
+
+
+def _origin(job: Job, data: PosePairs | Motions, method: str, selection: Selection | None) -> Provenance:
+    """Record data and options."""
+    request = job.request
+    sizes = cast("dict[str, Size]", request.sizes)
+    options = {
+        "method": method,
+        "pairs": request.pairs if isinstance(request.pairs, str) else f"{len(job.motions)} given",
+        "scale": request.scale,
+        "kind": request.kind,
+        "covariance": request.covariance,
+        "robust": job.robust,
+        "prior": None if request.prior is None else plain(asdict(request.prior)),
+        **({} if job.pose_prior is None else {"pose_prior": job.pose_prior.to_dict()}),
+        "seed": int(request.seed),
+        "correlation": request.correlation,
+        "shared": [line for error in job.shared for line in error.described],
+        **({} if not sizes else {"sizes": {name: [s.median, s.factor] for name, s in sizes.items()}}),
+        **({} if not request.components else {"components": [part.name for part in request.components]}),
+        **({} if selection is None else {"exclude": ranges(selection.excluded.tolist())}),
+    }
+    about = None if job.arm is None else job.arm.at
+    simulated = job.poses is not None and job.poses.truth is not None
+    return provenance(data, options, request.to_dict(about, simulated))
 
 
 def _numbered(findings: Sequence[Finding], selection: Selection | None) -> list[Finding]:

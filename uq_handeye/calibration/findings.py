@@ -35,7 +35,8 @@ from ..poses.pose_pairs import PosePairs
 from ..poses.residuals import median, pose_residuals, rotation_angles
 from ..propagation.published_fit import fit_published
 from ..shared_errors.shared_error import TARGET_SCALE, WRONG_SIZE
-from .request import FEWEST_FOR_ROBUST, Job, request
+from .job import FEWEST_FOR_ROBUST, Job, job_of
+from .request import Request
 from .result import Calibration
 
 # Noise of the corners of finished poses, pixels, that input checks allow for where it is to be estimated.
@@ -223,7 +224,7 @@ def wrong_poses(job: Job, noise: Noise, table: PoseTable) -> list[Finding]:
     if not (table.distance2 > table.limit_of_all).any():
         return []
     with suppress(InputError, NotConvergedError):
-        found = robust_fit(job.data, noise, method="efficient", seed=job.seed)
+        found = robust_fit(job.data, noise, method="efficient", seed=job.request.seed)
         table = pose_table(found.fit, found)
         table = replace(table, flag=tuple("kept" if flag == "kept" else "outlier" for flag in table.flag))
     return table.findings
@@ -235,7 +236,7 @@ def check_input(data: PosePairs | Motions, noise: Noise | None = None, pairs: st
 
     Raises `InputError` for what `calibrate` cannot use.
     """
-    job = request(data, noise, None, pairs, None, None, "model", None, None, 0)
+    job = job_of(Request(noise, pairs=pairs), data)
     return without_consequences(look_at(job) + reasons(job))
 
 

@@ -1,11 +1,10 @@
-"""Checked request to `calibrate`: data, noise, method and options that fit each other."""
+"""What `calibrate` is asked for beside the data: its arguments, checked once, for these or for fewer poses."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from functools import cached_property
-from typing import Any, NamedTuple
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,457 +12,168 @@ from numpy.typing import ArrayLike
 from ..empirical_covariance.resampled import KINDS as OF_RESIDUALS
 from ..errors import InputError, require_integer
 from ..estimators.registry import METHODS, ROBOT_WORLD_METHODS
-from ..geometry.checks import as_numbers
-from ..geometry.se3 import Array, logarithm, perturb
-from ..kinematics.against_controller import ControllerComparison, compare_with_controller
+from ..geometry.se3 import Array
 from ..kinematics.chain import Kinematics
-from ..kinematics.gravity import spread_postures
-from ..kinematics.inverse import postures_at
-from ..kinematics.kinematic_errors import (
-    ESTIMATE,
-    JOINT_NOISE,
-    KinematicColumns,
-    KinematicErrors,
-    effects_of_errors,
-    poses_with_errors,
-)
-from ..likelihood.constraint import Constraint, constraint_of, require_noise_fits
+from ..kinematics.kinematic_errors import KinematicErrors
 from ..likelihood.gauss_helmert import ESTIMATORS
-from ..likelihood.rig_bundle import require_shared
 from ..noise.camera_noise import CameraNoise
 from ..noise.estimate import NoisePrior
-from ..noise.joint_covariance import JointCovariance
-from ..noise.models import Noise, PairNoise, PoseNoise, require_count, with_prior
-from ..noise.pose_prior import PosePrior
+from ..noise.models import Noise, PairNoise, PoseNoise, is_joint, require_count
 from ..one_model.component import Component
-from ..poses.motions import Motions, relative_motions, spread_pairs
-from ..poses.pose_pairs import PosePairs
-from ..propagation.all_pairs import AllPairs
-from ..shared_errors.accuracy import ROBOT_ACCURACY
-from ..shared_errors.kinematic_errors import errors_of_arm, kinematic_covariance
-from ..shared_errors.shared_error import (
-    CLOCK_OFFSET,
-    LENS,
-    VIEW,
-    SharedError,
-    add_columns,
-    assumed_accuracy,
-    assumed_lens,
-    assumed_view,
-    checked_errors,
-    default_errors,
-    listed_errors,
-    shared_columns,
-    with_shared,
-)
-from ..shared_errors.sizes import Size
+from ..poses.motions import relative_motions
+from ..poses.pose_pairs import PosePairs, as_joint_values
+from ..poses.selection import Selection
+from ..shared_errors.shared_error import SharedError, listed_errors
+from ..shared_errors.sizes import SizeLike, checked_sizes
 
 # Covariances of the result: of the noise, to first order and beyond; and of the residuals.
 OF_NOISE = ("model", "sigma-points")
 COVARIANCES = (*OF_NOISE, *OF_RESIDUALS)
 # What neighbouring poses have in common: looked for where the noise is estimated, or not.
 CORRELATIONS = ("auto", "none")
-
-# All pairs of many poses are solved without forming them; residuals and checks then look at about so many.
-DIAGNOSED_PAIRS = 200_000
-
 # The full bundle adjustment on the corners (`rig_bundle`).
 BUNDLE = "bundle"
 
-# Share of the poses that an arm must reach in one branch of its inverse kinematics, and starts for the others.
-MOST_REACHED, STARTS = 0.6, 60
-# Poses (or motions) from which on wrong ones can be told from good ones.
-FEWEST_FOR_ROBUST = 5
-
-
-class Arm(NamedTuple):
-    """A robot by its joints."""
-
-    kinematics: Kinematics  # in the base frame and with the tool of the measured poses
-    joints: Array  # (n, L) rad, m
-    errors: KinematicErrors
-    against: ControllerComparison  # the measured poses against those of the joints
-    measured: PosePairs  # as they came
-    at: Array | None = None  # (m,) errors about which the model is linear; None: 0
-
-    @property
-    def columns(self) -> KinematicColumns:
-        """Derivatives of the robot poses by the kinematic errors."""
-        return self.errors.columns(self.kinematics, self.joints, self.at)
-
-    def linear_about(self, e: Array) -> Array:
-        """(n, 4, 4) poses of the robot in place of those measured, for errors e (m,) of the arm.
-
-        ``FK(q; e)`` less ``F(e) e``, where ``FK(q; 0)`` was measured: with it the errors have the mean 0 as before, and
-        ``F(e)`` times them is right to the second order about e.
-        """
-        of = self.kinematics, self.joints, e, self.errors.flange
-        nominal, true = self.kinematics.poses(self.joints), poses_with_errors(*of)
-        linear = perturb(true, -(effects_of_errors(*of) @ e))
-        turn = logarithm(linear[:, :3, :3] @ nominal[:, :3, :3].mT)
-        return perturb(self.measured.robot, np.concatenate([turn, linear[:, :3, 3] - nominal[:, :3, 3]], axis=-1))
-
 
 @dataclass(frozen=True, eq=False)
-class Job:
-    """Checked request to `calibrate`."""
+class Request:
+    """The arguments of `calibrate`; see there. Raises `InputError` for those that fit no data."""
 
-    motions: Motions  # of which residuals are taken, and 4DPA where `everything` is None
-    everything: AllPairs | None  # 4DPA of all pairs, without forming them
-    noise: Noise | None
-    method: str
-    scale: float | None
-    kind: str | None
-    covariance: str
-    robust: bool
-    prior: NoisePrior | None
-    seed: int
-    camera_noise: CameraNoise | None = None  # but for pixel noise or robot noise, which are to be estimated
-    robot_noise: Any = None  # covariance beside it, where it is known
-    shared: tuple[SharedError, ...] = ()  # what all poses share, as unknowns
-    correlation: str = "auto"  # one of CORRELATIONS
-    pose_prior: PosePrior | None = None  # of X and W; the noise has it too, where it is known
-    arm: Arm | None = None  # the robot's joints, where its kinematic errors count
-    columns_of_arm: KinematicColumns | None = None  # at the poses, where deviations are to be estimated
-    given: PoseNoise | None = None  # noise beside which they are
-    sizes: Mapping[str, Size] = field(default_factory=dict)  # in place of those of the table
-    components: tuple[Component, ...] = ()  # of the user's own
+    noise: Noise | CameraNoise | None = None
+    method: str | None = None
+    pairs: str | ArrayLike = "all"
+    scale: float | None = None
+    kind: str | None = None
+    covariance: str = "model"
+    robust: bool | None = None
+    prior: NoisePrior | None = None
+    prior_X: tuple[ArrayLike, ArrayLike] | None = None
+    prior_W: tuple[ArrayLike, ArrayLike] | None = None
+    seed: int = 0
+    shared: Sequence[SharedError] | None = None
+    correlation: str = "auto"
+    joints: ArrayLike | None = None
+    kinematics: Kinematics | None = None
+    kinematic_errors: KinematicErrors | None = None
+    sizes: Mapping[str, SizeLike] | None = field(default_factory=dict)
+    components: Sequence[Component] = ()
 
-    @property
-    def poses(self) -> PosePairs | None:
-        return self.motions.poses
-
-    @cached_property
-    def constraint(self) -> Constraint:
-        """Residual rows of the data, which define the likelihood."""
-        constraint = constraint_of(self.data, self.noise)
-        if self.noise is not None:
-            return constraint
-        return replace(constraint, split_known=False)
-
-    @cached_property
-    def columns(self) -> dict[str, JointCovariance]:
-        """Effect of the shared errors on the poses of each side."""
-        return {} if self.poses is None else shared_columns(self.shared, self.poses)
-
-    @property
-    def data(self) -> PosePairs | Motions:
-        """Data of the likelihood: the poses where there are any, unless the noise is that of motions."""
-        return self.motions if self.poses is None or isinstance(self.noise, PairNoise) else self.poses
-
-
-def _require_corners(data: PosePairs | Motions, noise: Noise | None, covariance: str) -> None:
-    """Raise `InputError` unless a bundle adjustment on corners is possible."""
-    if not isinstance(data, PosePairs) or data.camera_calibration is None:
-        raise InputError(
-            "Method 'bundle' adjusts everything on the corners of the board: expected poses with a "
-            "`camera_calibration` (calibrate_camera, or the folder that `uq-handeye camera` writes), got poses "
-            "without one. Use method 'efficient'."
-        )
-    if covariance != "model":
-        raise InputError(f"Method 'bundle' has only covariance='model', got {covariance!r}. Use method 'efficient'.")
-    if noise is not None and (isinstance(noise, PairNoise) or noise.camera is not None):
-        raise InputError(
-            "Method 'bundle' takes the noise of the camera from the corners: give only PoseNoise(robot=...), or no "
-            "noise."
-        )
-    if noise is not None:
-        require_shared(noise.robot)
-
-
-def _open_noise(noise: Any) -> tuple[Noise | None, CameraNoise | None, Any]:
-    """The noise where it is known; else that of the camera but for its pixels, and the robot's if it is known."""
-    if isinstance(noise, CameraNoise):
-        return None, noise, None
-    if isinstance(noise, PoseNoise) and isinstance(noise.camera, CameraNoise):
-        return None, noise.camera, noise.robot
-    return noise, None, None
-
-
-def _with_corners(noise: Noise | None, motions: Motions) -> Noise | None:
-    """Beside noise of the robot only, the covariance that camera poses from corners or points come with."""
-    S = None if motions.poses is None else motions.poses.known_camera
-    if S is None or not isinstance(noise, PoseNoise) or noise.camera is not None:
-        return noise
-    return PoseNoise(noise.robot, S, prior=noise.prior)
-
-
-def _pose_prior(noise: Noise | None, X: Any, W: Any, method: str, motions: Motions) -> PosePrior | None:
-    """Return the prior of X and W: given here, or with the noise."""
-    given = PosePrior.of(X, W)
-    if noise is not None and noise.prior is not None:
-        if given is not None:
-            raise InputError("Expected no `prior_X` or `prior_W` beside noise that has a `prior` of its own.")
-        given = noise.prior
-    if given is None:
-        return None
-    if method not in ESTIMATORS:
-        raise InputError(f"Method {method!r} takes no prior of X or W; use efficient or ml.")
-    if given.W is not None and (motions.poses is None or isinstance(noise, PairNoise)):
-        raise InputError("Expected no prior of W: motions know nothing of W. Give poses, with PoseNoise or none.")
-    return given
-
-
-def request(
-    data: Any,
-    noise: Noise | CameraNoise | None,
-    method: str | None,
-    pairs: str | ArrayLike,
-    scale: float | None,
-    kind: str | None,
-    covariance: str,
-    robust: bool | None,
-    prior: NoisePrior | None,
-    seed: int,
-    shared: Sequence[SharedError] | None = None,
-    correlation: str = "auto",
-    prior_X: Any = None,
-    prior_W: Any = None,
-    joints: Any = None,
-    kinematics: Any = None,
-    kinematic_errors: Any = None,
-    about: tuple[PosePairs, Array] | None = None,
-) -> Job:
-    """The arguments of `calibrate`, checked; raises `InputError`.
-
-    ``about``: the poses as they came and the errors of the arm about which the data stand for them (`linear_about`).
-    """
-    if not isinstance(data, PosePairs | Motions):
-        raise InputError(f"Expected `data` to be PosePairs or Motions, got {type(data).__name__}.")
-    if shared is not None:
-        data, shared = take_offset(data, listed_errors(shared))
-    noise, camera, robot = _open_noise(noise)
-    if method is None:
-        method = "efficient" if scale is None and kind in (None, "poses") else "4dpa"
-    known = [*ESTIMATORS, BUNDLE, *METHODS, *ROBOT_WORLD_METHODS]
-    if not isinstance(method, str) or method not in known:
-        raise InputError(f"Expected `method` to be one of {', '.join(known)}, got {method!r}.")
-    bound = method in (*ESTIMATORS, BUNDLE)
-    if scale is not None and method != "4dpa":
-        raise InputError(f"Expected no `scale` with method {method!r}: it is the scaling factor of 4dpa.")
-    if bound and kind not in (None, "pairs" if isinstance(noise, PairNoise) else "poses"):
-        raise InputError(f"Expected no kind={kind!r} with method {method!r}: it is for published methods such as 4dpa.")
-    if robust is not None and not isinstance(robust, bool | np.bool_):
-        raise InputError(f"Expected `robust` to be True, False or None, got {robust!r}.")
-    if robust and not bound:
-        raise InputError(f"Method {method!r} takes no robust weights; use efficient or ml.")
-    if method == BUNDLE:
-        _require_corners(data, noise if camera is None else PoseNoise(camera=camera), covariance)
-    if covariance not in COVARIANCES:
-        raise InputError(f"Expected `covariance` to be one of {', '.join(COVARIANCES)}, got {covariance!r}.")
-    if covariance == "sigma-points" and kind is not None:
-        raise InputError(f"Expected no kind={kind!r} with covariance='sigma-points': it is of first order only.")
-    if correlation not in CORRELATIONS:
-        raise InputError(f"Expected `correlation` to be one of {', '.join(CORRELATIONS)}, got {correlation!r}.")
-    require_integer("seed", seed, 0)
-    if prior is not None and not isinstance(prior, NoisePrior):
-        raise InputError(f"Expected `prior` to be a NoisePrior or None, got {type(prior).__name__}.")
-    if prior is not None and (noise is not None or robot is not None):
-        raise InputError("Give either `noise` or, for noise that is to be estimated, a `prior`; not both.")
-    everything = None
-    if isinstance(data, PosePairs):
-        if data.n < 3:
-            raise InputError(f"Expected at least 3 poses, which make 2 motions, got {data.n}.")
-        if data.robot.ndim != 3:
-            raise InputError("Expected one data set; for a batch call solve() and propagate(), or efficient().")
-        if isinstance(pairs, str) and pairs == "all" and not isinstance(noise, PairNoise):
-            direct = (bound or method == "4dpa") and scale is None and kind in (None, "poses")
-            if direct and (of_all := AllPairs(data)).precise:
-                everything = of_all
-            if everything or method in ROBOT_WORLD_METHODS:
-                pairs = spread_pairs(data.n, DIAGNOSED_PAIRS)  # they serve residuals and checks alone
-        motions = relative_motions(data, pairs)
-    else:
-        motions = data
-        if motions.A.ndim != 3:
-            raise InputError("Expected one data set; for a batch call solve() and propagate(), or efficient().")
-    require_noise_fits(noise, motions)
-    if camera is not None:
-        if motions.poses is None or camera.n != motions.poses.n:
-            given = "motions" if motions.poses is None else f"{motions.poses.n} poses"
-            raise InputError(f"Expected camera noise of the data given, {given}, got that of {camera.n} poses.")
-        require_count(robot, camera.n, "robot", "poses")
-    noise = _with_corners(noise, motions) if camera is None else None
-    if robust is None:
-        count = motions.N if motions.poses is None else motions.poses.n
-        robust = bound and count >= FEWEST_FOR_ROBUST
-    declared = _shared_of(shared, motions.poses, noise, method, kind, camera)
-    errors = declared
-    measured, at = (motions.poses, None) if about is None else about
-    arm = _arm_of(joints, kinematics, kinematic_errors, measured, noise, method)
-    if arm is not None:
-        arm = arm._replace(at=at)
-    robot_known = noise is not None or robot is not None or arm is not None or _known_robot(prior)
-    assumed = {ROBOT_ACCURACY} if robot_known else set()
-    if not bound or motions.poses is None or motions.poses.truth is not None:
-        assumed = {ROBOT_ACCURACY, LENS, VIEW}
-    errors = tuple(error for error in errors if not (error.default and error.name in assumed))
-    if motions.poses is not None:
-        errors = tuple(error.bound(motions.poses) if error.needs_poses else error for error in errors)
-    columns_of_arm = None if arm is None or arm.errors.is_exact else arm.columns
-    beside: PoseNoise | None = None
-    if columns_of_arm is not None and noise is not None:
-        assert isinstance(noise, PoseNoise) and arm is not None
-        if arm.errors.how != ESTIMATE:
-            noise, of_arm = with_declared(noise, columns_of_arm)
-            errors, columns_of_arm = (*errors, *of_arm), None
-        else:
-            beside, noise = noise, None
-    if noise is not None and any(error.factor > 1 for error in errors):  # their sizes are to be found
-        assert isinstance(noise, PoseNoise)
-        beside, noise = noise, None
-    if errors and noise is not None:
-        assert isinstance(noise, PoseNoise) and motions.poses is not None
-        noise = with_shared(noise, shared_columns(errors, motions.poses))
-    pose_prior = _pose_prior(noise if beside is None else beside, prior_X, prior_W, method, motions)
-    if noise is not None:
-        noise = with_prior(noise, pose_prior)
-    return Job(
-        motions,
-        everything,
-        noise,
-        method,
-        scale,
-        kind,
-        covariance,
-        bool(robust),
-        prior,
-        int(seed),
-        camera,
-        robot,
-        errors,
-        correlation,
-        pose_prior,
-        arm,
-        columns_of_arm,
-        beside,
-    )
-
-
-def with_sizes(job: Job, sizes: Mapping[str, Size], components: tuple[Component, ...]) -> Job:
-    """Return the request with sizes and components of the user's own.
-
-    Raises `InputError` where nothing is estimated.
-    """
-    if not sizes and not components:
-        return job
-    if job.noise is not None or job.method not in ESTIMATORS:
-        raise InputError(
-            "Expected no `sizes` or `components` where the noise is given or the method is a published one: nothing is "
-            "estimated. Declare a known error as `shared` (SharedError.columns)."
-        )
-    for part in components:
-        if not isinstance(part, Component):
-            raise InputError(f"Expected `components` to be Component, got {type(part).__name__}.")
-        if part.columns is not None and len(part.columns) != len(job.data):
+    def __post_init__(self) -> None:
+        known = [*ESTIMATORS, BUNDLE, *METHODS, *ROBOT_WORLD_METHODS]
+        if self.method is not None and (not isinstance(self.method, str) or self.method not in known):
+            raise InputError(f"Expected `method` to be one of {', '.join(known)}, got {self.method!r}.")
+        method = self.taken_method
+        if self.scale is not None and method != "4dpa":
+            raise InputError(f"Expected no `scale` with method {method!r}: it is the scaling factor of 4dpa.")
+        if self.by_likelihood and self.kind not in (None, "pairs" if isinstance(self.noise, PairNoise) else "poses"):
             raise InputError(
-                f"Expected `columns` of the component {part.name!r} of {len(job.data)} poses, got {len(part.columns)}."
+                f"Expected no kind={self.kind!r} with method {method!r}: it is for published methods such as 4dpa."
             )
-    return replace(job, sizes=sizes, components=components)
+        if self.robust is not None and not isinstance(self.robust, bool | np.bool_):
+            raise InputError(f"Expected `robust` to be True, False or None, got {self.robust!r}.")
+        if self.robust and not self.by_likelihood:
+            raise InputError(f"Method {method!r} takes no robust weights; use efficient or ml.")
+        if self.covariance not in COVARIANCES:
+            raise InputError(f"Expected `covariance` to be one of {', '.join(COVARIANCES)}, got {self.covariance!r}.")
+        if self.covariance == "sigma-points" and self.kind is not None:
+            raise InputError(
+                f"Expected no kind={self.kind!r} with covariance='sigma-points': it is of first order only."
+            )
+        if self.correlation not in CORRELATIONS:
+            raise InputError(
+                f"Expected `correlation` to be one of {', '.join(CORRELATIONS)}, got {self.correlation!r}."
+            )
+        require_integer("seed", self.seed, 0)
+        if self.prior is not None and not isinstance(self.prior, NoisePrior):
+            raise InputError(f"Expected `prior` to be a NoisePrior or None, got {type(self.prior).__name__}.")
+        for part in self.components:
+            if not isinstance(part, Component):
+                raise InputError(f"Expected `components` to be Component, got {type(part).__name__}.")
+        values = {
+            "shared": None if self.shared is None else listed_errors(self.shared),
+            "sizes": checked_sizes(self.sizes),
+            "components": tuple(self.components),
+        }
+        for name, value in values.items():
+            object.__setattr__(self, name, value)
+
+    @property
+    def taken_method(self) -> str:
+        """The method; where none was asked for, the one that the other arguments leave."""
+        if self.method is not None:
+            return self.method
+        return "efficient" if self.scale is None and self.kind in (None, "poses") else "4dpa"
+
+    @property
+    def by_likelihood(self) -> bool:
+        """Whether the method is at the Cramer-Rao bound, no published one."""
+        return self.taken_method in (*ESTIMATORS, BUNDLE)
+
+    def rows(self, data: PosePairs, selection: Selection) -> Request:
+        """Return the request for the poses of ``data`` that count."""
+        kept, n, changes = selection.kept, data.n, dict[str, Any]()
+        noise = self.noise
+        if isinstance(noise, PairNoise):
+            if any(S is not None and S.ndim > 2 for S in (noise.A, noise.B)):
+                raise InputError(
+                    "Expected noise of poses, or one covariance for all motions, beside `exclude` or `only`: the "
+                    "motions of the poses that are left are others."
+                )
+        elif isinstance(noise, PoseNoise | CameraNoise):
+            sides = (noise.robot, noise.camera) if isinstance(noise, PoseNoise) else (noise,)
+            for side, S in zip(("robot", "camera"), sides, strict=False):
+                if not isinstance(S, CameraNoise):
+                    require_count(S, n, side, "poses")
+                elif S.n != n:
+                    raise InputError(f"Expected camera noise of the data given, {n} poses, got that of {S.n} poses.")
+            changes["noise"] = noise.rows(kept)
+        if self.shared is not None:
+            changes["shared"] = [error.rows(kept, n) for error in self.shared]
+        changes["components"] = [part.rows(kept) for part in self.components]
+        if self.joints is not None:
+            changes["joints"] = as_joint_values(self.joints, n)[kept]
+        if not isinstance(self.pairs, str):
+            pairs = relative_motions(data, self.pairs).pairs
+            assert pairs is not None
+            pairs = pairs[np.isin(pairs, kept).all(axis=1)]
+            if not len(pairs):
+                raise InputError("`exclude` or `only` leaves no pair of poses. Give others as `pairs`.")
+            changes["pairs"] = np.searchsorted(kept, pairs)
+        return replace(self, **changes)
+
+    def to_dict(self, at: Array | None, simulated: bool) -> dict[str, Any]:
+        """Return what can be asked of more poses, as plain values, as it was given.
+
+        ``at``: the errors of the arm about which the poses of the result stand for those measured (`linear_about`);
+        ``simulated``: the poses came with their truth, for which no accuracy of the robot is assumed. Of a covariance
+        that is joint over the poses only the fact is kept: it does not extend to others.
+        """
+        noise, sides = self.noise, None
+        if isinstance(noise, CameraNoise):
+            sides = {"robot": None, "camera": _side(noise)}
+        elif noise is not None:
+            names = ("A", "B") if isinstance(noise, PairNoise) else ("robot", "camera")
+            sides = {name: _side(getattr(noise, name)) for name in names}
+        arm = None
+        if self.kinematics is not None:
+            arm = {
+                "kinematics": self.kinematics.to_dict(),
+                "joints": None if self.joints is None else np.asarray(self.joints, dtype=float).tolist(),
+                "errors": None if self.kinematic_errors is None else asdict(self.kinematic_errors),
+                "at": None if at is None else at.tolist(),
+            }
+        return {
+            "noise": sides,
+            "robust": None if self.robust is None else bool(self.robust),
+            "shared": None if self.shared is None else [error.to_dict() for error in self.shared],
+            "arm": arm,
+            "simulated": simulated,
+        }
 
 
-def with_declared(noise: PoseNoise, columns: KinematicColumns) -> tuple[PoseNoise, tuple[SharedError, ...]]:
-    """The noise with joint noise, which comes with it; and the errors of the arm as declared, which do not."""
-    deviations = columns.given.standard_deviations
-    joint = kinematic_covariance(columns, deviations | {JOINT_NOISE: float(columns.given.joint_sd or 0.0)})
-    own = replace(joint, shared=joint.shared[..., :0], names=())
-    return replace(noise, robot=add_columns(noise.robot, own)), errors_of_arm(columns, deviations)
-
-
-def _arm_of(
-    joints: Any, kinematics: Any, errors: Any, poses: PosePairs | None, noise: Noise | None, method: str
-) -> Arm | None:
-    """The arm of poses as they came, where joints and kinematics are given; raises `InputError`."""
-    if kinematics is None:
-        if joints is not None or errors is not None:
-            raise InputError("Expected `kinematics` beside joints and kinematic errors: Kinematics.from_urdf(...).")
+def _side(S: Any) -> Any:
+    if isinstance(S, CameraNoise):
+        return {"views": None if S.views is None else dict(S.views), "pixel_sd": S.pixel_sd}
+    if S is None:
         return None
-    if not isinstance(kinematics, Kinematics):
-        raise InputError(f"Expected `kinematics` to be Kinematics, got {type(kinematics).__name__}.")
-    if poses is None or isinstance(noise, PairNoise):
-        raise InputError("Expected poses, with PoseNoise or none, beside `kinematics`: joints say nothing of motions.")
-    if method not in ESTIMATORS:
-        raise InputError(f"Method {method!r} takes no kinematic errors; use efficient or ml.")
-    given = poses.joints if joints is None else joints
-    q = joints_by_poses(kinematics, poses) if given is None else as_numbers(given, "joints")
-    if q.shape != (poses.n, kinematics.n_joints) or not np.isfinite(q).all():
-        raise InputError(
-            f"Expected `joints` to be finite numbers {(poses.n, kinematics.n_joints)}, of {poses.n} poses and the "
-            f"joints {', '.join(kinematics.names)}, got shape {q.shape}."
-        )
-    errors = KinematicErrors() if errors is None else errors
-    if not isinstance(errors, KinematicErrors):
-        raise InputError(f"Expected `kinematic_errors` to be KinematicErrors or None, got {type(errors).__name__}.")
-    against = compare_with_controller(kinematics, q, poses.robot)
-    if not against.same_arm:
-        raise InputError(" ".join(map(str, against.findings)))
-    return Arm(against.adapt(kinematics), q, errors, against, poses)
-
-
-def joints_by_poses(kinematics: Kinematics, poses: PosePairs) -> Array:
-    """Return joint values (n, L) of the poses by inverse kinematics, in the branch that they share.
-
-    Raises `InputError` where the arm does not reach the poses.
-    """
-    from ..kinematics.arms.postures import postures_by_branch
-
-    found = postures_by_branch(kinematics, poses.robot)
-    if found.reached.mean() >= MOST_REACHED:  # another branch for the others: their errors are much the same
-        for start in spread_postures(kinematics.limits, np.array([j.is_revolute for j in kinematics.joints]), STARTS):
-            left = ~found.reached
-            if not left.any():
-                break
-            again = postures_at(kinematics, poses.robot[left], np.tile(start, (int(left.sum()), 1)))
-            found.q[left], found.reached[left] = again.q, again.reached
-    if not found.reached.all():
-        off = np.linalg.norm(kinematics.poses(found.q)[:, :3, 3] - poses.robot[:, :3, 3], axis=-1)
-        raise InputError(
-            f"The arm {kinematics.name} does not reach {int((~found.reached).sum())} of {poses.n} robot poses: it ends "
-            f"up to {1e3 * off.max():.3g} mm away. Give the chain up to the frame whose poses these are (--base, "
-            "--tip), with the tool that the controller had; or joints (--joints)."
-        )
-    return found.q
-
-
-def take_offset(
-    data: PosePairs | Motions, shared: tuple[SharedError, ...]
-) -> tuple[PosePairs | Motions, tuple[SharedError, ...]]:
-    """Replace the standard deviation of the clock offset in the `timing` of synchronised poses."""
-    poses = data if isinstance(data, PosePairs) else data.poses
-    offset = next((error for error in shared if error.name == CLOCK_OFFSET), None)
-    if offset is None or poses is None or poses.timing is None:
-        return data, shared
-    poses = replace(poses, timing=replace(poses.timing, std=float(offset.sd[0])))
-    rest = tuple(error for error in shared if error is not offset)
-    return (poses if isinstance(data, PosePairs) else replace(data, poses=poses)), rest
-
-
-def _known_robot(prior: NoisePrior | None) -> bool:
-    """Return whether the noise of the robot is given, beside that of the camera, which is to be estimated."""
-    return prior is not None and prior.factor == 1 and bool(np.isfinite(prior.values[:2]).all())
-
-
-def _shared_of(
-    shared: Sequence[SharedError] | None,
-    poses: PosePairs | None,
-    noise: Noise | None,
-    method: str,
-    kind: str | None,
-    camera: CameraNoise | None,
-) -> tuple[SharedError, ...]:
-    """Return the errors that were given; else the defaults, where the noise is to be estimated."""
-    if shared is None:
-        if noise is not None or poses is None or method == BUNDLE or kind not in (None, "poses"):
-            return ()
-        known = camera is not None or poses.camera_known
-        return (*default_errors(known), assumed_accuracy(), *(() if known else (assumed_lens(), assumed_view())))
-    errors = tuple(shared) if poses is None else checked_errors(shared, poses)
-    if not errors:
-        return ()
-    if poses is None or isinstance(noise, PairNoise):
-        raise InputError(
-            "Expected poses and PoseNoise beside `shared`: the effect of errors on motions without poses is not known."
-        )
-    if method == BUNDLE:
-        raise InputError("Method 'bundle' takes no `shared` errors. Use method 'efficient'.")
-    return errors
+    return "joint" if is_joint(S) else np.asarray(S).tolist()

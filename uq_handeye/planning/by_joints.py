@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from ..calibration.calibrate import calibrate
-from ..calibration.request import joints_by_poses
+from ..calibration.job import joints_by_poses
 from ..calibration.result import Calibration
 from ..errors import DegenerateMotionError, InputError, NotConvergedError
 from ..geometry.checks import as_numbers

@@ -1,0 +1,390 @@
+"""A request beside its data: noise, errors and arm that fit each other, and what the methods work on."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..errors import InputError
+from ..estimators.registry import ROBOT_WORLD_METHODS
+from ..geometry.checks import as_numbers
+from ..geometry.se3 import Array, logarithm, perturb
+from ..kinematics.against_controller import ControllerComparison, compare_with_controller
+from ..kinematics.chain import Kinematics
+from ..kinematics.gravity import spread_postures
+from ..kinematics.inverse import postures_at
+from ..kinematics.kinematic_errors import (
+    ESTIMATE,
+    JOINT_NOISE,
+    KinematicColumns,
+    KinematicErrors,
+    effects_of_errors,
+    poses_with_errors,
+)
+from ..likelihood.constraint import Constraint, constraint_of, require_noise_fits
+from ..likelihood.gauss_helmert import ESTIMATORS
+from ..likelihood.rig_bundle import require_shared
+from ..noise.camera_noise import CameraNoise
+from ..noise.estimate import NoisePrior
+from ..noise.joint_covariance import JointCovariance
+from ..noise.models import Noise, PairNoise, PoseNoise, require_count, with_prior
+from ..noise.pose_prior import PosePrior
+from ..poses.motions import Motions, relative_motions, spread_pairs
+from ..poses.pose_pairs import PosePairs
+from ..propagation.all_pairs import AllPairs
+from ..shared_errors.accuracy import ROBOT_ACCURACY
+from ..shared_errors.kinematic_errors import errors_of_arm, kinematic_covariance
+from ..shared_errors.shared_error import (
+    CLOCK_OFFSET,
+    LENS,
+    VIEW,
+    SharedError,
+    add_columns,
+    assumed_accuracy,
+    assumed_lens,
+    assumed_view,
+    checked_errors,
+    default_errors,
+    shared_columns,
+    with_shared,
+)
+from .request import BUNDLE, Request
+
+# All pairs of many poses are solved without forming them; residuals and checks then look at about so many.
+DIAGNOSED_PAIRS = 200_000
+
+# Share of the poses that an arm must reach in one branch of its inverse kinematics, and starts for the others.
+MOST_REACHED, STARTS = 0.6, 60
+# Poses (or motions) from which on wrong ones can be told from good ones.
+FEWEST_FOR_ROBUST = 5
+
+
+class Arm(NamedTuple):
+    """A robot by its joints."""
+
+    kinematics: Kinematics  # in the base frame and with the tool of the measured poses
+    joints: Array  # (n, L) rad, m
+    errors: KinematicErrors
+    against: ControllerComparison  # the measured poses against those of the joints
+    measured: PosePairs  # as they came
+    at: Array | None = None  # (m,) errors about which the model is linear; None: 0
+
+    @property
+    def columns(self) -> KinematicColumns:
+        """Derivatives of the robot poses by the kinematic errors."""
+        return self.errors.columns(self.kinematics, self.joints, self.at)
+
+    def linear_about(self, e: Array) -> Array:
+        """(n, 4, 4) poses of the robot in place of those measured, for errors e (m,) of the arm.
+
+        ``FK(q; e)`` less ``F(e) e``, where ``FK(q; 0)`` was measured: with it the errors have the mean 0 as before, and
+        ``F(e)`` times them is right to the second order about e.
+        """
+        of = self.kinematics, self.joints, e, self.errors.flange
+        nominal, true = self.kinematics.poses(self.joints), poses_with_errors(*of)
+        linear = perturb(true, -(effects_of_errors(*of) @ e))
+        turn = logarithm(linear[:, :3, :3] @ nominal[:, :3, :3].mT)
+        return perturb(self.measured.robot, np.concatenate([turn, linear[:, :3, 3] - nominal[:, :3, 3]], axis=-1))
+
+
+@dataclass(frozen=True, eq=False)
+class Job:
+    """A request, with what it means for its data."""
+
+    request: Request
+    motions: Motions  # of which residuals are taken, and 4DPA where `everything` is None
+    everything: AllPairs | None  # 4DPA of all pairs, without forming them
+    noise: Noise | None
+    method: str
+    robust: bool
+    camera_noise: CameraNoise | None = None  # but for pixel noise or robot noise, which are to be estimated
+    robot_noise: Any = None  # covariance beside it, where it is known
+    shared: tuple[SharedError, ...] = ()  # what all poses share, as unknowns
+    pose_prior: PosePrior | None = None  # of X and W; the noise has it too, where it is known
+    arm: Arm | None = None  # the robot's joints, where its kinematic errors count
+    columns_of_arm: KinematicColumns | None = None  # at the poses, where deviations are to be estimated
+    given: PoseNoise | None = None  # noise beside which they are
+
+    @property
+    def poses(self) -> PosePairs | None:
+        return self.motions.poses
+
+    @cached_property
+    def constraint(self) -> Constraint:
+        """Residual rows of the data, which define the likelihood."""
+        constraint = constraint_of(self.data, self.noise)
+        if self.noise is not None:
+            return constraint
+        return replace(constraint, split_known=False)
+
+    @cached_property
+    def columns(self) -> dict[str, JointCovariance]:
+        """Effect of the shared errors on the poses of each side."""
+        return {} if self.poses is None else shared_columns(self.shared, self.poses)
+
+    @property
+    def data(self) -> PosePairs | Motions:
+        """Data of the likelihood: the poses where there are any, unless the noise is that of motions."""
+        return self.motions if self.poses is None or isinstance(self.noise, PairNoise) else self.poses
+
+
+def _require_corners(data: PosePairs | Motions, noise: Noise | None, covariance: str) -> None:
+    """Raise `InputError` unless a bundle adjustment on corners is possible."""
+    if not isinstance(data, PosePairs) or data.camera_calibration is None:
+        raise InputError(
+            "Method 'bundle' adjusts everything on the corners of the board: expected poses with a "
+            "`camera_calibration` (calibrate_camera, or the folder that `uq-handeye camera` writes), got poses "
+            "without one. Use method 'efficient'."
+        )
+    if covariance != "model":
+        raise InputError(f"Method 'bundle' has only covariance='model', got {covariance!r}. Use method 'efficient'.")
+    if noise is not None and (isinstance(noise, PairNoise) or noise.camera is not None):
+        raise InputError(
+            "Method 'bundle' takes the noise of the camera from the corners: give only PoseNoise(robot=...), or no "
+            "noise."
+        )
+    if noise is not None:
+        require_shared(noise.robot)
+
+
+def _open_noise(noise: Any) -> tuple[Noise | None, CameraNoise | None, Any]:
+    """The noise where it is known; else that of the camera but for its pixels, and the robot's if it is known."""
+    if isinstance(noise, CameraNoise):
+        return None, noise, None
+    if isinstance(noise, PoseNoise) and isinstance(noise.camera, CameraNoise):
+        return None, noise.camera, noise.robot
+    return noise, None, None
+
+
+def _with_corners(noise: Noise | None, motions: Motions) -> Noise | None:
+    """Beside noise of the robot only, the covariance that camera poses from corners or points come with."""
+    S = None if motions.poses is None else motions.poses.known_camera
+    if S is None or not isinstance(noise, PoseNoise) or noise.camera is not None:
+        return noise
+    return PoseNoise(noise.robot, S, prior=noise.prior)
+
+
+def _pose_prior(noise: Noise | None, X: Any, W: Any, method: str, motions: Motions) -> PosePrior | None:
+    """Return the prior of X and W: given here, or with the noise."""
+    given = PosePrior.of(X, W)
+    if noise is not None and noise.prior is not None:
+        if given is not None:
+            raise InputError("Expected no `prior_X` or `prior_W` beside noise that has a `prior` of its own.")
+        given = noise.prior
+    if given is None:
+        return None
+    if method not in ESTIMATORS:
+        raise InputError(f"Method {method!r} takes no prior of X or W; use efficient or ml.")
+    if given.W is not None and (motions.poses is None or isinstance(noise, PairNoise)):
+        raise InputError("Expected no prior of W: motions know nothing of W. Give poses, with PoseNoise or none.")
+    return given
+
+
+def job_of(request: Request, data: Any, about: tuple[PosePairs, Array] | None = None) -> Job:
+    """Return the request beside its data; raises `InputError` where they do not fit.
+
+    ``about``: the poses as they came and the errors of the arm about which the data stand for them (`linear_about`).
+    """
+    if not isinstance(data, PosePairs | Motions):
+        raise InputError(f"Expected `data` to be PosePairs or Motions, got {type(data).__name__}.")
+    method, bound, pairs, shared = request.taken_method, request.by_likelihood, request.pairs, request.shared
+    scale, kind, robust, prior = request.scale, request.kind, request.robust, request.prior
+    if shared is not None:
+        data, shared = take_offset(data, tuple(shared))
+    noise, camera, robot = _open_noise(request.noise)
+    if method == BUNDLE:
+        _require_corners(data, noise if camera is None else PoseNoise(camera=camera), request.covariance)
+    if prior is not None and (noise is not None or robot is not None):
+        raise InputError("Give either `noise` or, for noise that is to be estimated, a `prior`; not both.")
+    everything = None
+    if isinstance(data, PosePairs):
+        if data.n < 3:
+            raise InputError(f"Expected at least 3 poses, which make 2 motions, got {data.n}.")
+        if data.robot.ndim != 3:
+            raise InputError("Expected one data set; for a batch call solve() and propagate(), or efficient().")
+        if isinstance(pairs, str) and pairs == "all" and not isinstance(noise, PairNoise):
+            direct = (bound or method == "4dpa") and scale is None and kind in (None, "poses")
+            if direct and (of_all := AllPairs(data)).precise:
+                everything = of_all
+            if everything or method in ROBOT_WORLD_METHODS:
+                pairs = spread_pairs(data.n, DIAGNOSED_PAIRS)  # they serve residuals and checks alone
+        motions = relative_motions(data, pairs)
+    else:
+        motions = data
+        if motions.A.ndim != 3:
+            raise InputError("Expected one data set; for a batch call solve() and propagate(), or efficient().")
+    require_noise_fits(noise, motions)
+    if camera is not None:
+        if motions.poses is None or camera.n != motions.poses.n:
+            given = "motions" if motions.poses is None else f"{motions.poses.n} poses"
+            raise InputError(f"Expected camera noise of the data given, {given}, got that of {camera.n} poses.")
+        require_count(robot, camera.n, "robot", "poses")
+    noise = _with_corners(noise, motions) if camera is None else None
+    if robust is None:
+        count = motions.N if motions.poses is None else motions.poses.n
+        robust = bound and count >= FEWEST_FOR_ROBUST
+    declared = _shared_of(shared, motions.poses, noise, method, kind, camera)
+    errors = declared
+    measured, at = (motions.poses, None) if about is None else about
+    arm = _arm_of(request, measured, noise)
+    if arm is not None:
+        arm = arm._replace(at=at)
+    robot_known = noise is not None or robot is not None or arm is not None or _known_robot(prior)
+    assumed = {ROBOT_ACCURACY} if robot_known else set()
+    if not bound or motions.poses is None or motions.poses.truth is not None:
+        assumed = {ROBOT_ACCURACY, LENS, VIEW}
+    errors = tuple(error for error in errors if not (error.default and error.name in assumed))
+    if motions.poses is not None:
+        errors = tuple(error.bound(motions.poses) if error.needs_poses else error for error in errors)
+    columns_of_arm = None if arm is None or arm.errors.is_exact else arm.columns
+    beside: PoseNoise | None = None
+    if columns_of_arm is not None and noise is not None:
+        assert isinstance(noise, PoseNoise) and arm is not None
+        if arm.errors.how != ESTIMATE:
+            noise, of_arm = with_declared(noise, columns_of_arm)
+            errors, columns_of_arm = (*errors, *of_arm), None
+        else:
+            beside, noise = noise, None
+    if noise is not None and any(error.factor > 1 for error in errors):  # their sizes are to be found
+        assert isinstance(noise, PoseNoise)
+        beside, noise = noise, None
+    if errors and noise is not None:
+        assert isinstance(noise, PoseNoise) and motions.poses is not None
+        noise = with_shared(noise, shared_columns(errors, motions.poses))
+    pose_prior = _pose_prior(noise if beside is None else beside, request.prior_X, request.prior_W, method, motions)
+    if noise is not None:
+        noise = with_prior(noise, pose_prior)
+    job = Job(
+        request, motions, everything, noise, method, bool(robust), camera, robot, errors, pose_prior, arm,
+        columns_of_arm, beside,
+    )  # fmt: skip
+    _require_open_sizes(job)
+    return job
+
+
+def _require_open_sizes(job: Job) -> None:
+    """Raise `InputError` where sizes or components are given and nothing is estimated, or of other poses."""
+    request = job.request
+    if not request.sizes and not request.components:
+        return
+    if job.noise is not None or job.method not in ESTIMATORS:
+        raise InputError(
+            "Expected no `sizes` or `components` where the noise is given or the method is a published one: nothing is "
+            "estimated. Declare a known error as `shared` (SharedError.columns)."
+        )
+    for part in request.components:
+        if part.columns is not None and len(part.columns) != len(job.data):
+            raise InputError(
+                f"Expected `columns` of the component {part.name!r} of {len(job.data)} poses, got {len(part.columns)}."
+            )
+
+
+def with_declared(noise: PoseNoise, columns: KinematicColumns) -> tuple[PoseNoise, tuple[SharedError, ...]]:
+    """The noise with joint noise, which comes with it; and the errors of the arm as declared, which do not."""
+    deviations = columns.given.standard_deviations
+    joint = kinematic_covariance(columns, deviations | {JOINT_NOISE: float(columns.given.joint_sd or 0.0)})
+    own = replace(joint, shared=joint.shared[..., :0], names=())
+    return replace(noise, robot=add_columns(noise.robot, own)), errors_of_arm(columns, deviations)
+
+
+def _arm_of(request: Request, poses: PosePairs | None, noise: Noise | None) -> Arm | None:
+    """The arm of poses as they came, where joints and kinematics are given; raises `InputError`."""
+    joints, kinematics, errors = request.joints, request.kinematics, request.kinematic_errors
+    method = request.taken_method
+    if kinematics is None:
+        if joints is not None or errors is not None:
+            raise InputError("Expected `kinematics` beside joints and kinematic errors: Kinematics.from_urdf(...).")
+        return None
+    if not isinstance(kinematics, Kinematics):
+        raise InputError(f"Expected `kinematics` to be Kinematics, got {type(kinematics).__name__}.")
+    if poses is None or isinstance(noise, PairNoise):
+        raise InputError("Expected poses, with PoseNoise or none, beside `kinematics`: joints say nothing of motions.")
+    if method not in ESTIMATORS:
+        raise InputError(f"Method {method!r} takes no kinematic errors; use efficient or ml.")
+    given = poses.joints if joints is None else joints
+    q = joints_by_poses(kinematics, poses) if given is None else as_numbers(given, "joints")
+    if q.shape != (poses.n, kinematics.n_joints) or not np.isfinite(q).all():
+        raise InputError(
+            f"Expected `joints` to be finite numbers {(poses.n, kinematics.n_joints)}, of {poses.n} poses and the "
+            f"joints {', '.join(kinematics.names)}, got shape {q.shape}."
+        )
+    errors = KinematicErrors() if errors is None else errors
+    if not isinstance(errors, KinematicErrors):
+        raise InputError(f"Expected `kinematic_errors` to be KinematicErrors or None, got {type(errors).__name__}.")
+    against = compare_with_controller(kinematics, q, poses.robot)
+    if not against.same_arm:
+        raise InputError(" ".join(map(str, against.findings)))
+    return Arm(against.adapt(kinematics), q, errors, against, poses)
+
+
+def joints_by_poses(kinematics: Kinematics, poses: PosePairs) -> Array:
+    """Return joint values (n, L) of the poses by inverse kinematics, in the branch that they share.
+
+    Raises `InputError` where the arm does not reach the poses.
+    """
+    from ..kinematics.arms.postures import postures_by_branch
+
+    found = postures_by_branch(kinematics, poses.robot)
+    if found.reached.mean() >= MOST_REACHED:  # another branch for the others: their errors are much the same
+        for start in spread_postures(kinematics.limits, np.array([j.is_revolute for j in kinematics.joints]), STARTS):
+            left = ~found.reached
+            if not left.any():
+                break
+            again = postures_at(kinematics, poses.robot[left], np.tile(start, (int(left.sum()), 1)))
+            found.q[left], found.reached[left] = again.q, again.reached
+    if not found.reached.all():
+        off = np.linalg.norm(kinematics.poses(found.q)[:, :3, 3] - poses.robot[:, :3, 3], axis=-1)
+        raise InputError(
+            f"The arm {kinematics.name} does not reach {int((~found.reached).sum())} of {poses.n} robot poses: it ends "
+            f"up to {1e3 * off.max():.3g} mm away. Give the chain up to the frame whose poses these are (--base, "
+            "--tip), with the tool that the controller had; or joints (--joints)."
+        )
+    return found.q
+
+
+def take_offset(
+    data: PosePairs | Motions, shared: tuple[SharedError, ...]
+) -> tuple[PosePairs | Motions, tuple[SharedError, ...]]:
+    """Replace the standard deviation of the clock offset in the `timing` of synchronised poses."""
+    poses = data if isinstance(data, PosePairs) else data.poses
+    offset = next((error for error in shared if error.name == CLOCK_OFFSET), None)
+    if offset is None or poses is None or poses.timing is None:
+        return data, shared
+    poses = replace(poses, timing=replace(poses.timing, std=float(offset.sd[0])))
+    rest = tuple(error for error in shared if error is not offset)
+    return (poses if isinstance(data, PosePairs) else replace(data, poses=poses)), rest
+
+
+def _known_robot(prior: NoisePrior | None) -> bool:
+    """Return whether the noise of the robot is given, beside that of the camera, which is to be estimated."""
+    return prior is not None and prior.factor == 1 and bool(np.isfinite(prior.values[:2]).all())
+
+
+def _shared_of(
+    shared: Sequence[SharedError] | None,
+    poses: PosePairs | None,
+    noise: Noise | None,
+    method: str,
+    kind: str | None,
+    camera: CameraNoise | None,
+) -> tuple[SharedError, ...]:
+    """Return the errors that were given; else the defaults, where the noise is to be estimated."""
+    if shared is None:
+        if noise is not None or poses is None or method == BUNDLE or kind not in (None, "poses"):
+            return ()
+        known = camera is not None or poses.camera_known
+        return (*default_errors(known), assumed_accuracy(), *(() if known else (assumed_lens(), assumed_view())))
+    errors = tuple(shared) if poses is None else checked_errors(shared, poses)
+    if not errors:
+        return ()
+    if poses is None or isinstance(noise, PairNoise):
+        raise InputError(
+            "Expected poses and PoseNoise beside `shared`: the effect of errors on motions without poses is not known."
+        )
+    if method == BUNDLE:
+        raise InputError("Method 'bundle' takes no `shared` errors. Use method 'efficient'.")
+    return errors
