@@ -35,11 +35,7 @@ def _(pixels: float, board: str) -> str:
     )
 
 
-@sentence(
-    "camera.coefficients_near_zero",
-    check=CAMERA,
-    phrase="some lens coefficients are not significant",
-)
+@sentence("camera.coefficients_near_zero", check=CAMERA, phrase="some lens coefficients are not significant")
 def _(coefficients: Sequence[Mapping[str, Any]]) -> str:
     named = "; ".join(f"{one['name']} = {one['value']:.2g} +- {one['std']:.2g}" for one in coefficients)
     return (
@@ -48,11 +44,7 @@ def _(coefficients: Sequence[Mapping[str, Any]]) -> str:
     )
 
 
-@sentence(
-    "camera.corners_left_out",
-    check=CAMERA,
-    phrase="{count} of {n} corners left out",
-)
+@sentence("camera.corners_left_out", check=CAMERA, phrase="{count} of {n} corners left out")
 def _(count: int, n: int) -> str:
     return (
         f"{count} of {n} corners ({100 * count / n:.0f} %) were rejected as outliers. Look at the pictures that "
@@ -60,12 +52,7 @@ def _(count: int, n: int) -> str:
     )
 
 
-@sentence(
-    "camera.residual_pattern",
-    check=CAMERA,
-    phrase="residuals have a pattern over the image",
-    effect=1.5,
-)
+@sentence("camera.residual_pattern", check=CAMERA, phrase="residuals have a pattern over the image", effect=1.5)
 def _(share: float, model: str, tried_all: bool = False) -> str:
     advice = (
         "No other model that was tried describes it better: look for blur, glass before the lens, or a rolling shutter."
@@ -78,12 +65,7 @@ def _(share: float, model: str, tried_all: bool = False) -> str:
     )
 
 
-@sentence(
-    "camera.board_pattern",
-    check=CAMERA,
-    phrase="residuals follow the points of the board",
-    effect=1.5,
-)
+@sentence("camera.board_pattern", check=CAMERA, phrase="residuals follow the points of the board", effect=1.5)
 def _(share: float, shape: str) -> str:
     more = ", or the board is bent" if shape == "flat" else ""
     return (
@@ -93,11 +75,7 @@ def _(share: float, shape: str) -> str:
     )
 
 
-@sentence(
-    "camera.squares_stretched",
-    check=CAMERA,
-    phrase="squares wider than high, or higher than wide",
-)
+@sentence("camera.squares_stretched", check=CAMERA, phrase="squares wider than high, or higher than wide")
 def _(stretch: float, std: float) -> str:
     longer = "wider than high" if stretch > 0 else "higher than wide"
     return (
@@ -106,11 +84,7 @@ def _(stretch: float, std: float) -> str:
     )
 
 
-@sentence(
-    "camera.pictures_left_out",
-    check=CAMERA,
-    phrase=lambda v: f"{len(v['pictures'])} images rejected",
-)
+@sentence("camera.pictures_left_out", check=CAMERA, phrase=lambda v: f"{len(v['pictures'])} images rejected")
 def _(pictures: Sequence[str]) -> str:
     rows = pictures[0].startswith("row ")  # corners without names of pictures
     if len(pictures) == 1:

@@ -100,19 +100,13 @@ _COMMANDS: dict[str, dict[str, Callable[..., Any]]] = {
         "verify": verify_command,
         "certificate": certificate_command,
     },
-    "Improve and compare": {
-        "plan": plan_command,
-        "compare": compare_command,
-    },
+    "Improve and compare": {"plan": plan_command, "compare": compare_command},
     "Check the covariance": {
         "validate": validate_command,
         "cross-check": cross_check_command,
         "posterior": posterior_command,
     },
-    "Simulate and generate code": {
-        "simulate": simulate_command,
-        "codegen": codegen_command,
-    },
+    "Simulate and generate code": {"simulate": simulate_command, "codegen": codegen_command},
 }
 for group, commands in _COMMANDS.items():
     for name, command in commands.items():

@@ -66,8 +66,7 @@ class Messages:
         bool, _option("-v", "--verbose", common=True, help="Print all details. Also each step with its duration.")
     ] = False
     log_file: Annotated[
-        Path | None,
-        _option("--log-file", metavar="FILE", help="File that all messages are appended to, with times."),
+        Path | None, _option("--log-file", metavar="FILE", help="File that all messages are appended to, with times.")
     ] = None
     no_color: Annotated[bool, _option("--no-color", help="Print without colours.")] = False
 

@@ -26,10 +26,7 @@ class Wanted:
         return None if self.tolerance is None else result.verdict(self.tolerance)
 
 
-def wanted_of(
-    tolerance: str | None = None,
-    at: str | None = None,
-) -> Wanted:
+def wanted_of(tolerance: str | None = None, at: str | None = None) -> Wanted:
     """Read the tolerance.
 
     Options (Output):

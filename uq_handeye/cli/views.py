@@ -146,11 +146,7 @@ def intrinsics_of(text: str | None) -> str | None:
 
 
 @made_of(board=BoardOptions, options=ViewOptions)
-def views_of(
-    board: "BoardOptions",
-    options: "ViewOptions",
-    intrinsics: str | None = None,
-) -> Views | None:
+def views_of(board: "BoardOptions", options: "ViewOptions", intrinsics: str | None = None) -> Views | None:
     """Return target and camera of the options, or None.
 
     Options (Camera model):
@@ -221,11 +217,7 @@ def _known(camera: Any, exact: bool) -> KnownCamera:
 
 @made_of(board=BoardOptions, lens=LensOptions, options=ViewOptions)
 def pictures_of(
-    *,
-    images: str | None = None,
-    board: "BoardOptions",
-    lens: "LensOptions",
-    options: "ViewOptions",
+    *, images: str | None = None, board: "BoardOptions", lens: "LensOptions", options: "ViewOptions"
 ) -> Pictures | Views | None:
     """Return the pictures of the options, or the views of finished camera poses, or None if neither is given.
 

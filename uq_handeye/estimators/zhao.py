@@ -57,11 +57,7 @@ TRUST = 0.5
 # Where the residuals are tiny, the trust region is this many times the step that the largest of them asks for: a higher
 # cost is beyond the solver.
 HIGHEST_COST = 1e6
-OPTIONS: Any = {
-    "primal_feasibility_tolerance": 1e-10,
-    "dual_feasibility_tolerance": 1e-10,
-    "presolve": False,
-}
+OPTIONS: Any = {"primal_feasibility_tolerance": 1e-10, "dual_feasibility_tolerance": 1e-10, "presolve": False}
 # Pairs beyond which a linear program takes too long.
 MOST_PAIRS = 50_000
 # Residuals whose correlations are held at once.

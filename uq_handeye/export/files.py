@@ -164,11 +164,7 @@ def opencv_text(result: Exportable) -> str:
     lines = ["%YAML:1.0", "---", *(f"# {line}" for line in open_comments(result))]
     for X in transforms_of(result):
         name = opencv_name(X)
-        lines += [
-            *matrix_lines(X.name, X.T),
-            *matrix_lines(f"R_{name}", X.R),
-            *matrix_lines(f"t_{name}", X.t[:, None]),
-        ]
+        lines += [*matrix_lines(X.name, X.T), *matrix_lines(f"R_{name}", X.R), *matrix_lines(f"t_{name}", X.t[:, None])]
         if X.covariance is not None:
             lines += matrix_lines(f"covariance_{X.name}", X.covariance)
     said = NOT_DETERMINED if result.covariance is None else f"Covariances of {TOOLKIT}"

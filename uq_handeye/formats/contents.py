@@ -15,10 +15,7 @@ from ..geometry.se3 import Array, inverse
 from .rotation_form import MATRICES, QUATERNIONS, RotationForm, rotation_form
 
 # The frames in which poses are used, and those that are inverted first.
-FRAMES = {
-    "robot": ("base_T_gripper", "gripper_T_base"),
-    "camera": ("camera_T_target", "target_T_camera"),
-}
+FRAMES = {"robot": ("base_T_gripper", "gripper_T_base"), "camera": ("camera_T_target", "target_T_camera")}
 
 # | |q| - 1 | of an accepted quaternion: four decimals pass, Euler angles and shifted columns do not.
 NORM_TOLERANCE = 1e-3

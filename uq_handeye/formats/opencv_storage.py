@@ -238,10 +238,4 @@ def matrix_lines(name: str, values: Array) -> list[str]:
     """A matrix (rows, columns) as an entry of OpenCV's YAML."""
     rows, columns = values.shape
     data = ",\n       ".join(", ".join(map(yaml_number, row)) for row in values)
-    return [
-        f"{name}: !!opencv-matrix",
-        f"   rows: {rows}",
-        f"   cols: {columns}",
-        "   dt: d",
-        f"   data: [ {data} ]",
-    ]
+    return [f"{name}: !!opencv-matrix", f"   rows: {rows}", f"   cols: {columns}", "   dt: d", f"   data: [ {data} ]"]

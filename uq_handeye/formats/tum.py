@@ -21,12 +21,7 @@ from .rotation_form import QUATERNIONS
 COLUMNS = ("timestamp", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
 
 _MATRIX = "; matrices are read as --format matrix, or by their content"
-_HINTS = {
-    4: _MATRIX,
-    7: "; add a time, or the row number, as the first column",
-    12: _MATRIX,
-    16: _MATRIX,
-}
+_HINTS = {4: _MATRIX, 7: "; add a time, or the row number, as the first column", 12: _MATRIX, 16: _MATRIX}
 
 
 def names_order(words: list[str]) -> str | None:

@@ -84,13 +84,7 @@ def chosen_readings(
 
 
 def reading_beside(
-    side: Side,
-    camera: Array,
-    rows: NDArray[np.intp],
-    units: str | None,
-    form: str | None,
-    frame: str,
-    setup: str,
+    side: Side, camera: Array, rows: NDArray[np.intp], units: str | None, form: str | None, frame: str, setup: str
 ) -> Chosen:
     """Return the robot's side with one reading, beside known poses of the camera (n, 4, 4), and what is to be said."""
     seen = Side("the camera", camera[:, :3, 3], camera[:, :3, :3])

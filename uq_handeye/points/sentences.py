@@ -17,11 +17,7 @@ def listed(items: Sequence[Any], most: int = 10) -> str:
     return ", ".join(map(str, items[:most])) + (", ..." if len(items) > most else "")
 
 
-@sentence(
-    "points.left_out",
-    check=CAMERA,
-    phrase="{count} of {n} points left out",
-)
+@sentence("points.left_out", check=CAMERA, phrase="{count} of {n} points left out")
 def _(count: int, n: int, far_points: Sequence[Mapping[str, Any]]) -> str:
     which = "; ".join(
         f"pose {one['pose']}, point {one['point']} ({digits(1e3 * one['distance'], 2)} mm)"
@@ -32,11 +28,7 @@ def _(count: int, n: int, far_points: Sequence[Mapping[str, Any]]) -> str:
     return f"{count} of {n} points {were}: {which}{more}. Check how they were measured and named."
 
 
-@sentence(
-    "points.poses_left_out",
-    check=CAMERA,
-    phrase=lambda v: f"{len(v['poses'])} poses left out: {v['why']}",
-)
+@sentence("points.poses_left_out", check=CAMERA, phrase=lambda v: f"{len(v['poses'])} poses left out: {v['why']}")
 def _(poses: Sequence[int], why: str) -> str:
     start = (
         f"{'Pose' if len(poses) == 1 else 'Poses'} {listed(poses)} {'was' if len(poses) == 1 else 'were'} left out: "
@@ -49,9 +41,7 @@ def _(poses: Sequence[int], why: str) -> str:
 
 
 @sentence(
-    "points.not_in_target",
-    check=CAMERA,
-    phrase=lambda v: f"{len(v['points'])} measured points not in the target",
+    "points.not_in_target", check=CAMERA, phrase=lambda v: f"{len(v['points'])} measured points not in the target"
 )
 def _(points: Sequence[str]) -> str:
     return (
@@ -73,11 +63,7 @@ def _(ratio: float, p_value: float) -> str:
     )
 
 
-@sentence(
-    "points.few_residuals",
-    check=CAMERA,
-    phrase="noise of the points from few residuals",
-)
+@sentence("points.few_residuals", check=CAMERA, phrase="noise of the points from few residuals")
 def _(dof: float) -> str:
     return (
         f"The noise was estimated from few residuals ({digits(dof, 2)} degrees of freedom). Give it (`noise`, --noise) "
@@ -99,12 +85,7 @@ def _(scale: float, std: float) -> str:
     )
 
 
-@sentence(
-    "points.target_off",
-    check=CAMERA,
-    phrase="{count} of {n} points off the target",
-    effect=1.5,
-)
+@sentence("points.target_off", check=CAMERA, phrase="{count} of {n} points off the target", effect=1.5)
 def _(count: int, n: int, far_points: Sequence[Mapping[str, Any]]) -> str:
     which = ", ".join(f"{one['point']} ({digits(1e3 * one['distance'], 2)} mm)" for one in far_points)
     return (

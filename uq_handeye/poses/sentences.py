@@ -8,12 +8,7 @@ from collections.abc import Sequence
 from ..findings import INPUT, SHARED, sentence
 
 
-@sentence(
-    "poses.offset_taken_as_exact",
-    check=SHARED,
-    phrase="the clock offset counts as exact",
-    effect=1.5,
-)
+@sentence("poses.offset_taken_as_exact", check=SHARED, phrase="the clock offset counts as exact", effect=1.5)
 def _(function: str, std: float) -> str:
     return (
         f"The time offset of these poses is known to {1e3 * std:.2g} ms, but {function} takes it as exact. Use "
@@ -39,11 +34,7 @@ def _(name: str, side: str, used: str, form: str, rotation: float | None, transl
     )
 
 
-@sentence(
-    "poses.inverted",
-    check=INPUT,
-    phrase=lambda v: f"{' and '.join(v['sides'])} poses inverted on request",
-)
+@sentence("poses.inverted", check=INPUT, phrase=lambda v: f"{' and '.join(v['sides'])} poses inverted on request")
 def _(sides: Sequence[str], said: bool) -> str:
     frames = {"robot": "--robot-frame gripper_T_base", "camera": "--camera-frame target_T_camera"}
     options = " and ".join(frames.get(side, side) for side in sides)

@@ -6,12 +6,7 @@ from ..findings import NOISE, sentence
 from ..formatting.numbers import digits
 
 
-@sentence(
-    "propagation.few_data",
-    check=NOISE,
-    phrase="too few data for this method's covariance",
-    effect=3,
-)
+@sentence("propagation.few_data", check=NOISE, phrase="too few data for this method's covariance", effect=3)
 def _(method: str, count: int, item: str, enough: int) -> str:
     return (
         f"The covariance of method {method!r} is valid for many data. With {count} {item} it may be wrong by a large "
@@ -19,12 +14,7 @@ def _(method: str, count: int, item: str, enough: int) -> str:
     )
 
 
-@sentence(
-    "propagation.precise_residuals",
-    check=NOISE,
-    phrase="this method's covariance may be too small",
-    effect=3,
-)
+@sentence("propagation.precise_residuals", check=NOISE, phrase="this method's covariance may be too small", effect=3)
 def _(method: str, share: float) -> str:
     return (
         f"The covariance of method {method!r} may be too small by a large factor: in one direction {share:.0%} of the "
@@ -33,12 +23,7 @@ def _(method: str, share: float) -> str:
     )
 
 
-@sentence(
-    "propagation.curved",
-    check=NOISE,
-    phrase="first order is not enough for this method",
-    effect=3,
-)
+@sentence("propagation.curved", check=NOISE, phrase="first order is not enough for this method", effect=3)
 def _(method: str, bend: float) -> str:
     return (
         f"The first-order covariance of method {method!r} may be wrong by a large factor. The rotation of X is so "

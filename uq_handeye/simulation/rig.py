@@ -33,10 +33,7 @@ _BOARD_ON_TABLE = _transform(Rotation.from_euler("z", 20, degrees=True), [0.6, 0
 _CAMERA_ON_TRIPOD = _transform(Rotation.from_euler("ZX", [80, -120], degrees=True), [1.4, 0.2, 0.8])
 _BOARD_ON_GRIPPER = _transform(Rotation.from_euler("ZX", [10, 5], degrees=True), [0.01, 0.02, 0.06])
 
-RIGS = {
-    "eye-in-hand": (_CAMERA_ON_GRIPPER, _BOARD_ON_TABLE),
-    "eye-to-hand": (_CAMERA_ON_TRIPOD, _BOARD_ON_GRIPPER),
-}
+RIGS = {"eye-in-hand": (_CAMERA_ON_GRIPPER, _BOARD_ON_TABLE), "eye-to-hand": (_CAMERA_ON_TRIPOD, _BOARD_ON_GRIPPER)}
 
 
 def simulate(

@@ -66,15 +66,7 @@ def by_picture_figure(cam: Calibrated) -> Figure:
     rms = picture_rms(cam)
     number = corners.rows.astype(float)
     size = 4.0 if corners.n <= MANY_PICTURES else 2.0
-    axis.plot(
-        number,
-        rms,
-        "o",
-        color=BLUE,
-        markersize=size,
-        markeredgewidth=0,
-        label="RMS of the corners used",
-    )
+    axis.plot(number, rms, "o", color=BLUE, markersize=size, markeredgewidth=0, label="RMS of the corners used")
     noise = cam.bundle.picture_noise
     axis.plot(number, noise, "_", color=INK, markersize=7, label="noise of the picture, by which they count")
     axis.axhline(

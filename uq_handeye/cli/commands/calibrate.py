@@ -81,8 +81,7 @@ FiguresOption = Annotated[
     ),
 ]
 ReportFile = Annotated[
-    Path | None,
-    option("--report", metavar="FILE", panel=OUTPUT, common=True, help="Report, one .html or .pdf file."),
+    Path | None, option("--report", metavar="FILE", panel=OUTPUT, common=True, help="Report, one .html or .pdf file.")
 ]
 NoCompare = Annotated[bool, flag("--no-compare", panel=OUTPUT, help="Report without the comparison of methods.")]
 
@@ -267,10 +266,7 @@ def calibrate_command(
 
 
 def demo_command(
-    as_json: JsonOption = False,
-    output: ResultFolder = None,
-    report: ReportFile = None,
-    figures: FiguresOption = False,
+    as_json: JsonOption = False, output: ResultFolder = None, report: ReportFile = None, figures: FiguresOption = False
 ) -> int:
     """Calibrate an embedded data set whose true X is known.
 
@@ -374,12 +370,7 @@ class Files:
 
 
 def deliver_result(
-    result: "Calibration",
-    files: Files,
-    wanted: Wanted,
-    as_json: bool,
-    threshold: float = 0.5,
-    more: str = "",
+    result: "Calibration", files: Files, wanted: Wanted, as_json: bool, threshold: float = 0.5, more: str = ""
 ) -> int:
     """Write the files, then print, with a paragraph ``more``: if a file cannot be written, nothing is printed."""
     from ...calibration.report.next_step import next_step
@@ -405,12 +396,7 @@ def _with_command(result: "Calibration") -> "Calibration":
     return replace(result, provenance=replace(result.provenance, command=command_line()))
 
 
-def _write_result(
-    result: "Calibration",
-    verdict: "Verdict | None",
-    directory: Path,
-    drawn: dict[str, bytes],
-) -> str:
+def _write_result(result: "Calibration", verdict: "Verdict | None", directory: Path, drawn: dict[str, bytes]) -> str:
     """Write the folder of -o with the figures that were drawn, and return what was written."""
     from ...io import write_files
 

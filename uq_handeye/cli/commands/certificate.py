@@ -10,16 +10,7 @@ from ...files.about import ABOUT, read_about
 from ..delivery import PAPERS, deliver
 from ..groups import OUTPUT
 from ..messages import quiet, timed
-from ..options.common import (
-    JsonOption,
-    emit,
-    emit_document,
-    folder_option,
-    made_of,
-    one_of,
-    option,
-    require_writable,
-)
+from ..options.common import JsonOption, emit, emit_document, folder_option, made_of, one_of, option, require_writable
 from ..outcome import NOT_USABLE, Wanted, status_of, wanted_of
 from .files import ResultFile
 
@@ -36,8 +27,7 @@ def certificate_command(
         typer.Argument(metavar="FILE", help="Certificate to write, .html, .pdf or .json. Default: none, or -o."),
     ] = None,
     output: Annotated[
-        Path | None,
-        folder_option("Folder for certificate.html and certificate.json. With --pdf also certificate.pdf."),
+        Path | None, folder_option("Folder for certificate.html and certificate.json. With --pdf also certificate.pdf.")
     ] = None,
     pdf: Annotated[
         bool, typer.Option("--pdf", metavar="", help="Write certificate.pdf too, with -o.", rich_help_panel=OUTPUT)

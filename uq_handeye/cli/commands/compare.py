@@ -70,13 +70,7 @@ def compare_command(
 
     with timed("comparing"), withheld() as shown:
         result = compare(
-            poses,
-            noise=noise,
-            methods=names,
-            pairs=pairs,
-            reference=base,
-            progress=progress_wanted(),
-            shared=shared,
+            poses, noise=noise, methods=names, pairs=pairs, reference=base, progress=progress_wanted(), shared=shared
         )
         if not (as_json or as_csv):  # the text has them, in short or in full
             shown += [

@@ -119,9 +119,7 @@ def plan_command(
     else:
         units, chain = arm.chain.joint_units, arm.kinematics
         rows = None if candidates is None else read_joints(candidates, chain, units).q
-        of_arm = {
-            "task": None if task is None else read_joints(task, chain, units).q,
-        } | arm.of_calibrate
+        of_arm = {"task": None if task is None else read_joints(task, chain, units).q} | arm.of_calibrate
     if noise is not None and not isinstance(noise, PoseNoise):
         raise InputError("plan needs noise on poses ([robot], [camera]), got noise on motions ([A], [B]).")
     with timed("checking the input"), suppress(InputError):  # plan() may do with what calibrate() refuses

@@ -35,10 +35,7 @@ def posterior_command(
     max_steps: int = 10_000,
     seed: int = 0,
     as_json: JsonOption = False,
-    output: Annotated[
-        Path | None,
-        folder_option(f"Folder for {CHAIN}, posterior.json and corner.png, .svg."),
-    ] = None,
+    output: Annotated[Path | None, folder_option(f"Folder for {CHAIN}, posterior.json and corner.png, .svg.")] = None,
     resume: bool = False,
 ) -> None:
     r"""Sample the posterior of X by Markov chain Monte Carlo.

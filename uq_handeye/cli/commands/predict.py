@@ -208,10 +208,7 @@ def _text_of_points(found: "PointUncertainty", n: int, stored: "Calibration", re
             known += " The camera stands still: the robot does not move the points."
     return to_text(
         [
-            [
-                Heading(what),
-                Paragraph(known),
-            ],
+            [Heading(what), Paragraph(known)],
             Table("", head, cells[:PRINTED], units=["", "", *["mm"] * 7], named=False),
             _more(len(cells)),
         ]

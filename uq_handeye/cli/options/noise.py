@@ -52,11 +52,7 @@ class SharedOptions:
     robot_class: RobotClass = None
 
     def errors(
-        self,
-        poses: "PosePairs",
-        noise: "Noise | None",
-        file: Path | None = None,
-        views: "Views | None" = None,
+        self, poses: "PosePairs", noise: "Noise | None", file: Path | None = None, views: "Views | None" = None
     ) -> "list[SharedError] | None":
         """Return the declared errors of options and noise file with the remaining defaults, or None."""
         from ...io import read_shared_errors
@@ -187,9 +183,7 @@ def exact_beside(known: "NoisePrior") -> "Noise":
 
 
 def prior_of(
-    robot_prior: str | None = None,
-    camera_prior: str | None = None,
-    prior_factor: float = 2.0,
+    robot_prior: str | None = None, camera_prior: str | None = None, prior_factor: float = 2.0
 ) -> "NoisePrior | None":
     """Return the prior of the data sheets, or None if none is given.
 
@@ -208,9 +202,7 @@ def prior_of(
 
 
 def pose_prior_of(
-    prior_x: Path | None = None,
-    prior_w: Path | None = None,
-    known: list[str] | None = None,
+    prior_x: Path | None = None, prior_w: Path | None = None, known: list[str] | None = None
 ) -> "dict[str, Any]":
     """Return the priors of X and W as arguments of `calibrate`.
 

@@ -180,10 +180,7 @@ class Method:
         with explained(self.name, lambda k: (flat_A[k], flat_B[k]), batch):
             found = self.solver.estimate(flat_A, flat_B, noise)
         return Estimate(
-            found.X.reshape(*batch, 4, 4),
-            found.converged.reshape(batch),
-            found.iterations.reshape(batch),
-            found.detail,
+            found.X.reshape(*batch, 4, 4), found.converged.reshape(batch), found.iterations.reshape(batch), found.detail
         )
 
 
@@ -193,7 +190,6 @@ def require_converged(method: Method, estimate: Estimate) -> Estimate:
         failed = int(estimate.converged.size - estimate.converged.sum())
         of = "" if estimate.converged.ndim == 0 else f" on {failed} of {estimate.converged.size} problems"
         raise NotConvergedError(
-            f"Method {method.name!r} did not converge{of} within {int(estimate.iterations.max())} iterations.",
-            estimate,
+            f"Method {method.name!r} did not converge{of} within {int(estimate.iterations.max())} iterations.", estimate
         )
     return estimate

@@ -102,10 +102,7 @@ def _rotations(R: Array) -> NDArray[np.bool_]:
 
 
 _FITS: dict[int, dict[str, Callable[[Array], NDArray[np.bool_]]]] = {
-    16: {
-        "rows": lambda v: _last(v[:, 12:]),
-        "columns": lambda v: _last(v[:, 3::4]),
-    },
+    16: {"rows": lambda v: _last(v[:, 12:]), "columns": lambda v: _last(v[:, 3::4])},
     12: {
         "3x4": lambda v: _rotations(v.reshape(-1, 3, 4)[:, :, :3]),
         "R t": lambda v: _rotations(v[:, :9].reshape(-1, 3, 3)),

@@ -244,13 +244,7 @@ def read_matrix_text(text: str, name: str) -> Contents:
     return contents_of(found, name, numbers, "the matrix of line", note)
 
 
-def contents_of(
-    found: Found,
-    name: str,
-    rows: NDArray[np.int64] | None,
-    counted: str,
-    *more: str,
-) -> Contents:
+def contents_of(found: Found, name: str, rows: NDArray[np.int64] | None, counted: str, *more: str) -> Contents:
     """The poses that were found, with times where numbers in front of the matrices are some."""
     notes = [found.note, *(note for note in more if note)]
     times, said = times_of(found.others)

@@ -100,12 +100,7 @@ def _setup(parameters: Any, name: str) -> tuple[str | None, list[str]]:
     says = parameters.get(key)
     if says is None or says == "":
         return None, notes
-    known = {
-        "eye_in_hand": "eye-in-hand",
-        "eye_on_base": "eye-to-hand",
-        True: "eye-in-hand",
-        False: "eye-to-hand",
-    }
+    known = {"eye_in_hand": "eye-in-hand", "eye_on_base": "eye-to-hand", True: "eye-in-hand", False: "eye-to-hand"}
     setup = known.get(says) if isinstance(says, str | bool) else None
     if setup is None:
         raise InputError(f"{name}, parameters.{key}: expected eye_in_hand or eye_on_base, got {got(says)}.")

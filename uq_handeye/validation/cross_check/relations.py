@@ -374,11 +374,7 @@ def _nguyen_below_4dpa(e: Evidence) -> Relation:
         if e.shared:
             return None, f"{text}. {_UNKNOWING}", ""
         if not all(ratios(S, P, T, kurtosis, part).not_below for part in _PARTS.values()):
-            return (
-                False,
-                text,
-                "Theirs is the larger one in some direction: the claim is of one experiment.",
-            )
+            return (False, text, "Theirs is the larger one in some direction: the claim is of one experiment.")
         if per_axis.max() > 1:
             return None, f"{text}: about the same in some direction", ""
         return True, f"{text}: {'smaller, not slightly' if per_axis.min() < SLIGHTLY else 'slightly smaller'}", ""

@@ -96,11 +96,7 @@ def moves_of(proposal: Proposal, shares: tuple[float, float, float] = SHARES) ->
         new = proposal.draw(random, len(y))
         return new, proposal.log_density(y) - proposal.log_density(new)
 
-    available = (
-        moves.MHMove(propose, ndim=proposal.location.shape[1]),
-        moves.DEMove(),
-        moves.DESnookerMove(),
-    )
+    available = (moves.MHMove(propose, ndim=proposal.location.shape[1]), moves.DEMove(), moves.DESnookerMove())
     return [(move, share) for move, share in zip(available, shares, strict=True) if share > 0]
 
 

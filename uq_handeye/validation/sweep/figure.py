@@ -117,14 +117,7 @@ def sweep_figure(result: Drawn) -> Figure:
         handlelength=2.4,
         columnspacing=1.2,
     )
-    drawn.text(
-        0.12 / width,
-        0.08 / height,
-        "\n".join(footer),
-        fontsize=6.5,
-        color="0.3",
-        va="bottom",
-    )
+    drawn.text(0.12 / width, 0.08 / height, "\n".join(footer), fontsize=6.5, color="0.3", va="bottom")
     return drawn
 
 
