@@ -8,7 +8,7 @@ from ..errors import InputError
 from ..runtime.progress import working
 from .groups import CAMERA_MODEL
 from .messages import LOG, progress_wanted, timed
-from .options.common import one_of, option
+from .options.common import Options, one_of, option
 
 if TYPE_CHECKING:
     from ..camera.board import Board
@@ -31,7 +31,7 @@ COEFFICIENT_NAMES = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
 
 
 @dataclass(frozen=True)
-class BoardOptions:
+class BoardOptions(Options):
     """Options of the board.
 
     Options (Pictures of a board):
@@ -54,11 +54,6 @@ class BoardOptions:
     marker: str | None = None
     dictionary: str | None = None
     first_id: int | None = None
-
-    @property
-    def given(self) -> list[str]:
-        """Names of the options that were given."""
-        return [f"--{name.replace('_', '-')}" for name, value in vars(self).items() if value is not None]
 
     @property
     def file(self) -> str | None:
@@ -150,7 +145,7 @@ class BoardOptions:
 
 
 @dataclass(frozen=True)
-class LensOptions:
+class LensOptions(Options):
     """Options of the camera model.
 
     Options (Camera model):
@@ -176,11 +171,6 @@ class LensOptions:
         ),
     ] = None
     board_shape: str | None = None
-
-    @property
-    def given(self) -> list[str]:
-        """Names of the options that were given."""
-        return [f"--{name.replace('_', '-')}" for name, value in vars(self).items() if value is not None]
 
     def calibrate(
         self,

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
-from .options.common import made_of
+from .options.common import Options, made_of
 from .pictures import BoardOptions, KnownCamera, LensOptions, Pictures, read_length
 
 if TYPE_CHECKING:
@@ -19,7 +19,7 @@ INTRINSICS = ("estimated", "pinhole", "exact")
 
 
 @dataclass(frozen=True)
-class ViewOptions:
+class ViewOptions(Options):
     """Options of the camera that finished poses come from.
 
     Options (Camera poses from other programs):
@@ -34,11 +34,6 @@ class ViewOptions:
     camera_matrix: str | None = None
     tag: str | None = None
     pixel_noise: str | None = None
-
-    @property
-    def given(self) -> list[str]:
-        """Names of the options that were given."""
-        return [f"--{name.replace('_', '-')}" for name, value in vars(self).items() if value is not None]
 
 
 @dataclass(frozen=True)

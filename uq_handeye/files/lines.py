@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import BinaryIO
 
 from ..errors import InputError
@@ -58,3 +59,17 @@ def one_line(text: str) -> str:
     text = " ".join(text.split())
     text = text if text.isprintable() else ascii(text)
     return (text if len(text) <= 160 else f"{text[:157]}...").rstrip(".")
+
+
+@contextmanager
+def refused(what: str, kinds: tuple[type[Exception], ...] = (Exception,)) -> Iterator[None]:
+    """Make what a library raises on a damaged file an `InputError`: ``what``, and the words of the library.
+
+    Libraries raise many kinds, and their messages may be empty; an `InputError` passes as it is.
+    """
+    try:
+        yield
+    except InputError:
+        raise
+    except kinds as error:
+        raise InputError(f"{what}: {one_line(str(error) or type(error).__name__)}.") from error

@@ -20,7 +20,7 @@ from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from ..files.lines import one_line, short
+from ..files.lines import refused, short
 from ..files.trees import pose_name
 from ..geometry.frames import SETUPS
 from ..geometry.se3 import Array
@@ -57,12 +57,9 @@ def read_one_array(data: bytes, name: str) -> Array:
 
 def unpacked(data: bytes, name: str) -> dict[str, NDArray[Any]]:
     """All arrays of an archive, by name; raises `InputError`, also for a damaged one."""
-    try:
-        return members(data, name)
-    except InputError:
-        raise
-    except Exception as error:  # zipfile and zlib raise many kinds for damaged files
-        raise InputError(f"{name}: the archive is damaged: {one_line(str(error) or type(error).__name__)}.") from error
+    with refused(f"{name}: the archive is damaged"):
+        found = members(data, name)
+    return found
 
 
 def read_npz(data: bytes, name: str) -> Contents:
@@ -159,7 +156,7 @@ def members(data: bytes, name: str) -> dict[str, NDArray[Any]]:
 
 def _array(file: Any, size: int, where: str) -> NDArray[Any]:
     """One array, read only after its header is seen to fit into the ``size`` bytes that are there."""
-    try:
+    with refused(f"{where}: not an array of NumPy"):
         shape, dtype, start = _header(file)
         if dtype.hasobject:
             raise InputError(
@@ -169,11 +166,8 @@ def _array(file: Any, size: int, where: str) -> NDArray[Any]:
         if math.prod(shape) * dtype.itemsize > size - file.tell() or any(length < 0 for length in shape):
             raise InputError(f"{where}: the file is cut off: its header declares more numbers than it holds.")
         file.seek(start)
-        return np.asarray(npy.read_array(file, allow_pickle=False))
-    except InputError:
-        raise
-    except Exception as error:  # headers are Python literals; damaged ones raise many kinds
-        raise InputError(f"{where}: not an array of NumPy: {one_line(str(error) or type(error).__name__)}.") from error
+        found = np.asarray(npy.read_array(file, allow_pickle=False))
+    return found
 
 
 def _header(file: BinaryIO) -> tuple[tuple[int, ...], np.dtype[Any], int]:

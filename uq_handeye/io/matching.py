@@ -190,7 +190,7 @@ def check_rows(robot: Side, camera: Side, told: bool) -> tuple[str, ...]:
     warnings.warn(
         f"Rows are paired by their order although {where}. That is right if the robot stood still.",
         InputWarning,
-        stacklevel=3,
+        stacklevel=4,
     )
     return ()
 
@@ -227,7 +227,7 @@ def warn_if_swapped(robot: Path, camera: Path) -> None:
             f"{shown(robot)} is taken as the robot's poses and {shown(camera)} as the camera's. The robot's file goes "
             "first: are they swapped?",
             InputWarning,
-            stacklevel=3,
+            stacklevel=4,
         )
 
 

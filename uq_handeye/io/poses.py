@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import warnings
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -116,11 +116,7 @@ def read_poses(
         Timestamps of a row that differ by more than 1e-6 s but less than that, or that go back; samples of easy_handeye
         that do not say the setup; angles with which robot and camera do not agree, where another order of axes fits.
     """
-    if pair is not None and (not isinstance(pair, str) or pair not in _PAIRINGS):
-        hint = "; async is `uq_handeye.synchronise` of two `read_stream`" if pair == "async" else ""
-        raise InputError(f"Expected `pair` (--pair) to be {' or '.join(_PAIRINGS)}, got {pair!r}{hint}.")
-    if setup is not None and (not isinstance(setup, str) or setup not in SETUPS):
-        raise InputError(f"Expected `setup` (--setup) to be one of {', '.join(SETUPS)}, got {setup!r}.")
+    _require_known(pair, setup)
     both_units, formats = (_two(value, name) for value, name in ((units, "units"), (format, "format")))
     forms = _rotations(rotation, quaternion)
     arm = joints_of(joints, kinematics, joint_units)
@@ -130,15 +126,40 @@ def read_poses(
             raise InputError(f"Expected {missing}, or a file of robot poses.")
         both_units, formats, forms = ("m", both_units[1]), (None, formats[1]), (None, forms[1])
         robot_frame = FRAMES["robot"][0]
+    frames = (robot_frame, camera_frame)
+    asked = _Asked(robot, arm, setup, both_units, formats, forms, frames, pair, tolerance)
     seen = known_camera(camera)
-    if seen is not None:
-        if pair == "time" or camera_frame != FRAMES["camera"][0]:
-            raise InputError(
-                "A calibrated camera goes with its rows and as camera_T_target: leave `pair` (--pair) and "
-                "`camera_frame` (--camera-frame) out."
-            )
-        return _with_calibrated(robot, seen, setup, both_units[0], formats[0], forms[0], robot_frame, arm, tolerance)
-    first, first_source = _robot_contents(robot, arm, formats[0])
+    return _of_files(asked, camera) if seen is None else _with_calibrated(asked, seen)
+
+
+@dataclass(frozen=True, eq=False)
+class _Asked:
+    """What is asked of the files; pairs are of robot and camera."""
+
+    robot: StrPath | None
+    arm: Joints | None
+    setup: str | None
+    units: tuple[str | None, str | None]
+    formats: tuple[str | None, str | None]
+    forms: tuple[str | None, str | None]
+    frames: tuple[str, str]
+    pair: str | None
+    tolerance: float
+
+
+def _require_known(pair: Any, setup: Any) -> None:
+    """Raise `InputError` for a way of pairing or a setup that is none."""
+    if pair is not None and (not isinstance(pair, str) or pair not in _PAIRINGS):
+        hint = "; async is `uq_handeye.synchronise` of two `read_stream`" if pair == "async" else ""
+        raise InputError(f"Expected `pair` (--pair) to be {' or '.join(_PAIRINGS)}, got {pair!r}{hint}.")
+    if setup is not None and (not isinstance(setup, str) or setup not in SETUPS):
+        raise InputError(f"Expected `setup` (--setup) to be one of {', '.join(SETUPS)}, got {setup!r}.")
+
+
+def _of_files(asked: _Asked, camera: Any) -> PosePairs:
+    """The poses of two files, or of one that holds both sides (``camera`` is None)."""
+    robot, arm = asked.robot, asked.arm
+    first, first_source = _robot_contents(robot, arm, asked.formats[0])
     if camera is None:
         assert robot is not None
         sources: tuple[Source, ...] = (first_source,)
@@ -149,29 +170,29 @@ def read_poses(
                 "other side as well, the robot's first."
             )
     else:
-        second, second_source = read_contents(as_path(camera), formats[1])
+        second, second_source = read_contents(as_path(camera), asked.formats[1])
         sources, contents = (first_source, second_source), (first, second)
     robot_path = _robot_path(robot, arm)
     paths = (robot_path, robot_path if camera is None else as_path(camera))
-    said = setup is not None or any(one.setup is not None for one in contents)
-    setup = _setup(setup, contents, paths)
+    said = asked.setup is not None or any(one.setup is not None for one in contents)
+    setup = _setup(asked.setup, contents, paths)
     if setup == "eye-to-hand":  # with a camera on the hand the length of X shows it
         warn_if_swapped(*paths)
     sides = [side_of(contents[k], role, shown(paths[k])) for k, role in enumerate(FRAMES)]
-    frames = [robot_frame, camera_frame]
+    frames = list(asked.frames)
     if contents[0].robot_enters and setup == "eye-to-hand":
         frames[0] = FRAMES["robot"][1]
         sources = _noted(sources, 0, paths[0], ["robot poses are gripper_T_base in this format, and inverted"])
-    inverted = _inverted((robot_frame, camera_frame), said)
+    inverted = _inverted(asked.frames, said)
     if not said and frames[1] != FRAMES["camera"][0]:
         note = (
             "poses inverted, as target_T_camera; if the camera is fixed, give --setup eye-to-hand and no --camera-frame"
         )
         sources = _noted(sources, len(sources) - 1, paths[1], [note])
     robot_times, camera_times = sides[0].timestamps, sides[1].timestamps
-    match = match_times(sides[0], sides[1], tolerance) if pair == "time" else None
+    match = match_times(sides[0], sides[1], asked.tolerance) if asked.pair == "time" else None
     rows = (slice(None), slice(None)) if match is None else (match.robot, match.camera)
-    chosen = chosen_readings(sides, both_units, forms, frames, rows, setup)
+    chosen = chosen_readings(sides, asked.units, asked.forms, frames, rows, setup)
     for k, note in enumerate(chosen.notes):
         if note:
             sources = _noted(sources, min(k, len(sources) - 1), paths[k], [note])
@@ -179,9 +200,9 @@ def read_poses(
     sides = chosen.sides
     robot_poses, camera_poses = (
         finished(side, role, units, form, frame)
-        for side, role, units, form, frame in zip(sides, FRAMES, both_units, forms, frames, strict=True)
+        for side, role, units, form, frame in zip(sides, FRAMES, asked.units, asked.forms, frames, strict=True)
     )
-    values = _joint_values(arm, robot, sides[0], tolerance)
+    values = _joint_values(arm, robot, sides[0], asked.tolerance)
     if match is not None:
         robot_poses, camera_poses = robot_poses[match.robot], camera_poses[match.camera]
         assert robot_times is not None
@@ -191,7 +212,7 @@ def read_poses(
     else:
         for side in sides if camera is not None else sides[:1]:
             warn_if_back(side)
-        sources = _noted(sources, 0, paths[0], check_rows(sides[0], sides[1], pair == "rows"))
+        sources = _noted(sources, 0, paths[0], check_rows(sides[0], sides[1], asked.pair == "rows"))
         robot_times = camera_times if robot_times is None else robot_times
     sources = (*sources, *_joint_source(arm, robot))
     findings = (*chosen.findings, *inverted)
@@ -226,21 +247,18 @@ def _joint_source(arm: Joints | None, robot: StrPath | None) -> tuple[Source, ..
     return () if arm is None or robot is None else (arm.source,)
 
 
-def _with_calibrated(
-    robot: StrPath | None,
-    seen: KnownCamera,
-    setup: str | None,
-    units: str | None,
-    format: str | None,
-    rotation: str | None,
-    frame: str,
-    arm: Joints | None,
-    tolerance: float,
-) -> PosePairs:
+def _with_calibrated(asked: _Asked, seen: KnownCamera) -> PosePairs:
     """The robot poses of a file that the pictures or points were taken at, and the camera poses."""
-    path, frame_asked = _robot_path(robot, arm), frame
-    contents, source = _robot_contents(robot, arm, format)
-    setup = _setup(setup, (contents, contents), (path, path))
+    if asked.pair == "time" or asked.frames[1] != FRAMES["camera"][0]:
+        raise InputError(
+            "A calibrated camera goes with its rows and as camera_T_target: leave `pair` (--pair) and "
+            "`camera_frame` (--camera-frame) out."
+        )
+    robot, arm, frame = asked.robot, asked.arm, asked.frames[0]
+    units, rotation = asked.units[0], asked.forms[0]
+    path = _robot_path(robot, arm)
+    contents, source = _robot_contents(robot, arm, asked.formats[0])
+    setup = _setup(asked.setup, (contents, contents), (path, path))
     side = side_of(contents, "robot", shown(path))
     sources: tuple[Source, ...] = (source,)
     if contents.robot_enters and setup == "eye-to-hand":
@@ -252,11 +270,11 @@ def _with_calibrated(
     sources = _noted(sources, 0, path, [note for note in chosen.notes if note])
     poses = finished(side, "robot", units, rotation, frame)
     warn_if_back(side)
-    values = _joint_values(arm, robot, side, tolerance)
+    values = _joint_values(arm, robot, side, asked.tolerance)
     sources = _noted(sources, 0, path, notes)
     times = None if side.timestamps is None else side.timestamps[rows]
     sources = (*sources, *_joint_source(arm, robot), *seen.source)
-    findings = (*chosen.findings, *_inverted((frame_asked, FRAMES["camera"][0]), True))
+    findings = (*chosen.findings, *_inverted(asked.frames, True))
     pairs = PosePairs(poses[rows], seen.poses, setup, times, sources=sources, findings=findings, **seen.of_pairs)
     return pairs if values is None or arm is None else give_joints(pairs, values[rows], arm.name)
 
@@ -377,7 +395,7 @@ def _setup(setup: str | None, contents: tuple[Contents, Contents], paths: Any) -
             f"{shown(paths[0])} does not say whether the camera is on the hand, and is taken as eye-in-hand; for eye "
             'on base give setup="eye-to-hand" (--setup eye-to-hand).',
             InputWarning,
-            stacklevel=3,
+            stacklevel=4,
         )
     return said or "eye-in-hand"
 

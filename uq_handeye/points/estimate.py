@@ -79,7 +79,6 @@ def poses_from_points(points: Any, target: Any = None, noise: Any = None) -> Poi
     given = given_noise(noise)
     known = None if target is None else Target.of(target)
     findings: list[Finding] = []
-    unknown_points: list[str] = []
     if known is not None:
         measured = _as_named(measured, known)
         mine = known.find(measured.point) >= 0
@@ -98,8 +97,8 @@ def poses_from_points(points: Any, target: Any = None, noise: Any = None) -> Poi
     usable, refused = _usable(measured, place, usable, known)
     if not usable.any():
         raise InputError(_no_pose(measured, known))
-    outcome = _solve(measured, place, usable, known, names, given, refused)
-    found, rows, sight, used, pose_of, kept_points = outcome
+    solved = _solve(measured, place, usable, known, names, given, refused)
+    found, rows, sight, used, pose_of, kept_points = solved
     findings += _refusals(refused)
     shape_open = known is None
     F = found.normal.shared
@@ -112,18 +111,7 @@ def poses_from_points(points: Any, target: Any = None, noise: Any = None) -> Poi
     residuals[pose_of] = sight.y - placed(found.normal.T, found.normal.p[sight.point], sight.pose)
     out = np.flatnonzero(~used)
     if len(out):
-        index = pose_of[out]
-        listed = [
-            {
-                "pose": int(measured.row[k]),
-                "point": str(measured.point[k]),
-                "distance": float(np.linalg.norm(residuals[k])),
-            }
-            for k in index[np.argsort(-np.linalg.norm(residuals[index], axis=1), kind="stable")][:12]
-        ]
-        findings.append(
-            Finding("points.left_out", "caution", {"count": len(out), "n": len(sight.y), "far_points": listed})
-        )
+        findings.append(_left_out(measured, pose_of[out], residuals, len(sight.y)))
     if known is not None:
         findings += target_findings(found, names[kept_points])
     if (finding := noise_finding(found, given.phi is not None)) is not None:
@@ -147,6 +135,15 @@ def poses_from_points(points: Any, target: Any = None, noise: Any = None) -> Poi
         refused=tuple(sorted(refused.items())),
         findings=tuple(findings),
     )
+
+
+def _left_out(measured: PointSet, out: NDArray[np.intp], residuals: Array, n: int) -> Finding:
+    """Points that were left out of ``n``, by their numbers; the twelve farthest are listed."""
+    listed = [
+        {"pose": int(measured.row[k]), "point": str(measured.point[k]), "distance": float(np.linalg.norm(residuals[k]))}
+        for k in out[np.argsort(-np.linalg.norm(residuals[out], axis=1), kind="stable")][:12]
+    ]
+    return Finding("points.left_out", "caution", {"count": len(out), "n": n, "far_points": listed})
 
 
 def _as_named(measured: PointSet, known: Target) -> PointSet:

@@ -18,6 +18,22 @@ from ..noise.models import PoseNoise, factor, is_joint, require_count
 from ..poses.pose_pairs import PosePairs, Truth
 
 
+def _views(n: int, distance: tuple[float, float], largest: tuple[float, float], rng: np.random.Generator) -> Array:
+    """``target_T_camera`` (n, 4, 4): back off along -z of a camera that looks at the target's face.
+
+    ``largest``: angles of tilt and roll, in rad. The azimuth is undone about the line of sight, so that roll alone
+    turns the picture.
+    """
+    tilt, roll = largest
+    away = rng.uniform(*distance, n)
+    limits = ((-np.pi, np.pi), (0, tilt), (-np.pi, np.pi), (-roll, roll))
+    angles = np.stack([rng.uniform(*ends, n) for ends in limits], axis=1)
+    angles[:, 2] = -angles[:, 0] + angles[:, 3]
+    looking = Rotation.from_euler("ZYZ", angles[:, :3]) * Rotation.from_euler("x", np.pi)
+    aim = rng.uniform(-0.1, 0.1, (n, 3)) * away[:, None]
+    return _transform(looking, aim - away[:, None] * looking.as_matrix()[..., 2])
+
+
 def _transform(rotation: Rotation, translation: Any) -> Array:
     T = np.zeros((*np.shape(translation)[:-1], 4, 4))
     T[..., :3, :3] = rotation.as_matrix()
@@ -103,30 +119,14 @@ def simulate(
     nearest, farthest = (parse_length(value, "distance") for value in distance)
     if not 0 < nearest <= farthest:
         raise InputError(f"Expected `distance` to be (nearest, farthest) with 0 < nearest <= farthest, got {distance}.")
-    largest_tilt, largest_roll = parse_angle(tilt, "tilt"), parse_angle(roll, "roll")
-    if not (0 <= largest_tilt <= np.pi and 0 <= largest_roll <= np.pi):
+    largest = parse_angle(tilt, "tilt"), parse_angle(roll, "roll")
+    if not all(0 <= angle <= np.pi for angle in largest):
         raise InputError(f"Expected `tilt` and `roll` between 0 and 180 degrees, got {tilt!r} and {roll!r}.")
     X_true, W_true = (
         default if given is None else as_transforms(given, name, stack=False)
         for given, default, name in zip((X, W), RIGS[setup], "XW", strict=True)
     )
-    # target_T_camera: back off along -z of a camera that looks at the target's face.
-    away = rng.uniform(nearest, farthest, n_poses)
-    angles = np.stack(
-        [
-            rng.uniform(-np.pi, np.pi, n_poses),
-            rng.uniform(0, largest_tilt, n_poses),
-            rng.uniform(-np.pi, np.pi, n_poses),
-            rng.uniform(-largest_roll, largest_roll, n_poses),
-        ],
-        axis=1,
-    )
-    # The azimuth is undone about the line of sight, so that roll alone turns the picture.
-    angles[:, 2] = -angles[:, 0] + angles[:, 3]
-    facing = Rotation.from_euler("x", np.pi)
-    looking = Rotation.from_euler("ZYZ", angles[:, :3]) * facing
-    aim = rng.uniform(-0.1, 0.1, (n_poses, 3)) * away[:, None]
-    target_T_camera = _transform(looking, aim - away[:, None] * looking.as_matrix()[..., 2])
+    target_T_camera = _views(n_poses, (nearest, farthest), largest, rng)
     camera = inverse(target_T_camera)
     robot = W_true @ target_T_camera @ inverse(X_true)
     if setup == "eye-to-hand":

@@ -19,13 +19,13 @@ from numpy.typing import NDArray
 
 from ...errors import InputError
 from ...files import trees as _trees
-from ...files.lines import one_line, short
+from ...files.lines import refused, short
 from ...files.open import StrPath, as_path, opened, shown
 from ...files.records import plain
 from ...files.trees import got, item, number, parse_tree, vector
 from ...findings import Finding
 from ...formats.csv_poses import read_pose_file
-from ...formats.numpy_poses import MAX_BYTES, members
+from ...formats.numpy_poses import MAX_BYTES, unpacked
 from ...geometry.checks import as_transforms
 from ...geometry.se3 import Array
 from ..adjustment.bundle import Bundle, Prior, Sight
@@ -76,13 +76,9 @@ def read_camera(folder: StrPath) -> CameraCalibration:
         tree = parse_tree(file.read(), shown(path / INTRINSICS))
     corners, used = corners_and_used(path / CORNERS)
     arrays = _arrays(path / COVARIANCE)
-    try:
+    with refused(f"{name}: not what uq-handeye camera writes", (KeyError, TypeError, ValueError, IndexError)):
         found = calibration_from_parts(tree, corners, used, arrays, shown(path / INTRINSICS))
         _numbers(arrays, "shared", found.covariance.shared.shape)
-    except InputError:
-        raise
-    except (KeyError, TypeError, ValueError, IndexError) as error:
-        raise InputError(f"{name}: not what uq-handeye camera writes: {one_line(str(error))}.") from error
     rows, poses = read_pose_file(path / POSES)
     if not (
         np.array_equal(rows, found.rows)
@@ -94,15 +90,8 @@ def read_camera(folder: StrPath) -> CameraCalibration:
 
 
 def _arrays(path: Path) -> dict[str, Any]:
-    name = shown(path)
     with opened(path, MAX_BYTES) as file:
-        data = file.read()
-    try:
-        return members(data, name)
-    except InputError:
-        raise
-    except Exception as error:  # zipfile and zlib raise many kinds for damaged files
-        raise InputError(f"{name}: the archive is damaged: {one_line(str(error) or type(error).__name__)}.") from error
+        return unpacked(file.read(), shown(path))
 
 
 def _numbers(arrays: dict[str, Any], key: str, shape: tuple[int, ...]) -> Array:
@@ -141,6 +130,12 @@ def _shape(tree: Any, arrays: dict[str, Any], corners: Corners) -> BoardShape:
     parts = {"points": (u, 3), "offset": (u, 3), "fields": (u, 3, q)}
     points, offset, fields = (_numbers(arrays, f"board_{part}", shape) for part, shape in parts.items())
     return BoardShape(str(tree["board"]["shape"]), names, points, offset, fields, sd)
+
+
+def _candidate(one: dict[str, Any], name: str) -> Candidate:
+    """A camera model that was compared; None in the file stands for an infinite number."""
+    bic, rms = (float("inf") if one[key] is None else number(one[key], f"{name}, {key}") for key in ("bic", "rms"))
+    return Candidate(str(one["model"]), tuple(map(str, one["coefficients"])), bic, rms, str(one.get("board", FLAT)))
 
 
 def calibration_from_parts(
@@ -208,16 +203,7 @@ def calibration_from_parts(
         int(tree["iterations"]),
         _prior(tree.get("prior"), free, f"{name}, prior"),
     )
-    candidates = tuple(
-        Candidate(
-            str(one["model"]),
-            tuple(map(str, one["coefficients"])),
-            float("inf") if one["bic"] is None else number(one["bic"], f"{name}, bic"),
-            float("inf") if one["rms"] is None else number(one["rms"], f"{name}, rms"),
-            str(one.get("board", FLAT)),
-        )
-        for one in tree["candidates"]
-    )
+    candidates = tuple(_candidate(one, name) for one in tree["candidates"])
     size = (width, height)
     corners = Corners(
         corners.row,

@@ -1,13 +1,13 @@
 """Options of the robot's kinematics and joints."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 from ...errors import InputError
 from ..groups import JOINTS
-from .common import made_of, one_of, option
+from .common import Options, made_of, one_of, option
 
 if TYPE_CHECKING:
     from ...kinematics.chain import Kinematics
@@ -61,7 +61,7 @@ JointUnits = Annotated[
 
 
 @dataclass(frozen=True)
-class ChainOptions:
+class ChainOptions(Options):
     """Options of the joint values and the kinematic chain.
 
     Options (Robot joints):
@@ -85,11 +85,6 @@ class ChainOptions:
     dh: Path | None = None
     ur_calibration: Path | None = None
     joint_units: JointUnits = None
-
-    @property
-    def given(self) -> list[str]:
-        """Names of the options that were given."""
-        return [f"--{f.name.replace('_', '-')}" for f in fields(self) if getattr(self, f.name) is not None]
 
     def require(self, others: list[str]) -> None:
         """Raise `InputError` unless the options name one robot model; ``others`` need it, too."""
@@ -129,7 +124,7 @@ class ChainOptions:
 
 
 @dataclass(frozen=True)
-class ErrorOptions:
+class ErrorOptions(Options):
     """Options of the kinematic errors.
 
     Options (Robot joints):
@@ -150,6 +145,8 @@ class ErrorOptions:
         uncertainty). Default: workspace.
     """
 
+    _called: ClassVar[dict[str, str]] = {"robot_file": "--robot", "how": "--kinematics"}
+
     robot_file: Path | None = None
     how: str | None = None
     joint_noise: str | None = None
@@ -160,16 +157,6 @@ class ErrorOptions:
     sag_sd: str | None = None
     robot_class: RobotClass = None
     flange: str | None = None
-
-    @property
-    def given(self) -> list[str]:
-        """Names of the options that were given."""
-        names = {"robot_file": "--robot", "how": "--kinematics"}
-        return [
-            names.get(f.name, f"--{f.name.replace('_', '-')}")
-            for f in fields(self)
-            if getattr(self, f.name) is not None
-        ]
 
     def errors(self) -> "KinematicErrors":
         """Return the errors as an argument of `calibrate`."""

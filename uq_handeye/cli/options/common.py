@@ -11,7 +11,7 @@ import sys
 from collections.abc import Callable, Iterable, Sequence
 from functools import wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import typer
 
@@ -126,6 +126,22 @@ def methods_of(text: str, option: str, known: Sequence[str], most: int | None = 
             f"Expected {option} to name {what} among {', '.join(known)}, got {got!r}.{did_you_mean(got, known)}"
         )
     return names
+
+
+class Options:
+    """Options of one topic: base of frozen dataclasses with a field for each, None where it was not given."""
+
+    # Options that are not called as their fields are.
+    _called: ClassVar[dict[str, str]] = {}
+
+    @property
+    def given(self) -> list[str]:
+        """Names of the options that were given."""
+        return [
+            self._called.get(name, f"--{name.replace('_', '-')}")
+            for name, value in vars(self).items()
+            if value is not None
+        ]
 
 
 def option(

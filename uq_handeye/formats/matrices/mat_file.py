@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import InputError
-from ...files.lines import one_line, short
+from ...files.lines import refused, short
 from ...files.trees import pose_name
 from ...geometry.se3 import Array
 from ..contents import Contents, Side
@@ -91,7 +91,7 @@ def _arrays(data: bytes, name: str) -> dict[str, Array]:
     def file() -> Any:
         return io.BytesIO(data)
 
-    try:
+    with refused(f"{name}: the MAT-file is damaged"):
         _check_size(data, name)
         wanted = [
             key
@@ -99,10 +99,6 @@ def _arrays(data: bytes, name: str) -> dict[str, Array]:
             if kind in ("double", "single", "cell") and int(np.prod(shape)) <= MAX_BYTES // 8
         ]
         loaded: dict[str, Any] = loadmat(file(), variable_names=wanted) if wanted else {}
-    except InputError:
-        raise
-    except Exception as error:  # damaged files raise many kinds
-        raise InputError(f"{name}: the MAT-file is damaged: {one_line(str(error) or type(error).__name__)}.") from error
     arrays: dict[str, Array] = {}
     for key in wanted:
         values = _numbers(loaded.get(key))

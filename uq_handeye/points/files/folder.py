@@ -9,7 +9,7 @@ import numpy as np
 
 from ...errors import InputError
 from ...files import trees as _trees
-from ...files.lines import one_line, short
+from ...files.lines import refused, short
 from ...files.open import StrPath, as_path, opened, shown
 from ...files.trees import parse_tree
 from ...findings import Finding
@@ -56,12 +56,8 @@ def read_point_poses(folder: StrPath) -> PointPoses:
         raise InputError(f"{shown(path / SUMMARY)}: expected the format {FORMAT!r}, got {came}.")
     with opened(path / COVARIANCE, MAX_BYTES) as file:
         arrays = unpacked(file.read(), shown(path / COVARIANCE))
-    try:
+    with refused(f"{name}: not what uq-handeye points writes", (KeyError, TypeError, ValueError, IndexError)):
         found = _point_poses(path, tree, arrays)
-    except InputError:
-        raise
-    except (KeyError, TypeError, ValueError, IndexError) as error:
-        raise InputError(f"{name}: not what uq-handeye points writes: {one_line(str(error))}.") from error
     rows, poses = read_pose_file(path / POSES)
     if (
         not np.array_equal(rows, found.rows)

@@ -21,7 +21,7 @@ from __future__ import annotations
 
 import time
 from concurrent.futures import Executor
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -31,11 +31,11 @@ from ...geometry.frames import SETUPS
 from ...noise.models import Noise, PairNoise, PoseNoise
 from ...poses.motions import Motions, relative_motions
 from ...poses.pose_pairs import PosePairs
-from ...simulation.experiment import Fitted, experiment, problem_of
+from ...simulation.experiment import Experiment, Fitted, experiment, problem_of
 from ..noise_of_data import noise_of_data
 from .relations import Evidence, relations
 from .result import CrossCheck
-from .rows import FEWEST_TRIALS, all_sampled, effective_samples, formulas, judged, of_posterior
+from .rows import FEWEST_TRIALS, Row, all_sampled, effective_samples, formulas, judged, of_posterior
 
 if TYPE_CHECKING:
     from ..posterior.result import Posterior
@@ -107,12 +107,7 @@ def cross_check(
     measured = data
     if isinstance(data, PosePairs) and (isinstance(noise, PairNoise) or not isinstance(pairs, str) or pairs != "all"):
         data = relative_motions(data, pairs)
-    if noise is not None and noise.prior is not None:
-        raise InputError(
-            "The cross-check compares methods that take no prior of X or W, which the noise has. Test efficient or ml "
-            "by monte_carlo() (validate), or see the posterior."
-        )
-    problem = experiment(data, noise)
+    problem = _problem(data, noise)
     noise, poses = problem.noise, data if isinstance(data, PosePairs) else data.poses
     problem.predicted()  # raises where the data do not determine X
     checked = noise_of_data(given, measured, noise, estimated)
@@ -125,21 +120,9 @@ def cross_check(
         rows.append(row)
     effective = None if chain is None else effective_samples(chain)
     rows_judged = tuple(judged(row, runs, effective if row.key == "posterior" else None) for row in rows)
-    N = problem.number_of_pairs
-    evidence = Evidence(
-        covariances={row.key: row.covariance for row in rows_judged if row.covariance is not None},
-        missing={row.key: f"{row.label}: none. {row.note}" for row in rows_judged if row.covariance is None},
-        runs=runs,
-        effective=effective,
-        on_poses=isinstance(noise, PoseNoise),
-        shared=isinstance(noise, PoseNoise)
-        and (problem.pairs is None or len(np.unique(problem.pairs)) < problem.pairs.size),
-        all_pairs=problem.pairs is None,
-        pairs=N,
-    )
     return CrossCheck(
         rows=rows_judged,
-        relations=relations(evidence),
+        relations=relations(_evidence(problem, rows_judged, runs, effective)),
         runs=runs,
         posterior=chain,
         frame="X" if poses is None else SETUPS[poses.setup],
@@ -148,10 +131,35 @@ def cross_check(
         noise=noise,
         noise_estimated=estimated,
         n=problem.count,
-        pairs=N,
+        pairs=problem.number_of_pairs,
         trials=int(trials),
         seed=int(seed),
         seconds=time.monotonic() - started,
         noise_of_data=checked,
         ended=ended,
+    )
+
+
+def _problem(data: PosePairs | Motions, noise: Noise | None) -> Experiment:
+    """Return the exact data and the noise that is drawn on them; raises `InputError` for a prior."""
+    if noise is not None and noise.prior is not None:
+        raise InputError(
+            "The cross-check compares methods that take no prior of X or W, which the noise has. Test efficient or ml "
+            "by monte_carlo() (validate), or see the posterior."
+        )
+    return experiment(data, noise)
+
+
+def _evidence(problem: Experiment, rows: tuple[Row, ...], runs: Any, effective: Any) -> Evidence:
+    """Return what the relations are judged by."""
+    of_poses = isinstance(problem.noise, PoseNoise)
+    return Evidence(
+        covariances={row.key: row.covariance for row in rows if row.covariance is not None},
+        missing={row.key: f"{row.label}: none. {row.note}" for row in rows if row.covariance is None},
+        runs=runs,
+        effective=effective,
+        on_poses=of_poses,
+        shared=of_poses and (problem.pairs is None or len(np.unique(problem.pairs)) < problem.pairs.size),
+        all_pairs=problem.pairs is None,
+        pairs=problem.number_of_pairs,
     )

@@ -21,7 +21,6 @@ import warnings
 from collections.abc import Callable
 from concurrent.futures import Executor
 from contextlib import ExitStack, closing
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -41,7 +40,7 @@ from ...runtime.threads import one_thread
 from ...simulation.experiment import Fitted, experiment, problem_of
 from ..noise_of_data import noise_of_data
 from .chunks import Chunk, Crew, Work, WorkersLostError, chunk_size, from_bytes, to_bytes
-from .consistency import Consistency, Sums, consistency
+from .consistency import Sums, consistency
 from .result import MonteCarlo
 from .sentences import ALL, INTERRUPTED, STABLE, WORKERS_LOST
 from .stopping import BLOCK, Stability
@@ -135,8 +134,7 @@ def monte_carlo(
     >>> result.errors.shape, result.consistent
     ((2000, 6), True)
     """
-    given = data
-    data, noise, estimated = problem_of(data, noise)
+    given, (data, noise, estimated) = data, problem_of(data, noise)
     warn_left_out("monte_carlo()", data)
     started = time.monotonic()
     total, digits = _checked_counts(trials, seed, workers, digits, resume, directory, executor)
@@ -150,13 +148,9 @@ def monte_carlo(
         folder = None if directory is None else stack.enter_context(closing(RunFolder(directory, work, resume)))
         tally = Tally(work, None if digits is None else Stability(digits))
         ended = _run(tally, message, folder, int(workers), executor, progress)
-        if tally.sums is None:
-            raise InputError(f"No trial was done: {ended}.")
-        sums = tally.sums
-        own_mean = tally.own / sums.count if tested is None and sums.count else None
-        judged = consistency(sums, own_mean if tested is None else tested, own=tested is None)
-        result = _result(data, estimated, tally, folder, kind, judged, total, ended, started)
-        result = replace(result, noise_of_data=checked)
+        seconds = time.monotonic() - started
+        said = {"noise_estimated": estimated, "noise_of_data": checked, "tested": kind, "seconds": seconds}
+        result = _result(data, tally, folder, total, ended, **said)
         if folder is not None:
             folder.write_result(result.to_json())
     for note in result.notes:
@@ -165,18 +159,14 @@ def monte_carlo(
 
 
 def _result(
-    data: PosePairs | Motions,
-    noise_estimated: bool,
-    tally: Tally,
-    folder: RunFolder | None,
-    kind: str,
-    judged: Consistency,
-    total: int,
-    ended: Finding,
-    started: float,
+    data: PosePairs | Motions, tally: Tally, folder: RunFolder | None, total: int, ended: Finding, **said: Any
 ) -> MonteCarlo:
-    """Everything that is known in the end."""
-    work = tally.work
+    """Everything that is known of the trials in the end."""
+    work, sums = tally.work, tally.sums
+    if sums is None:
+        raise InputError(f"No trial was done: {ended}.")
+    own_mean = tally.own / sums.count if work.tested is None and sums.count else None
+    judged = consistency(sums, own_mean if work.tested is None else work.tested, own=work.tested is None)
     stability = None if tally.stability is None else tally.stability.summary()
     poses = data if isinstance(data, PosePairs) else data.poses
     notes: list[str] = []
@@ -189,18 +179,16 @@ def _result(
         frame="X" if poses is None else SETUPS[poses.setup],
         setup=None if poses is None else poses.setup,
         origin="fit to the data" if poses is None or poses.truth is None else "truth of the simulation",
-        noise_estimated=noise_estimated,
         seed=work.seed,
         chunk=work.chunk,
         asked=total,
-        tested=kind,
         errors=tally.errors,
         consistency=judged,
         stability=stability,
         ended=ended,
-        seconds=time.monotonic() - started,
         resumed=0 if folder is None else folder.resumed,
         notes=tuple(notes),
+        **said,
     )
 
 

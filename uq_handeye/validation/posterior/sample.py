@@ -219,6 +219,27 @@ def _shown(progress: bool) -> Iterator[Report]:
 WALKERS, MAX_STEPS = 128, 10_000
 
 
+def _require_one_problem(data: PosePairs | Motions) -> None:
+    """Raise `InputError` for other data, and for a batch."""
+    if not isinstance(data, PosePairs | Motions):
+        raise InputError(f"Expected `data` to be PosePairs or Motions, got {type(data).__name__}.")
+    if (data.robot if isinstance(data, PosePairs) else data.A).ndim != 3:
+        raise InputError("Expected one data set; sample the posterior of each problem of a batch by itself.")
+
+
+def _free_scales(scales: Any, student_t: Any, estimated: bool) -> ScalePrior | None:
+    """Return what is known of the scales of the noise, None where they are held at 1; checks both arguments."""
+    if student_t is not None and (not is_number(student_t) or not 1 <= student_t <= 1e6):
+        raise InputError(
+            f"Expected `student_t` to be None or degrees of freedom from 1 to 1e6, for example 5, got {student_t!r}."
+        )
+    if not (scales is None or isinstance(scales, bool | np.bool | ScalePrior)):
+        raise InputError(f"Expected `scales` to be True, False, None or a ScalePrior, got {scales!r}.")
+    if isinstance(scales, ScalePrior):
+        return scales
+    return ScalePrior() if scales or (scales is None and estimated) else None
+
+
 def sample_posterior(
     data: PosePairs | Motions | Fitted,
     noise: Noise | None = None,
@@ -288,31 +309,18 @@ def sample_posterior(
     """
     begun = time.perf_counter()
     data, noise, estimated = problem_of(data, noise)
-    if not isinstance(data, PosePairs | Motions):
-        raise InputError(f"Expected `data` to be PosePairs or Motions, got {type(data).__name__}.")
-    if (data.robot if isinstance(data, PosePairs) else data.A).ndim != 3:
-        raise InputError("Expected one data set; sample the posterior of each problem of a batch by itself.")
+    _require_one_problem(data)
     warn_left_out("sample_posterior()", data)
     if noise is not None and not isinstance(noise, PoseNoise | PairNoise):
         raise InputError(f"Expected `noise` to be PoseNoise, PairNoise or None, got {type(noise).__name__}.")
     for name, value, least in (("seed", seed, 0), ("samples", samples, 100), ("max_steps", max_steps, 1)):
         require_integer(name, value, least)
-    if student_t is not None and (not is_number(student_t) or not 1 <= student_t <= 1e6):
-        raise InputError(
-            f"Expected `student_t` to be None or degrees of freedom from 1 to 1e6, for example 5, got {student_t!r}."
-        )
-    if not (scales is None or isinstance(scales, bool | np.bool | ScalePrior)):
-        raise InputError(f"Expected `scales` to be True, False, None or a ScalePrior, got {scales!r}.")
+    free = _free_scales(scales, student_t, estimated)
     if resume and file is None:
         raise InputError("resume=True needs the `file` to go on with.")
-    free = scales if isinstance(scales, ScalePrior) else None
-    if (not isinstance(scales, ScalePrior) and scales) or (scales is None and estimated):
-        free = ScalePrior()
-    model = noise
+    model = estimate_noise(data).noise if noise is None else noise
     if model is None:
-        model = estimate_noise(data).noise
-        if model is None:
-            raise InputError("The data are exact up to rounding: there is no noise to estimate. Give `noise`.")
+        raise InputError("The data are exact up to rounding: there is no noise to estimate. Give `noise`.")
     poses = data if isinstance(data, PosePairs) else data.poses
     density = density_of(data, model, free, student_t)
     require_integer("walkers", walkers, max(16, 2 * density.d + 2))
@@ -324,21 +332,11 @@ def sample_posterior(
             kept = stack.enter_context(closing(ChainFile(file, identity, resume)))
         steps, length = int(max_steps), int(samples)
         chain, dropped, found = sample(density, starts, int(walkers), int(seed), length, steps, kept, progress)
-    result = Posterior(
-        density.fit.X,
-        density.fit.covariance_X,
-        None if poses is None else SETUPS[poses.setup],
-        density.coordinates(chain.y[dropped:]),
-        chain.log_density[dropped:],
-        found,
-        model,
-        estimated,
-        free,
-        None if student_t is None else float(student_t),
-        int(seed),
-        time.perf_counter() - begun,
-        len(chain.proposal.weight),
-    )
+    frame = None if poses is None else SETUPS[poses.setup]
+    draws = density.coordinates(chain.y[dropped:]), chain.log_density[dropped:]
+    degrees = None if student_t is None else float(student_t)
+    about = frame, *draws, found, model, estimated, free, degrees, int(seed), time.perf_counter() - begun
+    result = Posterior(density.fit.X, density.fit.covariance_X, *about, len(chain.proposal.weight))
     result.require_converged()
     return result
 
