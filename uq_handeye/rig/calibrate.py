@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,7 @@ from ..geometry.se3 import Array
 from ..posterior.posterior import FreshNoise, Posterior
 from ..runtime.versions import versions
 from .checks.moved import judged_paths, named_error
+from .checks.optimality import Optimality, better_start, prove
 from .connected import require_tied
 from .description import Rig
 from .fit import Prior, RigFit, fit, rig_units
@@ -26,6 +28,8 @@ from .weights import Distances, distances, fit_robustly
 METHODS = ("efficient", "ml")
 # Rounds of sizes and weights.
 ROUNDS = 6
+# Minima that are tried.
+MINIMA = 3
 
 
 def calibrate_rig(
@@ -76,15 +80,47 @@ def _calibrated(rig: Rig, noise: Any, method: str, robust: bool, shared: bool, s
     graph = Graph.of(rig)
     prior = prior_of(rig, graph)
     start, kept = start_of(graph, seed)
-    if noise is None:
-        return _estimated(rig, graph, start, kept, method, robust, shared)
-    of_all = given_noise(rig, graph, noise)
-    if robust:
-        found, far = _robustly(rig, graph, of_all, start, method, prior, kept)
-    else:
+    of_all = None if noise is None else given_noise(rig, graph, noise)
+
+    def estimated(start: Array, kept: NDArray[np.bool_]) -> Estimated:
+        if of_all is None:
+            return _with_sizes(rig, graph, start, kept, method, robust, shared)
+        if robust:
+            return Estimated(*_robustly(rig, graph, of_all, start, method, prior, kept))
         found = fit(graph, of_all, start, method, prior=prior)
-        far = distances(found)
-    return assembled(rig, found, far, method, prior, robust)
+        return Estimated(found, distances(found))
+
+    one, optimality = _at_global_minimum(rig, graph, estimated, start, kept)
+    return assembled(rig, one, method, prior, robust, optimality)
+
+
+class Estimated(NamedTuple):
+    """A fit, how far its views are, what open sizes add to its covariance, and a line for each component."""
+
+    found: RigFit
+    far: Distances
+    spread: Array | None = None
+    components: tuple[Mapping[str, Any], ...] = ()
+
+
+def _at_global_minimum(
+    rig: Rig, graph: Graph, estimated: Callable[[Array, NDArray[np.bool_]], Estimated], start: Array,
+    kept: NDArray[np.bool_],
+) -> tuple[Estimated, Optimality]:  # fmt: skip
+    """Estimate from a start, and from the next one where the dual bound rejects its minimum."""
+    for rejected in range(MINIMA):
+        try:
+            one = estimated(start, kept)
+        except (InputError, NotConvergedError):
+            better = better_start(rig, graph, start, kept)
+            if better is None or rejected:
+                raise
+        else:
+            optimality, better = prove(rig, one.found)
+            if better is None or rejected == MINIMA - 1:
+                break
+        start, kept = better, np.ones(graph.E, dtype=bool)
+    return one, replace(optimality, rejected=rejected)
 
 
 def _robustly(
@@ -97,9 +133,9 @@ def _robustly(
         raise named_error(rig, graph, noise, at, method, prior, error) from error
 
 
-def _estimated(
+def _with_sizes(
     rig: Rig, graph: Graph, start: Array, kept: NDArray[np.bool_], method: str, robust: bool, shared: bool
-) -> RigCalibration:
+) -> Estimated:
     """Sizes of the errors and weights in turn, until the same views count."""
     prior = prior_of(rig, graph)
     if 6 * int(kept.sum()) <= graph.p:
@@ -125,7 +161,7 @@ def _estimated(
         U = found.open * units
         closed = (closed - U.T @ U) / units[:, None] * units
     spread = _padded(closed @ sizes.spread @ closed.T, len(found.whole))
-    return assembled(rig, found, far, method, prior, robust, spread, components=sizes.lines)
+    return Estimated(found, far, spread, sizes.lines)
 
 
 def _padded(S: Array, size: int) -> Array:
@@ -138,10 +174,10 @@ def prior_of(rig: Rig, graph: Graph) -> Prior:
 
 
 def assembled(
-    rig: Rig, found: RigFit, far: Distances, method: str, prior: Prior, robust: bool, spread: Array | None = None,
-    **more: Any,
-) -> RigCalibration:  # fmt: skip
-    """Return the result of a fit; ``spread`` is what open sizes add to the covariance."""
+    rig: Rig, one: Estimated, method: str, prior: Prior, robust: bool, optimality: Optimality
+) -> RigCalibration:
+    """Return the result of a fit."""
+    found, far, spread, components = one
     graph = found.graph
     paths, findings = judged_paths(rig, found, method, prior, robust)
     if spread is not None:
@@ -151,7 +187,7 @@ def assembled(
     return RigCalibration(
         rig, graph.names, found.at, found.covariance, found.open, found.lever, found.chi_square, float(found.dof),
         method, found.edge_weights, far.edges, found.pose_weights, names, stated_noise(rig, graph, found.noise),
-        paths=paths, findings=findings, posterior=posterior_of(rig, found), **more,
+        components=components, paths=paths, optimality=optimality, findings=findings, posterior=posterior_of(rig, found),
     )  # fmt: skip
 
 

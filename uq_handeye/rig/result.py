@@ -23,6 +23,7 @@ from ..geometry.se3 import Array
 from ..likelihood.d2_distribution import Reference
 from ..posterior.posterior import Posterior
 from ..runtime.read_only import ReadOnlyArrays
+from .checks.optimality import Optimality
 from .checks.paths import RigPath
 from .description import WORLD, Rig
 from .files.result_file import from_dict, to_dict
@@ -114,6 +115,8 @@ class RigCalibration(Record):
         Sizes of all errors, where they were estimated.
     paths : tuple of RigPath
         Two ways to one pose each, with the chi-square of their difference: which pose did not stand still.
+    optimality : Optimality
+        Whether the estimate is proven to be the global minimum.
     reference : Reference
         Distribution of intervals.
     findings : tuple of Finding
@@ -139,6 +142,7 @@ class RigCalibration(Record):
     noise: dict[str, tuple[float, float]]  # standard deviations per axis (rad, m) by arm and camera
     components: tuple[dict[str, Any], ...] = ()  # sizes of all errors, where they were estimated
     paths: tuple[RigPath, ...] = ()
+    optimality: Optimality = field(default_factory=Optimality)
     reference: Reference = field(default_factory=Reference)
     findings: tuple[Finding, ...] = ()
     posterior: Posterior | None = None
@@ -257,6 +261,7 @@ class RigCalibration(Record):
         if self.paths:
             least = min(self.paths, key=lambda path: path.p)
             lines.append(f"Paths: {len(self.paths)}; the least likely: {least.words}, {probability(least.p)}.")
+        lines.append(self.optimality.words)
         lines += self.warnings
         lines += [f"Rejected: {target} by {camera} at robot pose {moment}." for camera, target, moment in self.rejected]
         lines += [f"Rejected: robot pose {moment} of {arm}." for arm, moment in self.rejected_poses]

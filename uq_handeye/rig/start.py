@@ -99,7 +99,7 @@ def _linear(graph: Graph) -> Array | None:
     """(m, 3, 3) rotations by the smallest eigenvector; None where the second is as small."""
     G = np.concatenate([graph.robot, np.eye(4)[None]])
     left, right = (G[side][:, :3, :3] for side in graph.side)
-    by_X = np.einsum("eij,elk->eikjl", left, graph.C[:, :3, :3].mT).reshape(-1, 9, 9)
+    by_X = np.einsum("eij,elk->eikjl", left, graph.C[:, :3, :3]).reshape(-1, 9, 9)
     by_W = -np.einsum("eij,kl->eikjl", right, np.eye(3)).reshape(-1, 9, 9)
     M = np.zeros((graph.m, graph.m, 9, 9))
     count = np.bincount(np.concatenate([graph.X, graph.W]), minlength=graph.m)

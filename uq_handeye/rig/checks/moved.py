@@ -92,7 +92,7 @@ def _p(path: RigPath, found: RigFit) -> float:
 
 
 def _with_runs(rig: Rig, found: RigFit, method: str, prior: Prior | None) -> RigFit:
-    """The fit in which runs of rejected views of one pose count."""
+    """Return the fit in which runs of rejected views of one pose count."""
     graph = found.graph
     moment, _ = moments_of(rig, graph)
     poses = np.concatenate([found.pose_weights, [1.0]])
