@@ -187,7 +187,8 @@ def assembled(
     return RigCalibration(
         rig, graph.names, found.at, found.covariance, found.open, found.lever, found.chi_square, float(found.dof),
         method, found.edge_weights, far.edges, found.pose_weights, names, stated_noise(rig, graph, found.noise),
-        components=components, paths=paths, optimality=optimality, findings=findings, posterior=posterior_of(rig, found),
+        components=components, paths=paths, optimality=optimality, findings=findings,
+        posterior=posterior_of(rig, found),
     )  # fmt: skip
 
 
