@@ -10,9 +10,9 @@ import pandas as pd
 from scipy.stats import kstest
 
 from studies.maintenance.rigs import NOISE, Rig, noisy
-from uq_handeye.evidence.touches import Touches, evidence_of_touches
+from uq_handeye.evidence.touches import Touches, TouchEvidence, evidence_of_touches
 from uq_handeye.geometry.se3 import Array
-from uq_handeye.verification.power import Assessed, assess, detectable
+from uq_handeye.verification.power import assess, detectable
 
 TOUCH_SD, POINT_SD = 2e-4, 3e-4
 LEVEL = 0.05
@@ -25,15 +25,16 @@ def touches_of(of: Rig, rng: np.random.Generator) -> Iterator[dict[str, Any]]:
     points = len(of.robot[0])
     for k in range(SETS):
         at = rng.uniform([-0.15, -0.15, 0.4], [0.15, 0.15, 0.7]) + rng.uniform(-0.1, 0.1, (points, 3))
-        first = assessed(of, k, at, np.zeros(3), rng)
+        evidence = evidence_at(of, k, at, np.zeros(3), rng)
+        first = assess(evidence)
         yield {"times": 0.0, "p": first.p_value}
     for times in TIMES:
-        bias = times * detectable(first.bias, first.level, None) * first.bias.worst[1]
-        yield {"times": times, "p": assessed(of, SETS - 1, at, bias, rng).p_value}
+        bias = times * detectable(evidence, True, first.level) * first.bias.worst[1]
+        yield {"times": times, "p": assess(evidence_at(of, SETS - 1, at, bias, rng)).p_value}
 
 
-def assessed(of: Rig, k: int, at: Array, bias: Array, rng: np.random.Generator) -> Assessed:
-    """Test as `verify` does: points in the camera frame are seen, each from a robot pose of its own, and touched."""
+def evidence_at(of: Rig, k: int, at: Array, bias: Array, rng: np.random.Generator) -> TouchEvidence:
+    """Hold touches against a rig: points in the camera frame, each seen from a robot pose of its own, and touched."""
     exact = of.robot[k]
     robot = noisy(exact, exact, of.setup, rng).robot
     eye_in_hand = of.setup == "eye-in-hand"
@@ -46,7 +47,7 @@ def assessed(of: Rig, k: int, at: Array, bias: Array, rng: np.random.Generator) 
         seen, touched, robot if eye_in_hand else None, seen_covariance=noise, touch_sd=np.asarray(TOUCH_SD),
         robot_noise=np.asarray(NOISE.robot),
     )  # fmt: skip
-    return assess(evidence_of_touches(of.result, touches))
+    return evidence_of_touches(of.result, touches)
 
 
 def touch_table(of: pd.DataFrame) -> pd.DataFrame:

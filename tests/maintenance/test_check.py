@@ -251,3 +251,23 @@ def test_what_is_not_the_same_is_drawn_anew(results):
     assert part.detectable.X_translation >= whole.detectable.X_translation
     with pytest.raises(uq.InputError, match="robot, camera, target, got 'arm'"):
         uq.check(result, poses, same=["arm"])
+
+
+def test_nothing_may_be_the_same(results):
+    poses = moved("eye-in-hand", m=8)
+    assert uq.check(results["eye-in-hand"], poses, same="none").p_value > 1e-3
+    with pytest.raises(uq.InputError, match="target, got 'none' beside other names"):
+        uq.check(results["eye-in-hand"], poses, same=("robot", "none"))
+
+
+def test_results_of_older_files_and_other_rigs_are_refused_in_one_line(results):
+    """Without a posterior there is nothing to check against; a camera that is fixed is another rig."""
+    result, poses = results["eye-in-hand"], moved("eye-in-hand")
+    for of, new, options, words in (
+        (replace(result, joint_posterior=None), poses, {}, "joint covariance of X and W"),
+        (result, moved("eye-to-hand"), {}, "new poses of the setup eye-in-hand"),
+        (result, poses, {"joints": np.zeros((6, 6))}, "knows no joints"),
+    ):
+        with pytest.raises(uq.InputError, match=words) as error:
+            uq.check(of, new, **options)
+        assert "\n" not in str(error.value)

@@ -144,3 +144,19 @@ def test_what_has_no_difference_is_refused():
             uq.difference(old, new)
     with pytest.raises(uq.InputError, match="names out of robot, camera, target, got 'lens'"):
         uq.difference(result, result, same=("lens",))
+
+
+def test_names_that_contradict_the_results_are_refused():
+    """Poses in common are of one camera; an arm of other kinematics is another robot."""
+    poses = uq.simulate(20, noise=NOISE, seed=7)
+    old, new = (fitted(poses.rows(np.arange(n)), noise=NOISE) for n in (14, 20))
+    with pytest.raises(uq.InputError, match="14 poses in common, which are of one robot, one camera"):
+        uq.difference(old, new, same=("robot",))
+    assert uq.difference(old, new, same=("robot", "camera", "target")).common == 14
+    corners, robot, _ = recorded(np.random.default_rng(11), 16)
+    parts = [np.arange(16) < 8, np.arange(16) >= 8]
+    first, second = (without_pictures(corners, ~kept) for kept in parts)
+    results = [fitted(poses_of(replace(of, row=of.picture), robot[kept]), noise=uq.PoseNoise(robot=ROBOT))
+               for of, kept in zip((first, second), parts, strict=True)]  # fmt: skip
+    with pytest.raises(uq.InputError, match=r"other intrinsics\. Leave the camera out"):
+        uq.difference(*results, same=("camera",))

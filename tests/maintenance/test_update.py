@@ -226,6 +226,19 @@ def test_a_result_without_poses_is_updated_by_its_posterior(options, close):
     assert found.how == "innovation" and found.p_value_X > 1e-4
 
 
+def test_another_target_is_not_one_fit():
+    """Its size is drawn again, so that new poses of it tell less of the focal length than those of the same target."""
+    poses = uq.simulate(ALL, noise=NOISE, seed=5)
+    first, second = parts_of(poses, 20, 6)
+    start = quietly(first, noise=NOISE, shared=[uq.SharedError.target_scale("1%")])
+    other, one = (updated(start, second, same=same, although_changed=True)
+                  for same in (("robot", "camera"), ("robot", "camera", "target")))  # fmt: skip
+    assert other.findings[-1].code == "maintenance.by_posterior" and other.n_poses == one.n_poses == ALL
+    assert one.data is not None and other.data is None
+    scale = [of.posterior.covariance[12, 12] for of in (start, other, one)]
+    assert scale[2] < scale[1] <= scale[0] * (1 + 1e-9)
+
+
 def test_touches_that_were_taken_in_stay_in():
     """A file holds their hash only, so that a fit of the poses would lose them."""
     poses = uq.simulate(ALL, noise=NOISE, seed=5)

@@ -229,6 +229,15 @@ def test_plan_beats_random_choice(criterion):
     assert found.criterion_values[-1] < min(random)
 
 
+def test_candidates_that_do_not_see_the_target_are_left_out():
+    data, others = simulate(8, noise=NOISE, seed=1), simulate(6, seed=2).truth.robot
+    turned = others @ data.truth.X @ np.diag([1.0, -1.0, -1.0, 1.0]) @ np.linalg.inv(data.truth.X)  # looks away
+    found = plan(data, np.concatenate([turned, others]), 4, noise=NOISE)
+    assert found.n_candidates == 12 and (found.chosen >= 6).all()
+    with pytest.raises(InputError, match="got 0 of 6: at the others the target is behind the camera"):
+        plan(data, turned, 2, noise=NOISE)
+
+
 def test_repeat():
     data = simulate(6, seed=1)
     candidates = simulate(3, seed=2).truth.robot

@@ -22,7 +22,7 @@ from ..likelihood.constraint import Linearised, OnPoses, Unknowns
 from ..noise.joint_covariance import JointCovariance
 from ..noise.models import PoseNoise, is_joint, require_count
 from ..poses.pose_pairs import PosePairs
-from ..posterior.owners import CAMERA, THINGS, checked_things
+from ..posterior.owners import THINGS, checked_things, require_same
 from ..posterior.rows import NewRows
 from ..prediction.predict import (
     NONE,
@@ -102,8 +102,8 @@ def evidence_of_poses(
     by_state = np.concatenate([linear.J, D_G @ ahead.columns + D_C @ F_C], axis=-1)
     r, anew = linear.r, np.zeros((poses.n, 6, 0))
     kept = checked_things(same)
-    if CAMERA in kept:
-        _require_same_camera(result, poses, same)
+    if same is not THINGS:
+        require_same(kept, result.counted if isinstance(result.counted, PosePairs) else None, poses)
     if len(kept) < len(THINGS):
         other = 12 + posterior.owned_by([thing for thing in THINGS if thing not in kept])
         r = r + by_state[..., other] @ posterior.estimate[other - 12]  # of other things nothing was found
@@ -130,19 +130,6 @@ def evidence_of_poses(
     return PoseEvidence(*at, by_state, linear, robot, camera, own_at=own_at)
 
 
-def _require_same_camera(result: Calibrated, poses: PosePairs, same: Iterable[str] | str) -> None:
-    """Raise `InputError` where the camera is named as the same, and was calibrated with other intrinsics."""
-    before = result.counted.camera_calibration if isinstance(result.counted, PosePairs) else None
-    now = poses.camera_calibration
-    if same is THINGS or before is None or now is None:
-        return
-    if not np.array_equal(before.bundle.parameters, now.bundle.parameters):
-        raise InputError(
-            "Expected another camera than that of the calibration, or its intrinsics: `same` (--same) names the camera "
-            "as the same, and the new pictures were adjusted with intrinsics of their own."
-        )
-
-
 def poses_less_shared_errors(result: Calibrated, poses: PosePairs) -> PosePairs:
     """Poses of the rig of a calibration less the estimates of the errors that they share with its poses."""
     ahead, _, _, camera = _corrected(result, poses, None)
@@ -151,7 +138,7 @@ def poses_less_shared_errors(result: Calibrated, poses: PosePairs) -> PosePairs:
 
 def _corrected(result: Calibrated, poses: PosePairs, joints: Any) -> tuple[RobotAhead, Array, Any, Array]:
     """The robot poses corrected, what shared errors do to the camera poses, the noise of these, and they corrected."""
-    given = None if result.kinematics is None else poses.joints if joints is None else joints
+    given = joints if joints is not None or result.kinematics is None else poses.joints
     ahead = robot_ahead(result, given, poses.robot, measured=True)
     F_C, of_camera = _effects_on_camera(result, poses, ahead.poses)
     estimate = posterior_of(result).estimate

@@ -46,6 +46,7 @@ from ..prediction.predict import (
     tip_at,
 )
 from ..runtime.read_only import ReadOnlyArrays
+from ..shared_errors.accuracy import ROBOT_ACCURACY
 from ..shared_errors.shared_error import TARGET_SCALE
 from .state import Calibrated, posterior_of
 
@@ -184,6 +185,23 @@ class TouchEvidence(NewRows):
     fresh: int  # number of the last columns of by_unit that later touches draw again
     estimated: Array  # (m, 3, 3) part of `own` that the calibration estimated
 
+    def _own_units_at(self, V: Array) -> Array:
+        known, fresh = np.split(V, [V.shape[1] - self.fresh], axis=1)
+        return np.asarray(known @ known.T + _sizes_at(self.posterior)[:, None, None] * (fresh @ fresh.T))
+
+    def repeated(self, times: float) -> TouchEvidence:
+        """The touches, each made ``times`` times: what is drawn again has so much less variance."""
+        by_unit = np.array(self.by_unit)
+        if self.fresh:
+            by_unit[..., -self.fresh :] /= np.sqrt(times)
+        return replace(self, own=self.own / times, own_at=self.own_at / times, by_unit=by_unit)
+
+    def rows(self, index: Any) -> TouchEvidence:
+        """Some of the touches, by their numbers."""
+        names = ("r", "by_unit", "own", "at", "by_tool", "estimated")
+        own_at = self.own_at[:, index] if len(self.own_at) else self.own_at
+        return replace(self, own_at=own_at, **{name: getattr(self, name)[index] for name in names})
+
 
 def evidence_of_touches(result: Calibrated, touches: Touches) -> TouchEvidence:
     """Hold points that were seen and touched against a calibration.
@@ -241,10 +259,25 @@ def evidence_of_touches(result: Calibrated, touches: Touches) -> TouchEvidence:
     given = touches.touch_noise
     if touches.seen_covariance is not None:
         given = given + point_noise
+    own_at = np.zeros(0)
+    if posterior.points is not None:
+        own_at = given + _sizes_at(posterior)[:, None, None, None] * (own - given)
     return TouchEvidence(
         b - seen.at, np.concatenate([by_unit, fresh], axis=-1), own, posterior, seen.at, np.asarray(by_tool),
-        fresh.shape[-1], own - given,
+        fresh.shape[-1], own - given, own_at=own_at,
     )  # fmt: skip
+
+
+def _sizes_at(posterior: Any) -> Array:
+    """(d,) variance of the noise that the calibration estimated at each point of the sizes, over that stated."""
+    if posterior.points is None:
+        return np.ones(1)
+    noise = [one for one in posterior.noise if one.name != ROBOT_ACCURACY and len(one.by_point)]
+    weight = np.array([np.trace(one.covariance) for one in noise])
+    stated = float(sum(w * one.size**2 for w, one in zip(weight, noise, strict=True)))
+    if stated == 0.0:
+        return np.ones(len(posterior.points.weights))
+    return np.asarray(sum(w * one.by_point**2 for w, one in zip(weight, noise, strict=True)) / stated)
 
 
 def with_tool(evidence: TouchEvidence) -> TouchEvidence:

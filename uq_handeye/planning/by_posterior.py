@@ -17,7 +17,9 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from ..errors import InputError
 from ..geometry.se3 import Array
 from ..kinematics.chain import Kinematics
 from ..noise.models import PoseNoise
@@ -30,6 +32,8 @@ from .candidates import require_choice
 from .result import FORMS, Plan
 
 PREDICTION = "prediction"
+# Length of the mean direction of the target below which it was seen from all around, and nothing is out of view.
+MIXED = 0.5
 
 
 class Wanted(NamedTuple):
@@ -42,7 +46,7 @@ class Wanted(NamedTuple):
 
 
 class Known(NamedTuple):
-    """What the poses so far say: a calibration with its posterior, and the poses that it kept."""
+    """A calibration of the poses so far with its posterior, and the poses that it kept."""
 
     result: Predicting
     data: PosePairs
@@ -55,6 +59,13 @@ def planned(known: Known, ahead: CameraAhead, k: int, of: Wanted, *, sampled: bo
     result, data = known.result, known.data
     assert result.posterior is not None and result.W is not None
     require_choice(len(ahead.robot), k, repeat)
+    camera = camera_at(result, ahead.robot)
+    in_view = np.arange(len(camera)) if sampled or len(known.open_directions) else _in_view(data, camera)
+    if len(in_view) < (1 if repeat else k):
+        raise InputError(
+            f"Expected candidates from which the camera sees the target, got {len(in_view)} of {len(camera)}: at the "
+            "others the target is behind the camera, or far aside. Are they poses base_T_gripper of this rig?"
+        )
     Q = None
     if of.task is not None:
         A = np.array(of.task.columns[:, 3:])
@@ -64,12 +75,13 @@ def planned(known: Known, ahead: CameraAhead, k: int, of: Wanted, *, sampled: bo
     elif of.criterion != "logdet":
         Q = weight_of_X(result.X, of.point, of.length)
     rows = whiten(cholesky_of(ahead.noise + ahead.unseen), ahead.columns)
-    chosen, covariances, values = result.posterior.choose(rows, k, Q, repeat=repeat)
+    picked, covariances, values = result.posterior.choose(rows[in_view], k, Q, repeat=repeat)
+    chosen = in_view[picked]
     form = data.sources[0].format if data.sources and "joints" not in more else ""
     return Plan(
         chosen=chosen,
         robot=ahead.robot[chosen],
-        camera=camera_at(result, ahead.robot)[chosen],
+        camera=camera[chosen],
         covariance_before=covariances[0],
         covariances=covariances[1:],
         criterion=of.criterion,
@@ -90,6 +102,14 @@ def planned(known: Known, ahead: CameraAhead, k: int, of: Wanted, *, sampled: bo
         form=form if form in FORMS else None,
         **{name: value[chosen] if name == "joints" else value for name, value in more.items()},
     )
+
+
+def _in_view(data: PosePairs, camera: Array) -> NDArray[np.intp]:
+    """Numbers of the poses (m, 4, 4) at which the target is within 90 degrees of where it was seen on average."""
+    seen, ahead = (T[:, :3, 3] / np.maximum(np.linalg.norm(T[:, :3, 3], axis=-1, keepdims=True), 1e-12)
+                   for T in (data.camera, camera))  # fmt: skip
+    mean = seen.mean(axis=0)
+    return np.flatnonzero(ahead @ mean > 0) if np.linalg.norm(mean) > MIXED else np.arange(len(camera))
 
 
 def joint_fields(chain: Kinematics, joint_noise: float) -> dict[str, Any]:

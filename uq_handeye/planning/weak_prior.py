@@ -71,7 +71,7 @@ class WeaklyKnown:
 
     @classmethod
     def of(cls, data: PosePairs, noise: PoseNoise) -> WeaklyKnown:
-        """Raises `InputError` for noise that does not fit."""
+        """Find what the poses determine; raises `InputError` for noise that does not fit."""
         at, information, directions = so_far(data, noise)
         assert at.W is not None
         posterior = Posterior((), np.zeros(0), covariance_of(information))

@@ -194,6 +194,28 @@ class NewRows(ReadOnlyArrays):
             variance[d] = 2.0 * square + 4.0 * (mu @ (W @ M1 @ W + S @ R @ S) @ mu)
         return PredictiveReference.by_cumulants(self.dof, np.asarray(points.weights), mean, variance)
 
+    def reference_along(self, U: Array) -> PredictiveReference:
+        """Return the distribution of ``|U^T L^-1 r|^2`` for t orthonormal directions U (mk, t) of whitened numbers."""
+        points, t = self.posterior.points, U.shape[1]
+        if points is None:
+            return PredictiveReference.given(t)
+        m, k = self.r.shape
+        P = U.T @ self.whitened(np.eye(m * k).reshape(m, k, m * k))
+        own = self.own_at if len(self.own_at) else np.broadcast_to(self.own, (len(points.weights), *self.own.shape))
+        by_block = P.reshape(t, m, k)
+        V = P @ self.by_unit.reshape(m * k, -1)
+        N = len(self.posterior.A)
+        T = np.einsum("tmi,dmij,smj->dts", by_block, own, by_block, optimize=True)
+        T = T + V[:, :N] @ points.covariances @ V[:, :N].T + self._own_units_at(V[:, N:])
+        mu = points.means @ V[:, :N].T
+        mean = np.trace(T, axis1=1, axis2=2) + np.sum(mu * mu, axis=1)
+        variance = 2.0 * np.sum(T * T, axis=(1, 2)) + 4.0 * np.einsum("dt,dts,ds->d", mu, T, mu)
+        return PredictiveReference.by_cumulants(t, np.asarray(points.weights), mean, variance)
+
+    def _own_units_at(self, V: Array) -> Array:
+        """(d or 1, t, t) covariance by the errors that these measurements share by themselves, at each point."""
+        return np.asarray((V @ V.T)[None])
+
     def absorbed_at_points(self) -> tuple[Array, Array, Array]:
         """Means (d, N) and covariances (d, N, N) of s at each point, given these, and logarithms (d,) of the densities
         of these up to a constant.

@@ -45,8 +45,6 @@ FRONT, ALL_AROUND = 1.05, 0.3
 # A target seen edge-on counts as if it were tilted by this cosine, and one that is not in front of the camera as if its
 # points told their distance as little.
 EDGE_ON = 0.05
-# Lines of sight further aside (tangent) count as if they were there: polynomials of a lens hold inside its pictures.
-WIDEST = 1.0
 
 
 def view_columns(camera: Array) -> Array:
@@ -165,7 +163,7 @@ def _fitted(camera: Array, distance: float) -> tuple[Array, Array, Array]:
     at = turned + camera[:, None, :3, 3]
     near = 0.05 * max(distance, 1e-6)
     z = np.where(np.abs(at[..., 2]) > near, at[..., 2], near)
-    directions = np.clip(at[..., :2] / z[..., None], -WIDEST, WIDEST)
+    directions = np.clip(at[..., :2] / z[..., None], -3.0, 3.0)
     by_point = np.zeros((*at.shape[:-1], 2, 3))
     by_point[..., 0, 0] = by_point[..., 1, 1] = 1.0 / z
     by_point[..., 2] = -directions / z[..., None]

@@ -15,6 +15,7 @@ import numpy as np
 
 from ..camera.files.snippets import camera_matrix
 from ..diagnostics.task_space import by_pose
+from ..evidence.absorb import Sourced
 from ..evidence.new_poses import evidence_of_poses
 from ..findings import Finding
 from ..formatting.numbers import digits, probability
@@ -23,7 +24,6 @@ from ..poses.pose_pairs import PosePairs
 from ..prediction.predict import predict_camera
 from ..presentation.document import COLUMNS, Answer, Document, Paragraph, document_of, to_text
 from .power import LEVEL
-from .verify import Verified
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ class PoseVerification:
         }
 
 
-def verify_poses(result: Verified, poses: PosePairs) -> PoseVerification:
+def verify_poses(result: Sourced, poses: PosePairs) -> PoseVerification:
     """Test a calibration by an independent data set of the same cell.
 
     Raises
@@ -111,7 +111,7 @@ def verify_poses(result: Verified, poses: PosePairs) -> PoseVerification:
     )  # fmt: skip
 
 
-def _reprojected(result: Verified, poses: PosePairs) -> Reprojection | None:
+def _reprojected(result: Sourced, poses: PosePairs) -> Reprojection | None:
     """Return how far the corners of the board are from the prediction; None for poses without corners."""
     seen = poses.camera_calibration
     if seen is None or result.W is None:

@@ -6,28 +6,28 @@ both whitened, Q the projection that leaves T out,
     b = (B^T Q B)^-1 B^T Q w,    Cov b = (B^T Q B)^-1,    |Q w|^2 = b^T Cov(b)^-1 b + scatter
 
 The two parts are chi-square and independent if nothing has changed, with 3 and with 3 m - 3 - rank T degrees of
-freedom. Where noise was estimated with ``nu`` degrees of freedom and makes the share c of the variance, they are
-``k F(k, nu / c^2)`` (Satterthwaite).
+freedom. Where sizes are open, each has the distribution that the posterior gives it (`NewRows.reference_along`).
 
 *Level.* Each of two tests is made at ``1 - sqrt(1 - LEVEL)``, so that both together have the `LEVEL`.
 
 *Power.* A bias beta makes the first part non-central, ``lambda = beta^T Cov(b)^-1 beta``. It shows with the probability
-`POWER` where lambda is at least that of the non-central chi-square (or F): in the worst direction from the size
+`POWER` where lambda is at least that of the reference: in the worst direction from the size
 ``sqrt(lambda * largest eigenvalue of Cov b)`` on. n times as many touches of the same kind divide the noise of touching
 and seeing by n; X, the shared errors and the tool stay, and set the limit.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from bisect import bisect_left
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from scipy.optimize import brentq
-from scipy.special import chdtrc, chdtri, chndtr, fdtrc, fdtri, ncfdtr, ndtri, stdtrit
+from scipy.special import ndtri, stdtrit
 
 from ..evidence.touches import TouchEvidence
 from ..geometry.se3 import Array
+from ..posterior.reference import PredictiveReference
 from ..runtime.read_only import ReadOnlyArrays
 
 LEVEL = 0.05
@@ -49,9 +49,18 @@ class Bias(ReadOnlyArrays):
     hidden: Array  # (h, 3) directions that the tool hides
     d2: float  # of the bias
     rest: float  # of the scatter
-    dof: int  # of the bias
-    dof_rest: int
-    shares: tuple[float, float]  # of estimated noise in the variance of both
+    along: Array  # (3m, dof) directions of the whitened numbers that the bias is told by
+    left: Array  # (3m, dof_rest) those of the scatter
+
+    @property
+    def dof(self) -> int:
+        """Number of directions in which there can be a bias."""
+        return int(self.along.shape[1])
+
+    @property
+    def dof_rest(self) -> int:
+        """Number of numbers of the scatter."""
+        return int(self.left.shape[1])
 
     @property
     def worst(self) -> tuple[float, Array]:
@@ -66,35 +75,25 @@ class Bias(ReadOnlyArrays):
 def bias_of(evidence: TouchEvidence, tool_known: bool = True) -> Bias:
     """Estimate the bias and split ``d^2``."""
     m = len(evidence.r)
-    k = 0 if tool_known else 3
-    n_e = evidence.posterior.A.shape[1]
     bias = np.broadcast_to(np.eye(3), (m, 3, 3))
-    together = np.concatenate([bias, evidence.by_tool[..., :k], evidence.by_unit[..., :n_e]], axis=-1)
-    white = evidence.whitened(together)
-    B, T, by_state, w = white[:, :3], white[:, 3 : 3 + k], white[:, 3 + k :], evidence.white
-    rank = 0
-    if k:
+    white = evidence.whitened(np.concatenate([bias, evidence.by_tool[..., : 0 if tool_known else 3]], axis=-1))
+    B, T, w = white[:, :3], white[:, 3:], evidence.white
+    of_tool = np.zeros((3 * m, 0))
+    if not tool_known:
         U, s, _ = np.linalg.svd(T, full_matrices=False)
-        U = U[:, s > s.max() * _ROUNDING]
-        rank = U.shape[1]
-        B, w, by_state = (x - U @ (U.T @ x) for x in (B, w, by_state))
+        of_tool = U[:, s > s.max() * _ROUNDING]
+        B, w = (x - of_tool @ (of_tool.T @ x) for x in (B, w))
     U, s, Vt = np.linalg.svd(B, full_matrices=False)
     # In units of what the bias would be known to without the tool.
     whole = np.linalg.norm(white[:, :3], axis=0).max()
     told = s > whole * np.sqrt(_ROUNDING)
-    along = U.T[told] @ w
-    back = Vt[told].T / s[told]
-    rest = w - U[:, told] @ along
-    dof = int(told.sum())
-    dof_rest = 3 * m - rank - dof
-    part = U[:, told].T @ by_state
-    share = float(np.clip(np.sum(part**2) / dof, 0.0, 1.0)) if dof else 0.0
-    left = float(np.sum(by_state**2) - np.sum(part**2))
-    share_rest = float(np.clip(left / dof_rest, 0.0, 1.0)) if dof_rest > 0 else 0.0
-    d2_rest = float(rest @ rest) if dof_rest > 0 else 0.0
-    return Bias(
-        back @ along, back @ back.T, Vt[~told], float(along @ along), d2_rest, dof, dof_rest, (share, share_rest)
-    )
+    U, back = U[:, told], Vt[told].T / s[told]
+    along = U.T @ w
+    rest = w - U @ along
+    found = np.concatenate([of_tool, U], axis=1)
+    left = np.linalg.qr(found, mode="complete")[0][:, found.shape[1] :]
+    d2_rest = float(rest @ rest) if left.shape[1] else 0.0
+    return Bias(back @ along, back @ back.T, Vt[~told], float(along @ along), d2_rest, U, left)
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,28 +107,14 @@ class Assessed(ReadOnlyArrays):
     level: float  # of each test
 
 
-def assess(evidence: TouchEvidence, tool_known: bool = True, noise_dof: float | None = None) -> Assessed:
-    """Test bias and scatter; ``noise_dof`` degrees of freedom of estimated noise, None: it is known."""
+def assess(evidence: TouchEvidence, tool_known: bool = True) -> Assessed:
+    """Test bias and scatter."""
     bias = bias_of(evidence, tool_known)
-    p_bias = tail(bias.d2, bias.dof, noise_dof, bias.shares[0]) if bias.dof else None
-    p_scatter = tail(bias.rest, bias.dof_rest, noise_dof, bias.shares[1]) if bias.dof_rest > 0 else None
+    p_bias = evidence.reference_along(bias.along).p_value(bias.d2) if bias.dof else None
+    p_scatter = evidence.reference_along(bias.left).p_value(bias.rest) if bias.dof_rest else None
     found = [p for p in (p_bias, p_scatter) if p is not None]
     p_value = None if not found else -float(np.expm1(len(found) * np.log1p(-min(*found, 1.0 - 1e-16))))
     return Assessed(bias, p_value, p_bias, p_scatter, level_of_each(max(len(found), 1)))
-
-
-def repeated(evidence: TouchEvidence, times: float) -> TouchEvidence:
-    """The touches, each made ``times`` times: what is drawn again has so much less variance."""
-    by_unit = np.array(evidence.by_unit)
-    if evidence.fresh:
-        by_unit[..., -evidence.fresh :] /= np.sqrt(times)
-    return replace(evidence, own=evidence.own / times, by_unit=by_unit)
-
-
-def tail(d2: float, dof: int, noise_dof: float | None, share: float) -> float:
-    """Probability of a ``d^2`` at least as large."""
-    nu = _of_share(noise_dof, share)
-    return float(chdtrc(dof, d2) if nu is None else fdtrc(dof, nu, d2 / dof))
 
 
 def level_of_each(tests: int) -> float:
@@ -137,65 +122,39 @@ def level_of_each(tests: int) -> float:
     return float(1.0 - (1.0 - LEVEL) ** (1.0 / tests))
 
 
-@lru_cache(maxsize=1000)
-def noncentrality(dof: int, level: float, noise_dof: float | None = None, share: float = 0.0) -> float:
-    """Noncentrality that shows at the level with the probability `POWER`.
-
-    >>> round(noncentrality(3, 0.05), 2)
-    17.17
-    """
-    nu = _of_share(noise_dof, share)
-
-    def missed(size: float) -> float:
-        if nu is None:
-            return float(chndtr(chdtri(dof, level), dof, size)) - (1.0 - POWER)
-        return float(ncfdtr(dof, nu, size, float(fdtri(dof, nu, 1.0 - level)))) - (1.0 - POWER)
-
-    high = 50.0
-    while missed(high) > 0 and high < 1e7:
-        high *= 2.0
-    return float(brentq(missed, 1e-6, high, xtol=1e-6)) if missed(high) <= 0 else float("inf")
-
-
-def detectable(bias: Bias, level: float, noise_dof: float | None) -> float:
-    """Smallest bias, in the worst direction, that shows with `POWER` probability."""
+def detectable(evidence: TouchEvidence, tool_known: bool, level: float) -> float:
+    """Smallest bias, in the worst direction, that these touches would show with `POWER` probability."""
+    bias = bias_of(evidence, tool_known)
     if bias.dof < 3:
         return float("inf")
-    return float(np.sqrt(noncentrality(3, level, noise_dof, bias.shares[0]))) * bias.worst[0]
+    reference = evidence.reference_along(bias.along)
+    size = _of_known_noise(level) if reference.noise_given else reference.noncentrality(POWER, level)
+    return float(np.sqrt(size)) * bias.worst[0]
 
 
-def limit(evidence: TouchEvidence, tool_known: bool, level: float, noise_dof: float | None) -> float:
+@lru_cache(maxsize=100)
+def _of_known_noise(level: float) -> float:
+    return PredictiveReference.given(3).noncentrality(POWER, level)
+
+
+def limit(evidence: TouchEvidence, tool_known: bool, level: float) -> float:
     """Smallest bias that any number of touches of the same kind would show."""
-    return detectable(bias_of(repeated(evidence, _ANY), tool_known), level, noise_dof)
+    return detectable(evidence.repeated(_ANY), tool_known, level)
 
 
-def touches_needed(
-    evidence: TouchEvidence, tool_known: bool, size: float, level: float, noise_dof: float | None
-) -> int | None:
+def touches_needed(evidence: TouchEvidence, tool_known: bool, size: float, level: float) -> int | None:
     """Number of touches of the same kind until a bias of the size shows; None: no number would, or more than `MOST`."""
     m = len(evidence.r)
 
     def shows(n: int) -> bool:
-        return detectable(bias_of(repeated(evidence, n / m), tool_known), level, noise_dof) <= size
+        return detectable(evidence.repeated(n / m), tool_known, level) <= size
 
     if not shows(MOST):
         return None
-    low, high = 0, MOST
-    while high - low > 1:
-        middle = (low + high) // 2
-        low, high = (low, middle) if shows(middle) else (middle, high)
-    return high
+    return bisect_left(range(MOST), True, lo=1, key=shows)
 
 
 def quantile_of_components(probability: float, noise_dof: float | None) -> float:
     """Half width of an interval of one number, in standard deviations."""
     tail_of_each = 0.5 * (1.0 + probability)
     return float(ndtri(tail_of_each) if noise_dof is None else stdtrit(noise_dof, tail_of_each))
-
-
-def _of_share(noise_dof: float | None, share: float) -> float | None:
-    """Degrees of freedom of a variance of which noise that was estimated makes a share; None: known."""
-    if noise_dof is None or share <= 0:
-        return None
-    found = noise_dof / share**2
-    return None if found > 1e6 else found

@@ -104,7 +104,7 @@ class Verification(ReadOnlyArrays):
     chi2, dof : float, int
         ``d^2`` of all differences, and its degrees of freedom.
     noise_dof : float or None
-        Degrees of freedom of the noise where the calibration estimated it: the distributions are then F.
+        Degrees of freedom of the variance of the bias where the calibration estimated noise; None: it was given.
     points : PointTable
     detectable : float
         Smallest bias, in the worst direction, that these touches would have shown with `POWER` probability, m.

@@ -57,7 +57,7 @@ def _scatter(found: Verification) -> str:
     text = f"Differences: {digits(1e3 * found.rms, 2)} mm RMS"
     if found.scatter_p_value is None:
         return f"{text}."
-    law = "chi-square" if found.noise_dof is None else f"F, noise estimated with {digits(found.noise_dof, 2)} dof"
+    law = "chi-square" if found.noise_dof is None else "a mixture over the sizes of the errors"
     return (
         f"{text}; d^2 {digits(found.chi2)} of {found.dof} numbers ({law}); scatter about the bias: "
         f"{probability(found.scatter_p_value, 2)}."

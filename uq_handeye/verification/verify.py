@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -15,9 +15,8 @@ from ..findings import Finding
 from ..formatting.units import parse_deviations, parse_length
 from ..geometry.checks import as_numbers
 from ..geometry.se3 import Array, inverse
-from ..likelihood.d2_distribution import Reference
 from .input_checks import require_metres
-from .power import Bias, assess, detectable, limit, tail, touches_needed
+from .power import Bias, assess, detectable, limit, touches_needed
 from .result import Needed, PointTable, Verification
 from .where import next_touches
 
@@ -27,15 +26,8 @@ SHOWN = 0.5e-3
 _EXPLAINS = 10.0
 
 
-class Verified(Sourced, Protocol):
-    """Interface of a calibration, as far as touches need it."""
-
-    @property
-    def reference(self) -> Reference: ...
-
-
 def verify(
-    result: Verified,
+    result: Sourced,
     seen: Any,
     touched: Any = None,
     *,
@@ -119,68 +111,77 @@ def verify(
     if isinstance(seen, Touches):
         touches = seen
     else:
-        given = None if touched is None else as_numbers(touched, "touched")
-        if given is not None and given.ndim >= 2 and given.shape[-2:] == (4, 4):
-            touched_robot, given = given, None
-        points = np.atleast_2d(as_numbers(seen, "seen"))
-        if touch_sd is None:
-            raise InputError("Expected `touch_sd`, the standard deviation of a touch per axis, such as '0.2mm'.")
-        touches = Touches(
-            points, given, robot, joints, touched_robot, touched_joints, tool,
-            covariances_of(point_sd, len(points)), _length(touch_sd, "touch_sd"), tool_deviation(tool_sd),
-            board, board_covariance, same_camera, robot_covariance(robot_noise), tuple(map(str, names)),
+        touches = _touches_of(
+            seen, touched, robot, joints, touched_robot, touched_joints, tool, touch_sd, point_sd, tool_sd,
+            board, board_covariance, same_camera, robot_noise, names,
         )  # fmt: skip
     require_metres(result, touches)
     evidence = evidence_of_touches(result, touches)
     require_other_touches(result, touches, evidence)
     known = touches.tool_known
-    noise_dof = result.reference.dof if result.reference.kind in ("F", "t") else None
-    assessed = assess(evidence, known, noise_dof)
-    bias, level = assessed.bias, assessed.level
     size = parse_length(show, "show (--show)")
     if not size > 0:
         raise InputError(f"Expected `show` (--show) to be above 0, got {show!r}.")
-    at_least = limit(evidence, known, level, noise_dof)
-    needed = Needed(size, touches_needed(evidence, known, size, level, noise_dof), at_least)
-    found, found_sd = _tool(evidence, known)
+    assessed = assess(evidence, known)
+    bias, level = assessed.bias, assessed.level
+    at_least = limit(evidence, known, level)
+    needed = Needed(size, touches_needed(evidence, known, size, level), at_least)
+    tool, tool_std = _tool(evidence, known)
     worst, direction = bias.worst
-    hidden = bias.hidden.T @ bias.hidden
-    covariance = np.where(np.abs(hidden) > 1e-6, 0.0, bias.covariance)
-    covariance[np.diag_indices(3)] = np.where(np.diag(hidden) > 1e-6, np.inf, np.diag(bias.covariance))
-    table = point_table(evidence, touches, noise_dof)
+    hidden = np.diag(bias.hidden.T @ bias.hidden) > 1e-6
+    covariance = np.where(np.abs(bias.hidden.T @ bias.hidden) > 1e-6, 0.0, bias.covariance)
+    covariance[np.diag_indices(3)] = np.where(hidden, np.inf, np.diag(bias.covariance))
+    table = point_table(evidence, touches)
+    reference = evidence.reference_along(bias.along)
     return Verification(
-        bias=np.where(np.diag(hidden) > 1e-6, np.nan, bias.estimate),
+        bias=np.where(hidden, np.nan, bias.estimate),
         covariance=covariance,
         p_value=assessed.p_value,
         bias_p_value=assessed.p_bias,
         scatter_p_value=assessed.p_scatter,
         chi2=bias.d2 + bias.rest,
         dof=bias.dof + bias.dof_rest,
-        noise_dof=noise_dof,
+        noise_dof=reference.noise_dof if bias.dof and np.isfinite(reference.noise_dof) else None,
         points=table,
-        detectable=detectable(bias, level, noise_dof),
+        detectable=detectable(evidence, known, level),
         limit=at_least,
         worst=direction,
-        tool=found,
-        tool_std=found_sd,
+        tool=tool,
+        tool_std=tool_std,
         needed=(needed,),
-        next=next_touches(result, touches, evidence, level, noise_dof, candidates) if np.isfinite(worst) else (),
+        next=next_touches(result, touches, evidence, level, candidates) if np.isfinite(worst) else (),
         findings=tuple(_findings(result, touches, evidence, bias, table)),
         tool_sd=float(touches.tool_sd),
     )
 
 
-def point_table(evidence: TouchEvidence, touches: Touches, noise_dof: float | None) -> PointTable:
+def _touches_of(
+    seen: Any, touched: Any, robot: Any, joints: Any, touched_robot: Any, touched_joints: Any, tool: Any, touch_sd: Any,
+    point_sd: Any, tool_sd: float | str, board: Any, board_covariance: Any, same_camera: bool, robot_noise: Any,
+    names: Sequence[str],
+) -> Touches:  # fmt: skip
+    """Return the touches of the arguments of `verify`."""
+    given = None if touched is None else as_numbers(touched, "touched")
+    if given is not None and given.ndim >= 2 and given.shape[-2:] == (4, 4):
+        touched_robot, given = given, None
+    points = np.atleast_2d(as_numbers(seen, "seen"))
+    if touch_sd is None:
+        raise InputError("Expected `touch_sd`, the standard deviation of a touch per axis, such as '0.2mm'.")
+    return Touches(
+        points, given, robot, joints, touched_robot, touched_joints, tool,
+        covariances_of(point_sd, len(points)), _length(touch_sd, "touch_sd"), tool_deviation(tool_sd),
+        board, board_covariance, same_camera, robot_covariance(robot_noise), tuple(map(str, names)),
+    )  # fmt: skip
+
+
+def point_table(evidence: TouchEvidence, touches: Touches) -> PointTable:
     """Return the touches one by one, each by itself."""
     S = evidence.own + evidence.by_unit @ evidence.by_unit.mT
-    d2 = np.einsum("mi,mij,mj->m", evidence.r, np.linalg.inv(S), evidence.r)
-    part = evidence.by_unit[..., : evidence.posterior.A.shape[1]]
-    shares = np.trace(np.linalg.solve(S, part @ part.mT), axis1=-2, axis2=-1) / 3.0
-    p = np.array([tail(float(x), 3, noise_dof, float(c)) for x, c in zip(d2, shares, strict=True)])
-    if not touches.tool_known:
-        S = S + 0.0
+    if touches.tool_known:
+        p = np.array([evidence.rows([k]).test.p_value for k in range(touches.m)])
+    else:
         S[:, np.arange(3), np.arange(3)] = np.inf
-        p = np.full(len(p), np.nan)
+        p = np.full(touches.m, np.nan)
     return PointTable(touches.names, evidence.r, S, p)
 
 
@@ -234,7 +235,7 @@ def _tool(evidence: TouchEvidence, known: bool) -> tuple[Array | None, Array | N
 
 
 def _findings(
-    result: Verified, touches: Touches, evidence: TouchEvidence, bias: Bias, points: PointTable
+    result: Sourced, touches: Touches, evidence: TouchEvidence, bias: Bias, points: PointTable
 ) -> list[Finding]:
     found = []
     rms = float(np.sqrt(np.mean(np.sum(evidence.r**2, axis=-1))))

@@ -13,7 +13,7 @@ from ..evidence.state import Calibrated
 from ..evidence.touches import Touches, TouchEvidence, evidence_of_touches
 from ..geometry.checks import as_numbers
 from ..geometry.se3 import Array
-from .power import bias_of, detectable
+from .power import detectable
 from .result import NextTouch
 
 # Views that are considered, and touches that are proposed.
@@ -26,7 +26,6 @@ def next_touches(
     touches: Touches,
     evidence: TouchEvidence,
     level: float,
-    noise_dof: float | None,
     candidates: Any = None,
 ) -> tuple[NextTouch, ...]:
     """Choose touches one after the other, each the one after which the smallest bias would show.
@@ -52,7 +51,7 @@ def next_touches(
     every = evidence_of_touches(result, _both(touches, more))
     m, chosen, found = touches.m, list(range(touches.m)), []
     for _ in range(PROPOSED):
-        sizes = [detectable(bias_of(_rows(every, [*chosen, m + j])), level, noise_dof) for j in range(len(pairs))]
+        sizes = [detectable(every.rows([*chosen, m + j]), True, level) for j in range(len(pairs))]
         best = int(np.argmin(sizes))
         chosen.append(m + best)
         found.append(NextTouch(more.seen[best], new.at[best], int(rows[best]), float(sizes[best])))
@@ -75,12 +74,6 @@ def _both(one: Touches, other: Touches) -> Touches:
                      "touch_sd", "board", "board_covariance")
     }  # fmt: skip
     return replace(one, **parts, names=(*one.names, *other.names))
-
-
-def _rows(evidence: TouchEvidence, index: list[int]) -> TouchEvidence:
-    """Some of the touches."""
-    names = ("r", "by_unit", "own", "at", "by_tool", "estimated")
-    return replace(evidence, **{name: getattr(evidence, name)[index] for name in names})
 
 
 def _region(seen: Array) -> Array:

@@ -14,6 +14,7 @@ from ..messages import quiet, timed
 from ..new_poses import NewPoses, new_poses_of
 from ..options.common import JsonOption, emit, emit_document, folder_option, made_of
 from .files import ResultFile
+from .update import names_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -121,7 +122,7 @@ def check_command(
     stored = Calibration.from_json(result)
     poses = files.read(stored, str(result))
     with timed("checking"):
-        names = THINGS if same is None else [name.strip() for name in same.split(",") if name.strip()]
+        names = names_of(same) or THINGS
         found = check(stored, poses, tolerance=tolerance, level=level, same=names)
         series = None if log is None else logged(log, stored, poses, found, every)
     text = found.to_json() if series is None else json_text({**found.to_dict(), "series": series.alarm.to_dict()})

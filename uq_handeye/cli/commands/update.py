@@ -34,6 +34,7 @@ def update_command(
     wishes: "ReportOptions",
     wanted: "Wanted",
     although_changed: bool = False,
+    same: str | None = None,
     report: ReportFile = None,
     no_compare: NoCompare = False,
     as_json: JsonOption = False,
@@ -54,6 +55,7 @@ def update_command(
 
     Options (Estimation):
       * --although-changed: Update even if the new poses contradict the result.
+      * --same NAMES: What is that of the result, out of robot,camera,target, or none. Default: all.
     """
     require_writable(report, "--report", REPORTS)
     require_folder(figures, output)
@@ -61,6 +63,7 @@ def update_command(
         raise InputError("--no-compare needs --report FILE. Add it.")
     from ...calibration.result import Calibration
     from ...maintenance.together.update import gain, update
+    from ...posterior.owners import THINGS
 
     with _held_if_replaced(result, output):
         stored = Calibration.from_json(result)
@@ -68,7 +71,7 @@ def update_command(
         with withheld() as shown:
             try:
                 with timed("updating"):
-                    found = update(stored, poses, although_changed=although_changed)
+                    found = update(stored, poses, although_changed=although_changed, same=names_of(same) or THINGS)
                 shown += [] if as_json else found.warnings
             except (InputError, NotConvergedError) as error:
                 return emit_refusal(error, as_json, shown)
@@ -80,6 +83,11 @@ def update_command(
             as_json,
             more=gain(stored, found, poses.n),
         )
+
+
+def names_of(same: str | None) -> list[str]:
+    """Return the names of --same."""
+    return [] if same is None else [name.strip() for name in same.split(",") if name.strip()]
 
 
 def _held_if_replaced(result: Path, output: Path | None) -> AbstractContextManager[None]:
@@ -115,8 +123,7 @@ def diff_command(
     from ...maintenance.together.difference import difference
     from ...maintenance.together.difference_text import difference_document
 
-    names = [] if same is None else [name.strip() for name in same.split(",") if name.strip()]
-    found = difference(Calibration.from_json(old), Calibration.from_json(new), same=names)
+    found = difference(Calibration.from_json(old), Calibration.from_json(new), same=names_of(same))
     if as_json:
         emit(found.to_json())
     else:

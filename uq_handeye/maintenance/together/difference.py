@@ -17,7 +17,7 @@ from ...files.atomic import json_text
 from ...geometry.se3 import Array, logarithm
 from ...likelihood.d2_distribution import Reference
 from ...poses.pose_pairs import PosePairs
-from ...posterior.owners import CAMERA, ROBOT, TARGET, THINGS, checked_things
+from ...posterior.owners import CAMERA, ROBOT, TARGET, THINGS, checked_things, require_same
 from ...presentation.document import to_text
 from ...runtime.read_only import ReadOnlyArrays
 from ...statement.stated import distance_of
@@ -189,20 +189,20 @@ def difference(old: Calibration, new: Calibration, *, same: Sequence[str] = ()) 
     common = [] if data[0] is None or data[1] is None else common_poses(data[0], data[1])
     numbers = 12 if old.covariance_W is not None and new.covariance_W is not None else 6
     C_old, C_new = (_covariance_of(result, numbers) for result in (old, new))
-    if CAMERA in named and not common and _same_camera(data) == set():
-        raise InputError(
-            "Expected results of one camera, as `same` (--same) names it: their pictures were adjusted with other "
-            "intrinsics. Leave the camera out of `same`."
-        )
+    _require_consistent(named, old, new, data, len(common))
     known = frozenset(THINGS if common else {*named, *(_same_camera(data) or ())})
     if _is_one(old, new):
         S, how = np.zeros((numbers, numbers)), EQUAL
+    elif (
+        numbers == 12
+        and (common or not (_holds(new, old) or _holds(old, new)))
+        and (found := difference_covariance(old, new, common, known)) is not None
+    ):
+        S, how = found, POSTERIOR
     elif _holds(new, old):
         S, how = _positive(C_old - C_new), INNOVATION
     elif _holds(old, new):
         S, how = _positive(C_new - C_old), INNOVATION
-    elif numbers == 12 and (found := difference_covariance(old, new, common, known)) is not None:
-        S, how = found, POSTERIOR
     else:
         S, how = C_old + C_new, INDEPENDENT
     pairs = [(old.X, new.X)] + ([(old.W, new.W)] if numbers == 12 else [])
@@ -240,6 +240,25 @@ def _poses_of(result: Calibration) -> PosePairs | None:
     if holds_request(result):
         return measured_poses(result).rows(counted(result))
     return result.counted if isinstance(result.counted, PosePairs) else None
+
+
+def _require_consistent(
+    named: frozenset[str], old: Calibration, new: Calibration, data: list[PosePairs | None], common: int
+) -> None:
+    """Raise `InputError` where `same` contradicts what the results hold."""
+    if common and named and named != frozenset(THINGS):
+        raise InputError(
+            f"The results have {common} poses in common, which are of one robot, one camera and one target: leave out "
+            "`same` (--same)."
+        )
+    if not common:
+        require_same(named, *data)
+    chains = [of.kinematics.chain.to_dict() for of in (old, new) if of.kinematics is not None]
+    if ROBOT in named and len(chains) == 2 and chains[0] != chains[1]:
+        raise InputError(
+            "Expected one robot, as `same` (--same) names it: the results have other kinematics. Leave the robot out "
+            "of `same`."
+        )
 
 
 def _covariance_of(result: Calibration, numbers: int) -> Array:

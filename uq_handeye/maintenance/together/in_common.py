@@ -66,7 +66,7 @@ def difference_covariance(
 
 
 def _is_more_than_its_posterior(result: Calibration) -> bool:
-    """True of poses that share errors which the posterior does not hold: of a clock, or of a covariance of all."""
+    """Return whether its poses share errors that the posterior does not hold: of a clock, or of a covariance of all."""
     poses, noise = result.counted, result.noise
     joint = isinstance(noise, PoseNoise) and any(
         S is not None and not isinstance(S, JointCovariance) and is_joint(S) for S in (noise.robot, noise.camera)

@@ -10,6 +10,7 @@ the same to first order: old poses that are not there cannot be weighted or line
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any
 
@@ -28,6 +29,7 @@ from ...geometry.checks import as_numbers
 from ...noise.models import PoseNoise
 from ...poses.pose_pairs import PosePairs
 from ...poses.to_dict import sha256_of
+from ...posterior.owners import THINGS, checked_things
 from ..check import check
 from ..misread import MISREAD
 from .joined_poses import joined_poses, require_joinable
@@ -46,6 +48,7 @@ def update(
     noise: PoseNoise | None = None,
     joints: ArrayLike | None = None,
     although_changed: bool = False,
+    same: Iterable[str] | str = THINGS,
 ) -> Calibration:
     """Return the calibration of the poses of a result and of new ones together.
 
@@ -62,6 +65,9 @@ def update(
         Joint values of the new poses, where the result knows the arm; None: ``poses.joints``.
     although_changed : bool
         Update even if the new poses contradict the result.
+    same : names out of "robot", "camera" and "target"
+        Which of them are those of the result. Default: all. The errors of others are drawn again, and the posterior of
+        the result takes the new poses in: one fit of all poses has one robot, camera and target.
 
     Returns
     -------
@@ -91,14 +97,16 @@ def update(
         raise InputError(f"Expected `noise` to be PoseNoise or None, got {type(noise).__name__}.")
     if result.setup is None:
         raise InputError("The result is of motions that came without poses: an update needs poses.")
+    if joints is not None and result.kinematics is None:
+        raise InputError("The result knows no joints: leave out those of the new poses, or calibrate with kinematics.")
     if joints is not None:
         poses = replace(poses, joints=as_numbers(joints, "joints"))
     parts = parts_of(result)
     new = part_of(poses)
     if any(part["sha256"] == new["sha256"] for part in parts):
         raise InputError("The result was made with these poses already: a pose counts once.")
-    if not holds_request(result) or TOUCHES in _options(result):
-        return _by_posterior(result, poses, noise, although_changed, [*parts, new])
+    if not holds_request(result) or TOUCHES in _options(result) or checked_things(same) != frozenset(THINGS):
+        return _by_posterior(result, poses, noise, although_changed, [*parts, new], same)
     old = measured_poses(result)
     require_joinable(old, poses)
     if result.kinematics is not None and poses.joints is None:
@@ -112,12 +120,19 @@ def update(
 
 
 def _by_posterior(
-    result: Calibration, poses: PosePairs, noise: PoseNoise | None, although_changed: bool, parts: list[dict[str, Any]]
+    result: Calibration,
+    poses: PosePairs,
+    noise: PoseNoise | None,
+    although_changed: bool,
+    parts: list[dict[str, Any]],
+    same: Iterable[str] | str,
 ) -> Calibration:
-    """The update of the joint posterior, where the result lacks its poses, what was asked of them, or touches."""
-    evidence = evidence_of_poses(result, poses, noise)
+    """The update of the joint posterior: where the result lacks its poses, what was asked of them, or touches; and
+    where not all is the same.
+    """
+    evidence = evidence_of_poses(result, poses, noise, same=same)
     if not although_changed:
-        require_unchanged(result, poses, noise)
+        require_unchanged(result, poses, noise, same)
     n_old = result.n_poses or 0
     finding = Finding("maintenance.by_posterior", "note", {"old": n_old, "new": poses.n})
     found = absorbed_into(result, evidence, finding, {TOGETHER: parts})
@@ -134,13 +149,15 @@ def _by_posterior(
     )
 
 
-def require_unchanged(result: Calibration, poses: PosePairs, noise: PoseNoise | None) -> None:
+def require_unchanged(
+    result: Calibration, poses: PosePairs, noise: PoseNoise | None, same: Iterable[str] | str = THINGS
+) -> None:
     """Raise `InputError` where the new poses say that something has changed (`check`), if they can be held against the
     result at all.
     """
     if result.posterior is None or result.opened is not None or result.noise is None:
         return
-    found = check(result, poses, noise=noise)
+    found = check(result, poses, noise=noise, same=same)
     for finding in found.findings:
         if finding.code in MISREAD:
             raise InputError(f"The new poses contradict the result as they were read. {finding}")
