@@ -13,7 +13,8 @@ from scipy.spatial.transform import Rotation
 
 import uq_handeye as uq
 from uq_handeye.cli.app import main
-from uq_handeye.rig.simulation import simulate_rig
+from uq_handeye.rig.output.page import rig_html
+from uq_handeye.rig.simulation import simulate_rig, with_noise
 
 RIG = """
 [arms.arm]
@@ -293,3 +294,41 @@ def test_exports_hold_every_pose_and_the_relative_ones(two_on_the_hand, capsys):
     capsys.readouterr()
     assert run("export", path / "out" / "rig.json", path / "x.dat", "--format", "kuka") == 2
     assert "toml" in capsys.readouterr().err
+
+
+# ------------------------------------------------------------------------------- report
+
+
+def test_the_report_shows_the_rig_its_pairs_noise_and_findings(two_on_the_hand, capsys):
+    path = two_on_the_hand
+    more = ["--report", path / "r.html", "--tolerance", "5mm,1deg", "--about", "cell=Cell 4"]
+    code = run("calibrate", path / "rig.toml", "-o", path / "out", *more)
+    assert code == 0 and "Wrote" in capsys.readouterr().out
+    assert {one.name for one in (path / "out").iterdir()} == {"rig.json", "rig.txt", "report.html"}
+    page = (path / "r.html").read_text()
+    for text in ("Both cameras", "left_T_right", "gripper_T_left", "Cell 4", "left: PASS", "Paths that should agree",
+                 '<ellipse class="ring"', "left sees target 15 times", "Chi-square of the residuals"):  # fmt: skip
+        assert text in page, text
+    ElementTree.fromstring(page[page.index("<svg") : page.index("</svg>") + 6])
+    assert run("report", path / "out" / "rig.json", path / "again.html") == 0
+    assert run("report", path / "out" / "rig.json") == 0
+    assert "gripper_T_left" in capsys.readouterr().out
+    assert 'id="pairs"' in (path / "again.html").read_text()
+    assert run("calibrate", path / "rig.toml", "--report", path / "r.txt") == 2
+
+
+def test_the_report_says_that_the_noise_is_too_small_and_what_was_rejected(two_on_the_hand):
+    rig, _ = uq.read_rig(two_on_the_hand / "rig.toml")
+    small = dict.fromkeys(("arm", "left", "right"), ("0.2mrad", "0.1mm"))
+    assert "views were rejected" in rig_html(uq.calibrate_rig(rig, small))
+    result = uq.calibrate_rig(rig, small, robust=False)
+    page = rig_html(result, date="today")
+    assert 'class="answer caution"' in page and "the errors are larger than stated" in page
+    assert page == rig_html(result, date="today")
+
+
+def test_a_rig_that_is_not_determined_says_so_in_its_report():
+    rig, _ = simulate_rig({"left": "arm"}, {"board": "world"}, n_poses=20, axes=np.eye(3)[:1], seed=1)
+    rig = with_noise(rig, dict.fromkeys(("arm", "left"), ("0.5mrad", "0.3mm")), 1)
+    page = rig_html(uq.calibrate_rig(rig, dict.fromkeys(("arm", "left"), ("0.5mrad", "0.3mm"))))
+    assert "Not determined in all directions: left" in page and "stroke-dasharray" in page

@@ -282,6 +282,12 @@ class RigCalibration(Record):
         """
         return write_several(several_of(self), path, format)
 
+    def report(self, path: StrPath, **options: Any) -> Path:
+        """Write the report, .html or .pdf; options as `uq_handeye.rig.output.page.write_rig_report` takes them."""
+        from .output.page import write_rig_report
+
+        return write_rig_report(self, Path(path), **options)
+
     @classmethod
     def from_dict(cls, data: Any) -> RigCalibration:
         """Read what `to_dict` wrote; raises `InputError` on anything else."""

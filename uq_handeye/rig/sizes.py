@@ -86,11 +86,11 @@ def _accuracy(graph: Graph, name: str, of: Array) -> Component:
     poses = PosePairs(graph.robot[of], np.broadcast_to(np.eye(4), (int(of.sum()), 4, 4)))
     error = assumed_accuracy().bound(poses)
     columns, left = np.zeros((graph.P, 6, len(error.sd))), np.zeros((graph.P, 6, 6))
-    columns[of] = error.at(poses) * error.sd
+    columns[of] = error.at(poses)
     if error.left is not None:
         values, vectors = np.linalg.eigh(error.left)
-        left[of] = float(error.sd[0]) * vectors * np.sqrt(np.maximum(values, 0.0))[..., None, :]
-    return Component(f"{name} accuracy", "robot", Size(1.0, error.factor, "m"), columns, left)
+        left[of] = vectors * np.sqrt(np.maximum(values, 0.0))[..., None, :]
+    return Component(f"{name} accuracy", "robot", Size(float(error.sd[0]), error.factor, "m"), columns, left)
 
 
 def find_sizes(

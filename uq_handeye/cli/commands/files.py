@@ -90,6 +90,7 @@ def report_command(
 
     Examples:
       uq-handeye report result/result.json report.html
+      uq-handeye report result/rig.json report.html
       # Print the result again, and whether it meets a tolerance
       uq-handeye report result/result.json --tolerance 1mm,0.1deg
 
@@ -98,10 +99,15 @@ def report_command(
     poses. A result file of an older version holds none; its report lacks the
     rig and the comparison of methods.
     """
-    from ...calibration.result import Calibration
+    from ...calibration.result import load
+    from ...rig.result import RigCalibration
 
     require_writable(file, "FILE", REPORTS)
-    stored = Calibration.from_json(result)
+    stored = load(result)
+    if isinstance(stored, RigCalibration):
+        from ..rigs.calibrate import deliver_rig
+
+        return deliver_rig(stored, wishes, wanted, report=file, output=None, as_json=False)
     verdict = wanted.verdict(stored)
     if file is None:
         return emit_result(stored, verdict)

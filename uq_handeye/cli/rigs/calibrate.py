@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from ..pose_files import PoseFiles
 
 # Options that a rig takes beside the rig file, and beside a file for each camera.
-_ALWAYS = {"ROBOT", "--method", "--no-robust", "--robust", "--seed", "--shared", "--tolerance", "--at",
-           "--json", "--output",    "--quiet", "--verbose", "--no-color",
+_ALWAYS = {"ROBOT", "--method", "--no-robust", "--robust", "--seed", "--shared", "--tolerance", "--at", "--report",
+           "--json", "--output", "--about", "--full-report", "--paper", "--quiet", "--verbose", "--no-color",
            "--log-file"}  # fmt: skip
 _OF_FILES = {"--camera", "--setup", "--pair", "--time-tolerance", "--robot-noise", "--camera-noise", "--noise",
              "--robot-frame", "--camera-frame",
@@ -148,7 +148,18 @@ def deliver_rig(
     verdicts = {} if wanted.tolerance is None else verdicts_of(result, wanted)
     said = [f"{name}: {verdict}" for name, verdict in verdicts.items()]
     text = "\n".join([result.text(), *said, *([more] if more else [])]) + "\n"
-    written = "" if output is None else deliver(output, {"rig.json": json_text(result.to_dict()), "rig.txt": text})
+    written = ""
+    page = {} if wishes is None else {"about": wishes.about, "verdicts": verdicts, **wishes.of_report}
+    if output is not None:
+        from ...rig.output.page import rig_html
+
+        html = rig_html(result, **{name: value for name, value in page.items() if name != "paper"})
+        files: dict[str, str | bytes] = {"rig.json": json_text(result.to_dict()), "rig.txt": text, "report.html": html}
+        with timed(f"writing {output}"):
+            written = deliver(output, files)
+    if report is not None:
+        with timed(f"writing {report}"):
+            written += f"\nWrote {result.report(report, **page)}\n"
     if as_json:
         more_of = {"verdicts": {name: one.to_dict() for name, one in verdicts.items()}} if verdicts else {}
         emit(json_text(result.to_dict() | more_of))

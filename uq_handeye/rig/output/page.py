@@ -1,0 +1,294 @@
+"""The report of a rig: one self-contained HTML file, or its two pages as PDF; the skeleton is that of one camera.
+
+Page one has the answer, the drawing of the rig and all poses; page two the relative poses, residuals by camera and
+target, and the noise; the rest follows in sections that are folded on the screen.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..._version import __version__
+from ...errors import InputError
+from ...files.about import ABOUT, OF_CERTIFICATE, as_about
+from ...files.atomic import require_writable_file, write_atomically
+from ...formatting.numbers import digits, probability
+from ...geometry.conventions import CONVENTION
+from ...geometry.se3 import Array
+from ...presentation.document import Answer, Badge, Block, Paragraph, Points, Section, Table
+from ...presentation.page import rendered
+from ...presentation.pdf import PAPERS, to_pdf
+from ..graph import Graph
+from .sketch import rig_sketch
+
+SUFFIXES = (".html", ".pdf")
+# Views that are listed, those with the largest distance first; probability of a chi-square below which it is said;
+# share of the views that are rejected above which it is.
+MOST_VIEWS, UNLIKELY, MANY = 60, 1e-3, 0.1
+_DEG, _MM = 180 / np.pi, 1e3
+
+
+def write_rig_report(
+    result: Any,
+    path: str | Path,
+    *,
+    about: Mapping[str, str] | None = None,
+    verdicts: Mapping[str, Any] | None = None,
+    details: bool = False,
+    paper: str = PAPERS[0],
+) -> Path:
+    """Write the report of a rig and return its path.
+
+    Parameters
+    ----------
+    result : RigCalibration
+    path : path that ends in .html or .pdf
+    about : mapping of names to text, or None
+        Title block, by the names of `uq_handeye.files.about.ABOUT`.
+    verdicts : mapping of names of cameras to `Verdict`, or None
+        Whether each meets the tolerance.
+    details : bool
+        Open the folded sections.
+    paper : "a4" or "letter"
+
+    Raises
+    ------
+    InputError
+        Another suffix, or a file that cannot be written.
+    """
+    path = Path(path)
+    if path.suffix.lower() not in SUFFIXES:
+        raise InputError(f"Expected `path` to end in {' or '.join(SUFFIXES)}, got {path.name!r}.")
+    require_writable_file(path)
+    text = rig_html(result, about=as_about(about or {}), verdicts=verdicts or {}, details=details)
+    write_atomically(path, text if path.suffix.lower() == ".html" else to_pdf(text, paper))
+    return path
+
+
+def rig_html(
+    result: Any,
+    *,
+    about: Mapping[str, str] | None = None,
+    verdicts: Mapping[str, Any] | None = None,
+    details: bool = False,
+    date: str | None = None,
+) -> str:
+    """Return the report as HTML text; ``date`` None is now (UTC)."""
+    date = datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC") if date is None else date
+    rig, titles = result.rig, about or {}
+    first = [
+        Section("answer", "Result", _answer(result, verdicts or {}), wide=True),
+        Section("rig", "The rig", [rig_sketch(result)], wide=True),
+        Section("poses", "Poses", [_poses(result)], wide=True),
+    ]
+    second = [
+        Section("pairs", "Relative poses of the cameras", _pairs(result), wide=True),
+        Section("views", "Residuals by camera and target", [_by_pair(result)], wide=True),
+        Section("noise", "Noise", _noise(result), wide=True),
+    ]
+    sections = [
+        Section("sizes", "Sizes of all errors", _sizes(result), folded=True),
+        Section("paths", "Paths that should agree", _paths(result), folded=True),
+        Section("largest", "Views with the largest residuals", [_largest(result)], folded=True),
+        Section("numbers", "Poses and standard deviations in full", [_in_full(result)], folded=True),
+        Section("conventions", "Conventions", [Paragraph(f"{CONVENTION}. {_FRAMES}")], folded=True),
+    ]
+    fields = [(ABOUT[key], titles.get(key, "")) for key in ABOUT if key not in OF_CERTIFICATE and
+              (key != "note" or key in titles)]  # fmt: skip
+    return rendered(
+        "Calibration of a rig",
+        ", ".join(rig.cameras),
+        [_counted(rig), f"{sum(len(view.poses) for view in rig.views)} views", f"method {result.method}",
+         f"report of {date}"],
+        sections,
+        sheets=[first, second],
+        fields=fields,
+        foot=f"uq-handeye {__version__}. Standard deviations are 1 sigma. Not printed: "
+        f"{'; '.join(section.title for section in sections)}.",
+        full=details,
+    )  # fmt: skip
+
+
+_FRAMES = (
+    "The world is the base of the first arm. gripper_T_NAME is the pose of a camera or target in the flange that "
+    "carries it, world_T_NAME of one that stands still, A_T_B of B in the frame of A."
+)
+
+
+def headline(result: Any) -> tuple[str, str]:
+    """Return the sentence that a rig is asked for, with its status: ok, caution or failed."""
+    severities = {finding.severity for finding in result.findings}
+    known = {name: one.sizes for name, one in result.cameras.items()}
+    unknown = [name for name, sizes in known.items() if not np.isfinite(sizes).all()]
+    if unknown:
+        text = f"Not determined in all directions: {', '.join(unknown)}. The robot poses turn about too few axes."
+        return text, "failed" if "failure" in severities else "caution"
+    shift = max(known, key=lambda name: known[name][1])
+    turn = max(sizes[0] for sizes in known.values())
+    least = f"{digits(_MM * known[shift][1], 2)} mm and {digits(_DEG * turn, 2)} deg"
+    count = "Both" if len(known) == 2 else f"All {len(known)}"
+    whose = f"{count} cameras are known" if len(known) > 1 else f"The camera {shift} is known"
+    text = f"{whose} to {least} or better (root mean square error, 1 sigma)."
+    unlikely = result.p_value < UNLIKELY or len(result.rejected) > MANY * len(result.weights)
+    return text, "failed" if "failure" in severities else "caution" if "caution" in severities or unlikely else "ok"
+
+
+def _answer(result: Any, verdicts: Mapping[str, Any]) -> list[Block]:
+    text, status = headline(result)
+    blocks: list[Block] = [Answer(text, status)]
+    colours = {"PASS": "ok", "NOT SHOWN": "caution", "FAIL": "failed"}
+    blocks += [Badge(f"{name}: {v.word}", v.sentence, colours[v.word]) for name, v in verdicts.items()]
+    said = f"Chi-square of the residuals {result.chi_square:.0f} of {result.dof:.0f}, {probability(result.p_value)}."
+    if result.p_value < UNLIKELY:
+        said += " The residuals are larger than the noise says: the errors are larger than stated."
+    if len(result.rejected) > MANY * len(result.weights):
+        said += f" {len(result.rejected)} of {len(result.weights)} views were rejected."
+    blocks.append(Paragraph(said))
+    if result.findings:
+        blocks.append(Points.of_findings(result.findings))
+    rejected = [f"Rejected: {target} by {camera} at robot pose {moment}." for camera, target, moment in result.rejected]
+    rejected += [f"Rejected: robot pose {moment} of {arm}." for arm, moment in result.rejected_poses]
+    if rejected:
+        more = [f"{len(rejected) - 8} more."] if len(rejected) > 8 else []
+        blocks.append(Points([*rejected[:8], *more]))
+    return blocks
+
+
+def _counted(rig: Any) -> str:
+    parts = (("arm", rig.arms), ("camera", rig.cameras), ("target", rig.targets))
+    return ", ".join(f"{len(of)} {what}{'' if len(of) == 1 else 's'}" for what, of in parts)
+
+
+def _rows(poses: Sequence[Any], counted: bool) -> list[list[str]]:
+    rows = []
+    for one in poses:
+        turn, shift = one.sizes
+        sizes = [digits(_MM * shift, 2) if np.isfinite(shift) else "open",
+                 digits(_DEG * turn, 2) if np.isfinite(turn) else "open"]  # fmt: skip
+        count = [str(one.count) if one.count else ""] if counted else []
+        rows.append([one.frame, *(f"{_MM * x:.2f}" for x in one.pose[:3, 3]), *sizes, *count])
+    return rows
+
+
+_HEAD = ["pose", "x (mm)", "y (mm)", "z (mm)", "position (mm)", "rotation (deg)"]
+
+
+def _poses(result: Any) -> Table:
+    every = [*result.cameras.values(), *result.targets.values(), *list(result.arms.values())[1:]]
+    return Table(
+        "Position of each pose, and the root mean square length of its error (1 sigma).", [*_HEAD, "views"],
+        _rows(every, True),
+    )  # fmt: skip
+
+
+def _pairs(result: Any) -> list[Block]:
+    if not result.pairs:
+        return [Paragraph("No two cameras are on one thing, so that no relative pose is constant.", empty=True)]
+    return [
+        Table(
+            "From the joint covariance: errors that both share cancel, which separate calibrations do not know.",
+            _HEAD, _rows(result.pairs, False),
+        )
+    ]  # fmt: skip
+
+
+def _residuals(result: Any) -> tuple[Graph, Array, Array]:
+    """Graph, rotations (deg) and positions (mm) (E,) of the residuals of the views."""
+    graph = Graph.of(result.rig)
+    r = graph.linearise(result.poses).r
+    return graph, _DEG * np.linalg.norm(r[:, :3], axis=1), _MM * np.linalg.norm(r[:, 3:], axis=1)
+
+
+def _by_pair(result: Any) -> Table:
+    graph, turn, shift = _residuals(result)
+    rows, marked = [], set()
+    pairs = dict.fromkeys((view.camera, view.target) for view in result.rig.views)
+    for camera, target in pairs:
+        views = [k for k, view in enumerate(result.rig.views) if (view.camera, view.target) == (camera, target)]
+        of = np.isin(graph.view, views)
+        kept = of & (result.weights > 0)
+        if not kept.any():
+            kept = of
+        square = float(result.distances[kept].mean()) / 6
+        if square > 2:
+            marked.add(len(rows))
+        rows.append([f"{camera}, {target}", str(int(of.sum())), str(int((result.weights[of] == 0).sum())),
+                     digits(float(np.sqrt((shift[kept] ** 2).mean())), 2),
+                     digits(float(np.sqrt((turn[kept] ** 2).mean())), 2), f"{square:.2f}"])  # fmt: skip
+    return Table(
+        "Root mean square of the residuals of the views that count; d^2/6 is 1 on average if the noise is as stated.",
+        ["camera, target", "views", "rejected", "position (mm)", "rotation (deg)", "d^2/6"], rows, frozenset(),
+        frozenset(marked),
+    )  # fmt: skip
+
+
+def _noise(result: Any) -> list[Block]:
+    rows = [[name, digits(_MM * sizes[1], 2), digits(_DEG * sizes[0], 2)] for name, sizes in result.noise.items()]
+    how = "estimated from the views" if result.components else "as given"
+    caption = f"Standard deviations of one pose per axis, {how}."
+    return [Table(caption, ["arm or camera", "position (mm)", "rotation (deg)"], rows)]
+
+
+def _sizes(result: Any) -> list[Block]:
+    if not result.components:
+        return [Paragraph("Not estimated: the noise was given.", empty=True)]
+    parts = [[part["name"], *(_sized(part[key], part["unit"]) for key in ("size", "low", "high"))]
+             for part in result.components]  # fmt: skip
+    caption = "Noise, and errors that all poses of their owner share, with 95 % intervals."
+    return [Table(caption, ["error", "size", "from", "to"], parts)]
+
+
+def _sized(value: float, unit: str) -> str:
+    factor, shown = {"m": (_MM, "mm"), "rad": (_DEG, "deg")}.get(unit, (100.0, "%") if not unit else (1.0, unit))
+    return f"{digits(factor * value, 2)} {shown}"
+
+
+def _paths(result: Any) -> list[Block]:
+    if not result.paths:
+        return [Paragraph("No two ways lead to one pose.", empty=True)]
+    ordered = sorted(result.paths, key=lambda path: path.p)
+    rows = [[path.words, digits(_MM * float(np.linalg.norm(path.change[3:])), 2),
+             digits(_DEG * float(np.linalg.norm(path.change[:3])), 2), f"{path.chi_square:.1f} of {path.dof}",
+             probability(path.p)] for path in ordered]  # fmt: skip
+    return [
+        Table(
+            "Two ways to one pose and how far they differ; a probability far below one over their number says that "
+            "something did not stand still.",
+            ["pose", "position (mm)", "rotation (deg)", "chi-square", "probability"], rows,
+        )
+    ]  # fmt: skip
+
+
+def _largest(result: Any) -> Table:
+    graph, turn, shift = _residuals(result)
+    rows = []
+    for e in np.argsort(-result.distances)[:MOST_VIEWS].tolist():
+        view = result.rig.views[graph.view[e]]
+        rows.append([f"{view.camera}, {view.target}", str(view.at[graph.row[e]]), digits(float(shift[e]), 2),
+                     digits(float(turn[e]), 2), f"{float(result.distances[e]) / 6:.2f}",
+                     digits(float(result.weights[e]), 2)])  # fmt: skip
+    return Table(
+        f"The {len(rows)} views with the largest distance, of {len(turn)}.",
+        ["camera, target", "robot pose", "position (mm)", "rotation (deg)", "d^2/6", "weight"], rows,
+    )  # fmt: skip
+
+
+def _in_full(result: Any) -> Table:
+    every = [*result.cameras.values(), *result.targets.values(), *list(result.arms.values())[1:], *result.pairs]
+    rows = []
+    for one in every:
+        sd = one.std
+        rows.append([one.frame, *(f"{_MM * x:.4f}" for x in one.pose[:3, 3]),
+                     *(f"{_MM * s:.4f}" if np.isfinite(s) else "open" for s in sd[3:]),
+                     *(f"{_DEG * s:.5f}" if np.isfinite(s) else "open" for s in sd[:3])])  # fmt: skip
+    return Table(
+        "Positions, standard deviations of position and rotation about each axis. Matrices and the joint covariance "
+        "are in the result file.",
+        ["pose", "x (mm)", "y (mm)", "z (mm)", "sd x (mm)", "sd y", "sd z", "sd about x (deg)", "about y", "about z"],
+        rows,
+    )  # fmt: skip
