@@ -10,10 +10,12 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError, NotConvergedError
 from .messages import progress_wanted, timed, verbose, withheld
-from .options.arm import Arm, ChainOptions, ErrorOptions, JointUnits
+from .options.arm import Arm, ChainOptions, ErrorOptions, JointUnits, arm_of
 from .options.common import made_of
+from .options.noise import Given, given_of
 from .pictures import BoardOptions, LensOptions, Pictures
 from .pose_files import PoseFiles
+from .views import Views, views_of
 
 if TYPE_CHECKING:
     from ..calibration.result import Calibration
@@ -159,3 +161,23 @@ def problem_for(
     if isinstance(noise, PoseNoise) and shared:
         noise = with_shared(noise, shared_columns(shared, poses))
     return {"data": relative_motions(poses, pairs) if isinstance(noise, PairNoise) else poses, "noise": noise}
+
+
+@dataclass(frozen=True)
+class Session:
+    """The poses of a command, and what is known of their errors."""
+
+    files: PoseFiles
+    given: "Given"
+    views: "Views | None"
+    arm: "Arm | None"
+
+    def read(self) -> "tuple[PosePairs, Noise | None, list[SharedError] | None]":
+        """Return poses, noise and shared errors."""
+        return self.files.read(self.given, self.views, self.arm)
+
+
+@made_of(files=PoseFiles, given=given_of, views=views_of, arm=arm_of)
+def session_of(files: "PoseFiles", given: "Given", views: "Views | None", arm: "Arm | None") -> Session:
+    """Return the session of the options."""
+    return Session(files, given, views, arm)

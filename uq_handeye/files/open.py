@@ -66,10 +66,10 @@ def opened(path: Path, max_bytes: int) -> Iterator[BinaryIO]:
         with open(path, "rb") as file:
             require_size(os.fstat(file.fileno()).st_size, max_bytes, path)
             yield file
-    except FileNotFoundError as error:
-        raise InputError(f"Cannot read {shown(path)}: there is no such file; check the path.") from error
     except OSError as error:
-        raise InputError(f"Cannot read {shown(path)}: {reason(error)}.") from error
+        missing = isinstance(error, FileNotFoundError)
+        why = "there is no such file; check the path" if missing else reason(error)
+        raise InputError(f"Cannot read {shown(path)}: {why}.") from error
 
 
 class _Pipe(io.RawIOBase):

@@ -73,12 +73,12 @@ class Bag:
         found, count = self.read(wanted), 0
         while True:
             try:
-                one, time, data = next(found)
+                if (message := next(found, None)) is None:
+                    return
+                one, time, data = message
                 if len(data) > LONGEST:
                     continue
                 value = self.types.decode(data, one.msgtype)
-            except StopIteration:
-                return
             except Exception as error:  # of a library, by a file from anywhere
                 if not count:
                     raise _unreadable(self.name, error, self.beside) from error

@@ -26,7 +26,7 @@ def _views(n: int, distance: tuple[float, float], largest: tuple[float, float], 
     """
     tilt, roll = largest
     away = rng.uniform(*distance, n)
-    limits = ((-np.pi, np.pi), (0, tilt), (-np.pi, np.pi), (-roll, roll))
+    limits: tuple[tuple[float, float], ...] = ((-np.pi, np.pi), (0, tilt), (-np.pi, np.pi), (-roll, roll))
     angles = np.stack([rng.uniform(*ends, n) for ends in limits], axis=1)
     angles[:, 2] = -angles[:, 0] + angles[:, 3]
     looking = Rotation.from_euler("ZYZ", angles[:, :3]) * Rotation.from_euler("x", np.pi)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 from ...errors import InputError
 from ..delivery import deliver
 from ..messages import fail, progress_wanted, timed, verbose, withheld
-from ..options.arm import Arm, arm_of
+from ..new_poses import Session, session_of
 from ..options.common import (
     EVERY_METHOD,
     JsonOption,
@@ -17,23 +17,16 @@ from ..options.common import (
     made_of,
     methods_of,
 )
-from ..options.noise import Given, given_of
-from ..pose_files import PoseFiles
-from ..views import views_of
 
 if TYPE_CHECKING:
     from ...comparison.result import Comparison
-    from ..views import Views
 
 COMPARED = EVERY_METHOD
 
 
-@made_of(given=given_of, files=PoseFiles, views=views_of, arm=arm_of)
+@made_of(session=session_of)
 def compare_command(
-    files: "PoseFiles",
-    given: "Given",
-    views: "Views | None",
-    arm: "Arm | None",
+    session: "Session",
     methods: str | None = None,
     reference: str = "efficient",
     pairs: PairsOption = "all",
@@ -64,7 +57,7 @@ def compare_command(
         raise InputError("Give either --json or --csv, not both.")
     names = None if methods is None else methods_of(methods, "--methods", COMPARED)
     (base,) = methods_of(reference, "--reference", COMPARED, most=1)
-    poses, noise, shared = files.read(given, views, arm)
+    poses, noise, shared = session.read()
     from ...comparison.compare import compare
     from ...presentation.document import document_of
 

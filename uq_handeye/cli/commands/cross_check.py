@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 from ...files.csv_text import frame_text
 from ..delivery import deliver
 from ..messages import progress_wanted, timed, verbose
-from ..new_poses import calibrated, problem_for
-from ..options.arm import Arm, arm_of
+from ..new_poses import Session, calibrated, problem_for, session_of
 from ..options.common import (
     JsonOption,
     PairsOption,
@@ -19,22 +18,16 @@ from ..options.common import (
     made_of,
     require_writable,
 )
-from ..options.noise import Given, given_of
-from ..pose_files import PoseFiles
-from ..views import views_of
 from .calibrate import REPORTS, ReportFile, write_report
 from .validate import INTERRUPTED, NOT_COMPLETE
 
 if TYPE_CHECKING:
-    from ..views import Views
+    pass
 
 
-@made_of(given=given_of, files=PoseFiles, views=views_of, arm=arm_of)
+@made_of(session=session_of)
 def cross_check_command(
-    files: "PoseFiles",
-    given: "Given",
-    views: "Views | None",
-    arm: "Arm | None",
+    session: "Session",
     trials: int = 10_000,
     posterior: bool = True,
     pairs: PairsOption = "all",
@@ -65,7 +58,7 @@ def cross_check_command(
       --seed N: Seed of the random numbers.
     """
     require_writable(report, "--report", REPORTS)
-    poses, noise, shared = files.read(given, views, arm)
+    poses, noise, shared = session.read()
     from ...presentation.document import document_of
     from ...validation.cross_check.run import cross_check
     from ...validation.monte_carlo.sentences import INTERRUPTED as ENDED_BY_HAND

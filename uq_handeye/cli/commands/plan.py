@@ -1,7 +1,7 @@
 """Command ``plan``: the poses to measure next."""
 
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -23,20 +23,63 @@ MATRICES = ("matrix", "franka")
 CRITERIA = ("trace", "logdet", "point", "prediction")
 
 
-@made_of(given=given_of, files=PoseFiles, arm=arm_of)
+@dataclass(frozen=True)
+class Planning:
+    """Options of the plan.
+
+    Options (Planning):
+      * k = -k, --count N: Number of poses to choose.
+      * --candidates FILE.csv: Robot poses to choose from, or joint values with --joints. In the units of the robot
+        file. Default: drawn, see --sample.
+      --sample N: Number of candidates to draw, without --candidates. They view the target from near the poses so far
+        (0.8 to 1.2 times the distances, 15 deg more tilt, 30 deg more roll), with the robot inside the box of its
+        positions, enlarged by 15 % of its diagonal, because its reach is not known. With --joints: anywhere inside the
+        joint limits.
+      --seed N: Seed of the candidates drawn.
+      * --criterion NAME <CRITERIA>: Criterion to minimise: trace, logdet, point or prediction. trace: mean squared
+        error of points at --length from the camera; logdet: volume of the ellipsoid; point: mean squared error of
+        --point; prediction (with --joints): of the target seen from the postures of --task. Default: trace, with
+        --joints prediction.
+      --point X,Y,Z: Point in camera coordinates, for --criterion point, e.g. 0mm,0mm,300mm.
+      --length LENGTH: Distance of the points of --criterion trace. Default: RMS distance of camera and target so far.
+
+    Options (Robot joints):
+      --task FILE.csv: Joint values at which the calibration will be used. Default: postures spread over the joint
+        limits.
+
+    Options (Planning):
+      --repeat: Allow a candidate to be chosen more than once.
+    """
+
+    k: int = 5
+    candidates: Path | None = None
+    sample: int = 200
+    seed: int = 0
+    criterion: str | None = None
+    point: str | None = None
+    length: str | None = None
+    task: Path | None = None
+    repeat: bool = False
+
+    def require_possible(self, arm: "Arm | None") -> None:
+        """Raise `InputError` for what cannot be, or not together."""
+        for name, value, least in (("-k", self.k, 1), ("--sample", self.sample, 1), ("--seed", self.seed, 0)):
+            if value < least:
+                raise InputError(f"Expected {name} to be at least {least}, got {value}.")
+        if self.point is not None and self.point.count(",") != 2:
+            raise InputError(f"Expected --point to be X,Y,Z with units such as 0mm,0mm,300mm, got {self.point!r}.")
+        if self.point is not None and self.criterion != "point":
+            raise InputError(f"--point needs --criterion point, got --criterion {self.criterion or 'trace'}.")
+        if arm is None and (self.task is not None or self.criterion == "prediction"):
+            raise InputError("--task and --criterion prediction need --joints and --urdf.")
+
+
+@made_of(given=given_of, files=PoseFiles, arm=arm_of, asked=Planning)
 def plan_command(
     files: "PoseFiles",
     given: "Given",
     arm: "Arm | None",
-    k: int = 5,
-    candidates: Path | None = None,
-    sample: int = 200,
-    seed: int = 0,
-    criterion: str | None = None,
-    point: str | None = None,
-    length: str | None = None,
-    task: Path | None = None,
-    repeat: bool = False,
+    asked: "Planning",
     form: Annotated[
         str | None,
         option(
@@ -70,29 +113,6 @@ def plan_command(
     order in the noise.
 
     Reach and obstacles are not known. Check each pose before you drive there.
-
-    Options (Planning):
-      * k = -k, --count N: Number of poses to choose.
-      * --candidates FILE.csv: Robot poses to choose from, or joint values with --joints. In the units of the robot
-        file. Default: drawn, see --sample.
-      --sample N: Number of candidates to draw, without --candidates. They view the target from near the poses so far
-        (0.8 to 1.2 times the distances, 15 deg more tilt, 30 deg more roll), with the robot inside the box of its
-        positions, enlarged by 15 % of its diagonal, because its reach is not known. With --joints: anywhere inside the
-        joint limits.
-      --seed N: Seed of the candidates drawn.
-      * --criterion NAME <CRITERIA>: Criterion to minimise: trace, logdet, point or prediction. trace: mean squared
-        error of points at --length from the camera; logdet: volume of the ellipsoid; point: mean squared error of
-        --point; prediction (with --joints): of the target seen from the postures of --task. Default: trace, with
-        --joints prediction.
-      --point X,Y,Z: Point in camera coordinates, for --criterion point, e.g. 0mm,0mm,300mm.
-      --length LENGTH: Distance of the points of --criterion trace. Default: RMS distance of camera and target so far.
-
-    Options (Robot joints):
-      --task FILE.csv: Joint values at which the calibration will be used. Default: postures spread over the joint
-        limits.
-
-    Options (Planning):
-      --repeat: Allow a candidate to be chosen more than once.
     """
     from ...calibration.findings import check_input
     from ...findings import warn
@@ -101,25 +121,17 @@ def plan_command(
     from ...noise.models import PoseNoise
     from ...planning.plan import plan
 
-    for name, value, least in (("-k", k, 1), ("--sample", sample, 1), ("--seed", seed, 0)):
-        if value < least:
-            raise InputError(f"Expected {name} to be at least {least}, got {value}.")
-    if point is not None and point.count(",") != 2:
-        raise InputError(f"Expected --point to be X,Y,Z with units such as 0mm,0mm,300mm, got {point!r}.")
-    if point is not None and criterion != "point":
-        raise InputError(f"--point needs --criterion point, got --criterion {criterion or 'trace'}.")
-    if arm is None and (task is not None or criterion == "prediction"):
-        raise InputError("--task and --criterion prediction need --joints and --urdf.")
+    asked.require_possible(arm)
     poses, noise, shared = files.read_kept(given, None, arm)
     of_arm: dict[str, Any] = {}
     if arm is None:
         like = poses.sources[0].format if poses.sources else None
         of_robot = {"units": files.both_units[0], "format": files.formats[0], "rotation": files.rotations[0]}
-        rows = None if candidates is None else read_robot_poses(candidates, like, **of_robot)[1]
+        rows = None if asked.candidates is None else read_robot_poses(asked.candidates, like, **of_robot)[1]
     else:
         units, chain = arm.chain.joint_units, arm.kinematics
-        rows = None if candidates is None else read_joints(candidates, chain, units).q
-        of_arm = {"task": None if task is None else read_joints(task, chain, units).q} | arm.of_calibrate
+        rows = None if asked.candidates is None else read_joints(asked.candidates, chain, units).q
+        of_arm = {"task": None if asked.task is None else read_joints(asked.task, chain, units).q} | arm.of_calibrate
     if noise is not None and not isinstance(noise, PoseNoise):
         raise InputError("plan needs noise on poses ([robot], [camera]), got noise on motions ([A], [B]).")
     with timed("checking the input"), suppress(InputError):  # plan() may do with what calibrate() refuses
@@ -128,14 +140,14 @@ def plan_command(
         found = plan(
             poses,
             rows,
-            k,
+            asked.k,
             noise=noise,
-            criterion=criterion,
-            point=None if point is None else point.split(","),
-            length=length,
-            sample=sample,
-            seed=seed,
-            repeat=repeat,
+            criterion=asked.criterion,
+            point=None if asked.point is None else asked.point.split(","),
+            length=asked.length,
+            sample=asked.sample,
+            seed=asked.seed,
+            repeat=asked.repeat,
             shared=shared,
             prior=given.one_side,
             **of_arm,

@@ -1,39 +1,51 @@
 """Command ``posterior``: samples of the posterior of X."""
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from ...errors import InputError
 from ..delivery import deliver, wrote
 from ..messages import progress_wanted, timed
-from ..new_poses import calibrated, problem_for
-from ..options.arm import Arm, arm_of
+from ..new_poses import Session, calibrated, problem_for, session_of
 from ..options.common import JsonOption, emit, folder_option, made_of
-from ..options.noise import Given, given_of, pose_prior_of
-from ..pose_files import PoseFiles
-from ..views import views_of
+from ..options.noise import pose_prior_of
 
 if TYPE_CHECKING:
-    from ..views import Views
+    pass
 
 CHAIN = "chain.h5"
 CHAINS = "Sampling"  # group of options
 
 
-@made_of(given=given_of, beforehand=pose_prior_of, files=PoseFiles, views=views_of, arm=arm_of)
+@dataclass(frozen=True)
+class Sampling:
+    """Options of the chain.
+
+    Options (Sampling):
+      * --samples N: Effective samples of every coordinate.
+      --scales/--no-scales: Sampling of unknown factors of the robot and camera noise. Default: on if the noise is
+        estimated.
+      * --student-t NU: Heavy-tailed likelihood with NU degrees of freedom, e.g. 5. Default: Gaussian.
+      --walkers N: Number of walkers.
+      * --max-steps N: Largest number of steps of a walker.
+      --seed N: Seed of the random numbers.
+    """
+
+    samples: int = 10_000
+    scales: bool | None = None
+    student_t: float | None = None
+    walkers: int = 128
+    max_steps: int = 10_000
+    seed: int = 0
+
+
+@made_of(session=session_of, beforehand=pose_prior_of, sampling=Sampling)
 def posterior_command(
-    files: "PoseFiles",
-    given: "Given",
+    session: "Session",
     beforehand: "dict[str, Any]",
-    views: "Views | None",
-    arm: "Arm | None",
+    sampling: "Sampling",
     pairs: str = "disjoint",
-    samples: int = 10_000,
-    scales: bool | None = None,
-    student_t: float | None = None,
-    walkers: int = 128,
-    max_steps: int = 10_000,
-    seed: int = 0,
     as_json: JsonOption = False,
     output: Annotated[Path | None, folder_option(f"Folder for {CHAIN}, posterior.json and corner.png, .svg.")] = None,
     resume: bool = False,
@@ -58,21 +70,12 @@ def posterior_command(
       --pairs NAME <disjoint|consecutive>: Pairs of poses that form a motion, for noise of motions (A and B): disjoint
         or consecutive.
 
-    Options (Sampling):
-      * --samples N: Effective samples of every coordinate.
-      --scales/--no-scales: Sampling of unknown factors of the robot and camera noise. Default: on if the noise is
-        estimated.
-      * --student-t NU: Heavy-tailed likelihood with NU degrees of freedom, e.g. 5. Default: Gaussian.
-      --walkers N: Number of walkers.
-      * --max-steps N: Largest number of steps of a walker.
-      --seed N: Seed of the random numbers.
-
     Options (Output):
       * --resume: Continue the chain in -o DIR.
     """
     if resume and output is None:
         raise InputError("--resume needs the folder of the run. Add -o DIR.")
-    poses, noise, shared = files.read(given, views, arm)
+    poses, noise, shared = session.read()
     from ...io import write_files
     from ...noise.models import PairNoise
     from ...validation.posterior.sample import sample_posterior
@@ -87,14 +90,9 @@ def posterior_command(
     with timed("sampling"):
         result = sample_posterior(
             **problem,
-            seed=seed,
-            samples=samples,
-            scales=scales,
-            student_t=student_t,
-            walkers=walkers,
+            **vars(sampling),
             file=None if output is None else output / CHAIN,
             resume=resume,
-            max_steps=max_steps,
             progress=progress_wanted(),
         )
     emit(result.to_json() if as_json else result.summary())

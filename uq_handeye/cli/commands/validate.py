@@ -1,6 +1,7 @@
 """Command ``validate``: the covariance of a method, checked by Monte Carlo simulation."""
 
 from contextlib import ExitStack
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -8,8 +9,7 @@ from ...errors import InputError
 from ...files.csv_text import frame_text
 from ..delivery import deliver, wrote
 from ..messages import LOG, progress_wanted, verbose
-from ..new_poses import calibrated, problem_for
-from ..options.arm import Arm, arm_of
+from ..new_poses import Session, calibrated, problem_for, session_of
 from ..options.common import (
     EVERY_METHOD,
     JsonOption,
@@ -23,38 +23,68 @@ from ..options.common import (
     methods_of,
     require_writable,
 )
-from ..options.noise import Given, given_of, pose_prior_of
-from ..pose_files import PoseFiles
-from ..views import views_of
+from ..options.noise import pose_prior_of
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
 
     from ...validation.monte_carlo.run import MonteCarlo
-    from ..views import Views
 
 TRIALS = "Simulation"
 # Exit status after Ctrl-C, and of a run that ended early for another reason.
 INTERRUPTED, NOT_COMPLETE = 130, 1
 
 
-@made_of(given=given_of, beforehand=pose_prior_of, files=PoseFiles, views=views_of, arm=arm_of)
+@dataclass(frozen=True)
+class Simulation:
+    """Options of the simulation.
+
+    Options (Simulation):
+      * --method NAMES <EVERY_METHOD>: Methods to check. Some of {EVERY_METHOD}. Default: efficient.
+      * --trials N: Number of trials. With --digits the largest number, 1,000,000 by default. Default: 10,000.
+      * --digits N: Number of stable digits to stop at, 1 to 4 (JCGM 102).
+      --seed N: Seed of the simulated noise.
+      --covariance NAME <model|each>: Covariance to check: model (of the method at the true poses) or each (reported by
+        each trial).
+      --scale D: Scaling factor d of 4dpa. Default: its limit, in closed form.
+      * --sweep-noise FACTORS: Factors of the noise covariance, e.g. 1,3,10,30,100. Finds the noise level beyond which
+        the covariance is no longer valid.
+      --scheduler ADDRESS: Dask scheduler whose workers run the trials, e.g. tcp://HOST:8786.
+    """
+
+    method: list[str] | None = None
+    trials: int | None = None
+    digits: int | None = None
+    seed: int = 0
+    covariance: str = "model"
+    pairs: PairsOption = "all"
+    scale: float | None = None
+    sweep_noise: str | None = None
+    workers: WorkersOption = None
+    scheduler: str | None = None
+
+    def factors(self, resume: bool) -> list[float] | None:
+        """Return the factors of a sweep; None: there is none. Raises `InputError` for what does not go with one."""
+        if self.sweep_noise is None:
+            return None
+        others = {
+            "--digits": self.digits,
+            "--scheduler": self.scheduler,
+            "--scale": self.scale,
+            "--resume": resume or None,
+            "--covariance each": self.covariance == "each" or None,
+        }
+        for option, value in others.items():
+            if value is not None:
+                raise InputError(f"--sweep-noise cannot be combined with {option}. Remove it.")
+        return _factors(self.sweep_noise)
+
+
+@made_of(session=session_of, beforehand=pose_prior_of, asked=Simulation)
 def validate_command(
-    files: "PoseFiles",
-    given: "Given",
+    session: "Session",
     beforehand: "dict[str, Any]",
-    views: "Views | None",
-    arm: "Arm | None",
-    method: list[str] | None = None,
-    trials: int | None = None,
-    digits: int | None = None,
-    seed: int = 0,
-    covariance: str = "model",
-    pairs: PairsOption = "all",
-    scale: float | None = None,
-    sweep_noise: str | None = None,
-    workers: WorkersOption = None,
-    scheduler: str | None = None,
+    asked: "Simulation",
     figure: Path | None = None,
     as_json: JsonOption = False,
     output: Annotated[
@@ -85,41 +115,25 @@ def validate_command(
     early prints the result so far: Ctrl-C (exit status 130), or lost workers
     (exit status 1). With -o DIR, --resume continues it.
 
-    Options (Simulation):
-      * --method NAMES <EVERY_METHOD>: Methods to check. Some of {EVERY_METHOD}. Default: efficient.
-      * --trials N: Number of trials. With --digits the largest number, 1,000,000 by default. Default: 10,000.
-      * --digits N: Number of stable digits to stop at, 1 to 4 (JCGM 102).
-      --seed N: Seed of the simulated noise.
-      --covariance NAME <model|each>: Covariance to check: model (of the method at the true poses) or each (reported by
-        each trial).
-      --scale D: Scaling factor d of 4dpa. Default: its limit, in closed form.
-      * --sweep-noise FACTORS: Factors of the noise covariance, e.g. 1,3,10,30,100. Finds the noise level beyond which
-        the covariance is no longer valid.
-      --scheduler ADDRESS: Dask scheduler whose workers run the trials, e.g. tcp://HOST:8786.
-
     Options (Output):
       * --figure FILE: Figure, .png or .svg, one per method.
       * --resume: Continue the run in -o DIR, or add trials to it.
     """
-    names = methods_of(",".join(method or ["efficient"]), "--method", EVERY_METHOD)
-    if covariance not in ("model", "each"):
-        raise InputError(f"Expected --covariance to be model or each, got {covariance!r}.")
+    pairs = asked.pairs
+    names = methods_of(",".join(asked.method or ["efficient"]), "--method", EVERY_METHOD)
+    if asked.covariance not in ("model", "each"):
+        raise InputError(f"Expected --covariance to be model or each, got {asked.covariance!r}.")
     if resume and output is None:
         raise InputError("--resume needs the folder of the run. Add -o DIR.")
     require_writable(figure, "--figure", (".png", ".svg"))
     if output is not None and len(names) > 1 and (output / "manifest.json").exists():
         raise InputError(f"{output} holds the run of one method. Give its --method alone, or name a new folder.")
-    poses, noise, shared = files.read(given, views, arm)
+    poses, noise, shared = session.read()
     problem = problem_for(calibrated(poses, noise, shared, pairs, **beforehand), poses, noise, shared, pairs)
-    if workers is None:
-        workers = cores()
-    if sweep_noise is not None:
-        others = {"--digits": digits, "--scheduler": scheduler, "--scale": scale, "--resume": resume or None}
-        for option, value in (*others.items(), ("--covariance each", covariance == "each" or None)):
-            if value is not None:
-                raise InputError(f"--sweep-noise cannot be combined with {option}. Remove it.")
-        options = {"seed": seed, "pairs": pairs, **({} if trials is None else {"trials": trials})}
-        return _sweep(problem, names, _factors(sweep_noise), options, figure, as_json, output)
+    workers = cores() if asked.workers is None else asked.workers
+    if (factors := asked.factors(resume)) is not None:
+        options = {"seed": asked.seed, "pairs": pairs, **({} if asked.trials is None else {"trials": asked.trials})}
+        return _sweep(problem, names, factors, options, figure, as_json, output)
 
     from ...io import json_text
     from ...runtime.executors import connect_to_dask
@@ -129,20 +143,20 @@ def validate_command(
     results: dict[str, MonteCarlo] = {}
     with ExitStack() as stack:
         executor: Executor | None = None
-        if scheduler is not None:
-            executor, workers = stack.enter_context(connect_to_dask(scheduler))
+        if asked.scheduler is not None:
+            executor, workers = stack.enter_context(connect_to_dask(asked.scheduler))
         for name in names:
             folder = output if output is None or len(names) == 1 else output / name
             result = monte_carlo(
                 **problem,
                 method=name,
-                trials=trials,
-                seed=seed,
+                trials=asked.trials,
+                seed=asked.seed,
                 workers=workers,
                 pairs=pairs,
-                scale=scale,
-                covariance="each" if covariance == "each" else None,
-                digits=digits,
+                scale=asked.scale,
+                covariance="each" if asked.covariance == "each" else None,
+                digits=asked.digits,
                 directory=folder,
                 resume=resume,
                 executor=executor,
