@@ -134,7 +134,7 @@ def find_corners(images: str | Iterable[StrPath], board: Board, progress: bool) 
         )
     (size,) = sizes
     numbers, pixels, window = (np.concatenate(part) for part in zip(*found.values(), strict=True))
-    return Corners(
+    corners = Corners(
         np.repeat(list(found), [len(seen[0]) for seen in found.values()]),
         board.points[numbers],
         pixels,
@@ -144,6 +144,8 @@ def find_corners(images: str | Iterable[StrPath], board: Board, progress: bool) 
         board=board.text,
         window=window,
     )
+    corners.require_once("The pictures")
+    return corners
 
 
 def _commonest(ids: list[list[int]]) -> int | None:
@@ -242,6 +244,10 @@ def _names(paths: list[Path]) -> list[str]:
     return [shown(Path(name)) for name in (bare if len(set(bare)) == len(bare) else map(str, paths))]
 
 
+# Pixels a side below which no board can be found, and detectors fail.
+SMALLEST = 32
+
+
 def _picture(path: Path) -> Picture:
     """Read the picture in grey, as the sensor has it: the orientation stated in a file is for viewers."""
     cv2 = opencv()
@@ -254,6 +260,9 @@ def _picture(path: Path) -> Picture:
         picture = None
     if picture is None:
         raise InputError(f"{shown(path)}: expected a picture (PNG, JPEG, TIFF, BMP, ...), got none that can be read.")
+    if min(picture.shape[:2]) < SMALLEST:
+        size = " x ".join(map(str, picture.shape[1::-1]))
+        raise InputError(f"{shown(path)}: expected a picture of at least {SMALLEST} pixels a side, got {size}.")
     if picture.dtype != np.uint8:
         picture = cv2.normalize(picture, None, 0, 255, cv2.NORM_MINMAX, cv2.CV_8U)
     return np.asarray(picture)

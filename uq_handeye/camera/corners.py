@@ -81,6 +81,22 @@ class Corners:
         object.__setattr__(self, "names", names)
         object.__setattr__(self, "missing", tuple(str(name) for name in self.missing))
 
+    def require_once(self, where: str) -> None:
+        """Raise `InputError` where a picture, or a point of one, is there twice: it counts once."""
+        before: dict[bytes, int] = {}
+        for k in range(self.n):
+            part = self.picture == k
+            points, pixels = self.points[part], self.pixels[part]
+            if len(np.unique(points, axis=0)) < len(points):
+                raise InputError(f"{where}: a point of the board stands twice in {self.names[k]}. Leave one out.")
+            order = np.lexsort(points.T)
+            first = before.setdefault(np.concatenate([points[order], pixels[order]], axis=1).tobytes(), k)
+            if first != k:
+                raise InputError(
+                    f"{where}: {self.names[first]} and {self.names[k]} hold the same corners, and a picture counts "
+                    "once. Leave one of them out, with its robot pose."
+                )
+
     @property
     def m(self) -> int:
         """Number of corners."""

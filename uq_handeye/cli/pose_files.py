@@ -107,14 +107,14 @@ class PoseFiles(StreamFiles):
         if files.robot is None and arm is None:
             raise missing_robot(", or --joints" if arm is None else "")
         poses, _ = files._poses_and_noise(None, pictures, arm, fewest=1)
-        selection = self.selection(poses)
+        selection = self.selection(poses, fewest=1)
         return poses if selection is None else poses.rows(selection.kept)
 
-    def selection(self, poses: "PosePairs") -> "Selection | None":
+    def selection(self, poses: "PosePairs", fewest: int = 3) -> "Selection | None":
         """Return which of the poses --exclude and --only leave; None: all."""
         from ..poses.selection import select_poses
 
-        return select_poses(poses.n, self.exclude, self.only, ("--exclude", "--only"))
+        return select_poses(poses.n, self.exclude, self.only, ("--exclude", "--only"), fewest)
 
     def _beside_arm(self, arm: Arm, pictures: bool) -> "PoseFiles":
         """Return the files as their arguments are read with an arm: a single one is that of the camera."""

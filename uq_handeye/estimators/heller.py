@@ -158,7 +158,9 @@ def _program() -> tuple[Any, Lock]:
         cp = import_module("cvxpy")
         import_module("clarabel")
     except ImportError as error:
-        raise MissingExtraError("Method 'heller' needs CVXPY and Clarabel: pip install 'uq-handeye[sdp]'.") from error
+        raise MissingExtraError(
+            "Method 'heller' needs CVXPY and Clarabel: pip install '.[sdp]' in the clone of uq-handeye."
+        ) from error
     G = cp.Parameter((8, 8), symmetric=True, name="G")
     lam, mu = cp.Variable(name="lambda"), cp.Variable(name="mu")
     return cp.Problem(cp.Maximize(lam), [G - lam * E1 - mu * E2 >> 0]), Lock()

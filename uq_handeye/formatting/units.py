@@ -22,6 +22,10 @@ _SMALL = {"m": (1e3, "mm"), "": (1e2, "%"), "rad": (1e3, "mrad"), "s": (1e3, "ms
 _QUANTITY = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*([^\d\s.+-]*)\s*")
 
 
+# Largest ratio that may be written without a unit.
+PLAIN = 0.01
+
+
 def _parse(value: str | float, units: dict[str, float], kind: str, name: str) -> float:
     if isinstance(value, str):
         known = ", ".join(units)
@@ -62,11 +66,13 @@ def parse_length(value: str | float, name: str = "length") -> float:
 
 
 def parse_ratio(value: str | float, name: str = "ratio") -> float:
-    """A ratio, from a number or text with ``%`` or ``ppm``.
+    """A ratio, from a number or text with ``%`` or ``ppm``; without a unit up to 0.01 (no percentage).
 
-    >>> parse_ratio("0.1%")
-    0.001
+    >>> parse_ratio("0.1%"), parse_ratio("0.001")
+    (0.001, 0.001)
     """
+    if isinstance(value, str) and (match := _QUANTITY.fullmatch(value)) and not match[2] and float(match[1]) <= PLAIN:
+        value = float(match[1])
     return _parse(value, RATIO_UNITS, "a ratio", name)
 
 

@@ -28,7 +28,9 @@ class Server:
         try:
             import viser
         except ImportError as error:
-            raise MissingExtraError("The live page needs viser: pip install 'uq-handeye[live]'.") from error
+            raise MissingExtraError(
+                "The live page needs viser: pip install '.[live]' in the clone of uq-handeye."
+            ) from error
         if not 0 <= port < 65_536:
             raise InputError(f"Expected the port (--port) between 0 and 65535, got {port}.")
         secret = secrets.token_urlsafe(32)

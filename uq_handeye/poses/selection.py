@@ -24,7 +24,11 @@ class Selection(NamedTuple):
 
 
 def select_poses(
-    n: int, exclude: Any = None, only: Any = None, names: Sequence[str] = ("`exclude`", "`only`")
+    n: int,
+    exclude: Any = None,
+    only: Any = None,
+    names: Sequence[str] = ("`exclude`", "`only`"),
+    fewest: int = FEWEST,
 ) -> Selection | None:
     """Return which of n poses count; None where all do.
 
@@ -35,11 +39,13 @@ def select_poses(
         Numbers of the poses to leave out, or of those to keep; at most one of the two.
     names : two str
         What messages call them.
+    fewest : int
+        Poses that are needed.
 
     Raises
     ------
     InputError
-        Both given, numbers that are none or out of range, a range that counts downwards, fewer than 3 poses left.
+        Both given, a range that counts downwards, fewer poses left than are needed.
     """
     if exclude is None and only is None:
         return None
@@ -52,8 +58,9 @@ def select_poses(
     chosen = np.zeros(n, dtype=bool)
     chosen[listed] = True
     kept = chosen if only is not None else ~chosen
-    if kept.sum() < FEWEST:
-        raise InputError(f"{name} leaves {int(kept.sum())} of {n} poses. At least {FEWEST} are needed (2 motions).")
+    if kept.sum() < fewest:
+        needed = "1 is needed" if fewest == 1 else f"{fewest} are needed (2 motions)"
+        raise InputError(f"{name} leaves {int(kept.sum())} of {n} poses. At least {needed}.")
     if kept.all():
         return None
     return Selection(np.flatnonzero(kept), np.flatnonzero(~kept))

@@ -51,8 +51,8 @@ def to_pdf(html: str, paper: str = PAPERS[0]) -> bytes:
     if (browser := found_browser()) is not None:
         return _by_browser(html, browser)
     raise MissingExtraError(
-        "A report as PDF needs WeasyPrint (pip install 'uq-handeye[pdf]') or an installed Chromium or Chrome; or write "
-        "a .html file and print it from any browser."
+        "A report as PDF needs WeasyPrint (in the clone of uq-handeye: pip install '.[pdf]') or an installed Chromium or "
+        "Chrome; or write a .html file and print it from any browser."
     )
 
 
@@ -108,5 +108,5 @@ def _by_browser(html: str, browser: str) -> bytes:
             reason = getattr(error, "strerror", None) or type(error).__name__
             raise InputError(
                 f"{Path(browser).name} did not print the report ({reason}): write a .html file and print it, or "
-                "install WeasyPrint (pip install 'uq-handeye[pdf]')."
+                "install WeasyPrint (in the clone of uq-handeye: pip install '.[pdf]')."
             ) from error

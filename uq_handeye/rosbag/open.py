@@ -103,7 +103,8 @@ def opened_bag(path: Path) -> Iterator[Bag]:
         import rosbags.rosbag2
     except ImportError as error:
         raise MissingExtraError(
-            f"Reading the bag {name} needs rosbags: pip install 'uq-handeye[rosbag]'. ROS is not needed."
+            f"Reading the bag {name} needs rosbags: pip install '.[rosbag]' in the clone of uq-handeye. ROS is not "
+            "needed."
         ) from error
     ros2 = path.suffix.lower() != ".bag"
     beside = path.is_file() and (path.parent / "metadata.yaml").exists()

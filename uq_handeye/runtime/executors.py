@@ -151,6 +151,6 @@ def _distributed() -> Any:
         import distributed
     except ImportError as error:
         raise MissingExtraError(
-            "Dask is not installed; a cluster needs the extra `cluster`: pip install 'uq-handeye[cluster]'."
+            "Dask is not installed; a cluster needs the extra `cluster`: pip install '.[cluster]' in its clone."
         ) from error
     return distributed

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ...findings import Finding, record_of
+from ...formatting.numbers import digits
 from ...input_checks.misread_files import OTHER_SETUP
 from ...statement.accuracy import Accuracy
 from ..result import Calibration
@@ -20,13 +21,14 @@ _FIRST = (
     "input_checks.setup_not_said",
     "input_checks.setup_by_lengths",
 )
+# Options that declare an error, and a value that takes a measurement: better than what is assumed.
 _DECLARE = {
-    "focal length": "--focal-sd 0.1%",
-    "principal point": "--principal-point-sd 0.001",
-    "target scale": "--target-scale-sd 0.02%",
-    "robot scale": "--robot-scale-sd 0.01%",
-    "robot accuracy": "--robot-accuracy 0.5mm,0.05deg",
-    "clock offset": "--offset-sd 1ms",
+    "focal length": ("--focal-sd", "0.03%"),
+    "principal point": ("--principal-point-sd", "0.0003"),
+    "target scale": ("--target-scale-sd", "0.01%"),
+    "robot scale": ("--robot-scale-sd", "0.005%"),
+    "robot accuracy": ("--robot-accuracy", "0.2mm,0.02deg"),
+    "clock offset": ("--offset-sd", "0.1ms"),
 }
 _CAMERA = {"eye-in-hand": "if the camera is on the gripper", "eye-to-hand": "if the camera is fixed"}
 
@@ -67,8 +69,9 @@ def _about(finding: Finding) -> str | None:
         frame = "without --robot-frame" if values.get("inverted") else "--robot-frame gripper_T_base"
         return f"{_CAMERA[setup]}, run again with --setup {setup} and {frame}"
     if code == "diagnostics.undeclared" and values.get("errors"):
-        name = values["errors"][0]["name"]
-        return f"measure the {name}, or declare its uncertainty: {_DECLARE.get(name, '--shared defaults')}"
+        name, found = values["errors"][0]["name"], abs(float(values["errors"][0]["estimate"]))
+        option = f"{_DECLARE[name][0]} {digits(100 * found, 1)}%" if name in _DECLARE else "--shared defaults"
+        return f"measure the {name}, or declare an uncertainty that holds what was found: {option}"
     return record_of(finding).remedy_of(finding) or None
 
 
@@ -121,7 +124,7 @@ def _about_largest(accuracy: Accuracy, count: int) -> str | None:
     name = accuracy.parts[0].name
     if name.startswith("noise of") and count < FEW:
         return "take more poses to reduce the noise: uq-handeye plan chooses them"
-    assumed = any(text.startswith(name) and text.endswith("(assumed)") for text in accuracy.included)
+    assumed = any(text.startswith(name) and text.endswith("assumed)") for text in accuracy.included)
     if assumed and name in _DECLARE:
-        return f"declare the {name}, which limits X, as well as you know it: {_DECLARE[name]}"
+        return f"measure the {name}, which limits X, and declare how well: such as {' '.join(_DECLARE[name])}"
     return None

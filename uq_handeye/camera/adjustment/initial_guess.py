@@ -43,7 +43,7 @@ def opencv() -> Any:
         import cv2
     except ImportError as error:
         raise MissingExtraError(
-            "Calibrating a camera needs OpenCV for its start: pip install 'uq-handeye[camera]'."
+            "Calibrating a camera needs OpenCV for its start: pip install '.[camera]' in the clone of uq-handeye."
         ) from error
     return cv2
 
@@ -64,13 +64,15 @@ def first_guess(model: CameraModel, corners: Corners, image_size: tuple[int, int
 
 def _linear(corners: Corners, flat: Array, image_size: tuple[int, int]) -> Array:
     """fx, fy, cx, cy of a camera without distortion, from the homographies of all pictures."""
-    parts = [corners.picture == i for i in range(corners.n)]
-    K = opencv().initCameraMatrix2D(
-        [flat[part].astype(np.float32) for part in parts],
-        [corners.pixels[part].astype(np.float32) for part in parts],
-        image_size,
-        1.0,
-    )
+    parts, cv2 = [corners.picture == i for i in range(corners.n)], opencv()
+    K = np.zeros((3, 3))
+    with suppress(cv2.error):  # corners in one place have no homography
+        K = cv2.initCameraMatrix2D(
+            [flat[part].astype(np.float32) for part in parts],
+            [corners.pixels[part].astype(np.float32) for part in parts],
+            image_size,
+            1.0,
+        )
     if not np.isfinite(K).all() or K[0, 0] <= 0:
         raise InputError(
             "The pictures do not determine the focal length, not even roughly: take some in which the board is tilted "

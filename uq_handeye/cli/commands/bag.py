@@ -52,7 +52,7 @@ def bag_command(
 
     Reads ROS 1 and ROS 2 bags and MCAP files without ROS: /tf and /tf_static,
     pose topics, joint states, tags, camera_info. It needs the extra rosbag:
-    pip install 'uq-handeye[rosbag]'.
+    pip install '.[rosbag]'.
 
     Options (Poses as tables):
       * --robot FRAMES: Robot poses to write with -o: frames such as base_link:tool0, or a topic.

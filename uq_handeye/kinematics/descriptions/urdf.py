@@ -225,6 +225,8 @@ def _leaf(tree: Tree, base: str) -> str:
     if len(leaves) == 1:
         return leaves[0]
     if not leaves:
+        for link in tree.above:  # two joints that lead to the same link are no chain
+            _ancestors(tree, link)
         raise InputError(f"{tree.where}: no link moves with respect to {short(base)}; check the base.")
     usual = [name for name in FLANGES if name in seen]
     leaves = sorted(leaves, key=lambda name: name not in FLANGES)
