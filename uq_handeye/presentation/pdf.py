@@ -51,7 +51,7 @@ def to_pdf(html: str, paper: str = PAPERS[0]) -> bytes:
     if (browser := found_browser()) is not None:
         return _by_browser(html, browser)
     raise MissingExtraError(
-        "A report as PDF needs WeasyPrint (in the clone of uq-handeye: pip install '.[pdf]') or an installed Chromium or "
+        "A report as PDF needs WeasyPrint (in the clone: pip install '.[pdf]') or an installed Chromium or "
         "Chrome; or write a .html file and print it from any browser."
     )
 
