@@ -53,14 +53,14 @@ def test_far_from_the_calibrated_poses_the_tool_misses_by_more(result):
 
 def test_radii_are_those_of_predict():
     result = calibrated()
-    q, e = result.kinematics.joints[:6], result.kinematics.e
+    q = result.kinematics.joints[:6]
     X = result.X
     distance = result.over_workspace.distance
     in_flange = X[:3, :3] @ [0, 0, distance] + X[:3, 3]
-    G = ARM.poses(q, e)
+    G = result.kinematics.poses(q)
     goal = G[:, :3, :3] @ in_flange + G[:, :3, 3]
     low, high = ends(result.kinematics)
-    there, arrived = brought_to(ARM, e, q, goal, low, high)
+    there, arrived = brought_to(result.kinematics, q, goal)
     assert arrived.any() and ((there >= low) & (there <= high)).all()
     at = result.predict([0, 0, distance], q, reached_at=there)
     np.testing.assert_allclose(at.points[arrived], 0.0, atol=2e-4)

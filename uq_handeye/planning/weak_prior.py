@@ -61,7 +61,7 @@ class WeaklyKnown:
 
     @property
     def setup(self) -> str:
-        """That of the poses."""
+        """Setup of the poses."""
         return self.data.setup
 
     @property

@@ -90,6 +90,10 @@ class FittedKinematics(Record):
 
         return pd.DataFrame(self.table(), columns=list(ErrorEstimate._fields)).set_index("name")
 
+    def at(self, q: Array) -> Array:
+        """(..., 4, 4) ``FK(q; e)`` at the estimate, in the frames that X is stated in."""
+        return poses_with_errors(self.chain, q, self.e, self.flange)
+
     def poses(self, q: Any, robot: Array | None = None) -> Array:
         """(..., 4, 4) ``FK(q; e)``, corrected by the estimate, at joints q (..., L).
 
@@ -97,7 +101,7 @@ class FittedKinematics(Record):
         joints. Where its poses at the calibration were others than those of the joints, they are needed.
         """
         joints = self.checked(q)
-        corrected = poses_with_errors(self.chain, joints, self.e, self.flange)
+        corrected = self.at(joints)
         if robot is None:
             if self.beside_controller[0] > SAME[0] or self.beside_controller[1] > SAME[1]:
                 turn, shift = np.degrees(self.beside_controller[0]), 1e3 * self.beside_controller[1]

@@ -81,7 +81,7 @@ def over_workspace(result: Predicting, distance: float, postures: int = POSTURES
     if len(far.radius_95) < FEWEST:
         return None
     chain = fitted.chain
-    calibrated = chain.poses(fitted.joints, fitted.e)[:, :3, 3]
+    calibrated = fitted.at(fitted.joints)[:, :3, 3]
     away = np.array([np.sqrt(((calibrated - at) ** 2).sum(axis=-1).min()) for at in far.flange])
     return WorkspacePrediction(
         float(distance), _section(chain, far.flange), far.radius_95, far.bias, away, _section(chain, calibrated),
@@ -104,7 +104,7 @@ class _Views:
     """Postures q from which the tool reaches what the camera sees."""
 
     def __init__(self, result: Predicting, fitted: FittedKinematics, distance: float, q: Array) -> None:
-        chain, X, e = fitted.chain, result.X, fitted.e
+        chain, X = fitted.chain, result.X
         zero = np.zeros(3)
         if result.setup == "eye-to-hand":
             there = q
@@ -112,21 +112,21 @@ class _Views:
             points = (reached.poses[:, :3, 3] - X[:3, 3]) @ X[:3, :3]
         else:
             points = np.array([0.0, 0.0, distance])
-            goal = _carried(chain.poses(q, e), X[:3, :3] @ points + X[:3, 3])
-            there, arrived = brought_to(chain, e, q, goal, *ends(fitted))
+            goal = _carried(fitted.at(q), X[:3, :3] @ points + X[:3, 3])
+            there, arrived = brought_to(fitted, q, goal)
             q, there = q[arrived], there[arrived]
             ahead, reached = (robot_ahead(result, at, chain.poses(at)) for at in (q, there))
-        self.flange = chain.poses(q, e)[:, :3, 3]
+        self.flange = fitted.at(q)[:, :3, 3]
         found = tip_at(reached, zero).less(seen_at(result, points, ahead))
         S = found.covariance(result)
         self.radius_95 = PointUncertainty(found.at, S, "base").radius_95
         values = np.linalg.eigvalsh(S)  # lengths do not ask for directions
         drawn = np.random.default_rng(1).normal(size=(DRAWS, len(S), 3)) * np.sqrt(np.maximum(values, 0.0))
         self.pooled = float(np.sqrt(np.quantile((drawn**2).sum(axis=-1), 0.95))) if len(S) else 0.0
-        moved = chain.poses(there, e)[:, :3, 3] - chain.poses(there)[:, :3, 3]
+        moved = fitted.at(there)[:, :3, 3] - chain.poses(there)[:, :3, 3]
         if ahead is not None:
             in_flange = X[:3, :3] @ points + X[:3, 3]
-            moved = moved - (_carried(chain.poses(q, e), in_flange) - _carried(chain.poses(q), in_flange))
+            moved = moved - (_carried(fitted.at(q), in_flange) - _carried(chain.poses(q), in_flange))
         self.bias = np.linalg.norm(moved, axis=-1)
 
 
@@ -134,22 +134,23 @@ def _carried(T: Array, p: Array) -> Array:
     return np.asarray((T[..., :3, :3] @ p[..., None])[..., 0] + T[..., :3, 3])
 
 
-def brought_to(chain: Kinematics, e: Array, q: Array, goal: Array, low: Array, high: Array) -> tuple[Array, Array]:
+def brought_to(fitted: FittedKinematics, q: Array, goal: Array) -> tuple[Array, Array]:
     """Joints near q (m, L), within their ends, at which the origin of the flange is at ``goal`` (m, 3); and where."""
+    low, high = ends(fitted)
     q = q.copy()
-    off = goal - chain.poses(q, e)[:, :3, 3]
+    off = goal - fitted.at(q)[:, :3, 3]
     for _ in range(STEPS):
         left = np.flatnonzero((off**2).sum(axis=-1) > ARRIVED**2)
         if not len(left):
             break
-        J = chain.jacobian(q[left], e)[:, 3:]
+        J = fitted.chain.jacobian(q[left], fitted.e)[:, 3:]
         # Joints at an end that would go beyond it stay there.
         step = _damped(J, off[left])
         stuck = ((q[left] <= low) & (step < 0)) | ((q[left] >= high) & (step > 0))
         step = _damped(np.where(stuck[:, None], 0.0, J), off[left])
         largest = np.abs(step).max(axis=-1, keepdims=True)
         q[left] = np.clip(q[left] + step / np.maximum(1.0, 2.0 * largest), low, high)
-        off[left] = goal[left] - chain.poses(q[left], e)[:, :3, 3]
+        off[left] = goal[left] - fitted.at(q[left])[:, :3, 3]
     return q, (off**2).sum(axis=-1) <= ARRIVED**2
 
 
