@@ -9,6 +9,7 @@ from calibration_cases import quietly
 from rig_of_arm import ARM, CAMERA, rig
 
 import uq_handeye as uq
+from uq_handeye.geometry.se3 import perturb
 from uq_handeye.kinematics.chain import Joint, Kinematics
 
 
@@ -92,3 +93,21 @@ def test_errors_beyond_all_numbers_are_refused_in_words():
     poses = rig(np.random.default_rng(2), n=12).poses
     with pytest.raises(uq.InputError, match="expected smaller standard deviations"):
         quietly(poses, kinematics=ARM, kinematic_errors=errors)
+
+
+@pytest.mark.parametrize(
+    "centre", [[0.3, -0.9, -1.9, 1.2, 1.4, 0.2], [0.3, -1.8, 1.9, -1.7, -1.5, 0.2], [0.3, -2.6, 1.9, -1.7, 1.5, 0.2]]
+)
+def test_the_branch_of_the_inverse_kinematics_is_that_of_the_data(centre):
+    """Errors of 2 mm of a UR5e without joints, elbow up and down, in front and behind: evidence finds the postures."""
+    rng, arm = np.random.default_rng(3), uq.Kinematics.from_name("ur5e")
+    q = centre + rng.uniform(-0.4, 0.4, (25, 6))
+    unit = {"joint offsets": 2e-3, "joint tilts": 1e-3, "link lengths": 5e-4}
+    e = np.array([unit.get(error.group, 0.0) for error in arm.errors]) * rng.normal(size=len(arm.errors))
+    X, target = motion((0.1, 0.2, 0.3), (0.02, 0.05, 0.1)), motion((3.0, 0.2, 0.1), (0.6, 0.1, 0.1))
+    camera = np.linalg.inv(arm.poses(q, e) @ X) @ target
+    camera = perturb(camera, rng.normal(size=(25, 6)) * np.repeat([3e-4, 2e-4], 3))
+    result = quietly(uq.PosePairs(arm.poses(q), camera, "eye-in-hand"), kinematics=arm)
+    off = np.abs(np.sin(0.5 * (result.kinematics.joints - q))).max(axis=1)
+    assert np.sum(off > 0.1) <= 2  # poses that their neighbours reach with the wrist turned over
+    assert np.median(off) < 1e-6

@@ -14,6 +14,7 @@ from uq_handeye.likelihood.d2_distribution import Reference
 from uq_handeye.likelihood.gauss_helmert import efficient
 from uq_handeye.likelihood.starts import start_of
 from uq_handeye.noise.estimate import NoisePrior
+from uq_handeye.one_model import engine
 from uq_handeye.one_model.component import Component
 from uq_handeye.one_model.engine import Conditional, LatentModel, State
 from uq_handeye.one_model.estimation import JointModel
@@ -190,6 +191,19 @@ def test_the_order_of_the_rows_changes_nothing():
     assert_same_covariance(one.mixture.covariance, other.mixture.covariance, 1e-9)
 
 
+@pytest.mark.parametrize("with_prior", [False, True])
+def test_many_sizes_at_once_are_those_one_by_one(with_prior, rng, monkeypatch):
+    model = model_of("eye-in-hand", rng, with_prior)
+    thetas = model.medians + np.linspace(-1, 1, 5)[:, None]
+    for at_once in (1, 10**9):
+        monkeypatch.setattr(engine, "AT_ONCE", at_once)
+        for found, theta in zip(model.of_poses_at(thetas), thetas, strict=True):
+            assert found.value == pytest.approx(model.value(theta), rel=1e-12)
+            whole = model.conditional(theta)
+            np.testing.assert_allclose(found.mean, whole.mean[: model.p], rtol=1e-8)
+            assert_same_covariance(found.covariance, whole.covariance[: model.p, : model.p], 1e-9)
+
+
 # --------------------------------------------------------------------------------------------------------- integration
 
 
@@ -202,9 +216,13 @@ class Gaussian:
         self.medians, self.spreads = np.zeros(k), np.full(k, 10.0)
         self.slope = rng.normal(size=(2, k))
 
-    def of_poses(self, theta):
-        off = theta - self.centre
-        return Conditional(theta, 7.0 + 0.5 * off @ self.information @ off, self.slope @ theta, np.eye(2))
+    def of_poses_at(self, thetas):
+        off = thetas - self.centre
+        values = 7.0 + 0.5 * np.einsum("di,ij,dj->d", off, self.information, off)
+        return [
+            Conditional(theta, value, self.slope @ theta, np.eye(2))
+            for theta, value in zip(thetas, values, strict=True)
+        ]
 
     def mode(self, value=7.0):
         k = len(self.centre)

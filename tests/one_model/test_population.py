@@ -8,7 +8,7 @@ import pytest
 from uq_handeye.kinematics.arms.known_arms import known_arm
 from uq_handeye.kinematics.chain import Kinematics
 from uq_handeye.shared_errors import population
-from uq_handeye.shared_errors.population import ARMS, gauge_columns, population_columns, truncated
+from uq_handeye.shared_errors.population import ARMS, BoundPopulation, gauge_columns, population_columns, truncated
 
 
 def poses_of(name, n, seed=0):
@@ -29,7 +29,7 @@ def workspace_of(known):
     B = gauge_columns(frames.tip)
     F = np.concatenate([known.stack.columns(q, frames), B], axis=1)
     K = (known.mixing @ F.reshape(len(F), F.shape[1], -1)).reshape(len(F), -1, *F.shape[2:])
-    return K[:, :-12], B  # the last twelve are what the sample of the workspace leaves open of base and flange
+    return K, B
 
 
 def test_constant_base_and_flange_are_annihilated_over_the_workspace():
@@ -51,7 +51,7 @@ def test_the_unit_is_the_rms_position_error_over_the_workspace():
     q = rng.uniform(*np.moveaxis(known.stack.limits, -1, 0)[..., None], (len(K), 7, 300))
     frames = known.stack.frames(q)
     F = np.concatenate([known.stack.columns(q, frames), gauge_columns(frames.tip)], axis=1)
-    K = (known.mixing[:, :-12] @ F.reshape(len(F), F.shape[1], -1)).reshape(len(F), -1, 6, 300)
+    K = (known.mixing @ F.reshape(len(F), F.shape[1], -1)).reshape(len(F), -1, 6, 300)
     z = rng.normal(size=(len(K), 200, K.shape[1]))
     error = np.einsum("azc,acin->azin", z, K[:, :, 3:])
     assert 0.9 < (error**2).sum(axis=2).mean() < 1.1
@@ -80,11 +80,27 @@ def test_the_order_of_the_rows_changes_nothing():
     np.testing.assert_allclose(moments(permuted), moments(K[order]), rtol=0, atol=1e-9 * np.abs(moments(K)).max())
 
 
+@pytest.mark.parametrize("reach", [None, 1.3])
+def test_base_and_flange_are_as_uncertain_as_their_frames(reach):
+    """The last twelve columns are constant motions of base and flange, in the unit of the others, at any poses."""
+    T, _ = poses_of("ur5e", 20)
+    bound = BoundPopulation.of(T, reach)
+    length = reach or np.linalg.norm(T[:, :3, 3], axis=1).max()
+    moments = population.population().frames[bound.kept].mean(axis=0)
+    np.testing.assert_allclose(bound.frames @ bound.frames.T * np.outer(*[np.tile([length] * 3 + [1.0] * 3, 2)] * 2),
+                               moments, rtol=1e-6, atol=1e-9 * moments.max())  # fmt: skip
+    other, _ = poses_of("ur5e", 5, seed=1)
+    for at, K in ((T, bound.here), (other, bound.columns(other))):
+        tip = at[None, :, :3].transpose(0, 2, 3, 1)
+        B = gauge_columns(tip)[0].transpose(2, 1, 0)  # (n, 6, 12)
+        np.testing.assert_allclose(K[..., -12:], B @ bound.frames, atol=1e-12)
+
+
 @pytest.mark.parametrize("n", [1, 3, 8, 150])
 def test_any_number_of_poses(n):
     T, _ = poses_of("irb120", n)
     K = population_columns(T)
-    assert K.shape[:2] == (n, 6) and 1 <= K.shape[2] <= min(6 * n, population.RANK) and np.isfinite(K).all()
+    assert K.shape[:2] == (n, 6) and 1 <= K.shape[2] <= min(6 * n, population.RANK) + 12 and np.isfinite(K).all()
 
 
 def test_poses_that_no_arm_reaches_have_columns():

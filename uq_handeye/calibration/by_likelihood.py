@@ -94,6 +94,8 @@ MISREAD = 0.15
 SURE, UNLIKELY = 0.99, 0.05
 # Errors whose columns at other poses are told by those that they were bound to.
 OF_POSES = frozenset({ROBOT_ACCURACY, VIEW, LENS, FOCAL_LENGTH, f"{PRINCIPAL_POINT} x"})
+# Another branch of the inverse kinematics is taken where its evidence is better by so much.
+BETTER = 1.0
 # The source of a budget for what the open sizes of all errors leave.
 SIZES_OPEN = "sizes of the errors"
 # What no model of an arm explains differs from pose to pose and has tails: beside its errors a pose is wrong from this
@@ -118,6 +120,8 @@ def by_likelihood(job: Job) -> tuple[Calibration, list[Finding]]:
     angle, distance = residuals(job.motions.A, job.motions.B, at.X)
     source = None if noise is not None else joint_model_of(job, constraint)
     exact = noise is None and max(angle.max(), distance.max() / _longest(job.motions)) < EXACT
+    if source is not None and not exact:
+        job, source = _in_its_branch(job, source, at)
     robust: RobustFit | None = None
     found: FoundSizes | None = None
     if job.robust and not exact:
@@ -155,6 +159,30 @@ def by_likelihood(job: Job) -> tuple[Calibration, list[Finding]]:
         fit = _fitted_again(job, noise, fit)
     robust = None if robust is None else replace(robust, fit=fit, noise=noise)
     return _assembled(job, noise, fit, fourdpa, found, robust)
+
+
+def _in_its_branch(job: Job, source: JointModel, at: Unknowns) -> tuple[Job, JointModel]:
+    """Return the request and its model in the branch of the inverse kinematics that the rows make most probable.
+
+    Where an elbow or a wrist is the other way round, the errors of the arm have other effects. Rows are those that
+    robust weights keep with the first branch.
+    """
+    if job.arm is None or job.columns_of_arm is None or not (others := job.arm.other_branches()):
+        return job, source
+    rows = None
+    if job.robust:
+        with suppress(InputError, NotConvergedError):
+            robust = _weighed(job, source, at)[0]
+            rows, at = (robust.weights > 0).astype(float), robust.fit.unknowns
+    best, most = (job, source), -np.inf
+    for arm in (job.arm, *others):
+        asked = replace(job, arm=arm, columns_of_arm=arm.columns)
+        model = source if arm is job.arm else joint_model_of(asked, job.constraint)
+        with suppress(NotConvergedError):
+            evidence = model.find(at, rows, gain=ROUGH).mode.log_evidence
+            if evidence > most + (0.0 if arm is job.arm else BETTER):
+                best, most = (asked, model), evidence
+    return best
 
 
 def _weighed(
@@ -246,7 +274,8 @@ def poses_about_errors(job: Job, result: Calibration) -> PosePairs | None:
     """
     if job.arm is None or result.kinematics is None or result.covariance is None or job.poses is None:
         return None
-    again, before = job.arm.linear_about(result.kinematics.e), job.poses.robot
+    arm = job.arm._replace(joints=result.kinematics.joints)
+    again, before = arm.linear_about(result.kinematics.e), job.poses.robot
     turn, shift = logarithm(again[:, :3, :3] @ before[:, :3, :3].mT), again[:, :3, 3] - before[:, :3, 3]
     moved = [float(np.sqrt(np.mean(np.sum(part**2, axis=-1)))) for part in (turn, shift)]
     known = [float(np.sqrt(np.trace(result.covariance[k : k + 3, k : k + 3]))) for k in (0, 3)]

@@ -236,7 +236,7 @@ def _answer(
                 assert job.arm is not None and result.kinematics is not None
                 again = about if isinstance(data, PosePairs) else relative_motions(about, np.asarray(data.pairs))
                 at = (job.arm.measured, result.kinematics.e)
-                job = job_of(request, again, at)
+                job = job_of(replace(request, joints=result.kinematics.joints), again, at)
                 result, more = _run(job)
         except SingularNoiseError:
             if request.method is not None or request.robust:

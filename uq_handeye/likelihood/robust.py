@@ -54,8 +54,9 @@ from .starts import leaves_open, sound_start
 
 # The 99.9 % quantile of chi-square(6), below which a pose counts in full; above NOTHING it does not count at all.
 FULL = float(chdtri(6, 1e-3))
-# Weights stand still below this change; and the largest number of steps.
-STILL, MOST_REWEIGHTED = 1e-6, 100
+# Weights stand still below this change, which is larger after so many steps: some converge slowly; and the largest
+# number of steps.
+STILL, SLOW, STILL_THEN, MOST_REWEIGHTED = 1e-6, 20, 1e-3, 100
 # Steps before the scale is held and the weights are damped.
 FREE = 10
 # Rounds of noise from the residuals and weights from the noise.
@@ -315,7 +316,7 @@ def _settle(
         if k < FREE:
             scale2 = _scale_guard(distances)
         wanted = robust_weights(distances / (scale2 * margin))
-        still = bool(np.abs(wanted - weights).max() < STILL)
+        still = bool(np.abs(wanted - weights).max() < (STILL if k < SLOW else STILL_THEN))
         if still and (method == "efficient" or steps > CLOSED_FORM_STEPS):
             return _Settled(found, distances, leverage, float(np.sqrt(scale2)), FULL * scale2 * margin, plain)
         if still:

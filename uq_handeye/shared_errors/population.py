@@ -16,8 +16,8 @@ kinematics in its usual branch (`WorkPostures`). Columns F of its errors, with t
 **Gauge.** What a constant base and a constant flange do over the workspace is taken out: 12 numbers by least squares
 for each column at `WORKSPACE` postures spread over the limits of the joints, rotations weighted by `LEVER` of the
 reach, with the same 12 numbers at the poses. Another sample of as many postures gives other frames: 12 further
-columns, base
-and flange by what one posture contributes to those numbers, hold that. **Unit**: the RMS over the same postures.
+columns, motions of base and flange by what one posture contributes to those numbers, hold that; X and W absorb them.
+**Unit**: the RMS over the same postures.
 
 **Mixture.** The columns of all arms that reach at least half of the poses (the `FEWEST` that reach most, if fewer do),
 over the square root of their number, have the second moment of the mixture: ``K K^T = mean over arms K_a K_a^T``. A
@@ -41,6 +41,7 @@ from ..geometry.se3 import Array
 from ..kinematics.arms.known_arms import known_arm
 from ..kinematics.arms.stack import ERRORS, SAGS, SHIFTS, TURNS, WAVES, ArmStack
 from ..kinematics.arms.work_postures import BLOCK, WorkPostures
+from ..kinematics.workspace_gauge import twists
 from ..runtime.read_only import ReadOnlyArrays
 
 ARMS = (
@@ -62,15 +63,14 @@ OFFSET, TILT, LENGTH, HARMONIC, SAG = 0.6e-3, 0.3e-3, 0.25e-3, 0.12e-3, 0.3e-3
 WORKSPACE = 400
 LEVER = 0.3
 TRANSLATION = 0.5  # m
-RANK = 36
+RANK = 32
 # Part of the energy that the columns left out may have: of the mixture, and of each arm over its workspace.
 LEFT_OUT, WITHIN_ARM = 1e-3, 1e-4
 # Arms that are kept at least, those that reach most poses.
 FEWEST = 3
-# Between arms: frames of base and flange are so many times as uncertain as by the sample of the workspace, and of
-# its errors
-# far from the poses of the data this share is unknown again (`unseen`). Found by leaving the family of each arm out.
-UNLIKE, UNSEEN = 5.0, 0.5
+# Between arms: frames of base and of flange are so many times as uncertain as by the sample of the workspace, and this
+# share of its errors far from the poses of the data is unknown again (`unseen`). Found by leaving families of arms out.
+UNLIKE_BASE, UNLIKE_FLANGE, UNSEEN = 12.0, 5.0, 0.5
 # A pose is near another one if their tips are within this share of the reach, and their orientations within this angle
 # (rad); how steeply the share rises beyond.
 NEAR_TIP, NEAR_TURN, STEEP = 0.2, 0.5, 4
@@ -86,6 +86,7 @@ class ArmPopulation:
     stack: ArmStack
     postures: WorkPostures
     mixing: Array  # (A, c, 89) from the 77 columns and those of base and flange to c columns of unit RMS
+    frames: Array  # (A, 12, 12) second moments of the motions of base and flange that are open
 
     @classmethod
     def of(cls, names: tuple[str, ...]) -> ArmPopulation:
@@ -111,9 +112,8 @@ class ArmPopulation:
         of_posture = ((V @ free) * weight).reshape(len(names), -1, 6, WORKSPACE)
         by_frame = (np.linalg.pinv(B * weight)).reshape(len(names), 6, WORKSPACE, 12)
         moves = np.einsum("aekn,aknj->aenj", of_posture, by_frame).reshape(len(names), -1, 12)
-        frames_of = UNLIKE * np.linalg.cholesky(moves.mT @ moves + 1e-30 * np.eye(12)).mT
-        frames_of = np.concatenate([np.zeros((len(names), 12, ERRORS)), frames_of], axis=2)
-        return cls(names, stack, WorkPostures.of(stack), np.concatenate([mixing, frames_of], axis=1))
+        unlike = np.repeat([UNLIKE_BASE, UNLIKE_FLANGE], 6)
+        return cls(names, stack, WorkPostures.of(stack), mixing, moves.mT @ moves * np.outer(unlike, unlike))
 
     def columns(self, poses: Array) -> tuple[Array, NDArray[np.bool_]]:
         """Return columns (A, c, 6, n) at ``poses`` (n, 3, 4), and whether the arms reach them (A, n); lengths over the
@@ -138,7 +138,8 @@ class BoundPopulation(ReadOnlyArrays):
     arms: tuple[str, ...]
     reach: float  # m
     kept: NDArray[np.bool_]  # (A,) the arms that reach the poses
-    basis: Array  # (M, m) z in units of all errors of these arms
+    basis: Array  # (M, m - 12) z in units of all errors of these arms
+    frames: Array  # (12, 12) motions of base and flange by the last 12 of z
     here: Array  # (n, 6, m) K at the poses
     left: Array  # (n, 6, 6) covariance that z leaves of them
     robot: Array  # (n, 4, 4) the poses
@@ -149,7 +150,8 @@ class BoundPopulation(ReadOnlyArrays):
     ) -> BoundPopulation:
         """Bind the population to poses ``robot`` (n, 4, 4) base_T_tip; see the module.
 
-        ``reach`` (m) of the arm; None: `SCALE` times the farthest pose. ``rank``: the largest m.
+        ``reach`` (m) of the arm; None: `SCALE` times the farthest pose. ``rank``: the largest number of columns but for
+        those of base and flange.
         """
         robot, arms = np.asarray(robot, dtype=float), ARMS if arms is None else tuple(arms)
         if reach is None:
@@ -161,11 +163,16 @@ class BoundPopulation(ReadOnlyArrays):
         U, energy = truncated(rows, rank)
         basis = rows.T @ U / np.sqrt(np.maximum(energy, 1e-300))
         K = cls._unscaled(U * np.sqrt(energy))
-        return cls(arms, reach, kept, basis, K, _left(cls._unscaled(rows), K, 1.0), robot)
+        unit = np.tile(np.repeat([1.0 / reach, 1.0], 3), 2)
+        second = population(arms).frames[kept].mean(axis=0) * np.outer(unit, unit)
+        frames = np.linalg.cholesky(second + np.diag(1e-12 * np.diag(second) + 1e-30))
+        here = np.concatenate([K, twists(robot) @ frames], axis=-1)
+        return cls(arms, reach, kept, basis, frames, here, _left(cls._unscaled(rows), K, 1.0), robot)
 
     def columns(self, robot: Array) -> Array:
         """K (n, 6, m) at poses ``robot`` (n, 4, 4)."""
-        return self._unscaled(self._rows_at(robot) @ self.basis)
+        K = self._unscaled(self._rows_at(robot) @ self.basis)
+        return np.concatenate([K, twists(np.asarray(robot, dtype=float)) @ self.frames], axis=-1)
 
     def unseen(self, robot: Array, measured: bool = False) -> Array:
         """(n, 6, 6) covariance that z leaves of other poses (n, 4, 4), a share of whose variance is unknown again.
@@ -232,7 +239,7 @@ def _rows(G: Array) -> Array:
 def population_columns(robot: Array, *, arms: tuple[str, ...] | None = None, rank: int = RANK) -> Array:
     """Return K (n, 6, m) of the poses ``robot`` (n, 4, 4) base_T_tip; see the module.
 
-    ``arms``: the geometries, by their names in the table of known arms. ``rank``: the largest m.
+    ``arms``: the geometries, by their names in the table of known arms. ``rank``: as of `BoundPopulation.of`.
     """
     return BoundPopulation.of(robot, arms=arms, rank=rank).here
 

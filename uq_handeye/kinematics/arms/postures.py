@@ -39,6 +39,9 @@ from .work_postures import WorkPostures, descend
 
 STARTS, STORED, ALONG = 96, 800, 5
 STEPS, ROUNDS, TRIED = 12, 3, 3
+# Where the data are to tell branches apart: postures of one pose from which they are followed, rounds, and the largest
+# change of a joint (rad) from one pose to its neighbour.
+BRANCHES, WAVES, LEAP = 16, 24, 1.5
 # Poses that are solved together.
 BLOCK = 256
 # Postures of one pose that differ less (rad) are the same one.
@@ -59,18 +62,76 @@ def postures_by_branch(kinematics: Kinematics, poses: Array) -> Postures:
         return _from_the_nearest(kinematics, poses)
     scaled = arm.standard(poses)
     best: Postures | None = None
-    for middle, work in _branches(arm, scaled[_middle(scaled)]):
-        parts = [scaled[k : k + BLOCK] for k in range(0, len(poses), BLOCK)]
-        q = np.concatenate([_along_the_branch(arm.stack, middle, work, part) for part in parts])
-        found = postures_at(kinematics, poses, _unwound(kinematics, arm.own(q)))
-        if not found.reached.all() and found.reached.any():
-            found = _repaired(kinematics, poses, scaled, found)
+    for middle, work in _branches(arm, scaled[_middle(scaled)], TRIED):
+        found = _in_branch(kinematics, arm, poses, scaled, middle, work)
         if best is None or found.reached.sum() > best.reached.sum():
             best = found
         if best.reached.mean() >= MOST:
             break
     assert best is not None
     return best
+
+
+def all_branches(kinematics: Kinematics, poses: Array) -> list[Array]:
+    """Return joint values (n, L) of the poses (n, 4, 4) in each branch found that reaches all of them.
+
+    Each solution of the pose in the middle is followed to the others in two ways: from neighbour to neighbour, and as
+    `postures_by_branch` does.
+    """
+    arm, poses = _standing(kinematics), np.asarray(poses, dtype=float)
+    found: list[Array] = []
+    if arm is None:
+        return found
+    scaled = arm.standard(poses)
+    for middle, work in _branches(arm, scaled[_middle(scaled)], BRANCHES):
+        ways = [_in_branch(kinematics, arm, poses, scaled, middle, work)]
+        if middle is not None:
+            ways.append(_followed(kinematics, poses, scaled, arm.own(middle[None])[0]))
+        for q in (_unwound(kinematics, way.q) for way in ways if way.reached.all()):
+            if all(np.abs(_wrapped(q - other)).max() > SAME for other in found):
+                found.append(q)
+    return found
+
+
+def _in_branch(
+    kinematics: Kinematics, arm: _Arm, poses: Array, scaled: Array, middle: Array | None, work: WorkPostures
+) -> Postures:
+    """Postures from the middle one, from the stored ones of its branch, and from the nearest poses reached."""
+    parts = [scaled[k : k + BLOCK] for k in range(0, len(poses), BLOCK)]
+    q = np.concatenate([_along_the_branch(arm.stack, middle, work, part) for part in parts])
+    found = postures_at(kinematics, poses, _unwound(kinematics, arm.own(q)))
+    return found if found.reached.all() or not found.reached.any() else _repaired(kinematics, poses, scaled, found)
+
+
+def _followed(kinematics: Kinematics, poses: Array, scaled: Array, middle: Array) -> Postures:
+    """Postures from that of the pose in the middle, each from that of its nearest neighbour reached before.
+
+    Joints change by less than `LEAP` as long as any pose is reached that way.
+    """
+    flat = _flat(scaled)
+    q, reached = np.tile(middle, (len(poses), 1)), np.zeros(len(poses), dtype=bool)
+    first = _middle(scaled)
+    q[first] = postures_at(kinematics, poses[[first]], middle[None]).q[0]
+    reached[first] = True
+    for _ in range(WAVES):
+        left = np.flatnonzero(~reached)
+        if not len(left):
+            break
+        away = ((flat[left, None] - flat[reached]) ** 2).sum(axis=-1)
+        soon = away.min(axis=1) <= np.median(away.min(axis=1))
+        start = q[reached][away.argmin(axis=1)[soon]]
+        again = postures_at(kinematics, poses[left[soon]], start)
+        good = again.reached & (np.abs(again.q - start).max(axis=1) < LEAP)
+        if not good.any():
+            return _repaired(kinematics, poses, scaled, Postures(q, reached))
+        q[left[soon][good]] = again.q[good]
+        reached[left[soon][good]] = True
+    return Postures(q, reached)
+
+
+def _flat(scaled: Array) -> Array:
+    """(n, 12) coordinates of poses (n, 3, 4) whose differences count alike."""
+    return np.concatenate([scaled[..., :3].reshape(len(scaled), 9), scaled[..., 3] / LENGTH], axis=1)
 
 
 # Arms of six or seven revolute joints
@@ -138,8 +199,8 @@ def _usual_ranges(kinematics: Kinematics) -> Array | None:
     return None
 
 
-def _branches(arm: _Arm, pose: Array) -> Iterator[tuple[Array | None, WorkPostures]]:
-    """The usual branch, then those of one pose (3, 4), up to `TRIED`: its posture (7,) and stored ones."""
+def _branches(arm: _Arm, pose: Array, most: int) -> Iterator[tuple[Array | None, WorkPostures]]:
+    """The usual branch, then those of one pose (3, 4), up to ``most``: its posture (7,) and stored ones."""
     if arm.work is not None:
         yield None, arm.work
     stack = arm.stack
@@ -159,7 +220,7 @@ def _branches(arm: _Arm, pose: Array) -> Iterator[tuple[Array | None, WorkPostur
         if all(np.abs(_wrapped(one - other)).max() > SAME for other in found):
             found.append(one)
             yield one, WorkPostures.at(stack, _same_branch(stack, one))
-        if len(found) == TRIED:
+        if len(found) == most:
             return
 
 
@@ -201,7 +262,7 @@ def _along_the_branch(stack: ArmStack, middle: Array | None, work: WorkPostures,
 def _repaired(kinematics: Kinematics, poses: Array, scaled: Array, found: Postures) -> Postures:
     """``found`` with the postures of poses that were not reached tried from that of the nearest one that was."""
     q, reached = found.q.copy(), found.reached.copy()
-    flat = np.concatenate([scaled[..., :3].reshape(len(poses), 9), scaled[..., 3] / LENGTH], axis=1)
+    flat = _flat(scaled)
     for _ in range(ROUNDS):
         left = np.flatnonzero(~reached)
         nearest = ((flat[left, None] - flat[reached]) ** 2).sum(axis=-1).argmin(axis=1)
@@ -215,7 +276,7 @@ def _repaired(kinematics: Kinematics, poses: Array, scaled: Array, found: Postur
 
 def _middle(poses: Array) -> int:
     """Return the number of the pose (n, 3, 4), lengths over the reach, that is nearest to the mean."""
-    flat = np.concatenate([poses[..., :3].reshape(len(poses), 9), poses[..., 3] / LENGTH], axis=1)
+    flat = _flat(poses)
     return int(np.argmin(((flat - flat.mean(axis=0)) ** 2).sum(axis=1)))
 
 
