@@ -60,7 +60,7 @@ def options_of(step):
     ],
 )
 def test_what_is_misread_is_read(tmp_path, robot, camera, options, named):
-    """With the option X is that of the right files."""
+    """The option gives the X of the right files."""
     write_pose_file(tmp_path / "robot.csv", robot)
     write_pose_file(tmp_path / "camera.csv", camera)
     _, step, _, _ = asked(tmp_path, *options)

@@ -131,7 +131,7 @@ def transposed(T):
 
 @pytest.mark.parametrize("setup", SETUPS)
 def test_lengths_in_another_unit_whose_errors_hide_the_contradiction(setup):
-    """Of an arm whose accuracy is in the covariance: rotations of a robot 900 m away are uncertain by metres."""
+    """The accuracy of the arm is in the covariance: a robot 900 m away is uncertain by metres."""
     result, poses = old_result(setup), moved(setup)
     for side, option in (("robot", "--robot-units mm"), ("camera", "--camera-units mm")):
         found = uq.check(result, replace(poses, **{side: scaled(getattr(poses, side), 1000.0)}))

@@ -26,7 +26,7 @@ from ..noise.estimate import NoisePrior
 from ..noise.models import Noise
 from ..one_model.component import Component
 from ..poses.motions import Motions, relative_motions
-from ..poses.pose_pairs import PosePairs
+from ..poses.pose_pairs import PosePairs, pairs_of
 from ..poses.selection import Selection, ranges, select_poses
 from ..prediction.excluded import residuals_against
 from ..runtime.threads import one_thread
@@ -47,8 +47,10 @@ LINEARISED = 2
 
 
 def calibrate(
-    data: PosePairs | Motions,
+    data: PosePairs | Motions | ArrayLike,
+    camera: ArrayLike | None = None,
     *,
+    setup: str | None = None,
     noise: Noise | CameraNoise | None = None,
     method: str | None = None,
     pairs: str | ArrayLike = "all",
@@ -74,7 +76,12 @@ def calibrate(
 
     Parameters
     ----------
-    data : PosePairs or Motions
+    data : PosePairs or Motions; or (n, 4, 4) robot poses base_T_gripper, beside `camera`
+        Poses side by side are arrays, lists, or SciPy's RigidTransform.
+    camera : (n, 4, 4) or None
+        Camera poses camera_T_target.
+    setup : "eye-in-hand" (None) or "eye-to-hand"
+        Of poses side by side.
     noise : PoseNoise, PairNoise, CameraNoise or None
         Noise of the poses or of the motions. `camera_noise`, the covariance of finished camera poses by what they saw,
         leaves the pixel noise and that of the robot to be estimated; with ``PoseNoise(robot=..., camera=...)`` of it
@@ -174,20 +181,21 @@ def calibrate(
     >>> (result.std[3:] * 1e3).round(2)  # mm
     array([0.34, 0.34, 0.28])
     """
+    taken: Any = pairs_of(data, camera, setup)
     request = Request(
         noise, method, pairs, scale, kind, covariance, robust, prior, prior_X, prior_W, seed, shared, correlation,
         joints, kinematics, kinematic_errors, sizes, components,
     )  # fmt: skip
-    if not isinstance(data, PosePairs) or data.robot.ndim != 3:
+    if not isinstance(taken, PosePairs) or taken.robot.ndim != 3:
         if exclude is not None or only is not None:
-            raise InputError("Expected PosePairs of one data set beside `exclude` or `only`: they count its poses.")
-        return _answer(request, data)
-    asked = select_poses(data.n, exclude, only)
-    selection, said = counted_once(data, asked)
+            raise InputError("Expected PosePairs of one taken set beside `exclude` or `only`: they count its poses.")
+        return _answer(request, taken)
+    asked = select_poses(taken.n, exclude, only)
+    selection, said = counted_once(taken, asked)
     if selection is None:
-        return _answer(request, data)
-    result = _answer(request.rows(data, selection), data.rows(selection.kept), selection, said)
-    return _with_excluded(result, data, selection, () if asked is None else tuple(asked.excluded.tolist()))
+        return _answer(request, taken)
+    result = _answer(request.rows(taken, selection), taken.rows(selection.kept), selection, said)
+    return _with_excluded(result, taken, selection, () if asked is None else tuple(asked.excluded.tolist()))
 
 
 def _with_excluded(result: Calibration, data: PosePairs, selection: Selection, asked: tuple[int, ...]) -> Calibration:

@@ -190,7 +190,9 @@ def job_of(request: Request, data: Any, about: tuple[PosePairs, Array] | None = 
     ``about``: the poses as they came and the errors of the arm about which the data stand for them (`linear_about`).
     """
     if not isinstance(data, PosePairs | Motions):
-        raise InputError(f"Expected `data` to be PosePairs or Motions, got {type(data).__name__}.")
+        raise InputError(
+            f"Expected `data` to be PosePairs or Motions, or poses beside `camera`, got {type(data).__name__}."
+        )
     method, bound, pairs, shared = request.taken_method, request.by_likelihood, request.pairs, request.shared
     scale, kind, robust, prior = request.scale, request.kind, request.robust, request.prior
     if shared is not None:

@@ -20,6 +20,7 @@ import warnings
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -37,7 +38,7 @@ from ..likelihood.gauss_helmert import ESTIMATORS
 from ..noise.models import Noise, PairNoise
 from ..one_model.noise_of_data import estimate_noise
 from ..poses.motions import Motions, relative_motions, spread_pairs
-from ..poses.pose_pairs import PosePairs
+from ..poses.pose_pairs import PosePairs, pairs_of
 from ..poses.residuals import Residuals, residuals, summarise
 from ..propagation.noise_transport import noise_of_pairs
 from ..propagation.published_fit import fit_published
@@ -59,8 +60,10 @@ __all__ = ["CHI2_95", "Row", "against", "compare", "squared_distance"]
 
 
 def compare(
-    data: PosePairs | Motions,
+    data: PosePairs | Motions | ArrayLike,
+    camera: ArrayLike | None = None,
     *,
+    setup: str | None = None,
     noise: Noise | None = None,
     methods: Sequence[str] | None = None,
     pairs: str | ArrayLike = "all",
@@ -77,7 +80,8 @@ def compare(
 
     Parameters
     ----------
-    data : PosePairs or Motions
+    data, camera, setup
+        As in `calibrate`.
     noise : PoseNoise, PairNoise or None
         As in `calibrate`. None takes what `calibrate` estimates; where that fails (exact data, or data that do not fit
         together) there are differences but no standard deviations, hence no agreement.
@@ -113,13 +117,14 @@ def compare(
     >>> [(row.method, row.agrees) for row in comparison.rows]
     [('efficient', True), ('park', True)]
     """
+    taken: Any = pairs_of(data, camera, setup)
     names = _names(methods, reference)
-    motions, available = _motions(data, pairs)
+    motions, available = _motions(taken, pairs)
     require_noise_fits(noise, motions)
     answers: list[Calibration] = []
 
     def answer() -> Calibration:
-        answers.append(calibrate(data, noise=noise, pairs=pairs, shared=shared))
+        answers.append(calibrate(taken, noise=noise, pairs=pairs, shared=shared))
         return answers[-1]
 
     own = _row(Row(OWN, None, "simultaneous", "closed form"), answer)

@@ -38,9 +38,11 @@ def as_numbers(value: Any, name: str) -> Array:
 def as_transforms(value: Any, name: str, stack: bool = True) -> Array:
     """``value`` as checked float64 matrices ``(..., N, 4, 4)`` (or ``(..., 4, 4)`` if not ``stack``).
 
-    Takes arrays or a SciPy ``RigidTransform``. Raises `InputError` naming ``name``, the shape or the first
-    offending entry.
+    Takes arrays, lists, a SciPy ``RigidTransform`` or a list of them. Raises `InputError` naming ``name``, the shape or
+    the first offending entry.
     """
+    if isinstance(value, list | tuple):
+        value = [one.as_matrix() if hasattr(one, "as_matrix") else one for one in value]
     T = as_numbers(value.as_matrix() if hasattr(value, "as_matrix") else value, name)
     wanted = "(..., N, 4, 4)" if stack else "(..., 4, 4)"
     if T.ndim < (3 if stack else 2) or T.shape[-2:] != (4, 4):

@@ -14,6 +14,7 @@ Joint values of the robot that go with its poses.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -204,3 +205,19 @@ def _frozen(value: Any, name: str) -> Array:
     T = np.array(as_transforms(value, name), order="C")  # rounding follows the order in memory
     T.flags.writeable = False
     return T
+
+
+def pairs_of(data: Any, camera: Any, setup: str | None) -> Any:
+    """Return the pairs of robot and camera poses that are given side by side; without ``camera`` the data."""
+    if camera is None and setup is None:
+        return data
+    if camera is None or isinstance(data, PosePairs):
+        raise InputError("Expected `camera` and `setup` beside an array of robot poses only: PosePairs hold them.")
+    for name, value in (("robot", data), ("camera", camera)):
+        if isinstance(value, str | Path):
+            raise InputError(
+                f"Expected `{name}` to be poses (n, 4, 4), got a path: read_poses(robot, camera) reads files."
+            )
+        if not hasattr(value, "__len__"):
+            raise InputError(f"Expected `{name}` to be poses (n, 4, 4), got {type(value).__name__}.")
+    return PosePairs(data, camera, "eye-in-hand" if setup is None else setup)
