@@ -59,6 +59,8 @@ DIAGNOSED_PAIRS = 200_000
 
 # Share of the poses that an arm must reach in one branch of its inverse kinematics, and starts for the others.
 MOST_REACHED, STARTS = 0.6, 60
+# Sine of half the angle by which two branches differ somewhere.
+APART = 0.1
 # Poses (or motions) from which on wrong ones can be told from good ones.
 FEWEST_FOR_ROBUST = 5
 
@@ -72,6 +74,15 @@ class Arm(NamedTuple):
     against: ControllerComparison  # the measured poses against those of the joints
     measured: PosePairs  # as they came
     at: Array | None = None  # (m,) errors about which the model is linear; None: 0
+    by_poses: bool = False  # joints by inverse kinematics, in a branch that is one of several
+
+    def other_branches(self) -> list[Arm]:
+        """Return the arm in the other branches of its inverse kinematics that reach the poses."""
+        from ..kinematics.arms.postures import all_branches
+
+        found = all_branches(self.kinematics, self.measured.robot) if self.by_poses else []
+        apart = [q for q in found if np.abs(np.sin(0.5 * (q - self.joints))).max() > APART]
+        return [self._replace(joints=q) for q in apart]
 
     @property
     def columns(self) -> KinematicColumns:
@@ -320,7 +331,7 @@ def _arm_of(request: Request, poses: PosePairs | None, noise: Noise | None) -> A
     against = compare_with_controller(kinematics, q, poses.robot)
     if not against.same_arm:
         raise InputError(" ".join(map(str, against.findings)))
-    return Arm(against.adapt(kinematics), q, errors, against, poses)
+    return Arm(against.adapt(kinematics), q, errors, against, poses, by_poses=given is None)
 
 
 def joints_by_poses(kinematics: Kinematics, poses: PosePairs) -> Array:
