@@ -16,6 +16,7 @@ from .views import Views, camera_of
 
 if TYPE_CHECKING:
     from ..camera.adjustment.initial_guess import Minima
+    from ..poses.stream import Stream
     from ..rosbag.info import CameraInfo
     from ..rosbag.recording import Recording
     from ..synchronisation.result import Synchronised
@@ -162,22 +163,7 @@ class BagFiles(PoseFiles):
 
     def synchronised(self, arm: Arm | None = None, **options: Any) -> "Synchronised":
         """Return both sides as streams on one clock."""
-        from ..io import read_stream
-
-        streams = dict(self.sides)
-        for k, role in enumerate(("robot", "camera")):
-            if role in streams:
-                continue
-            by_joints = role == "robot" and arm is not None and arm.by_joints and self.spare is None
-            streams[role] = read_stream(
-                None if by_joints else self.spare,
-                role,
-                units=self.both_units[k],
-                format=self.formats[k],
-                rotation=self.rotations[k],
-                frame=(self.robot_frame, self.camera_frame)[k],
-                **(arm.of_files if arm is not None and role == "robot" else {}),
-            )
+        streams = self.streams(arm)
         how = {"setup": SETUP_NAMES[0] if self.setup is None else self.setup, "still": self.still, **options}
         found = self._on_one_clock(streams, how)
         if self.minima is None or self.still:
@@ -197,6 +183,14 @@ class BagFiles(PoseFiles):
             decided.undecided,
         )
         return self._on_one_clock(streams | {"camera": decided.stream}, how, True) if decided.changed else found
+
+    def streams(self, arm: Arm | None = None) -> "dict[str, Stream]":
+        """Return the streams of the bag, and that of a file or of joint values for the side that it does not give."""
+        found = dict(self.sides)
+        for role in ("robot", "camera"):
+            if role not in found:
+                found[role] = self.stream(role, self.spare, arm if role == "robot" else None)
+        return found
 
     def _on_one_clock(self, streams: dict[str, Any], how: dict[str, Any], again: bool = False) -> "Synchronised":
         level = logging.DEBUG if again else logging.INFO

@@ -199,28 +199,10 @@ class PoseFiles(StreamFiles):
         of_arm: dict[str, Any] = {} if arm is None else arm.of_files
         if self.time_tolerance is not None:
             of_arm |= {"tolerance": self.time_tolerance}
-        if pictures is not None:
-            return pictures.poses(
-                self.robot,
-                setup=self.setup,
-                units=self.both_units,
-                format=self.formats,
-                rotation=self.rotations,
-                robot_frame=self.robot_frame,
-                **of_arm,
-            )
-        return read_poses(
-            self.robot,
-            self.camera,
-            setup=self.setup,
-            units=self.both_units,
-            format=self.formats,
-            rotation=self.rotations,
-            robot_frame=self.robot_frame,
-            camera_frame=self.camera_frame,
-            pair=how,
-            **of_arm,
-        )
+        if pictures is None:
+            return read_poses(self.robot, self.camera, pair=how, **self.reading, **of_arm)
+        reading = {name: value for name, value in self.reading.items() if name != "camera_frame"}
+        return pictures.poses(self.robot, **reading, **of_arm)
 
 
 def _is_camera_folder(path: Path) -> bool:

@@ -13,6 +13,7 @@ from .options.arm import Arm
 from .options.common import CAMERA_FRAMES, ROBOT_FRAMES, SETUP_NAMES, option
 
 if TYPE_CHECKING:
+    from ..poses.stream import Stream
     from ..synchronisation.result import Synchronised
 
 
@@ -97,32 +98,36 @@ class StreamFiles:
     offset: str | None = None
 
     def synchronised(self, arm: Arm | None = None, **options: Any) -> "Synchronised":
-        """Return both files as streams on one clock; ``options`` are further arguments of `synchronise`."""
-        from ..io import read_stream
+        """Return both sides as streams on one clock; ``options`` are further arguments of `synchronise`."""
         from ..synchronisation.synchronise import synchronise
 
+        streams = self.streams(arm)
+        LOG.debug("%d poses of the robot, %d of the camera", len(streams["robot"]), len(streams["camera"]))
+        setup = SETUP_NAMES[0] if self.setup is None else self.setup
+        return synchronise(streams["robot"], streams["camera"], setup=setup, offset=self._offset(), **options)
+
+    def streams(self, arm: Arm | None = None) -> "dict[str, Stream]":
+        """Return the streams of robot and camera."""
         if self.robot is None and arm is None:
             raise missing_robot("")
         if self.camera is None:
             raise InputError("Synchronisation needs two streams. Give the robot file and the camera file.")
-        files = ((self.robot, "robot", self.robot_frame), (self.camera, "camera", self.camera_frame))
-        robot, camera = (
-            read_stream(
-                file,
-                side,
-                units=units,
-                format=format,
-                rotation=rotation,
-                frame=frame,
-                **({} if arm is None or side != "robot" else arm.of_files),
-            )
-            for (file, side, frame), units, format, rotation in zip(
-                files, self.both_units, self.formats, self.rotations, strict=True
-            )
+        return {"robot": self.stream("robot", self.robot, arm), "camera": self.stream("camera", self.camera)}
+
+    def stream(self, role: str, file: Path | None, arm: Arm | None = None) -> "Stream":
+        """Return the stream of one side from a file, or the joint values of ``arm``."""
+        from ..io import read_stream
+
+        k = ("robot", "camera").index(role)
+        return read_stream(
+            file,
+            role,
+            units=self.both_units[k],
+            format=self.formats[k],
+            rotation=self.rotations[k],
+            frame=(self.robot_frame, self.camera_frame)[k],
+            **({} if arm is None else arm.of_files),
         )
-        LOG.debug("%d poses of the robot, %d of the camera", len(robot), len(camera))
-        setup = SETUP_NAMES[0] if self.setup is None else self.setup
-        return synchronise(robot, camera, setup=setup, offset=self._offset(), **options)
 
     def _offset(self) -> float | tuple[float, float] | None:
         if self.offset is None:
