@@ -77,7 +77,7 @@ if _typing.TYPE_CHECKING:
     from .poses.motions import Motions, relative_motions
     from .poses.pose_pairs import PosePairs
     from .poses.stream import Stream
-    from .procrustes.finite_scale import se3_from_so4, so4_from_se3
+    from .procrustes.limit import se3_from_so4, so4_from_se3
     from .procrustes.registration import register
     from .procrustes.so4_covariances import octonion_covariance, paper_covariances, so4_covariance
     from .propagation.propagate import propagate

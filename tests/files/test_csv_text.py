@@ -10,7 +10,7 @@ from pages import ROOT
 
 from uq_handeye.camera.corners import Corners
 from uq_handeye.camera.files.corner_file import corners_text, read_corners
-from uq_handeye.files.csv_text import csv_text, frame_text, plain_text, safe_text
+from uq_handeye.files.table import csv_text, frame_text, plain_text, safe_text
 from uq_handeye.points.files.folder_writer import _table
 from uq_handeye.points.files.point_file import read_points, read_target
 
@@ -68,4 +68,4 @@ def test_every_table_with_texts_is_written_in_one_place():
         for path in (ROOT / "uq_handeye").rglob("*.py")
         if writes.search(path.read_text(encoding="utf-8"))
     }
-    assert found == {"files/csv_text.py", "points/files/point_file.py"}  # the latter is read at once
+    assert found == {"files/table.py", "points/files/point_file.py"}  # the latter is read at once

@@ -12,8 +12,7 @@ from support import CONFIDENCE, SEED
 from uq_handeye import InputError, InputWarning
 from uq_handeye.points.estimate import poses_from_points
 from uq_handeye.points.least_squares import Normal, Sight
-from uq_handeye.points.measured import PointSet, Target
-from uq_handeye.points.start import kabsch, placed
+from uq_handeye.points.measured import PointSet, Target, kabsch, placed
 
 LATERAL, AXIAL = 1e-4, 5e-4
 

@@ -16,9 +16,8 @@ from uq_handeye.io import write_pose_file
 from uq_handeye.rosbag.info import CameraInfo
 from uq_handeye.rosbag.listing import command_of, text_of
 from uq_handeye.rosbag.recording import read_recording
-from uq_handeye.rosbag.second_solutions import decide_stream
 from uq_handeye.rosbag.streams import camera_stream, read_bag, robot_stream
-from uq_handeye.rosbag.tags import TagTrack, tag_poses
+from uq_handeye.rosbag.tags import TagTrack, decide_stream, tag_poses
 
 OFFSET = 0.037
 

@@ -26,8 +26,7 @@ from ..noise.estimate import NoisePrior
 from ..noise.models import Noise
 from ..one_model.component import Component
 from ..poses.motions import Motions, relative_motions
-from ..poses.pose_pairs import PosePairs, pairs_of
-from ..poses.selection import Selection, ranges, select_poses
+from ..poses.pose_pairs import PosePairs, Selection, pairs_of, ranges, select_poses
 from ..prediction.excluded import residuals_against
 from ..runtime.threads import one_thread
 from ..shared_errors.shared_error import SharedError

@@ -14,7 +14,7 @@ from ..geometry.principal_axes import principal_axes
 from ..geometry.se3 import Array, inverse, inverse_jacobian
 from ..likelihood.d2_distribution import Reference
 from ..likelihood.open_directions import OpenDirections, moves_along
-from ..procrustes.finite_scale import octonion
+from ..procrustes.limit import octonion
 from ..procrustes.sensitivity import pose_from_octonion_jacobian
 from ..procrustes.so4_covariances import PAPER_SCALE
 from .sentences import open_words

@@ -21,8 +21,7 @@ from ..noise.estimate import NoisePrior
 from ..noise.models import Noise, PairNoise, PoseNoise, is_joint, require_count
 from ..one_model.component import Component
 from ..poses.motions import relative_motions
-from ..poses.pose_pairs import PosePairs, as_joint_values
-from ..poses.selection import Selection
+from ..poses.pose_pairs import PosePairs, Selection, as_joint_values
 from ..shared_errors.shared_error import SharedError, listed_errors
 from ..shared_errors.sizes import SizeLike, checked_sizes
 

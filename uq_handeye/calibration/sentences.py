@@ -9,7 +9,7 @@ from typing import Any
 from ..diagnostics.sentences import along
 from ..findings import CAMERA, MOTION, NOISE, OUTLIERS, RESIDUALS, SHARED, sentence
 from ..formatting.numbers import concise, digits, multiple, probability, signed, times_of_noise
-from ..poses.selection import ranges
+from ..poses.pose_pairs import ranges
 
 
 def _of_two(v: Mapping[str, Any]) -> float:

@@ -168,7 +168,7 @@ class BagFiles(PoseFiles):
         found = self._on_one_clock(streams, how)
         if self.minima is None or self.still:
             return found
-        from ..rosbag.second_solutions import decide_stream
+        from ..rosbag.tags import decide_stream
 
         decided = decide_stream(found.poses, streams["camera"], self.minima)
         if decided is None:

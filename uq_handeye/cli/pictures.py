@@ -79,7 +79,7 @@ class BoardOptions(Options):
         from ..camera.board import Board, board_of
 
         if self.of_kalibr:
-            from ..camera.files.target_file import read_target
+            from ..camera.files.board_file import read_target
 
             return read_target(str(self.file))
         if self.file is not None:

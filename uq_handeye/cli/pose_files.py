@@ -16,8 +16,7 @@ if TYPE_CHECKING:
     from ..noise.camera_noise import CameraNoise
     from ..noise.estimate import NoisePrior
     from ..noise.models import Noise, PoseNoise
-    from ..poses.pose_pairs import PosePairs
-    from ..poses.selection import Selection
+    from ..poses.pose_pairs import PosePairs, Selection
     from ..shared_errors.shared_error import SharedError
     from .pictures import Pictures
     from .views import Views
@@ -112,7 +111,7 @@ class PoseFiles(StreamFiles):
 
     def selection(self, poses: "PosePairs", fewest: int = 3) -> "Selection | None":
         """Return which of the poses --exclude and --only leave; None: all."""
-        from ..poses.selection import select_poses
+        from ..poses.pose_pairs import select_poses
 
         return select_poses(poses.n, self.exclude, self.only, ("--exclude", "--only"), fewest)
 

@@ -20,8 +20,18 @@ from ..geometry.nearest_rotation import orthonormalise
 from ..geometry.se3 import Array
 from ..noise.models import PairNoise
 from ..procrustes.limit import pair_blocks, trial_blocks
-from .common.kronecker import SHAPE, kronecker_factors, normal_equations, residual_gradient
-from .common.linear import Normal, normal, require_axes, require_scale, slopes, turn_of
+from .common.linear import (
+    SHAPE,
+    Normal,
+    kronecker_factors,
+    normal,
+    normal_equations,
+    require_axes,
+    require_scale,
+    residual_gradient,
+    slopes,
+    turn_of,
+)
 from .common.method import Estimate, Method, closed_form
 from .common.moments import Moments, MomentSolver
 

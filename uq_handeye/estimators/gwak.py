@@ -19,8 +19,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ..geometry.se3 import Array, skew
-from .common.kronecker import kronecker_factors, normal_equations, rotation_equations
-from .common.linear import require_axes, right_handed
+from .common.linear import kronecker_factors, normal_equations, require_axes, right_handed, rotation_equations
 from .common.method import Estimate, Method
 from .common.moments import Moments, MomentSolver
 

@@ -6,7 +6,7 @@ from typing import Any
 
 from ..errors import InputError
 from ..geometry.se3 import Array
-from ..procrustes.finite_scale import solve_4dpa
+from ..procrustes.limit import solve_4dpa
 from . import (
     andreff,
     chou,

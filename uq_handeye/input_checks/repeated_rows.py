@@ -8,8 +8,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
 from ..findings import Finding
-from ..poses.pose_pairs import PosePairs
-from ..poses.selection import FEWEST, Selection
+from ..poses.pose_pairs import FEWEST, PosePairs, Selection
 
 # Largest difference (rad, m) of numbers that are the same but for rounding; no camera measures so well.
 SAME = 1e-6

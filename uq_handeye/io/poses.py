@@ -1,4 +1,7 @@
-"""Pose files of any format, paired to `PosePairs` or read as a `Stream`."""
+"""Pose files of any format, paired to `PosePairs` or read as a `Stream`.
+
+Robot poses alone, in any format: those to predict at, and those to choose from.
+"""
 
 from __future__ import annotations
 
@@ -9,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import InputError, InputWarning
 from ..files.open import StrPath, as_path, shown
@@ -418,3 +422,35 @@ def _noted(sources: tuple[Source, ...], k: int, path: Any, notes: Any) -> tuple[
     return tuple(
         replace(source, notes=(*source.notes, *notes)) if i == k else source for i, source in enumerate(sources)
     )
+
+
+def read_robot_poses(
+    path: StrPath,
+    like: str | None = None,
+    *,
+    units: str | None = None,
+    format: str | None = None,
+    rotation: str | None = None,
+) -> tuple[NDArray[np.float64] | None, Array]:
+    """Return timestamps (n,), or None, and poses ``base_T_gripper`` (n, 4, 4) in metres.
+
+    Parameters
+    ----------
+    path : any of `uq_handeye.io.FORMATS`
+    like : format of the robot poses of the calibration, which decides where the numbers may be read in several ways
+    units, format, rotation : as in `read_poses`, of one side
+
+    Raises
+    ------
+    InputError
+        A file that cannot be read, of the camera's side only, or whose rotations may be read in several ways.
+    """
+    path = as_path(path)
+    contents, _ = read_contents(path, format)
+    side = contents.robot or contents.only
+    if side is None:
+        raise InputError(f"{shown(path)} holds camera poses only; expected robot poses.")
+    same = [reading for reading in side.readings if reading.format == like]
+    if len(side.readings) > 1 and rotation is None and len(same) == 1:
+        side = replace(side, readings=(same[0],))
+    return side.timestamps, finished(side, "robot", units, rotation, FRAMES["robot"][0])

@@ -17,7 +17,7 @@ from ..errors import InputError
 from ..findings import Finding
 from ..geometry.se3 import Array
 from .least_squares import Fit, Normal, Sight
-from .start import kabsch, placed
+from .measured import kabsch, placed
 
 # Tests of which a false alarm is this rare.
 RARE = 1e-4

@@ -14,10 +14,9 @@ from ..geometry.se3 import Array
 from ..noise.joint_covariance import JointCovariance
 from .checks import MOST_ROUNDS, distances, limit_of, next_used, noise_finding, require_scale, target_findings
 from .least_squares import Fit, Sight, fit, refitted, robust_variances, split_squares, with_model
-from .measured import PointSet, Target
+from .measured import PointSet, Target, consensus, placed, sums, unknown_shape
 from .model import GivenNoise, NoiseModel, given_noise, sight_lines
 from .result import PointPoses, shape_names
-from .start import consensus, placed, sums, unknown_shape
 
 PAGE = "docs/how-to/points.md"
 FEWEST = 3

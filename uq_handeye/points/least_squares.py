@@ -36,8 +36,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry.se3 import Array, perturb, skew
+from .measured import placed, sums
 from .model import NoiseModel, sight_lines, weight_matrices
-from .start import placed, sums
 
 # A direction of the shape with less than this share of the information of the best is open.
 OPEN = 1e-10

@@ -19,9 +19,8 @@ from ..noise.joint_covariance import JointCovariance
 from ..presentation.document import to_text
 from ..presentation.notebook import to_html
 from ..runtime.read_only import ReadOnlyArrays
-from .measured import PointSet, Target
+from .measured import PointSet, Target, placed
 from .model import NoiseModel, sight_lines
-from .start import placed
 from .text import points_document
 
 

@@ -33,8 +33,7 @@ from ..geometry.checks import entry_rows, surely_transforms
 from ..geometry.se3 import Array, skew
 from ..runtime.workspace import scratch
 from .degeneracy import DEGENERATE, NO_ROTATION, are_determined, infinite_directions, name_axis
-from .finite_scale import Scaled, octonion
-from .limit import Suspicious
+from .limit import Scaled, Suspicious, octonion
 
 _EYE = np.eye(3)
 

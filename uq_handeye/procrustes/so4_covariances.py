@@ -16,8 +16,7 @@ from ..errors import InputError
 from ..geometry.checks import as_numbers, as_transforms
 from ..geometry.se3 import Array, vee
 from ..noise.models import PairNoise, require_count
-from .finite_scale import solve_scaled
-from .limit import as_pairs, pair_blocks
+from .limit import as_pairs, pair_blocks, solve_scaled
 from .sensitivity import Linearised, ScaledDerivatives, columns_by_octonion, linearised
 
 # The scaling factor of the paper's experiments, used where a formula exists at finite d only.

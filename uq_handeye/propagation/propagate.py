@@ -55,8 +55,15 @@ from ..geometry.checks import as_transforms
 from ..geometry.se3 import Array, skew
 from ..noise.models import Noise, PairNoise, PoseNoise
 from ..poses.motions import Motions
-from ..procrustes.finite_scale import solve_scaled
-from ..procrustes.limit import Suspicious, as_pairs, pair_blocks, require_transforms, solve_limit, trial_blocks
+from ..procrustes.limit import (
+    Suspicious,
+    as_pairs,
+    pair_blocks,
+    require_transforms,
+    solve_limit,
+    solve_scaled,
+    trial_blocks,
+)
 from ..procrustes.sensitivity import LimitDerivatives, ScaledDerivatives, linearised
 from ..procrustes.so4_covariances import PAPER_SCALE, literal_covariance
 from . import sentences  # noqa: F401  (registers the words)

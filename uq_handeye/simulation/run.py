@@ -21,7 +21,7 @@ from ..likelihood.gauss_helmert import CLOSED_FORM_STEPS, ESTIMATORS, MOST_STEPS
 from ..noise.models import PairNoise, with_prior
 from ..poses.motions import Motions, relative_motions
 from ..poses.pose_pairs import PosePairs
-from ..procrustes.finite_scale import solve_4dpa
+from ..procrustes.limit import solve_4dpa
 from ..propagation.all_pairs import solve_all_pairs
 from ..propagation.noise_transport import covariance_of_poses
 from ..propagation.propagate import propagate_and_check

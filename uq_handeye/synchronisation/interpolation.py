@@ -46,7 +46,7 @@ from ..errors import InputError
 from ..geometry.checks import as_numbers, as_transforms
 from ..geometry.nearest_rotation import orthonormalise
 from ..geometry.se3 import Array, left_jacobian, logarithm, perturb
-from ..procrustes.finite_scale import check_scale, se3_from_so4, so4_from_se3
+from ..procrustes.limit import check_scale, se3_from_so4, so4_from_se3
 
 KINDS = ("so4", "geodesic")
 # Steps of more than this angle (rad) have no way that could be known.

@@ -116,7 +116,7 @@ def plan_command(
     """
     from ...calibration.findings import check_input
     from ...findings import warn
-    from ...io.robot_poses import read_robot_poses
+    from ...io.poses import read_robot_poses
     from ...kinematics.joints_file import read_joints
     from ...noise.models import PoseNoise
     from ...planning.plan import plan

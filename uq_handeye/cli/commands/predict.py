@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from ...errors import InputError
-from ...files.csv_text import csv_text
+from ...files.table import csv_text
 from ..delivery import deliver, deliver_csv, folder_or_csv_option, is_csv
 from ..options.arm import JointUnits
 from ..options.common import JsonOption, emit
@@ -122,7 +122,7 @@ def _places(
     """Read timestamps (or row numbers), and joints and robot poses by the arguments of `predict`."""
     import numpy as np
 
-    from ...io.robot_poses import read_robot_poses
+    from ...io.poses import read_robot_poses
     from ...kinematics.joints_file import read_joints
 
     at: dict[str, Array] = {}
