@@ -349,7 +349,7 @@ _LATER = {
     ),
     "poses.pose_pairs": ("PosePairs",),
     "poses.stream": ("Stream",),
-    "procrustes.finite_scale": (
+    "procrustes.limit": (
         "se3_from_so4",
         "so4_from_se3",
     ),
