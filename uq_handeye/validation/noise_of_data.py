@@ -57,6 +57,18 @@ class NoiseOfData:
 
     checks: tuple[NoiseCheck, ...]
     by: str  # "calibrate", or "residuals" where there is no calibration
+    stated: tuple[float, float] | None = None  # m, rad: sd in the worst direction by a calibration with open sizes
+
+    @property
+    def part(self) -> str:
+        """Return which part of what calibrate states a validation speaks of, as a sentence; empty where it is all."""
+        if self.stated is None:
+            return ""
+        move, turn = digits(1e3 * self.stated[0], 2), digits(float(np.degrees(self.stated[1])), 2)
+        return (
+            f" It speaks of noise of known sizes; calibrate, which does not know them, states {move} mm and {turn} deg "
+            "in all (1 sigma, worst direction)."
+        )
 
     @property
     def doubtful(self) -> tuple[NoiseCheck, ...]:
@@ -82,7 +94,8 @@ class NoiseOfData:
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values for JSON."""
-        return {"by": self.by, "sentence": str(self), "checks": [asdict(check) for check in self.checks]}
+        stated = {} if self.stated is None else {"stated": list(self.stated)}
+        return {"by": self.by, "sentence": str(self), "checks": [asdict(check) for check in self.checks]} | stated
 
 
 def noise_of_data(data: object, used: PosePairs | Motions, noise: Noise | None, estimated: bool) -> NoiseOfData:
@@ -101,8 +114,18 @@ def noise_of_data(data: object, used: PosePairs | Motions, noise: Noise | None, 
     """
     found: Iterable[AnyCheck] | None = getattr(data, "checks", None)
     if found is not None:
-        return NoiseOfData(tuple(NoiseCheck(check.name, check.status, check.text) for check in found), "calibrate")
+        checks = tuple(NoiseCheck(check.name, check.status, check.text) for check in found)
+        return NoiseOfData(checks, "calibrate", _stated(data) if estimated else None)
     return NoiseOfData((_level(used, None if estimated else noise),), "residuals")
+
+
+def _stated(result: Any) -> tuple[float, float] | None:
+    """Return what a calibration with open sizes states of X, where that is more than noise of known sizes makes."""
+    S, known = result.covariance, result.bound
+    if S is None or known is None or np.allclose(S, known, rtol=1e-6):
+        return None
+    turn, move = (float(np.sqrt(np.linalg.eigvalsh(S[part, part])[-1])) for part in (slice(0, 3), slice(3, 6)))
+    return move, turn
 
 
 def _level(data: PosePairs | Motions, noise: Noise | None) -> NoiseCheck:
@@ -128,7 +151,7 @@ def _level(data: PosePairs | Motions, noise: Noise | None) -> NoiseCheck:
 def limit(who: str, found: NoiseOfData | None) -> str:
     """Return what a validation cannot tell, and what the data say about it, in one paragraph."""
     text = f"{who} cannot tell whether the noise is right."
-    return text if found is None else f"{text} {found}"
+    return text if found is None else f"{text}{found.part} {found}"
 
 
 def limit_blocks(who: str, found: NoiseOfData | None, verbose: bool) -> list[Block]:
@@ -138,6 +161,6 @@ def limit_blocks(who: str, found: NoiseOfData | None, verbose: bool) -> list[Blo
     shown = found.checks if verbose else found.doubtful
     said = found.warns if found.doubtful else str(found)
     return [
-        Paragraph(f"{who} cannot tell whether the noise is right. {said}"),
+        Paragraph(f"{who} cannot tell whether the noise is right.{found.part} {said}"),
         Checks([(check.status, check.name, check.text) for check in shown]),
     ]
