@@ -104,7 +104,7 @@ class Folder:
 
     def _filled(self, path: Path) -> bool:
         """Return whether there are camera poses and joints, which a program that starts may not have written yet."""
-        from ..io.arrived import count_arrived
+        from ..io.matching import count_arrived
 
         joints = Path(self.how["joints"])
         return joints.exists() and count_arrived([path], role="camera") > 0
