@@ -6,11 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from arm_cases import SIX_AXES, motion
+from calibration_cases import quietly
 from picture_cases import camera_to_board, seen_corners
 from rig_of_arm import ARM, CAMERA, CENTRE, GEOMETRY, JOINT_NOISE, rig, squares
 from scipy.spatial.transform import RigidTransform
 
 import uq_handeye as uq
+from studies.one_model.rigs import arm_set
 from uq_handeye.errors import InputError
 from uq_handeye.geometry.se3 import inverse, logarithm
 
@@ -221,3 +223,17 @@ def test_joints_in_degrees_are_refused(rng):
     result = calibrated(rig(rng))
     with pytest.raises(InputError, match="in degrees"):
         result.predict_camera(joints=np.rad2deg(CENTRE))
+
+
+def test_a_calibrated_pose_is_never_less_certain_than_one_far_away():
+    """Of arms of which nothing is known, and of poses without errors of the arm."""
+    for arm, accuracy in (("ur5", 0.6e-3), ("panda", 2e-3), ("irb120", 0.0)):
+        drawn = arm_set(arm, accuracy, np.random.default_rng(3), n=30)
+        at, far = drawn.poses.robot, drawn.far.robot
+        away = np.linalg.norm(far[:, None, :3, 3] - at[:, :3, 3], axis=-1).min(axis=1)
+        far = far[away > 0.25]
+        result = quietly(drawn.poses)
+        near, other = (
+            np.linalg.norm(result.predict_camera(robot=G, new_measurement=False).std[:, 3:], axis=-1) for G in (at, far)
+        )
+        assert len(far) > 3 and near.max() < other.min()

@@ -111,37 +111,11 @@ def check(
     )
     causes = compare_causes(evidence, columns, reference)
     p_value = reference.p_value(evidence.d2)
-    findings: list[Finding] = []
     if p_value < level:
-        status = CHANGED
-        assert result.W is not None
-
-        def d2_of(again: PosePairs, rows: Array | None = None) -> float:
-            of, q = (noise, joints) if rows is None else (
-                None if noise is None else noise.rows(rows), None if joints is None else np.asarray(joints)[rows]
-            )  # fmt: skip
-            return evidence_of_poses(result, again, of, q, same).d2
-
-        first = causes.named
-        lens = any(one.name == FOCAL_LENGTH and one.explains for one in causes.all)
-        factor = LENS if lens else SMALL_FACTOR
-        other = misread(result.X, result.W, poses, evidence, d2_of, least_factor=factor)
-        if other is None and first is not None and first.name == TARGET_SIZE:
-            other = scale_finding("camera", float(1.0 + first.estimate[0]))
-        if other is not None:
-            status = CANNOT_TELL
-            findings.append(other)
-        elif first is not None and first.name == ONE_POSE:
-            status = CANNOT_TELL
-            findings.append(Finding("maintenance.one_pose_wrong", "caution", {"row": first.row, "n": poses.n}))
-        elif not causes.explained:
-            findings.append(Finding("maintenance.unexplained", "caution", {"p_value": causes.all[0].p_left}))
-        elif poses.n < 3:
-            findings.append(Finding("maintenance.few_poses", "note", {"n": poses.n}))
+        status, findings = _of_change(result, poses, evidence, causes, (noise, joints, same))
     else:
         coarse = _coarse(detectable, accepted, evidence)
-        status = UNCHANGED if coarse is None else CANNOT_TELL
-        findings += [] if coarse is None else [coarse]
+        status, findings = (UNCHANGED, []) if coarse is None else (CANNOT_TELL, [coarse])
         if p_value > OVERSTATED and any(one.accuracy is not None and one.default for one in result.shared):
             findings.append(Finding("maintenance.overstated", "note"))
     moved = _moved(causes)
@@ -165,6 +139,34 @@ def check(
         tolerance=None if accepted is None else str(accepted),
         focal_length_px=next((one.focal_length_px for one in result.shared if one.focal_length_px), None),
     )
+
+
+def _of_change(
+    result: Calibrated, poses: PosePairs, evidence: PoseEvidence, causes: Causes, asked: tuple[Any, Any, Any]
+) -> tuple[str, list[Finding]]:
+    """Status and findings of poses that contradict the calibration; ``asked``: noise, joints and what is the same."""
+    noise, joints, same = asked
+    assert result.W is not None
+
+    def d2_of(again: PosePairs, rows: Array | None = None) -> float:
+        of, q = (noise, joints) if rows is None else (
+            None if noise is None else noise.rows(rows), None if joints is None else np.asarray(joints)[rows]
+        )  # fmt: skip
+        return evidence_of_poses(result, again, of, q, same).d2
+
+    first = causes.named
+    lens = any(one.name == FOCAL_LENGTH and one.explains for one in causes.all)
+    factor = LENS if lens else SMALL_FACTOR
+    other = misread(result.X, result.W, poses, evidence, d2_of, least_factor=factor)
+    if other is None and first is not None and first.name == TARGET_SIZE:
+        other = scale_finding("camera", float(1.0 + first.estimate[0]))
+    if other is not None:
+        return CANNOT_TELL, [other]
+    if first is not None and first.name == ONE_POSE:
+        return CANNOT_TELL, [Finding("maintenance.one_pose_wrong", "caution", {"row": first.row, "n": poses.n})]
+    if not causes.explained:
+        return CHANGED, [Finding("maintenance.unexplained", "caution", {"p_value": causes.all[0].p_left})]
+    return CHANGED, [Finding("maintenance.few_poses", "note", {"n": poses.n})] if poses.n < 3 else []
 
 
 def _require_new(result: Calibrated, poses: PosePairs) -> None:

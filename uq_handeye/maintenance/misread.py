@@ -62,7 +62,8 @@ def misread(
         return Finding("maintenance.misread", "caution", best[1])
     for side, factor in _factors(X, W, poses).items():
         if abs(factor - 1.0) > least_factor and factor > 0:
-            found = d2_of(replace(bare, **{side: _scaled(getattr(bare, side), factor)}))
+            scaled: Any = {side: _scaled(getattr(bare, side), factor)}
+            found = d2_of(replace(bare, **scaled))
             if found < max(limit, AGREES * evidence.dof):
                 return scale_finding(side, factor)
     order = _pairing(X, W, bare, evidence)
