@@ -118,10 +118,15 @@ def verify(
     require_metres(result, touches)
     evidence = evidence_of_touches(result, touches)
     require_other_touches(result, touches, evidence)
-    known = touches.tool_known
     size = parse_length(show, "show (--show)")
     if not size > 0:
         raise InputError(f"Expected `show` (--show) to be above 0, got {show!r}.")
+    return _verified(result, touches, evidence, size, candidates)
+
+
+def _verified(result: Sourced, touches: Touches, evidence: TouchEvidence, size: float, candidates: Any) -> Verification:
+    """Test bias and scatter of touches, and say what they would have shown; see `verify`."""
+    known = touches.tool_known
     assessed = assess(evidence, known)
     bias, level = assessed.bias, assessed.level
     at_least = limit(evidence, known, level)
