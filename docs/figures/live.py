@@ -27,8 +27,10 @@ from selenium import webdriver
 from selenium.webdriver.chrome.service import Service
 
 import uq_handeye as uq
-from uq_handeye.geometry.se3 import Array
+from uq_handeye.evidence.touches import Touches
+from uq_handeye.geometry.se3 import Array, inverse
 from uq_handeye.live_session.api import live
+from uq_handeye.live_session.view import view_page
 from uq_handeye.presentation.pdf import FLAGS, found_browser
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -63,8 +65,8 @@ def cell(n: int = 18, seed: int = 4) -> uq.PosePairs:
     """A UR5e that looks at a board before it from ``n`` sides."""
     X = np.eye(4)
     X[:3, 3] = 0.0, -0.06, 0.05
-    W = np.array([[0.0, -1, 0, 0.45], [1, 0, 0, 0.0], [0, 0, 1, 0.0], [0, 0, 0, 1]])
-    return uq.simulate(n, noise=NOISE, X=X, W=W, distance=("0.38m", "0.6m"), tilt="28deg", roll="70deg", seed=seed)
+    W = np.array([[0.0, -1, 0, 0.42], [1, 0, 0, 0.0], [0, 0, 1, 0.0], [0, 0, 0, 1]])
+    return uq.simulate(n, noise=NOISE, X=X, W=W, distance=("0.36m", "0.52m"), tilt="28deg", roll="70deg", seed=seed)
 
 
 @contextmanager
@@ -122,6 +124,51 @@ def live_phone_png() -> bytes:
 def live_start_png() -> bytes:
     with tempfile.TemporaryDirectory() as folder, live(Path(folder), port=0) as shown, browser(DESK) as driver:
         return shot(driver, shown.url)
+
+
+def touches(result: Any, poses: uq.PosePairs) -> Touches:
+    """Five points before the robot that the camera saw and the tool touched, the last one 4 mm off."""
+    points = np.array([[0.35, -0.12, 0.0], [0.35, 0.12, 0.0], [0.55, -0.12, 0.0], [0.55, 0.12, 0.0], [0.45, 0.2, 0.05]])
+    rng, seen_from = np.random.default_rng(2), poses.robot[[0, 2, 3, 5, 7]]
+    at = inverse(seen_from @ poses.truth.X)
+    seen = (at @ np.column_stack([points, np.ones(5)])[..., None])[:, :3, 0]
+    missed = points + rng.normal(0.0, 3e-4, points.shape)
+    missed[4] += 0.003, 0.0, 0.003
+    return Touches(seen, missed, seen_from, touch_sd=3e-4, seen_covariance=np.tile(4e-8 * np.eye(3), (5, 1, 1)))
+
+
+def view_png() -> bytes:
+    poses = cell(24)
+    result = uq.calibrate(poses, noise=NOISE, kinematics=uq.Kinematics.from_name("ur5e"))
+    return _viewed(view_page(result, port=0, touches=touches(result, poses)))
+
+
+def view_rig_png() -> bytes:
+    poses = cell(14)
+    apart = {"left": (0.0, 0.0, 0.0), "middle": (0.06, 0.0, 0.0), "right": (0.12, 0.0, 0.0)}
+    fixed, tag = np.array([[-1.0, 0, 0, 0.9], [0, 0.6, -0.8, 0.5], [0, -0.8, -0.6, 0.7], [0, 0, 0, 1]]), np.eye(4)
+    tag[:3, 3] = 0.0, 0.08, 0.02
+    seen = {("cell", "tag"): inverse(fixed) @ poses.robot @ tag}
+    for name, shift in apart.items():
+        T = np.eye(4)
+        T[:3, 3] = shift
+        seen[name, "board"] = inverse(poses.truth.X @ T) @ inverse(poses.robot) @ poses.truth.W
+    rng, views = np.random.default_rng(3), []
+    for pair, T in seen.items():
+        T[:, :3, 3] += rng.normal(0.0, 4e-4, (len(T), 3))
+        views.append(uq.View(*pair, T))
+    on = dict.fromkeys(apart, "arm") | {"cell": "world"}
+    rig = uq.Rig({"arm": poses.robot}, on, {"board": "world", "tag": "arm"}, views)
+    sizes = dict.fromkeys(on, ("0.05deg", "0.4mm")) | {"arm": ("0.02deg", "0.08mm")}
+    return _viewed(view_page(uq.calibrate_rig(rig, noise=sizes), port=0))
+
+
+def _viewed(page: Any) -> bytes:
+    try:
+        with browser(DESK) as driver:
+            return shot(driver, page.url)
+    finally:
+        page.close()
 
 
 PICTURES: dict[str, Callable[[], bytes]] = {

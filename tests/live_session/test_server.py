@@ -1,12 +1,18 @@
 """The door of the page: this machine alone, or a token; uploads under names of ours."""
 
 import http.client
+import io
+import resource
 import socket
+import zipfile
 
 import pytest
 
 import uq_handeye as uq
-from uq_handeye.live_session.uploads import keep_upload
+from uq_handeye.live_session.folder import Folder
+from uq_handeye.live_session.markup import summary
+from uq_handeye.live_session.session import Session
+from uq_handeye.live_session.uploads import MOST_BYTES, keep_bag, keep_picture, keep_upload, thumbnail
 
 pytest.importorskip("viser", reason="viser (extra live) is not installed")
 from uq_handeye.live_session.server import Server
@@ -95,9 +101,50 @@ def test_a_wrong_port():
 def test_uploads_stay_in_the_folder(tmp_path):
     assert keep_upload(tmp_path, "robot", "../../../evil.csv", b"x") == tmp_path / "robot.csv"
     assert keep_upload(tmp_path, "robot", "C:\\temp\\evil.CSV", b"y") == tmp_path / "robot_2.csv"
+    assert keep_bag(tmp_path, "/etc/../a.mcap", b"x") == tmp_path / "bags" / "bag.mcap"
     for name, content, why in (
         ("page.html", b"x", "Expected a file of poses"), ("robot", b"x", "Expected a file"), ("a.csv", b"", "is empty"),
+        ("a.csv", bytes(MOST_BYTES + 1), "at most 50 MB are read"),
     ):  # fmt: skip
         with pytest.raises(uq.InputError, match=why):
             keep_upload(tmp_path, "robot", name, content)
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["robot.csv", "robot_2.csv"]
+    with pytest.raises(uq.InputError, match="Expected a bag of ROS"):
+        keep_bag(tmp_path, "bag.zip", b"x")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["bags", "robot.csv", "robot_2.csv"]
+
+
+def picture(width, height, kind="PNG"):
+    """A grey picture as bytes."""
+    Image = pytest.importorskip("PIL.Image", reason="Pillow (extra live) is not installed")
+    with io.BytesIO() as file:
+        Image.new("L", (width, height), 128).save(file, kind)
+        return file.getvalue()
+
+
+def test_pictures_are_looked_at_before_they_are_kept(tmp_path):
+    assert keep_picture(tmp_path, "../a.png", picture(640, 480)).name == "picture.png"
+    assert thumbnail(tmp_path / "picture.png").shape == (180, 240, 3)
+    bomb = picture(12_000, 9_000)  # 105 kB
+    for content, why in ((bomb, "more than 100 million pixels"), (b"<svg onload=alert(1)>", "expected a picture")):
+        with pytest.raises(uq.InputError, match=why):
+            keep_picture(tmp_path, "b.png", content)
+    assert [path.name for path in tmp_path.iterdir()] == ["picture.png"]
+
+
+def test_what_files_hold_is_shown_as_text_and_bounded(tmp_path):
+    """Zip bombs, HTML and formulas in a file end as one line that says what cannot be read."""
+    session = Session(Folder(tmp_path))
+    bomb = io.BytesIO()
+    with zipfile.ZipFile(bomb, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("robot.npy", bytes(300_000_000))
+    for name, content in (
+        ("a.npz", bomb.getvalue()), ("a.csv", b"x,y,z,qx,qy,qz,qw\n<img src=x onerror=alert(1)>,0,0,0,0,0,1\n"),
+        ("a.csv", b"x,y,z,qx,qy,qz,qw\n=cmd|' /C calc'!A0,0,0,0,0,0,1\n"), ("a.json", b'{"a":' * 100_000),
+    ):  # fmt: skip
+        paths = [keep_upload(tmp_path, side, name, content) for side in ("robot", "camera")]
+        before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        session.update()
+        assert session.problem and "\n" not in session.problem and session.answer.n == 0
+        assert "<img" not in summary(session) and resource.getrusage(resource.RUSAGE_SELF).ru_maxrss < before + 250_000
+        for path in paths:
+            path.unlink()

@@ -52,9 +52,10 @@ def words(answer: Answer) -> str:
 def enough(answer: Answer) -> bool:
     """Return whether `AHEAD` more poses would gain less than `HARDLY`.
 
-    None of them gains more than the next one, g, so together at most ``1 - (1 - g)^5``.
+    None of them gains more than the next one, g, so together at most ``1 - (1 - g)^5``; a lower bound of a
+    gain says nothing.
     """
-    gain = None if answer.ahead is None else answer.ahead.gain
-    if gain is None or not np.isfinite(gain):
+    ahead = answer.ahead
+    if ahead is None or ahead.least or not np.isfinite(gain := ahead.gain):
         return False
     return 1.0 - (1.0 - max(gain, 0.0)) ** AHEAD < HARDLY

@@ -25,7 +25,7 @@ MOST_ROWS = 1000
 
 STYLE = Markup("""<style>
 .uq{padding:0 .75em;font-size:.82em;line-height:1.4;overflow-wrap:anywhere}
-.uq p{margin:.35em 0}.uq .big{font-size:1.15em;font-weight:600}
+.uq .uq{padding:0;font-size:1em}.uq p{margin:.35em 0}.uq .big{font-size:1.15em;font-weight:600}
 .uq .dim{color:var(--mantine-color-dimmed)}
 .uq .ok{color:#0a7d4f}.uq .caution{color:#a15c00}.uq .failed{color:#c4002f}
 [data-mantine-color-scheme=dark] .uq .ok{color:#4fd1a1}[data-mantine-color-scheme=dark] .uq .caution{color:#f2b84b}
@@ -71,9 +71,9 @@ def summary(session: Session) -> str:
 
 
 def of_result(result: Calibration) -> str:
-    """Return a stored result: headline, what is included, checks."""
-    parts = [STYLE, Markup('<div class="uq" id="uq-answer">'), _line(result.headline, f"big {status_of(result)}")]
-    return str(Markup("").join([*parts, Markup(covered(result)), Markup("</div>")]))
+    """Return the headline of a stored result."""
+    head = _line(result.headline, f"big {status_of(result)}")
+    return str(Markup('{}<div class="uq" id="uq-answer">{}</div>').format(STYLE, head))
 
 
 def of_rig(result: RigCalibration) -> str:
@@ -85,7 +85,10 @@ def of_rig(result: RigCalibration) -> str:
         sizes = [digits(x, 2) if np.isfinite(x) else "open" for x in (1e3 * shift, float(np.degrees(turn)))]
         rows.append(row.format(one.frame, *sizes, one.count or ""))
     head = Markup("<tr><th>pose</th><th>mm</th><th>deg</th><th>views</th></tr>")
-    lines = [_line(str(result.rig), "big"), Markup("<table>{}{}</table>").format(head, Markup("").join(rows))]
+    lines = [
+        _line(repr(result.rig).removeprefix("Rig(").removesuffix(")"), "big"),
+        Markup("<table>{}{}</table>").format(head, Markup("").join(rows)),
+    ]
     lines += [_line(text, "caution") for text in result.warnings]
     return str(Markup("").join([STYLE, Markup('<div class="uq" id="uq-answer">'), *lines, Markup("</div>")]))
 

@@ -176,7 +176,7 @@ class Page(BrowserPage):
     def _finish(self, client: Any) -> None:
         folder: Path = self.session.finish()
         report = folder / "report.html"
-        client.send_file_download("report.html", report.read_bytes())
+        client.send_file_download("report.html", report.read_bytes(), save_immediately=True)
         client.add_notification("Finished", f"Result and report are in {folder}.", color="teal")
 
     def _enlarge(self) -> None:

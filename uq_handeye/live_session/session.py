@@ -25,7 +25,7 @@ from ..files.atomic import json_text, write_atomically
 from ..geometry.checks import as_transforms
 from ..geometry.frames import SETUPS
 from .folder import Folder, SeenBoard, settled
-from .question import FEWEST, Answer, Question
+from .question import FEWEST, ONE_AT_A_TIME, Answer, Question
 
 # Poses that came one by one; poses left out, with the steps that can be undone.
 OWN, CHOICE = "poses.jsonl", ".uq-handeye-session.json"
@@ -230,7 +230,7 @@ class Session:
 
     def finish(self) -> Path:
         """Write result and report of the last answer, and return their folder."""
-        with self._lock:
+        with self._lock, ONE_AT_A_TIME:
             self.update()
             if self.answer.result is None:
                 raise InputError(f"There is no X yet. {' '.join(self.answer.lines)}".strip())

@@ -13,6 +13,7 @@ from ..camera.board import SUFFIXES
 from ..errors import InputError
 from ..files.atomic import write_atomically
 from .folder import POSE_FILES
+from .question import ONE_AT_A_TIME
 from .session import OWN
 
 # Largest file (bytes); files of one side; largest picture (pixels), and the width at which it is shown.
@@ -73,12 +74,14 @@ def thumbnail(file: Path | io.BytesIO, name: str = "") -> Any:
     from PIL import Image
 
     try:
-        with warnings.catch_warnings():
+        with ONE_AT_A_TIME, warnings.catch_warnings():
             warnings.simplefilter("ignore")
             with Image.open(file) as picture:
                 if picture.width * picture.height > MOST_PIXELS:
                     raise InputError(f"{name!a} has more than {MOST_PIXELS / 1e6:.0f} million pixels.")
                 picture.thumbnail((SHOWN, SHOWN))
                 return np.asarray(picture.convert("RGB"))
+    except InputError:
+        raise
     except (OSError, ValueError, SyntaxError, Image.DecompressionBombError):
         raise InputError(f"{name!a}: expected a picture ({', '.join(SUFFIXES)}).") from None

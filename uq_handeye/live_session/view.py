@@ -21,7 +21,7 @@ from .browser_page import BrowserPage
 from .drawing.rig_scene import RigScene
 from .drawing.scene import Beside, Scene
 from .drawing.touched import touched
-from .markup import of_point, of_result, of_rig, preformatted
+from .markup import covered, of_point, of_result, of_rig, preformatted
 from .question import Answer
 from .server import HOST, PORT
 
@@ -51,11 +51,14 @@ class ViewPage(BrowserPage):
         self.result, self.poses = result, poses
         self._answer, self._beside = Answer(poses.n, (), result.excluded, poses, result), Beside(touched=found)
         self._gui.add_html(of_result(result))
-        if found is not None:
-            self._gui.add_html(preformatted(found.words))
         self._words = self._gui.add_html("")
         kept = [k for k in range(poses.n) if k not in result.excluded]
         self._pose: Any = self._gui.add_number("From pose", kept[-1], min=0, max=poses.n - 1, step=1)
+        if found is not None:
+            with self._gui.add_folder("Touched points"):
+                self._gui.add_html(preformatted(found.words))
+        with self._gui.add_folder("Checks, and what is included"):
+            self._gui.add_html(covered(result))
         self._scene = Scene(self._server.viser, self._select)
         distance = float(np.median(np.linalg.norm(poses.camera[:, :3, 3], axis=-1)))
         W = result.W if result.W is not None else poses.robot[0] @ result.X @ poses.camera[0]
@@ -97,6 +100,7 @@ class RigPage(BrowserPage):
         super().__init__(host, port)
         self.result = result
         self._gui.add_html(of_rig(result))
+        self._words = self._gui.add_html("")
         self._scene = RigScene(self._server.viser, result)
         last = len(self._scene.moments) - 1
         self._moment: Any = self._gui.add_slider("Robot pose", 0, max(last, 1), 1, 0)
@@ -105,4 +109,4 @@ class RigPage(BrowserPage):
 
     def _show(self, k: int) -> None:
         with self._drawing, self._server.viser.atomic():
-            self._scene.show(min(k, len(self._scene.moments) - 1))
+            self._words.content = preformatted(self._scene.show(min(k, len(self._scene.moments) - 1)))

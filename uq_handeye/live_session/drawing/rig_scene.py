@@ -52,8 +52,8 @@ class RigScene:
                 found[name] = self.result.arms[name].base @ arm.poses[k]
         return found
 
-    def show(self, moment: int) -> None:
-        """Draw the rig at a robot pose."""
+    def show(self, moment: int) -> str:
+        """Draw the rig at a robot pose, and return what is shown."""
         result, at, distance = self.result, self.carriers(moment), self._distance
         points = [np.zeros(3)]
         with self.nodes.drawing():
@@ -86,10 +86,10 @@ class RigScene:
                     self.nodes.board(f"/targets/{name}", T, 0.4 * distance, DARK)
                     self.nodes.label(f"/targets/{name}/name", name, np.eye(4))
                     points.append(T[:3, 3])
-            self.nodes.label("/scale", f"robot pose {self.moments[moment]}; ellipsoids 1 sigma x {factor}", np.eye(4))
             if not self._placed:
                 self._placed = True
                 self.nodes.look_at(np.array(points))
+        return f"Robot pose {self.moments[moment]}. Ellipsoids: 1 sigma of the camera's position x {factor}."
 
     def _joined(self, name: str, one: Array, two: Array, thick: float) -> None:
         ends = np.stack([one[:3, 3], two[:3, 3]])[None]

@@ -11,6 +11,7 @@ from ...geometry.se3 import Array
 from ...verification.input_checks import require_metres
 from ...verification.touches_file import read_touches
 from ...verification.verify import verify
+from ..question import ONE_AT_A_TIME
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,6 +30,12 @@ def touched(result: Calibration, touches: Touches | Path) -> Touched:
     if isinstance(touches, Path):
         touches = read_touches(touches, None if result.kinematics is None else result.kinematics.chain)
     require_metres(result, touches)
-    found, evidence = verify(result, touches), evidence_of_touches(result, touches)
+    with ONE_AT_A_TIME:
+        found, evidence = verify(result, touches), evidence_of_touches(result, touches)
     difference = found.points.difference
-    return Touched(evidence.at + evidence.r, difference, found.points.flagged, touches.names, found.summary())
+    return Touched(evidence.at + evidence.r, difference, found.points.flagged, touches.names, _first(found.summary()))
+
+
+def _first(text: str) -> str:
+    """Return the first paragraph on one line."""
+    return " ".join(text.partition("\n\n")[0].split())
