@@ -100,7 +100,7 @@ class Estimated(NamedTuple):
     found: RigFit
     far: Distances
     spread: Array | None = None
-    components: tuple[Mapping[str, Any], ...] = ()
+    components: tuple[dict[str, Any], ...] = ()
 
 
 def _at_global_minimum(

@@ -225,7 +225,7 @@ class Isotropic:
         by = -np.linalg.lstsq(A.T @ A, A.T @ B, rcond=1e-12)[0]
         B = B + A @ by
         Z = (np.sqrt(rows.w_r)[:, None, None] * turn.reshape(n, 9, -1)[..., :size]).reshape(9 * n, -1)
-        return B.T @ B + Z.T @ Z, by
+        return np.asarray(B.T @ B + Z.T @ Z), np.asarray(by, dtype=float)
 
     def minimum(self, start: Array) -> Array:
         """Return the local minimum (m, 4, 4) next to rotations of a start, by damped Gauss-Newton steps."""
@@ -289,7 +289,7 @@ def largest_bound(Q: Array) -> tuple[float, Array]:
         S = _inverse(M)
         g = np.append(-np.einsum("jpq,apq->aj", A, S[place[:, :, None], place[:, None, :]]).reshape(-1), t - S[-1, -1])
         H = _curvature(A, S, place)
-        scaled = 1.0 / np.sqrt(np.diag(H))
+        scaled = 1.0 / np.sqrt(np.diagonal(H))
         try:
             step = scaled * cho_solve(cho_factor(H * np.outer(scaled, scaled) + 1e-13 * np.eye(len(H))), scaled * g)
         except LinAlgError:  # far from a minimum that is not the global one digits run out: what is proven stands
