@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -28,6 +28,8 @@ from .weights import Distances, distances, fit_robustly
 METHODS = ("efficient", "ml")
 # Rounds of sizes and weights.
 ROUNDS = 6
+# Weight above which a view counts for the sizes.
+COUNTS = 0.5
 # Minima that are tried.
 MINIMA = 3
 
@@ -144,14 +146,15 @@ def _with_sizes(
             "the noise."
         )
     at, count = start, kept if robust else np.ones(graph.E, dtype=bool)
-    for _ in range(ROUNDS):
+    for done in range(ROUNDS):
         sizes = find_sizes(rig, graph, at, count, shared, prior)
         if not robust:
             found = fit(graph, sizes.noise, at, method, prior=prior)
             far = distances(found)
             break
         found, far = _robustly(rig, graph, sizes.noise, at, method, prior, count)
-        at, again = found.at, found.edge_weights > 0
+        # a view at the edge must not come and go: from the third round on none comes back
+        at, again = found.at, (found.edge_weights > COUNTS) & (count | (done < 2))
         if (again == count).all():
             break
         count = again

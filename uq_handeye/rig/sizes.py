@@ -1,15 +1,15 @@
 r"""Noise of a rig from its own views: components with owners, whose sizes are found together (`one_model`).
 
 An arm owns rotation and translation noise of its poses, and its accuracy; a camera rotation and translation noise,
-focal length and image centre; a target its scale. The column of an owner is zero in the rows of the others. Sizes of
-cameras share a prior: log-normal about a median that is itself log-normal, so that few views of one camera borrow from
-the others. Rows of one robot pose stand together (`engine.Rows`): views at one moment show the robot's noise directly,
-by the correlation of their residuals.
+that by the view, focal length and image centre; a target its scale. The column of an owner is zero in the rows of the
+others. Sizes of cameras share a prior: log-normal about a median that is itself log-normal, so that few views of one
+camera borrow from the others. Rows of one robot pose stand together (`engine.Rows`): views at one moment show the
+robot's noise directly, by the correlation of their residuals.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +23,7 @@ from ..one_model.mode import GAIN, find_mode
 from ..poses.pose_pairs import PosePairs
 from ..shared_errors.shared_error import assumed_accuracy
 from ..shared_errors.sizes import SIZES, Size
-from ..shared_errors.view import intrinsics_columns
+from ..shared_errors.view import intrinsics_columns, view_block
 from .description import Rig
 from .fit import Prior, prior_at
 from .graph import Graph
@@ -31,9 +31,12 @@ from .noise import RigNoise
 
 # Factor (one sigma of the logarithm) by which cameras differ from their common median.
 APART = 2.0
+# Factor of the sizes of focal length and image centre.
+OF_CAMERA = 3.0
 # Views from which the sizes are found at most, whole groups; rounds of linearisation; what a step may still move.
 ENOUGH, ROUNDS, STILL = 600, 6, 2e-2
 
+OF_EACH_CAMERA = ("rotation", "translation", "by view", "focal length", "principal point")
 _PARTS = (("rotation", np.eye(6)[:, :3]), ("translation", np.eye(6)[:, 3:]))
 
 
@@ -61,6 +64,7 @@ def components_of(rig: Rig, graph: Graph, shared: bool) -> tuple[Component, ...]
         if shared:
             found.append(_accuracy(graph, name, graph.arm == k))
     intrinsics = intrinsics_columns(graph.C) if shared else None
+    by_view = _by_view(graph)
     for name in rig.cameras:
         owned = np.array([camera == name for camera, _, _ in of_view])[graph.view]
         own = (owned & ~np.array([known for *_, known in of_view])[graph.view]).astype(float)[:, None, None]
@@ -68,10 +72,12 @@ def components_of(rig: Rig, graph: Graph, shared: bool) -> tuple[Component, ...]
             found += [
                 Component(f"{name} {what}", "camera", SIZES[f"camera {what}"], block=own * B) for what, B in _PARTS
             ]
+        if own.any():
+            found.append(Component(f"{name} by view", "camera", SIZES["camera by view"], block=own * by_view))
         if intrinsics is not None:
             K = intrinsics * owned[:, None, None]
-            found.append(Component(f"{name} focal length", "camera", SIZES["focal length"], columns=K[..., :1]))
-            found.append(Component(f"{name} principal point", "camera", SIZES["principal point"], columns=K[..., 1:3]))
+            found.append(Component(f"{name} focal length", "camera", _open("focal length"), columns=K[..., :1]))
+            found.append(Component(f"{name} principal point", "camera", _open("principal point"), columns=K[..., 1:3]))
     if shared:
         for name in rig.targets:
             owned = np.array([target == name for _, target, _ in of_view])[graph.view]
@@ -79,6 +85,20 @@ def components_of(rig: Rig, graph: Graph, shared: bool) -> tuple[Component, ...]
             K[:, 3:, 0] = graph.C[:, :3, 3] * owned[:, None]
             found.append(Component(f"{name} scale", "camera", SIZES["target scale"], columns=K))
     return tuple(found)
+
+
+def _open(name: str) -> Size:
+    """Size of what a camera's own calibration leaves, between cameras of all kinds."""
+    return replace(SIZES[name], factor=OF_CAMERA)
+
+
+def _by_view(graph: Graph) -> Array:
+    """(E, 6, 6) square roots of the shape that the corners of each target give (`shared_errors.view`)."""
+    found = np.zeros((graph.E, 6, 6))
+    for target in np.unique(graph.W):
+        of = target == graph.W
+        found[of] = view_block(graph.C[of])
+    return found
 
 
 def _accuracy(graph: Graph, name: str, of: Array) -> Component:
@@ -228,7 +248,7 @@ def _covariance_of_sizes(rig: Rig, parts: tuple[Component, ...]) -> Array:
     """
     free = [part for part in parts if not part.size.is_known]
     C = np.diag([np.log(part.size.factor) ** 2 for part in free])
-    for what, _ in _PARTS:
+    for what in OF_EACH_CAMERA:
         names = {f"{name} {what}" for name in rig.cameras}
         of = np.flatnonzero([part.name in names for part in free])
         for i in of:

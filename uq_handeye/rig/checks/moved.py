@@ -29,12 +29,14 @@ from ..fit import Prior, RigFit, fit
 from ..graph import Graph
 from ..noise import RigNoise
 from ..weights import fit_robustly
-from .paths import LEAST, RigPath, moments_of, paths_of
+from .paths import RigPath, moments_of, paths_of
 
 # Probability of a false finding in one rig; of one that fails it.
 LEVEL, SURE = 5e-3, 1e-8
 # Paths that are fitted with their copy; difference of chi-square within which another one explains as much.
 TRIED, AS_GOOD = 4, 6.0
+# Moments of a run of rejected views, at least.
+RUN = 5
 # A rejected view counts as so many times the largest distance that chance makes.
 PENALTY = 3.0
 
@@ -116,13 +118,11 @@ def _with_runs(rig: Rig, found: RigFit, method: str, prior: Prior | None) -> Rig
 
 
 def _runs(moment: NDArray[np.intp], weak: NDArray[np.bool_]) -> list[NDArray[np.intp]]:
-    """Views of `LEAST` or more moments in a row of which most views are rejected."""
+    """Views of `RUN` or more moments in a row of which most views are rejected."""
     of = np.unique(moment, return_inverse=True)[1]
     bad = np.bincount(of, weak) > 0.5 * np.bincount(of)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], bad.astype(int), [0]])))
-    return [
-        np.flatnonzero((of >= a) & (of < b)) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a >= LEAST
-    ]
+    return [np.flatnonzero((of >= a) & (of < b)) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a >= RUN]
 
 
 def _with_copy(found: RigFit, path: RigPath, method: str, prior: Prior | None, robust: bool) -> _Copied | None:
@@ -155,6 +155,8 @@ def _with_copy(found: RigFit, path: RigPath, method: str, prior: Prior | None, r
     square = float(change @ np.linalg.lstsq(S, change, rcond=None)[0])
     poses = np.concatenate([fitted.pose_weights, [1.0]])
     weight = np.minimum(fitted.edge_weights, np.minimum(poses[graph.side[0]], poses[graph.side[1]]))
+    if weight[path.edges].mean() < 0.5:  # they do not agree on another place either
+        return None
     rejected = float((1.0 - weight).sum())
     scale = max(1.0, fitted.chi_square / max(fitted.dof, 1))
     limit = largest_by_chance(graph.E + graph.P)
