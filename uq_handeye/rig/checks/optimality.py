@@ -183,15 +183,15 @@ class Isotropic:
 
     def globally(self, start: Array) -> tuple[Array, float, Array | None]:
         """Return the minimum next to a start, its relative gap, and a better minimum if the bound leads to one."""
-        at = self.minimum(start)
-        value = self.value(at)
-        bound, towards = self.bound(at)
+        at, Q = self._minimum(start)
+        value = float(Q[-1, -1])
+        bound, towards = self._bound(at, Q)
         scale = max(value, 1e-6 * self.count)
         gap = max(0.0, (value - bound) / scale)
         if gap <= PROVEN:
             return at, gap, None
-        other = self.minimum(towards)
-        return at, gap, other if self.value(other) < value - BETTER * scale else None
+        other, Q = self._minimum(towards)
+        return at, gap, other if Q[-1, -1] < value - BETTER * scale else None
 
     @property
     def count(self) -> int:
@@ -228,7 +228,11 @@ class Isotropic:
         return np.asarray(B.T @ B + Z.T @ Z), np.asarray(by, dtype=float)
 
     def minimum(self, start: Array) -> Array:
-        """Return the local minimum (m, 4, 4) next to rotations of a start, by damped Gauss-Newton steps."""
+        """Return the local minimum (m, 4, 4) next to rotations of a start."""
+        return self._minimum(start)[0]
+
+    def _minimum(self, start: Array) -> tuple[Array, Array]:
+        """Local minimum and Q about it, by damped Gauss-Newton steps."""
         at, damping = start.copy(), 1e-9
         Q, by = self.quadratic(at)
         k = len(self.others)
@@ -245,14 +249,13 @@ class Isotropic:
                 at, Q, by, damping = tried, Q_tried, by_tried, max(1e-9, 0.1 * damping)
             else:
                 damping = max(10.0 * damping, 1e-6)
-            if -g @ step < 1e-13 * Q[-1, -1] or damping > 1e8:
+            if -g @ step < 1e-12 * Q[-1, -1] or damping > 1e8:
                 break
         at[self.others, :3, 3] = by[:, -1].reshape(k, 3)
-        return at
+        return at, Q
 
-    def bound(self, at: Array) -> tuple[float, Array]:
+    def _bound(self, at: Array, Q: Array) -> tuple[float, Array]:
         """A lower bound of f over all rotations, and rotations (m, 4, 4) that the bound leads to."""
-        Q, _ = self.quadratic(at)
         scale = max(float(Q[-1, -1]), 1e-6 * self.count)
         gamma, M = largest_bound(Q / scale)
         D = np.linalg.solve(M, np.eye(len(M))[-1])

@@ -84,7 +84,8 @@ def paths_of(rig: Rig, found: RigFit) -> tuple[RigPath, ...]:
     """Return every path of a fit: those through pairs of camera and target, then those in time."""
     graph = found.graph
     white = [
-        np.linalg.solve(part.L, np.concatenate([part.A, part.residual[..., None]], axis=-1)) for part in found.rows
+        np.concatenate([part.white[..., :-1], np.linalg.solve(part.L, part.residual[..., None])], axis=-1)
+        for part in found.rows
     ]
     return (*_through_pairs(found, white), *_in_time(found, white, *moments_of(rig, graph)))
 
@@ -101,12 +102,10 @@ def moments_of(rig: Rig, graph: Graph) -> tuple[NDArray[np.intp], tuple[Any, ...
     return np.array([at[v][k] for v, k in zip(graph.view.tolist(), graph.row.tolist(), strict=True)]), tuple(listed)
 
 
-def _columns(found: RigFit, k: int, u: int, of: NDArray[np.bool_] | None = None) -> tuple[Array, NDArray[np.intp]]:
+def _columns(found: RigFit, k: int, u: int, of: NDArray[np.bool_]) -> tuple[Array, NDArray[np.intp]]:
     """B (g, d, 6) of batch k by the unknown u, in the edges ``of`` (E,), and the groups that have any."""
     part = found.rows[k]
-    J = part.A[..., 6 * u : 6 * u + 6]
-    if of is not None:
-        J = J * np.repeat(of[part.batch.edges], 6, axis=-1)[..., None]
+    J = part.A[..., 6 * u : 6 * u + 6] * np.repeat(of[part.batch.edges], 6, axis=-1)[..., None]
     some = np.flatnonzero(np.abs(J).max(axis=(-2, -1)) > 0)
     return np.asarray(np.linalg.solve(part.L[some], J[some])), some
 
@@ -158,8 +157,9 @@ def _in_time(found: RigFit, white: list[Array], moment: NDArray[np.intp], names:
     graph, paths = found.graph, []
     for u in range(graph.m):
         sums, first, of_u = [], [], np.zeros(graph.E, dtype=bool)
-        for k, (part, rows) in enumerate(zip(found.rows, white, strict=True)):
-            B, some = _columns(found, k, u)
+        for part, rows in zip(found.rows, white, strict=True):
+            some = np.flatnonzero(np.abs(part.A[..., 6 * u : 6 * u + 6]).max(axis=(-2, -1)) > 0)
+            B = rows[some, :, 6 * u : 6 * u + 6]
             sums.append(_sums(B, rows[some]))
             first.append(moment[part.batch.edges[some]].min(axis=-1))
             of_u[part.batch.edges[some]] = True
