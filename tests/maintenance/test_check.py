@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from rig_of_arm import ARM, rig
 
 import uq_handeye as uq
 from uq_handeye.evidence.new_poses import evidence_of_poses
@@ -271,3 +272,11 @@ def test_results_of_older_files_and_other_rigs_are_refused_in_one_line(results):
         with pytest.raises(uq.InputError, match=words) as error:
             uq.check(of, new, **options)
         assert "\n" not in str(error.value)
+
+
+def test_joints_of_another_arm_are_refused():
+    found = rig(np.random.default_rng(1))
+    result = uq.calibrate(found.poses, noise=uq.PoseNoise(camera=NOISE.camera), kinematics=ARM, shared=[])
+    new = uq.PosePairs(found.poses.robot[:4] + 0.0, found.poses.camera[:4] + 0.0, joints=np.zeros((4, 7)))
+    with pytest.raises(uq.InputError, match=r"finite numbers \(\.\.\., 6\)"):
+        uq.check(result, new)

@@ -160,3 +160,25 @@ def test_names_that_contradict_the_results_are_refused():
                for of, kept in zip((first, second), parts, strict=True)]  # fmt: skip
     with pytest.raises(uq.InputError, match=r"other intrinsics\. Leave the camera out"):
         uq.difference(*results, same=("camera",))
+
+
+def test_a_file_without_a_posterior_is_taken_as_independent_and_predicts_nothing():
+    poses = uq.simulate(20, noise=NOISE, seed=7)
+    old, new = (fitted(poses.rows(rows), noise=NOISE) for rows in (np.arange(10), np.arange(10, 20)))
+    bare = replace(old, joint_posterior=None)
+    found = uq.difference(bare, new)
+    assert found.how == "independent" and found.p_value_X > 1e-3
+    assert uq.difference(old, new).how == "posterior"
+    with pytest.raises(uq.InputError, match="Predictions need X and W together"):
+        bare.predict_camera(robot=poses.robot)
+    with pytest.raises(uq.InputError, match="joint covariance of X and W"):
+        uq.verify(bare, np.full((4, 3), 0.3), np.full((4, 3), 0.5), robot=poses.robot[:4], touch_sd="0.2mm")
+
+
+def test_independent_results_without_poses_differ_as_with_them():
+    poses = replace(uq.simulate(24, noise=NOISE, seed=9), truth=None)
+    pair = [quietly(poses.rows(rows)) for rows in (np.arange(12), np.arange(12, 24))]
+    bare = [replace(of, data=None, provenance=replace(of.provenance, request=None)) for of in pair]
+    whole, without = (uq.difference(*of, same=("robot", "camera", "target")) for of in (pair, bare))
+    np.testing.assert_allclose(without.covariance, whole.covariance, rtol=1e-6, atol=1e-16)
+    assert whole.how == without.how == "posterior"

@@ -226,7 +226,7 @@ def test_joints_in_degrees_are_refused(rng):
 
 
 def test_a_calibrated_pose_is_never_less_certain_than_one_far_away():
-    """Of arms of which nothing is known, and of poses without errors of the arm."""
+    """Two arms of which nothing is known, and one without errors."""
     for arm, accuracy in (("ur5", 0.6e-3), ("panda", 2e-3), ("irb120", 0.0)):
         drawn = arm_set(arm, accuracy, np.random.default_rng(3), n=30)
         at, far = drawn.poses.robot, drawn.far.robot
