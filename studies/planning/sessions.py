@@ -17,11 +17,11 @@ from scipy.spatial.transform import Rotation
 
 import uq_handeye as uq
 from studies.common.scores import errors, nees
-from uq_handeye.geometry.se3 import Array, skew
+from uq_handeye.geometry.se3 import Array, inverse, skew
 from uq_handeye.likelihood.constraint import OnPoses, residual_covariance
 from uq_handeye.likelihood.gauss_helmert import bound, efficient
 from uq_handeye.noise.square_roots import cholesky_of, whiten
-from uq_handeye.planning.candidates import predicted_camera, sample_candidates
+from uq_handeye.planning.candidates import sample_candidates
 from uq_handeye.planning.plan import CRITERIA, plan
 from uq_handeye.planning.weak_prior import so_far
 from uq_handeye.posterior.selection import covariance_of, greedy, value
@@ -37,6 +37,11 @@ SAMPLES = (50, 200, 1000, 5000)
 CURVE = 25  # random poses that are followed
 
 Row = dict[str, Any]
+
+
+def predicted_camera(robot: Array, X: Array, W: Array, setup: str) -> Array:
+    """``C = inv(X) inv(G) W`` (m, 4, 4), what the camera would see from the robot poses (m, 4, 4)."""
+    return np.asarray(inverse(X) @ (robot if setup == "eye-to-hand" else inverse(robot)) @ W)
 
 
 def generators(table: int, count: int) -> Iterator[np.random.Generator]:

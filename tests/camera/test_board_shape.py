@@ -13,8 +13,7 @@ from studies import board_shape as study
 from studies.camera_covariance import SIZE, board, recorded
 from tests.support import jacobian
 from uq_handeye.camera.adjustment.bundle import LOST, Sight
-from uq_handeye.camera.adjustment.model_choice import criterion
-from uq_handeye.camera.adjustment.setting import Setting
+from uq_handeye.camera.adjustment.model_choice import Setting, criterion
 from uq_handeye.camera.board_shape import SHAPES, BoardShape, flat_shape, polynomial_shape, possible_shapes
 from uq_handeye.camera.calibrate import calibrate_camera
 from uq_handeye.camera.models import MODELS

@@ -23,9 +23,8 @@ from ..geometry.se3 import Array
 from .adjustment.bent_edges import bias
 from .adjustment.bundle import Bundle, adjust
 from .adjustment.initial_guess import AMBIGUOUS, better_start, poses_of, unlike_a_board
-from .adjustment.model_choice import CANDIDATES, USUAL, Lens, search
+from .adjustment.model_choice import CANDIDATES, USUAL, Known, Lens, search
 from .adjustment.outliers import picture_weights, spoilt, without_outliers
-from .adjustment.setting import Known
 from .board_shape import BoardShape, polynomial_shape, possible_shapes
 from .corners import Corners, without_pictures
 from .measured_board import measured_board

@@ -13,9 +13,9 @@ import typer
 from ..errors import InputError
 from ..files.about import ABOUT, read_about
 from ..runtime.progress import working
-from .groups import OUTPUT, common_in
 from .messages import LOG, progress_wanted, timed
 from .options.common import emit, named_folder, one_of, option, require_writable
+from .options.declared import OUTPUT, common_in
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

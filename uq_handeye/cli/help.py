@@ -15,9 +15,9 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from .groups import ARGUMENTS, MESSAGES, OPTIONS, SHOWN_UNDER, position
 from .messages import coloured, note_options, terminal_width
 from .options.common import with_parameters
+from .options.declared import ARGUMENTS, MESSAGES, OPTIONS, SHOWN_UNDER, position
 
 # Largest width of a page and of a name, in columns.
 WIDE, NAME = 100, 28

@@ -20,7 +20,7 @@ from typing import Annotated, Any, TextIO
 import typer
 
 from ..errors import InputError, InputWarning
-from .groups import MESSAGES, common_in
+from .options.declared import MESSAGES, common_in
 
 LOG = logging.getLogger("uq_handeye")
 

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 from ..errors import InputError
 from ..runtime.progress import working
-from .groups import CAMERA_MODEL
 from .messages import LOG, progress_wanted, timed
 from .options.common import Options, one_of, option
+from .options.declared import CAMERA_MODEL
 
 if TYPE_CHECKING:
     from ..camera.board import Board

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ..errors import InputError
-from .groups import POSE_FILES
 from .messages import LOG, command_line
 from .options.arm import Arm
 from .options.common import CAMERA_FRAMES, ROBOT_FRAMES, SETUP_NAMES, option
+from .options.declared import POSE_FILES
 
 if TYPE_CHECKING:
     from ..poses.stream import Stream

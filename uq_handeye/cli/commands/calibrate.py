@@ -12,7 +12,6 @@ from ...errors import InputError, NotConvergedError
 from ...runtime.progress import working
 from ..bag_files import RobotGiven, given_of_robot
 from ..delivery import ReportOptions, report_options_of
-from ..groups import ESTIMATION, OUTPUT
 from ..messages import LOG, command_line, fail, progress_wanted, quiet, timed, withheld
 from ..new_poses import problem_for
 from ..options.common import (
@@ -31,6 +30,7 @@ from ..options.common import (
     option,
     require_writable,
 )
+from ..options.declared import ESTIMATION, OUTPUT
 from ..options.noise import Given, given_of, pose_prior_of, prior_of
 from ..options.touches import TouchesToUse
 from ..outcome import Wanted, emit_refusal, emit_result, json_of, wanted_of

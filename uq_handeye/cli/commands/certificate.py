@@ -8,9 +8,9 @@ import typer
 from ...errors import InputError
 from ...files.about import ABOUT, read_about
 from ..delivery import PAPERS, deliver
-from ..groups import OUTPUT
 from ..messages import quiet, timed
 from ..options.common import JsonOption, emit, emit_document, folder_option, made_of, one_of, option, require_writable
+from ..options.declared import OUTPUT
 from ..outcome import NOT_USABLE, Wanted, status_of, wanted_of
 from .files import ResultFile
 

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 from ...errors import InputError
-from ..groups import JOINTS
 from .common import Options, made_of, one_of, option
+from .declared import JOINTS
 
 if TYPE_CHECKING:
     from ...kinematics.chain import Kinematics

@@ -16,9 +16,8 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 import typer
 
 from ...errors import InputError
-from ..groups import ESTIMATION, OUTPUT, common_in
 from ..messages import Messages, styled, terminal_width
-from .declared import choices, parameters_of, without_options
+from .declared import ESTIMATION, OUTPUT, choices, common_in, parameters_of, without_options
 
 if TYPE_CHECKING:
     from ...presentation.document import Document

@@ -13,6 +13,8 @@ The heading names the group of the help, if there is one. ``*`` marks options th
 names stands what the option takes, nothing for a flag; then, in ``<>``, the names that the shell completes: a constant
 of the module or of `options.common`, or words with ``|`` between them. ``{PAIRINGS}`` in the text lists a constant.
 The parameter of an option is the one of its name, or the one in front of ``=``.
+
+Groups of options in the help: their names, their order, and the options of each that the short help shows.
 """
 
 import inspect
@@ -23,7 +25,47 @@ from typing import Annotated, Any
 
 import typer
 
-from ..groups import common_in
+ARGUMENTS = "Arguments"
+PICTURES = "Pictures of a board"
+POSE_FILES = "Pose files"
+VIEWS = "Camera poses from other programs"
+JOINTS = "Robot joints"
+CAMERA_MODEL = "Camera model"
+NOISE = "Noise"
+SHARED = "Shared errors"
+PRIOR = "Prior knowledge"
+ESTIMATION = "Estimation"
+OPTIONS = "Options"  # of options that name no group
+OUTPUT = "Output"
+MESSAGES = "Messages"
+
+# Order in the help; a command's own groups stand where OPTIONS does.
+_BEFORE = (ARGUMENTS, PICTURES, POSE_FILES, VIEWS, JOINTS, CAMERA_MODEL, NOISE, SHARED, PRIOR, ESTIMATION)
+_AFTER = (OUTPUT, MESSAGES)
+
+# Groups that the short help shows under the heading of another one, to save lines.
+SHOWN_UNDER = {VIEWS: PICTURES, JOINTS: POSE_FILES, SHARED: NOISE, MESSAGES: OUTPUT}
+
+
+class Group(str):
+    """Name of a group of options; ``common`` if the short help shows the option that bears it."""
+
+    common = False
+
+
+def common_in(group: str | None) -> Group:
+    """Return ``group`` as that of an option that the short help shows."""
+    marked = Group(group or OPTIONS)
+    marked.common = True
+    return marked
+
+
+def position(group: str) -> int:
+    """Return the place of a group in the order of the help."""
+    if group in _AFTER:
+        return len(_BEFORE) + 1 + _AFTER.index(group)
+    return _BEFORE.index(group) if group in _BEFORE else len(_BEFORE)
+
 
 _HEADING = re.compile(r"\n\n(?=Options(?: \(.+\))?:\n)")
 _GROUP = re.compile(r"Options(?: \((.+)\))?:\n")

@@ -13,13 +13,24 @@ from ..csv_poses import is_csv_header
 from ..number_table import number_of
 from ..tum import names_order
 from .forms import CONTROLLERS
-from .programs.abb import has_lists, is_abb, read_abb
-from .programs.fanuc import is_fanuc, read_fanuc
-from .programs.kawasaki import is_kawasaki, read_kawasaki
-from .programs.kuka import is_kuka, read_kuka
-from .programs.staubli import has_braces, is_staubli, read_staubli
-from .programs.ur import is_ur, read_ur
-from .programs.yaskawa import is_yaskawa, read_yaskawa
+from .programs import (
+    has_braces,
+    has_lists,
+    is_abb,
+    is_fanuc,
+    is_kawasaki,
+    is_kuka,
+    is_staubli,
+    is_ur,
+    is_yaskawa,
+    read_abb,
+    read_fanuc,
+    read_kawasaki,
+    read_kuka,
+    read_staubli,
+    read_ur,
+    read_yaskawa,
+)
 from .records import is_labelled, read_labelled
 from .tables import read_pose_table, table_kind
 

@@ -11,13 +11,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ....errors import InputError, InputWarning
-from ....files.lines import MAX_ROWS
-from ...contents import Contents, Side
-from ...number_table import NUMBER
-from ..forms import PoseForm
-from ..readings import interpret
-from ..tables import HELP
+from ...errors import InputError, InputWarning
+from ...files.lines import MAX_ROWS
+from ..contents import Contents, Side
+from ..number_table import NUMBER
+from .forms import PoseForm
+from .readings import interpret
+from .tables import HELP
 
 # One number, or what a controller or a program writes in its place.
 VALUE = rf"(?:{NUMBER}|\*+|[+-]?(?:nan|inf)\b)"

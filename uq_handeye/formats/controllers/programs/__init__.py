@@ -1,1 +1,0 @@
-"""Poses that stand in the programs and data files of controllers, one module per maker."""
