@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 from .._version import __version__
 from ..errors import InputError
 from ..files.atomic import json_text, write_atomically
+from ..files.csv_text import frame_text
 from ..files.records import attributes
-from ..files.table import frame_text
 from ..geometry.conventions import CONVENTION
 from ..noise.models import Noise
 from ..presentation.document import COLUMNS, WIDTH, document_of, to_text

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from ..files.table import csv_text
+from ..files.csv_text import csv_text
 from ..formats.controllers.forms import CONTROLLERS, SINGLE, WRITTEN, written_poses
 from ..geometry.conventions import CONVENTION
 from ..geometry.frames import SETUPS

@@ -12,7 +12,7 @@ import shlex
 from typing import Any, NamedTuple
 
 from ..errors import InputError
-from ..files.table import csv_text
+from ..files.csv_text import csv_text
 from ..formatting.numbers import digits
 from .info import CameraInfo
 from .open import HINT

@@ -30,9 +30,10 @@ from scipy.spatial.transform import Rotation
 
 from ..errors import InputError
 from ..evidence.touches import Touches
+from ..files.csv_text import plain_text
 from ..files.lines import short
 from ..files.open import StrPath, as_path, opened, shown
-from ..files.table import Places, Schema, Table, name_and_unit, plain_text, read_table
+from ..files.table import Places, Schema, Table, name_and_unit, read_table
 from ..formatting.units import ANGLE_UNITS, LENGTH_UNITS
 from ..geometry.se3 import Array
 from ..kinematics.chain import Kinematics

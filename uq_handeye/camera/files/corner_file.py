@@ -13,9 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import InputError, InputWarning
+from ...files.csv_text import csv_text, plain_text
 from ...files.lines import MAX_BYTES, short
 from ...files.open import StrPath, as_path, opened, shown
-from ...files.table import Places, Schema, Table, csv_text, in_order, plain_text, read_table, rows_are_numbers
+from ...files.table import Places, Schema, Table, in_order, read_table, rows_are_numbers
 from ...formats.contents import require_units
 from ...geometry.se3 import Array
 from ..corners import Corners

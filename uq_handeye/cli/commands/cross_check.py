@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from ...files.table import frame_text
+from ...files.csv_text import frame_text
 from ..delivery import deliver
 from ..messages import progress_wanted, timed, verbose
 from ..new_poses import Session, calibrated, problem_for, session_of

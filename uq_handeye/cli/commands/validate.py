@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from ...errors import InputError
-from ...files.table import frame_text
+from ...files.csv_text import frame_text
 from ..delivery import deliver, wrote
 from ..messages import LOG, progress_wanted, verbose
 from ..new_poses import Session, calibrated, problem_for, session_of

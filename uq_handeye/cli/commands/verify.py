@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ...errors import InputError
-from ...files.table import csv_text
+from ...files.csv_text import csv_text
 from ..delivery import deliver
 from ..messages import quiet
 from ..options.common import UNITS, JsonOption, emit, emit_document, folder_option, made_of, one_of

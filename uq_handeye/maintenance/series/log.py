@@ -23,8 +23,8 @@ import numpy as np
 
 from ...errors import InputError
 from ...files.atomic import held, write_atomically
+from ...files.csv_text import csv_text, plain_text
 from ...files.open import StrPath, as_path, opened, shown
-from ...files.table import csv_text, plain_text
 from ...findings import Finding
 from ...geometry.se3 import Array
 from ...noise.joint_covariance import JointCovariance

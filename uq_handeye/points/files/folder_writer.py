@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from ...files.atomic import json_text, write_files
+from ...files.csv_text import csv_text
 from ...files.open import StrPath, as_path
-from ...files.table import csv_text
 from ...formats.csv_poses import pose_text
 from ...geometry.conventions import TOOLKIT
 from ..posed import Posed
