@@ -6,6 +6,7 @@ import warnings
 import numpy as np
 import pytest
 import support
+from calibration_cases import quietly
 from scipy import stats
 
 import uq_handeye as uq
@@ -226,3 +227,51 @@ def test_bad_input():
         estimate_noise(poses, weights=np.r_[np.ones(2), np.zeros(8)])
     with pytest.raises(uq.InputError, match="leading axes"):
         estimate_noise(uq.simulate(10, noise=WEAK_ROBOT, trials=2))
+
+
+# -------------------------------------------------------------------------------------------------- sizes as declared
+
+
+@pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
+@pytest.mark.parametrize(("side", "unknown"), [("camera", "X"), ("robot", "W")])
+@pytest.mark.parametrize("known", [True, False])
+def test_an_error_that_an_unknown_pose_absorbs_is_named_with_its_way(setup, side, unknown, known):
+    """The same shift of all camera poses in the camera's frame, of all robot poses in the base's."""
+    poses = uq.simulate(20, noise=WEAK_ROBOT, setup=setup, seed=support.SEED)
+    if setup == "eye-to-hand":
+        unknown = {"X": "X", "W": "X"}[unknown]
+    columns = np.zeros((20, 6, 1))
+    columns[:, 5] = 1.0
+    part = uq.Component("shift of the mount", side, (2e-3, 1 if known else 2), columns=columns)
+    result = quietly(poses, components=[part])
+    found = [one for one in result.findings if one.code == "noise_estimation.absorbed"]
+    assert [one.values["unknown"] for one in found] == [unknown]
+    assert found[0].values["shift"] == pytest.approx(2e-3, rel=1e-3) and found[0].values["turn"] < 1e-8
+    assert "cannot be separated from" in str(found[0]) and "2 mm along (" in str(found[0])
+    assert [one for one in quietly(poses).findings if one.code == "noise_estimation.absorbed"] == []
+
+
+def test_sizes_that_the_data_push_to_their_ends_are_named():
+    poses = uq.simulate(20, noise=WEAK_ROBOT, seed=support.SEED)
+    wide = {"camera rotation": ("20deg", 1.1), "camera translation": ("1m", 1.1)}
+    found = [one for one in quietly(poses, sizes=wide).findings if one.code == "noise_estimation.size_at_end"]
+    assert [one.values["error"] for one in found] == list(wide)
+    assert "--size 'camera rotation=SIZE,FACTOR'" in str(found[0]) and "20 deg within a factor of 1.1" in str(found[0])
+    assert [one for one in quietly(poses).findings if one.code == "noise_estimation.size_at_end"] == []
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"camera rotation": 0}, "above 0 and finite, got 0"),
+        ({"camera rotation": (np.nan, 2)}, "above 0 and finite"),
+        ({"camera rotation": ("0.1deg", 0.5)}, "factor of 'camera rotation' to be a number >= 1"),
+        ({"camera rotation": "1mm"}, "Unknown unit 'mm' in the size of 'camera rotation'"),
+        ({"camera rotation": (1, 2, 3)}, r"or \(median, factor\)"),
+        ({"camera rotatoin": 1e-3}, "of no known error. Near it: camera rotation"),
+        ({"pixel noise": "0.1px"}, "that is known, but not here"),
+    ],
+)
+def test_sizes_that_are_none_are_refused(given, message):
+    with pytest.raises(uq.InputError, match=message):
+        quietly(uq.simulate(10, noise=WEAK_ROBOT, seed=support.SEED), sizes=given)

@@ -50,6 +50,8 @@ from .component import SIDES, Component
 
 # Share of the largest diagonal that a direction of the unknown poses must keep in H, or x does not move along it.
 RIDGE = 1e-14
+# Share of the energy of an error's rows below which the unknown poses absorb it.
+ABSORBED = 1e-6
 # Numbers of whitened rows that are held at once where many sizes are asked for.
 AT_ONCE = 400_000
 
@@ -314,6 +316,22 @@ class LatentModel(ReadOnlyArrays):
                     variance = variance + root @ each @ root.T
             found[k] = np.linalg.eigvalsh(variance)[-1]
         return np.clip(found, 0.0, 1.0)
+
+    def absorbed(self, theta: Array) -> dict[int, Array]:
+        """Moves (p, m) of the unknowns that the columns of a component are, one standard deviation each.
+
+        By the number of the component, of those whose rows leave less than `ABSORBED` of their energy beside the
+        unknowns: nothing is known of such an error, and its size is in the unknowns.
+        """
+        A, p, found = self._solved(theta).A, self.p, {}
+        Q, R = np.linalg.qr(A[:, :p])
+        for k in np.unique(self._owner).tolist():
+            columns = A[:, p + np.flatnonzero(self._owner == k)]
+            inside = Q.T @ columns
+            energy, left = (columns**2).sum(), ((columns - Q @ inside) ** 2).sum()
+            if energy > 0 and left < ABSORBED * energy:
+                found[k] = -np.linalg.lstsq(R, inside, rcond=None)[0]
+        return found
 
     def turns(self, theta: Array) -> dict[str, tuple[Array, Array]]:
         """Rotations (m, m) of the shared columns of each side to principal axes, and their energies (m,), ascending.

@@ -124,8 +124,10 @@ class JointModel:
         names = [part.name for part in found]
         if unknown := [name for name in self.sizes if name not in names]:
             near = get_close_matches(unknown[0], names, 3, 0.3) or names
+            absent = "that is known, but not here" if unknown[0] in SIZES else "of no known error"
             raise InputError(
-                f"Expected sizes of errors of this request, got {unknown[0]!r}. Near it: {', '.join(near)}."
+                f"Expected sizes of errors of this request, got {unknown[0]!r}, a name {absent}. Near it: "
+                f"{', '.join(near)}."
             )
         return tuple(self._sized(part) for part in found)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import asdict
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.special import ndtr
@@ -13,6 +13,9 @@ from ..findings import Finding
 from ..noise.estimate import CAMERA_EXCESS, Component, together
 from ..shared_errors.sizes import SIZES
 from .sentences import CONTRADICTION
+
+if TYPE_CHECKING:
+    from .estimation import FoundSizes
 
 # What corners of one picture share is said where it is surely above so many times its median: probability below which.
 USUAL, UNLIKELY, REACH = 2.0, 0.05, 1.96
@@ -86,6 +89,33 @@ def beside_camera_findings(parts: dict[str, Component], dof: float) -> tuple[Fin
             values = {"pixels": excess.value, "p_value": p, "dof": dof, "wrong": wrong}
             found.append(Finding("noise_estimation.camera_excess", "caution" if wrong else "note", values))
     return tuple(found)
+
+
+def size_findings(found: FoundSizes) -> tuple[Finding, ...]:
+    """Report sizes that the data push to the end of their range, and errors that X and W absorb."""
+    source, model, mode = found.source, found.model, found.mode
+    units = {error.name: float(error.sd[0]) for error in source.errors}
+    listed = []
+    for place in mode.at_bound:
+        part = source.components[int(model.free[place])]
+        unit = SIZES[part.name].unit if part.name in SIZES else part.size.unit
+        value, usual = (units.get(part.name, 1.0) * float(np.exp(x[place])) for x in (mode.theta, model.medians))
+        values = {"error": part.name, "of": unit, "value": value, "usual": usual, "factor": part.size.factor}
+        listed.append(Finding("noise_estimation.size_at_end", "caution", values))
+    for k, moves in model.absorbed(mode.theta).items():
+        moves = found.reduced.unreduced(moves.T).T
+        which = ["X", "W"][: len(moves) // 6]
+        rms = [np.sqrt((moves[at : at + 3] ** 2).sum()) for at in range(0, len(moves), 3)]
+        for number, unknown in enumerate(which):
+            turn, shift = (float(value) for value in rms[2 * number : 2 * number + 2])
+            if max(turn, shift) < 1e-3 * max(rms):
+                continue
+            own = moves[6 * number : 6 * number + 6]
+            axes = [np.linalg.svd(own[part])[0][:, 0].tolist() for part in (slice(0, 3), slice(3, 6))]
+            values = {"error": source.components[k].name, "unknown": unknown, "turn": turn, "shift": shift}
+            values |= {"axis": axes[0], "along": axes[1], "alone": source.components[k].count == 1}
+            listed.append(Finding("noise_estimation.absorbed", "caution", values))
+    return tuple(listed)
 
 
 def unusual_pixels(pixels: Component) -> Finding:

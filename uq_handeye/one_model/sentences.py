@@ -9,18 +9,13 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from ..findings import NEIGHBOURS, NOISE, sentence
+from ..findings import NOISE, sentence
 from ..formatting.numbers import digits, probability
 
 # Probability below which the residuals contradict the camera's covariance.
 CONTRADICTION = 1e-4
 
 Part = Mapping[str, Any]
-
-
-def _drift_in_short(v: Mapping[str, Any]) -> str:
-    kind = "drift" if v["drift"] else "correlation"
-    return f"{kind} of the {v['way']}, included in the accuracy"
 
 
 @sentence(
@@ -90,44 +85,6 @@ def _(components: Sequence[Part]) -> str:
     return f"The data sheet splits the translation noise: {_list(components)}. The data determine only the sum."
 
 
-@sentence(
-    "noise_estimation.interval_too_wide",
-    check=NOISE,
-    phrase="an interval did not converge (too wide)",
-)
-def _(names: Sequence[str]) -> str:
-    return (
-        f"The search for the ends of the interval of {' and of '.join(names)} did not converge. The interval given "
-        "holds more than 95 %."
-    )
-
-
-@sentence(
-    "noise_estimation.correlated",
-    check=NEIGHBOURS,
-    phrase=_drift_in_short,
-    effect=1.02,
-)
-def _(
-    way: str, against: str, rotation: float, translation: float, length: float, drift: bool, odds: float, growth: float
-) -> str:
-    size = f"{_amount(rotation, 'rad')} and {_amount(translation, 'm')}"
-    if not way.endswith("noise"):
-        moves = f"the {way} {'drifts' if drift else 'moves'} against the {against}"
-        if way == "camera mount":
-            moves += ", which rotates the camera about its origin"
-        what = f"{moves}, by {size} (1 sigma"
-    else:
-        what = f"the {way} is correlated, {size} of it (1 sigma"
-    over = "slowly, as a random walk" if drift else f"over {digits(length, 2)} poses"
-    sure = f"odds {digits(odds, 2)} : 1" if odds < 1e6 else "beyond doubt"
-    wider = f"{digits(growth, 2)} times" if growth >= 1.05 else "hardly larger than"
-    return (
-        f"Errors of neighbouring poses are correlated: {what}, {over}; {sure}). The covariance of X includes it: its "
-        f"standard deviations are {wider} those for independent poses."
-    )
-
-
 # ------------------------------------------------------------------------------- beside a covariance from corners
 
 
@@ -165,28 +122,6 @@ def _(component: Part, components: Sequence[Part]) -> str:
     )
 
 
-@sentence("noise_estimation.pixels_hidden")
-def _() -> str:
-    return "The residuals cannot confirm the pixel noise given, because the robot noise dominates."
-
-
-@sentence(
-    "noise_estimation.pixels_given",
-    check=NOISE,
-    phrase=lambda v: f"pixel noise given contradicts the residuals by {digits(math.sqrt(v['factor']), 2)} times",
-    effect=lambda v: max(math.sqrt(v["factor"]), 1.05),
-    rejects=True,
-)
-def _(given: float, factor: float, p_value: float, dof: float) -> str:
-    found, size = _digits(given * math.sqrt(factor)), f"{_digits(given)} px"
-    if p_value > CONTRADICTION:
-        return f"The residuals agree with the pixel noise given, {size} (estimate {found} px, {probability(p_value)})."
-    return (
-        f"The residuals contradict the pixel noise given, {size}: they indicate {found} px ({probability(p_value)}). "
-        "The standard deviations of X are wrong by up to this factor. Leave the pixel noise out to estimate it."
-    )
-
-
 @sentence(
     "noise_estimation.unusual_pixels",
     check=NOISE,
@@ -201,14 +136,6 @@ def _(component: Part) -> str:
     )
 
 
-@sentence("noise_estimation.robot_shows_none")
-def _(rotation: float | None, translation: float | None) -> str:
-    return (
-        "The residuals show no robot noise: the errors of the camera explain them. Robot noise is at most "
-        f"{_amount(rotation, 'rad')} in rotation and {_amount(translation, 'm')} in translation (95 %)."
-    )
-
-
 @sentence("noise_estimation.robot_shows")
 def _(components: Sequence[Part]) -> str:
     words = [
@@ -218,16 +145,6 @@ def _(components: Sequence[Part]) -> str:
         for part in components
     ]
     return f"In addition the residuals show: {'; '.join(words)}."
-
-
-@sentence("noise_estimation.near_zero")
-def _(name: str) -> str:
-    return f"{name.capitalize()} is consistent with 0."
-
-
-@sentence("noise_estimation.camera_hidden")
-def _() -> str:
-    return "The residuals cannot confirm that covariance, because the robot noise dominates."
 
 
 @sentence(
@@ -292,11 +209,33 @@ def _words(part: Part) -> str:
     return f"{name} {amount} (95 %: {_amount(part['low'], part['unit'])} to {_amount(part['high'], part['unit'])})"
 
 
-@sentence("noise_estimation.kinematics")
-def _(of: str, declared: bool, given: Sequence[str], groups: int) -> str:
-    if declared:
-        return "The standard deviations of the arm's errors are as declared."
-    least = f"those of {of} arms" if len(given) < groups else "those given"
-    if given and len(given) < groups:
-        least += f" (given: {', '.join(given)})"
-    return f"The standard deviations of the arm's errors are at least {least}; the residuals can only raise them."
+@sentence("noise_estimation.size_at_end", check=NOISE, phrase="size of {error}: at the end of its range", effect=1.1)
+def _(error: str, of: str, value: float, usual: float, factor: float) -> str:
+    here, there = (_in_unit(size, of) for size in (value, usual))
+    return (
+        f"The data push the size of {error} to the end of its range: {here}, where {there} within a factor of "
+        f"{digits(factor, 2)} was assumed. Declare what it is (--size '{error}=SIZE,FACTOR'; sizes in Python)."
+    )
+
+
+@sentence("noise_estimation.absorbed", phrase="{error}: cannot be separated from {unknown}")
+def _(
+    error: str, unknown: str, turn: float, shift: float, axis: Sequence[float], along: Sequence[float], alone: bool
+) -> str:
+    mainly = "" if alone else "mainly "
+    parts = [
+        f"{_amount(size, unit)} {mainly}{how} ({', '.join(f'{round(x, 2) + 0.0:.2f}' for x in way)})"
+        for size, unit, how, way in ((turn, "rad", "about", axis), (shift, "m", "along", along))
+        if size > (1e-9 if unit == "rad" else 1e-8)
+    ]
+    return (
+        f"{error[:1].upper()}{error[1:]} cannot be separated from {unknown}: it moves all poses as another {unknown} "
+        f"would, so the data say nothing of it, and {unknown} is open by its size, {' and '.join(parts)}. A prior of "
+        f"{unknown} or a smaller size narrows it."
+    )
+
+
+def _in_unit(value: float, unit: str) -> str:
+    if unit in ("rad", "m"):
+        return _amount(value, unit)
+    return f"{_digits(value)} px" if unit == "px" else f"{digits(1e3 * value, 2)} per mille"

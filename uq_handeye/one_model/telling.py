@@ -13,7 +13,7 @@ from ..noise.camera_noise import CameraNoise
 from ..noise.estimate import CAMERA_EXCESS, Component, FoundComponent, NoiseEstimate, together
 from ..shared_errors.sizes import SIZES
 from .estimation import KINDS, PIXELS, REACH, TOLD, FoundSizes
-from .findings import beside_camera_findings, noise_findings
+from .findings import beside_camera_findings, noise_findings, size_findings
 
 UNITS = {"rotation": "rad", "translation": "m"}
 
@@ -75,7 +75,7 @@ def tell(found: FoundSizes) -> NoiseEstimate:
     centred = logs - (logs @ mixture.weights)[:, None]
     v = np.exp([2.0 * spreads[name].mean for name in told])
     covariance = 4.0 * (centred * mixture.weights) @ centred.T * np.outer(v, v)
-    findings = _findings(found, parts)
+    findings = (*_findings(found, parts), *size_findings(found))
     dof = 6.0 * len(found.kept) - found.model.p
     return NoiseEstimate(
         found.integrated_noise, tuple(components), findings, v, covariance, dof, names=told,

@@ -62,26 +62,33 @@ CLASSES = {
 
 PARSERS = {"rad": parse_angle, "m": parse_length, "px": parse_pixels, "": parse_ratio}
 
-SizeLike = Size | tuple[float, float] | float
+SizeLike = Size | tuple[float | str, float] | float | str
 
 
 def checked_sizes(given: Mapping[str, SizeLike] | None) -> dict[str, Size]:
     """Return sizes by name; raises `InputError` for what is none."""
     found = {}
     for name, value in (given or {}).items():
-        parts = (value,) if isinstance(value, int | float) else value
+        parts = tuple(value) if isinstance(value, tuple | list) else (value,)
         if isinstance(value, Size):
             found[name] = value
-        elif (
-            isinstance(parts, tuple | list) and 1 <= len(parts) <= 2 and all(isinstance(x, int | float) for x in parts)
-        ):
-            median, factor = (*map(float, parts), 1.0)[:2]
-            found[name] = Size(median, factor, source="declared")
+        elif 1 <= len(parts) <= 2 and isinstance(parts[0], int | float | str):
+            unit = SIZES[name].unit if name in SIZES else ""
+            median, factor = (*parts, 1.0)[:2]
+            if isinstance(median, str):
+                median = PARSERS[unit](median, f"the size of {name!r}")
+            if not isinstance(factor, int | float) or not 1 <= factor < 1e6:
+                raise InputError(f"Expected the factor of {name!r} to be a number >= 1 (1: known), got {factor!r}.")
+            if not 0 < median < float("inf"):
+                raise InputError(
+                    f"Expected the size of {name!r} to be above 0 and finite, got {value!r}. An error that is not "
+                    "there has a very small size."
+                )
+            found[name] = Size(float(median), float(factor), unit, "declared")
         else:
-            raise InputError(f"Expected the size of {name!r} to be a number or (median, factor), got {value!r}.")
-        if found[name].median <= 0:
             raise InputError(
-                f"Expected the size of {name!r} to be above 0, got {value!r}. Leave the error out instead."
+                f"Expected the size of {name!r} to be a number, a text with its unit such as '0.3mm', or (median, "
+                f"factor), got {value!r}."
             )
     return found
 
