@@ -202,7 +202,7 @@ def posterior_of(rig: Rig, found: RigFit) -> Posterior:
     rows = [("robot", name, noise.robot[graph.arm == k]) for k, name in enumerate(rig.arms)]
     rows += [("camera", name, noise.camera[of_view == k]) for k, name in enumerate(rig.cameras)]
     fresh = tuple(FreshNoise(name, side, S.mean(axis=0), 1.0, np.zeros(0)) for side, name, S in rows if len(S))
-    return Posterior(noise.names, found.z, found.whole, graph.names, noise=fresh)
+    return Posterior(noise.names, -found.z, found.whole, graph.names, noise=fresh)
 
 
 def stated_noise(rig: Rig, graph: Graph, noise: RigNoise) -> dict[str, tuple[float, float]]:

@@ -3,7 +3,7 @@ r"""All poses of a graph by maximum likelihood, with their joint covariance (T18
 Gauss-Helmert as with one camera (`likelihood.gauss_helmert`), with the rows of a group stacked:
 
     S_k = D_R Sigma_R D_R^T + blkdiag_e(D_C Sigma_C D_C^T),      A = [J, D K],      H = sum_k A^T S^-1 A + P_0
-    (x, z) = -H^-1 A^T S^-1 rho,      v = Sigma D^T S^-1 (rho + A (x, z)) + K z,      rho = r + D v
+    (x, z) = -H^-1 A^T S^-1 rho,      v = Sigma D^T S^-1 (rho + A (x, z)) - K z,      rho = r + D v
 
 x errors of the unknown poses, z those that poses share (prior N(0, 1)); ``P_0`` the prior of both. ``H^-1`` is the
 joint covariance. Two steps as `efficient` takes them, more while the last one moved something by a tenth of its
@@ -127,7 +127,7 @@ def fit(
         sides = graph.linearise(at, robot, C)
         if v is not None and method == "ml":
             sides = _by_own_errors(sides, graph, v)
-        rows = [_whitened(graph, batch, sides, noise, w_e, w_k, v) for batch in graph.batches]
+        rows = [whitened(graph, batch, sides, noise, w_e, w_k, v) for batch in graph.batches]
         H, pull = _normal_equations(graph, noise, rows)
         known = prior_at(graph, at, prior)
         H[: graph.p, : graph.p] += known.information
@@ -184,9 +184,10 @@ def own_covariances(graph: Graph, batch: Batch, noise: RigNoise, w_e: Array, w_k
     return noise.robot[batch.robots] * of_pose[..., None, None], noise.camera[batch.edges] * of_edge[..., None, None]
 
 
-def _whitened(
+def whitened(
     graph: Graph, batch: Batch, sides: Sides, noise: RigNoise, w_e: Array, w_k: Array, v: tuple[Array, Array] | None
 ) -> White:
+    """Rows of a batch at the unknowns and corrected poses that ``sides`` are of; ``v``: their corrections."""
     (b, e), q, m = batch.edges.shape, batch.robots.shape[1], noise.count
     D_R, D_C = graph.by_robots(batch, sides), sides.camera[batch.edges]
     S_R, S_C = own_covariances(graph, batch, noise, w_e, w_k)
@@ -328,7 +329,7 @@ def _open(graph: Graph, noise: RigNoise, sides: Sides, at: Array, known: Array, 
 
 def _errors(graph: Graph, noise: RigNoise, rows: list[White], z: Array, w_e: Array, w_k: Array) -> tuple[Array, Array]:
     """Errors v of robot poses (P, 6) and camera poses (E, 6), shared ones in them."""
-    v_R, v_C = noise.K_robot @ z, noise.K_camera @ z
+    v_R, v_C = -(noise.K_robot @ z), -(noise.K_camera @ z)  # z is their correction, as x that of the poses
     for part in rows:
         batch, g = part.batch, part.pull
         S_R, S_C = own_covariances(graph, batch, noise, w_e, w_k)

@@ -27,6 +27,10 @@ from .checks.optimality import Optimality
 from .checks.paths import RigPath
 from .description import WORLD, Rig
 from .files.result_file import from_dict, to_dict
+from .in_use.check import RigCheck, check_rig
+from .in_use.plan import RigPlan, plan_rig
+from .in_use.predict import RigPoints, predict_points
+from .in_use.update import update_rig
 from .output.exported import several_of
 from .relative import closed, open_of, relative_pose
 
@@ -287,6 +291,25 @@ class RigCalibration(Record):
         from .output.page import write_rig_report
 
         return write_rig_report(self, Path(path), **options)
+
+    # ------------------------------------------------------------------------------------------- in use
+
+    def check(self, rig: Rig, *, level: float = 0.05) -> RigCheck:
+        """Test whether the result still holds, by new views; see `uq_handeye.rig.in_use.check`."""
+        return check_rig(self, rig, level=level)
+
+    def predict(self, camera: str, points: Any, robot: Mapping[str, Any] | None = None, into: str = WORLD) -> RigPoints:
+        """Predict where points that a camera sees are; see `uq_handeye.rig.in_use.predict`."""
+        return predict_points(self, camera, points, robot, into)
+
+    def plan(self, candidates: Mapping[str, Any] | None = None, k: int = 5, **options: Any) -> RigPlan:
+        """Choose the views to take next, and by which camera; see `uq_handeye.rig.in_use.plan`."""
+        return plan_rig(self, candidates, k, **options)
+
+    def update(self, rig: Rig, *, although_changed: bool = False) -> RigCalibration:
+        """Return the calibration of the old and the new views together; see `uq_handeye.rig.in_use.update`."""
+        found: RigCalibration = update_rig(self, rig, although_changed=although_changed)
+        return found
 
     @classmethod
     def from_dict(cls, data: Any) -> RigCalibration:

@@ -9,6 +9,7 @@ robot's noise directly, by the correlation of their residuals.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -49,10 +50,13 @@ class Found:
     lines: tuple[dict[str, object], ...]
 
 
-def components_of(rig: Rig, graph: Graph, shared: bool) -> tuple[Component, ...]:
+def components_of(
+    rig: Rig, graph: Graph, shared: bool, bound: Mapping[str, Array] | None = None
+) -> tuple[Component, ...]:
     """Return all components of the poses of a graph: columns (P, 6, m) of the robot, (E, 6, m) of the cameras.
 
-    ``shared``: with what all poses of an owner share; without, noise of each pose only.
+    ``shared``: with what all poses of an owner share; without, noise of each pose only. ``bound``: robot poses
+    (n, 4, 4) by arm that the errors of its accuracy belong to; None: those of the graph.
     """
     found = []
     of_view = [(view.camera, view.target, view.covariance is not None) for view in rig.views]
@@ -62,7 +66,7 @@ def components_of(rig: Rig, graph: Graph, shared: bool) -> tuple[Component, ...]
             continue
         found += [Component(f"{name} {what}", "robot", SIZES[f"robot {what}"], block=of * B) for what, B in _PARTS]
         if shared:
-            found.append(_accuracy(graph, name, graph.arm == k))
+            found.append(_accuracy(graph, name, graph.arm == k, None if bound is None else bound[name]))
     intrinsics = intrinsics_columns(graph.C) if shared else None
     by_view = _by_view(graph)
     for name in rig.cameras:
@@ -101,16 +105,20 @@ def _by_view(graph: Graph) -> Array:
     return found
 
 
-def _accuracy(graph: Graph, name: str, of: Array) -> Component:
+def _accuracy(graph: Graph, name: str, of: Array, bound: Array | None) -> Component:
     """Errors of the arm over its workspace, of which nothing is declared."""
-    poses = PosePairs(graph.robot[of], np.broadcast_to(np.eye(4), (int(of.sum()), 4, 4)))
-    error = assumed_accuracy().bound(poses)
+    poses = _alone(graph.robot[of])
+    error = assumed_accuracy().bound(poses if bound is None else _alone(bound))
     columns, left = np.zeros((graph.P, 6, len(error.sd))), np.zeros((graph.P, 6, 6))
     columns[of] = error.at(poses)
-    if error.left is not None:
+    if bound is None and error.left is not None:
         values, vectors = np.linalg.eigh(error.left)
         left[of] = vectors * np.sqrt(np.maximum(values, 0.0))[..., None, :]
     return Component(f"{name} accuracy", "robot", Size(float(error.sd[0]), error.factor, "m"), columns, left)
+
+
+def _alone(robot: Array) -> PosePairs:
+    return PosePairs(robot, np.broadcast_to(np.eye(4), robot.shape))
 
 
 def find_sizes(

@@ -51,7 +51,7 @@ def rig_sketch(result: Any) -> Drawing:
         parts.append(_text(x, y - 4, str(count), "middle"))
     for name, one in nodes.items():
         anchor, dx = ("start", 26.0) if name in dict(others) or at[name][0] == RIGHT else ("end", -26.0)
-        place = "base, of the arm" if name in dict(others) else _place(rig.place(name))
+        place = "base of an arm" if name in dict(others) else _place(rig.place(name))
         parts += _node(name, one, at[name], most, place, anchor, dx)
     svg = (
         f'<svg viewBox="0 0 {WIDTH:g} {height:g}" xmlns="http://www.w3.org/2000/svg" class="sketch" font-size="11" '

@@ -1,0 +1,214 @@
+"""A rig in use: check, predict, plan, update."""
+
+import itertools
+import os
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import binom, chi2
+
+import uq_handeye as uq
+from uq_handeye.geometry.se3 import inverse, perturb
+from uq_handeye.rig.in_use.evidence import some
+from uq_handeye.rig.simulation import simulate_rig, with_noise
+
+SEED = int(os.environ.get("UQ_HANDEYE_SEED", "0"))
+SIZE = ("0.5mrad", "0.3mm")
+HAND = ({"left": "arm", "right": "arm"}, {"board": "world"})
+
+
+def noise_of(rig):
+    return dict.fromkeys((*rig.arms, *rig.cameras), SIZE)
+
+
+def split(exact, first):
+    """Return the moments below ``first`` and the others as two rigs."""
+    at = np.concatenate([view.at for view in exact.views])
+    return some(exact, at < first), some(exact, at >= first)
+
+
+def drawn(places, n, first, seed, arms=("arm",)):
+    exact, truth = simulate_rig(*places, arms=arms, n_poses=n, seed=7)
+    old, new = split(exact, first)
+    noise = noise_of(exact)
+    return with_noise(old, noise, [SEED, seed, 0]), with_noise(new, noise, [SEED, seed, 1]), truth, noise
+
+
+def test_new_views_agree_as_often_as_the_level_says():
+    p = []
+    for k in range(60):
+        old, new, _, noise = drawn(HAND, 30, 20, k)
+        p.append(uq.calibrate_rig(old, noise, robust=False).check(new).p_value)
+    assert binom.cdf(sum(value < 0.05 for value in p), 60, 0.05) < 0.999
+    assert chi2.sf(-2 * np.log(p).sum(), 120) > 1e-4  # not too small
+    assert chi2.cdf(-2 * np.log(p).sum(), 120) > 1e-4  # not too large
+
+
+def test_estimated_noise_is_covered():
+    p = [uq.calibrate_rig(old).check(new).p_value for old, new, *_ in (drawn(HAND, 40, 30, 100 + k) for k in range(8))]
+    assert binom.cdf(sum(value < 0.05 for value in p), 8, 0.05) < 0.9999
+
+
+@pytest.mark.parametrize("name", ["left", "right", "board"])
+def test_the_pose_that_moved_is_named(name):
+    exact, truth = simulate_rig(
+        {"left": "arm", "right": "arm"}, {"board": "world", "second": "world"}, n_poses=40, seed=7
+    )
+    old, new = split(exact, 30)
+    noise = noise_of(exact)
+    move = perturb(truth[name], np.array([4e-3, 0, 0, 0, 3e-3, 0]))
+    views = []
+    for view in new.views:
+        C = view.poses
+        if view.camera == name:
+            C = inverse(move) @ truth[name] @ C
+        if view.target == name:
+            C = C @ inverse(truth[name]) @ move
+        views.append(uq.View(view.camera, view.target, C, view.at))
+    new = uq.Rig(new.arms, new.cameras, new.targets, views)
+    result = uq.calibrate_rig(with_noise(old, noise, [SEED, 1]), noise)
+    found = result.check(with_noise(new, noise, [SEED, 2]))
+    assert found.status == "moved" and found.moves[0].name == name
+    assert found.moves[0].angle == pytest.approx(4e-3, abs=1.5e-3)
+    assert found.moves[0].shift == pytest.approx(3e-3, abs=1.5e-3)
+    assert name in found.sentence and uq.rig.in_use.check.RigCheck.from_dict(found.to_dict()).text() == found.text()
+
+
+def test_what_the_calibration_left_open_raises_no_alarm():
+    exact, _ = simulate_rig({"left": "arm"}, {"board": "world"}, n_poses=40, axes=np.eye(3)[:1], seed=3)
+    old, new = split(exact, 25)
+    noise = noise_of(exact)
+    result = uq.calibrate_rig(with_noise(old, noise, 1), noise)
+    assert len(result.open) == 1
+    free, _ = simulate_rig({"left": "arm"}, {"board": "world"}, n_poses=6, seed=3)
+    found = result.check(with_noise(new, noise, 2))
+    assert not found.changed and found.dof <= 90
+    assert free.arms
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda r: uq.Rig(r.arms, {"third": "arm"}, r.targets,
+                          [uq.View("third", "board", r.views[0].poses, r.views[0].at)]),
+         "'third'; the calibrated rig has left, right"),
+        (lambda r: uq.Rig(r.arms, {"left": "world"}, {"board": "arm"},
+                          [uq.View("left", "board", r.views[0].poses, r.views[0].at)]), "was on 'arm' before"),
+    ],
+)  # fmt: skip
+def test_new_views_of_something_else_are_refused(change, message):
+    old, new, _, noise = drawn(HAND, 20, 15, 0)
+    with pytest.raises(uq.InputError, match=message):
+        uq.calibrate_rig(old, noise).check(change(new))
+
+
+CELL = ({"left": "arm", "right": "arm", "front": "world"}, {"board": "world", "plate": "arm"})
+TWO_ARMS = ({"left": "a", "front": "b"}, {"board": "world", "plate": "b"})
+
+
+def test_predicted_points_are_consistent():
+    """d^2 of the error against its covariance is chi-square with 3 degrees of freedom on average."""
+    p, draws = np.array([0.02, -0.01, 0.5]), 40
+    exact, truth = simulate_rig(*CELL, n_poses=25, seed=7)
+    noise, places = noise_of(exact), exact.cameras
+    rng = np.random.default_rng([SEED, 5])
+    at = {name: arm.poses[3] for name, arm in exact.arms.items()}
+    K = {name: at.get(places[name], np.eye(4)) @ truth[name] for name in places}
+    asked = [("left", "world"), ("left", "right"), ("left", "front"), ("front", "world")]
+    squares = dict.fromkeys(asked, 0.0)
+    for k in range(draws):
+        result = uq.calibrate_rig(with_noise(exact, noise, [SEED, k]), noise, robust=False)
+        sizes = np.repeat([0.5e-3, 0.3e-3], 3)
+        robot = {name: perturb(T, sizes * rng.normal(size=6)) for name, T in at.items()}
+        for camera, into in asked:
+            true = (K[camera] if into == "world" else inverse(K[into]) @ K[camera]) @ np.append(p, 1.0)
+            found = result.predict(camera, p, robot, into)
+            e = found.points[0, 0] - true[:3]
+            squares[camera, into] += float(e @ np.linalg.solve(found.covariance[0, 0], e))
+    for pair, square in squares.items():
+        assert chi2.ppf(1e-4, 3 * draws) < square < chi2.ppf(1 - 1e-4, 3 * draws), pair
+
+
+@pytest.mark.parametrize("into", ["world", "front"])
+def test_derivatives_of_points_with_two_arms_are_those_of_differences(into):
+    exact, _ = simulate_rig(*TWO_ARMS, arms=("a", "b"), n_poses=15, seed=7)
+    noise = noise_of(exact)
+    result = uq.calibrate_rig(with_noise(exact, noise, [SEED, 1]), noise, robust=False)
+    p, at = np.array([0.02, -0.01, 0.5]), {name: arm.poses[3] for name, arm in exact.arms.items()}
+    step, N = 1e-6, len(result.posterior.covariance)
+
+    def slope(u, a):
+        moved = []
+        for sign in (step, -step):
+            poses = np.array(result.poses)
+            poses[u] = perturb(poses[u], sign * np.eye(6)[a])
+            moved.append(replace(result, poses=poses).predict("left", p, at, into).points[0, 0])
+        return (moved[0] - moved[1]) / (2 * step)
+
+    F = np.array([slope(u, a) for u in range(len(result.poses)) for a in range(6)]).T
+    by_robot = []
+    for name in ("a", "b") if into == "front" else ("a",):
+        for a in range(6):
+            near, far = ({**at, name: perturb(at[name], sign * step * np.eye(6)[a])} for sign in (1, -1))
+            both = [result.predict("left", p, where, into).points[0, 0] for where in (near, far)]
+            by_robot.append((both[0] - both[1]) / (2 * step) * (0.5e-3 if a < 3 else 0.3e-3))
+    G = np.array(by_robot).T
+    S = F @ result.posterior.covariance[:N, :N] @ F.T + G @ G.T
+    np.testing.assert_allclose(result.predict("left", p, at, into).covariance[0, 0], S, rtol=1e-4)
+
+
+def test_relative_points_of_one_arm_do_not_depend_on_its_pose():
+    old, _, _, noise = drawn(HAND, 20, 15, 0)
+    result = uq.calibrate_rig(old, noise)
+    p = np.array([[0.0, 0.0, 0.4]])
+    near, far = (result.predict("left", p, {"arm": old.arms["arm"].poses[k]}, "right") for k in (1, 9))
+    np.testing.assert_allclose(near.points, far.points, atol=1e-12)
+    pair = result.relative("right", "left")
+    np.testing.assert_allclose(near.points[0, 0], pair.pose[:3, :3] @ p[0] + pair.pose[:3, 3], atol=1e-12)
+    with pytest.raises(uq.InputError, match="robot poses of the arm 'arm'"):
+        result.predict("left", p)
+
+
+def test_planned_views_help_as_predicted_and_more_than_others():
+    exact, _ = simulate_rig({"left": "arm", "right": "arm"}, {"board": "world"}, n_poses=60, seed=7)
+    noise = noise_of(exact)
+    old, _ = split(exact, 12)
+    result = uq.calibrate_rig(with_noise(old, noise, 1), noise, robust=False)
+    found = result.plan({"arm": exact.arms["arm"].poses}, k=4)
+    errors = [found.error, *(step.error for step in found.steps)]
+    assert all(a > b for a, b in itertools.pairwise(errors))
+    assert {step.camera for step in found.steps} <= {"left", "right"}
+    again = uq.rig.in_use.plan.RigPlan.from_dict(found.to_dict())
+    assert again.text() == found.text() and len(found.steps) == 4
+    worst = result.plan({"arm": np.tile(old.arms["arm"].poses[:1], (5, 1, 1))}, k=4)
+    assert found.steps[-1].error < worst.steps[-1].error
+    assert len(result.plan(k=3, sample=50).steps) == 3
+
+
+def test_an_update_is_the_calibration_of_all_views():
+    exact, _ = simulate_rig(*HAND, n_poses=30, seed=7)
+    noise = noise_of(exact)
+    whole = with_noise(exact, noise, [SEED, 3])
+    old, new = split(whole, 20)
+    result = uq.calibrate_rig(old, noise)
+    found = result.update(new)
+    alone = uq.calibrate_rig(whole, noise)
+    np.testing.assert_allclose(found.poses, alone.poses, atol=1e-10)
+    np.testing.assert_allclose(found.covariance, alone.covariance, rtol=1e-6, atol=1e-16)
+    with pytest.raises(uq.InputError, match="has already"):
+        found.update(new)
+
+
+def test_an_update_that_contradicts_is_refused():
+    exact, truth = simulate_rig(*HAND, n_poses=30, seed=7)
+    old, new = split(exact, 20)
+    noise = noise_of(exact)
+    move = inverse(truth["left"]) @ perturb(truth["left"], np.array([0.02, 0, 0, 0, 0.01, 0]))
+    views = [
+        uq.View(v.camera, v.target, inverse(move) @ v.poses if v.camera == "left" else v.poses, v.at) for v in new.views
+    ]
+    new = with_noise(uq.Rig(new.arms, new.cameras, new.targets, views), noise, 2)
+    result = uq.calibrate_rig(with_noise(old, noise, 1), noise)
+    with pytest.raises(uq.InputError, match=r"contradict the calibration\. MOVED: left"):
+        result.update(new)

@@ -1,0 +1,149 @@
+r"""New views against the result of a rig: residuals with their covariance if nothing has changed.
+
+At the estimates, with poses corrected by the estimates of the shared errors, the rows of a group (`graph`) are
+
+    rho = J xi + D K (e - estimate) + D eta
+
+xi and e those of the posterior, eta the noise of the new poses, correlated within a group by its robot poses. Rows are
+whitened by ``Cov(D eta) = L L^T`` of their group, so that they stand alone (`posterior.rows.NewRows`). Directions that
+the calibration left open take part as free parameters: their columns are projected out.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import InputError
+from ...geometry.se3 import Array, perturb
+from ...posterior.rows import NewRows
+from ...runtime.read_only import ReadOnlyArrays
+from ..description import ArmPoses, Rig
+from ..fit import whitened
+from ..graph import Graph
+from ..noise import RigNoise
+from ..sizes import components_of
+
+
+@dataclass(frozen=True, eq=False)
+class RigEvidence(ReadOnlyArrays):
+    """New views against a calibrated rig: whitened rows, and what causes are made of."""
+
+    graph: Graph
+    rows: NewRows  # (M, 1): one number each, of variance 1
+    J: Array  # (M, p) whitened derivatives by the errors of the poses
+    edges: NDArray[np.intp]  # (M,) view of each row
+    free: Array  # (M, k) whitened columns of what the calibration left open
+
+    @property
+    def dof(self) -> int:
+        """Numbers less those that open directions take."""
+        return int(len(self.J) - np.linalg.matrix_rank(self.free)) if self.free.size else len(self.J)
+
+    def moved(self, name: str, of: NDArray[np.bool_] | None = None) -> Array:
+        """(M, 1, 6) columns of a move of one unknown pose, in the views ``of`` (E,)."""
+        u = self.graph.names.index(name)
+        columns = -self.J[:, 6 * u : 6 * u + 6]
+        if of is not None:
+            columns = columns * of[self.edges][:, None]
+        return _without(columns, self.free)[:, None, :]
+
+
+def like(result: Any, rig: Rig) -> Rig:
+    """Return new poses and views as those of the calibrated rig; raises `InputError` for what it does not have."""
+    old = result.rig
+    for what in ("cameras", "targets"):
+        for name, place in getattr(rig, what).items():
+            has = getattr(old, what)
+            if name not in has:
+                raise InputError(f"The new views name {name!r}; the calibrated rig has {', '.join(has)}.")
+            if has[name] != place:
+                raise InputError(f"{name!r} is on {place!r} in the new views and was on {has[name]!r} before.")
+    if unknown := [name for name in rig.arms if name not in old.arms]:
+        raise InputError(f"The new poses are of the arm {unknown[0]!r}; the rig has {', '.join(old.arms)}.")
+    arms = {name: rig.arms.get(name, arm) for name, arm in old.arms.items()}
+    return Rig(arms, old.cameras, old.targets, rig.views)
+
+
+def new_noise(result: Any, rig: Rig, graph: Graph) -> RigNoise:
+    """Return the noise of new poses: the mean of each arm and camera, and the columns of the shared errors."""
+    posterior = result.posterior
+    if posterior is None:
+        raise InputError("Expected the result of a rig with its posterior. Calibrate again.")
+    mean = {one.name: one.covariance for one in posterior.noise}
+    robot, camera = np.zeros((graph.P, 6, 6)), np.zeros((graph.E, 6, 6))
+    for k, name in enumerate(rig.arms):
+        robot[graph.arm == k] = mean.get(name, np.zeros((6, 6)))
+    for k, view in enumerate(rig.views):
+        of = graph.view == k
+        S = view.covariance
+        camera[of] = mean.get(view.camera, 0.0) if S is None else S if S.ndim == 2 else S[graph.row[of]]
+    names, sizes = posterior.names, {part["name"]: part["size"] for part in result.components}
+    K = [np.zeros((n, 6, len(names))) for n in (graph.P, graph.E)]
+    if names:
+        before = Graph.of(result.rig)
+        bound = {name: before.robot[before.arm == k] for k, name in enumerate(rig.arms)}
+        for part in components_of(rig, graph, True, bound):
+            if part.columns is not None and part.name in sizes:
+                at = [names.index(own) for own in part.parts]
+                K[part.side == "camera"][:, :, at] = sizes[part.name] * part.columns
+    return RigNoise(robot, camera, K[0], K[1], names)
+
+
+def evidence_of_views(result: Any, rig: Rig) -> RigEvidence:
+    """Hold new views against the result of a rig; raises `InputError` for views of something else."""
+    rig = like(result, rig)
+    graph = Graph.of(rig)
+    noise = new_noise(result, rig, graph)
+    posterior = result.posterior
+    e = posterior.estimate[:, None]
+    robot, C = perturb(graph.robot, -(noise.K_robot @ e)[..., 0]), perturb(graph.C, -(noise.K_camera @ e)[..., 0])
+    sides = graph.linearise(result.poses, robot, C)
+    ones = np.ones(graph.E), np.ones(graph.P)
+    white, edges = [], []
+    for batch in graph.batches:
+        part = whitened(graph, batch, sides, noise, *ones, None)
+        white.append(part.white.reshape(-1, part.white.shape[-1]))
+        edges.append(np.repeat(batch.edges.reshape(-1), 6))
+    flat = np.concatenate(white)
+    J = flat[:, : graph.p]
+    free = J @ result.open.T
+    kept = _without(flat, free)
+    rows = NewRows(kept[:, -1:], (kept[:, :-1] @ posterior.A)[:, None], np.ones((len(kept), 1, 1)), posterior)
+    return RigEvidence(graph, rows, J, np.concatenate(edges), free)
+
+
+def some(rig: Rig, kept: NDArray[np.bool_]) -> Rig:
+    """Return a rig with some of its views, (E,) in their order."""
+    views, at = [], 0
+    for view in rig.views:
+        of = np.flatnonzero(kept[at : at + len(view.poses)])
+        at += len(view.poses)
+        assert view.at is not None
+        S = view.covariance
+        covariance = S if S is None or S.ndim == 2 else S[of]
+        if len(of):
+            views.append(replace(view, poses=view.poses[of], at=tuple(view.at[k] for k in of), covariance=covariance))
+    return replace(rig, views=tuple(views))
+
+
+def joined(old: Rig, new: Rig) -> Rig:
+    """Return a rig with the views of both; robot poses of one name must be the same."""
+    arms = {name: _joined(arm, new.arms[name]) for name, arm in old.arms.items()}
+    return replace(old, arms=arms, views=(*old.views, *new.views))
+
+
+def _joined(one: ArmPoses, two: ArmPoses) -> ArmPoses:
+    return one if two is one else one.joined(two)
+
+
+def _without(columns: Array, free: Array) -> Array:
+    """Columns (M, c) with what lies in the span of others (M, k) taken away."""
+    if not free.shape[1]:
+        return columns
+    Q, R = np.linalg.qr(free)
+    Q = Q[:, np.abs(np.diag(R)) > 1e-9 * max(float(np.abs(R).max(initial=0.0)), 1e-300)]
+    return np.asarray(columns - Q @ (Q.T @ columns))
