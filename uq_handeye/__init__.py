@@ -84,6 +84,7 @@ if _typing.TYPE_CHECKING:
     from .rig.calibrate import calibrate_rig
     from .rig.description import ArmPoses, Rig, View
     from .rig.files.rig_file import read_rig
+    from .rig.in_use.update import update_rig
     from .rig.result import EstimatedPose, RigCalibration
     from .rig.simulation import simulate_rig
     from .rosbag.streams import read_bag
@@ -233,6 +234,7 @@ __all__ = [
     "theta_from_paper",
     "to_convention",
     "update",
+    "update_rig",
     "verify",
 ]
 
@@ -338,6 +340,7 @@ _LATER = {
     "poses.board_symmetry": ("resolve_board_rotation",),
     "rig.calibrate": ("calibrate_rig",),
     "rig.description": ("ArmPoses", "Rig", "View"),
+    "rig.in_use.update": ("update_rig",),
     "rig.result": ("EstimatedPose", "RigCalibration"),
     "rig.files.rig_file": ("read_rig",),
     "rig.simulation": ("simulate_rig",),

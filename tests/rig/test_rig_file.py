@@ -332,3 +332,41 @@ def test_a_rig_that_is_not_determined_says_so_in_its_report():
     rig = with_noise(rig, dict.fromkeys(("arm", "left"), ("0.5mrad", "0.3mm")), 1)
     page = rig_html(uq.calibrate_rig(rig, dict.fromkeys(("arm", "left"), ("0.5mrad", "0.3mm"))))
     assert "Not determined in all directions: left" in page and "stroke-dasharray" in page
+
+
+# ------------------------------------------------------------------------------- in use, on the command line
+
+
+def test_check_predict_plan_and_update_on_the_command_line(two_on_the_hand, capsys):
+    """The last five poses are new views, in a rig file of their own."""
+    path = two_on_the_hand
+    for name in ("robot", "left", "right"):
+        head, *lines = (path / f"{name}.csv").read_text().splitlines()
+        old = [line for line in lines if float(line.partition(",")[0]) < 12]
+        (path / f"{name}_old.csv").write_text("\n".join([head, *old]))
+        (path / f"{name}_new.csv").write_text("\n".join([head, *(line for line in lines if line not in old)]))
+    text = (path / "rig.toml").read_text()
+    for when in ("old", "new"):
+        (path / f"{when}.toml").write_text(text.replace('.csv"', f'_{when}.csv"'))
+    assert run("calibrate", path / "old.toml", "-o", path / "out") == 0
+    stored = path / "out" / "rig.json"
+    capsys.readouterr()
+    assert run("check", stored, path / "new.toml", "-o", path / "check") == 0
+    assert "UNCHANGED" in capsys.readouterr().out and (path / "check" / "check.json").exists()
+    more = ["--into", "right", "--robot", path / "robot.csv"]
+    assert run("predict", stored, "--of", "left", "--point", "0mm,0mm,300mm", *more) == 0
+    assert "Points of left in the frame right" in capsys.readouterr().out
+    assert run("plan", stored, "-k", "3", "--candidates", path / "robot.csv", "-o", path / "plan") == 0
+    assert "camera" in capsys.readouterr().out and (path / "plan" / "next.csv").exists()
+    assert run("update", stored, path / "new.toml", "-o", path / "new", "--report", path / "new.html") == 0
+    rig, noise = uq.read_rig(path / "rig.toml")
+    capsys.readouterr()
+    np.testing.assert_allclose(uq.load(path / "new" / "rig.json").poses, uq.calibrate_rig(rig, noise).poses, atol=1e-9)
+    for wrong, said in (
+        (("check", stored, path / "robot.csv"), "come as a rig file"),
+        (("check", stored, path / "new.toml", "--tolerance", "1mm"), "--tolerance: not for the result of a rig"),
+        (("predict", stored, "--point", "0mm,0mm,1mm"), "--of CAMERA"),
+        (("plan", stored, "--repeat"), "--repeat: not for the result of a rig"),
+    ):
+        assert run(*wrong) == 2
+        assert said in capsys.readouterr().err

@@ -30,7 +30,6 @@ from .files.result_file import from_dict, to_dict
 from .in_use.check import RigCheck, check_rig
 from .in_use.plan import RigPlan, plan_rig
 from .in_use.predict import RigPoints, predict_points
-from .in_use.update import update_rig
 from .output.exported import several_of
 from .relative import closed, open_of, relative_pose
 
@@ -305,11 +304,6 @@ class RigCalibration(Record):
     def plan(self, candidates: Mapping[str, Any] | None = None, k: int = 5, **options: Any) -> RigPlan:
         """Choose the views to take next, and by which camera; see `uq_handeye.rig.in_use.plan`."""
         return plan_rig(self, candidates, k, **options)
-
-    def update(self, rig: Rig, *, although_changed: bool = False) -> RigCalibration:
-        """Return the calibration of the old and the new views together; see `uq_handeye.rig.in_use.update`."""
-        found: RigCalibration = update_rig(self, rig, although_changed=although_changed)
-        return found
 
     @classmethod
     def from_dict(cls, data: Any) -> RigCalibration:

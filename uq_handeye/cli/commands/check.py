@@ -13,6 +13,7 @@ from ..delivery import deliver
 from ..messages import quiet, timed
 from ..new_poses import NewPoses, new_poses_of
 from ..options.common import JsonOption, emit, emit_document, folder_option, made_of
+from ..rigs.in_use import check_stored_rig, stored_rig
 from .files import ResultFile
 from .update import names_of
 
@@ -89,6 +90,9 @@ def check_command(
       # New pictures, with the intrinsics of the calibration
       uq-handeye check result/result.json robot.csv --images 'img/*.png' \\
           --board 9x6 --square 20mm
+      # A rig, by new views in a rig file
+      uq-handeye check result/rig.json today.toml
+
       # Every day: a log, with an alarm for slow drifts
       uq-handeye check result/result.json robot.csv camera.csv \\
           --log checks.csv
@@ -109,6 +113,8 @@ def check_command(
         Made if there is none.
       --every N: Checks for each false alarm of --log, on average. Default: 500.
     """
+    if (rig := stored_rig(result)) is not None:
+        return check_stored_rig(rig, files.files.robot, level, as_json, output)
     from ...calibration.result import Calibration
     from ...maintenance.check import check
     from ...maintenance.check_text import check_document

@@ -12,6 +12,7 @@ from ..options.arm import Arm, arm_of
 from ..options.common import CONTROLLER_NAMES, JsonOption, emit, made_of, one_of, option
 from ..options.noise import Given, given_of
 from ..pose_files import PoseFiles
+from ..rigs.in_use import plan_stored_rig, stored_rig
 
 # The poses to take, in the folder of -o.
 NEXT = "next.csv"
@@ -108,12 +109,16 @@ def plan_command(
       uq-handeye plan robot.csv camera.csv --candidates reachable.csv
       # In joint values within their limits, for predictions over the workspace
       uq-handeye plan camera.csv --joints joints.csv --urdf robot.urdf
+      # Which view of a rig next, and by which camera
+      uq-handeye plan result/rig.json -k 5
 
     Prints the standard deviations of X predicted after each pose, to first
     order in the noise.
 
     Reach and obstacles are not known. Check each pose before you drive there.
     """
+    if (rig := stored_rig(files.robot)) is not None:
+        return plan_stored_rig(rig, asked.k, asked.candidates, asked.sample, asked.seed, as_json, output)
     from ...calibration.findings import check_input
     from ...findings import warn
     from ...io.poses import read_robot_poses

@@ -9,6 +9,7 @@ from ..delivery import deliver, deliver_csv, folder_or_csv_option, is_csv
 from ..options.arm import JointUnits
 from ..options.common import JsonOption, emit
 from ..options.touches import coordinates
+from ..rigs.in_use import predict_stored_rig, stored_rig
 from .files import ResultFile
 
 if TYPE_CHECKING:
@@ -33,6 +34,8 @@ def predict_command(
     reached_at: Path | None = None,
     tool: str | None = None,
     camera: bool = False,
+    of: str | None = None,
+    into: str | None = None,
     no_noise: bool = False,
     as_json: JsonOption = False,
     output: Annotated[
@@ -50,6 +53,9 @@ def predict_command(
       # How far a tool misses the point, errors common to both removed
       uq-handeye predict result/result.json --joints q.csv \
           --point 0mm,0mm,300mm --reached-at there.csv --tool 0mm,0mm,150mm
+      # Point of the left camera of a rig, in the frame of the right one
+      uq-handeye predict result/rig.json --of left --into right \
+          --point 0mm,0mm,300mm --robot poses.csv
 
     The uncertainty combines X, the target pose and the robot.
 
@@ -67,6 +73,8 @@ def predict_command(
         it misses.
       * --tool X,Y,Z: Tool tip in the flange frame, for --reached-at. For example 0mm,0mm,150mm. Default: its origin.
       * --camera: Predict camera_T_target, the poses that the camera should see.
+      --of CAMERA: With the result of a rig: the camera that --point belongs to.
+      --into CAMERA: With the result of a rig: predict in the frame of this camera. Default: the world.
       --no-noise: With --camera: leave out the noise of a new measurement.
     """
     import numpy as np
@@ -74,6 +82,10 @@ def predict_command(
     from ...calibration.result import Calibration
     from ...io import json_text
 
+    if (rig := stored_rig(result)) is not None:
+        return predict_stored_rig(rig, of, into, point, robot, as_json, output)
+    if of is not None or into is not None:
+        raise InputError("--of and --into are for the result of a rig. Remove them.")
     if bool(point) == camera:
         raise InputError("Give either --point X,Y,Z in camera coordinates, or --camera for camera poses.")
     if no_noise and not camera:

@@ -14,6 +14,7 @@ from ..messages import quiet, timed, withheld
 from ..new_poses import NewPoses, new_poses_of
 from ..options.common import JsonOption, emit, emit_document, folder_option, made_of, require_writable
 from ..outcome import Wanted, emit_refusal, wanted_of
+from ..rigs.in_use import stored_rig, update_stored_rig
 from .calibrate import (
     REPORTS,
     FiguresOption,
@@ -48,6 +49,8 @@ def update_command(
       # New pictures; the camera is adjusted with all of them
       uq-handeye update result/result.json robot.csv --images 'img/*.png' \\
           --board 9x6 --square 20mm -o new/
+      # A rig, by new views in a rig file
+      uq-handeye update result/rig.json today.toml -o new/
 
     The new result is the calibration of all poses together, with the options
     of the stored one. The order of updates does not matter. New poses that
@@ -58,6 +61,8 @@ def update_command(
       * --same NAMES: What is that of the result, out of robot,camera,target, or none. Default: all.
     """
     require_writable(report, "--report", REPORTS)
+    if (rig := stored_rig(result)) is not None:
+        return update_stored_rig(rig, files.files.robot, although_changed, as_json, output, report, wishes, wanted)
     require_folder(figures, output)
     if report is None and no_compare:
         raise InputError("--no-compare needs --report FILE. Add it.")

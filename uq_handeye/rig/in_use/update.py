@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from ...errors import InputError
+from ..calibrate import calibrate_rig
 from ..description import Rig
+from ..result import RigCalibration
 from .check import check_rig
 from .evidence import joined, like
 
 LEVEL = 1e-3
 
 
-def update_rig(result: Any, rig: Rig, *, although_changed: bool = False) -> Any:
+def update_rig(result: RigCalibration, rig: Rig, *, although_changed: bool = False) -> RigCalibration:
     """Calibrate the old and the new views together.
 
     Parameters
@@ -30,8 +30,6 @@ def update_rig(result: Any, rig: Rig, *, although_changed: bool = False) -> Any:
     InputError
         New views that contradict the result, that it has already, or of things that the rig does not have.
     """
-    from ..calibrate import calibrate_rig  # it makes the result
-
     new = like(result, rig)
     have = {(view.camera, view.target, moment) for view in result.rig.views for moment in view.at or ()}
     for view in new.views:
