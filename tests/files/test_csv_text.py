@@ -55,7 +55,7 @@ def test_names_of_points_and_pictures(tmp_path):
     path.write_text(_table(["point", "x", "y", "z"], names, *xyz.T.tolist()), encoding="utf-8")
     assert sorted(read_target(path).names) == sorted(names)
     row, board = np.repeat(np.arange(len(names)), 4), np.tile(np.eye(4, 3), (len(names), 1))
-    corners = Corners(row, board, board[:, :2], tuple(names))
+    corners = Corners(row, board, board[:, :2] + row[:, None], tuple(names))
     path.write_text(corners_text(corners, np.ones(len(row), bool)), encoding="utf-8")
     assert read_corners(path).names == tuple(names)
 
@@ -68,4 +68,4 @@ def test_every_table_with_texts_is_written_in_one_place():
         for path in (ROOT / "uq_handeye").rglob("*.py")
         if writes.search(path.read_text(encoding="utf-8"))
     }
-    assert found == {"files/table.py", "points/files/point_file.py"}  # the latter is read at once
+    assert found == {"files/csv_text.py", "points/files/point_file.py"}  # the latter is read at once

@@ -42,7 +42,7 @@ class BoardOptions(Options):
       --pattern NAME <KINDS>: Kind of board: {KINDS}. aprilgrid is that of Kalibr, aruco OpenCV's GridBoard; apriltag,
         or aruco without --board, is a single tag. Default: chessboard, with --marker charuco.
       --spacing GAP: Gap between the tags of a grid, e.g. 6mm; of aprilgrid also as a share of the side, e.g. 0.3.
-      * --marker LENGTH: Side of a marker, for a ChArUco board.
+      --marker LENGTH: Side of a marker, for a ChArUco board.
       --dictionary NAME: Dictionary of the markers, e.g. 5X5_100 or tag25h9. Default: 4X4_50, of AprilTags 36h11.
       --first-id ID: Id of the first tag of a grid (default: 0), or of a single tag (default: any).
     """

@@ -144,13 +144,11 @@ def calibrate_command(
 
     Examples:
       # Pictures of a chessboard with 9x6 inner corners, one per robot pose
-      uq-handeye calibrate robot.csv --images 'img/*.png' --board 9x6 \
-          --square 20mm --report report.html -o result/
-      # Camera poses from another program; joint values; a ROS bag
-      uq-handeye calibrate robot.csv camera.csv --tolerance 1mm,0.1deg
+      uq-handeye calibrate robot.csv --images 'img/*.png' --board 9x6 --square 20mm
+      # Camera poses from another program; joint values; a ROS bag; several cameras
+      uq-handeye calibrate robot.csv camera.csv --report report.html -o result/
       uq-handeye calibrate camera.csv --joints joints.csv --urdf robot.urdf
       uq-handeye calibrate --bag cell.mcap --robot base:tool0 --camera cam:tag
-      # Several cameras on the arm; other rigs as a file (rig.md)
       uq-handeye calibrate robot.csv --camera left=left.csv --camera right=right.csv
       uq-handeye calibrate rig.toml -o result/
 
