@@ -173,6 +173,7 @@ def test_open_directions_about_one_axis(cameras, targets, pairs, count, of_pair)
     found = uq.calibrate_rig(with_noise(exact, noise_of(exact), 2), noise_of(exact), robust=False)
     assert len(found.open) == count
     assert len(found.relative("c1", "c2").open) == of_pair
+    assert f"Not determined: {count} directions, of c1" in found.text()
 
 
 def test_a_wrong_view_and_a_wrong_robot_pose_are_separated():
@@ -228,3 +229,48 @@ def test_relative_pose_of_things_on_different_carriers_is_refused():
     rig, _ = simulate_rig({"hand": "arm", "front": "world"}, {"board": "world"}, n_poses=10, seed=4)
     with pytest.raises(uq.InputError, match="not constant"):
         uq.calibrate_rig(rig, noise_of(rig)).relative("hand", "front")
+
+
+def with_intrinsics(rig, camera, q=3):
+    """The rig whose camera comes with a covariance of each pose and errors of its calibration."""
+    rng = np.random.default_rng(3)
+    views = []
+    for view in rig.views:
+        if view.camera != camera:
+            views.append(view)
+            continue
+        F = 1e-3 * rng.normal(size=(len(view.poses), 6, q)) + 2e-3 * np.eye(6)[:, :q]
+        views.append(uq.View(view.camera, view.target, view.poses, view.at, np.diag([2.5e-7] * 3 + [9e-8] * 3), "", F))
+    return uq.Rig(rig.arms, rig.cameras, rig.targets, tuple(views))
+
+
+def test_errors_of_a_camera_calibration_are_shared_by_its_views():
+    """NEES with them is one; without them, as if each pose had its own noise alone, it is not."""
+    exact, truth = simulate_rig({"c1": "arm", "c2": "arm"}, {"t1": "world", "t2": "world"}, n_poses=20, seed=5)
+    exact = with_intrinsics(exact, "c1")
+    noise, trials, total, apart = {"arm": SIZE, "c2": SIZE}, 60, 0.0, 0.0
+    for k in range(trials):
+        rig = with_noise(exact, noise, [SEED, k])
+        graph = Graph.of(rig)
+        of, at = given_noise(rig, graph, noise), np.array([truth[name] for name in graph.names])
+        for given in (of, RigNoise.of_own(of.robot, of.camera)):
+            found = fit(graph, given, at)
+            xi = np.concatenate([error(T, truth[name]) for T, name in zip(found.at, graph.names, strict=True)])
+            square = xi @ np.linalg.solve(found.covariance, xi)
+            total, apart = (total + square, apart) if given is of else (total, apart + square)
+    low, high = chi2.ppf([1e-4, 1 - 1e-4], 24 * trials)
+    assert low < total < high
+    assert apart > 1.5 * high
+
+
+def test_a_calibrated_camera_has_no_intrinsics_of_the_table_beside_its_own(tmp_path):
+    exact, _ = simulate_rig({"c1": "arm", "c2": "arm"}, {"t1": "world"}, n_poses=15, seed=5)
+    rig = with_noise(with_intrinsics(exact, "c1"), {"arm": SIZE, "c2": SIZE}, [SEED, 1])
+    names = [part.name for part in components_of(rig, Graph.of(rig), shared=True)]
+    assert "c1 intrinsics" in names and "c1 focal length" not in names and "c2 focal length" in names
+    found = uq.calibrate_rig(rig, {"arm": SIZE, "c2": SIZE})
+    found.save(tmp_path / "rig.json")
+    stored = uq.load(tmp_path / "rig.json").rig.views[0]
+    np.testing.assert_array_equal(stored.intrinsics, rig.views[0].intrinsics)
+    with pytest.raises(uq.InputError, match=r"intrinsics .* \(m, 6, q\)"):
+        uq.View("c", "t", POSES, None, np.eye(6), "", np.zeros((3, 6, 2)))

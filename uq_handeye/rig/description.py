@@ -92,6 +92,9 @@ class View(ReadOnlyArrays):
         Of these poses, in place of the noise of the camera.
     source : str
         Where they come from, for messages.
+    intrinsics : (m, 6, q) or None
+        What one standard deviation of each of q errors of the camera's calibration does to these poses, beside
+        ``covariance``; the same q errors in all views of the camera.
     """
 
     camera: str
@@ -100,6 +103,7 @@ class View(ReadOnlyArrays):
     at: tuple[Hashable, ...] | None = None
     covariance: Array | None = None
     source: str = ""
+    intrinsics: Array | None = None
 
     def __post_init__(self) -> None:
         poses = as_transforms(self.poses, f"poses of {self.words}")
@@ -113,6 +117,13 @@ class View(ReadOnlyArrays):
             if S.shape not in ((6, 6), (len(poses), 6, 6)):
                 raise InputError(f"Expected the covariance of {self.words} to be (6, 6) or (m, 6, 6), got {S.shape}.")
             object.__setattr__(self, "covariance", S)
+        if self.intrinsics is not None:
+            F = np.asarray(self.intrinsics, dtype=float)
+            if F.ndim != 3 or F.shape[:2] != (len(poses), 6) or self.covariance is None:
+                raise InputError(
+                    f"Expected the intrinsics of {self.words} to be (m, 6, q) beside a covariance, got {F.shape}."
+                )
+            object.__setattr__(self, "intrinsics", F)
         super().__post_init__()
 
     @property

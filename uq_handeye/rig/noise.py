@@ -72,7 +72,28 @@ def given_noise(rig: Rig, graph: Graph, noise: Any) -> RigNoise:
         if view.covariance is not None:
             of = graph.view == k
             camera[of] = view.covariance if view.covariance.ndim == 2 else view.covariance[graph.row[of]]
-    return RigNoise.of_own(robot, camera)
+    K, names = [], []
+    for name in rig.cameras:
+        if (columns := intrinsics_of(rig, graph, name)) is not None:
+            K.append(columns)
+            names += [f"{name} intrinsics: {k + 1}" for k in range(columns.shape[-1])]
+    K_camera = np.concatenate([np.zeros((graph.E, 6, 0)), *K], axis=-1)
+    return RigNoise(robot, camera, np.zeros((graph.P, 6, K_camera.shape[-1])), K_camera, tuple(names))
+
+
+def intrinsics_of(rig: Rig, graph: Graph, name: str) -> Array | None:
+    """(E, 6, q) what the errors of a camera's calibration do to all views, 0 in those of others; None without any."""
+    sizes = {view.intrinsics.shape[-1] for view in rig.views if view.camera == name and view.intrinsics is not None}
+    if not sizes:
+        return None
+    if len(sizes) > 1:
+        raise InputError(f"Expected as many errors of intrinsics in all views of {name!r}, got {sorted(sizes)}.")
+    found = np.zeros((graph.E, 6, sizes.pop()))
+    for k, view in enumerate(rig.views):
+        if view.camera == name and view.intrinsics is not None:
+            of = graph.view == k
+            found[of] = view.intrinsics[graph.row[of]]
+    return found
 
 
 def _by_name(rig: Rig, noise: Any) -> Any:

@@ -260,7 +260,11 @@ class RigCalibration(Record):
             f"Errors are root mean squares of their length. Chi-square {self.chi_square:.0f} of {self.dof:.0f}."
         )
         if len(self.open):
-            lines.append(f"{len(self.open)} directions are not determined: the robot poses turn about too few axes.")
+            poses = (*self.cameras.values(), *self.targets.values(), *others)
+            names = ", ".join(one.name for one in poses if len(one.open))
+            lines.append(
+                f"Not determined: {len(self.open)} directions, of {names}. The robot poses turn about too few axes."
+            )
         if self.paths:
             least = min(self.paths, key=lambda path: path.p)
             lines.append(f"Paths: {len(self.paths)}; the least likely: {least.words}, {probability(least.p)}.")

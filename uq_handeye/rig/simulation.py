@@ -84,6 +84,7 @@ def with_noise(rig: Rig, noise: Any, seed: int | np.random.Generator = 0) -> Rig
     rng, graph = np.random.default_rng(seed), Graph.of(rig)
     S = given_noise(rig, graph, noise)
     errors = [(factor(own) @ rng.normal(size=(len(own), 6, 1)))[..., 0] for own in (S.robot, S.camera)]
+    errors[1] = errors[1] + S.K_camera @ rng.normal(size=S.count)
     robot, C = perturb(graph.robot, errors[0]), perturb(graph.C, errors[1])
     arms = {}
     for k, (name, arm) in enumerate(rig.arms.items()):
@@ -91,7 +92,7 @@ def with_noise(rig: Rig, noise: Any, seed: int | np.random.Generator = 0) -> Rig
         poses[graph.pose[graph.arm == k]] = robot[graph.arm == k]
         arms[name] = ArmPoses(poses, arm.names, arm.source)
     views = [
-        View(view.camera, view.target, C[graph.view == k], view.at, view.covariance, view.source)
+        View(view.camera, view.target, C[graph.view == k], view.at, view.covariance, view.source, view.intrinsics)
         for k, view in enumerate(rig.views)
     ]
     return Rig(arms, rig.cameras, rig.targets, tuple(views))

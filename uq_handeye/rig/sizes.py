@@ -28,7 +28,7 @@ from ..shared_errors.view import intrinsics_columns, view_block
 from .description import Rig
 from .fit import Prior, prior_at
 from .graph import Graph
-from .noise import RigNoise
+from .noise import RigNoise, intrinsics_of
 
 # Factor (one sigma of the logarithm) by which cameras differ from their common median.
 APART = 2.0
@@ -78,7 +78,9 @@ def components_of(
             ]
         if own.any():
             found.append(Component(f"{name} by view", "camera", SIZES["camera by view"], block=own * by_view))
-        if intrinsics is not None:
+        if (calibrated := intrinsics_of(rig, graph, name)) is not None:
+            found.append(Component(f"{name} intrinsics", "camera", Size(1.0), columns=calibrated))
+        elif intrinsics is not None:
             K = intrinsics * owned[:, None, None]
             found.append(Component(f"{name} focal length", "camera", _open("focal length"), columns=K[..., :1]))
             found.append(Component(f"{name} principal point", "camera", _open("principal point"), columns=K[..., 1:3]))

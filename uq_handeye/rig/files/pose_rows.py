@@ -22,6 +22,7 @@ from ...geometry.se3 import Array
 from ...io.known_camera import known_camera
 from ...io.matching import nearest
 from ...io.poses import side_of
+from ...noise.joint_covariance import JointCovariance
 from ..description import WORLD, ArmPoses, Rig, View
 
 
@@ -36,6 +37,7 @@ class PoseRows:
     numbers: tuple[int, ...] = ()
     rows: tuple[int, ...] = ()  # of a calibrated camera: rows of the robot, counted from 0
     covariance: Array | None = None  # (n, 6, 6) of poses that come with it
+    intrinsics: Array | None = None  # (n, 6, q) what errors of the camera's calibration do to them
 
     @property
     def names(self) -> tuple[Hashable, ...]:
@@ -111,7 +113,8 @@ def read_rows(
     if role == "camera" and (seen := known_camera(path)) is not None:
         rows = tuple(np.asarray((seen.camera or seen.points).rows).tolist())  # type: ignore[union-attr]
         S = seen.of_pairs.get("camera_covariance") or seen.of_pairs["camera_calibration"].covariance
-        return PoseRows(np.asarray(seen.poses), seen.name, seen.source[0], rows=rows, covariance=S.blocks)
+        own, shared = (S.own, S.shared) if isinstance(S, JointCovariance) else (S.blocks, None)
+        return PoseRows(np.asarray(seen.poses), seen.name, seen.source[0], rows=rows, covariance=own, intrinsics=shared)
     contents, source = read_contents(path, format)
     side = side_of(contents, role, shown(path))
     poses = finished(side, role, units, rotation, FRAMES[role][0] if frame is None else frame)
@@ -128,7 +131,7 @@ def on_one_clock(rows: PoseRows, first: PoseRows, tolerance: float) -> PoseRows:
 def view_of(camera: str, target: str, rows: PoseRows, arms: list[PoseRows], tolerance: float, file: str) -> View:
     """Return the view of a file; ``arms`` are those that carry camera or target."""
     at = rows.names_among(arms[0], arms[0].names, tolerance) if arms else rows.names if rows.named else None
-    return View(camera, target, rows.poses, at, rows.covariance, source=file)
+    return View(camera, target, rows.poses, at, rows.covariance, file, rows.intrinsics)
 
 
 def rig_of_files(

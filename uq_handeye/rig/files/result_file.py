@@ -97,6 +97,7 @@ def rig_to_dict(rig: Rig) -> dict[str, Any]:
                 "at": _moments(view.at or ()),
                 "poses": _rows(view.poses),
                 **({} if view.covariance is None else {"covariance": view.covariance.tolist()}),
+                **({} if view.intrinsics is None else {"intrinsics": view.intrinsics.tolist()}),
             }
             for view in rig.views
         ],
@@ -123,6 +124,7 @@ def rig_from_dict(data: Mapping[str, Any]) -> Rig:
             tuple(_moments(view["at"])),
             None if view.get("covariance") is None else np.array(view["covariance"], dtype=float),
             str(view["source"]),
+            None if view.get("intrinsics") is None else np.array(view["intrinsics"], dtype=float),
         )
         for view in data["views"]
     )
