@@ -10,6 +10,7 @@ import numpy as np
 from scipy.special import ndtr
 
 from ..findings import Finding
+from ..geometry.se3 import Array
 from ..noise.estimate import CAMERA_EXCESS, Component, together
 from ..shared_errors.sizes import SIZES
 from .sentences import CONTRADICTION
@@ -19,6 +20,8 @@ if TYPE_CHECKING:
 
 # What corners of one picture share is said where it is surely above so many times its median: probability below which.
 USUAL, UNLIKELY, REACH = 2.0, 0.05, 1.96
+# Share of the variance of X (or W) from which on an error that it absorbs is a caution.
+COUNTS = 0.1
 # Pixel noise above or below these, in pixels, is none.
 MOST_PIXELS, LEAST_PIXELS = 1.5, 0.015
 
@@ -114,8 +117,18 @@ def size_findings(found: FoundSizes) -> tuple[Finding, ...]:
             axes = [np.linalg.svd(own[part])[0][:, 0].tolist() for part in (slice(0, 3), slice(3, 6))]
             values = {"error": source.components[k].name, "unknown": unknown, "turn": turn, "shift": shift}
             values |= {"axis": axes[0], "along": axes[1], "alone": source.components[k].count == 1}
-            listed.append(Finding("noise_estimation.absorbed", "caution", values))
+            counts = len(moves) != model.p or _share(own, model.of_poses(mode.theta).covariance, number) > COUNTS
+            listed.append(Finding("noise_estimation.absorbed", "caution" if counts else "note", values))
+            break
     return tuple(listed)
+
+
+def _share(moves: Array, C: Array, number: int) -> float:
+    """Largest share of the variance of an unknown pose that moves (6, m) have."""
+    part = slice(6 * number, 6 * number + 6)
+    unit = 1.0 / np.sqrt(np.diag(C)[part])
+    half = np.linalg.solve(np.linalg.cholesky(C[part, part] * np.outer(unit, unit)), unit[:, None] * moves)
+    return float(np.linalg.norm(half, 2) ** 2)
 
 
 def unusual_pixels(pixels: Component) -> Finding:
