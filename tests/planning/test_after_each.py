@@ -51,16 +51,18 @@ def test_one_or_two_lines(result):
 
 
 def test_more_poses_do_not_help_where_shared_errors_limit_x(poses):
-    """A scale of the target that is hardly known limits X; noise alone does not."""
-    accuracy = uq.SharedError.robot_accuracy("3mm", "0.4deg")
-    limited = uq.calibrate(poses, noise=NOISE, shared=[accuracy])
+    """A shift of all camera poses by the same amount looks like X, and limits it; noise alone does not."""
+    shift = np.zeros((12, 6, 3))
+    shift[:, 3:] = np.eye(3)
+    bend = uq.SharedError.columns("bend", shift, 3e-3, "camera")
+    limited = uq.calibrate(poses, noise=NOISE, shared=[bend])
     said = limit_of(limited, None)
-    assert said.startswith("More poses will hardly help: what limits X is the robot accuracy")
+    assert said.startswith("More poses will hardly help: what limits X is the bend")
     assert limit_of(limited, limited.verdict("0.5mm")).startswith("More poses will not reach 0.5 mm:")
     assert limit_of(limited, limited.verdict("50mm")) is None
     assert limit_of(uq.calibrate(poses, noise=NOISE), None) is None
-    ahead = next_pose(limited, NOISE, [accuracy])
-    assert ahead.gain < 0.03  # the accuracy stays
+    ahead = next_pose(limited, NOISE, [bend])
+    assert ahead.gain < 0.03  # the bend stays
 
 
 def test_an_accuracy_that_the_residuals_scale_is_no_limit_yet():

@@ -70,7 +70,8 @@ def next_pose(
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # they are those of the calibration
-            if result.posterior is not None and result.opened is None:
+            told = all(error.name in OF_ANY_POSES for error in shared or ())  # also what it does to new poses
+            if told and result.posterior is not None and result.opened is None:
                 known = Known(result, data, result.noise_estimate is not None)
                 of = Wanted("trace", None, mean_distance(data))
                 found = plan_from(known, None, 1, of, sample=CANDIDATES, seed=seed)
