@@ -80,7 +80,7 @@ def corners_and_used(path: StrPath, units: str = "m") -> tuple[Corners, NDArray[
         corners = Corners(value["row"], points, pixels, _pictures(table, value["row"]))
     except InputError as error:
         raise InputError(f"{name}: {str(error)[0].lower()}{str(error)[1:]}") from error
-    corners.require_once(shown(path))
+    corners.require_once(shown(as_path(path)))
     return corners, used[np.argsort(value["row"], kind="stable")]
 
 
