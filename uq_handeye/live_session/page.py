@@ -97,7 +97,8 @@ class Page(BrowserPage):
             self._steps("Selected", {"Leave out": lambda: self.session.leave_out(self._chosen()),
                                      "Take back": lambda: self.session.take_back(self._chosen())})  # fmt: skip
             self._steps("Last", {"Drop last": self.session.drop_last, "Undo": self.session.undo})
-        finish = gui.add_button("Finish and report", color="teal", icon="file-check")
+        look: dict[str, Any] = {"color": "teal", "icon": "file-check"}
+        finish = gui.add_button("Finish and report", **look)
         finish.on_click(lambda event: self._tried(lambda: self._finish(event.client)))
         with gui.add_folder("Checks, and what is included"):
             self._covered = gui.add_html("")

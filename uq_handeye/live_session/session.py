@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 import os
 import threading
+import warnings
 from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
@@ -20,10 +21,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..errors import InputError, NotConvergedError
+from ..errors import InputError, InputWarning, NotConvergedError
 from ..files.atomic import json_text, write_atomically
 from ..geometry.checks import as_transforms
 from ..geometry.frames import SETUPS
+from ..poses.pose_pairs import PosePairs
 from .folder import Folder, SeenBoard, settled
 from .question import FEWEST, ONE_AT_A_TIME, Answer, Question
 
@@ -171,7 +173,7 @@ class Session:
             if asked == self._asked:
                 return self.answer
             try:
-                n, poses = self.folder.read()
+                n, poses = self._read()
             except (InputError, NotConvergedError) as error:  # half written, or wrong
                 self.problem = " ".join(str(error).split())
                 self._asked = asked
@@ -185,6 +187,15 @@ class Session:
                     self._sizes[n, left_out] = self.answer.size
             self._tell()
             return self.answer
+
+    def _read(self) -> tuple[int, PosePairs | None]:
+        """Read the files; what a reader warns of, such as a picture that it rejects, is noted."""
+        with ONE_AT_A_TIME, warnings.catch_warnings(record=True) as said:
+            warnings.simplefilter("always", InputWarning)
+            n, poses = self.folder.read()
+        texts = (" ".join(str(one.message).split()) for one in said if issubclass(one.category, InputWarning))
+        self.notes.extend(text for text in texts if text not in self.notes)
+        return (n if poses is None else poses.n), poses  # without pictures that were rejected
 
     @property
     def curve(self) -> list[tuple[int, float]]:

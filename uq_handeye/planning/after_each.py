@@ -71,11 +71,12 @@ def next_pose(
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # they are those of the calibration
             told = all(error.name in OF_ANY_POSES for error in shared or ())  # also what it does to new poses
+            told = told and result.kinematics is None
             if told and result.posterior is not None and result.opened is None:
                 known = Known(result, data, result.noise_estimate is not None)
                 of = Wanted("trace", None, mean_distance(data))
                 found = plan_from(known, None, 1, of, sample=CANDIDATES, seed=seed)
-            else:
+            else:  # the posterior of an arm refuses all candidates where it does not reach one
                 errors = None if shared is None else [error for error in shared if error.name in OF_ANY_POSES]
                 found = plan(data, k=1, noise=given, shared=errors, sample=CANDIDATES, seed=seed)
     except (InputError, NotConvergedError):

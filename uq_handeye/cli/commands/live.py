@@ -135,7 +135,7 @@ def live_command(
     folder = folder_of(files.folder, files, pictures)
     options: dict[str, Any] = {"prior": prior}
     if arm is not None:
-        folder = replace(folder, how=folder.how | arm.of_files)
+        folder = replace(folder, how={**folder.how, **arm.of_files})
         options |= arm.of_calibrate
     question = question_of(given, pictures, options, wanted.tolerance)
     touches = touched.read(None)

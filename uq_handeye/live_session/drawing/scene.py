@@ -137,7 +137,7 @@ class Scene:
         n, tints = len(moving), colours(answer)
         drawn = set(np.unique(np.linspace(0, n - 1, min(n, MOST_DRAWN)).round().astype(int)).tolist())
         labels = [k for k in range(n) if tints[k] == WRONG][:MOST_LABELS]
-        for k in sorted(drawn | set(labels) | ({selected} - {None})):
+        for k in sorted({*drawn, *labels, *([] if selected is None else [selected])}):
             wrong, name = tints[k] == WRONG, f"/poses/{k}"
             size = distance * FRUSTUM * (1.5 if k == selected else 1.0)
             click = partial(self._clicked, k)

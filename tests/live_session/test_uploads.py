@@ -1,0 +1,106 @@
+"""Pictures, a bag, touches and joints of a session, without a browser: what the buttons of the page do."""
+
+import time
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import uq_handeye as uq
+from uq_handeye.geometry.se3 import inverse
+from uq_handeye.io import write_pose_file
+from uq_handeye.live_session.folder import Folder
+from uq_handeye.live_session.session import CHOICE, Session
+from uq_handeye.live_session.uploads import keep_picture, keep_upload
+
+pytest.importorskip("viser", reason="viser (extra live) is not installed")
+from uq_handeye.live_session.page import Page
+
+NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
+POSES = uq.simulate(n_poses=8, noise=NOISE, seed=3)
+
+
+@pytest.fixture
+def page(tmp_path):
+    shown = Page(Session(Folder(tmp_path / "session")), port=0)
+    yield shown
+    shown.close()
+
+
+def pictures(n=10, seed=1):
+    """Return robot poses and pictures (PNG) of a chessboard with 9 x 6 inner corners of 30 mm."""
+    cv2 = pytest.importorskip("cv2", reason="OpenCV (extra camera) is not installed")
+    poses = uq.simulate(n_poses=n, distance=("0.5m", "0.7m"), tilt="20deg", roll="40deg", seed=seed)
+    squares = np.pad(np.kron(np.indices((7, 10)).sum(axis=0) % 2 * 255, np.ones((60, 60))), 60, constant_values=255)
+    K = np.array([[600.0, 0, 320], [0, 600, 240], [0, 0, 1]])
+    on_board = np.array([[5e-4, 0, -0.18], [0, 5e-4, -0.135], [0, 0, 1]])
+    found = []
+    for T in poses.camera:
+        H = K @ T[:3, [0, 1, 3]] @ on_board
+        seen = cv2.warpPerspective(squares.astype(np.uint8), H, (640, 480), borderValue=140)
+        found.append(cv2.imencode(".png", cv2.GaussianBlur(seen, (3, 3), 0))[1].tobytes())
+    return poses, found
+
+
+def test_pictures_in_place_of_camera_poses(page, tmp_path):
+    poses, seen = pictures()
+    write_pose_file(tmp_path / "r.csv", poses.robot)
+    page._add(keep_upload, "robot", "r.csv", (tmp_path / "r.csv").read_bytes())
+    page._board.value, page._square.value = "9x6", "30mm"
+    for content in seen[:-1]:
+        keep_picture(page.session.folder.path, "picture.png", content)
+    page._add_picture("picture.png", seen[-1])
+    answer = page.session.update()
+    assert answer.result is not None and answer.poses.n >= 7, page.session.problem
+    turn, shift = np.abs(answer.result.X - poses.truth.X)[:3, :3].max(), answer.result.X - poses.truth.X
+    assert turn < 0.02 and np.linalg.norm(shift[:3, 3]) < 0.02
+    drawn = page._beside(answer.poses, answer.result).pictures
+    assert len(drawn) == answer.poses.n and drawn[3][1]().shape == (180, 240, 3)
+    again = Session(Folder(page.session.folder.path))  # the board is remembered
+    assert again.update().n == answer.n and (page.session.folder.path / CHOICE).exists()
+    np.testing.assert_array_equal(again.answer.result.X, answer.result.X)
+
+
+def test_touches_are_drawn_beside_each_answer(page):
+    for robot, camera in zip(POSES.robot, POSES.camera, strict=True):
+        page.session.add(robot, camera, ask=False)
+    page.session.update()
+    points = np.array([[0.4, 0.1, 0.2], [0.5, -0.1, 0.2], [0.4, 0.0, 0.25]])
+    rows = ["seen_x,seen_y,seen_z,touched_x,touched_y,touched_z,touched_sd,"
+            + ",".join(f"seen_at_{name}" for name in ("x", "y", "z", "qx", "qy", "qz", "qw"))]  # fmt: skip
+    for G, point in zip(POSES.robot, points, strict=False):
+        seen = (inverse(G @ POSES.truth.X) @ np.append(point, 1.0))[:3]
+        moved = point + np.array([0.0, 0.0, 0.05])
+        numbers = [*seen, *moved, 2e-4, *G[:3, 3], *Rotation.from_matrix(G[:3, :3]).as_quat()]
+        rows.append(",".join(f"{x:.9g}" for x in numbers))
+    page._add_touches("t.csv", "\n".join(rows).encode())
+    drawn = page._beside(page.session.answer.poses, page.session.answer.result).touched
+    np.testing.assert_allclose(drawn.points, points + np.array([0.0, 0.0, 0.05]), atol=1e-8)
+    np.testing.assert_allclose(drawn.misses, np.tile([0.0, 0.0, 0.05], (3, 1)), atol=0.01)
+    assert drawn.flagged.all() and "CONTRADICTED" in page._said.content
+    page._add_touches("t.csv", b"a,b\n1,2\n")
+    assert "expected a header with seen_x" in page._said.content
+
+
+def test_a_bag_is_played_into_the_session(page, monkeypatch):
+    """The streams of a bag, which a stand-in reads, come as pairs of poses."""
+    times = np.linspace(0.0, 20.0, 401)
+    phases = np.sin(times[:, None] * [0.9, 1.1, 1.3] + [0.0, 1.0, 2.0])
+    robot = np.tile(np.eye(4), (401, 1, 1))
+    robot[:, :3, :3] = Rotation.from_rotvec(0.6 * phases).as_matrix()
+    robot[:, :3, 3] = 0.2 * phases[:, ::-1]
+    streams = [uq.Stream(times, T) for T in (robot, inverse(robot @ POSES.truth.X) @ POSES.truth.W)]
+    asked = []
+
+    def read_bag(path, **names):
+        asked.append((path.name, names))
+        return streams
+
+    monkeypatch.setattr("uq_handeye.rosbag.streams.read_bag", read_bag)
+    page._frames.value = "base:tool0, cam:tag"
+    page._play("cell.mcap", b"bag")
+    until = time.monotonic() + 60.0
+    while page.session.answer.result is None and time.monotonic() < until:
+        time.sleep(0.1)
+    np.testing.assert_allclose(page.session.answer.result.X, POSES.truth.X, atol=1e-3)
+    assert asked == [("bag.mcap", {"robot": "base:tool0", "camera": "cam:tag"})]
