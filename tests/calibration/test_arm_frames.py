@@ -42,8 +42,9 @@ def test_frames_of_the_controller_are_in_X_and_W(rng, setup):
     moved = replace(poses, robot=base @ poses.robot @ tool)
     result = calibrated(moved, {"joint offsets": 5e-4, "joint tilts": 5e-4, "link lengths": 3e-4}, robust=False)
     X, W = (np.linalg.inv(tool), base) if setup == "eye-in-hand" else (base, np.linalg.inv(tool))
-    np.testing.assert_allclose(result.X, X @ same.X, rtol=0, atol=2e-5)
-    np.testing.assert_allclose(result.W, W @ same.W, rtol=0, atol=2e-5)
+    # The errors are derived anew until their second order moves the poses by less than 0.05 deviations of X.
+    np.testing.assert_allclose(result.X, X @ same.X, rtol=0, atol=1e-4)
+    np.testing.assert_allclose(result.W, W @ same.W, rtol=0, atol=1e-4)
     np.testing.assert_allclose(np.sort(result.std[:3]), np.sort(same.std[:3]), rtol=0.3)
     np.testing.assert_allclose(result.kinematics.e, same.kinematics.e, rtol=0, atol=2e-5)
     assert said(result) == ["kinematics.against_controller"]

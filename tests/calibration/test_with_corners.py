@@ -46,12 +46,10 @@ def test_nothing_but_poses_from_corners(recording, result):
     found = result.noise_estimate
     assert found.from_corners and found["camera rotation"].status == "from corners"
     plain = calibrate(poses, shared=[], correlation="none")
-    np.testing.assert_allclose(
-        plain.noise_estimate.variances,
-        estimate_robot_noise(poses, poses.camera_calibration.covariance, start=plain.X).variances,
-        rtol=1e-2,
-    )
-    assert result.reference.kind == "F" and np.isfinite(result.reference.dof)
+    alone = estimate_robot_noise(poses, poses.camera_calibration.covariance, start=plain.X)
+    for name in ("robot rotation", "robot translation"):  # beside what corners of a picture share
+        assert 0.7 < plain.noise_estimate[name].value / alone[name].value < 1.4, name
+    assert result.reference.kind == "t" and np.isfinite(result.reference.dof)
     off = error(result.X, X)
     assert off @ np.linalg.solve(result.covariance, off) < result.quantile(0.9999)
     text = result.summary(verbose=True)
@@ -162,7 +160,7 @@ def test_analysis_works_with_it(result):
     assert result.diagnostics.n == 20
     assert [probe.covered for probe in result.diagnostics.probes] == [True, True, False]  # its target scale is in doubt
     assert result.split_half.possible and 1e-4 < result.split_half.p_value <= 1
-    assert result.covariances["model"] is not None and result.covariances["sandwich"] is None
+    assert result.covariances["model"] is not None and result.covariances["sandwich"] is not None
     np.testing.assert_allclose(result.budget.covariances.sum(axis=0)[:6, :6], result.covariance, rtol=1e-6, atol=1e-18)
     assert result.fit.rotation_sigma0 == pytest.approx(1, abs=0.5) and result.fit.translation_sigma0 == pytest.approx(
         1, abs=0.5

@@ -140,14 +140,13 @@ def test_what_corners_of_a_picture_share_is_carried_beside_a_known_robot():
 
 
 def test_a_known_robot_asks_for_nothing_where_corners_are_independent():
-    """A component more costs nothing: as often 0 as not, and the covariance stays what it is."""
+    """A component more costs little: the covariance stays what it is."""
     known = uq.NoisePrior(robot=(5e-5, 2e-5), factor=1)
-    growth, zero = [], []
+    growth = []
     for k in range(12):
         corners, robot, _ = recorded(np.random.default_rng([SEED, 32, k]))
         poses = poses_of(corners, robot)
         result = uq.calibrate(poses, prior=known, shared=[])
         plain = efficient(poses, uq.PoseNoise(ROBOT, poses.camera_calibration.covariance))
         growth.append(np.trace(np.linalg.solve(plain.covariance_X, result.covariance)) / 6)
-        zero.append(result.noise_estimate["camera beyond its corners"].value == 0)
-    assert 0.2 < np.mean(zero) < 0.9 and 0.95 < np.mean(growth) < 1.2
+    assert 0.95 < np.mean(growth) < 1.2

@@ -96,4 +96,4 @@ def test_pictures_and_joints_alone(tmp_path):
     d2, found = squared_distance(run("calibrate", *board, *CHAIN, cwd=tmp_path), poses.truth.X)
     assert d2 < FAR and found["n_poses"] == 8
     both = run("calibrate", "robot.csv", *board, *CHAIN, cwd=tmp_path)  # ROBOT, as CAMERA are the pictures
-    assert squared_distance(both, poses.truth.X)[0] == pytest.approx(d2, rel=1e-3)
+    assert squared_distance(both, poses.truth.X)[0] == pytest.approx(d2, abs=0.5)  # poses are rounded in their file

@@ -220,7 +220,7 @@ def test_the_outcome_of_calibrate(session, tmp_path, options, status, said):
     found = run(*files, "--json", cwd=session)
     data = json.loads(found.stdout)
     assert found.returncode == status and data["headline"] in " ".join(done.stdout.split())
-    if "--tolerance" in options and not refused:
+    if "--tolerance" in options and status != 3:
         assert said.startswith(data["verdict"]["verdict"]) and data["verdict"]["sentence"].startswith(said)
 
 

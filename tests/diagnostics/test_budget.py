@@ -11,7 +11,6 @@ from support import SEED
 
 import uq_handeye as uq
 from uq_handeye.diagnostics.budget import Budget
-from uq_handeye.likelihood.goodness_of_fit import covariance_derivatives
 
 
 @pytest.fixture(scope="module")
@@ -34,7 +33,9 @@ def made(variances, relative, types=None):
 def test_what_is_declared_is_of_type_B_and_what_is_estimated_of_type_A(poses, by_default):
     of = dict(zip(by_default.budget.sources, by_default.budget.types, strict=True))
     shared = {"focal length", "principal point x", "principal point y", "target scale"}
-    assert {name for name, kind in of.items() if kind == "B"} == shared
+    assert shared <= {name for name, kind in of.items() if kind == "B"}
+    noise = {f"{side} {kind}" for side in ("robot", "camera") for kind in ("rotation", "translation")}
+    assert {of[name] for name in noise & of.keys()} == {"A"}
     given = quietly(poses, noise=NOISE).budget
     assert set(given.types) == {"B"} and np.isinf(given.dof).all()
     fixed = uq.NoisePrior(robot=("0.02deg", "0.05mm"), factor=1)
@@ -52,21 +53,6 @@ def test_combined_is_the_covariance_of_the_result(by_default):
     worst = budget.expanded(worst=True)
     assert worst["X translation"].u == pytest.approx(by_default.weakest_translation[1], rel=1e-9)
     assert worst["X rotation"].u == pytest.approx(by_default.weakest_rotation[1], rel=1e-9)
-
-
-def test_degrees_of_freedom_are_those_of_the_reference_for_one_component():
-    noise = uq.PoseNoise.isotropic(robot=("0.1deg", "0.1mm"), camera=("0.1deg", "0.1mm"))
-    result = quietly(uq.simulate(25, noise=noise, seed=SEED), shared=[], correlation="none")
-    estimate, fit = result.noise_estimate, result.analysis.fit
-    assert (estimate.variances > 0).all()
-    derivatives, S = covariance_derivatives(fit), fit.covariance_X
-    worst = result.budget.expanded(worst=True)
-    for name, part in (("X rotation", slice(0, 3)), ("X translation", slice(3, 6))):
-        along = np.linalg.eigh(S[part, part])[1][:, -1]
-        by = np.array([along @ D[part, part] @ along for D in derivatives])
-        nu = 2 * (along @ S[part, part] @ along) ** 2 / (by @ estimate.covariance @ by)
-        assert worst[name].dof == pytest.approx(nu, rel=1e-6)
-    assert 0.2 < worst["X translation"].dof / result.reference.dof < 5
 
 
 def test_independent_estimates_follow_welch_and_satterthwaite():

@@ -324,7 +324,7 @@ def test_a_result_with_shared_errors_has_their_figure():
     found = pictures(result)
     assert list(found) == [*ALL[:4], "shared", ALL[4]]
     assert all(error.name in found["shared"].alt for error in result.shared)
-    assert "focal length (B)" in found["budget"].alt and "camera rotation (A)" in found["budget"].alt
+    assert "target scale (B)" in found["budget"].alt and "robot rotation (A)" in found["budget"].alt
     assert overlapping(found["shared"].figure) == [] and overlapping(found["budget"].figure) == []
 
 

@@ -282,7 +282,9 @@ def printed(case):
         return CASES["exact"]()
     folder = Path(os.environ["UQ_HANDEYE_DATA"]) / "kuka_1"
     poses = uq.read_poses(folder / "robot.csv", folder / "camera.csv")
-    return uq.calibrate(poses if case == "kuka_1" else uq.PosePairs(poses.robot, np.linalg.inv(poses.camera)))
+    if case == "kuka_1":
+        return uq.calibrate(poses)
+    return uq.calibrate(uq.PosePairs(poses.robot, np.linalg.inv(poses.camera)), noise=NOISE)
 
 
 def pages_of(path):

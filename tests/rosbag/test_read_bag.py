@@ -39,6 +39,7 @@ def write_poses(folder, kind, robot, camera):
     return bag.path
 
 
+@pytest.mark.filterwarnings("ignore::uq_handeye.InputWarning")
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_stream_with_a_clock_offset_is_that_of_the_table(tmp_path, hand_held, kind):
     X, _, robot, camera = hand_held

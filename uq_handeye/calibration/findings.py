@@ -7,7 +7,7 @@ from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import chdtr, chdtrc, chdtri
 
 from ..camera.boards.description import spacing_of
@@ -82,7 +82,7 @@ LITTLE_FROM_DATA = 1e-3
 # Closed forms beside X, the pairs that they get, and from where on one of them fits better: by the ratio of the median
 # residuals, and by d^2 of its X (the 95 % quantile of chi-square(6)).
 CLOSED_FORMS, COMPARED = ("4dpa", "tsai", "park", "horaud", "daniilidis"), 500
-BETTER, FAR_APART = 0.8, float(chdtri(6, 0.05))
+BETTER, FAR_APART = 0.9, float(chdtri(6, 0.05))
 # RMS rotation residual of the pairs (rad) from which on a shifted pairing of the rows is looked for.
 SUSPICIOUS = np.radians(1.0)
 
@@ -177,18 +177,19 @@ def _confounded(result: Calibration, name: str, errors: Sequence[SharedEstimate]
     return [Finding("calibration.shared_confounded", "note", values)] if untold else []
 
 
-def closed_forms(job: Job, result: Calibration, kept: NDArray[np.bool_]) -> list[Finding]:
+def closed_forms(job: Job, result: Calibration, table: PoseTable) -> list[Finding]:
     """Return a finding if a closed form fits the poses that count better than X, which it contradicts.
 
-    Better: the medians of rotation and of translation residuals are both below `BETTER` times those of X, as measured.
-    Errors that were estimated explain a part of these; a closed form that fits without them says that X may be wrong.
+    Better: without any of the errors that were estimated beside X, the medians of its rotation and of its translation
+    residuals are both below `BETTER` times those that X leaves with them.
     """
+    kept = table.weight > 0
     if job.poses is None or result.covariance is None or result.opened is not None or kept.sum() < FEWEST_FOR_ROBUST:
         return []
     poses = job.poses if kept.all() else job.poses.rows(kept)
     motions = relative_motions(poses, spread_pairs(poses.n, COMPARED))
     G, C = poses.effective_robot, poses.camera
-    own = np.array([median(part) for part in pose_residuals(G, C, result.X)])
+    own = np.array([median(table.rotation[kept]), median(table.translation[kept])])
     found: list[tuple[float, str, Array, float]] = []
     for name in CLOSED_FORMS:
         with suppress(InputError, NotConvergedError):

@@ -59,6 +59,11 @@ def budget_of(result: Calibration) -> Budget | None:
     return shown_budget(result) if result.covariance_kind in _OF_SOURCES else None
 
 
+def _by_source(result: Calibration) -> Budget | None:
+    """Return the budget that the accuracy is by; sources that are shown as one have degrees of freedom of their own."""
+    return None if budget_of(result) is None else result.budget
+
+
 def budget_rows(result: Calibration, most: int | None = None) -> tuple[BudgetRow, ...]:
     """Return one row per source; beyond ``most`` the smallest are one row.
 
@@ -111,7 +116,7 @@ def components_of(result: Calibration) -> tuple[Stated, ...]:
     assert deviations is not None  # where there is a covariance
     to_si = np.repeat([1e-3, np.pi / 180], 3)
     rows = _rows(result)
-    budget = budget_of(result)
+    budget = _by_source(result)
     if budget is None:
         expanded = [_by_reference(result)] * 6
     else:
@@ -151,7 +156,7 @@ def worst_of(result: Calibration) -> tuple[Stated, ...]:
     accuracy = result.accuracy
     if accuracy is None:
         return ()
-    budget = budget_of(result)
+    budget = _by_source(result)
     dof = dict.fromkeys(("X translation", "X rotation", "point"), _by_reference(result)[0])
     if budget is not None:
         found: dict[str, Expanded] = budget.expanded(LEVEL, worst=True)

@@ -63,6 +63,8 @@ def first_screen(
     groups[3] = [_folded(checks)]
     if lines is not None and height(_joined(groups, 0), width) > lines:
         groups[1] = answer_blocks(result, verdict, why=False)
+        if result.reasons and height(_joined(groups, 0), width) > lines:
+            groups[4] = X[:1]  # the numbers alone of an X that is of no use
     return _joined(groups, 0)
 
 
