@@ -1,4 +1,4 @@
-"""Whether the result of a rig still holds, by new views: p-value, and what moved if something did.
+"""Test of whether the result of a rig still holds, by new views: p-value, and what moved if something did.
 
 All new rows together are tested (`posterior.rows`). Where they contradict the result, each camera and each target is
 tried as the one that moved: the move that explains most, if it explains what is there, is named with its size.

@@ -1,4 +1,4 @@
-r"""Which view to take next, at which robot pose and by which camera: what each would add.
+r"""Choice of the view to take next, at which robot pose and by which camera: what each would add.
 
 A candidate is a pair of camera and target that the rig has views of, at a robot pose (of each arm that carries one of
 them). The camera should see the target at ``C = P^-1 Q`` of the estimates; candidates at which it would be nearer or
@@ -196,7 +196,7 @@ def _in_world(result: Any, name: str, place: str, robot: Mapping[str, Array], co
 
 
 def _visible(C: Array, seen: Array) -> NDArray[np.bool_]:
-    """Whether poses (k, 4, 4) lie within what has been seen: distance, angle from the axis, tilt."""
+    """Return which poses (k, 4, 4) lie within what has been seen: distance, angle from the axis, tilt."""
 
     def numbers(T: Array) -> tuple[Array, Array, Array]:
         distance = np.linalg.norm(T[:, :3, 3], axis=1)

@@ -206,7 +206,8 @@ def _residuals(result: Any) -> tuple[Graph, Array, Array]:
 
 def _by_pair(result: Any) -> Table:
     graph, turn, shift = _residuals(result)
-    rows, marked = [], set()
+    rows: list[list[str]] = []
+    marked: set[int] = set()
     pairs = dict.fromkeys((view.camera, view.target) for view in result.rig.views)
     for camera, target in pairs:
         views = [k for k, view in enumerate(result.rig.views) if (view.camera, view.target) == (camera, target)]
