@@ -297,7 +297,7 @@ def largest_bound(Q: Array) -> tuple[float, Array]:
             step = scaled * cho_solve(cho_factor(H * np.outer(scaled, scaled) + 1e-13 * np.eye(len(H))), scaled * g)
         except LinAlgError:  # far from a minimum that is not the global one digits run out: what is proven stands
             break
-        decrement = float(np.sqrt(max(g @ step, 0.0)))
+        decrement = max(float(g @ step), 0.0) ** 0.5
         share = 1.0
         if decrement > 0.5:
             change = matrix(0.0, step[:-1].reshape(m, q)) - Q
