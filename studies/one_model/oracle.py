@@ -1,4 +1,4 @@
-"""What X would be on rigs without an arm if every size were known: the least error that a model can reach there.
+"""Least error of X on rigs without an arm: that of an estimate to which every size is known.
 
     python -m studies.one_model.oracle [--sets 24]
 

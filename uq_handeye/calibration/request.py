@@ -1,4 +1,4 @@
-"""What `calibrate` is asked for beside the data: its arguments, checked once, for these or for fewer poses."""
+"""Request to `calibrate` beside the data: its arguments, checked once, for these or for fewer poses."""
 
 from __future__ import annotations
 
@@ -105,7 +105,7 @@ class Request:
 
     @property
     def by_likelihood(self) -> bool:
-        """Whether the method is at the Cramer-Rao bound, no published one."""
+        """True if the method is at the Cramer-Rao bound, no published one."""
         return self.taken_method in (*ESTIMATORS, BUNDLE)
 
     def rows(self, data: PosePairs, selection: Selection) -> Request:

@@ -138,7 +138,7 @@ def read_poses(
 
 @dataclass(frozen=True, eq=False)
 class _Asked:
-    """What is asked of the files; pairs are of robot and camera."""
+    """Request to the files; pairs are of robot and camera."""
 
     robot: StrPath | None
     arm: Joints | None
