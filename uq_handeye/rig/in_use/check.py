@@ -2,6 +2,9 @@
 
 All new rows together are tested (`posterior.rows`). Where they contradict the result, each camera and each target is
 tried as the one that moved: the move that explains most, if it explains what is there, is named with its size.
+
+Where the noise was estimated, chi-squares over their number follow F(k, nu), nu = 2 / mean Var(log variance) over the
+noise of arms and cameras: as if the sizes of all were uncertain together.
 """
 
 from __future__ import annotations
@@ -10,7 +13,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
-from scipy.special import chdtrc
+from scipy.special import chdtrc, fdtrc
 
 from ...errors import InputError
 from ...files.atomic import json_text
@@ -119,13 +122,14 @@ def check_rig(result: Any, rig: Rig, *, level: float = 0.05) -> RigCheck:
         raise InputError(f"Expected `level` between 0 and 1, got {level!r}.")
     found = evidence_of_views(result, rig)
     d2 = found.rows.d2
-    p = float(chdtrc(found.dof, d2))
-    moves = sorted((_move(found, name, d2) for name in _seen(found)), key=lambda one: -one.chi_square)
+    nu = _noise_dof(result)
+    p = _p(d2, found.dof, nu)
+    moves = sorted((_move(found, name, d2, nu) for name in _seen(found)), key=lambda one: -one.chi_square)
     status = UNCHANGED
     if p < level:
         status = MOVED if moves and moves[0].p * len(moves) < level and moves[0].left > 0.01 * level else CHANGED
     pairs = dict.fromkeys((view.camera, view.target) for view in rig.views)
-    views = {f"{camera}, {target}": _of_pair(found, rig, camera, target) for camera, target in pairs}
+    views = {f"{camera}, {target}": _of_pair(found, rig, camera, target, nu) for camera, target in pairs}
     return RigCheck(status, p, d2, found.dof, found.graph.E, level, tuple(moves), views)
 
 
@@ -136,17 +140,28 @@ def _seen(found: RigEvidence) -> list[str]:
     return [graph.names[k] for k in numbers.tolist() if k < graph.m]
 
 
-def _move(found: RigEvidence, name: str, d2: float) -> RigMove:
+def _move(found: RigEvidence, name: str, d2: float, nu: float) -> RigMove:
     cause = found.rows.explained_by(found.moved(name))
     rank = int(np.linalg.matrix_rank(cause.covariance, hermitian=True)) if cause.gain > 0 else 0
     angle, shift = (float(np.linalg.norm(part)) for part in (cause.estimate[:3], cause.estimate[3:]))
-    left = float(chdtrc(max(found.dof - rank, 1), max(d2 - cause.gain, 0.0)))
-    return RigMove(name, cause.gain, angle, shift, float(chdtrc(max(rank, 1), cause.gain)), left)
+    left = _p(max(d2 - cause.gain, 0.0), max(found.dof - rank, 1), nu)
+    return RigMove(name, cause.gain, angle, shift, _p(cause.gain, max(rank, 1), nu), left)
 
 
-def _of_pair(found: RigEvidence, rig: Rig, camera: str, target: str) -> float:
+def _of_pair(found: RigEvidence, rig: Rig, camera: str, target: str, nu: float) -> float:
     """p-value of the views of one pair by themselves."""
     views = [k for k, view in enumerate(rig.views) if (view.camera, view.target) == (camera, target)]
     of = np.isin(found.graph.view, views)[found.edges]
     some = found.rows.rows(of)
-    return float(chdtrc(int(of.sum()), some.d2))
+    return _p(some.d2, int(of.sum()), nu)
+
+
+def _noise_dof(result: Any) -> float:
+    """Degrees of freedom of the noise; infinite where it was given."""
+    spread = [np.log(part["high"] / part["low"]) / 3.92 for part in result.components
+              if part["low"] > 0 and part["name"].endswith((" rotation", " translation"))]  # fmt: skip
+    return 2.0 / float(np.mean(4 * np.square(spread))) if np.any(spread) else float("inf")
+
+
+def _p(d2: float, k: int, nu: float) -> float:
+    return float(chdtrc(k, d2) if np.isinf(nu) else fdtrc(k, nu, d2 / k))
