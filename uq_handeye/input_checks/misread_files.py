@@ -162,7 +162,8 @@ def _between_units(scale: float) -> bool:
 
 def _near(scale: float, factor: float) -> bool:
     """Return whether a factor is that of a unit: near 1 a target may have it, far from 1 nothing else has."""
-    return abs(np.log(scale / factor)) < (UNIT_FAR if abs(np.log(factor)) > np.log(9.0) else UNIT_NEAR)
+    limit = UNIT_FAR if abs(np.log(factor)) > np.log(9.0) else UNIT_NEAR
+    return bool(abs(np.log(scale / factor)) < limit)
 
 
 def _scaled_camera(G: Array, C: Array) -> float | None:
