@@ -22,9 +22,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
 from ..errors import InputError
@@ -243,7 +244,7 @@ class NewRows(ReadOnlyArrays):
             logs.append(-sizes - 0.5 * (rest @ rest - pull @ back))
         return np.array(means), np.array(covariances), np.array(logs)
 
-    def rows(self, index: Array) -> NewRows:
+    def rows(self, index: NDArray[Any]) -> NewRows:
         """Some of the measurements, by their numbers or a mask."""
         own_at = self.own_at[:, index] if len(self.own_at) else self.own_at
         return NewRows(self.r[index], self.by_unit[index], self.own[index], self.posterior, own_at=own_at)
