@@ -59,6 +59,7 @@ def test_every_guide_is_run():
     # plan: tests/cli/test_plan.py; few_axes: tests/cli/test_known.py; exclude, watch: their files there
     elsewhere = {
         "index",
+        "by_words",
         "exclude",
         "few_axes",
         "few_poses",
@@ -67,6 +68,7 @@ def test_every_guide_is_run():
         "live",
         "plan",
         "real_cell",
+        "recalibrate",
         "synchronise",
         "watch",
     }
