@@ -122,7 +122,7 @@ def comparison_document(comparison: Comparison, verbose: bool = False) -> Docume
     return [
         [*start, Paragraph(f"{what}.")],
         *(cautions if comparison.warnings else []),
-        _table(comparison),
+        _table_of(comparison, range(len(_COLUMNS)), verbose=True),
         *shown,
         *(Paragraph(text, hang="  ") for text in texts),
     ]
@@ -154,24 +154,30 @@ def _short_table(comparison: Comparison) -> Table:
     return table if fits else _table_of(comparison, _SHORTER)
 
 
-def _table_of(comparison: Comparison, columns: range) -> Table:
+def _table_of(comparison: Comparison, columns: range, verbose: bool = False) -> Table:
+    """The numbers of each method, and why there are none; ``verbose``: in full, as there is room."""
     rows: list[list[Cell]] = []
     causes: dict[str, str] = {}
-    names = [row.method + (" !" if row.warnings else _MARKS.get(row.status, "")) for row in comparison.rows]
-    for row, text in zip(comparison.rows, names, strict=True):
-        name = text.ljust(max(map(len, names)))
+    marks = [" !" if row.warnings else "" if verbose else _MARKS.get(row.status, "") for row in comparison.rows]
+    names = [row.method + mark for row, mark in zip(comparison.rows, marks, strict=True)]
+    for row, name in zip(comparison.rows, names, strict=True):
         if row.X is None:
             like = causes.setdefault(without_numbers(row.failure or ""), row.method)
-            reason = row.failure if like == row.method else f"like {like}"
-            rows.append([name, (shorten(f"{row.status}: {reason}", 60, placeholder=" ..."), len(columns))])
+            reason = f"{row.status}: {row.failure if like == row.method else f'like {like}'}"
+            text = reason if verbose else shorten(reason, 60, placeholder=" ...")
+            rows.append([row.method if verbose else name.ljust(max(map(len, names))), (text, len(columns))])
             continue
         cells: list[Cell] = [_COLUMNS[k][2](row) for k in columns]
         cells[_VERDICT] = word(row, comparison.reference)
-        rows.append([name, *cells])
+        rows.append([name if verbose else name.ljust(max(map(len, names))), *cells])
+        if verbose and row.failure is not None:
+            rows.append(["", (row.failure, len(columns))])
     if all(row.X is None for row in comparison.rows):
-        return Table("", ["", ""], [[row[0], (row[1][0], 1)] for row in rows])
-    groups = [("", 1), (f"difference from {comparison.reference or 'none'}", 3), ("", 1), ("1 sigma, worst", 2)]
-    groups += [("residuals", 2)] if columns == _SHORT else []
+        return Table("", ["", ""], rows if verbose else [[row[0], (row[1][0], 1)] for row in rows])
+    groups = [("", 1), (f"difference from {comparison.reference or 'none'}", 3), ("", 1)]
+    groups.append((f"1 sigma, {'weakest' if verbose else 'worst'}", 2))
+    if columns != _SHORTER:
+        groups.append(("residuals, RMS" if verbose else "residuals", 2))
     head, units = [_COLUMNS[k][0] for k in columns], [_COLUMNS[k][1] for k in columns]
     return Table("", ["method", *head], rows, frozenset({_VERDICT + 1}), units=["", *units], groups=groups)
 
@@ -185,32 +191,6 @@ def word(row: Row, reference: str | None) -> str:
     if row.method == reference:
         return "reference"
     return "" if row.agrees is None else "agrees" if row.agrees else "DIFFERS"
-
-
-def _table(comparison: Comparison) -> Table:
-    """The numbers of each method, and why there are none."""
-    width = len(_COLUMNS)
-    rows: list[list[Cell]] = []
-    causes: dict[str, str] = {}
-    for row in comparison.rows:
-        if row.X is None:
-            like = causes.setdefault(without_numbers(row.failure or ""), row.method)
-            reason = row.failure if like == row.method else f"like {like}"
-            rows.append([row.method, (f"{row.status}: {reason}", width)])
-            continue
-        cells: list[Cell] = [show(row) for _, _, show in _COLUMNS]
-        cells[_VERDICT] = word(row, comparison.reference)
-        rows.append([row.method + (" !" if row.warnings else ""), *cells])
-        if row.failure is not None:
-            rows.append(["", (row.failure, width)])
-    if all(row.X is None for row in comparison.rows):
-        return Table("", ["", ""], rows)
-    groups = [
-        ("", 1), (f"difference from {comparison.reference or 'none'}", 3), ("", 1), ("1 sigma, weakest", 2),
-        ("residuals, RMS", 2),
-    ]  # fmt: skip
-    head, units, _ = zip(*_COLUMNS, strict=True)
-    return Table("", ["method", *head], rows, frozenset({_VERDICT + 1}), units=["", *units], groups=groups)
 
 
 def _legend(comparison: Comparison) -> Table:
