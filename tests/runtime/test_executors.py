@@ -54,7 +54,7 @@ def test_workers_have_one_thread_and_no_ctrl_c():
 
 def test_without_dask_the_extra_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(MissingExtraError, match=r"uq-handeye\[cluster\]"), connect_to_dask("tcp://127.0.0.1:9"):
+    with pytest.raises(MissingExtraError, match=r"\.\[cluster\]"), connect_to_dask("tcp://127.0.0.1:9"):
         pass
 
 

@@ -258,9 +258,7 @@ def check_fit(
     scaled = scaled_reading(G, C, shift, poses.sources) if typical > shows else None
     if scaled is not None and (sure or not scaled.get("target")):
         return [*found, Finding("input_checks.wrong_scale", "failure", {"reading": scaled}), *outliers]
-    if outliers:
-        return found + outliers
-    return found + _check_lengths(poses, X)
+    return [*found, *outliers, *_check_lengths(poses, X)]
 
 
 def misread(poses: PosePairs, X: Array) -> list[Finding]:

@@ -71,6 +71,8 @@ def checked_sizes(given: Mapping[str, SizeLike] | None) -> dict[str, Size]:
     for name, value in (given or {}).items():
         parts = tuple(value) if isinstance(value, tuple | list) else (value,)
         if isinstance(value, Size):
+            if value.median == 0:
+                raise _no_size(name, 0.0)
             found[name] = value
         elif 1 <= len(parts) <= 2 and isinstance(parts[0], int | float | str):
             unit = SIZES[name].unit if name in SIZES else ""
@@ -80,10 +82,7 @@ def checked_sizes(given: Mapping[str, SizeLike] | None) -> dict[str, Size]:
             if not isinstance(factor, int | float) or not 1 <= factor < 1e6:
                 raise InputError(f"Expected the factor of {name!r} to be a number >= 1 (1: known), got {factor!r}.")
             if not 0 < median < float("inf"):
-                raise InputError(
-                    f"Expected the size of {name!r} to be above 0 and finite, got {value!r}. An error that is not "
-                    "there has a very small size."
-                )
+                raise _no_size(name, value)
             found[name] = Size(float(median), float(factor), unit, "declared")
         else:
             raise InputError(
@@ -91,6 +90,13 @@ def checked_sizes(given: Mapping[str, SizeLike] | None) -> dict[str, Size]:
                 f"factor), got {value!r}."
             )
     return found
+
+
+def _no_size(name: str, value: object) -> InputError:
+    return InputError(
+        f"Expected the size of {name!r} to be above 0 and finite, got {value!r}. An error that is not there has a very "
+        "small size."
+    )
 
 
 def parse_size(text: str) -> tuple[str, Size]:
