@@ -1,4 +1,4 @@
-"""How many poses a check needs until a shift of the camera shows: the table of docs/how-to/recalibrate.md.
+"""Number of poses that a check needs until a shift of the camera shows: the table of docs/how-to/recalibrate.md.
 
 Run: python docs/figures/recalibrate.py
 
