@@ -247,7 +247,7 @@ def test_summary_states_units_and_numbers(result):
 def test_too_few_poses():
     with pytest.raises(uq.InputError, match="at least 3 poses, which make 2 motions, got 2"):
         uq.calibrate(uq.simulate(2, seed=0))
-    with pytest.raises(uq.InputError, match="PosePairs or Motions.*got ndarray"):
+    with pytest.raises(uq.InputError, match=r"PosePairs or Motions.*got ndarray"):
         uq.calibrate(np.eye(4))
     with pytest.raises(uq.InputError, match="one data set"):
         uq.calibrate(uq.simulate(5, noise=NOISE, trials=2, seed=0))
