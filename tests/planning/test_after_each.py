@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from arm_sessions import calibrated, session
 
 import uq_handeye as uq
 from uq_handeye.errors import DegenerateMotionError, InputError
@@ -75,3 +76,10 @@ def test_what_is_missing_before_there_is_x():
     assert words_without(1, InputError("")) == ["1 pose: at least 3 are needed, rotated about different axes."]
     assert "not determined yet" in words_without(4, DegenerateMotionError("all parallel", np.zeros((1, 6))))[0]
     assert words_without(6, InputError("a\nb")) == ["6 poses: no X yet. a b"]
+
+
+def test_the_gain_beside_an_arm_is_less_than_all():
+    """Such a plan is made without the arm, from a larger uncertainty than the result states."""
+    result = calibrated(session(n=20), "estimate")
+    result = replace(result, covariance=1e-4 * result.covariance)
+    assert 0.0 <= next_pose(result, None, None).gain < 0.5

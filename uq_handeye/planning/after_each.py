@@ -83,7 +83,8 @@ def next_pose(
         return None
     if result.opened is not None or found.length is None:
         return NextPose(found.robot[0], float("nan"))
-    size = _mean_square(result.covariance, found.length)
+    # the plan beside an arm is made without it, and starts from more than the result states
+    size = max(_mean_square(result.covariance, found.length), float(found.criterion_before))
     saved = float(found.criterion_before - found.criterion_values[0])
     least = result.noise_estimate is not None and (result.n_poses or 0) < ENOUGH
     return NextPose(found.robot[0], 1.0 - float(np.sqrt(max(size - saved, 0.0) / size)), least)
