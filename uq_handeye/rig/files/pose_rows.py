@@ -41,9 +41,9 @@ class PoseRows:
 
     @property
     def names(self) -> tuple[Hashable, ...]:
-        """Times, else numbers, else 0, 1, 2, ..."""
+        """Times (whole ones as integers), else numbers, else 0, 1, 2, ..."""
         if self.times is not None:
-            return tuple(self.times.tolist())
+            return tuple(int(time) if time.is_integer() else time for time in self.times.tolist())
         return self.numbers or tuple(range(len(self.poses)))
 
     @property
