@@ -103,11 +103,13 @@ def fit_robustly(
         if max(far.edges.max(initial=0.0), far.poses.max(initial=0.0)) <= limit * margin:
             return found, far
     w_e, w_k = _first(graph, np.ones(graph.E, dtype=bool) if begin is None else begin)
-    at = start
+    at, cleared = start, np.zeros(graph.P, dtype=bool)
     for k in range(MOST):
         found = fit(graph, noise, at, method, w_e, w_k, prior)
         at, far = found.at, distances(found)
-        wanted = _wanted(graph, far, margin, limit)
+        worst = _worst(graph, far)
+        cleared |= (w_k == 0) & (worst > limit * margin)  # its views contradict each other without it, too
+        wanted = _wanted(graph, far, margin, worst, cleared)
         change = max(np.abs(wanted[0] - w_e).max(), np.abs(wanted[1] - w_k).max(initial=0.0))
         if change < max(STILL, 1e-3):
             break
@@ -135,13 +137,23 @@ def _first(graph: Graph, begin: NDArray[np.bool_]) -> tuple[Array, Array]:
     return w_e.astype(float), np.where(blamed[:-1], 0.0, 1.0)
 
 
-def _wanted(graph: Graph, far: Distances, margin: float, limit: float) -> tuple[Array, Array]:
-    """Weights by the distances: a robot pose that explains more than its worst view spares its views."""
-    of_edges, of_poses = robust_weights(far.edges / margin), robust_weights(far.poses / margin)
+def _worst(graph: Graph, far: Distances) -> Array:
+    """(P,) largest distance of the views of each robot pose."""
     worst = np.zeros(graph.P + 1)
     for side in graph.side:
         np.maximum.at(worst, side, far.edges)
-    blamed = (far.poses > worst[:-1]) & (of_poses < 1.0)
+    return worst[:-1]
+
+
+def _wanted(
+    graph: Graph, far: Distances, margin: float, worst: Array, cleared: NDArray[np.bool_]
+) -> tuple[Array, Array]:
+    """Weights by the distances: a robot pose that explains more than its worst view spares its views.
+
+    ``cleared``: poses that are not to blame.
+    """
+    of_edges, of_poses = robust_weights(far.edges / margin), robust_weights(far.poses / margin)
+    blamed = (far.poses > worst) & (of_poses < 1.0) & ~cleared
     of_poses = np.where(blamed, of_poses, 1.0)
     spared = np.zeros(graph.E, dtype=bool)
     for side in graph.side:
