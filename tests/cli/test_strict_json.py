@@ -1,4 +1,4 @@
-"""What --json prints is JSON of the standard: no NaN, no Infinity, whatever the data leave open."""
+"""JSON of every command is that of the standard: no NaN, no Infinity, whatever the data leave open."""
 
 import json
 

@@ -195,7 +195,7 @@ def test_a_wrong_view_and_a_wrong_robot_pose_are_separated():
 
 @pytest.mark.skipif("UQ_HANDEYE_DATA" not in os.environ, reason="UQ_HANDEYE_DATA is not set")
 def test_a_robot_pose_without_which_views_contradict_each_other_too_is_not_to_blame():
-    """At pose 245 of the rendered cell one camera is wrong: it was the robot's, with a chi-square of 7191 of 930."""
+    """One camera is wrong at pose 245 of the rendered cell: it was the robot's, with a chi-square of 7191 of 930."""
     folder = Path(os.environ["UQ_HANDEYE_DATA"]) / "metric_medium"
     robot = uq.read_stream(folder / "robot.csv", "robot")
     views = []
