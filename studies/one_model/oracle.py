@@ -17,8 +17,9 @@ import numpy as np
 
 import uq_handeye as uq
 from studies.one_model import rigs
+from studies.one_model.chains import Array
 from studies.one_model.measure import Cell
-from studies.one_model.rigs import Array, DataSet, simple_set
+from studies.one_model.rigs import DataSet, simple_set
 from studies.one_model.true_arms import left_errors
 from uq_handeye.likelihood.constraint import OnPoses, Unknowns
 
@@ -34,7 +35,7 @@ def drawn_with_sizes(kind: str, n: int, number: int) -> tuple[DataSet, list[Arra
         sizes.append(original(*given))
         return sizes[-1]
 
-    rigs._drawn_sizes = kept
+    rigs._drawn_sizes = kept  # type: ignore[assignment]
     try:
         rng = np.random.default_rng([zlib.crc32(Cell.parse(f"{kind},{n}").sets.encode()), number])
         return simple_set(kind, rng, n=n), sizes
@@ -59,7 +60,7 @@ def oracle(of: DataSet, robot: Array, camera: Array, columns: Array) -> tuple[Ar
     J, r = linear.J.reshape(6 * n, 12), linear.r.ravel()
     half = np.linalg.inv(np.linalg.cholesky(V))
     x, square, *_ = np.linalg.lstsq(half @ J, -half @ r)
-    return x[:6], float(np.log(np.diag(half)).sum() - square[0] / 2)
+    return np.asarray(x[:6], dtype=float), float(np.log(np.diag(half)).sum() - square[0] / 2)
 
 
 def shared_columns(kind: str, of: DataSet, sizes: list[Array]) -> list[Array]:
@@ -92,8 +93,9 @@ def main() -> None:
         errors = []
         for number in range(sets):
             of, sizes = drawn_with_sizes(kind, int(n), number)
-            tried = [oracle(of, *sizes[-2:], K) for K in shared_columns(kind, of, sizes)]
-            left_out = oracle(of, *sizes[-2:], np.zeros((of.poses.n, 6, 1)))
+            robot, camera = sizes[-2:]
+            tried = [oracle(of, robot, camera, K) for K in shared_columns(kind, of, sizes)]
+            left_out = oracle(of, robot, camera, np.zeros((of.poses.n, 6, 1)))
             result = uq.calibrate(of.poses)
             found = (max(tried, key=lambda one: one[1])[0], left_out[0], left_errors(of.X_true, np.asarray(result.X)))
             errors.append([1e3 * np.linalg.norm(e[3:]) for e in found])

@@ -44,7 +44,7 @@ from ..kinematics.arms.work_postures import BLOCK, WorkPostures
 from ..kinematics.workspace_gauge import twists
 from ..runtime.read_only import ReadOnlyArrays
 
-ARMS = (
+ARMS: tuple[str, ...] = (
     "irb120",
     "irb2600",
     "kr6r900",
