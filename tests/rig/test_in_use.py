@@ -10,7 +10,6 @@ from scipy.stats import binom, chi2
 
 import uq_handeye as uq
 from uq_handeye.geometry.se3 import inverse, perturb
-from uq_handeye.rig.in_use.evidence import some
 from uq_handeye.rig.simulation import simulate_rig, with_noise
 
 SEED = int(os.environ.get("UQ_HANDEYE_SEED", "0"))
@@ -20,6 +19,16 @@ HAND = ({"left": "arm", "right": "arm"}, {"board": "world"})
 
 def noise_of(rig):
     return dict.fromkeys((*rig.arms, *rig.cameras), SIZE)
+
+
+def some(rig, kept):
+    """Return a rig with some of its views, (E,) in their order."""
+    parts = np.split(kept, np.cumsum([len(view.poses) for view in rig.views])[:-1])
+    views = [
+        replace(view, poses=view.poses[of], at=tuple(np.array(view.at)[of].tolist()))
+        for view, of in zip(rig.views, parts, strict=True) if of.any()
+    ]  # fmt: skip
+    return replace(rig, views=tuple(views))
 
 
 def split(exact, first):

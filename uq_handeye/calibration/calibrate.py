@@ -187,7 +187,7 @@ def calibrate(
     )  # fmt: skip
     if not isinstance(taken, PosePairs) or taken.robot.ndim != 3:
         if exclude is not None or only is not None:
-            raise InputError("Expected PosePairs of one taken set beside `exclude` or `only`: they count its poses.")
+            raise InputError("Expected PosePairs of one data set beside `exclude` or `only`: they count its poses.")
         return _answer(request, taken)
     asked = select_poses(taken.n, exclude, only)
     selection, said = counted_once(taken, asked)

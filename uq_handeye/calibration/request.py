@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -54,7 +54,7 @@ class Request:
     joints: ArrayLike | None = None
     kinematics: Kinematics | None = None
     kinematic_errors: KinematicErrors | None = None
-    sizes: Mapping[str, SizeLike] | None = field(default_factory=dict)
+    sizes: Mapping[str, SizeLike] | None = None
     components: Sequence[Component] = ()
 
     def __post_init__(self) -> None:

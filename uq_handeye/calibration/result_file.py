@@ -13,7 +13,7 @@ import numpy as np
 from ..errors import InputError
 from ..estimators.registry import METHODS, ROBOT_WORLD_METHODS
 from ..files.about import as_about
-from ..files.records import attributes, not_finite, parts_of, unequal
+from ..files.records import attributes, damaged, not_finite, parts_of, unequal
 from ..geometry.checks import as_transforms, checked_covariance
 from ..geometry.conventions import CONVENTION
 from ..geometry.frames import SETUPS
@@ -66,7 +66,7 @@ def from_dict(kind: type[C], data: dict[str, Any]) -> C:
             f"Expected a calibration written by to_json() (format {FORMAT!r}), got {found!r:.60}. "
             "Calibrate again to have one of an older format in this one."
         )
-    try:
+    with damaged("The calibration"):
         if (where := not_finite(data, "calibration")) is not None:
             raise ValueError(f"{where} is not finite")
         _require_stated(data)
@@ -76,10 +76,6 @@ def from_dict(kind: type[C], data: dict[str, Any]) -> C:
         with np.errstate(divide="raise", over="raise", invalid="raise"):
             if (where := unequal(attributes(result, DERIVED), data, "calibration")) is not None:
                 raise ValueError(f"{where} does not fit the rest")
-    except KeyError as error:
-        raise InputError(f"The calibration is damaged: {error} is missing.") from error
-    except (TypeError, ValueError, AttributeError, LookupError, ArithmeticError) as error:
-        raise InputError(f"The calibration is damaged: {str(error).rstrip('.')}.") from error
     return result
 
 

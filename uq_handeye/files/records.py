@@ -19,7 +19,8 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import MISSING, fields, is_dataclass
 from functools import cache
 from operator import attrgetter
@@ -134,6 +135,17 @@ def _is_number(value: Any) -> bool:
 
 INFINITE, NUMBER = "infinite", "number"  # NUMBER: an array without axes
 _PLAIN = {float: "a number", int: "a whole number", str: "text", bool: "true or false"}
+
+
+@contextmanager
+def damaged(what: str) -> Iterator[None]:
+    """Say in one line of `InputError` what is wrong with a file whose parts are missing or do not belong together."""
+    try:
+        yield
+    except KeyError as error:
+        raise InputError(f"{what} is damaged: {error} is missing.") from error
+    except (TypeError, ValueError, AttributeError, LookupError, ArithmeticError) as error:
+        raise InputError(f"{what} is damaged: {str(error).rstrip('.')}.") from error
 
 
 class Record(ReadOnlyArrays):

@@ -52,16 +52,48 @@ def difference_covariance(
     before, now = old.posterior, new.posterior
     if before is None or now is None or any(map(_is_more_than_its_posterior, (old, new))):
         return None
-    information = np.zeros((len(before.covariance), len(now.covariance)))
-    information[:12, :12] = _of_prior(old, new)
-    information[12:, 12:] = _of_errors(old, new, common, same)
-    if common:
-        in_new, in_old = np.array(common, dtype=np.intp).T
-        rows = [_rows_of(of, index) for of, index in ((old, in_old), (new, in_new))]
-        information += np.einsum("nki,nkj->ij", *rows)
-    cross = before.covariance[:12] @ information @ now.covariance[:, :12]
-    S = before.covariance[:12, :12] + now.covariance[:12, :12] - cross - cross.T
-    values, vectors = np.linalg.eigh(S)
+    between = _of_prior(old, new), _of_errors(old, new, common, same)
+    if not common:
+        P, sizes = (before.covariance, now.covariance), np.zeros((12, 12))
+        rows: list[Array] = []
+    else:
+        index = np.array(common, dtype=np.intp)[:, ::-1].T  # of old, of new
+        rows = [_rows_of(of) for of in (old, new)]
+        P = _for_known_sizes(old, rows[0]), _for_known_sizes(new, rows[1])
+        sizes = _by_sizes([of.covariance[:12, :12] - C[:12, :12] for of, C in zip((before, now), P, strict=True)],
+                          len(common) / len(rows[0]))  # fmt: skip
+        rows = [of[at] for of, at in zip(rows, index, strict=True)]
+    information = _information(between, rows)
+    cross = P[0][:12] @ information @ P[1][:, :12]
+    return _positive(P[0][:12, :12] + P[1][:12, :12] - cross - cross.T) + sizes
+
+
+def _information(between: tuple[Array | float, Array], rows: list[Array]) -> Array:
+    """(N, N') information of one source: of the prior of X and W, of the errors (q, q'), of rows that both hold."""
+    of_poses, of_errors = between
+    found = np.zeros((12 + of_errors.shape[0], 12 + of_errors.shape[1]))
+    found[:12, :12], found[12:, 12:] = of_poses, of_errors
+    return found + np.einsum("nki,nkj->ij", *rows) if rows else found
+
+
+def _for_known_sizes(result: Calibration, rows: Array) -> Array:
+    """(N, N) covariance by the result's own rows, for the sizes of its errors that its noise and priors stand for."""
+    prior = np.diag(_errors_of(result)[1] ** -2.0)
+    return np.asarray(np.linalg.inv(_information((_of_prior(result, result), prior), [rows, rows])))
+
+
+def _by_sizes(parts: list[Array], share: float) -> Array:
+    """(12, 12) what sizes that were estimated add: of the new result, and of the old one less the data of both.
+
+    ``share`` of the old poses is in the new result: estimates of overlapping data have the covariance share * V_new.
+    """
+    V_old, V_new = map(_positive, parts)
+    return _positive(V_old + (1.0 - 2.0 * share) * V_new)
+
+
+def _positive(S: Array) -> Array:
+    """Return a symmetric matrix without what is below 0."""
+    values, vectors = np.linalg.eigh(0.5 * (S + S.T))
     return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T)
 
 
@@ -74,16 +106,16 @@ def _is_more_than_its_posterior(result: Calibration) -> bool:
     return joint or result.covariance_kind != "model" or (isinstance(poses, PosePairs) and poses.timing is not None)
 
 
-def _rows_of(result: Calibration, index: NDArray[np.intp]) -> Array:
-    """(m, 6, N) derivatives of some of the result's own poses by its errors, whitened by noise and weights."""
+def _rows_of(result: Calibration) -> Array:
+    """(n, 6, N) derivatives of the result's own poses by its errors, whitened by noise and weights."""
     poses, noise, fitted = result.counted, result.noise, result.kinematics
     assert isinstance(poses, PosePairs) and isinstance(noise, PoseNoise)
-    own = [_own(S, index) for S in (noise.robot, noise.camera)]
-    joints = None if fitted is None else fitted.joints[index]
-    evidence = evidence_of_poses(result, poses.rows(index), PoseNoise(*own), joints)
-    weight = np.ones(len(index))
+    own = [_own(S) for S in (noise.robot, noise.camera)]
+    joints = None if fitted is None else fitted.joints
+    evidence = evidence_of_poses(result, poses, PoseNoise(*own), joints)
+    weight = np.ones(poses.n)
     if result.table is not None:
-        weight = np.asarray(result.table.weight)[result.table.counted][index]
+        weight = np.asarray(result.table.weight)[result.table.counted]
     sides = list(zip(evidence.linear.sides, own, (noise.robot, noise.camera), strict=True))
     S = sum((D @ of @ D.mT for D, of, _ in sides if of is not None), np.zeros((1, 6, 6)))
     B, (place, sd) = np.array(evidence.by_state), _errors_of(result)
@@ -92,7 +124,7 @@ def _rows_of(result: Calibration, index: NDArray[np.intp]) -> Array:
             there = [(k, j) for j, name in enumerate(_names_in(of)) for k in np.flatnonzero(place == name)]
             if there:
                 k, j = np.array(there).T
-                B[..., 12 + k] = D @ of.shared[index][..., j] / sd[k]
+                B[..., 12 + k] = D @ of.shared[..., j] / sd[k]
     return np.sqrt(weight)[:, None, None] * whiten(cholesky_of(S), B)
 
 
@@ -101,12 +133,9 @@ def _names_in(S: JointCovariance) -> list[str]:
     return [f"{INTRINSICS}: {j}" if name in ("", INTRINSICS) else name for j, name in enumerate(S.names)]
 
 
-def _own(S: Any, index: NDArray[np.intp]) -> Array | None:
+def _own(S: Any) -> Array | None:
     """Covariance of the noise of each pose, without what poses share."""
-    if S is None:
-        return None
-    own = np.asarray(S.own if isinstance(S, JointCovariance) else S)
-    return own if own.ndim == 2 else own[index]
+    return None if S is None else np.asarray(S.own if isinstance(S, JointCovariance) else S)
 
 
 def _of_errors(old: Calibration, new: Calibration, common: list[tuple[int, int]], same: frozenset[str]) -> Array:

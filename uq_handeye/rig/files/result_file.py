@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from ...errors import InputError
-from ...files.records import attributes, not_finite, parts_of, unequal, written
+from ...files.records import attributes, damaged, not_finite, parts_of, unequal, written
 from ...geometry.se3 import Array
 from ...noise.pose_prior import PosePrior
 from ..description import ArmPoses, Rig, View
@@ -50,17 +50,13 @@ def from_dict(kind: type[C], data: Any) -> C:
             f"Expected the result of a rig (format {FORMAT!r}), got {found!r:.60}. Calibrate again to have one of an "
             "older format in this one."
         )
-    try:
+    with damaged("The result"):
         if (where := not_finite(data, "rig")) is not None:
             raise ValueError(f"{where} is not finite")
         result: Any = kind(**parts_of(kind, data, "rig result", rig=rig_from_dict(data[_NAME])))
         _require_whole(result)
         if (where := unequal(attributes(result, DERIVED), data, "rig")) is not None:
             raise ValueError(f"{where} does not fit the rest")
-    except KeyError as error:
-        raise InputError(f"The result is damaged: {error} is missing.") from error
-    except (TypeError, ValueError, AttributeError, LookupError, ArithmeticError) as error:
-        raise InputError(f"The result is damaged: {str(error).rstrip('.')}.") from error
     return result  # type: ignore[no-any-return]
 
 

@@ -116,20 +116,6 @@ def evidence_of_views(result: Any, rig: Rig) -> RigEvidence:
     return RigEvidence(graph, rows, J, np.concatenate(edges), free)
 
 
-def some(rig: Rig, kept: NDArray[np.bool_]) -> Rig:
-    """Return a rig with some of its views, (E,) in their order."""
-    views, at = [], 0
-    for view in rig.views:
-        of = np.flatnonzero(kept[at : at + len(view.poses)])
-        at += len(view.poses)
-        assert view.at is not None
-        S = view.covariance
-        covariance = S if S is None or S.ndim == 2 else S[of]
-        if len(of):
-            views.append(replace(view, poses=view.poses[of], at=tuple(view.at[k] for k in of), covariance=covariance))
-    return replace(rig, views=tuple(views))
-
-
 def joined(old: Rig, new: Rig) -> Rig:
     """Return a rig with the views of both; robot poses of one name must be the same."""
     arms = {name: _joined(arm, new.arms[name]) for name, arm in old.arms.items()}
