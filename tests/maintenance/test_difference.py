@@ -182,3 +182,19 @@ def test_independent_results_without_poses_differ_as_with_them():
     whole, without = (uq.difference(*of, same=("robot", "camera", "target")) for of in (pair, bare))
     np.testing.assert_allclose(without.covariance, whole.covariance, rtol=1e-6, atol=1e-16)
     assert whole.how == without.how == "posterior"
+
+
+@pytest.mark.parametrize(("setup", "n"), [("eye-in-hand", 15), ("eye-to-hand", 20)])
+def test_the_difference_of_a_part_with_estimated_noise_is_covered(setup, n):
+    """Sizes found again with more poses move X, too: without their part some directions were said to be exact."""
+    scores, p = [], []
+    for seed in range(10):
+        poses = uq.simulate(30, noise=NOISE, seed=seed, setup=setup)
+        poses = uq.PosePairs(poses.robot, poses.camera, setup)
+        found = uq.difference(quietly(poses.rows(np.arange(n))), quietly(poses))
+        assert found.how == "posterior" and found.common == n
+        scores.append(found.xi / found.std)
+        p.append(found.p_value)
+    rms = np.sqrt(np.mean(np.square(scores)))
+    assert 0.4 < rms < 1.4 and np.abs(scores).max() < 5.0
+    assert stats.binom.sf(np.sum(np.less(p, 0.05)) - 1, len(p), 0.05) > 1e-3

@@ -1,0 +1,42 @@
+"""What the poses give and what assumed errors add, as two numbers."""
+
+import numpy as np
+import pytest
+from calibration_cases import NOISE, quietly
+
+import uq_handeye as uq
+from uq_handeye.statement.headline import two_numbers
+
+
+@pytest.fixture(scope="module")
+def result():
+    """Eye-to-hand: the frame of the base of an unknown arm is known by what arms are like alone."""
+    poses = uq.simulate(30, noise=NOISE, seed=3, setup="eye-to-hand")
+    return quietly(uq.PosePairs(poses.robot, poses.camera, "eye-to-hand"))
+
+
+def test_the_poses_alone_give_the_covariance_for_known_errors(result):
+    """By the block of the information matrix, in place of the Schur complement."""
+    own, posterior = result.accuracy.from_poses, result.posterior
+    first = len(posterior.covariance) - len(posterior.names)
+    known = {
+        error.name for error in result.shared if error.default and error.sd**2 > 0.5 * error.prior_sd**2
+    }  # fmt: skip
+    kept = [k for k in range(len(posterior.covariance)) if k < first or posterior.names[k - first] not in known]
+    S = np.linalg.inv(np.linalg.inv(posterior.covariance)[np.ix_(kept, kept)])[:6, :6]
+    worst = [np.sqrt(np.linalg.eigvalsh(part)[-1]) for part in (S[3:, 3:], S[:3, :3])]
+    np.testing.assert_allclose([own.translation, own.rotation], worst, rtol=1e-6)
+    assert own.translation < result.accuracy.translation / 1.25
+
+
+def test_words_name_what_to_declare(result):
+    text = two_numbers(result.accuracy)
+    assert " from these poses; " in text and "--robot-accuracy" in text
+    assert " ".join(text.split()) in " ".join(result.summary().split())
+    assert result.to_dict()["accuracy"]["from_poses"]["assumed"][0] == "robot accuracy"
+
+
+def test_one_number_where_all_noise_is_given():
+    poses = uq.simulate(20, noise=NOISE, seed=3)
+    accuracy = quietly(poses, noise=NOISE).accuracy
+    assert accuracy.from_poses is None and two_numbers(accuracy) is None
