@@ -149,7 +149,7 @@ def options_of(cell: Cell, of: DataSet) -> dict[str, Any]:
 
 
 def scored(cell: Cell, number: int, leave_out: bool = False) -> Row:
-    """Score one set. Exceptions of the program are caught and named. ``leave_out``: the arm and its family."""
+    """Score one set. Exceptions of the program are caught and named. ``leave_out``: the geometry of the arm is not in the population."""
     of = drawn(cell, number)
     population.ARMS = tuple(name for name in POPULATION if not leave_out or not name.startswith(of.arm or "-"))
     row: Row = {"cell": str(cell), "number": number, "arm": of.arm}
@@ -239,7 +239,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--sets", type=int, default=20, help="number of sets of each cell (default: 20)")
     parser.add_argument("--rows", type=Path, metavar="FILE", help="CSV file for the scores of each set")
     parser.add_argument(
-        "--leave-out", action="store_true", help="take the arm judged and its family out of the population"
+        "--leave-out", action="store_true", help="take the geometry of the arm judged out of the population"
     )
     options = parser.parse_args(argv)
     try:

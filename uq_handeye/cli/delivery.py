@@ -98,6 +98,16 @@ def deliver_csv(path: Path, table: str) -> str:
 
 
 PAPERS = ("a4", "letter")
+AboutOption = Annotated[
+    list[str] | None,
+    option(
+        "--about",
+        panel=OUTPUT,
+        common=True,
+        metavar="KEY=VALUE",
+        help=f"Title block, or a TOML file. Keys: {', '.join(ABOUT)}. Repeatable.",
+    ),
+]
 
 
 @dataclass(frozen=True)
@@ -109,16 +119,7 @@ class ReportOptions:
 
 
 def report_options_of(
-    about: Annotated[
-        list[str] | None,
-        option(
-            "--about",
-            panel=OUTPUT,
-            common=True,
-            metavar="KEY=VALUE",
-            help=f"Title block of the report, or a TOML file. Keys: {', '.join(ABOUT)}. Repeatable.",
-        ),
-    ] = None,
+    about: AboutOption = None,
     full_report: bool = False,
     paper: str = "a4",
 ) -> ReportOptions:

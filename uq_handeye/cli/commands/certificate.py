@@ -6,8 +6,8 @@ from typing import Annotated
 import typer
 
 from ...errors import InputError
-from ...files.about import ABOUT, read_about
-from ..delivery import PAPERS, deliver
+from ...files.about import read_about
+from ..delivery import PAPERS, AboutOption, deliver
 from ..messages import quiet, timed
 from ..options.common import JsonOption, emit, emit_document, folder_option, made_of, one_of, option, require_writable
 from ..options.declared import OUTPUT
@@ -32,16 +32,7 @@ def certificate_command(
     pdf: Annotated[
         bool, typer.Option("--pdf", metavar="", help="Write certificate.pdf too, with -o.", rich_help_panel=OUTPUT)
     ] = False,
-    about: Annotated[
-        list[str] | None,
-        option(
-            "--about",
-            panel=OUTPUT,
-            common=True,
-            metavar="KEY=VALUE",
-            help=f"Title block, or a TOML file. Keys: {', '.join(ABOUT)}. Repeatable.",
-        ),
-    ] = None,
+    about: AboutOption = None,
     paper: Annotated[
         str, option("--paper", of=PAPERS, panel=OUTPUT, metavar="NAME", help="Paper of the PDF: a4 or letter.")
     ] = "a4",
