@@ -149,7 +149,10 @@ def options_of(cell: Cell, of: DataSet) -> dict[str, Any]:
 
 
 def scored(cell: Cell, number: int, leave_out: bool = False) -> Row:
-    """Score one set. Exceptions of the program are caught and named. ``leave_out``: the geometry of the arm is not in the population."""
+    """Score one set. Exceptions of the program are caught and named.
+
+    ``leave_out``: the geometry of the arm is not in the population.
+    """
     of = drawn(cell, number)
     population.ARMS = tuple(name for name in POPULATION if not leave_out or not name.startswith(of.arm or "-"))
     row: Row = {"cell": str(cell), "number": number, "arm": of.arm}
