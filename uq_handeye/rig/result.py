@@ -21,6 +21,7 @@ from ..findings import Finding, texts
 from ..formatting.numbers import probability
 from ..geometry.se3 import Array
 from ..likelihood.d2_distribution import Reference
+from ..poses.pose_pairs import ranges
 from ..posterior.posterior import Posterior
 from ..runtime.read_only import ReadOnlyArrays
 from .checks.optimality import Optimality
@@ -246,6 +247,21 @@ class RigCalibration(Record):
         """Arm and moment of the robot poses with weight 0."""
         return tuple(one for one, w in zip(self.pose_names, self.pose_weights.tolist(), strict=True) if w == 0)
 
+    @property
+    def rejected_words(self) -> list[str]:
+        """What was rejected: a line for each target by a camera, and for each arm."""
+        of: dict[str, list[Any]] = {}
+        for camera, target, moment in self.rejected:
+            of.setdefault(f"{target} by {camera}", []).append(moment)
+        for arm, moment in self.rejected_poses:
+            of.setdefault(f"robot poses of {arm}", []).append(moment)
+        lines = []
+        for what, moments in of.items():
+            numbers = all(isinstance(moment, int) for moment in moments)
+            at = ranges(sorted(moments)) if numbers else ", ".join(map(str, moments))
+            lines.append(f"Rejected, {what}: {at if what.startswith('robot poses') else f'at robot poses {at}'}.")
+        return lines
+
     def text(self) -> str:
         """Return a table of all poses and of the relative poses of cameras, with the sizes of their errors."""
         lines = [f"{'pose':<28} {'x, y, z (mm)':<34} {'rotation':>11} {'position':>11} {'views':>6}"]
@@ -270,9 +286,7 @@ class RigCalibration(Record):
             lines.append(f"Paths: {len(self.paths)}; the least likely: {least.words}, {probability(least.p)}.")
         lines.append(self.optimality.words)
         lines += self.warnings
-        lines += [f"Rejected: {target} by {camera} at robot pose {moment}." for camera, target, moment in self.rejected]
-        lines += [f"Rejected: robot pose {moment} of {arm}." for arm, moment in self.rejected_poses]
-        return "\n".join(lines)
+        return "\n".join([*lines, *self.rejected_words])
 
     def to_dict(self) -> dict[str, Any]:
         """Plain numbers and texts: poses by name, relative poses, and all that `from_dict` reads; see `files`."""

@@ -151,11 +151,8 @@ def _answer(result: Any, verdicts: Mapping[str, Any]) -> list[Block]:
     blocks.append(Paragraph(said))
     if result.findings:
         blocks.append(Points.of_findings(result.findings))
-    rejected = [f"Rejected: {target} by {camera} at robot pose {moment}." for camera, target, moment in result.rejected]
-    rejected += [f"Rejected: robot pose {moment} of {arm}." for arm, moment in result.rejected_poses]
-    if rejected:
-        more = [f"{len(rejected) - 8} more."] if len(rejected) > 8 else []
-        blocks.append(Points([*rejected[:8], *more]))
+    if rejected := result.rejected_words:
+        blocks.append(Points(rejected))
     return blocks
 
 
