@@ -81,7 +81,7 @@ def test_poses_with_their_truth_are_asked_the_same_from_a_file():
     """No accuracy of the robot is assumed of simulated poses, whose truth a file does not hold."""
     poses = uq.simulate(ALL, noise=NOISE, seed=5)
     first, second = parts_of(poses, 20, 6)
-    assert apart(updated(stored(quietly(first)), second), quietly(poses)) < 0.1
+    assert apart(updated(stored(quietly(first)), second), quietly(poses)) < 1e-9
 
 
 def test_noise_of_new_poses_counts_beside_that_of_the_old():

@@ -82,6 +82,7 @@ def arguments(
         "prior": None if options["prior"] is None else NoisePrior(**options["prior"]),
         "shared": shared,
         **{name: options[name] for name in ("method", "scale", "kind", "covariance", "seed", "correlation")},
+        **({"correlation": "none"} if request["simulated"] else {}),  # no drift is assumed of simulated poses
         **_beforehand(options.get("pose_prior")),
         **({} if arm is None else _arm(arm, poses)),
     }
