@@ -1,4 +1,4 @@
-"""What the poses give and what assumed errors add, as two numbers."""
+"""Uncertainty by the poses alone, and what assumed errors add to it."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ def result():
 
 
 def test_the_poses_alone_give_the_covariance_for_known_errors(result):
-    """By the block of the information matrix, in place of the Schur complement."""
+    """Check by the block of the information matrix, in place of the Schur complement."""
     own, posterior = result.accuracy.from_poses, result.posterior
     first = len(posterior.covariance) - len(posterior.names)
     known = {

@@ -249,7 +249,7 @@ class RigCalibration(Record):
 
     @property
     def rejected_words(self) -> list[str]:
-        """What was rejected: a line for each target by a camera, and for each arm."""
+        """Words about what was rejected: a line for each target by a camera, and for each arm."""
         of: dict[str, list[Any]] = {}
         for camera, target, moment in self.rejected:
             of.setdefault(f"{target} by {camera}", []).append(moment)
