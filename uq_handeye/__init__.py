@@ -42,6 +42,7 @@ if _typing.TYPE_CHECKING:
     from .evidence.touches import Touches
     from .geometry.conventions import from_convention, paper_from_theta, theta_from_paper, to_convention
     from .geometry.nearest_rotation import orthonormalise
+    from .input_checks.board_rotation import resolve_board_rotation
     from .input_checks.pose_ambiguity import resolve_pose_ambiguity
     from .io import read_noise_file, read_poses, read_prior, read_shared_errors, read_stream
     from .kinematics.against_controller import ControllerComparison, compare_with_controller
@@ -73,7 +74,6 @@ if _typing.TYPE_CHECKING:
     from .points.files.point_file import read_points, read_target
     from .points.measured import PointSet, Target
     from .points.result import PointPoses
-    from .poses.board_symmetry import resolve_board_rotation
     from .poses.motions import Motions, relative_motions
     from .poses.pose_pairs import PosePairs
     from .poses.stream import Stream
@@ -331,13 +331,13 @@ _LATER = {
     "one_model.noise_of_data": ("estimate_noise", "estimate_robot_noise"),
     "planning.plan": ("plan",),
     "planning.result": ("Plan",),
+    "input_checks.board_rotation": ("resolve_board_rotation",),
     "input_checks.pose_ambiguity": ("resolve_pose_ambiguity",),
     "points.estimate": ("poses_from_points",),
     "points.files.folder": ("read_point_poses",),
     "points.files.point_file": ("read_points", "read_target"),
     "points.measured": ("PointSet", "Target"),
     "points.result": ("PointPoses",),
-    "poses.board_symmetry": ("resolve_board_rotation",),
     "rig.calibrate": ("calibrate_rig",),
     "rig.description": ("ArmPoses", "Rig", "View"),
     "rig.in_use.update": ("update_rig",),

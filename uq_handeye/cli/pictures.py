@@ -251,8 +251,8 @@ class Pictures:
 
         from ..camera.board import find_corners, source_of
         from ..camera.report.text import model_name
+        from ..input_checks.board_rotation import resolve_board_rotation
         from ..io import read_poses
-        from ..poses.board_symmetry import resolve_board_rotation
 
         board = self.board.read()
         with timed(f"looking for the board in {self.images}"):

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from ..findings import Finding
 from ..geometry.se3 import Array
-from ..poses.board_symmetry import LARGE_ROTATION, consistency
 from ..poses.pose_pairs import PosePairs
 from ..poses.residuals import rotation_angles
+from .board_rotation import LARGE_ROTATION, consistency
 from .misread_files import FITS
 
 CODE = "input_checks.alphabetical_rows"

@@ -17,11 +17,12 @@ from ..errors import DegenerateMotionError
 from ..findings import GROSS, Finding, Severity
 from ..geometry.se3 import Array, block, inverse, inverse_jacobian, skew
 from ..noise.models import Noise, PairNoise, PoseNoise, is_joint, marginals
-from ..poses.board_symmetry import LARGE_ROTATION, STEADY_VIEW, direction_spread
 from ..poses.motions import Motions
 from ..poses.pose_pairs import PosePairs
 from ..poses.residuals import median, pose_residuals, rotation_angles
+from ..poses.view import STEADY_VIEW, direction_spread
 from ..procrustes.degeneracy import DEGENERATE, infinite_directions
+from .board_rotation import LARGE_ROTATION
 from .misread_files import EXACT, OTHER_SETUP, inverted_on_request, other_readings, scaled_reading
 from .repeated_rows import rows_again, said_again
 

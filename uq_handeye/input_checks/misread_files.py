@@ -17,9 +17,10 @@ from ..errors import DegenerateMotionError
 from ..files.source import Source
 from ..formatting.units import LENGTH_UNITS
 from ..geometry.se3 import Array, inverse
-from ..poses.board_symmetry import LARGE_ROTATION, STEADY_VIEW, consistency, direction_spread
 from ..poses.pose_pairs import PosePairs
+from ..poses.view import STEADY_VIEW, direction_spread
 from ..procrustes.limit import solve_limit
+from .board_rotation import LARGE_ROTATION, consistency
 
 # Data without noise, from a simulation, say nothing about noise (rad, or share of the travel).
 EXACT = 1e-7

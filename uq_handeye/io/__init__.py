@@ -3,8 +3,8 @@
 from ..files.atomic import json_text, write_atomically, write_files
 from ..formats.csv_poses import pose_text, read_pose_file, write_pose_file
 from ..formats.detect import FORMATS
-from ..formats.noise_toml import read_noise_file
 from ..formats.prior_file import read_prior
+from ..noise.noise_toml import read_noise_file
 from ..shared_errors.shared_toml import read_shared_errors
 from .poses import read_poses, read_stream
 

@@ -21,7 +21,7 @@ from ..findings import Finding, warn
 from ..formats.contents import FRAMES, Reading, Side, doubtful, finished
 from ..formats.rotation_form import SEQUENCES, VECTORS, rotation_form
 from ..geometry.se3 import Array, inverse
-from ..poses.board_symmetry import LARGE_ROTATION, consistency
+from ..input_checks.board_rotation import LARGE_ROTATION, consistency
 from ..poses.residuals import rotation_angles
 
 # A reading is taken if the rotations of every other fit worse by this factor, or are the same and the translations do.

@@ -31,7 +31,7 @@ from ..geometry.checks import CHUNK
 from ..geometry.se3 import Array, skew, vee
 from ..noise.models import Noise, PairNoise, PoseNoise, marginals
 from ..noise.square_roots import cholesky_of, gram, whiten
-from ..poses.board_symmetry import pivot_of
+from ..poses.view import pivot_of
 from ..procrustes.limit import solve_limit
 from .constraint import Constraint, OnPoses, Unknowns, residual_covariance
 from .gauss_helmert import SINGULAR

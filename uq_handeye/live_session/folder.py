@@ -111,9 +111,9 @@ class Folder:
 
     def _with_pictures(self, pictures: Seen, robot: list[Path]) -> tuple[int, PosePairs | None]:
         from ..camera.board import find_corners, source_of
+        from ..input_checks.board_rotation import resolve_board_rotation
         from ..input_checks.pose_ambiguity import resolve_pose_ambiguity
         from ..io.matching import count_arrived, read_arrived
-        from ..poses.board_symmetry import resolve_board_rotation
 
         board, paths = pictures.read_board(), self._pictures()
         n = min(len(paths), count_arrived(robot, self.how.get("format", (None, None))[0]))

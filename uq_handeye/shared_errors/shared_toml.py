@@ -26,9 +26,9 @@ import numpy as np
 from ..errors import InputError
 from ..files.lines import one_line, short
 from ..files.open import StrPath, as_path, opened, shown
-from ..formats.noise_toml import SHARED, parse_tables
 from ..formats.numpy_poses import MAX_BYTES, read_one_array
 from ..geometry.se3 import Array
+from ..noise.noise_toml import SHARED, parse_tables
 from .shared_error import SharedError
 
 KEYS = ("focal_length", "principal_point", "target_scale", "robot_scale", "clock_offset", "robot_accuracy")

@@ -31,7 +31,7 @@ import functools
 import numpy as np
 
 from ..geometry.se3 import Array, skew
-from ..poses.board_symmetry import pivot_of
+from ..poses.view import pivot_of
 
 # Standard deviation below which a coordinate of the view is not scaled up.
 LEAST = 0.1

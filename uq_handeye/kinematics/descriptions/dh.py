@@ -45,10 +45,10 @@ from ...errors import InputError
 from ...files.lines import is_number, short
 from ...files.open import as_path, opened, shown
 from ...files.table import Places, Schema, in_order, name_and_unit, read_table
-from ...formats.noise_toml import parse_tables
 from ...formatting.units import ANGLE_UNITS, LENGTH_UNITS
 from ...geometry.checks import as_numbers
 from ...geometry.se3 import Array
+from ...noise.noise_toml import parse_tables
 from ..joint import MAX_JOINTS, PRISMATIC, REVOLUTE, ChainParts, Joint
 
 CONVENTIONS = ("standard", "modified")

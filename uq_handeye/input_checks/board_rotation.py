@@ -7,8 +7,6 @@ number l_i. With ``E_i X C_i Q^l_i = W`` and ``angle`` that of a rotation, for a
 
 whatever X is. Taken are the l with the smallest sum of the differences of both sides, each counted as at most MOST.
 
-Pivot of a set of camera poses: the point of the target that moves least in the camera frame.
-
 Consistency of two lists of poses with one X, computed quickly: to compare readings of the same files.
 """
 
@@ -25,9 +23,9 @@ from ..camera.board import Board, listed
 from ..camera.result import CameraCalibration
 from ..errors import DegenerateMotionError, InputError, InputWarning
 from ..geometry.se3 import Array, inverse, skew
+from ..poses.pose_pairs import PosePairs
+from ..poses.residuals import pose_residuals
 from ..procrustes.limit import solve_limit
-from .pose_pairs import PosePairs
-from .residuals import pose_residuals
 
 _log = logging.getLogger("uq_handeye")
 
@@ -160,37 +158,8 @@ def _told(cost: Array, labels: NDArray[np.intp]) -> NDArray[np.bool_]:
     return np.asarray(best_other > np.maximum(chosen + TOLD, 2.0 * chosen))
 
 
-# Steps towards the pivot, each with weights 1 / distance.
-STEPS = 5
-
-
-def pivot_of(camera: Array) -> Array:
-    """The point of the target (3,), in its frame, that moves least in the camera frame (least sum of distances).
-
-    ``R_i s + t_i`` is the point s in view i; the sum is over its distances to their mean. Directions in which no
-    rotation tells s are left at the mean position of the camera.
-    """
-    R, t = camera[:, :3, :3], camera[:, :3, 3]
-    begin = -(R.mT @ t[..., None])[..., 0].mean(axis=0)
-    t = t + R @ begin
-    s, weights = np.zeros(3), np.full(len(t), 1.0 / len(t))
-    for _ in range(STEPS):
-        mean_R, mean_t = np.tensordot(weights, R, 1), weights @ t
-        M = np.eye(3) - mean_R.T @ mean_R
-        s = -np.linalg.pinv(M, rcond=1e-6, hermitian=True) @ (
-            np.einsum("n,nij,ni->j", weights, R, t) - mean_R.T @ mean_t
-        )
-        away = R @ s + t
-        distance = np.sqrt(((away - weights @ away) ** 2).sum(axis=1))
-        weights = 1.0 / np.maximum(distance, 1e-3 * float(distance.max()) + 1e-300)
-        weights /= weights.sum()
-    return np.asarray(begin + s)
-
-
 # Rotation residual (rad) beyond which another reading of the files is looked for.
 LARGE_ROTATION = np.radians(2.0)
-# The direction in which a camera sees its target varies by less than this share of what any other list of poses shows.
-STEADY_VIEW = 0.5
 # Pairs of poses that are looked at.
 SEARCH_PAIRS = 2000
 
@@ -208,12 +177,3 @@ def consistency(G: Array, C: Array) -> tuple[float, float, float] | None:
         return None
     angle, distance = pose_residuals(G, C, X)
     return float(np.sqrt(np.mean(angle**2))), float(np.sqrt(np.mean(distance**2))), float(np.linalg.norm(X[:3, 3]))
-
-
-def direction_spread(T: Array) -> float:
-    """RMS angle (rad) of the directions of the translations of poses (n, 4, 4) about their mean direction."""
-    t = T[:, :3, 3]
-    directions = t / np.maximum(np.linalg.norm(t, axis=1, keepdims=True), 1e-12)
-    mean = np.mean(directions, axis=0)
-    across = np.linalg.norm(np.cross(directions, mean), axis=1)
-    return float(np.sqrt(np.mean(np.arctan2(across, directions @ mean) ** 2)))

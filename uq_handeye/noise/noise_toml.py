@@ -25,7 +25,7 @@ from ..files.open import StrPath, as_path, opened, shown
 from ..formatting.units import parse_deviations
 from ..geometry.checks import checked_covariance
 from ..geometry.se3 import Array
-from ..noise.models import PairNoise, PoseNoise
+from .models import PairNoise, PoseNoise
 
 MAX_BYTES = 50_000_000
 POSES, MOTIONS = ("robot", "camera"), ("A", "B")
