@@ -1,4 +1,4 @@
-"""Write or check the generated package `uq_handeye/_closed_form/` of the checkout.
+"""Write or check the generated package `uq_handeye/methods/_closed_form/` of the checkout.
 
     python -m uq_handeye.symbolic.generate            write the files
     python -m uq_handeye.symbolic.generate --check    compare; print the difference and exit 1 if there is one
@@ -87,7 +87,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; returns its exit status."""
     parser = argparse.ArgumentParser(
         prog="python -m uq_handeye.symbolic.generate",
-        description="Write the generated package uq_handeye/_closed_form of the checkout.",
+        description="Write the generated package uq_handeye/methods/_closed_form of the checkout.",
     )
     parser.add_argument("--check", action="store_true", help="compare; print a diff and exit 1 if different")
     check = parser.parse_args(arguments).check

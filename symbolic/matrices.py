@@ -300,7 +300,7 @@ def _derivative_forms() -> list[ClosedForm]:
     ]
 
 
-# What the package itself runs; `generate` prints these into `uq_handeye/_closed_form/`.
+# What the package itself runs; `generate` prints these into `uq_handeye/methods/_closed_form/`.
 RUN = frozenset(
     {
         *("R_L", "R_R", "sigma_to_R", "P_1", "P_2", "P_3", "P_4"),

@@ -3,9 +3,9 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from uq_handeye.geometry.se3 import perturb
-from uq_handeye.kinematics.chain import Joint, Kinematics
-from uq_handeye.poses.pose_pairs import PosePairs
+from uq_handeye.core.geometry.se3 import perturb
+from uq_handeye.model.kinematics.chain import Joint, Kinematics
+from uq_handeye.model.poses.pose_pairs import PosePairs
 
 # A six-axis arm of 0.9 m with axes along x, y and z, and frames before and behind it.
 SIX_AXES = """<?xml version="1.0"?>

@@ -3,8 +3,8 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from uq_handeye.camera.board import tag_points
-from uq_handeye.rosbag.types import DEFINITIONS
+from uq_handeye.model.camera.board import tag_points
+from uq_handeye.read.rosbag.types import DEFINITIONS
 
 START = 1_700_000_000.0
 KINDS = ("ros1", "sqlite3", "mcap")

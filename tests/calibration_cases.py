@@ -11,7 +11,7 @@ from support import (
 )
 
 import uq_handeye as uq
-from uq_handeye.likelihood.gauss_helmert import efficient, maximum_likelihood
+from uq_handeye.fit.likelihood.gauss_helmert import efficient, maximum_likelihood
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
 PAIR_NOISE = uq.PairNoise.isotropic(A=("0.02deg", "0.05mm"), B=("0.1deg", "0.5mm"))

@@ -11,7 +11,7 @@ import pytest
 
 import uq_handeye as uq
 from uq_handeye.cli import app as cli
-from uq_handeye.io import write_pose_file
+from uq_handeye.read import write_pose_file
 
 NOISE = ("--robot-noise", "0.02deg,0.05mm", "--camera-noise", "0.1deg,0.5mm")
 MODEL = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))  # of `NOISE`

@@ -13,7 +13,7 @@ import pytest
 from support import difference, jacobian, moved, random_covariance, whitened_eigenvalues
 
 import uq_handeye as uq
-from uq_handeye.likelihood.gauss_helmert import maximum_likelihood
+from uq_handeye.fit.likelihood.gauss_helmert import maximum_likelihood
 
 gtsam = pytest.importorskip("gtsam")
 x, w = gtsam.symbol("x", 0), gtsam.symbol("w", 0)

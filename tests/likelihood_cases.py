@@ -20,8 +20,8 @@ from support import (
 )
 
 import uq_handeye as uq
-from uq_handeye.likelihood.constraint import covariances_of
-from uq_handeye.likelihood.gauss_helmert import Fit
+from uq_handeye.fit.likelihood.constraint import covariances_of
+from uq_handeye.fit.likelihood.gauss_helmert import Fit
 
 KINDS = ("eye-in-hand", "eye-to-hand", "motions")
 

@@ -15,7 +15,7 @@ NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0
 PROGRAM = """
 import sys
 import uq_handeye as uq
-from uq_handeye.validation.monte_carlo import chunks as workers
+from uq_handeye.trials.validation.monte_carlo import chunks as workers
 
 noise = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
 workers.START_SECONDS = 0.0

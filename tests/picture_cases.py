@@ -8,7 +8,7 @@ import pytest
 import uq_handeye as uq
 from studies.common.pictures import Camera
 from studies.common.pictures import picture as taken
-from uq_handeye.io import write_pose_file
+from uq_handeye.read import write_pose_file
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.005deg", "0.02mm"), camera=("0.1deg", "0.5mm"))
 SIZE = (640, 480)

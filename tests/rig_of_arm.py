@@ -6,7 +6,7 @@ import numpy as np
 from arm_cases import SIX_AXES, random_transform
 
 import uq_handeye as uq
-from uq_handeye.geometry.se3 import inverse, logarithm, perturb
+from uq_handeye.core.geometry.se3 import inverse, logarithm, perturb
 
 ARM = uq.Kinematics.from_urdf(SIX_AXES)
 # Deviations of an arm, and of the camera: rad and m.

@@ -6,8 +6,8 @@ import numpy as np
 from scipy.special import chdtrc
 
 import uq_handeye as uq
-from uq_handeye.evidence.new_poses import evidence_of_poses
-from uq_handeye.geometry.se3 import inverse, perturb
+from uq_handeye.calibration.evidence.new_poses import evidence_of_poses
+from uq_handeye.core.geometry.se3 import inverse, perturb
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
 

@@ -16,8 +16,8 @@ from pages import DOCS, ROOT, SHOWN, blocks, missing, prepare, run_page
 from stream_cases import motion, streams
 
 import uq_handeye as uq
-from uq_handeye.io import write_pose_file
-from uq_handeye.kinematics.kinematic_errors import POPULATIONS
+from uq_handeye.model.kinematics.kinematic_errors import POPULATIONS
+from uq_handeye.read import write_pose_file
 
 # Files that the commands of a page write, beside what they print.
 WRITTEN = {

@@ -62,7 +62,7 @@ def test_few_files_stand_together():
     assert 1 <= len(top) <= 6, top
     crowded = {folder for folder, names in folders.items() if len(names) > 15}
     # one method, one language, one command per file
-    assert crowded <= {"uq_handeye/estimators", "symbolic", "uq_handeye/cli/commands"}
+    assert crowded <= {"uq_handeye/methods/estimators", "symbolic", "uq_handeye/cli/commands"}
 
 
 def test_every_folder_is_installed():

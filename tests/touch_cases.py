@@ -4,8 +4,8 @@ import numpy as np
 from calibration_cases import quietly
 
 import uq_handeye as uq
-from uq_handeye.evidence.touches import Touches
-from uq_handeye.geometry.se3 import perturb
+from uq_handeye.calibration.evidence.touches import Touches
+from uq_handeye.core.geometry.se3 import perturb
 
 ROBOT, CAMERA = ("0.02deg", "0.05mm"), ("0.1deg", "0.5mm")
 NOISE = uq.PoseNoise.isotropic(robot=ROBOT, camera=CAMERA)

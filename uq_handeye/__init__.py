@@ -14,20 +14,11 @@ import typing as _typing
 
 if _typing.TYPE_CHECKING:
     from .calibration.calibrate import calibrate
+    from .calibration.evidence.absorb import include_touches
+    from .calibration.evidence.touches import Touches
     from .calibration.result import Calibration, load
-    from .camera.board import Board, detect_board, tag_points
-    from .camera.board_shape import BoardShape
-    from .camera.calibrate import calibrate_camera
-    from .camera.corners import Corners
-    from .camera.files.board_file import read_board
-    from .camera.files.corner_file import read_corners
-    from .camera.files.folder import read_camera
-    from .camera.files.intrinsics_file import read_intrinsics
-    from .camera.measured_board import MeasuredBoard
-    from .camera.result import CameraCalibration
-    from .certificate.certificate import Certificate, make_certificate
-    from .comparison.compare import compare
-    from .comparison.result import Comparison
+    from .core.geometry.conventions import from_convention, paper_from_theta, theta_from_paper, to_convention
+    from .core.geometry.nearest_rotation import orthonormalise
     from .errors import (
         DegenerateMotionError,
         InputError,
@@ -36,74 +27,83 @@ if _typing.TYPE_CHECKING:
         NotConvergedError,
         SingularNoiseError,
     )
-    from .estimators import METHODS, ROBOT_WORLD_METHODS, Method, solve
-    from .estimators.nguyen import nguyen
-    from .evidence.absorb import include_touches
-    from .evidence.touches import Touches
-    from .geometry.conventions import from_convention, paper_from_theta, theta_from_paper, to_convention
-    from .geometry.nearest_rotation import orthonormalise
-    from .input_checks.board_rotation import resolve_board_rotation
-    from .input_checks.pose_ambiguity import resolve_pose_ambiguity
-    from .io import read_noise_file, read_poses, read_prior, read_shared_errors, read_stream
-    from .kinematics.against_controller import ControllerComparison, compare_with_controller
-    from .kinematics.chain import Joint, Kinematics
-    from .kinematics.errors import ErrorParameter
-    from .kinematics.joints_file import read_joints
-    from .kinematics.kinematic_errors import KinematicErrors
-    from .likelihood.gauss_helmert import bound, efficient, maximum_likelihood
-    from .likelihood.rig_bundle import Agreement
-    from .likelihood.shared_estimates import SharedEstimate
-    from .live_session.api import Live, live
-    from .maintenance.check import check
-    from .maintenance.check_result import ChangeCheck
-    from .maintenance.series.alarm import SeriesAlarm, series_alarm
-    from .maintenance.series.log import CheckSeries, log_check, read_checks
-    from .maintenance.together.difference import Difference, difference
-    from .maintenance.together.update import update
-    from .noise.camera_noise import CameraNoise
-    from .noise.estimate import NoiseEstimate, NoisePrior
-    from .noise.joint_covariance import JointCovariance
-    from .noise.models import PairNoise, PoseNoise
-    from .noise.pose_prior import PosePrior, parse_known_values
-    from .one_model.component import Component
-    from .one_model.noise_of_data import estimate_noise, estimate_robot_noise
-    from .planning.plan import plan
-    from .planning.result import Plan
-    from .points.estimate import poses_from_points
-    from .points.files.folder import read_point_poses
-    from .points.files.point_file import read_points, read_target
-    from .points.measured import PointSet, Target
-    from .points.result import PointPoses
-    from .poses.motions import Motions, relative_motions
-    from .poses.pose_pairs import PosePairs
-    from .poses.stream import Stream
-    from .procrustes.limit import se3_from_so4, so4_from_se3
-    from .procrustes.registration import register
-    from .procrustes.so4_covariances import octonion_covariance, paper_covariances, so4_covariance
-    from .propagation.propagate import propagate
+    from .fit.input_checks.board_rotation import resolve_board_rotation
+    from .fit.input_checks.pose_ambiguity import resolve_pose_ambiguity
+    from .fit.likelihood.gauss_helmert import bound, efficient, maximum_likelihood
+    from .fit.likelihood.rig_bundle import Agreement
+    from .fit.likelihood.shared_estimates import SharedEstimate
+    from .fit.one_model.component import Component
+    from .fit.one_model.noise_of_data import estimate_noise, estimate_robot_noise
+    from .methods.estimators import METHODS, ROBOT_WORLD_METHODS, Method, solve
+    from .methods.estimators.nguyen import nguyen
+    from .methods.procrustes.limit import se3_from_so4, so4_from_se3
+    from .methods.procrustes.registration import register
+    from .methods.procrustes.so4_covariances import octonion_covariance, paper_covariances, so4_covariance
+    from .methods.propagation.propagate import propagate
+    from .model.camera.board import Board, detect_board, tag_points
+    from .model.camera.board_shape import BoardShape
+    from .model.camera.calibrate import calibrate_camera
+    from .model.camera.corners import Corners
+    from .model.camera.files.board_file import read_board
+    from .model.camera.files.corner_file import read_corners
+    from .model.camera.files.folder import read_camera
+    from .model.camera.files.intrinsics_file import read_intrinsics
+    from .model.camera.measured_board import MeasuredBoard
+    from .model.camera.result import CameraCalibration
+    from .model.kinematics.against_controller import ControllerComparison, compare_with_controller
+    from .model.kinematics.chain import Joint, Kinematics
+    from .model.kinematics.errors import ErrorParameter
+    from .model.kinematics.joints_file import read_joints
+    from .model.kinematics.kinematic_errors import KinematicErrors
+    from .model.noise.camera_noise import CameraNoise
+    from .model.noise.estimate import NoiseEstimate, NoisePrior
+    from .model.noise.joint_covariance import JointCovariance
+    from .model.noise.models import PairNoise, PoseNoise
+    from .model.noise.pose_prior import PosePrior, parse_known_values
+    from .model.points.estimate import poses_from_points
+    from .model.points.files.folder import read_point_poses
+    from .model.points.files.point_file import read_points, read_target
+    from .model.points.measured import PointSet, Target
+    from .model.points.result import PointPoses
+    from .model.poses.motions import Motions, relative_motions
+    from .model.poses.pose_pairs import PosePairs
+    from .model.poses.stream import Stream
+    from .model.shared_errors.camera_noise import camera_noise
+    from .model.shared_errors.shared_error import SharedError
+    from .read import read_noise_file, read_poses, read_prior, read_shared_errors, read_stream
+    from .read.rosbag.streams import read_bag
+    from .read.synchronisation.result import Synchronised
+    from .read.synchronisation.synchronise import synchronise
+    from .report.certificate.certificate import Certificate, make_certificate
+    from .report.comparison.compare import compare
+    from .report.comparison.result import Comparison
     from .rig.calibrate import calibrate_rig
     from .rig.description import ArmPoses, Rig, View
     from .rig.files.rig_file import read_rig
     from .rig.in_use.update import update_rig
     from .rig.result import EstimatedPose, RigCalibration
     from .rig.simulation import simulate_rig
-    from .rosbag.streams import read_bag
-    from .shared_errors.camera_noise import camera_noise
-    from .shared_errors.shared_error import SharedError
-    from .simulation.rig import simulate
-    from .simulation.sigma_points import SigmaPoints, sigma_points
-    from .synchronisation.result import Synchronised
-    from .synchronisation.synchronise import synchronise
-    from .validation.cross_check.result import CrossCheck
-    from .validation.cross_check.run import cross_check
-    from .validation.monte_carlo.run import MonteCarlo, monte_carlo
-    from .validation.posterior.density import ScalePrior
-    from .validation.posterior.result import Posterior
-    from .validation.posterior.sample import sample_posterior
-    from .validation.sweep.run import Sweep, sweep
-    from .verification.result import Verification
-    from .verification.touches_file import read_touches
-    from .verification.verify import verify
+    from .trials.simulation.rig import simulate
+    from .trials.simulation.sigma_points import SigmaPoints, sigma_points
+    from .trials.validation.cross_check.result import CrossCheck
+    from .trials.validation.cross_check.run import cross_check
+    from .trials.validation.monte_carlo.run import MonteCarlo, monte_carlo
+    from .trials.validation.posterior.density import ScalePrior
+    from .trials.validation.posterior.result import Posterior
+    from .trials.validation.posterior.sample import sample_posterior
+    from .trials.validation.sweep.run import Sweep, sweep
+    from .use.live_session.api import Live, live
+    from .use.maintenance.check import check
+    from .use.maintenance.check_result import ChangeCheck
+    from .use.maintenance.series.alarm import SeriesAlarm, series_alarm
+    from .use.maintenance.series.log import CheckSeries, log_check, read_checks
+    from .use.maintenance.together.difference import Difference, difference
+    from .use.maintenance.together.update import update
+    from .use.planning.plan import plan
+    from .use.planning.result import Plan
+    from .use.verification.result import Verification
+    from .use.verification.touches_file import read_touches
+    from .use.verification.verify import verify
 
 from ._version import __version__ as __version__
 
@@ -243,26 +243,26 @@ __all__ = [
 _LATER = {
     "calibration.calibrate": ("calibrate",),
     "calibration.result": ("Calibration", "load"),
-    "camera.board": (
+    "model.camera.board": (
         "Board",
         "detect_board",
         "tag_points",
     ),
-    "camera.board_shape": ("BoardShape",),
-    "camera.calibrate": ("calibrate_camera",),
-    "camera.corners": ("Corners",),
-    "camera.files.board_file": ("read_board",),
-    "camera.files.corner_file": ("read_corners",),
-    "camera.files.folder": ("read_camera",),
-    "camera.files.intrinsics_file": ("read_intrinsics",),
-    "camera.measured_board": ("MeasuredBoard",),
-    "camera.result": ("CameraCalibration",),
-    "certificate.certificate": (
+    "model.camera.board_shape": ("BoardShape",),
+    "model.camera.calibrate": ("calibrate_camera",),
+    "model.camera.corners": ("Corners",),
+    "model.camera.files.board_file": ("read_board",),
+    "model.camera.files.corner_file": ("read_corners",),
+    "model.camera.files.folder": ("read_camera",),
+    "model.camera.files.intrinsics_file": ("read_intrinsics",),
+    "model.camera.measured_board": ("MeasuredBoard",),
+    "model.camera.result": ("CameraCalibration",),
+    "report.certificate.certificate": (
         "Certificate",
         "make_certificate",
     ),
-    "comparison.compare": ("compare",),
-    "comparison.result": ("Comparison",),
+    "report.comparison.compare": ("compare",),
+    "report.comparison.result": ("Comparison",),
     "errors": (
         "DegenerateMotionError",
         "InputError",
@@ -271,119 +271,119 @@ _LATER = {
         "NotConvergedError",
         "SingularNoiseError",
     ),
-    "estimators": (
+    "methods.estimators": (
         "METHODS",
         "Method",
         "ROBOT_WORLD_METHODS",
         "solve",
     ),
-    "estimators.nguyen": ("nguyen",),
-    "evidence.absorb": ("include_touches",),
-    "evidence.touches": ("Touches",),
-    "geometry.conventions": (
+    "methods.estimators.nguyen": ("nguyen",),
+    "calibration.evidence.absorb": ("include_touches",),
+    "calibration.evidence.touches": ("Touches",),
+    "core.geometry.conventions": (
         "from_convention",
         "paper_from_theta",
         "theta_from_paper",
         "to_convention",
     ),
-    "geometry.nearest_rotation": ("orthonormalise",),
-    "io": (
+    "core.geometry.nearest_rotation": ("orthonormalise",),
+    "read": (
         "read_noise_file",
         "read_poses",
         "read_prior",
         "read_shared_errors",
         "read_stream",
     ),
-    "kinematics.against_controller": ("ControllerComparison", "compare_with_controller"),
-    "kinematics.chain": (
+    "model.kinematics.against_controller": ("ControllerComparison", "compare_with_controller"),
+    "model.kinematics.chain": (
         "Joint",
         "Kinematics",
     ),
-    "kinematics.errors": ("ErrorParameter",),
-    "kinematics.joints_file": ("read_joints",),
-    "kinematics.kinematic_errors": ("KinematicErrors",),
-    "likelihood.gauss_helmert": (
+    "model.kinematics.errors": ("ErrorParameter",),
+    "model.kinematics.joints_file": ("read_joints",),
+    "model.kinematics.kinematic_errors": ("KinematicErrors",),
+    "fit.likelihood.gauss_helmert": (
         "bound",
         "efficient",
         "maximum_likelihood",
     ),
-    "likelihood.rig_bundle": ("Agreement",),
-    "likelihood.shared_estimates": ("SharedEstimate",),
-    "live_session.api": ("Live", "live"),
-    "maintenance.check": ("check",),
-    "maintenance.check_result": ("ChangeCheck",),
-    "maintenance.series.alarm": ("SeriesAlarm", "series_alarm"),
-    "maintenance.series.log": ("CheckSeries", "log_check", "read_checks"),
-    "maintenance.together.difference": ("Difference", "difference"),
-    "maintenance.together.update": ("update",),
-    "noise.camera_noise": ("CameraNoise",),
-    "noise.estimate": (
+    "fit.likelihood.rig_bundle": ("Agreement",),
+    "fit.likelihood.shared_estimates": ("SharedEstimate",),
+    "use.live_session.api": ("Live", "live"),
+    "use.maintenance.check": ("check",),
+    "use.maintenance.check_result": ("ChangeCheck",),
+    "use.maintenance.series.alarm": ("SeriesAlarm", "series_alarm"),
+    "use.maintenance.series.log": ("CheckSeries", "log_check", "read_checks"),
+    "use.maintenance.together.difference": ("Difference", "difference"),
+    "use.maintenance.together.update": ("update",),
+    "model.noise.camera_noise": ("CameraNoise",),
+    "model.noise.estimate": (
         "NoiseEstimate",
         "NoisePrior",
     ),
-    "noise.joint_covariance": ("JointCovariance",),
-    "noise.models": (
+    "model.noise.joint_covariance": ("JointCovariance",),
+    "model.noise.models": (
         "PairNoise",
         "PoseNoise",
     ),
-    "noise.pose_prior": ("PosePrior", "parse_known_values"),
-    "one_model.component": ("Component",),
-    "one_model.noise_of_data": ("estimate_noise", "estimate_robot_noise"),
-    "planning.plan": ("plan",),
-    "planning.result": ("Plan",),
-    "input_checks.board_rotation": ("resolve_board_rotation",),
-    "input_checks.pose_ambiguity": ("resolve_pose_ambiguity",),
-    "points.estimate": ("poses_from_points",),
-    "points.files.folder": ("read_point_poses",),
-    "points.files.point_file": ("read_points", "read_target"),
-    "points.measured": ("PointSet", "Target"),
-    "points.result": ("PointPoses",),
+    "model.noise.pose_prior": ("PosePrior", "parse_known_values"),
+    "fit.one_model.component": ("Component",),
+    "fit.one_model.noise_of_data": ("estimate_noise", "estimate_robot_noise"),
+    "use.planning.plan": ("plan",),
+    "use.planning.result": ("Plan",),
+    "fit.input_checks.board_rotation": ("resolve_board_rotation",),
+    "fit.input_checks.pose_ambiguity": ("resolve_pose_ambiguity",),
+    "model.points.estimate": ("poses_from_points",),
+    "model.points.files.folder": ("read_point_poses",),
+    "model.points.files.point_file": ("read_points", "read_target"),
+    "model.points.measured": ("PointSet", "Target"),
+    "model.points.result": ("PointPoses",),
     "rig.calibrate": ("calibrate_rig",),
     "rig.description": ("ArmPoses", "Rig", "View"),
     "rig.in_use.update": ("update_rig",),
     "rig.result": ("EstimatedPose", "RigCalibration"),
     "rig.files.rig_file": ("read_rig",),
     "rig.simulation": ("simulate_rig",),
-    "rosbag.streams": ("read_bag",),
-    "shared_errors.camera_noise": ("camera_noise",),
-    "poses.motions": (
+    "read.rosbag.streams": ("read_bag",),
+    "model.shared_errors.camera_noise": ("camera_noise",),
+    "model.poses.motions": (
         "Motions",
         "relative_motions",
     ),
-    "poses.pose_pairs": ("PosePairs",),
-    "poses.stream": ("Stream",),
-    "procrustes.limit": (
+    "model.poses.pose_pairs": ("PosePairs",),
+    "model.poses.stream": ("Stream",),
+    "methods.procrustes.limit": (
         "se3_from_so4",
         "so4_from_se3",
     ),
-    "procrustes.registration": ("register",),
-    "procrustes.so4_covariances": (
+    "methods.procrustes.registration": ("register",),
+    "methods.procrustes.so4_covariances": (
         "octonion_covariance",
         "paper_covariances",
         "so4_covariance",
     ),
-    "propagation.propagate": ("propagate",),
-    "shared_errors.shared_error": ("SharedError",),
-    "simulation.rig": ("simulate",),
-    "simulation.sigma_points": (
+    "methods.propagation.propagate": ("propagate",),
+    "model.shared_errors.shared_error": ("SharedError",),
+    "trials.simulation.rig": ("simulate",),
+    "trials.simulation.sigma_points": (
         "SigmaPoints",
         "sigma_points",
     ),
-    "synchronisation.result": ("Synchronised",),
-    "synchronisation.synchronise": ("synchronise",),
-    "validation.cross_check.result": ("CrossCheck",),
-    "validation.cross_check.run": ("cross_check",),
-    "validation.monte_carlo.run": (
+    "read.synchronisation.result": ("Synchronised",),
+    "read.synchronisation.synchronise": ("synchronise",),
+    "trials.validation.cross_check.result": ("CrossCheck",),
+    "trials.validation.cross_check.run": ("cross_check",),
+    "trials.validation.monte_carlo.run": (
         "MonteCarlo",
         "monte_carlo",
     ),
-    "validation.posterior.density": ("ScalePrior",),
-    "validation.posterior.result": ("Posterior",),
-    "validation.posterior.sample": ("sample_posterior",),
-    "validation.sweep.run": ("Sweep", "sweep"),
-    "verification.result": ("Verification",),
-    "verification.touches_file": ("read_touches",),
-    "verification.verify": ("verify",),
+    "trials.validation.posterior.density": ("ScalePrior",),
+    "trials.validation.posterior.result": ("Posterior",),
+    "trials.validation.posterior.sample": ("sample_posterior",),
+    "trials.validation.sweep.run": ("Sweep", "sweep"),
+    "use.verification.result": ("Verification",),
+    "use.verification.touches_file": ("read_touches",),
+    "use.verification.verify": ("verify",),
 }
 
 # Earlier names, which keep working.

@@ -16,8 +16,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, FancyArrowPatch, Polygon, Rectangle
 
-from uq_handeye.io import write_files
-from uq_handeye.presentation.ellipses import render
+from uq_handeye.core.presentation.ellipses import render
+from uq_handeye.read import write_files
 
 MEASURED, UNKNOWN, CONSTANT, INK = "#0072B2", "#D55E00", "#5F5F5F", "#222222"
 

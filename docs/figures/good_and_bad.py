@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 import uq_handeye as uq
-from uq_handeye.io import write_files
+from uq_handeye.read import write_files
 from uq_handeye.report.page import report_html
 
 SIZE = 820, 1060

@@ -27,11 +27,11 @@ from selenium import webdriver
 from selenium.webdriver.chrome.service import Service
 
 import uq_handeye as uq
-from uq_handeye.evidence.touches import Touches
-from uq_handeye.geometry.se3 import Array, inverse
-from uq_handeye.live_session.api import live
-from uq_handeye.live_session.view import view_page
-from uq_handeye.presentation.pdf import FLAGS, found_browser
+from uq_handeye.calibration.evidence.touches import Touches
+from uq_handeye.core.geometry.se3 import Array, inverse
+from uq_handeye.core.presentation.pdf import FLAGS, found_browser
+from uq_handeye.use.live_session.api import live
+from uq_handeye.use.live_session.view import view_page
 
 sys.path.insert(0, str(Path(__file__).parent))
 from report import png

@@ -12,7 +12,7 @@ import warnings
 import numpy as np
 
 import uq_handeye as uq
-from uq_handeye.geometry.se3 import perturb
+from uq_handeye.core.geometry.se3 import perturb
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
 SETS = 40

@@ -15,8 +15,8 @@ from pathlib import Path
 
 import uq_handeye as uq
 from uq_handeye.calibration.report.workspace_figure import workspace_figure
-from uq_handeye.io import write_files
-from uq_handeye.presentation.ellipses import render
+from uq_handeye.core.presentation.ellipses import render
+from uq_handeye.read import write_files
 
 DOCS = Path(__file__).resolve().parents[1]
 

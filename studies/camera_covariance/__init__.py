@@ -24,18 +24,18 @@ import uq_handeye as uq
 from studies.common.quantiles import quantile_figure
 from studies.common.scores import true_means
 from studies.common.study import Study, Tables, markdown
-from uq_handeye.camera.calibrate import calibrate_camera
-from uq_handeye.camera.corners import Corners
-from uq_handeye.camera.models import MODELS
-from uq_handeye.geometry.se3 import inverse, perturb
-from uq_handeye.likelihood.constraint import Unknowns
-from uq_handeye.likelihood.gauss_helmert import efficient
-from uq_handeye.likelihood.goodness_of_fit import effective_dof
-from uq_handeye.likelihood.rig_bundle import adjust_rig
-from uq_handeye.noise.models import marginals
-from uq_handeye.one_model.noise_of_data import estimate_noise
-from uq_handeye.presentation.figure_parts import BLUE, GREEN, ORANGE
-from uq_handeye.runtime.progress import progress_bar
+from uq_handeye.core.geometry.se3 import inverse, perturb
+from uq_handeye.core.presentation.figure_parts import BLUE, GREEN, ORANGE
+from uq_handeye.core.runtime.progress import progress_bar
+from uq_handeye.fit.likelihood.constraint import Unknowns
+from uq_handeye.fit.likelihood.gauss_helmert import efficient
+from uq_handeye.fit.likelihood.goodness_of_fit import effective_dof
+from uq_handeye.fit.likelihood.rig_bundle import adjust_rig
+from uq_handeye.fit.one_model.noise_of_data import estimate_noise
+from uq_handeye.model.camera.calibrate import calibrate_camera
+from uq_handeye.model.camera.corners import Corners
+from uq_handeye.model.camera.models import MODELS
+from uq_handeye.model.noise.models import marginals
 
 SEED = 2019
 SIZE = (1280, 960)

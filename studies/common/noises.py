@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 import uq_handeye as uq
-from uq_handeye.geometry.se3 import Array
+from uq_handeye.core.geometry.se3 import Array
 
 
 def diagonal(*deviations: float) -> Array:

@@ -1,7 +1,7 @@
 """Pictures of boards as a known camera of any model would take them, for tests and studies.
 
 The grey of a pixel is the mean over its square of what the board shows where the rays of the camera meet it. Rays are
-the inverse of the camera model (`uq_handeye.camera.models`), once for all pictures of a camera. The board is a drawing;
+the inverse of the camera model (`uq_handeye.model.camera.models`), once for all pictures of a camera. The board is a drawing;
 where all of it that a pixel sees has one colour, that is the pixel's. The others look at it at ``PLACES``, a Fibonacci
 lattice, no two of which have the same u or v: a border along a row of pixels is met as exactly as any other.
 """
@@ -17,11 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import RectBivariateSpline
 
-from uq_handeye.camera.adjustment.initial_guess import opencv
-from uq_handeye.camera.boards.description import TAGS, Board, bits_of, dictionary_of, drawn_upside_down
-from uq_handeye.camera.boards.tags import layout_of
-from uq_handeye.camera.models import MODELS, rays
-from uq_handeye.geometry.se3 import Array
+from uq_handeye.core.geometry.se3 import Array
+from uq_handeye.model.camera.adjustment.initial_guess import opencv
+from uq_handeye.model.camera.boards.description import TAGS, Board, bits_of, dictionary_of, drawn_upside_down
+from uq_handeye.model.camera.boards.tags import layout_of
+from uq_handeye.model.camera.models import MODELS, rays
 
 COUNT, TURN = 89, 55  # of a Fibonacci lattice
 PLACES = ((np.arange(COUNT)[:, None] * [1, TURN] % COUNT + 0.5) / COUNT - 0.5).astype(np.float32)  # of (u, v)
@@ -35,7 +35,7 @@ Surface = Callable[[Array, Array], Array]  # z of a board at its x and y, all in
 
 @dataclass(frozen=True, eq=False)
 class Camera:
-    """A model of `uq_handeye.camera.models`, its parameters, and (width, height) of its pictures."""
+    """A model of `uq_handeye.model.camera.models`, its parameters, and (width, height) of its pictures."""
 
     model: str
     parameters: Array

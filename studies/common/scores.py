@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from uq_handeye.geometry.se3 import Array
+from uq_handeye.core.geometry.se3 import Array
 
 CERTAIN = 0.999  # of the intervals that findings quote
 

@@ -22,8 +22,8 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 import uq_handeye as uq
-from uq_handeye.files.atomic import Content, json_text, write_files
-from uq_handeye.presentation.ellipses import render
+from uq_handeye.core.files.atomic import Content, json_text, write_files
+from uq_handeye.core.presentation.ellipses import render
 
 Tables = Mapping[str, pd.DataFrame]
 FINDINGS, RUN = "findings.md", "run.json"

@@ -14,7 +14,7 @@ from studies.common.scores import CERTAIN
 from studies.common.study import Tables, markdown
 from studies.efficiency.rig import METHODS, PUBLISHED, SWEEPS
 from studies.tables_2_3.findings import printed_share
-from uq_handeye.geometry.se3 import Array
+from uq_handeye.core.geometry.se3 import Array
 
 NEES = 6.0  # of a consistent covariance of X
 NEAR = 1.05  # as near the bound as the nearest published method, or within this factor

@@ -18,10 +18,10 @@ from scipy.spatial.transform import Rotation
 import uq_handeye as uq
 from studies.common.geometries import random_transforms
 from studies.common.noises import both, diagonal
-from uq_handeye.geometry.se3 import Array, inverse
-from uq_handeye.noise.models import Noise
-from uq_handeye.simulation.experiment import Experiment
-from uq_handeye.simulation.run import run
+from uq_handeye.core.geometry.se3 import Array, inverse
+from uq_handeye.model.noise.models import Noise
+from uq_handeye.trials.simulation.experiment import Experiment
+from uq_handeye.trials.simulation.run import run
 
 SEED = 2019
 POSES, MOTIONS = 15, 60

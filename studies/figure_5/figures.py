@@ -14,8 +14,8 @@ from scipy.stats import chi2
 
 from studies.common.study import Tables
 from studies.figure_5.findings import by_row
-from uq_handeye.geometry.se3 import Array
-from uq_handeye.presentation.figure_parts import (
+from uq_handeye.core.geometry.se3 import Array
+from uq_handeye.core.presentation.figure_parts import (
     BLUE,
     GREEN,
     INK,

@@ -43,9 +43,9 @@ from studies.figures_3_4.rig import (
     exact,
     scores,
 )
-from uq_handeye.geometry.se3 import Array, logarithm
-from uq_handeye.presentation.figure_parts import BLUE, INK, SMALL, TEXT, canvas, finished, plain
-from uq_handeye.runtime.progress import progress_bar
+from uq_handeye.core.geometry.se3 import Array, logarithm
+from uq_handeye.core.presentation.figure_parts import BLUE, INK, SMALL, TEXT, canvas, finished, plain
+from uq_handeye.core.runtime.progress import progress_bar
 
 SEED = 2019
 FIGURE = {"rotation": "Fig. 3", "translation": "Fig. 4"}

@@ -4,7 +4,7 @@ Model: ``G X C = W`` or ``A X = X B`` with Gaussian errors, left rotation, addit
 geometry (`uq.simulate`, or 60 random pairs, "star": nearly a common translation) at a noise of 1 mrad of rotation and
 some translation, whose standard deviations are multiplied by up to 300. At each level the errors of 1,000 trials are
 held against the covariance of first order, for 4DPA that of the paper's section III-C, and that of sigma points, both
-at the true data: `uq_handeye.validation.sweep.run` has the rule by which a covariance fails, and finds where by
+at the true data: `uq_handeye.trials.validation.sweep.run` has the rule by which a covariance fails, and finds where by
 bisection. Seed 2019. Quick: 100 trials, fewer levels, the smallest geometry.
 """
 
@@ -23,12 +23,12 @@ from studies.common.geometries import random_transforms
 from studies.common.noises import diagonal
 from studies.common.study import Study, Tables, markdown
 from studies.common.styles import style
-from uq_handeye.formatting.numbers import digits
-from uq_handeye.geometry.se3 import inverse
-from uq_handeye.presentation.figure_parts import GRID, QUIET, SMALL, TEXT, canvas, finished, plain
-from uq_handeye.runtime.progress import progress_bar
-from uq_handeye.validation.sweep.level import KINDS, MethodSweep
-from uq_handeye.validation.sweep.run import sweep
+from uq_handeye.core.formatting.numbers import digits
+from uq_handeye.core.geometry.se3 import inverse
+from uq_handeye.core.presentation.figure_parts import GRID, QUIET, SMALL, TEXT, canvas, finished, plain
+from uq_handeye.core.runtime.progress import progress_bar
+from uq_handeye.trials.validation.sweep.level import KINDS, MethodSweep
+from uq_handeye.trials.validation.sweep.run import sweep
 
 SEED = 2019
 DEVIATIONS = (1, 3, 10, 30, 100, 300)  # mrad

@@ -25,8 +25,8 @@ from studies.common.study import Study, Tables
 from studies.headline.figures import figures
 from studies.headline.findings import findings
 from studies.headline.rigs import KINDS, Rig
-from uq_handeye.geometry.se3 import Array
-from uq_handeye.runtime.progress import progress_bar
+from uq_handeye.core.geometry.se3 import Array
+from uq_handeye.core.runtime.progress import progress_bar
 
 SEED, RIGS = 2020, 30
 BEYOND = 3.0

@@ -13,8 +13,8 @@ from studies.camera_covariance import poses_of, recorded
 from studies.kinematics.arms import ARMS
 from studies.real_rigs import finished, walking
 from studies.robot_accuracy.rigs import session
-from uq_handeye.geometry.se3 import Array, inverse, perturb
-from uq_handeye.shared_errors.shared_error import SharedError, default_errors
+from uq_handeye.core.geometry.se3 import Array, inverse, perturb
+from uq_handeye.model.shared_errors.shared_error import SharedError, default_errors
 
 SETUPS = ("eye-in-hand", "eye-to-hand")
 # Standard deviations (rad, m), drawn log-uniformly between these.

@@ -23,7 +23,7 @@ from scipy.spatial.transform import Rotation
 
 import uq_handeye as uq
 from studies.common.scores import errors
-from uq_handeye.geometry.se3 import Array, inverse, perturb
+from uq_handeye.core.geometry.se3 import Array, inverse, perturb
 
 HERE = Path(__file__).parent / "arms"
 # Where the arm takes its pictures: the flange looks down.

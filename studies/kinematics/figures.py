@@ -10,7 +10,7 @@ from matplotlib.lines import Line2D
 
 from studies.common.study import Tables
 from studies.kinematics.findings import NAMES, WORDS
-from uq_handeye.presentation.figure_parts import (
+from uq_handeye.core.presentation.figure_parts import (
     BLUE,
     GREEN,
     GRID,

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 import uq_handeye as uq
 from studies.common.scores import errors
-from uq_handeye.geometry.se3 import Array
-from uq_handeye.io import read_pose_file
+from uq_handeye.core.geometry.se3 import Array
+from uq_handeye.read import read_pose_file
 
 TURN = 0.3  # m per rad: what a rotation counts where neighbours of a pose are looked for
 

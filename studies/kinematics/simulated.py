@@ -12,7 +12,7 @@ from scipy.stats import chi2
 import uq_handeye as uq
 from studies.common.scores import errors, nees
 from studies.kinematics.arms import Rig, drawn_rig, local_joints, workspace_joints
-from uq_handeye.geometry.se3 import Array
+from uq_handeye.core.geometry.se3 import Array
 
 INSIDE = {freedom: float(chi2.ppf(0.95, freedom)) for freedom in (3, 6)}
 HELD_OUT = 20  # joints of each set that are predicted, near and far

@@ -25,14 +25,14 @@ from numpy.typing import NDArray
 
 import uq_handeye as uq
 from studies.common.scores import nees
-from uq_handeye.geometry.se3 import Array, skew
-from uq_handeye.kinematics.kinematic_errors import JOINT_NOISE, JOINT_NOISE_FACTOR
-from uq_handeye.likelihood.constraint import Linearised
-from uq_handeye.one_model.component import Component
-from uq_handeye.one_model.engine import LatentModel
-from uq_handeye.one_model.integration import integrate
-from uq_handeye.one_model.mode import find_mode
-from uq_handeye.shared_errors.sizes import Size
+from uq_handeye.core.geometry.se3 import Array, skew
+from uq_handeye.fit.likelihood.constraint import Linearised
+from uq_handeye.fit.one_model.component import Component
+from uq_handeye.fit.one_model.engine import LatentModel
+from uq_handeye.fit.one_model.integration import integrate
+from uq_handeye.fit.one_model.mode import find_mode
+from uq_handeye.model.kinematics.kinematic_errors import JOINT_NOISE, JOINT_NOISE_FACTOR
+from uq_handeye.model.shared_errors.sizes import Size
 
 TOUCH = "touch"
 TOUCH_SD, TOUCH_FACTOR = 0.15e-3, 3.0  # m: what is known of the noise of a touch beforehand

@@ -16,7 +16,18 @@ from studies.common.scores import true_means
 from studies.common.study import Tables
 from studies.laser_camera import rig as rig
 from studies.laser_camera.estimates import AXES, DRIFT, EFFICIENT, PAPER, TOLD
-from uq_handeye.presentation.figure_parts import BLUE, INK, ORANGE, QUIET, SKY, SMALL, TEXT, canvas, finished, plain
+from uq_handeye.core.presentation.figure_parts import (
+    BLUE,
+    INK,
+    ORANGE,
+    QUIET,
+    SKY,
+    SMALL,
+    TEXT,
+    canvas,
+    finished,
+    plain,
+)
 
 ENLARGED = 10.0
 

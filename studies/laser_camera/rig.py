@@ -28,8 +28,8 @@ from scipy.interpolate import make_interp_spline
 from scipy.spatial.transform import Rotation
 
 import uq_handeye as uq
-from uq_handeye.geometry.se3 import Array, inverse, inverse_jacobian, perturb, skew
-from uq_handeye.simulation.rig import disturbed
+from uq_handeye.core.geometry.se3 import Array, inverse, inverse_jacobian, perturb, skew
+from uq_handeye.trials.simulation.rig import disturbed
 
 CAMERA_RATE, SCANNER_RATE = 200.0, 1.0  # Hz
 SCANS = 60  # of a calibration

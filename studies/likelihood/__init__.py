@@ -26,14 +26,14 @@ from studies.common.noises import both, diagonal, paper
 from studies.common.scores import CERTAIN, errors, nees, true_means
 from studies.common.study import Study, Tables, markdown
 from studies.common.styles import style
-from uq_handeye.geometry.se3 import Array, inverse, perturb
-from uq_handeye.likelihood.constraint import constraint_of
-from uq_handeye.likelihood.gauss_helmert import Fit, bound, efficient, fit, maximum_likelihood
-from uq_handeye.likelihood.starts import start_of
-from uq_handeye.presentation.figure_parts import GRID, INK, ORANGE, SMALL, TEXT, canvas, finished, plain
-from uq_handeye.propagation.all_pairs import solve_all_pairs
-from uq_handeye.runtime.progress import progress_bar
-from uq_handeye.simulation.rig import disturbed
+from uq_handeye.core.geometry.se3 import Array, inverse, perturb
+from uq_handeye.core.presentation.figure_parts import GRID, INK, ORANGE, SMALL, TEXT, canvas, finished, plain
+from uq_handeye.core.runtime.progress import progress_bar
+from uq_handeye.fit.likelihood.constraint import constraint_of
+from uq_handeye.fit.likelihood.gauss_helmert import Fit, bound, efficient, fit, maximum_likelihood
+from uq_handeye.fit.likelihood.starts import start_of
+from uq_handeye.methods.propagation.all_pairs import solve_all_pairs
+from uq_handeye.trials.simulation.rig import disturbed
 
 SEED = 2019
 BLOCK = 200  # draws at a time, for the memory

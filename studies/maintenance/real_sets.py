@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 import uq_handeye as uq
-from uq_handeye.geometry.se3 import inverse
+from uq_handeye.core.geometry.se3 import inverse
 
 VARIABLE = "UQ_HANDEYE_DATA"
 

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 import uq_handeye as uq
-from uq_handeye.geometry.se3 import Array, inverse, perturb
-from uq_handeye.shared_errors.shared_error import SharedError
+from uq_handeye.core.geometry.se3 import Array, inverse, perturb
+from uq_handeye.model.shared_errors.shared_error import SharedError
 
 SETUPS = ("eye-in-hand", "eye-to-hand")
 NOISES = ("given", "estimated")

@@ -11,10 +11,10 @@ import pandas as pd
 import uq_handeye as uq
 from studies.maintenance.rigs import CAUSES, NOISES, SETUPS, Rig, rig
 from studies.maintenance.touches import touch_table, touches_of
-from uq_handeye.evidence.new_poses import evidence_of_poses
-from uq_handeye.geometry.se3 import Array
-from uq_handeye.maintenance.causes import columns_of_causes
-from uq_handeye.runtime.progress import progress_bar
+from uq_handeye.calibration.evidence.new_poses import evidence_of_poses
+from uq_handeye.core.geometry.se3 import Array
+from uq_handeye.core.runtime.progress import progress_bar
+from uq_handeye.use.maintenance.causes import columns_of_causes
 
 LEVEL = 0.05
 POWERS = (0.3, 0.6, 0.9)

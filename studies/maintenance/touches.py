@@ -10,9 +10,9 @@ import pandas as pd
 from scipy.stats import kstest
 
 from studies.maintenance.rigs import NOISE, Rig, noisy
-from uq_handeye.evidence.touches import Touches, TouchEvidence, evidence_of_touches
-from uq_handeye.geometry.se3 import Array
-from uq_handeye.verification.power import assess, detectable
+from uq_handeye.calibration.evidence.touches import Touches, TouchEvidence, evidence_of_touches
+from uq_handeye.core.geometry.se3 import Array
+from uq_handeye.use.verification.power import assess, detectable
 
 TOUCH_SD, POINT_SD = 2e-4, 3e-4
 LEVEL = 0.05

@@ -10,8 +10,8 @@ import pandas as pd
 import uq_handeye as uq
 from studies.common.scores import errors
 from studies.maintenance.rigs import NOISES, SETUPS, calibrated, noisy
-from uq_handeye.geometry.se3 import Array
-from uq_handeye.poses.pose_pairs import PosePairs
+from uq_handeye.core.geometry.se3 import Array
+from uq_handeye.model.poses.pose_pairs import PosePairs
 
 PARTS = (12, 6, 4)  # poses of the calibration and of two updates
 

@@ -46,7 +46,7 @@ import uq_handeye as uq
 from studies.one_model.chains import ARMS, SIX_AXES
 from studies.one_model.rigs import SETUPS, SIMPLE, SPREADS, DataSet, arm_set, simple_set
 from studies.one_model.true_arms import left_errors, rms_length
-from uq_handeye.shared_errors import population
+from uq_handeye.model.shared_errors import population
 
 BASE = ("local", "anywhere")
 GROUPS = {"three": ("ur5", "irb120", "panda"), "six": SIX_AXES, "all": ARMS}

@@ -36,8 +36,8 @@ from studies.common.scores import errors, nees, true_means
 from studies.common.study import Study, Tables
 from studies.peers.findings import OURS, REFERENCE, findings
 from studies.peers.programs import PEERS, Prepared, Program, installed
-from uq_handeye.geometry.se3 import Array
-from uq_handeye.presentation.figure_parts import (
+from uq_handeye.core.geometry.se3 import Array
+from uq_handeye.core.presentation.figure_parts import (
     BLUE,
     GREEN,
     GRID,
@@ -52,9 +52,9 @@ from uq_handeye.presentation.figure_parts import (
     finished,
     plain,
 )
-from uq_handeye.runtime.progress import progress_bar
-from uq_handeye.runtime.threads import one_thread
-from uq_handeye.simulation.rig import disturbed
+from uq_handeye.core.runtime.progress import progress_bar
+from uq_handeye.core.runtime.threads import one_thread
+from uq_handeye.trials.simulation.rig import disturbed
 
 SEED = 2019
 POSES = 30

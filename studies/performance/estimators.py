@@ -89,7 +89,7 @@ def main() -> None:
 
 
 def perturbed(T: np.ndarray, covariance: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    from uq_handeye.geometry.se3 import perturb
+    from uq_handeye.core.geometry.se3 import perturb
 
     return perturb(T, rng.normal(size=(*T.shape[:-2], 6)) @ np.linalg.cholesky(covariance).T)
 

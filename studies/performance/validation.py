@@ -20,9 +20,9 @@ import numpy as np
 
 import uq_handeye as uq
 from studies.common.geometries import random_transforms
-from uq_handeye.geometry.se3 import inverse, perturb
-from uq_handeye.simulation.experiment import experiment
-from uq_handeye.simulation.run import run
+from uq_handeye.core.geometry.se3 import inverse, perturb
+from uq_handeye.trials.simulation.experiment import experiment
+from uq_handeye.trials.simulation.run import run
 
 SEED = 2019
 N, TRIALS = 60, 10_000

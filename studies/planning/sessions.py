@@ -17,15 +17,15 @@ from scipy.spatial.transform import Rotation
 
 import uq_handeye as uq
 from studies.common.scores import errors, nees
-from uq_handeye.geometry.se3 import Array, inverse, skew
-from uq_handeye.likelihood.constraint import OnPoses, residual_covariance
-from uq_handeye.likelihood.gauss_helmert import bound, efficient
-from uq_handeye.noise.square_roots import cholesky_of, whiten
-from uq_handeye.planning.candidates import sample_candidates
-from uq_handeye.planning.plan import CRITERIA, plan
-from uq_handeye.planning.weak_prior import so_far
-from uq_handeye.posterior.selection import covariance_of, greedy, value
-from uq_handeye.simulation.rig import RIGS, disturbed
+from uq_handeye.core.geometry.se3 import Array, inverse, skew
+from uq_handeye.fit.likelihood.constraint import OnPoses, residual_covariance
+from uq_handeye.fit.likelihood.gauss_helmert import bound, efficient
+from uq_handeye.model.noise.square_roots import cholesky_of, whiten
+from uq_handeye.model.posterior.selection import covariance_of, greedy, value
+from uq_handeye.trials.simulation.rig import RIGS, disturbed
+from uq_handeye.use.planning.candidates import sample_candidates
+from uq_handeye.use.planning.plan import CRITERIA, plan
+from uq_handeye.use.planning.weak_prior import so_far
 
 SEED = 2024
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))

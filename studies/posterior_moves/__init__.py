@@ -24,10 +24,9 @@ import uq_handeye as uq
 from studies.common.noises import paper
 from studies.common.study import Study, Tables, markdown
 from studies.likelihood import draws
-from uq_handeye.formatting.numbers import digits
-from uq_handeye.geometry.se3 import Array
-from uq_handeye.one_model.noise_of_data import estimate_noise
-from uq_handeye.presentation.figure_parts import (
+from uq_handeye.core.formatting.numbers import digits
+from uq_handeye.core.geometry.se3 import Array
+from uq_handeye.core.presentation.figure_parts import (
     BLUE,
     GREEN,
     INK,
@@ -40,12 +39,13 @@ from uq_handeye.presentation.figure_parts import (
     finished,
     plain,
 )
-from uq_handeye.runtime.progress import progress_bar
-from uq_handeye.validation.posterior import moves as posterior_moves
-from uq_handeye.validation.posterior.convergence import autocorrelation_time, by_arviz
-from uq_handeye.validation.posterior.density import Density, ScalePrior, density_of
-from uq_handeye.validation.posterior.moves import Proposal, moves_of
-from uq_handeye.validation.posterior.sample import ROUND, burn_in, sample_steps, sampler_of
+from uq_handeye.core.runtime.progress import progress_bar
+from uq_handeye.fit.one_model.noise_of_data import estimate_noise
+from uq_handeye.trials.validation.posterior import moves as posterior_moves
+from uq_handeye.trials.validation.posterior.convergence import autocorrelation_time, by_arviz
+from uq_handeye.trials.validation.posterior.density import Density, ScalePrior, density_of
+from uq_handeye.trials.validation.posterior.moves import Proposal, moves_of
+from uq_handeye.trials.validation.posterior.sample import ROUND, burn_in, sample_steps, sampler_of
 
 WALKERS = 128
 LONG_ENOUGH = 50  # autocorrelation times

@@ -32,11 +32,11 @@ from studies.common.scores import errors
 from studies.common.study import Study, Tables
 from studies.real_rigs.figures import figures
 from studies.real_rigs.findings import findings
-from uq_handeye.camera.calibrate import calibrate_camera
-from uq_handeye.geometry.se3 import Array, inverse, perturb
-from uq_handeye.runtime.progress import progress_bar
-from uq_handeye.shared_errors.camera_noise import camera_noise
-from uq_handeye.shared_errors.shared_error import SharedError
+from uq_handeye.core.geometry.se3 import Array, inverse, perturb
+from uq_handeye.core.runtime.progress import progress_bar
+from uq_handeye.model.camera.calibrate import calibrate_camera
+from uq_handeye.model.shared_errors.camera_noise import camera_noise
+from uq_handeye.model.shared_errors.shared_error import SharedError
 
 SEED = 2019
 SETUPS = ("eye-in-hand", "eye-to-hand")

@@ -17,9 +17,9 @@ import uq_handeye as uq
 from studies.common.geometries import random_transforms
 from studies.common.scores import nees
 from studies.registration.forms import CONJUGATE, FORMS, NOISE, POINTS, rotation_of, rotations, textbook_davenport
-from uq_handeye.geometry.se3 import Array, inverse, skew
-from uq_handeye.simulation.rig import disturbed
+from uq_handeye.core.geometry.se3 import Array, inverse, skew
 from uq_handeye.symbolic import functions as closed_form
+from uq_handeye.trials.simulation.rig import disturbed
 
 PAIRS = 60
 SCALES = (1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8)

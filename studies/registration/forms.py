@@ -16,7 +16,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 import uq_handeye as uq
-from uq_handeye.geometry.se3 import Array
+from uq_handeye.core.geometry.se3 import Array
 from uq_handeye.symbolic import functions as closed_form
 
 POINTS = 20

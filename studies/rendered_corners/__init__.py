@@ -27,13 +27,13 @@ from studies.camera_covariance import error, transforms
 from studies.common.pictures import Camera, picture
 from studies.common.scores import true_means
 from studies.common.study import Study, Tables, markdown
-from uq_handeye.camera.adjustment.initial_guess import opencv
-from uq_handeye.camera.calibrate import calibrate_camera
-from uq_handeye.camera.corners import Corners
-from uq_handeye.geometry.se3 import Array, inverse
-from uq_handeye.likelihood.gauss_helmert import efficient
-from uq_handeye.presentation.figure_parts import BLUE, GRID, ORANGE, SMALL, TEXT, canvas, finished, plain
-from uq_handeye.runtime.progress import progress_bar
+from uq_handeye.core.geometry.se3 import Array, inverse
+from uq_handeye.core.presentation.figure_parts import BLUE, GRID, ORANGE, SMALL, TEXT, canvas, finished, plain
+from uq_handeye.core.runtime.progress import progress_bar
+from uq_handeye.fit.likelihood.gauss_helmert import efficient
+from uq_handeye.model.camera.adjustment.initial_guess import opencv
+from uq_handeye.model.camera.calibrate import calibrate_camera
+from uq_handeye.model.camera.corners import Corners
 
 SEED = 12
 SIZE = (640, 480)

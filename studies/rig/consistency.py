@@ -11,7 +11,7 @@ from itertools import combinations
 import numpy as np
 
 import uq_handeye as uq
-from uq_handeye.geometry.se3 import logarithm
+from uq_handeye.core.geometry.se3 import logarithm
 from uq_handeye.rig.fit import RigFit, fit
 from uq_handeye.rig.graph import Graph
 from uq_handeye.rig.noise import given_noise

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 import uq_handeye as uq
-from uq_handeye.io import read_pose_file
+from uq_handeye.read import read_pose_file
 
 from .consistency import error, rms
 

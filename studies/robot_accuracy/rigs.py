@@ -10,7 +10,7 @@ import uq_handeye as uq
 from studies.common.scores import errors
 from studies.kinematics import CAMERA, OF_ARM
 from studies.kinematics.arms import Rig, drawn_rig, home, local_joints, workspace_joints
-from uq_handeye.geometry.se3 import Array, inverse, perturb
+from uq_handeye.core.geometry.se3 import Array, inverse, perturb
 
 PLACES = ("one region", "wide")
 FACTOR = 2.0  # of the scales of the errors, from arm to arm

@@ -26,8 +26,8 @@ from studies.scaling_factor import single_precision as route
 from studies.scaling_factor.curves import CLAIMED, LENGTHS, NOISE, PRECISIONS, SCALES
 from studies.scaling_factor.figures import figures
 from studies.scaling_factor.findings import findings
-from uq_handeye.geometry.se3 import Array, inverse, logarithm, perturb
-from uq_handeye.runtime.progress import progress_bar
+from uq_handeye.core.geometry.se3 import Array, inverse, logarithm, perturb
+from uq_handeye.core.runtime.progress import progress_bar
 
 SEED = 2019
 PAIRS = 60

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 from scipy.stats import linregress
 
-from uq_handeye.geometry.se3 import Array
+from uq_handeye.core.geometry.se3 import Array
 
 LENGTHS = (0.001, 1.0, 10.0, 100.0)  # m
 SCALES = 10.0 ** np.arange(1.0, 8.25, 0.5)  # m

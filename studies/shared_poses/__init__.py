@@ -29,11 +29,11 @@ from studies.common.scores import nees, true_means
 from studies.common.study import Study, Tables
 from studies.shared_poses.figures import figures
 from studies.shared_poses.findings import findings
-from uq_handeye.geometry.se3 import Array, inverse
-from uq_handeye.poses.pose_pairs import Truth
-from uq_handeye.runtime.progress import progress_bar
-from uq_handeye.simulation.experiment import Experiment, experiment
-from uq_handeye.simulation.run import run
+from uq_handeye.core.geometry.se3 import Array, inverse
+from uq_handeye.core.runtime.progress import progress_bar
+from uq_handeye.model.poses.pose_pairs import Truth
+from uq_handeye.trials.simulation.experiment import Experiment, experiment
+from uq_handeye.trials.simulation.run import run
 
 SEED = 2019
 WAYS = ("disjoint", "consecutive", "all")

@@ -33,12 +33,23 @@ from studies.common.geometries import random_transforms
 from studies.common.noises import paper
 from studies.common.scores import errors
 from studies.common.study import Study, Tables, markdown
-from uq_handeye.geometry.se3 import Array, inverse, perturb
-from uq_handeye.likelihood.constraint import covariances_of
-from uq_handeye.presentation.figure_parts import BLUE, GRID, INK, ORANGE, PURPLE, SMALL, TEXT, canvas, finished, plain
-from uq_handeye.runtime.progress import progress_bar
-from uq_handeye.validation.posterior.density import ScalePrior
-from uq_handeye.validation.posterior.sample import sample_posterior
+from uq_handeye.core.geometry.se3 import Array, inverse, perturb
+from uq_handeye.core.presentation.figure_parts import (
+    BLUE,
+    GRID,
+    INK,
+    ORANGE,
+    PURPLE,
+    SMALL,
+    TEXT,
+    canvas,
+    finished,
+    plain,
+)
+from uq_handeye.core.runtime.progress import progress_bar
+from uq_handeye.fit.likelihood.constraint import covariances_of
+from uq_handeye.trials.validation.posterior.density import ScalePrior
+from uq_handeye.trials.validation.posterior.sample import sample_posterior
 
 SEED = 1804
 DRAWN, BINS = 99, 20

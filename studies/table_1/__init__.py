@@ -36,15 +36,15 @@ from studies.common.scores import errors, nees, true_means
 from studies.common.study import Study, Tables
 from studies.table_1.figures import figures
 from studies.table_1.findings import findings
-from uq_handeye.estimators import RobotWorldMethod
-from uq_handeye.geometry.se3 import Array, inverse
-from uq_handeye.likelihood.gauss_helmert import ESTIMATORS
-from uq_handeye.poses.pose_pairs import Truth
-from uq_handeye.propagation.noise_transport import noise_of_pairs
-from uq_handeye.runtime.progress import progress_bar
-from uq_handeye.simulation.experiment import Experiment
-from uq_handeye.simulation.rig import disturbed
-from uq_handeye.simulation.run import Trials, errors_of, estimates
+from uq_handeye.core.geometry.se3 import Array, inverse
+from uq_handeye.core.runtime.progress import progress_bar
+from uq_handeye.fit.likelihood.gauss_helmert import ESTIMATORS
+from uq_handeye.methods.estimators import RobotWorldMethod
+from uq_handeye.methods.propagation.noise_transport import noise_of_pairs
+from uq_handeye.model.poses.pose_pairs import Truth
+from uq_handeye.trials.simulation.experiment import Experiment
+from uq_handeye.trials.simulation.rig import disturbed
+from uq_handeye.trials.simulation.run import Trials, errors_of, estimates
 
 SEED = 2019
 METHODS = (*uq.METHODS, *uq.ROBOT_WORLD_METHODS, *ESTIMATORS)

@@ -20,8 +20,8 @@ from scipy.spatial.transform import Rotation
 
 import uq_handeye as uq
 from studies.common.noises import diagonal
-from uq_handeye.geometry.se3 import Array, inverse, skew
-from uq_handeye.poses.pose_pairs import Truth
+from uq_handeye.core.geometry.se3 import Array, inverse, skew
+from uq_handeye.model.poses.pose_pairs import Truth
 
 FOCAL, CENTRE, IMAGE = (621.0, 622.3), (322.3, 242.9), (640, 480)  # pixels
 CORNER = 0.21  # pixels per axis

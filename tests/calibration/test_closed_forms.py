@@ -9,7 +9,7 @@ import uq_handeye as uq
 from uq_handeye.calibration.findings import closed_forms
 from uq_handeye.calibration.job import job_of
 from uq_handeye.calibration.request import Request
-from uq_handeye.geometry.se3 import perturb
+from uq_handeye.core.geometry.se3 import perturb
 
 
 def test_an_x_that_is_off_is_contradicted_and_a_right_one_is_not():

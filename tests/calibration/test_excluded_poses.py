@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 import uq_handeye as uq
-from uq_handeye.comparison.of_result import compare_beside
 from uq_handeye.errors import InputError
 from uq_handeye.findings import Finding, renumbered
-from uq_handeye.poses.pose_pairs import numbers_of, ranges, select_poses
+from uq_handeye.model.poses.pose_pairs import numbers_of, ranges, select_poses
+from uq_handeye.report.comparison.of_result import compare_beside
 from uq_handeye.report.figures import pictures
 from uq_handeye.report.sketches import residual_sketch
 

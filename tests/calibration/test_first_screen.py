@@ -14,8 +14,8 @@ import uq_handeye as uq
 from studies.camera_covariance import poses_of, recorded
 from uq_handeye.calibration.report.first_screen import LINES, first_screen, title_of
 from uq_handeye.calibration.report.next_step import next_step
-from uq_handeye.files.source import Source
-from uq_handeye.presentation.document import COLUMNS, to_text
+from uq_handeye.core.files.source import Source
+from uq_handeye.core.presentation.document import COLUMNS, to_text
 
 POSES = uq.simulate(20, noise=NOISE, seed=SEED)
 SMALL = uq.PoseNoise.isotropic(robot=("0.01deg", "0.02mm"), camera=("0.03deg", "0.15mm"))

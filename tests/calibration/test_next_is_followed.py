@@ -12,9 +12,9 @@ from support import moved
 
 import uq_handeye as uq
 from uq_handeye.calibration.report.next_step import _DECLARE, _about_largest
-from uq_handeye.io import write_pose_file
-from uq_handeye.shared_errors.shared_error import DEFAULT_SD
-from uq_handeye.statement.accuracy import Part
+from uq_handeye.calibration.statement.accuracy import Part
+from uq_handeye.model.shared_errors.shared_error import DEFAULT_SD
+from uq_handeye.read import write_pose_file
 
 POSES = uq.simulate(30, noise=MODEL, seed=3)
 WIDE = ("--robot-noise", "0.4deg,1mm", "--camera-noise", "2deg,10mm")

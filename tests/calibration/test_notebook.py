@@ -12,11 +12,11 @@ from support import SEED, moved
 
 import uq_handeye as uq
 from uq_handeye.calibration.report.notebook import calibration_html
+from uq_handeye.core.formatting.numbers import concise
+from uq_handeye.core.geometry.pose_numbers import pose_numbers
+from uq_handeye.core.presentation.document import Caution, Code, Heading, Paragraph, Points, Table
+from uq_handeye.core.presentation.notebook import to_html
 from uq_handeye.findings import Finding
-from uq_handeye.formatting.numbers import concise
-from uq_handeye.geometry.pose_numbers import pose_numbers
-from uq_handeye.presentation.document import Caution, Code, Heading, Paragraph, Points, Table
-from uq_handeye.presentation.notebook import to_html
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
 VOID = {"br", "hr", "img", "meta", "link", "input"}

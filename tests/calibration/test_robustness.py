@@ -23,7 +23,7 @@ from support import (
 )
 
 import uq_handeye as uq
-from uq_handeye.likelihood.gauss_helmert import bound, efficient
+from uq_handeye.fit.likelihood.gauss_helmert import bound, efficient
 
 # ------------------------------------------------------------------------------------------------------- robustness
 

@@ -11,7 +11,7 @@ from support import SEED
 import uq_handeye as uq
 from uq_handeye.calibration.report.shared_errors import included_words, shared_groups, shared_table
 from uq_handeye.findings import Finding
-from uq_handeye.shared_errors.shared_error import WRONG_SIZE
+from uq_handeye.model.shared_errors.shared_error import WRONG_SIZE
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.01deg", "0.03mm"), camera=("0.03deg", "0.1mm"))
 SHARED = uq.SharedError

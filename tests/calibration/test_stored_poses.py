@@ -11,14 +11,14 @@ from support import SEED
 
 import uq_handeye as uq
 from studies.camera_covariance import ROBOT, poses_of, recorded
-from uq_handeye.camera.files.folder import camera_from_dict, camera_to_dict
-from uq_handeye.comparison.of_result import compare_beside
+from uq_handeye.core.files.source import Source
+from uq_handeye.core.presentation.figure_parts import canvas
 from uq_handeye.errors import InputError
-from uq_handeye.files.source import Source
-from uq_handeye.planning.plan import plan
-from uq_handeye.poses.timing import Timing
-from uq_handeye.presentation.figure_parts import canvas
+from uq_handeye.model.camera.files.folder import camera_from_dict, camera_to_dict
+from uq_handeye.model.poses.timing import Timing
+from uq_handeye.report.comparison.of_result import compare_beside
 from uq_handeye.report.page import report_html
+from uq_handeye.use.planning.plan import plan
 
 
 def with_everything():
@@ -94,7 +94,7 @@ def test_the_hash_is_that_of_the_poses_given():
 @pytest.mark.parametrize("case", ["outlier", "corners"])
 def test_the_report_of_a_file_is_that_of_the_result(case, from_corners, monkeypatch):
     """Byte by byte, with figures and two methods beside it; ellipses, which need no poses, take longest."""
-    monkeypatch.setattr("uq_handeye.comparison.of_result.METHODS", ("park", "tsai"))
+    monkeypatch.setattr("uq_handeye.report.comparison.of_result.METHODS", ("park", "tsai"))
     monkeypatch.setattr("uq_handeye.report.figures.covariance_ellipses", lambda *_, **__: canvas(1.0))
     result = {
         "outlier": lambda: quietly(with_everything(), prior=uq.NoisePrior(robot=(None, "0.05mm"))),

@@ -7,8 +7,8 @@ from calibration_cases import quietly
 from rig_of_arm import ARM, CAMERA, rig
 
 import uq_handeye as uq
-from uq_handeye.geometry.se3 import perturb
-from uq_handeye.kinematics.chain import Joint, Kinematics
+from uq_handeye.core.geometry.se3 import perturb
+from uq_handeye.model.kinematics.chain import Joint, Kinematics
 
 
 def scara():

@@ -11,12 +11,12 @@ from support import assert_same_covariance, difference, is_consistent, moved, ne
 import uq_handeye as uq
 from studies.camera_covariance import ROBOT, error, poses_of, recorded
 from uq_handeye.errors import InputError
-from uq_handeye.likelihood.gauss_helmert import efficient
-from uq_handeye.likelihood.goodness_of_fit import goodness_of_fit
-from uq_handeye.noise.estimate import NoisePrior
-from uq_handeye.noise.joint_covariance import JointCovariance
-from uq_handeye.noise.models import marginals
-from uq_handeye.one_model.noise_of_data import estimate_robot_noise
+from uq_handeye.fit.likelihood.gauss_helmert import efficient
+from uq_handeye.fit.likelihood.goodness_of_fit import goodness_of_fit
+from uq_handeye.fit.one_model.noise_of_data import estimate_robot_noise
+from uq_handeye.model.noise.estimate import NoisePrior
+from uq_handeye.model.noise.joint_covariance import JointCovariance
+from uq_handeye.model.noise.models import marginals
 
 
 def calibrate(poses, **options):
@@ -172,7 +172,7 @@ def test_parts_of_the_fit_are_1_where_the_noise_is_right(rng):
     exact = uq.simulate(20, seed=4)
     own = np.diag([1e-4] * 3 + [1e-4] * 3) ** 2
     S = JointCovariance(np.tile(own, (20, 1, 1)), 5e-3 * rng.normal(size=(20, 6, 3)))
-    from uq_handeye.simulation.rig import disturbed
+    from uq_handeye.trials.simulation.rig import disturbed
 
     parts = []
     for _ in range(60):

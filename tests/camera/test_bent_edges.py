@@ -13,10 +13,10 @@ from support import SEED
 
 import uq_handeye as uq
 from studies.common.pictures import Camera, picture
-from uq_handeye.camera.adjustment import bent_edges
-from uq_handeye.camera.boards.squares import chessboard_finder
-from uq_handeye.camera.corners import Corners
-from uq_handeye.camera.models import MODELS
+from uq_handeye.model.camera.adjustment import bent_edges
+from uq_handeye.model.camera.boards.squares import chessboard_finder
+from uq_handeye.model.camera.corners import Corners
+from uq_handeye.model.camera.models import MODELS
 
 BOARD = uq.Board(9, 6, "20mm")
 SIZE = (640, 480)

@@ -6,11 +6,11 @@ from picture_cases import CAMERA, SIZE, camera_to_board, facing, picture, projec
 from support import assert_same_covariance, difference
 
 import uq_handeye as uq
-from uq_handeye.camera.adjustment.initial_guess import unlike_a_board
-from uq_handeye.camera.board import picture_paths
-from uq_handeye.camera.boards.squares import chessboard_finder
-from uq_handeye.camera.corners import without_pictures
 from uq_handeye.errors import InputError, InputWarning
+from uq_handeye.model.camera.adjustment.initial_guess import unlike_a_board
+from uq_handeye.model.camera.board import picture_paths
+from uq_handeye.model.camera.boards.squares import chessboard_finder
+from uq_handeye.model.camera.corners import without_pictures
 
 cv2 = pytest.importorskip("cv2")
 SQUARE = 0.02

@@ -12,13 +12,13 @@ import uq_handeye as uq
 from studies import board_shape as study
 from studies.camera_covariance import SIZE, board, recorded
 from tests.support import jacobian
-from uq_handeye.camera.adjustment.bundle import LOST, Sight
-from uq_handeye.camera.adjustment.model_choice import Setting, criterion
-from uq_handeye.camera.board_shape import SHAPES, BoardShape, flat_shape, polynomial_shape, possible_shapes
-from uq_handeye.camera.calibrate import calibrate_camera
-from uq_handeye.camera.models import MODELS
+from uq_handeye.core.geometry.se3 import perturb
 from uq_handeye.errors import InputError
-from uq_handeye.geometry.se3 import perturb
+from uq_handeye.model.camera.adjustment.bundle import LOST, Sight
+from uq_handeye.model.camera.adjustment.model_choice import Setting, criterion
+from uq_handeye.model.camera.board_shape import SHAPES, BoardShape, flat_shape, polynomial_shape, possible_shapes
+from uq_handeye.model.camera.calibrate import calibrate_camera
+from uq_handeye.model.camera.models import MODELS
 
 
 def quietly(*arguments, **options):

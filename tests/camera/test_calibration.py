@@ -10,13 +10,13 @@ from scipy.spatial.transform import Rotation
 
 import uq_handeye as uq
 from studies.camera_covariance import SIZE, board, recorded, transforms
-from uq_handeye.camera.adjustment.initial_guess import unlike_a_board
-from uq_handeye.camera.adjustment.model_choice import Candidate, best
-from uq_handeye.camera.calibrate import calibrate_camera
-from uq_handeye.camera.corners import Corners
-from uq_handeye.camera.models import MODELS, rays
 from uq_handeye.errors import InputError, InputWarning
-from uq_handeye.io import write_pose_file
+from uq_handeye.model.camera.adjustment.initial_guess import unlike_a_board
+from uq_handeye.model.camera.adjustment.model_choice import Candidate, best
+from uq_handeye.model.camera.calibrate import calibrate_camera
+from uq_handeye.model.camera.corners import Corners
+from uq_handeye.model.camera.models import MODELS, rays
+from uq_handeye.read import write_pose_file
 
 PARAMETERS = {
     "pinhole": [900, 910, 640, 480],
@@ -114,7 +114,7 @@ def test_pictures_that_were_taken_are_counted_once(rng, tmp_path, monkeypatch, b
     """Robot poses are as many as the pictures taken, whether one is left out before the fit or after it."""
     if not before:
         monkeypatch.setattr(
-            "uq_handeye.camera.calibrate.unlike_a_board", lambda corners: np.zeros(corners.n, dtype=bool)
+            "uq_handeye.model.camera.calibrate.unlike_a_board", lambda corners: np.zeros(corners.n, dtype=bool)
         )
     corners, robot, _ = recorded(rng)
     pixels = corners.pixels.copy()

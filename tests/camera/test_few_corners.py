@@ -5,8 +5,8 @@ import pytest
 from support import SEED
 
 import studies.camera_covariance as study
-from uq_handeye.camera.adjustment.model_choice import criterion
-from uq_handeye.camera.calibrate import calibrate_camera
+from uq_handeye.model.camera.adjustment.model_choice import criterion
+from uq_handeye.model.camera.calibrate import calibrate_camera
 
 
 @pytest.mark.filterwarnings("ignore::uq_handeye.errors.InputWarning")

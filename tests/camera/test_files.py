@@ -10,12 +10,12 @@ import pytest
 from picture_cases import CAMERA, SIZE, camera_to_board, seen_corners, simulated_rig
 
 import uq_handeye as uq
-from uq_handeye.camera.adjustment.model_choice import Candidate
-from uq_handeye.camera.files.corner_file import corners_text
-from uq_handeye.camera.files.folder_writer import FURTHER, camera_files
-from uq_handeye.camera.report.figures import camera_figures
 from uq_handeye.errors import InputError, InputWarning
-from uq_handeye.io import write_files, write_pose_file
+from uq_handeye.model.camera.adjustment.model_choice import Candidate
+from uq_handeye.model.camera.files.corner_file import corners_text
+from uq_handeye.model.camera.files.folder_writer import FURTHER, camera_files
+from uq_handeye.model.camera.report.figures import camera_figures
+from uq_handeye.read import write_files, write_pose_file
 
 cv2 = pytest.importorskip("cv2")
 BOARD = uq.Board(8, 5, 0.02)

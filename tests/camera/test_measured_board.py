@@ -10,16 +10,16 @@ from support import SEED
 
 import uq_handeye as uq
 from studies.camera_covariance import SIZE, board, recorded
-from uq_handeye.camera.board import board_of
-from uq_handeye.camera.board_shape import polynomial_shape
-from uq_handeye.camera.calibrate import calibrate_camera
-from uq_handeye.camera.files.board_file import board_text, read_board_points
-from uq_handeye.camera.files.folder_writer import camera_files
-from uq_handeye.camera.report.figures import camera_pictures
-from uq_handeye.camera.report.page import camera_report_html
-from uq_handeye.camera.residual_pattern import flat_pattern
+from uq_handeye.core.files.atomic import write_files
 from uq_handeye.errors import InputError
-from uq_handeye.files.atomic import write_files
+from uq_handeye.model.camera.board import board_of
+from uq_handeye.model.camera.board_shape import polynomial_shape
+from uq_handeye.model.camera.calibrate import calibrate_camera
+from uq_handeye.model.camera.files.board_file import board_text, read_board_points
+from uq_handeye.model.camera.files.folder_writer import camera_files
+from uq_handeye.model.camera.report.figures import camera_pictures
+from uq_handeye.model.camera.report.page import camera_report_html
+from uq_handeye.model.camera.residual_pattern import flat_pattern
 
 POINTS = board(9, 7, 0.05)
 LENS = {"model": "brown", "coefficients": ("k1", "k2")}

@@ -9,12 +9,12 @@ from support import SEED, mean_interval
 
 import uq_handeye as uq
 from studies.camera_covariance import ROBOT, SIZE, error, poses_of, recorded
-from uq_handeye.camera.adjustment.bundle import adjust
-from uq_handeye.camera.adjustment.outliers import common_variance, picture_weights
-from uq_handeye.camera.calibrate import calibrate_camera
-from uq_handeye.camera.models import MODELS
-from uq_handeye.camera.report.text import noise_words
-from uq_handeye.likelihood.gauss_helmert import efficient
+from uq_handeye.fit.likelihood.gauss_helmert import efficient
+from uq_handeye.model.camera.adjustment.bundle import adjust
+from uq_handeye.model.camera.adjustment.outliers import common_variance, picture_weights
+from uq_handeye.model.camera.calibrate import calibrate_camera
+from uq_handeye.model.camera.models import MODELS
+from uq_handeye.model.camera.report.text import noise_words
 
 SETS = 60
 

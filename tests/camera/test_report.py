@@ -12,14 +12,18 @@ from report_cases import Page, overlapping
 from support import SEED, jacobian, rotations, transforms
 
 import uq_handeye as uq
-from uq_handeye.camera.adjustment.model_choice import Candidate
-from uq_handeye.camera.calibrate import calibrate_camera
-from uq_handeye.camera.files.snippets import camera_snippets
-from uq_handeye.camera.models import MODELS, pixel_deviation, rays
-from uq_handeye.camera.report.figures import camera_figures, camera_pictures, outline
-from uq_handeye.camera.report.page import camera_report_html, report_files
-from uq_handeye.camera.residual_pattern import CELLS
-from uq_handeye.camera.what_was_seen import (
+from uq_handeye.core.formatting.numbers import concise, fixed
+from uq_handeye.core.presentation.document import Paragraph
+from uq_handeye.core.presentation.figure_parts import WIDTH
+from uq_handeye.errors import InputError
+from uq_handeye.model.camera.adjustment.model_choice import Candidate
+from uq_handeye.model.camera.calibrate import calibrate_camera
+from uq_handeye.model.camera.files.snippets import camera_snippets
+from uq_handeye.model.camera.models import MODELS, pixel_deviation, rays
+from uq_handeye.model.camera.report.figures import camera_figures, camera_pictures, outline
+from uq_handeye.model.camera.report.page import camera_report_html, report_files
+from uq_handeye.model.camera.residual_pattern import CELLS
+from uq_handeye.model.camera.what_was_seen import (
     cells_that_matter,
     certainty,
     covered,
@@ -28,10 +32,6 @@ from uq_handeye.camera.what_was_seen import (
     radial_means,
     tilts,
 )
-from uq_handeye.errors import InputError
-from uq_handeye.formatting.numbers import concise, fixed
-from uq_handeye.presentation.document import Paragraph
-from uq_handeye.presentation.figure_parts import WIDTH
 from uq_handeye.report.sections_camera import camera_sections, shares_words
 
 S = 0.1
@@ -368,7 +368,7 @@ def test_the_hand_eye_report_says_what_the_intrinsics_make(right):
 
 def test_colours_of_figures_follow_a_dark_page(pages):
     """But those of coloured maps, and what is drawn on them."""
-    rules = (resources.files("uq_handeye.presentation") / "figures.css").read_text(encoding="utf-8")
+    rules = (resources.files("uq_handeye.core.presentation") / "figures.css").read_text(encoding="utf-8")
     known = set(re.findall(r'"((?:fill|stroke): #[0-9a-f]{6})"', rules))
     for figure in re.finditer(r'<figure id="figure-(\w+)".*?</figure>', pages["right"], re.DOTALL):
         if figure.group(1) not in ("certainty", "board", "board_residuals"):

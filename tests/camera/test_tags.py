@@ -12,10 +12,10 @@ from picture_cases import SIZE, facing, picture, projected, save
 import uq_handeye as uq
 from studies.common.pictures import Camera
 from studies.common.pictures import picture as taken
-from uq_handeye.camera.board import board_of
-from uq_handeye.camera.boards.description import bits_of, dictionary_of, drawn_upside_down
-from uq_handeye.camera.boards.tags import layout_of, tag_finder
 from uq_handeye.errors import InputError, InputWarning
+from uq_handeye.model.camera.board import board_of
+from uq_handeye.model.camera.boards.description import bits_of, dictionary_of, drawn_upside_down
+from uq_handeye.model.camera.boards.tags import layout_of, tag_finder
 
 cv2 = pytest.importorskip("cv2")
 APRILGRID = uq.Board(4, 3, 0.04, "aprilgrid", spacing=0.3)

@@ -330,7 +330,7 @@ def test_compare_prints_its_table_even_if_it_cannot_write(session, tmp_path, mon
     def full(*_):
         raise uq.InputError("Cannot write comparison.json: no space left on device.")
 
-    monkeypatch.setattr("uq_handeye.io.write_files", full)
+    monkeypatch.setattr("uq_handeye.read.write_files", full)
     files = session / "robot.csv", session / "camera.csv"
     done = run("compare", *files, *NOISE, "--methods", "park,tsai", "-o", tmp_path / "out")
     assert (done.returncode, done.stderr.count("\n")) == (2, 1)

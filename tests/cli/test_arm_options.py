@@ -13,11 +13,11 @@ from support import CONFIDENCE, SEED, difference, moved, random_transforms
 
 import uq_handeye as uq
 from uq_handeye.cli.options import arm as arm_options
-from uq_handeye.io import write_pose_file
-from uq_handeye.kinematics import kinematic_errors
-from uq_handeye.kinematics.chain import Kinematics
-from uq_handeye.kinematics.workspace_gauge import aligned_poses
-from uq_handeye.shared_errors.sizes import CLASSES
+from uq_handeye.model.kinematics import kinematic_errors
+from uq_handeye.model.kinematics.chain import Kinematics
+from uq_handeye.model.kinematics.workspace_gauge import aligned_poses
+from uq_handeye.model.shared_errors.sizes import CLASSES
+from uq_handeye.read import write_pose_file
 
 ARM = Kinematics.from_urdf(SIX_AXES)
 TOOL = motion((0.0, 0.0, 0.8), (0.0, 0.0, 0.1))

@@ -10,9 +10,9 @@ from scipy import stats
 from scipy.spatial.transform import Rotation
 from support import CONFIDENCE, SEED, difference
 
-from uq_handeye.camera.board import Board
-from uq_handeye.camera.files.corner_file import corners_text
-from uq_handeye.io import read_poses
+from uq_handeye.model.camera.board import Board
+from uq_handeye.model.camera.files.corner_file import corners_text
+from uq_handeye.read import read_poses
 
 FAR = stats.chi2.ppf(CONFIDENCE, 6)
 NAMES = ("x", "y", "z", "yaw", "pitch", "roll")

@@ -14,10 +14,10 @@ from stream_cases import motion
 from support import moved, random_transforms
 
 import uq_handeye as uq
-from uq_handeye.geometry.se3 import logarithm
-from uq_handeye.io import read_stream
-from uq_handeye.kinematics.chain import Kinematics
-from uq_handeye.rosbag.streams import read_bag
+from uq_handeye.core.geometry.se3 import logarithm
+from uq_handeye.model.kinematics.chain import Kinematics
+from uq_handeye.read import read_stream
+from uq_handeye.read.rosbag.streams import read_bag
 
 SIDE, OFFSET = 0.08, 0.03
 # Of the robot's poses (rad, m), and of the pixels.

@@ -12,11 +12,11 @@ from scipy import stats
 from support import CONFIDENCE, SEED, difference
 
 import uq_handeye as uq
-from uq_handeye.camera.board import Board
-from uq_handeye.camera.files.corner_file import corners_text
-from uq_handeye.camera.models import MODELS
 from uq_handeye.cli.pictures import COEFFICIENT_NAMES, MODEL_NAMES
-from uq_handeye.io import write_pose_file
+from uq_handeye.model.camera.board import Board
+from uq_handeye.model.camera.files.corner_file import corners_text
+from uq_handeye.model.camera.models import MODELS
+from uq_handeye.read import write_pose_file
 
 cv2 = pytest.importorskip("cv2")
 BOARD = ("--board", "9x6", "--square", "20mm")

@@ -7,9 +7,9 @@ import pytest
 from cli_cases import MODEL, run
 
 import uq_handeye as uq
-from uq_handeye.geometry.se3 import perturb
-from uq_handeye.io import write_pose_file
-from uq_handeye.simulation.rig import RIGS
+from uq_handeye.core.geometry.se3 import perturb
+from uq_handeye.read import write_pose_file
+from uq_handeye.trials.simulation.rig import RIGS
 
 
 @pytest.fixture(scope="module")

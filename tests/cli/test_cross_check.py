@@ -9,8 +9,8 @@ from monte_carlo_cases import NOISE
 
 from uq_handeye import simulate
 from uq_handeye.cli import app as cli
-from uq_handeye.io import write_pose_file
-from uq_handeye.validation.cross_check import rows as cross_check_rows
+from uq_handeye.read import write_pose_file
+from uq_handeye.trials.validation.cross_check import rows as cross_check_rows
 
 OPTIONS = ("--robot-noise", "0.02deg,0.05mm", "--camera-noise", "0.1deg,0.5mm", "--workers", "1")
 

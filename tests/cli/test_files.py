@@ -12,7 +12,7 @@ from cli_cases import MODEL, NOISE, run, write_session
 
 import uq_handeye as uq
 from uq_handeye.cli.commands.calibrate import EXPORTS, FIGURES
-from uq_handeye.io import write_pose_file
+from uq_handeye.read import write_pose_file
 from uq_handeye.report.figures import figures
 
 
@@ -91,7 +91,7 @@ def test_the_comparison_of_the_report_is_a_figure_of_the_folder(session, tmp_pat
 
 
 def test_cross_check_in_the_report(session, tmp_path, asked, monkeypatch):
-    from uq_handeye.validation.cross_check import run as module
+    from uq_handeye.trials.validation.cross_check import run as module
 
     ordinary = module.cross_check
     few = {"trials": 200, "posterior": False, "workers": 1}

@@ -7,7 +7,7 @@ import pytest
 from few_axes import rig
 from support import SEED
 
-from uq_handeye.io import write_pose_file
+from uq_handeye.read import write_pose_file
 
 
 @pytest.fixture

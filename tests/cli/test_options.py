@@ -20,13 +20,13 @@ from uq_handeye.cli.commands import files as cli_files
 from uq_handeye.cli.options import common as cli_options
 from uq_handeye.cli.options.common import choices, made_of, methods_of, one_of
 from uq_handeye.cli.options.declared import parameters_of, without_options
-from uq_handeye.estimators import METHODS, ROBOT_WORLD_METHODS
-from uq_handeye.export import FORMATS as EXPORTED
+from uq_handeye.core.formatting.units import LENGTH_UNITS
+from uq_handeye.core.geometry.frames import SETUPS
+from uq_handeye.fit.likelihood.gauss_helmert import ESTIMATORS
 from uq_handeye.formats.controllers.forms import CONTROLLERS
-from uq_handeye.formatting.units import LENGTH_UNITS
-from uq_handeye.geometry.frames import SETUPS
-from uq_handeye.io import FORMATS, pose_text, write_pose_file
-from uq_handeye.likelihood.gauss_helmert import ESTIMATORS
+from uq_handeye.formats.export import FORMATS as EXPORTED
+from uq_handeye.methods.estimators import METHODS, ROBOT_WORLD_METHODS
+from uq_handeye.read import FORMATS, pose_text, write_pose_file
 
 TAKES_POSES = ("calibrate", "compare", "plan", "validate", "posterior", "cross-check")
 

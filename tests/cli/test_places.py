@@ -51,7 +51,7 @@ def test_a_folder_without_permission(command, tmp_path, monkeypatch):
     folder = tmp_path / "locked"
     folder.mkdir()
     # the tests may run as root, who may write everywhere
-    monkeypatch.setattr("uq_handeye.files.atomic.os.access", lambda path, _: not str(path).endswith("locked"))
+    monkeypatch.setattr("uq_handeye.core.files.atomic.os.access", lambda path, _: not str(path).endswith("locked"))
     assert "no permission to write" in refused(command, "locked", tmp_path)
 
 
@@ -60,7 +60,7 @@ def test_what_shows_only_in_writing_is_one_line_too(number, tmp_path, monkeypatc
     def refuse(*_):
         raise OSError(number, "the system says no")
 
-    monkeypatch.setattr("uq_handeye.files.atomic.os.fsync", refuse)
+    monkeypatch.setattr("uq_handeye.core.files.atomic.os.fsync", refuse)
     for option, place in (("--report", "r.html"), ("-o", "folder")):
         done = run("demo", option, place, cwd=tmp_path)
         assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1), done.stderr

@@ -12,8 +12,8 @@ from scipy.spatial.transform import Rotation
 
 from uq_handeye import PoseNoise, read_poses, simulate
 from uq_handeye.cli import app as cli
-from uq_handeye.io import read_pose_file, write_pose_file
-from uq_handeye.planning.plan import plan
+from uq_handeye.read import read_pose_file, write_pose_file
+from uq_handeye.use.planning.plan import plan
 
 NOISE = ("--robot-noise", "0.02deg,0.05mm", "--camera-noise", "0.1deg,0.5mm")
 MODEL = PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))

@@ -8,8 +8,8 @@ from arm_cases import SIX_AXES
 from arm_sessions import chain, looking, measured
 from cli_cases import run
 
-from uq_handeye.io import write_pose_file
-from uq_handeye.kinematics.joints_file import read_joints
+from uq_handeye.model.kinematics.joints_file import read_joints
+from uq_handeye.read import write_pose_file
 
 CHAIN = ("--joints", "joints.csv", "--urdf", "arm.urdf", "--tip", "tool0")
 GIVEN = (*CHAIN, "--kinematics", "declared", "--joint-noise", "0.1mrad", "--shared", "none", "--sample", 60)

@@ -8,8 +8,8 @@ import pytest
 
 from uq_handeye import PoseNoise, read_poses, simulate
 from uq_handeye.cli import app as cli
-from uq_handeye.io import write_pose_file
-from uq_handeye.validation.posterior.sample import sample_posterior
+from uq_handeye.read import write_pose_file
+from uq_handeye.trials.validation.posterior.sample import sample_posterior
 
 NOISE = ("--robot-noise", "0.02deg,0.05mm", "--camera-noise", "0.1deg,0.5mm")
 MODEL = PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))

@@ -10,8 +10,8 @@ from cli_cases import MODEL, run
 from support import SEED, moved, random_transforms
 
 import uq_handeye as uq
-from uq_handeye.io import write_pose_file
-from uq_handeye.kinematics.chain import Kinematics
+from uq_handeye.model.kinematics.chain import Kinematics
+from uq_handeye.read import write_pose_file
 
 ARM = Kinematics.from_urdf(SIX_AXES)
 

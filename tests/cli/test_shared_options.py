@@ -8,7 +8,7 @@ from cli_cases import MODEL, NOISE, run
 from stream_cases import motion, streams
 
 import uq_handeye as uq
-from uq_handeye.io import write_pose_file
+from uq_handeye.read import write_pose_file
 
 BOTH = ("robot.csv", "camera.csv")
 VIEWS = ("--board", "9x6", "--square", "20mm", "--camera-matrix", "1000,1000,640,480")

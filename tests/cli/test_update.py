@@ -7,7 +7,7 @@ import pytest
 from cli_cases import MODEL, run
 
 import uq_handeye as uq
-from uq_handeye.io import write_pose_file
+from uq_handeye.read import write_pose_file
 
 
 @pytest.fixture(scope="module")

@@ -16,9 +16,9 @@ from monte_carlo_cases import NOISE
 from uq_handeye import read_poses, simulate
 from uq_handeye.cli import app as cli
 from uq_handeye.cli.commands import validate as cli_validate
-from uq_handeye.io import write_pose_file
-from uq_handeye.validation.monte_carlo.chunks import Work, WorkersLostError
-from uq_handeye.validation.monte_carlo.run import monte_carlo
+from uq_handeye.read import write_pose_file
+from uq_handeye.trials.validation.monte_carlo.chunks import Work, WorkersLostError
+from uq_handeye.trials.validation.monte_carlo.run import monte_carlo
 
 OPTIONS = ("--robot-noise", "0.02deg,0.05mm", "--camera-noise", "0.1deg,0.5mm")
 PROGRAM = "from uq_handeye.cli.app import main; main()"
@@ -126,7 +126,7 @@ def test_all_cores_unless_told(run, monkeypatch):
         asked.append(workers)
         return monte_carlo(*args, **kwargs)
 
-    monkeypatch.setattr("uq_handeye.validation.monte_carlo.run.monte_carlo", instead)
+    monkeypatch.setattr("uq_handeye.trials.validation.monte_carlo.run.monte_carlo", instead)
     run(*OPTIONS, "--trials", 100)
     run(*OPTIONS, "--trials", 100, "--workers", 3)
     assert asked == [cli_validate.cores(), 3]
@@ -159,7 +159,7 @@ def test_bad_usage_is_one_line(run, arguments, words):
 @pytest.mark.filterwarnings("ignore")  # of distributed
 def test_a_scheduler_that_is_not_there(run, monkeypatch):
     pytest.importorskip("distributed")
-    monkeypatch.setattr("uq_handeye.runtime.executors.CONNECT", 0.5)
+    monkeypatch.setattr("uq_handeye.core.runtime.executors.CONNECT", 0.5)
     status, out, err = run(*OPTIONS, "--scheduler", "tcp://127.0.0.1:9")
     assert (status, out) == (2, "") and "Cannot reach the Dask scheduler" in err.splitlines()[-1]
 
@@ -204,12 +204,15 @@ def test_ctrl_c_before_there_is_anything_to_print(run, monkeypatch):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(signal, "signal", lambda *_: None)  # of this process
-    for place in ("uq_handeye.cli.pose_files.PoseFiles.read", "uq_handeye.validation.monte_carlo.run.experiment"):
+    for place in (
+        "uq_handeye.cli.pose_files.PoseFiles.read",
+        "uq_handeye.trials.validation.monte_carlo.run.experiment",
+    ):
         with monkeypatch.context() as context:
             context.setattr(place, interrupted)
             assert run(*OPTIONS, "--trials", 100) == (130, "", "uq-handeye: interrupted\n")
     with monkeypatch.context() as context:  # and when the summary is made
-        context.setattr("uq_handeye.validation.monte_carlo.run.MonteCarlo.document", interrupted)
+        context.setattr("uq_handeye.trials.validation.monte_carlo.run.MonteCarlo.document", interrupted)
         assert run(*OPTIONS, "--trials", 100) == (130, "", "uq-handeye: interrupted\n")
 
 

@@ -10,11 +10,11 @@ from support import CONFIDENCE, SEED, difference
 
 import uq_handeye as uq
 from studies.camera_covariance import board, poses_of, recorded
-from uq_handeye.camera.files.board_file import read_board_points
 from uq_handeye.cli.views import INTRINSICS
 from uq_handeye.errors import InputError
-from uq_handeye.io import write_pose_file
-from uq_handeye.shared_errors import camera_noise
+from uq_handeye.model.camera.files.board_file import read_board_points
+from uq_handeye.model.shared_errors import camera_noise
+from uq_handeye.read import write_pose_file
 
 BOARD = ("--board", "9x6", "--square", "30mm")
 FAR = stats.chi2.ppf(CONFIDENCE, 6)

@@ -10,8 +10,8 @@ from cli_cases import run
 
 import uq_handeye as uq
 from uq_handeye.cli import watching
-from uq_handeye.io import write_pose_file
-from uq_handeye.live_session.folder import MOST_CHANGES, settled
+from uq_handeye.read import write_pose_file
+from uq_handeye.use.live_session.folder import MOST_CHANGES, settled
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
 KNOWN = ("--robot-noise", "0.02deg,0.05mm", "--camera-noise", "0.1deg,0.5mm")

@@ -13,12 +13,12 @@ from scipy import stats
 from support import difference, exact_motions, moved, noisy_motions, random_covariance, whitened_eigenvalues
 
 import uq_handeye as uq
-from uq_handeye.comparison import compare as module
-from uq_handeye.comparison.compare import CHI2_95, Row, against, squared_distance
-from uq_handeye.comparison.result import Comparison
 from uq_handeye.errors import DegenerateMotionError, InputError, InputWarning, MissingExtraError, NotConvergedError
-from uq_handeye.estimators.common.method import Estimate
-from uq_handeye.poses.motions import spread_pairs
+from uq_handeye.methods.estimators.common.method import Estimate
+from uq_handeye.model.poses.motions import spread_pairs
+from uq_handeye.report.comparison import compare as module
+from uq_handeye.report.comparison.compare import CHI2_95, Row, against, squared_distance
+from uq_handeye.report.comparison.result import Comparison
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
 FEW = ("tsai", "park", "gwak", "4dpa")

@@ -12,9 +12,9 @@ from matplotlib.text import Annotation
 from support import moved
 
 import uq_handeye as uq
-from uq_handeye.comparison.compare import CHI2_95, Row, against
-from uq_handeye.comparison.figure import comparison_figure, png
-from uq_handeye.presentation.ellipses import PAIRS_WITHIN, render
+from uq_handeye.core.presentation.ellipses import PAIRS_WITHIN, render
+from uq_handeye.report.comparison.compare import CHI2_95, Row, against
+from uq_handeye.report.comparison.figure import comparison_figure, png
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
 UNITS = {"m": 1, "mm": 1e-3, "µm": 1e-6, "nm": 1e-9, "deg": 1, "mdeg": 1e-3, "µdeg": 1e-6}
@@ -281,8 +281,8 @@ def test_files_are_repeatable_and_small(agreeing):
 
 def test_matplotlib_is_loaded_for_the_figure_alone():
     code = (
-        "import sys, uq_handeye.comparison.compare; "
+        "import sys, uq_handeye.report.comparison.compare; "
         "assert not {'matplotlib', 'pandas', 'rich'} & set(sys.modules); "
-        "import uq_handeye.comparison.figure; assert 'matplotlib.pyplot' not in sys.modules"
+        "import uq_handeye.report.comparison.figure; assert 'matplotlib.pyplot' not in sys.modules"
     )
     subprocess.run([sys.executable, "-c", code], check=True)

@@ -10,7 +10,7 @@ from scipy import stats
 from support import SEED
 
 import uq_handeye as uq
-from uq_handeye.diagnostics.budget import Budget
+from uq_handeye.fit.diagnostics.budget import Budget
 
 
 @pytest.fixture(scope="module")

@@ -10,7 +10,7 @@ from support import SEED
 
 import uq_handeye as uq
 from uq_handeye.calibration.result import Calibration
-from uq_handeye.diagnostics.budget import budget as budget_of
+from uq_handeye.fit.diagnostics.budget import budget as budget_of
 
 GROUPS = ["joint offsets", "joint tilts", "link lengths", "transmission", "sag"]
 ERRORS = uq.KinematicErrors("declared", robot_class="industrial", joint_sd=3e-4)

@@ -13,19 +13,19 @@ from scipy.spatial.transform import Rotation
 from support import SEED, assert_same_covariance, difference, moved, nees, random_covariance
 
 import uq_handeye as uq
-from uq_handeye.diagnostics import diagnose as module
-from uq_handeye.diagnostics import residual_patterns
-from uq_handeye.diagnostics import sentences as diagnosis_words
-from uq_handeye.diagnostics.diagnose import diagnose
-from uq_handeye.diagnostics.result import Diagnostics
-from uq_handeye.diagnostics.scale_errors import scale_errors, shared_lengths
-from uq_handeye.geometry.se3 import perturb
-from uq_handeye.likelihood.gauss_helmert import corrected, efficient, maximum_likelihood
-from uq_handeye.likelihood.goodness_of_fit import goodness_of_fit
-from uq_handeye.likelihood.own_residuals import own_residuals
-from uq_handeye.likelihood.robust import robust_fit
-from uq_handeye.noise.square_roots import cholesky_of, whiten
-from uq_handeye.shared_errors.shared_error import shared_columns, with_shared
+from uq_handeye.core.geometry.se3 import perturb
+from uq_handeye.fit.diagnostics import diagnose as module
+from uq_handeye.fit.diagnostics import residual_patterns
+from uq_handeye.fit.diagnostics import sentences as diagnosis_words
+from uq_handeye.fit.diagnostics.diagnose import diagnose
+from uq_handeye.fit.diagnostics.result import Diagnostics
+from uq_handeye.fit.diagnostics.scale_errors import scale_errors, shared_lengths
+from uq_handeye.fit.likelihood.gauss_helmert import corrected, efficient, maximum_likelihood
+from uq_handeye.fit.likelihood.goodness_of_fit import goodness_of_fit
+from uq_handeye.fit.likelihood.own_residuals import own_residuals
+from uq_handeye.fit.likelihood.robust import robust_fit
+from uq_handeye.model.noise.square_roots import cholesky_of, whiten
+from uq_handeye.model.shared_errors.shared_error import shared_columns, with_shared
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.1mrad", "0.1mm"), camera=("1mrad", "1mm"))
 SETUPS = ["eye-in-hand", "eye-to-hand"]
@@ -162,7 +162,7 @@ def test_motions_without_poses_have_no_gripper(rng):
 
 
 def test_numbers_in_words():
-    from uq_handeye.formatting.numbers import digits, probability
+    from uq_handeye.core.formatting.numbers import digits, probability
 
     assert [digits(x, 2) for x in (170.3, 17.3, 1.73, 0.0, 1e-6)] == ["170", "17", "1.7", "0", "1.0e-06"]
     assert [digits(x) for x in (99.96, 1234.5, 0.01234)] == ["100", "1234", "0.0123"]
@@ -543,9 +543,9 @@ def test_exact_data_have_no_residuals_to_test():
 
 
 def test_robust_weights(rng):
-    from uq_handeye.likelihood.constraint import constraint_of
-    from uq_handeye.likelihood.gauss_helmert import fit
-    from uq_handeye.likelihood.starts import start_of
+    from uq_handeye.fit.likelihood.constraint import constraint_of
+    from uq_handeye.fit.likelihood.gauss_helmert import fit
+    from uq_handeye.fit.likelihood.starts import start_of
 
     poses = uq.simulate(12, noise=NOISE, seed=rng)
     weights = np.ones(12)

@@ -8,9 +8,9 @@ from scipy import linalg, stats
 from support import SEED, assert_same_covariance, covers, difference, moved, random_covariance
 
 import uq_handeye as uq
-from uq_handeye.diagnostics.split_half import SPLITS, SplitHalf, _halves, split_fit, split_half
-from uq_handeye.likelihood.constraint import constraint_of
-from uq_handeye.likelihood.gauss_helmert import efficient, fit
+from uq_handeye.fit.diagnostics.split_half import SPLITS, SplitHalf, _halves, split_fit, split_half
+from uq_handeye.fit.likelihood.constraint import constraint_of
+from uq_handeye.fit.likelihood.gauss_helmert import efficient, fit
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.1mrad", "0.1mm"), camera=("1mrad", "1mm"))
 SETUPS = ["eye-in-hand", "eye-to-hand"]
@@ -196,7 +196,7 @@ def test_estimated_noise_passes_as_often_as_it_should():
     """The halves are part of what the noise is estimated from: an F test that ignores it passes nearly always."""
     from scipy.special import fdtrc
 
-    from uq_handeye.likelihood.goodness_of_fit import effective_dof
+    from uq_handeye.fit.likelihood.goodness_of_fit import effective_dof
 
     noise = uq.PoseNoise.isotropic(robot=("0.1deg", "0.1mm"), camera=("0.1deg", "0.3mm"))
     n, trials = 10, 200

@@ -23,11 +23,11 @@ from support import (
 )
 
 import uq_handeye as uq
-from uq_handeye.empirical_covariance import replicates
-from uq_handeye.empirical_covariance import resampled as resampling
-from uq_handeye.empirical_covariance.replicates import Problem
-from uq_handeye.empirical_covariance.resampled import bootstrap, jackknife, resampled
-from uq_handeye.empirical_covariance.sandwich import (
+from uq_handeye.fit.empirical_covariance import replicates
+from uq_handeye.fit.empirical_covariance import resampled as resampling
+from uq_handeye.fit.empirical_covariance.replicates import Problem
+from uq_handeye.fit.empirical_covariance.resampled import bootstrap, jackknife, resampled
+from uq_handeye.fit.empirical_covariance.sandwich import (
     automatic_lags,
     degrees_of_freedom,
     hac,
@@ -35,13 +35,13 @@ from uq_handeye.empirical_covariance.sandwich import (
     influence_of,
     sandwich,
 )
-from uq_handeye.estimators.registry import METHODS, ROBOT_WORLD_METHODS
-from uq_handeye.likelihood.constraint import OnMotions, OnPoses
-from uq_handeye.likelihood.d2_distribution import Reference
-from uq_handeye.likelihood.gauss_helmert import efficient, fit
-from uq_handeye.likelihood.starts import start_of
-from uq_handeye.propagation.all_pairs import solve_all_pairs
-from uq_handeye.propagation.published_fit import mean_target
+from uq_handeye.fit.likelihood.constraint import OnMotions, OnPoses
+from uq_handeye.fit.likelihood.d2_distribution import Reference
+from uq_handeye.fit.likelihood.gauss_helmert import efficient, fit
+from uq_handeye.fit.likelihood.starts import start_of
+from uq_handeye.methods.estimators.registry import METHODS, ROBOT_WORLD_METHODS
+from uq_handeye.methods.propagation.all_pairs import solve_all_pairs
+from uq_handeye.methods.propagation.published_fit import mean_target
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.2mrad", "0.1mm"), camera=("1mrad", "1mm"))
 SMOOTH = [name for name, method in METHODS.items() if method.smooth]

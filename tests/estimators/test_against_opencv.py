@@ -5,7 +5,7 @@ import pytest
 from support import difference, draw, exact_poses, moved
 
 import uq_handeye as uq
-from uq_handeye.poses.pose_pairs import Truth
+from uq_handeye.model.poses.pose_pairs import Truth
 
 cv2 = pytest.importorskip("cv2")
 if not hasattr(cv2, "calibrateHandEye"):

@@ -8,10 +8,10 @@ from support import SEED
 from touch_cases import NOISE, TIP, TRUTH, calibration, touches
 
 import uq_handeye as uq
-from uq_handeye.evidence.absorb import absorbed_into
-from uq_handeye.evidence.new_poses import evidence_of_poses
+from uq_handeye.calibration.evidence.absorb import absorbed_into
+from uq_handeye.calibration.evidence.new_poses import evidence_of_poses
+from uq_handeye.core.geometry.se3 import logarithm
 from uq_handeye.findings import Finding
-from uq_handeye.geometry.se3 import logarithm
 
 
 def whitened(result, X):
@@ -74,7 +74,7 @@ def test_a_result_with_touches_is_stored_and_takes_them_once(tmp_path):
 
 
 def test_the_command_takes_touches_in(tmp_path):
-    from uq_handeye.io import write_pose_file
+    from uq_handeye.read import write_pose_file
 
     data = uq.simulate(12, setup="eye-to-hand", noise=NOISE, seed=2)
     for name, T in (("robot", data.robot), ("camera", data.camera)):

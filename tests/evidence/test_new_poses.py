@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import uq_handeye as uq
-from uq_handeye.evidence.new_poses import evidence_of_poses
-from uq_handeye.geometry.se3 import perturb
-from uq_handeye.shared_errors.shared_error import SharedError
+from uq_handeye.calibration.evidence.new_poses import evidence_of_poses
+from uq_handeye.core.geometry.se3 import perturb
+from uq_handeye.model.shared_errors.shared_error import SharedError
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.1mm"), camera=("0.05deg", "0.4mm"))
 OLD, NEW, TRIALS = 8, 8, 50

@@ -6,8 +6,8 @@ import pytest
 from support import SEED
 
 import uq_handeye as uq
+from uq_handeye.core.files.about import ABOUT, as_about, read_about
 from uq_handeye.errors import InputError
-from uq_handeye.files.about import ABOUT, as_about, read_about
 
 
 def test_files_and_texts_are_merged_in_the_order_of_the_report(tmp_path):

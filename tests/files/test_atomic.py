@@ -7,8 +7,8 @@ import sys
 
 import pytest
 
+from uq_handeye.core.files.atomic import require_writable_file, require_writable_folder, write_atomically, write_files
 from uq_handeye.errors import InputError
-from uq_handeye.files.atomic import require_writable_file, require_writable_folder, write_atomically, write_files
 
 
 def names(folder):
@@ -47,7 +47,7 @@ def test_exception_leaves_the_old_file(tmp_path, error, exists):
 
 KILLED = """
 import os, signal, sys
-from uq_handeye.files.atomic import write_files
+from uq_handeye.core.files.atomic import write_files
 
 def write(file):
     file.write(b"new" * 100_000)
@@ -94,7 +94,7 @@ def test_places_that_cannot_be_written(tmp_path):
 def test_read_only(tmp_path, monkeypatch):
     path = tmp_path / "a.txt"
     path.write_text("old")
-    monkeypatch.setattr("uq_handeye.files.atomic.os.access", lambda *_: False)  # the tests may run as root
+    monkeypatch.setattr("uq_handeye.core.files.atomic.os.access", lambda *_: False)  # the tests may run as root
     with pytest.raises(InputError, match=r"a\.txt: the file is read-only"):
         write_atomically(path, "new")
     assert path.read_text() == "old"
@@ -147,7 +147,7 @@ def test_places_are_refused_before_there_is_anything_to_write(tmp_path, monkeypa
     require_writable_folder(tmp_path)
     require_writable_folder(tmp_path / "b" / "c")
     # the tests may run as root
-    monkeypatch.setattr("uq_handeye.files.atomic.os.access", lambda path, _: str(path) != str(tmp_path))
+    monkeypatch.setattr("uq_handeye.core.files.atomic.os.access", lambda path, _: str(path) != str(tmp_path))
     for path in ("a.txt", "b.txt"):  # one is replaced by a file beside it
         with pytest.raises(InputError, match=rf"{path}: no permission to write into the folder {tmp_path}"):
             require_writable_file(tmp_path / path)

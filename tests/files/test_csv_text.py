@@ -8,11 +8,11 @@ import pandas as pd
 import pytest
 from pages import ROOT
 
-from uq_handeye.camera.corners import Corners
-from uq_handeye.camera.files.corner_file import corners_text, read_corners
-from uq_handeye.files.csv_text import csv_text, frame_text, plain_text, safe_text
-from uq_handeye.points.files.folder_writer import _table
-from uq_handeye.points.files.point_file import read_points, read_target
+from uq_handeye.core.files.csv_text import csv_text, frame_text, plain_text, safe_text
+from uq_handeye.model.camera.corners import Corners
+from uq_handeye.model.camera.files.corner_file import corners_text, read_corners
+from uq_handeye.model.points.files.folder_writer import _table
+from uq_handeye.model.points.files.point_file import read_points, read_target
 
 NAMES = (
     "=cmd|' /C calc'!A0",

@@ -9,14 +9,14 @@ import pytest
 from cli_cases import MODEL, run, write_session
 
 import uq_handeye as uq
+from uq_handeye.core.files.atomic import FileLock, held
 from uq_handeye.errors import InputError
-from uq_handeye.files.atomic import FileLock, held
-from uq_handeye.io import write_pose_file
-from uq_handeye.maintenance.series.log import read_checks
+from uq_handeye.read import write_pose_file
+from uq_handeye.use.maintenance.series.log import read_checks
 
 ADDS = """
 import pathlib, sys
-from uq_handeye.files.atomic import held
+from uq_handeye.core.files.atomic import held
 
 file = pathlib.Path(sys.argv[1])
 for _ in range(50):
@@ -26,7 +26,7 @@ for _ in range(50):
 SILENT = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
 HOLDS = """
 import sys, time
-from uq_handeye.files.atomic import held
+from uq_handeye.core.files.atomic import held
 
 with held(sys.argv[1]):
     print("held", flush=True)

@@ -5,9 +5,9 @@ import io
 import numpy as np
 import pytest
 
+from uq_handeye.core.files import lines as _lines
+from uq_handeye.core.files.table import Places, Schema, name_and_unit, read_table
 from uq_handeye.errors import InputError
-from uq_handeye.files import lines as _lines
-from uq_handeye.files.table import Places, Schema, name_and_unit, read_table
 
 
 def places(names, line, where):

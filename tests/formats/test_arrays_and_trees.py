@@ -12,7 +12,7 @@ from matrix_forms import rig_of
 from scipy.spatial.transform import Rotation
 
 from uq_handeye.errors import InputError
-from uq_handeye.io import read_poses
+from uq_handeye.read import read_poses
 
 ROBOT, CAMERA = rig_of()
 TURNED = np.swapaxes(ROBOT, 1, 2)

@@ -13,7 +13,7 @@ from uq_handeye.formats.contents import finished
 from uq_handeye.formats.controllers.forms import CONTROLLERS
 from uq_handeye.formats.controllers.registry import PROGRAMS
 from uq_handeye.formats.detect import read_contents
-from uq_handeye.io import read_poses, write_pose_file
+from uq_handeye.read import read_poses, write_pose_file
 
 X = np.eye(4)
 X[:3, :3], X[:3, 3] = rz_ry_rx(0.2, 0.3, -0.4), [0.05, -0.02, 0.1]

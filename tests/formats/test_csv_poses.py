@@ -7,11 +7,11 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from uq_handeye.core.files import lines as _lines
 from uq_handeye.errors import InputError
-from uq_handeye.files import lines as _lines
 from uq_handeye.formats import csv_poses
 from uq_handeye.formats.detect import read_contents
-from uq_handeye.io import pose_text, read_pose_file, write_pose_file
+from uq_handeye.read import pose_text, read_pose_file, write_pose_file
 
 HEADER = "timestamp,x,y,z,qx,qy,qz,qw"
 GOOD = f"{HEADER}\n0.5,1,2,3,0,0,0,1\n1.5,4,5,6,1,0,0,0\n"

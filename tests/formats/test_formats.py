@@ -14,7 +14,7 @@ from support import SEED, exact_poses
 
 from uq_handeye.errors import InputError, InputWarning
 from uq_handeye.formats.controllers.forms import CONTROLLERS
-from uq_handeye.io import FORMATS, read_poses, read_stream, write_pose_file
+from uq_handeye.read import FORMATS, read_poses, read_stream, write_pose_file
 
 cv2 = pytest.importorskip("cv2")
 SAMPLES = Path(__file__).parent / "samples"

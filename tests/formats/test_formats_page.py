@@ -8,7 +8,7 @@ from pages import DOCS
 
 from uq_handeye import export
 from uq_handeye.formats.detect import read_contents
-from uq_handeye.io import FORMATS, read_poses
+from uq_handeye.read import FORMATS, read_poses
 
 PAGE = (DOCS / "formats.md").read_text(encoding="utf-8")
 HEADINGS = {"MoveIt calibration": "moveit", "OpenCV FileStorage": "opencv", "Matrices in text": "matrix"}

@@ -10,14 +10,14 @@ from controller_poses import beside, drawn, rz_ry_rx
 from scipy.spatial.transform import Rotation
 from support import SEED
 
+from uq_handeye.core.files.trees import pose_name
 from uq_handeye.errors import InputError
-from uq_handeye.files.trees import pose_name
 from uq_handeye.formats.contents import finished
 from uq_handeye.formats.controllers.forms import CONTROLLERS, written_poses
 from uq_handeye.formats.detect import read_contents
 from uq_handeye.formats.opencv_storage import matrix_lines
-from uq_handeye.io import read_poses, write_pose_file
-from uq_handeye.io.poses import read_robot_poses
+from uq_handeye.read import read_poses, write_pose_file
+from uq_handeye.read.poses import read_robot_poses
 
 X, W = np.eye(4), np.eye(4)
 X[:3, :3], X[:3, 3] = rz_ry_rx(0.2, 0.3, -0.4), [0.05, -0.02, 0.1]

@@ -13,11 +13,11 @@ import yaml
 from hypothesis import strategies as st
 from support import holds_for
 
+from uq_handeye.core.files import trees as _trees
 from uq_handeye.errors import InputError
-from uq_handeye.files import trees as _trees
 from uq_handeye.formats import numpy_poses
 from uq_handeye.formats.detect import read_contents
-from uq_handeye.io import FORMATS
+from uq_handeye.read import FORMATS
 
 SAMPLES = Path(__file__).parent / "samples"
 POSE = np.eye(4).tolist()

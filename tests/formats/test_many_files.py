@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 from uq_handeye.cli.app import app
 from uq_handeye.errors import InputError
-from uq_handeye.io import read_poses
+from uq_handeye.read import read_poses
 
 ROBOT, CAMERA = rig_of(12)
 

@@ -7,7 +7,7 @@ from matrix_forms import FORMS, FRANKA, R33, blocks, columns16, lines, names, ri
 
 from uq_handeye.errors import InputError
 from uq_handeye.formats.matrices.text import is_matrix_text
-from uq_handeye.io import read_poses
+from uq_handeye.read import read_poses
 
 ROBOT, CAMERA = rig_of()
 ANOTHER = {"16, times", "16 by columns, times", "12, times", "columns, times", "columns, blanks", "16, times last"}

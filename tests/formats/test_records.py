@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from support import SEED
 
 import uq_handeye as uq
-from uq_handeye.io import write_pose_file
+from uq_handeye.read import write_pose_file
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
 

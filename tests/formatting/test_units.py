@@ -6,8 +6,8 @@ import pytest
 from hypothesis import strategies as st
 from support import holds_for
 
+from uq_handeye.core.formatting.units import ANGLE_UNITS, LENGTH_UNITS, parse_angle, parse_deviations, parse_length
 from uq_handeye.errors import InputError
-from uq_handeye.formatting.units import ANGLE_UNITS, LENGTH_UNITS, parse_angle, parse_deviations, parse_length
 
 # By hand, from the definitions of the units; not from the tables of the package.
 ANGLES = {

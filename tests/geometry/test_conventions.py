@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 from support import difference, jacobian, moved, random_covariance, random_transforms
 
 import uq_handeye as uq
-from uq_handeye.geometry.conventions import CONVENTIONS
+from uq_handeye.core.geometry.conventions import CONVENTIONS
 
 
 def twist(rho_first, xi):

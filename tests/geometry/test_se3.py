@@ -17,8 +17,8 @@ from support import (
     transforms,
 )
 
+from uq_handeye.core.geometry import checks, se3
 from uq_handeye.errors import InputError
-from uq_handeye.geometry import checks, se3
 
 EPS = np.finfo(float).eps
 # Through every branch: a log grid, both sides of the switch at 0.5, near pi, pi, and past it.

@@ -5,8 +5,8 @@ import pytest
 
 import uq_handeye as uq
 from uq_handeye.calibration.report.next_step import next_step, step_after
-from uq_handeye.input_checks.alphabetical_rows import alphabetical_rows
-from uq_handeye.statement.checks import failures_in_words
+from uq_handeye.calibration.statement.checks import failures_in_words
+from uq_handeye.fit.input_checks.alphabetical_rows import alphabetical_rows
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
 

@@ -10,12 +10,12 @@ from scipy.spatial.transform import Rotation
 
 import uq_handeye as uq
 from uq_handeye.calibration.report.next_step import next_step, step_after
-from uq_handeye.files.source import Source
-from uq_handeye.input_checks.checks import check_fit
-from uq_handeye.input_checks.misread_files import other_readings
-from uq_handeye.io import write_pose_file
-from uq_handeye.poses.residuals import pose_residuals
-from uq_handeye.statement.phrases import phrase
+from uq_handeye.calibration.statement.phrases import phrase
+from uq_handeye.core.files.source import Source
+from uq_handeye.fit.input_checks.checks import check_fit
+from uq_handeye.fit.input_checks.misread_files import other_readings
+from uq_handeye.model.poses.residuals import pose_residuals
+from uq_handeye.read import write_pose_file
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
 
@@ -238,7 +238,7 @@ def test_every_option_named_exists():
     """Against typing errors in the texts: the arguments of read_poses."""
     import inspect
 
-    from uq_handeye.input_checks import sentences
+    from uq_handeye.fit.input_checks import sentences
 
     named = set(re.findall(r'(\w+)="', inspect.getsource(sentences))) - {"phrase", "remedy"}  # of the records
     assert {"setup", "robot_frame", "camera_frame", "quaternion"} <= named

@@ -11,13 +11,13 @@ from scipy.spatial.transform import Rotation, RotationSpline
 from support import SEED, moved, random_transforms, transforms
 
 import uq_handeye as uq
-from uq_handeye.files.source import Source
-from uq_handeye.input_checks import shifted_rows
-from uq_handeye.input_checks.shifted_rows import Shift, _refined, _viterbi, find_shift
-from uq_handeye.io import read_poses
-from uq_handeye.likelihood.consensus import consensus
-from uq_handeye.likelihood.gauss_helmert import efficient
-from uq_handeye.poses.timing import Timing
+from uq_handeye.core.files.source import Source
+from uq_handeye.fit.input_checks import shifted_rows
+from uq_handeye.fit.input_checks.shifted_rows import Shift, _refined, _viterbi, find_shift
+from uq_handeye.fit.likelihood.consensus import consensus
+from uq_handeye.fit.likelihood.gauss_helmert import efficient
+from uq_handeye.model.poses.timing import Timing
+from uq_handeye.read import read_poses
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
 needs_data = pytest.mark.skipif("UQ_HANDEYE_DATA" not in os.environ, reason="UQ_HANDEYE_DATA is not set")

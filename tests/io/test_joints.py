@@ -7,8 +7,8 @@ from support import random_transforms
 
 import uq_handeye as uq
 from uq_handeye.errors import InputError, InputWarning
-from uq_handeye.io import read_poses, read_stream, write_pose_file
-from uq_handeye.kinematics.chain import Kinematics
+from uq_handeye.model.kinematics.chain import Kinematics
+from uq_handeye.read import read_poses, read_stream, write_pose_file
 
 ARM = Kinematics.from_urdf(SIX_AXES)
 

@@ -7,7 +7,7 @@ import pytest
 from support import SEED, random_transforms
 
 from uq_handeye.errors import InputError
-from uq_handeye.io import read_poses, write_pose_file
+from uq_handeye.read import read_poses, write_pose_file
 
 START = 1700000000.0
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from uq_handeye.errors import InputError, InputWarning
-from uq_handeye.io import read_poses, read_stream, write_pose_file
+from uq_handeye.read import read_poses, read_stream, write_pose_file
 
 needs_data = pytest.mark.skipif("UQ_HANDEYE_DATA" not in os.environ, reason="UQ_HANDEYE_DATA is not set")
 

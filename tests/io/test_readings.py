@@ -10,9 +10,9 @@ from support import SEED
 
 import uq_handeye as uq
 from uq_handeye.calibration.report.next_step import next_step, step_after
+from uq_handeye.calibration.statement.checks import failures_in_words
 from uq_handeye.formats.contents import Reading, Side
-from uq_handeye.io.readings import chosen_readings, reading_beside
-from uq_handeye.statement.checks import failures_in_words
+from uq_handeye.read.readings import chosen_readings, reading_beside
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
 FRAMES = ("base_T_gripper", "camera_T_target")

@@ -9,10 +9,10 @@ from arm_cases import SIX_AXES, motion
 from support import moved
 
 from uq_handeye.errors import InputError
-from uq_handeye.io import read_pose_file
-from uq_handeye.kinematics.against_controller import compare_with_controller
-from uq_handeye.kinematics.chain import Kinematics
-from uq_handeye.kinematics.joints_file import read_joints
+from uq_handeye.model.kinematics.against_controller import compare_with_controller
+from uq_handeye.model.kinematics.chain import Kinematics
+from uq_handeye.model.kinematics.joints_file import read_joints
+from uq_handeye.read import read_pose_file
 
 TOOL = motion((0.0, 0.0, 0.8), (0.01, 0.0, 0.12))
 BASE = motion((0.0, 0.0, np.pi), (0.3, -0.2, 0.9))

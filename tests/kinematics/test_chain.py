@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 import uq_handeye as uq
 from uq_handeye.errors import InputError
-from uq_handeye.kinematics.chain import Joint, Kinematics
+from uq_handeye.model.kinematics.chain import Joint, Kinematics
 
 STEP = 1e-5
 
@@ -132,7 +132,7 @@ def test_leading_axes_and_blocks(rng, monkeypatch):
     assert chain.poses(q).shape == (2, 5, 4, 4)
     whole = {name: getattr(chain, name)(q, e) for name in ("poses", "frames", "jacobian", "columns")}
     assert whole["columns"].shape == (3, 2, 5, 6, len(chain.errors))
-    monkeypatch.setattr("uq_handeye.kinematics.chain.BLOCK", 4)
+    monkeypatch.setattr("uq_handeye.model.kinematics.chain.BLOCK", 4)
     for name, values in whole.items():
         function = getattr(chain, name)
         np.testing.assert_allclose(function(q, e), values, atol=1e-15)

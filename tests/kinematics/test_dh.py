@@ -8,7 +8,7 @@ import pytest
 from arm_cases import motion
 
 from uq_handeye.errors import InputError
-from uq_handeye.kinematics.chain import Kinematics
+from uq_handeye.model.kinematics.chain import Kinematics
 
 X, Z = np.eye(3)[0], np.eye(3)[2]
 # theta, d, a, alpha of a UR5 (standard), in rad and m.
@@ -222,7 +222,7 @@ LINKS = ("inertia", "l1", "l2", "l3", "l4", "l5", "l6")
 
 
 def ur_urdf(prefix="ur_"):
-    from uq_handeye.kinematics.descriptions.universal_robots import JOINTS
+    from uq_handeye.model.kinematics.descriptions.universal_robots import JOINTS
 
     return UR_URDF.format(
         "".join(

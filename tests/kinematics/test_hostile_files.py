@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from uq_handeye.errors import InputError, InputWarning
-from uq_handeye.kinematics.chain import Kinematics
-from uq_handeye.kinematics.joints_file import read_joints
+from uq_handeye.model.kinematics.chain import Kinematics
+from uq_handeye.model.kinematics.joints_file import read_joints
 
 DH = b"""# convention: standard
 joint,theta,d [mm],a [mm],alpha [deg],type,lower,upper,offset

@@ -12,8 +12,8 @@ from arm_cases import SIX_AXES
 from pages import DOCS
 
 from uq_handeye.errors import InputError, InputWarning
-from uq_handeye.kinematics.chain import Joint, Kinematics
-from uq_handeye.kinematics.joints_file import read_joints
+from uq_handeye.model.kinematics.chain import Joint, Kinematics
+from uq_handeye.model.kinematics.joints_file import read_joints
 
 # A revolute joint, an elbow that does not reach 0, and a slide.
 ARM = Kinematics(

@@ -10,7 +10,7 @@ from pytransform3d.urdf import UrdfTransformManager
 
 from uq_handeye.errors import InputError
 from uq_handeye.formats.csv_poses import read_pose_file
-from uq_handeye.kinematics.chain import Kinematics
+from uq_handeye.model.kinematics.chain import Kinematics
 
 needs_data = pytest.mark.skipif("UQ_HANDEYE_DATA" not in os.environ, reason="UQ_HANDEYE_DATA is not set")
 

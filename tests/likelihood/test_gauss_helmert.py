@@ -6,8 +6,8 @@ from likelihood_cases import KINDS, as_joint, distance, problem, reference
 from support import assert_same_covariance, difference, draw, exact_poses, moved, nees, random_covariance
 
 import uq_handeye as uq
-from uq_handeye.likelihood.constraint import constraint_of, covariances_of
-from uq_handeye.likelihood.gauss_helmert import (
+from uq_handeye.fit.likelihood.constraint import constraint_of, covariances_of
+from uq_handeye.fit.likelihood.gauss_helmert import (
     CLOSED_FORM_STEPS,
     MOST_STEPS,
     bound,
@@ -16,8 +16,8 @@ from uq_handeye.likelihood.gauss_helmert import (
     inverse_information,
     maximum_likelihood,
 )
-from uq_handeye.likelihood.starts import start_of
-from uq_handeye.noise.square_roots import gram, weighted, whiten
+from uq_handeye.fit.likelihood.starts import start_of
+from uq_handeye.model.noise.square_roots import gram, weighted, whiten
 
 
 @pytest.mark.parametrize("sd", [1e-4, 3e-2])

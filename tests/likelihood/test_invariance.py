@@ -7,9 +7,9 @@ from scipy.spatial.transform import Rotation
 from support import SEED, difference, moved, random_transforms
 
 import uq_handeye as uq
-from uq_handeye.geometry.se3 import block, skew
-from uq_handeye.likelihood.consensus import consensus
-from uq_handeye.likelihood.constraint import constraint_of
+from uq_handeye.core.geometry.se3 import block, skew
+from uq_handeye.fit.likelihood.consensus import consensus
+from uq_handeye.fit.likelihood.constraint import constraint_of
 
 # Frames by which poses are multiplied; "target" is of noise that is carried along, "target turned" leaves it as it is,
 # "target spun" turns about the normal of the target, which by convention is its z.

@@ -13,13 +13,13 @@ from support import assert_same_covariance, difference, moved, whitened_eigenval
 
 import uq_handeye as uq
 from studies.camera_covariance import ROBOT, SIZE, poses_of, recorded
-from uq_handeye.camera.calibrate import calibrate_camera
-from uq_handeye.camera.corners import Corners
 from uq_handeye.errors import InputError
-from uq_handeye.likelihood.constraint import Unknowns
-from uq_handeye.likelihood.gauss_helmert import efficient
-from uq_handeye.likelihood.rig_bundle import Agreement, _problem, adjust_rig
-from uq_handeye.likelihood.robust import robust_fit
+from uq_handeye.fit.likelihood.constraint import Unknowns
+from uq_handeye.fit.likelihood.gauss_helmert import efficient
+from uq_handeye.fit.likelihood.rig_bundle import Agreement, _problem, adjust_rig
+from uq_handeye.fit.likelihood.robust import robust_fit
+from uq_handeye.model.camera.calibrate import calibrate_camera
+from uq_handeye.model.camera.corners import Corners
 
 needs_data = pytest.mark.skipif("UQ_HANDEYE_DATA" not in os.environ, reason="UQ_HANDEYE_DATA is not set")
 

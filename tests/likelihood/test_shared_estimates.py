@@ -8,15 +8,15 @@ from scipy import stats
 from scipy.spatial.transform import Rotation
 
 import uq_handeye as uq
-from uq_handeye.empirical_covariance.resampled import resampled
-from uq_handeye.geometry.se3 import perturb
-from uq_handeye.likelihood.constraint import constraint_of
-from uq_handeye.likelihood.gauss_helmert import efficient, fit
-from uq_handeye.likelihood.own_residuals import own_residuals
-from uq_handeye.likelihood.shared_estimates import shared_estimates
-from uq_handeye.likelihood.starts import start_of
-from uq_handeye.noise.square_roots import cholesky_of, gram, whiten
-from uq_handeye.shared_errors.shared_error import shared_columns, with_shared
+from uq_handeye.core.geometry.se3 import perturb
+from uq_handeye.fit.empirical_covariance.resampled import resampled
+from uq_handeye.fit.likelihood.constraint import constraint_of
+from uq_handeye.fit.likelihood.gauss_helmert import efficient, fit
+from uq_handeye.fit.likelihood.own_residuals import own_residuals
+from uq_handeye.fit.likelihood.shared_estimates import shared_estimates
+from uq_handeye.fit.likelihood.starts import start_of
+from uq_handeye.model.noise.square_roots import cholesky_of, gram, whiten
+from uq_handeye.model.shared_errors.shared_error import shared_columns, with_shared
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
 SETUPS = ("eye-in-hand", "eye-to-hand")

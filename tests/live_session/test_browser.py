@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 
 import uq_handeye as uq
-from uq_handeye.live_session.folder import Folder
-from uq_handeye.live_session.session import Session
-from uq_handeye.presentation import pdf
+from uq_handeye.core.presentation import pdf
 from uq_handeye.rig.simulation import simulate_rig
+from uq_handeye.use.live_session.folder import Folder
+from uq_handeye.use.live_session.session import Session
 
 pytest.importorskip("viser", reason="viser (extra live) is not installed")
 webdriver = pytest.importorskip("selenium.webdriver", reason="selenium (extra test) is not installed")
 WebDriverWait = pytest.importorskip("selenium.webdriver.support.ui").WebDriverWait
-from uq_handeye.live_session.page import Page  # noqa: E402
-from uq_handeye.live_session.view import view_page  # noqa: E402
+from uq_handeye.use.live_session.page import Page  # noqa: E402
+from uq_handeye.use.live_session.view import view_page  # noqa: E402
 
 CHROMIUM, DRIVER = pdf.found_browser(), shutil.which("chromedriver")
 pytestmark = pytest.mark.skipif(

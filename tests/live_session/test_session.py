@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 
 import uq_handeye as uq
-from uq_handeye.io import write_pose_file
-from uq_handeye.live_session.folder import Folder
-from uq_handeye.live_session.question import Question
-from uq_handeye.live_session.session import CHOICE, OWN, Session
-from uq_handeye.live_session.sources.lines import Lines, pair_of
-from uq_handeye.live_session.sources.source import feed
-from uq_handeye.statement.tolerance import Tolerance
+from uq_handeye.calibration.statement.tolerance import Tolerance
+from uq_handeye.read import write_pose_file
+from uq_handeye.use.live_session.folder import Folder
+from uq_handeye.use.live_session.question import Question
+from uq_handeye.use.live_session.session import CHOICE, OWN, Session
+from uq_handeye.use.live_session.sources.lines import Lines, pair_of
+from uq_handeye.use.live_session.sources.source import feed
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
 POSES = uq.simulate(n_poses=14, noise=NOISE, seed=4)
@@ -88,8 +88,8 @@ def test_killed_at_once_after_a_pose(tmp_path):
     """Every pose that was answered is there, and a line cut off in the middle is not."""
     program = (
         "import sys, threading\nfrom pathlib import Path\n"
-        "from uq_handeye.live_session.session import Session\nfrom uq_handeye.live_session.folder import Folder\n"
-        "from uq_handeye.live_session.sources.lines import Lines\n"
+        "from uq_handeye.use.live_session.session import Session\nfrom uq_handeye.use.live_session.folder import Folder\n"
+        "from uq_handeye.use.live_session.sources.lines import Lines\n"
         "session, lines = Session(Folder(Path(sys.argv[1]))), Lines(sys.stdin)\n"
         "while True:\n    print(session.add(*lines.take()).n, flush=True)\n"
     )

@@ -11,19 +11,19 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import uq_handeye as uq
-from uq_handeye.geometry.se3 import inverse
-from uq_handeye.live_session.drawing.nodes import ellipsoid, nice
-from uq_handeye.live_session.folder import Folder
-from uq_handeye.live_session.guide import enough, starting_views, words
-from uq_handeye.live_session.question import Answer, Question
-from uq_handeye.live_session.session import Session
-from uq_handeye.live_session.sources.bag import Playback
-from uq_handeye.live_session.sources.lines import Lines
-from uq_handeye.live_session.sources.ros import OLD, Node, Tf, Topic
-from uq_handeye.live_session.sources.source import Function, Taken, feed
-from uq_handeye.live_session.sources.ur import Ur
-from uq_handeye.planning.after_each import NextPose
-from uq_handeye.statement.tolerance import Tolerance
+from uq_handeye.calibration.statement.tolerance import Tolerance
+from uq_handeye.core.geometry.se3 import inverse
+from uq_handeye.use.live_session.drawing.nodes import ellipsoid, nice
+from uq_handeye.use.live_session.folder import Folder
+from uq_handeye.use.live_session.guide import enough, starting_views, words
+from uq_handeye.use.live_session.question import Answer, Question
+from uq_handeye.use.live_session.session import Session
+from uq_handeye.use.live_session.sources.bag import Playback
+from uq_handeye.use.live_session.sources.lines import Lines
+from uq_handeye.use.live_session.sources.ros import OLD, Node, Tf, Topic
+from uq_handeye.use.live_session.sources.source import Function, Taken, feed
+from uq_handeye.use.live_session.sources.ur import Ur
+from uq_handeye.use.planning.after_each import NextPose
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
 POSES = uq.simulate(n_poses=8, noise=NOISE, seed=3)
@@ -222,7 +222,7 @@ def test_the_python_interface(tmp_path):
 
 def test_a_point_of_a_stored_result(tmp_path):
     pytest.importorskip("viser", reason="viser (extra live) is not installed")
-    from uq_handeye.live_session.view import ViewPage
+    from uq_handeye.use.live_session.view import ViewPage
 
     uq.calibrate(POSES, noise=NOISE).save(tmp_path / "result.json")
     result = uq.load(tmp_path / "result.json")

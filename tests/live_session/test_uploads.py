@@ -7,14 +7,14 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import uq_handeye as uq
-from uq_handeye.geometry.se3 import inverse
-from uq_handeye.io import write_pose_file
-from uq_handeye.live_session.folder import Folder
-from uq_handeye.live_session.session import CHOICE, Session
-from uq_handeye.live_session.uploads import keep_picture, keep_upload
+from uq_handeye.core.geometry.se3 import inverse
+from uq_handeye.read import write_pose_file
+from uq_handeye.use.live_session.folder import Folder
+from uq_handeye.use.live_session.session import CHOICE, Session
+from uq_handeye.use.live_session.uploads import keep_picture, keep_upload
 
 pytest.importorskip("viser", reason="viser (extra live) is not installed")
-from uq_handeye.live_session.page import Page
+from uq_handeye.use.live_session.page import Page
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
 POSES = uq.simulate(n_poses=8, noise=NOISE, seed=3)
@@ -96,7 +96,7 @@ def test_a_bag_is_played_into_the_session(page, monkeypatch):
         asked.append((path.name, names))
         return streams
 
-    monkeypatch.setattr("uq_handeye.rosbag.streams.read_bag", read_bag)
+    monkeypatch.setattr("uq_handeye.read.rosbag.streams.read_bag", read_bag)
     page._frames.value = "base:tool0, cam:tag"
     page._play("cell.mcap", b"bag")
     until = time.monotonic() + 60.0

@@ -7,12 +7,12 @@ import pytest
 from rig_of_arm import ARM, rig
 
 import uq_handeye as uq
-from uq_handeye.evidence.new_poses import evidence_of_poses
-from uq_handeye.geometry.se3 import perturb
-from uq_handeye.maintenance.causes import columns_of_causes, compare_causes
-from uq_handeye.posterior.reference import PredictiveReference
-from uq_handeye.simulation.rig import RIGS
-from uq_handeye.verification.new_poses import verify_poses
+from uq_handeye.calibration.evidence.new_poses import evidence_of_poses
+from uq_handeye.core.geometry.se3 import perturb
+from uq_handeye.model.posterior.reference import PredictiveReference
+from uq_handeye.trials.simulation.rig import RIGS
+from uq_handeye.use.maintenance.causes import columns_of_causes, compare_causes
+from uq_handeye.use.verification.new_poses import verify_poses
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
 SETUPS = ("eye-in-hand", "eye-to-hand")

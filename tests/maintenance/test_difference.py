@@ -10,7 +10,7 @@ from scipy import stats
 
 import uq_handeye as uq
 from studies.camera_covariance import ROBOT, poses_of, recorded
-from uq_handeye.camera.corners import without_pictures
+from uq_handeye.model.camera.corners import without_pictures
 
 SETS = {
     "independent": (np.arange(14), np.arange(14, 30)),

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.stats import kstest
 
-from uq_handeye.maintenance.series.alarm import shifts_since
-from uq_handeye.maintenance.series.innovations import Innovations, scores_of
-from uq_handeye.posterior.rows import NewRows
+from uq_handeye.model.posterior.rows import NewRows
+from uq_handeye.use.maintenance.series.alarm import shifts_since
+from uq_handeye.use.maintenance.series.innovations import Innovations, scores_of
 
 CHECKS, POSES, P = 4, 2, 8
 

@@ -5,9 +5,9 @@ import pytest
 from series_cases import NOISE, new_poses, plain_check, rig
 
 import uq_handeye as uq
-from uq_handeye.maintenance.series.alarm import RESIDUALS, TARGET, X, series_alarm
-from uq_handeye.maintenance.series.log import COLUMNS, hash_of_result, log_check, read_checks
-from uq_handeye.maintenance.series.text import series_sentences
+from uq_handeye.use.maintenance.series.alarm import RESIDUALS, TARGET, X, series_alarm
+from uq_handeye.use.maintenance.series.log import COLUMNS, hash_of_result, log_check, read_checks
+from uq_handeye.use.maintenance.series.text import series_sentences
 
 SETUP = "eye-in-hand"
 
@@ -136,7 +136,7 @@ def test_a_slow_drift_raises_the_alarm_before_any_check_is_sure(setup, tmp_path)
 
 
 def test_the_figure_shows_every_check(calibrated, log):
-    from uq_handeye.maintenance.series.figure import alt_text, series_figure
+    from uq_handeye.use.maintenance.series.figure import alt_text, series_figure
 
     result, _ = calibrated
     path, _ = log
@@ -155,7 +155,7 @@ def test_the_columns_are_described():
 
 def test_check_log_adds_a_line_and_answers_for_the_series(calibrated, tmp_path, capsys):
     from uq_handeye.cli.app import main
-    from uq_handeye.io import write_pose_file
+    from uq_handeye.read import write_pose_file
 
     result, truth = calibrated
     rng = np.random.default_rng(9)

@@ -11,8 +11,8 @@ from rig_of_arm import ARM, rig
 
 import uq_handeye as uq
 from studies.camera_covariance import ROBOT, poses_of, recorded
-from uq_handeye.camera.corners import without_pictures
-from uq_handeye.geometry.se3 import logarithm
+from uq_handeye.core.geometry.se3 import logarithm
+from uq_handeye.model.camera.corners import without_pictures
 
 GIVEN = {"noise": NOISE}
 SHARED = {

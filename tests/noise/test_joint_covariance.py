@@ -9,16 +9,16 @@ from scipy.linalg import block_diag
 from support import assert_same_covariance, difference, random_covariance
 
 import uq_handeye as uq
-from uq_handeye.diagnostics.budget import budget
-from uq_handeye.diagnostics.diagnose import diagnose
 from uq_handeye.errors import InputError, SingularNoiseError
-from uq_handeye.likelihood.gauss_helmert import bound, efficient, maximum_likelihood
-from uq_handeye.likelihood.goodness_of_fit import goodness_of_fit
-from uq_handeye.likelihood.robust import pose_distances
-from uq_handeye.noise.joint_covariance import JointCovariance
-from uq_handeye.noise.square_roots import cholesky_of, inverse_blocks, own_blocks, pulled, weighted, whiten
-from uq_handeye.noise.to_dict import noise_from_dict, noise_to_dict
-from uq_handeye.simulation.rig import disturbed
+from uq_handeye.fit.diagnostics.budget import budget
+from uq_handeye.fit.diagnostics.diagnose import diagnose
+from uq_handeye.fit.likelihood.gauss_helmert import bound, efficient, maximum_likelihood
+from uq_handeye.fit.likelihood.goodness_of_fit import goodness_of_fit
+from uq_handeye.fit.likelihood.robust import pose_distances
+from uq_handeye.model.noise.joint_covariance import JointCovariance
+from uq_handeye.model.noise.square_roots import cholesky_of, inverse_blocks, own_blocks, pulled, weighted, whiten
+from uq_handeye.model.noise.to_dict import noise_from_dict, noise_to_dict
+from uq_handeye.trials.simulation.rig import disturbed
 
 ROBOT = np.diag([1e-4, 1e-4, 1e-4, 2e-4, 2e-4, 2e-4]) ** 2
 

@@ -5,9 +5,9 @@ import pytest
 from hypothesis import strategies as st
 from support import assert_same_covariance, holds_for, random_covariance
 
+from uq_handeye.core.geometry.checks import checked_covariance
 from uq_handeye.errors import InputError
-from uq_handeye.geometry.checks import checked_covariance
-from uq_handeye.noise.models import PairNoise, PoseNoise, factor, is_joint, require_count
+from uq_handeye.model.noise.models import PairNoise, PoseNoise, factor, is_joint, require_count
 
 PER_ITEM = [(6, 6), (1, 6, 6), (7, 6, 6)]
 JOINT = [(12, 12), (42, 42)]

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from uq_handeye.errors import InputError
-from uq_handeye.io import read_noise_file
-from uq_handeye.noise.models import PairNoise, PoseNoise
+from uq_handeye.model.noise.models import PairNoise, PoseNoise
+from uq_handeye.read import read_noise_file
 
 UNIT = np.eye(6).tolist()
 
@@ -108,6 +108,6 @@ def test_files_that_cannot_be_read(tmp_path, file, monkeypatch):
         read_noise_file(tmp_path / "nothing.toml")
     with pytest.raises(InputError, match="folder"):
         read_noise_file(tmp_path)
-    monkeypatch.setattr("uq_handeye.noise.noise_toml.MAX_BYTES", 10)
+    monkeypatch.setattr("uq_handeye.model.noise.noise_toml.MAX_BYTES", 10)
     with pytest.raises(InputError, match=r"noise\.toml: expected at most"):
         read_noise_file(file("#" * 100))

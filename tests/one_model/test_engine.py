@@ -9,19 +9,19 @@ from support import CONFIDENCE, SEED, assert_same_covariance, covers, is_consist
 
 import uq_handeye as uq
 from uq_handeye.errors import InputError
-from uq_handeye.likelihood.constraint import constraint_of
-from uq_handeye.likelihood.d2_distribution import Reference
-from uq_handeye.likelihood.gauss_helmert import efficient
-from uq_handeye.likelihood.starts import start_of
-from uq_handeye.noise.estimate import NoisePrior
-from uq_handeye.one_model import engine
-from uq_handeye.one_model.component import Component
-from uq_handeye.one_model.engine import Conditional, LatentModel, State
-from uq_handeye.one_model.estimation import JointModel
-from uq_handeye.one_model.integration import design, integrate
-from uq_handeye.one_model.mode import Mode, find_mode, other_modes
-from uq_handeye.shared_errors.shared_error import SharedError
-from uq_handeye.shared_errors.sizes import Size
+from uq_handeye.fit.likelihood.constraint import constraint_of
+from uq_handeye.fit.likelihood.d2_distribution import Reference
+from uq_handeye.fit.likelihood.gauss_helmert import efficient
+from uq_handeye.fit.likelihood.starts import start_of
+from uq_handeye.fit.one_model import engine
+from uq_handeye.fit.one_model.component import Component
+from uq_handeye.fit.one_model.engine import Conditional, LatentModel, State
+from uq_handeye.fit.one_model.estimation import JointModel
+from uq_handeye.fit.one_model.integration import design, integrate
+from uq_handeye.fit.one_model.mode import Mode, find_mode, other_modes
+from uq_handeye.model.noise.estimate import NoisePrior
+from uq_handeye.model.shared_errors.shared_error import SharedError
+from uq_handeye.model.shared_errors.sizes import Size
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
 TURN, SHIFT = np.eye(6)[:, :3], np.eye(6)[:, 3:]

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from uq_handeye.one_model.component import Component
-from uq_handeye.one_model.engine import LatentModel, Rows
-from uq_handeye.shared_errors.sizes import Size
+from uq_handeye.fit.one_model.component import Component
+from uq_handeye.fit.one_model.engine import LatentModel, Rows
+from uq_handeye.model.shared_errors.sizes import Size
 
 RNG = np.random.default_rng(4)
 P, M = 12, 3

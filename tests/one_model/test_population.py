@@ -5,10 +5,16 @@ import time
 import numpy as np
 import pytest
 
-from uq_handeye.kinematics.arms.known_arms import known_arm
-from uq_handeye.kinematics.chain import Kinematics
-from uq_handeye.shared_errors import population
-from uq_handeye.shared_errors.population import ARMS, BoundPopulation, gauge_columns, population_columns, truncated
+from uq_handeye.model.kinematics.arms.known_arms import known_arm
+from uq_handeye.model.kinematics.chain import Kinematics
+from uq_handeye.model.shared_errors import population
+from uq_handeye.model.shared_errors.population import (
+    ARMS,
+    BoundPopulation,
+    gauge_columns,
+    population_columns,
+    truncated,
+)
 
 
 def poses_of(name, n, seed=0):

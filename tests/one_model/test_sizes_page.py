@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from uq_handeye.shared_errors.sizes import SIZES
+from uq_handeye.model.shared_errors.sizes import SIZES
 
 PAGE = Path(__file__).parents[2] / "docs" / "explanation" / "one_model.md"
 

@@ -7,9 +7,9 @@ import pytest
 
 import uq_handeye as uq
 from studies.camera_covariance import ROBOT, poses_of, recorded
-from uq_handeye.likelihood.gauss_helmert import efficient
-from uq_handeye.noise.models import marginals
-from uq_handeye.planning.plan import plan
+from uq_handeye.fit.likelihood.gauss_helmert import efficient
+from uq_handeye.model.noise.models import marginals
+from uq_handeye.use.planning.plan import plan
 
 pytestmark = pytest.mark.filterwarnings("ignore:The target would sit")
 

@@ -34,16 +34,16 @@ from uq_handeye import (
     read_poses,
     simulate,
 )
-from uq_handeye.io import read_pose_file
-from uq_handeye.likelihood.gauss_helmert import bound, efficient
-from uq_handeye.noise.models import marginals
-from uq_handeye.planning import plan as planning
-from uq_handeye.planning.candidates import sample_candidates
-from uq_handeye.planning.plan import CRITERIA, plan
-from uq_handeye.planning.weak_prior import OPEN, PRIOR
-from uq_handeye.posterior.selection import after, covariance_of, exchanged, greedy, value
-from uq_handeye.shared_errors.shared_error import shared_columns, with_shared
-from uq_handeye.simulation.rig import RIGS
+from uq_handeye.fit.likelihood.gauss_helmert import bound, efficient
+from uq_handeye.model.noise.models import marginals
+from uq_handeye.model.posterior.selection import after, covariance_of, exchanged, greedy, value
+from uq_handeye.model.shared_errors.shared_error import shared_columns, with_shared
+from uq_handeye.read import read_pose_file
+from uq_handeye.trials.simulation.rig import RIGS
+from uq_handeye.use.planning import plan as planning
+from uq_handeye.use.planning.candidates import sample_candidates
+from uq_handeye.use.planning.plan import CRITERIA, plan
+from uq_handeye.use.planning.weak_prior import OPEN, PRIOR
 
 NOISE = PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
 SETUPS = ("eye-in-hand", "eye-to-hand")

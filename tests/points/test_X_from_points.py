@@ -11,7 +11,7 @@ from support import CONFIDENCE, SEED, rotation_vectors, rotations, transforms
 
 import uq_handeye as uq
 from uq_handeye import InputError, InputWarning
-from uq_handeye.geometry.se3 import inverse, perturb
+from uq_handeye.core.geometry.se3 import inverse, perturb
 
 LATERAL, AXIAL = 1e-4, 5e-4
 ROBOT = np.diag([1e-4] * 3 + [5e-5] * 3) ** 2

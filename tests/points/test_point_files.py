@@ -12,7 +12,7 @@ from support import SEED
 
 import uq_handeye as uq
 from uq_handeye import InputError, InputWarning
-from uq_handeye.points.files.folder_writer import POINTS, SUMMARY
+from uq_handeye.model.points.files.folder_writer import POINTS, SUMMARY
 
 XYZ = np.array([[0.031, -0.028, 0.618], [0.129, -0.030, 0.625], [0.031, -0.128, 0.618], [0.129, -0.131, 0.625]])
 ROWS, NAMES = [0, 0, 1, 1], ["A", "B", "A", "B"]
@@ -201,7 +201,7 @@ def test_folders_that_were_changed_are_refused(file, change, words, seen, tmp_pa
 
 
 def test_figure(seen, tmp_path):
-    from uq_handeye.points.figure import residual_figure
+    from uq_handeye.model.points.figure import residual_figure
 
     figure = residual_figure(seen[0])
     assert "1 left out" in figure.alt and len(figure.axes) == 2

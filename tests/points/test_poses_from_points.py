@@ -10,9 +10,9 @@ from scipy import stats
 from support import CONFIDENCE, SEED
 
 from uq_handeye import InputError, InputWarning
-from uq_handeye.points.estimate import poses_from_points
-from uq_handeye.points.least_squares import Normal, Sight
-from uq_handeye.points.measured import PointSet, Target, kabsch, placed
+from uq_handeye.model.points.estimate import poses_from_points
+from uq_handeye.model.points.least_squares import Normal, Sight
+from uq_handeye.model.points.measured import PointSet, Target, kabsch, placed
 
 LATERAL, AXIAL = 1e-4, 5e-4
 
@@ -43,7 +43,7 @@ def test_derivatives_are_numerical_derivatives(shape_open):
     sight = Sight(y.reshape(-1, 3), pose, point, 2, 4)
     normal = Normal(sight, T, p, np.tile(np.eye(3), (8, 1, 1)), shape_open)
     h = 1e-6
-    from uq_handeye.geometry.se3 import perturb
+    from uq_handeye.core.geometry.se3 import perturb
 
     for k in range(6):
         xi = h * np.eye(6)[k]

@@ -9,7 +9,7 @@ from support import random_transforms
 
 import uq_handeye as uq
 from uq_handeye.errors import InputError
-from uq_handeye.poses.pose_pairs import joint_values_at
+from uq_handeye.model.poses.pose_pairs import joint_values_at
 
 
 @pytest.fixture

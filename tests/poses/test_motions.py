@@ -6,10 +6,10 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import RigidTransform
 from support import exact_poses, holds_for, random_transforms
 
+from uq_handeye.core.geometry.frames import SETUPS
 from uq_handeye.errors import InputError
-from uq_handeye.geometry.frames import SETUPS
-from uq_handeye.poses.motions import Motions, pair_indices, relative_motions
-from uq_handeye.poses.pose_pairs import PosePairs
+from uq_handeye.model.poses.motions import Motions, pair_indices, relative_motions
+from uq_handeye.model.poses.pose_pairs import PosePairs
 
 KINDS = {
     "consecutive": [[0, 1], [1, 2], [2, 3], [3, 4]],

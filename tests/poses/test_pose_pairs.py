@@ -7,9 +7,9 @@ import pytest
 from scipy.spatial.transform import RigidTransform
 from support import exact_poses, random_transforms
 
+from uq_handeye.core.geometry.frames import SETUPS
 from uq_handeye.errors import InputError
-from uq_handeye.geometry.frames import SETUPS
-from uq_handeye.poses.pose_pairs import PosePairs
+from uq_handeye.model.poses.pose_pairs import PosePairs
 
 
 @pytest.fixture

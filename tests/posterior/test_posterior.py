@@ -8,8 +8,8 @@ from scipy.linalg import block_diag
 from scipy.stats import kstest
 
 import uq_handeye as uq
-from uq_handeye.posterior.posterior import FreshNoise, Posterior, SizePoints
-from uq_handeye.posterior.rows import NewRows
+from uq_handeye.model.posterior.posterior import FreshNoise, Posterior, SizePoints
+from uq_handeye.model.posterior.rows import NewRows
 
 D, Q, M, K = 6, 3, 4, 6
 N = 12 + Q

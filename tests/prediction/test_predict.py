@@ -13,8 +13,8 @@ from scipy.spatial.transform import RigidTransform
 
 import uq_handeye as uq
 from studies.one_model.rigs import arm_set
+from uq_handeye.core.geometry.se3 import inverse, logarithm
 from uq_handeye.errors import InputError
-from uq_handeye.geometry.se3 import inverse, logarithm
 
 DECLARED = uq.KinematicErrors(
     "declared",

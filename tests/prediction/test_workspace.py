@@ -7,10 +7,10 @@ from calibration_cases import quietly
 from support import SEED
 
 import uq_handeye as uq
+from uq_handeye.calibration.prediction.workspace import WorkspacePrediction, brought_to, ends, over_workspace
 from uq_handeye.calibration.report.arm import arm_sentences
 from uq_handeye.calibration.report.workspace_figure import workspace_figure
-from uq_handeye.prediction.workspace import WorkspacePrediction, brought_to, ends, over_workspace
-from uq_handeye.presentation.ellipses import render
+from uq_handeye.core.presentation.ellipses import render
 from uq_handeye.report.figures import pictures
 
 ARM = uq.Kinematics.from_urdf(SIX_AXES, base="base_link", tip="tool0")

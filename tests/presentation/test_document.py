@@ -2,7 +2,7 @@
 
 import pytest
 
-from uq_handeye.presentation.document import (
+from uq_handeye.core.presentation.document import (
     Answer,
     Caution,
     Checks,

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from uq_handeye.core.presentation.ellipses import covariance_ellipses, render, save_ellipses
 from uq_handeye.errors import InputError
-from uq_handeye.presentation.ellipses import covariance_ellipses, render, save_ellipses
 
 X = np.eye(4)
 X[:3, :3] = Rotation.from_rotvec([0.4, -0.3, 1.2]).as_matrix()
@@ -191,8 +191,8 @@ def test_files(tmp_path):
 
 def test_readers_stay_light_and_figures_leave_no_state():
     code = (
-        "import sys, uq_handeye.io; "
+        "import sys, uq_handeye.read; "
         "assert not {'matplotlib', 'pandas', 'sympy', 'emcee'} & set(sys.modules); "
-        "import uq_handeye.presentation.ellipses; assert 'matplotlib.pyplot' not in sys.modules"
+        "import uq_handeye.core.presentation.ellipses; assert 'matplotlib.pyplot' not in sys.modules"
     )
     subprocess.run([sys.executable, "-c", code], check=True)

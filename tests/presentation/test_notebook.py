@@ -9,10 +9,10 @@ import pytest
 from support import SEED
 
 import uq_handeye as uq
-from uq_handeye.diagnostics.pose_table import PoseTable
-from uq_handeye.diagnostics.task_space import PointUncertainty
-from uq_handeye.presentation.document import Answer, Checks
-from uq_handeye.presentation.notebook import to_html
+from uq_handeye.core.presentation.document import Answer, Checks
+from uq_handeye.core.presentation.notebook import to_html
+from uq_handeye.fit.diagnostics.pose_table import PoseTable
+from uq_handeye.fit.diagnostics.task_space import PointUncertainty
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
 

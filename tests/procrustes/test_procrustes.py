@@ -21,9 +21,9 @@ from support import (
 )
 
 import uq_handeye as uq
-from uq_handeye.geometry.checks import CHUNK
-from uq_handeye.procrustes import limit as finite_scale
-from uq_handeye.procrustes import limit as procrustes
+from uq_handeye.core.geometry.checks import CHUNK
+from uq_handeye.methods.procrustes import limit as finite_scale
+from uq_handeye.methods.procrustes import limit as procrustes
 
 SEEDS = st.integers(0, 2**32 - 1)
 

@@ -6,8 +6,8 @@ from scipy.spatial.transform import Rotation
 from support import difference, jacobian, moved, random_covariance, random_transforms
 
 import uq_handeye as uq
-from uq_handeye.poses.motions import pair_indices, spread_pairs
-from uq_handeye.propagation.all_pairs import AllPairs
+from uq_handeye.methods.propagation.all_pairs import AllPairs
+from uq_handeye.model.poses.motions import pair_indices, spread_pairs
 
 
 def noisy(rng, n, setup="eye-in-hand", **options):

@@ -19,9 +19,9 @@ from support import (
 )
 
 import uq_handeye as uq
-from uq_handeye.estimators import zhao
-from uq_handeye.propagation.noise_transport import noise_of_pairs
-from uq_handeye.propagation.propagate import BEND, SHARE, bend, propagate_and_check
+from uq_handeye.methods.estimators import zhao
+from uq_handeye.methods.propagation.noise_transport import noise_of_pairs
+from uq_handeye.methods.propagation.propagate import BEND, SHARE, bend, propagate_and_check
 
 # Variances (rotation in rad^2, translation in m^2).
 ISOTROPIC = np.full(6, 1e-6)

@@ -22,14 +22,14 @@ from uq_handeye.calibration.report.residual_figure import residual_figure
 from uq_handeye.calibration.report.rig_figure import rig, rig_figure, rig_scene
 from uq_handeye.calibration.report.shared_figure import shared_figure
 from uq_handeye.calibration.report.task_space_figure import task_space_figure
-from uq_handeye.comparison.methods_figure import methods_figure
-from uq_handeye.comparison.of_result import compare_beside
-from uq_handeye.diagnostics.pose_table import PoseTable
+from uq_handeye.core.presentation.ellipses import render
+from uq_handeye.core.presentation.figure_parts import BLUE, GREEN, WIDTH, inline_svg
 from uq_handeye.errors import InputError
-from uq_handeye.likelihood.shared_estimates import SharedEstimate
-from uq_handeye.likelihood.shared_groups import grouped
-from uq_handeye.presentation.ellipses import render
-from uq_handeye.presentation.figure_parts import BLUE, GREEN, WIDTH, inline_svg
+from uq_handeye.fit.diagnostics.pose_table import PoseTable
+from uq_handeye.fit.likelihood.shared_estimates import SharedEstimate
+from uq_handeye.fit.likelihood.shared_groups import grouped
+from uq_handeye.report.comparison.methods_figure import methods_figure
+from uq_handeye.report.comparison.of_result import compare_beside
 from uq_handeye.report.figures import figures, pictures
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
@@ -379,7 +379,7 @@ def test_inline_svg_is_the_same_again_and_shares_no_id(drawn, both):
 
 def test_every_colour_follows_the_page(drawn):
     """Each has a rule for dark pages, but those of the map of the task space."""
-    rules = (resources.files("uq_handeye.presentation") / "figures.css").read_text(encoding="utf-8")
+    rules = (resources.files("uq_handeye.core.presentation") / "figures.css").read_text(encoding="utf-8")
     known = set(re.findall(r'"((?:fill|stroke): #[0-9a-f]{6})"', rules))
     for stem, picture in drawn.items():
         used = set(re.findall(r"(?:fill|stroke): #[0-9a-f]+", inline_svg(picture.figure, stem)))

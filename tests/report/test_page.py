@@ -23,16 +23,16 @@ from support import SEED
 import uq_handeye as uq
 from uq_handeye.calibration.provenance import Provenance
 from uq_handeye.calibration.report.text import directions
-from uq_handeye.comparison.of_result import compare_beside
+from uq_handeye.core.files.about import ABOUT
+from uq_handeye.core.files.source import Source
+from uq_handeye.core.presentation import pdf
+from uq_handeye.core.presentation.figure_parts import canvas
+from uq_handeye.core.presentation.page import pretty
 from uq_handeye.errors import InputError, InputWarning, MissingExtraError
-from uq_handeye.files.about import ABOUT
-from uq_handeye.files.source import Source
 from uq_handeye.findings import Finding
-from uq_handeye.poses.timing import TimeOffset, Timing
-from uq_handeye.presentation import pdf
-from uq_handeye.presentation.figure_parts import canvas
-from uq_handeye.presentation.page import pretty
+from uq_handeye.model.poses.timing import TimeOffset, Timing
 from uq_handeye.report import sections_data, sections_repeat
+from uq_handeye.report.comparison.of_result import compare_beside
 from uq_handeye.report.page import report_html
 from uq_handeye.report.sections_result import NO_COVARIANCE
 from uq_handeye.report.sheets import colour_of
@@ -355,7 +355,7 @@ def test_everything_to_repeat_the_run(small):
 
 
 def test_x_is_there_to_copy(result, text):
-    from uq_handeye.export import texts
+    from uq_handeye.formats.export import texts
 
     for snippet in texts(result):
         assert html.escape(snippet.text, quote=True).replace("&#x27;", "&#39;").replace("&quot;", "&#34;") in text

@@ -9,7 +9,7 @@ import pytest
 from scipy.stats import binom, chi2
 
 import uq_handeye as uq
-from uq_handeye.geometry.se3 import inverse, perturb
+from uq_handeye.core.geometry.se3 import inverse, perturb
 from uq_handeye.rig.simulation import simulate_rig, with_noise
 
 SEED = int(os.environ.get("UQ_HANDEYE_SEED", "0"))

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import uq_handeye as uq
-from uq_handeye.geometry.nearest_rotation import nearest_rotation
-from uq_handeye.geometry.se3 import inverse
+from uq_handeye.core.geometry.nearest_rotation import nearest_rotation
+from uq_handeye.core.geometry.se3 import inverse
 from uq_handeye.rig.checks.optimality import PROVEN, Isotropic, _constraints, prove
 from uq_handeye.rig.fit import fit
 from uq_handeye.rig.graph import Graph

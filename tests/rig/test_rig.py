@@ -8,9 +8,9 @@ import pytest
 from scipy.stats import chi2
 
 import uq_handeye as uq
-from uq_handeye.geometry.se3 import logarithm, perturb
-from uq_handeye.likelihood.constraint import Unknowns, constraint_of
-from uq_handeye.one_model.engine import LatentModel
+from uq_handeye.core.geometry.se3 import logarithm, perturb
+from uq_handeye.fit.likelihood.constraint import Unknowns, constraint_of
+from uq_handeye.fit.one_model.engine import LatentModel
 from uq_handeye.rig.fit import fit
 from uq_handeye.rig.graph import Graph
 from uq_handeye.rig.noise import RigNoise, given_noise

@@ -8,8 +8,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import uq_handeye as uq
+from uq_handeye.core.geometry.se3 import inverse
 from uq_handeye.errors import InputError
-from uq_handeye.geometry.se3 import inverse
 from uq_handeye.ros.easy_handeye2 import EasyHandeyeBackend, poses_of_samples
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))

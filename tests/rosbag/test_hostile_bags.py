@@ -9,11 +9,11 @@ import pytest
 from bag_cases import KINDS, START, Writer
 
 from uq_handeye.errors import InputError, InputWarning
-from uq_handeye.rosbag import open as opening
-from uq_handeye.rosbag import track
-from uq_handeye.rosbag.listing import text_of
-from uq_handeye.rosbag.recording import read_recording
-from uq_handeye.rosbag.streams import read_bag, robot_stream
+from uq_handeye.read.rosbag import open as opening
+from uq_handeye.read.rosbag import track
+from uq_handeye.read.rosbag.listing import text_of
+from uq_handeye.read.rosbag.recording import read_recording
+from uq_handeye.read.rosbag.streams import read_bag, robot_stream
 
 
 def cell(folder, kind, n=100):

@@ -12,12 +12,12 @@ from support import random_transforms
 
 import uq_handeye as uq
 from uq_handeye.errors import InputError
-from uq_handeye.io import write_pose_file
-from uq_handeye.rosbag.info import CameraInfo
-from uq_handeye.rosbag.listing import command_of, text_of
-from uq_handeye.rosbag.recording import read_recording
-from uq_handeye.rosbag.streams import camera_stream, read_bag, robot_stream
-from uq_handeye.rosbag.tags import TagTrack, decide_stream, tag_poses
+from uq_handeye.read import write_pose_file
+from uq_handeye.read.rosbag.info import CameraInfo
+from uq_handeye.read.rosbag.listing import command_of, text_of
+from uq_handeye.read.rosbag.recording import read_recording
+from uq_handeye.read.rosbag.streams import camera_stream, read_bag, robot_stream
+from uq_handeye.read.rosbag.tags import TagTrack, decide_stream, tag_poses
 
 OFFSET = 0.037
 
@@ -68,7 +68,7 @@ def test_a_stream_with_a_clock_offset_is_that_of_the_table(tmp_path, hand_held, 
 
 
 def uq_log(R):
-    from uq_handeye.geometry.se3 import logarithm
+    from uq_handeye.core.geometry.se3 import logarithm
 
     return logarithm(R)
 

@@ -8,9 +8,9 @@ from bag_cases import START, Writer
 from support import random_transforms
 
 from uq_handeye.errors import InputError
-from uq_handeye.rosbag.listing import command_of, guess, joint_tracks, joints_csv, text_of
-from uq_handeye.rosbag.recording import JointTopic, Recording, read_recording
-from uq_handeye.rosbag.streams import camera_stream, robot_stream
+from uq_handeye.read.rosbag.listing import command_of, guess, joint_tracks, joints_csv, text_of
+from uq_handeye.read.rosbag.recording import JointTopic, Recording, read_recording
+from uq_handeye.read.rosbag.streams import camera_stream, robot_stream
 
 # AprilRobotics/apriltag_ros, which ROS 1 has: poses and no corners.
 OLDER = {

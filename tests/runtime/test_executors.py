@@ -12,8 +12,8 @@ from concurrent.futures import BrokenExecutor
 import pytest
 
 from uq_handeye import InputError, MissingExtraError
-from uq_handeye.runtime import executors
-from uq_handeye.runtime.executors import LocalProcesses, connect_to_dask
+from uq_handeye.core.runtime import executors
+from uq_handeye.core.runtime.executors import LocalProcesses, connect_to_dask
 
 
 def test_leaving_ends_worker_processes_at_once():

@@ -7,11 +7,11 @@ from picture_cases import simulated_rig
 from support import writable
 
 import uq_handeye as uq
-from uq_handeye.diagnostics.split_half import split_half
-from uq_handeye.input_checks.shifted_rows import find_shift
-from uq_handeye.likelihood.robust import robust_fit
-from uq_handeye.runtime.read_only import read_only
-from uq_handeye.simulation.sigma_points import sigma_points
+from uq_handeye.core.runtime.read_only import read_only
+from uq_handeye.fit.diagnostics.split_half import split_half
+from uq_handeye.fit.input_checks.shifted_rows import find_shift
+from uq_handeye.fit.likelihood.robust import robust_fit
+from uq_handeye.trials.simulation.sigma_points import sigma_points
 
 
 @pytest.fixture(scope="module")

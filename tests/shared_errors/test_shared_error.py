@@ -9,17 +9,17 @@ from support import SEED
 
 import uq_handeye as uq
 from uq_handeye import InputError, PairNoise, PoseNoise, PosePairs, SharedError
-from uq_handeye.noise.joint_covariance import JointCovariance
-from uq_handeye.poses.timing import Timing
-from uq_handeye.shared_errors.shared_error import (
+from uq_handeye.model.noise.joint_covariance import JointCovariance
+from uq_handeye.model.poses.timing import Timing
+from uq_handeye.model.shared_errors.shared_error import (
     default_errors,
     replace_defaults,
     shared_columns,
     with_shared,
     without_shared,
 )
-from uq_handeye.shared_errors.sizes import SIZES
-from uq_handeye.shared_errors.view import HALF, POINTS, median_distance
+from uq_handeye.model.shared_errors.sizes import SIZES
+from uq_handeye.model.shared_errors.view import HALF, POINTS, median_distance
 
 NOISE = PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
 SETUPS = ("eye-in-hand", "eye-to-hand")

@@ -21,10 +21,10 @@ from support import (
 )
 
 import uq_handeye as uq
-from uq_handeye.geometry.component_rows import composed, logarithm, matrix, quaternion, turned
-from uq_handeye.likelihood.gauss_helmert import bound, efficient
-from uq_handeye.simulation import efficient_pairs
-from uq_handeye.simulation.efficient_pairs import efficient_on_drawn, efficient_on_motions
+from uq_handeye.core.geometry.component_rows import composed, logarithm, matrix, quaternion, turned
+from uq_handeye.fit.likelihood.gauss_helmert import bound, efficient
+from uq_handeye.trials.simulation import efficient_pairs
+from uq_handeye.trials.simulation.efficient_pairs import efficient_on_drawn, efficient_on_motions
 
 
 def measured(rng, A, B, noise, trials):

@@ -5,7 +5,7 @@ import pytest
 from support import SEED, assert_same_covariance, difference, exact_motions, moved, random_covariance
 
 import uq_handeye as uq
-from uq_handeye.simulation.experiment import experiment
+from uq_handeye.trials.simulation.experiment import experiment
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.3mrad", "0.1mm"), camera=("1mrad", "0.5mm"))
 

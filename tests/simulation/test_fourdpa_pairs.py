@@ -6,8 +6,8 @@ from scipy import stats
 from support import CONFIDENCE, SEED, difference, exact_motions, moved, random_covariance, transforms
 
 import uq_handeye as uq
-from uq_handeye.simulation import fourdpa_pairs
-from uq_handeye.simulation.fourdpa_pairs import fourdpa_on_drawn
+from uq_handeye.trials.simulation import fourdpa_pairs
+from uq_handeye.trials.simulation.fourdpa_pairs import fourdpa_on_drawn
 
 
 def generator(seed=SEED):

@@ -7,8 +7,8 @@ from support import CONFIDENCE, SEED, difference, draw, exact_motions, moved, ra
 
 import uq_handeye as uq
 from uq_handeye.errors import DegenerateMotionError
-from uq_handeye.simulation.experiment import experiment
-from uq_handeye.simulation.run import estimates, run
+from uq_handeye.trials.simulation.experiment import experiment
+from uq_handeye.trials.simulation.run import estimates, run
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.3mrad", "0.1mm"), camera=("1mrad", "0.5mm"))
 ON_POSES = [

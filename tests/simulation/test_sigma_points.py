@@ -14,12 +14,12 @@ from support import (
 )
 
 import uq_handeye as uq
+from uq_handeye.core.geometry.se3 import inverse
 from uq_handeye.errors import InputError, NotConvergedError
-from uq_handeye.geometry.se3 import inverse
-from uq_handeye.simulation import sigma_points as module
-from uq_handeye.simulation.experiment import experiment
-from uq_handeye.simulation.run import run
-from uq_handeye.simulation.sigma_points import cubature, radial_rule, sigma_points, sigma_points_of
+from uq_handeye.trials.simulation import sigma_points as module
+from uq_handeye.trials.simulation.experiment import experiment
+from uq_handeye.trials.simulation.run import run
+from uq_handeye.trials.simulation.sigma_points import cubature, radial_rule, sigma_points, sigma_points_of
 
 PAIRS, POSES = 20, 10
 

@@ -7,9 +7,9 @@ import pytest
 
 import uq_handeye as uq
 from uq_handeye import findings as all_findings
+from uq_handeye.calibration.statement.checks import failures_in_words
+from uq_handeye.calibration.statement.phrases import effect, phrase, rejects
 from uq_handeye.findings import CHECKS
-from uq_handeye.statement.checks import failures_in_words
-from uq_handeye.statement.phrases import effect, phrase, rejects
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
 POSES = uq.simulate(n_poses=30, noise=NOISE, seed=1)

@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from studies.camera_covariance import PIXEL, ROBOT, SIZE, error, findings, one_set, poses_of, recorded
-from uq_handeye.geometry.se3 import inverse
+from uq_handeye.core.geometry.se3 import inverse
 
 
 @pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])

@@ -9,7 +9,7 @@ import uq_handeye as uq
 from studies import figures_3_4 as study
 from studies.common.study import read_table
 from studies.figures_3_4 import rig as rig
-from uq_handeye.geometry.se3 import logarithm
+from uq_handeye.core.geometry.se3 import logarithm
 
 
 @pytest.fixture(scope="module")

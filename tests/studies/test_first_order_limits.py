@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from studies.first_order_limits import cell, figures, findings, problems
-from uq_handeye.validation.sweep.level import KINDS
+from uq_handeye.trials.validation.sweep.level import KINDS
 
 
 def limits(first, second):

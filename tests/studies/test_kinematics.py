@@ -13,7 +13,7 @@ from studies.kinematics.arms import ARMS, Unmodelled, arm, drawn_errors, drawn_r
 from studies.kinematics.findings import findings
 from studies.kinematics.real_sets import Recorded, subsets
 from studies.kinematics.touches import Touches, fitted, nominal
-from uq_handeye.geometry.se3 import inverse
+from uq_handeye.core.geometry.se3 import inverse
 
 
 def rig(name, setup, seed=1):

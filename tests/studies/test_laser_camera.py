@@ -11,7 +11,7 @@ from studies.common.scores import errors, nees, true_means
 from studies.laser_camera import estimates as made
 from studies.laser_camera import findings
 from studies.laser_camera import rig as rig
-from uq_handeye.geometry.se3 import inverse, perturb
+from uq_handeye.core.geometry.se3 import inverse, perturb
 
 
 @pytest.fixture(scope="module")

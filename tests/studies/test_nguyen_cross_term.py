@@ -6,7 +6,7 @@ import pytest
 from study_cases import quick_tables
 
 from studies.nguyen_cross_term import findings, in_unit, of_own, of_stopping, units
-from uq_handeye.geometry.se3 import perturb
+from uq_handeye.core.geometry.se3 import perturb
 
 
 @pytest.fixture(scope="module")

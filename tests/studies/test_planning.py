@@ -6,7 +6,7 @@ import pytest
 from studies.planning import findings, measure, of_degenerate, of_random, of_subsets
 from studies.planning import sessions as planning_sessions
 from studies.planning.sessions import against_all_subsets, degenerate, spread, worst_rotation, worst_translation
-from uq_handeye.simulation.rig import RIGS
+from uq_handeye.trials.simulation.rig import RIGS
 
 
 @pytest.fixture(scope="module")

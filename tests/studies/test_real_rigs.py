@@ -8,7 +8,7 @@ import uq_handeye as uq
 from studies.common.scores import errors
 from studies.real_rigs import CASES, COEFFICIENT, DEVIATIONS, SEED, STEP, TOO_LARGE, correlated, one_cell, walking
 from studies.real_rigs.findings import findings
-from uq_handeye.geometry.se3 import perturb
+from uq_handeye.core.geometry.se3 import perturb
 
 SETUPS = ("eye-in-hand", "eye-to-hand")
 

@@ -8,7 +8,7 @@ from studies.common.scores import errors
 from studies.kinematics.arms import Rig, arm, workspace_joints
 from studies.robot_accuracy import WAYS, findings
 from studies.robot_accuracy.rigs import PLACES, aligned, session
-from uq_handeye.geometry.se3 import inverse, perturb
+from uq_handeye.core.geometry.se3 import inverse, perturb
 
 
 def table(inside):

@@ -8,7 +8,7 @@ import uq_handeye as uq
 from studies import shared_poses
 from studies.shared_poses import BOARD, NOISES, RANDOM, sequence, stated, trial_statistics
 from studies.shared_poses.findings import findings, inside, slope
-from uq_handeye.simulation.experiment import experiment
+from uq_handeye.trials.simulation.experiment import experiment
 
 
 @pytest.fixture(scope="module")

@@ -6,7 +6,7 @@ import pytest
 
 import uq_handeye as uq
 from studies.common.study import Study, markdown, read_table, read_tables
-from uq_handeye.presentation.figure_parts import canvas, finished
+from uq_handeye.core.presentation.figure_parts import canvas, finished
 
 THIRD = 1.0 / 3.0
 

@@ -11,8 +11,8 @@ from studies import table_1
 from studies.common.paper_tables import classes
 from studies.common.scores import errors, nees, true_means
 from studies.table_1.findings import ACCURACY, SPEED, class_of, findings, summary
-from uq_handeye.simulation.experiment import Experiment
-from uq_handeye.simulation.run import run
+from uq_handeye.trials.simulation.experiment import Experiment
+from uq_handeye.trials.simulation.run import run
 
 
 @pytest.fixture(scope="module")

@@ -13,7 +13,7 @@ from studies.common.paper_tables import CLASSICAL, PAPER, RECENT, SIZES, errors_
 from studies.common.scores import errors, nees, true_means
 from studies.tables_2_3 import ur10_camera
 from studies.tables_2_3.findings import OTHERS, PAPER_SCALE, findings, holds, printed_share, slope, smallest
-from uq_handeye.geometry.se3 import perturb
+from uq_handeye.core.geometry.se3 import perturb
 
 
 def test_the_error_of_the_paper():

@@ -6,7 +6,7 @@ from stream_cases import motion, some, streams
 from support import SEED, random_transforms, rotations, transforms
 
 from uq_handeye import InputError
-from uq_handeye.synchronisation.correlation import best_correlation, speeds_of
+from uq_handeye.read.synchronisation.correlation import best_correlation, speeds_of
 
 OFFSET = 0.317
 

@@ -6,8 +6,8 @@ from stream_cases import motion
 from support import SEED, difference, jacobian, moved, random_transforms, rotations, transforms
 
 from uq_handeye import InputError, orthonormalise, so4_from_se3
-from uq_handeye.geometry.se3 import left_jacobian
-from uq_handeye.synchronisation.interpolation import (
+from uq_handeye.core.geometry.se3 import left_jacobian
+from uq_handeye.read.synchronisation.interpolation import (
     AFTER,
     BEFORE,
     FINE,

@@ -9,7 +9,7 @@ from stream_cases import motion, pose_noise, streams
 from support import CONFIDENCE, SEED, difference, is_consistent, mean_interval, moved, nees
 
 import uq_handeye as uq
-from uq_handeye.likelihood.gauss_helmert import efficient, offset_sensitivity
+from uq_handeye.fit.likelihood.gauss_helmert import efficient, offset_sensitivity
 
 SETS, DURATION = 200, 4.0
 FEWER = 30

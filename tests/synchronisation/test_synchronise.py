@@ -14,11 +14,11 @@ from support import SEED, assert_same_covariance, difference, random_transforms,
 
 import uq_handeye as uq
 from uq_handeye import DegenerateMotionError, InputError, InputWarning, PosePairs, Stream
-from uq_handeye.likelihood.gauss_helmert import efficient, inverse_information, offset_sensitivity
-from uq_handeye.noise.square_roots import whiten
-from uq_handeye.poses.timing import TimeOffset, Timing
-from uq_handeye.synchronisation.interpolation import interpolate
-from uq_handeye.synchronisation.refinement import honest
+from uq_handeye.fit.likelihood.gauss_helmert import efficient, inverse_information, offset_sensitivity
+from uq_handeye.model.noise.square_roots import whiten
+from uq_handeye.model.poses.timing import TimeOffset, Timing
+from uq_handeye.read.synchronisation.interpolation import interpolate
+from uq_handeye.read.synchronisation.refinement import honest
 
 OFFSET, DURATION = 0.123, 12.0
 DATA = os.environ.get("UQ_HANDEYE_DATA")

@@ -9,8 +9,8 @@ from support import SEED
 from touch_cases import ROBOT, TIP, calibration, touches
 
 import uq_handeye as uq
-from uq_handeye.evidence.touches import evidence_of_touches
-from uq_handeye.verification.power import (
+from uq_handeye.calibration.evidence.touches import evidence_of_touches
+from uq_handeye.use.verification.power import (
     assess,
     bias_of,
     detectable,

@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 from support import random_transforms
 
 import uq_handeye as uq
-from uq_handeye.kinematics.chain import Kinematics
+from uq_handeye.model.kinematics.chain import Kinematics
 
 HEAD = "point,seen_x,seen_y,seen_z,touched_x,touched_y,touched_z"
 ROW = "A,0.1,0.2,0.5,0.4,0.1,0.05"

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 
 from ..findings import Finding
-from ..likelihood.rig_bundle import Agreement, adjust_rig
-from ..noise.estimate import CAMERA_EXCESS
-from ..noise.models import PoseNoise
-from ..poses.residuals import residuals, summarise
+from ..fit.likelihood.rig_bundle import Agreement, adjust_rig
+from ..model.noise.estimate import CAMERA_EXCESS
+from ..model.noise.models import PoseNoise
+from ..model.poses.residuals import residuals, summarise
 from .analysis import Analysis
 from .by_likelihood import by_likelihood
 from .job import Job

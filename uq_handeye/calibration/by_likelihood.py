@@ -11,15 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammaln
 
-from ..diagnostics.pose_table import pose_table
-from ..empirical_covariance.resampled import resampled
+from ..core.geometry.se3 import Array, logarithm
+from ..core.runtime.read_only import read_only
 from ..errors import DegenerateMotionError, InputError, NotConvergedError
 from ..findings import Finding
-from ..geometry.se3 import Array, logarithm
-from ..input_checks.checks import check_fit, check_motions, misread, require_signal
-from ..kinematics.kinematic_errors import DECLARED_AS, JOINT_NOISE
-from ..likelihood.constraint import Constraint, Unknowns
-from ..likelihood.gauss_helmert import (
+from ..fit.diagnostics.pose_table import pose_table
+from ..fit.empirical_covariance.resampled import resampled
+from ..fit.input_checks.checks import check_fit, check_motions, misread, require_signal
+from ..fit.likelihood.constraint import Constraint, Unknowns
+from ..fit.likelihood.gauss_helmert import (
     CLOSED_FORM_STEPS,
     FITS,
     MOST_STEPS,
@@ -30,29 +30,27 @@ from ..likelihood.gauss_helmert import (
     open_at,
     without_shared_errors,
 )
-from ..likelihood.gauss_helmert import fit as refit
-from ..likelihood.goodness_of_fit import goodness_of_fit
-from ..likelihood.open_start import start_open
-from ..likelihood.robust import RobustFit, fit_robustly
-from ..likelihood.shared_estimates import JointFit, of_moves
-from ..likelihood.starts import leaves_open
-from ..noise.joint_covariance import group_of
-from ..noise.models import Noise, PairNoise, PoseNoise, is_of_each, with_prior
-from ..noise.square_roots import own_blocks
-from ..one_model.estimation import ROUGH, FoundSizes, JointModel
-from ..one_model.points import OpenSizes, with_open_sizes
-from ..one_model.telling import tell
-from ..poses.motions import Motions, relative_motions
-from ..poses.pose_pairs import PosePairs
-from ..poses.residuals import residuals, summarise
-from ..poses.timing import TimeOffset
-from ..posterior.posterior import Posterior
-from ..prediction.fitted_kinematics import FittedKinematics
-from ..prediction.local_joints import local_findings
-from ..propagation.published_fit import Published, fit_published
-from ..runtime.read_only import read_only
-from ..shared_errors.accuracy import ROBOT_ACCURACY
-from ..shared_errors.shared_error import (
+from ..fit.likelihood.gauss_helmert import fit as refit
+from ..fit.likelihood.goodness_of_fit import goodness_of_fit
+from ..fit.likelihood.open_start import start_open
+from ..fit.likelihood.robust import RobustFit, fit_robustly
+from ..fit.likelihood.shared_estimates import JointFit, of_moves
+from ..fit.likelihood.starts import leaves_open
+from ..fit.one_model.estimation import ROUGH, FoundSizes, JointModel
+from ..fit.one_model.points import OpenSizes, with_open_sizes
+from ..fit.one_model.telling import tell
+from ..methods.propagation.published_fit import Published, fit_published
+from ..model.kinematics.kinematic_errors import DECLARED_AS, JOINT_NOISE
+from ..model.noise.joint_covariance import group_of
+from ..model.noise.models import Noise, PairNoise, PoseNoise, is_of_each, with_prior
+from ..model.noise.square_roots import own_blocks
+from ..model.poses.motions import Motions, relative_motions
+from ..model.poses.pose_pairs import PosePairs
+from ..model.poses.residuals import residuals, summarise
+from ..model.poses.timing import TimeOffset
+from ..model.posterior.posterior import Posterior
+from ..model.shared_errors.accuracy import ROBOT_ACCURACY
+from ..model.shared_errors.shared_error import (
     CLOCK_OFFSET,
     FOCAL_LENGTH,
     LENS,
@@ -77,6 +75,8 @@ from .findings import (
     wrong_poses,
 )
 from .job import FEWEST_FOR_ROBUST, Job
+from .prediction.fitted_kinematics import FittedKinematics
+from .prediction.local_joints import local_findings
 from .request import OF_NOISE
 from .result import Calibration
 from .result_file import FourDPA

@@ -7,24 +7,24 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..empirical_covariance.resampled import Resampled, resampled
+from ..core.geometry.se3 import Array
 from ..errors import InputError, NotConvergedError
-from ..estimators.registry import ROBOT_WORLD_METHODS
 from ..findings import Finding
-from ..geometry.se3 import Array
-from ..input_checks.checks import check_fit, check_motions, require_signal
-from ..likelihood.d2_distribution import Reference
-from ..likelihood.gauss_helmert import ESTIMATORS, Fit, efficient
-from ..likelihood.goodness_of_fit import components_of, effective_dof
-from ..likelihood.robust import RobustFit
-from ..noise.estimate import NoiseEstimate
-from ..noise.models import Noise, PairNoise, PoseNoise
-from ..one_model.noise_of_data import estimate_noise
-from ..poses.motions import Motions, relative_motions
-from ..poses.pose_pairs import PosePairs
-from ..poses.residuals import Residuals, residuals, rotation_angles, summarise
-from ..poses.timing import left_out_of
-from ..propagation.published_fit import Published, fit_published
+from ..fit.empirical_covariance.resampled import Resampled, resampled
+from ..fit.input_checks.checks import check_fit, check_motions, require_signal
+from ..fit.likelihood.d2_distribution import Reference
+from ..fit.likelihood.gauss_helmert import ESTIMATORS, Fit, efficient
+from ..fit.likelihood.goodness_of_fit import components_of, effective_dof
+from ..fit.likelihood.robust import RobustFit
+from ..fit.one_model.noise_of_data import estimate_noise
+from ..methods.estimators.registry import ROBOT_WORLD_METHODS
+from ..methods.propagation.published_fit import Published, fit_published
+from ..model.noise.estimate import NoiseEstimate
+from ..model.noise.models import Noise, PairNoise, PoseNoise
+from ..model.poses.motions import Motions, relative_motions
+from ..model.poses.pose_pairs import PosePairs
+from ..model.poses.residuals import Residuals, residuals, rotation_angles, summarise
+from ..model.poses.timing import left_out_of
 from .job import Job
 from .result import Calibration
 
@@ -116,7 +116,7 @@ def bare_result(job: Job, X: Array, W: Array | None, of_pairs: Residuals, noise:
 
 def by_sigma_points(job: Job, noise: Noise, robust: RobustFit | None) -> Array:
     """The mean square error of X beyond first order, around the data as fitted, without those of no weight."""
-    from ..simulation.sigma_points import sigma_points
+    from ..trials.simulation.sigma_points import sigma_points
 
     data: PosePairs | Motions = job.motions
     if job.poses is not None and not isinstance(noise, PairNoise):

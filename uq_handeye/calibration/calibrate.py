@@ -14,29 +14,29 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..core.files.records import plain
+from ..core.runtime.threads import one_thread
 from ..errors import DegenerateMotionError, InputError, NotConvergedError, SingularNoiseError
-from ..files.records import plain
 from ..findings import Finding, renumbered, warn
-from ..input_checks.repeated_rows import counted_once
-from ..kinematics.chain import Kinematics
-from ..kinematics.kinematic_errors import KinematicErrors
-from ..likelihood.gauss_helmert import ESTIMATORS
-from ..noise.camera_noise import CameraNoise
-from ..noise.estimate import NoisePrior
-from ..noise.models import Noise
-from ..one_model.component import Component
-from ..poses.motions import Motions, relative_motions
-from ..poses.pose_pairs import PosePairs, Selection, pairs_of, ranges, select_poses
-from ..prediction.excluded import residuals_against
-from ..runtime.threads import one_thread
-from ..shared_errors.shared_error import SharedError
-from ..shared_errors.sizes import Size, SizeLike
+from ..fit.input_checks.repeated_rows import counted_once
+from ..fit.likelihood.gauss_helmert import ESTIMATORS
+from ..fit.one_model.component import Component
+from ..model.kinematics.chain import Kinematics
+from ..model.kinematics.kinematic_errors import KinematicErrors
+from ..model.noise.camera_noise import CameraNoise
+from ..model.noise.estimate import NoisePrior
+from ..model.noise.models import Noise
+from ..model.poses.motions import Motions, relative_motions
+from ..model.poses.pose_pairs import PosePairs, Selection, pairs_of, ranges, select_poses
+from ..model.shared_errors.shared_error import SharedError
+from ..model.shared_errors.sizes import Size, SizeLike
 from .analysis import Analysis
 from .by_bundle import by_bundle
 from .by_likelihood import by_likelihood, poses_about_errors
 from .by_published import by_published
 from .findings import flipped_poses, look_at, reasons, require_determined, shifted, why_failed, without_consequences
 from .job import Job, job_of
+from .prediction.excluded import residuals_against
 from .provenance import Provenance, provenance
 from .request import BUNDLE, Request
 from .result import Calibration

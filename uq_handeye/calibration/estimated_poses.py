@@ -6,17 +6,17 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from ..diagnostics.task_space import PointUncertainty, moves_of_points, through_robot, through_target, through_X
+from ..core.geometry import conventions
+from ..core.geometry.frames import SETUPS, TARGETS
+from ..core.geometry.principal_axes import principal_axes
+from ..core.geometry.se3 import Array, inverse, inverse_jacobian
 from ..errors import InputError
-from ..geometry import conventions
-from ..geometry.frames import SETUPS, TARGETS
-from ..geometry.principal_axes import principal_axes
-from ..geometry.se3 import Array, inverse, inverse_jacobian
-from ..likelihood.d2_distribution import Reference
-from ..likelihood.open_directions import OpenDirections, moves_along
-from ..procrustes.limit import octonion
-from ..procrustes.sensitivity import pose_from_octonion_jacobian
-from ..procrustes.so4_covariances import PAPER_SCALE
+from ..fit.diagnostics.task_space import PointUncertainty, moves_of_points, through_robot, through_target, through_X
+from ..fit.likelihood.d2_distribution import Reference
+from ..fit.likelihood.open_directions import OpenDirections, moves_along
+from ..methods.procrustes.limit import octonion
+from ..methods.procrustes.sensitivity import pose_from_octonion_jacobian
+from ..methods.procrustes.so4_covariances import PAPER_SCALE
 from .sentences import open_words
 
 
@@ -130,7 +130,7 @@ class EstimatedPoses:
         return np.asarray(J @ self.covariance @ J.T)
 
     def covariance_in(self, convention: str) -> Array:
-        """The covariance in the convention of another library; see `uq_handeye.geometry.conventions`."""
+        """The covariance in the convention of another library; see `uq_handeye.core.geometry.conventions`."""
         if self.covariance is None:
             raise InputError("The covariance is not determined: no noise was given, and none could be estimated.")
         return conventions.to_convention(self.covariance, self.X, convention)

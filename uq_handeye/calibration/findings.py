@@ -10,31 +10,31 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import chdtr, chdtrc, chdtri
 
-from ..camera.boards.description import spacing_of
-from ..diagnostics.pose_table import PoseTable, pose_table
+from ..core.geometry.se3 import Array, logarithm
 from ..errors import DegenerateMotionError, InputError, NotConvergedError
-from ..estimators.registry import solve
 from ..findings import GROSS, Finding, Severity, record_of
-from ..geometry.se3 import Array, logarithm
-from ..input_checks.alphabetical_rows import alphabetical_rows
-from ..input_checks.checks import check_fit, check_poses, check_rotations
-from ..input_checks.pose_ambiguity import CODE as POSE_AMBIGUITY
-from ..input_checks.pose_ambiguity import flipped_rows
-from ..input_checks.shifted_rows import find_shift, shifted_run
-from ..likelihood.constraint import Unknowns
-from ..likelihood.gauss_helmert import Fit
-from ..likelihood.goodness_of_fit import GoodnessOfFit
-from ..likelihood.open_directions import OpenDirections
-from ..likelihood.robust import robust_fit
-from ..likelihood.shared_estimates import JointFit, SharedEstimate
-from ..noise.estimate import NoiseEstimate
-from ..noise.joint_covariance import group_of
-from ..noise.models import Noise, PoseNoise
-from ..poses.motions import Motions, relative_motions, spread_pairs
-from ..poses.pose_pairs import PosePairs
-from ..poses.residuals import median, pose_residuals, rotation_angles
-from ..propagation.published_fit import fit_published
-from ..shared_errors.shared_error import TARGET_SCALE, WRONG_SIZE
+from ..fit.diagnostics.pose_table import PoseTable, pose_table
+from ..fit.input_checks.alphabetical_rows import alphabetical_rows
+from ..fit.input_checks.checks import check_fit, check_poses, check_rotations
+from ..fit.input_checks.pose_ambiguity import CODE as POSE_AMBIGUITY
+from ..fit.input_checks.pose_ambiguity import flipped_rows
+from ..fit.input_checks.shifted_rows import find_shift, shifted_run
+from ..fit.likelihood.constraint import Unknowns
+from ..fit.likelihood.gauss_helmert import Fit
+from ..fit.likelihood.goodness_of_fit import GoodnessOfFit
+from ..fit.likelihood.open_directions import OpenDirections
+from ..fit.likelihood.robust import robust_fit
+from ..fit.likelihood.shared_estimates import JointFit, SharedEstimate
+from ..methods.estimators.registry import solve
+from ..methods.propagation.published_fit import fit_published
+from ..model.camera.boards.description import spacing_of
+from ..model.noise.estimate import NoiseEstimate
+from ..model.noise.joint_covariance import group_of
+from ..model.noise.models import Noise, PoseNoise
+from ..model.poses.motions import Motions, relative_motions, spread_pairs
+from ..model.poses.pose_pairs import PosePairs
+from ..model.poses.residuals import median, pose_residuals, rotation_angles
+from ..model.shared_errors.shared_error import TARGET_SCALE, WRONG_SIZE
 from .job import FEWEST_FOR_ROBUST, Job, job_of
 from .request import Request
 from .result import Calibration

@@ -9,15 +9,19 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..core.geometry.checks import as_numbers
+from ..core.geometry.se3 import Array, logarithm, perturb
 from ..errors import InputError
-from ..estimators.registry import ROBOT_WORLD_METHODS
-from ..geometry.checks import as_numbers
-from ..geometry.se3 import Array, logarithm, perturb
-from ..kinematics.against_controller import ControllerComparison, compare_with_controller
-from ..kinematics.chain import Kinematics
-from ..kinematics.gravity import spread_postures
-from ..kinematics.inverse import postures_at
-from ..kinematics.kinematic_errors import (
+from ..fit.likelihood.constraint import Constraint, constraint_of, require_noise_fits
+from ..fit.likelihood.gauss_helmert import ESTIMATORS
+from ..fit.likelihood.rig_bundle import require_shared
+from ..methods.estimators.registry import ROBOT_WORLD_METHODS
+from ..methods.propagation.all_pairs import AllPairs
+from ..model.kinematics.against_controller import ControllerComparison, compare_with_controller
+from ..model.kinematics.chain import Kinematics
+from ..model.kinematics.gravity import spread_postures
+from ..model.kinematics.inverse import postures_at
+from ..model.kinematics.kinematic_errors import (
     ESTIMATE,
     JOINT_NOISE,
     KinematicColumns,
@@ -25,20 +29,16 @@ from ..kinematics.kinematic_errors import (
     effects_of_errors,
     poses_with_errors,
 )
-from ..likelihood.constraint import Constraint, constraint_of, require_noise_fits
-from ..likelihood.gauss_helmert import ESTIMATORS
-from ..likelihood.rig_bundle import require_shared
-from ..noise.camera_noise import CameraNoise
-from ..noise.estimate import NoisePrior
-from ..noise.joint_covariance import JointCovariance
-from ..noise.models import Noise, PairNoise, PoseNoise, require_count, with_prior
-from ..noise.pose_prior import PosePrior
-from ..poses.motions import Motions, relative_motions, spread_pairs
-from ..poses.pose_pairs import PosePairs
-from ..propagation.all_pairs import AllPairs
-from ..shared_errors.accuracy import ROBOT_ACCURACY
-from ..shared_errors.kinematic_errors import errors_of_arm, kinematic_covariance
-from ..shared_errors.shared_error import (
+from ..model.noise.camera_noise import CameraNoise
+from ..model.noise.estimate import NoisePrior
+from ..model.noise.joint_covariance import JointCovariance
+from ..model.noise.models import Noise, PairNoise, PoseNoise, require_count, with_prior
+from ..model.noise.pose_prior import PosePrior
+from ..model.poses.motions import Motions, relative_motions, spread_pairs
+from ..model.poses.pose_pairs import PosePairs
+from ..model.shared_errors.accuracy import ROBOT_ACCURACY
+from ..model.shared_errors.kinematic_errors import errors_of_arm, kinematic_covariance
+from ..model.shared_errors.shared_error import (
     CLOCK_OFFSET,
     LENS,
     VIEW,
@@ -78,7 +78,7 @@ class Arm(NamedTuple):
 
     def other_branches(self) -> list[Arm]:
         """Return the arm in the other branches of its inverse kinematics that reach the poses."""
-        from ..kinematics.arms.postures import all_branches
+        from ..model.kinematics.arms.postures import all_branches
 
         found = all_branches(self.kinematics, self.measured.robot) if self.by_poses else []
         apart = [q for q in found if np.abs(np.sin(0.5 * (q - self.joints))).max() > APART]
@@ -339,7 +339,7 @@ def joints_by_poses(kinematics: Kinematics, poses: PosePairs) -> Array:
 
     Raises `InputError` where the arm does not reach the poses.
     """
-    from ..kinematics.arms.postures import postures_by_branch
+    from ..model.kinematics.arms.postures import postures_by_branch
 
     found = postures_by_branch(kinematics, poses.robot)
     if found.reached.mean() >= MOST_REACHED:  # another branch for the others: their errors are much the same

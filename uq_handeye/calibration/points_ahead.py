@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from ..geometry.se3 import Array
-from ..statement.stated import distance_of
+from ..core.geometry.se3 import Array
+from .statement.stated import distance_of
 
 if TYPE_CHECKING:
     from .result import Calibration

@@ -9,21 +9,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..empirical_covariance.resampled import KINDS as OF_RESIDUALS
+from ..core.geometry.se3 import Array
 from ..errors import InputError, require_integer
-from ..estimators.registry import METHODS, ROBOT_WORLD_METHODS
-from ..geometry.se3 import Array
-from ..kinematics.chain import Kinematics
-from ..kinematics.kinematic_errors import KinematicErrors
-from ..likelihood.gauss_helmert import ESTIMATORS
-from ..noise.camera_noise import CameraNoise
-from ..noise.estimate import NoisePrior
-from ..noise.models import Noise, PairNoise, PoseNoise, is_joint, require_count
-from ..one_model.component import Component
-from ..poses.motions import relative_motions
-from ..poses.pose_pairs import PosePairs, Selection, as_joint_values
-from ..shared_errors.shared_error import SharedError, listed_errors
-from ..shared_errors.sizes import SizeLike, checked_sizes
+from ..fit.empirical_covariance.resampled import KINDS as OF_RESIDUALS
+from ..fit.likelihood.gauss_helmert import ESTIMATORS
+from ..fit.one_model.component import Component
+from ..methods.estimators.registry import METHODS, ROBOT_WORLD_METHODS
+from ..model.kinematics.chain import Kinematics
+from ..model.kinematics.kinematic_errors import KinematicErrors
+from ..model.noise.camera_noise import CameraNoise
+from ..model.noise.estimate import NoisePrior
+from ..model.noise.models import Noise, PairNoise, PoseNoise, is_joint, require_count
+from ..model.poses.motions import relative_motions
+from ..model.poses.pose_pairs import PosePairs, Selection, as_joint_values
+from ..model.shared_errors.shared_error import SharedError, listed_errors
+from ..model.shared_errors.sizes import SizeLike, checked_sizes
 
 # Covariances of the result: of the noise, to first order and beyond; and of the residuals.
 OF_NOISE = ("model", "sigma-points")

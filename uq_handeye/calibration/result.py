@@ -12,46 +12,46 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..diagnostics.budget import Budget
-from ..diagnostics.pose_table import PoseTable
-from ..diagnostics.result import Diagnostics
-from ..diagnostics.split_half import SplitHalf
-from ..diagnostics.task_space import PointUncertainty
+from ..core.files.atomic import json_text
+from ..core.files.records import Record, parsed
+from ..core.formatting.numbers import concise, digits
+from ..core.geometry import conventions
+from ..core.geometry.pose_numbers import POSE_NUMBERS, pose_numbers
+from ..core.geometry.se3 import Array
+from ..core.presentation.document import COLUMNS, document_of, to_text
+from ..core.presentation.notebook import html_of
 from ..errors import InputError
-from ..files.atomic import json_text
-from ..files.records import Record, parsed
 from ..findings import Finding, texts
-from ..formatting.numbers import concise, digits
-from ..geometry import conventions
-from ..geometry.pose_numbers import POSE_NUMBERS, pose_numbers
-from ..geometry.se3 import Array
-from ..likelihood.d2_distribution import Reference
-from ..likelihood.goodness_of_fit import GoodnessOfFit
-from ..likelihood.open_directions import OpenDirections
-from ..likelihood.rig_bundle import Agreement
-from ..likelihood.shared_estimates import SharedEstimate
-from ..noise.estimate import FoundComponent, NoiseEstimate
-from ..noise.models import Noise
-from ..one_model.points import OpenSizes
-from ..poses.motions import Motions
-from ..poses.pose_pairs import PosePairs
-from ..poses.residuals import Residuals
-from ..poses.timing import TimeOffset
-from ..poses.to_dict import data_to_dict
-from ..posterior.posterior import Posterior
-from ..prediction.corrected_urdf import CorrectedUrdf, write_corrected_urdf
-from ..prediction.fitted_kinematics import FittedKinematics
-from ..prediction.predict import CameraPrediction, predict_camera, predict_points
-from ..prediction.workspace import WorkspacePrediction, over_workspace
-from ..presentation.document import COLUMNS, document_of, to_text
-from ..presentation.notebook import html_of
-from ..statement.of_result import Statement
-from ..statement.stated import distance_of
+from ..fit.diagnostics.budget import Budget
+from ..fit.diagnostics.pose_table import PoseTable
+from ..fit.diagnostics.result import Diagnostics
+from ..fit.diagnostics.split_half import SplitHalf
+from ..fit.diagnostics.task_space import PointUncertainty
+from ..fit.likelihood.d2_distribution import Reference
+from ..fit.likelihood.goodness_of_fit import GoodnessOfFit
+from ..fit.likelihood.open_directions import OpenDirections
+from ..fit.likelihood.rig_bundle import Agreement
+from ..fit.likelihood.shared_estimates import SharedEstimate
+from ..fit.one_model.points import OpenSizes
+from ..model.noise.estimate import FoundComponent, NoiseEstimate
+from ..model.noise.models import Noise
+from ..model.poses.motions import Motions
+from ..model.poses.pose_pairs import PosePairs
+from ..model.poses.residuals import Residuals
+from ..model.poses.timing import TimeOffset
+from ..model.poses.to_dict import data_to_dict
+from ..model.posterior.posterior import Posterior
 from .analysis import Analysis, StoredAnalysis
 from .estimated_poses import EstimatedPoses
+from .prediction.corrected_urdf import CorrectedUrdf, write_corrected_urdf
+from .prediction.fitted_kinematics import FittedKinematics
+from .prediction.predict import CameraPrediction, predict_camera, predict_points
+from .prediction.workspace import WorkspacePrediction, over_workspace
 from .provenance import Provenance
 from .report.plotted import Plotted
 from .result_file import DERIVED, FORMAT, UNITS, FourDPA, from_dict
+from .statement.of_result import Statement
+from .statement.stated import distance_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -432,7 +432,7 @@ class Calibration(EstimatedPoses, Statement, Plotted, Record):
 
         ``format`` is a name in `export.FORMATS`; None takes it from the suffix.
         """
-        from ..export import write_export
+        from ..formats.export import write_export
 
         return write_export(self, path, format)
 

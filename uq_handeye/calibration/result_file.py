@@ -10,22 +10,22 @@ from typing import Annotated, Any, NamedTuple, TypeVar
 
 import numpy as np
 
+from ..core.files.about import as_about
+from ..core.files.records import attributes, damaged, not_finite, parts_of, unequal
+from ..core.geometry.checks import as_transforms, checked_covariance
+from ..core.geometry.conventions import CONVENTION
+from ..core.geometry.frames import SETUPS
+from ..core.geometry.se3 import Array
+from ..core.runtime.versions import versions
 from ..errors import InputError
-from ..estimators.registry import METHODS, ROBOT_WORLD_METHODS
-from ..files.about import as_about
-from ..files.records import attributes, damaged, not_finite, parts_of, unequal
-from ..geometry.checks import as_transforms, checked_covariance
-from ..geometry.conventions import CONVENTION
-from ..geometry.frames import SETUPS
-from ..geometry.se3 import Array
-from ..likelihood.constraint import require_noise_fits
-from ..likelihood.gauss_helmert import ESTIMATORS
-from ..noise.to_dict import noise_from_dict
-from ..poses.motions import Motions, relative_motions
-from ..poses.pose_pairs import PosePairs
-from ..poses.to_dict import data_from_dict
-from ..posterior.posterior import Posterior
-from ..runtime.versions import versions
+from ..fit.likelihood.constraint import require_noise_fits
+from ..fit.likelihood.gauss_helmert import ESTIMATORS
+from ..methods.estimators.registry import METHODS, ROBOT_WORLD_METHODS
+from ..model.noise.to_dict import noise_from_dict
+from ..model.poses.motions import Motions, relative_motions
+from ..model.poses.pose_pairs import PosePairs
+from ..model.poses.to_dict import data_from_dict
+from ..model.posterior.posterior import Posterior
 from .analysis import StoredAnalysis
 from .request import BUNDLE, COVARIANCES
 

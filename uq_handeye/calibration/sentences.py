@@ -6,10 +6,10 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from ..diagnostics.sentences import along
+from ..core.formatting.numbers import concise, digits, multiple, probability, signed, times_of_noise
 from ..findings import CAMERA, MOTION, NOISE, OUTLIERS, RESIDUALS, SHARED, sentence
-from ..formatting.numbers import concise, digits, multiple, probability, signed, times_of_noise
-from ..poses.pose_pairs import ranges
+from ..fit.diagnostics.sentences import along
+from ..model.poses.pose_pairs import ranges
 
 
 def _of_two(v: Mapping[str, Any]) -> float:

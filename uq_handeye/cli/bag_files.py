@@ -15,11 +15,11 @@ from .pose_files import PoseFiles
 from .views import Views, camera_of
 
 if TYPE_CHECKING:
-    from ..camera.adjustment.initial_guess import Minima
-    from ..poses.stream import Stream
-    from ..rosbag.info import CameraInfo
-    from ..rosbag.recording import Recording
-    from ..synchronisation.result import Synchronised
+    from ..model.camera.adjustment.initial_guess import Minima
+    from ..model.poses.stream import Stream
+    from ..read.rosbag.info import CameraInfo
+    from ..read.rosbag.recording import Recording
+    from ..read.synchronisation.result import Synchronised
 
 # Names of the pictures of `rosbag.lens`, repeated here so that help loads quickly.
 CHOICES = ("raw", "rectified")
@@ -85,7 +85,7 @@ class BagGiven:
             lacks = "--robot BASE:TOOL" if self.camera else "--camera OPTICAL_FRAME:TARGET"
             lacks = lacks if self.robot or self.camera else "--robot BASE:TOOL and --camera OPTICAL_FRAME:TARGET"
             raise InputError(f"--bag needs {lacks}. uq-handeye bag {self.paths[0]} lists what there is.")
-        from ..rosbag.recording import read_recording
+        from ..read.rosbag.recording import read_recording
 
         with timed(f"reading {self.paths[0]}"):
             recording = read_recording(self.paths)
@@ -109,8 +109,8 @@ class BagGiven:
         """Return the arm that a topic of joint values moves; that of the kinematics alone where --robot names poses."""
         import numpy as np
 
-        from ..kinematics.joints_file import NamedJoints
-        from ..rosbag.listing import joint_tracks
+        from ..model.kinematics.joints_file import NamedJoints
+        from ..read.rosbag.listing import joint_tracks
 
         topic = self.robot or ""
         if topic not in recording.joints and f"/{topic}" not in recording.joints:
@@ -123,7 +123,7 @@ class BagGiven:
     def _streams(
         self, recording: "Recording", robot: str | None, files: PoseFiles, seen: Views | None
     ) -> "tuple[dict[str, Any], Views | None, Minima | None]":
-        from ..rosbag.streams import camera_stream, robot_stream
+        from ..read.rosbag.streams import camera_stream, robot_stream
 
         sides: dict[str, Any] = {}
         for role, frame, frames in (
@@ -168,7 +168,7 @@ class BagFiles(PoseFiles):
         found = self._on_one_clock(streams, how)
         if self.minima is None or self.still:
             return found
-        from ..rosbag.tags import decide_stream
+        from ..read.rosbag.tags import decide_stream
 
         decided = decide_stream(found.poses, streams["camera"], self.minima)
         if decided is None:
@@ -194,7 +194,7 @@ class BagFiles(PoseFiles):
 
     def _on_one_clock(self, streams: dict[str, Any], how: dict[str, Any], again: bool = False) -> "Synchronised":
         level = logging.DEBUG if again else logging.INFO
-        from ..synchronisation.synchronise import synchronise
+        from ..read.synchronisation.synchronise import synchronise
 
         spans = [(stream.timestamps[0], stream.timestamps[-1]) for stream in (streams["robot"], streams["camera"])]
         apart = max(first for first, _ in spans) > min(last for _, last in spans)
@@ -230,8 +230,8 @@ def info_of(text: str) -> "CameraInfo | str":
     """Return the intrinsics of --camera-matrix as those of a camera_info, or the word that chooses among those."""
     import numpy as np
 
-    from ..camera.models import LINEAR, MODELS
-    from ..rosbag.info import CameraInfo
+    from ..model.camera.models import LINEAR, MODELS
+    from ..read.rosbag.info import CameraInfo
 
     if text in CHOICES:
         return text

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from ..core.files.about import ABOUT, read_about
+from ..core.runtime.progress import working
 from ..errors import InputError
-from ..files.about import ABOUT, read_about
-from ..runtime.progress import working
 from .messages import LOG, progress_wanted, timed
 from .options.common import emit, named_folder, one_of, option, require_writable
 from .options.declared import OUTPUT, common_in
@@ -23,11 +23,11 @@ if TYPE_CHECKING:
 
 def deliver(directory: Path, files: Mapping[str, str | bytes], figures: "Mapping[str, Figure] | None" = None) -> str:
     """Write files, and each figure by its stem as PNG and SVG, into a folder; return the line that says so."""
-    from ..io import write_files
+    from ..read import write_files
 
     written = dict(files)
     for stem, figure in (figures or {}).items():
-        from ..presentation.ellipses import render  # Matplotlib is slow to import
+        from ..core.presentation.ellipses import render  # Matplotlib is slow to import
 
         written |= {f"{stem}.{kind}": render(figure, kind) for kind in ("png", "svg")}
     write_files(directory, written)
@@ -36,7 +36,7 @@ def deliver(directory: Path, files: Mapping[str, str | bytes], figures: "Mapping
 
 def wrote(directory: Path, names: Iterable[str]) -> str:
     """Return ``Wrote a.json, a.png and a.svg to DIR``, wrapped, below an empty line."""
-    from ..presentation.document import Paragraph, to_text
+    from ..core.presentation.document import Paragraph, to_text
 
     *most, last = names
     listed = f"{', '.join(most)} and {last}" if most else last
@@ -54,7 +54,7 @@ def deliver_camera_poses(
         with timed(f"writing {output}"), working(f"writing {output}", progress_wanted()):
             found.write(output)
     if as_json:
-        from ..io import json_text
+        from ..read import json_text
 
         emit(json_text(to_dict(found)))
         return
@@ -90,7 +90,7 @@ def is_csv(path: Path | None) -> bool:
 
 def deliver_csv(path: Path, table: str) -> str:
     """Write the table alone to ``-o FILE.csv``, with a note that this form is going to end."""
-    from ..io import write_atomically
+    from ..read import write_atomically
 
     write_atomically(path, table)
     LOG.info("-o FILE.csv is deprecated: -o names a folder, as for all other commands, e.g. -o %s/.", path.stem)

@@ -19,11 +19,11 @@ from .views import Views, views_of
 
 if TYPE_CHECKING:
     from ..calibration.result import Calibration
-    from ..camera.result import CameraCalibration
-    from ..kinematics.chain import Kinematics
-    from ..noise.models import Noise
-    from ..poses.pose_pairs import PosePairs
-    from ..shared_errors.shared_error import SharedError
+    from ..model.camera.result import CameraCalibration
+    from ..model.kinematics.chain import Kinematics
+    from ..model.noise.models import Noise
+    from ..model.poses.pose_pairs import PosePairs
+    from ..model.shared_errors.shared_error import SharedError
 
 
 @dataclass(frozen=True)
@@ -46,9 +46,9 @@ class NewPictures(Pictures):
 
     def poses(self, robot: Path | None, **how: Any) -> "PosePairs":
         """Return robot poses with the camera poses of the pictures."""
-        from ..camera.board import find_corners, source_of
-        from ..camera.calibrate import poses_by_known_camera
-        from ..io import read_poses
+        from ..model.camera.board import find_corners, source_of
+        from ..model.camera.calibrate import poses_by_known_camera
+        from ..read import read_poses
 
         board = self.board.read()
         with timed(f"looking for the board in {self.images}"):
@@ -152,9 +152,9 @@ def problem_for(
     pairs: str,
 ) -> dict[str, Any]:
     """Return the arguments ``data`` and ``noise`` of a question about X: the calibration, or else what was read."""
-    from ..noise.models import PairNoise, PoseNoise
-    from ..poses.motions import relative_motions
-    from ..shared_errors.shared_error import shared_columns, with_shared
+    from ..model.noise.models import PairNoise, PoseNoise
+    from ..model.poses.motions import relative_motions
+    from ..model.shared_errors.shared_error import shared_columns, with_shared
 
     if result is not None and result.noise is not None:
         return {"data": result}

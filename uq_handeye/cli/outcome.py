@@ -9,7 +9,7 @@ from .options.common import emit, emit_document
 
 if TYPE_CHECKING:
     from ..calibration.result import Calibration
-    from ..statement.tolerance import Tolerance, Verdict
+    from ..calibration.statement.tolerance import Tolerance, Verdict
 
 # Exit statuses.
 NOT_USABLE, NOT_PASSED, IN_PART = 3, 5, 6
@@ -39,7 +39,7 @@ def wanted_of(tolerance: str | None = None, at: str | None = None) -> Wanted:
         if at is not None:
             raise InputError("--at needs a tolerance. Add, for example, --tolerance 1mm.")
         return Wanted(None)
-    from ..statement.tolerance import Tolerance
+    from ..calibration.statement.tolerance import Tolerance
 
     return Wanted(Tolerance.read(tolerance, at))
 
@@ -70,7 +70,7 @@ def emit_result(
 def emit_answer(result: "Calibration", verdict: "Verdict | None", written: str) -> int:
     """Print the headline and the verdict of a calibration and what was written; return the exit status."""
     from ..calibration.report.first_screen import answer_blocks
-    from ..presentation.document import Answer, Paragraph
+    from ..core.presentation.document import Answer, Paragraph
 
     if not quiet():
         answers = [block for block in answer_blocks(result, verdict) if isinstance(block, Answer)]
@@ -84,10 +84,10 @@ def emit_refusal(error: InputError | NotConvergedError, as_json: bool, shown: li
     Otherwise raise the error. Sentences that are printed are added to ``shown``.
     """
     from ..calibration.report.next_step import step_after
-    from ..files.atomic import json_text
-    from ..presentation.document import Answer, Paragraph
-    from ..statement.checks import failures_in_words
-    from ..statement.headline import NOT_USABLE as HEADLINE
+    from ..calibration.statement.checks import failures_in_words
+    from ..calibration.statement.headline import NOT_USABLE as HEADLINE
+    from ..core.files.atomic import json_text
+    from ..core.presentation.document import Answer, Paragraph
 
     reasons = failures_in_words(error.findings)
     if not reasons:
@@ -115,7 +115,7 @@ def emit_refusal(error: InputError | NotConvergedError, as_json: bool, shown: li
 def _emit_text(result: "Calibration", verdict: "Verdict | None", last: tuple[str, ...], threshold: float) -> None:
     from ..calibration.report.first_screen import first_screen
     from ..calibration.report.text import long_document
-    from ..presentation.document import Document, Paragraph, to_text
+    from ..core.presentation.document import Document, Paragraph, to_text
 
     width = terminal_width()
     document: Document
@@ -128,7 +128,7 @@ def _emit_text(result: "Calibration", verdict: "Verdict | None", last: tuple[str
 
 def json_of(result: "Calibration", verdict: "Verdict | None") -> str:
     """Return the result as JSON text, with the verdict on the tolerance."""
-    from ..files.atomic import json_text
+    from ..core.files.atomic import json_text
 
     more: dict[str, Any] = {} if verdict is None else {"verdict": verdict.to_dict()}
     return json_text(result.to_dict() | more)

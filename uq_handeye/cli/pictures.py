@@ -4,18 +4,18 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
+from ..core.runtime.progress import working
 from ..errors import InputError
-from ..runtime.progress import working
 from .messages import LOG, progress_wanted, timed
 from .options.common import Options, one_of, option
 from .options.declared import CAMERA_MODEL
 
 if TYPE_CHECKING:
-    from ..camera.board import Board
-    from ..camera.board_shape import BoardShape
-    from ..camera.corners import Corners
-    from ..camera.result import CameraCalibration
-    from ..poses.pose_pairs import PosePairs
+    from ..model.camera.board import Board
+    from ..model.camera.board_shape import BoardShape
+    from ..model.camera.corners import Corners
+    from ..model.camera.result import CameraCalibration
+    from ..model.poses.pose_pairs import PosePairs
 
 
 # Names of camera.models.MODELS, and "auto", repeated here so that help and completion load quickly.
@@ -70,20 +70,20 @@ class BoardOptions(Options):
         """Return the measured board if ``--board`` names a file of points."""
         if self.file is None or self.of_kalibr:
             return None
-        from ..camera.files.board_file import read_board
+        from ..model.camera.files.board_file import read_board
 
         return read_board(self.file)
 
     def read(self) -> "Board":
         """Return the board to look for."""
-        from ..camera.board import Board, board_of
+        from ..model.camera.board import Board, board_of
 
         if self.of_kalibr:
-            from ..camera.files.board_file import read_target
+            from ..model.camera.files.board_file import read_target
 
             return read_target(str(self.file))
         if self.file is not None:
-            from ..camera.files.board_file import read_board_table
+            from ..model.camera.files.board_file import read_board_table
 
             if not (text := read_board_table(self.file).board):
                 raise InputError(
@@ -119,7 +119,7 @@ class BoardOptions(Options):
 
     def _tags(self, kind: str) -> "Board":
         """Return a board of tags."""
-        from ..camera.board import Board
+        from ..model.camera.board import Board
 
         single = kind == "apriltag" or (kind == "aruco" and self.board is None)
         if self.marker is not None:
@@ -181,7 +181,7 @@ class LensOptions(Options):
     ) -> "CameraCalibration":
         """Calibrate the camera from corners, of a board that may have been ``measured`` before, or take the intrinsics
         of a known ``camera``."""
-        from ..camera.calibrate import calibrate_camera
+        from ..model.camera.calibrate import calibrate_camera
 
         if measured is not None and self.board_shape is not None:
             raise InputError("--board-shape: the file of --board holds the shape of the board. Remove one of them.")
@@ -198,7 +198,7 @@ class LensOptions(Options):
         model = None if self.model is None else one_of(self.model, "--model", MODEL_NAMES)
         values: Any = None
         if self.intrinsics is not None:
-            from ..camera.files.intrinsics_file import read_intrinsics
+            from ..model.camera.files.intrinsics_file import read_intrinsics
 
             known = read_intrinsics(self.intrinsics, model)
             values, model = known.values, known.model if model in (None, "auto") else model
@@ -249,10 +249,10 @@ class Pictures:
         """Return robot poses with the camera poses of the pictures; ``how`` are further arguments of `read_poses`."""
         from dataclasses import replace
 
-        from ..camera.board import find_corners, source_of
-        from ..camera.report.text import model_name
-        from ..input_checks.board_rotation import resolve_board_rotation
-        from ..io import read_poses
+        from ..fit.input_checks.board_rotation import resolve_board_rotation
+        from ..model.camera.board import find_corners, source_of
+        from ..model.camera.report.text import model_name
+        from ..read import read_poses
 
         board = self.board.read()
         with timed(f"looking for the board in {self.images}"):
@@ -273,7 +273,7 @@ def read_two_numbers(text: str, name: str, example: str) -> tuple[int, int]:
 
 def read_length(text: str, name: str) -> float:
     """Return the metres of a number, which may have a unit."""
-    from ..formatting.units import parse_length
+    from ..core.formatting.units import parse_length
 
     try:
         value = float(text)

@@ -13,11 +13,11 @@ from .options.noise import EXACT, Given
 from .stream_files import StreamFiles, missing_robot
 
 if TYPE_CHECKING:
-    from ..noise.camera_noise import CameraNoise
-    from ..noise.estimate import NoisePrior
-    from ..noise.models import Noise, PoseNoise
-    from ..poses.pose_pairs import PosePairs, Selection
-    from ..shared_errors.shared_error import SharedError
+    from ..model.noise.camera_noise import CameraNoise
+    from ..model.noise.estimate import NoisePrior
+    from ..model.noise.models import Noise, PoseNoise
+    from ..model.poses.pose_pairs import PosePairs, Selection
+    from ..model.shared_errors.shared_error import SharedError
     from .pictures import Pictures
     from .views import Views
 
@@ -90,7 +90,7 @@ class PoseFiles(StreamFiles):
         else:
             poses, noise = files._poses_and_noise(given.noise, seen, arm)
             if poses.camera_calibration is not None:
-                from ..input_checks.pose_ambiguity import CODE, resolve_pose_ambiguity
+                from ..fit.input_checks.pose_ambiguity import CODE, resolve_pose_ambiguity
 
                 poses = resolve_pose_ambiguity(poses)
                 seen_by = poses.camera_calibration
@@ -111,7 +111,7 @@ class PoseFiles(StreamFiles):
 
     def selection(self, poses: "PosePairs", fewest: int = 3) -> "Selection | None":
         """Return which of the poses --exclude and --only leave; None: all."""
-        from ..poses.pose_pairs import select_poses
+        from ..model.poses.pose_pairs import select_poses
 
         return select_poses(poses.n, self.exclude, self.only, ("--exclude", "--only"), fewest)
 
@@ -169,7 +169,7 @@ class PoseFiles(StreamFiles):
 
     def _synchronised_poses(self, noise: "Noise | None", arm: Arm | None) -> "tuple[PosePairs, Noise | None]":
         """Return interpolated poses with their noise, which is less than that of the samples."""
-        from ..formatting.numbers import concise
+        from ..core.formatting.numbers import concise
 
         found = self.synchronised(arm, noise=noise)
         if found.offset_std > 0.0:
@@ -193,7 +193,7 @@ class PoseFiles(StreamFiles):
             raise InputError(f"{', '.join(wrong)}: for files of camera poses, not for {what}. Remove the option.")
 
     def _read(self, how: str | None, pictures: "Pictures | None", arm: Arm | None) -> "PosePairs":
-        from ..io import read_poses
+        from ..read import read_poses
 
         of_arm: dict[str, Any] = {} if arm is None else arm.of_files
         if self.time_tolerance is not None:
@@ -208,7 +208,7 @@ def _is_camera_folder(path: Path) -> bool:
     """Return whether a folder is that of camera -o or points -o, not one of pose files."""
     if not path.is_dir():
         return False
-    from ..io.known_camera import is_folder_of_poses
+    from ..read.known_camera import is_folder_of_poses
 
     return is_folder_of_poses(path)
 
@@ -221,8 +221,8 @@ def _complete_noise(
 ) -> "tuple[Noise, list[SharedError]]":
     """Return the noise with its unknown part estimated as `calibrate` does, and the shared errors."""
     from ..calibration.calibrate import calibrate
-    from ..noise.models import PoseNoise
-    from ..shared_errors.shared_error import replace_defaults, settled_errors, without_shared
+    from ..model.noise.models import PoseNoise
+    from ..model.shared_errors.shared_error import replace_defaults, settled_errors, without_shared
 
     with timed("estimating the other noise"), warnings.catch_warnings():
         warnings.simplefilter("ignore", InputWarning)  # they are raised again where the noise is used

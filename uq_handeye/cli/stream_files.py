@@ -13,8 +13,8 @@ from .options.common import CAMERA_FRAMES, ROBOT_FRAMES, SETUP_NAMES, option
 from .options.declared import POSE_FILES
 
 if TYPE_CHECKING:
-    from ..poses.stream import Stream
-    from ..synchronisation.result import Synchronised
+    from ..model.poses.stream import Stream
+    from ..read.synchronisation.result import Synchronised
 
 
 @dataclass(frozen=True)
@@ -99,7 +99,7 @@ class StreamFiles:
 
     def synchronised(self, arm: Arm | None = None, **options: Any) -> "Synchronised":
         """Return both sides as streams on one clock; ``options`` are further arguments of `synchronise`."""
-        from ..synchronisation.synchronise import synchronise
+        from ..read.synchronisation.synchronise import synchronise
 
         streams = self.streams(arm)
         LOG.debug("%d poses of the robot, %d of the camera", len(streams["robot"]), len(streams["camera"]))
@@ -116,7 +116,7 @@ class StreamFiles:
 
     def stream(self, role: str, file: Path | None, arm: Arm | None = None) -> "Stream":
         """Return the stream of one side from a file, or the joint values of ``arm``."""
-        from ..io import read_stream
+        from ..read import read_stream
 
         k = ("robot", "camera").index(role)
         return read_stream(

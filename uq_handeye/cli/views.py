@@ -9,10 +9,10 @@ from .options.common import Options, made_of
 from .pictures import BoardOptions, KnownCamera, LensOptions, Pictures, read_length
 
 if TYPE_CHECKING:
-    from ..noise.camera_noise import CameraNoise
-    from ..noise.estimate import NoisePrior
-    from ..noise.models import Noise, PoseNoise
-    from ..poses.pose_pairs import PosePairs
+    from ..model.noise.camera_noise import CameraNoise
+    from ..model.noise.estimate import NoisePrior
+    from ..model.noise.models import Noise, PoseNoise
+    from ..model.poses.pose_pairs import PosePairs
 
 # Names of `shared_errors.camera_noise`, repeated here so that help and completion load quickly.
 INTRINSICS = ("estimated", "pinhole", "exact")
@@ -48,7 +48,7 @@ class Views:
         self, poses: "PosePairs", noise: "Noise | None", prior: "NoisePrior | None"
     ) -> "CameraNoise | PoseNoise":
         """Return the noise of the poses, with the robot noise if it is given."""
-        from ..noise.models import PoseNoise
+        from ..model.noise.models import PoseNoise
 
         if prior is not None and prior.camera is not None:
             raise InputError(
@@ -66,7 +66,7 @@ class Views:
 
     def noise(self, poses: "PosePairs") -> "CameraNoise":
         """Compute the camera noise from the views."""
-        from ..shared_errors.camera_noise import camera_noise
+        from ..model.shared_errors.camera_noise import camera_noise
 
         if self.options.camera_matrix is None:
             given = ", ".join([*self.board.given, *self.options.given]) or "--intrinsics"
@@ -96,11 +96,11 @@ class Views:
         if tag is not None:
             if board.given:
                 raise InputError(f"Give either --tag or {', '.join(board.given)}: not both.")
-            from ..camera.board import tag_points
+            from ..model.camera.board import tag_points
 
             return tag_points(read_length(tag, "--tag"))
         if board.file is not None and not board.of_kalibr:
-            from ..camera.files.board_file import read_board_points
+            from ..model.camera.files.board_file import read_board_points
 
             return read_board_points(board.file)
         if board.pattern is None and not board.of_kalibr and (board.board is None or board.square is None):
@@ -111,7 +111,7 @@ class Views:
 def camera_of(text: str) -> Any:
     """Read a camera matrix: four numbers, a file or a folder."""
     if (path := Path(text)).is_dir():
-        from ..camera.files.folder import read_camera
+        from ..model.camera.files.folder import read_camera
 
         return read_camera(path)
     parts = text.split(",")
@@ -120,7 +120,7 @@ def camera_of(text: str) -> Any:
             return [float(part) for part in parts]
         except ValueError:
             pass
-    from ..camera.files.intrinsics_file import read_intrinsics
+    from ..model.camera.files.intrinsics_file import read_intrinsics
 
     if not path.exists():
         raise InputError(
@@ -161,7 +161,7 @@ def _pictures(images: str, board: BoardOptions, lens: LensOptions, options: View
         kinds = ("--pattern",) if board.pattern in ("apriltag", "aruco") and board.board is None else ()
         if given := [name for name in board.given if name not in ("--dictionary", "--first-id", *kinds)]:
             raise InputError(f"Give either --tag or {', '.join(given)}: not both.")
-        from ..camera.boards.description import APRILTAGS, dictionary_name
+        from ..model.camera.boards.description import APRILTAGS, dictionary_name
 
         april = board.pattern != "aruco" if board.dictionary is None else dictionary_name(board.dictionary) in APRILTAGS
         board = replace(board, square=options.tag, pattern="apriltag" if april else "aruco")
@@ -186,8 +186,8 @@ def _pictures(images: str, board: BoardOptions, lens: LensOptions, options: View
 
 def _known(camera: Any, exact: bool) -> KnownCamera:
     """Return known intrinsics with standard deviations, by default those of finished poses of a tag."""
-    from ..camera.models import LINEAR, MODELS
-    from ..shared_errors.shared_error import DEFAULT_SD, FOCAL_LENGTH, PRINCIPAL_POINT
+    from ..model.camera.models import LINEAR, MODELS
+    from ..model.shared_errors.shared_error import DEFAULT_SD, FOCAL_LENGTH, PRINCIPAL_POINT
 
     values: dict[str, Any]
     if isinstance(camera, list):

@@ -16,16 +16,16 @@ from .stream_files import StreamFiles
 
 if TYPE_CHECKING:
     from ..calibration.result import Calibration
-    from ..live_session.folder import Folder
-    from ..live_session.question import Answer, Question
-    from ..poses.pose_pairs import PosePairs
-    from ..statement.tolerance import Tolerance
+    from ..calibration.statement.tolerance import Tolerance
+    from ..model.poses.pose_pairs import PosePairs
+    from ..use.live_session.folder import Folder
+    from ..use.live_session.question import Answer, Question
     from .views import Views
 
 
 def folder_of(path: Path, files: StreamFiles, seen: "Pictures | Views | None") -> "Folder":
     """Return the folder with how its files are read."""
-    from ..live_session.folder import Folder
+    from ..use.live_session.folder import Folder
 
     return Folder(path, files.reading, seen if isinstance(seen, Pictures) else None)
 
@@ -50,7 +50,7 @@ def question_of(
     given: Given, seen: "Pictures | Views | None", options: dict[str, Any], tolerance: "Tolerance | None"
 ) -> "Question":
     """Return what is asked after each pose, with the noise and the shared errors as given."""
-    from ..live_session.question import Question
+    from ..use.live_session.question import Question
     from .views import Views
 
     def beside(poses: "PosePairs") -> tuple[Any, Any]:
@@ -73,7 +73,7 @@ class Watch:
 
     def run(self, pause: Callable[[float], None] = time.sleep) -> "Calibration | None":
         """Answer after each pose until the tolerance is met or Ctrl-C; return the last result."""
-        from ..live_session.folder import settled
+        from ..use.live_session.folder import settled
 
         last: Calibration | None = None
         count, problem = 0, ""
@@ -102,7 +102,7 @@ class Watch:
         return last
 
     def _write(self, answer: "Answer") -> None:
-        from ..io import write_files
+        from ..read import write_files
         from .outcome import json_of
 
         if self.output is not None and answer.result is not None:

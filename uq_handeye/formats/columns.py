@@ -10,8 +10,8 @@ from __future__ import annotations
 import re
 from datetime import UTC, datetime
 
-from ..files.table import name_and_unit
-from ..formatting.units import LENGTH_UNITS
+from ..core.files.table import name_and_unit
+from ..core.formatting.units import LENGTH_UNITS
 from .contents import COLUMNS
 
 # Other names of the columns, in small letters, that mean one thing only.

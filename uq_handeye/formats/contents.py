@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.formatting.units import LENGTH_UNITS
+from ..core.geometry.checks import TOO_LONG, as_transforms, first_duplicate
+from ..core.geometry.se3 import Array, inverse
 from ..errors import InputError
-from ..formatting.units import LENGTH_UNITS
-from ..geometry.checks import TOO_LONG, as_transforms, first_duplicate
-from ..geometry.se3 import Array, inverse
 from .rotation_form import MATRICES, QUATERNIONS, RotationForm, rotation_form
 
 # The frames in which poses are used, and those that are inverted first.

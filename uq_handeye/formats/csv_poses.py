@@ -19,14 +19,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
+from ..core.files.atomic import write_atomically
+from ..core.files.lines import MAX_BYTES, short
+from ..core.files.many import numbers_in
+from ..core.files.open import StrPath, as_path, opened, shown
+from ..core.files.table import MARKS, Places, Schema, in_order, numbers_only, read_table, split_names
+from ..core.geometry.checks import as_transforms, first_duplicate
+from ..core.geometry.se3 import Array
 from ..errors import InputError, InputWarning
-from ..files.atomic import write_atomically
-from ..files.lines import MAX_BYTES, short
-from ..files.many import numbers_in
-from ..files.open import StrPath, as_path, opened, shown
-from ..files.table import MARKS, Places, Schema, in_order, numbers_only, read_table, split_names
-from ..geometry.checks import as_transforms, first_duplicate
-from ..geometry.se3 import Array
 from .columns import SECONDS, counts_poses, meaning_and_unit
 from .contents import COLUMNS, Contents, Side, finished, require_units
 
@@ -88,7 +88,7 @@ def read_pose_file(path: StrPath, units: str = "m") -> tuple[NDArray[np.float64]
     path : path of the file
         At most 1 GB, 10,000,000 rows, 10,000 characters per line.
     units : str
-        Length unit of ``x, y, z``: m, mm, ... (`uq_handeye.formatting.units.LENGTH_UNITS`). The poses are in metres.
+        Length unit of ``x, y, z``: m, mm, ... (`uq_handeye.core.formatting.units.LENGTH_UNITS`). The poses are in metres.
 
     Raises
     ------

@@ -15,14 +15,14 @@ from io import BufferedReader
 from pathlib import Path
 from typing import Any, BinaryIO, cast
 
+from ..core.files import lines as _lines
+from ..core.files import trees as _trees
+from ..core.files.lines import is_number, short
+from ..core.files.many import is_many, paths_of
+from ..core.files.open import Hashed, opened, require_size, shown
+from ..core.files.source import Source
+from ..core.files.trees import got, pose_name
 from ..errors import InputError
-from ..files import lines as _lines
-from ..files import trees as _trees
-from ..files.lines import is_number, short
-from ..files.many import is_many, paths_of
-from ..files.open import Hashed, opened, require_size, shown
-from ..files.source import Source
-from ..files.trees import got, pose_name
 from .contents import COLUMNS, Contents
 from .controllers.forms import CONTROLLERS
 from .controllers.readings import in_convention

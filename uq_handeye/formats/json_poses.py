@@ -18,10 +18,10 @@ from typing import Any
 
 import numpy as np
 
+from ..core.files.trees import got, item, matrix, number, pose_name, transform, vector
+from ..core.geometry.frames import SETUPS
+from ..core.geometry.se3 import Array
 from ..errors import InputError
-from ..files.trees import got, item, matrix, number, pose_name, transform, vector
-from ..geometry.frames import SETUPS
-from ..geometry.se3 import Array
 from .contents import Contents, Side, matrices_side
 from .controllers.records import records_side
 from .matrices.arrays import is_poses, matrices_of, numbers_of, side_of_array

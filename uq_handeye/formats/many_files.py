@@ -9,11 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
+from ..core.files.many import numbers_in
+from ..core.files.open import shown
+from ..core.files.source import Source
+from ..core.geometry.checks import first_duplicate
 from ..errors import InputError
-from ..files.many import numbers_in
-from ..files.open import shown
-from ..files.source import Source
-from ..geometry.checks import first_duplicate
 from .contents import Contents, Side
 
 

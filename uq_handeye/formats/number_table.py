@@ -19,10 +19,10 @@ from itertools import islice, pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.files.lines import MAX_LINE, MAX_ROWS, short
+from ..core.files.many import numbers_in
+from ..core.geometry.se3 import Array
 from ..errors import InputError
-from ..files.lines import MAX_LINE, MAX_ROWS, short
-from ..files.many import numbers_in
-from ..geometry.se3 import Array
 from .columns import counts_poses, meaning, seconds_of
 
 # Lines before the names or the first numbers that may hold a title.

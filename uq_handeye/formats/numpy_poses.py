@@ -19,11 +19,11 @@ import numpy as np
 from numpy.lib import format as npy
 from numpy.typing import NDArray
 
+from ..core.files.lines import refused, short
+from ..core.files.trees import pose_name
+from ..core.geometry.frames import SETUPS
+from ..core.geometry.se3 import Array
 from ..errors import InputError
-from ..files.lines import refused, short
-from ..files.trees import pose_name
-from ..geometry.frames import SETUPS
-from ..geometry.se3 import Array
 from .contents import Contents, Side
 from .matrices.arrays import is_poses, side_of_array
 from .not_poses import conversion

@@ -17,10 +17,10 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from ..core.files.lines import short
+from ..core.files.trees import got, number, pose_name
+from ..core.geometry.se3 import Array
 from ..errors import InputError
-from ..files.lines import short
-from ..files.trees import got, number, pose_name
-from ..geometry.se3 import Array
 from .contents import Contents, matrices_side
 
 # The names of rotation and translation, the side and the frame that OpenCV documents.

@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from ..core.files.open import StrPath, as_path, opened
+from ..core.files.trees import MAX_BYTES, parse_tree
+from ..core.geometry.checks import as_transforms
+from ..core.geometry.se3 import Array
 from ..errors import InputError
-from ..files.open import StrPath, as_path, opened
-from ..files.trees import MAX_BYTES, parse_tree
-from ..geometry.checks import as_transforms
-from ..geometry.se3 import Array
 
 _FORM = (
     "'pose' (4 x 4), or 'translation' and 'quaternion' (x, y, z, w), with 'covariance' (6 x 6) or 'std' (6) of "

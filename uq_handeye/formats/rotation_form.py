@@ -18,8 +18,8 @@ from typing import Any, cast
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from ..core.geometry.se3 import Array
 from ..errors import InputError
-from ..geometry.se3 import Array
 
 QUATERNIONS = ("xyzw", "wxyz")
 MATRICES = ("matrix", "transposed")

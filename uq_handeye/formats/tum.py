@@ -10,9 +10,9 @@ from __future__ import annotations
 
 from typing import BinaryIO
 
+from ..core.files.lines import short
+from ..core.files.table import Places, Schema, read_table
 from ..errors import InputError
-from ..files.lines import short
-from ..files.table import Places, Schema, read_table
 from .columns import meaning
 from .contents import COLUMNS as USUAL
 from .contents import Contents, Side

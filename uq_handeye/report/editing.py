@@ -6,7 +6,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import replace
 
-from ..presentation.document import Block, Paragraph, Points, Section
+from ..core.presentation.document import Block, Paragraph, Points, Section
 
 # Sections for those who repeat the run or take X into their software.
 FOR_PROGRAMMERS = ("forms", "repeat")

@@ -23,23 +23,23 @@ from ..calibration.report.shared_figure import shared_figure
 from ..calibration.report.task_space_figure import task_space_figure
 from ..calibration.report.text import directions, parent_frame
 from ..calibration.report.workspace_figure import workspace_figure
-from ..comparison.methods_figure import methods_picture
+from ..calibration.statement.included import shared_groups
+from ..core.formatting.numbers import digits
+from ..core.presentation.ellipses import LEVELS, covariance_ellipses
+from ..core.presentation.figure_parts import Picture
+from ..core.presentation.named_figure import NamedFigure
 from ..errors import InputError
-from ..formatting.numbers import digits
-from ..noise.models import PoseNoise
-from ..poses.motions import Motions
-from ..poses.pose_pairs import PosePairs
-from ..presentation.ellipses import LEVELS, covariance_ellipses
-from ..presentation.figure_parts import Picture
-from ..presentation.named_figure import NamedFigure
-from ..propagation.published_fit import mean_target
-from ..statement.included import shared_groups
+from ..methods.propagation.published_fit import mean_target
+from ..model.noise.models import PoseNoise
+from ..model.poses.motions import Motions
+from ..model.poses.pose_pairs import PosePairs
+from .comparison.methods_figure import methods_picture
 
 if TYPE_CHECKING:
     from ..calibration.result import Calibration
-    from ..comparison.result import Comparison
-    from ..geometry.se3 import Array
-    from ..validation.cross_check.result import CrossCheck
+    from ..core.geometry.se3 import Array
+    from ..trials.validation.cross_check.result import CrossCheck
+    from .comparison.result import Comparison
 
 # Rows of a cross-check that are laid over the ellipses: key and name in the legend.
 OVERLAY = (

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 from matplotlib.figure import Figure
 
 from ..calibration.report.plotted import FIGURES, figure_names
-from ..comparison.of_result import compare_beside
 from ..errors import InputError
+from .comparison.of_result import compare_beside
 from .figures import pictures
 
 if TYPE_CHECKING:

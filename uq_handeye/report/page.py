@@ -17,17 +17,17 @@ from pathlib import Path
 from .._version import __version__
 from ..calibration.report.first_screen import data_words
 from ..calibration.result import Calibration
-from ..comparison.of_result import Compared, compare_beside
-from ..comparison.result import Comparison
+from ..calibration.statement.tolerance import Verdict
+from ..core.files.about import as_about
+from ..core.files.atomic import require_writable_file, write_atomically
+from ..core.geometry.conventions import CONVENTION
+from ..core.presentation.document import Drawing, Section
+from ..core.presentation.page import drawing, rendered
+from ..core.presentation.pdf import PAPERS, to_pdf
 from ..errors import InputError
-from ..files.about import as_about
-from ..files.atomic import require_writable_file, write_atomically
-from ..geometry.conventions import CONVENTION
-from ..presentation.document import Drawing, Section
-from ..presentation.page import drawing, rendered
-from ..presentation.pdf import PAPERS, to_pdf
-from ..statement.tolerance import Verdict
-from ..validation.cross_check.result import CrossCheck as CrossCheck
+from ..trials.validation.cross_check.result import CrossCheck as CrossCheck
+from .comparison.of_result import Compared, compare_beside
+from .comparison.result import Comparison
 from .editing import edited
 from .figures import pictures, require_same_problem
 from .sections_camera import camera_sections

@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from ..calibration.report.analysis import KINDS
-from ..camera.report.text import answer, boards_words, coverage_words, model_name, noise_words, parameter_rows
-from ..diagnostics.budget import EACH, SHARED
-from ..formatting.numbers import fixed
-from ..presentation.document import Block, Paragraph, Points, Section, Table
+from ..core.formatting.numbers import fixed
+from ..core.presentation.document import Block, Paragraph, Points, Section, Table
+from ..fit.diagnostics.budget import EACH, SHARED
+from ..model.camera.report.text import answer, boards_words, coverage_words, model_name, noise_words, parameter_rows
 from .figures import poses_of
 
 if TYPE_CHECKING:

@@ -17,12 +17,12 @@ from ..calibration.report.analysis import (
     worst_words,
 )
 from ..calibration.report.shared_errors import included_words, shared_blocks
-from ..formatting.numbers import fixed
-from ..presentation.document import Block, Cell, Drawing, Paragraph, Points, Section, Table
+from ..core.formatting.numbers import fixed
+from ..core.presentation.document import Block, Cell, Drawing, Paragraph, Points, Section, Table
 
 if TYPE_CHECKING:
     from ..calibration.result import Calibration
-    from ..comparison.result import Comparison
+    from .comparison.result import Comparison
 
 # A table lists all poses up to so many; of more those that are flagged, and the worst.
 MOST_LISTED, MOST_FLAGGED, WORST = 40, 30, 12

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..presentation.document import Block, Code, Paragraph, Points, Section, Table
+from ..core.presentation.document import Block, Code, Paragraph, Points, Section, Table
 
 if TYPE_CHECKING:
     from ..calibration.result import Calibration

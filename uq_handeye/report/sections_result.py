@@ -11,16 +11,16 @@ from ..calibration.points_ahead import ahead
 from ..calibration.report.arm import arm_sentences
 from ..calibration.report.shared_errors import included_words
 from ..calibration.report.text import directions, ellipsoid_words, parent_frame, source_words
-from ..formatting.numbers import concise, fixed
-from ..geometry.pose_numbers import pose_numbers
-from ..geometry.se3 import Array
-from ..presentation.document import Block, Code, Drawing, Paragraph, Points, Section, Table
-from ..statement.included import not_included
-from ..validation.cross_check.text import state, verdict
+from ..calibration.statement.included import not_included
+from ..core.formatting.numbers import concise, fixed
+from ..core.geometry.pose_numbers import pose_numbers
+from ..core.geometry.se3 import Array
+from ..core.presentation.document import Block, Code, Drawing, Paragraph, Points, Section, Table
+from ..trials.validation.cross_check.text import state, verdict
 
 if TYPE_CHECKING:
     from ..calibration.result import Calibration
-    from ..validation.cross_check.result import CrossCheck
+    from ..trials.validation.cross_check.result import CrossCheck
 
 NO_COVARIANCE = "Not known: the noise of the poses was not given, and the residuals show none."
 _AXES = "xyz"
@@ -154,7 +154,7 @@ def task_space_section(result: Calibration, drawings: Mapping[str, Drawing]) -> 
 
 def forms_section(result: Calibration) -> Section:
     """X and its inverse for other programs."""
-    from ..export import texts
+    from ..formats.export import texts
 
     blocks: list[Block] = [Paragraph("X and its inverse, ready to copy. Each states its units and convention.")]
     blocks += [Code(snippet.title, snippet.text, snippet.convention) for snippet in texts(result)]

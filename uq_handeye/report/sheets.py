@@ -12,19 +12,19 @@ import numpy as np
 from ..calibration.report.analysis import budget_table
 from ..calibration.report.first_screen import STATUS_OF, status_of, suited_to
 from ..calibration.report.text import parent_frame
-from ..files.about import ABOUT, OF_CERTIFICATE
+from ..core.files.about import ABOUT, OF_CERTIFICATE
+from ..core.formatting.numbers import digits, fixed
+from ..core.geometry.pose_numbers import pose_numbers
+from ..core.geometry.se3 import Array
+from ..core.presentation.document import Answer, Badge, Block, Checks, Drawing, Paragraph, Points, Section, Table
 from ..findings import Finding
-from ..formatting.numbers import digits, fixed
-from ..geometry.pose_numbers import pose_numbers
-from ..geometry.se3 import Array
-from ..presentation.document import Answer, Badge, Block, Checks, Drawing, Paragraph, Points, Section, Table
 from .sections_data import needs
 from .sketches import ellipse_sketch, residual_sketch
 
 if TYPE_CHECKING:
     from ..calibration.result import Calibration
-    from ..statement.accuracy import Accuracy
-    from ..statement.tolerance import Verdict
+    from ..calibration.statement.accuracy import Accuracy
+    from ..calibration.statement.tolerance import Verdict
 
 # Characters of cautions that fit on the second page; the others are in a section of their own.
 MOST_OF_CAUTIONS = 1500

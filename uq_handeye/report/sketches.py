@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 from markupsafe import Markup
 
-from ..formatting.numbers import digits
-from ..geometry.se3 import Array
-from ..presentation.document import Drawing
-from ..presentation.figure_parts import round_number
+from ..core.formatting.numbers import digits
+from ..core.geometry.se3 import Array
+from ..core.presentation.document import Drawing
+from ..core.presentation.figure_parts import round_number
 
 if TYPE_CHECKING:
     from ..calibration.result import Calibration
-    from ..diagnostics.pose_table import PoseTable
+    from ..fit.diagnostics.pose_table import PoseTable
 
 # Poses up to which each has a dot; of more, the largest residual of so many neighbours has one.
 MOST_DOTS = 400

@@ -9,10 +9,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.geometry.se3 import Array
+from ..core.runtime.versions import versions
 from ..errors import InputError, NotConvergedError
-from ..geometry.se3 import Array
-from ..posterior.posterior import FreshNoise, Posterior
-from ..runtime.versions import versions
+from ..model.posterior.posterior import FreshNoise, Posterior
 from .checks.moved import judged_paths, named_error
 from .checks.optimality import Optimality, better_start, prove
 from .connected import require_tied

@@ -19,11 +19,11 @@ from typing import Any
 
 import numpy as np
 
+from ..core.geometry.checks import as_transforms
+from ..core.geometry.se3 import Array, logarithm
+from ..core.runtime.read_only import ReadOnlyArrays
 from ..errors import InputError
-from ..geometry.checks import as_transforms
-from ..geometry.se3 import Array, logarithm
-from ..noise.pose_prior import PosePrior
-from ..runtime.read_only import ReadOnlyArrays
+from ..model.noise.pose_prior import PosePrior
 
 WORLD = "world"
 # Poses of one name that differ by more (rad, m) are two poses.

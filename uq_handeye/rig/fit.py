@@ -26,12 +26,12 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
+from ..core.geometry.se3 import Array, left_jacobian, logarithm, perturb
 from ..errors import DegenerateMotionError, NotConvergedError
-from ..geometry.se3 import Array, left_jacobian, logarithm, perturb
-from ..likelihood.gauss_helmert import CLOSED_FORM_STEPS, MOST_STEPS, ROUNDING, STEP
-from ..likelihood.open_directions import SIGNAL, UNDETERMINED
-from ..noise.models import factor
-from ..noise.triangular import checked_cholesky
+from ..fit.likelihood.gauss_helmert import CLOSED_FORM_STEPS, MOST_STEPS, ROUNDING, STEP
+from ..fit.likelihood.open_directions import SIGNAL, UNDETERMINED
+from ..model.noise.models import factor
+from ..model.noise.triangular import checked_cholesky
 from .graph import Batch, Graph, Sides
 from .noise import RigNoise
 

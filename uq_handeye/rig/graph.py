@@ -27,7 +27,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..geometry.se3 import Array, block, logarithm, skew
+from ..core.geometry.se3 import Array, block, logarithm, skew
 from .description import WORLD, Rig
 
 _EYE = np.eye(3)

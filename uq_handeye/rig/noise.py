@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
+from ..core.files.records import plain
+from ..core.formatting.units import parse_deviations
+from ..core.geometry.checks import checked_covariance
+from ..core.geometry.se3 import Array
+from ..core.runtime.read_only import ReadOnlyArrays
 from ..errors import InputError
-from ..files.records import plain
-from ..formatting.units import parse_deviations
-from ..geometry.checks import checked_covariance
-from ..geometry.se3 import Array
-from ..noise.models import PoseNoise
-from ..runtime.read_only import ReadOnlyArrays
+from ..model.noise.models import PoseNoise
 from .description import Rig
 from .graph import Graph
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.linalg import svd
 
-from ..geometry.se3 import Array, block, inverse, skew
+from ..core.geometry.se3 import Array, block, inverse, skew
 
 # Part of a direction, in units of the rig, that counts as none.
 NEGLIGIBLE = 1e-6

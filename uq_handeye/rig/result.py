@@ -12,18 +12,18 @@ from typing import Annotated, Any
 import numpy as np
 from scipy.special import chdtrc
 
+from ..core.files.atomic import json_text
+from ..core.files.open import StrPath
+from ..core.files.records import Record, parsed
+from ..core.formatting.numbers import probability
+from ..core.geometry.se3 import Array
+from ..core.runtime.read_only import ReadOnlyArrays
 from ..errors import InputError
-from ..export.several import write_several
-from ..files.atomic import json_text
-from ..files.open import StrPath
-from ..files.records import Record, parsed
 from ..findings import Finding, texts
-from ..formatting.numbers import probability
-from ..geometry.se3 import Array
-from ..likelihood.d2_distribution import Reference
-from ..poses.pose_pairs import ranges
-from ..posterior.posterior import Posterior
-from ..runtime.read_only import ReadOnlyArrays
+from ..fit.likelihood.d2_distribution import Reference
+from ..formats.export.several import write_several
+from ..model.poses.pose_pairs import ranges
+from ..model.posterior.posterior import Posterior
 from .checks.optimality import Optimality
 from .checks.paths import RigPath
 from .description import WORLD, Rig
@@ -297,7 +297,7 @@ class RigCalibration(Record):
         json_text(self.to_dict(), path)
 
     def export(self, path: StrPath, format: str | None = None) -> Path:
-        """Write all poses and relative poses for another program; see `uq_handeye.export.several`.
+        """Write all poses and relative poses for another program; see `uq_handeye.formats.export.several`.
 
         ``format``: json, ros, launch, urdf, opencv, toml or npz; None: by the suffix.
         """

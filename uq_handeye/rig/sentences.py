@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from ..core.formatting.numbers import probability
 from ..findings import RESIDUALS, sentence
-from ..formatting.numbers import probability
 
 
 def _by(angle: float, shift: float) -> str:

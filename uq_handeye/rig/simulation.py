@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ..geometry.se3 import Array, inverse, perturb
-from ..noise.models import factor
+from ..core.geometry.se3 import Array, inverse, perturb
+from ..model.noise.models import factor
 from .description import WORLD, ArmPoses, Rig, View
 from .graph import Graph
 from .noise import given_noise

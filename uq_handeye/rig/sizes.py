@@ -15,16 +15,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.geometry.se3 import Array, perturb
 from ..errors import NotConvergedError
-from ..geometry.se3 import Array, perturb
-from ..one_model.component import Component
-from ..one_model.engine import LatentModel, Rows
-from ..one_model.integration import integrate
-from ..one_model.mode import GAIN, find_mode
-from ..poses.pose_pairs import PosePairs
-from ..shared_errors.shared_error import assumed_accuracy
-from ..shared_errors.sizes import SIZES, Size
-from ..shared_errors.view import intrinsics_columns, view_block
+from ..fit.one_model.component import Component
+from ..fit.one_model.engine import LatentModel, Rows
+from ..fit.one_model.integration import integrate
+from ..fit.one_model.mode import GAIN, find_mode
+from ..model.poses.pose_pairs import PosePairs
+from ..model.shared_errors.shared_error import assumed_accuracy
+from ..model.shared_errors.sizes import SIZES, Size
+from ..model.shared_errors.view import intrinsics_columns, view_block
 from .description import Rig
 from .fit import Prior, prior_at
 from .graph import Graph

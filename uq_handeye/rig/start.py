@@ -21,12 +21,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import eigh
 
+from ..core.geometry.nearest_rotation import nearest_rotation
+from ..core.geometry.se3 import Array, inverse
 from ..errors import DegenerateMotionError, InputError
-from ..geometry.nearest_rotation import nearest_rotation
-from ..geometry.se3 import Array, inverse
-from ..likelihood.constraint import OnPoses
-from ..likelihood.starts import sound_start
-from ..poses.pose_pairs import PosePairs
+from ..fit.likelihood.constraint import OnPoses
+from ..fit.likelihood.starts import sound_start
+from ..model.poses.pose_pairs import PosePairs
 from .graph import Graph
 
 # Random starts of several arms, sweeps of each, edges that they look at.

@@ -19,10 +19,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.geometry.se3 import Array
 from ..errors import InputError, NotConvergedError
-from ..geometry.se3 import Array
-from ..likelihood.robust import FREE, STILL, largest_by_chance, robust_weights
-from ..noise.models import factor
+from ..fit.likelihood.robust import FREE, STILL, largest_by_chance, robust_weights
+from ..model.noise.models import factor
 from .fit import LEAST, Prior, RigFit, fit
 from .graph import Graph
 from .noise import RigNoise

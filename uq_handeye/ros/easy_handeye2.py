@@ -24,10 +24,10 @@ from scipy.spatial.transform import Rotation
 
 from ..calibration.calibrate import calibrate
 from ..calibration.result import Calibration
+from ..core.files.open import StrPath, as_path
+from ..core.geometry.se3 import Array, inverse
 from ..errors import InputError, InputWarning, NotConvergedError
-from ..files.open import StrPath, as_path
-from ..geometry.se3 import Array, inverse
-from ..poses.pose_pairs import PosePairs
+from ..model.poses.pose_pairs import PosePairs
 
 # Names that its window shows, and the method of each.
 ALGORITHMS = {

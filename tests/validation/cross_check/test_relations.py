@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 from support import SEED, random_covariance, whitened_eigenvalues
 
-from uq_handeye.validation.cross_check.relations import CONFIDENCE, Evidence, chance, ratios, relations
+from uq_handeye.trials.validation.cross_check.relations import CONFIDENCE, Evidence, chance, ratios, relations
 
 T = 10_000
 

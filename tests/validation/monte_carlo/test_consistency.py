@@ -8,9 +8,9 @@ from scipy import stats
 from support import SEED, draw, mean_interval, nees, random_covariance, whitened_eigenvalues
 
 from uq_handeye.errors import InputError
-from uq_handeye.validation.monte_carlo.consistency import LEVELS, PARTS, Sums, consistency
-from uq_handeye.validation.monte_carlo.sums import ABOVE, BELOW, COMPONENTS, SIZES, edges, in_words
-from uq_handeye.validation.monte_carlo.text import verdict
+from uq_handeye.trials.validation.monte_carlo.consistency import LEVELS, PARTS, Sums, consistency
+from uq_handeye.trials.validation.monte_carlo.sums import ABOVE, BELOW, COMPONENTS, SIZES, edges, in_words
+from uq_handeye.trials.validation.monte_carlo.text import verdict
 
 BLOCKS = (slice(0, 6), slice(0, 3), slice(3, 6))
 LR = "likelihood ratio of the covariance"

@@ -20,11 +20,11 @@ from support import (
 
 import uq_handeye as uq
 from uq_handeye import InputError
-from uq_handeye.poses.pose_pairs import Truth
-from uq_handeye.simulation import run as trials_module
-from uq_handeye.validation.monte_carlo import chunks
-from uq_handeye.validation.monte_carlo import run as module
-from uq_handeye.validation.monte_carlo.run import MonteCarlo, monte_carlo
+from uq_handeye.model.poses.pose_pairs import Truth
+from uq_handeye.trials.simulation import run as trials_module
+from uq_handeye.trials.validation.monte_carlo import chunks
+from uq_handeye.trials.validation.monte_carlo import run as module
+from uq_handeye.trials.validation.monte_carlo.run import MonteCarlo, monte_carlo
 
 
 @pytest.fixture(scope="module")

@@ -8,8 +8,8 @@ from scipy import stats
 from support import SEED, draw, random_covariance
 
 from uq_handeye.errors import InputError
-from uq_handeye.validation.monte_carlo.sentences import in_digits
-from uq_handeye.validation.monte_carlo.stopping import (
+from uq_handeye.trials.validation.monte_carlo.sentences import in_digits
+from uq_handeye.trials.validation.monte_carlo.stopping import (
     BLOCK,
     FIRST,
     LEAST,

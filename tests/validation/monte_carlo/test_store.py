@@ -15,8 +15,8 @@ from monte_carlo_cases import NOISE, PROGRAM, assert_same, pairs_problem, poses_
 from support import SEED
 
 from uq_handeye import InputError, InputWarning, PairNoise
-from uq_handeye.files.atomic import FileLock
-from uq_handeye.validation.monte_carlo.run import monte_carlo
+from uq_handeye.core.files.atomic import FileLock
+from uq_handeye.trials.validation.monte_carlo.run import monte_carlo
 
 TRIALS = 6_500
 CHUNKS = [f"{k:06d}.npz" for k in range(7)]

@@ -19,12 +19,12 @@ from monte_carlo_cases import PROGRAM, assert_same, pairs_problem, start
 from support import SEED
 
 from uq_handeye import DegenerateMotionError, InputError, MissingExtraError, NotConvergedError
-from uq_handeye.runtime.executors import connect_to_dask
-from uq_handeye.runtime.threads import one_thread
-from uq_handeye.simulation.experiment import experiment
-from uq_handeye.validation.monte_carlo import chunks as workers
-from uq_handeye.validation.monte_carlo import run as module
-from uq_handeye.validation.monte_carlo.chunks import (
+from uq_handeye.core.runtime.executors import connect_to_dask
+from uq_handeye.core.runtime.threads import one_thread
+from uq_handeye.trials.simulation.experiment import experiment
+from uq_handeye.trials.validation.monte_carlo import chunks as workers
+from uq_handeye.trials.validation.monte_carlo import run as module
+from uq_handeye.trials.validation.monte_carlo.chunks import (
     Crew,
     Work,
     WorkersLostError,
@@ -33,8 +33,8 @@ from uq_handeye.validation.monte_carlo.chunks import (
     to_bytes,
     versions,
 )
-from uq_handeye.validation.monte_carlo.run import monte_carlo
-from uq_handeye.validation.monte_carlo.sentences import INTERRUPTED, WORKERS_LOST
+from uq_handeye.trials.validation.monte_carlo.run import monte_carlo
+from uq_handeye.trials.validation.monte_carlo.sentences import INTERRUPTED, WORKERS_LOST
 
 TRIALS = 40_500
 

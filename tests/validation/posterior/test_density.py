@@ -8,8 +8,8 @@ from support import difference, jacobian, moved
 
 import uq_handeye as uq
 from uq_handeye.errors import InputError
-from uq_handeye.likelihood.constraint import constraint_of, covariances_of, residual_covariance
-from uq_handeye.validation.posterior.density import ScalePrior, density_of
+from uq_handeye.fit.likelihood.constraint import constraint_of, covariances_of, residual_covariance
+from uq_handeye.trials.validation.posterior.density import ScalePrior, density_of
 
 
 def dense_parts(given, density):

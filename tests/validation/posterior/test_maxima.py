@@ -8,7 +8,7 @@ import pytest
 from support import SEED, draw, exact_motions, moved
 
 import uq_handeye as uq
-from uq_handeye.validation.posterior.sample import sample_posterior
+from uq_handeye.trials.validation.posterior.sample import sample_posterior
 
 TURN = np.array([10e-3, 0.0, 0.0])  # of X by one half of the motions, and back by the other
 S = np.diag(np.repeat([1e-3, 1e-3], 3) ** 2)

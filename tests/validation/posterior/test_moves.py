@@ -6,8 +6,16 @@ import pytest
 from scipy import stats
 from support import SEED, random_covariance
 
-from uq_handeye.validation.posterior import moves as posterior_moves
-from uq_handeye.validation.posterior.moves import DOF, SHARES, around_maxima, fitted, maximum_of, moves_of, single
+from uq_handeye.trials.validation.posterior import moves as posterior_moves
+from uq_handeye.trials.validation.posterior.moves import (
+    DOF,
+    SHARES,
+    around_maxima,
+    fitted,
+    maximum_of,
+    moves_of,
+    single,
+)
 
 # A target that is neither symmetric nor near the proposals below: independent Gumbel and logistic coordinates.
 TARGET = (stats.gumbel_r(), stats.logistic())

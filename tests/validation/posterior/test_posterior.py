@@ -24,11 +24,11 @@ from support import (
 
 import uq_handeye as uq
 from uq_handeye.errors import DegenerateMotionError, InputError, NotConvergedError
-from uq_handeye.likelihood.gauss_helmert import bound
-from uq_handeye.validation.posterior.density import ScalePrior
-from uq_handeye.validation.posterior.figure import _thresholds
-from uq_handeye.validation.posterior.result import shortest
-from uq_handeye.validation.posterior.sample import sample_posterior
+from uq_handeye.fit.likelihood.gauss_helmert import bound
+from uq_handeye.trials.validation.posterior.density import ScalePrior
+from uq_handeye.trials.validation.posterior.figure import _thresholds
+from uq_handeye.trials.validation.posterior.result import shortest
+from uq_handeye.trials.validation.posterior.sample import sample_posterior
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("1mrad", "1mm"))
 POSES = uq.simulate(10, noise=NOISE, seed=8)

@@ -13,13 +13,13 @@ from support import SEED, exact_motions, nees
 import uq_handeye as uq
 from uq_handeye.errors import InputError
 from uq_handeye.findings import Finding
-from uq_handeye.simulation.experiment import experiment
-from uq_handeye.simulation.run import run
-from uq_handeye.validation.sweep import run as sweep_module
-from uq_handeye.validation.sweep.figure import sweep_figure
-from uq_handeye.validation.sweep.level import KINDS, Level, Limit, MethodSweep, Verdict, coverage_limits, judged
-from uq_handeye.validation.sweep.run import CLOSE, sweep
-from uq_handeye.validation.sweep.text import verdict
+from uq_handeye.trials.simulation.experiment import experiment
+from uq_handeye.trials.simulation.run import run
+from uq_handeye.trials.validation.sweep import run as sweep_module
+from uq_handeye.trials.validation.sweep.figure import sweep_figure
+from uq_handeye.trials.validation.sweep.level import KINDS, Level, Limit, MethodSweep, Verdict, coverage_limits, judged
+from uq_handeye.trials.validation.sweep.run import CLOSE, sweep
+from uq_handeye.trials.validation.sweep.text import verdict
 
 FAILS = Finding("sweep.no_estimate", "failure", {"failures": 2, "trials": 9})
 
@@ -125,7 +125,7 @@ def test_the_margin_of_the_noise_is_said():
 
 def test_a_wrong_covariance_would_be_noticed(found):
     """Deviations that are 15 % off at factor 1 fail by the same rule."""
-    from uq_handeye.validation.monte_carlo.chunks import Work, chunk_size
+    from uq_handeye.trials.validation.monte_carlo.chunks import Work, chunk_size
 
     motions, noise = star(0.03)
     problem = experiment(motions, noise, "4dpa")
@@ -164,7 +164,7 @@ def test_limits_of_all_shapes():
 
 
 def test_factor_one_is_the_monte_carlo_of_the_same_seed(found):
-    from uq_handeye.validation.monte_carlo.run import monte_carlo
+    from uq_handeye.trials.validation.monte_carlo.run import monte_carlo
 
     motions, noise = star(0.03)
     same = monte_carlo(motions, noise=noise, method="4dpa", trials=2000, seed=SEED)

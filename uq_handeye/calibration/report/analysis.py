@@ -7,19 +7,19 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...diagnostics.budget import Budget
-from ...diagnostics.pose_table import PoseTable
-from ...formatting.numbers import column, digits, fixed, multiple, pose_rows, probability
-from ...formatting.units import small_unit
-from ...geometry.pose_numbers import pose_numbers
-from ...geometry.se3 import Array
-from ...likelihood.goodness_of_fit import GoodnessOfFit
-from ...noise.estimate import SHOWN, Component, FoundComponent
-from ...noise.joint_covariance import JointCovariance
-from ...noise.models import Noise, PairNoise, is_joint, marginals
-from ...presentation.document import Block, Cell, Code, Heading, Paragraph, Points, Table
-from ...shared_errors.drift import DRIFT
-from ...shared_errors.shared_error import VIEW
+from ...core.formatting.numbers import column, digits, fixed, multiple, pose_rows, probability
+from ...core.formatting.units import small_unit
+from ...core.geometry.pose_numbers import pose_numbers
+from ...core.geometry.se3 import Array
+from ...core.presentation.document import Block, Cell, Code, Heading, Paragraph, Points, Table
+from ...fit.diagnostics.budget import Budget
+from ...fit.diagnostics.pose_table import PoseTable
+from ...fit.likelihood.goodness_of_fit import GoodnessOfFit
+from ...model.noise.estimate import SHOWN, Component, FoundComponent
+from ...model.noise.joint_covariance import JointCovariance
+from ...model.noise.models import Noise, PairNoise, is_joint, marginals
+from ...model.shared_errors.drift import DRIFT
+from ...model.shared_errors.shared_error import VIEW
 from ..estimated_poses import deviations_of
 from ..result import Calibration
 

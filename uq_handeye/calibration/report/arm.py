@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...formatting.numbers import digits
-from ...kinematics.kinematic_errors import DECLARED, ESTIMATE, EXACT, PHYSICAL
-from ...prediction.fitted_kinematics import FittedKinematics
-from ...presentation.document import Block, Heading, Paragraph
+from ...core.formatting.numbers import digits
+from ...core.presentation.document import Block, Heading, Paragraph
+from ...model.kinematics.kinematic_errors import DECLARED, ESTIMATE, EXACT, PHYSICAL
+from ..prediction.fitted_kinematics import FittedKinematics
 from ..result import Calibration
 
 _HOW = {

@@ -10,8 +10,8 @@ from collections.abc import Mapping
 import numpy as np
 from matplotlib.figure import Figure
 
-from ...geometry.se3 import Array
-from ...presentation.figure_parts import BLUE, INK, ORANGE, SMALL, TEXT, canvas, finished, plain
+from ...core.geometry.se3 import Array
+from ...core.presentation.figure_parts import BLUE, INK, ORANGE, SMALL, TEXT, canvas, finished, plain
 from .analysis import KINDS
 
 _STYLES = ((BLUE, ""), (ORANGE, "////"))  # rotation, translation

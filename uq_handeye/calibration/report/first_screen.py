@@ -11,14 +11,25 @@ from math import isinf
 
 import numpy as np
 
-from ...formatting.numbers import concise, digits, fixed, plus_minus
-from ...geometry.pose_numbers import pose_numbers
-from ...geometry.se3 import Array
-from ...presentation.document import COLUMNS, Answer, Block, Checks, Code, Document, Heading, Paragraph, Table, to_text
-from ...statement.accuracy import Accuracy, Part
-from ...statement.headline import suits_of, two_numbers
-from ...statement.tolerance import Verdict
+from ...core.formatting.numbers import concise, digits, fixed, plus_minus
+from ...core.geometry.pose_numbers import pose_numbers
+from ...core.geometry.se3 import Array
+from ...core.presentation.document import (
+    COLUMNS,
+    Answer,
+    Block,
+    Checks,
+    Code,
+    Document,
+    Heading,
+    Paragraph,
+    Table,
+    to_text,
+)
 from ..result import Calibration
+from ..statement.accuracy import Accuracy, Part
+from ..statement.headline import suits_of, two_numbers
+from ..statement.tolerance import Verdict
 
 LINES = 26
 # Lines of the table of parts; smaller parts are combined.

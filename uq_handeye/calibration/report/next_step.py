@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from ...core.formatting.numbers import digits
 from ...findings import Finding, record_of
-from ...formatting.numbers import digits
-from ...input_checks.misread_files import OTHER_SETUP
-from ...statement.accuracy import Accuracy
+from ...fit.input_checks.misread_files import OTHER_SETUP
 from ..result import Calibration
+from ..statement.accuracy import Accuracy
 
 # Poses below which more of them are the first thing to try where noise limits X.
 FEW = 25

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from ...formatting.numbers import concise, digits
-from ...geometry.pose_numbers import POSE_NUMBERS, pose_numbers
-from ...presentation.document import Block, Checks, Document, Paragraph, Points, Table
-from ...presentation.notebook import blocks_html, heat_html, html_of, matrix_html, to_html
+from ...core.formatting.numbers import concise, digits
+from ...core.geometry.pose_numbers import POSE_NUMBERS, pose_numbers
+from ...core.presentation.document import Block, Checks, Document, Paragraph, Points, Table
+from ...core.presentation.notebook import blocks_html, heat_html, html_of, matrix_html, to_html
 from ..result import Calibration
 from .arm import arm_sentences
 from .first_screen import accuracy_blocks, answer_blocks, data_words

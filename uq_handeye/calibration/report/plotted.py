@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from ...poses.motions import Motions
+from ...model.poses.motions import Motions
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -15,10 +15,21 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
-from ...diagnostics.pose_table import PoseTable
-from ...geometry.se3 import Array
-from ...presentation.figure_parts import BLUE, INK, ORANGE, QUIET, SMALL, TEXT, canvas, finished, plain, plain_numbers
-from ...presentation.label_placement import HALO
+from ...core.geometry.se3 import Array
+from ...core.presentation.figure_parts import (
+    BLUE,
+    INK,
+    ORANGE,
+    QUIET,
+    SMALL,
+    TEXT,
+    canvas,
+    finished,
+    plain,
+    plain_numbers,
+)
+from ...core.presentation.label_placement import HALO
+from ...fit.diagnostics.pose_table import PoseTable
 
 # Marker and colour by the first word of the flag.
 MARKS: dict[str, dict[str, Any]] = {

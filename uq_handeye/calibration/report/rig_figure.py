@@ -22,12 +22,12 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 from scipy.special import chdtri
 
-from ...diagnostics.pose_table import PoseTable
-from ...formatting.numbers import digits
-from ...geometry.se3 import Array
-from ...poses.pose_pairs import PosePairs
-from ...presentation.figure_parts import BLUE, GREEN, INK, ORANGE, QUIET, SMALL, TEXT, WIDTH, plain, round_number
-from ...presentation.named_figure import NamedFigure
+from ...core.formatting.numbers import digits
+from ...core.geometry.se3 import Array
+from ...core.presentation.figure_parts import BLUE, GREEN, INK, ORANGE, QUIET, SMALL, TEXT, WIDTH, plain, round_number
+from ...core.presentation.named_figure import NamedFigure
+from ...fit.diagnostics.pose_table import PoseTable
+from ...model.poses.pose_pairs import PosePairs
 
 # So many poses are drawn in full, evenly spread over the recording, and so many as dots.
 MOST_FRAMES, MOST_DOTS = 30, 400

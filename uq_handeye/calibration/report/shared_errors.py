@@ -6,15 +6,15 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ...diagnostics.scale_errors import ScaleError
-from ...diagnostics.sentences import relative
-from ...formatting.numbers import concise, digits
-from ...likelihood.shared_estimates import SharedEstimate
-from ...likelihood.shared_groups import SharedGroup
-from ...presentation.document import Block, Cell, Points, Table
-from ...shared_errors.shared_error import CLOCK_OFFSET, ROBOT_SCALE, TARGET_SCALE, WRONG_SIZE
-from ...statement.included import included, shared_groups, sizes_of
+from ...core.formatting.numbers import concise, digits
+from ...core.presentation.document import Block, Cell, Points, Table
+from ...fit.diagnostics.scale_errors import ScaleError
+from ...fit.diagnostics.sentences import relative
+from ...fit.likelihood.shared_estimates import SharedEstimate
+from ...fit.likelihood.shared_groups import SharedGroup
+from ...model.shared_errors.shared_error import CLOCK_OFFSET, ROBOT_SCALE, TARGET_SCALE, WRONG_SIZE
 from ..result import Calibration
+from ..statement.included import included, shared_groups, sizes_of
 from .time_offset import offset_sentence
 
 CAPTION = (

@@ -10,9 +10,9 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.figure import Figure
 
-from ...formatting.numbers import concise
-from ...likelihood.shared_groups import SharedGroup
-from ...presentation.figure_parts import BLUE, INK, QUIET, SMALL, TEXT, canvas, finished, plain
+from ...core.formatting.numbers import concise
+from ...core.presentation.figure_parts import BLUE, INK, QUIET, SMALL, TEXT, canvas, finished, plain
+from ...fit.likelihood.shared_groups import SharedGroup
 from .shared_errors import found_of
 
 # Estimates are drawn up to so many of the standard deviations assumed.

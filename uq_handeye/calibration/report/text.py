@@ -7,16 +7,16 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ...diagnostics.result import UNKNOWN_FRAME
-from ...diagnostics.sentences import direction_words
-from ...formatting.numbers import digits, pose_rows, row
-from ...geometry.conventions import COMPONENTS
-from ...geometry.pose_numbers import pose_numbers, quaternion_deviations
-from ...geometry.principal_axes import principal_axes
-from ...geometry.se3 import Array
-from ...presentation.document import Block, Caution, Code, Document, Heading, Paragraph, document_of
-from ...statement.tolerance import Verdict
+from ...core.formatting.numbers import digits, pose_rows, row
+from ...core.geometry.conventions import COMPONENTS
+from ...core.geometry.pose_numbers import pose_numbers, quaternion_deviations
+from ...core.geometry.principal_axes import principal_axes
+from ...core.geometry.se3 import Array
+from ...core.presentation.document import Block, Caution, Code, Document, Heading, Paragraph, document_of
+from ...fit.diagnostics.result import UNKNOWN_FRAME
+from ...fit.diagnostics.sentences import direction_words
 from ..result import Calibration
+from ..statement.tolerance import Verdict
 from .analysis import (
     beside_blocks,
     budget_table,

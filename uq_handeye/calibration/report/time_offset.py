@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...formatting.numbers import concise, digits
+from ...core.formatting.numbers import concise, digits
 from ..result import Calibration
 
 

@@ -14,9 +14,9 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from ...geometry.se3 import Array
-from ...prediction.workspace import WorkspacePrediction
-from ...presentation.figure_parts import INK, ORANGE, SMALL, TEXT, canvas, finished, plain, plain_numbers
+from ...core.geometry.se3 import Array
+from ...core.presentation.figure_parts import INK, ORANGE, SMALL, TEXT, canvas, finished, plain, plain_numbers
+from ..prediction.workspace import WorkspacePrediction
 
 # Cells along the longer side of the map, and points of the curves.
 CELLS, BINS = 20, 8

@@ -13,7 +13,7 @@ from ..options.common import JsonOption, emit, folder_option
 from ..pictures import read_length
 
 if TYPE_CHECKING:
-    from ...rosbag.recording import Recording
+    from ...read.rosbag.recording import Recording
 
 TABLES = "Poses as tables"
 
@@ -72,9 +72,9 @@ def bag_command(
         raise InputError("--tag needs --camera. Add it.")
     if camera_matrix is not None and tag is None:
         raise InputError("--camera-matrix needs --tag. Add it.")
-    from ...io import json_text
-    from ...rosbag.listing import dict_of, text_of
-    from ...rosbag.recording import read_recording
+    from ...read import json_text
+    from ...read.rosbag.listing import dict_of, text_of
+    from ...read.rosbag.recording import read_recording
 
     with timed(f"reading {files[0]}"):
         recording = read_recording(files)
@@ -98,9 +98,9 @@ def _tables(
     joints: str | None,
 ) -> dict[str, str]:
     """Return the tables that are asked for, by the names of their files."""
-    from ...io import pose_text
-    from ...rosbag.listing import camera_info_yaml, joint_tracks, joints_csv
-    from ...rosbag.streams import camera_stream, robot_stream
+    from ...read import pose_text
+    from ...read.rosbag.listing import camera_info_yaml, joint_tracks, joints_csv
+    from ...read.rosbag.streams import camera_stream, robot_stream
 
     found: dict[str, str] = {}
     streams: dict[str, Any] = {}

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from ...core.runtime.progress import working
 from ...errors import InputError, NotConvergedError
-from ...runtime.progress import working
 from ..bag_files import RobotGiven, given_of_robot
 from ..delivery import ReportOptions, report_options_of
 from ..messages import LOG, command_line, fail, progress_wanted, quiet, timed, withheld
@@ -42,13 +42,13 @@ from ..watching import Watch, question_of, watched
 
 if TYPE_CHECKING:
     from ...calibration.result import Calibration
-    from ...comparison.of_result import Compared
-    from ...comparison.result import Comparison
-    from ...diagnostics.pose_table import PoseTable
-    from ...noise.estimate import NoisePrior
-    from ...shared_errors.sizes import Size
-    from ...statement.tolerance import Verdict
-    from ...validation.cross_check.result import CrossCheck
+    from ...calibration.statement.tolerance import Verdict
+    from ...fit.diagnostics.pose_table import PoseTable
+    from ...model.noise.estimate import NoisePrior
+    from ...model.shared_errors.sizes import Size
+    from ...report.comparison.of_result import Compared
+    from ...report.comparison.result import Comparison
+    from ...trials.validation.cross_check.result import CrossCheck
     from ..pictures import Pictures
     from ..views import Views
 
@@ -281,7 +281,7 @@ def demo_command(
 
     from ...calibration.calibrate import calibrate
     from ...calibration.report.text import against_truth
-    from ...io import read_pose_file, read_poses
+    from ...read import read_pose_file, read_poses
 
     require_writable(report, "--report", REPORTS)
     require_folder(figures, output)
@@ -302,7 +302,7 @@ def demo_command(
 
 def _sizes_of(texts: list[str]) -> "dict[str, Size] | None":
     """Return the sizes of --size by name."""
-    from ...shared_errors.sizes import parse_size
+    from ...model.shared_errors.sizes import parse_size
 
     try:
         found = [parse_size(text) for text in texts]
@@ -312,7 +312,7 @@ def _sizes_of(texts: list[str]) -> "dict[str, Size] | None":
 
 
 def _cross_check(problem: dict[str, Any], seed: int) -> "CrossCheck":
-    from ...validation.cross_check.run import cross_check
+    from ...trials.validation.cross_check.run import cross_check
 
     with timed("cross-check"):
         check = cross_check(**problem, seed=seed, workers=cores(), progress=progress_wanted())
@@ -343,7 +343,7 @@ class Files:
         methods: Compared | bool = self.comparison
         folded = self.report is not None and (self.report.suffix.lower() != ".pdf" or self.of_report.get("details"))
         if self.comparison and (folded or (self.report is not None and self.figures)):  # two pages have none
-            from ...comparison.of_result import compare_beside
+            from ...report.comparison.of_result import compare_beside
 
             with timed("comparing the methods"), working("comparing the methods", progress_wanted()):
                 methods = compare_beside(result)
@@ -360,7 +360,7 @@ class Files:
 
     def _drawn(self, result: "Calibration", comparison: "Comparison | None") -> dict[str, bytes]:
         """Draw all figures, each as PNG and SVG."""
-        from ...presentation.ellipses import render  # Matplotlib is slow to import
+        from ...core.presentation.ellipses import render  # Matplotlib is slow to import
         from ...report.figures import figures
 
         drawn = figures(result, self.check, comparison)
@@ -396,12 +396,12 @@ def _with_command(result: "Calibration") -> "Calibration":
 
 def _write_result(result: "Calibration", verdict: "Verdict | None", directory: Path, drawn: dict[str, bytes]) -> str:
     """Write the folder of -o with the figures that were drawn, and return what was written."""
-    from ...io import write_files
+    from ...read import write_files
 
     files: dict[str, Any] = {"result.json": json_of(result, verdict), **_exports(result)}
     seen = getattr(result.data, "camera_calibration", None)
     if seen is not None:  # the intrinsics, with the poses and corners that belong to them
-        from ...camera.files.folder_writer import camera_files
+        from ...model.camera.files.folder_writer import camera_files
 
         files |= camera_files(seen)
     if result.table is not None:

@@ -59,7 +59,7 @@ def camera_command(
             raise InputError(
                 f"{', '.join(board.given)}: for pictures, but {files[0]} is a table of corners. Remove it."
             )
-        from ...camera.files.corner_file import read_corners
+        from ...model.camera.files.corner_file import read_corners
 
         size = None if image_size is None else read_two_numbers(image_size, "--image-size", "1920x1080")
         with timed(f"reading {files[0]}"):
@@ -68,12 +68,12 @@ def camera_command(
         for name, value in (("--image-size", image_size), ("--units", units)):
             if value is not None:
                 raise InputError(f"{name} applies to a table of corners (.csv), not to pictures. Remove the option.")
-        from ...camera.board import detect_board
+        from ...model.camera.board import detect_board
 
         size = None
         with timed("looking for the board"):
             corners = detect_board(files, board.read(), progress=progress_wanted())
     found = lens.calibrate(corners, size, board.shape())
-    from ...camera.files.folder_writer import to_dict
+    from ...model.camera.files.folder_writer import to_dict
 
     deliver_camera_poses(found, to_dict, output, as_json, "camera/")

@@ -5,8 +5,8 @@ from typing import Annotated
 
 import typer
 
+from ...core.files.about import read_about
 from ...errors import InputError
-from ...files.about import read_about
 from ..delivery import PAPERS, AboutOption, deliver
 from ..messages import quiet, timed
 from ..options.common import JsonOption, emit, emit_document, folder_option, made_of, one_of, option, require_writable
@@ -51,9 +51,9 @@ def certificate_command(
     """
     from ...calibration.report.first_screen import status_of as colour_of
     from ...calibration.result import Calibration
-    from ...certificate.certificate import make_certificate
-    from ...presentation.document import Answer, Paragraph
-    from ...presentation.pdf import to_pdf
+    from ...core.presentation.document import Answer, Paragraph
+    from ...core.presentation.pdf import to_pdf
+    from ...report.certificate.certificate import make_certificate
 
     one_of(paper, "--paper", PAPERS)
     require_writable(file, "FILE", CERTIFICATES)

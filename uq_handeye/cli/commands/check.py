@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+from ...core.files.atomic import json_text
 from ...errors import InputError
-from ...files.atomic import json_text
 from ..delivery import deliver
 from ..messages import quiet, timed
 from ..new_poses import NewPoses, new_poses_of
@@ -21,11 +21,11 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from ...calibration.result import Calibration
-    from ...maintenance.check_result import ChangeCheck
-    from ...maintenance.series.alarm import SeriesAlarm
-    from ...maintenance.series.log import CheckSeries
-    from ...poses.pose_pairs import PosePairs
-    from ...presentation.document import Block
+    from ...core.presentation.document import Block
+    from ...model.poses.pose_pairs import PosePairs
+    from ...use.maintenance.check_result import ChangeCheck
+    from ...use.maintenance.series.alarm import SeriesAlarm
+    from ...use.maintenance.series.log import CheckSeries
 
 
 @dataclass(frozen=True)
@@ -37,8 +37,8 @@ class Logged:
 
     def document(self, short: bool) -> "list[list[Block]]":
         """Return the answer of the series, below that of the check."""
-        from ...maintenance.series.text import alarm_document, series_sentences
-        from ...presentation.document import Paragraph, groups_of
+        from ...core.presentation.document import Paragraph, groups_of
+        from ...use.maintenance.series.text import alarm_document, series_sentences
 
         blocks = [block for part in groups_of(alarm_document(self.alarm)) for block in part]
         if short:
@@ -47,15 +47,15 @@ class Logged:
 
     def figure(self) -> "Figure":
         """Return the figure of the series."""
-        from ...maintenance.series.figure import series_figure
+        from ...use.maintenance.series.figure import series_figure
 
         return series_figure(self.series, self.alarm)
 
 
 def logged(path: Path, result: "Calibration", poses: "PosePairs", check: "ChangeCheck", every: float | None) -> Logged:
     """Add a check to the log, and evaluate the series."""
-    from ...maintenance.series.alarm import EVERY, series_alarm
-    from ...maintenance.series.log import log_check
+    from ...use.maintenance.series.alarm import EVERY, series_alarm
+    from ...use.maintenance.series.log import log_check
 
     series = log_check(path, result, poses, check)
     return Logged(series, series_alarm(result, series, EVERY if every is None else every))
@@ -116,10 +116,10 @@ def check_command(
     if (rig := stored_rig(result)) is not None:
         return check_stored_rig(rig, files.files.robot, level, as_json, output)
     from ...calibration.result import Calibration
-    from ...maintenance.check import check
-    from ...maintenance.check_text import check_document
-    from ...maintenance.series.cusum import limit_for
-    from ...posterior.owners import THINGS
+    from ...model.posterior.owners import THINGS
+    from ...use.maintenance.check import check
+    from ...use.maintenance.check_text import check_document
+    from ...use.maintenance.series.cusum import limit_for
 
     if every is not None:
         if log is None:
@@ -149,7 +149,7 @@ def check_command(
 
 def status_of(found: "ChangeCheck") -> int:
     """Return the exit status of a check."""
-    from ...maintenance.check_result import UNCHANGED
+    from ...use.maintenance.check_result import UNCHANGED
 
     if found.changed:
         return CHANGED_STATUS

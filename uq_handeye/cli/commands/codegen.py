@@ -43,7 +43,7 @@ def codegen_command(
       * list_names = --list: List the available functions and exit.
     """
     from ..._version import __version__
-    from ...io import write_files
+    from ...read import write_files
 
     if list_names:
         emit(_generator().listing())

@@ -19,7 +19,7 @@ from ..options.common import (
 )
 
 if TYPE_CHECKING:
-    from ...comparison.result import Comparison
+    from ...report.comparison.result import Comparison
 
 COMPARED = EVERY_METHOD
 
@@ -58,8 +58,8 @@ def compare_command(
     names = None if methods is None else methods_of(methods, "--methods", COMPARED)
     (base,) = methods_of(reference, "--reference", COMPARED, most=1)
     poses, noise, shared = session.read()
-    from ...comparison.compare import compare
-    from ...presentation.document import document_of
+    from ...core.presentation.document import document_of
+    from ...report.comparison.compare import compare
 
     with timed("comparing"), withheld() as shown:
         result = compare(
@@ -87,8 +87,8 @@ def compare_command(
 
 
 def _write_comparison(result: "Comparison", directory: Path) -> str:
-    from ...comparison.figure import comparison_figure, png  # Matplotlib is slow to import
-    from ...presentation.ellipses import render
+    from ...core.presentation.ellipses import render
+    from ...report.comparison.figure import comparison_figure, png  # Matplotlib is slow to import
 
     figure = comparison_figure(result)
     files: dict[str, str | bytes] = {"comparison.json": result.to_json(), "comparison.csv": result.to_csv()}

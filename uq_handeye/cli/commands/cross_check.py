@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from ...files.csv_text import frame_text
+from ...core.files.csv_text import frame_text
 from ..delivery import deliver
 from ..messages import progress_wanted, timed, verbose
 from ..new_poses import Session, calibrated, problem_for, session_of
@@ -59,9 +59,9 @@ def cross_check_command(
     """
     require_writable(report, "--report", REPORTS)
     poses, noise, shared = session.read()
-    from ...presentation.document import document_of
-    from ...validation.cross_check.run import cross_check
-    from ...validation.monte_carlo.sentences import INTERRUPTED as ENDED_BY_HAND
+    from ...core.presentation.document import document_of
+    from ...trials.validation.cross_check.run import cross_check
+    from ...trials.validation.monte_carlo.sentences import INTERRUPTED as ENDED_BY_HAND
 
     result = calibrated(poses, noise, shared, pairs)
     with timed("cross-check"):
@@ -76,7 +76,7 @@ def cross_check_command(
         )
     said = ""
     if output is not None:
-        from ...validation.cross_check.figure import cross_check_figure  # Matplotlib is slow to import
+        from ...trials.validation.cross_check.figure import cross_check_figure  # Matplotlib is slow to import
 
         table = frame_text(check.to_dataframe())
         written = {"cross_check.json": check.to_json(), "cross_check.csv": table}

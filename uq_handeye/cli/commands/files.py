@@ -5,8 +5,8 @@ from typing import Annotated
 
 import typer
 
+from ...core.runtime.progress import working
 from ...errors import InputError
-from ...runtime.progress import working
 from ..delivery import ReportOptions, report_options_of
 from ..messages import LOG, fail, progress_wanted, timed
 from ..options.common import CONTROLLER_NAMES, emit, made_of, one_of, require_writable

@@ -21,10 +21,10 @@ from .calibrate import Files
 from .files import ResultFile
 
 if TYPE_CHECKING:
-    from ...live_session.browser_page import BrowserPage
-    from ...live_session.question import Answer
-    from ...live_session.sources.source import Side, Source
-    from ...noise.estimate import NoisePrior
+    from ...model.noise.estimate import NoisePrior
+    from ...use.live_session.browser_page import BrowserPage
+    from ...use.live_session.question import Answer
+    from ...use.live_session.sources.source import Side, Source
     from ..options.arm import Arm
     from ..pictures import Pictures
     from ..views import Views
@@ -123,8 +123,8 @@ def live_command(
     Poses are on disk before the page shows them. Start the command again with
     the same folder to go on. Ctrl-C ends the page, not the session.
     """
-    from ...live_session.page import Page
-    from ...live_session.session import Session
+    from ...use.live_session.page import Page
+    from ...use.live_session.session import Session
 
     if files.offset is not None:
         raise InputError("--offset is for unsynchronised streams. Pose k of the robot belongs to pose k of the camera.")
@@ -162,7 +162,7 @@ def _sources(files: SessionFiles, given: SourceOptions) -> "tuple[Source, ...]":
     if (bag is not None or ros) != (frames is not None):
         raise InputError("--bag and --ros need --frames ROBOT,CAMERA, e.g. base:tool0,camera:tag0, and only these.")
     if stdin:
-        from ...live_session.sources.lines import Lines
+        from ...use.live_session.sources.lines import Lines
 
         return (Lines(sys.stdin, files.reading, robot=_arm(rtde)),)
     if frames is None:
@@ -174,13 +174,13 @@ def _sources(files: SessionFiles, given: SourceOptions) -> "tuple[Source, ...]":
         wanted = "ROBOT,CAMERA, e.g. base:tool0,camera:tag0" if rtde is None else "CAMERA, e.g. camera:tag0"
         raise InputError(f"Expected --frames as {wanted}, got {frames!r}.")
     if ros:
-        from ...live_session.sources.ros import Node
-        from ...live_session.sources.source import Taken
+        from ...use.live_session.sources.ros import Node
+        from ...use.live_session.sources.source import Taken
 
         node = Node()
         return (Taken("ROS" if rtde is None else "RTDE, ROS", _arm(rtde) or node.side(robot), node.side(camera)),)
-    from ...live_session.sources.bag import Playback
-    from ...rosbag.streams import read_bag
+    from ...read.rosbag.streams import read_bag
+    from ...use.live_session.sources.bag import Playback
 
     assert bag is not None
     how = {} if files.setup is None else {"setup": files.setup}
@@ -188,7 +188,7 @@ def _sources(files: SessionFiles, given: SourceOptions) -> "tuple[Source, ...]":
 
 
 def _arm(host: str | None) -> "Side | None":
-    from ...live_session.sources.ur import Ur
+    from ...use.live_session.sources.ur import Ur
 
     return None if host is None else Ur(host)
 
@@ -205,7 +205,7 @@ def view_command(result: ResultFile, page: "PageOptions", touched: "TouchesToUse
     Ctrl-C ends the page.
     """
     from ...calibration.result import Calibration, load
-    from ...live_session.view import view_page
+    from ...use.live_session.view import view_page
 
     shown = load(result)
     touches = touched.read(shown.kinematics if isinstance(shown, Calibration) else None)

@@ -121,10 +121,10 @@ def plan_command(
         return plan_stored_rig(rig, asked.k, asked.candidates, asked.sample, asked.seed, as_json, output)
     from ...calibration.findings import check_input
     from ...findings import warn
-    from ...io.poses import read_robot_poses
-    from ...kinematics.joints_file import read_joints
-    from ...noise.models import PoseNoise
-    from ...planning.plan import plan
+    from ...model.kinematics.joints_file import read_joints
+    from ...model.noise.models import PoseNoise
+    from ...read.poses import read_robot_poses
+    from ...use.planning.plan import plan
 
     asked.require_possible(arm)
     poses, noise, shared = files.read_kept(given, None, arm)

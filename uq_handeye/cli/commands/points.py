@@ -6,8 +6,8 @@ from typing import Annotated
 
 import typer
 
+from ...core.runtime.progress import working
 from ...errors import InputError, InputWarning
-from ...runtime.progress import working
 from ..delivery import deliver_camera_poses
 from ..messages import progress_wanted, timed
 from ..options.common import UNITS, JsonOption, folder_option, one_of
@@ -59,9 +59,9 @@ def points_command(
       * --units UNIT <UNITS>: Length unit of POINTS. Default: m.
       --target-units UNIT <UNITS>: Length unit of the target. Default: m.
     """
-    from ...points.estimate import poses_from_points
-    from ...points.files.folder_writer import to_dict
-    from ...points.files.point_file import read_points, read_target
+    from ...model.points.estimate import poses_from_points
+    from ...model.points.files.folder_writer import to_dict
+    from ...model.points.files.point_file import read_points, read_target
 
     if target is None and target_units is not None:
         raise InputError("--target-units needs --target. Give the file of the target, or remove the option.")

@@ -76,9 +76,9 @@ def posterior_command(
     if resume and output is None:
         raise InputError("--resume needs the folder of the run. Add -o DIR.")
     poses, noise, shared = session.read()
-    from ...io import write_files
-    from ...noise.models import PairNoise
-    from ...validation.posterior.sample import sample_posterior
+    from ...model.noise.models import PairNoise
+    from ...read import write_files
+    from ...trials.validation.posterior.sample import sample_posterior
 
     pairs = pairs if isinstance(noise, PairNoise) else "all"
     problem = problem_for(
@@ -97,7 +97,7 @@ def posterior_command(
         )
     emit(result.to_json() if as_json else result.summary())
     if output is not None:
-        from ...validation.posterior.figure import corner  # Matplotlib is slow to import
+        from ...trials.validation.posterior.figure import corner  # Matplotlib is slow to import
 
         deliver(output, {"posterior.json": result.to_json()}, {"corner": corner(result)})
         if not as_json:

@@ -3,8 +3,8 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+from ...core.files.csv_text import csv_text
 from ...errors import InputError
-from ...files.csv_text import csv_text
 from ..delivery import deliver, deliver_csv, folder_or_csv_option, is_csv
 from ..options.arm import JointUnits
 from ..options.common import JsonOption, emit
@@ -13,10 +13,10 @@ from ..rigs.in_use import predict_stored_rig, stored_rig
 from .files import ResultFile
 
 if TYPE_CHECKING:
+    from ...calibration.prediction.predict import CameraPrediction
     from ...calibration.result import Calibration
-    from ...diagnostics.task_space import PointUncertainty
-    from ...geometry.se3 import Array
-    from ...prediction.predict import CameraPrediction
+    from ...core.geometry.se3 import Array
+    from ...fit.diagnostics.task_space import PointUncertainty
 
 # Number of rows printed; the files hold all.
 PRINTED = 40
@@ -80,7 +80,7 @@ def predict_command(
     import numpy as np
 
     from ...calibration.result import Calibration
-    from ...io import json_text
+    from ...read import json_text
 
     if (rig := stored_rig(result)) is not None:
         return predict_stored_rig(rig, of, into, point, robot, as_json, output)
@@ -134,8 +134,8 @@ def _places(
     """Read timestamps (or row numbers), and joints and robot poses by the arguments of `predict`."""
     import numpy as np
 
-    from ...io.poses import read_robot_poses
-    from ...kinematics.joints_file import read_joints
+    from ...model.kinematics.joints_file import read_joints
+    from ...read.poses import read_robot_poses
 
     at: dict[str, Array] = {}
     names: dict[str, Path] = {}
@@ -199,7 +199,7 @@ def _plain(*parts: Any) -> list[Any]:
 
 
 def _text_of_points(found: "PointUncertainty", n: int, stored: "Calibration", reached: bool) -> str:
-    from ...presentation.document import Heading, Paragraph, Table, to_text
+    from ...core.presentation.document import Heading, Paragraph, Table, to_text
 
     k = found.points.shape[1]
     worst = 1e3 * float(found.radius_95.max())
@@ -230,7 +230,7 @@ def _text_of_points(found: "PointUncertainty", n: int, stored: "Calibration", re
 def _text_of_poses(seen: "CameraPrediction") -> str:
     import numpy as np
 
-    from ...presentation.document import Heading, Paragraph, Table, to_text
+    from ...core.presentation.document import Heading, Paragraph, Table, to_text
 
     n = len(seen.poses)
     noise = "with the noise of one new measurement" if seen.new_measurement else "without noise of measurement"
@@ -253,7 +253,7 @@ def _text_of_poses(seen: "CameraPrediction") -> str:
 
 
 def _more(n: int) -> list[Any]:
-    from ...presentation.document import Paragraph
+    from ...core.presentation.document import Paragraph
 
     return [Paragraph(f"{n - PRINTED} more rows: -o DIR or --json has all.")] if n > PRINTED else []
 

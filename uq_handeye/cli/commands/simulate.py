@@ -68,11 +68,11 @@ def simulate_command(
       * --roll ANGLE: Largest roll about the line of sight.
       * --seed N: Seed of the random numbers.
     """
-    from ...geometry.frames import SETUPS
-    from ...io import pose_text, read_shared_errors, write_files
-    from ...noise.estimate import NoisePrior
-    from ...noise.models import PoseNoise
-    from ...simulation.rig import simulate
+    from ...core.geometry.frames import SETUPS
+    from ...model.noise.estimate import NoisePrior
+    from ...model.noise.models import PoseNoise
+    from ...read import pose_text, read_shared_errors, write_files
+    from ...trials.simulation.rig import simulate
 
     noise = options.read()
     if isinstance(noise, NoisePrior):  # nothing is drawn for the other side

@@ -57,7 +57,7 @@ def sync_command(
         found = files.synchronised(max_offset=max_offset, still=still, max_gap=max_gap, interpolation=kind, seed=seed)
     said = ""
     if output is not None:
-        from ...io import pose_text
+        from ...read import pose_text
 
         written = {
             "robot.csv": pose_text(found.poses.robot, found.poses.timestamps),

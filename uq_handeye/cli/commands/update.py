@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
+from ...core.files.atomic import held
 from ...errors import InputError, NotConvergedError
-from ...files.atomic import held
 from ..delivery import ReportOptions, deliver, report_options_of
 from ..messages import quiet, timed, withheld
 from ..new_poses import NewPoses, new_poses_of
@@ -67,8 +67,8 @@ def update_command(
     if report is None and no_compare:
         raise InputError("--no-compare needs --report FILE. Add it.")
     from ...calibration.result import Calibration
-    from ...maintenance.together.update import gain, update
-    from ...posterior.owners import THINGS
+    from ...model.posterior.owners import THINGS
+    from ...use.maintenance.together.update import gain, update
 
     with _held_if_replaced(result, output):
         stored = Calibration.from_json(result)
@@ -125,8 +125,8 @@ def diff_command(
         three if the results have poses in common.
     """
     from ...calibration.result import Calibration
-    from ...maintenance.together.difference import difference
-    from ...maintenance.together.difference_text import difference_document
+    from ...use.maintenance.together.difference import difference
+    from ...use.maintenance.together.difference_text import difference_document
 
     found = difference(Calibration.from_json(old), Calibration.from_json(new), same=names_of(same))
     if as_json:

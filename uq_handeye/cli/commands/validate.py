@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+from ...core.files.csv_text import frame_text
 from ...errors import InputError
-from ...files.csv_text import frame_text
 from ..delivery import deliver, wrote
 from ..messages import LOG, progress_wanted, verbose
 from ..new_poses import Session, calibrated, problem_for, session_of
@@ -28,7 +28,7 @@ from ..options.noise import pose_prior_of
 if TYPE_CHECKING:
     from concurrent.futures import Executor
 
-    from ...validation.monte_carlo.run import MonteCarlo
+    from ...trials.validation.monte_carlo.run import MonteCarlo
 
 TRIALS = "Simulation"
 # Exit status after Ctrl-C, and of a run that ended early for another reason.
@@ -135,10 +135,10 @@ def validate_command(
         options = {"seed": asked.seed, "pairs": pairs, **({} if asked.trials is None else {"trials": asked.trials})}
         return _sweep(problem, names, factors, options, figure, as_json, output)
 
-    from ...io import json_text
-    from ...runtime.executors import connect_to_dask
-    from ...validation.monte_carlo.run import monte_carlo
-    from ...validation.monte_carlo.sentences import INTERRUPTED as ENDED_BY_HAND
+    from ...core.runtime.executors import connect_to_dask
+    from ...read import json_text
+    from ...trials.validation.monte_carlo.run import monte_carlo
+    from ...trials.validation.monte_carlo.sentences import INTERRUPTED as ENDED_BY_HAND
 
     results: dict[str, MonteCarlo] = {}
     with ExitStack() as stack:
@@ -194,8 +194,8 @@ def _sweep(
     as_json: bool,
     output: Path | None,
 ) -> int:
-    from ...presentation.document import document_of
-    from ...validation.sweep.run import sweep
+    from ...core.presentation.document import document_of
+    from ...trials.validation.sweep.run import sweep
 
     result = sweep(**problem, methods=methods, factors=factors, progress=progress_wanted(), **options)
     if as_json:
@@ -203,7 +203,7 @@ def _sweep(
     else:
         emit_document(document_of(result, verbose=verbose()))
     if output is not None:
-        from ...validation.sweep.figure import sweep_figure  # Matplotlib is slow to import
+        from ...trials.validation.sweep.figure import sweep_figure  # Matplotlib is slow to import
 
         table = frame_text(result.to_dataframe())
         files = {"sweep.json": result.to_json(), "sweep.csv": table}
@@ -219,7 +219,7 @@ def _deliver(result: "MonteCarlo", folder: Path) -> str:
     """Write table and figure into the folder that holds ``result.json`` and the trials already."""
     import numpy as np
 
-    from ...validation.monte_carlo.figure import validation_figure  # Matplotlib is slow to import
+    from ...trials.validation.monte_carlo.figure import validation_figure  # Matplotlib is slow to import
 
     table = frame_text(result.to_dataframe())
     with np.errstate(over="ignore"):  # the ratio to a direction without any error is infinite

@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from ...core.files.csv_text import csv_text
 from ...errors import InputError
-from ...files.csv_text import csv_text
 from ..delivery import deliver
 from ..messages import quiet
 from ..options.common import UNITS, JsonOption, emit, emit_document, folder_option, made_of, one_of
@@ -14,8 +14,8 @@ from ..options.touches import TOUCHING, TouchOptions
 from .files import ResultFile
 
 if TYPE_CHECKING:
-    from ...geometry.se3 import Array
-    from ...verification.result import Verification
+    from ...core.geometry.se3 import Array
+    from ...use.verification.result import Verification
 
 # Exit status of a calibration that the data contradict.
 CONTRADICTED = 4
@@ -61,8 +61,8 @@ def verify_command(
         so far.
     """
     from ...calibration.result import Calibration
-    from ...io import json_text
-    from ...verification.verify import verify
+    from ...read import json_text
+    from ...use.verification.verify import verify
 
     stored = Calibration.from_json(result)
     if (touches is None) == (poses is None):
@@ -84,8 +84,8 @@ def verify_command(
 
 
 def _by_poses(stored: Any, poses: tuple[Path, Path], touching: TouchOptions, as_json: bool, output: Path | None) -> int:
-    from ...io import json_text, read_poses
-    from ...verification.new_poses import verify_poses
+    from ...read import json_text, read_poses
+    from ...use.verification.new_poses import verify_poses
 
     data = read_poses(*poses, setup=stored.setup, units=one_of(touching.units, "--units", UNITS))
     found = verify_poses(stored, data)
@@ -100,7 +100,7 @@ def _by_poses(stored: Any, poses: tuple[Path, Path], touching: TouchOptions, as_
 
 def _emit(found: Any, written: str) -> None:
     """Print the document of a verification; with --quiet the answer only."""
-    from ...presentation.document import Paragraph, document_of
+    from ...core.presentation.document import Paragraph, document_of
 
     document: Any = document_of(found)
     if quiet():
@@ -113,7 +113,7 @@ def _points(path: Path) -> "Array":
     """Read points x, y, z of a CSV file with a header, or of an array of NumPy."""
     import numpy as np
 
-    from ...files.open import opened, shown
+    from ...core.files.open import opened, shown
 
     with opened(path, 10_000_000) as file:
         try:

@@ -10,8 +10,8 @@ from .common import Options, made_of, one_of, option
 from .declared import JOINTS
 
 if TYPE_CHECKING:
-    from ...kinematics.chain import Kinematics
-    from ...kinematics.kinematic_errors import KinematicErrors
+    from ...model.kinematics.chain import Kinematics
+    from ...model.kinematics.kinematic_errors import KinematicErrors
 
 # Names of kinematics.kinematic_errors, repeated here so that help and completion load quickly.
 HOW = ("estimate", "declared", "exact")
@@ -108,7 +108,7 @@ class ChainOptions(Options):
 
     def kinematics(self) -> "Kinematics":
         """Read the kinematic chain."""
-        from ...kinematics.chain import Kinematics
+        from ...model.kinematics.chain import Kinematics
 
         if self.robot_model is not None:
             try:
@@ -160,7 +160,7 @@ class ErrorOptions(Options):
 
     def errors(self) -> "KinematicErrors":
         """Return the errors as an argument of `calibrate`."""
-        from ...kinematics.kinematic_errors import KinematicErrors
+        from ...model.kinematics.kinematic_errors import KinematicErrors
 
         values: dict[str, Any] = {}
         for name, of in (("how", HOW), ("robot_class", ROBOT_CLASSES), ("flange", FLANGES)):

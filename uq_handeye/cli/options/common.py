@@ -20,7 +20,7 @@ from ..messages import Messages, styled, terminal_width
 from .declared import ESTIMATION, OUTPUT, choices, common_in, parameters_of, without_options
 
 if TYPE_CHECKING:
-    from ...presentation.document import Document
+    from ...core.presentation.document import Document
 
 # Names of likelihood.ESTIMATORS, METHODS, ROBOT_WORLD_METHODS, SETUPS, request.COVARIANCES, FORMATS and CONTROLLERS.
 AT_THE_BOUND = ("efficient", "ml")
@@ -175,7 +175,7 @@ def named_folder(directory: Path | None) -> Path | None:
         return None
     if str(directory) == ".":
         raise InputError("Expected -o to name a folder, got an empty name or '.'. Write, for example, -o result.")
-    from ...files.atomic import require_writable_folder
+    from ...core.files.atomic import require_writable_folder
 
     require_writable_folder(directory)
     return directory
@@ -200,7 +200,7 @@ def require_writable(path: Path | None, option: str, suffixes: Sequence[str] = (
         return
     if suffixes and path.suffix.lower() not in suffixes:
         raise InputError(f"Expected {option} to be named {' or '.join(suffixes)}, got {str(path)!r}.")
-    from ...files.atomic import require_writable_file
+    from ...core.files.atomic import require_writable_file
 
     require_writable_file(path)
 
@@ -228,7 +228,7 @@ def cores() -> int:
 
 def emit_document(document: "Document") -> None:
     """Print a document, wrapped to the terminal and with its colours."""
-    from ...presentation.document import to_text
+    from ...core.presentation.document import to_text
 
     emit(to_text(document, terminal_width(), styled))
 

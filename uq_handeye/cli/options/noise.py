@@ -12,10 +12,10 @@ from .arm import ACCURACY_CLASSES, RobotClass
 from .common import made_of, one_of
 
 if TYPE_CHECKING:
-    from ...noise.estimate import NoisePrior
-    from ...noise.models import Noise
-    from ...poses.pose_pairs import PosePairs
-    from ...shared_errors.shared_error import SharedError
+    from ...model.noise.estimate import NoisePrior
+    from ...model.noise.models import Noise
+    from ...model.poses.pose_pairs import PosePairs
+    from ...model.shared_errors.shared_error import SharedError
     from ..views import Views
 
 # Values of --shared.
@@ -55,9 +55,9 @@ class SharedOptions:
         self, poses: "PosePairs", noise: "Noise | None", file: Path | None = None, views: "Views | None" = None
     ) -> "list[SharedError] | None":
         """Return the declared errors of options and noise file with the remaining defaults, or None."""
-        from ...io import read_shared_errors
-        from ...noise.models import PairNoise
-        from ...shared_errors.shared_error import SharedError, assumed_accuracy, checked_errors, replace_defaults
+        from ...model.noise.models import PairNoise
+        from ...model.shared_errors.shared_error import SharedError, assumed_accuracy, checked_errors, replace_defaults
+        from ...read import read_shared_errors
 
         focal_length_px = None if views is None else views.focal_length_px
         if poses.camera_calibration is not None:
@@ -124,9 +124,9 @@ class NoiseOptions:
 
     def read(self) -> "Noise | NoisePrior | None":
         """Return the noise of the options, a prior if they name one side only, None if they name none."""
-        from ...io import read_noise_file
-        from ...noise.estimate import NoisePrior
-        from ...noise.models import PoseNoise
+        from ...model.noise.estimate import NoisePrior
+        from ...model.noise.models import PoseNoise
+        from ...read import read_noise_file
 
         if self.noise is not None:
             noise = read_noise_file(self.noise)
@@ -164,7 +164,7 @@ class Given:
 @made_of(options=NoiseOptions, shared=SharedOptions)
 def given_of(options: "NoiseOptions", shared: "SharedOptions") -> Given:
     """Return noise and shared errors of the options."""
-    from ...noise.estimate import NoisePrior
+    from ...model.noise.estimate import NoisePrior
 
     noise = options.read()
     one_side = noise if isinstance(noise, NoisePrior) else None
@@ -173,7 +173,7 @@ def given_of(options: "NoiseOptions", shared: "SharedOptions") -> Given:
 
 def exact_beside(known: "NoisePrior") -> "Noise":
     """Return the noise with the side that is not given taken as exact."""
-    from ...noise.models import PoseNoise
+    from ...model.noise.models import PoseNoise
 
     rotation, translation, *camera = known.values.tolist()
     if not any(value > 0 for value in known.values.tolist()):
@@ -193,7 +193,7 @@ def prior_of(
       --camera-prior ROT,TRANS: Camera noise by its data sheet, as a prior of the estimate, e.g. '0.1deg,?'.
       --prior-factor FACTOR: Uncertainty of --robot-prior and --camera-prior as a factor (1 sigma). 1: exact.
     """
-    from ...noise.estimate import NoisePrior
+    from ...model.noise.estimate import NoisePrior
 
     if robot_prior is None and camera_prior is None:
         return None
@@ -211,8 +211,8 @@ def pose_prior_of(
       --prior-w FILE: Prior of the target pose W, likewise.
       --known TEXT: Measured coordinate of camera or target, e.g. 'target z = 120mm +- 1mm'. Repeatable.
     """
-    from ...io import read_prior
-    from ...noise.pose_prior import parse_known_values as known_values
+    from ...model.noise.pose_prior import parse_known_values as known_values
+    from ...read import read_prior
 
     found: dict[str, Any] = dict(known_values(*known)) if known else {}
     for path, name, of in ((prior_x, "prior_X", "X"), (prior_w, "prior_W", "W")):
@@ -226,7 +226,7 @@ def pose_prior_of(
 
 def _deviations(value: str, name: str) -> tuple[float, float]:
     """Return the standard deviations (rad, m) of an option ROTATION,TRANSLATION."""
-    from ...formatting.units import parse_deviations
+    from ...core.formatting.units import parse_deviations
 
     rotation, comma, translation = value.partition(",")
     if not comma or "," in translation:

@@ -12,10 +12,10 @@ from ...errors import InputError
 from .common import UNITS, one_of
 
 if TYPE_CHECKING:
+    from ...calibration.evidence.touches import Touches
+    from ...calibration.prediction.fitted_kinematics import FittedKinematics
     from ...calibration.result import Calibration
-    from ...evidence.touches import Touches
-    from ...kinematics.chain import Kinematics
-    from ...prediction.fitted_kinematics import FittedKinematics
+    from ...model.kinematics.chain import Kinematics
 
 
 def coordinates(text: str, name: str) -> list[float]:
@@ -23,7 +23,7 @@ def coordinates(text: str, name: str) -> list[float]:
     parts = [part.strip() for part in text.split(",")]
     if len(parts) != 3:
         raise InputError(f"Expected {name} to be X,Y,Z such as 0mm,0mm,300mm, got {text!r}.")
-    from ...formatting.units import parse_length
+    from ...core.formatting.units import parse_length
 
     values = []
     for part in parts:
@@ -70,10 +70,10 @@ class TouchOptions:
         """Return the touches of a file."""
         import numpy as np
 
+        from ...core.formatting.units import parse_length
         from ...formats.csv_poses import read_pose_file
-        from ...formatting.units import parse_length
-        from ...verification.touches_file import read_touches
-        from ...verification.verify import robot_covariance, tool_deviation
+        from ...use.verification.touches_file import read_touches
+        from ...use.verification.verify import robot_covariance, tool_deviation
 
         unit = one_of(self.units, "--units", UNITS)
         arm: Kinematics | None = None if kinematics is None else kinematics.chain
@@ -130,8 +130,8 @@ class TouchesToUse:
         touches = self.read(result.kinematics)
         if touches is None:
             return result, ""
-        from ...evidence.absorb import include_touches
-        from ...verification.input_checks import require_metres
+        from ...calibration.evidence.absorb import include_touches
+        from ...use.verification.input_checks import require_metres
 
         require_metres(result, touches)
         found = include_touches(result, touches)

@@ -9,9 +9,9 @@ from ..options.common import AT_THE_BOUND, PAIRINGS, SETUP_NAMES, emit, one_of
 from ..outcome import NOT_PASSED, Wanted
 
 if TYPE_CHECKING:
+    from ...calibration.statement.tolerance import Verdict
     from ...rig.description import Rig
     from ...rig.result import RigCalibration
-    from ...statement.tolerance import Verdict
     from ..delivery import ReportOptions
     from ..options.noise import Given
     from ..pose_files import PoseFiles
@@ -118,7 +118,7 @@ def _of_cameras(files: "PoseFiles", cameras: tuple[str, ...], given: "Given") ->
 
 def verdicts_of(result: "RigCalibration", wanted: Wanted) -> "dict[str, Verdict]":
     """Return whether the pose of each camera meets the tolerance."""
-    from ...statement.tolerance import FAIL, MET, MISSED, NOT_SHOWN, PASS, Verdict, probability_within
+    from ...calibration.statement.tolerance import FAIL, MET, MISSED, NOT_SHOWN, PASS, Verdict, probability_within
 
     found = {}
     for name, camera in result.cameras.items():
@@ -142,7 +142,7 @@ def deliver_rig(
     more: str = "",
 ) -> int:
     """Print the result of a rig, write its files, and return the exit status."""
-    from ...io import json_text
+    from ...read import json_text
     from ..delivery import deliver
 
     verdicts = {} if wanted.tolerance is None else verdicts_of(result, wanted)

@@ -90,7 +90,7 @@ def predict_stored_rig(
     """Predict points of a camera of a rig at robot poses of its arm, or where it stands still."""
     import numpy as np
 
-    from ...io import json_text
+    from ...read import json_text
     from ...rig.files.pose_rows import read_rows
 
     refuse("--of", "--into", "--point", "--robot", "--robot-units", "--robot-format")
@@ -123,7 +123,7 @@ def plan_stored_rig(
     output: Path | None,
 ) -> None:
     """Choose the views of a rig to take next."""
-    from ...io import pose_text
+    from ...read import pose_text
     from ...rig.files.pose_rows import read_rows
 
     refuse("ROBOT", "--count", "--candidates", "--sample", "--seed")

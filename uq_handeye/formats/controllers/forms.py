@@ -14,9 +14,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...core.formatting.units import LENGTH_UNITS
+from ...core.geometry.se3 import Array
 from ...errors import InputError
-from ...formatting.units import LENGTH_UNITS
-from ...geometry.se3 import Array
 from ..rotation_form import rotation_form
 
 # Tables of many makers in one place; each convention was compared with the maker's words where these are public.

@@ -11,8 +11,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ...core.files.lines import MAX_ROWS
 from ...errors import InputError, InputWarning
-from ...files.lines import MAX_ROWS
 from ..contents import Contents, Side
 from ..number_table import NUMBER
 from .forms import PoseForm

@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
+from ...core.geometry.se3 import Array
 from ...errors import InputError
-from ...geometry.se3 import Array
 from ..contents import Contents, Reading, Side
 from ..rotation_form import rotation_form
 from .forms import CONTROLLERS, PoseForm

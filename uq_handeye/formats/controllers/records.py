@@ -20,9 +20,9 @@ from typing import Any
 
 import numpy as np
 
+from ...core.files.lines import MAX_LINE, MAX_ROWS
+from ...core.geometry.se3 import Array
 from ...errors import InputError
-from ...files.lines import MAX_LINE, MAX_ROWS
-from ...geometry.se3 import Array
 from ..contents import Contents, Side, matrices_side
 from ..matrices.arrays import numbers_of
 from ..number_table import NUMBER, NumberTable

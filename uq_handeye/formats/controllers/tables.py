@@ -17,10 +17,10 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from ...core.files.lines import short
+from ...core.formatting.units import LENGTH_UNITS
+from ...core.geometry.se3 import Array
 from ...errors import InputError
-from ...files.lines import short
-from ...formatting.units import LENGTH_UNITS
-from ...geometry.se3 import Array
 from ..columns import LONGEST, SECONDS, meaning
 from ..contents import NORM_TOLERANCE, Contents, Side
 from ..number_table import FEWEST, TITLE_LINES, NumberTable, names_of, read_number_table

@@ -24,10 +24,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...core.files.many import natural
+from ...core.files.trees import got
+from ...core.geometry.se3 import Array
 from ...errors import InputError
-from ...files.many import natural
-from ...files.trees import got
-from ...geometry.se3 import Array
 from ..contents import NORM_TOLERANCE, Contents, Reading, Side, matrices_side
 from ..controllers.readings import interpret
 

@@ -14,10 +14,10 @@ from io import BytesIO
 
 import numpy as np
 
+from ...core.files.lines import short
+from ...core.files.table import Places, Schema, name_and_unit, read_table, split_names
+from ...core.formatting.units import LENGTH_UNITS
 from ...errors import InputError
-from ...files.lines import short
-from ...files.table import Places, Schema, name_and_unit, read_table, split_names
-from ...formatting.units import LENGTH_UNITS
 from ..columns import SECONDS, meaning_and_unit
 from ..contents import Contents, Reading, matrices_side
 from .arrays import BOTH, found_in, with_last_row

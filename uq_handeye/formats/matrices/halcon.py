@@ -20,9 +20,9 @@ import re
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from ...core.files.lines import short
+from ...core.geometry.se3 import Array
 from ...errors import InputError
-from ...files.lines import short
-from ...geometry.se3 import Array
 from ..contents import Contents, Reading, matrices_side
 
 CODES = {0: "gba", 2: "abg", 4: "rodriguez"}

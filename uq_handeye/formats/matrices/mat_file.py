@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...core.files.lines import refused, short
+from ...core.files.trees import pose_name
+from ...core.geometry.se3 import Array
 from ...errors import InputError
-from ...files.lines import refused, short
-from ...files.trees import pose_name
-from ...geometry.se3 import Array
 from ..contents import Contents, Side
 from ..controllers.records import records_side
 from ..opencv_storage import joined_pairs

@@ -19,9 +19,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ...core.files.lines import short
+from ...core.geometry.se3 import Array
 from ...errors import InputError
-from ...files.lines import short
-from ...geometry.se3 import Array
 from ..contents import Contents, matrices_side
 from .arrays import COUNTS, MOST_BEFORE, Found, fitting, found_in
 from .columns import header_of, read_columns

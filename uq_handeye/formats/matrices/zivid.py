@@ -18,8 +18,8 @@ from typing import Any
 
 import numpy as np
 
+from ...core.files.trees import got, number, parse_tree
 from ...errors import InputError
-from ...files.trees import got, number, parse_tree
 from ..contents import Contents, Reading, matrices_side
 from ..opencv_storage import stack
 from .arrays import found_in

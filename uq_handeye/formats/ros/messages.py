@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from ...core.geometry.se3 import Array
 from ...errors import InputError
-from ...geometry.se3 import Array
 from ..contents import Contents, Side
 
 # Transforms and poses of one message.

@@ -24,9 +24,9 @@ from typing import Any
 
 import numpy as np
 
+from ...core.files.lines import short
+from ...core.files.trees import got, item, matrix, transform
 from ...errors import InputError
-from ...files.lines import short
-from ...files.trees import got, item, matrix, transform
 from ..contents import Contents, Side, matrices_side
 
 FRAMES = ("robot_base_frame", "robot_effector_frame", "tracking_base_frame", "tracking_marker_frame")

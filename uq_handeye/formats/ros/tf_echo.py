@@ -20,9 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from ...core.files.lines import short
+from ...core.geometry.se3 import Array
 from ...errors import InputError
-from ...files.lines import short
-from ...geometry.se3 import Array
 from ..contents import Contents
 from .messages import one_side, unit_quaternions
 

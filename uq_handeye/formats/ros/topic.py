@@ -19,9 +19,9 @@ import re
 from collections.abc import Iterator
 from typing import Any
 
+from ...core.files.lines import is_number, short
+from ...core.files.trees import parse_tree
 from ...errors import InputError
-from ...files.lines import is_number, short
-from ...files.trees import parse_tree
 from ..contents import Contents
 from .messages import MessageError, Stamped, frame_name, poses_in, side_of
 

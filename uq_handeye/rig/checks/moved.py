@@ -20,10 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc
 
+from ...core.geometry.se3 import Array, logarithm, perturb
 from ...errors import InputError, NotConvergedError
 from ...findings import Finding, Severity
-from ...geometry.se3 import Array, logarithm, perturb
-from ...likelihood.robust import largest_by_chance
+from ...fit.likelihood.robust import largest_by_chance
 from ..description import Rig
 from ..fit import Prior, RigFit, fit
 from ..graph import Graph

@@ -32,9 +32,9 @@ from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, cho_factor, cho_solve, cholesky
 from scipy.spatial.transform import Rotation
 
-from ...files.records import Record
-from ...geometry.nearest_rotation import nearest_rotation
-from ...geometry.se3 import Array, logarithm
+from ...core.files.records import Record
+from ...core.geometry.nearest_rotation import nearest_rotation
+from ...core.geometry.se3 import Array, logarithm
 from ..description import Rig
 from ..fit import RigFit
 from ..graph import Graph

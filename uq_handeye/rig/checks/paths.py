@@ -26,8 +26,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc, gammaln
 
-from ...files.records import Record
-from ...geometry.se3 import Array
+from ...core.files.records import Record
+from ...core.geometry.se3 import Array
 from ..description import Rig
 from ..fit import RigFit
 from ..graph import Graph

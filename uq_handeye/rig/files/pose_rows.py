@@ -13,16 +13,16 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from ...core.files.open import shown
+from ...core.files.source import Source
+from ...core.geometry.se3 import Array
 from ...errors import InputError
-from ...files.open import shown
-from ...files.source import Source
 from ...formats.contents import FRAMES, finished
 from ...formats.detect import read_contents
-from ...geometry.se3 import Array
-from ...io.known_camera import known_camera
-from ...io.matching import nearest
-from ...io.poses import side_of
-from ...noise.joint_covariance import JointCovariance
+from ...model.noise.joint_covariance import JointCovariance
+from ...read.known_camera import known_camera
+from ...read.matching import nearest
+from ...read.poses import side_of
 from ..description import WORLD, ArmPoses, Rig, View
 
 

@@ -11,10 +11,10 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from ...core.files.records import attributes, damaged, not_finite, parts_of, unequal, written
+from ...core.geometry.se3 import Array
 from ...errors import InputError
-from ...files.records import attributes, damaged, not_finite, parts_of, unequal, written
-from ...geometry.se3 import Array
-from ...noise.pose_prior import PosePrior
+from ...model.noise.pose_prior import PosePrior
 from ..description import ArmPoses, Rig, View
 
 C = TypeVar("C")

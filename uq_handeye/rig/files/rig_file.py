@@ -25,9 +25,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from ...core.files.open import StrPath, as_path, opened
+from ...core.files.trees import MAX_BYTES
 from ...errors import InputError
-from ...files.open import StrPath, as_path, opened
-from ...files.trees import MAX_BYTES
 from ...formats.prior_file import read_prior
 from ..description import WORLD, ArmPoses, Rig, View
 from .pose_rows import PoseRows, on_one_clock, read_rows, view_of

@@ -15,10 +15,10 @@ from typing import Any, ClassVar
 import numpy as np
 from scipy.special import chdtrc, fdtrc
 
+from ...core.files.atomic import json_text
+from ...core.files.records import Record
+from ...core.formatting.numbers import digits, probability
 from ...errors import InputError
-from ...files.atomic import json_text
-from ...files.records import Record
-from ...formatting.numbers import digits, probability
 from ..description import Rig
 from .evidence import RigEvidence, evidence_of_views
 

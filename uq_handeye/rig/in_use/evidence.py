@@ -17,10 +17,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...core.geometry.se3 import Array, perturb
+from ...core.runtime.read_only import ReadOnlyArrays
 from ...errors import InputError
-from ...geometry.se3 import Array, perturb
-from ...posterior.rows import NewRows
-from ...runtime.read_only import ReadOnlyArrays
+from ...model.posterior.rows import NewRows
 from ..description import ArmPoses, Rig
 from ..fit import whitened
 from ..graph import Graph

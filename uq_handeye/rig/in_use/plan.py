@@ -20,12 +20,12 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from ...core.files.atomic import json_text
+from ...core.files.records import Record
+from ...core.geometry.checks import as_transforms
+from ...core.geometry.se3 import Array, inverse, perturb
 from ...errors import InputError
-from ...files.atomic import json_text
-from ...files.records import Record
-from ...geometry.checks import as_transforms
-from ...geometry.se3 import Array, inverse, perturb
-from ...noise.triangular import checked_cholesky, substitute
+from ...model.noise.triangular import checked_cholesky, substitute
 from ..description import WORLD, ArmPoses, Rig, View
 from ..graph import Graph, Sides
 from ..noise import RigNoise

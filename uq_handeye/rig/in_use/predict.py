@@ -14,10 +14,10 @@ from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
+from ...core.files.records import Record
+from ...core.geometry.checks import as_transforms
+from ...core.geometry.se3 import Array, inverse, perturb, skew
 from ...errors import InputError
-from ...files.records import Record
-from ...geometry.checks import as_transforms
-from ...geometry.se3 import Array, inverse, perturb, skew
 from ..description import WORLD
 from ..graph import Graph
 from .evidence import new_noise

@@ -5,9 +5,9 @@ from __future__ import annotations
 import re
 from typing import Any
 
-from ...export.several import Several
-from ...export.snippets import OPEN_DEVIATION, Transform, with_open
-from ...files.atomic import json_text
+from ...core.files.atomic import json_text
+from ...formats.export.several import Several
+from ...formats.export.snippets import OPEN_DEVIATION, Transform, with_open
 
 
 def several_of(result: Any) -> Several:

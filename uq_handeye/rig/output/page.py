@@ -14,15 +14,15 @@ from typing import Any
 import numpy as np
 
 from ..._version import __version__
+from ...core.files.about import ABOUT, OF_CERTIFICATE, as_about
+from ...core.files.atomic import require_writable_file, write_atomically
+from ...core.formatting.numbers import digits, probability
+from ...core.geometry.conventions import CONVENTION
+from ...core.geometry.se3 import Array
+from ...core.presentation.document import Answer, Badge, Block, Paragraph, Points, Section, Table
+from ...core.presentation.page import rendered
+from ...core.presentation.pdf import PAPERS, to_pdf
 from ...errors import InputError
-from ...files.about import ABOUT, OF_CERTIFICATE, as_about
-from ...files.atomic import require_writable_file, write_atomically
-from ...formatting.numbers import digits, probability
-from ...geometry.conventions import CONVENTION
-from ...geometry.se3 import Array
-from ...presentation.document import Answer, Badge, Block, Paragraph, Points, Section, Table
-from ...presentation.page import rendered
-from ...presentation.pdf import PAPERS, to_pdf
 from ..graph import Graph
 from .sketch import rig_sketch
 
@@ -49,7 +49,7 @@ def write_rig_report(
     result : RigCalibration
     path : path that ends in .html or .pdf
     about : mapping of names to text, or None
-        Title block, by the names of `uq_handeye.files.about.ABOUT`.
+        Title block, by the names of `uq_handeye.core.files.about.ABOUT`.
     verdicts : mapping of names of cameras to `Verdict`, or None
         Whether each meets the tolerance.
     details : bool

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from ...formatting.numbers import digits
-from ...presentation.document import Drawing
+from ...core.formatting.numbers import digits
+from ...core.presentation.document import Drawing
 from ..description import WORLD
 
 WIDTH, ROW, TOP, RADIUS = 440.0, 60.0, 32.0, 18.0

@@ -1,0 +1,183 @@
+r"""New poses against a calibration: residuals of the constraint, with their covariance if nothing has changed.
+
+At the estimates, with robot and camera poses corrected by the estimates of the shared errors, the residual of a new
+pose (`likelihood.constraint`) is to first order in the errors
+
+    r = J (xi_X; xi_W) + D_G (F_G (e - estimate) + eta_G) + D_C (F_C (e - estimate) + eta_C)
+
+eta the noise of the new poses. If X was moved by delta after the calibration, ``E r = -J_X delta``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ...core.geometry.se3 import Array, perturb
+from ...errors import InputError
+from ...fit.likelihood.constraint import Linearised, OnPoses, Unknowns
+from ...model.noise.joint_covariance import JointCovariance
+from ...model.noise.models import PoseNoise, is_joint, require_count
+from ...model.poses.pose_pairs import PosePairs
+from ...model.posterior.owners import THINGS, checked_things, require_same
+from ...model.posterior.rows import NewRows
+from ...model.shared_errors.accuracy import ROBOT_ACCURACY
+from ..prediction.predict import (
+    NONE,
+    Fresh,
+    RobotAhead,
+    camera_at,
+    fresh_of_camera,
+    numbers_of_intrinsics,
+    robot_ahead,
+    shared_effects,
+)
+from .state import Calibrated, posterior_of
+
+
+@dataclass(frozen=True, eq=False)
+class PoseEvidence(NewRows):
+    """New poses against a calibration, with the derivatives that the columns of causes are made of."""
+
+    by_state: Array  # (m, 6, 12 + q) by the errors of the estimates
+    linear: Linearised  # J (m, 6, 12) by X and W, sides D_G and D_C (m, 6, 6), at the estimates
+    robot: Array  # (m, 4, 4) base_T_gripper, corrected by the estimates
+    camera: Array  # (m, 4, 4) camera_T_target, likewise
+
+    def rows(self, index: Array) -> PoseEvidence:
+        """Some of the poses, by their numbers or a mask."""
+        J, sides = self.linear.J[index], tuple(D[index] for D in self.linear.sides)
+        linear = Linearised(self.linear.r[index], J, (sides[0], sides[1]))
+        some = super().rows(index)
+        by_state, robot, camera = self.by_state[index], self.robot[index], self.camera[index]
+        parts = some.r, some.by_unit, some.own, self.posterior, by_state, linear, robot, camera
+        return PoseEvidence(*parts, own_at=some.own_at)
+
+
+def evidence_of_poses(
+    result: Calibrated,
+    poses: PosePairs,
+    noise: PoseNoise | None = None,
+    joints: Any = None,
+    same: Iterable[str] | str = THINGS,
+) -> PoseEvidence:
+    """Hold new poses against a calibration.
+
+    Parameters
+    ----------
+    result : Calibration
+        With its joint posterior.
+    poses : PosePairs
+        m >= 1 poses of the same setup, in the frames of the calibration.
+    noise : PoseNoise or None
+        Of the new poses; None: that of the calibration's own, the mean where it differs from pose to pose, and for
+        camera poses from corners that of their own fit.
+    joints : (m, L) or None
+        For a calibration with the kinematics of its arm; None: ``poses.joints``.
+
+    same : names out of "robot", "camera" and "target"
+        Which of them are those of the calibration. The errors of others are drawn again, as large as was assumed.
+
+    Raises
+    ------
+    InputError
+        A calibration without joint covariance, of another setup, without noise; poses of several data sets, or without
+        the joints that this calibration needs.
+    SingularNoiseError
+        New poses whose residuals have no noise of their own.
+    """
+    posterior = posterior_of(result)
+    assert result.W is not None
+    if not isinstance(poses, PosePairs) or poses.robot.ndim != 3:
+        raise InputError(f"Expected the new poses to be PosePairs of one data set, got {type(poses).__name__}.")
+    if poses.setup != result.setup:
+        raise InputError(f"Expected new poses of the setup {result.setup}, that of the calibration, got {poses.setup}.")
+    ahead, F_C, of_camera, camera = _corrected(result, poses, joints)
+    constraint = OnPoses(ahead.poses, camera, poses.setup == "eye-to-hand")
+    linear = constraint.linearise(Unknowns(result.X, result.W), constraint.first, constraint.second)
+    D_G, D_C = linear.sides
+    by_state = np.concatenate([linear.J, D_G @ ahead.columns + D_C @ F_C], axis=-1)
+    r, anew = linear.r, np.zeros((poses.n, 6, 0))
+    kept = checked_things(same)
+    if same is not THINGS:
+        require_same(kept, result.counted if isinstance(result.counted, PosePairs) else None, poses)
+    if len(kept) < len(THINGS):
+        other = 12 + posterior.owned_by([thing for thing in THINGS if thing not in kept])
+        r = r + by_state[..., other] @ posterior.estimate[other - 12]  # of other things nothing was found
+        sd = {error.name: error.prior_sd for error in result.shared}
+        anew = by_state[..., other] * np.array([sd.get(posterior.names[k - 12], 1.0) for k in other])
+        by_state[..., other] = 0.0
+    by_unit = by_state @ posterior.A
+    robot_noise, more_G = _noise_of(poses, noise, "robot", ahead.fresh)
+    camera_noise, more_C = _noise_of(poses, noise, "camera", of_camera)
+    carried = [(one, D_G @ one.covariance @ D_G.mT) for one in robot_noise]
+    carried += [(one, D_C @ one.covariance @ D_C.mT) for one in camera_noise]
+    arm = next((one for one in posterior.noise if one.name == ROBOT_ACCURACY), None)
+    unseen = D_G @ ahead.unseen @ D_G.mT
+    own = sum((one.size**2 * S for one, S in carried), unseen)
+    own_at = np.zeros(0)
+    if posterior.points is not None:
+        d = len(posterior.points.weights)
+        size = np.ones(d) if arm is None else (arm.by_point / arm.size) ** 2
+        own_at = size[:, None, None, None] * unseen
+        for one, S in carried:
+            own_at += (one.by_point if len(one.by_point) else np.full(d, one.size))[:, None, None, None] ** 2 * S
+    by_unit = np.concatenate([by_unit, anew, D_G @ more_G, D_C @ more_C], axis=-1)
+    robot, at = ahead.poses, (r, by_unit, own, posterior)
+    return PoseEvidence(*at, by_state, linear, robot, camera, own_at=own_at)
+
+
+def poses_less_shared_errors(result: Calibrated, poses: PosePairs) -> PosePairs:
+    """Poses of the rig of a calibration less the estimates of the errors that they share with its poses."""
+    ahead, _, _, camera = _corrected(result, poses, None)
+    return PosePairs(ahead.poses, camera, poses.setup)
+
+
+def _corrected(result: Calibrated, poses: PosePairs, joints: Any) -> tuple[RobotAhead, Array, Any, Array]:
+    """The robot poses corrected, what shared errors do to the camera poses, the noise of these, and they corrected."""
+    given = joints if joints is not None or result.kinematics is None else poses.joints
+    ahead = robot_ahead(result, given, poses.robot, measured=True)
+    F_C, of_camera = _effects_on_camera(result, poses, ahead.poses)
+    estimate = posterior_of(result).estimate
+    return ahead, F_C, of_camera, perturb(poses.camera, -(F_C @ estimate[:, None])[..., 0])
+
+
+def _effects_on_camera(result: Calibrated, poses: PosePairs, robot: Array) -> tuple[Array, Any]:
+    """(m, 6, q) what the errors of the posterior do to the new camera poses, and the noise of these.
+
+    They are taken where the camera should be at the corrected robot poses, without the noise of what it measured.
+    Pictures that were adjusted with a camera of their own have nothing of the intrinsics' errors of the calibration.
+    """
+    posterior, seen = posterior_of(result), poses.camera_calibration
+    there = camera_at(result, robot)
+    F = shared_effects(result, "camera", robot, there)
+    if seen is None:
+        S = poses.camera_covariance
+        return F, fresh_of_camera(result, there) if S is None else S
+    data = result.counted
+    before = data.camera_calibration if isinstance(data, PosePairs) else None
+    if before is not None and np.array_equal(before.bundle.parameters, seen.bundle.parameters):
+        return F, np.asarray(seen.covariance.own)
+    F[..., numbers_of_intrinsics(posterior)] = 0.0
+    return F, seen.covariance
+
+
+def _noise_of(poses: PosePairs, noise: PoseNoise | None, side: str, otherwise: Any) -> tuple[tuple[Fresh, ...], Array]:
+    """Noises of each new pose of a side, and what they share by themselves (m, 6, z)."""
+    S = otherwise if noise is None else getattr(noise, side)
+    m = poses.n
+    if isinstance(S, tuple):
+        return S, np.zeros((m, 6, 0))
+    if S is None:
+        return (), np.zeros((m, 6, 0))
+    require_count(S, m, side, "poses")
+    if isinstance(S, JointCovariance):
+        return (Fresh("given", np.asarray(S.own), 1.0, NONE),), np.asarray(S.shared)
+    if is_joint(S):
+        raise InputError(
+            f"Expected the noise of new {side} poses as (6, 6), (m, 6, 6) or JointCovariance, got an array."
+        )
+    return (Fresh("given", np.broadcast_to(S, (m, 6, 6)), 1.0, NONE),), np.zeros((m, 6, 0))

@@ -1,0 +1,463 @@
+r"""Predictions at other robot poses, from the joint posterior of X, W and what all poses share (K4 of the theory).
+
+With the posterior of ``(xi_X, xi_W, e)``, errors of X and W and those that all poses share (focal length, target, arm),
+and the error ``xi_G = F_G (e - estimate)`` of the robot pose G at joints q (``FK(q; e)`` at the estimate), F_G the
+columns there, to first order
+
+- *camera pose*, ``C = inv(X) inv(G) W``: with J, D_G, D_C the derivatives of the constraint ``G X C = W`` by X and W,
+  robot and camera pose (G inverted for eye-to-hand), ``xi_C = -inv(D_C) (J (xi_X; xi_W) + D_G xi_G)``. A camera with
+  wrong intrinsics, or a target of wrong size, adds these errors to what is measured; their estimates are in the
+  prediction.
+- *point p seen by the camera*: in the base ``b = G X p`` (eye-in-hand), ``d b = R_G (theta_X x R_X p + tau_X) +
+  theta_G x (b - t_G) + tau_G``; or ``b = X p`` (eye-to-hand).
+- *tool against point*: ``FK(q') tau - b``, tau the tip of the tool in the flange at joints q': by
+  ``theta_G' x R_G' tau + tau_G'`` less d b; errors that move both, such as those of the base, cancel.
+
+X, W and e are correlated: near the poses of the calibration much of their errors cancels. One new measurement adds the
+noise of its own: of the joints, of the robot pose, of the camera.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal, NamedTuple, Protocol
+
+import numpy as np
+
+from ...core.geometry.checks import as_numbers, as_transforms
+from ...core.geometry.se3 import Array, inverse, perturb
+from ...core.runtime.read_only import ReadOnlyArrays
+from ...errors import InputError
+from ...fit.diagnostics.task_space import PointUncertainty, by_pose, point_noise
+from ...fit.likelihood.constraint import OnPoses, Unknowns
+from ...fit.likelihood.open_directions import OpenDirections
+from ...fit.likelihood.shared_estimates import SharedEstimate
+from ...model.kinematics.errors import GROUPS
+from ...model.kinematics.kinematic_errors import EXACT, JOINT_NOISE, effects_of_errors, frame_name
+from ...model.kinematics.workspace_gauge import frame_columns
+from ...model.noise.camera_noise import INTRINSICS
+from ...model.noise.joint_covariance import JointCovariance, group_of
+from ...model.noise.models import Noise, PoseNoise
+from ...model.poses.motions import Motions
+from ...model.poses.pose_pairs import PosePairs
+from ...model.posterior.posterior import Posterior
+from ...model.shared_errors.accuracy import ROBOT_ACCURACY
+from ...model.shared_errors.shared_error import SharedError, bound_again, error_by_part
+from ...model.shared_errors.view import target_centre, view_block
+from .fitted_kinematics import FittedKinematics
+
+# Of sizes that are known there are no points.
+NONE = np.zeros(0)
+
+
+class Predicting(Protocol):
+    """Interface of a calibration, as far as a prediction needs it."""
+
+    @property
+    def X(self) -> Array: ...
+    @property
+    def W(self) -> Array | None: ...
+    @property
+    def setup(self) -> str | None: ...
+    @property
+    def noise(self) -> Noise | None: ...
+    @property
+    def kinematics(self) -> FittedKinematics | None: ...
+    @property
+    def posterior(self) -> Posterior | None: ...
+    @property
+    def data(self) -> PosePairs | Motions | None: ...
+    @property
+    def counted(self) -> PosePairs | Motions | None: ...
+    @property
+    def opened(self) -> OpenDirections | None: ...
+    @property
+    def shared(self) -> tuple[SharedEstimate, ...]: ...
+
+
+@dataclass(frozen=True, eq=False)
+class CameraPrediction(ReadOnlyArrays):
+    """Prediction of what the camera should see: ``camera_T_target`` at m robot poses."""
+
+    poses: Array  # (..., 4, 4)
+    covariance: Array  # (..., 6, 6) of (theta, tau): left rotation (rad), additive translation (m), camera frame
+    new_measurement: bool  # whether it holds the noise of one new measurement
+
+    @property
+    def std(self) -> Array:
+        """(..., 6) standard deviations, rad and m."""
+        return np.asarray(np.sqrt(np.diagonal(self.covariance, axis1=-2, axis2=-1)))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain numbers, lists and text."""
+        return {
+            "frame": "camera_T_target",
+            "new_measurement": self.new_measurement,
+            "poses": self.poses.tolist(),
+            "covariance": self.covariance.tolist(),
+            "std": self.std.tolist(),
+        }
+
+
+class Fresh(NamedTuple):
+    """One noise at poses to come: covariance (..., 6, 6) of size 1 there, its size, and that at each point (d,)."""
+
+    name: str
+    covariance: Array
+    size: float
+    by_point: Array
+
+
+def total_of(fresh: tuple[Fresh, ...], shape: tuple[int, ...]) -> Array:
+    """(..., 6, 6) of noises together."""
+    return sum((one.size**2 * one.covariance for one in fresh), np.zeros((*shape, 6, 6)))
+
+
+@dataclass(frozen=True, eq=False)
+class RobotAhead:
+    """Robot poses of predictions, with what the shared errors and new noise do to them."""
+
+    poses: Array  # (..., 4, 4) base_T_gripper, corrected by the estimates
+    columns: Array  # (..., 6, q) error of the pose by (e - estimate) of each shared error
+    fresh: tuple[Fresh, ...]  # of joints and pose, drawn again
+    unseen: Array  # (..., 6, 6) of errors of the robot there of which its poses so far say nothing
+
+    @property
+    def noise(self) -> Array:
+        """(..., 6, 6) of all that is drawn again."""
+        return total_of(self.fresh, self.poses.shape[:-2])
+
+
+@dataclass(frozen=True, eq=False)
+class CameraAhead:
+    """Camera poses of predictions, with what the errors of the posterior and new noise do to them."""
+
+    poses: Array  # (..., 4, 4) camera_T_target that will be measured
+    columns: Array  # (..., 6, 12 + q) error of the pose by those of the posterior
+    noise: Array  # (..., 6, 6) of joints, robot pose and camera pose, drawn again
+    robot: Array  # (..., 4, 4) base_T_gripper, corrected by the estimates
+    unseen: Array  # (..., 6, 6) of errors of the robot there of which its poses so far say nothing
+
+
+def predict_camera(
+    result: Predicting, joints: Any = None, robot: Any = None, new_measurement: bool = True
+) -> CameraPrediction:
+    """See `Calibration.predict_camera`."""
+    posterior = _posterior(result)
+    from_corners = isinstance(result.counted, PosePairs) and result.counted.camera_calibration is not None
+    if new_measurement and numbers_of_intrinsics(posterior) and not from_corners:
+        raise InputError(
+            "The effect of the intrinsics' errors on a new measurement follows from its corners, which this result "
+            "does not hold: calibrate again with the camera folder; or predict without the noise of one measurement."
+        )
+    ahead = camera_ahead(result, joints, robot)
+    S = ahead.columns @ posterior.covariance @ ahead.columns.mT + ahead.unseen
+    if new_measurement:
+        S = S + ahead.noise
+    return CameraPrediction(ahead.poses, _symmetric(S), new_measurement)
+
+
+def camera_ahead(result: Predicting, joints: Any = None, robot: Any = None) -> CameraAhead:
+    """Camera poses at joints or robot poses, to first order in the errors of the posterior."""
+    posterior = _posterior(result)
+    assert result.W is not None and result.setup is not None
+    ahead = robot_ahead(result, joints, robot)
+    C = camera_at(result, ahead.poses)
+    shape = C.shape[:-2]
+    flat = C.reshape(-1, 4, 4)
+    constraint = OnPoses(ahead.poses.reshape(-1, 4, 4), flat, result.setup == "eye-to-hand")
+    linear = constraint.linearise(Unknowns(result.X, result.W), constraint.first, constraint.second)
+    D_G, D_C = linear.sides
+    F_C = shared_effects(result, "camera", ahead.poses.reshape(-1, 4, 4), flat)
+    by_robot = -np.linalg.solve(D_C, D_G)
+    by_all = np.concatenate(
+        [-np.linalg.solve(D_C, linear.J), by_robot @ ahead.columns.reshape(F_C.shape) - F_C], axis=-1
+    )
+    noise = by_robot @ ahead.noise.reshape(-1, 6, 6) @ by_robot.mT
+    noise = noise + total_of(fresh_of_camera(result, flat), flat.shape[:1])
+    unseen = (by_robot @ ahead.unseen.reshape(-1, 6, 6) @ by_robot.mT).reshape(*shape, 6, 6)
+    seen = perturb(flat, (F_C @ posterior.estimate[:, None])[..., 0])
+    return CameraAhead(
+        seen.reshape(*shape, 4, 4), by_all.reshape(*shape, *by_all.shape[1:]), noise.reshape(*shape, 6, 6), ahead.poses,
+        unseen,
+    )  # fmt: skip
+
+
+def camera_at(result: Predicting, robot: Array) -> Array:
+    """(..., 4, 4) camera_T_target by X and W at robot poses (..., 4, 4)."""
+    assert result.W is not None
+    G = inverse(robot) if result.setup == "eye-to-hand" else robot
+    return np.asarray(inverse(result.X) @ inverse(G) @ result.W)
+
+
+def predict_points(
+    result: Predicting,
+    points: Any,
+    joints: Any = None,
+    robot: Any = None,
+    points_covariance: Any = None,
+    reached_at: Any = None,
+    tool: Any = None,
+) -> PointUncertainty:
+    """See `Calibration.predict`."""
+    _posterior(result)
+    if reached_at is None and tool is not None:
+        raise InputError("Expected `reached_at`, the joints at which the tool is at the point, beside `tool`.")
+    stands = result.setup == "eye-to-hand" and reached_at is not None and joints is None and robot is None
+    ahead = None if stands else robot_ahead(result, joints, robot)
+    p = as_numbers(points, "points")
+    if p.ndim < 1 or p.shape[-1] != 3 or not np.isfinite(p).all():
+        raise InputError(f"Expected `points` to be finite numbers (..., 3) in metres, got shape {p.shape}.")
+    noise = point_noise(points_covariance, p)
+    at = () if ahead is None else ahead.poses.shape[:-2]
+    reached = None if reached_at is None else tip_at(robot_ahead(result, reached_at, None), tool)
+    try:
+        shape = np.broadcast_shapes(p.shape[:-1], at, () if reached is None else reached.at.shape[:-1])
+    except ValueError:
+        raise InputError(
+            f"Expected leading axes of `points` (..., 3) and robot poses that fit, got {p.shape} and {at}"
+            f"{'' if reached is None else f' and {reached.at.shape[:-1]}'}."
+        ) from None
+    found = seen_at(result, p, ahead, noise)
+    found = found if reached is None else reached.less(found)
+    S = np.broadcast_to(found.covariance(result), (*shape, 3, 3))
+    return PointUncertainty(np.broadcast_to(found.at, (*shape, 3)), S, "base")
+
+
+class InBase(NamedTuple):
+    """Points in the base, with their derivatives by the joint posterior and the noise that is drawn again."""
+
+    at: Array  # (..., 3)
+    by_all: Array  # (..., 3, 12 + q)
+    new: Array  # (..., 3, 3)
+
+    def less(self, other: InBase) -> InBase:
+        """The difference, with the noise of both."""
+        return InBase(self.at - other.at, self.by_all - other.by_all, self.new + other.new)
+
+    def covariance(self, result: Predicting) -> Array:
+        """(..., 3, 3)."""
+        return _symmetric(self.by_all @ _posterior(result).covariance @ self.by_all.mT + self.new)
+
+
+def seen_at(result: Predicting, p: Array, ahead: RobotAhead | None, noise: Array | None = None) -> InBase:
+    """Points (..., 3) that the camera sees, at robot poses; ``noise`` (..., 3, 3) their own."""
+    X, q = result.X, _posterior(result).covariance.shape[0] - 12
+    arm = p @ X[:3, :3].T
+    by_X = by_pose(arm)
+    in_X = arm + X[:3, 3]
+    if result.setup == "eye-in-hand":
+        assert ahead is not None
+        R = ahead.poses[..., :3, :3]
+        lever = (R @ in_X[..., None])[..., 0]
+        b = lever + ahead.poses[..., :3, 3]
+        by_G = by_pose(lever)
+        by_errors = by_G @ ahead.columns
+        by_X = R @ by_X
+        new = by_G @ (ahead.noise + ahead.unseen) @ by_G.mT
+        R_p = R @ X[:3, :3]
+    else:
+        b, by_errors, new, R_p = in_X, np.zeros((3, q)), np.zeros((3, 3)), X[:3, :3]
+    if noise is not None:
+        new = new + R_p @ noise @ R_p.mT
+    by_all = np.zeros((*b.shape, 12 + q))
+    by_all[..., :6], by_all[..., 12:] = by_X, by_errors
+    return InBase(b, by_all, new)
+
+
+def tip_at(ahead: RobotAhead, tool: Any) -> InBase:
+    """The tip of the tool (..., 3) in the flange, at robot poses."""
+    tip = np.zeros(3) if tool is None else as_numbers(tool, "tool")
+    if tip.ndim < 1 or tip.shape[-1] != 3 or not np.isfinite(tip).all():
+        raise InputError(f"Expected `tool` to be finite numbers (..., 3) in metres, got shape {tip.shape}.")
+    lever = (ahead.poses[..., :3, :3] @ tip[..., None])[..., 0]
+    by_G = by_pose(lever)
+    by_errors = by_G @ ahead.columns
+    by_all = np.zeros((*by_errors.shape[:-1], 12 + by_errors.shape[-1]))
+    by_all[..., 12:] = by_errors
+    return InBase(lever + ahead.poses[..., :3, 3], by_all, by_G @ (ahead.noise + ahead.unseen) @ by_G.mT)
+
+
+def robot_ahead(result: Predicting, joints: Any, robot: Any, measured: bool = False) -> RobotAhead:
+    """Poses by joints, corrected by the estimates, or as the controller gives them; raises `InputError`.
+
+    ``measured``: with the noise of new measurements beside them (`BoundPopulation.unseen`).
+    """
+    posterior, fitted = _posterior(result), result.kinematics
+    if joints is None and robot is None:
+        raise InputError("Expected `joints` of the robot, or `robot`, its poses.")
+    if joints is not None and fitted is None:
+        raise InputError(
+            "This calibration knows no joints: give `robot`, poses base_T_gripper; or calibrate with joints and "
+            "kinematics."
+        )
+    given = None if robot is None else as_transforms(robot, "robot", stack=False)
+    if joints is None and fitted is not None and fitted.how != EXACT:
+        assert given is not None
+        joints = fitted.joints_at(given)
+    place: dict[str, int] = {name: k for k, name in enumerate(posterior.names)}
+    if joints is not None:
+        assert fitted is not None
+        q = fitted.checked(joints)
+        G = fitted.poses(q, given)
+        J = fitted.chain.jacobian(q, fitted.e)
+        of_joints: Array | None = J @ J.mT
+        of_arm = [(k, place[part.name]) for k, part in enumerate(fitted.chain.errors) if part.name in place]
+        columns = np.zeros((*G.shape[:-2], 6, len(place)))
+        if of_arm:
+            here, there = np.array(of_arm).T
+            columns[..., there] = -effects_of_errors(fitted.chain, q, fitted.e, fitted.flange)[..., here]
+        for group in GROUPS:
+            if frame_name(group, 0) in place:
+                there = np.array([place[frame_name(group, k)] for k in range(12)])
+                columns[..., there] = -frame_columns(fitted.chain, q, group)
+    else:
+        assert given is not None
+        G, of_joints = given, None
+        columns = np.zeros((*G.shape[:-2], 6, len(place)))
+    flat = G.reshape(-1, 4, 4)
+    more = shared_effects(result, "robot", flat, np.broadcast_to(np.eye(4), flat.shape))
+    G = perturb(flat, -(more @ posterior.estimate[:, None])[..., 0]).reshape(G.shape)
+    unseen = rest_of_robot(result, flat, measured and bool(posterior.noise)).reshape(*G.shape[:-2], 6, 6)
+    return RobotAhead(G, columns + more.reshape(columns.shape), _fresh_of_robot(result, G, of_joints), unseen)
+
+
+def _fresh_of_robot(result: Predicting, G: Array, of_joints: Array | None) -> tuple[Fresh, ...]:
+    posterior, fitted, found = _posterior(result), result.kinematics, []
+    if not posterior.noise:
+        found.append(Fresh("given", np.broadcast_to(own_noise(result, "robot"), (*G.shape[:-2], 6, 6)), 1.0, NONE))
+        if of_joints is not None and fitted is not None:
+            found.append(Fresh(JOINT_NOISE, of_joints, fitted.joint_noise, NONE))
+        return tuple(found)
+    for one in posterior.noise:
+        if one.side != "robot" or one.name == ROBOT_ACCURACY or (one.name == JOINT_NOISE and of_joints is None):
+            continue
+        S = of_joints if one.name == JOINT_NOISE else np.broadcast_to(one.covariance, (*G.shape[:-2], 6, 6))
+        assert S is not None
+        found.append(Fresh(one.name, S, one.size, one.by_point))
+    return tuple(found)
+
+
+def fresh_of_camera(result: Predicting, camera: Array) -> tuple[Fresh, ...]:
+    """Noises of camera poses (m, 4, 4) to come."""
+    posterior, shape = _posterior(result), (len(camera), 6, 6)
+    if not posterior.noise:
+        return (Fresh("given", np.broadcast_to(own_noise(result, "camera"), shape), 1.0, NONE),)
+    found = []
+    for one in posterior.noise:
+        if one.side == "camera":
+            S = np.broadcast_to(one.covariance, shape)
+            if one.distance > 0:
+                of = bound_to(result)
+                centre = np.zeros(3) if of is None else target_centre(of.camera, one.distance)
+                B = view_block(camera, one.distance, centre)
+                S = B @ B.mT
+            found.append(Fresh(one.name, S, one.size, one.by_point))
+    return tuple(found)
+
+
+def shared_effects(result: Predicting, side: Literal["robot", "camera"], robot: Array, camera: Array) -> Array:
+    """(m, 6, q) what shared errors of a side do to m poses, where names or the camera's calibration tell; else 0."""
+    posterior = _posterior(result)
+    found = np.zeros((len(robot), 6, len(posterior.names)))
+    poses = PosePairs(robot, camera, result.setup or "eye-in-hand")
+    calibrated = poses if (data := bound_to(result)) is None else data
+    columns: dict[str, Array] = {}
+    for k, name in enumerate(posterior.names):
+        if (of := error_by_part(name)) is not None and of[0].side == side:
+            error, part = of
+            if error.name not in columns:
+                columns[error.name] = error.bound(calibrated).at(poses)
+            found[..., k] = columns[error.name][..., part]
+    for error in errors_of_poses(result):
+        if error.side == side:
+            index = [posterior.names.index(part) for part in error.parts]
+            found[..., index] = error.at(poses)
+    before = _calibrated(result)
+    index, seen = numbers_of_intrinsics(posterior), None if before is None else before.camera_calibration
+    if side == "camera" and index and seen is not None and isinstance(result.noise, PoseNoise):
+        S = result.noise.camera
+        assert isinstance(S, JointCovariance)
+        so_far = S.shared[..., [name in ("", INTRINSICS) for name in S.names]]
+        found[..., index] = seen.shared_ahead(camera, so_far)
+    return found
+
+
+def _calibrated(result: Predicting) -> PosePairs | None:
+    """Return the poses of the calibration, where it holds them."""
+    data = result.counted
+    return data.poses if isinstance(data, Motions) else data
+
+
+def bound_to(result: Predicting) -> PosePairs | None:
+    """Return the poses that errors of poses were bound to."""
+    posterior = _posterior(result)
+    if posterior.bound is not None:
+        return PosePairs(*posterior.bound, result.setup or "eye-in-hand")
+    return _calibrated(result)
+
+
+def errors_of_poses(result: Predicting) -> list[SharedError]:
+    """Return the errors whose numbers belong to the poses of the calibration, bound to them."""
+    poses, posterior = bound_to(result), _posterior(result)
+    if poses is None:
+        return []
+    groups = dict.fromkeys(map(group_of, posterior.names))
+    found = [bound_again(name, poses, reach_stated(result)) for name in groups]
+    return [error for error in found if error is not None and set(error.parts) <= set(posterior.names)]
+
+
+def reach_stated(result: Predicting) -> float | None:
+    """Return the reach (m) of the robot whose accuracy the calibration declares or assumes; None without one."""
+    return next((error.accuracy.reach for error in result.shared if error.accuracy is not None), None)
+
+
+def rest_of_robot(result: Predicting, robot: Array, measured: bool = False) -> Array:
+    """(m, 6, 6) what the robot's errors at the poses of the calibration leave of those at other poses."""
+    sd = next((error.prior_sd for error in result.shared if error.error == ROBOT_ACCURACY), 0.0)
+    for error in errors_of_poses(result):
+        if error.unseen is not None:
+            return sd**2 * error.unseen(PosePairs(robot, np.broadcast_to(np.eye(4), robot.shape)), measured)
+    return np.zeros((len(robot), 6, 6))
+
+
+def numbers_of_intrinsics(posterior: Posterior) -> list[int]:
+    return [k for k, name in enumerate(posterior.names) if group_of(name) == INTRINSICS]
+
+
+def own_noise(result: Predicting, side: Literal["robot", "camera"]) -> Array:
+    """(6, 6) the noise of one new pose of a side, the mean of those so far, without that of joints."""
+    noise = result.noise
+    S = getattr(noise, side) if isinstance(noise, PoseNoise) else None
+    if S is None:
+        return np.zeros((6, 6))
+    own = S
+    if isinstance(S, JointCovariance):
+        own = S.own
+    own = np.asarray(own)
+    if own.shape[-1] != 6:
+        raise InputError(f"Expected noise of each pose for a prediction, got a joint array of the {side} poses.")
+    fitted = result.kinematics
+    if side == "robot" and fitted is not None and fitted.joint_noise > 0:
+        J = fitted.chain.jacobian(fitted.joints, fitted.e)
+        own = own - fitted.joint_noise**2 * J @ J.mT
+    values, vectors = np.linalg.eigh(own.reshape(-1, 6, 6).mean(axis=0))
+    return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T)
+
+
+def _posterior(result: Predicting) -> Posterior:
+    if result.opened is not None:
+        raise InputError(
+            "Predictions need all of X and W, and the motions leave a part of them open (`opened`). Close it by a "
+            "prior (prior_X, prior_W), or calibrate with rotations about another axis."
+        )
+    if result.posterior is None or result.W is None:
+        raise InputError(
+            "Predictions need X and W together: expected a calibration of poses by efficient or ml whose motions leave "
+            "nothing open."
+        )
+    return result.posterior
+
+
+def _symmetric(S: Array) -> Array:
+    return np.asarray(0.5 * (S + S.mT))

@@ -1,0 +1,226 @@
+"""Checks of a calibration, one line each; whether X can be used; cautions in the order of their effect on X."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import ClassVar, Literal, get_args
+
+import numpy as np
+
+from ...core.files.records import Record
+from ...core.formatting.numbers import digits, probability, times_of_noise
+from ...findings import CHECKS, HALVES, INPUT, MOTION, NEIGHBOURS, NOISE, OUTLIERS, RESIDUALS, SHARED, Finding
+from ...model.noise.estimate import NoiseEstimate
+from .included import included
+from .phrases import check_of, effect, phrase, rejects
+from .stated import Stated, distance_of
+
+# Methods whose results hold the residuals of the poses, unless they were updated by the joint posterior alone.
+_WITH_RESIDUALS = ("efficient", "ml", "bundle")
+
+Status = Literal["ok", "caution", "failed", "not run"]
+STATUSES: tuple[Status, ...] = get_args(Status)
+# Beyond these standard deviations X is not determined: a rotation (rad), a translation in distances of the target.
+_LOST_ROTATION, _LOST_TRANSLATION = np.radians(20.0), 0.5
+# Where more poses are rejected than this share of fewer than so many, the others are no proof of X.
+_FEW_WRONG, _MANY = 0.35, 20
+# Probability below which a test that rejects nothing is a caution: one of ten tests is as rare in 5 % of data sets.
+DOUBTFUL = 0.005
+_PARTS = (slice(0, 3), slice(3, 6))  # rotation, translation
+
+
+@dataclass(frozen=True)
+class Check(Record):
+    """One check: its name, its status, a short phrase, and the findings behind it."""
+
+    _in_file: ClassVar[str] = "name status text"
+
+    name: str
+    status: Status
+    text: str
+    findings: tuple[Finding, ...] = ()
+
+
+def cautions_of(result: Stated) -> tuple[Finding, ...]:
+    """Return the findings that are more than a note, in the order of their effect on X, failures first."""
+    return _in_order(_all_findings(result))
+
+
+def _in_order(findings: Iterable[Finding]) -> tuple[Finding, ...]:
+    found = [finding for finding in findings if finding.severity != "note"]
+    order = sorted(range(len(found)), key=lambda k: (-effect(found[k]), _of_input(found[k]), k))
+    return tuple(found[k] for k in order)
+
+
+def failures_in_words(findings: Iterable[Finding]) -> tuple[str, ...]:
+    """Return the failures among findings as short phrases, the decisive one first; also those of an `InputError`."""
+    return tuple(dict.fromkeys(phrase(one) for one in _in_order(findings) if one.severity == "failure"))
+
+
+def reasons_of(result: Stated) -> tuple[str, ...]:
+    """Return why X cannot be used, the decisive reason first; nothing where it can."""
+    found = list(failures_in_words(_all_findings(result)))
+    if result.table is not None and len(result.table.counted) < _MANY:
+        rejected, n = len(result.table.rejected), len(result.table.counted)
+        if rejected > _FEW_WRONG * n:  # of few poses as many as are left may agree on a wrong X by chance
+            found.append(f"{rejected} of {n} {result.table.item}s contradict X")
+    if result.covariance is not None:
+        turn, move = (float(np.sqrt(np.linalg.eigvalsh(result.covariance[part, part])[-1])) for part in _PARTS)
+        if turn > _LOST_ROTATION or move > _LOST_TRANSLATION * distance_of(result.analysis)[0]:
+            size = f"{digits(1e3 * move, 2)} mm and {digits(float(np.degrees(turn)), 2)} deg"
+            found.append(f"the poses do not determine X (1 sigma: {size})")
+    return tuple(found)
+
+
+def lower_limit_of(result: Stated) -> bool:
+    """Return whether the accuracy is a lower limit: tests show errors that it does not include, or none is included.
+
+    Noise that is estimated from the residuals cannot show what all poses share: without any shared error declared or
+    assumed it is a lower limit by itself.
+    """
+    if any(rejects(finding) for finding in cautions_of(result)):
+        return True
+    return result.noise_estimate is not None and not included(result)
+
+
+def checks_of(result: Stated) -> tuple[Check, ...]:
+    """Return the checks of a calibration in a fixed order; that of the camera only where it found something."""
+    found: dict[str, list[Finding]] = {name: [] for name in CHECKS}
+    for finding in cautions_of(result):
+        found.setdefault(check_of(finding), []).append(finding)
+    checks = []
+    for name, findings in found.items():
+        if findings:
+            more = f" (+{len(findings) - 1} more)" if len(findings) > 1 else ""
+            failed = any(map(rejects, findings))
+            checks.append(Check(name, "failed" if failed else "caution", phrase(findings[0]) + more, tuple(findings)))
+        else:
+            checks.append(_without_findings(name, result))
+    return tuple(checks)
+
+
+def _all_findings(result: Stated) -> Iterable[Finding]:
+    """Return the findings of the result, and those of its diagnostics and halves that are not among them."""
+    found = list(result.findings)
+    if result.analysis is not None:
+        halves = (result.analysis.split_half.finding, result.analysis.split_in_time.finding)
+        found += [one for one in (*result.analysis.diagnostics.findings, *halves) if one not in found]
+    return found
+
+
+def _of_input(finding: Finding) -> int:
+    """Return the rank among failures: a wrong file explains the others."""
+    decisive = (
+        "same_file",
+        "tiny",
+        "another_arm",
+        "another_rotation",
+        "alphabetical_rows",
+        "poses_unexplained",
+        "shifted_rows",
+        "wrong_scale",
+        "angles_disagree",
+    )
+    name = finding.code.rpartition(".")[2]
+    return decisive.index(name) if name in decisive else len(decisive)
+
+
+def _without_findings(name: str, result: Stated) -> Check:
+    """Return the check where nothing was found: passed, or not run and why."""
+    if name == INPUT:
+        return Check(name, "ok", "rows, units and frames fit together")
+    if name == OUTLIERS:
+        if result.table is None:
+            return Check(name, "not run", _without_residuals(result))
+        excluded = f"; {len(result.excluded)} excluded" if result.excluded else ""
+        return Check(name, "ok", f"none of {len(result.table.counted)} {result.table.item}s{excluded}")
+    if name == NOISE:
+        return _of_noise(result)
+    if result.analysis is None:
+        why = f"not made for method {result.method}"
+        if result.covariance is None or result.method in _WITH_RESIDUALS:
+            why = _without_residuals(result)
+        return Check(name, "not run", why)
+    if name in (NEIGHBOURS, RESIDUALS):
+        return _of_residuals(name, result)
+    if name == HALVES:
+        return _of_halves(result)
+    if name == MOTION:
+        spectrum, turning = result.analysis.diagnostics.spectrum, result.analysis.diagnostics.diversity.share
+        shares = " / ".join(f"{100 * share:.0f}" for share in turning)
+        condition = f", condition {digits(spectrum.condition, 2)}" if np.isfinite(spectrum.condition) else ""
+        return Check(name, "ok", f"about three axes ({shares} %){condition}")
+    assert name == SHARED
+    if not included(result):
+        return Check(name, "not run", "none declared or assumed")
+    return Check(name, "ok", "the residuals agree with what is assumed")
+
+
+def _of_noise(result: Stated) -> Check:
+    fit, estimate = result.fit, result.noise_estimate
+    if fit is not None and fit.p_value is not None:
+        if fit.p_value < DOUBTFUL:
+            return Check(NOISE, "caution", f"{times_of_noise(fit.sigma0)} ({probability(fit.p_value, 2)})")
+        return Check(NOISE, "ok", f"the residuals agree with it ({probability(fit.p_value, 2)})")
+    if result.covariance is None:
+        return Check(NOISE, "not run", "no noise, given or estimated")
+    if isinstance(estimate, NoiseEstimate):
+        return Check(NOISE, "not run", "the noise was estimated from the same residuals")
+    return Check(NOISE, "not run", _without_residuals(result))
+
+
+def _without_residuals(result: Stated) -> str:
+    """Return why there are no residuals of poses to look at."""
+    if result.covariance is None:
+        return "no noise, given or estimated"
+    if result.method in _WITH_RESIDUALS:
+        return "the result holds no residuals of poses"
+    return f"needs the methods efficient or ml, not {result.method}"
+
+
+def _of_residuals(name: str, result: Stated) -> Check:
+    assert result.analysis is not None
+    found = result.analysis.diagnostics
+    for noted in result.findings:
+        if check_of(noted) == name:
+            return Check(name, "ok", phrase(noted), (noted,))
+    tests = (found.autocorrelation,) if name == NEIGHBOURS else (found.normality, found.regression)
+    reasons = [test.reason for test in tests if test.reason is not None]
+    if len(reasons) == len(tests):
+        return Check(name, "not run", _why(reasons[0]), tuple(reasons))
+    words = "uncorrelated" if name == NEIGHBOURS else "Gaussian, without a pattern over the poses"
+    if reasons:  # one of two
+        words = "Gaussian" if found.normality.reason is None else "no pattern over the poses"
+    return Check(name, "ok", words, tuple(reasons))
+
+
+def _of_halves(result: Stated) -> Check:
+    assert result.analysis is not None
+    halves = (result.analysis.split_half, result.analysis.split_in_time)
+    run = [half for half in halves if half.possible]
+    if not run:
+        return Check(HALVES, "not run", _why(halves[0].finding), (halves[0].finding,))
+    least = min(float(np.min(half.p_value)) for half in run if half.p_value is not None)
+    if least < DOUBTFUL:
+        words = f"X of two halves differs more than is usual ({probability(least, 2)})"
+        return Check(HALVES, "caution", words, tuple(h.finding for h in run))
+    return Check(HALVES, "ok", f"X of two halves agrees ({probability(least, 2)})", tuple(h.finding for h in run))
+
+
+def _why(reason: Finding) -> str:
+    """Return in short why a test was not run."""
+    values = reason.values
+    if reason.code == "diagnostics.not_tested":
+        return {
+            "too few": "too few poses",
+            "exact": "the residuals are zero",
+            "unknowns": "too few poses for the unknowns",
+            "coefficients": "too few poses",
+            "estimated": "correlation is part of the estimated noise",
+        }.get(str(values.get("why")), "the noise is joint over the poses")
+    return {
+        "diagnostics.halves_too_small": "too few poses",
+        "diagnostics.halves_without_freedom": "too few degrees of freedom",
+        "diagnostics.half_fails": "a half does not determine X",
+    }.get(reason.code, "not possible")

@@ -1,0 +1,81 @@
+"""The headline: how accurate X is in one sentence, or that it cannot be used and why."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...core.formatting.numbers import digits
+from ...model.shared_errors.accuracy import ROBOT_ACCURACY
+from ...model.shared_errors.shared_error import FOCAL_LENGTH, LENS, PRINCIPAL_POINT, TARGET_SCALE, VIEW
+from .accuracy import Accuracy, accuracy_of, amounts
+from .checks import reasons_of
+from .stated import Stated
+
+NOT_USABLE = "NOT USABLE"
+
+
+def headline_of(result: Stated) -> str:
+    """Return the headline of a calibration."""
+    if reasons := reasons_of(result):
+        return f"{NOT_USABLE}: {reasons[0]}."
+    accuracy = accuracy_of(result)
+    if accuracy is None:
+        return f"The accuracy of {result.frame} is not known: no noise was given, and none could be estimated."
+    if result.opened is not None and result.opened.of_X.size:
+        known = f"{amounts(accuracy.translation, accuracy.rotation)} (1 sigma, worst direction that is known)"
+        return f"{result.frame} is known to {known}. Not determined: {'; '.join(result.open_words)}."
+    known = f"{amounts(accuracy.translation, accuracy.rotation)} (1 sigma, worst direction)"
+    return f"{result.frame} is known to {known}; {_ahead(accuracy)}."
+
+
+def suits_of(accuracy: Accuracy) -> str | None:
+    """Return for which tolerance of points X is good enough, and for which it is not; None where that is not known.
+
+    Of the steps 1, 2, 5 mm and so on: the least that 95 % of the errors of a point at the distance of the target are
+    within, in the worst direction, and the largest that a third of them are beyond.
+    """
+    if not np.isfinite(accuracy.point_95) or accuracy.point <= 0:
+        return None
+    steps = np.outer(10.0 ** np.arange(-7, 4), [1.0, 2.0, 5.0]).ravel()
+    good, bad = steps[steps >= accuracy.point_95], steps[steps < accuracy.point]
+    if not good.size or not bad.size:
+        return None
+    far, fails = f"Points {digits(accuracy.distance, 2)} m ahead", f"not for {digits(1e3 * bad[-1], 1)} mm"
+    if accuracy.lower_limit:
+        return f"{far}: {fails}."
+    return f"{far}: good for a tolerance of {digits(1e3 * good[0], 1)} mm (95 %); {fails}."
+
+
+# What an error whose size is assumed is like, and how to say what it is here.
+_LIKE = {
+    ROBOT_ACCURACY: (
+        "arms of unknown accuracy are like",
+        "give joints (--joints, --urdf), --robot-model or --robot-accuracy",
+    ),
+    FOCAL_LENGTH: ("calibrated cameras are like", "give pictures, or --focal-sd"),
+    PRINCIPAL_POINT: ("calibrated cameras are like", "give pictures, or --principal-point-sd"),
+    TARGET_SCALE: ("printed targets are like", "measure the target, and give --target-scale-sd"),
+    VIEW: ("poses of unknown cameras are like", "give pictures or corners"),
+    LENS: ("poses of unknown cameras are like", "give pictures or corners"),
+}
+
+
+def two_numbers(accuracy: Accuracy) -> str | None:
+    """Return what the poses give and what assumed errors add, with what to declare; None where they add little."""
+    own = accuracy.from_poses
+    if own is None:
+        return None
+    like, give = _LIKE.get(own.assumed[0], (f"is usual of the {own.assumed[0]}", "declare it"))
+    return (
+        f"{amounts(own.translation, own.rotation)} from these poses; "
+        f"{amounts(accuracy.translation, accuracy.rotation)} with what {like}: {give}."
+    )
+
+
+def _ahead(accuracy: Accuracy) -> str:
+    """Return how well a point at the distance of the target is known."""
+    far = f"{digits(accuracy.distance, 3)} m"
+    point = f"{digits(1e3 * accuracy.point, 2)} mm" if np.isfinite(accuracy.point) else "not determined"
+    if accuracy.distance_known:
+        return f"a point at the target's distance, {far}, to {point}"
+    return f"a point {far} ahead of the camera to {point}"

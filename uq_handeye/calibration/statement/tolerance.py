@@ -1,0 +1,212 @@
+r"""Test whether X meets a tolerance: PASS, FAIL or NOT SHOWN, with the probability.
+
+Model: the error ``xi = (theta, tau)`` of X is Gaussian with the covariance S of the calibration, or where the noise was
+estimated Student's t with the degrees of freedom of its `reference`: ``xi = L z sqrt(nu / c)``, ``L L^T = S``, z
+standard normal, c chi-square with nu degrees of freedom, so that ``xi^T S^-1 xi / 6`` is F(6, nu). The probability is
+that of
+
+    |theta| <= rotation    and    |tau| <= translation,   or of a point p straight ahead of the camera
+    |theta| <= rotation    and    |theta x R p + tau| <= translation
+
+by a scrambled Sobol sequence of 2^14 points (a standard error below 0.001). PASS from a probability of 95 %, FAIL up to
+5 % (JCGM 106, acceptance by a limit of the probability of conformity), else NOT SHOWN. Never PASS where X is not
+usable, a direction of X is open, the accuracy is a lower limit, or a check failed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+
+from ...core.files.records import Record
+from ...core.formatting.numbers import digits
+from ...core.formatting.units import ANGLE_UNITS, parse_angle, parse_length
+from ...core.geometry.se3 import Array
+from ...errors import InputError
+from ...fit.likelihood.d2_distribution import Reference
+from .checks import checks_of, lower_limit_of, reasons_of
+from .phrases import phrase
+from .stated import Stated
+
+Word = Literal["PASS", "FAIL", "NOT SHOWN"]
+PASS: Word = "PASS"
+FAIL: Word = "FAIL"
+NOT_SHOWN: Word = "NOT SHOWN"
+# Probabilities from which a tolerance is met, and up to which it is not.
+MET, MISSED = 0.95, 0.05
+_POINTS = 14  # as a power of 2
+
+
+@dataclass(frozen=True)
+class Tolerance:
+    """Largest errors that are accepted: a translation (m), a rotation (rad), or both.
+
+    With ``at`` (m) the length is that of a point so far ahead of the camera, else that of X itself.
+    """
+
+    translation: float | None
+    rotation: float | None
+    at: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.translation is None and self.rotation is None:
+            raise InputError("Expected a tolerance such as 1mm,0.1deg, got neither a length nor an angle.")
+        for name in ("translation", "rotation", "at"):
+            value = getattr(self, name)
+            if value is not None and not (np.isfinite(value) and value > 0):
+                raise InputError(f"Expected the tolerance to have a {name} above 0, got {value!r}.")
+        if self.at is not None and self.translation is None:
+            raise InputError("Expected a length in the tolerance beside `at` (--at), which is of a point; got none.")
+
+    @classmethod
+    def read(cls, tolerance: Any, at: Any = None) -> Tolerance:
+        """Return a tolerance from text such as ``"1mm,0.1deg"``, numbers (m, rad), or as it is.
+
+        Raises `InputError` on anything else.
+        """
+        if isinstance(tolerance, Tolerance):
+            return tolerance if at is None else cls(tolerance.translation, tolerance.rotation, _length(at, "at"))
+        distance = None if at is None else _length(at, "at")
+        parts: list[Any]
+        if isinstance(tolerance, str):
+            parts = [part.strip() for part in tolerance.split(",")]
+        else:
+            try:
+                parts = list(tolerance)
+            except TypeError as error:
+                raise InputError(f"Expected a tolerance such as '1mm,0.1deg', got {tolerance!r}.") from error
+            if len(parts) == 2 and all(isinstance(part, int | float) or part is None for part in parts):
+                return cls(parts[0], parts[1], distance)
+        lengths, angles = [], []
+        for part in parts:
+            text = str(part)
+            if text.endswith(tuple(ANGLE_UNITS)):
+                angles.append(parse_angle(text, "tolerance"))
+            else:
+                lengths.append(_length(text, "tolerance"))
+        if len(lengths) > 1 or len(angles) > 1:
+            raise InputError(f"Expected a tolerance such as '1mm,0.1deg', got {tolerance!r}.")
+        return cls(lengths[0] if lengths else None, angles[0] if angles else None, distance)
+
+    def __str__(self) -> str:
+        parts = []
+        if self.translation is not None:
+            parts.append(f"{digits(1e3 * self.translation, 3)} mm")
+        if self.rotation is not None:
+            parts.append(f"{digits(float(np.degrees(self.rotation)), 3)} deg")
+        return " and ".join(parts)
+
+
+@dataclass(frozen=True)
+class Verdict(Record):
+    """PASS, FAIL or NOT SHOWN, the probability that X lies within the tolerance, and why it is not shown."""
+
+    _in_file: ClassVar[str] = (
+        "verdict=word probability translation=tolerance.translation rotation=tolerance.rotation at=tolerance.at "
+        "reasons sentence=shown"
+    )
+
+    word: Word
+    probability: float | None  # None: not known
+    tolerance: Tolerance
+    reasons: tuple[str, ...] = ()
+
+    @property
+    def passed(self) -> bool:
+        """True if the word is PASS."""
+        return self.word == PASS
+
+    def __str__(self) -> str:
+        return f"{self.word}: {self.sentence}"
+
+    shown = property(__str__)
+
+    @property
+    def sentence(self) -> str:
+        """Meaning of the word, with the probability."""
+        of, tolerance = "X lies", str(self.tolerance)
+        if self.tolerance.at is not None:
+            of = f"a point {digits(self.tolerance.at, 3)} m ahead of the camera lies"
+        known = "" if self.probability is None else f" with a probability of {percent(self.probability)}"
+        if self.word == NOT_SHOWN and self.reasons:
+            reached = f"; {of} within {tolerance}{known}, if that were all" if known else ""
+            return f"{'; '.join(self.reasons)}{reached}."
+        needs = f" ({percent(MET)} are needed)" if self.word != PASS else ""
+        return f"{of} within {tolerance}{known}{needs}."
+
+
+def verdict_of(result: Stated, tolerance: Any, at: Any = None) -> Verdict:
+    """Return whether X meets a tolerance; see the module.
+
+    Raises `InputError` for a tolerance that cannot be read.
+    """
+    wanted = Tolerance.read(tolerance, at)
+    reasons = [f"X is not usable: {reason}" for reason in reasons_of(result)[:1]]
+    probability = None
+    if result.covariance is None:
+        reasons.append("the covariance of X is not determined")
+    elif result.opened is not None and result.opened.of_X.size:
+        reasons.append(f"not determined: {'; '.join(result.open_words)}")
+    elif not result.reference.determined:
+        reasons.append("too few poses for this covariance")
+    elif not reasons:
+        probability = probability_within(result.covariance, result.reference, wanted, result.X[:3, :3])
+    if probability is not None and probability <= MISSED:  # what is not included would only add to the error
+        return Verdict(FAIL, probability, wanted)
+    failed = [check for check in checks_of(result) if check.status == "failed"]
+    if not reasons and failed:
+        named = " and ".join(check.name for check in failed[:2])
+        reasons.append(f"check failed: {named} ({phrase(failed[0].findings[0])})")
+    if not reasons and lower_limit_of(result):
+        reasons.append("the accuracy is a lower limit: no shared error is included")
+    if reasons or probability is None:
+        return Verdict(NOT_SHOWN, probability, wanted, tuple(reasons))
+    return Verdict(PASS if probability >= MET else NOT_SHOWN, probability, wanted)
+
+
+def probability_within(S: Array, reference: Reference, tolerance: Tolerance, R: Array) -> float:
+    """Return the probability that an error of covariance S (6, 6) of X stays within the tolerance; R rotates X."""
+    z, u = _draws()
+    values, vectors = np.linalg.eigh(S)
+    xi = z @ (vectors * np.sqrt(np.maximum(values, 0.0))).T  # (N, 6)
+    if reference.dof is not None:
+        from scipy.special import chdtri
+
+        nu = reference.dof - 5 if reference.kind == "Hotelling" else reference.dof
+        scale = reference.dof - 2 if reference.kind == "t" else reference.dof
+        xi = xi * np.sqrt(scale / np.maximum(chdtri(nu, u), 1e-300))[:, None]
+    theta, move = xi[:, :3], xi[:, 3:]
+    if tolerance.at is not None:
+        move = move + np.cross(theta, R[:, 2] * tolerance.at)
+    inside = np.ones(len(xi), dtype=bool)
+    if tolerance.rotation is not None:
+        inside &= np.linalg.norm(theta, axis=1) <= tolerance.rotation
+    if tolerance.translation is not None:
+        inside &= np.linalg.norm(move, axis=1) <= tolerance.translation
+    return float(inside.mean())
+
+
+def percent(probability: float) -> str:
+    """Return a probability in percent, 0 and 100 only as limits."""
+    if probability > 0.999:
+        return "more than 99.9 %"
+    if probability < 0.001:
+        return "less than 0.1 %"
+    return f"{digits(100 * probability, 3)} %"
+
+
+@cache
+def _draws() -> tuple[Array, Array]:
+    """Return six standard normal numbers (N, 6) and one uniform (N,) for each point of the sequence."""
+    from scipy.special import ndtri
+    from scipy.stats.qmc import Sobol
+
+    points = np.clip(Sobol(7, seed=0).random_base2(_POINTS), 1e-12, 1 - 1e-12)
+    return np.asarray(ndtri(points[:, :6])), points[:, 6]
+
+
+def _length(value: Any, name: str) -> float:
+    return parse_length(value, name) if isinstance(value, str) else float(value)

@@ -1,0 +1,75 @@
+"""Lines of an untrusted text: bounded, decoded, and quoted in messages."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import BinaryIO
+
+from ...errors import InputError
+
+# What a hostile or mistaken file may cost.
+MAX_BYTES = 1_000_000_000
+MAX_ROWS = 10_000_000
+MAX_LINE = 10_000
+
+
+def lines_of(file: BinaryIO, name: str) -> Iterator[bytes]:
+    """The lines of a file, none of them longer than `MAX_LINE`, without a byte order mark."""
+    total = 0
+    while line := file.readline(MAX_LINE + 2):  # + 2: the line end may be CR LF
+        if not total:
+            line = line.removeprefix(b"\xef\xbb\xbf") or b"\n"
+        if len(line) > MAX_LINE and len(line.rstrip(b"\r\n")) > MAX_LINE:
+            raise InputError(
+                f"{name}: expected lines of at most {MAX_LINE} characters, got a longer one after "
+                f"{total} bytes; is it a table in text?"
+            )
+        total += len(line)
+        yield line
+
+
+def decoded(text: bytes, what: str) -> str:
+    """UTF-8 text without NUL, or an `InputError` that says what was expected."""
+    try:
+        result = text.decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise InputError(f"{what}, got bytes that are not UTF-8 text; is it a text file?") from error
+    if "\0" in result:
+        raise InputError(f"{what}, got NUL bytes; is it a binary file, or text in UTF-16?")
+    return result
+
+
+def is_number(text: bytes) -> bool:
+    """Return whether `float` accepts the text, without underscores."""
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return b"_" not in text
+
+
+def short(text: str) -> str:
+    """Quoted on one line, and cut where it would flood the message."""
+    return ascii(text if len(text) <= 80 else f"{text[:77]}...")
+
+
+def one_line(text: str) -> str:
+    """A message of another library, without its line ends, cut where it would flood ours."""
+    text = " ".join(text.split())
+    text = text if text.isprintable() else ascii(text)
+    return (text if len(text) <= 160 else f"{text[:157]}...").rstrip(".")
+
+
+@contextmanager
+def refused(what: str, kinds: tuple[type[Exception], ...] = (Exception,)) -> Iterator[None]:
+    """Make what a library raises on a damaged file an `InputError`: ``what``, and the words of the library.
+
+    Libraries raise many kinds, and their messages may be empty; an `InputError` passes as it is.
+    """
+    try:
+        yield
+    except InputError:
+        raise
+    except kinds as error:
+        raise InputError(f"{what}: {one_line(str(error) or type(error).__name__)}.") from error

@@ -1,0 +1,319 @@
+"""Records: results as the plain values of a file, and back, by the types of their fields.
+
+A `Record` is a frozen dataclass. ``to_dict`` writes its fields as numbers, lists and text, None for what is infinite.
+``from_dict`` reads each by its type, so that a damaged file is refused where it is read and not where a part is used.
+Types of arrays hold their shape: numbers, or letters for sizes that all arrays of the record share:
+
+    n: int
+    share: Annotated[Array, "n"]  # as many as `n` says
+    shift: Annotated[Array, "n", 6, INFINITE]  # None in the file stands for an infinite number
+
+A part with a ``from_dict`` of its own, such as `Finding`, looks after itself.
+
+Checks of what was read from a file: every part has its type, and writing it again gives the same.
+
+`Calibration.from_dict` uses them, so that a damaged file is refused where it is read and not where a part is used.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import MISSING, fields, is_dataclass
+from functools import cache
+from operator import attrgetter
+from types import NoneType, UnionType
+from typing import Annotated, Any, ClassVar, Literal, Self, TypeVar, Union, cast, get_args, get_origin, get_type_hints
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import InputError
+from ..runtime.read_only import ReadOnlyArrays
+from .open import StrPath, as_path, opened
+
+T = TypeVar("T")
+
+# Numbers that are worked out from others again may differ from those in the file by this, relative to the largest of
+# their row: files come from other machines.
+ROUNDING = 1e-5
+_LARGEST = int(np.finfo(float).max)
+
+
+def unequal(again: Any, data: Any, path: str) -> str | None:
+    """Return the path where ``data``, as read, differs from what is written again; None if nowhere.
+
+    More names in ``data`` do not matter.
+    """
+    if isinstance(again, dict):
+        if not isinstance(data, dict):
+            return path
+        for name, part in again.items():
+            if name not in data:
+                return f"{path}.{name}"
+            if (found := unequal(part, data[name], f"{path}.{name}")) is not None:
+                return found
+        return None
+    if isinstance(again, list):
+        if not isinstance(data, list) or len(data) != len(again):
+            return path
+        if all(map(_is_number, again)) and all(map(_is_number, data)):
+            return (
+                None
+                if again == data or np.allclose(again, data, rtol=0.0, atol=ROUNDING * float(np.abs(again).max()))
+                else path
+            )
+        parts = ((unequal(a, b, f"{path}[{k}]")) for k, (a, b) in enumerate(zip(again, data, strict=True)))
+        return next((found for found in parts if found is not None), None)
+    if _is_number(again) and _is_number(data):
+        return None if abs(again - data) <= ROUNDING * abs(again) else path
+    return None if type(again) is type(data) and again == data else path
+
+
+def array_of(data: Any, shape: tuple[int, ...], path: str, infinite: bool = False) -> NDArray[np.float64]:
+    """Numbers of that shape from lists of a file; raises `InputError` on anything else.
+
+    ``infinite``: None stands for an infinite number, which JSON has not.
+    """
+    try:
+        array = np.array(_infinite(data) if infinite else data, dtype=float)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise InputError(f"Expected {path} to be numbers of shape {shape}, got {data!r:.40}.") from error
+    if array.shape != shape:
+        raise InputError(f"Expected {path} to be numbers of shape {shape}, got shape {array.shape}.")
+    if not (infinite or np.isfinite(array).all()):
+        raise InputError(f"Expected {path} to be finite numbers of shape {shape}.")
+    return array
+
+
+def _infinite(data: Any) -> Any:
+    if isinstance(data, list):
+        return [_infinite(part) for part in data]
+    return np.inf if data is None else data
+
+
+def plain(value: Any) -> Any:
+    """Arrays and tuples as lists, dictionaries part by part; None stands for an infinite number."""
+    if isinstance(value, dict):
+        return {name: plain(entry) for name, entry in value.items()}
+    if isinstance(value, tuple | list):
+        return [plain(entry) for entry in value]
+    if isinstance(value, np.ndarray | np.generic):
+        return plain(value.tolist())
+    return None if isinstance(value, float) and not np.isfinite(value) else value
+
+
+def not_finite(data: Any, path: str) -> str | None:
+    """Return the path where the data hold NaN, infinity, an integer beyond any float, or a truth value in a list; None
+    if nowhere.
+    """
+    where = _not_finite(data)
+    return None if where is None else path + where
+
+
+def _not_finite(data: Any) -> str | None:
+    """Return the end of the path: files hold many numbers, and few of them are wrong."""
+    if not isinstance(data, dict | list | tuple):
+        if isinstance(data, int):
+            return "" if abs(data) > _LARGEST else None
+        return "" if isinstance(data, float) and not math.isfinite(data) else None
+    named = isinstance(data, dict)
+    for name, part in data.items() if isinstance(data, dict) else enumerate(data):
+        if type(part) is float and math.isfinite(part):
+            continue
+        found = "" if isinstance(part, bool) and not named else _not_finite(part)
+        if found is not None:
+            return f".{name}{found}"
+    return None
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+INFINITE, NUMBER = "infinite", "number"  # NUMBER: an array without axes
+_PLAIN = {float: "a number", int: "a whole number", str: "text", bool: "true or false"}
+
+
+@contextmanager
+def damaged(what: str) -> Iterator[None]:
+    """Say in one line of `InputError` what is wrong with a file whose parts are missing or do not belong together."""
+    try:
+        yield
+    except KeyError as error:
+        raise InputError(f"{what} is damaged: {error} is missing.") from error
+    except (TypeError, ValueError, AttributeError, LookupError, ArithmeticError) as error:
+        raise InputError(f"{what} is damaged: {str(error).rstrip('.')}.") from error
+
+
+class Record(ReadOnlyArrays):
+    """Base of frozen dataclasses that files hold."""
+
+    # Attributes in the file, in their order, as "key" or "key=attribute"; empty: the fields.
+    _in_file: ClassVar[str] = ""
+    # Of these, those that are left out where they are None, empty or false.
+    _if_any: ClassVar[str] = ""
+    # What messages call it; empty: the name of the class, or of the field that it stands in.
+    _where: ClassVar[str] = ""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain numbers, lists and text, in rad and m; None stands for an infinite number."""
+        names = self._in_file or " ".join(field.name for field in fields(cast(Any, self)))
+        found, rare = attributes(self, names), self._if_any.split()
+        return {key: value for key, value in found.items() if key not in rare or value}
+
+    @classmethod
+    def from_dict(cls, data: Any) -> Self:
+        """Read what `to_dict` wrote; raises `InputError` on anything else."""
+        return cls(**parts_of(cls, data, cls._where or cls.__name__))._possible()
+
+    def _possible(self) -> Self:
+        """Return itself; raise `InputError` for numbers that cannot be. Of what was read."""
+        return self
+
+
+MAX_BYTES = 500_000_000
+
+
+def parsed(path: StrPath) -> Any:
+    """Return what the JSON of a file holds; raises `InputError` where it is no JSON, or larger than a result can be."""
+    with opened(as_path(path), MAX_BYTES) as file:
+        text = file.read()
+    try:
+        return json.loads(text.decode("utf-8"), parse_constant=_refuse)
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{path} is not JSON: {error}.") from error
+
+
+def _refuse(constant: str) -> None:
+    raise ValueError(f"it holds {constant}")
+
+
+def attributes(value: Any, names: str) -> dict[str, Any]:
+    """Return attributes by name as plain values: "key", or "key=attribute" (also "key=part.attribute")."""
+    parts = (name.partition("=") for name in names.split())
+    return {key: written(attrgetter(attribute or key)(value)) for key, _, attribute in parts}
+
+
+def written(value: Any) -> Any:
+    """Return plain values: dictionaries of records and named tuples, lists of arrays; None for what is not finite."""
+    if isinstance(value, float):
+        return float(value) if math.isfinite(value) else None
+    if value is None or isinstance(value, str | bool | int):
+        return value
+    if isinstance(value, np.ndarray | np.generic):
+        whole = value.dtype.kind != "f" or bool(np.isfinite(value).all())
+        return value.tolist() if whole else written(value.tolist())
+    if hasattr(value, "to_dict"):
+        return value.to_dict()
+    if hasattr(value, "_asdict"):
+        value = value._asdict()
+    elif is_dataclass(value):
+        value = {field.name: getattr(value, field.name) for field in fields(value)}
+    if isinstance(value, Mapping):
+        return {name: written(part) for name, part in value.items()}
+    return [written(part) for part in value]
+
+
+def parts_of(
+    kind: Any, data: Any, path: str, sizes: Mapping[str, int] | None = None, /, **given: Any
+) -> dict[str, Any]:
+    """Return the fields of a record, read by their types; ``given`` have been read.
+
+    A `Record` may hold more names, of what it writes beside its fields or of another version; others may not.
+
+    ``sizes``: those of arrays by letter, of the record that this one is a part of.
+    """
+    names = [field.name for field in fields(kind)] if is_dataclass(kind) else kind._fields
+    if isinstance(data, list) and not is_dataclass(kind):
+        data = dict(zip(names, data, strict=False))
+    if not isinstance(data, Mapping):
+        raise InputError(f"Expected {path} with {', '.join(names)}, got {data!r:.40}.")
+    if not issubclass(kind, Record) and (more := [name for name in data if name not in names]):
+        raise InputError(f"Expected {path} with {', '.join(names)}, got also {more[0]!r:.40}.")
+    known, hints, found = dict(sizes or {}), _hints(kind), dict(given)
+    for name in (name for name in names if name not in given):
+        if name in data:
+            found[name] = read(hints[name], data[name], f"{path}.{name}", known)
+            if hints[name] is int:
+                known.setdefault(name, found[name])
+        elif name not in _defaults(kind):
+            raise InputError(f"Expected {path} to have {name!r}, which is missing.")
+    return found
+
+
+def read(hint: Any, data: Any, path: str, sizes: dict[str, int] | None = None) -> Any:
+    """Return a value of a type from plain values; raises `InputError` that names the part by its path."""
+    kind, args = get_origin(hint) or hint, get_args(hint)
+    sizes = {} if sizes is None else sizes
+    if kind is Annotated:
+        if get_origin(args[0]) is np.ndarray:
+            return _array(data, hint.__metadata__, path, sizes, args[0])
+        return math.inf if data is None else read(args[0], data, path, sizes)
+    if kind in (Union, UnionType):
+        if data is None and NoneType in args:
+            return None
+        return read(next(arg for arg in args if arg is not NoneType), data, path, sizes)
+    if kind in _PLAIN:
+        good = isinstance(data, kind) or (kind is float and isinstance(data, int))
+        if not good or (isinstance(data, bool) and kind is not bool):
+            raise InputError(f"Expected {path} to be {_PLAIN[kind]}, got {data!r:.40}.")
+        return data
+    if kind is Literal:
+        if data not in args:
+            raise InputError(f"Expected {path} to be one of {', '.join(map(str, args))}, got {data!r:.40}.")
+        return data
+    if kind in (tuple, dict):
+        return _many(kind, args, data, path, sizes)
+    if kind is Any:
+        return data
+    if hasattr(kind, "from_dict") and getattr(kind.from_dict, "__func__", None) is not Record.from_dict.__func__:  # type: ignore[attr-defined]
+        return kind.from_dict(data)
+    found = kind(**parts_of(kind, data, getattr(kind, "_where", "") or path, sizes))
+    return found._possible() if isinstance(found, Record) else found
+
+
+def _many(kind: type[Any], args: tuple[Any, ...], data: Any, path: str, sizes: dict[str, int]) -> Any:
+    """Return a tuple from a list, or a dictionary of names."""
+    if kind is dict:
+        if not isinstance(data, Mapping):
+            raise InputError(f"Expected {path} to be a dictionary, got {data!r:.40}.")
+        return {name: read(args[1], value, f"{path}.{name}", sizes) for name, value in data.items()}
+    if not isinstance(data, list):
+        raise InputError(f"Expected {path} to be a list, got {data!r:.40}.")
+    kinds = args[:1] * len(data) if args[1:] == (Ellipsis,) else args
+    if len(kinds) != len(data):
+        raise InputError(f"Expected {path} to have {len(kinds)} parts, got {len(data)}.")
+    return tuple(read(of, part, f"{path}[{k}]", sizes) for k, (of, part) in enumerate(zip(kinds, data, strict=True)))
+
+
+def _array(data: Any, shape: tuple[Any, ...], path: str, sizes: dict[str, int], hint: Any) -> Any:
+    """Return an array of that shape; letters get their size where they have none yet."""
+    at, wanted = data, []
+    for size in shape:
+        if size not in (INFINITE, NUMBER):
+            count = len(at) if isinstance(at, list) else 0
+            wanted.append(sizes.setdefault(size, count) if isinstance(size, str) else size)
+            at = at[0] if isinstance(at, list) and at else []
+    if 0 in wanted and data == []:  # lists do not say how many columns no row has
+        return np.zeros(wanted)
+    found = array_of(data, tuple(wanted), path, INFINITE in shape)
+    if get_args(hint)[1] != np.dtype[np.intp]:
+        return found
+    if (found != np.floor(found)).any():
+        raise InputError(f"Expected {path} to be whole numbers.")
+    return found.astype(np.intp)
+
+
+@cache
+def _hints(kind: Any) -> dict[str, Any]:
+    return get_type_hints(kind, include_extras=True)
+
+
+@cache
+def _defaults(kind: Any) -> frozenset[str]:
+    if not is_dataclass(kind):
+        return frozenset(kind._field_defaults)
+    return frozenset(f.name for f in fields(kind) if f.default is not MISSING or f.default_factory is not MISSING)

@@ -1,0 +1,361 @@
+"""YAML, JSON and XML of people's tools as plain lists, dicts, numbers and texts; nothing in a file can run or grow.
+
+Anchors, aliases, document types, deep nesting and files of more than 20 MB are refused. YAML goes through the events of
+PyYAML, so that tags (OpenCV's ``!!opencv-matrix``, or any other) name nothing to be made.
+
+Numbers out of trees (`trees`): every error says where in the file, what was expected and what came.
+
+Names of poses in files of several arrays or entries: which side they are, and in which frames.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from ...errors import InputError
+from ..geometry.se3 import Array
+from .lines import decoded, one_line, short
+
+MAX_BYTES = 20_000_000  # lists and texts take up to twenty times their size in memory
+MAX_DEPTH = 30
+
+# What stands between two documents of JSON.
+_BETWEEN = re.compile(r"[\s,]*")
+
+_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|[-+]?\.(inf|Inf|INF)|\.(nan|Nan|NaN|NAN)")
+
+
+def parse_tree(data: bytes, name: str, several: bool = False) -> Any:
+    """The content of a YAML, JSON or XML file; `InputError` with the line for what is none of them.
+
+    With ``several``, documents that follow each other (JSON lines, YAML with ``---`` between) are a list; else a second
+    one is refused.
+    """
+    text = decoded(data.removeprefix(b"\xef\xbb\xbf"), f"{name}: expected YAML, JSON or XML")
+    start = text.lstrip()[:1]
+    if start == "<":
+        return _xml(text, name)
+    if start in ("{", "["):
+        try:
+            return _json(text, name, several)
+        except InputError as error:
+            try:  # YAML in braces; OpenCV before 4.6 wrote `1.` for 1.0 in its JSON
+                return _yaml(text, name, several)
+            except InputError:
+                raise error from None
+    return _yaml(text, name, several)
+
+
+def _json(text: str, name: str, several: bool) -> Any:
+    def once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        found = dict(pairs)
+        if len(found) < len(pairs):
+            keys = [key for key, _ in pairs]
+            raise InputError(f"{name}: the key {short(next(k for k in keys if keys.count(k) > 1))} is given twice.")
+        return found
+
+    decoder = json.JSONDecoder(object_pairs_hook=once)
+    try:
+        if not several:
+            return decoder.decode(text)
+        found: list[Any] = []
+        end = _after(text, 0)
+        while end < len(text) or not found:
+            value, end = decoder.raw_decode(text, end)
+            found.append(value)
+            end = _after(text, end)
+        return found if len(found) > 1 else found[0]
+    except InputError:
+        raise
+    except json.JSONDecodeError as error:
+        raise InputError(f"{name}, line {error.lineno}: not JSON: {one_line(error.msg)}.") from error
+    except RecursionError as error:
+        raise InputError(f"{name}: expected JSON nested at most {MAX_DEPTH} deep, got deeper.") from error
+    except ValueError as error:  # an integer of thousands of digits
+        raise InputError(f"{name}: not JSON: {one_line(str(error))}.") from error
+
+
+def _after(text: str, end: int) -> int:
+    """Return where the next document begins."""
+    between = _BETWEEN.match(text, end)
+    return end if between is None else between.end()
+
+
+class _Builder:
+    """Lists and dicts from the events of a parser."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self.root: Any = None
+        self.stack: list[tuple[Any, list[str]]] = []  # a container and, of a dict, the key that waits for its value
+
+    def add(self, value: Any, line: int) -> None:
+        if not self.stack:
+            self.root = value
+            return
+        container, key = self.stack[-1]
+        if isinstance(container, list):
+            container.append(value)
+        elif not key:
+            if isinstance(value, list | dict):
+                raise InputError(f"{self.name}, line {line}: expected a name as key, got a list or a map.")
+            key.append(str(value))
+        else:
+            if key[0] in container:
+                raise InputError(f"{self.name}, line {line}: the key {short(key[0])} is given twice.")
+            container[key.pop()] = value
+
+    def open(self, container: Any, line: int) -> None:
+        if len(self.stack) >= MAX_DEPTH:
+            raise InputError(f"{self.name}, line {line}: expected at most {MAX_DEPTH} levels of nesting, got more.")
+        self.add(container, line)
+        self.stack.append((container, []))
+
+    def close(self) -> None:
+        self.stack.pop()
+
+
+def _yaml(text: str, name: str, several: bool) -> Any:
+    import yaml  # slow to import
+
+    first, newline, rest = text.partition("\n")
+    if first.startswith("%YAML"):  # OpenCV writes %YAML:1.0, which YAML does not know
+        text = newline + rest
+    text = text.rstrip().removesuffix("\n---")  # the separator that ROS prints after a message
+    loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+    builder, found = _Builder(name), []
+    try:
+        for event in yaml.parse(text, Loader=loader):
+            line = 0 if event.start_mark is None else event.start_mark.line + 1
+            if isinstance(event, yaml.AliasEvent) or getattr(event, "anchor", None) is not None:
+                raise InputError(
+                    f"{name}, line {line}: expected YAML without anchors and aliases (& and *); write the values out."
+                )
+            if isinstance(event, yaml.DocumentStartEvent):
+                builder = _Builder(name)
+            elif isinstance(event, yaml.DocumentEndEvent):
+                found.append(builder.root)
+                if len(found) > 1 and not several:
+                    raise InputError(f"{name}, line {line}: expected one YAML document, got a second one.")
+            elif isinstance(event, yaml.ScalarEvent):
+                builder.add(_scalar(event.value) if event.implicit[0] else event.value, line)
+            elif isinstance(event, yaml.SequenceStartEvent):
+                builder.open([], line)
+            elif isinstance(event, yaml.MappingStartEvent):
+                builder.open({}, line)
+            elif isinstance(event, yaml.CollectionEndEvent):
+                builder.close()
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        at = "" if mark is None else f", line {mark.line + 1}"
+        problem = error.problem or error.context or "unknown"
+        raise InputError(f"{name}{at}: not YAML: {one_line(problem)}.") from error
+    except InputError:
+        raise
+    except (yaml.YAMLError, RecursionError, ValueError) as error:
+        raise InputError(f"{name}: not YAML: {one_line(str(error))}.") from error
+    found = [root for root in found if root is not None] or [None]  # an empty one between two separators
+    return found if len(found) > 1 else found[0]
+
+
+def _scalar(text: str) -> Any:
+    """A plain scalar of YAML: a number, yes or no, nothing, or text."""
+    if _NUMBER.fullmatch(text):
+        return float(re.sub(r"\.(?=[iInN])", "", text))
+    if text.lower() in ("true", "false"):
+        return text.lower() == "true"
+    return None if text in ("", "~", "null") else text
+
+
+def _xml(text: str, name: str) -> Any:
+    """OpenCV's XML: elements are keys, elements named ``_`` are items, texts are numbers where they are."""
+    from xml.parsers import expat
+
+    parser = expat.ParserCreate()
+    parser.buffer_text = True
+    root: dict[str, Any] = {}
+    stack: list[tuple[str, list[tuple[str, Any]], list[str]]] = [("", [], [])]
+
+    def refuse(*_: Any) -> None:
+        raise InputError(f"{name}, line {parser.CurrentLineNumber}: expected XML without a document type or entities.")
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        if len(stack) == 1 and tag != "opencv_storage":
+            raise InputError(
+                f"{name}, line {parser.CurrentLineNumber}: expected the XML of OpenCV's FileStorage, <opencv_storage>, "
+                f"got <{one_line(tag)}>."
+            )
+        if len(stack) > MAX_DEPTH:
+            raise InputError(f"{name}, line {parser.CurrentLineNumber}: expected at most {MAX_DEPTH} levels, got more.")
+        stack.append((tag, [], []))
+
+    def end(tag: str) -> None:
+        _, children, parts = stack.pop()
+        value: Any
+        if not children:
+            value = _words("".join(parts))
+        elif all(key == "_" for key, _ in children):
+            value = [item for _, item in children]
+        else:
+            value = dict(children)
+            if len(value) < len(children):
+                raise InputError(
+                    f"{name}, line {parser.CurrentLineNumber}: an element of <{one_line(tag)}> is given twice."
+                )
+        stack[-1][1].append((tag, value))
+
+    parser.StartElementHandler, parser.EndElementHandler = start, end
+    parser.CharacterDataHandler = lambda data: stack[-1][2].append(data)
+    parser.StartDoctypeDeclHandler = parser.EntityDeclHandler = refuse
+    try:
+        parser.Parse(text, True)
+    except expat.ExpatError as error:
+        problem = expat.errors.messages[error.code]
+        raise InputError(f"{name}, line {error.lineno}: not XML: {problem}.") from error
+    content = stack[0][1][0][1]
+    return content if isinstance(content, dict) else root
+
+
+def _words(text: str) -> Any:
+    """The numbers of an element, or its text."""
+    words = text.split()
+    numbers = [_scalar(word) for word in words]
+    if words and all(isinstance(number, float) for number in numbers):
+        return numbers if len(numbers) > 1 else numbers[0]
+    return text.strip().removeprefix('"').removesuffix('"')
+
+
+def got(value: Any) -> str:
+    """Describe the value that was received, in few words."""
+    if isinstance(value, dict):
+        return f"the keys {short(', '.join(map(str, value)))}"
+    if isinstance(value, list | tuple):
+        return f"a list of {len(value)}"
+    return "nothing" if value is None else short(str(value))
+
+
+def number(value: Any, where: str) -> float:
+    """A finite number."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise InputError(f"{where}: expected a number, got {got(value)}.")
+    try:
+        result = float(value)
+    except OverflowError:
+        result = np.inf
+    if not np.isfinite(result):
+        raise InputError(
+            f"{where}: expected a finite number, got {result}; leave out poses that were not measured, on both sides."
+        )
+    return result
+
+
+def item(value: Any, key: str, where: str) -> Any:
+    """``value[key]`` of a map."""
+    if not isinstance(value, dict):
+        raise InputError(f"{where}: expected a map with {key}, got {got(value)}.")
+    if key not in value:
+        raise InputError(f"{where}: expected the field {key}, got {got(value)}.")
+    return value[key]
+
+
+def vector(value: Any, size: int, where: str) -> list[float]:
+    """Check and return a list of ``size`` finite numbers."""
+    if not isinstance(value, list) or len(value) != size:
+        raise InputError(f"{where}: expected a list of {size} numbers, got {got(value)}.")
+    return [number(entry, f"{where}[{k}]") for k, entry in enumerate(value)]
+
+
+_TRANSFORM = ("translation", "rotation")
+
+
+def transform(value: Any, where: str) -> list[float]:
+    """x, y, z and the quaternion x, y, z, w of a ``geometry_msgs/Transform`` or ``Pose``, stamped or not."""
+    for outer in ("transform", "pose"):
+        if isinstance(value, dict) and outer in value and not {"translation", "position"} & set(value):
+            return transform(value[outer], f"{where}, {outer}")
+    names = ("position", "orientation") if isinstance(value, dict) and "position" in value else _TRANSFORM
+    numbers: list[float] = []
+    for part, axes in zip(names, ("xyz", "xyzw"), strict=True):
+        fields = item(value, part, where)
+        numbers += [number(item(fields, axis, f"{where}, {part}"), f"{where}, {part}.{axis}") for axis in axes]
+    return numbers
+
+
+def matrix(value: Any, where: str) -> Array:
+    """A 4x4 matrix: four rows of four numbers, or 16 numbers row by row."""
+    if isinstance(value, list) and len(value) == 16:
+        return np.array(vector(value, 16, where)).reshape(4, 4)
+    if not isinstance(value, list) or len(value) != 4:
+        raise InputError(f"{where}: expected a 4x4 matrix, got {got(value)}.")
+    return np.array([vector(row, 4, f"{where}[{k}]") for k, row in enumerate(value)])
+
+
+_WORDS = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+")
+_FRAMES = {
+    "base": ("base", "world", "robotbase", "baselink", "fixed"),
+    "gripper": ("gripper", "hand", "tool", "tcp", "ee", "eef", "flange", "endeffector", "effector", "wrist"),
+    "camera": ("camera", "cam", "optical"),
+    "target": (
+        "target", "board", "tag", "marker", "pattern", "object", "checkerboard", "chessboard", "charuco", "aruco",
+        "apriltag",
+    ),
+}  # fmt: skip
+_FRAME_OF = {word: frame for frame, words in _FRAMES.items() for word in words}
+# Words that say that something is a pose, and nothing of the frames.
+_POSE = {"pose", "poses", "t", "h", "tf", "transform", "transforms", "transformation", "transformations", "mat", "mats"}
+_POSE |= {"matrix", "matrices", "list", "all", "homogeneous"}
+# Words between two frames: base_T_gripper, gripper2base, gripper_to_base, gripper_in_base.
+_INVERTS = {"2", "to", "in"}
+_ALONE = {"pose", "poses", "tf", "transform", "transforms", "transformation", "transformations"}
+_SIDES = {
+    ("base", "gripper"): ("robot", "base_T_gripper"),
+    ("gripper", "base"): ("robot", "gripper_T_base"),
+    ("camera", "target"): ("camera", "camera_T_target"),
+    ("target", "camera"): ("camera", "target_T_camera"),
+}
+_LONGEST = 60
+
+
+@lru_cache(maxsize=4096)
+def pose_name(key: str) -> tuple[str, str] | None:
+    """Return side and frame of poses by their name; None for a name that does not say them.
+
+    ``A_T_B``, ``T_A_B`` and ``B2A`` (of OpenCV) are the pose of B in A.
+
+    >>> pose_name("T_base_ee"), pose_name("target2cam"), pose_name("marker_pose"), pose_name("camera_matrix")
+    (('robot', 'base_T_gripper'), ('camera', 'camera_T_target'), ('camera', 'camera_T_target'), None)
+    """
+    if not isinstance(key, str) or not 0 < len(key) <= _LONGEST:
+        return None
+    parts = _WORDS.findall(key.replace("tool0", "tool"))
+    if "t" in parts:  # a translation; T is a pose
+        return None
+    words = [word.lower() for word in parts]
+    if words in (["robot"], ["camera"]):
+        return _SIDES["base", "gripper"] if words == ["robot"] else _SIDES["camera", "target"]
+    frames: list[str] = []
+    inverts, fillers = False, set()
+    for word in words:
+        if word in _FRAME_OF:
+            if not frames or frames[-1] != _FRAME_OF[word]:  # end effector, camera optical
+                frames.append(_FRAME_OF[word])
+        elif word in _INVERTS and len(frames) == 1 and not inverts:
+            inverts = True
+        elif word in _POSE or word in ("robot", "end", "link", "frame"):
+            fillers.add(word)
+        else:
+            return None
+    if len(frames) == 2:
+        return _SIDES.get((frames[1], frames[0]) if inverts else (frames[0], frames[1]))
+    if inverts or not fillers & _ALONE or fillers & {"matrix", "matrices", "mat", "mats"}:
+        return None
+    if not frames and "robot" in fillers:
+        return _SIDES["base", "gripper"]
+    if frames in (["camera"], ["target"]) and "robot" not in fillers:
+        return _SIDES["camera", "target"]
+    return _SIDES["base", "gripper"] if frames == ["gripper"] else None

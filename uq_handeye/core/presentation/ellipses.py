@@ -1,0 +1,285 @@
+r"""The covariance of X as a figure: its projections onto all 15 pairs of the six error components.
+
+Model: the error ``xi = (theta, tau)`` of X (rotation first, left rotation, additive translation, rad and m,
+in the frame in which ``A`` is expressed) is Gaussian with mean zero and the covariance given. The projection
+onto two components (i, j) is Gaussian with the 2x2 covariance of these components, and its k-sigma ellipse
+
+    (s_i cos t,  s_j (rho cos t + sqrt(1 - rho^2) sin t)) k,   0 <= t < 2 pi
+
+holds the probability ``1 - exp(-k^2 / 2)``: 39.3 %, 86.5 % and 98.9 % for k = 1, 2, 3. The figure follows
+Fig. 5 of Wu et al. (2019) and adds the coupling of rotation and translation.
+
+This module imports Matplotlib; import it where it is used.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
+
+from ...errors import InputError
+from ..files.atomic import write_files
+from ..files.open import StrPath, as_path
+from ..geometry.checks import as_transforms, checked_covariance
+from ..geometry.se3 import Array
+from .named_figure import NamedFigure, settle_layout
+from .named_figure import render as render
+
+LEVELS = (1, 2, 3)
+SYMBOLS = (r"\theta_x", r"\theta_y", r"\theta_z", r"\tau_x", r"\tau_y", r"\tau_z")
+PAIRS_WITHIN = ((0, 1), (1, 2), (0, 2))
+
+# Colours of Okabe and Ito, of clearly different lightness, each with a line style of its own: the ellipses
+# can be told apart in greyscale and by colour-blind readers.
+STYLES: tuple[tuple[str, Any], ...] = (
+    ("black", "-"),
+    ("#56B4E9", "--"),
+    ("#D55E00", ":"),
+    ("#0072B2", "-."),
+    ("#009E73", (0, (6, 1, 1, 1, 1, 1))),
+)
+# A black cross with a white rim: visible on any line or cloud, and unlike either in greyscale.
+TRUTH: dict[str, Any] = {
+    "marker": "X",
+    "linestyle": "",
+    "color": "black",
+    "markersize": 8,
+    "markeredgecolor": "white",
+}
+WIDTHS = (1.6, 1.2, 0.9)  # of the 1, 2 and 3 sigma ellipse
+
+MAX_SAMPLES = 5000  # drawn: more only blacken the panels
+PREFIXES = {0: "", -3: "m", -6: "µ", -9: "n", -12: "p"}
+
+
+def covariance_ellipses(
+    X: ArrayLike,
+    covariance: ArrayLike,
+    *,
+    truth: ArrayLike | None = None,
+    samples: ArrayLike | None = None,
+    others: Mapping[str, ArrayLike] | None = None,
+    label: str = "estimate",
+    title: str | None = None,
+) -> Figure:
+    """The 1, 2 and 3 sigma ellipses of a 6x6 covariance of X, in all 15 projections.
+
+    Three panels show the rotation, three the translation, nine the coupling of the two. Axes of the same
+    quantity share one scale, so that sizes can be compared by eye, unless their ranges differ by more than a
+    factor of 10: then each has its own, and the heading says so. Each panel states the correlation
+    coefficient of ``covariance``. The origin is ``X``, whose value stands in the caption.
+
+    Parameters
+    ----------
+    X : (4, 4)
+        The estimate, translation in m.
+    covariance : (6, 6)
+        Of ``xi = (theta, tau)``, in rad and m.
+    truth : (4, 4) or None
+        The true X, marked by a cross.
+    samples : (S, 6) or None
+        Errors ``xi`` in rad and m, of a Monte Carlo simulation or a posterior; at most 5000, evenly spaced,
+        are drawn. A scale shows the 3 sigma ellipses and three standard deviations of the samples.
+    others : name -> (6, 6) or None
+        Up to four more covariances to compare with, drawn in other line styles.
+    label : str
+        Names ``covariance`` in the legend.
+    title : str or None
+
+    Raises
+    ------
+    InputError
+        A covariance that is not 6x6, finite, symmetric and positive semidefinite; poses or samples of the
+        wrong shape or not finite; more than four others.
+    """
+    pose = _one_pose(X, "X")
+    covariances = {label: _one_covariance(covariance, "covariance")}
+    for name, other in (others or {}).items():
+        if name == label or len(covariances) == len(STYLES):
+            count = len(STYLES) - 1
+            raise InputError(f"Expected at most {count} others with names of their own, got also {name!r}.")
+        covariances[name] = _one_covariance(other, f"others[{name!r}]")
+    points = np.empty((0, 6)) if samples is None else _points(samples)
+    offset = None if truth is None else _error(_one_pose(truth, "truth"), pose)
+
+    reach, common = _reach(covariances, points, offset)
+    units = [display_unit(value, "rad" if k < 3 else "m") for k, value in enumerate(reach)]
+    scale = np.array([factor for factor, _ in units])
+    axis_labels = [f"${symbol}$ ({unit})" for symbol, (_, unit) in zip(SYMBOLS, units, strict=True)]
+
+    figure = NamedFigure(figsize=(6.9, 11.6), layout="constrained")
+    if title is not None:
+        figure.suptitle(title, fontsize=11)
+    parts: Any = figure.subfigures(3, 1, height_ratios=[1.12, 1.12, 2.76], hspace=0.02)
+    panels: list[tuple[Axes, int, int]] = []
+    for part, name, first in ((parts[0], "Rotation", 0), (parts[1], "Translation", 3)):
+        part.suptitle(name if common[first // 3] else f"{name} (each axis has its own scale)", fontsize=10)
+        axes = part.subplots(1, 3)
+        panels += [(axis, first + i, first + j) for axis, (i, j) in zip(axes, PAIRS_WITHIN, strict=True)]
+    parts[2].suptitle("Coupling of rotation and translation", fontsize=10)
+    grid = parts[2].subplots(3, 3)
+    panels += [(grid[row, column], column, 3 + row) for row in range(3) for column in range(3)]
+
+    for axis, i, j in panels:
+        _draw(axis, i, j, covariances, points, offset, scale)
+        limited(axis, (reach[i] / scale[i], reach[j] / scale[j]))
+        axis.set_xlabel(axis_labels[i], fontsize=9)
+        axis.set_ylabel(axis_labels[j], fontsize=9)
+    _legend(figure, covariances, len(points) > 0, offset is not None, pose)
+    settle_layout(figure)
+    return figure
+
+
+def save_ellipses(figure: Figure, stem: StrPath) -> tuple[Path, Path]:
+    """Write ``stem.png`` and ``stem.svg``, both or neither, and return their paths.
+
+    Raises `InputError` if they cannot be written; a missing folder is made.
+    """
+    stem = as_path(stem)
+    files = {f"{stem.name}.{kind}": render(figure, kind) for kind in ("png", "svg")}
+    write_files(stem.parent, files)
+    png, svg = (stem.parent / name for name in files)
+    return png, svg
+
+
+def _one_pose(value: Any, name: str) -> Array:
+    T = as_transforms(value, name, stack=False)
+    if T.shape != (4, 4) or not np.isfinite(T).all():
+        raise InputError(f"Expected `{name}` to be one finite pose (4, 4), got shape {T.shape}.")
+    return T
+
+
+def _one_covariance(value: Any, name: str) -> Array:
+    S = checked_covariance(value, name, joint=False)
+    if S.shape != (6, 6):
+        raise InputError(f"Expected the covariance `{name}` to have shape (6, 6), got {S.shape}.")
+    return S
+
+
+def _points(samples: ArrayLike) -> Array:
+    try:
+        points = np.asarray(samples, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"Expected `samples` to be numbers, got {type(samples).__name__}.") from error
+    if points.ndim != 2 or points.shape[1] != 6 or not np.isfinite(points).all():
+        raise InputError(f"Expected `samples` to be finite errors of shape (S, 6), got shape {points.shape}.")
+    return points
+
+
+def _error(truth: Array, estimate: Array) -> Array:
+    """``xi`` with ``truth = (exp([theta]x) R, t + tau)`` for the estimate (R, t)."""
+    theta = Rotation.from_matrix(truth[:3, :3] @ estimate[:3, :3].T).as_rotvec()
+    return np.concatenate([theta, truth[:3, 3] - estimate[:3, 3]])
+
+
+def _reach(covariances: Mapping[str, Array], points: Array, offset: Array | None) -> tuple[Array, list[bool]]:
+    """Half the range of each axis (6,) in rad and m; whether rotation and translation have a common one."""
+    rows = [3 * np.sqrt(np.diag(S)) for S in covariances.values()]
+    if len(points):
+        rows.append(3 * np.sqrt(np.mean(points**2, axis=0)))
+    if offset is not None:
+        rows.append(np.abs(offset))
+    reach = np.max(rows, axis=0)
+    common = []
+    for group in (reach[:3], reach[3:]):
+        varying = group[group > 0]
+        largest = varying.max(initial=0) or 1e-6  # nothing varies: any scale does, this one is small
+        common.append(bool((varying > 0.1 * largest).all()))
+        group[(group == 0) | common[-1]] = largest
+    return 1.12 * reach, common
+
+
+def display_unit(reach: float, base: str) -> tuple[float, str]:
+    """A factor and a unit in which ``reach`` lies between 1 and 1000, if there is such a prefix."""
+    exponent = min(0, 3 * int(np.floor(np.log10(reach) / 3)))
+    if exponent in PREFIXES and reach < 1e4:
+        return 10.0**exponent, PREFIXES[exponent] + base
+    exponent = int(np.floor(np.log10(reach)))
+    return 10.0**exponent, f"$10^{{{exponent}}}$ {base}"
+
+
+def _draw(
+    axis: Axes,
+    i: int,
+    j: int,
+    covariances: Mapping[str, Array],
+    points: Array,
+    offset: Array | None,
+    scale: Array,
+) -> None:
+    """Samples, ellipses, truth and correlation of one panel."""
+    if len(points):
+        step = -(-len(points) // MAX_SAMPLES)
+        x, y = (points[::step, [i, j]] / scale[[i, j]]).T
+        axis.plot(x, y, ".", color="0.65", markersize=1.5, markeredgewidth=0, rasterized=True, zorder=1)
+    axis.axhline(0, color="0.85", linewidth=0.6, zorder=0)
+    axis.axvline(0, color="0.85", linewidth=0.6, zorder=0)
+    angle = np.linspace(0, 2 * np.pi, 181)
+    for number, (S, (colour, style)) in enumerate(zip(covariances.values(), STYLES, strict=False)):
+        s = np.sqrt(np.diag(S))[[i, j]]
+        rho = _correlation(S, i, j)
+        across = 0.0 if rho is None else rho
+        x = s[0] / scale[i] * np.cos(angle)
+        y = s[1] / scale[j] * (across * np.cos(angle) + np.sqrt(1 - across**2) * np.sin(angle))
+        for level, width in zip(LEVELS, WIDTHS, strict=True):
+            axis.plot(level * x, level * y, color=colour, linestyle=style, linewidth=width, zorder=3 + number)
+        if number == 0:
+            value = "undefined" if rho is None else f"= {round(rho, 3) + 0.0:+.3f}".replace("-", "\N{MINUS SIGN}")
+            axis.set_title(rf"$\rho$ {value}", fontsize=8, loc="right", pad=3)
+            if not s.any():
+                axis.plot(0, 0, "o", color=colour, markersize=3, zorder=3)
+    if offset is not None:
+        x, y = offset[[i, j]] / scale[[i, j]]
+        axis.plot(x, y, zorder=9, **TRUTH)
+
+
+def _correlation(S: Array, i: int, j: int) -> float | None:
+    """The correlation coefficient, None where a variance is zero."""
+    s = np.sqrt(np.diag(S))
+    return None if s[i] == 0 or s[j] == 0 else float(np.clip(S[i, j] / s[i] / s[j], -1.0, 1.0))
+
+
+def limited(axis: Axes, reach: tuple[float, float]) -> None:
+    """Limits and few, round ticks; a square panel."""
+    axis.set_xlim(-reach[0], reach[0])
+    axis.set_ylim(-reach[1], reach[1])
+    axis.set_box_aspect(1)
+    for direction in (axis.xaxis, axis.yaxis):
+        direction.set_major_locator(MaxNLocator(nbins=4, steps=[1, 2, 5, 10], symmetric=True))
+    axis.tick_params(labelsize=8, direction="in", top=True, right=True)
+
+
+def _legend(figure: Figure, covariances: Mapping[str, Array], samples: bool, truth: bool, pose: Array) -> None:
+    """Explain what the lines mean, what the ellipses hold, and where the origin is."""
+    handles: list[Any] = []
+    for name, (colour, style) in zip(covariances, STYLES, strict=False):
+        handles.append(Line2D([], [], color=colour, linestyle=style, linewidth=WIDTHS[0], label=name))
+    if samples:
+        handles.append(Line2D([], [], marker=".", linestyle="", color="0.65", markersize=5, label="samples"))
+    if truth:
+        handles.append(Line2D([], [], label="truth", **TRUTH))
+    probabilities = ", ".join(f"{100 * (1 - np.exp(-k * k / 2)):.1f} %" for k in LEVELS)
+    position = ", ".join(f"{1e3 * x:.3f}" for x in pose[:3, 3])
+    turn = ", ".join(f"{x:.4f}" for x in Rotation.from_matrix(pose[:3, :3]).as_rotvec(degrees=True))
+    figure.legend(
+        handles=handles,
+        loc="outside lower center",
+        ncols=len(handles) if len(handles) <= 4 else (len(handles) + 1) // 2,
+        frameon=False,
+        fontsize=9,
+        title=(
+            f"1, 2, 3 $\\sigma$ ellipses, from the inside, hold {probabilities} of the probability.\n"
+            f"Origin: translation ({position}) mm, rotation vector ({turn})\N{DEGREE SIGN}"
+        ),
+        title_fontproperties={"size": 8.5},
+        alignment="center",
+    )

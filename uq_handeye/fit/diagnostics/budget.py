@@ -1,0 +1,417 @@
+r"""Uncertainty budget: shares of the variance of a point, or of X, by source; combined and expanded, in the terms of
+JCGM 100 (GUM).
+
+The covariance is the sum over the sources, of type A (evaluated from the data) or B (declared: data sheets, priors,
+what is assumed). A standard uncertainty of a group of components, such as X's translation, is per axis: the root of the
+mean of their variances; or that in the direction in which the sum is largest. With u_k those of the sources, u_c the
+combined one and R_kl the covariance of the estimated variances k and l relative to them (0 for type B)
+
+    u_c^2 = sum_k u_k^2,    nu_k = 2 / R_kk,    nu_eff = 2 u_c^4 / sum_kl R_kl u_k^2 u_l^2
+
+which is Welch and Satterthwaite's formula (JCGM 100, G.2b) where the estimates are independent, and that of
+`likelihood.goodness_of_fit` for one component. The coverage factor is k = t_p(nu_eff), ``U = k u_c``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Annotated, Any, ClassVar, NamedTuple
+
+import numpy as np
+from scipy.special import ndtri, stdtrit
+
+from ...core.files.records import Record, attributes, parts_of
+from ...core.geometry.se3 import Array
+from ...errors import InputError
+from ...model.noise.camera_noise import INTRINSICS
+from ...model.noise.joint_covariance import JointCovariance, group_of
+from ...model.noise.models import Noise, PairNoise, is_joint, require_count
+from ...model.noise.square_roots import pulled, whiten
+from ..likelihood.constraint import covariances_of
+from ..likelihood.gauss_helmert import Fit
+from ..likelihood.shared_estimates import of_moves
+from .task_space import _points, by_pose
+
+# Sources of a covariance that poses share errors in (`JointCovariance`), behind the name of the side.
+EACH, SHARED = "(each pose)", "(shared)"
+# Differences of covariances below this are 0, as correlations.
+ROUNDED = 1e-9
+
+
+_COMPONENTS = ("theta_x", "theta_y", "theta_z", "tau_x", "tau_y", "tau_z")
+
+
+class Expanded(NamedTuple):
+    """An expanded uncertainty ``U = k u`` in rad or m, with what it is made of."""
+
+    u: float  # combined standard uncertainty
+    dof: float  # effective degrees of freedom; infinite where all of it is declared
+    k: float  # coverage factor
+    U: float
+
+
+@dataclass(frozen=True, eq=False)
+class Budget(Record):
+    """The covariance of an estimate as a sum over noise sources, and over the poses that the noise is on.
+
+    p components: 6 of X, then 6 of W where there is one; or 3 of a task point.
+    """
+
+    _stored: ClassVar[str] = "sources types relative dof components covariances group_shares combined expanded_95"
+    _in_file: ClassVar[str] = f"{_stored} shares pose_shares"
+
+    sources: tuple[str, ...]
+    covariances: Annotated[Array, "sources", "p", "p"]  # (sources, p, p), in rad and m
+    by_pose: Array  # (n, p, p); of a joint noise each pose gets half of what it shares with another
+    X: Array  # (4, 4)
+    types: tuple[str, ...] = ()  # "A" or "B" of each source, "A, B" of some together; empty: all "B"
+    relative: Annotated[Array, "sources", "sources"] | None = None  # (sources, sources) R of the module; None: 0
+
+    def __post_init__(self) -> None:
+        count = len(self.sources)
+        object.__setattr__(self, "types", tuple(self.types) or ("B",) * count)
+        R = np.zeros((count, count)) if self.relative is None else np.array(self.relative, dtype=float)
+        if len(self.types) != count or not set(self.types) <= {"A", "B", "A, B"} or R.shape != (count, count):
+            raise InputError(f"Expected types A or B and relative covariances of {count} sources, got {self.types}.")
+        object.__setattr__(self, "relative", R)
+        super().__post_init__()
+
+    @property
+    def dof(self) -> Array:
+        """(sources,) degrees of freedom; infinite where the source is declared."""
+        own = np.diag(self._relative)
+        return np.asarray(np.where(own > 0, 2.0 / np.maximum(own, 1e-300), np.inf))
+
+    @property
+    def standard(self) -> dict[str, Array]:
+        """For each group the standard uncertainties (sources,), per axis, rad or m; 0 where a coupling takes away."""
+        return {name: np.sqrt(np.maximum(self._variances(part, False), 0.0)) for name, part in self.groups.items()}
+
+    @property
+    def combined(self) -> dict[str, float]:
+        """For each group the combined standard uncertainty u_c per axis, rad or m."""
+        return {name: float(np.sqrt(self._variances(part, False).sum())) for name, part in self.groups.items()}
+
+    def expanded(self, level: float = 0.95, *, worst: bool = False) -> dict[str, Expanded]:
+        """For each group the uncertainty for a coverage of ``level``, per axis or in the worst direction."""
+        if not 0 < level < 1:
+            raise InputError(f"Expected `level` to lie between 0 and 1, got {level!r}.")
+        return {name: self._expanded(self._variances(part, worst), level) for name, part in self.groups.items()}
+
+    def expanded_along(self, rows: Array, level: float = 0.95) -> tuple[Expanded, ...]:
+        """Return the uncertainty of each linear combination of the components, rows (m, p), for a coverage of
+        ``level``.
+        """
+        return tuple(self._expanded(self.covariances @ row @ row, level) for row in np.asarray(rows, dtype=float))
+
+    def _expanded(self, v: Array, level: float) -> Expanded:
+        """Return the expanded uncertainty of the sum of variances v (sources,)."""
+        spread = float(v @ self._relative @ v)
+        dof = 2.0 * float(v.sum()) ** 2 / spread if spread > 0 else float("inf")
+        k = float(stdtrit(dof, 0.5 + 0.5 * level)) if np.isfinite(dof) else float(ndtri(0.5 + 0.5 * level))
+        u = float(np.sqrt(max(v.sum(), 0.0)))
+        return Expanded(u, dof, k, k * u)
+
+    def standard_in_worst_direction(self) -> dict[str, Array]:
+        """Return for each group the standard uncertainties (sources,) along the direction of its largest variance."""
+        return {name: np.sqrt(np.maximum(self._variances(part, True), 0.0)) for name, part in self.groups.items()}
+
+    @property
+    def _relative(self) -> Array:
+        assert self.relative is not None  # since it was made
+        return self.relative
+
+    def _variances(self, part: slice, worst: bool) -> Array:
+        """(sources,) of a group of components: their mean, or that along the direction in which the sum is largest."""
+        S = self.covariances[:, part, part]
+        if not worst:
+            return np.asarray(np.trace(S, axis1=1, axis2=2) / S.shape[-1])
+        along = np.linalg.eigh(S.sum(axis=0))[1][:, -1]
+        return np.asarray(S @ along @ along)
+
+    @property
+    def covariance(self) -> Array:
+        """(p, p), the sum over the sources."""
+        return np.asarray(self.covariances.sum(axis=0))
+
+    @property
+    def components(self) -> tuple[str, ...]:
+        """Names of the p components."""
+        if len(self.covariance) == 3:
+            return ("x", "y", "z")
+        names = tuple(f"X {name}" for name in _COMPONENTS)
+        return names if len(self.covariance) == 6 else names + tuple(f"W {name}" for name in _COMPONENTS)
+
+    @property
+    def groups(self) -> dict[str, slice]:
+        """Blocks of components whose variances add: rotation and translation of X (and W), or the point."""
+        p = len(self.covariance)
+        if p == 3:
+            return {"point": slice(0, 3)}
+        return {
+            f"{of} {kind}": slice(k, k + 3)
+            for of, start in (("X", 0), ("W", 6))[: p // 6]
+            for kind, k in (("rotation", start), ("translation", start + 3))
+        }
+
+    @property
+    def shares(self) -> Array:
+        """(sources, p) of the variance of each component; each column sums to 1."""
+        return _shares(np.diagonal(self.covariances, axis1=1, axis2=2))
+
+    @property
+    def pose_shares(self) -> Array:
+        """(n, p) of the variance of each component that comes with each pose; each column sums to 1."""
+        return _shares(np.diagonal(self.by_pose, axis1=1, axis2=2))
+
+    @property
+    def group_shares(self) -> dict[str, Array]:
+        """For each group the shares (sources,) of its trace."""
+        variances = np.diagonal(self.covariances, axis1=1, axis2=2)
+        return {name: _shares(variances[:, part].sum(axis=1)) for name, part in self.groups.items()}
+
+    def budget_at(self, point: Any) -> Budget:
+        """The budget of a point (3,) in camera coordinates (m), expressed in the parent frame of X."""
+        p = _points(point)
+        if p.shape != (3,) or len(self.covariance) == 3:
+            raise InputError(f"Expected one `point` (3,) and the budget of X, got shape {p.shape}.")
+        J = by_pose(self.X[:3, :3] @ p)
+        carried = [J @ of[:, :6, :6] @ J.T for of in (self.covariances, self.by_pose)]
+        return Budget(self.sources, carried[0], carried[1], self.X, self.types, self.relative)
+
+    def merged(self, *groups: Sequence[str]) -> Budget:
+        """Merge the sources of each group into one, such as those that cannot be separated by the data.
+
+        Raises `InputError` for names that are no sources or that two groups share.
+        """
+        wanted = [name for group in groups for name in group]
+        unknown = [name for name in wanted if name not in self.sources]
+        if unknown or len(set(wanted)) < len(wanted):
+            raise InputError(
+                f"Expected the names to merge to be different sources out of {', '.join(self.sources)}, got "
+                f"{', '.join(wanted)}."
+            )
+        labels = [" + ".join(next((group for group in groups if name in group), (name,))) for name in self.sources]
+        return self._gathered(labels, self.covariances, self.types, self._relative, self.by_pose)
+
+    def _gathered(
+        self, labels: Sequence[str], covariances: Array, types: Sequence[str], relative: Array, by_pose: Array
+    ) -> Budget:
+        """Merge the covariances of one label into one source; R is that of the sums, each weighted by its mean
+        share.
+        """
+        names = tuple(dict.fromkeys(labels))
+        of = np.array([[label == name for label in labels] for name in names], dtype=float)
+        size = np.trace(covariances / np.maximum(np.diag(covariances.sum(axis=0)), 1e-300), axis1=1, axis2=2)
+        weight = of * np.maximum(size, 1e-300)
+        weight = weight / weight.sum(axis=1, keepdims=True)
+        kinds = [{kind for label, kind in zip(labels, types, strict=True) if label == name} for name in names]
+        mixed = tuple(kind.pop() if len(kind) == 1 else "A, B" for kind in kinds)
+        merged = np.einsum("ms,sij->mij", of, covariances)
+        return Budget(names, merged, by_pose, self.X, mixed, weight @ relative @ weight.T)
+
+    def plus(self, name: str, covariance: Array) -> Budget:
+        """Add the covariance (p, p) of one more source, or to one that is there; each pose gets its n-th part."""
+        by_pose = self.by_pose + covariance / max(len(self.by_pose), 1)
+        parts = np.concatenate([self.covariances, [covariance]])
+        kind = self.types[self.sources.index(name)] if name in self.sources else "B"
+        return self._gathered(
+            (*self.sources, name), parts, (*self.types, kind), np.pad(self._relative, (0, 1)), by_pose
+        )
+
+    def table(self) -> str:
+        """Shares in percent, one row per source with its type and one column per group, as text."""
+        width = max(len(name) for name in ("source", *self.sources))
+        shares = self.group_shares
+        lines = ["  ".join([f"{'source':<{width}}", "type", *(f"{name:>13}" for name in shares)])]
+        for k, source in enumerate(self.sources):
+            parts = (f"{100 * part[k]:11.1f} %" for part in shares.values())
+            lines.append("  ".join([f"{source:<{width}}", f"{self.types[k]:<4}", *parts]))
+        return "\n".join(lines)
+
+    @property
+    def in_file(self) -> dict[str, Any]:
+        """Parts that a result file holds: all but those by pose."""
+        return attributes(self, self._stored)
+
+    @property
+    def expanded_95(self) -> dict[str, Expanded]:
+        """Expanded uncertainties for 95 %, by group of components."""
+        return self.expanded()
+
+    @classmethod
+    def of(cls, data: Any, X: Array) -> Budget:
+        """Return the budget that `to_dict` wrote, for the X that it belongs to; it is not divided by pose."""
+        found = cls(**parts_of(cls, data, "analysis.budget", by_pose=np.zeros((0, 0, 0)), X=X))
+        R, size = found._relative, found.covariances.shape[-1]
+        if (np.diag(R) < 0).any() or not np.allclose(R, R.T):
+            raise InputError("Expected relative covariances of the variances of the budget, symmetric and >= 0.")
+        if (np.diagonal(found.covariances.sum(axis=0)) < 0).any():
+            raise InputError("Expected the variances of the budget to add up to 0 or more.")
+        if size not in (6, 12):
+            raise InputError(f"Expected the budget of X, or of X and W, got one of {size} numbers.")
+        return replace(found, by_pose=np.zeros((0, size, size)))
+
+
+def budget(
+    fit: Fit,
+    noise: Noise,
+    *,
+    merged: Sequence[Sequence[str]] = (),
+    beside: Mapping[str, Array] | None = None,
+    within: Mapping[str, Array] | None = None,
+) -> Budget:
+    """The budget of X (and of W) of one fit; see `budget_of_sensitivities`.
+
+    With robust weights it is the covariance that this noise gives the weighted estimate. ``beside`` are moves of X
+    and W, (p,) or (p, r), by one standard deviation of errors that the noise does not hold, by name.
+    """
+    if fit.covariance.ndim != 2:
+        raise InputError(f"Expected the `fit` of one problem, got leading axes {fit.covariance.shape[:-2]}.")
+    J = fit.linear.J
+    factor = fit.weighted_factor
+    C = fit.closed_projection @ fit.covariance
+    gain = -C @ pulled(factor, whiten(factor, J)).mT  # (n, p, 6)
+    first, second = (gain @ D for D in fit.linear.sides)
+    found = budget_of_sensitivities(first, second, noise, fit.X, merged=merged, within=within)
+    for name, start, _, known in [] if fit.prior is None else fit.prior.parts():
+        gain_of_prior = C[:, start : start + 6]
+        found = found.plus(f"prior of {name}", gain_of_prior @ known @ gain_of_prior.T)
+    for name, move in (beside or {}).items():
+        found = found.plus(name, of_moves(move))
+    return found
+
+
+def budget_of_sensitivities(
+    D_robot: Array | None,
+    D_camera: Array | None,
+    noise: Noise,
+    X: Array,
+    *,
+    merged: Sequence[Sequence[str]] = (),
+    within: Mapping[str, Array] | None = None,
+) -> Budget:
+    """The budget of an estimate with the derivatives D (n, p, 6) by the errors of every pose (or motion) of each side.
+
+    Parameters
+    ----------
+    D_robot, D_camera : (n, p, 6) or None
+        None where that side is exact. On motions those by A and by B.
+    noise : PoseNoise or PairNoise
+    X : (4, 4)
+        The estimate.
+    merged : groups of names
+        See `Budget.merged`. Sources are named "robot rotation", "robot translation", "robot coupling", and so for
+        "camera"; on motions "A" and "B". A coupling that is zero is left out. Of a `JointCovariance` they are instead
+        what each pose has by itself, "camera (each pose)", the shared errors by name up to ": ", and "camera (shared)".
+    within : names and covariances (n, 6, 6), or None
+        Parts of what each robot pose has by itself that are sources of their own, such as the noise of joints.
+
+    Raises
+    ------
+    InputError
+        Derivatives missing for a side with noise, noise of another number of poses, unknown names.
+    """
+    names = ("A", "B") if isinstance(noise, PairNoise) else ("robot", "camera")
+    sources: list[str] = []
+    parts: list[Array] = []
+    by_pose: Array | float = 0.0
+    for name, D, S in zip(names, (D_robot, D_camera), covariances_of(noise), strict=True):
+        if S is None:
+            continue
+        if D is None:
+            raise InputError(f"Expected derivatives for `{name}`, which has noise, got None.")
+        n = len(D)
+        require_count(S, n, name, "rows of the derivatives")
+        named = within if within and name == "robot" else {}
+        if named:
+            rest = _without(S.own if isinstance(S, JointCovariance) else S, list(named.values()))
+            if rest.any():
+                names_of, parts_of = _by_kind(name, D, rest)
+                sources += names_of
+                parts += parts_of
+            sources += named
+            parts += [_summed(D, D @ part) for part in named.values()]
+        if isinstance(S, JointCovariance):
+            together = D @ S.shared  # of the errors that all poses share
+            whole = together.sum(axis=0)
+            if named:
+                pass
+            elif all(S.names) and INTRINSICS not in S.names:  # declared errors beside a noise of its own
+                own_names, own_parts = _by_kind(name, D, S.own)
+                sources += own_names
+                parts += own_parts
+            else:
+                sources.append(f"{name} {EACH}")
+                parts.append(_summed(D, D @ S.own))
+            groups = list(map(group_of, S.names))
+            for label in dict.fromkeys(groups):  # the columns of each error that has a name, and the others
+                of_error = whole[:, [known == label for known in groups]]
+                sources.append(label or f"{name} {SHARED}")
+                parts.append(of_error @ of_error.T)
+            of_pose = together @ whole.T
+            by_pose = by_pose + D @ S.own @ D.mT + 0.5 * (of_pose + of_pose.mT)
+            continue
+        if not named:
+            names_of, parts_of = _by_kind(name, D, S)
+            sources += names_of
+            parts += parts_of
+        own = D @ _pulled(D, S).mT
+        by_pose = by_pose + 0.5 * (own + own.mT)
+    result = Budget(tuple(sources), np.stack(parts), np.asarray(by_pose), np.asarray(X, dtype=float))
+    return result.merged(*merged) if merged else result
+
+
+def _without(own: Array, parts: Sequence[Array]) -> Array:
+    """Covariances (n, 6, 6) without some of their parts; 0 where the difference is rounding."""
+    rest = own - np.sum(parts, axis=0)
+    size = np.sqrt(np.diagonal(own, axis1=-2, axis2=-1))
+    return np.where(np.abs(rest) > ROUNDED * size[..., :, None] * size[..., None, :], rest, 0.0)
+
+
+def _by_kind(name: str, D: Array, S: Any) -> tuple[list[str], list[Array]]:
+    """Sources and covariances of rotation, translation and, where there is one, their coupling."""
+    halves = []
+    for rows in (slice(0, 3), slice(3, 6)):
+        E = np.zeros_like(D)
+        E[..., rows] = D[..., rows]
+        halves.append(E)
+    turn, shift = halves
+    of_shift = _pulled(shift, S)
+    sources, parts = (
+        [f"{name} rotation", f"{name} translation"],
+        [_summed(turn, _pulled(turn, S)), _summed(shift, of_shift)],
+    )
+    if _has_coupling(S):
+        cross = _summed(turn, of_shift)
+        sources.append(f"{name} coupling")
+        parts.append(cross + cross.T)
+    return sources, parts
+
+
+def _summed(D: Array, E: Array) -> Array:
+    """``sum_k D_k E_k^T`` (p, p)."""
+    left, right = (of.swapaxes(0, 1).reshape(of.shape[1], -1) for of in (D, E))
+    return np.asarray(left @ right.T)
+
+
+def _pulled(D: Array, S: Array) -> Array:
+    """Row k of ``D S``: sum over l of ``D_l S_lk`` (n, p, 6)."""
+    if not is_joint(S):
+        return np.asarray(D @ S)
+    n, p, _ = D.shape
+    return np.asarray((D.swapaxes(0, 1).reshape(p, 6 * n) @ S).reshape(p, n, 6).swapaxes(0, 1))
+
+
+def _has_coupling(S: Array) -> bool:
+    if not is_joint(S):
+        return bool(S[..., :3, 3:].any())
+    n = len(S) // 6
+    return bool(S.reshape(n, 6, n, 6)[:, :3, :, 3:].any())
+
+
+def _shares(variances: Array) -> Array:
+    """Return shares of the sum over the first axis; 0 where it is 0."""
+    total = variances.sum(axis=0)
+    return np.asarray(variances / np.where(total > 0, total, 1.0))

@@ -1,0 +1,194 @@
+r"""Diagnostics of the data of a fit: observability, influence, residual tests, systematic errors.
+
+Model: the linearised `Fit`. Its residuals r (n rows of 6) have the covariance S, its unknowns x = (xi_X, xi_W) the
+derivatives J and the covariance ``C = (J^T S^-1 J)^-1``; an error e of the residuals moves the estimate by
+``-C J^T S^-1 e``. All statements are of first order in the errors; X in its parent frame (the gripper for
+eye-in-hand, the base for eye-to-hand), rad and m inside, deg and mm where the name of a field says so.
+
+*Leaving a row out.* With ``F F^T = (S^-1)_ii``, ``B_i = F^-1 (S^-1 J)_i``, ``e_i = F^-1 (S^-1 r)_i`` (for independent
+rows their whitened J and r) X moves by the block of X of ``C B_i^T (I - B_i C B_i^T)^-1 e_i``, exactly so for the
+linearised problem (R. D. Cook, Technometrics 1977, for rows of several numbers that may be correlated). The
+information that row i brings to X alone is ``tr(C_XX^-1 C_X B_i^T B_i C_X^T) / 6``, C_X the rows of C that belong to X.
+
+A shift d of X is stated "in standard deviations" as its length ``sqrt(d^T C_XX^-1 d)`` over all six directions.
+
+The tests of the residuals are in `residual_patterns`, errors that all rows share in `scale_errors`, what all of it
+comes to in `result`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+from scipy.special import chdtrc
+
+from ...core.geometry.principal_axes import principal_axes
+from ...core.geometry.se3 import Array, skew
+from ...errors import InputError
+from ...model.noise.camera_noise import INTRINSICS
+from ...model.noise.joint_covariance import JointCovariance
+from ...model.noise.models import Noise, PairNoise, is_joint
+from ...model.noise.square_roots import Factor, inverse_blocks, joint_residuals, pulled, whiten
+from ...model.poses.motions import Motions
+from ...model.poses.pose_pairs import PosePairs
+from ...model.shared_errors.shared_error import FOCAL_LENGTH
+from ..likelihood.gauss_helmert import Fit, corrected
+from .residual_patterns import residual_tests
+from .result import UNKNOWN_FRAME, Diagnostics, Diversity, Influence, Spectrum
+from .scale_errors import PROBED, inflation, scale_errors, shared_lengths
+
+_MM, _DEG = 1e3, 180.0 / np.pi
+
+
+# A pose that sees the target so many times as far away as the median pose is in another unit, and is no distance.
+MISPLACED = 10.0
+
+
+def diagnose(fit: Fit, data: PosePairs | Motions, noise: Noise, correlation_estimated: bool = False) -> Diagnostics:
+    """Diagnostics of one fit, in O(n) time and memory, O(n^3) and O(n^2) for a joint covariance.
+
+    Parameters
+    ----------
+    fit : Fit
+        Of `efficient` or `maximum_likelihood`, without leading axes.
+    data : PosePairs or Motions
+        What it was fitted to; timestamps give the order for the autocorrelation.
+    noise : PoseNoise or PairNoise
+        What it was fitted with.
+    correlation_estimated : bool
+        The noise holds a correlation of neighbouring poses that was estimated from these residuals: it is not tested.
+
+    Raises
+    ------
+    InputError
+        A fit of several problems at once, or data of another size.
+
+    Examples
+    --------
+    >>> import uq_handeye as uq
+    >>> from uq_handeye.fit.likelihood.gauss_helmert import efficient
+    >>> noise = uq.PoseNoise.isotropic(camera=("1mrad", "1mm"))
+    >>> poses = uq.simulate(n_poses=20, noise=noise, seed=1)
+    >>> found = diagnose(efficient(poses, noise), poses, noise)
+    >>> found.item, found.frame, round(found.influence.effective_number)
+    ('pose', 'gripper', 15)
+    """
+    if fit.covariance.ndim != 2:
+        raise InputError(f"Expected the `fit` of one problem, got leading axes {fit.covariance.shape[:-2]}.")
+    poses = data if isinstance(data, PosePairs) else data.poses
+    n, on_poses = len(fit.residual), fit.W is not None
+    count = poses.n if on_poses and poses is not None else len(data)
+    if count != n:
+        raise InputError(f"Expected `data` to be what was fitted, {n} rows, got {count}.")
+    joint = joint_residuals(fit.S)
+    factor = fit.weighted_factor
+    stacked = np.concatenate([fit.linear.J, fit.residual[..., None]], axis=-1)
+    white = whiten(factor, stacked)
+    counted = float(n if fit.weights is None else fit.weights.sum())
+    freedom = max(6 * counted - fit.covariance.shape[-1], 1.0)
+    sigma_0 = float(np.sqrt(np.sum(white[..., -1] ** 2) / freedom))
+
+    # Tests must not take the noise of the poses for a pattern: that of the corrected ones is independent of residuals.
+    measured = (poses.robot, poses.camera) if on_poses and poses is not None else (data.A, data.B)  # type: ignore[union-attr]
+    first, second = corrected(fit, noise, *measured)
+    lengths = shared_lengths(first, second, data, poses, on_poses)
+    tests = residual_tests(fit, poses if on_poses else None, second, correlation_estimated)
+    frame = UNKNOWN_FRAME if poses is None else "base" if poses.setup == "eye-to-hand" else "gripper"
+    counts = second if fit.weights is None else second[fit.weights > 0.5]  # one in another unit weighs nothing
+    away = np.linalg.norm(counts[:, :3, 3], axis=-1)
+    distance = float(np.sqrt(np.mean(away[away <= MISPLACED * np.median(away)] ** 2)))
+    return Diagnostics(
+        n=n,
+        item="pose" if on_poses else "motion",
+        sigma_0=sigma_0,
+        spectrum=_spectrum(fit.covariance_X, frame, distance, on_poses),
+        influence=_influence(fit.covariance, *_own_parts(white, factor, joint)),
+        diversity=_diversity(data, poses),
+        autocorrelation=tests[0],
+        normality=tests[1],
+        regression=tests[2],
+        probes=scale_errors(
+            fit, factor, white, lengths, max(1.0, sigma_0) * inflation(tests[0]), _covered(noise, poses)
+        ),
+    )
+
+
+def _covered(noise: Noise, poses: PosePairs | None) -> set[str]:
+    """Return those of `PROBED` that the noise holds: columns of that name, or of all intrinsics."""
+    if isinstance(noise, PairNoise):
+        return set()
+    joint = [S for S in (noise.robot, noise.camera) if isinstance(S, JointCovariance)]
+    found = {name for S in joint for name in S.names} & set(PROBED)
+    seen = None if poses is None else poses.camera_calibration
+    by_views = isinstance(noise.camera, JointCovariance) and INTRINSICS in noise.camera.names
+    joint_camera = noise.camera is not None and is_joint(noise.camera)
+    by_corners = joint_camera and seen is not None and "fx" in seen.estimated
+    return found | {FOCAL_LENGTH} if by_views or by_corners else found
+
+
+# ------------------------------------------------------------------------------------------- what X is known to
+
+
+def _spectrum(S: Array, frame: str, distance: float, on_poses: bool) -> Spectrum:
+    length, of = distance, "target" if on_poses else "motions"
+    if not length > 0:
+        length, of = 1.0, "nothing"
+    units = np.array([length] * 3 + [1.0] * 3)
+    (rotation, axes_r), (translation, axes_t), (joint, axes_j) = (
+        principal_axes(block) for block in (S[:3, :3], S[3:, 3:], S * units[:, None] * units)
+    )
+    return Spectrum(
+        frame, rotation * _DEG, axes_r, translation * _MM, axes_t, length, of, joint * _MM, axes_j,
+        float(joint[0] / joint[-1]),
+    )  # fmt: skip
+
+
+def _own_parts(white: Array, factor: Factor, joint: bool) -> tuple[Array, Array]:
+    """B (n, 6, p) and e (n, 6) of the module: each row given all others."""
+    if not joint:
+        return white[..., :-1], white[..., -1]
+    parts = np.linalg.solve(np.linalg.cholesky(inverse_blocks(factor)), pulled(factor, white))
+    return parts[..., :-1], parts[..., -1]
+
+
+def _influence(C: Array, B: Array, e: Array) -> Influence:
+    by_X = B @ C[:, :6]  # (n, 6, 6)
+    to_unit = np.linalg.inv(np.linalg.cholesky(C[:6, :6]))  # of X
+    share = np.sum((by_X @ to_unit.T) ** 2, axis=(1, 2))
+    share = share / share.sum()
+    values, vectors = np.linalg.eigh(np.eye(6) - B @ C @ B.mT)
+    needed = values[:, 0] < 1e-9
+    turned = (vectors.mT @ e[..., None])[..., 0]
+    rotated = turned / np.where(needed[:, None], 1.0, values)
+    p_value = np.where(needed, 1.0, chdtrc(6, np.sum(turned * rotated, axis=1)))
+    shift = (by_X.mT @ (vectors @ rotated[..., None]))[..., 0]
+    cook = np.sum((shift @ to_unit.T) ** 2, axis=1) / 6
+    shift_sd = np.sqrt(6 * cook)
+    shift[needed] = shift_sd[needed] = cook[needed] = np.inf
+    return Influence(share, float(1.0 / np.sum(share**2)), shift, shift_sd, cook, p_value)
+
+
+def _diversity(data: PosePairs | Motions, poses: PosePairs | None) -> Diversity:
+    if poses is None:
+        assert isinstance(data, Motions)
+        u = Rotation.from_matrix(data.A[:, :3, :3]).as_quat()[:, :3]
+        total = u.T @ u
+    else:
+        # u = vec(conj(q_j) q_i) is bilinear, u_a = q_j^T E_a q_i: the sum over all pairs is tr(Q E_a Q E_b^T).
+        q = Rotation.from_matrix(poses.effective_robot[:, :3, :3]).as_quat()
+        Q = q.T @ q
+        total = np.einsum("apq,bpq->ab", Q @ _TURNS @ Q, _TURNS)
+    values, axes = principal_axes(total / max(float(np.trace(total)), 1e-300))
+    return Diversity(values**2, axes)
+
+
+def _turns() -> Array:
+    """E (3, 4, 4) for quaternions (x, y, z, w): ``w_j v_i - w_i v_j - v_j x v_i``."""
+    E = np.zeros((3, 4, 4))
+    E[:, :3, :3] = -skew(np.eye(3)).transpose(1, 0, 2)
+    E[:, 3, :3] = np.eye(3)
+    E[:, :3, 3] = -np.eye(3)
+    return E
+
+
+_TURNS = _turns()

@@ -1,0 +1,200 @@
+"""One line per pose (or motion): residual, how far it lies from where the others predict it, leverage, weight, flag."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Annotated, ClassVar
+
+import numpy as np
+
+from ...core.files.records import Record
+from ...core.geometry.se3 import Array
+from ...core.presentation.document import document_of, to_text
+from ...core.presentation.notebook import html_of
+from ...errors import InputError
+from ...findings import GROSS, Finding, Severity
+from ...model.noise.joint_covariance import JointCovariance
+from ...model.noise.square_roots import pulled, whiten
+from ..likelihood.gauss_helmert import Fit
+from ..likelihood.robust import FULL, RobustFit, largest_by_chance, pose_distances
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+FLAGS = ("kept", "outlier", "downweighted", "rejected", "excluded")
+# Poses that a finding names.
+MOST_NAMED = 5
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class PoseTable(Record):
+    """Arrays (n,), in the order of the data.
+
+    The residual is that of ``G X C = W`` (of ``A X = X B`` for motions) after the fit, with the estimates of the errors
+    that poses share applied. ``distance2`` is the squared
+    Mahalanobis distance of the pose from where the other poses predict it: chi-square with 6 degrees of freedom for a
+    good pose and true noise. ``flag`` is "kept", "outlier" (``distance2`` beyond its 99.9 % quantile, 22.5; no robust
+    estimation was asked for), "downweighted" (``weight`` says how far), "rejected", or "excluded": left out by
+    request, with its residual against the fit to the others. An excluded pose has the weight and leverage 0.
+    """
+
+    _where: ClassVar[str] = "poses"
+
+    item: str  # "pose" or "motion"
+    rotation: Annotated[Array, "n"]  # length of the rotation residual, rad
+    translation: Annotated[Array, "n"]  # length of the translation residual, m
+    distance2: Annotated[Array, "n"]
+    leverage: Annotated[Array, "n"]  # share in the information about all unknowns; the sum is 1
+    weight: Annotated[Array, "n"]  # in [0, 1]; 0: rejected or excluded
+    flag: tuple[str, ...]
+    limit: float = FULL  # of distance2, beyond which one is flagged
+    scale: float = 1.0  # so many times the noise given was taken to judge by; 1 unless most residuals are that large
+
+    def __len__(self) -> int:
+        return len(self.flag)
+
+    @property
+    def counts(self) -> str:
+        """Count of the poses with each flag: "25 poses: 24 kept, 1 rejected"."""
+        found = [(self.flag.count(flag), flag) for flag in FLAGS if flag in self.flag]
+        said = ", ".join(f"{count:,} {flag}" for count, flag in found)
+        return f"{len(self):,} {self.item}{'' if len(self) == 1 else 's'}{': ' if said else ''}{said}"
+
+    def __repr__(self) -> str:
+        return f"PoseTable({self.counts})"
+
+    def _repr_html_(self) -> str:
+        """Return the poses with the largest distances, and all of them folded, for notebooks."""
+        return html_of(self)
+
+    def to_text(self) -> str:
+        """Return the same as text."""
+        return to_text(document_of(self))
+
+    @property
+    def flagged(self) -> list[int]:
+        """Numbers, from 0, of those that stand out: neither simply kept nor excluded by the user."""
+        return [k for k, flag in enumerate(self.flag) if flag not in ("kept", "excluded")]
+
+    @property
+    def excluded(self) -> list[int]:
+        """Numbers, from 0, of those that the user left out."""
+        return [k for k, flag in enumerate(self.flag) if flag == "excluded"]
+
+    @property
+    def counted(self) -> list[int]:
+        """Numbers, from 0, of those that are not excluded: the data of the fit."""
+        return [k for k, flag in enumerate(self.flag) if flag != "excluded"]
+
+    def status(self, row: int) -> str:
+        """The flag, with the weight of what is down-weighted: "downweighted (0.40)"."""
+        flag = self.flag[row]
+        return f"{flag} ({min(self.weight[row], 0.99):.2f})" if flag == "downweighted" else flag
+
+    @property
+    def rejected(self) -> list[int]:
+        """Numbers, from 0, of the outliers that take no part in the estimate."""
+        return [k for k in self.counted if self.weight[k] == 0]
+
+    @property
+    def findings(self) -> list[Finding]:
+        """Findings about rows that stand out, and what was done about them; empty if none does (one in 1000 does by
+        chance).
+        """
+        found = []
+        for flag in ("rejected", "downweighted", "outlier"):
+            rows = [k for k in np.argsort(-self.distance2).tolist() if self.flag[k] == flag]
+            if not rows or (flag == "outlier" and self.distance2[rows[0]] < self.limit_of_all):
+                continue
+            worst = [
+                {
+                    "row": k,
+                    "rotation": self.rotation[k],
+                    "translation": self.translation[k],
+                    "distance2": self.distance2[k],
+                }
+                for k in rows[:MOST_NAMED]
+            ]
+            values = {"item": self.item, "flag": flag, "n": len(self.counted), "count": len(rows), "limit": self.limit}
+            found.append(Finding("diagnostics.flagged", "caution", values | {"worst": worst}))
+        if self.scale > 1:
+            severity: Severity = "failure" if self.scale > GROSS else "caution"
+            found.append(Finding("diagnostics.noise_too_small", severity, {"scale": self.scale}))
+        return found
+
+    @property
+    def limit_of_all(self) -> float:
+        """The d^2 that the largest of so many good poses exceeds once in 1000 data sets."""
+        return largest_by_chance(len(self.counted))
+
+    def among(self, n: int, numbers: Sequence[int], rotation: Array, translation: Array, distance2: Array) -> PoseTable:
+        """Return the table of all n poses of a data set, of which this one has all but those ``numbers``.
+
+        Those are excluded; ``rotation``, ``translation`` and ``distance2`` are their residuals against the fit.
+        """
+        others = np.setdiff1d(np.arange(n), numbers)
+
+        def whole(own: Array, excluded: Array | float) -> Array:
+            column = np.empty(n)
+            column[others], column[list(numbers)] = own, excluded
+            return column
+
+        flag = np.full(n, "excluded", dtype=object)
+        flag[others] = self.flag
+        return replace(
+            self,
+            rotation=whole(self.rotation, rotation),
+            translation=whole(self.translation, translation),
+            distance2=whole(self.distance2, distance2),
+            leverage=whole(self.leverage, 0.0),
+            weight=whole(self.weight, 0.0),
+            flag=tuple(flag.tolist()),
+        )
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """A pandas table, one row per pose, units in the names of the columns."""
+        import pandas as pd
+
+        return pd.DataFrame(
+            {
+                self.item: np.arange(len(self)),
+                "rotation_deg": np.degrees(self.rotation),
+                "translation_mm": 1e3 * self.translation,
+                "distance2": self.distance2,
+                "leverage": self.leverage,
+                "weight": self.weight,
+                "flag": self.flag,
+            }
+        )
+
+    def _possible(self) -> PoseTable:
+        if not set(self.flag) <= set(FLAGS) or len(self.flag) != len(self.weight):
+            raise InputError(f"Expected the flags of poses to be {', '.join(FLAGS)}, got {set(self.flag)!r:.60}.")
+        return self
+
+
+def pose_table(fit: Fit, robust: RobustFit | None) -> PoseTable:
+    """Return the table of the poses of a fit, robust or not."""
+    n = fit.residual.shape[-2]
+    if robust is not None:
+        distance2, leverage, weight, flag = robust.distances, robust.leverage, robust.weights, robust.flags
+    else:
+        distance2, leverage = pose_distances(fit)
+        weight = np.ones(n)
+        flag = tuple("outlier" if far else "kept" for far in (distance2 > FULL).tolist())
+    residual = np.linalg.norm(_of_each(fit).reshape(n, 2, 3), axis=-1)
+    item = "motion" if fit.W is None else "pose"
+    columns = (residual[:, 0], residual[:, 1], distance2, leverage, weight)
+    judged = (FULL, 1.0) if robust is None else (robust.limit, robust.scale)
+    return PoseTable(item, *columns, flag, *judged)
+
+
+def _of_each(fit: Fit) -> Array:
+    """Residuals (n, 6) that the errors which poses share do not explain: ``r - F z``, ``z = F^T S^-1 r``."""
+    if not isinstance(fit.S, JointCovariance):
+        return fit.residual
+    factor, F = fit.weighted_factor, fit.S.shared
+    back = pulled(factor, whiten(factor, fit.residual[..., None]))[..., 0]
+    return np.asarray(fit.residual - F @ np.einsum("niq,ni->q", F, back))

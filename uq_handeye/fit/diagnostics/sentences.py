@@ -1,0 +1,393 @@
+"""Sentences of the findings of the diagnostics.
+
+Values are in rad, m and standard deviations of X; those of directions in mm and deg, as their names say.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from ...core.formatting.numbers import concise, digits, multiple, probability, signed, times_of_noise
+from ...findings import HALVES, MOTION, NEIGHBOURS, NOISE, OUTLIERS, RESIDUALS, SHARED, sentence
+
+_MM, _DEG = 1e3, 180.0 / math.pi
+# An axis within 25 degrees of a direction gives it its name.
+_NEAR = math.cos(math.radians(25.0))
+# Below this ratio of the largest to the smallest standard deviation no direction is worth a name.
+_EVEN = 1.5
+# Share of the rotation about one axis from which on others are asked for.
+_ONE_AXIS = 0.9
+
+
+# ------------------------------------------------------------------------------------------- what X is known to
+
+
+def _flagged_in_short(v: Mapping[str, Any]) -> str:
+    what = {"rejected": "rejected", "downweighted": "down-weighted", "outlier": "kept, but do not fit"}[v["flag"]]
+    rows = ", ".join(str(one["row"]) for one in v["worst"][:5])
+    more = ", ..." if v["count"] > min(len(v["worst"]), 5) else ""
+    return f"{v['count']} of {v['n']} {v['item']}s {what}: {rows}{more}"
+
+
+def _flagged_effect(v: Mapping[str, Any]) -> float:
+    return 1.1 if v["flag"] != "outlier" else math.sqrt(v["worst"][0]["distance2"] / 6.0)
+
+
+def _correlated_in_short(v: Mapping[str, Any]) -> str:
+    growth = v["growth"]
+    if growth is None or growth < 1.05:
+        return f"correlated ({probability(v['p_value'])}), hardly any effect on X"
+    return f"correlated; X is about {digits(growth, 2)} times less certain"
+
+
+def _shape_in_short(v: Mapping[str, Any]) -> str:
+    says = []
+    if v["excess_kurtosis"] is not None:
+        says.append(f"{'heavier' if v['excess_kurtosis'] > 0 else 'lighter'} tails")
+    if v["skewness"] is not None:
+        says.append("skewed")
+    return f"not Gaussian ({probability(v['p_value'])}): {', '.join(says)}"
+
+
+def _moves_in_short(v: Mapping[str, Any]) -> str:
+    return f"without {v['item']} {v['row']} X moves by {digits(v['shift_sd'], 2)} standard deviations"
+
+
+def _halves_in_short(v: Mapping[str, Any]) -> str:
+    state = "agree" if v["agree"] else "differ"
+    return f"{v['split']}: {state} ({probability(v['p_value'])})"
+
+
+def _asked_in_short(v: Mapping[str, Any]) -> str:
+    one = v["errors"][0]
+    return f"the residuals indicate a {one['name']} error of {digits(100 * one['estimate'], 2)} %"
+
+
+@sentence("diagnostics.direction")
+def _(what: str, largest: float, smallest: float, axis: Sequence[float], frame: str) -> str:
+    return f"X's {direction_words(what, largest, smallest, axis, frame)}."
+
+
+def direction_words(what: str, largest: float, smallest: float, axis: Sequence[float], frame: str) -> str:
+    """The least certain direction of "translation" (mm) or "rotation" (deg), from its standard deviations."""
+    way, unit = ("along", "mm") if what == "translation" else ("about", "deg")
+    least, most = digits(smallest, 2), digits(largest, 2)
+    if largest < _EVEN * smallest:
+        sizes = f"about {most}" if least == most else f"{least} to {most}"
+        return f"{what} is about equally certain in all directions ({sizes} {unit})"
+    ratio = f"{digits(largest / smallest, 2)} times" if smallest > 0 else "infinitely"
+    return (
+        f"{what} is least certain {way} {along(axis, frame)}: {most} {unit}, {ratio} that {way} its best direction "
+        f"({least} {unit})"
+    )
+
+
+# What rotations are multiplied by in the joint spectrum.
+LENGTHS = {
+    "target": "rms distance from camera to target",
+    "motions": "rms length of the camera motions",
+    "nothing": "arbitrary, as the camera does not move",
+}
+
+
+@sentence("diagnostics.joint_spectrum")
+def _(length_m: float, length_of: str, largest: float, smallest: float) -> str:
+    condition = digits(largest / smallest, 2) if smallest > 0 else "infinite"
+    return (
+        f"Over all six directions of X, with rotations times {length_m:.3g} m ({LENGTHS[length_of]}), standard "
+        f"deviations range from {digits(smallest, 2)} to {digits(largest, 2)} mm (condition number {condition})."
+    )
+
+
+@sentence("diagnostics.turning")
+def _(share: Sequence[float], axis: Sequence[float], frame: str) -> str:
+    shares = ", ".join(f"{round(x, 2):.2g}" for x in share)
+    text = f"The robot rotates about three axes, with shares {shares} of the rotation"
+    if share[0] > _ONE_AXIS:
+        text += f", nearly all of it about {along(axis, frame)}. Add motions that rotate about other axes"
+    return f"{text}."
+
+
+def along(axis: Sequence[float], frame: str) -> str:
+    """The name of an axis of a frame, or its components: ``gripper z``."""
+    k, name = max(range(3), key=lambda k: abs(axis[k])), frame if "frame" in frame else f"{frame} frame"
+    if abs(axis[k]) > _NEAR:
+        return f"{'xyz'[k]} of the {name}" if name == frame else f"{frame} {'xyz'[k]}"
+    return f"({', '.join(f'{x:.2f}' for x in axis)}) of the {name}"
+
+
+# --------------------------------------------------------------------------------------------------- influence
+
+
+@sentence("diagnostics.information")
+def _(item: str, n: int, effective: float, row: int, share: float) -> str:
+    return (
+        f"The information about X is that of {effective:.1f} equally informative {item}s of {n}; {item} {row} "
+        f"contributes {digits(100 * share, 2)} % of it."
+    )
+
+
+@sentence(
+    "diagnostics.needed_rows",
+    check=MOTION,
+    phrase=lambda v: f"without {v['item']} {v['rows'][0]} the data do not determine X",
+    effect=2,
+    remedy="add poses that rotate about another axis: uq-handeye plan chooses them",
+    rows=("rows",),
+)
+def _(item: str, rows: Sequence[int]) -> str:
+    shown = ", ".join(str(k) for k in rows[:5])
+    which = f"any one of the {item}s {shown}{', ...' if len(rows) > 5 else ''}" if len(rows) > 1 else f"{item} {shown}"
+    return f"Without {which} the data do not determine X."
+
+
+@sentence(
+    "diagnostics.wrong_row",
+    check=RESIDUALS,
+    phrase=_moves_in_short,
+    effect=lambda v: float(v["shift_sd"]),
+)
+def _(item: str, row: int, shift_sd: float, rotation: float, translation: float, p_value: float) -> str:
+    verdict = f"more than its noise explains ({probability(p_value)})"
+    return f"{_moves(item, row, shift_sd, rotation, translation)}, {verdict}."
+
+
+@sentence("diagnostics.strong_row")
+def _(item: str, row: int, shift_sd: float, rotation: float, translation: float, p_value: float) -> str:
+    return f"{_moves(item, row, shift_sd, rotation, translation)}, as its noise and weight allow."
+
+
+def _moves(item: str, row: int, shift_sd: float, rotation: float, translation: float) -> str:
+    return (
+        f"Without {item} {row} X would move by {digits(shift_sd, 2)} standard deviations "
+        f"({digits(_DEG * rotation, 2)} deg, {digits(_MM * translation, 2)} mm)"
+    )
+
+
+# ----------------------------------------------------------------------------------------- tests of the residuals
+
+
+@sentence("diagnostics.not_tested")
+def _(test: str, item: str, why: str, rows: int, needed: int) -> str:
+    reason = {
+        "too few": f"{rows} rows are too few, {needed} are needed",
+        "exact": "the residuals are zero next to the noise",
+        "unknowns": f"{rows} rows are too few for the unknowns of the fit, which include those of the arm and others",
+        "coefficients": f"{rows} rows are too few for its coefficients",
+        "estimated": "the correlation in the noise was estimated from these same residuals",
+        # of files written before these tests knew joint covariances
+        "no order": "rows of a joint covariance have no order once they are whitened",
+        "no rows": "rows of a joint covariance belong to no single pose once they are whitened",
+    }[why]
+    what = {
+        "autocorrelation": "the autocorrelation of the residuals",
+        "normality": "the normality of the residuals",
+        "pattern": f"a linear pattern of the residuals over the {item}s",
+    }[test]
+    return f"The test of {what} was not run, because {reason}."
+
+
+@sentence(
+    "diagnostics.correlated",
+    check=NEIGHBOURS,
+    phrase=_correlated_in_short,
+    effect=lambda v: max(float(v["growth"] or 1.0), 1.0),
+    rejects=True,
+)
+def _(item: str, n: int, lag_1: float, p_value: float, growth: float) -> str:
+    start = f"Neighbouring residuals are correlated (lag 1: {lag_1:.2f}, {probability(p_value)})"
+    if growth < 1.05:
+        return f"{start}. This hardly changes the standard deviations of X."
+    return (
+        f"{start}. The standard deviations of X are about {growth:.2g} times too small: {n} {item}s count as "
+        f"{n / growth**2:.0f} independent ones. Use covariance='hac' (--covariance hac), which shows part of it, or "
+        f"thin the {item}s."
+    )
+
+
+@sentence(
+    "diagnostics.uncorrelated",
+    check=NEIGHBOURS,
+    phrase="residuals of neighbouring poses uncorrelated",
+)
+def _(lag_1: float, standard_error: float) -> str:
+    return f"Neighbouring residuals show no significant correlation (lag 1: {lag_1:.2f} +- {standard_error:.2f})."
+
+
+@sentence(
+    "diagnostics.not_gaussian",
+    check=RESIDUALS,
+    phrase=_shape_in_short,
+    effect=1.1,
+)
+def _(p_value: float, excess_kurtosis: float | None, skewness: float | None) -> str:
+    says = []
+    if excess_kurtosis is not None:
+        kind = "heavier" if excess_kurtosis > 0 else "lighter"
+        says.append(f"{kind} tails than Gaussian (excess kurtosis {excess_kurtosis:.2g})")
+    if skewness is not None:
+        says.append(f"skewed (skewness up to {skewness:.2g})")
+    return (
+        f"The residuals are not Gaussian ({probability(p_value)}): {', '.join(says)}. Outliers, or noise that differs "
+        "from pose to pose, can be the cause."
+    )
+
+
+@sentence("diagnostics.gaussian")
+def _(p_value: float) -> str:
+    return f"The residuals are consistent with a Gaussian distribution (p = {p_value:.2g})."
+
+
+@sentence(
+    "diagnostics.pattern",
+    check=RESIDUALS,
+    phrase=lambda v: f"follow the {v['item']}s ({digits(100 * v['r_squared'], 2)} % explained)",
+    effect=lambda v: 1.0 / math.sqrt(max(1.0 - v["r_squared"], 0.01)),
+    rejects=True,
+    remedy="look at the residuals by pose in the report: --report report.html",
+)
+def _(item: str, r_squared: float, chance: float, p_value: float, correlated: bool) -> str:
+    by_chance = f"{100 * chance:.0f}" if chance >= 0.01 else "below 1"
+    also = " Correlated errors of neighbouring rows can be the cause, too." if correlated else ""
+    return (
+        f"The residuals follow the {item}s: a linear function of the camera's translation and rotation explains "
+        f"{100 * r_squared:.0f} % of them ({by_chance} % by chance, {probability(p_value)}). Noise does not do this. "
+        f"Check the intrinsics, the robot's kinematics and the target.{also}"
+    )
+
+
+@sentence("diagnostics.no_pattern")
+def _(item: str) -> str:
+    return f"The residuals show no linear pattern over the {item}s."
+
+
+# -------------------------------------------------------------------------------------- errors that all rows share
+
+
+@sentence("diagnostics.scale_unknown")
+def _(name: str) -> str:
+    return f"The effect of the {name} is not known, because the distances from camera to target are not known."
+
+
+@sentence(
+    "diagnostics.undeclared",
+    check=SHARED,
+    phrase=_asked_in_short,
+    effect=2,
+    rejects=True,
+)
+def _(errors: Sequence[Mapping[str, Any]]) -> str:
+    asked = [f"{error['name']} {relative(error['estimate'], error['sd'])}" for error in errors]
+    one = len(asked) == 1
+    return (
+        f"The residuals indicate {'a shared error that was' if one else 'shared errors that were'} not declared: "
+        f"{' or '.join(asked)}. Measure {'it' if one else 'them'}, or declare {'it' if one else 'them'} "
+        "(shared=[...], --shared)."
+    )
+
+
+def relative(estimate: float, sd: float) -> str:
+    """A relative error with its standard deviation, in percent: ``-4.3(2) %``."""
+    return signed(concise(100 * estimate, 100 * sd, "%"))
+
+
+# --------------------------------------------------------------------------------------------------- split halves
+
+
+@sentence("diagnostics.halves_too_small")
+def _(split: str, item: str, rows: int, needed: int) -> str:
+    return f"{_not_run(split)} a half has {rows} {item}s, {needed} are needed."
+
+
+@sentence("diagnostics.halves_without_freedom")
+def _(split: str, dof: float) -> str:
+    return f"{_not_run(split)} the noise was estimated with {dof:.2g} degrees of freedom only."
+
+
+@sentence("diagnostics.half_fails")
+def _(split: str, error: str) -> str:
+    return f"{_not_run(split)} the fit of one half fails. {error}"
+
+
+def _not_run(split: str) -> str:
+    return f"The split-half test ({split}) was not run, because"
+
+
+# Probability below which two halves contradict each other, which deserves a caution.
+CONTRADICTION = 1e-3
+_CONTRADICT = " The covariance is too small, or the halves have different systematic errors."
+
+
+@sentence(
+    "diagnostics.halves",
+    check=HALVES,
+    phrase=_halves_in_short,
+    effect=lambda v: math.sqrt(v["d2"] / 6.0),
+    rejects=True,
+    remedy="look at the residuals by pose in the report: --report report.html",
+)
+def _(
+    split: str, sizes: Sequence[int], rotation: float, translation: float, d2: float, p_value: float, agree: bool
+) -> str:
+    verdict, advice = "agree" if agree else "do not agree", ""
+    if not agree:  # of several tests one is below 5 % by chance: that is no contradiction yet
+        advice = " Chance alone can explain that." if p_value >= CONTRADICTION else _CONTRADICT
+    return (
+        f"The two halves of the data ({split}, {sizes[0]} and {sizes[1]}) {verdict} within their covariances: X "
+        f"differs by {_DEG * rotation:.2g} deg and {_MM * translation:.2g} mm (d^2 = {d2:.1f}, expected 6; p = "
+        f"{p_value:.2g}).{advice}"
+    )
+
+
+@sentence("diagnostics.many_halves")
+def _(split: str, passed: int, tests: int) -> str:
+    return f"{passed} of {tests} split-half tests ({split}) passed."
+
+
+# ---------------------------------------------------------------------------------------------------- pose table
+
+
+@sentence(
+    "diagnostics.flagged",
+    explained=True,
+    check=OUTLIERS,
+    phrase=_flagged_in_short,
+    effect=_flagged_effect,
+    remedy="look at the flagged poses in the report: --report report.html",
+)
+def _(item: str, flag: str, n: int, count: int, limit: float, worst: Sequence[Mapping[str, Any]]) -> str:
+    one = count == 1
+    what = {
+        "rejected": f"{'was' if one else 'were'} rejected as {'an outlier' if one else 'outliers'}",
+        "downweighted": f"{'was' if one else 'were'} down-weighted as {'an outlier' if one else 'outliers'}",
+        "outlier": f"{'is an outlier and biases' if one else 'are outliers and bias'} X (robust=True, --robust leaves "
+        f"{'it' if one else 'them'} out)",
+    }[flag]
+    named = ", ".join(
+        f"{item} {row['row']} ({digits(_DEG * row['rotation'], 2)} degrees, {digits(_MM * row['translation'])} mm, "
+        f"d^2 = {digits(row['distance2'])})"
+        for row in worst
+    )
+    more = f" and {count - len(worst)} more" if count > len(worst) else ""
+    return (
+        f"{count} of {n} {item}s {what}: {named}{more}, counted from 0. A good {item} stays below d^2 = {limit:.3g} in "
+        "999 of 1000 cases. Look for a wrong detection or a row that belongs to another moment."
+    )
+
+
+@sentence(
+    "diagnostics.noise_too_small",
+    check=NOISE,
+    phrase=lambda v: times_of_noise(v["scale"]),
+    effect=lambda v: float(v["scale"]),
+    rejects=True,
+    remedy="leave the noise out, it is then estimated; or correct it",
+)
+def _(scale: float) -> str:
+    return (
+        f"The noise given is too small: most residuals are {multiple(scale)} times as large as it explains. Outliers "
+        f"were judged by {multiple(scale)} times the noise. The standard deviations of X are too small by about this "
+        "factor."
+    )

@@ -1,0 +1,245 @@
+r"""Split-half consistency: X from two halves of the data against the sum of their covariances.
+
+Model: halves 1 and 2 share no pose, each has its own estimate of X (and of W): one Gauss-Newton step on its own rows
+from the fit of all rows, linearised there. The difference ``d = (theta, tau)``,
+``R_1 = exp([theta]x) R_2``, ``t_1 = t_2 + tau``, has to first order the covariance
+
+    V = C_1 + C_2 - K_12 - K_12^T,    K_12 = G_1 S_12 G_2^T,    G_h = C_h J_h^T S_hh^-1 (rows of X)
+
+K_12 = 0 for errors that are independent from pose to pose; S_12 is the covariance of the residuals of one half with
+those of the other, which a joint noise fills. ``d^T V^-1 d`` is chi-square(6) distributed if the noise is known. With
+a noise that was estimated from all of the same data with nu degrees of freedom, d itself is a part of what the estimate
+is made of: ``d^2 / nu`` is Beta distributed, or
+
+    (d^2 / 6) / ((nu - d^2) / (nu - 6))  ~  F(6, nu - 6)
+
+The test sees errors that differ between the halves (drift, wrong kinematics, a noise given too small). What both
+halves share, such as the error of the intrinsics, it does not see.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import chdtrc, fdtrc
+
+from ...core.files.records import NUMBER, Record
+from ...core.geometry.se3 import Array, logarithm
+from ...errors import DegenerateMotionError, InputError
+from ...findings import Finding
+from ...model.noise.models import Noise
+from ...model.noise.square_roots import Covariance, cholesky_of, gram, joint_residuals, pulled, select_rows, whiten
+from ...model.poses.motions import Motions
+from ...model.poses.pose_pairs import PosePairs
+from ..likelihood.gauss_helmert import ESTIMATORS, Fit, inverse_information
+from .sentences import CONTRADICTION
+
+SPLITS = ("interleaved", "contiguous", "random", "angles")
+LEVEL = 0.95
+FEWEST = 3
+
+
+@dataclass(frozen=True, eq=False)
+class SplitHalf(Record):
+    """The two estimates and the test, or the `reason` why there is none (numbers are then None).
+
+    Leading axes of the data are independent problems and appear in every array; files hold one.
+    """
+
+    _where: ClassVar[str] = "split_half"
+    _in_file: ClassVar[str] = "split halves reason dof X1 X2 difference covariance d2 p_value passed"
+
+    split: str
+    halves: tuple[
+        Annotated[NDArray[np.intp], "a"], Annotated[NDArray[np.intp], "b"]
+    ]  # numbers of the poses (or motions) in each
+    reason: Finding | None  # why there is no test
+    X1: Annotated[Array, 4, 4] | None = None  # (..., 4, 4)
+    X2: Annotated[Array, 4, 4] | None = None
+    difference: Annotated[Array, 6] | None = (
+        None  # (..., 6): X1 from X2, left rotation in rad, additive translation in m
+    )
+    covariance: Annotated[Array, 6, 6] | None = None  # (..., 6, 6) of the difference
+    d2: Annotated[Array, NUMBER] | None = None  # (...)
+    dof: float | None = None  # degrees of freedom of the estimated noise; None: known noise
+    p_value: Annotated[Array, NUMBER] | None = None  # (...)
+
+    @property
+    def passed(self) -> NDArray[np.bool_] | None:
+        """(...) whether the halves agree at the 95 % level; None where the test is not possible."""
+        return None if self.p_value is None else np.asarray(self.p_value > 1 - LEVEL)
+
+    @property
+    def possible(self) -> bool:
+        """True if there is a test."""
+        return self.reason is None
+
+    @property
+    def finding(self) -> Finding:
+        """The result: a caution where the halves contradict each other beyond any chance."""
+        if self.reason is not None:
+            return self.reason
+        assert self.passed is not None and self.difference is not None
+        assert self.d2 is not None and self.p_value is not None
+        if self.passed.ndim:
+            values = {"split": self.split, "passed": self.passed.sum(), "tests": self.passed.size}
+            return Finding("diagnostics.many_halves", "note", values)
+        values = {
+            "split": self.split,
+            "sizes": [len(half) for half in self.halves],
+            "rotation": np.linalg.norm(self.difference[:3]),
+            "translation": np.linalg.norm(self.difference[3:]),
+            "d2": self.d2,
+            "p_value": self.p_value,
+            "agree": self.passed,
+        }
+        return Finding("diagnostics.halves", "caution" if self.p_value < CONTRADICTION else "note", values)
+
+    @property
+    def sentence(self) -> str:
+        """The result in words."""
+        return str(self.finding)
+
+    def _possible(self) -> SplitHalf:
+        for name in ("X1", "X2", "difference", "covariance", "d2", "p_value"):
+            if (missing := getattr(self, name) is None) and self.reason is None:
+                raise InputError(f"Expected split_half.{name} to be numbers, or a reason why there are none.")
+            if not missing and self.reason is not None:
+                raise InputError("The split-half test is damaged: it has numbers, and a reason why it has none.")
+        return self
+
+
+def split_half(
+    data: PosePairs | Motions,
+    noise: Noise,
+    *,
+    method: str = "efficient",
+    split: str = "interleaved",
+    seed: int = 0,
+    dof: float | None = None,
+) -> SplitHalf:
+    """X from two halves of the data, and whether they agree within their covariances.
+
+    Parameters
+    ----------
+    data : PosePairs or Motions
+        Leading axes are independent problems.
+    noise : PoseNoise or PairNoise
+    method : "efficient" or "ml"
+        Of the fit of all data.
+    split : "interleaved", "contiguous", "random" or "angles"
+        Even and odd rows (both halves see the whole path, so that both determine X); first and last rows (finds drift
+        over time); drawn by ``seed``; or alternating in the order of the rotation angle from the first robot pose.
+        Choose one before the result is known: that one decides.
+    dof : float or None
+        Degrees of freedom with which the scale of the noise was estimated; None if the noise is known.
+
+    Raises
+    ------
+    InputError
+        An unknown method or split, a dof that is not positive, noise that does not fit the data. Halves that are
+        too small or do not determine X are no error: the result says so.
+
+    Examples
+    --------
+    >>> import uq_handeye as uq
+    >>> from uq_handeye.fit.diagnostics.split_half import split_half
+    >>> noise = uq.PoseNoise.isotropic(camera=("1mrad", "1mm"))
+    >>> split_half(uq.simulate(n_poses=20, noise=noise, seed=3), noise).possible
+    True
+    """
+    if method not in ESTIMATORS:
+        raise InputError(f"Expected `method` to be one of {', '.join(ESTIMATORS)}, got {method!r}.")
+    if split not in SPLITS:
+        raise InputError(f"Expected `split` to be one of {', '.join(SPLITS)}, got {split!r}.")
+    if dof is not None and not (np.isfinite(dof) and dof > 0):
+        raise InputError(f"Expected `dof` to be a positive number or None, got {dof!r}.")
+    return split_fit(ESTIMATORS[method](data, noise), data, split, seed, dof)
+
+
+def split_fit(fit: Fit, data: PosePairs | Motions, split: str, seed: int = 0, dof: float | None = None) -> SplitHalf:
+    """Run `split_half` on the rows of a fit of the data; those of a robust weight below 1 are left out.
+
+    Each half moves X from that of all rows by one Gauss-Newton step on its own rows.
+    """
+    if fit.W is not None and isinstance(data, Motions):
+        assert data.poses is not None
+        data = data.poses
+    rows = np.arange(fit.residual.shape[-2])
+    if fit.weights is not None and (fit.weights < 1).any():  # halves know no weights
+        rows = np.flatnonzero(fit.weights == 1)
+        data = data.rows(rows)
+    first, second = _halves(data, split, seed)
+    halves = rows[first], rows[second]
+
+    def without(why: str, **values: object) -> SplitHalf:
+        return SplitHalf(split, halves, Finding(f"diagnostics.{why}", "note", {"split": split, **values}))
+
+    fewest = min(len(half) for half in halves)
+    if fewest < FEWEST:
+        item = "pose" if isinstance(data, PosePairs) else "motion"
+        return without("halves_too_small", item=item, rows=fewest, needed=FEWEST)
+    if dof is not None and dof <= 6:
+        return without("halves_without_freedom", dof=dof)
+    joint = joint_residuals(fit.S)
+    stacked = np.concatenate([fit.linear.J, fit.residual[..., None]], axis=-1)
+    factors = [cholesky_of(select_rows(fit.S, half)) for half in halves]
+    white = [whiten(factor, stacked[..., half, :, :]) for factor, half in zip(factors, halves, strict=True)]
+    sums = np.stack([gram(part) for part in white])
+    try:
+        C = inverse_information(sums[..., :-1, :-1])
+    except DegenerateMotionError as error:
+        return without("half_fails", error=str(error))
+    step = -(C @ sums[..., :-1, -1:])[..., 0]
+    X1, X2 = (fit.unknowns.moved(part).X for part in step)
+    d = np.concatenate([logarithm(X1[..., :3, :3] @ X2[..., :3, :3].mT), X1[..., :3, 3] - X2[..., :3, 3]], axis=-1)
+    V = C[0, ..., :6, :6] + C[1, ..., :6, :6]
+    if joint:
+        back = [pulled(factor, part)[..., :-1] for factor, part in zip(factors, white, strict=True)]
+        K = _between(fit.S, halves, [of[..., :6, :] for of in C], back)
+        V = V - K - K.mT
+    unit = 1.0 / np.sqrt(np.diagonal(V, axis1=-2, axis2=-1))
+    scaled = V * unit[..., :, None] * unit[..., None, :]
+    d2 = np.sum(d * unit * np.linalg.solve(scaled, (d * unit)[..., None])[..., 0], axis=-1)
+    p = chdtrc(6, d2) if dof is None else _p_value_of_estimated(d2, dof)
+    return SplitHalf(split, halves, None, X1, X2, d, V, np.asarray(d2), dof, np.asarray(p))
+
+
+def _p_value_of_estimated(d2: Array, dof: float) -> Array:
+    """Return the p-value of d^2 (...) with noise from the same data; 0 from ``d^2 = dof`` on, which it cannot
+    exceed.
+    """
+    left = np.maximum(dof - d2, 1e-300)
+    return np.where(d2 < dof, fdtrc(6, dof - 6, d2 / 6 * (dof - 6) / left), 0.0)
+
+
+def _halves(data: PosePairs | Motions, split: str, seed: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    n = len(data)
+    if split == "contiguous":
+        order = np.arange(n)
+        if isinstance(data, PosePairs) and data.timestamps is not None:
+            order = np.argsort(data.timestamps, kind="stable")
+        return order[: n // 2], order[n // 2 :]
+    if split == "random":
+        order = np.random.default_rng(seed).permutation(n)
+        return np.sort(order[: n // 2]), np.sort(order[n // 2 :])
+    order = np.arange(n)
+    if split == "angles" and n:
+        R = (data.robot if isinstance(data, PosePairs) else data.A)[..., :3, :3].reshape(-1, n, 3, 3)[0]
+        if isinstance(data, PosePairs):
+            R = R[0].T @ R
+        order = np.argsort(np.trace(R, axis1=-2, axis2=-1), kind="stable")
+    return order[::2], order[1::2]
+
+
+def _between(S: Covariance, halves: tuple[NDArray[np.intp], ...], C: list[Array], back: list[Array]) -> Array:
+    """K_12 (..., 6, 6) for joint noise, from rows of C (..., 6, p) and ``S_hh^-1 J_h`` (..., n_h, 6, p)."""
+    gains = []
+    for half, of, pull in zip(halves, C, back, strict=True):
+        gain = np.zeros((*pull.shape[:-3], 6, S.shape[-1] // 6, 6))  # 0 for the rows of the other half
+        gain[..., half, :] = np.einsum("...ap,...kip->...aki", of, pull)
+        gains.append(gain.reshape(*gain.shape[:-2], -1))
+    return np.asarray(gains[0] @ (S @ gains[1].mT))

@@ -1,0 +1,250 @@
+r"""Task space: the uncertainty of a point that the camera measures, and which noise it comes from.
+
+Model: a point p_c (3, m) in camera coordinates is expressed in another frame,
+
+    through X      p = R_X p_c + t_X                  in the gripper frame (eye-in-hand) or base frame (eye-to-hand)
+    the robot      p = G (X p_c)                      G = base_T_gripper, or gripper_T_base for eye-to-hand
+    the target     p = W inv(C) p_c                   W = base_T_target, or gripper_T_target for eye-to-hand
+
+Errors are ``xi = (theta, tau)`` of the poses (left rotation in rad, additive translation in m) and 3-vectors of the
+point; those of X, of the robot pose, of the camera pose and of the point are independent of each other. To first order
+a pose T with ``q = T p`` adds ``J xi`` with ``J = [-[R p]x, I]`` and rotates the covariance of p by R.
+
+*Budget.* Any estimate that is smooth in the data has the error ``xi = sum_k D_k xi_k`` over the poses k of robot and
+camera, so that ``Sigma = sum over sources of D Sigma_source D^T``. Sources are the rotation and the translation of
+each side; what the covariances between rotation and translation of one side add is its coupling (negative, if it
+compensates). For `Fit`, ``D = -C J^T S^-1 D_side`` (`constraint`, `likelihood`). Shares of one variance sum to 1.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+from scipy.special import chdtri
+
+from ...core.files.records import Record
+from ...core.formatting.numbers import digits
+from ...core.geometry.checks import as_numbers, as_transforms, checked_covariance
+from ...core.geometry.frames import SETUPS
+from ...core.geometry.se3 import Array, inverse, inverse_jacobian, skew
+from ...core.presentation.document import document_of, to_text
+from ...core.presentation.notebook import html_of
+from ...errors import InputError
+from ..likelihood.open_directions import NEGLIGIBLE
+
+# Squared Mahalanobis distance that holds 95 % of a Gaussian in three dimensions.
+_WITHIN_95 = float(chdtri(3, 0.05))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class PointUncertainty(Record):
+    """Points and their covariances in one frame, in metres."""
+
+    _in_file: ClassVar[str] = "frame points covariance std radius_95 open_directions"
+    _if_any: ClassVar[str] = "open_directions"
+
+    points: Array  # (..., 3)
+    covariance: Array  # (..., 3, 3), infinite on the diagonal of coordinates that move along what is open
+    frame: str
+    open_directions: Array | None = None  # (..., k, 3): how the points move along what is open; None: nothing is
+
+    @property
+    def std(self) -> Array:
+        """(..., 3) standard deviations along the axes of the frame."""
+        return np.asarray(np.sqrt(np.diagonal(self.covariance, axis1=-2, axis2=-1)))
+
+    @property
+    def radius_95(self) -> Array:
+        """(...) longest half axis of the 95 % ellipsoid: a sphere of it holds at least 95 %, or is infinite."""
+        some = np.asarray(np.isfinite(self.std).all(axis=-1))
+        finite = np.where(some[..., None, None], self.covariance, 0.0)
+        return np.asarray(np.where(some, np.sqrt(_WITHIN_95 * np.linalg.eigvalsh(finite)[..., -1]), np.inf))
+
+    @property
+    def frame_words(self) -> str:
+        """The frame in words: "base frame"."""
+        return self.frame if " " in self.frame else f"{self.frame} frame"
+
+    def __repr__(self) -> str:
+        radius = 1e3 * np.asarray(self.radius_95).ravel()
+        count = f"{len(radius):,} point{'' if len(radius) == 1 else 's'} in the {self.frame_words}"
+        ends = [digits(x, 2) if np.isfinite(x) else "open" for x in (radius.min(initial=np.inf), radius.max(initial=0))]
+        if not len(radius):
+            return f"PointUncertainty({count})"
+        sizes = " to ".join(dict.fromkeys(ends)) + ("" if ends[1] == "open" else " mm")
+        return f"PointUncertainty({count}: 95 % radius {sizes})"
+
+    def _repr_html_(self) -> str:
+        """Return the points with their standard deviations, for notebooks."""
+        return html_of(self)
+
+    def to_text(self) -> str:
+        """Return the same as text."""
+        return to_text(document_of(self))
+
+    def left_open(self, moves: Array) -> PointUncertainty:
+        """Return the points with infinite variance in coordinates that move along open directions, (..., k, 3) metres
+        for one of length 1.
+        """
+        moved = np.asarray((np.abs(moves) > NEGLIGIBLE).any(axis=-2))
+        if not moved.any():
+            return self
+        S = np.where(moved[..., :, None] | moved[..., None, :], 0.0, self.covariance)
+        index = np.arange(3)
+        S[..., index, index] = np.where(moved, np.inf, S[..., index, index])
+        return PointUncertainty(self.points, S, self.frame, moves)
+
+
+def points_covariance(X: Any, covariance: Any, points: Any) -> Array:
+    """Covariances (..., 3, 3) of ``X p`` for exact points p (..., 3), from the covariance (6, 6) of X.
+
+    Raises `InputError` for wrong shapes.
+    """
+    return _carried(*_pose(X, covariance, "X"), _points(points), None)[1]
+
+
+def through_X(
+    X: Any, covariance: Any, points: Any, *, setup: str | None = "eye-in-hand", points_covariance: Any = None
+) -> PointUncertainty:
+    """Points (..., 3) in camera coordinates, expressed in the parent frame of X.
+
+    Parameters
+    ----------
+    X, covariance : (4, 4), (6, 6)
+    points : (..., 3)
+        Metres, in the camera frame.
+    setup : "eye-in-hand", "eye-to-hand" or None
+        Names the frame: gripper or base; None, for motions that came without poses, "parent frame of X".
+    points_covariance : (3, 3), (..., 3, 3) or None
+        Noise of the points themselves, in the camera frame.
+
+    Raises
+    ------
+    InputError
+        Wrong shapes or numbers, covariances that are not positive semidefinite, an unknown setup.
+    """
+    parent = "parent frame of X" if setup is None else _frames(setup)[0]
+    p = _points(points)
+    return PointUncertainty(*_carried(*_pose(X, covariance, "X"), p, point_noise(points_covariance, p)), parent)
+
+
+def through_robot(
+    X: Any,
+    covariance: Any,
+    points: Any,
+    robot: Any,
+    *,
+    robot_covariance: Any = None,
+    setup: str = "eye-in-hand",
+    points_covariance: Any = None,
+) -> PointUncertainty:
+    """Points in camera coordinates, expressed in the base frame (eye-in-hand) or gripper frame (eye-to-hand).
+
+    Parameters as for `through_X`, and
+
+    robot : (..., 4, 4)
+        ``base_T_gripper`` (whatever the setup) when the points were seen; leading axes broadcast with the points'.
+    robot_covariance : (6, 6), (..., 6, 6) or None
+        Of the robot pose, independent of X; None is exact.
+    """
+    _, far = _frames(setup)
+    near = through_X(X, covariance, points, setup=setup, points_covariance=points_covariance)
+    G, S = _pose(robot, np.zeros((6, 6)) if robot_covariance is None else robot_covariance, "robot")
+    if setup == "eye-to-hand":
+        J = inverse_jacobian(G)
+        G, S = inverse(G), J @ S @ J.mT
+    return PointUncertainty(*_carried(G, S, near.points, near.covariance), far)
+
+
+def through_target(
+    W: Any,
+    covariance_W: Any,
+    points: Any,
+    camera: Any,
+    *,
+    camera_covariance: Any = None,
+    setup: str = "eye-in-hand",
+    points_covariance: Any = None,
+) -> PointUncertainty:
+    """Points in camera coordinates, expressed through a view of the target, ``p = W inv(C) p_c``.
+
+    Needs neither X nor the robot: the frame is the base (eye-in-hand) or the gripper (eye-to-hand). Parameters as for
+    `through_X`, with W (4, 4), its covariance (6, 6), ``camera = camera_T_target`` (..., 4, 4) and its covariance.
+    """
+    _, far = _frames(setup)
+    C, S = _pose(camera, np.zeros((6, 6)) if camera_covariance is None else camera_covariance, "camera")
+    J = inverse_jacobian(C)
+    p = _points(points)
+    on_target = _carried(inverse(C), J @ S @ J.mT, p, point_noise(points_covariance, p))
+    return PointUncertainty(*_carried(*_pose(W, covariance_W, "W"), *on_target), far)
+
+
+def _carried(T: Array, S: Array, points: Array, noise: Array | None) -> tuple[Array, Array]:
+    """``T p`` and its covariance."""
+    R = T[..., :3, :3]
+    arm = (R @ points[..., None])[..., 0]
+    J = by_pose(arm)
+    total = J @ S @ J.mT
+    if noise is not None:
+        total = total + R @ noise @ R.mT
+    return arm + T[..., :3, 3], np.asarray(total)
+
+
+def by_pose(arm: Array) -> Array:
+    """``[-[arm]x, I]`` (..., 3, 6)."""
+    J = np.empty((*arm.shape, 6))
+    J[..., :3] = -skew(arm)
+    J[..., 3:] = np.eye(3)
+    return J
+
+
+def moves_of_points(arm: Array, basis: Array, carried: Array | None = None) -> Array:
+    """Return how points ``R p + t`` with ``R p = arm`` (..., 3) move along errors of the pose, the basis (k, 6): (...,
+    k, 3).
+
+    ``carried`` (..., 3, 3) is the rotation of the pose that carries them further.
+    """
+    moves = basis @ by_pose(arm).mT
+    return np.asarray(moves if carried is None else moves @ carried.mT)
+
+
+def _frames(setup: str) -> tuple[str, str]:
+    """Parent frame of X, and the frame at the other end of the robot."""
+    if setup not in SETUPS:
+        raise InputError(f"Expected `setup` to be one of {', '.join(SETUPS)}, got {setup!r}.")
+    return ("gripper", "base") if setup == "eye-in-hand" else ("base", "gripper")
+
+
+def _pose(T: Any, covariance: Any, name: str) -> tuple[Array, Array]:
+    S = as_numbers(covariance, f"covariance of {name}")
+    if S.ndim < 2 or S.shape[-2:] != (6, 6) or not np.isfinite(S).all():
+        raise InputError(f"Expected the covariance of `{name}` to be finite numbers (..., 6, 6), got shape {S.shape}.")
+    checked_covariance(S.reshape(-1, 6, 6), f"{name}_covariance" if name in ("robot", "camera") else name, joint=False)
+    return as_transforms(T, name, stack=False), S
+
+
+def _points(points: Any) -> Array:
+    p = as_numbers(points, "points")
+    if p.ndim < 1 or p.shape[-1] != 3 or not np.isfinite(p).all():
+        raise InputError(f"Expected `points` to be finite numbers (..., 3) in metres, got shape {p.shape}.")
+    return p
+
+
+def point_noise(covariance: Any, points: Array) -> Array | None:
+    """Noise of points (..., 3), one or of each, as it was given; raises `InputError`."""
+    if covariance is None:
+        return None
+    S = as_numbers(covariance, "points_covariance")
+    if S.shape not in ((3, 3), (*points.shape, 3)) or not np.isfinite(S).all():
+        raise InputError(
+            f"Expected `points_covariance` to be finite numbers (3, 3) or {(*points.shape, 3)}, got shape {S.shape}."
+        )
+    padded = np.zeros((S.size // 9, 6, 6))
+    padded[:, 3:, 3:] = S.reshape(-1, 3, 3)
+    checked_covariance(padded, "points_covariance", joint=False)
+    return S
+
+
+# --------------------------------------------------------------------------------------------------------- budget

@@ -1,0 +1,186 @@
+r"""Second solutions of the poses of a small flat target, such as a single tag, decided by the other poses.
+
+Both minima C_k of picture i (`camera.adjustment.two_minima`) have the sums of squares q_k in pixels^2. Where
+``(q_2 - q_1) / s^2`` is small, s the pixel noise, the picture alone does not decide. The robot does: with X and W of
+the poses that agree (`consensus`), minus twice the logarithm of the likelihood is
+
+    L_k = q_k / s^2 + r_k^T S_k^-1 r_k / f
+
+r_k the residual of ``E X C_k = W``, S_k its covariance by the pixel noise at that minimum and f how much larger the
+residuals of the poses are than S says. Taken is the smaller; X and W are fitted again until no pose changes.
+
+Finished poses come without corners. Of one that is an outlier the other minimum is that of the corners which it
+predicts (`flipped_rows`): it is named, and not put in the place of the pose, as its errors are not known.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.geometry.se3 import Array
+from ...errors import DegenerateMotionError, InputError, NotConvergedError
+from ...findings import Finding
+from ...model.camera.adjustment.bundle import adjust
+from ...model.camera.adjustment.initial_guess import Minima, both_minima, flipped, may_be_ambiguous
+from ...model.camera.corners import Corners
+from ...model.camera.models import MODELS
+from ...model.camera.result import CameraCalibration
+from ...model.noise.models import PoseNoise
+from ...model.poses.pose_pairs import PosePairs
+from ..likelihood.consensus import consensus
+from ..likelihood.constraint import OnPoses, Unknowns, residual_covariance
+from ..likelihood.gauss_helmert import fit
+
+# Odds of exp(UNDECIDED / 2) below which the other poses do not decide either.
+UNDECIDED = 6.0
+# Differences of the sums of squares, over s^2, below which a second solution fits about as well (p = 0.0005).
+CLOSE = 12.0
+# The least noise of a robot pose, rad and m.
+ROBOT = (np.radians(0.02), 1e-4)
+# Median of chi-square(6).
+MEDIAN = 5.348
+FEWEST, ROUNDS, STEPS = 5, 8, 20
+# A flipped outlier fits where its rotation residual is below so many medians and this angle (rad), and so much smaller.
+FITS, FLOOR, BETTER = 5.0, np.radians(0.2), 3.0
+CODE = "input_checks.pose_ambiguity"
+
+
+class Decision(NamedTuple):
+    """Choice between both minima."""
+
+    label: NDArray[np.intp]  # (n,) 0 or 1
+    doubtful: NDArray[np.bool_]  # (n,)
+    undecided: NDArray[np.bool_]  # (n,) the other poses do not decide either
+
+
+def decide(poses: PosePairs, minima: Minima) -> Decision:
+    """Choose between both minima by the other poses; raises where these do not determine X."""
+    n, doubtful = poses.n, minima.doubtful
+    label, every = np.zeros(n, dtype=np.intp), np.arange(n)
+    robot = np.diag(np.repeat(np.square(ROBOT), 3))
+    seen: set[bytes] = set()
+    difference = np.zeros(n)
+    for _ in range(ROUNDS):
+        if not doubtful.any() or label.tobytes() in seen:
+            break
+        seen.add(label.tobytes())
+        constraint = OnPoses(poses.robot, minima.poses[label, every], poses.setup == "eye-to-hand")
+        noise = PoseNoise(np.broadcast_to(robot, (n, 6, 6)), minima.own[label, every])
+        agreed = consensus(constraint, noise, 0)
+        at = fit(constraint, noise, agreed.unknowns, STEPS, weights=np.maximum(agreed.inside, 1e-6)).unknowns
+        d2 = np.array([_distance2(poses, at, minima.poses[k], minima.own[k], robot) for k in (0, 1)])
+        scale = max(1.0, float(np.median(d2[label, every])) / MEDIAN)
+        score = minima.squares + d2 / scale
+        difference = score[1] - score[0]
+        label = np.where(doubtful & (difference < 0), 1, 0).astype(np.intp)
+    return Decision(label, doubtful, doubtful & (np.abs(difference) < UNDECIDED))
+
+
+def _distance2(poses: PosePairs, at: Unknowns, camera: Array, own: Array, robot: Array) -> Array:
+    """(n,) ``r^T S^-1 r`` of camera poses."""
+    constraint = OnPoses(poses.robot, camera, poses.setup == "eye-to-hand")
+    linear = constraint.linearise(at, constraint.first, constraint.second)
+    S = np.asarray(residual_covariance(linear.sides, PoseNoise(np.broadcast_to(robot, own.shape), own)))
+    return np.asarray(np.einsum("ni,ni->n", linear.r, np.linalg.solve(S, linear.r[..., None])[..., 0]))
+
+
+def resolve_pose_ambiguity(poses: PosePairs) -> PosePairs:
+    """Return the poses with, of each picture of a small flat target, that solution which the other poses agree with.
+
+    ``poses`` come from a calibrated camera (``poses.camera_calibration``); others are returned as they are, and so are
+    those of pictures that decide by themselves. What was decided is a finding of the camera, and of the calibration.
+    See the module; raises nothing where the other poses do not determine X.
+    """
+    seen = poses.camera_calibration
+    if seen is None or poses.n < FEWEST or poses.robot.ndim != 3 or not _flat(seen.corners.on_board[0]):
+        return poses
+    if any(finding.code == CODE for finding in seen.findings):
+        return poses
+    try:
+        if not may_be_ambiguous(seen.bundle, seen.corners):
+            return poses
+        minima = both_minima(seen.bundle, seen.corners)
+        if not minima.doubtful.any():
+            return poses
+        chosen = decide(poses, minima)
+        found = _refitted(seen, minima.poses[chosen.label, np.arange(poses.n)])
+    except (DegenerateMotionError, InputError, NotConvergedError, np.linalg.LinAlgError):
+        return poses
+    names = np.array(seen.corners.names)
+    close = minima.squares[1] - minima.squares[0] < CLOSE
+    values = {
+        "count": int((chosen.doubtful & (close | (chosen.label == 1))).sum()),
+        "n": poses.n,
+        "changed": int((chosen.label == 1).sum()),
+        "undecided": names[chosen.undecided].tolist(),
+    }
+    if not values["count"]:
+        return poses
+    found = replace(found, findings=(*seen.findings, Finding(CODE, "note", values)))
+    return replace(poses, camera=found.poses, camera_calibration=found)
+
+
+def _flat(points: Array) -> bool:
+    sizes = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    return bool(sizes[2] < 1e-6 * sizes[0])
+
+
+def _refitted(seen: CameraCalibration, poses: Array) -> CameraCalibration:
+    """Return the camera fitted once more from these poses on."""
+    before = seen.bundle
+    bundle = adjust(
+        before.model,
+        seen.corners,
+        (np.array(before.parameters), poses),
+        free=before.free,
+        shape=before.shape,
+        used=before.used,
+        weights=before.weights,
+        prior=before.prior,
+    )
+    return replace(seen, bundle=bundle)
+
+
+def flipped_rows(
+    poses: PosePairs, at: Unknowns, kept: NDArray[np.bool_], rows: list[int], views: Mapping[str, Any] | None
+) -> list[int]:
+    """Return those of the ``rows`` (outliers) whose rotation fits X and W as the kept poses do once the target is
+    flipped.
+
+    ``views`` are points and camera of a `CameraNoise`; without them the flip is that of a far target.
+    """
+    if not rows or at.W is None or kept.sum() < FEWEST:
+        return []
+    some = poses.rows(np.array(rows))
+    other = flipped(some.camera, np.zeros(3)) if views is None else _other_minimum(some.camera, views)
+    if other is None:
+        return []
+    angles = _rotation_residuals(poses, at, poses.camera)
+    usual = FITS * float(np.median(angles[kept])) + FLOOR
+    after = _rotation_residuals(some, at, other)
+    return [k for k, angle in zip(rows, after.tolist(), strict=True) if angle < min(usual, angles[k] / BETTER)]
+
+
+def _rotation_residuals(poses: PosePairs, at: Unknowns, camera: Array) -> Array:
+    constraint = OnPoses(poses.robot, camera, poses.setup == "eye-to-hand")
+    r = constraint.linearise(at, constraint.first, constraint.second).r
+    return np.asarray(np.linalg.norm(r[:, :3], axis=-1))
+
+
+def _other_minimum(camera: Array, views: Mapping[str, Any]) -> Array | None:
+    """Return the other minimum (n, 4, 4) of the corners that poses predict; None: the target is not flat."""
+    points, n = np.asarray(views["points"], dtype=float), len(camera)
+    if not _flat(points):
+        return None
+    model, parameters = MODELS[views["model"]], np.asarray(views["parameters"], dtype=float)
+    pixels = model.project(parameters, points @ camera[:, :3, :3].mT + camera[:, None, :3, 3]).pixels
+    row = np.repeat(np.arange(n), len(points))
+    corners = Corners(row, np.tile(points, (n, 1)), pixels.reshape(-1, 2))
+    free = np.zeros(len(parameters), dtype=bool)
+    start = flipped(camera, points.mean(axis=0))
+    return np.asarray(adjust(model, corners, (parameters, start), free=free, pixel_noise=1.0).poses)

@@ -1,0 +1,362 @@
+r"""Estimates that wrong detections do not spoil: a consensus start, redescending weights, and a flag for every pose.
+
+Model: most poses (or motions) obey ``G X C = W`` (``A X = X B``) with the Gaussian noise of `likelihood`; the others,
+at most 40 %, hold anything. Frames, units and residuals are those of `constraint` (rad, m).
+
+*Distance.* How far a pose lies from where the others predict it. With the residual e of pose i after the fit, whitened
+by its own covariance ``S_i = L L^T``, its hat block ``H = L^-1 J P J^T L^-T`` (P the covariance of the unknowns) and
+its weight w in that fit, the residual predicted *without* pose i and its covariance are, exactly for a linear model,
+
+    (I - w H)^-1 e,    (I + (1 - w) H) (I - w H)^-1,    d^2 = e^T ((I + (1 - w) H) (I - w H))^-1 e
+
+chi-square with 6 degrees of freedom if the pose is good (for w = 1: ``e^T (I - H)^-1 e``). With errors that are
+correlated over the poses (T4b) the prediction uses the errors of the others too: with ``M = S^-1 - S^-1 J P J^T S^-1``
+the predicted residual is ``M_ii^-1 (S^-1 r)_i`` with covariance ``M_ii^-1`` (S with the block of pose i divided by w,
+of a `JointCovariance` its own part only, which is taken back from that covariance).
+A direction in which no other pose can predict pose i does not count.
+
+*Weight.* 1 up to ``d^2 = a``, the 99.9 % quantile of chi-square(6); from there linearly down to 0 at b, its 1 - 1e-6
+quantile. Iteratively reweighted least squares: each step is the one of `likelihood.fit`. d^2 does not depend on the
+pose's own weight but through the linearisation, so that the iteration settles at once. Where the noise comes from the
+residuals too, a and b are those quantiles of ``6 F(6, m/2)``, with one factor for both, that of 99.9 %: of the
+``m = 6 n - p`` degrees of freedom, half tell the noise of rotation and half that of translation.
+
+*Start.* With the noise given, first all poses alike: they count in full if the largest distance in their fit is one
+that good poses exceed once in 1000 data sets. Else what the iteration settles at from there is taken if at least 80 %
+of the poses are kept by noise that needs no scale: two such X share most of their poses and are the same within the
+noise. Otherwise, and always where the noise comes from the residuals, in which several outliers would hide each other,
+the iteration starts from `consensus`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import betaincinv, chdtri, fdtri, gammaincinv
+
+from ...core.geometry.se3 import Array
+from ...core.runtime.read_only import ReadOnlyArrays
+from ...errors import DegenerateMotionError, InputError, NotConvergedError
+from ...model.noise.models import Noise, PairNoise, PoseNoise, with_prior
+from ...model.noise.pose_prior import PosePrior
+from ...model.noise.square_roots import LEAST_WEIGHT, inverse_blocks, joint_residuals, pulled, weighed_blocks, whiten
+from ...model.poses.motions import Motions
+from ...model.poses.pose_pairs import PosePairs
+from .consensus import MAJORITY, NOTHING, Consensus, consensus, misfit, robust_variance
+from .constraint import Constraint, Unknowns, constraint_of
+from .gauss_helmert import CLOSED_FORM_STEPS, MOST_STEPS, Fit, fit
+from .open_start import isotropic_residuals
+from .starts import leaves_open, sound_start
+
+# The 99.9 % quantile of chi-square(6), below which a pose counts in full; above NOTHING it does not count at all.
+FULL = float(chdtri(6, 1e-3))
+# Weights stand still below this change, which is larger after so many steps: some converge slowly; and the largest
+# number of steps.
+STILL, SLOW, STILL_THEN, MOST_REWEIGHTED = 1e-6, 20, 1e-3, 100
+# Steps before the scale is held and the weights are damped.
+FREE = 10
+# Rounds of noise from the residuals and weights from the noise.
+MOST_ROUNDS = 20
+
+# Share of the poses kept from which on the iteration that starts from all poses alike is relied on.
+SURE = 0.8
+
+# The noise of the constraint near the unknowns, whose rows count with weights (n,); None: the data are exact.
+Estimator = Callable[[Constraint, Unknowns, Array], Noise | None]
+
+
+@dataclass(frozen=True, eq=False)
+class RobustFit(ReadOnlyArrays):
+    """The fit and what became of each of the n poses (or motions)."""
+
+    fit: Fit
+    noise: Noise | None  # given or estimated; None: the poses kept fit exactly
+    weights: Array  # (n,) in [0, 1]
+    distances: Array  # (n,) d^2, chi-square(6) for good poses and true noise
+    leverage: Array  # (n,) share of each pose in the estimate; the sum is 1
+    flags: tuple[str, ...]  # "kept", "downweighted" or "rejected"
+    scale: float  # the noise of most poses is so many times the one given; 1 unless it is surely larger
+    limit: float  # poses with d^2 above it are flagged
+    subsets: int  # that were tried for the start; 0: it was made of all poses alike
+
+    @property
+    def rejected(self) -> NDArray[np.intp]:
+        """Rows with weight 0."""
+        return np.flatnonzero(self.weights == 0)
+
+
+def pose_distances(fit: Fit) -> tuple[Array, Array]:
+    """d^2 of each pose, predicted without it, and its leverage; see the module.
+
+    Returns
+    -------
+    distances : (..., n)
+        Chi-square with 6 degrees of freedom for good poses, if the noise is true.
+    leverage : (..., n)
+        ``w tr(H) / p``: the share of the pose in the information on the p unknowns. The sum over the poses is 1.
+    """
+    p = fit.covariance.shape[-1]
+    weights = np.ones(fit.residual.shape[:-1]) if fit.weights is None else fit.weights
+    P = fit.covariance[..., None, :, :]
+    if not joint_residuals(fit.S):
+        e, J = fit.white
+        h, V = np.linalg.eigh(J @ P @ J.mT)
+        along = (V.mT @ e[..., None])[..., 0]
+        w = weights[..., None]
+        left = 1.0 - w * h
+        variance = (1.0 + (1.0 - w) * h) * left
+        leverage = weights * h.sum(axis=-1) / p
+        squares = np.where(left > 1e-9, along**2 / np.where(left > 1e-9, variance, 1.0), 0.0)
+        return np.asarray(squares.sum(axis=-1)), leverage
+    w = np.maximum(weights, LEAST_WEIGHT)[..., None]  # as `weighted` does
+    factor = fit.weighted_factor
+    stacked = np.concatenate([fit.linear.J, fit.residual[..., None]], axis=-1)
+    pulled_back = pulled(factor, whiten(factor, stacked))  # S^-1 J and S^-1 r, pose by pose
+    Q, pull = pulled_back[..., :-1], pulled_back[..., -1:]
+    L = np.linalg.cholesky(weighed_blocks(fit.S))
+    mu, V = np.linalg.eigh(L.mT @ (inverse_blocks(factor) - Q @ P @ Q.mT) @ L)
+    g = (V.mT @ L.mT @ pull)[..., 0]
+    predictable = mu > 1e-9 * w
+    variance = np.where(predictable, mu * (1.0 - mu * (1.0 / w - 1.0)), 1.0)
+    leverage = np.einsum("...ij,...ij->...", Q @ P, fit.linear.J) / p
+    return np.asarray(np.where(predictable, g**2 / variance, 0.0).sum(axis=-1)), leverage
+
+
+def robust_weights(distances: Array) -> Array:
+    """The weight of each d^2 (...): 1 up to FULL, linearly to 0 at NOTHING."""
+    return np.clip((NOTHING - distances) / (NOTHING - FULL), 0.0, 1.0)
+
+
+def robust_fit(
+    data: PosePairs | Motions,
+    noise: Noise | None,
+    *,
+    method: str = "efficient",
+    estimate: Estimator | None = None,
+    seed: int | np.random.Generator = 0,
+) -> RobustFit:
+    """X, W and their covariance from the poses that agree, with a flag for each pose.
+
+    Parameters
+    ----------
+    data : PosePairs or Motions
+        n poses, or n motions that come without poses; no leading axes.
+    noise : PoseNoise, PairNoise or None
+        None: from the residuals of the poses kept, by ``estimate``.
+    method : "efficient" or "ml"
+    estimate : function ``(constraint, unknowns, weights) -> noise``
+        Needed where ``noise`` is None: the noise of data whose rows count with weights (n,), near the unknowns.
+    seed : int or numpy Generator
+        Of the random subsets.
+
+    Raises
+    ------
+    InputError
+        Fewer than 4 poses (3 motions); noise that is none or does not fit; or fewer than half of the poses agree.
+    DegenerateMotionError
+        The poses that agree do not determine X.
+    NotConvergedError
+        Weights, or ``ml``, that do not settle.
+    """
+    if method not in ("efficient", "ml"):
+        raise InputError(f"Expected `method` to be 'efficient' or 'ml', got {method!r}.")
+    if noise is None and estimate is None:
+        raise InputError("Expected `noise`, or a function `estimate` that finds it from the residuals.")
+    if noise is not None and not isinstance(noise, PoseNoise | PairNoise):
+        raise InputError(f"Expected `noise` to be PoseNoise, PairNoise or None, got {type(noise).__name__}.")
+    constraint = constraint_of(data, noise)
+    if constraint.first.ndim != 3:
+        raise InputError(f"Expected one data set, got leading axes {constraint.first.shape[:-3]}.")
+    require_enough(constraint)
+    return fit_robustly(constraint, noise, sound_start(data, constraint, noise), method, estimate, seed)
+
+
+def require_enough(constraint: Constraint) -> None:
+    """Raise `InputError` where there are too few rows to identify outliers."""
+    if constraint.n <= constraint.fewest:
+        raise InputError(
+            f"Expected more than {constraint.fewest} {constraint.item}s to identify outliers, got {constraint.n}."
+        )
+
+
+def fit_robustly(
+    constraint: Constraint,
+    noise: Noise | None,
+    start: Unknowns,
+    method: str = "efficient",
+    estimate: Estimator | None = None,
+    seed: int | np.random.Generator = 0,
+    prior: PosePrior | None = None,
+    slack: float = 1.0,
+    all_alike: bool = False,
+) -> RobustFit:
+    """Run `robust_fit` on one constraint, from the unknowns that all rows together give.
+
+    ``all_alike``: noise that is not known starts from all rows, not from `consensus`.
+
+    ``prior`` of X and W is for noise that is not known yet; else that of the noise counts. ``slack`` multiplies the
+    limits of distances where the noise is not known.
+    """
+    require_enough(constraint)
+    subsets = 0
+    settled = None if noise is None else _begin_with_all(constraint, noise, start, method)
+    if settled is None:
+        begun = _from_all(constraint, start) if all_alike else _begin(constraint, noise, start, seed)
+        if noise is None:
+            begun = begun._replace(noise=with_prior(begun.noise, prior))
+        subsets = begun.subsets
+        if noise is not None:
+            settled = _settle(constraint, noise, begun.unknowns, begun.inside, method)
+        else:
+            assert estimate is not None
+            noise, settled = _alternate(constraint, begun, estimate, method, slack)
+    fitted, distances, leverage, scale, limit, _ = settled
+    assert fitted.weights is not None
+    weights, n = fitted.weights, constraint.n
+    kept = int((weights > 0).sum())
+    if kept < constraint.fewest or 2 * kept < n:
+        raise InputError(
+            f"Only {kept} of {n} {constraint.item}s agree with one X within the noise; at least half of them must. "
+            "Look at the pairing of the rows, the setup (eye-in-hand or eye-to-hand), the units and the noise given; "
+            "if the robot moved and the clocks differ, synchronise the streams (--pair async)."
+        )
+    flags = tuple(
+        "kept" if d <= limit else "rejected" if w == 0 else "downweighted"
+        for d, w in zip(distances.tolist(), weights.tolist(), strict=True)
+    )
+    if noise is not None and (weights == 1).all():  # the plain fit, to the last digit
+        steps = CLOSED_FORM_STEPS if method == "efficient" else MOST_STEPS
+        fitted = replace(fitted, weights=None) if settled.plain else fit(constraint, noise, start, steps)
+    return RobustFit(fitted, noise, weights, distances, leverage, flags, scale, limit, subsets)
+
+
+def _begin(constraint: Constraint, noise: Noise | None, start: Unknowns, seed: int | np.random.Generator) -> Consensus:
+    """`consensus`; where the motions leave a part of X open, the rows that agree best with the start."""
+    if not (constraint.one_axis.all() and leaves_open(constraint, noise, start)):
+        return consensus(constraint, noise, seed)
+    squares = misfit(constraint, start)
+    squares = (squares / np.maximum(np.median(squares, axis=0), 1e-24)).sum(axis=-1)
+    inside = (squares <= np.quantile(squares, MAJORITY)).astype(float)
+    return Consensus(start, inside, isotropic_residuals(constraint, start) if noise is None else noise, 0)
+
+
+def _from_all(constraint: Constraint, start: Unknowns) -> Consensus:
+    return Consensus(start, np.ones(constraint.n), isotropic_residuals(constraint, start), 0)
+
+
+def _begin_with_all(constraint: Constraint, noise: Noise, start: Unknowns, method: str) -> _Settled | None:
+    """Return the result to which the iteration converges from all rows alike, if it can be relied on (module); else
+    None.
+    """
+    try:
+        plain = _settle_clean(constraint, noise, start, method)
+        settled = plain or _settle(constraint, noise, start, np.ones(constraint.n), method, most=FREE)
+    except (NotConvergedError, DegenerateMotionError):
+        return None
+    kept = settled.distances <= settled.limit
+    return settled if settled.scale == 1.0 and kept.mean() >= SURE else None
+
+
+def _settle_clean(constraint: Constraint, noise: Noise, start: Unknowns, method: str) -> _Settled | None:
+    """The plain fit, if its largest distance is no surprise; else None."""
+    fitted = fit(constraint, noise, start, CLOSED_FORM_STEPS if method == "efficient" else MOST_STEPS)
+    if not fitted.converged.all():
+        return None
+    distances, leverage = pose_distances(fitted)
+    limit = largest_by_chance(constraint.n)
+    if (distances > limit).any():
+        return None
+    return _Settled(replace(fitted, weights=np.ones(constraint.n)), distances, leverage, 1.0, limit, True)
+
+
+def largest_by_chance(n: int) -> float:
+    """The d^2 that the largest of n good poses exceeds once in 1000 data sets."""
+    return float(chdtri(6, 1e-3 / max(n, 1)))
+
+
+def _margin(constraint: Constraint) -> float:
+    """Return the factor by which the limits of distances grow where the noise comes from the residuals (module)."""
+    return 6.0 * float(fdtri(6, 0.5 * (6 * constraint.n - constraint.p), 0.999)) / FULL
+
+
+class _Settled(NamedTuple):
+    fit: Fit
+    distances: Array
+    leverage: Array
+    scale: float
+    limit: float
+    plain: bool  # all rows counted in full all the time
+
+
+def _settle(
+    constraint: Constraint,
+    noise: Noise,
+    begin: Unknowns,
+    weights: Array,
+    method: str,
+    margin: float = 1.0,
+    most: int = MOST_REWEIGHTED,
+) -> _Settled:
+    """Fit and weights in turn until they converge; with ``ml``, full maximisations in turn after that."""
+    steps, scale2, at, plain = CLOSED_FORM_STEPS, 1.0, begin, True
+    for k in range(most):
+        plain = plain and bool((weights == 1).all())
+        found = fit(constraint, noise, at, steps, weights)
+        if not found.converged.all():
+            raise NotConvergedError(
+                f"Method 'ml' did not converge within {found.iterations} iterations with robust weights.",
+                found,
+            )
+        at = found.unknowns
+        distances, leverage = pose_distances(found)
+        if k < FREE:
+            scale2 = _scale_guard(distances)
+        wanted = robust_weights(distances / (scale2 * margin))
+        still = bool(np.abs(wanted - weights).max() < (STILL if k < SLOW else STILL_THEN))
+        if still and (method == "efficient" or steps > CLOSED_FORM_STEPS):
+            return _Settled(found, distances, leverage, float(np.sqrt(scale2)), FULL * scale2 * margin, plain)
+        if still:
+            steps, at = MOST_STEPS, begin
+        # Two poses that predict each other, or the scale, may take turns: the mean of the weights and one scale end it.
+        weights = wanted if k < FREE else 0.5 * (wanted + weights)
+    raise NotConvergedError("The weights of the robust fit did not settle: poses contradict each other.", found)
+
+
+def _alternate(
+    constraint: Constraint, begun: Consensus, estimate: Estimator, method: str, slack: float
+) -> tuple[Noise | None, _Settled]:
+    """Noise from the residuals of the poses kept, then weights by that noise, until the same poses are flagged.
+
+    The noise is None where ``estimate`` finds none: the poses kept fit exactly.
+    """
+    noise, at, weights = begun.noise, begun.unknowns, begun.inside
+    seen: list[bytes] = []
+    margin = slack * _margin(constraint)
+    for _ in range(MOST_ROUNDS):
+        settled = _settle(constraint, noise, at, weights, "efficient", margin)
+        assert settled.fit.weights is not None
+        at, weights = settled.fit.unknowns, settled.fit.weights
+        good = settled.distances <= settled.limit
+        if good.tobytes() in seen:  # the noise is theirs; or a circle of poses on the border: any of it will do
+            break
+        seen.append(good.tobytes())
+        # Flagged poses would hide themselves in the noise; leaving out a good one in 1000 makes it 0.4 % smaller.
+        by_residuals = estimate(constraint, at, good.astype(float))
+        if by_residuals is None:  # the poses kept fit exactly: rounding tells them from the others
+            return None, _settle(constraint, begun.noise, at, good.astype(float), "efficient")
+        noise = by_residuals
+    if method == "ml":
+        settled = _settle(constraint, noise, at, weights, method, margin)
+    return noise, settled
+
+
+def _scale_guard(distances: Array) -> float:
+    """s^2 >= 1: the noise of most poses in units of the noise given, 1 unless the excess is beyond chance (0.1 %)."""
+    scale2 = robust_variance(distances, 6)
+    m = int((distances <= NOTHING * max(scale2, 1.0)).sum())
+    u = float(betaincinv(0.5 * (m + 1), 0.5 * (m + 1), 0.999))  # how high the median of m good poses may lie
+    return scale2 if scale2 > gammaincinv(3.0, u) / gammaincinv(3.0, 0.5) else 1.0

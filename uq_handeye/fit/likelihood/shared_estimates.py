@@ -1,0 +1,221 @@
+r"""Estimates of the errors that all poses share, and their effect on X.
+
+Model: a `Fit` whose noise holds columns F with a name (`SharedError`), scaled by their standard deviations, so that
+``e = sd z``, ``z ~ N(0, I)``. With ``f = D F`` their effect on the residuals, r the residuals after the fit and
+``M = S^-1 - S^-1 J C J^T S^-1``, S with the columns in it,
+
+    z = f^T S^-1 r,    Cov(z) = I - f^T M f,    d x = -C J^T S^-1 f  for z = 1
+
+z and its covariance are those of the joint fit of (x, z) with the prior (Woodbury). What the residuals alone say of one
+of them, without its prior but with those of the others, is ``z / (1 - v) +- sqrt(v / (1 - v))``, v its variance: the
+score test of one more unknown.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Annotated, ClassVar, NamedTuple
+
+import numpy as np
+from scipy.special import chdtrc, erfc
+
+from ...core.files.records import Record
+from ...core.formatting.units import small_unit
+from ...core.geometry.se3 import Array
+from ...core.runtime.read_only import ReadOnlyArrays
+from ...errors import InputError
+from ...model.noise.camera_noise import INTRINSICS
+from ...model.noise.joint_covariance import JointCovariance, group_of
+from ...model.noise.models import Noise, PoseNoise
+from ...model.noise.square_roots import pulled, whiten
+from ...model.posterior.posterior import Posterior
+from ...model.shared_errors.accuracy import RobotAccuracy
+from ...model.shared_errors.shared_error import OF_LENGTHS, SharedError
+from .gauss_helmert import Fit
+
+# A share of the prior variance below which the data have said nothing of an error: rounding.
+NOTHING = 1e-9
+# No more of it than this is known to be left.
+ROUNDING = float(np.finfo(float).eps)
+# What X and W cannot explain of a column must exceed what the noise of the poses makes of it, in squares, by this
+# factor: else it is that noise which residuals and column have in common.
+SIGNAL = 10.0
+# Directions among the numbers of one error of whose prior variance the data take away less are not tested.
+HEARD = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class SharedEstimate(Record):
+    """One number that all poses share: what was assumed of it, what the data say, what it does to X.
+
+    ``estimate`` is the error of the value that was used (``used / true - 1`` for lengths, else ``used - true``).
+    """
+
+    _if_any: ClassVar[str] = "accuracy"
+
+    name: str
+    error: str  # the name of the `SharedError` that it is a part of
+    side: str  # "robot" or "camera"
+    unit: str  # "" for relative ones, else such as "rad" or "s"
+    prior_sd: float  # where its size was open, the one that the data settle on
+    estimate: float
+    sd: float  # after the fit
+    alone: float | None  # what the residuals say without the prior; None: nothing
+    alone_sd: float | None
+    effect: Annotated[
+        Array, 6
+    ]  # (6,) of X (rad, m) for an error of one prior standard deviation, once the fit has done its best
+    share: float  # of the variance of X, in the direction where it matters most
+    default: bool = False  # assumed, not declared
+    focal_length_px: float | None = None  # of a principal point, where it is known
+    stated: str = ""  # the prior in words, where the number is in units of it
+    accuracy: RobotAccuracy | None = None  # of a robot: the prior in numbers
+
+    @property
+    def shown(self) -> tuple[float, str]:
+        """Factor and unit in which people read it."""
+        return small_unit(self.unit) if self.focal_length_px is None else (self.focal_length_px, "px")
+
+    def beyond(self, size: float) -> float:
+        """Return the probability that the error is larger than a size, whatever its sign."""
+        spread = max(self.sd, 1e-300) * np.sqrt(2.0)
+        return float(0.5 * (erfc((size - self.estimate) / spread) + erfc((size + self.estimate) / spread)))
+
+    @property
+    def p_value(self) -> float | None:
+        """p-value of the prior: the probability of an estimate at least as far from 0; None where the data say
+        nothing.
+        """
+        if self.alone is None or self.alone_sd is None:
+            return None
+        spread = float(np.hypot(self.alone_sd, self.prior_sd))
+        return float(erfc(abs(self.alone) / spread / np.sqrt(2.0)))
+
+    def _possible(self) -> SharedEstimate:
+        known = (self.alone is None) == (self.alone_sd is None) and (self.alone_sd is None or self.alone_sd > 0)
+        focal = self.focal_length_px is None or self.focal_length_px > 0
+        if not (known and focal and self.prior_sd > 0 and self.sd >= 0 and 0 <= self.share <= 1):
+            raise InputError(f"Expected numbers of the shared error {self.name!r} that can be.")
+        return self
+
+
+class GroupTest(NamedTuple):
+    """The numbers of one error, all together, against what was assumed of them."""
+
+    chi2: float
+    dof: int
+    p_value: float
+    times: float  # that the standard deviations should have been so many times as large
+
+
+@dataclass(frozen=True, eq=False)
+class JointFit(ReadOnlyArrays):
+    """The joint fit of (x, z) at the named columns, in the order of the errors; see the module."""
+
+    fit: Fit
+    parts: list[tuple[SharedError, str, float]]  # of which error, name, prior standard deviation
+    z: Array  # (q,)
+    explained: Array  # (q, q) f^T M f, which is 1 - Cov(z), and the covariance of the estimates if the priors are right
+    response: Array  # (p, q) Cov(x, z), which is also -C J^T S^-1 f
+
+    @classmethod
+    def of(cls, fit: Fit, noise: Noise, errors: Sequence[SharedError]) -> JointFit:
+        """Build the joint fit of those errors that the noise of the fit has columns of."""
+        named: dict[str, Array] = {}
+        if isinstance(noise, PoseNoise):
+            for S, D in zip((noise.robot, noise.camera), fit.linear.sides, strict=True):
+                if isinstance(S, JointCovariance):
+                    named |= {name: (D @ S.shared[..., j, None])[..., 0] for j, name in enumerate(S.names) if name}
+        parts = [
+            (error, name, float(sd))
+            for error in errors
+            for name, sd in zip(error.parts, error.sd, strict=True)
+            if name in named
+        ]
+        J, C = fit.linear.J, fit.covariance
+        p = J.shape[-1]
+        if not parts:
+            return cls(fit, parts, np.zeros(0), np.zeros((0, 0)), np.zeros((p, 0)))
+        f = np.stack([named[name] for _, name, _ in parts], axis=-1)  # (n, 6, q)
+        factor = fit.weighted_factor
+        back = pulled(factor, whiten(factor, np.concatenate([J, fit.residual[..., None], f], axis=-1)))
+        flat = f.reshape(-1, f.shape[-1])
+        by = flat.T @ back.reshape(len(flat), -1)  # f^T S^-1 (J, r, f)
+        response = -C @ by[:, :p].T
+        return cls(fit, parts, by[:, p], by[:, p + 1 :] + by[:, :p] @ response, response)
+
+    @property
+    def told(self) -> Array:
+        """(q,) 1 - Var(z)."""
+        return np.clip(np.diag(self.explained), 0.0, 1.0)
+
+    def test_of(self, group: str) -> GroupTest | None:
+        """Test whether the estimates of the numbers of an error are as large as assumed; None where the data say
+        nothing.
+        """
+        of = np.array([group_of(name) == group for _, name, _ in self.parts], dtype=bool)
+        values, vectors = np.linalg.eigh(self.explained[np.ix_(of, of)])
+        heard = values > HEARD
+        if not heard.any():
+            return None
+        chi2, dof = float(np.sum((vectors.T @ self.z[of])[heard] ** 2 / values[heard])), int(heard.sum())
+        # A prior s times as wide would make it `dof + (s^2 - 1) sum(values)`, on average.
+        square = 1.0 + (chi2 - dof) / float(values[heard].sum())
+        return GroupTest(chi2, dof, float(chdtrc(dof, chi2)), float(np.sqrt(max(square, 0.0))))
+
+    @classmethod
+    def with_intrinsics(cls, fit: Fit, noise: Noise, errors: Sequence[SharedError]) -> JointFit:
+        """Also at the columns of the camera that have no name of their own: what its intrinsics do to its poses."""
+        if not isinstance(noise, PoseNoise) or not isinstance(S := noise.camera, JointCovariance):
+            return cls.of(fit, noise, errors)
+        names = [f"{INTRINSICS}: {j}" if name in ("", INTRINSICS) else name for j, name in enumerate(S.names)]
+        of_camera = tuple(name for name in names if group_of(name) == INTRINSICS)
+        more = SharedError(INTRINSICS, "", "camera", np.ones(len(of_camera)), of_camera, lambda poses: S.shared)
+        noise = replace(noise, camera=replace(S, names=tuple(names)))
+        return cls.of(fit, noise, (*errors, more))
+
+    def posterior(self, beside: Mapping[str, Array]) -> Posterior:
+        """Return the posterior of X, W and these errors; ``beside`` are moves (p,) or (p, r) by errors that the noise
+        does not hold.
+        """
+        C = self.fit.covariance + sum(map(of_moves, beside.values()), np.zeros(()))
+        sd = np.array([sd for _, _, sd in self.parts])
+        across = self.response * sd
+        left = (np.eye(len(sd)) - 0.5 * (self.explained + self.explained.T)) * np.outer(sd, sd)
+        joint = np.block([[C, across], [across.T, left]])
+        return Posterior(tuple(name for _, name, _ in self.parts), sd * self.z, joint)
+
+    def estimates(self) -> tuple[SharedEstimate, ...]:
+        """Return the estimates in the order of the errors."""
+        if not self.parts:
+            return ()
+        to_unit = np.linalg.inv(np.linalg.cholesky(self.fit.covariance[:6, :6]))
+        found, of_all = [], self.told
+        for k, (error, name, sd) in enumerate(self.parts):
+            told, value, effect = float(of_all[k]), sd * float(self.z[k]), self.response[:6, k]
+            left = max(1.0 - told, ROUNDING)
+            says = told > NOTHING
+            if error.name in OF_LENGTHS:
+                says = says and told > SIGNAL * 3 * len(self.fit.residual) * left * sd * sd
+            found.append(
+                SharedEstimate(
+                    name, error.name, error.side, error.unit, sd, value,
+                    sd * float(np.sqrt(left)),
+                    value / told if says else None, sd * float(np.sqrt(left / told)) if says else None,
+                    effect, float(min(np.sum((to_unit @ effect) ** 2), 1.0)),
+                    error.default, error.focal_length_px, error.stated, error.accuracy,
+                )
+            )  # fmt: skip
+        return tuple(found)
+
+
+def of_moves(moves: Array) -> Array:
+    """Covariance (p, p) of X and W by moves (p,), or (p, r) of r independent errors, of one standard deviation each."""
+    each = moves.reshape(len(moves), -1)
+    return np.asarray(each @ each.T)
+
+
+def shared_estimates(fit: Fit, noise: Noise, errors: Sequence[SharedError]) -> tuple[SharedEstimate, ...]:
+    """`JointFit.estimates` of a fit."""
+    return JointFit.of(fit, noise, errors).estimates()

@@ -1,0 +1,89 @@
+r"""One error of the poses: where it enters, what it does, how large it is before the data.
+
+Every error is a `Component`. It enters on one side, as errors ``xi = (theta, tau)`` of the robot's or the camera's
+poses (left rotation in rad, additive translation in m), in one of two ways or both:
+
+- ``columns`` K (n, 6, m), shared by all poses: ``xi_i = s K_i z``, z ~ N(0, I_m) drawn once;
+- ``block`` B (6, b) or (n, 6, b), drawn at each pose: ``xi_i = s B_i z_i``, z_i ~ N(0, I_b).
+
+A covariance of camera poses that share their intrinsics has both, with one size. The size s is a number that is known,
+or log-normal with a median and a factor (one sigma of its logarithm).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.geometry.se3 import Array
+from ...core.runtime.read_only import ReadOnlyArrays
+from ...errors import InputError
+from ...model.shared_errors.sizes import Size, checked_sizes
+
+SIDES = ("robot", "camera")
+
+
+@dataclass(frozen=True, eq=False)
+class Component(ReadOnlyArrays):
+    """An error of all poses of a side, with its size; see the module.
+
+    Parameters
+    ----------
+    name : str
+    side : "robot" or "camera"
+        Whose poses it moves; for motions that come without poses A is the robot.
+    size : Size, (median, factor) or a number that is known
+    columns : (n, 6, m) or None
+    block : (6, b), (n, 6, b) or None
+        At least one of the two is given.
+    parts : tuple of str
+        Names of the m columns; empty: ``name: 1`` and so on, or the name where m = 1.
+    """
+
+    name: str
+    side: str
+    size: Size
+    columns: Array | None = None
+    block: Array | None = None
+    parts: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.size, Size):
+            object.__setattr__(self, "size", checked_sizes({self.name: self.size})[self.name])
+        if self.side not in SIDES:
+            raise InputError(
+                f"Expected `side` of the component {self.name!r} to be robot or camera, got {self.side!r}."
+            )
+        if self.columns is None and self.block is None:
+            raise InputError(f"Expected `columns` or `block` of the component {self.name!r}.")
+        for name, axes in (("columns", (3,)), ("block", (2, 3))):
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, self._checked(name, axes))
+        m = self.count
+        parts = tuple(self.parts) or ((self.name,) if m == 1 else tuple(f"{self.name}: {k + 1}" for k in range(m)))
+        if len(parts) != m:
+            raise InputError(f"Expected {m} `parts` of the component {self.name!r}, got {len(parts)}.")
+        object.__setattr__(self, "parts", parts)
+        super().__post_init__()
+
+    def _checked(self, name: str, axes: tuple[int, ...]) -> Array:
+        given = np.asarray(getattr(self, name), dtype=float)
+        if given.ndim not in axes or given.shape[-2] != 6 or not np.isfinite(given).all():
+            shape = "(n, 6, m)" if name == "columns" else "(6, b) or (n, 6, b)"
+            raise InputError(
+                f"Expected `{name}` {shape} of the component {self.name!r}, finite, got shape {given.shape}."
+            )
+        return given
+
+    @property
+    def count(self) -> int:
+        """Number of columns m."""
+        return 0 if self.columns is None else int(self.columns.shape[-1])
+
+    def rows(self, kept: NDArray[np.intp]) -> Component:
+        """Return the component of some of the poses."""
+        columns = None if self.columns is None else self.columns[kept]
+        block = self.block if self.block is None or self.block.ndim == 2 else self.block[kept]
+        return replace(self, columns=columns, block=block)

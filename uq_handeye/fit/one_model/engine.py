@@ -1,0 +1,375 @@
+r"""The latent Gaussian model: unknown poses, errors that poses share, noise of each pose, with sizes that have priors.
+
+Rows of the linearised constraint (`likelihood.constraint`), six of each of n poses, with the errors of each side
+carried to them by D (n, 6, 6) of that side:
+
+    r_i + J_i x + sum_c s_c D_i K_ci z_c + sum_w s_w D_i B_wi z_wi = 0,      z ~ N(0, I),   x flat or with a prior
+
+x (p,) is the step of the unknown poses, c runs over components that all poses share, w over those drawn at each pose.
+For given sizes s all of it is Gaussian: with ``V_i = known_i + sum_w s_w^2 D B B^T D^T = L_i L_i^T``,
+``A = L^-1 [J, s_c D K_c]``, ``y = L^-1 r`` and ``P_0 = diag(prior of x or 0; 1, 1, ...)``
+
+    H = A^T A + P_0,      (x, z) = -H^-1 A^T y,      Cov(x, z) = H^-1
+
+the joint posterior of the poses and of every error. Minus the logarithm of the density of ``theta = log s``, given the
+rows and with x and z integrated out, is, up to a constant,
+
+    f = sum log|L_i| + log|H| / 2 + (|e|^2 + |z|^2 + |x|_prior^2) / 2 + sum ((theta - log median) / log factor)^2 / 2
+
+with ``e = y + A (x, z)``. Its gradient comes from the same factors: with ``T = s_w^2 L^-1 D B B^T D^T L^-T``,
+
+    df/dtheta_c = m_c - tr (H^-1)_cc - |z_c|^2 + prior
+    df/dtheta_w = sum_i [tr T_i - tr(T_i A_i H^-1 A_i^T) - e_i^T T_i e_i] + prior
+
+``m_c - tr (H^-1)_cc`` is the number of numbers of a component that the data determine. In place of the second
+derivatives stand their average over data and expectation (average information, Gilmour, Thompson and Cullis 1995):
+``W^T (1 - A H^-1 A^T) W / 2`` with the columns ``2 A_c z_c`` and ``2 T_w e``. Everything is O(n (p + m)^2).
+
+Rows that share an error drawn again, such as that of one robot pose in all views of its time, are one block: i counts
+groups of rows, of 6 each where a group is one pose. Groups of other sizes stand beside them (`Rows`).
+Reference: Rue, Martino and Chopin (2009); the mode with flat priors is restricted maximum likelihood.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg.blas import dtrmm
+from scipy.linalg.lapack import dpotrf, dtrtri, dtrtrs
+
+from ...core.geometry.se3 import Array
+from ...core.runtime.read_only import ReadOnlyArrays
+from ...model.noise.triangular import checked_cholesky
+from ..likelihood.constraint import Linearised
+from .component import SIDES, Component
+
+# Share of the largest diagonal that a direction of the unknown poses must keep in H, or x does not move along it.
+RIDGE = 1e-14
+# Share of the energy of an error's rows below which the unknown poses absorb it.
+ABSORBED = 1e-6
+# Numbers of whitened rows that are held at once where many sizes are asked for.
+AT_ONCE = 400_000
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """Value, derivatives and posterior at one set of sizes."""
+
+    theta: Array  # (k,) logarithms of the free sizes
+    value: float  # f
+    gradient: Array  # (k,)
+    information: Array  # (k, k) average information with that of the priors
+    determined: Array  # (components,) numbers that the data determine; of noise of each pose 0
+
+
+@dataclass(frozen=True, eq=False)
+class Conditional:
+    """Posterior of the unknown poses x, or of them and the errors e = s z, for given sizes."""
+
+    theta: Array
+    value: float
+    mean: Array  # (p,) of x, or (p + m,) of x and s z
+    covariance: Array  # (p, p) or (p + m, p + m)
+
+
+class Rows(NamedTuple):
+    """Groups of rows that are independent of each other, n of d rows each."""
+
+    J: Array  # (n, d, p)
+    r: Array  # (n, d)
+    shared: Array  # (n, d, m)
+    blocks: dict[int, Array]  # (n, d, d)
+    known: Array | None  # (n, d, d)
+
+    def covariance(self, s: Array) -> Array:
+        """V (..., n, d, d) by the sizes (..., components)."""
+        V = np.zeros((*s.shape[:-1], *self.r.shape, self.r.shape[-1]))
+        if self.known is not None:
+            V += self.known
+        for k, B in self.blocks.items():
+            V += s[..., k, None, None, None] ** 2 * B
+        return V
+
+
+@dataclass(frozen=True, eq=False)
+class LatentModel(ReadOnlyArrays):
+    """The model at one linearisation; see the module."""
+
+    J: Array  # (n, d, p), d = 6 where a group is one pose
+    r: Array  # (n, d)
+    components: tuple[Component, ...]
+    shared: Array  # (n, d, m) D K of all shared components, side by side
+    blocks: dict[int, Array]  # (n, d, d) D B B^T D^T of the components that have a part drawn again, by their number
+    known: Array | None = None  # (n, d, d) covariance that has no size
+    prior: Array | None = None  # (p + 1, p + 1) what is known of x: added to [J, r]^T V^-1 [J, r]
+    others: tuple[Rows, ...] = ()  # groups of other sizes d
+    covariance_of_sizes: Array | None = None  # (k, k) of the logarithms of the free sizes; None: independent
+
+    @classmethod
+    def of(
+        cls,
+        linear: Linearised,
+        components: Sequence[Component],
+        J: Array | None = None,
+        known: Array | None = None,
+        prior: Array | None = None,
+    ) -> LatentModel:
+        """Build the model of components at a linearised constraint.
+
+        ``J`` in place of that of the constraint where unknowns are reduced; ``known`` (n, 6, 6) of the rows.
+        """
+        n = len(linear.r)
+        carried = dict(zip(SIDES, linear.sides, strict=True))
+        blocks, shared = {}, [np.zeros((n, 6, 0))]
+        for k, part in enumerate(components):
+            D = carried[part.side]
+            if part.columns is not None:
+                shared.append(D @ part.columns)
+            if part.block is not None:
+                B = D @ part.block
+                blocks[k] = B @ B.mT
+        return cls(
+            linear.J if J is None else J, linear.r, tuple(components), np.concatenate(shared, axis=-1), blocks,
+            known, prior,
+        )  # fmt: skip
+
+    # ------------------------------------------------------------------------------------------- sizes
+
+    @cached_property
+    def free(self) -> NDArray[np.intp]:
+        """Numbers of the components whose size is not known."""
+        return np.array([k for k, part in enumerate(self.components) if not part.size.is_known], dtype=np.intp)
+
+    @cached_property
+    def medians(self) -> Array:
+        """(k,) logarithms of the medians of the free sizes."""
+        return np.log([self.components[k].size.median for k in self.free])
+
+    @cached_property
+    def spreads(self) -> Array:
+        """(k,) standard deviations of the logarithms."""
+        return np.log([self.components[k].size.factor for k in self.free])
+
+    @cached_property
+    def _owner(self) -> NDArray[np.intp]:
+        """(m,) number of the component of each shared column."""
+        return np.repeat(np.arange(len(self.components)), [part.count for part in self.components])
+
+    @property
+    def p(self) -> int:
+        """Number of unknowns of the poses."""
+        return int(self.J.shape[-1])
+
+    @cached_property
+    def groups(self) -> tuple[Rows, ...]:
+        """All rows, those of equal size together."""
+        return (Rows(self.J, self.r, self.shared, self.blocks, self.known), *self.others)
+
+    @cached_property
+    def _known_points(self) -> dict[bytes, _Solved]:
+        """Solution of `of_poses` at its sizes, without the rows: `conditional` is asked at the same ones."""
+        return {}
+
+    @cached_property
+    def _prior_of_sizes(self) -> Array:
+        """(k, k) information of the prior of the logarithms of the free sizes."""
+        if self.covariance_of_sizes is None:
+            return np.diag(1.0 / self.spreads**2)
+        return np.asarray(np.linalg.inv(self.covariance_of_sizes))
+
+    def sizes(self, theta: Array) -> Array:
+        """(components,) sizes, known ones among them."""
+        found = np.array([part.size.median for part in self.components])
+        found[self.free] = np.exp(theta)
+        return found
+
+    # ------------------------------------------------------------------------------------------- one set of sizes
+
+    def _solved(self, theta: Array) -> _Solved:
+        halves, gram, A, logs = self._whitened(self.sizes(theta))
+        return replace(self._of_sums(theta, gram, logs), halves=halves, A=A)
+
+    def _whitened(self, s: Array) -> tuple[tuple[Array, ...], Array, Array, Array]:
+        """``L^-1`` of the groups, ``[A, y]^T [A, y]``, ``[A, y]`` and ``sum log|L|`` at sizes s (..., components)."""
+        p, lead = self.p, s.shape[:-1]
+        halves, white, logs = [], [], np.zeros(lead)
+        for rows in self.groups:
+            L = checked_cholesky(rows.covariance(s))
+            half = np.asarray(np.linalg.inv(L))  # (..., n, d, d)
+            A = np.empty((*lead, *rows.r.shape, p + self.shared.shape[-1] + 1))
+            A[..., :p], A[..., -1] = rows.J, rows.r
+            np.multiply(rows.shared, s[..., None, None, self._owner], out=A[..., p:-1])
+            white.append((half @ A).reshape(*lead, rows.r.size, -1))
+            halves.append(half)
+            logs += np.log(np.einsum("...ii->...i", L)).sum(axis=(-2, -1))
+        A = white[0] if len(white) == 1 else np.concatenate(white, axis=-2)
+        return tuple(halves), A.mT @ A, A, logs
+
+    def _of_sums(self, theta: Array, gram: Array, logs: float | Array) -> _Solved:
+        """Solve by the sums of `_whitened`."""
+        p = self.p
+        if self.prior is not None:
+            index = np.r_[:p, -1]
+            gram[np.ix_(index, index)] += self.prior
+        H, pull, square = gram[:-1, :-1], gram[:-1, -1], float(gram[-1, -1])
+        diagonal = np.einsum("ii->i", H)
+        diagonal[p:] += 1.0
+        unit = 1.0 / np.sqrt(np.maximum(diagonal, np.finfo(float).tiny))
+        scaled = H * unit[:, None] * unit
+        np.einsum("ii->i", scaled)[:] += RIDGE
+        C, failed = dpotrf(scaled, lower=1)
+        if failed:
+            raise np.linalg.LinAlgError("The information of the poses and the errors is not positive definite.")
+        half_way = dtrtrs(C, unit * pull, lower=1)[0]
+        u = -unit * dtrtrs(C, half_way, lower=1, trans=1)[0]
+        logs = float(logs) + np.log(np.diag(C) / unit).sum()
+        off = theta - self.medians
+        pulled = self._prior_of_sizes @ off
+        value = float(logs + 0.5 * (square + pull @ u) + 0.5 * off @ pulled)
+        return _Solved(self.sizes(theta), (), np.zeros((0, len(u) + 1)), C, unit, u, value, pulled)
+
+    def value(self, theta: Array) -> float:
+        """f."""
+        return self._solved(theta).value
+
+    def at(self, theta: Array) -> State:
+        """f with its derivatives."""
+        at = self._solved(theta)
+        p, k = self.p, len(self.components)
+        whole = at.whole()
+        inverse_diagonal = np.einsum("ij,ij->j", whole, whole)
+        columns = at.A[:, :-1]
+        Q = np.asarray(dtrmm(1.0, whole, columns.T, lower=1)).T  # A whole^T
+        e = at.A[:, -1] + columns @ at.u
+        z, owner = at.u[p:], self._owner
+        determined = np.bincount(owner, 1.0 - inverse_diagonal[p:], minlength=k)
+        gradient = determined - np.bincount(owner, z * z, minlength=k)
+        W = np.zeros((k, len(e)))
+        for c in np.unique(owner):
+            of = p + np.flatnonzero(owner == c)
+            W[c] = -2.0 * (columns[:, of] @ at.u[of])
+        for rows, half, part in self._parts(at.halves):
+            shape = rows.r.shape
+            Q_i, e_i = Q[part].reshape(*shape, -1), e[part].reshape(shape)
+            left = -(Q_i @ Q_i.mT) - e_i[:, :, None] * e_i[:, None, :]
+            np.einsum("nii->ni", left)[:] += 1.0  # 1 - A H^-1 A^T - e e^T
+            for c, B in rows.blocks.items():
+                T = at.s[c] ** 2 * (half @ B @ half.mT)
+                gradient[c] += float(np.einsum("nij,nij->", T, left))
+                W[c, part] += 2.0 * (T @ e_i[..., None]).reshape(-1)
+        free = self.free
+        flat = W[free]
+        across = flat @ Q
+        information = 0.5 * (flat @ flat.T - across @ across.T) + self._prior_of_sizes
+        return State(theta, at.value, gradient[free] + at.pulled, information, np.asarray(determined, dtype=float))
+
+    def _parts(self, halves: tuple[Array, ...]) -> Iterator[tuple[Rows, Array, slice]]:
+        """Groups of equal size with ``L^-1`` and their place among the rows."""
+        start = 0
+        for rows, half in zip(self.groups, halves, strict=True):
+            yield rows, half, slice(start, start + rows.r.size)
+            start += rows.r.size
+
+    def of_poses(self, theta: Array) -> Conditional:
+        """The posterior of the unknown poses alone, for given sizes."""
+        return self.of_poses_at(theta[None])[0]
+
+    def of_poses_at(self, thetas: Array) -> list[Conditional]:
+        """The posteriors of the unknown poses alone, for many sizes (d, k)."""
+        found, p = [], self.p
+        numbers = sum(rows.r.size for rows in self.groups) * (p + self.shared.shape[-1])
+        together = max(1, AT_ONCE // numbers)
+        for start in range(0, len(thetas), together):
+            some = thetas[start : start + together]
+            _, grams, _, logs = self._whitened(np.array([self.sizes(theta) for theta in some]))
+            for theta, gram, log in zip(some, grams, logs, strict=True):
+                at = self._of_sums(theta, gram, log)
+                self._known_points[theta.tobytes()] = at
+                half = dtrtrs(at.C, np.diag(at.unit)[:, :p], lower=1)[0]
+                found.append(Conditional(theta, at.value, at.u[:p], half.T @ half))
+        return found
+
+    def shares(self, theta: Array) -> Array:
+        """(components,) largest share of the variance of the first 6 unknowns, of X, that a component has.
+
+        A component moves x by its columns, as the posterior leaves them open, and by its noise at each pose, through
+        the gain ``-H^-1 A^T L^-1``.
+        """
+        at, p, q = self._solved(theta), self.p, min(6, self.p)
+        half = at.whole()
+        of_x = half[:, :q].T @ half  # (q, p + m) of H^-1
+        gain = of_x @ at.A[:, :-1].T
+        root = np.linalg.inv(np.linalg.cholesky(of_x[:, :q] + RIDGE * np.diag(np.diag(of_x[:, :q]))))
+        found = np.zeros(len(self.components))
+        for k in range(len(found)):
+            columns = root @ of_x[:, p + np.flatnonzero(self._owner == k)]
+            variance = columns @ columns.T
+            for rows, half, part in self._parts(at.halves):
+                if k in rows.blocks:
+                    pull = np.einsum("qni,nij->qnj", gain[:, part].reshape(q, *rows.r.shape), half)
+                    each = np.einsum("qni,nij,rnj->qr", pull, rows.blocks[k], pull) * at.s[k] ** 2
+                    variance = variance + root @ each @ root.T
+            found[k] = np.linalg.eigvalsh(variance)[-1]
+        return np.clip(found, 0.0, 1.0)
+
+    def absorbed(self, theta: Array) -> dict[int, Array]:
+        """Moves (p, m) of the unknowns that the columns of a component are, one standard deviation each.
+
+        By the number of the component, of those whose rows leave less than `ABSORBED` of their energy beside the
+        unknowns: nothing is known of such an error, and its size is in the unknowns.
+        """
+        A, p, found = self._solved(theta).A, self.p, {}
+        Q, R = np.linalg.qr(A[:, :p])
+        for k in np.unique(self._owner).tolist():
+            columns = A[:, p + np.flatnonzero(self._owner == k)]
+            inside = Q.T @ columns
+            energy, left = (columns**2).sum(), ((columns - Q @ inside) ** 2).sum()
+            if energy > 0 and left < ABSORBED * energy:
+                found[k] = -np.linalg.lstsq(R, inside, rcond=None)[0]
+        return found
+
+    def turns(self, theta: Array) -> dict[str, tuple[Array, Array]]:
+        """Rotations (m, m) of the shared columns of each side to principal axes, and their energies (m,), ascending.
+
+        Energies are those of the whitened rows at these sizes: noise has 1 of each number.
+        """
+        at, found = self._solved(theta), {}
+        for side in SIDES:
+            of = np.array([part.side == side for part in self.components], dtype=bool)
+            A = at.A[:, self.p + np.flatnonzero(of[self._owner])]
+            energy, turn = np.linalg.eigh(A.T @ A)
+            found[side] = turn, energy
+        return found
+
+    def place(self, number: int) -> int:
+        """Place in (x, z) of the first column of a component."""
+        return self.p + int(np.flatnonzero(self._owner == number)[0])
+
+    def conditional(self, theta: Array) -> Conditional:
+        """The joint posterior of the poses and of the errors in their units, for given sizes."""
+        at = self._known_points.get(theta.tobytes()) or self._solved(theta)
+        inverse = at.whole()
+        scale = np.concatenate([np.ones(self.p), at.s[self._owner]])
+        inverse = inverse * scale
+        return Conditional(theta, at.value, at.u * scale, inverse.T @ inverse)
+
+
+@dataclass(frozen=True, eq=False)
+class _Solved:
+    s: Array  # (components,)
+    halves: tuple[Array, ...]  # (n, d, d) L^-1 of groups of equal size
+    A: Array  # (rows, p + m + 1) with y as the last column
+    C: Array  # Cholesky factor of H times unit on both sides
+    unit: Array  # (p + m,)
+    u: Array  # (p + m,) x and z
+    value: float
+    pulled: Array  # (k,) derivatives of the prior of the sizes
+
+    def whole(self) -> Array:
+        """R (p + m, p + m) with ``H^-1 = R^T R``, lower triangular."""
+        return np.asarray(dtrtri(self.C, lower=1)[0] * self.unit)

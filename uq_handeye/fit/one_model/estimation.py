@@ -1,0 +1,490 @@
+r"""Noise and shared errors of one data set, estimated together: the components of a request, their sizes, the noise.
+
+Every error that a request declares or leaves to the data is a `Component`: the noise of both sides, that of camera
+poses by their corners or their views, what all poses share (`SharedError`), the arm. Their sizes are found together
+(`mode`), near the unknowns that robust weights start from; at the end they are integrated over (`integration`). What is
+handed on is a `PoseNoise` with the sizes as found, its columns named, and what the open sizes add to the covariance of
+X and W.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from difflib import get_close_matches
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtr, ndtri
+
+from ...core.geometry.se3 import Array
+from ...errors import InputError, NotConvergedError
+from ...model.kinematics.errors import LENGTHS
+from ...model.kinematics.kinematic_errors import DECLARED, DECLARED_AS, JOINT_NOISE, KinematicColumns
+from ...model.noise.camera_noise import CameraNoise
+from ...model.noise.estimate import CAMERA_EXCESS, NoisePrior
+from ...model.noise.joint_covariance import JointCovariance
+from ...model.noise.models import Noise, PairNoise, PoseNoise, marginals
+from ...model.noise.pose_prior import PosePrior
+from ...model.poses.pose_pairs import PosePairs
+from ...model.shared_errors.kinematic_errors import errors_of_arm
+from ...model.shared_errors.shared_error import SharedError
+from ...model.shared_errors.sizes import SIZES, Size
+from ...model.shared_errors.view import view_block
+from ..likelihood.constraint import Constraint, Unknowns
+from ..likelihood.reduced_rows import Reduced, reduce_rows
+from .component import Component
+from .engine import LatentModel
+from .integration import Mixture, integrate
+from .mode import GAIN, Mode, find_mode, other_modes
+from .mode import REACH as DEVIATIONS
+
+KINDS = ("rotation", "translation")
+PIXELS = "pixel noise"
+BY_VIEW = "camera by view"
+# Residuals below this, in rad and relative to the longest translation, are rounding: no noise to estimate.
+ROUNDING = 1e-11
+# Linearised again until X and W move by less, in standard deviations; how often at most, and what will do then.
+STILL, MOST_ROUNDS, CLOSE = 2e-2, 6, 0.1
+# What a further step of the sizes may promise before the model is linearised again, and before weights are final.
+ROUGH = 1e-2
+# Deviations of their priors within which the sizes are held where the unknowns do not settle otherwise.
+NEAR = 2.0
+# Poses above which the sizes are found from so many of them, spread over the rows.
+ENOUGH = 300
+# Energy in the whitened rows (1: as one number of noise) below which shared errors do not count as shared for weights.
+FAINT = 1e-2
+# A size that leaves more of the spread of its prior is not told by the data.
+TOLD = 0.6
+REACH = float(ndtri(0.975))
+
+_TURN, _SHIFT = np.eye(6)[:, :3], np.eye(6)[:, 3:]
+
+
+@dataclass(frozen=True, eq=False)
+class JointModel:
+    """Components of one data set, as declared or left to the data; see the module."""
+
+    constraint: Constraint
+    prior: NoisePrior = field(default_factory=NoisePrior)
+    camera: Any = None  # covariance of the camera poses, or CameraNoise; None: to be estimated
+    robot: Any = None  # covariance of the robot poses; None: to be estimated
+    errors: tuple[SharedError, ...] = ()  # what all poses share
+    poses: PosePairs | None = None
+    pose_prior: PosePrior | None = None
+    arm: KinematicColumns | None = None
+    excess: JointCovariance | None = None  # of the camera beside what corners say, per pixel^2
+    sizes: Mapping[str, Size] = field(default_factory=dict)  # in place of those of the table, by name
+    more: tuple[Component, ...] = ()  # of the user's own
+    how: str = ""  # where a known covariance of the camera comes from: "from corners", "from points"
+
+    @classmethod
+    def beside(
+        cls,
+        constraint: Constraint,
+        poses: PosePairs | None,
+        prior: NoisePrior | None = None,
+        camera: Any = None,
+        robot: Any = None,
+        errors: tuple[SharedError, ...] = (),
+        **others: Any,
+    ) -> JointModel:
+        """Build the model of poses; without ``camera`` beside the covariance that camera poses come with.
+
+        Raises `InputError` for a prior of a side that is known.
+        """
+        how, excess = "", None
+        if camera is None and poses is not None and poses.known_camera is not None:
+            camera = poses.known_camera
+            how = "from points" if poses.camera_calibration is None else "from corners"
+            excess = None if poses.camera_calibration is None else poses.camera_calibration.per_pixel
+        prior = NoisePrior() if prior is None else prior
+        if camera is not None and not np.isnan(prior.values[2:]).all():
+            known = (
+                "but for that of their pixels" if isinstance(camera, CameraNoise) else how.replace("from", "from their")
+            )
+            raise InputError(
+                f"Expected a `prior` for the robot only: the noise of the camera poses is known {known}.".replace(
+                    " .", "."
+                )
+            )
+        return cls(constraint, prior, camera, robot, errors, poses, excess=excess, how=how, **others)
+
+    @property
+    def sides(self) -> tuple[str, str]:
+        """Names of the sides: robot and camera, or A and B."""
+        return self.constraint.sides
+
+    @cached_property
+    def components(self) -> tuple[Component, ...]:
+        """All components with something to move; raises `InputError` for a size of none of them."""
+        found = [*self._noise(), *self._shared(), *self._arm(), *self.more]
+        names = [part.name for part in found]
+        if unknown := [name for name in self.sizes if name not in names]:
+            near = get_close_matches(unknown[0], names, 3, 0.3) or names
+            absent = "that is known, but not here" if unknown[0] in SIZES else "of no known error"
+            raise InputError(
+                f"Expected sizes of errors of this request, got {unknown[0]!r}, a name {absent}. Near it: "
+                f"{', '.join(near)}."
+            )
+        return tuple(self._sized(part) for part in found)
+
+    def _sized(self, part: Component) -> Component:
+        """Return a component with the size that was given for it; of shared errors that of their first number."""
+        given = self.sizes.get(part.name)
+        if given is None:
+            return part
+        unit = next((float(error.sd[0]) for error in self.errors if error.name == part.name), 1.0)
+        return replace(part, size=replace(given, median=given.median / unit, unit=given.unit or part.size.unit))
+
+    @cached_property
+    def known(self) -> dict[str, Array]:
+        """Covariances (6, 6) or (n, 6, 6) that are taken as they are, by side."""
+        found = {}
+        for side in ("robot", "camera"):
+            S = getattr(self, side)
+            if S is not None and not isinstance(S, CameraNoise):
+                found[side] = S.own if isinstance(S, JointCovariance) else marginals(S)
+        return found
+
+    def _noise(self) -> list[Component]:
+        values = self.prior.values.reshape(2, 2)
+        found = []
+        for k, side in enumerate(("robot", "camera")):
+            if getattr(self, side) is not None:
+                continue
+            for part, (what, block) in enumerate(zip(KINDS, (_TURN, _SHIFT), strict=True)):
+                value, name = float(values[k, part]), f"{self.sides[k]} {what}"
+                size = SIZES[f"{side} {what}"]
+                if not np.isnan(value):
+                    size = replace(size, median=value, factor=self.prior.factor, source="declared")
+                found.append(Component(name, side, size, block=block))
+            if side == "camera" and self.poses is not None and np.isnan(values[1]).all():
+                found.append(Component(BY_VIEW, side, SIZES[BY_VIEW], block=view_block(self.poses.camera)))
+        found += self._known_camera()
+        if isinstance(self.robot, JointCovariance):
+            names = _named(self.robot, "robot (shared)")
+            found.append(Component("robot (shared)", "robot", Size(1.0), columns=self.robot.shared, parts=names))
+        return found
+
+    def _known_camera(self) -> list[Component]:
+        S, found = self.camera, []
+        if isinstance(S, CameraNoise):
+            own, scaled = S.scaled()
+            size = SIZES[PIXELS] if S.pixel_sd is None else Size(S.pixel_sd, 1.0, "px", "declared")
+            of_all = np.array(_named(S.joint, "intrinsics"))
+            parts = tuple(of_all[S.scales].tolist())
+            found.append(Component(PIXELS, "camera", size, scaled, np.asarray(np.linalg.cholesky(own)), parts))
+            if not S.scales.all():
+                rest = tuple(of_all[~S.scales].tolist())
+                found.append(Component("intrinsics", "camera", Size(1.0), columns=S.fixed(), parts=rest))
+        elif isinstance(S, JointCovariance):
+            names = _named(S, "intrinsics")
+            found.append(Component("intrinsics", "camera", Size(1.0), columns=S.shared, parts=names))
+        if self.excess is not None:
+            found.append(
+                Component(CAMERA_EXCESS, "camera", SIZES[CAMERA_EXCESS], self.excess.shared, _root(self.excess.own))
+            )
+        return found
+
+    def _shared(self) -> list[Component]:
+        found = []
+        for error in self.errors:
+            if error.is_exact:
+                continue
+            assert self.poses is not None
+            size = Size(1.0, error.factor)
+            columns, known = error.at(self.poses) * error.sd, error.sd > 0
+            parts = tuple(part for part, is_known in zip(error.parts, known, strict=True) if is_known)
+            rest = None if error.left is None else float(error.sd[0]) * _root(error.left)
+            found.append(Component(error.name, error.side, size, columns[..., known], rest, parts))
+        return found
+
+    def _arm(self) -> list[Component]:
+        if self.arm is None:
+            return []
+        given, found = self.arm.given, []
+        for group, sd in given.standard_deviations.items():
+            of = np.array([name == group for name in self.arm.groups], dtype=bool)
+            if not of.any():
+                continue
+            declared = given.how == DECLARED
+            size = Size(sd, 1.0 if declared else given.population.factor, "m" if group == LENGTHS else "rad")
+            parts = tuple(name for name, is_of in zip(self.arm.names, of, strict=True) if is_of)
+            found.append(Component(group, "robot", size, columns=self.arm.F[..., of], parts=parts))
+        joint_sd = given.joint_sd
+        size = SIZES[JOINT_NOISE] if joint_sd is None else Size(float(joint_sd), 1.0, "rad", "declared")
+        if size.median > 0:
+            found.append(Component(JOINT_NOISE, "robot", size, block=self.arm.J))
+        return found
+
+    # ------------------------------------------------------------------------------------------- estimation
+
+    def find(
+        self, at: Unknowns, weights: Array | None = None, start: Array | None = None, gain: float = GAIN
+    ) -> FoundSizes:
+        """Find the sizes near the unknowns, of the poses of weight above 0.
+
+        ``start`` (k,): logarithms of sizes near them; ``gain``: what a further step may still promise (`find_mode`).
+
+        Raises
+        ------
+        InputError
+            No residuals left beside the unknowns.
+        NotConvergedError
+            Unknowns or sizes that do not converge.
+        """
+        n = self.constraint.n
+        kept = np.arange(n) if weights is None else np.flatnonzero(weights)
+        constraint = self.constraint if len(kept) == n else self.constraint.rows(kept)
+        self._require_freedom(constraint, constraint.p)
+        used = np.arange(len(kept))
+        if len(kept) > ENOUGH:
+            used = np.unique(np.linspace(0, len(kept) - 1, ENOUGH).round().astype(np.intp))
+        part = constraint.rows(used) if len(used) < len(kept) else constraint
+        rows = part, kept, used
+        try:
+            found = self._converged(rows, at, start, gain)
+        except NotConvergedError:  # sizes far in their tails may let errors grow beyond first order: held nearer
+            found = self._converged(rows, at, None, gain, NEAR)
+        if gain > GAIN or found.exact.any():
+            return found
+        others = other_modes(found.model, found.mode)
+        best = max((found.mode, *others), key=lambda known: known.log_evidence)
+        if best is not found.mode:  # go on from the more probable one; one at which the poses do not settle is none
+            step = found.reduced.unreduced(found.model.of_poses(best.theta).mean)
+            try:
+                found = self._converged(rows, found.at.moved(step), best.theta, gain)
+                others = other_modes(found.model, found.mode)
+            except NotConvergedError:
+                others = [other for other in others if other.log_evidence < found.mode.log_evidence]
+        return replace(found, others=tuple(others))
+
+    def _converged(
+        self,
+        rows: tuple[Constraint, NDArray[np.intp], NDArray[np.intp]],
+        at: Unknowns,
+        theta: Array | None,
+        gain: float,
+        reach: float = DEVIATIONS,
+    ) -> FoundSizes:
+        """Find sizes and unknowns in turns from ``at``, until the unknowns do not move."""
+        part, kept, used = rows
+        components = tuple(one.rows(kept[used]) for one in self.components)
+        exact, nothing_open = np.zeros(2, dtype=bool), False
+        for done in range(MOST_ROUNDS):
+            model, reduced = self._model(part, at, kept[used], components, nothing_open)
+            if not done:
+                nothing_open = reduced.basis is None
+                exact = self._exact(part, model)
+                if exact.any():
+                    return FoundSizes(self, model, reduced, find_mode(model), at, kept, kept[used], exact)
+                self._require_freedom(part, model.p)
+            exactly = min(gain, GAIN) if done > 2 else gain if done else max(gain, ROUGH)
+            mode = find_mode(model, theta, exactly, reach)
+            theta = mode.theta
+            found = model.of_poses(theta)
+            step, C = found.mean, found.covariance
+            enough = CLOSE if done == MOST_ROUNDS - 1 else STILL
+            if done and float(step @ np.linalg.lstsq(C, step, rcond=None)[0]) < enough**2:
+                return FoundSizes(self, model, reduced, mode, at, kept, kept[used], exact)
+            at = at.moved(reduced.unreduced(step))
+        turn, shift = np.sqrt((model.r**2).reshape(-1, 2, 3).mean(axis=(0, 2)))
+        raise NotConvergedError(
+            f"Noise estimation did not converge; the residuals are {np.rad2deg(turn):.2g} deg and "
+            f"{shift * 1e3:.2g} mm (root mean square). If that is too much, look at the setup, at the pairing of the "
+            "poses and for outliers; or give the noise.",
+            mode,
+        )
+
+    def _require_freedom(self, constraint: Constraint, p: int) -> None:
+        dof = 6.0 * constraint.n - p + (0 if self.pose_prior is None else self.pose_prior.rank)
+        if dof <= 0:
+            raise InputError(
+                f"Expected residuals to estimate the noise from, got {dof:g} degrees of freedom. Give more poses, or "
+                "the noise."
+            )
+
+    def _model(
+        self,
+        constraint: Constraint,
+        at: Unknowns,
+        kept: NDArray[np.intp],
+        components: tuple[Component, ...],
+        nothing_open: bool,
+    ) -> tuple[LatentModel, Reduced]:
+        linear = constraint.linearise(at, constraint.first, constraint.second)
+        reduced = reduce_rows(constraint, linear, at, None, self.pose_prior, nothing_open)
+        whole = len(kept) == self.constraint.n
+        known: Array | None = None
+        for side, D in zip(("robot", "camera"), linear.sides, strict=True):
+            if side in self.known:
+                S = self.known[side]
+                each = D @ (S if S.ndim == 2 or whole else S[kept]) @ D.mT
+                known = each if known is None else known + each
+        return LatentModel.of(linear, components, reduced.J, known, reduced.known), reduced
+
+    def _exact(self, constraint: Constraint, model: LatentModel) -> NDArray[np.bool_]:
+        """(2,) whether the residuals of rotation and translation are rounding."""
+        if all(part.size.is_known for part in self.components):
+            return np.zeros(2, dtype=bool)
+        longest = max(1e-300, *(float(np.abs(T[:, :3, 3]).max()) for T in (constraint.first, constraint.second)))
+        size = np.zeros(2)
+        for k, rows in enumerate((slice(0, 3), slice(3, 6))):  # noise of one is no residual of the other
+            J, r = model.J[:, rows].reshape(-1, model.p), model.r[:, rows].ravel()
+            x, _, rank, _ = np.linalg.lstsq(J, r, rcond=None)
+            size[k] = np.sqrt(np.mean((r - J @ x) ** 2)) if rank < len(r) else np.inf  # few rows fit in any case
+        return np.asarray(size < ROUNDING * np.array([1.0, longest]))
+
+
+@dataclass(frozen=True, eq=False)
+class FoundSizes:
+    """Sizes of one problem, and the noise that they make."""
+
+    source: JointModel
+    model: LatentModel
+    reduced: Reduced
+    mode: Mode
+    at: Unknowns  # where the model is linear
+    kept: NDArray[np.intp]
+    used: NDArray[np.intp]  # numbers of the poses of the model
+    exact: NDArray[np.bool_]  # (2,) rotation, translation residuals at rounding level
+    others: tuple[Mode, ...] = ()  # modes where an error of one number is in its tail, or out of it (`other_modes`)
+
+    @cached_property
+    def mixture(self) -> Mixture:
+        """Posterior with the sizes integrated over."""
+        return integrate(self.model, [self.mode, *self.others])
+
+    def probability_of(self, name: str, beyond: float) -> float:
+        """Return the probability that a shared error of one number is larger than ``beyond``, whatever its sign.
+
+        In the unit of the error (relative for the target scale and the focal length), with all sizes integrated over
+        and all modes counted by their evidence: ``P(|target scale| > 0.003)`` is that of a target of another size.
+        Raises `InputError` for a name without such a number.
+        """
+        numbers = [k for k, part in enumerate(self.source.components) if part.name == name and part.count == 1]
+        if not numbers or beyond < 0:
+            single = [part.name for part in self.source.components if part.count == 1]
+            raise InputError(
+                f"Expected `name` of an error of one number ({', '.join(single)}) and `beyond` >= 0, got {name!r}, "
+                f"{beyond:g}."
+            )
+        unit = next((float(error.sd[0]) for error in self.source.errors if error.name == name), 1.0)
+        place, found = self.model.place(numbers[0]), 0.0
+        for weight, theta in zip(self.mixture.weights.tolist(), self.mixture.theta, strict=True):
+            at = self.model.conditional(theta)
+            mean, sd = unit * float(at.mean[place]), unit * float(np.sqrt(at.covariance[place, place]))
+            found += weight * float(ndtr((mean - beyond) / sd) + ndtr((-mean - beyond) / sd))
+        return found
+
+    def sizes_at(self, theta: Array) -> dict[str, float]:
+        """Sizes by the names of the components."""
+        sizes = self.model.sizes(theta).tolist()
+        return {part.name: size for part, size in zip(self.source.components, sizes, strict=True)}
+
+    @property
+    def noise(self) -> Noise | None:
+        """Noise of all poses by the most probable sizes, to weigh them by; None: the data are exact.
+
+        What poses share but the data hardly show (`FAINT`) is noise of each pose here.
+        """
+        if self.exact.any():
+            return None
+        turns = self.model.turns(self.mode.theta)
+        return self._noise_by(self.sizes_at(self.mode.theta), turns)
+
+    @cached_property
+    def integrated_noise(self) -> Noise:
+        """Noise of all poses by the mean of the logarithms of the sizes."""
+        return self._noise_by(self.sizes)
+
+    @cached_property
+    def sizes(self) -> dict[str, float]:
+        """Sizes by name, integrated over."""
+        return self.sizes_at(self.mixture.mean_theta)
+
+    def _noise_by(self, sizes: dict[str, float], turns: Mapping[str, tuple[Array, Array]] | None = None) -> Noise:
+        """Noise by sizes; ``turns`` (r, energies) of the columns of a side: those that are faint go to each pose."""
+        source = self.source
+        sides: dict[str, Any] = {}
+        for side in ("robot", "camera"):
+            own: Any = source.known.get(side)
+            own = None if own is not None and not own.any() else own
+            columns: list[Array] = []
+            names: list[str] = []
+            for part in source.components:
+                if part.side != side:
+                    continue
+                s = sizes[part.name]
+                if part.block is not None:
+                    more = s * s * part.block @ part.block.mT
+                    own = more if own is None else own + more
+                if part.columns is not None:
+                    columns.append(s * part.columns)
+                    names += part.parts
+            if columns:
+                n = source.constraint.n
+                each = np.zeros((n, 6, 6)) if own is None else np.broadcast_to(own, (n, 6, 6))
+                shared = np.concatenate(columns, axis=-1)
+                if turns is not None:
+                    turn, energy = turns[side]
+                    faint = shared @ turn[:, energy < FAINT]
+                    shared, each, names = shared @ turn[:, energy >= FAINT], each + faint @ faint.mT, []
+                own = JointCovariance(each, shared, tuple(names))
+            sides[side] = own
+        if source.constraint.item == "pose":
+            return PoseNoise(**sides)
+        return PairNoise(A=sides["robot"], B=sides["camera"])
+
+    @cached_property
+    def errors(self) -> tuple[SharedError, ...]:
+        """Errors that all poses share, those of the arm among them, with the standard deviations found."""
+        found = [error.of_size(self.sizes.get(error.name, 1.0)) for error in self.source.errors]
+        if self.source.arm is not None:
+            found += errors_of_arm(self.source.arm, {group: self.sizes.get(group, 0.0) for group in DECLARED_AS})
+        return tuple(found)
+
+    @cached_property
+    def spread(self) -> Array:
+        """(p, r) moves of X and W that the open sizes leave, one standard deviation each: beside the noise."""
+        p, mixture = self.model.p, self.mixture
+        centre = self.model.of_poses(mixture.mean_theta)
+        more = mixture.about(centre.mean)[:p, :p] - centre.covariance[:p, :p]
+        unit = np.sqrt(np.diag(centre.covariance)[:p])
+        values, vectors = np.linalg.eigh(more / np.outer(unit, unit))
+        kept = values > 1e-12
+        moves = unit[:, None] * vectors[:, kept] * np.sqrt(values[kept])
+        return np.asarray(moves if self.reduced.basis is None else self.reduced.basis @ moves)
+
+    @cached_property
+    def shape(self) -> float:
+        """Degrees of freedom nu of the multivariate t with the kurtosis of X's posterior; infinite: Gaussian.
+
+        With M_i the covariances relative to that of the mixture and mu_i the means,
+        ``E d^4 = sum w ((tr M_i + |mu_i|^2)^2 + 2 tr M_i^2 + 4 mu_i^T M_i mu_i)``, which is ``q (q + 2) (nu - 2) /
+        (nu - 4)`` for a t.
+        """
+        mixture, q = self.mixture, min(6, self.model.p)
+        C = mixture.covariance[:q, :q]
+        unit = 1.0 / np.sqrt(np.diag(C))
+        half = np.linalg.inv(np.linalg.cholesky(C * np.outer(unit, unit) + 1e-12 * np.eye(q))) * unit
+        M = half @ mixture.covariances[:, :q, :q] @ half.T
+        mu = (mixture.means[:, :q] - mixture.mean[:q]) @ half.T
+        square = np.einsum("dij,dji->d", M, M)
+        fourth = (np.einsum("dii->d", M) + (mu * mu).sum(axis=1)) ** 2 + 2 * square
+        fourth = fourth + 4 * np.einsum("di,dij,dj->d", mu, M, mu)
+        ratio = float(mixture.weights @ fourth) / (q * (q + 2))
+        return 4.0 + 2.0 / (ratio - 1.0) if ratio > 1.001 else float("inf")
+
+
+def _named(S: JointCovariance, otherwise: str) -> tuple[str, ...]:
+    return tuple(name or otherwise for name in S.names)
+
+
+def _root(S: Array) -> Array:
+    """(n, 6, 6) square roots of covariances that may be singular."""
+    values, vectors = np.linalg.eigh(S)
+    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0))[..., None, :])

@@ -1,0 +1,149 @@
+"""Findings about what a data set can and cannot tell about its noise, worded in `sentences`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy.special import ndtr
+
+from ...core.geometry.se3 import Array
+from ...findings import Finding
+from ...model.noise.estimate import CAMERA_EXCESS, Component, together
+from ...model.shared_errors.sizes import SIZES
+from .sentences import CONTRADICTION
+
+if TYPE_CHECKING:
+    from .estimation import FoundSizes
+
+# What corners of one picture share is said where it is surely above so many times its median: probability below which.
+USUAL, UNLIKELY, REACH = 2.0, 0.05, 1.96
+# Share of the variance of X (or W) from which on an error that it absorbs is a caution.
+COUNTS = 0.1
+# Pixel noise above or below these, in pixels, is none.
+MOST_PIXELS, LEAST_PIXELS = 1.5, 0.015
+
+
+def noise_findings(
+    parts: dict[str, Component], sides: tuple[str, str], rotation_told: bool, sheet: frozenset[str]
+) -> tuple[Finding, ...]:
+    """Return what the data can and cannot tell; ``sheet`` names what the data sheet decides."""
+    found = []
+    sums = [parts[together(what, sides)] for what in ("rotation", "translation")]
+    for what, which in (
+        ("told_by_data", [part for part in sums if part.name not in sheet]),
+        ("from_data_sheet", [part for part in sums if part.name in sheet]),
+    ):
+        if which:
+            found.append(_note(what, components=_plain(which)))
+    rotations, translations = ([parts[f"{side} {what}"] for side in sides] for what in ("rotation", "translation"))
+    known = [part.status in ("fixed", "prior") for part in rotations]
+    if not rotation_told:
+        found.append(_note("rotation_open", sides=sides, components=_plain(rotations)))
+    elif not all(known):
+        found.append(_note("rotation_told", sides=sides, components=_plain(rotations), with_data_sheet=any(known)))
+        found += [
+            _note("rotation_near_zero", component=asdict(part))
+            for part in rotations
+            if part.low == 0 and part.status != "fixed"
+        ]
+    else:
+        found.append(_by_sheet("rotation", rotations, sides, sheet))
+    if translations[0].status == "not told apart":
+        found.append(_note("translation_open", sides=sides))
+    elif sums[1].name in sheet:
+        found.append(_by_sheet("translation", translations, sides, sheet))
+    else:
+        found.append(_note("translation_by_data_sheet", components=_plain(translations)))
+    return tuple(found)
+
+
+def beside_camera_findings(parts: dict[str, Component], dof: float) -> tuple[Finding, ...]:
+    """Report the robot's noise beside the covariance of the camera poses, the noise of their pixels, and what the
+    corners of one picture share.
+    """
+    camera, robot = (
+        [parts[f"{side} {what}"] for what in ("rotation", "translation") if f"{side} {what}" in parts]
+        for side in ("camera", "robot")
+    )
+    pixels = parts.get("pixel noise")
+    if len(camera) < 2:
+        return ()
+    if pixels is None and camera[0].status not in ("from corners", "from points"):
+        return ()  # what was given needs no word
+    if pixels is None:
+        how = camera[0].status.replace(" ", "_")
+        found = [_note(f"camera_{how}", rotation=camera[0].value, translation=camera[1].value)]
+    else:
+        found = [_note("camera_by_geometry", component=asdict(pixels), components=_plain(camera))]
+        high = float("inf") if pixels.high is None else pixels.high
+        if pixels.status == "estimated" and (pixels.low > MOST_PIXELS or high < LEAST_PIXELS):
+            found.append(unusual_pixels(pixels))
+    if robot:
+        found.append(_note("robot_shows", components=_plain(robot)))
+    excess = parts.get(CAMERA_EXCESS)
+    if excess is not None and excess.high is not None and 0 < excess.low < excess.high:
+        sd = float(np.log(excess.high / excess.low)) / (2.0 * REACH)
+        p = float(ndtr((np.log(USUAL * SIZES[CAMERA_EXCESS].median) - np.log(excess.value)) / sd))
+        if p < UNLIKELY:
+            wrong = p < CONTRADICTION
+            values = {"pixels": excess.value, "p_value": p, "dof": dof, "wrong": wrong}
+            found.append(Finding("noise_estimation.camera_excess", "caution" if wrong else "note", values))
+    return tuple(found)
+
+
+def size_findings(found: FoundSizes) -> tuple[Finding, ...]:
+    """Report sizes that the data push to the end of their range, and errors that X and W absorb."""
+    source, model, mode = found.source, found.model, found.mode
+    units = {error.name: float(error.sd[0]) for error in source.errors}
+    listed = []
+    for place in mode.at_bound:
+        part = source.components[int(model.free[place])]
+        unit = SIZES[part.name].unit if part.name in SIZES else part.size.unit
+        value, usual = (units.get(part.name, 1.0) * float(np.exp(x[place])) for x in (mode.theta, model.medians))
+        values = {"error": part.name, "of": unit, "value": value, "usual": usual, "factor": part.size.factor}
+        listed.append(Finding("noise_estimation.size_at_end", "caution", values))
+    for k, moves in model.absorbed(mode.theta).items():
+        moves = found.reduced.unreduced(moves.T).T
+        which = ["X", "W"][: len(moves) // 6]
+        rms = [np.sqrt((moves[at : at + 3] ** 2).sum()) for at in range(0, len(moves), 3)]
+        for number, unknown in enumerate(which):
+            turn, shift = (float(value) for value in rms[2 * number : 2 * number + 2])
+            if max(turn, shift) < 1e-3 * max(rms):
+                continue
+            own = moves[6 * number : 6 * number + 6]
+            axes = [np.linalg.svd(own[part])[0][:, 0].tolist() for part in (slice(0, 3), slice(3, 6))]
+            values = {"error": source.components[k].name, "unknown": unknown, "turn": turn, "shift": shift}
+            values |= {"axis": axes[0], "along": axes[1], "alone": source.components[k].count == 1}
+            counts = len(moves) != model.p or _share(own, model.of_poses(mode.theta).covariance, number) > COUNTS
+            listed.append(Finding("noise_estimation.absorbed", "caution" if counts else "note", values))
+            break
+    return tuple(listed)
+
+
+def _share(moves: Array, C: Array, number: int) -> float:
+    """Largest share of the variance of an unknown pose that moves (6, m) have."""
+    part = slice(6 * number, 6 * number + 6)
+    unit = 1.0 / np.sqrt(np.diag(C)[part])
+    half = np.linalg.solve(np.linalg.cholesky(C[part, part] * np.outer(unit, unit)), unit[:, None] * moves)
+    return float(np.linalg.norm(half, 2) ** 2)
+
+
+def unusual_pixels(pixels: Component) -> Finding:
+    """Noise that no detector has: a caution."""
+    return Finding("noise_estimation.unusual_pixels", "caution", {"component": asdict(pixels)})
+
+
+def _by_sheet(what: str, parts: list[Component], sides: tuple[str, str], sheet: frozenset[str]) -> Finding:
+    decided = all(part.name in sheet for part in parts)
+    return _note("with_data_sheet", what=what, sides=sides, components=_plain(parts), decided=decided)
+
+
+def _plain(parts: Iterable[Component]) -> list[dict[str, Any]]:
+    return [asdict(part) for part in parts]
+
+
+def _note(what: str, /, **values: Any) -> Finding:
+    return Finding(f"noise_estimation.{what}", "note", values)

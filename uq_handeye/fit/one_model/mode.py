@@ -1,0 +1,143 @@
+r"""The most probable sizes: a quasi-Newton search that starts from the average information.
+
+The second derivatives of f (`engine`) by log sizes are near their average information I where the sizes are near the
+mode, and not far from it. The search takes steps ``-B^-1 df``, B = I at the start and updated by the changes of the
+gradient after that (BFGS). A step moves no logarithm by more than `LONGEST`, stays within `REACH` deviations of the
+prior, and is shortened until f falls. SciPy's L-BFGS-B takes no such start, and twice the evaluations.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.geometry.se3 import Array
+from .engine import LatentModel, State
+
+# Deviations of the prior between which a size is looked for; largest change of a logarithm in one step.
+REACH, LONGEST = 5.0, 1.5
+# Other modes (`other_modes`): a size of so many medians counts as one of the tail, which begins at `FAR` of them; a
+# number is seen beyond so many standard deviations; modes are apart by so many.
+TAIL, FAR, SHOWS, APART = 150.0, 10.0, 4.0, 2.0
+# The mode is found when a step promises less; steps and halvings at most.
+GAIN, MOST, HALVINGS = 1e-5, 60, 12
+
+
+@dataclass(frozen=True, eq=False)
+class Mode:
+    """A maximum of the posterior of the sizes."""
+
+    state: State
+    converged: bool
+    at_bound: tuple[int, ...]  # numbers of free sizes that the data push against the end of their range
+
+    @property
+    def theta(self) -> Array:
+        """(k,) logarithms of the free sizes."""
+        return self.state.theta
+
+    @property
+    def log_evidence(self) -> float:
+        """Logarithm of the probability of the data about this mode, up to a constant that all modes share."""
+        return -self.state.value - 0.5 * float(np.linalg.slogdet(self.state.information)[1])
+
+
+def find_mode(model: LatentModel, start: Array | None = None, gain: float = GAIN, reach: float = REACH) -> Mode:
+    """Minimise f from ``start`` (the medians by default), until a step promises less than ``gain``.
+
+    ``reach``: deviations of the prior between which the sizes are looked for.
+    """
+    low, high = model.medians - reach * model.spreads, model.medians + reach * model.spreads
+    state = model.at(model.medians if start is None else np.clip(start, low, high))
+    B, converged = state.information, not len(low)
+    for _ in range(0 if converged else MOST):
+        open_ = ~_held(state, low, high)
+        move = np.zeros(len(low))
+        if open_.any():
+            move[open_] = -np.linalg.solve(B[np.ix_(open_, open_)], state.gradient[open_])
+        promised = -float(state.gradient @ move)
+        if promised < gain:
+            converged = True
+            break
+        share = min(1.0, LONGEST / float(np.abs(move).max()))
+        for _ in range(HALVINGS):
+            tried = model.at(np.clip(state.theta + share * move, low, high))
+            if tried.value < state.value - 1e-4 * share * promised:
+                break
+            # the minimum of the parabola through both values and the slope
+            curved = tried.value - state.value + share * promised
+            share *= float(np.clip(0.5 * share * promised / max(curved, 1e-300), 0.1, 0.5))
+        else:
+            converged = promised < 1e-2  # what is left is rounding
+            break
+        B = _updated(
+            B if share > 0.1 else tried.information, tried.theta - state.theta, tried.gradient - state.gradient
+        )
+        state = tried
+    at_bound = tuple(np.flatnonzero(_held(state, low, high)).tolist())
+    return Mode(state, converged, at_bound)
+
+
+def other_modes(model: LatentModel, mode: Mode) -> list[Mode]:
+    """Return further modes, each by a search that starts with an error of one number in its tail, or out of it.
+
+    Of a shared error of one number with a free size, such as the scale of the target, the size may be its usual one,
+    the rest of the residuals being the arm's, or as large as the number itself (an inch for 25 mm), the arm being
+    better. A search starts there where a size of `TAIL` usual ones, beside the other sizes found or their medians,
+    shows a number beyond `SHOWS` of its standard deviations and `FAR` usual sizes; where the mode itself is there, at
+    the usual size.
+    Modes that are not apart count once.
+    """
+    found: list[Mode] = []
+    free = model.free.tolist()
+    for place, number in enumerate(free):
+        if model.components[number].count != 1:
+            continue
+        usual, at = model.medians[place], model.place(number)
+        starts = []
+        for start in (mode.theta.copy(), model.medians.copy()):
+            if mode.theta[place] > usual + np.log(FAR):
+                start[place] = usual
+                starts.append(start)
+                break
+            start[place] = usual + np.log(TAIL)
+            wide = model.conditional(start)
+            size = abs(float(wide.mean[at]))
+            if size > max(SHOWS * float(np.sqrt(wide.covariance[at, at])), FAR * float(np.exp(usual))):
+                start[place] = np.log(size)
+                starts.append(start)
+        for start in starts:
+            other = find_mode(model, start)
+            if (
+                other.converged
+                and place not in other.at_bound
+                and all(_apart(other, known) for known in (mode, *found))
+            ):
+                found.append(other)
+    return found
+
+
+def _apart(other: Mode, known: Mode) -> bool:
+    off = other.theta - known.theta
+    return float(off @ known.state.information @ off) > APART**2
+
+
+def _held(state: State, low: Array, high: Array) -> NDArray[np.bool_]:
+    """(k,) sizes at the end of their range that would go beyond it."""
+    at_low = (state.theta <= low + 1e-9) & (state.gradient > 0)
+    return np.asarray(at_low | ((state.theta >= high - 1e-9) & (state.gradient < 0)))
+
+
+def _updated(B: Array, s: Array, y: Array) -> Array:
+    """Damped BFGS update (Powell 1978): B stays positive definite."""
+    Bs = B @ s
+    curvature, change = float(s @ Bs), float(s @ y)
+    if curvature <= 0:
+        return B
+    if change < 0.2 * curvature:
+        weight = 0.8 * curvature / (curvature - change)
+        y = weight * y + (1.0 - weight) * Bs
+        change = float(s @ y)
+    return np.asarray(B - np.outer(Bs, Bs) / curvature + np.outer(y, y) / change)

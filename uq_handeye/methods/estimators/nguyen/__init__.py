@@ -1,0 +1,188 @@
+r"""Nguyen and Pham's iterative estimate of X with the covariances of its rotation and of its translation.
+
+Model: ``A_k X = X B_k`` (``X = gripper_T_camera`` for eye-in-hand, A the motions of the robot, B of the camera). The
+data carry Gaussian errors ``xi = (theta, tau)``: left rotation in rad, additive translation in the length unit of the
+data, independent from pair to pair. Two errors-in-variables problems, one after the other (T6 in the theory page),
+
+    rotation      measured alpha_k, beta_k (rotation vectors of A and B);        alpha_k = R beta_k
+    translation   measured R_Ak (refined by the rotation), q_k = R t_Bk - t_Ak;  q_k = (R_Ak - I) t
+
+each with one latent quantity per pair: the true ``beta_k``, then the true ``R_Ak``. The published Gauss-Newton
+iterations carry the latents along and eliminate them by a Schur complement; here it is done in closed form. With
+
+    S_a = J_l(alpha)^-1 Sigma_RA J_l(alpha)^-T (S_b alike),   Q = S_a + R S_b R^T,   r = alpha - R beta
+
+the true ``alpha`` given R is ``a = alpha - S_a Q^-1 r``, and the Schur complement is the information
+
+    F = sum [a]x^T Q^-1 [a]x,     theta = F^-1 sum a x Q^-1 r,     Sigma_R = F^-1
+
+The refined ``R_Ak = exp([a_k]x)`` has the left error ``phi_k``. With ``v = R_Ak t``, ``e = q - (R_Ak - I) t`` and ``V =
+[v]x`` the residual of the second stage has the covariance
+
+    P = Cov(e) = Cov(q) + V Cov(phi) V^T + Cov(q, phi) V^T + V Cov(phi, q)
+    T = sum (R_Ak - I)^T P^-1 (R_Ak - I),     Sigma_t = T^-1
+
+As in the publication, the correlation of rotation and translation within the covariance of a motion is ignored when
+weighting, the pairs are taken as independent, though all q_k share the error of R, and no cross-covariance of rotation
+and translation is given. `derivatives` ignores none of the three. The stages themselves are in `stages`.
+
+Source: H. Nguyen, Q.-C. Pham, "On the covariance of X in AX = XB", IEEE Trans. Robotics 34 (2018),
+doi:10.1109/TRO.2018.2861905, arXiv:1706.03498.
+
+Motions by exactly 180 degrees are singular: their axis has no sign.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from ....core.geometry.checks import as_transforms
+from ....core.geometry.se3 import Array
+from ....errors import InputError
+from ....model.noise.models import PairNoise, require_count
+from ...procrustes.limit import as_pairs, trial_blocks
+from ..common.method import Derivatives, Estimate, Method
+from .derivatives import NguyenDerivatives, covariances_at
+from .stages import (
+    BLOCK,
+    PUBLISHED_ITERATIONS,
+    CrossTerm,
+    NguyenResult,
+    Rule,
+    Stop,
+    covariance_of,
+    measured,
+    refined_rotations,
+    rotation_stage,
+    starting_rotation,
+    translation_data,
+    translation_stage,
+    typical_length,
+)
+
+
+def nguyen(
+    A: Any,
+    B: Any,
+    noise: PairNoise | None = None,
+    *,
+    cross_term: CrossTerm = "derived",
+    stop: Stop = "scaled",
+    max_iterations: int = 100,
+) -> NguyenResult:
+    """X from ``A_k X = X B_k`` by Nguyen and Pham's two stages, weighted by the noise.
+
+    Parameters
+    ----------
+    A, B : (..., N, 4, 4)
+        Motions of robot and camera; leading axes are independent problems and broadcast.
+    noise : PairNoise or None
+        The 3x3 blocks of rotation and of translation are used; their correlation is ignored, as published. None is
+        isotropic noise, equal on A and B, with the root mean square translation of the data times as much
+        standard deviation in translation as in rotation: no unit enters.
+    cross_term : "derived" or "published"
+        ``Cov(q_k, phi_k)``: as derived, or with the opposite sign and ``R t_A`` in place of ``R t_B``.
+    stop : "scaled" or "published"
+        ``scaled`` ends at steps below 1e-8 standard deviations, whatever the units, or where steps shrink so fast that
+        the next one would be, with damped steps where a full one would raise the sum of squares. ``published`` ends at
+        steps below 1e-10 rad, then 1e-5 in the length unit of the data, after 10 undamped iterations at most.
+    max_iterations : int
+        Per stage, for ``scaled``.
+
+    Returns
+    -------
+    NguyenResult
+        X, Sigma_R, Sigma_t, iterations, converged, length. A problem that did not converge has ``converged`` False
+        and the last iterate. Without a noise model both covariances are in units of the unknown variance of a rotation.
+
+    Raises
+    ------
+    InputError
+        Wrong shapes, values or options; a noise model with which a residual has no error in some direction.
+    DegenerateMotionError
+        The motions do not determine X: parallel rotation axes or no rotation.
+    """
+    if cross_term not in ("derived", "published"):
+        raise InputError(f"Expected `cross_term` to be 'derived' or 'published', got {cross_term!r}.")
+    if stop not in ("scaled", "published"):
+        raise InputError(f"Expected `stop` to be 'scaled' or 'published', got {stop!r}.")
+    if max_iterations < 1:
+        raise InputError(f"Expected `max_iterations` to be at least 1, got {max_iterations!r}.")
+    A, B = as_pairs(A, B)
+    A, B = as_transforms(A, "A"), as_transforms(B, "B")
+    batch, N = A.shape[:-3], A.shape[-3]
+    _check_noise(noise, N)
+    flat_A, flat_B = A.reshape(-1, N, 4, 4), B.reshape(-1, N, 4, 4)
+    rule = Rule(stop, PUBLISHED_ITERATIONS if stop == "published" else int(max_iterations))
+    parts = [
+        _solve(flat_A[trials], flat_B[trials], noise, cross_term, rule, trials.start, batch)
+        for trials in trial_blocks(len(flat_A), N, BLOCK)
+    ]
+    joined = parts[0] if len(parts) == 1 else NguyenResult(*map(np.concatenate, zip(*parts, strict=True)))
+    return NguyenResult(*(part.reshape((*batch, *part.shape[1:])) for part in joined))
+
+
+def _check_noise(noise: Any, N: int) -> None:
+    if noise is None:
+        return
+    if not isinstance(noise, PairNoise):
+        raise InputError(f"Expected `noise` to be PairNoise or None, got {type(noise).__name__}.")
+    require_count(noise.A, N, "A", "motions")
+    require_count(noise.B, N, "B", "motions")
+
+
+def _solve(
+    A: Array, B: Array, noise: PairNoise | None, cross_term: CrossTerm, rule: Rule, first: int, batch: tuple[int, ...]
+) -> NguyenResult:
+    T = len(A)
+    length = np.ones(T) if noise is not None else typical_length(A, B)
+    data = measured(A, B, noise, length)
+    R = starting_rotation(data, first, batch)
+    turn = rotation_stage(data, R, rule)
+    X = np.zeros((T, 4, 4))
+    X[:, :3, :3] = turn.R
+    X[:, 3, 3] = 1.0
+    refined = refined_rotations(data.S_a, turn.a, turn.W)
+    moved = translation_data(data, turn.R, refined, covariance_of(turn.F), cross_term)
+    shift = translation_stage(moved, rule, cross_term)
+    X[:, :3, 3] = shift.t
+    return NguyenResult(
+        X,
+        moved.Sigma_R,
+        shift.Sigma_t,
+        np.stack([turn.iterations, shift.iterations], axis=-1),
+        turn.converged & shift.converged,
+        length,
+    )
+
+
+class _Solver:
+    """The default variant among the other methods."""
+
+    def estimate(self, A: Array, B: Array, noise: PairNoise | None) -> Estimate:
+        result = nguyen(A, B, noise)
+        return Estimate(result.X, result.converged, result.iterations.sum(axis=-1), result)
+
+    def derivatives(self, A: Array, B: Array, noise: PairNoise | None, X: Array) -> Callable[[slice], Derivatives]:
+        at = covariances_at(A, B, X, noise, "derived")
+        return lambda trials: NguyenDerivatives(at, noise, trials)
+
+
+METHOD = Method(
+    name="nguyen",
+    authors="H. Nguyen and Q.-C. Pham",
+    year=2018,
+    title="On the Covariance of X in AX = XB. IEEE Trans. Robotics 34(6), 1651-1658",
+    doi="10.1109/TRO.2018.2861905",
+    structure="separated",
+    form="iterative",
+    minimises="the Mahalanobis distance of rotation vectors alpha - R_X beta, then of q - (R_A - I) t, both with "
+    "errors in all variables, weighted by the noise",
+    singular="motions of 180 degrees, unless others fix the sign of their axes; a noise model without noise in some "
+    "direction on both sides",
+    solver=_Solver(),
+    weighted=True,
+)

@@ -1,0 +1,368 @@
+r"""First-order covariance of X: per pair (T3), pose-aware (T4), literal (45).
+
+Model: the data carry Gaussian errors ``xi = (theta, tau)`` (left rotation, additive translation, rad and m);
+X carries ``xi_X`` in the same convention, in the frame of ``A`` (gripper for eye-in-hand). To first order
+``xi_X = sum_i D_i xi_i`` with ``D_i = dX / d(data of pair i)``, in closed form for 4DPA (`sensitivity`) and by the
+delta method for the other estimators (T7, `estimators`), so that for independent pairs
+
+    Sigma_X = sum_i D_i Sigma_i D_i^T                                                           (T3)
+
+and for noise on poses, which pairs share, the derivatives are first summed over the pairs of each pose:
+
+    D_k = sum over pairs p that use pose k of D_p (d xi_p / d xi_k),   Sigma_X = sum_k D_k Sigma_k D_k^T   (T4)
+
+Both hold for 4DPA's limit ``scale=None`` and the paper's route at finite d. The literal form of (45) lets all
+pairs carry the *same* noise and averages the derivative; for independent noise it is far too small and is kept
+so that this can be shown.
+
+Digits near half a turn. 4DPA weights a motion by sin^2(angle), read from differences of entries of R that are rounded
+to 1e-16: where *all* motions are within delta of 180 degrees, this rounding of the data alone moves the covariance by a
+relative 3e-12 (delta = 1e-4 rad), 1e-10 (1e-5) or 5e-7 (1e-6), and the computation adds up to five times as much
+(against 40 digits). Below 1e-7 rad `DegenerateMotionError` says that nothing is determined. Motions by other angles
+cure it.
+
+Conditions under which a propagated covariance is not valid: findings from quantities that are at hand.
+
+Two kinds of methods have a covariance that may be off by factors though that of every other is exact to first order:
+
+- One whose X is no smooth function of the data has a covariance in the limit of many data
+  (`estimators.common.method.SolverWithCovariance`), and says which share of the information that limit does not cover.
+- One that weights by the noise is differentiated with its weights held fixed, as their derivatives multiply residuals.
+  These terms count where the error of X is curved, `bend`.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple, TypeVar, cast
+
+import numpy as np
+
+from ...core.geometry.checks import as_transforms
+from ...core.geometry.se3 import Array, skew
+from ...errors import InputError, InputWarning
+from ...findings import Finding
+from ...model.noise.models import Noise, PairNoise, PoseNoise
+from ...model.poses.motions import Motions
+from ..estimators.common.method import (
+    Derivatives,
+    ErrorFactors,
+    Method,
+    PoseFactors,
+    SolverWithCovariance,
+    explained,
+    require_converged,
+)
+from ..estimators.registry import find
+from ..procrustes.limit import (
+    Suspicious,
+    as_pairs,
+    pair_blocks,
+    require_transforms,
+    solve_limit,
+    solve_scaled,
+    trial_blocks,
+)
+from ..procrustes.sensitivity import LimitDerivatives, ScaledDerivatives, linearised
+from ..procrustes.so4_covariances import PAPER_SCALE, literal_covariance
+from . import sentences  # noqa: F401  (registers the words)
+from .noise_transport import DataSide, Shared, Start, data_side, made_from_poses, noise_of_pairs
+
+# Independent pairs or poses below which the covariance of a method that is not smooth is not to be trusted.
+FEW = 10
+# Largest share of the information from residuals that are known better than X. Measured on 10 to 20 motions: below 0.6
+# the sampled variances are within a factor 2 of the covariance, above 0.65 they are up to 200 times as large.
+SHARE = 0.6
+# Largest bend, in standard deviations. Measured on 11 poses: 0.005 on data that are well spread; from 0.1 on the
+# derivatives are off by factors of two.
+BEND = 0.1
+# Relative variance of the translation, given the rotation, below which it is rounding.
+ROUNDING = 1e-12
+
+
+def find_few(method: Method, count: int, item: str) -> list[Finding]:
+    """Report pairs or poses that are too few for a covariance in the limit of many data."""
+    if count >= FEW:
+        return []
+    return [
+        Finding("propagation.few_data", "caution", {"method": method.name, "count": count, "item": item, "enough": FEW})
+    ]
+
+
+def find_precise_residuals(method: Method, share: float) -> list[Finding]:
+    """Report residuals known better than X that hold too large a share of the information about it."""
+    if share <= SHARE:
+        return []
+    return [Finding("propagation.precise_residuals", "caution", {"method": method.name, "share": share})]
+
+
+def find_curved(method: Method, A: Array, B: Array, X: Array, covariance: Array) -> list[Finding]:
+    """Report a method that weights by the noise and bends too much; arrays as for `bend`."""
+    if not method.weighted:
+        return []
+    largest = float(bend(A, B, X, covariance).max())
+    return [Finding("propagation.curved", "caution", {"method": method.name, "bend": largest})] * (largest > BEND)
+
+
+def bend(A: Array, B: Array, X: Array, covariance: Array) -> Array:
+    r"""Return by how far the translation of X leaves the straight line as its rotation varies, (T,).
+
+    Given the rotation ``R = exp([theta]x) R_hat``, the translation minimises ``sum |R t_B - t_A - (R_A - I) t|^2``. Its
+    second order in theta is
+
+        c(theta) = (sum D^T D)^-1 sum D^T [theta]x [theta]x R_hat t_B / 2,     D = R_A - I
+
+    For ``theta ~ N(0, Sigma_R)`` this is the root mean square of c, in standard deviations of t given R by the
+    covariance, in the direction where it is largest.
+
+    Parameters
+    ----------
+    A, B : (T, N, 4, 4)
+    X : (T, 4, 4)
+    covariance : (T, 6, 6)
+        First-order covariance of X.
+    """
+    D = A[..., :3, :3] - np.eye(3)
+    moved = B[..., :3, 3] @ X[:, :3, :3].mT
+    values, axes = np.linalg.eigh(covariance[:, :3, :3])
+    values = np.maximum(values, 0.0)
+    by_axis = skew(np.sqrt(values)[:, :, None] * axes.mT)  # (T, axis, 3, 3)
+    right = np.einsum("tmkj,tml->tjkl", D, moved, optimize=True)
+    normal = np.einsum("tmkj,tmkl->tjl", D, D, optimize=True)
+    second = np.einsum("tjkl,taki,tbil->tabj", right, by_axis, by_axis, optimize=True)
+    c = 0.25 * np.linalg.solve(normal[:, None, None], (second + second.swapaxes(1, 2))[..., None])[..., 0]
+    mean = np.einsum("taaj->tj", c)
+    square = mean[:, :, None] * mean[:, None, :] + 2.0 * np.einsum("tabj,tabk->tjk", c, c)
+    # t given R
+    to_axes = covariance[:, 3:, :3] @ axes
+    known = values > ROUNDING * values[:, -1:]
+    to_axes /= np.sqrt(np.where(known, values, np.inf))[:, None, :]
+    given = covariance[:, 3:, 3:] - to_axes @ to_axes.mT
+    least, directions = np.linalg.eigh(given)
+    floor = ROUNDING * np.linalg.trace(covariance[:, 3:, 3:])[:, None]
+    whitened = directions / np.sqrt(np.maximum(np.maximum(least, floor), np.finfo(float).tiny))[:, None, :]
+    return np.asarray(np.sqrt(np.linalg.eigvalsh(whitened.mT @ square @ whitened)[:, -1].clip(min=0.0)))
+
+
+# Pairs whose derivatives are held at once, about 2 kB each: larger blocks cost more in fresh pages than they save.
+BLOCK = 1024
+# Pairs times error components of their poses, beyond which not every two pairs are compared.
+MOST_SHARED = 5_000_000
+
+Result = TypeVar("Result")
+
+
+def propagate(
+    A: Any,
+    B: Any = None,
+    noise: Noise | None = None,
+    *,
+    X: Any = None,
+    method: str = "4dpa",
+    scale: float | None = None,
+    kind: str | None = None,
+) -> Array:
+    """The 6x6 covariance of an estimator's X to first order.
+
+    Parameters
+    ----------
+    A, B : (..., N, 4, 4), or one `Motions` in place of both
+    noise : PairNoise or PoseNoise
+        PoseNoise needs `Motions` that were made from poses.
+    X : (..., 4, 4) or None
+        The estimate of this method, at which to linearise; None solves for it.
+    method : str
+        A name in `METHODS`.
+    scale : float or None
+        As in `solve`.
+    kind : "pairs", "poses", "literal" or None
+        ``pairs`` takes the pairs as independent (T3), ``poses`` keeps what pairs share (T4), ``literal`` is
+        (45) as printed, of 4DPA only. None takes ``pairs`` for PairNoise and ``poses`` for PoseNoise.
+
+    Returns
+    -------
+    (..., 6, 6) covariance of ``xi = (theta, tau)``: left rotation in rad, additive translation.
+
+    Raises
+    ------
+    InputError
+        Shapes that do not fit, a noise model that does not fit the motions.
+    DegenerateMotionError
+        The motions do not determine X: its variance is infinite along the directions named.
+    NotConvergedError
+        ``zhao``: too few residuals determine X.
+
+    Warns
+    -----
+    InputWarning
+        The covariance may be off by factors: of ``zhao`` with few data, or where residuals that are known better than X
+        determine it; of ``nguyen`` where X is so uncertain that its error is curved (`first_order`).
+
+    Examples
+    --------
+    >>> import numpy as np, uq_handeye as uq
+    >>> noise = uq.PoseNoise.isotropic(camera=("1mrad", "1mm"))
+    >>> motions = uq.relative_motions(uq.simulate(n_poses=20, noise=noise, seed=1), "all")
+    >>> covariance = uq.propagate(motions, noise)
+    >>> np.round(np.sqrt(np.diag(covariance)) * 1e3, 2)  # mrad, mm
+    array([0.45, 0.4 , 0.58, 0.51, 0.48, 0.58])
+    """
+    covariance, findings = propagate_and_check(A, B, noise, X=X, method=method, scale=scale, kind=kind)
+    for finding in findings:
+        warnings.warn(str(finding), InputWarning, stacklevel=2)
+    return covariance
+
+
+def propagate_and_check(
+    A: Any,
+    B: Any = None,
+    noise: Noise | None = None,
+    *,
+    X: Any = None,
+    method: str = "4dpa",
+    scale: float | None = None,
+    kind: str | None = None,
+) -> tuple[Array, list[Finding]]:
+    """The covariance of `propagate`, and what speaks against it."""
+    problem = _problem(A, B, noise, X, method, scale, kind)
+    findings: list[Finding] = []
+    if kind == "literal":
+        assert isinstance(problem.noise, PairNoise)  # data_side has seen to it
+        S = literal_covariance(problem.A, problem.B, problem.noise, problem.X, PAPER_SCALE if scale is None else scale)
+    elif not find(method).smooth:
+        S, findings = _beyond_derivatives(problem, find(method), kind)
+    else:
+        S = np.concatenate(problem.each(lambda side, Q: np.asarray(Q @ side.covariance() @ Q.mT)))
+        if problem.X is not None:
+            findings = find_curved(find(method), problem.A, problem.B, problem.X, S)
+    return (0.5 * (S + S.mT)).reshape(*problem.batch, 6, 6), findings
+
+
+def pose_sensitivities(
+    motions: Motions, noise: PoseNoise, X: Array, method: str = "4dpa", scale: float | None = None
+) -> list[Array | None]:
+    """``d xi_X / d xi_k`` (n, 6, 6) by the error of every pose k, robot and camera (T4); None where it is exact."""
+
+    def weighted(side: DataSide, Q: Array) -> list[Array | None]:
+        assert isinstance(side, Shared)
+        return [None if D is None else Q[0] @ D[0] for D in side.by_error()]
+
+    return _problem(motions, noise, None, X, method, scale, "poses").each(weighted)[0]
+
+
+class _Problem(NamedTuple):
+    """Checked problem whose covariance is asked for: motions (T, N, 4, 4), and the start of a sum for some of the
+    trials.
+    """
+
+    batch: tuple[int, ...]
+    A: Array
+    B: Array
+    X: Array | None
+    method: str
+    noise: Noise
+    weights: PairNoise | None  # the noise of each pair alone, where the method asks for it
+    start: Start
+    derivatives: Callable[[slice], Derivatives]
+    again: Callable[[slice], Derivatives] | None  # after the second look at odd values
+
+    def each(self, take: Callable[[DataSide, Array], Result]) -> list[Result]:
+        """``take(side of the data, weight Q (T, 6, 6))`` of each block of trials."""
+        try:
+            with explained(self.method):  # what is ill-conditioned the estimate, refined, may still have solved
+                return [take(*sums) for sums in self._sums(self.derivatives)]
+        except Suspicious:
+            shape = (*self.batch, *self.A.shape[1:])
+            require_transforms(self.A.reshape(shape), self.B.reshape(shape))
+            assert self.again is not None
+            return [take(*sums) for sums in self._sums(self.again)]
+
+    def _sums(self, derivatives: Callable[[slice], Derivatives]) -> Iterator[tuple[DataSide, Array]]:
+        T, N = self.A.shape[:2]
+        for trials in trial_blocks(T, N, BLOCK):
+            of_X, of_data = derivatives(trials), self.start(trials)
+            for pairs in pair_blocks(N, BLOCK):
+                of_data.add(of_X.block(self.A[trials, pairs], self.B[trials, pairs], pairs), pairs)
+            yield of_data, of_X.weight(N)
+
+
+def _problem(
+    A: Any, B: Any, noise: Noise | None, X: Any, method: str, scale: float | None, kind: str | None
+) -> _Problem:
+    motions = A if isinstance(A, Motions) else None
+    if motions is not None:
+        if isinstance(B, PairNoise | PoseNoise) and noise is None:
+            noise, B = B, None
+        if B is not None:
+            raise InputError("Expected no `B` beside Motions, which hold both A and B.")
+        A, B = motions.A, motions.B
+    if not isinstance(noise, PairNoise | PoseNoise):
+        raise InputError(f"Expected `noise` to be PairNoise or PoseNoise, got {type(noise).__name__}.")
+    A, B = as_pairs(A, B)
+    start = data_side(noise, kind, motions, A.shape[-3])
+    batch, N = A.shape[:-3], A.shape[-3]
+    if X is not None:
+        X = as_transforms(X, "X", stack=False)
+        try:
+            X = np.broadcast_to(X, (*batch, 4, 4)).reshape(-1, 4, 4)
+        except ValueError as error:
+            raise InputError(f"Expected `X` to have shape {(*batch, 4, 4)} or (4, 4), got {X.shape}.") from error
+    flat_A, flat_B = A.reshape(-1, N, 4, 4), B.reshape(-1, N, 4, 4)
+    again: Callable[[slice], Derivatives] | None = None
+    weights: PairNoise | None = None
+    derivatives: Callable[[slice], Derivatives]
+    if method != "4dpa":
+        found = find(method)
+        if scale is not None or kind == "literal":
+            raise InputError(
+                f"Expected neither `scale` nor kind='literal' with method {method!r}: they belong to 4dpa."
+            )
+        as_transforms(A, "A")
+        as_transforms(B, "B")
+        if found.weighted or not found.smooth:
+            weights = noise if isinstance(noise, PairNoise) else noise_of_pairs(made_from_poses(motions), noise)
+        if X is None:
+            X = require_converged(found, found.estimate(flat_A, flat_B, weights if found.weighted else None)).X
+        with explained(method):
+            derivatives = found.solver.derivatives(flat_A, flat_B, weights, X)
+    elif scale is not None:
+        linear = linearised(solve_scaled(A, B, scale), X, scale)
+        derivatives = lambda trials: ScaledDerivatives(linear, trials)  # noqa: E731
+    else:
+        at = solve_limit(A, B).reshape(-1, 4, 4) if X is None else X
+        # the limit checks the values of A and B on the way; if they look odd, once more and with names
+        derivatives = lambda trials: LimitDerivatives(at[trials], motions is not None)  # noqa: E731
+        again = lambda trials: LimitDerivatives(at[trials], True)  # noqa: E731
+    return _Problem(batch, flat_A, flat_B, X, method, noise, weights, start, derivatives, again)
+
+
+def _beyond_derivatives(problem: _Problem, method: Method, kind: str | None) -> tuple[Array, list[Finding]]:
+    """The covariances (T, 6, 6) of an X that is no smooth function of the data, and what speaks against them."""
+    solver = cast(SolverWithCovariance, method.solver)
+    assert problem.X is not None and problem.weights is not None
+    pairs_share = isinstance(problem.noise, PoseNoise) and kind != "pairs"
+    count, item = problem.A.shape[1], "pairs"
+    if pairs_share:
+        side = problem.start(slice(0, 1))
+        assert isinstance(side, Shared)
+        count, item = side.sums[0].shape[1], "poses"
+    found = []
+    for t, (A, B, X) in enumerate(zip(problem.A, problem.B, problem.X, strict=True)):
+        noise: PairNoise | ErrorFactors | PoseFactors = problem.weights
+        if pairs_share:
+            side = problem.start(slice(t, t + 1))
+            assert isinstance(side, Shared)
+            if side.joint or side.twice:  # any two pairs may be correlated
+                if len(A) * side.count > MOST_SHARED:
+                    raise InputError(
+                        f"The covariance of method {method.name!r} compares every two residuals where all poses share "
+                        f"errors; {len(A)} pairs are too many. Choose fewer."
+                    )
+                noise = side.factors()
+            else:
+                noise = PoseFactors(side.pairs, side.pose_factors)
+        with explained(method.name):
+            found.append(solver.covariance(A, B, X, noise))
+    findings = find_few(method, count, item) + find_precise_residuals(method, max(each.share for each in found))
+    return np.stack([each.value for each in found]), findings

@@ -1,0 +1,160 @@
+r"""Least squares over few global values and a small block of numbers for each picture (variable projection).
+
+Minimised is ``sum_i |r_i(v, p_i)|^2 + |R (v - v_0)|^2`` over the values v (f) and the blocks p_i (6 numbers each) of n
+pictures. With the derivatives A_i by v and B_i by p_i, and
+
+    G_i = d p_i / d v = -(B_i^T B_i)^-1 B_i^T A_i,      d r_i / d v = A_i + B_i G_i  with the blocks at their minima,
+
+the normal matrix is block diagonal in the coordinates v and ``q_i = p_i - G_i v``: the Schur complement over the blocks
+
+    S = sum_i (A_i + B_i G_i)^T (A_i + B_i G_i) + R^T R       for v,        V_i = B_i^T B_i       for q_i
+
+Pictures are taken a few at a time, so that time grows with the number of residuals, and memory with that of pictures.
+Levenberg-Marquardt in these coordinates, each damped by its own diagonal (D. Marquardt, J. SIAM 11 (1963)); the damping
+follows the decrease found over that predicted (H. Nielsen, IMM-REP-1999-05, Technical University of Denmark).
+
+A point is predicted to lie as much above the minimum as the undamped step lowers the sum of squares. It is the last one
+where that is less than the share NEAR of it, and the step, if it gains like the one before, leaves less than STILL: for
+N residuals within ``sqrt(STILL N)`` standard deviations of the minimum. That step needs no further evaluation.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from ....core.geometry.se3 import Array
+
+STILL, NEAR = 1e-11, 1e-7
+MOST_STEPS = 100
+# Damping of the first step, by how much it falls at most and grows at first, and beyond which nothing can be improved.
+DAMPING, FALL, GROWTH, STUCK = 1e-6, 0.1, 4.0, 1e8
+# What a normal matrix of unit diagonal has for eigenvalues where it is singular.
+RANK = 1e-14
+
+# Numbers in the rows of the pictures that are taken at a time: they stay in the cache, and memory small.
+AT_ONCE = 2**18
+
+Rows = tuple[Array, Array, Array]  # r (n, m), A (n, m, f), B (n, m, 6)
+
+
+class Problem(Protocol):
+    """Minimisation problem."""
+
+    @property
+    def m(self) -> int:
+        """Rows of a picture."""
+
+    def rows(self, values: Array, blocks: Array, part: slice) -> Rows:
+        """Residuals and derivatives of a part of the pictures, with its ``blocks``; rows that do not count are 0."""
+
+    def moved(self, blocks: Array, step: Array) -> Array:
+        """The blocks (n, ...) after a step (n, 6)."""
+
+
+class Minimum(NamedTuple):
+    """Minimum: values, and the derivatives at the start of the last step."""
+
+    values: Array  # (f,)
+    blocks: Array  # (n, ...)
+    squares: float  # the sum of squares, with that of the prior
+    information: Array  # (f, f) S without the prior
+    V: Array  # (n, 6, 6)
+    G: Array  # (n, 6, f)
+    converged: bool
+    steps: int  # evaluations of the rows
+
+
+class Normal(NamedTuple):
+    """Normal equations about a point, diagonal in coordinates ``Q_0^-1 v`` and ``Q_i^-1 q_i``."""
+
+    squares: float  # with that of the prior
+    information: Array  # (f, f) S without the prior
+    V: Array  # (n, 6, 6)
+    G: Array  # (n, 6, f)
+    e: Array  # (f + 6 n,) the normal matrix
+    c: Array  # (f + 6 n,) half the gradient
+    to_values: Array  # (f, f) Q_0
+    to_blocks: Array  # (n, 6, 6) Q_i
+
+    @classmethod
+    def of(cls, problem: Problem, values: Array, blocks: Array, prior: tuple[Array, Array]) -> Normal | None:
+        """None where the residuals are not finite."""
+        n, f = len(blocks), len(values)
+        off = prior[1] @ (values - prior[0])
+        squares, S, g = float(off @ off), np.zeros((f, f)), prior[1].T @ off
+        V, G, own, to_blocks, h = (np.empty((n, 6, *more)) for more in ((6,), (f,), (), (6,), (1,)))
+        step = max(1, AT_ONCE // (problem.m * (f + 6)))
+        for part in (slice(first, first + step) for first in range(0, n, step)):
+            r, A, B = problem.rows(values, blocks[part], part)
+            squares += float(np.vdot(r, r))
+            if not np.isfinite(squares):
+                return None
+            V[part], h[part] = B.mT @ B, B.mT @ r[..., None]
+            own[part], Q = diagonal(V[part])
+            to_blocks[part] = Q
+            G[part] = -Q @ ((Q.mT @ (B.mT @ A)) / own[part][..., None])
+            J = A.mT + G[part].mT @ B.mT  # (n, f, m)
+            S += (J @ J.mT).sum(axis=0)
+            g += (J @ r[..., None]).sum(axis=0)[:, 0]
+        shared, to_values = diagonal(S + prior[1].T @ prior[1])
+        e, c = np.concatenate([shared, own.ravel()]), np.concatenate([to_values.T @ g, (to_blocks.mT @ h).ravel()])
+        return cls(squares, S, V, G, e, c, to_values, to_blocks)
+
+    def step(self, damping: float) -> tuple[Array, Array, float]:
+        """Return the steps of the values and of the blocks, and the predicted decrease of the sum of squares."""
+        y = -self.c / (self.e + damping)
+        f = len(self.to_values)
+        values = self.to_values @ y[:f]
+        blocks = (self.to_blocks @ y[f:].reshape(-1, 6, 1))[..., 0] + self.G @ values
+        return values, blocks, float(np.sum(-y * self.c * (1.0 + damping / (self.e + damping))))
+
+
+def minimised(problem: Problem, values: Array, blocks: Array, prior: tuple[Array, Array] | None = None) -> Minimum:
+    """The minimum from a start; ``prior`` is v_0 (f,) and R (f, f).
+
+    Raises `LinAlgError` where the start has residuals that are not finite.
+    """
+    prior = (values, np.zeros((0, len(values)))) if prior is None else prior
+    here = Normal.of(problem, values, blocks, prior)
+    if here is None:
+        raise np.linalg.LinAlgError("The residuals of the start are not finite.")
+    damping, growth, steps, before = DAMPING, GROWTH, 1, 0.0
+    while True:
+        move, step, above = here.step(0.0)
+        rate = min(1.0, above / before) if before else 1.0
+        near = above <= NEAR * here.squares and rate * above <= STILL * here.squares
+        if near:
+            values, blocks = values + move, problem.moved(blocks, step)
+            here = here._replace(squares=here.squares - above)
+        if near or damping > STUCK or steps == MOST_STEPS:
+            return Minimum(values, blocks, *here[:4], near or damping > STUCK, steps)
+        move, step, fall = here.step(damping)
+        there = values + move, problem.moved(blocks, step)
+        found = Normal.of(problem, *there, prior)
+        steps += 1
+        if found is not None and found.squares < here.squares:
+            damping *= max(FALL, 1.0 - (2.0 * (here.squares - found.squares) / fall - 1.0) ** 3)
+            growth, before, here = GROWTH, above, found
+            values, blocks = there
+        else:
+            damping, growth = growth * max(damping, here.e.min()), 2 * growth
+
+
+def reduced(A: Array, B: Array) -> tuple[Array, Array]:
+    """``A + B G`` (n, m, f) and G (n, 6, f)."""
+    own, to_blocks = diagonal(B.mT @ B)
+    G = -to_blocks @ ((to_blocks.mT @ (B.mT @ A)) / own[..., None])
+    return A + B @ G, G
+
+
+def diagonal(H: Array) -> tuple[Array, Array]:
+    """e (..., d), Q (..., d, d) with ``(H + l diag(H))^-1 = Q diag(1 / (e + l)) Q^T`` of normal matrices (..., d, d).
+
+    e is infinite where H is singular: no step goes there.
+    """
+    size = np.einsum("...ii->...i", H)
+    unit = 1.0 / np.sqrt(np.where(size > 0, size, np.inf))
+    e, Q = np.linalg.eigh(H * unit[..., :, None] * unit[..., None, :])
+    return np.where(e > RANK * e[..., -1:], e, np.inf), unit[..., :, None] * Q

@@ -1,0 +1,268 @@
+"""Pictures of boards: the files, and the corners of the board in each.
+
+Boards and their frames: `boards.description`; how each kind is found: the other modules of `boards`.
+"""
+
+from __future__ import annotations
+
+import glob
+import os
+import warnings
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from hashlib import sha256
+from pathlib import Path
+
+import numpy as np
+
+from ...core.files.many import natural
+from ...core.files.open import StrPath, as_path, opened, shown
+from ...core.files.source import Source
+from ...core.runtime.progress import progress_bar
+from ...errors import InputError, InputWarning
+from .adjustment.initial_guess import opencv
+from .boards.description import SQUARES, TAGS
+from .boards.description import Board as Board
+from .boards.description import board_of as board_of
+from .boards.description import spacing_of as spacing_of
+from .boards.description import tag_points as tag_points
+from .boards.squares import Picture, Seen, charuco_finder, chessboard_finder
+from .boards.tags import Tags, contradiction, other_tags, tag_finder
+from .corners import Corners
+
+FINDERS = {
+    "chessboard": chessboard_finder, "charuco": charuco_finder,
+    "aprilgrid": tag_finder, "aruco": tag_finder, "apriltag": tag_finder,
+}  # fmt: skip
+# What to look at where a board is in no picture.
+COUNTED = {
+    "chessboard": "Counted are inner corners, one less than squares.",
+    "charuco": "Counted are squares, columns first; check the dictionary (--dictionary), too.",
+    "aprilgrid": "Counted are tags; check the dictionary (--dictionary), and the id at the lower left (`first_id`, "
+    "--first-id).",
+    "aruco": "Counted are tags; check the dictionary (--dictionary), and the id at the upper left (`first_id`, "
+    "--first-id).",
+    "single": "Check the dictionary (--dictionary), the id (`first_id`, --first-id), and that white paper surrounds "
+    "the tag.",
+}
+# Share of the pictures of the commonest tag in which another is worth a word.
+OFTEN = 0.1
+LOOKED_AT = 3  # pictures in which other tags are looked for where the board is in none
+MAX_BYTES = 500_000_000  # of a picture's file
+SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm", ".webp")
+
+
+def detect_board(images: str | Iterable[StrPath], board: Board, *, progress: bool = False) -> Corners:
+    """The corners of a board in pictures.
+
+    Parameters
+    ----------
+    images : glob text, or paths
+        Such as ``"img/*.png"``. They are always taken in the natural order of their names (img2 before img10), and the
+        position there, from 0, is the row of the robot pose that the picture was taken at.
+    board : Board
+    progress : bool
+        Show a bar on stderr, if that is a terminal.
+
+    Returns
+    -------
+    Corners
+        With ``image_size``, and the names of pictures in which there is no board in ``missing``.
+
+    Raises
+    ------
+    InputError
+        No pictures, files that are none, pictures of different sizes, a board in none of them.
+    MissingExtraError
+        OpenCV is not installed.
+
+    Warns
+    -----
+    InputWarning
+        Pictures without a board, by name. A chessboard that looks the same after half a turn.
+    """
+    corners = find_corners(images, board, progress)
+    if board.symmetry_order > 1:
+        warnings.warn(_ambiguous(board), InputWarning, stacklevel=2)
+    return corners
+
+
+def find_corners(images: str | Iterable[StrPath], board: Board, progress: bool) -> Corners:
+    """Find corners as `detect_board` does, without a warning about half turns: for callers who resolve them."""
+    if not isinstance(board, Board):
+        raise InputError(f"Expected `board` to be a Board, got {type(board).__name__}.")
+    paths = picture_paths(images)
+    names = _names(paths)
+    tags: list[Tags] = []
+    find = tag_finder(board, tags) if board.kind in TAGS else FINDERS[board.kind](board)
+    found: dict[int, Seen] = {}
+    sizes: dict[tuple[int, int], str] = {}
+    with progress_bar("looking for the board", len(paths), "pictures", progress) as more:
+        for row, path in enumerate(paths):
+            picture = _picture(path)
+            sizes.setdefault((picture.shape[1], picture.shape[0]), names[row])
+            if len(sizes) > 1:
+                (one, some), (other, odd) = sizes.items()
+                raise InputError(
+                    f"Expected pictures of one size: {some} has {one[0]} x {one[1]} pixels and {odd} {other[0]} x "
+                    f"{other[1]}. They must come from one camera, uncropped and unscaled."
+                )
+            if (seen := find(picture)) is not None:
+                found[row] = seen
+            more(1)
+    ids = [each.tolist() for each, _ in tags]
+    if board.single:
+        if board.first_id is None and (number := _commonest(ids)) is not None:
+            return find_corners(images, replace(board, first_id=number), progress)
+        _warn_of_copies(board, ids)
+    missing = tuple(name for row, name in enumerate(names) if row not in found)
+    if board.kind in TAGS and not board.single and (words := contradiction(board, tags, max(max(sizes)))):
+        warnings.warn(words, InputWarning, stacklevel=3)
+    if not found:
+        kind = "single" if board.single else board.kind
+        raise InputError(
+            f"No {board} was found in any of {len(paths)} pictures, the first {names[0]}: is it that board? "
+            f"{COUNTED[kind]}{'' if board.kind == 'chessboard' else other_tags(map(_picture, paths[:LOOKED_AT]))}"
+        )
+    if missing:
+        warnings.warn(
+            f"The board was not found in {len(missing)} of {len(paths)} pictures, which are left out: "
+            f"{listed(missing)}.",
+            InputWarning,
+            stacklevel=3,
+        )
+    (size,) = sizes
+    numbers, pixels, window = (np.concatenate(part) for part in zip(*found.values(), strict=True))
+    corners = Corners(
+        np.repeat(list(found), [len(seen[0]) for seen in found.values()]),
+        board.points[numbers],
+        pixels,
+        tuple(names[row] for row in found),
+        image_size=size,
+        missing=missing,
+        board=board.text,
+        window=window,
+    )
+    corners.require_once("The pictures")
+    return corners
+
+
+def _commonest(ids: list[list[int]]) -> int | None:
+    """Return the id of the tag to look for where several are in the pictures (one per picture), with a warning."""
+    counts = Counter(number for each in ids for number in set(each))
+    if len(counts) < 2:
+        return None
+    most = max(counts.values())
+    one = min(number for number, count in counts.items() if count == most)
+    often = [f"{number} ({count} pictures)" for number, count in sorted(counts.items()) if count > OFTEN * most]
+    if len(often) > 1:
+        warnings.warn(
+            f"Several tags are in the pictures: {listed(often)}. Tag {one} was taken; `first_id` (--first-id) chooses "
+            "another.",
+            InputWarning,
+            stacklevel=4,
+        )
+    return one
+
+
+def _warn_of_copies(board: Board, ids: list[list[int]]) -> None:
+    counts = Counter(number for each in ids for number, count in Counter(each).items() if count > 1)
+    number = board.first_id if board.first_id is not None else next(iter(counts), None)
+    if number is not None and counts[number]:
+        warnings.warn(
+            f"Tag {number} is more than once in {counts[number]} pictures, of which the largest is taken in each: "
+            "the poses may be of different tags. Cover the others.",
+            InputWarning,
+            stacklevel=4,
+        )
+
+
+def _ambiguous(board: Board) -> str:
+    turn = "a half turn" if board.symmetry_order == 2 else "a quarter turn"
+    return (
+        f"A {board} looks the same after {turn}: its x axis is taken to point right in each picture, which is wrong "
+        f"where the camera rolled by more than {90 if board.symmetry_order == 2 else 45} degrees. uq-handeye calibrate "
+        "ROBOT --images resolves it by the robot poses. Better use ChArUco, or a board with an odd and an even number."
+    )
+
+
+def listed(names: Sequence[str], most: int = 20) -> str:
+    """Names in a sentence, not all if they are too many."""
+    rest = f" and {len(names) - most} more" if len(names) > most else ""
+    return ", ".join(names[:most]) + rest
+
+
+# ---------------------------------------------------------------------------------------------------- pictures
+
+
+def picture_paths(images: str | Iterable[StrPath]) -> list[Path]:
+    """The pictures that are meant, in natural order; a folder means those within it."""
+    if isinstance(images, str | os.PathLike):
+        images = [images]
+    paths: list[Path] = []
+    for entry in images:
+        path = as_path(entry)
+        if path.is_dir():
+            inside = [child for child in path.iterdir() if child.suffix.lower() in SUFFIXES]
+            if not inside:
+                raise InputError(f"Expected pictures ({', '.join(SUFFIXES)}) in {shown(path)}, got none.")
+            paths += inside
+        elif path.exists():
+            paths.append(path)
+        else:
+            matched = [Path(name) for name in glob.glob(str(path), recursive=True) if not os.path.isdir(name)]
+            if not matched:
+                raise InputError(f"No pictures found for {shown(path)}: check the folder and the ending.")
+            paths += matched
+    if not paths:
+        raise InputError("Expected `images` to name pictures, got none.")
+    twice = [path for path, count in Counter(map(os.path.abspath, paths)).items() if count > 1]
+    if twice:
+        raise InputError(f"Expected every picture once, got {shown(Path(twice[0]))} twice.")
+    return sorted(paths, key=natural)
+
+
+def source_of(images: str | Iterable[StrPath], board: Board) -> Source:
+    """The pictures as one source: the hash is that of their contents, one after the other in natural order."""
+    paths = picture_paths(images)
+    total, size = sha256(), 0
+    for path in paths:
+        with opened(path, MAX_BYTES) as file:
+            data = file.read()
+        total.update(data)
+        size += len(data)
+    names = _names(paths)
+    sides = "squares" if board.kind in SQUARES else "tags"
+    note = f"{board}, {sides} of {1e3 * board.side:g} mm; the hash is of all pictures one after the other"
+    return Source(f"{names[0]} to {names[-1]} ({len(paths)})", "pictures", size, total.hexdigest(), (note,))
+
+
+def _names(paths: list[Path]) -> list[str]:
+    """Without folders where that tells them apart."""
+    bare = [path.name for path in paths]
+    return [shown(Path(name)) for name in (bare if len(set(bare)) == len(bare) else map(str, paths))]
+
+
+# Pixels a side below which no board can be found, and detectors fail.
+SMALLEST = 32
+
+
+def _picture(path: Path) -> Picture:
+    """Read the picture in grey, as the sensor has it: the orientation stated in a file is for viewers."""
+    cv2 = opencv()
+    with opened(path, MAX_BYTES) as file:
+        data = np.frombuffer(file.read(), dtype=np.uint8)
+    flags = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
+    try:
+        picture = cv2.imdecode(data, flags) if data.size else None
+    except cv2.error:  # too many pixels
+        picture = None
+    if picture is None:
+        raise InputError(f"{shown(path)}: expected a picture (PNG, JPEG, TIFF, BMP, ...), got none that can be read.")
+    if min(picture.shape[:2]) < SMALLEST:
+        size = " x ".join(map(str, picture.shape[1::-1]))
+        raise InputError(f"{shown(path)}: expected a picture of at least {SMALLEST} pixels a side, got {size}.")
+    if picture.dtype != np.uint8:
+        picture = cv2.normalize(picture, None, 0, 255, cv2.NORM_MINMAX, cv2.CV_8U)
+    return np.asarray(picture)

@@ -1,0 +1,283 @@
+"""Boards: what is printed, and where its corners are.
+
+Frame of a board: x along a row of corners to the right, y along a column downwards, z away from the camera.
+
+============  =========================================================================================================
+chessboard    origin at an inner corner
+charuco       origin at the outer corner of the first square, as OpenCV has it
+aruco         a grid of markers (OpenCV's GridBoard): origin at the outer corner of the first marker, upper left, as
+              OpenCV has it; ids row by row from there
+aprilgrid     Kalibr's grid of AprilTags: origin at the outer corner of the upper left tag. Ids run row by row from the
+              lower left one, upwards. Kalibr's own frame has its origin at the outer corner of the lower left tag, y up
+              and z towards the camera: x' = x, y' = height - y, z' = -z
+one tag       ``apriltag``, or ``aruco`` of 1 x 1: origin in the middle. So has AprilTag its frame; OpenCV's (of
+              `tag_points`, and of its ArUco samples) is half a turn about x from it
+============  =========================================================================================================
+
+Corners are numbered row by row. A tag has four, the outer corners of its black border: upper left, upper right, lower
+left, lower right of the tag as it stands upright.
+
+A chessboard looks the same after half a turn. Where one of its numbers of inner corners is even and the other odd, the
+colours tell: the corners are ordered such that the square between the first four of them is dark, at whatever angle the
+camera rolls. Where both are even or both odd, half a turn (of a square board also a quarter) cannot be seen.
+
+Dictionaries of markers, by OpenCV, and which way up their AprilTags are drawn.
+"""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import KDTree
+
+from ....core.files.lines import short
+from ....core.formatting.units import parse_length
+from ....core.geometry.se3 import Array
+from ....errors import InputError, require_integer
+from ..adjustment.initial_guess import opencv
+
+# Code of the first tag of each family, row by row from its upper left, white 1, as AprilTag defines it.
+APRILTAGS = {"APRILTAG_16H5": 0x231B, "APRILTAG_25H9": 0x155CBF1, "APRILTAG_36H10": 0x1CA92A687}
+APRILTAGS |= {"APRILTAG_36H11": 0xD5D628584}
+
+
+def dictionary_name(name: Any) -> str:
+    """Return the name that OpenCV has, in capitals and without ``DICT_``, of one such as ``tag36h11`` or ``4x4_50``."""
+    text = str(name).upper().removeprefix("DICT_").removeprefix("TAG")
+    return f"APRILTAG_{text}" if f"APRILTAG_{text}" in APRILTAGS else text
+
+
+def dictionary_of(name: Any) -> Any:
+    """Return a predefined dictionary of OpenCV; raises `InputError` for other names."""
+    aruco = opencv().aruco
+    known = {key.removeprefix("DICT_").upper(): key for key in sorted(dir(aruco)) if key.startswith("DICT_")}
+    if (text := dictionary_name(name)) not in known:
+        names = ", ".join(key.removeprefix("DICT_") for key in known.values())
+        raise InputError(f"Expected `dictionary` to be one of {names}, got {short(str(name))}.")
+    return aruco.getPredefinedDictionary(getattr(aruco, known[text]))
+
+
+def bits_of(words: Any, number: int) -> NDArray[np.bool_]:
+    """Return the bits (k, k) of a marker as OpenCV draws it, white True, without its border."""
+    cells = words.markerSize + 2
+    drawn = np.asarray(words.generateImageMarker(number, 4 * cells, borderBits=1))
+    return np.asarray(drawn[2::4, 2::4] > 127)[1:-1, 1:-1]
+
+
+def drawn_upside_down(name: Any) -> bool:
+    """Return whether OpenCV draws the tags of a family half a turn from how AprilTag does: version 4 did so."""
+    if (code := APRILTAGS.get(dictionary_name(name))) is None:
+        return False
+    bits = bits_of(dictionary_of(name), 0)
+    upright = np.array([code >> k & 1 for k in reversed(range(bits.size))], dtype=bool).reshape(bits.shape)
+    return bool((bits[::-1, ::-1] == upright).all())
+
+
+SQUARES, TAGS = ("chessboard", "charuco"), ("aprilgrid", "aruco", "apriltag")
+KINDS = (*SQUARES, *TAGS)
+# Dictionary of the markers where none is named.
+DICTIONARIES = {"charuco": "4X4_50", "aruco": "4X4_50", "aprilgrid": "APRILTAG_36H11", "apriltag": "APRILTAG_36H11"}
+LARGEST = 200  # corners along a side
+WIDEST = 3.0  # gap between tags, in sides of a tag
+
+
+@dataclass(frozen=True)
+class Board:
+    """A flat board of squares or of tags, or a single tag; see `camera.boards.description` for the frames.
+
+    Parameters
+    ----------
+    columns, rows : int
+        Chessboard: inner corners along x and y. ChArUco: squares. Grids: tags. A single tag: 1 and 1.
+    square : float or str
+        Side of a square, or of a tag with its black border, in metres, or text with a unit such as "20mm". Measure it
+        on the print.
+    kind : "chessboard", "charuco", "aprilgrid", "aruco" or "apriltag"
+        ``aprilgrid``: Kalibr's grid of AprilTags. ``aruco``: OpenCV's GridBoard, or with 1 and 1 a single marker.
+        ``apriltag``: a single tag.
+    marker : float, str or None
+        Side of the markers of a ChArUco board.
+    dictionary : str or None
+        Of the markers: a name of OpenCV's predefined dictionaries such as "4X4_50", or a family such as "tag36h11".
+        None: 4X4_50, and of AprilTags 36h11.
+    spacing : float, str or None
+        Gap between the tags of a grid: of ``aprilgrid`` a share of the side (Kalibr's ``tagSpacing``), of ``aruco`` a
+        length in metres; text with a unit is a length for both.
+    first_id : int or None
+        Id of the first tag of a grid, or of the single tag. None: 0 in a grid; a single tag may have any id.
+
+    Raises `InputError` for numbers or names that make no sense.
+    """
+
+    columns: int
+    rows: int
+    square: float | str
+    kind: str = "chessboard"
+    marker: float | str | None = None
+    dictionary: str | None = None
+    spacing: float | str | None = None
+    first_id: int | None = None
+
+    def __post_init__(self) -> None:
+        if self.kind not in KINDS:
+            raise InputError(f"Expected `kind` to be {', '.join(KINDS[:-1])} or {KINDS[-1]}, got {self.kind!r}.")
+        tags = self.kind in TAGS
+        for name in ("columns", "rows"):
+            require_integer(name, getattr(self, name), 1 if tags else 3)
+            if getattr(self, name) > LARGEST:
+                raise InputError(f"Expected `{name}` of the board to be at most {LARGEST}, got {getattr(self, name)}.")
+        object.__setattr__(self, "square", _positive(self.square, "square"))
+        if self.dictionary is None:
+            object.__setattr__(self, "dictionary", DICTIONARIES.get(self.kind, "4X4_50"))
+        if tags:
+            self._check_tags()
+            return
+        if self.spacing is not None or self.first_id is not None:
+            raise InputError(f"A {self.kind} board has no `spacing` and no `first_id`: these are of grids of tags.")
+        if self.kind == "chessboard":
+            if self.marker is not None:
+                raise InputError("A chessboard has no markers: leave `marker` out, or say kind='charuco'.")
+            return
+        if self.marker is None:
+            raise InputError("Expected `marker`, the side of the markers of the ChArUco board, got none.")
+        marker = _positive(self.marker, "marker")
+        if marker >= self.side:
+            raise InputError(
+                f"Expected `marker` to be smaller than `square`, {self.side:g} m, got {marker:g} m: the markers lie "
+                "within the white squares."
+            )
+        object.__setattr__(self, "marker", marker)
+
+    def _check_tags(self) -> None:
+        """Set dictionary and spacing of tags; raises `InputError` for what does not go with them."""
+        if self.marker is not None:
+            raise InputError(f"Of {self.kind} the side of a tag is `square`: leave `marker` out.")
+        object.__setattr__(self, "dictionary", dictionary_name(self.dictionary))
+        if self.kind in ("aprilgrid", "apriltag") and not str(self.dictionary).startswith("APRILTAG"):
+            raise InputError(f"Expected `dictionary` of {self.kind} to be of AprilTags, got {self.dictionary}.")
+        if self.first_id is not None:
+            require_integer("first_id", self.first_id, 0)
+        if self.single:
+            if self.spacing is not None:
+                raise InputError("A single tag has no `spacing`: leave it out.")
+            return
+        if self.kind == "apriltag":
+            raise InputError(
+                f"Expected `columns` and `rows` of a single apriltag to be 1, got {self.columns} and {self.rows}: a "
+                "grid of them is 'aprilgrid', or 'aruco' with the dictionary APRILTAG_36h11."
+            )
+        if self.spacing is None:
+            raise InputError(f"Expected `spacing`, the gap between the tags of the {self.kind} board, got none.")
+        share = self.kind == "aprilgrid" and not isinstance(self.spacing, str)
+        gap = self.side * _positive(self.spacing, "spacing") if share else _positive(self.spacing, "spacing")
+        if gap > WIDEST * self.side:
+            raise InputError(
+                f"Expected the `spacing` of tags of {self.side:g} m to be smaller than {WIDEST:g} sides, got a gap of "
+                f"{gap:g} m. Of aprilgrid a number is the gap as a share of the side, of aruco it is in metres."
+            )
+        object.__setattr__(self, "spacing", gap / self.side if self.kind == "aprilgrid" else gap)
+
+    @property
+    def text(self) -> str:
+        """One line that `board_of` reads: ``kind=chessboard columns=9 rows=6 square=0.02``."""
+        return " ".join(f"{name}={value}" for name, value in vars(self).items() if self._has(name))
+
+    def _has(self, name: str) -> bool:
+        if name == "dictionary":
+            return self.kind != "chessboard"
+        return getattr(self, name) is not None
+
+    @property
+    def side(self) -> float:
+        """Length of the side of a square or a tag, in metres."""
+        return float(self.square)
+
+    @property
+    def single(self) -> bool:
+        """True for one tag."""
+        return self.kind in TAGS and self.columns == self.rows == 1
+
+    @property
+    def gap(self) -> float:
+        """Length of the gap between the tags of a grid, in metres; 0 of other boards."""
+        if self.spacing is None:
+            return 0.0
+        return float(self.spacing) * (self.side if self.kind == "aprilgrid" else 1.0)
+
+    @property
+    def symmetry_order(self) -> int:
+        """Number of angles, 360 degrees over this apart, at which the board looks the same: 1, 2 or 4."""
+        if self.kind != "chessboard" or (self.columns + self.rows) % 2:
+            return 1
+        return 4 if self.columns == self.rows and self.columns % 2 == 0 else 2
+
+    @property
+    def turns(self) -> int:
+        """Earlier name of `symmetry_order`; deprecated."""
+        warnings.warn("Board.turns is now called symmetry_order.", DeprecationWarning, stacklevel=2)
+        return self.symmetry_order
+
+    @property
+    def points(self) -> Array:
+        """(m, 3) the corners in the frame of the board, row by row, in metres."""
+        if self.kind in TAGS:
+            middle = 0.5 * self.side if self.single else 0.0
+            x, y = (_ends(count, self.side, self.gap) - middle for count in (self.columns, self.rows))
+        else:
+            first = 0 if self.kind == "chessboard" else 1
+            x, y = (np.asarray(self.side * np.arange(first, count)) for count in (self.columns, self.rows))
+        return np.stack([*np.meshgrid(x, y), np.zeros((len(y), len(x)))], axis=-1).reshape(-1, 3)
+
+    def __str__(self) -> str:
+        if self.single:
+            which = "" if self.first_id is None else f" {self.first_id}"
+            return f"tag{which} of {self.dictionary}"
+        what = {"chessboard": "inner corners", "charuco": "squares"}.get(self.kind, "tags")
+        return f"{self.kind} of {self.columns} x {self.rows} {what}"
+
+
+def _ends(count: int, side: float, gap: float) -> Array:
+    """Both ends (2 count,) of so many sides, one after the other with a gap between."""
+    return np.asarray((np.arange(count)[:, None] * (side + gap) + [0.0, side]).ravel())
+
+
+def board_of(text: str) -> Board:
+    """Return the board of `Board.text`; raises `InputError` for other text."""
+    try:
+        values = dict(part.split("=", 1) for part in text.split())
+        more: dict[str, Any] = {name: float(values[name]) for name in ("marker", "spacing") if name in values}
+        if "dictionary" in values:
+            more["dictionary"] = values["dictionary"]
+        if "first_id" in values:
+            more["first_id"] = int(values["first_id"])
+        return Board(int(values["columns"]), int(values["rows"]), float(values["square"]), values["kind"], **more)
+    except (KeyError, ValueError) as error:
+        raise InputError(
+            f"Expected a board such as kind=chessboard columns=9 rows=6 square=0.02, got {short(text)}."
+        ) from error
+
+
+def tag_points(side: float | str) -> Array:
+    """(4, 3) the corners of a single tag of this side (m, or text such as "40mm"), whose frame is in its middle."""
+    half = 0.5 * _positive(side, "side")
+    return half * np.array([[-1.0, 1, 0], [1, 1, 0], [1, -1, 0], [-1, -1, 0]])
+
+
+def spacing_of(points: Array) -> float | None:
+    """The distance from each point (m, 3) to its nearest, such as the side of a square; None where it is not one."""
+    points = np.unique(points, axis=0)
+    if len(points) < 4:
+        return None
+    nearest = np.asarray(KDTree(points).query(points, k=2)[0])[:, 1]
+    return float(np.min(nearest)) if np.ptp(nearest) < 1e-3 * np.min(nearest) else None
+
+
+def _positive(value: Any, name: str) -> float:
+    length = parse_length(value, f"`{name}`")
+    if not length > 0:
+        raise InputError(f"Expected `{name}` to be a length above 0, got {value!r}.")
+    return length

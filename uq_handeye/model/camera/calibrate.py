@@ -1,0 +1,270 @@
+r"""`calibrate_camera`: corners of a board in, intrinsics, camera poses and their joint covariance out.
+
+What the poses of one camera have in common is its intrinsics: an error of the focal length moves all of them along the
+optical axis. The result therefore carries, beside the poses, their joint covariance: of each its own part, and what the
+intrinsics do to all (`bundle`, T4b). ``PoseNoise(camera=result.covariance)`` hands it to everything else.
+
+Poses of a board in new pictures by a camera that has been calibrated: its intrinsics stay as they are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.geometry.se3 import Array
+from ...errors import InputError, NotConvergedError
+from ...findings import Finding, warn
+from .adjustment.bent_edges import bias
+from .adjustment.bundle import Bundle, adjust
+from .adjustment.initial_guess import AMBIGUOUS, better_start, poses_of, unlike_a_board
+from .adjustment.model_choice import CANDIDATES, USUAL, Known, Lens, search
+from .adjustment.outliers import picture_weights, spoilt, without_outliers
+from .board_shape import BoardShape, polynomial_shape, possible_shapes
+from .corners import Corners, without_pictures
+from .measured_board import measured_board
+from .models import LINEAR, MODELS, rays
+from .residual_pattern import BoardPattern, Pattern, board_pattern_of, pattern_of
+from .result import SMALL, UNCERTAIN, CameraCalibration
+
+# Pictures that must remain where others are left out as a whole.
+FEWEST_PICTURES = 3
+FEWEST_POINTS = 5  # of a board: the four of a single tag do not calibrate a camera
+TELLING = 0.001  # pixels that corners are moved by without a word
+# Squares wider than high by this share, and by so many standard deviations, are warned of.
+STRETCHED, CERTAIN = 5e-4, 3.0
+# Pixel noise (px, and as a share of the picture) beyond which corners are those of another board.
+LARGE_NOISE, LARGE_SHARE = 3.0, 0.002
+
+
+def calibrate_camera(
+    corners: Corners,
+    image_size: tuple[int, int] | None = None,
+    model: str = "auto",
+    *,
+    coefficients: Sequence[str] | None = None,
+    intrinsics: Known | None = None,
+    shape: str | BoardShape = "auto",
+) -> CameraCalibration:
+    """Intrinsics, poses of the board and their joint covariance, from corners.
+
+    Parameters
+    ----------
+    corners : Corners
+        At least three pictures, with the board tilted in different ways. Those that `detect_board` found (`window`)
+        are moved to where they would be if the lens bent no edges; the result has them so.
+    image_size : (width, height) or None
+        Pixels. None: as the corners say (`detect_board`).
+    model : "pinhole", "brown", "fisheye" or "auto"
+        "auto" takes the best of several by BIC, see `model_choice`.
+    coefficients : names or None
+        Which coefficients of the model are estimated; the others are 0. None: k1, k2, p1, p2 of "brown", all of
+        "fisheye".
+    intrinsics : {name: value or (value, standard deviation)} or None
+        What is known beforehand: a value alone is exact, one with a standard deviation a Gaussian prior, e.g.
+        ``{"fx": (1080.0, 2.0), "k1": 0.0}`` from the maker of the camera. With fx, fy, cx and cy among them the start
+        needs no estimate.
+    shape : "auto", "flat", "bow2", "bow3", "bow4", "plane1", "plane2", both as in "bow3+plane2", or BoardShape
+        How the board differs from what was meant: height over its plane by polynomials of degree 2, 3 or 4, aspect and
+        shear, and degree 2 in the plane; estimated together with the camera. "auto" takes the best by BIC, flat where
+        the pictures do not say otherwise. A `BoardShape` is one that was measured before (`read_board`).
+
+    Returns
+    -------
+    CameraCalibration
+
+    Raises
+    ------
+    InputError
+        Corners, size, names or values that make no sense; pictures that do not determine the intrinsics.
+    MissingExtraError
+        OpenCV is not installed.
+    NotConvergedError
+        ``partial`` holds the `Bundle` that was reached.
+    """
+    if not isinstance(corners, Corners):
+        raise InputError(
+            f"Expected `corners` to be Corners (read_corners, detect_board), got {type(corners).__name__}."
+        )
+    size = _checked_size(corners.image_size if image_size is None else image_size, corners)
+    known = dict(intrinsics or {})
+    if len(corners.on_board[0]) < FEWEST_POINTS and (open_ones := [name for name in LINEAR if name not in known]):
+        raise InputError(
+            f"{len(corners.on_board[0])} points, such as the corners of a single tag, do not calibrate a camera: give "
+            f"its {', '.join(open_ones)} as `intrinsics` (--camera-matrix)."
+        )
+    wrong: list[str] = []
+    if (bad := unlike_a_board(corners)).any() and corners.n - bad.sum() >= FEWEST_PICTURES:
+        wrong += np.array(corners.names)[bad].tolist()
+        corners = _rejected(corners, bad)
+    lenses, shapes = _lenses(model, coefficients), _shapes(shape, corners)
+    moved: list[Finding] = []
+    while True:
+        setting, bundle, candidates = search(corners, size, lenses, shapes, known)
+        if (bad := spoilt(corners, bundle)).any() and corners.n - bad.sum() >= FEWEST_PICTURES:
+            wrong += np.array(corners.names)[bad].tolist()
+            corners = _rejected(corners, bad)
+        elif corners.window is not None:
+            # Once: with the camera found from corners that were moved d changes by less than 0.001 pixels.
+            d = bias(bundle, corners)
+            moved = _moved(d[corners.window != 0])
+            corners = replace(corners, pixels=corners.pixels - d, window=None)
+        else:
+            break
+    weights, s = picture_weights(bundle, corners), bundle.pixel_noise
+    at = bundle.parameters, bundle.poses
+    fit = partial(setting.fit, corners, at, weights=weights, pixel_noise=s)
+    bundle, _ = without_outliers(corners, fit, bundle)
+    if not bundle.converged:
+        raise NotConvergedError(
+            f"The bundle adjustment of the camera did not converge within {bundle.iterations} steps: look at the "
+            "corners, or try another `model`.",
+            bundle,
+        )
+    pattern = pattern_of(bundle, corners, size)
+    board_pattern = board_pattern_of(bundle, corners)
+    findings = [*_findings(bundle, corners, pattern, board_pattern, model == "auto"), *moved]
+    if bundle.pixel_noise > max(LARGE_NOISE, LARGE_SHARE * max(size)):
+        values = {"pixels": bundle.pixel_noise, "board": corners.board.partition(" ")[0].partition("=")[2]}
+        findings.insert(0, Finding("camera.another_board", "caution", values))
+    if wrong:
+        findings.append(Finding("camera.pictures_left_out", "caution", {"pictures": wrong}))
+    warn(findings)
+    return CameraCalibration(bundle, corners, size, candidates, pattern, board_pattern, tuple(findings))
+
+
+def _lenses(model: str, coefficients: Sequence[str] | None) -> Sequence[Lens]:
+    """Models with their free coefficients, out of which the best is taken."""
+    if model == "auto":
+        if coefficients is not None:
+            raise InputError("`coefficients` are those of a model: name the `model`, or leave them to 'auto'.")
+        return CANDIDATES
+    if model not in MODELS:
+        raise InputError(f"Expected `model` to be auto or one of {', '.join(MODELS)}, got {model!r}.")
+    return [(model, USUAL[model] if coefficients is None else tuple(coefficients))]
+
+
+def _shapes(shape: str | BoardShape, corners: Corners) -> Sequence[BoardShape]:
+    """Shapes of the board, out of which the best is taken."""
+    if isinstance(shape, BoardShape):
+        return [shape]
+    points, _ = corners.on_board
+    return possible_shapes(points) if shape == "auto" else [polynomial_shape(shape, points)]
+
+
+def _rejected(corners: Corners, bad: NDArray[np.bool_]) -> Corners:
+    """Without some pictures, which were taken all the same: of pictures, unlike of a table, their number is known."""
+    counted = () if corners.image_size is None else tuple(np.array(corners.names)[bad].tolist())
+    return replace(without_pictures(corners, bad), missing=(*corners.missing, *counted))
+
+
+def _moved(d: Array) -> list[Finding]:
+    """Report how far corners (k, 2) were moved, in pixels; nothing where no edge is bent."""
+    distance = np.linalg.norm(d, axis=1)
+    if distance.max(initial=0.0) < TELLING:
+        return []
+    values = {"largest": float(distance.max()), "rms": float(np.sqrt(np.mean(distance**2)))}
+    return [Finding("camera.bent_edges", "note", values)]
+
+
+def _findings(
+    bundle: Bundle, corners: Corners, pattern: Pattern, board_pattern: BoardPattern, automatic: bool
+) -> list[Finding]:
+    """Return what a user has to know before trusting the result."""
+    found = []
+    deviations = np.sqrt(np.diag(bundle.covariance))
+    of = dict(zip(bundle.names, zip(bundle.parameters, deviations, bundle.free, strict=True), strict=True))
+    focal, sd, free = of["fx"]
+    if free and sd > UNCERTAIN * focal:
+        found.append(Finding("camera.focal_uncertain", "caution", {"share": sd / focal}))
+    small = [
+        {"name": name, "value": value, "std": sd}
+        for name, (value, sd, free) in of.items()
+        if free and name in bundle.model.coefficients and abs(value) < SMALL * sd
+    ]
+    if small and not automatic:
+        found.append(Finding("camera.coefficients_near_zero", "caution", {"coefficients": small}))
+    left_out = int((~bundle.used).sum())
+    if left_out > 0.02 * corners.m:
+        found.append(Finding("camera.corners_left_out", "caution", {"count": left_out, "n": corners.m}))
+    if pattern.found:
+        values = {"share": pattern.share, "model": bundle.model.name, "tried_all": automatic}
+        found.append(Finding("camera.residual_pattern", "caution", values))
+    elif board_pattern.found:  # a wrong model makes such a pattern, too
+        values = {"share": board_pattern.share, "shape": bundle.shape.name}
+        found.append(Finding("camera.board_pattern", "caution", values))
+    stretch, sd = measured_board(bundle).stretch
+    if abs(stretch) > max(STRETCHED, CERTAIN * sd):
+        found.append(Finding("camera.squares_stretched", "caution", {"stretch": stretch, "std": sd}))
+    return found
+
+
+def _checked_size(image_size: Any, corners: Corners) -> tuple[int, int]:
+    """(width, height), once the corners lie in a picture of that size."""
+    try:
+        width, height = (int(value) for value in image_size)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"Expected `image_size` to be (width, height) in pixels, got {image_size!r}.") from error
+    low, high = corners.pixels.min(axis=0), corners.pixels.max(axis=0)
+    if width <= 0 or height <= 0 or low.min() < -1 or high[0] > width or high[1] > height:
+        swapped = " Are width and height swapped?" if high[0] <= height and high[1] <= width else ""
+        raise InputError(
+            f"Expected the corners to lie within `image_size`, {width} x {height} pixels; they span u {low[0]:.0f} to "
+            f"{high[0]:.0f}, v {low[1]:.0f} to {high[1]:.0f}.{swapped}"
+        )
+    return width, height
+
+
+# Corners of a picture for a pose with a test of its own.
+FEWEST_CORNERS = 4
+
+
+def poses_by_known_camera(seen: CameraCalibration, corners: Corners) -> CameraCalibration:
+    """Return the same camera with new pictures, one or more; only their poses are estimated.
+
+    The covariance of the poses is that of the pixel noise of the calibration; that of the intrinsics is not in it, as
+    they share their errors with the pictures before.
+
+    Raises
+    ------
+    InputError
+        Pictures of another size, or with fewer than four corners of the board.
+    NotConvergedError
+        The poses do not converge with these intrinsics.
+    """
+    if corners.image_size is not None and corners.image_size != seen.image_size:
+        got, expected = ("{} x {}".format(*size) for size in (corners.image_size, seen.image_size))
+        raise InputError(f"Expected pictures of {expected} pixels, as those of the calibration, got {got}.")
+    few = np.flatnonzero(np.bincount(corners.picture, minlength=corners.n) < FEWEST_CORNERS)
+    if len(few):
+        raise InputError(
+            f"Picture {corners.names[int(few[0])]} shows fewer than {FEWEST_CORNERS} corners: leave it out."
+        )
+    before = seen.bundle
+    bundle = _adjusted(before, corners, _start(before, corners))
+    if corners.window is not None:
+        corners = replace(corners, pixels=corners.pixels - bias(bundle, corners), window=None)
+        bundle = _adjusted(before, corners, bundle.poses)
+    if not bundle.converged:
+        raise NotConvergedError("The poses of the new pictures do not converge with the intrinsics given.", bundle)
+    return replace(seen, bundle=bundle, corners=corners, findings=())
+
+
+def _adjusted(before: Bundle, corners: Corners, poses: Array) -> Bundle:
+    fixed = np.zeros(len(before.parameters), dtype=bool)
+    start = np.array(before.parameters), poses
+    return adjust(before.model, corners, start, free=fixed, shape=before.shape, pixel_noise=before.pixel_noise)
+
+
+def _start(before: Bundle, corners: Corners) -> Array:
+    """Poses (n, 4, 4) by OpenCV, of pixels without the lens."""
+    seen = rays(before.model, before.intrinsics, corners.pixels)
+    poses = poses_of(corners, np.ascontiguousarray(seen[:, :2] / seen[:, 2:]))
+    if len(before.shape.points) >= AMBIGUOUS:
+        return poses
+    return better_start(before.model, before.parameters, before.shape, corners, poses)

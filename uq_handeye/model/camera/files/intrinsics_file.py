@@ -1,0 +1,194 @@
+"""Intrinsics in files: our own JSON, OpenCV's FileStorage, and what the maker of a camera says."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ....core.files import trees as _trees
+from ....core.files.lines import short
+from ....core.files.open import StrPath, as_path, opened, shown
+from ....core.files.trees import got, number, parse_tree
+from ....core.geometry.se3 import Array
+from ....errors import InputError
+from ....formats.opencv_storage import matrix_lines, stack
+from ..calibrated import Calibrated
+from ..models import LINEAR, MODELS
+
+FORMAT = "uq-handeye camera 1"
+
+# Names of the camera matrix and the coefficients in OpenCV's samples, ROS and programs of people.
+_MATRIX = ("camera_matrix", "cameraMatrix", "K", "k")
+_COEFFICIENTS = ("distortion_coefficients", "distCoeffs", "dist_coeffs", "D", "d")
+# What files call the models.
+_MODELS = {
+    "pinhole": "pinhole",
+    "brown": "brown",
+    "plumb_bob": "brown",
+    "rational_polynomial": "brown",
+    "fisheye": "fisheye",
+    "equidistant": "fisheye",
+}
+_NAMES = sorted({name for model in MODELS.values() for name in model.names})
+
+
+class KnownIntrinsics(NamedTuple):
+    """Intrinsics as a file states them; ``values`` is what `calibrate_camera` takes as ``intrinsics``."""
+
+    values: Mapping[str, float | tuple[float, float]]
+    model: str | None  # where the file says it
+    image_size: tuple[int, int] | None
+
+
+def read_intrinsics(path: StrPath, model: str | None = None) -> KnownIntrinsics:
+    """Intrinsics of a file, exact or with standard deviations.
+
+    Parameters
+    ----------
+    path : path of the file
+        JSON or YAML with names, ``{"fx": 1080.0, "k1": [-0.1, 0.01]}``, a value alone exact and two a value and its
+        standard deviation; the ``intrinsics.json`` of `CameraCalibration.write`, with its standard deviations but not
+        their correlations; or ``camera_matrix`` and ``distortion_coefficients`` of OpenCV's FileStorage or ROS, exact.
+    model : "pinhole", "brown", "fisheye" or None
+        Of which the coefficients are, where the file does not say.
+
+    Raises
+    ------
+    InputError
+        A file that cannot be read or is none of these; coefficients that no model here has.
+    """
+    location = as_path(path)
+    name = shown(location)
+    with opened(location, _trees.MAX_BYTES) as file:
+        tree = parse_tree(file.read(), name)
+    if not isinstance(tree, dict):
+        raise InputError(f'{name}: expected intrinsics such as {{"fx": 1080.0, "fy": [1080.0, 2.0]}}, got {got(tree)}.')
+    size = _size(tree, name)
+    said = _model(tree, name)
+    if said is not None and model not in (None, "auto", said):
+        raise InputError(f"{name} says that the model is {said}, and `model` (--model) says {model}.")
+    if any(key in tree for key in _MATRIX):
+        values, said = _of_opencv(tree, name, said or (None if model == "auto" else model))
+        return KnownIntrinsics(values, said, size)
+    if isinstance(tree.get("parameters"), dict):
+        return KnownIntrinsics(_of_ours(tree, name), said, size)
+    entries = {key: value for key, value in tree.items() if key in _NAMES}
+    unknown = [key for key in tree if key not in (*_NAMES, "model", "image_size", "image_width", "image_height")]
+    if unknown or not entries:
+        what = f"unknown: {short(', '.join(unknown))}" if unknown else "none of them"
+        raise InputError(f"{name}: expected the names {', '.join(_NAMES)}, or camera_matrix of OpenCV; {what}.")
+    return KnownIntrinsics({key: _entry(value, f"{name}, {key}") for key, value in entries.items()}, said, size)
+
+
+def _entry(value: Any, where: str) -> float | tuple[float, float]:
+    if isinstance(value, list):
+        if len(value) != 2:
+            raise InputError(f"{where}: expected a value, or a value and its standard deviation, got {got(value)}.")
+        mean, deviation = (number(part, where) for part in value)
+        if deviation < 0:
+            raise InputError(f"{where}: expected a standard deviation of at least 0, got {deviation:g}.")
+        return mean, deviation
+    return number(value, where)
+
+
+def _of_ours(tree: dict[str, Any], name: str) -> dict[str, float | tuple[float, float]]:
+    std = tree.get("std")
+    values: dict[str, float | tuple[float, float]] = {}
+    for key, value in tree["parameters"].items():
+        mean = number(value, f"{name}, parameters, {short(key)}")
+        deviation = number(std[key], f"{name}, std, {short(key)}") if isinstance(std, dict) and key in std else 0.0
+        values[key] = (mean, deviation) if deviation > 0 else mean
+    return values
+
+
+def _model(tree: dict[str, Any], name: str) -> str | None:
+    for key in ("model", "camera_model", "distortion_model"):
+        if tree.get(key) is not None:
+            if str(tree[key]) not in _MODELS:
+                raise InputError(f"{name}, {key}: expected one of {', '.join(_MODELS)}, got {short(str(tree[key]))}.")
+            return _MODELS[str(tree[key])]
+    return "fisheye" if tree.get("fisheye_model") == 1 else None
+
+
+def _size(tree: dict[str, Any], name: str) -> tuple[int, int] | None:
+    if "image_size" in tree:
+        value = tree["image_size"]
+        if not isinstance(value, list) or len(value) != 2:
+            raise InputError(f"{name}, image_size: expected width and height, got {got(value)}.")
+    elif {"image_width", "image_height"} <= set(tree):
+        value = [tree["image_width"], tree["image_height"]]
+    elif {"width", "height"} <= set(tree):  # a message of ROS
+        value = [tree["width"], tree["height"]]
+    else:
+        return None
+    width, height = (number(part, f"{name}, image size") for part in value)
+    return int(width), int(height)
+
+
+def _of_opencv(
+    tree: dict[str, Any], name: str, model: str | None
+) -> tuple[dict[str, float | tuple[float, float]], str]:
+    """Values and model; coefficients in OpenCV's order."""
+    key = next(key for key in _MATRIX if key in tree)
+    K = stack(tree[key], f"{name}, {key}").reshape(-1)
+    if K.size != 9 or abs(K[1]) > 0 or K[3] != 0 or K[6] != 0 or K[7] != 0 or K[8] != 1:
+        raise InputError(f"{name}, {key}: expected [fx 0 cx; 0 fy cy; 0 0 1], got other numbers.")
+    key = next((key for key in _COEFFICIENTS if key in tree), "")
+    d = stack(tree[key], f"{name}, {key}").reshape(-1) if key else np.zeros(0)
+    if model is None:
+        model = "brown" if d.any() else "pinhole"
+    names = MODELS[model].coefficients
+    if model == "fisheye" and d.size != 4:
+        raise InputError(f"{name}: expected the 4 coefficients of a fisheye, got {d.size}.")
+    if d[len(names) :].any():
+        have = ", ".join(names) if names else "none"
+        raise InputError(
+            f"{name}, {key}: the model {model} has the coefficients {have}; got {d.size} numbers, others than 0 beyond."
+        )
+    values: dict[str, float | tuple[float, float]] = dict(
+        zip(LINEAR, (float(K[0]), float(K[4]), float(K[2]), float(K[5])), strict=True)
+    )
+    return values | dict(zip(names, map(float, d), strict=False)), model
+
+
+# ------------------------------------------------------------------------------------------------------- texts
+
+
+def opencv_text(cam: Calibrated) -> str:
+    """Format intrinsics as OpenCV reads them; its models and the order of its coefficients are ours."""
+    value = cam.intrinsics
+    K = np.array([[value["fx"], 0, value["cx"]], [0, value["fy"], value["cy"]], [0, 0, 1]])
+    return "\n".join(
+        [
+            "%YAML:1.0",
+            "---",
+            f"image_width: {cam.image_size[0]}",
+            f"image_height: {cam.image_size[1]}",
+            f'camera_model: "{cam.model}"',
+            f'comment: "{_comment(cam)}"',
+            *matrix_lines("camera_matrix", K),
+            *matrix_lines("distortion_coefficients", coefficients_of(cam)),
+            "",
+        ]
+    )
+
+
+def coefficients_of(cam: Calibrated) -> Array:
+    """(c, 1): 5 or 8 of Brown, 4 of fisheye, 5 zeros of a pinhole, as OpenCV's functions take them."""
+    d = np.array([cam.intrinsics[name] for name in cam.bundle.model.coefficients])
+    if cam.model == "pinhole":
+        d = np.zeros(5)
+    elif cam.model == "brown" and not d[5:].any():
+        d = d[:5]
+    return np.asarray(d[:, None])
+
+
+def _comment(cam: Calibrated) -> str:
+    functions = "cv2.fisheye" if cam.model == "fisheye" else "cv2"
+    names = ", ".join(cam.bundle.model.coefficients[: len(coefficients_of(cam))]) or "none, zeros"
+    return (
+        f"by uq-handeye: pixels, the first pixel's centre at (0, 0); for the functions of {functions}; "
+        f"coefficients {names}"
+    )

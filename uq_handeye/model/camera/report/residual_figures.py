@@ -1,0 +1,263 @@
+r"""Residuals of the corners as figures: picture by picture, all over the picture, and their mean by cell and radius.
+
+Model: a residual is where a corner was measured less where the camera is predicted to see it, in pixels, u to the right
+and v down. Where the model is right, means of residuals are chance: that of m corners has the standard deviation
+``s / sqrt(m)`` per coordinate, with s the pixel noise (`camera.residual_pattern`).
+This module imports Matplotlib; import it where it is used.
+"""
+
+from __future__ import annotations
+
+import textwrap
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+from matplotlib.ticker import MaxNLocator
+from numpy.typing import NDArray
+
+from ....core.geometry.se3 import Array
+from ....core.presentation.figure_parts import (
+    BLUE,
+    GRID,
+    INK,
+    ORANGE,
+    QUIET,
+    SMALL,
+    TEXT,
+    WIDTH,
+    canvas,
+    finished,
+    plain,
+    plain_numbers,
+    round_number,
+)
+from ....core.presentation.label_placement import HALO
+from ..calibrated import Calibrated
+from ..residual_pattern import CELLS, LARGE
+from ..what_was_seen import cells_that_matter, picture_rms, radial_means
+from .text import outlier_names, pattern_words
+
+# More arrows are drawn as an image: a drawing of each would make a large file.
+MANY = 2500
+# Corners that were left out and are named in a figure, the farthest first.
+MOST_NAMED = 6
+# More pictures are drawn with smaller dots.
+MANY_PICTURES = 200
+# Height in inches of the picture of a camera that stands upright.
+TALLEST = 6.0
+# Length of the arrow of a large residual (95 % are smaller), as a share of the longer side of the picture.
+_TYPICAL = 0.02
+_CROSS: dict[str, Any] = {
+    "marker": "X", "linestyle": "", "color": ORANGE, "markersize": 6.5, "markeredgecolor": "white",
+    "markeredgewidth": 0.6,
+}  # fmt: skip
+
+
+def by_picture_figure(cam: Calibrated) -> Figure:
+    """RMS of the residuals of every picture, the corners left out of it, and the pixel noise."""
+    corners, used = cam.corners, cam.bundle.used
+    distance = np.linalg.norm(cam.bundle.residuals, axis=1)
+    figure = canvas(2.9)
+    axis = figure.subplots()
+    plain(axis)
+    rms = picture_rms(cam)
+    number = corners.rows.astype(float)
+    size = 4.0 if corners.n <= MANY_PICTURES else 2.0
+    axis.plot(number, rms, "o", color=BLUE, markersize=size, markeredgewidth=0, label="RMS of the corners used")
+    noise = cam.bundle.picture_noise
+    axis.plot(number, noise, "_", color=INK, markersize=7, label="noise of the picture, by which they count")
+    axis.axhline(
+        cam.pixel_noise, color=INK, linewidth=1.0, linestyle="--", label=f"pixel noise, {cam.pixel_noise:.3g} pixels"
+    )
+    if (~used).any():
+        out = number[corners.picture[~used]]
+        axis.plot(out, distance[~used], **_CROSS, label=f"distance of a corner left out ({int((~used).sum()):,})")
+    highest = float(max(rms.max(), cam.pixel_noise, distance[~used].max(initial=0.0)))
+    if highest > 12 * cam.pixel_noise:
+        axis.set_yscale("log")
+        axis.set_ylim(0.5 * max(float(rms.min()), 0.05 * cam.pixel_noise), 4.0 * highest)
+        plain_numbers(axis)
+    else:
+        axis.set_ylim(0.0, 1.25 * highest or 1.0)
+    margin = 0.02 * max(float(np.ptp(number)), 1.0) + 0.4
+    axis.set_xlim(number[0] - margin, number[-1] + margin)
+    axis.xaxis.set_major_locator(MaxNLocator(nbins=12, integer=True, min_n_ticks=1))
+    axis.set_xlabel("row of the picture, counted from 0", fontsize=TEXT)
+    axis.set_ylabel("residual (pixels)", fontsize=TEXT)
+    places = np.stack([number[corners.picture], distance], axis=-1)
+    figure.legend(loc="outside upper right", ncols=2, frameon=False, fontsize=SMALL, columnspacing=1.2)
+    _labelled(figure, axis, outlier_names(cam, MOST_NAMED), places, ~used)
+    return finished(figure)
+
+
+def over_picture_figure(cam: Calibrated) -> tuple[Figure, float]:
+    """All residuals as arrows at their corners, and the factor by which they are enlarged."""
+    corners, used, residuals = cam.corners, cam.bundle.used, cam.bundle.residuals
+    width, height = cam.image_size
+    figure, axis = picture_canvas(cam.image_size, 0.8)
+    typical = max(2.45 * cam.pixel_noise, 1e-9)  # 95 % are shorter
+    factor = round_number(_TYPICAL * max(width, height) / typical)
+    u, v = corners.pixels[used].T
+    axis.quiver(
+        u, v, *residuals[used].T, angles="xy", scale_units="xy", scale=1.0 / factor, color=BLUE, headwidth=3.5,
+        width=0.0009 if used.sum() > MANY else 0.0016, rasterized=bool(used.sum() > MANY),
+    )  # fmt: skip
+    handles = [axis.plot([], [], color=BLUE, linewidth=1.2, label=f"residual, {factor:,g} times enlarged")[0]]
+    if (~used).any():
+        out = corners.pixels[~used]
+        label = f"corner left out ({int((~used).sum()):,})"
+        handles += axis.plot(*out.T, **_CROSS, label=label, zorder=5)
+    figure.legend(handles=handles, loc="outside upper right", ncols=2, frameon=False, fontsize=SMALL)
+    _labelled(figure, axis, outlier_names(cam, MOST_NAMED), corners.pixels, ~used)
+    return finished(figure), factor
+
+
+def pattern_figure(cam: Calibrated) -> tuple[Figure, float]:
+    """The mean residual of each cell of the picture, and the radial part by the distance from the centre."""
+    width, height = cam.image_size
+    half = 0.55 * WIDTH
+    figure = canvas(float(np.clip(1.45 + (half - 0.6) * height / width, 3.2, 6.0)))
+    axes: Any = figure.subplots(1, 2, width_ratios=[1.35, 1.0])
+    found = cam.pattern.found
+    figure.suptitle(
+        textwrap.fill(pattern_words(cam, short=True), 80 if found else 100),
+        fontsize=TEXT,
+        color=ORANGE if found else INK,
+        fontweight="bold" if found else "normal",
+    )
+    figure.get_layout_engine().set(wspace=0.05)  # type: ignore[union-attr, call-arg]
+    factor = _cells(axes[0], cam)
+    _radial(axes[1], cam)
+    figure.legend(loc="outside lower center", ncols=3, frameon=False, fontsize=SMALL, columnspacing=1.4)
+    return finished(figure), factor
+
+
+def _cells(axis: Axes, cam: Calibrated) -> float:
+    """Arrows of the means, with a hatch where no corner was; returns by what they are enlarged."""
+    width, height = cam.image_size
+    picture_axes(axis, cam.image_size)
+    axis.grid(visible=False)
+    mean, count, s = cam.pattern.mean, cam.pattern.count, cam.pixel_noise
+    cell = np.array([width, height]) / CELLS
+    for k, (row, column) in enumerate(np.argwhere(count == 0)):
+        u, v = cell * (column, row) - 0.5
+        style: dict[str, Any] = {"facecolor": "0.94", "edgecolor": "0.7", "hatch": "////", "linewidth": 0}
+        axis.add_patch(Rectangle((u, v), *cell, label="no corner" if k == 0 else None, **style))
+    for k in range(1, CELLS):
+        axis.axvline(k * cell[0] - 0.5, color=GRID, linewidth=0.6, zorder=0.5)
+        axis.axhline(k * cell[1] - 0.5, color=GRID, linewidth=0.6, zorder=0.5)
+    length = np.linalg.norm(mean, axis=-1)
+    # So that a mean as large as the pixel noise fills a cell: that of a right model stays short.
+    factor = round_number(float(cell.min()) / max(float(length.max()) / 1.5, s, 1e-12))
+    matters = cells_that_matter(cam)
+    rows, columns = np.nonzero(count > 0)
+    centres = (np.stack([columns, rows], axis=-1) + 0.5) * cell - 0.5
+    for chosen, colour, name in (
+        (~matters, BLUE, "chance, or too small to matter"),
+        (matters, ORANGE, f"beyond chance, and more than {LARGE:g} of the noise"),
+    ):
+        part = chosen[rows, columns]
+        if not part.any():
+            continue
+        axis.quiver(
+            *centres[part].T, *mean[rows[part], columns[part]].T, angles="xy", scale_units="xy", scale=1.0 / factor,
+            color=colour, width=0.006, headwidth=3.6, headlength=4.0, headaxislength=3.6, zorder=3,
+        )  # fmt: skip
+        axis.plot(*centres[part].T, ".", color=colour, markersize=3.0, markeredgewidth=0, zorder=3)
+        axis.plot([], [], color=colour, linewidth=1.8, label=name)
+    axis.set_title(f"mean residual by cell, {factor:,g} times enlarged", fontsize=TEXT, loc="left")
+    return factor
+
+
+def _radial(axis: Axes, cam: Calibrated) -> None:
+    """Mean radial residual in rings about the centre: what a wrong distortion leaves."""
+    radius, mean, count = radial_means(cam)
+    plain(axis)
+    s = cam.pixel_noise
+    axis.axhline(0.0, color=QUIET, linewidth=0.8)
+    axis.errorbar(
+        radius, mean, 2 * s / np.sqrt(count), fmt="o-", color=BLUE, markersize=3.5, linewidth=1.0, elinewidth=1.0,
+        capsize=2.0,
+    )  # fmt: skip
+    axis.axhspan(-LARGE * s, LARGE * s, color="0.93", zorder=0.4)
+    top = 1.15 * max(s, float(np.max(np.abs(mean) + 2 * s / np.sqrt(count))))
+    axis.set_ylim(-top, top)
+    axis.set_xlim(0.0, 1.06 * float(radius.max()))
+    axis.xaxis.set_major_locator(MaxNLocator(nbins=4, integer=True))
+    axis.yaxis.set_major_locator(MaxNLocator(nbins=6, symmetric=True))
+    axis.set_xlabel("distance from the centre (pixels)", fontsize=TEXT)
+    axis.set_ylabel("outward, mean (pixels)", fontsize=TEXT)
+    axis.set_title("by the distance from the centre", fontsize=TEXT, loc="left")
+
+
+def picture_canvas(image_size: tuple[int, int], beside: float) -> tuple[Figure, Axes]:
+    """A figure with the frame of one picture, ``beside`` inches left free for labels.
+
+    The frame stands at the bottom of its place: where it floats, the layout takes too little room for the labels below.
+    """
+    ratio = image_size[1] / image_size[0]
+    wide = min(WIDTH - beside, TALLEST / ratio)
+    figure = canvas(0.9 + wide * ratio)
+    side = 0.5 * max(WIDTH - beside - wide, 0.0)
+    axis = figure.add_subplot(figure.add_gridspec(1, 3, width_ratios=[side, wide, side])[1] if side > 0 else 111)
+    picture_axes(axis, image_size)
+    axis.set_anchor("S")
+    return figure, axis
+
+
+def picture_axes(axis: Axes, image_size: tuple[int, int]) -> None:
+    """The frame of a picture in true proportions, u to the right and v down."""
+    width, height = image_size
+    plain(axis)
+    for side in axis.spines.values():
+        side.set_visible(True)
+        side.set_color(QUIET)
+    axis.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5), aspect="equal")
+    axis.xaxis.set_major_locator(MaxNLocator(nbins=6, integer=True))
+    axis.yaxis.set_major_locator(MaxNLocator(nbins=5, integer=True))
+    axis.set_xlabel("u (pixels)", fontsize=TEXT)
+    axis.set_ylabel("v (pixels)", fontsize=TEXT)
+
+
+def _labelled(
+    figure: Figure, axis: Axes, named: list[tuple[int, str]], places: Array, marked: NDArray[np.bool_]
+) -> None:
+    """Names of points of ``places`` (m, 2) beside them, inside the panel, clear of each other and of the ``marked``
+    points (m,); those without room are left to the table."""
+    if not named:
+        return
+    figure.draw_without_rendering()
+    scale = 72.0 / figure.dpi
+    frame = axis.get_window_extent()
+    low, high = np.array([frame.x0, frame.y0]) * scale, np.array([frame.x1, frame.y1]) * scale
+    at = axis.transData.transform(places) * scale
+    points = at[marked]
+    taken: list[tuple[Array, Array]] = []
+    for j, name in named:
+        size = np.array([0.55 * SMALL * len(name) + 2.0, 1.3 * SMALL])
+        for shift in _SHIFTS:
+            left = at[j] + shift - size * (0.0 if shift[0] > 0 else 1.0, 0.5)
+            right = left + size
+            outside = (left < low + 1).any() or (right > high - 1).any()
+            covers = ((points > left - 3) & (points < right + 3)).all(axis=1).any()
+            whole = np.minimum(left, at[j]), np.maximum(right, at[j])  # with the line from the point
+            if outside or covers or any((whole[0] < b).all() and (whole[1] > a).all() for a, b in taken):
+                continue
+            taken.append(whole)
+            axis.annotate(
+                name, places[j], xytext=shift, textcoords="offset points", fontsize=SMALL, color=INK, va="center",
+                ha="left" if shift[0] > 0 else "right", path_effects=HALO, zorder=9,
+                arrowprops={
+                    "arrowstyle": "-", "color": INK, "linewidth": 0.6, "shrinkA": 0, "shrinkB": 3,
+                    "relpos": (0.0 if shift[0] > 0 else 1.0, 0.5),
+                },
+            )  # fmt: skip
+            break
+
+
+# Places of a name beside its point, in typographic points, the nearest first.
+_UPS = (0, 11, -11, 22, -22, 33, -33, 46, -46, 60, -60)
+_SHIFTS = tuple((side * (7 + abs(up) / 3), up) for up in _UPS for side in (1, -1))

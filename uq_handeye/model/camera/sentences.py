@@ -1,0 +1,104 @@
+"""Sentences of the findings of a camera calibration."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from ...core.formatting.numbers import concise, digits
+from ...findings import CAMERA, sentence
+
+
+@sentence(
+    "camera.focal_uncertain",
+    check=CAMERA,
+    phrase=lambda v: f"focal length known to {digits(100 * v['share'], 2)} % only",
+)
+def _(share: float) -> str:
+    return (
+        f"The focal length, and with it distances, are known to only {100 * share:.1f} %. Take pictures in which the "
+        "board is tilted by 30 degrees or more, or give `intrinsics` (--intrinsics)."
+    )
+
+
+@sentence(
+    "camera.another_board",
+    check=CAMERA,
+    phrase=lambda v: f"corners {digits(v['pixels'], 2)} px off: another board?",
+    effect=8.0,
+)
+def _(pixels: float, board: str) -> str:
+    what = f"They were read as those of a {board} board. " if board else ""
+    return (
+        f"The corners are {pixels:.2g} pixels off any camera (RMS): they are hardly those of this board. {what}Check "
+        "its kind, columns and rows (--pattern, --board)."
+    )
+
+
+@sentence("camera.coefficients_near_zero", check=CAMERA, phrase="some lens coefficients are not significant")
+def _(coefficients: Sequence[Mapping[str, Any]]) -> str:
+    named = "; ".join(f"{one['name']} = {one['value']:.2g} +- {one['std']:.2g}" for one in coefficients)
+    return (
+        f"These coefficients are consistent with 0: {named}. Leave them out with `coefficients` (--coefficients), or "
+        "take corners nearer to the rim of the picture."
+    )
+
+
+@sentence("camera.corners_left_out", check=CAMERA, phrase="{count} of {n} corners left out")
+def _(count: int, n: int) -> str:
+    return (
+        f"{count} of {n} corners ({100 * count / n:.0f} %) were rejected as outliers. Look at the pictures that "
+        "`outliers` names."
+    )
+
+
+@sentence("camera.residual_pattern", check=CAMERA, phrase="residuals have a pattern over the image", effect=1.5)
+def _(share: float, model: str, tried_all: bool = False) -> str:
+    advice = (
+        "No other model that was tried describes it better: look for blur, glass before the lens, or a rolling shutter."
+        if tried_all
+        else "Try model 'auto'."
+    )
+    return (
+        f"The residuals have a pattern over the picture, {share:.1f} times the pixel noise: the model {model} is wrong "
+        f"for this camera, or the board has another shape. {advice}"
+    )
+
+
+@sentence("camera.board_pattern", check=CAMERA, phrase="residuals follow the points of the board", effect=1.5)
+def _(share: float, shape: str) -> str:
+    more = ", or the board is bent" if shape == "flat" else ""
+    return (
+        f"The residuals follow the points of the board, {share:.1f} times the pixel noise: points are printed or "
+        f"detected off their places in all pictures alike{more}. Such errors do not average out over pictures, and the "
+        "covariance does not include them."
+    )
+
+
+@sentence("camera.squares_stretched", check=CAMERA, phrase="squares wider than high, or higher than wide")
+def _(stretch: float, std: float) -> str:
+    longer = "wider than high" if stretch > 0 else "higher than wide"
+    return (
+        f"The squares of the board are {concise(100 * abs(stretch), 100 * std)} % {longer}. Measure them along "
+        "both directions. The scale of X is that of the mean of both sides."
+    )
+
+
+@sentence("camera.pictures_left_out", check=CAMERA, phrase=lambda v: f"{len(v['pictures'])} images rejected")
+def _(pictures: Sequence[str]) -> str:
+    rows = pictures[0].startswith("row ")  # corners without names of pictures
+    if len(pictures) == 1:
+        start = f"{'The image of' if rows else 'Image'} {pictures[0]} was rejected: most of its corners are"
+    else:
+        start = (
+            f"{'The images of' if rows else 'Images'} {', '.join(pictures)} were rejected: most of their corners are"
+        )
+    return f"{start} inconsistent with any board pose. Check how the corners were detected and numbered."
+
+
+@sentence("camera.bent_edges")
+def _(largest: float, rms: float) -> str:
+    return (
+        f"Corners were moved by up to {largest:.3f} pixels (RMS {rms:.3f}), because they are detected off their places "
+        "where the lens bends edges."
+    )

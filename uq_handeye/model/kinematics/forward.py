@@ -1,0 +1,117 @@
+r"""Forward kinematics of many postures at once: one pass over the joints, all postures in each step.
+
+With A_k the smallest rotation that takes z to the axis of joint k, the chain
+
+    T(q) = O_1 M_1(q_1) O_2 M_2(q_2) .. O_L M_L(q_L) O_tip
+
+is that of motions about or along z between fixed transforms,
+
+    T(q) = B_1 Z_1(q_1) B_2 Z_2(q_2) .. B_L Z_L(q_L) B_tip,
+    B_1 = O_1 A_1,   B_k = A_(k-1)^T O_k A_k,   B_tip = A_L^T O_tip
+
+Arrays inside have the postures as their *last* axis.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from ...core.geometry.se3 import Array
+from .joint import Joint
+
+
+class Motion(NamedTuple):
+    """The frames of n postures."""
+
+    R: Array  # (L, 3, 3, n) axes of the joint frames, after the geometric errors and before they move
+    p: Array  # (L, 3, n) their origins
+    tip: Array  # (3, 4, n) rotation and position of the tip
+
+    def levers(self) -> Array:
+        """(L, 3, n) from the joints to the tip."""
+        return np.asarray(self.tip[:, 3] - self.p)
+
+
+def align(axis: Array) -> Array:
+    """The smallest rotation (4, 4) that takes z to a unit vector; for -z, half a turn about x."""
+    x, y, z = axis
+    T = np.eye(4)
+    if z < -1.0 + 1e-12:
+        T[:3, :3] = np.diag([1.0, -1.0, -1.0])
+    else:
+        w = 1.0 / (1.0 + z)
+        T[:3, :3] = [[1.0 - w * x * x, -w * x * y, x], [-w * x * y, 1.0 - w * y * y, y], [-x, -y, z]]
+    return T
+
+
+def fixed_transforms(joints: Sequence[Joint], end: Array) -> Array:
+    """(L + 1, 4, 4) B_1 .. B_L and B_tip."""
+    found, before = [], np.eye(4)
+    for joint in joints:
+        A = align(joint.axis)
+        found.append(before.T @ joint.origin @ A)
+        before = A
+    return np.array([*found, before.T @ end])
+
+
+def forward(
+    fixed: Array, revolute: NDArray[np.bool_], q: Array, a: Array | None = None, shift: Array | None = None
+) -> Motion:
+    """The frames for joint values q (L, n), with errors ``E_k = (exp [a_k]x, l_k)`` before each motion.
+
+    ``a`` and ``shift`` (L, 3, n or 1): all a_k and l_k, rad and m, in the frame of the joint, whose z is its
+    axis.
+    """
+    L, n = q.shape
+    R, p = np.empty((L, 3, 3, n)), np.empty((L, 3, n))
+    state = np.repeat(fixed[0, :3, :, None], n, axis=2)  # (3, 4, n)
+    turns = None if a is None else rotations(a)
+    moved = np.empty((3, 3, n))
+    for k in range(L):
+        if turns is not None and shift is not None:
+            state[:, 3] += (state[:, :3] * shift[k]).sum(axis=1)
+            state[:, :3] = np.einsum("ijn,jkn->ikn", state[:, :3], np.broadcast_to(turns[k], (3, 3, n)))
+        R[k], p[k] = state[:, :3], state[:, 3]
+        if revolute[k]:
+            cosine, sine = np.cos(q[k]), np.sin(q[k])
+            moved[:, 0] = cosine * state[:, 0] + sine * state[:, 1]
+            moved[:, 1] = cosine * state[:, 1] - sine * state[:, 0]
+            moved[:, 2] = state[:, 2]
+            position = state[:, 3]
+        else:
+            moved[:] = state[:, :3]
+            position = state[:, 3] + q[k] * state[:, 2]
+        state = np.matmul(fixed[k + 1, :3].T, moved)  # (4, 3) times (3, 3, n)
+        state[:, 3] += position
+    return Motion(R, p, state)
+
+
+def rotations(a: Array) -> Array:
+    """``exp [a]x`` (L, 3, 3, n) of rotation vectors (L, 3, n)."""
+    L, _, n = a.shape
+    flat = np.ascontiguousarray(np.moveaxis(a, 1, -1)).reshape(-1, 3)
+    return np.moveaxis(Rotation.from_rotvec(flat).as_matrix().reshape(L, n, 3, 3), 1, -1)
+
+
+def turned(W: Array, lever: Array) -> Array:
+    """``w x lever`` of the columns w of W (L, 3, c, n) with levers (L, 3, n)."""
+    x, y, z = (lever[:, i, None] for i in range(3))
+    out = np.empty_like(W)
+    out[:, 0] = W[:, 1] * z - W[:, 2] * y
+    out[:, 1] = W[:, 2] * x - W[:, 0] * z
+    out[:, 2] = W[:, 0] * y - W[:, 1] * x
+    return out
+
+
+def axis_twists(motion: Motion, revolute: NDArray[np.bool_]) -> Array:
+    """(L, 6, n) twist of the tip per unit of each joint: ``(z; z x lever)`` revolute, ``(0; z)`` prismatic."""
+    z = motion.R[:, :, 2]
+    twists = np.empty((len(z), 6, z.shape[-1]))
+    twists[:, :3] = np.where(revolute[:, None, None], z, 0.0)
+    twists[:, 3:] = np.where(revolute[:, None, None], turned(z[:, :, None], motion.levers())[:, :, 0], z)
+    return twists

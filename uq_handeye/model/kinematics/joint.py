@@ -1,0 +1,142 @@
+"""One moving joint of a serial chain, and what a file says of a chain."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ...core.files.records import array_of, plain
+from ...core.geometry.checks import as_numbers, as_transforms
+from ...core.geometry.se3 import Array
+from ...core.runtime.read_only import ReadOnlyArrays
+from ...errors import InputError
+
+REVOLUTE, PRISMATIC = "revolute", "prismatic"
+MAX_JOINTS = 64
+MAX_NAME = 200
+# Origins are in metres; a longer one is in millimetres, or damaged.
+MAX_LENGTH = 100.0
+# A direction that is a unit vector to this stays as it is, so that a chain that is written and read again is the same.
+ROUNDED = 1e-14
+
+
+@dataclass(frozen=True, eq=False)
+class Joint(ReadOnlyArrays):
+    """A revolute or prismatic joint; one that rotates without end is revolute without limits.
+
+    Parameters
+    ----------
+    name : str
+    kind : "revolute" or "prismatic"
+    origin : (4, 4) m
+        O_k, the frame of this joint before it moves, in the frame of the previous joint after that has moved (in the
+        base for the first joint).
+    axis : (3,)
+        Direction of the axis in the frame of the joint; made a unit vector.
+    lower, upper : float
+        Limits (rad; m for a prismatic joint); -inf and inf where there are none.
+    """
+
+    name: str
+    kind: str
+    origin: Array
+    axis: Array
+    lower: float = -np.inf
+    upper: float = np.inf
+
+    def __post_init__(self) -> None:
+        require_name(self.name, "the name of a joint")
+        if self.kind not in (REVOLUTE, PRISMATIC):
+            raise InputError(f"Expected the kind of joint {self.name} to be revolute or prismatic, got {self.kind!r}.")
+        axis = as_numbers(self.axis, f"the axis of joint {self.name}")
+        if axis.shape != (3,) or not np.isfinite(axis).all():
+            raise InputError(
+                f"Expected the axis of joint {self.name} to be 3 finite numbers, got {axis.tolist()!r:.80}."
+            )
+        largest = float(np.abs(axis).max())
+        if not 1e-9 < largest < 1e9:
+            raise InputError(f"Expected the axis of joint {self.name} to be a direction, got {axis.tolist()}.")
+        if abs(np.linalg.norm(axis) - 1.0) > ROUNDED:
+            axis = axis / largest / np.linalg.norm(axis / largest)
+        object.__setattr__(self, "axis", axis)
+        object.__setattr__(self, "origin", checked_origin(self.origin, f"the origin of joint {self.name}"))
+        lower, upper = (float(as_numbers(limit, f"a limit of joint {self.name}")) for limit in (self.lower, self.upper))
+        if not lower < upper:  # NaN neither
+            raise InputError(f"Expected the lower limit of joint {self.name} below the upper, got {lower} and {upper}.")
+        object.__setattr__(self, "lower", lower)
+        object.__setattr__(self, "upper", upper)
+        super().__post_init__()
+
+    @property
+    def is_revolute(self) -> bool:
+        return self.kind == REVOLUTE
+
+    @property
+    def unit(self) -> str:
+        """The unit of its values, rad or m."""
+        return "rad" if self.is_revolute else "m"
+
+
+class ChainParts(NamedTuple):
+    """Findings of a reader: the arguments of `Kinematics`."""
+
+    name: str
+    base: str
+    tip: str
+    joints: tuple[Joint, ...]
+    end: Array  # (4, 4) the tip in the frame of the last joint after it has moved
+    up: Array | None = None  # (3,) direction against gravity in the base, where it is said
+
+
+def require_name(name: Any, what: str) -> None:
+    """Raise `InputError` unless it is a printable text of reasonable length."""
+    if not isinstance(name, str) or not name.strip() or not name.isprintable() or len(name) > MAX_NAME:
+        raise InputError(f"Expected {what} to be text of 1 to {MAX_NAME} printable characters, got {name!a:.80}.")
+
+
+def checked_origin(value: Any, what: str) -> Array:
+    """A (4, 4) transform whose translation may be that of a robot in metres."""
+    T = as_transforms(value, what, stack=False)
+    if T.shape != (4, 4):
+        raise InputError(f"Expected {what} to have shape (4, 4), got {T.shape}.")
+    if (longest := float(np.abs(T[:3, 3]).max())) > MAX_LENGTH:
+        raise InputError(f"Expected {what} to be below {MAX_LENGTH:g} m, got {longest:g} m; is it in millimetres?")
+    return T
+
+
+_OF_CHAIN = ("name", "base", "tip", "end", "up")
+_OF_JOINT = ("name", "kind", "origin", "axis", "lower", "upper")
+
+
+def parts_to_dict(parts: ChainParts) -> dict[str, Any]:
+    """Plain text and numbers, for files; None stands for an infinite limit."""
+    joints = [plain({name: getattr(joint, name) for name in _OF_JOINT}) for joint in parts.joints]
+    return {**plain({name: getattr(parts, name) for name in _OF_CHAIN}), "joints": joints}
+
+
+def parts_from_dict(data: Any) -> ChainParts:
+    """Return what `parts_to_dict` wrote; raise `InputError` for anything else."""
+    what = "the kinematics"
+    parts = _fields(data, (*_OF_CHAIN, "joints"), what)
+    if not isinstance(parts["joints"], list):
+        raise InputError(f"Expected the joints of {what} to be a list.")
+    joints = []
+    for k, value in enumerate(parts["joints"][: MAX_JOINTS + 1]):
+        at = f"joint {k} of {what}"
+        of_joint = _fields(value, _OF_JOINT, at)
+        lower, upper = (
+            infinite if of_joint[name] is None else float(array_of(of_joint[name], (), f"a limit of {at}"))
+            for name, infinite in (("lower", -np.inf), ("upper", np.inf))
+        )
+        origin, axis = array_of(of_joint["origin"], (4, 4), at), array_of(of_joint["axis"], (3,), at)
+        joints.append(Joint(of_joint["name"], of_joint["kind"], origin, axis, lower, upper))
+    end, up = array_of(parts["end"], (4, 4), what), array_of(parts["up"], (3,), what)
+    return ChainParts(parts["name"], parts["base"], parts["tip"], tuple(joints), end, up)
+
+
+def _fields(data: Any, names: tuple[str, ...], what: str) -> dict[str, Any]:
+    if not isinstance(data, dict) or any(name not in data for name in names):
+        raise InputError(f"Expected {what} to have the fields {', '.join(names)}.")
+    return data

@@ -1,0 +1,211 @@
+r"""Assumed kinematic errors of an arm, and their effects at the poses of one data set.
+
+The errors e of an arm (`chain.Kinematics.errors`) are drawn once and shared by all of its poses. Those of a group, such
+as the offsets of its joints, have one standard deviation. A few poses of one region cannot tell it (theory T13): it is
+known beforehand from arms of the kind, their *population*, within a factor:
+
+- ``declared``: the standard deviations are those given, as they are;
+- ``estimate``: those given are the least that is assumed; the data may say that this arm is worse, with a prior of the
+  logarithm that falls off like a Gaussian with ``log(factor)`` as its standard deviation;
+- ``exact``: the arm is its model; poses come from its joints, without errors.
+
+Joint noise is drawn again for every pose and rotates joint k by ``N(0, joint_sd^2)``: encoder, backlash, servo.
+"""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass, fields
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.formatting.units import parse_angle, parse_length
+from ...core.geometry.se3 import Array
+from ...errors import InputError
+from .chain import Kinematics
+from .errors import LENGTHS, OFFSETS, SAG, TILTS, TRANSMISSION
+from .workspace_gauge import aligned_columns, aligned_poses, counting, frame_columns
+
+ESTIMATE, DECLARED, EXACT = "estimate", "declared", "exact"
+HOW = (ESTIMATE, DECLARED, EXACT)
+WORKSPACE, CONTROLLER, PHYSICAL = "workspace", "controller", "physical"
+FLANGES = (WORKSPACE, CONTROLLER, PHYSICAL)
+
+JOINT_NOISE = "joint noise"
+# The field of `KinematicErrors` that declares each group.
+DECLARED_AS = {
+    OFFSETS: "offset_sd",
+    TILTS: "tilt_sd",
+    LENGTHS: "length_sd",
+    TRANSMISSION: "transmission_sd",
+    SAG: "sag_sd",
+}
+
+
+class Population(NamedTuple):
+    """Standard deviations that arms of a kind have at least, rad and m, and the factor within which they are known."""
+
+    offset_sd: float
+    tilt_sd: float
+    length_sd: float
+    transmission_sd: float
+    sag_sd: float
+    joint_sd: float
+    factor: float
+
+
+# By class; docs/explanation/kinematics.md has the sources.
+POPULATIONS = {
+    "industrial": Population(3e-3, 0.9e-3, 0.3e-3, 0.4e-3, 1.5e-3, 0.2e-3, 2.0),
+    "cobot": Population(7e-3, 1.8e-3, 0.3e-3, 0.4e-3, 1.0e-3, 0.2e-3, 2.0),
+    "hobby": Population(20e-3, 10e-3, 1e-3, 10e-3, 10e-3, 3e-3, 2.0),
+}
+# The kind of arm that is taken where nothing is said.
+USUAL = "industrial"
+# Joint noise that is not given is known within this factor.
+JOINT_NOISE_FACTOR = 3.0
+
+
+@dataclass(frozen=True)
+class KinematicErrors:
+    """Knowledge about the errors of an arm before the data: see the module.
+
+    Parameters
+    ----------
+    how : "estimate", "declared" or "exact"
+    offset_sd, tilt_sd, transmission_sd, sag_sd : float (rad), text with a unit such as "0.02deg", or None
+        Standard deviations of the offsets of the joints, the tilts of their axes, the errors of transmissions (first
+        and second harmonic of each joint angle) and the give of each joint under the largest torque of gravity.
+    length_sd : float (m), text such as "0.2mm", or None
+        Of each of the three lengths from joint to joint.
+    joint_sd : float (rad), text or None
+        Standard deviation of the joint noise of each pose, as it is; None: it is estimated, and 0 for declared errors
+        beside noise that is given.
+    robot_class : "industrial", "cobot", "hobby" or None
+        Where a standard deviation is None: that of the population of such arms; None: of industrial ones, but where
+        some are declared, the others are 0.
+    flange : "workspace", "controller" or "physical"
+        Which flange X is of. ``workspace``: the frames of base and flange in which the arm moves as nearly as can be as
+        its model says, over its whole workspace (`workspace_gauge`). The errors of the first joint, the offset of
+        the last one and its length along the axis are the same as other base and flange frames.
+        ``controller``: they are left out, the flange is where the controller's numbers put it. ``physical``: they are
+        declared errors like the others.
+
+    Raises
+    ------
+    InputError
+        Unknown names, negative or infinite standard deviations.
+
+    Examples
+    --------
+    >>> KinematicErrors("declared", offset_sd="0.02deg", length_sd="0.2mm").standard_deviations["link lengths"]
+    0.0002
+    """
+
+    how: str = ESTIMATE
+    offset_sd: float | str | None = None
+    tilt_sd: float | str | None = None
+    length_sd: float | str | None = None
+    transmission_sd: float | str | None = None
+    sag_sd: float | str | None = None
+    joint_sd: float | str | None = None
+    robot_class: str | None = None
+    flange: str = WORKSPACE
+
+    def __post_init__(self) -> None:
+        for name, known in (("how", HOW), ("flange", FLANGES)):
+            if getattr(self, name) not in known:
+                raise InputError(f"Expected `{name}` to be one of {', '.join(known)}, got {getattr(self, name)!r}.")
+        if self.robot_class is not None and self.robot_class not in POPULATIONS:
+            raise InputError(f"Expected `robot_class` to be one of {', '.join(POPULATIONS)}, got {self.robot_class!r}.")
+        for field in fields(self):
+            if field.name.endswith("_sd") and (given := getattr(self, field.name)) is not None:
+                parse = parse_length if field.name == "length_sd" else parse_angle
+                value = parse(given, f"`{field.name}`")
+                if not 0 <= value < np.inf:
+                    raise InputError(f"Expected `{field.name}` to be finite and >= 0, got {given!r}.")
+                object.__setattr__(self, field.name, value)
+
+    @property
+    def is_exact(self) -> bool:
+        """True if nothing of the arm is uncertain, not even its joints."""
+        return self.how == EXACT and not self.joint_sd
+
+    @property
+    def population(self) -> Population:
+        """Population of the robot's class, or the usual one."""
+        return POPULATIONS[self.robot_class or USUAL]
+
+    @property
+    def standard_deviations(self) -> dict[str, float]:
+        """Standard deviations by group, rad or m; see ``robot_class``."""
+        if self.how == EXACT:
+            return dict.fromkeys(DECLARED_AS, 0.0)
+        given = {group: getattr(self, name) for group, name in DECLARED_AS.items()}
+        alone = self.how == DECLARED and self.robot_class is None and any(sd is not None for sd in given.values())
+        usual = {group: 0.0 if alone else getattr(self.population, name) for group, name in DECLARED_AS.items()}
+        return {group: usual[group] if sd is None else sd for group, sd in given.items()}
+
+    @property
+    def deviations(self) -> dict[str, float]:
+        """Earlier name of `standard_deviations`; deprecated."""
+        warnings.warn("KinematicErrors.deviations is now called standard_deviations.", DeprecationWarning, stacklevel=2)
+        return self.standard_deviations
+
+    def columns(self, kinematics: Kinematics, q: Array, e: Array | None = None) -> KinematicColumns:
+        """The effects on the poses at joints q (n, L), derived at e (m,) where that is not 0."""
+        sd = self.standard_deviations
+        if self.flange == WORKSPACE:
+            counts, F = counting(kinematics), aligned_columns(kinematics, q, e)
+        else:
+            counts = np.array([self.flange == PHYSICAL or not error.gauge for error in kinematics.errors])
+            F = kinematics.columns(q, e)
+        kept = [k for k, error in enumerate(kinematics.errors) if sd[error.group] > 0 and counts[k]]
+        of = [kinematics.errors[k] for k in kept]
+        columns, names, groups = [F[..., kept]], [error.name for error in of], [error.group for error in of]
+        for group in dict.fromkeys(groups) if self.flange == WORKSPACE else ():
+            columns.append(frame_columns(kinematics, q, group))
+            names += [frame_name(group, k) for k in range(12)]
+            groups += [group] * 12
+        return KinematicColumns(
+            -np.concatenate(columns, axis=-1),
+            kinematics.jacobian(q, e),
+            tuple(names),
+            tuple(groups),
+            np.array(kept, dtype=np.intp),
+            self,
+        )
+
+
+def frame_name(group: str, k: int) -> str:
+    """Return the name of a motion of base and flange that the errors of a group leave open (`frames_of`)."""
+    return f"{group}: frame {k + 1}"
+
+
+def poses_with_errors(chain: Kinematics, q: Array, e: Array, flange: str) -> Array:
+    """(..., 4, 4) poses at joints q (..., L) with the errors e (m,), in the frames that X is stated in."""
+    return aligned_poses(chain, q, e) if flange == WORKSPACE else chain.poses(q, e)
+
+
+def effects_of_errors(chain: Kinematics, q: Array, e: Array, flange: str) -> Array:
+    """(..., 6, m) derivatives of `poses_with_errors` by e, left rotation and additive translation."""
+    return aligned_columns(chain, q, e) if flange == WORKSPACE else chain.columns(q, e)
+
+
+class KinematicColumns(NamedTuple):
+    """Effects of the errors of an arm on n measured poses, per unit (rad, m), left rotation and additive
+    translation.
+    """
+
+    F: Array  # (n, 6, m) of the errors that are shared
+    J: Array  # (n, 6, L) of noise of the joints
+    names: tuple[str, ...]  # (m), of the frames at the end
+    groups: tuple[str, ...]  # (m)
+    kept: NDArray[np.intp]  # their numbers among all errors of the arm
+    given: KinematicErrors
+
+    def rows(self, index: NDArray[Any]) -> KinematicColumns:
+        """Return the columns at some of the poses."""
+        return self._replace(F=self.F[index], J=self.J[index])

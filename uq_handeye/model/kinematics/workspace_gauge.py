@@ -1,0 +1,96 @@
+r"""Errors of an arm without those of its base and its flange: the gauge in which X is stated (T17).
+
+A constant motion of the base or of the flange is in W or X, whatever the arm. Which one an arm has is a matter of
+definition; here base and flange are those frames in which the arm, over its whole workspace, moves as nearly as can
+be as
+its nominal kinematics say. With the twists ``B_i (12)`` of base and flange at `POSTURES` postures spread over the joint
+limits, the flange above the floor, rotations weighted by `LEVER`, the motion that is in a column F is
+
+    g = argmin sum_i |w (F_i - B_i g)|^2        (12 numbers for each error)
+
+A workspace is no sharp set: another sample of as many postures would give other frames, and X is uncertain by that, too
+(`frames_of`). The errors that count are ``F - B g`` at any posture, the poses ``FK(q; e)`` less ``B g e``.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+
+from ...core.geometry.se3 import Array, perturb, skew
+from .chain import Kinematics
+from .gravity import spread_postures
+
+POSTURES = 400
+LEVER = 0.3  # m
+# Share of a column that must be left for it to count.
+VANISHES = 1e-9
+
+
+def twists(T: Array) -> Array:
+    """(..., 6, 12) errors of poses (..., 4, 4) by a rotation and a shift of the base, then of the flange."""
+    found = np.zeros((*T.shape[:-2], 6, 12))
+    found[..., :3, :3] = found[..., 3:, 3:6] = np.eye(3)
+    found[..., 3:, :3] = -skew(T[..., :3, 3])
+    found[..., :3, 6:9] = found[..., 3:, 9:] = T[..., :3, :3]
+    return found
+
+
+def workspace_postures(chain: Kinematics) -> Array:
+    """(k, L) joint values spread over the limits, with the flange above the floor of the base; at most `POSTURES`."""
+    q = spread_postures(chain.limits, np.array([joint.is_revolute for joint in chain.joints]), 3 * POSTURES)
+    above = chain.poses(q)[:, :3, 3] @ chain.up > 0
+    return np.asarray(q[above][:POSTURES] if above.sum() > POSTURES // 4 else q[:POSTURES])
+
+
+@lru_cache(maxsize=16)
+def gauge_of(chain: Kinematics) -> Array:
+    """(12, m) motions of base and flange in the errors of a chain."""
+    q = workspace_postures(chain)
+    F, B = chain.columns(q), twists(chain.poses(q))
+    weight = np.repeat([LEVER, 1.0], 3)[:, None]
+    found = np.linalg.pinv((weight * B).reshape(-1, 12)) @ (weight * F).reshape(-1, F.shape[-1])
+    return np.asarray(found)
+
+
+@lru_cache(maxsize=16)
+def counting(chain: Kinematics) -> Array:
+    """(m,) whether anything is left of an error."""
+    q = workspace_postures(chain)
+    whole, left = (np.sqrt((of**2).sum(axis=(0, 1))) for of in (chain.columns(q), aligned_columns(chain, q)))
+    return np.asarray(left > 1e-6 * np.maximum(whole, VANISHES))
+
+
+@lru_cache(maxsize=64)
+def frames_of(chain: Kinematics, group: str) -> Array:
+    """(12, 12) motions of base and flange that another sample of the workspace would give, by errors of a group.
+
+    The frames are a least squares fit to `POSTURES` postures: each contributes ``(sum B^T w^2 B)^-1 B_i^T w^2 f_i`` to
+    them, f_i what is left of the errors there, of standard deviation 1 each. The columns are a root of the sum of the
+    squares of these contributions, the variance of the fit over samples.
+    """
+    q = workspace_postures(chain)
+    of = np.array([error.group == group for error in chain.errors])
+    left, B = aligned_columns(chain, q)[..., of], twists(chain.poses(q))
+    weight = np.repeat([LEVER, 1.0], 3)[:, None]
+    gain = np.linalg.pinv((weight * B).reshape(-1, 12)).reshape(12, len(q), 6)
+    moves = np.einsum("gik,ike->gie", gain, weight * left).reshape(12, -1)
+    values, vectors = np.linalg.eigh(moves @ moves.T)
+    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
+
+
+def frame_columns(chain: Kinematics, q: Array, group: str) -> Array:
+    """(..., 6, 12) effects of `frames_of` on poses at joints q (..., L)."""
+    return np.asarray(twists(chain.poses(q)) @ frames_of(chain, group))
+
+
+def aligned_columns(chain: Kinematics, q: Array, e: Array | None = None) -> Array:
+    """(..., 6, m) effects of the errors on the true poses at joints q (..., L), without base and flange."""
+    return np.asarray(chain.columns(q, e) - twists(chain.poses(q, e)) @ gauge_of(chain))
+
+
+def aligned_poses(chain: Kinematics, q: Array, e: Array) -> Array:
+    """(..., 4, 4) poses of the arm with the errors e (m,), in the frames of its nominal kinematics."""
+    T = chain.poses(q, e)
+    return perturb(T, -(twists(T) @ (gauge_of(chain) @ e)))

@@ -1,0 +1,280 @@
+"""Noise before and after it is estimated: data sheets, components, the estimate as a whole.
+
+Units: rad and m, standard deviations per axis; text is in degrees and mm. How it is found: `noise_estimation`, and for
+camera poses from corners `one_model`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, Any, ClassVar
+
+import numpy as np
+
+from ...core.files.records import Record, parts_of, read
+from ...core.formatting.units import parse_angle, parse_length
+from ...core.geometry.se3 import Array
+from ...errors import InputError
+from ...findings import Finding
+from .joint_covariance import JointCovariance
+from .models import Noise, PairNoise, PoseNoise
+
+# Units of components, and the factor to those that people read.
+SHOWN = {"rad": (180 / np.pi, "deg"), "m": (1e3, "mm"), "px": (1.0, "px")}
+
+# Errors that the corners of a picture share: what residuals indicate beside a known robot (`beside_camera`).
+CAMERA_EXCESS = "camera beyond its corners"
+
+PartlyKnown = tuple[str | float | None, str | float | None]
+
+
+@dataclass(frozen=True)
+class NoisePrior:
+    """Prior of the noise from data sheets: standard deviations per axis, each known within a factor.
+
+    Parameters
+    ----------
+    robot, camera : (rotation, translation) or None
+        Numbers (rad, m) or text with units, as in `PoseNoise.isotropic`; None where nothing is known. For motions that
+        come without poses ``robot`` is A and ``camera`` is B.
+    factor : float
+        One standard deviation of the logarithm: 2 says that the true value is between half and twice the value given
+        with probability 68 %. 1 fixes the values.
+
+    Raises
+    ------
+    InputError
+        A factor below 1, negative values, or a value of 0 that is not fixed.
+
+    Examples
+    --------
+    >>> prior = NoisePrior(robot=(None, "0.05mm"), factor=1)
+    """
+
+    robot: PartlyKnown | None = None
+    camera: PartlyKnown | None = None
+    factor: float = 2.0
+
+    def __post_init__(self) -> None:
+        if isinstance(self.factor, bool) or not isinstance(self.factor, int | float) or not 1 <= self.factor < 1e6:
+            raise InputError(
+                f"Expected `factor` of the noise prior to be a number >= 1 (1 fixes the values), got {self.factor!r}."
+            )
+        if (self.values == 0).any() and self.factor > 1:
+            raise InputError(
+                "Expected the standard deviations of the noise prior to be above 0 where they are known within a "
+                "factor, got 0. Use factor=1 for a side that is exact, or None where nothing is known."
+            )
+
+    @property
+    def values(self) -> Array:
+        """(4,): robot rotation and translation, camera rotation and translation; NaN where nothing is known."""
+        found = []
+        for name in ("robot", "camera"):
+            value = getattr(self, name)
+            if value is None:
+                value = (None, None)
+            if not isinstance(value, tuple | list) or len(value) != 2:
+                raise InputError(f"Expected `{name}` to be (rotation, translation), got {value!r}.")
+            for part, parse, what in zip(value, (parse_angle, parse_length), ("rotation", "translation"), strict=True):
+                number = np.nan if part is None else parse(part, f"the {what} standard deviation of {name}")
+                if number < 0 or number > 1e9:
+                    raise InputError(
+                        f"Expected the {what} standard deviation of {name} to be in [0, 1e9], got {part!r}."
+                    )
+                found.append(number)
+        return np.array(found)
+
+
+@dataclass(frozen=True)
+class Component:
+    """A standard deviation per axis, with its 95 % interval.
+
+    ``status``: "estimated"; "zero" (the estimate is 0, on the edge of what is possible); "prior" (estimated with its
+    data sheet); "population" (of the errors of an arm: at least that of arms of its kind); "fixed" (given); "not told
+    apart" (between ``low`` and ``high``, the data say no more); "exact" (the residuals are rounding errors; ``high`` is
+    then not determined: None); "from corners", "from points", "by geometry" (of the camera poses, from their own
+    covariance: root of the mean variance); "given" (the pixel noise of it).
+    """
+
+    name: str
+    unit: str  # "rad", "m" or "px"
+    value: float
+    low: float
+    high: float | None
+    status: str
+
+    def __post_init__(self) -> None:
+        if self.unit not in SHOWN:
+            raise InputError(
+                f"Expected the unit of a noise component to be one of {', '.join(SHOWN)}, got {self.unit!r}."
+            )
+
+    @property
+    def is_given(self) -> bool:
+        """True if it has no interval: it was not estimated."""
+        return self.status in ("fixed", "exact", "given", "from corners", "from points", "by geometry")
+
+    @property
+    def shown_status(self) -> str:
+        """Status as people read it."""
+        return "not identifiable" if self.status == "not told apart" else self.status
+
+    def __str__(self) -> str:
+        scale, unit = SHOWN[self.unit]
+        if self.is_given:
+            return f"{self.name}: {self.value * scale:.3g} {unit} ({self.shown_status})"
+        high = "?" if self.high is None else f"{self.high * scale:.3g}"
+        return f"{self.name}: {self.value * scale:.3g} {unit} ({self.low * scale:.3g} to {high}; {self.shown_status})"
+
+
+@dataclass(frozen=True)
+class CameraFactor:
+    """Factor on the covariance of the camera poses that the residuals indicate: 1 if it is valid (`beside_camera`)."""
+
+    value: float  # kappa, of variances
+    dof: float  # kappa times it is chi-square with so many degrees of freedom, if the covariance is true
+    p_value: float  # two-sided
+
+
+@dataclass(frozen=True)
+class FoundComponent:
+    """One error of the joint model: its size with the 95 % interval, and what it does to X.
+
+    ``size``: the standard deviation that was found, per unit of its columns; ``low``, ``high``: where it is known, the
+    same. ``determined``: how many of its ``count`` numbers the data determine. ``share``: of the variance of X, in the
+    direction where it matters most.
+    """
+
+    name: str
+    side: str  # "robot" or "camera"
+    unit: str  # "" where relative, or mixed
+    size: float
+    low: float
+    high: float
+    known: bool
+    count: int  # 0 for noise that is drawn anew at each pose
+    determined: float
+    share: float
+
+
+@dataclass(frozen=True, eq=False)
+class NoiseEstimate(Record):
+    """The noise that a data set shows; see `estimate_noise`.
+
+    ``variances`` and ``covariance`` (of their estimates) are of side 1 rotation, side 2 rotation (rad^2) and of the
+    translations together (m^2): what S is made of. Beside a covariance of the camera poses they are of the robot's
+    rotation and translation, and of the pixels (pixels^2), as far as they are not given, or of what corners of a
+    picture share (pixels^2, `CAMERA_EXCESS`).
+    """
+
+    _in_file: ClassVar[str] = (
+        "noise=sides components findings statement variances covariance dof camera_factor shape names of_model"
+    )
+    _if_any: ClassVar[str] = "camera_factor shape names of_model"
+
+    noise: PoseNoise | PairNoise | None  # None: exact data
+    components: tuple[Component, ...]
+    findings: tuple[Finding, ...]  # what the data can and cannot tell
+    variances: Annotated[Array, "m"]  # (3,), beside a camera covariance (1,) to (3,)
+    covariance: Annotated[Array, "m", "m"]  # (m, m)
+    dof: float  # residual degrees of freedom: 6 n - p, a pose of weight w counts as w poses
+    camera_factor: CameraFactor | None = None  # beside a camera covariance that is known, where the data can tell
+    shape: float | None = None  # degrees of freedom of the t that X follows, its sizes integrated over; None: Gaussian
+    names: tuple[str, ...] = ()  # of the components that `variances` are of; empty: by what was estimated, as above
+    of_model: tuple[FoundComponent, ...] = ()  # all errors of the joint model
+
+    @property
+    def statement(self) -> tuple[str, ...]:
+        """Sentences that say what the data can and cannot tell."""
+        return tuple(map(str, self.findings))
+
+    @property
+    def has_prior(self) -> bool:
+        """True if a data sheet contributed, so that the test of the fit is one."""
+        return any(component.status in ("fixed", "prior") for component in self.components)
+
+    @property
+    def from_corners(self) -> bool:
+        """True if the noise of the camera poses comes from their corners, and only the robot's was estimated."""
+        return any(component.status == "from corners" for component in self.components)
+
+    @property
+    def from_points(self) -> bool:
+        """True if the noise of the camera poses comes from points in 3-D, and only the robot's was estimated."""
+        return any(component.status == "from points" for component in self.components)
+
+    @property
+    def camera_known(self) -> bool:
+        """True if the camera poses came with their covariance."""
+        return self.from_corners or self.from_points
+
+    @property
+    def by_geometry(self) -> bool:
+        """True if the covariance of the camera poses has the shape that their views give it (`CameraNoise`)."""
+        return any(component.status == "by geometry" for component in self.components)
+
+    @property
+    def tested(self) -> bool:
+        """True if residuals can contradict this noise: most of what they see was not made of them."""
+        factor = self.camera_factor
+        if any(component.name.startswith("camera") and not component.is_given for component in self.components) and all(
+            component.name.partition(" ")[0] not in ("robot", "camera", "A", "B")
+            for component in self.components
+            if component.status in ("fixed", "prior")
+        ):  # what is assumed of an arm beside a camera that the residuals gave
+            return False
+        if any(component.name == CAMERA_EXCESS and component.value > 0 for component in self.components):
+            return False
+        return self.has_prior or (factor is not None and factor.dof > 0.5 * self.dof)
+
+    def __getitem__(self, name: str) -> Component:
+        for component in self.components:
+            if component.name == name:
+                return component
+        raise KeyError(name)
+
+    @property
+    def sides(self) -> dict[str, Any] | None:
+        """Noise of each side that has one, as plain values."""
+        if self.noise is None:
+            return None
+        given = {name: getattr(self.noise, name) for name in _sides_of(self.noise)}
+        return {name: _side_to_dict(S) for name, S in given.items() if S is not None}
+
+    @classmethod
+    def from_dict(cls, data: Any) -> NoiseEstimate:
+        """Read what `to_dict` wrote; raises `InputError` on anything else."""
+        sides = read(dict[str, Any] | None, data.get("noise"), "noise_estimate.noise")
+        noise: Noise | None = None
+        if sides is not None:
+            kind = PairNoise if "A" in sides else PoseNoise
+            noise = kind(**{name: _side_from_dict(side) for name, side in sides.items()})
+        return cls(**parts_of(cls, data, "noise_estimate", noise=noise))
+
+
+def _side_to_dict(S: Array | JointCovariance) -> Any:
+    """Standard deviations of rotation and translation; a joint covariance, or others of corners, as they are."""
+    if isinstance(S, JointCovariance):
+        return S.to_dict()
+    deviations = np.sqrt(np.diag(S)) if S.shape == (6, 6) else np.zeros(6)
+    if np.array_equal(S, np.diag(np.repeat(deviations[[0, 3]], 3) ** 2)):
+        return deviations[[0, 3]].tolist()
+    return {"covariance": S.tolist()}
+
+
+def _side_from_dict(values: Any) -> Any:
+    """The inverse of `_side_to_dict`."""
+    if isinstance(values, dict):
+        return values["covariance"] if "covariance" in values else JointCovariance.from_dict(values)
+    rotation, translation = (float(value) for value in values)
+    return np.diag([rotation**2] * 3 + [translation**2] * 3)
+
+
+def together(what: str, sides: tuple[str, str]) -> str:
+    """The name of a sum."""
+    return f"{what}, {sides[0]} and {sides[1]} together"
+
+
+def _sides_of(noise: Noise) -> tuple[str, str]:
+    return ("A", "B") if isinstance(noise, PairNoise) else ("robot", "camera")

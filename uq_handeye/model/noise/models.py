@@ -1,0 +1,267 @@
+r"""Noise models: PairNoise on the motions, PoseNoise on the poses.
+
+Both say: the error ``xi = (theta, tau)`` (rotation first, left rotation, additive translation, rad and m)
+of each motion or pose is Gaussian with zero mean and the covariance given, 6x6, independent between robot and
+camera. The frames are those of the quantity itself: for ``base_T_gripper`` the base, for
+``camera_T_target`` the camera, for ``A`` the gripper, for ``B`` the camera.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.files.records import Record
+from ...core.formatting.numbers import digits
+from ...core.formatting.units import parse_deviations
+from ...core.geometry.checks import checked_covariance
+from ...core.geometry.se3 import Array
+from ...core.presentation.notebook import html_of
+from ...errors import InputError
+from .camera_noise import CameraNoise
+from .joint_covariance import JointCovariance
+from .pose_prior import PosePrior
+from .square_roots import weighted
+
+Deviations = tuple[str | float, str | float]
+
+# Standard deviations of three axes that differ by less than this share are one number in words.
+_ALIKE = 0.01
+
+
+def _checked_joint(value: JointCovariance, name: str) -> JointCovariance:
+    """Check as `checked_covariance`."""
+    if value.own.ndim != 3 or value.shared.ndim != 3:
+        raise InputError(f"Expected the covariance `{name}` to be that of one set of poses, got {value.shape}.")
+    if not np.isfinite(value.shared).all():
+        raise InputError(f"Expected the covariance `{name}` to be finite, got NaN or infinity.")
+    return replace(value, own=checked_covariance(value.own, name, joint=False))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class PairNoise(Record):
+    """Independent noise on each motion: covariances of ``A`` and ``B``, 6x6 or (N, 6, 6); None is exact.
+
+    ``prior``: what is known of X beforehand, which is a measurement beside the motions (`PosePrior`).
+    """
+
+    _in_file: ClassVar[str] = "type=__class__.__name__ A B prior"
+    _if_any: ClassVar[str] = "prior"
+
+    A: Array | None = None
+    B: Array | None = None
+    prior: PosePrior | None = field(default=None, kw_only=True)
+
+    def __post_init__(self) -> None:
+        for name in ("A", "B"):
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, checked_covariance(getattr(self, name), name, joint=False))
+        if self.A is None and self.B is None:
+            raise InputError("Expected PairNoise to be given at least one of `A` and `B`.")
+        _require_prior(self.prior)
+        if self.prior is not None and self.prior.W is not None:
+            raise InputError("Expected PairNoise to have no prior of W: motions know nothing of W.")
+
+    @cached_property
+    def factors(self) -> tuple[Array | None, Array | None]:
+        """L with ``A = L L^T`` and the same for B."""
+        return (None if self.A is None else factor(self.A), None if self.B is None else factor(self.B))
+
+    def rows(self, index: NDArray[Any]) -> PairNoise:
+        """Return the noise of some of the motions, by their numbers or a mask."""
+        return replace(self, A=rows_of(self.A, index), B=rows_of(self.B, index))
+
+    def weighted(self, weights: Array) -> PairNoise:
+        """Return the noise with the covariance of each motion divided by its weight (N,)."""
+        A, B = (None if S is None else np.asarray(weighted(S, weights)) for S in (self.A, self.B))
+        return replace(self, A=A, B=B)
+
+    @classmethod
+    def isotropic(cls, A: Deviations | None = None, B: Deviations | None = None) -> PairNoise:
+        """Build noise from standard deviations (rotation, translation) per axis, e.g. ``A=("0.02deg", "0.05mm")``."""
+        return cls(_isotropic(A, "A"), _isotropic(B, "B"))
+
+    def __repr__(self) -> str:
+        return f"PairNoise({_sides(self, ('A', 'B'))})"
+
+    def _repr_html_(self) -> str:
+        """Return the noise as a table, for notebooks."""
+        return html_of(self)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class PoseNoise(Record):
+    """Noise on the absolute poses ``robot = base_T_gripper`` and ``camera = camera_T_target``.
+
+    Either is 6x6 (the same for every pose), (n, 6, 6) (per pose), or (6n, 6n): the joint covariance of all
+    poses, pose by pose, for errors that poses share; a `JointCovariance` is such a one whose cost grows with n only.
+    None means exact. ``camera`` may be a `CameraNoise`: that which `calibrate` estimates the pixel noise of, and the
+    robot's if it is None, unless its ``pixel_sd`` is known.
+
+    ``prior``: what is known of X and W beforehand, which is a measurement beside the poses (`PosePrior`).
+    """
+
+    _in_file: ClassVar[str] = "type=__class__.__name__ robot camera prior"
+    _if_any: ClassVar[str] = "prior"
+
+    robot: Any = None  # array or JointCovariance
+    camera: Any = None  # also CameraNoise, of unknown pixel noise
+    prior: PosePrior | None = field(default=None, kw_only=True)
+
+    def __post_init__(self) -> None:
+        if isinstance(self.camera, CameraNoise) and self.camera.pixel_sd is not None:
+            object.__setattr__(self, "camera", self.camera.covariance())
+        for name in ("robot", "camera"):
+            value = getattr(self, name)
+            if value is not None and not (name == "camera" and isinstance(value, CameraNoise)):
+                checked = (
+                    _checked_joint if isinstance(value, JointCovariance) else partial(checked_covariance, joint=True)
+                )
+                object.__setattr__(self, name, checked(value, name))
+        if self.robot is None and self.camera is None:
+            raise InputError("Expected PoseNoise to be given at least one of `robot` and `camera`.")
+        _require_prior(self.prior)
+
+    def rows(self, index: NDArray[Any]) -> PoseNoise:
+        """Return the noise of some of the poses, by their numbers or a mask; of a joint covariance its marginal."""
+        return replace(self, robot=rows_of(self.robot, index), camera=rows_of(self.camera, index))
+
+    def weighted(self, weights: Array) -> PoseNoise:
+        """Return the noise with the covariance of each pose, of a joint one its own part, divided by its weight
+        (n,).
+        """
+        robot, camera = (None if S is None else weighted(S, weights) for S in (self.robot, self.camera))
+        return replace(self, robot=robot, camera=camera)
+
+    def dense(self) -> PoseNoise:
+        """The same with arrays in place of `JointCovariance`: where all of (6n, 6n) is needed."""
+        robot, camera = (np.asarray(S) if isinstance(S, JointCovariance) else S for S in (self.robot, self.camera))
+        return replace(self, robot=robot, camera=camera)
+
+    @classmethod
+    def isotropic(cls, robot: Deviations | None = None, camera: Deviations | None = None) -> PoseNoise:
+        """Build noise from standard deviations (rotation, translation) per axis.
+
+        >>> noise = PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("1mrad", "0.5mm"))
+        >>> bool(np.allclose(np.sqrt(np.diag(noise.camera)), [1e-3] * 3 + [0.5e-3] * 3))
+        True
+        """
+        return cls(_isotropic(robot, "robot"), _isotropic(camera, "camera"))
+
+    def __repr__(self) -> str:
+        return f"PoseNoise({_sides(self, ('robot', 'camera'))})"
+
+    def _repr_html_(self) -> str:
+        """Return the noise as a table, for notebooks."""
+        return html_of(self)
+
+
+Noise = PairNoise | PoseNoise
+
+
+def _require_prior(prior: Any) -> None:
+    if prior is not None and not isinstance(prior, PosePrior):
+        raise InputError(f"Expected `prior` of the noise to be a PosePrior or None, got {type(prior).__name__}.")
+
+
+def with_prior(noise: Noise, prior: PosePrior | None) -> Noise:
+    """The noise with what is known of X and W beside it, of motions X only; as it is where that is None."""
+    if prior is None:
+        return noise
+    known = prior.without_W() if isinstance(noise, PairNoise) else prior
+    return replace(noise, prior=known)
+
+
+def without_prior(noise: Noise) -> Noise:
+    """The noise of the data only."""
+    return replace(noise, prior=None)
+
+
+def _isotropic(value: Deviations | None, name: str) -> Array | None:
+    if value is None:
+        return None
+    rotation, translation = parse_deviations(value, name)
+    return np.diag([rotation**2] * 3 + [translation**2] * 3)
+
+
+def is_joint(covariance: Any) -> bool:
+    """Return whether a covariance is the joint one of several poses."""
+    return isinstance(covariance, JointCovariance) or (covariance.ndim == 2 and covariance.shape[0] > 6)
+
+
+def is_of_each(covariance: Any) -> bool:
+    """Return whether the poses have covariances of their own."""
+    return covariance is not None and (is_joint(covariance) or np.ndim(covariance) == 3)
+
+
+def marginals(covariance: Any) -> Array:
+    """The covariance of each pose: the diagonal blocks of a joint one, else as it is."""
+    if not is_joint(covariance):
+        return np.asarray(covariance)
+    if isinstance(covariance, JointCovariance):
+        return np.asarray(covariance.blocks)
+    n = len(covariance) // 6
+    return np.asarray(covariance.reshape(n, 6, n, 6)[np.arange(n), :, np.arange(n), :])
+
+
+def size_words(covariance: Any) -> tuple[str, str]:
+    """Return standard deviations per axis of rotation and translation as text, of many poses their medians."""
+    if covariance is None:
+        return "exact", "exact"
+    covariance = covariance.joint if isinstance(covariance, CameraNoise) else covariance
+    variances = np.diagonal(marginals(covariance), axis1=-2, axis2=-1)
+    std = np.median(np.sqrt(np.maximum(variances, 0.0)).reshape(-1, 6), axis=0)
+    return _axes(np.degrees(std[:3]), "deg"), _axes(1e3 * std[3:], "mm")
+
+
+def _axes(std: Array, unit: str) -> str:
+    if std.max() - std.min() <= _ALIKE * std.max():
+        return f"{digits(float(std.mean()), 2)} {unit}"
+    return f"{', '.join(f'{name} {digits(float(value), 2)}' for name, value in zip('xyz', std, strict=True))} {unit}"
+
+
+def _sides(noise: PairNoise | PoseNoise, names: tuple[str, str]) -> str:
+    """Return the sides and their sizes: "robot: 0.02 deg, 0.05 mm; camera: exact"."""
+    sizes = {name: dict.fromkeys(size_words(getattr(noise, name))) for name in names}
+    return "; ".join(f"{name}: {', '.join(size)}" for name, size in sizes.items()) + (
+        "" if noise.prior is None else "; with a prior"
+    )
+
+
+def rows_of(covariance: Any, index: NDArray[Any]) -> Any:
+    """The covariance of some poses or motions: their own, or their part of a joint one."""
+    if covariance is None or covariance.shape == (6, 6):
+        return covariance
+    if isinstance(covariance, JointCovariance | CameraNoise):
+        return covariance.rows(index)
+    if not is_joint(covariance):
+        return np.asarray(covariance[index])
+    n = len(covariance) // 6
+    numbers = np.arange(n)[index]
+    size = 6 * len(numbers)
+    return np.asarray(covariance.reshape(n, 6, n, 6)[numbers][:, :, numbers].reshape(size, size))
+
+
+def require_count(covariance: Any, count: int, name: str, what: str) -> None:
+    """Raise unless ``covariance`` fits ``count`` poses or motions."""
+    if isinstance(covariance, CameraNoise):
+        covariance = covariance.covariance()  # which says what to do where its pixel noise is not known
+    if covariance is None or covariance.shape == (6, 6):
+        return
+    found = covariance.shape[0] // 6 if covariance.ndim == 2 else covariance.shape[0]
+    if found != count:
+        raise InputError(f"Expected the covariance `{name}` to cover {count} {what}, got {found}.")
+
+
+def factor(covariance: Any) -> Array:
+    """L with ``covariance = L L^T``, also for singular covariances; (..., k, k) -> (..., k, k)."""
+    covariance = np.asarray(covariance)
+    try:
+        return np.asarray(np.linalg.cholesky(covariance))
+    except np.linalg.LinAlgError:  # only semidefinite
+        values, vectors = np.linalg.eigh(covariance)
+        return np.asarray(vectors * np.sqrt(np.clip(values, 0.0, None))[..., None, :])

@@ -1,0 +1,128 @@
+"""Noise files in TOML: the covariances of the robot's and the camera's poses, or of their motions.
+
+    # covariance of xi = (theta, tau): left rotation in rad, additive translation in m
+    [robot]                      # or [A] and [B]: noise on the relative motions
+    rotation = "0.02deg"         # standard deviations per axis; numbers without unit are rad and m
+    translation = "0.05mm"
+    [camera]
+    covariance = [[...], ...]    # 6 x 6, or n x 6 x 6: one per pose; [robot] and [camera] also 6n x 6n: joint
+
+A table that is left out means that the quantity is exact. Frames as in `uq_handeye.model.noise.models`. The table [shared]
+holds errors that all poses share and is read by `uq_handeye.model.shared_errors.shared_toml`; beside it alone the noise is
+to be estimated.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...core.files.open import StrPath, as_path, opened, shown
+from ...core.formatting.units import parse_deviations
+from ...core.geometry.checks import checked_covariance
+from ...core.geometry.se3 import Array
+from ...errors import InputError
+from .models import PairNoise, PoseNoise
+
+MAX_BYTES = 50_000_000
+POSES, MOTIONS = ("robot", "camera"), ("A", "B")
+SHARED = "shared"
+KEYS = ("rotation", "translation", "covariance")
+EXPECTED = "expected rotation and translation, or covariance"
+
+
+def read_noise_file(path: StrPath) -> PoseNoise | PairNoise | None:
+    """The noise model in a TOML file: `PoseNoise` from [robot], [camera]; `PairNoise` from [A], [B].
+
+    None for a file with [shared] only, which `read_shared_errors` reads: the noise is then to be estimated.
+
+    Raises
+    ------
+    InputError
+        One line that names the file and the key: a file that cannot be read or is not TOML, unknown tables
+        or keys, [robot] or [camera] beside [A] or [B], standard deviations without unit or below zero,
+        covariances of the wrong shape, not finite, not symmetric or not positive semidefinite.
+    """
+    path = as_path(path)
+    tables = parse_tables(path)
+    name, expected = shown(path), "the tables [robot] and [camera], or [A] and [B]"
+    if tables.pop(SHARED, None) is not None and not tables:
+        return None
+    for table in tables:
+        if table not in (*POSES, *MOTIONS):
+            raise InputError(f"{name}: unknown table {table!a}; expected {expected}.")
+    if not tables:
+        raise InputError(f"{name}: no noise given; expected {expected}.")
+    on_poses = [table for table in tables if table in POSES]
+    if on_poses and len(on_poses) < len(tables):
+        raise InputError(
+            f"{name}: noise on poses ([robot], [camera]) and on motions ([A], [B]) cannot be mixed; "
+            f"got {', '.join(f'[{table}]' for table in tables)}."
+        )
+    covariances = {table: _covariance(table, content, name) for table, content in tables.items()}
+    if on_poses:
+        return PoseNoise(covariances.get("robot"), covariances.get("camera"))
+    return PairNoise(covariances.get("A"), covariances.get("B"))
+
+
+def parse_tables(path: Path) -> dict[str, Any]:
+    """All of a TOML file; raises `InputError`."""
+    with opened(path, MAX_BYTES) as file:
+        data = file.read()
+    try:
+        return tomllib.loads(data.decode("utf-8-sig"))
+    except UnicodeDecodeError as error:
+        line = data.count(b"\n", 0, error.start) + 1
+        raise InputError(f"{shown(path)}, line {line}: expected UTF-8 text, got other bytes.") from error
+    except RecursionError as error:
+        raise InputError(f"{shown(path)}: expected a TOML file, got arrays nested too deeply.") from error
+    except ValueError as error:  # TOMLDecodeError, or a number with thousands of digits
+        message = " ".join(str(error).split())
+        raise InputError(f"{shown(path)}: expected a TOML file, got an error: {message}.") from error
+
+
+def _covariance(table: str, content: Any, name: str) -> Array:
+    """The covariance that one table describes."""
+    where = f"{name}, [{table}]"
+    if not isinstance(content, dict):
+        raise InputError(f"{where}: this must be a table; {EXPECTED}, got {_short(content)}.")
+    for key in content:
+        if key not in KEYS:
+            raise InputError(f"{where}: unknown key {key!a}; {EXPECTED}.")
+    try:
+        if "covariance" in content:
+            if len(content) > 1:
+                raise InputError("Expected either covariance, or rotation and translation, got both.")
+            _require_numbers(content["covariance"])
+            return checked_covariance(content["covariance"], table, joint=table in POSES)
+        for key in ("rotation", "translation"):
+            if key not in content:
+                raise InputError(f"The key {key} is missing; {EXPECTED}.")
+            if not isinstance(content[key], str) and not _is_number(content[key]):
+                raise InputError(f"Expected {key} to be text with a unit, or a number, got {_short(content[key])}.")
+        rotation, translation = parse_deviations((content["rotation"], content["translation"]), f"[{table}]")
+    except InputError as error:
+        raise InputError(f"{where}: {' '.join(str(error).split())}") from error
+    except OverflowError as error:
+        raise InputError(f"{where}: Expected numbers below 1e308, got a larger one.") from error
+    return np.diag([rotation**2] * 3 + [translation**2] * 3)
+
+
+def _require_numbers(value: Any) -> None:
+    """Raise for what NumPy would quietly turn into numbers: text and booleans in a covariance."""
+    if isinstance(value, list):
+        for item in value:
+            _require_numbers(item)
+    elif not _is_number(value):
+        raise InputError(f"Expected covariance to hold numbers (rad^2, rad m, m^2), got {_short(value)}.")
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _short(value: Any) -> str:
+    return f"{value!a:.40}"

@@ -1,0 +1,104 @@
+"""A folder of poses from points written."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ....core.files.atomic import json_text, write_files
+from ....core.files.csv_text import csv_text
+from ....core.files.open import StrPath, as_path
+from ....core.geometry.conventions import TOOLKIT
+from ....formats.csv_poses import pose_text
+from ..posed import Posed
+
+FORMAT = "uq-handeye points 1"
+POSES, COVARIANCE, SUMMARY, POINTS, TARGET = (
+    "camera.csv",
+    "points_covariance.npz",
+    "points.json",
+    "points.csv",
+    "target.csv",
+)
+FIGURE = "residuals.png"
+CONVENTION = (
+    "camera_T_target of row k; covariance of all errors = blkdiag(own) + F F^T with F = shared reshaped to (6n, q); "
+    f"{TOOLKIT}; m and rad"
+)
+
+
+def point_pose_files(found: Posed) -> dict[str, str | bytes]:
+    """The files of `write_point_poses`, by name, without the figure."""
+    buffer = io.BytesIO()
+    np.savez(
+        buffer,
+        own=found.covariance.own,
+        shared=found.covariance.shared,
+        rows=found.rows,
+        poses=found.poses,
+        target=found.target.xyz,
+        target_factor=found.target_factor,
+        residuals=found.residuals,
+        convention=np.array(CONVENTION),
+    )
+    return {
+        POSES: pose_text(found.poses, found.rows),
+        COVARIANCE: buffer.getvalue(),
+        SUMMARY: json_text(to_dict(found)),
+        POINTS: _table(
+            ["pose", "point", "x", "y", "z", "used"],
+            found.points.row.tolist(),
+            found.points.point.tolist(),
+            *found.points.xyz.T.tolist(),
+            found.used.astype(int).tolist(),
+        ),
+        TARGET: _table(
+            ["point", "x", "y", "z", *(() if found.target_known else ("sd_x", "sd_y", "sd_z"))],
+            found.target.names.tolist(),
+            *found.target.xyz.T.tolist(),
+            *([] if found.target_known else np.sqrt((found.target_factor**2).sum(axis=-1)).T.tolist()),
+        ),
+    }
+
+
+def to_dict(found: Posed) -> dict[str, Any]:
+    """All but the points and poses as plain numbers and text."""
+    return {
+        "format": FORMAT,
+        "poses": found.n,
+        "points": int(found.used.sum()),
+        "noise": {
+            "lateral": float(found.sd[0]),
+            "axial": float(found.sd[1]),
+            "unit": "m",
+            "degrees_of_freedom": found.dof.tolist(),
+            "given": found.noise_given,
+            "isotropic": found.model.isotropic,
+            "growing": found.model.growing,
+            "distance": found.model.distance,
+        },
+        "target": {"known": found.target_known, "points": len(found.target.names)},
+        "covariance": np.asarray(found.covariance.blocks).tolist(),
+        "convention": CONVENTION,
+        "outliers": [{"pose": pose, "point": point, "distance": distance} for pose, point, distance in found.outliers],
+        "refused": [{"pose": pose, "why": why} for pose, why in found.refused],
+        "findings": [finding.to_dict() for finding in found.findings],
+        "warnings": list(found.warnings),
+    }
+
+
+def write_point_poses(found: Posed, folder: StrPath) -> Path:
+    """Write poses, covariance, points, target and figure into a folder: all of them or none."""
+    from ....core.presentation.named_figure import render
+    from ..figure import residual_figure
+
+    figure = render(residual_figure(found), "png")
+    write_files(folder, {**point_pose_files(found), FIGURE: figure})
+    return as_path(folder)
+
+
+def _table(header: list[str], *columns: list[Any]) -> str:
+    return csv_text([header, *zip(*columns, strict=True)])

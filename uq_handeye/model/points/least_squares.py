@@ -1,0 +1,325 @@
+r"""Weighted least squares of poses and shape: Gauss-Newton, covariance, leverages.
+
+Model: point j of the target is measured in pose i as ``y_ij = R_i p_j + t_i + e_ij``, e_ij of covariance V_ij
+(`model`). Unknowns are the poses, ``xi_i = (theta, tau)``, left rotation and additive translation, and, where the
+target is not known, its points p_j. With ``a = R_i p_j``, ``W = V^-1``
+
+    d y = J_i xi_i + R_i dp_j,   J_i = [-[a]x, I]
+    N_i = sum_j J^T W J,   N_ip = J^T W R,   S = blkdiag(sum_i R^T W R) - sum_i N_ip^T N_i^-1 N_ip
+
+S is singular along the six motions of the target in its own frame. They are held by ``sum dp_j = 0`` and ``sum p_j x
+dp_j = 0``; with G an orthonormal basis of them the covariance of the shape is ``C = (S + s G G^T)^-1 - G G^T / s``.
+That of the poses is
+
+    Sigma = blkdiag(N_i^-1) + F F^T,   F_i = -N_i^-1 N_ip L,   C = L L^T
+
+to first order in the noise: each pose has its own part, and all share the errors of the shape.
+
+Poses, shape and the variances of the noise together: least squares, and restricted maximum likelihood (REML).
+
+Model: `model`, `least_squares`. With the residuals of group g (1 lateral, two numbers a point; 2 axial, one), their
+growth removed, the restricted likelihood is greatest where
+
+    phi_g = sum r^2 / (n_g - tr H_gg),    H the hat matrix of the weighted fit
+
+(Helmert's variance components), which is iterated with the steps of the fit. ``n_g - tr H_gg`` are the degrees of
+freedom of phi_g: its relative standard deviation is about ``sqrt(2 / dof)``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.geometry.se3 import Array, perturb, skew
+from .measured import placed, sums
+from .model import NoiseModel, sight_lines, weight_matrices
+
+# A direction of the shape with less than this share of the information of the best is open.
+OPEN = 1e-10
+
+
+class Sight(NamedTuple):
+    """Pose and point of each measurement, and how many of both there are."""
+
+    y: Array  # (k, 3)
+    pose: NDArray[np.intp]
+    point: NDArray[np.intp]
+    n: int
+    m: int
+
+    def where(self, mask: NDArray[np.bool_]) -> Sight:
+        """Return some of the measurements."""
+        return Sight(self.y[mask], self.pose[mask], self.point[mask], self.n, self.m)
+
+
+@dataclass(frozen=True, eq=False)
+class Normal:
+    """Normal equations at poses and points, for weight matrices (k, 3, 3)."""
+
+    sight: Sight
+    T: Array  # (n, 4, 4)
+    p: Array  # (m, 3)
+    W: Array  # (k, 3, 3)
+    shape_open: bool
+
+    @cached_property
+    def r(self) -> Array:
+        """(k, 3) measured minus predicted."""
+        return self.sight.y - placed(self.T, self.p[self.sight.point], self.sight.pose)
+
+    @cached_property
+    def J(self) -> Array:
+        """(k, 3, 6)."""
+        R = self.T[self.sight.pose, :3, :3]
+        a = (R @ self.p[self.sight.point][..., None])[..., 0]
+        J = np.zeros((len(a), 3, 6))
+        J[:, :, :3], J[:, :, 3:] = -skew(a), np.eye(3)
+        return J
+
+    @cached_property
+    def _weighted(self) -> Array:
+        """(k, 6, 3) ``J^T W``."""
+        return np.asarray(self.J.mT @ self.W)
+
+    @cached_property
+    def N(self) -> Array:
+        """(n, 6, 6)."""
+        return sums(self._weighted @ self.J, self.sight.pose, self.sight.n)
+
+    @cached_property
+    def own(self) -> Array:
+        """(n, 6, 6) covariance of each pose beside the shape."""
+        inverse = np.linalg.inv(self.N)
+        return np.asarray(0.5 * (inverse + inverse.mT))
+
+    @cached_property
+    def b(self) -> Array:
+        """(n, 6)."""
+        return sums((self._weighted @ self.r[..., None])[..., 0], self.sight.pose, self.sight.n)
+
+    @cached_property
+    def mixed(self) -> Array:
+        """(n, 6, 3m)."""
+        N = np.zeros((self.sight.n, 6, self.sight.m, 3))
+        N[self.sight.pose, :, self.sight.point] = self._weighted @ self.T[self.sight.pose, :3, :3]
+        return N.reshape(self.sight.n, 6, 3 * self.sight.m)
+
+    @cached_property
+    def of_points(self) -> Array:
+        """(m, 3, 3) information of each point, and (m, 3) its right side below."""
+        R = self.T[self.sight.pose, :3, :3]
+        return sums(R.mT @ self.W @ R, self.sight.point, self.sight.m)
+
+    @cached_property
+    def reduced(self) -> tuple[Array, Array]:
+        """S (3m, 3m) and its right side (3m,)."""
+        m, R = self.sight.m, self.T[self.sight.pose, :3, :3]
+        right = sums((R.mT @ (self.W @ self.r[..., None]))[..., 0], self.sight.point, m).ravel()
+        solved = self.own @ self.mixed
+        S = -np.tensordot(self.mixed, solved, axes=([0, 1], [0, 1]))
+        blocks = S.reshape(m, 3, m, 3)
+        blocks[np.arange(m), :, np.arange(m)] += self.of_points
+        right = right - np.einsum("nak,na->k", solved, self.b)
+        return 0.5 * (S + S.T), np.asarray(right)
+
+    @cached_property
+    def gauge(self) -> Array:
+        """G (3m, 6)."""
+        motions = np.concatenate([-skew(self.p), np.tile(np.eye(3), (self.sight.m, 1, 1))], axis=-1)
+        return np.asarray(np.linalg.qr(motions.reshape(-1, 6))[0])
+
+    @cached_property
+    def held_information(self) -> tuple[Array, float]:
+        """``S + s G G^T`` (3m, 3m), and s."""
+        S, G = self.reduced[0], self.gauge
+        s = float(np.trace(S)) / len(S)
+        return S + s * G @ G.T, s
+
+    @cached_property
+    def pivots(self) -> Array:
+        """(3m,) squared pivots of ``S + s G G^T``; zeros where it is singular."""
+        try:
+            return np.asarray(np.diag(np.linalg.cholesky(self.held_information[0])) ** 2)
+        except np.linalg.LinAlgError:
+            return np.zeros(3 * self.sight.m)
+
+    @property
+    def determined(self) -> bool:
+        """Return whether the poses have all points of an unknown shape in common."""
+        return bool(self.pivots.min() > OPEN * self.pivots.max())
+
+    @cached_property
+    def C(self) -> Array:
+        """(3m, 3m) covariance of the shape."""
+        A, s = self.held_information
+        C = np.linalg.inv(A) - self.gauge @ self.gauge.T / s
+        return np.asarray(0.5 * (C + C.T))
+
+    @cached_property
+    def L(self) -> Array:
+        """(3m, 3m - 6) with ``C = L L^T``."""
+        values, vectors = np.linalg.eigh(self.C)
+        return np.asarray((vectors * np.sqrt(np.maximum(values, 0.0)))[:, 6:])
+
+    @cached_property
+    def shared(self) -> Array:
+        """F (n, 6, q); q = 0 for a target that is known."""
+        if not self.shape_open:
+            return np.zeros((self.sight.n, 6, 0))
+        F = -self.own @ (self.mixed @ self.L)
+        n, q = self.sight.n, F.shape[-1]
+        if q <= 6 * n:
+            return np.asarray(F)
+        return np.asarray(np.linalg.qr(F.reshape(6 * n, q).T)[1].T.reshape(n, 6, 6 * n))  # F F^T is the same
+
+    def step(self) -> tuple[Array, Array]:
+        """The Gauss-Newton step of poses (n, 6) and points (m, 3)."""
+        if not self.shape_open:
+            return np.asarray((self.own @ self.b[..., None])[..., 0]), np.zeros((self.sight.m, 3))
+        dp = self.C @ self.reduced[1]
+        xi = self.own @ (self.b - self.mixed @ dp)[..., None]
+        return np.asarray(xi[..., 0]), dp.reshape(-1, 3)
+
+    def moved(self) -> tuple[Normal, float]:
+        """Return the equations after one step, and the largest step of a pose in standard deviations."""
+        xi, dp = self.step()
+        size = float(np.sqrt(np.maximum(np.einsum("na,nab,nb->n", xi, self.N, xi), 0.0).max(initial=0.0)))
+        T, p = perturb(self.T, xi), self.p + dp  # dp keeps centroid and axes: they need no correction
+        return Normal(self.sight, T, p, self.W, self.shape_open), size
+
+    def predicted_covariance(self, sight: Sight) -> Array:
+        """Q (k, 3, 3) of predicted points, those of the fit or others."""
+        R = self.T[sight.pose, :3, :3]
+        J = np.zeros((len(R), 3, 6))
+        J[:, :, :3], J[:, :, 3:] = -skew((R @ self.p[sight.point][..., None])[..., 0]), np.eye(3)
+        S = self.own[sight.pose]
+        if not self.shape_open:
+            return np.asarray(J @ S @ J.mT)
+        m = self.sight.m
+        K = self.own @ self.mixed  # (n, 6, 3m)
+        KC = K @ self.C
+        across = KC.reshape(len(KC), 6, m, 3)[sight.pose, :, sight.point] @ R.mT  # (k, 6, 3)
+        shape = self.C.reshape(m, 3, m, 3)[np.arange(m), :, np.arange(m)][sight.point]
+        mixed = J @ across
+        whole = S + (KC @ K.mT)[sight.pose]
+        return np.asarray(J @ whole @ J.mT - mixed - mixed.mT + R @ shape @ R.mT)
+
+    def log_determinant(self) -> float:
+        """Return that of the normal equations, without the gauge."""
+        own = float(np.linalg.slogdet(self.N)[1].sum())
+        if not self.shape_open:
+            return own
+        return own + float(np.log(np.maximum(self.pivots, 1e-300)).sum() - 6 * np.log(self.held_information[1]))
+
+
+# The last step of a pose (standard deviations) and of a variance (relative), and how often at most.
+STILL, STILL_VARIANCE, MOST_STEPS = 1e-5, 1e-5, 300
+# Standard deviations below this share of the distance are rounding.
+ROUNDING = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """Poses and shape with the variances of the noise."""
+
+    model: NoiseModel
+    phi: Array  # (2,) lateral, axial, m^2
+    dof: Array  # (2,) degrees of freedom of each
+    normal: Normal
+    u: Array  # (k, 3) lines of sight
+    growth: Array  # (k, 2)
+    converged: bool
+
+    @property
+    def total_dof(self) -> float:
+        """Degrees of freedom of all residuals."""
+        return float(self.dof.sum())
+
+    @property
+    def squares(self) -> Array:
+        """(2,) sums of the residuals squared, lateral and axial, their growth removed, m^2."""
+        return np.asarray(split_squares(self.normal.r, self.u, self.growth).sum(axis=0))
+
+    @property
+    def deviance(self) -> float:
+        """Minus twice the restricted log-likelihood, but for a constant."""
+        log_V = 2 * np.log(self.phi[0]) + np.log(self.phi[1]) + np.log(self.growth) @ [2.0, 1.0]
+        return float(log_V.sum() + self.normal.log_determinant() + (self.squares / self.phi).sum())
+
+    def covariance_of(self, points: Array) -> Array:
+        """V (k, 3, 3) of the noise at points (k, 3)."""
+        growth = self.model.growth(points)
+        return weight_matrices(sight_lines(points), *(growth * self.phi).T)
+
+
+def split_squares(r: Array, u: Array, growth: Array) -> Array:
+    """(k, 2) squares of residuals across and along the line of sight, over their growth."""
+    along = np.einsum("ka,ka->k", r, u)
+    across = np.maximum(np.einsum("ka,ka->k", r, r) - along**2, 0.0)
+    return np.asarray(np.stack([across, along**2], axis=-1) / growth)
+
+
+def robust_variances(r: Array, u: Array, growth: Array, isotropic: bool, share: float) -> Array:
+    """(2,) variances by the medians of the squares, ``share`` the residual degrees of freedom over all numbers."""
+    squares = split_squares(r, u, growth)
+    if isotropic:
+        phi = np.full(2, np.median(squares.sum(axis=-1)) / 2.366)  # median of chi-square with 3 degrees of freedom
+    else:
+        phi = np.median(squares, axis=0) / np.array([1.386, 0.455])
+    return np.asarray(phi / max(share, 0.1))
+
+
+def fit(sight: Sight, T: Array, p: Array, model: NoiseModel, phi: Array, *, shape_open: bool, estimate: bool) -> Fit:
+    """Poses, shape where it is open, and variances where they are to be estimated, from a start of all."""
+    k = len(sight.y)
+    least = (ROUNDING * max(float(np.abs(sight.y).max()), 1e-3)) ** 2
+    phi = np.maximum(phi, least)
+    converged = False
+    dof = np.zeros(2)
+    for step in range(MOST_STEPS):
+        at = placed(T, p[sight.point], sight.pose)
+        u, growth = sight_lines(at), model.growth(at)
+        W = weight_matrices(u, *(1.0 / (growth * phi)).T)
+        before = Normal(sight, T, p, W, shape_open)
+        if shape_open and not before.determined:
+            normal = before
+            break
+        normal, size = before.moved()
+        T, p = normal.T, normal.p
+        if not np.isfinite(T).all():
+            break
+        Q = before.predicted_covariance(sight)  # at the end both are one
+        along = np.einsum("ka,kab,kb->k", u, Q, u)
+        across = np.trace(Q, axis1=-2, axis2=-1) - along
+        used = (np.stack([across, along], axis=-1) / (growth * phi)).sum(axis=0)
+        dof = np.array([2.0 * k, float(k)]) - used
+        change = 0.0
+        if estimate:
+            squares = split_squares(normal.r, u, growth).sum(axis=0)
+            if model.isotropic:
+                new = np.full(2, squares.sum() / max(float(dof.sum()), 1e-9))
+            else:
+                new = squares / np.maximum(dof, 1e-9)
+            new = np.maximum(new, least)
+            change = float(np.abs(new / phi - 1.0).max())
+            phi = new
+        if size < STILL and change < STILL_VARIANCE and step:
+            converged = True
+            break
+    return Fit(model, phi, dof, normal, u, growth, converged)
+
+
+def refitted(found: Fit, sight: Sight, estimate: bool) -> Fit:
+    """The fit of other measurements, from what was found."""
+    start = found.normal
+    return fit(sight, start.T, start.p, found.model, found.phi, shape_open=start.shape_open, estimate=estimate)
+
+
+def with_model(found: Fit, model: NoiseModel) -> Fit:
+    """The fit of the same measurements with another model of the noise."""
+    return refitted(replace(found, model=model), found.normal.sight, True)

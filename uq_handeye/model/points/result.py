@@ -1,0 +1,141 @@
+"""Result of `poses_from_points`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.files.open import StrPath
+from ...core.geometry.se3 import Array
+from ...core.presentation.document import to_text
+from ...core.presentation.notebook import to_html
+from ...core.runtime.read_only import ReadOnlyArrays
+from ...errors import InputError
+from ...findings import Finding, texts
+from ..noise.camera_noise import TARGET_SHAPE
+from ..noise.joint_covariance import JointCovariance
+from .measured import PointSet, Target, placed
+from .model import NoiseModel, sight_lines
+from .text import points_document
+
+
+def shape_names(q: int) -> tuple[str, ...]:
+    """Names of the q shared columns of the covariance."""
+    return tuple(f"{TARGET_SHAPE}: {k + 1}" for k in range(q))
+
+
+@dataclass(frozen=True, eq=False)
+class PointPoses(ReadOnlyArrays):
+    """Poses of a target that was measured in 3-D, and how well they are known; see `poses_from_points`."""
+
+    poses: Array  # (n, 4, 4) camera_T_target
+    rows: NDArray[np.int64]  # (n,) numbers of these poses: rows of the robot poses
+    covariance: JointCovariance  # of the errors (theta, tau) of all poses, camera frame: left rotation, additive
+    target: Target  # as given, or as estimated
+    target_factor: Array  # (m, 3, q) F: F F^T, with F as (3m, q), is the covariance of an estimated target, m^2
+    target_known: bool
+    model: NoiseModel
+    sd: Array  # (2,) standard deviations of a point: lateral, axial, m; at ``model.distance`` if they grow
+    dof: Array  # (2,) degrees of freedom that they were estimated with
+    noise_given: bool
+    points: PointSet  # all measured points
+    residuals: Array  # (k, 3) measured minus predicted, camera frame, m; NaN where a point could not be used
+    used: NDArray[np.bool_]  # (k,)
+    refused: tuple[tuple[int, str], ...]  # poses without a result, with the reason
+    findings: tuple[Finding, ...]
+
+    @property
+    def n(self) -> int:
+        """Number of poses."""
+        return len(self.poses)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """The findings that are more than a note, in words."""
+        return texts(self.findings)
+
+    @property
+    def sigma_lateral(self) -> float:
+        """Standard deviation of a point across the line of sight, per axis, m."""
+        return float(self.sd[0])
+
+    @property
+    def sigma_axial(self) -> float:
+        """Standard deviation of a point along the line of sight, m."""
+        return float(self.sd[1])
+
+    @cached_property
+    def predicted(self) -> Array:
+        """(k, 3) points as poses and target predict them, camera frame, m; NaN where there is no pose."""
+        pose = np.clip(np.searchsorted(self.rows, self.points.row), 0, self.n - 1)
+        point = self.target.find(self.points.point)
+        known = (self.rows[pose] == self.points.row) & (point >= 0)
+        return np.where(known[:, None], placed(self.poses, self.target.xyz[np.maximum(point, 0)], pose), np.nan)
+
+    @property
+    def predicted_residuals(self) -> Array:
+        """(k, 3) residuals computed again from points, poses and target."""
+        return np.asarray(self.points.xyz - self.predicted)
+
+    @cached_property
+    def split_residuals(self) -> tuple[Array, Array, Array]:
+        """(k, 2) residuals across the line of sight, (k,) along it, and (k,) distances, m; NaN as in ``residuals``."""
+        at = self.predicted
+        u = sight_lines(np.where(np.isnan(at), [0.0, 0.0, 1.0], at))
+        x = np.cross([0.0, 1.0, 0.0], u)
+        x /= np.maximum(np.linalg.norm(x, axis=-1, keepdims=True), 1e-300)
+        across = np.stack([np.sum(self.residuals * e, axis=-1) for e in (x, np.cross(u, x))], axis=-1)
+        return across, np.sum(self.residuals * u, axis=-1), np.linalg.norm(at, axis=-1)
+
+    @property
+    def outliers(self) -> list[tuple[int, str, float]]:
+        """Points that were left out of a pose: number of the pose, name of the point, distance in m; farthest first."""
+        distance = np.linalg.norm(self.residuals, axis=-1)
+        out = np.flatnonzero(~self.used & np.isfinite(distance))
+        out = out[np.argsort(-distance[out], kind="stable")]
+        return [(int(self.points.row[k]), str(self.points.point[k]), float(distance[k])) for k in out]
+
+    def select(self, index: NDArray[Any]) -> PointPoses:
+        """Select poses by their numbers or a mask; nothing is estimated again."""
+        numbers = np.arange(self.n)[index]
+        if (np.diff(numbers) <= 0).any():
+            raise InputError("Expected poses in ascending order, each once.")
+        rows = self.rows[numbers]
+        kept = np.isin(self.points.row, rows)
+        return replace(
+            self,
+            poses=self.poses[numbers],
+            rows=rows,
+            covariance=self.covariance.rows(numbers),
+            points=self.points.where(kept),
+            residuals=self.residuals[kept],
+            used=self.used[kept],
+        )
+
+    def summary(self) -> str:
+        """Noise, poses, target, points that were left out, warnings: as text."""
+        return to_text(points_document(self))
+
+    def __repr__(self) -> str:
+        return f"PointPoses({self.n} poses, {int(self.used.sum())} points)"
+
+    def _repr_html_(self) -> str:
+        """For notebooks."""
+        return to_html("Poses from points", points_document(self))
+
+    def write(self, folder: StrPath) -> Path:
+        """Everything as files in a folder, all or none, which `read_point_poses` and `read_poses` take."""
+        from .files.folder_writer import write_point_poses
+
+        return write_point_poses(self, folder)
+
+    def figure(self, path: StrPath) -> Path:
+        """Write the residuals along and across the line of sight as ``.png`` or ``.svg``."""
+        from .figure import save_figure
+
+        return save_figure(self, path)

@@ -1,0 +1,321 @@
+"""PosePairs: robot and camera poses taken at the same moments.
+
+Frames: ``robot[k] = base_T_gripper(k)``, ``camera[k] = camera_T_target(k)``. Two setups:
+
+- ``eye-in-hand``: the camera sits on the gripper, the target stands still; ``X = gripper_T_camera`` and
+  ``base_T_gripper X camera_T_target = base_T_target`` is constant.
+- ``eye-to-hand``: the camera stands still, the target sits on the gripper; ``X = base_T_camera`` and
+  ``gripper_T_base X camera_T_target = gripper_T_target`` is constant. It is the same equation with the
+  robot poses inverted.
+
+Joint values of the robot that go with its poses.
+
+Selection of poses by their numbers, counted from 0 in the order of the data.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.files.source import Source
+from ...core.geometry.checks import as_numbers, as_transforms, first_duplicate
+from ...core.geometry.frames import SETUPS
+from ...core.geometry.se3 import Array, inverse
+from ...core.runtime.read_only import read_only
+from ...errors import InputError
+from ...findings import Finding
+from ..noise.joint_covariance import JointCovariance
+from .timing import Timing
+
+if TYPE_CHECKING:
+    from ..camera.result import CameraCalibration
+
+
+def as_joint_values(value: Any, n: int) -> Array:
+    """Return the joint values of n poses as a read-only array (n, L); raise `InputError` for anything else."""
+    joints = np.array(as_numbers(value, "joints"))
+    if joints.ndim != 2 or len(joints) != n or joints.shape[1] == 0:
+        raise InputError(
+            f"Expected `joints` to have shape ({n}, L), a row of joint values for each pose, got {joints.shape}."
+        )
+    if not np.isfinite(joints).all():
+        row, column = (int(k) for k in np.argwhere(~np.isfinite(joints))[0])
+        raise InputError(f"Expected finite `joints`, got {joints[row, column]} in pose {row}, joint {column}.")
+    joints.flags.writeable = False
+    return joints
+
+
+def joint_values_at(times: Array, joints: Array, wanted: Array) -> Array:
+    """Interpolate joint values (n, L) at increasing ``times`` (n,) linearly: (m, L) at the times ``wanted`` (m,).
+
+    A step of a joint by more than half a turn is taken as it stands in the data, not the short way round: joint values
+    count turns.
+    """
+    return np.stack([np.interp(wanted, times, column) for column in joints.T], axis=-1)
+
+
+class Truth(NamedTuple):
+    """True values of a simulation."""
+
+    X: Array  # (4, 4)
+    W: Array  # (4, 4): base_T_target (eye-in-hand) or gripper_T_target (eye-to-hand)
+    robot: Array  # (n, 4, 4), without noise
+    camera: Array  # (n, 4, 4), without noise
+
+
+@dataclass(frozen=True, eq=False)
+class PosePairs:
+    """n pairs of poses, validated once and never changed.
+
+    Parameters
+    ----------
+    robot : (..., n, 4, 4) array or RigidTransform
+        ``base_T_gripper``.
+    camera : (..., n, 4, 4) array or RigidTransform
+        ``camera_T_target``.
+    setup : "eye-in-hand" or "eye-to-hand"
+    timestamps : (n,) array or None
+        Seconds; no two may be equal.
+    truth : Truth or None
+        Known for simulated poses.
+    sources : tuple of Source
+        The files they came from.
+    timing : Timing or None
+        Of poses that `synchronise` paired: their time offset and how it moves them.
+    camera_calibration : CameraCalibration or None
+        Where the camera poses come from corners (`calibrate_camera`): their joint covariance, and the corners.
+    camera_covariance : JointCovariance or None
+        Where the camera poses come from points in 3-D (`poses_from_points`): the joint covariance of their errors.
+    joints : (n, L) array or None
+        Joint values of the robot at each pose (rad, or m for prismatic joints), in the order of its chain.
+    findings : tuple of Finding
+        What looked wrong when the files were read; `calibrate` adds it to the findings of its result.
+
+    Raises
+    ------
+    InputError
+        Wrong shapes, matrices that are not rigid motions, different numbers of poses, repeated timestamps, a timing of
+        other poses, joint values that are not finite or of another number of poses.
+    """
+
+    robot: Array
+    camera: Array
+    setup: str = "eye-in-hand"
+    timestamps: NDArray[np.float64] | None = None
+    truth: Truth | None = None
+    sources: tuple[Source, ...] = ()
+    timing: Timing | None = None
+    camera_calibration: CameraCalibration | None = None
+    joints: Array | None = None
+    camera_covariance: JointCovariance | None = None
+    findings: tuple[Finding, ...] = ()
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.setup, str) or self.setup not in SETUPS:
+            raise InputError(f"Expected `setup` to be one of {', '.join(SETUPS)}, got {self.setup!r}.")
+        robot, camera = _frozen(self.robot, "robot"), _frozen(self.camera, "camera")
+        if robot.shape != camera.shape:
+            raise InputError(
+                "Expected `robot` and `camera` to hold the same number of poses, "
+                f"got shapes {robot.shape} and {camera.shape}."
+            )
+        object.__setattr__(self, "robot", robot)
+        object.__setattr__(self, "camera", camera)
+        object.__setattr__(self, "truth", read_only(self.truth))
+        if self.timestamps is not None:
+            times = np.array(as_numbers(self.timestamps, "timestamps"))
+            if times.shape != (self.n,) or not np.isfinite(times).all():
+                raise InputError(f"Expected `timestamps` to be {self.n} finite numbers, got shape {times.shape}.")
+            if (twins := first_duplicate(times)) is not None:
+                raise InputError(
+                    f"Expected a timestamp of its own for every pose, got {times[twins[0]]} for poses {twins[0]} "
+                    f"and {twins[1]}."
+                )
+            times.flags.writeable = False
+            object.__setattr__(self, "timestamps", times)
+        if self.timing is not None and (self.robot.ndim != 3 or len(self.timing) != self.n):
+            raise InputError(f"Expected the `timing` of {self.n} poses, got one of {len(self.timing)}.")
+        if self.joints is not None:
+            object.__setattr__(self, "joints", as_joint_values(self.joints, self.n))
+        seen = self.camera_calibration
+        if seen is not None and not np.array_equal(seen.poses, self.camera):
+            raise InputError("Expected the `camera` poses to be those of the `camera_calibration`, got others.")
+        S = self.camera_covariance
+        if S is not None and (seen is not None or S.own.ndim != 3 or self.robot.ndim != 3 or S.n != self.n):
+            raise InputError(
+                f"Expected `camera_covariance` of these {self.n} poses and no `camera_calibration` beside it, got that "
+                f"of {S.n} poses."
+            )
+
+    @property
+    def n(self) -> int:
+        """Number of poses."""
+        return int(self.robot.shape[-3])
+
+    def __len__(self) -> int:
+        return self.n
+
+    def __getitem__(self, index: int | slice | NDArray[Any] | list[Any]) -> PosePairs:
+        """Some of the poses, as `rows`: by a number, a slice, numbers or a mask."""
+        return self.rows(np.atleast_1d(np.arange(self.n)[index]))
+
+    def __array__(self, *_: Any, **__: Any) -> NDArray[Any]:
+        raise InputError("Expected an array of poses, got PosePairs, which hold two: `robot` and `camera`.")
+
+    def __repr__(self) -> str:
+        return f"PosePairs({self.n} poses, {self.setup})"
+
+    def rows(self, index: NDArray[Any], camera_index: NDArray[Any] | None = None) -> PosePairs:
+        """Some of the poses, by their numbers or a mask, with all that is known about them.
+
+        Camera rows other than those of the robot pair the two again; timestamps and joints are those of the robot rows.
+        """
+        of = {"robot": index, "camera": index if camera_index is None else camera_index}
+        robot, camera = (getattr(self, side)[..., rows, :, :] for side, rows in of.items())
+        truth = self.truth
+        if truth is not None:
+            truth = truth._replace(**{side: getattr(truth, side)[..., rows, :, :] for side, rows in of.items()})
+        times = None if self.timestamps is None else self.timestamps[index]
+        timing = None if self.timing is None else self.timing.rows(of[self.timing.side])
+        seen = None if self.camera_calibration is None else self.camera_calibration.select(of["camera"])
+        joints = None if self.joints is None else self.joints[index]
+        S = None if self.camera_covariance is None else self.camera_covariance.rows(of["camera"])
+        return PosePairs(robot, camera, self.setup, times, truth, self.sources, timing, seen, joints, S, self.findings)
+
+    @property
+    def known_camera(self) -> JointCovariance | None:
+        """Covariance that the camera poses come with, from corners or from points in 3-D."""
+        return self.camera_covariance if self.camera_calibration is None else self.camera_calibration.covariance
+
+    @property
+    def camera_known(self) -> bool:
+        """True if the camera poses come with their covariance."""
+        return self.camera_calibration is not None or self.camera_covariance is not None
+
+    @property
+    def effective_robot(self) -> Array:
+        """The robot poses as they enter AX = XB: inverted for eye-to-hand."""
+        return self.robot if self.setup == "eye-in-hand" else inverse(self.robot)
+
+
+def _frozen(value: Any, name: str) -> Array:
+    T = np.array(as_transforms(value, name), order="C")  # rounding follows the order in memory
+    T.flags.writeable = False
+    return T
+
+
+def pairs_of(data: Any, camera: Any, setup: str | None) -> Any:
+    """Return the pairs of robot and camera poses that are given side by side; without ``camera`` the data."""
+    if camera is None and setup is None:
+        return data
+    if camera is None or isinstance(data, PosePairs):
+        raise InputError("Expected `camera` and `setup` beside an array of robot poses only: PosePairs hold them.")
+    for name, value in (("robot", data), ("camera", camera)):
+        if isinstance(value, str | Path):
+            raise InputError(
+                f"Expected `{name}` to be poses (n, 4, 4), got a path: read_poses(robot, camera) reads files."
+            )
+        if not hasattr(value, "__len__"):
+            raise InputError(f"Expected `{name}` to be poses (n, 4, 4), got {type(value).__name__}.")
+    return PosePairs(data, camera, "eye-in-hand" if setup is None else setup)
+
+
+# Fewest poses that make a calibration.
+FEWEST = 3
+_RANGE = re.compile(r"(\d+)(?:\s*-\s*(\d+))?")
+
+
+class Selection(NamedTuple):
+    """Numbers of the poses that count and of those that are left out, ascending."""
+
+    kept: NDArray[np.intp]
+    excluded: NDArray[np.intp]
+
+
+def select_poses(
+    n: int,
+    exclude: Any = None,
+    only: Any = None,
+    names: Sequence[str] = ("`exclude`", "`only`"),
+    fewest: int = FEWEST,
+) -> Selection | None:
+    """Return which of n poses count; None where all do.
+
+    Parameters
+    ----------
+    n : int
+    exclude, only : sequence of int, text such as ``"12,14-16"``, or None
+        Numbers of the poses to leave out, or of those to keep; at most one of the two.
+    names : two str
+        What messages call them.
+    fewest : int
+        Poses that are needed.
+
+    Raises
+    ------
+    InputError
+        Both given, a range that counts downwards, fewer poses left than are needed.
+    """
+    if exclude is None and only is None:
+        return None
+    if exclude is not None and only is not None:
+        raise InputError(f"{names[0]} and {names[1]} are both given. Give one of them.")
+    name, given = (names[0], exclude) if only is None else (names[1], only)
+    listed = numbers_of(given, name)
+    if (wrong := [k for k in listed if not 0 <= k < n]) != []:
+        raise InputError(f"Expected {name} to name poses between 0 and {n - 1}, counted from 0, got {wrong[0]}.")
+    chosen = np.zeros(n, dtype=bool)
+    chosen[listed] = True
+    kept = chosen if only is not None else ~chosen
+    if kept.sum() < fewest:
+        needed = "1 is needed" if fewest == 1 else f"{fewest} are needed (2 motions)"
+        raise InputError(f"{name} leaves {int(kept.sum())} of {n} poses. At least {needed}.")
+    if kept.all():
+        return None
+    return Selection(np.flatnonzero(kept), np.flatnonzero(~kept))
+
+
+def numbers_of(given: Any, name: str) -> list[int]:
+    """Return pose numbers of a sequence of integers, or of text such as ``"12,14-16"``, where ranges include their end.
+
+    Raises `InputError` for anything else.
+    """
+    if isinstance(given, str):
+        return [number for part in given.split(",") for number in _range(part.strip(), given, name)]
+    try:
+        array = np.asarray(given)
+    except ValueError:
+        array = np.empty(0, dtype=object)
+    if array.ndim > 1 or (array.size and not np.issubdtype(array.dtype, np.integer)) or array.dtype == object:
+        raise InputError(f"Expected {name} to be pose numbers such as [12, 14] or '12,14-16', got {given!r:.60}.")
+    return [int(number) for number in np.atleast_1d(array)]
+
+
+def _range(part: str, text: str, name: str) -> range:
+    """Return the numbers of ``12`` or ``14-16``."""
+    found = _RANGE.fullmatch(part)
+    if found is None or any(len(digits or "") > 9 for digits in found.groups()):
+        raise InputError(f"Expected {name} to be pose numbers such as 12,14-16, got {text!r:.60}.")
+    first = int(found[1])
+    last = first if found[2] is None else int(found[2])
+    if last < first:
+        raise InputError(f"Expected the ranges of {name} to count upwards, got {part}. Write {last}-{first}.")
+    return range(first, last + 1)
+
+
+def ranges(numbers: Sequence[int]) -> str:
+    """Return ascending pose numbers as text that `numbers_of` reads: ``12, 14-16``."""
+    runs: list[list[int]] = []
+    for number in numbers:
+        if runs and number == runs[-1][-1] + 1:
+            runs[-1].append(number)
+        else:
+            runs.append([number])
+    return ", ".join(f"{run[0]}" if len(run) == 1 else f"{run[0]}-{run[-1]}" for run in runs)

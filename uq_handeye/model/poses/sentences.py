@@ -1,0 +1,41 @@
+"""Sentences about pose data: what reading them showed, and what a computation leaves out."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from ...findings import INPUT, SHARED, sentence
+
+
+@sentence("poses.offset_taken_as_exact", check=SHARED, phrase="the clock offset counts as exact", effect=1.5)
+def _(function: str, std: float) -> str:
+    return (
+        f"The time offset of these poses is known to {1e3 * std:.2g} ms, but {function} takes it as exact. Use "
+        "calibrate() with method 'efficient' or 'ml' to include its uncertainty."
+    )
+
+
+@sentence(
+    "poses.another_rotation",
+    explains=True,
+    check=INPUT,
+    phrase="the {side} rotations seem to be {form}, not {used}",
+    remedy="run again with --{side}-rotation {form}",
+)
+def _(name: str, side: str, used: str, form: str, rotation: float | None, translation: float | None) -> str:
+    amount = ""
+    if rotation is not None and translation is not None:
+        amount = f" by {math.degrees(rotation):.2g} degrees and {1e3 * translation:.3g} mm RMS"
+    both = f'"{form}", None' if side == "robot" else f'None, "{form}"'
+    return (
+        f"{name}: with rotations read as {used} robot and camera disagree{amount}; as {form} they agree. Give "
+        f"--{side}-rotation {form} (rotation=({both})) if that is what the file holds."
+    )
+
+
+@sentence("poses.inverted", check=INPUT, phrase=lambda v: f"{' and '.join(v['sides'])} poses inverted on request")
+def _(sides: Sequence[str], said: bool) -> str:
+    frames = {"robot": "--robot-frame gripper_T_base", "camera": "--camera-frame target_T_camera"}
+    options = " and ".join(frames.get(side, side) for side in sides)
+    return f"The poses of the {' and the '.join(sides)} were inverted on request ({options})."

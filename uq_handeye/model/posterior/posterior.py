@@ -1,0 +1,294 @@
+r"""The joint posterior of unknown poses and of every error that measurements share.
+
+The errors of the estimates are ``s = (xi_1, ..., xi_b, e - estimate)``: xi of each unknown pose (6 numbers ``(theta,
+tau)``, left rotation in rad, additive translation in m, estimate less truth), e the errors in their units (rad, m, or
+relative). For given sizes of the errors s is Gaussian; sizes that the data leave open are points theta_d with weights
+w_d (`one_model.integration`), and s is a mixture,
+
+    s | theta_d  ~  N(m_d, C_d),        P = sum_d w_d (C_d + m_d m_d^T) = L L^T
+
+P is `covariance`, the mean square about the estimate. m_d and C_d are kept relative to it, ``L^-1 m_d`` and
+``L^-1 C_d L^-T``, so that they stay with the posterior when it is refined. Where sizes are known there is one point.
+
+Noise of new measurements is drawn again (`FreshNoise`): its covariance at a pose times the square of its size at each
+point. Errors whose columns belong to poses (an arm of which nothing is known, the view) are told at other poses by the
+poses that they were bound to, which are kept as well (`bound`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
+
+from ...core.files.records import array_of
+from ...core.geometry.se3 import Array
+from ...core.runtime.read_only import ReadOnlyArrays
+from ...errors import InputError
+from ..noise.joint_covariance import group_of
+from .factors import factor_of
+from .owners import owner_of
+from .rows import NewRows, Test
+from .selection import Selection, covariance_of, select
+
+# Entries of the relative covariances are stored so exactly, and with so many digits.
+STORED, DIGITS = 2e-3, 6
+
+
+@dataclass(frozen=True, eq=False)
+class FreshNoise(ReadOnlyArrays):
+    """One noise of new measurements: errors (theta, tau) of a pose of one side, drawn again.
+
+    ``covariance`` (6, 6) is that of size 1 at a usual pose; what follows from the pose itself (the view of the target,
+    joints, errors of an arm beyond those it shares) is made there by name. ``distance`` (m) goes with the view.
+    """
+
+    name: str
+    side: str
+    covariance: Array
+    size: float
+    by_point: Array  # (d,) sizes at the points; (0,) where the size is known
+    distance: float = 0.0
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain numbers and text."""
+        return {"name": self.name, "side": self.side, "covariance": self.covariance.tolist(), "size": self.size,
+                "by_point": self.by_point.tolist(), "distance": self.distance}  # fmt: skip
+
+    @classmethod
+    def from_dict(cls, data: dict[str, Any]) -> FreshNoise:
+        """The inverse of `to_dict`."""
+        covariance, by_point = np.array(data["covariance"], dtype=float), np.array(data["by_point"], dtype=float)
+        if not (np.isfinite(covariance).all() and np.isfinite(by_point).all()):
+            raise ValueError(f"the noise {data['name']!r:.40} of the posterior is not finite")
+        numbers = (float(data["size"]), by_point, float(data["distance"]))
+        if covariance.shape != (6, 6) or by_point.ndim != 1 or data["side"] not in ("robot", "camera"):
+            raise ValueError(f"the noise {data['name']!r:.40} of the posterior has another shape")
+        return cls(str(data["name"]), data["side"], covariance, *numbers)
+
+
+@dataclass(frozen=True, eq=False)
+class SizePoints(ReadOnlyArrays):
+    """Points of the open sizes, with the Gaussian of each relative to the posterior; see the module."""
+
+    names: tuple[str, ...]  # (k,) of the open sizes
+    theta: Array  # (d, k) their logarithms
+    weights: Array  # (d,), of sum 1
+    means: Array  # (d, N) L^-1 m_d
+    covariances: Array  # (d, N, N) L^-1 C_d L^-T
+    stored: tuple[Array, Array, Array] | None = None  # as the file that it comes from has them: mean, along, shares
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain numbers and text; the covariances as their mean and what differs along a few matrices."""
+        mean, along, shares = self._compact() if self.stored is None else self.stored
+        return {
+            "names": list(self.names),
+            "theta": self.theta.tolist(),
+            "weights": self.weights.tolist(),
+            "means": _rounded(self.means),
+            "covariance": _rounded(mean),
+            "along": _rounded(along),
+            "shares": _rounded(shares),
+        }
+
+    def _compact(self) -> tuple[Array, Array, Array]:
+        """Lower triangles of the covariances: their mean (t,), and (r, t) along which they differ by shares (d, r)."""
+        rows, columns = np.tril_indices(self.covariances.shape[-1])
+        flat = self.covariances[:, rows, columns]
+        mean = flat.mean(axis=0)
+        U, sizes, V = np.linalg.svd(flat - mean, full_matrices=False)
+        count = next(
+            (k for k in range(len(sizes)) if np.abs((U[:, k:] * sizes[k:]) @ V[k:]).max() < STORED), len(sizes)
+        )
+        return mean, V[:count] * sizes[:count, None], U[:, :count]
+
+    @classmethod
+    def from_dict(cls, data: dict[str, Any], N: int) -> SizePoints:
+        """The inverse of `to_dict`, of N errors."""
+        d, k, r = len(data["weights"]), len(data["names"]), len(data["along"])
+        rows, columns = np.tril_indices(N)
+        mean = array_of(data["covariance"], (len(rows),), "posterior.covariance")
+        along = array_of(data["along"], (r, len(rows)), "posterior.along") if r else np.zeros((0, len(rows)))
+        shares = array_of(data["shares"], (d, r), "posterior.shares") if r else np.zeros((d, 0))
+        flat = mean + shares @ along
+        covariances = np.zeros((d, N, N))
+        covariances[:, rows, columns] = covariances[:, columns, rows] = flat
+        weights = array_of(data["weights"], (d,), "posterior.weights")
+        if not (weights >= 0).all() or not np.isclose(weights.sum(), 1.0):
+            raise ValueError("the weights of the posterior are no probabilities")
+        theta, means = (array_of(data[name], shape, f"posterior.{name}")
+                        for name, shape in (("theta", (d, k)), ("means", (d, N))))  # fmt: skip
+        return cls(tuple(map(str, data["names"])), theta, weights, means, covariances, (mean, along, shares))
+
+
+@dataclass(frozen=True, eq=False)
+class PosteriorComponent:
+    """One error of the posterior: its name, whose it is, and the numbers that it has there."""
+
+    name: str
+    owner: str  # "robot", "camera", "target", or "" of what is drawn again in each session
+    numbers: tuple[int, ...]  # among the errors, counted from 0
+
+
+@dataclass(frozen=True, eq=False)
+class Posterior(ReadOnlyArrays):
+    """Unknown poses and the q errors that measurements share, together; see the module."""
+
+    names: tuple[str, ...]  # (q,) of the errors
+    estimate: Array  # (q,)
+    covariance: Array  # (N, N), N = 6 b + q
+    blocks: tuple[str, ...] = ("X", "W")
+    points: SizePoints | None = None
+    noise: tuple[FreshNoise, ...] = ()
+    bound: tuple[Array, Array] | None = None  # robot and camera poses (n, 4, 4) that errors of poses were bound to
+
+    @property
+    def p(self) -> int:
+        """Number of unknowns of the poses."""
+        return 6 * len(self.blocks)
+
+    @cached_property
+    def A(self) -> Array:
+        """(N, N) L with ``covariance = L L^T``."""
+        return factor_of(self.covariance)
+
+    @cached_property
+    def mean(self) -> Array:
+        """(N,) of the errors s over the sizes: what the estimate differs by from the mean of the mixture."""
+        return np.zeros(len(self.covariance)) if self.points is None else self.A @ (
+            self.points.weights @ self.points.means
+        )  # fmt: skip
+
+    def block(self, name: str) -> slice:
+        """Return the place of an unknown pose in s; raises `InputError` for one that is none."""
+        if name not in self.blocks:
+            raise InputError(f"Expected an unknown pose out of {', '.join(self.blocks)}, got {name!r}.")
+        k = 6 * self.blocks.index(name)
+        return slice(k, k + 6)
+
+    def covariance_of(self, name: str) -> Array:
+        """(6, 6) of one unknown pose."""
+        return self.covariance[self.block(name), self.block(name)]
+
+    @cached_property
+    def components(self) -> tuple[PosteriorComponent, ...]:
+        """The errors with their owners, in the order of their first numbers."""
+        groups: dict[str, list[int]] = {}
+        for k, name in enumerate(self.names):
+            groups.setdefault(group_of(name), []).append(k)
+        return tuple(PosteriorComponent(name, owner_of(name), tuple(of)) for name, of in groups.items())
+
+    def owned_by(self, owners: Sequence[str]) -> NDArray[np.intp]:
+        """Numbers (among the q) of the errors of some owners."""
+        return np.array([k for k, name in enumerate(self.names) if owner_of(name) in owners], dtype=np.intp)
+
+    # ------------------------------------------------------------------------------------------- what it is asked
+
+    def predict(self, functions: Any, noise: Any = None) -> Array:
+        """Covariance (..., k, k) of linear functions (..., k, N) of s, with noise (..., k, k) of their own."""
+        F = np.asarray(functions, dtype=float)
+        if F.ndim < 2 or F.shape[-1] != len(self.covariance):
+            raise InputError(f"Expected functions (..., k, {len(self.covariance)}) of the posterior, got {F.shape}.")
+        S = F @ self.covariance @ F.mT
+        S = S if noise is None else S + noise
+        return np.asarray(0.5 * (S + S.mT))
+
+    def test(self, rows: NewRows) -> Test:
+        """Test new measurements against the posterior, as a whole."""
+        return rows.test
+
+    def absorb(self, rows: NewRows) -> Absorbed:
+        """Take measurements in: the posterior after them, and the move of the estimates."""
+        if rows.posterior is not self:
+            raise InputError("Expected measurements that were held against this posterior.")
+        move, covariance = rows.absorbed()
+        points = self.points
+        if points is not None:
+            move, covariance, points = _refined(self, points, rows)
+        estimate = self.estimate + move[self.p :]
+        return Absorbed(replace(self, estimate=estimate, covariance=covariance, points=points), move)
+
+    def choose(self, candidates: Array, k: int, Q: Array | None = None, *, repeat: bool = False) -> Selection:
+        """The k of m measurements that tell most, by their rows (m, 6, N) whitened by their noise.
+
+        ``Q`` (r, r) weighs the first r unknowns, ``tr(Q P)``; None: the volume of the first pose.
+        """
+        some = np.flatnonzero(np.diag(self.covariance) > 0)
+        Q = Q if Q is None else Q[np.ix_(*[some[some < len(Q)]] * 2)]
+        return select(covariance_of(self.covariance[np.ix_(some, some)]), candidates[..., some], k, Q, repeat)
+
+    # ------------------------------------------------------------------------------------------- file
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain numbers and text."""
+        more: dict[str, Any] = {} if self.blocks == ("X", "W") else {"blocks": list(self.blocks)}
+        if self.points is not None:
+            more["points"] = self.points.to_dict()
+        if self.noise:
+            more["noise"] = [one.to_dict() for one in self.noise]
+        if self.bound is not None:
+            more["bound"] = [poses[:, :3].tolist() for poses in self.bound]
+        covariance = self.covariance.tolist()
+        return {"names": list(self.names), "estimate": self.estimate.tolist(), "covariance": covariance} | more
+
+    @classmethod
+    def from_dict(cls, data: dict[str, Any]) -> Posterior:
+        """The inverse of `to_dict`; also of the joint posterior of older files, which has neither points nor noise."""
+        q, blocks = len(data["names"]), tuple(map(str, data.get("blocks", ("X", "W"))))
+        N = 6 * len(blocks) + q
+        covariance = array_of(data["covariance"], (N, N), "posterior.covariance")
+        points = None if data.get("points") is None else SizePoints.from_dict(data["points"], N)
+        noise = tuple(map(FreshNoise.from_dict, data.get("noise", ())))
+        if any(len(one.by_point) != (0 if points is None else len(points.weights)) for one in noise):
+            raise ValueError("the noise of the posterior has sizes of other points")
+        bound = None
+        if data.get("bound") is not None:
+            robot, camera = (_poses(part) for part in data["bound"])
+            if len(robot) != len(camera):
+                raise ValueError("the poses of the posterior are not pairs")
+            bound = robot, camera
+        estimate = array_of(data["estimate"], (q,), "posterior.estimate")
+        return cls(tuple(map(str, data["names"])), estimate, covariance, blocks, points, noise, bound)
+
+
+class Absorbed(NamedTuple):
+    """A posterior that has taken measurements in."""
+
+    posterior: Posterior
+    move: Array  # (N,) of s: the new estimate of a pose is the old one less its move, of an error the old one plus it
+
+
+def _refined(before: Posterior, points: SizePoints, rows: NewRows) -> tuple[Array, Array, SizePoints]:
+    """Move, covariance and points once measurements are in.
+
+    Each point is updated by itself, and weighs as much more as it gave them density.
+    """
+    means, covariances, logs = rows.absorbed_at_points()
+    with np.errstate(divide="ignore"):
+        logs = logs + np.log(points.weights)
+    weights = np.exp(logs - logs.max())
+    weights /= weights.sum()
+    move = weights @ means - before.mean
+    means = means - move
+    P = np.tensordot(weights, covariances, axes=1) + (weights * means.T) @ means
+    L = factor_of(P)
+    inverse = solve_triangular(L, np.eye(len(L)), lower=True)
+    each = inverse @ covariances @ inverse.T
+    found = replace(points, weights=weights, means=means @ inverse.T, covariances=0.5 * (each + each.mT), stored=None)
+    return move, P, found
+
+
+def _rounded(values: Array) -> Any:
+    with np.errstate(divide="ignore"):
+        scale = 10.0 ** (DIGITS - 1 - np.floor(np.log10(np.maximum(np.abs(values), 1e-300))))
+    return np.where(np.abs(values) > 1e-12, np.rint(values * scale) / scale, 0.0).tolist()
+
+
+def _poses(rows: Any) -> Array:
+    given = array_of(rows, (len(rows), 3, 4), "posterior.bound")
+    return np.concatenate([given, np.broadcast_to([[[0.0, 0.0, 0.0, 1.0]]], (len(given), 1, 4))], axis=1)

@@ -1,0 +1,275 @@
+r"""New measurements against a posterior: their test, what a cause would explain, and what they tell.
+
+A measurement of k numbers differs from what the estimates say by r. If nothing has changed,
+
+    r = V u + own noise,      s = L u  (`posterior`),      Sigma = blkdiag(own) + V V^T
+
+V holds the errors of the unknown poses and of what measurements share, and errors that these measurements share by
+themselves (a tool that is not known). ``d^2 = r^T Sigma^-1 r`` is tested by `reference`. A cause with the columns C,
+``E r = C a``, is estimated by generalised least squares,
+
+    a = (C^T Sigma^-1 C)^-1 C^T Sigma^-1 r,      Cov a = (C^T Sigma^-1 C)^-1
+
+and takes ``a^T Cov(a)^-1 a`` away from d^2. The errors s given r are
+
+    E s = L V^T Sigma^-1 r,      Cov s = L (1 - V^T Sigma^-1 V) L^T
+
+the update of a Kalman filter, and the fit of all data together to first order. With open sizes each point is updated by
+itself, with its own noise, and its weight by the density that it gave to r.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve
+
+from ...core.geometry.se3 import Array
+from ...core.runtime.read_only import ReadOnlyArrays
+from ...errors import InputError
+from ..noise.joint_covariance import JointFactor
+from ..noise.triangular import checked_cholesky, substitute
+from .factors import factor_of
+from .reference import PredictiveReference
+
+
+class Points(Protocol):
+    """Interface of the points of open sizes."""
+
+    @property
+    def weights(self) -> Array: ...
+    @property
+    def means(self) -> Array: ...
+    @property
+    def covariances(self) -> Array: ...
+
+
+class Joint(Protocol):
+    """Interface of a posterior."""
+
+    @property
+    def A(self) -> Array: ...
+    @property
+    def covariance(self) -> Array: ...
+    @property
+    def points(self) -> Points | None: ...
+
+
+class Test(NamedTuple):
+    """Test of measurements as a whole: squared distance, its degrees of freedom and distribution."""
+
+    d2: float
+    dof: int
+    reference: PredictiveReference
+
+    @property
+    def p_value(self) -> float:
+        """Probability of measurements at least as far away, if nothing has changed."""
+        return self.reference.p_value(self.d2)
+
+
+class Explained(NamedTuple):
+    """A cause of given columns, by generalised least squares."""
+
+    estimate: Array  # (c,)
+    covariance: Array  # (c, c)
+    gain: float  # by how much d^2 falls
+
+
+class Told(NamedTuple):
+    """The errors of the estimates once the measurements are known."""
+
+    mean: Array  # (12 + q,) of s: estimates less truth, so that the new estimate is the old one less it
+    covariance: Array  # (12 + q, 12 + q)
+
+
+@dataclass(frozen=True, eq=False)
+class NewRows(ReadOnlyArrays):
+    """m measurements of k numbers each against a posterior; see the module."""
+
+    r: Array  # (m, k) measured less stated; rad, m
+    by_unit: Array  # (m, k, p + z) V: by the u of the posterior, then by errors of these measurements only
+    own: Array  # (m, k, k) covariance of each measurement's own noise
+    posterior: Joint
+    own_at: Array = field(default_factory=lambda: np.zeros(0), kw_only=True)  # (d, m, k, k) own at each point, or none
+
+    @property
+    def dof(self) -> int:
+        """Number of numbers."""
+        return int(self.r.size)
+
+    @cached_property
+    def factor(self) -> JointFactor:
+        """L with ``Sigma = L L^T``; raises `SingularNoiseError` where a measurement has no noise of its own."""
+        return JointFactor.of(self.own, self.by_unit)
+
+    def whitened(self, columns: Array) -> Array:
+        """``L^-1 C`` (mk, c) of columns (m, k, c)."""
+        white = self.factor.whiten(columns)
+        return np.asarray(white.reshape(-1, white.shape[-1]))
+
+    @cached_property
+    def white(self) -> Array:
+        """``L^-1 r`` (mk,)."""
+        return self.whitened(self.r[..., None])[:, 0]
+
+    @property
+    def d2(self) -> float:
+        """``r^T Sigma^-1 r``."""
+        return float(self.white @ self.white)
+
+    @property
+    def covariance(self) -> Array:
+        """(mk, mk) of r."""
+        V = self.by_unit.reshape(self.dof, -1)
+        result = V @ V.T
+        m, k = self.r.shape
+        for i in range(m):
+            result[i * k : i * k + k, i * k : i * k + k] += self.own[i]
+        return result
+
+    def information(self, columns: Array) -> Array:
+        """``C^T Sigma^-1 C`` (c, c) of the columns (m, k, c) of a cause: of its noncentrality by its size."""
+        white = self.whitened(columns)
+        return np.asarray(white.T @ white)
+
+    def explained_by(self, columns: Array) -> Explained:
+        """Estimate a cause by its columns (m, k, c); combinations of them without effect get the estimate 0.
+
+        The covariance is then that of the others.
+        """
+        white = self.whitened(columns)
+        size = np.linalg.norm(white, axis=0)
+        size = np.where(size > 0, size, 1.0)
+        U, s, Vt = np.linalg.svd(white / size, full_matrices=False)
+        told = s > s.max(initial=0.0) * 1e-9
+        along = U.T[told] @ self.white
+        back = (Vt[told].T / s[told]) / size[:, None]
+        return Explained(back @ along, back @ back.T, float(along @ along))
+
+    def absorbed(self) -> Told:
+        """Return the errors of the estimates, given these measurements."""
+        own = replace(self, by_unit=self.by_unit[..., :0])
+        V, r = own.whitened(self.by_unit), own.whitened(self.r[..., None])[:, 0]
+        p = self.posterior.A.shape[1]
+        inner = cho_factor(np.eye(V.shape[1]) + V.T @ V)  # u given r has the covariance (1 + V^T V)^-1
+        A = np.zeros((len(self.posterior.A), V.shape[1]))
+        A[:, :p] = self.posterior.A
+        covariance = A @ cho_solve(inner, A.T)
+        return Told(A @ cho_solve(inner, V.T @ r), 0.5 * (covariance + covariance.T))
+
+    @cached_property
+    def test(self) -> Test:
+        """Test of all of them as a whole."""
+        return Test(self.d2, self.dof, self._reference())
+
+    def _reference(self) -> PredictiveReference:
+        points = self.posterior.points
+        if points is None:
+            return PredictiveReference.given(self.dof)
+        N, B = len(self.posterior.A), checked_cholesky(self.own)
+        V = substitute(B, self.by_unit)
+        m, k, K = V.shape
+        flat = V.reshape(m * k, K)
+        G = flat.T @ flat
+        W = np.linalg.inv(np.eye(K) + G)
+        S = W @ G  # V^T Sigma^-1 V
+        mean, variance = np.empty(len(points.weights)), np.empty(len(points.weights))
+        for d in range(len(mean)):
+            own = np.broadcast_to(np.eye(k), (m, k, k)) if not len(self.own_at) else _whitened(B, self.own_at[d])
+            first = (own @ V).reshape(m * k, K)
+            M1, M2 = flat.T @ first, first.T @ first
+            R = np.eye(K)
+            R[:N, :N] = points.covariances[d]
+            mu = np.zeros(K)
+            mu[:N] = points.means[d]
+            WM, RS = W @ M1, R @ S
+            trace = np.einsum("mii->", own) - np.trace(WM) + np.trace(RS)
+            square = float(np.sum(own * own)) - 2.0 * np.sum(W * M2) + np.sum(WM * WM.T)
+            square += 2.0 * np.sum((W @ M1 @ W) * R) + np.sum(RS * RS.T)
+            mean[d] = trace + mu @ S @ mu
+            variance[d] = 2.0 * square + 4.0 * (mu @ (W @ M1 @ W + S @ R @ S) @ mu)
+        return PredictiveReference.by_cumulants(self.dof, np.asarray(points.weights), mean, variance)
+
+    def reference_along(self, U: Array) -> PredictiveReference:
+        """Return the distribution of ``|U^T L^-1 r|^2`` for t orthonormal directions U (mk, t) of whitened numbers."""
+        points, t = self.posterior.points, U.shape[1]
+        if points is None:
+            return PredictiveReference.given(t)
+        m, k = self.r.shape
+        P = U.T @ self.whitened(np.eye(m * k).reshape(m, k, m * k))
+        own = self.own_at if len(self.own_at) else np.broadcast_to(self.own, (len(points.weights), *self.own.shape))
+        by_block = P.reshape(t, m, k)
+        V = P @ self.by_unit.reshape(m * k, -1)
+        N = len(self.posterior.A)
+        T = np.einsum("tmi,dmij,smj->dts", by_block, own, by_block, optimize=True)
+        T = T + V[:, :N] @ points.covariances @ V[:, :N].T + self._own_units_at(V[:, N:])
+        mu = points.means @ V[:, :N].T
+        mean = np.trace(T, axis1=1, axis2=2) + np.sum(mu * mu, axis=1)
+        variance = 2.0 * np.sum(T * T, axis=(1, 2)) + 4.0 * np.einsum("dt,dts,ds->d", mu, T, mu)
+        return PredictiveReference.by_cumulants(t, np.asarray(points.weights), mean, variance)
+
+    def _own_units_at(self, V: Array) -> Array:
+        """(d or 1, t, t) covariance by the errors that these measurements share by themselves, at each point."""
+        return np.asarray((V @ V.T)[None])
+
+    def absorbed_at_points(self) -> tuple[Array, Array, Array]:
+        """Means (d, N) and covariances (d, N, N) of s at each point, given these, and logarithms (d,) of the densities
+        of these up to a constant.
+        """
+        points, L = self.posterior.points, self.posterior.A
+        assert points is not None
+        N, K = len(L), self.by_unit.shape[-1]
+        means, covariances, logs = [], [], []
+        for d in range(len(points.weights)):
+            B = checked_cholesky(self.own_at[d] if len(self.own_at) else self.own)
+            R = np.eye(K)
+            R[:N, :N] = factor_of(points.covariances[d])
+            mu = np.zeros(K)
+            mu[:N] = points.means[d]
+            white = substitute(B, np.concatenate([self.by_unit @ R, (self.r - self.by_unit @ mu)[..., None]], axis=-1))
+            flat = white.reshape(self.dof, K + 1)
+            V, rest = flat[:, :-1], flat[:, -1]
+            inner = cho_factor(np.eye(K) + V.T @ V)
+            pull = V.T @ rest
+            back = cho_solve(inner, pull)
+            half = L @ R[:N]
+            means.append(L @ mu[:N] + half @ back)
+            covariances.append(half @ cho_solve(inner, half.T))
+            sizes = np.log(np.diagonal(B, axis1=-2, axis2=-1)).sum() + np.log(np.diag(inner[0])).sum()
+            logs.append(-sizes - 0.5 * (rest @ rest - pull @ back))
+        return np.array(means), np.array(covariances), np.array(logs)
+
+    def rows(self, index: NDArray[Any]) -> NewRows:
+        """Some of the measurements, by their numbers or a mask."""
+        own_at = self.own_at[:, index] if len(self.own_at) else self.own_at
+        return NewRows(self.r[index], self.by_unit[index], self.own[index], self.posterior, own_at=own_at)
+
+    def joined(self, other: NewRows) -> NewRows:
+        """The measurements of both, each by itself made of uncorrelated numbers of variance 1.
+
+        Errors that only one of them has stay its own. Raises `InputError` where they are against different posteriors.
+        """
+        if self.posterior is not other.posterior:
+            raise InputError("Expected measurements against one and the same posterior.")
+        p = self.posterior.A.shape[1]
+        parts = [(of.r[..., None], of.by_unit[..., :p], of.by_unit[..., p:], checked_cholesky(of.own))
+                 for of in (self, other)]  # fmt: skip
+        white = [
+            [substitute(B, x).reshape(x.shape[0] * x.shape[1], -1 if x.size else 0) for x in part] for *part, B in parts
+        ]
+        widths = [part[2].shape[-1] for part in white]
+        own = [np.pad(part[2], [(0, 0), (sum(widths[:i]), sum(widths[i + 1 :]))]) for i, part in enumerate(white)]
+        r = np.concatenate([part[0] for part in white])
+        by_unit = np.concatenate([np.hstack([part[1], z]) for part, z in zip(white, own, strict=True)])
+        return NewRows(r, by_unit[:, None], np.ones((len(r), 1, 1)), self.posterior)
+
+
+def _whitened(B: Array, S: Array) -> Array:
+    """``B^-1 S B^-T`` (m, k, k)."""
+    half = substitute(B, S)
+    return np.asarray(substitute(B, half.mT))

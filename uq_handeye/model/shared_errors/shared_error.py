@@ -1,0 +1,581 @@
+r"""Errors that all poses share, as unknowns with a prior (T10).
+
+Noise differs from pose to pose. A focal length that is 0.1 % too long moves every camera pose, always along the optical
+axis; it does not average out, and residuals show only what X and W cannot absorb of it. With e the k numbers of such an
+error, the error ``xi = (theta, tau)`` of pose i of its side is to first order
+
+    xi_i = eta_i + F_i e,      e ~ N(0, diag(sd^2)),      F_i (6, k)
+
+eta_i the pose's own noise. An error is that of the value which was *used*: ``e = used / true - 1`` for lengths and
+scales, ``used - true`` for others.
+
+| error | side | F_i | unit of e |
+|---|---|---|---|
+| focal length | camera | of poses fitted to a target (`view`); near ``(0; 0, 0, t_z)`` | relative |
+| principal point | camera | likewise; a rotation about the camera to a shift | rad: pixels over focal length |
+| target scale | camera | ``(0; t)`` | relative |
+| robot scale | robot | ``(0; t)`` | relative |
+| clock offset | robot | ``rate_i``, velocity between its neighbours in time | s |
+
+t is the translation of ``camera_T_target`` or ``base_T_gripper`` (m). The columns are taken at the poses as
+measured, and by `calibrate` once more as the fit corrects them.
+
+A standard deviation may itself be known within a factor only (``factor``, one sigma of its logarithm): its size is
+then found with everything else, and integrated over (`one_model`). A square is what the drawing says, to 0.03 %, or
+somebody measured it wrong: that is the tail of such a size.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from ...core.formatting.numbers import digits
+from ...core.formatting.units import parse_angle, parse_length, parse_ratio, parse_time
+from ...core.geometry.checks import as_numbers
+from ...core.geometry.se3 import Array
+from ...core.runtime.read_only import ReadOnlyArrays
+from ...errors import InputError
+from ..noise.camera_noise import INTRINSICS
+from ..noise.joint_covariance import JointCovariance, group_of
+from ..noise.models import PoseNoise, is_joint, require_count
+from ..poses.pose_pairs import PosePairs
+from ..poses.timing import SIDES
+from .accuracy import ROBOT_ACCURACY, RobotAccuracy, stated_accuracy
+from .drift import DRIFT, FEWEST, drift_columns
+from .sizes import CLASSES, SIZES
+from .view import columns_about, intrinsics_columns, median_distance, view_scale
+
+FOCAL_LENGTH = "focal length"
+PRINCIPAL_POINT = "principal point"
+TARGET_SCALE = "target scale"
+ROBOT_SCALE = "robot scale"
+CLOCK_OFFSET = "clock offset"
+VIEW, LENS = "view", "lens distortion"
+# Errors whose effect follows from poses, whatever they are.
+OF_ANY_POSES = frozenset(
+    {FOCAL_LENGTH, PRINCIPAL_POINT, TARGET_SCALE, ROBOT_SCALE, CLOCK_OFFSET, VIEW, LENS, ROBOT_ACCURACY}
+)
+# Poses that differ by less, of the reach of the arm, have the same columns of its errors.
+NEAR = 0.02
+# Those whose columns are made of the translations of the poses, and hold their noise.
+OF_LENGTHS = (FOCAL_LENGTH, PRINCIPAL_POINT, TARGET_SCALE, ROBOT_SCALE)
+
+# A target that differs by more than this is of another size than was given.
+WRONG_SIZE = 3e-3
+# Of finished camera poses about which nothing is said (docs/explanation/shared_errors.md has the reasons): relative for
+# lengths and scales, rad for the principal point, s for the clock offset.
+DEFAULT_SD = {FOCAL_LENGTH: 1e-3, PRINCIPAL_POINT: 1e-3, TARGET_SCALE: 2e-4, ROBOT_SCALE: 1e-4, CLOCK_OFFSET: 1e-3}
+
+# In place of a standard deviation: 0, which switches an error off.
+EXACT = ("none", "exact")
+
+
+@dataclass(frozen=True, eq=False)
+class SharedError(ReadOnlyArrays):
+    """One error of all poses of a side, with the standard deviations ``sd`` (k) that are assumed for its k numbers.
+
+    Made by `focal_length`, `principal_point`, `target_scale`, `robot_scale`, `clock_offset` or `columns`.
+    """
+
+    name: str
+    unit: str  # "" (relative), "rad", "s", or that of the user's columns
+    side: str  # "robot" or "camera"
+    sd: Array  # (k,)
+    parts: tuple[str, ...]  # the name of each of the k numbers
+    effect: Callable[[PosePairs], Array]  # (n, 6, k) per unit
+    factor: float = 1.0  # within which ``sd`` is known; 1: as it is
+    default: bool = False  # assumed, not declared
+    focal_length_px: float | None = None  # of a principal point in pixels
+    stated: str = ""  # in words, where the numbers are in units of what was declared
+    bind: Callable[[PosePairs], dict[str, Any]] | None = None  # what changes once it belongs to poses; None: bound
+    left: Array | None = None  # (n, 6, 6) per unit^2 that its numbers leave of the poses that it is bound to
+    unseen: Callable[[PosePairs, bool], Array] | None = None  # the same of other poses, beside measured noise or not
+    accuracy: RobotAccuracy | None = None  # of a robot, once it is bound
+    declared: tuple[float, float, float | None] | None = (
+        None  # accuracy of a robot (m, rad) and its reach (m), as given
+    )
+
+    @property
+    def is_exact(self) -> bool:
+        """True if it is switched off: standard deviations of 0."""
+        return not self.sd.any()
+
+    def of_size(self, size: float) -> SharedError:
+        """Return the error with a size that was found: standard deviations times it, known as they are."""
+        if self.factor == 1 and size == 1.0:
+            return self
+        found = replace(self, sd=size * self.sd, factor=1.0)
+        if not self.stated:
+            return found
+        return replace(found, stated=f"{digits(1e3 * float(found.sd[0]), 2)} mm (found; {self.stated} assumed)")
+
+    @property
+    def described(self) -> list[str]:
+        """Each number with its standard deviation; one line where there are many (`group_of`)."""
+        if self.stated:
+            return [f"{self.name}: {self.stated if self.sd.any() else 'exact'}"]
+        if len(self.parts) > 1 and group_of(self.parts[0]) != self.parts[0]:
+            ends = list(dict.fromkeys(f"{end:.6g}" for end in (self.sd.min(), self.sd.max())))
+            return [f"{self.name} ({len(self.parts)}): {' to '.join(ends)}"]
+        return [f"{part}: {sd:.6g}" for part, sd in zip(self.parts, self.sd, strict=True)]
+
+    @classmethod
+    def focal_length(cls, sd: float | str = DEFAULT_SD[FOCAL_LENGTH]) -> SharedError:
+        """Relative standard deviation of the focal length, as a number, ``"0.1%"`` or, as of all of these, "exact"."""
+        each = _sd(sd, FOCAL_LENGTH, parse_ratio)
+        return cls(FOCAL_LENGTH, "", "camera", each, (FOCAL_LENGTH,), **_of_intrinsics(slice(0, 1)))
+
+    @classmethod
+    def principal_point(
+        cls, sd: float | str = DEFAULT_SD[PRINCIPAL_POINT], *, focal_length_px: float | None = None
+    ) -> SharedError:
+        """Standard deviation of each coordinate over the focal length (rad), or ``"1px"`` with the focal length."""
+
+        def parse(value: float | str, name: str) -> float:
+            if not isinstance(value, str):
+                return parse_angle(value, name)
+            number, in_pixels = value.strip().removesuffix("px"), value.strip().endswith("px")
+            try:
+                plain = float(number)
+            except ValueError:
+                if not in_pixels:
+                    return parse_angle(value, name)
+                raise InputError(f"Expected {name} to be such as '1px' or 0.001 (rad), got {value!r}.") from None
+            if not in_pixels:
+                return parse_angle(plain, name)
+            if focal_length_px is None:
+                raise InputError(
+                    f"Expected the focal length in pixels beside {name} of {value!r}; or give it over the focal "
+                    "length, such as 0.001 (rad; 1 px at 1000 px)."
+                )
+            if not 0 < focal_length_px < np.inf:
+                raise InputError(f"Expected `focal_length_px` to be above 0 and finite, got {focal_length_px!r}.")
+            return plain / focal_length_px
+
+        names = (f"{PRINCIPAL_POINT} x", f"{PRINCIPAL_POINT} y")
+        each = _sd(sd, PRINCIPAL_POINT, parse)
+        return cls(
+            PRINCIPAL_POINT, "rad", "camera", np.repeat(each, 2), names, focal_length_px=focal_length_px,
+            **_of_intrinsics(slice(1, 3)),
+        )  # fmt: skip
+
+    @classmethod
+    def target_scale(cls, sd: float | str = DEFAULT_SD[TARGET_SCALE]) -> SharedError:
+        """Relative standard deviation of the size of the target (its squares), as a number or ``"0.02%"``."""
+        return cls(TARGET_SCALE, "", "camera", _sd(sd, TARGET_SCALE, parse_ratio), (TARGET_SCALE,), _scale("camera"))
+
+    @classmethod
+    def robot_scale(cls, sd: float | str = DEFAULT_SD[ROBOT_SCALE]) -> SharedError:
+        """Relative standard deviation of the robot's lengths, as a number or ``"0.01%"``."""
+        return cls(ROBOT_SCALE, "", "robot", _sd(sd, ROBOT_SCALE, parse_ratio), (ROBOT_SCALE,), _scale("robot"))
+
+    @classmethod
+    def clock_offset(cls, sd: float | str = DEFAULT_SD[CLOCK_OFFSET]) -> SharedError:
+        """Standard deviation of the offset between the clocks (s, or ``"1ms"``), for poses with timestamps."""
+        return cls(CLOCK_OFFSET, "s", "robot", _sd(sd, CLOCK_OFFSET, parse_time), (CLOCK_OFFSET,), _rate)
+
+    @classmethod
+    def columns(cls, name: str, F: Any, sd: Any, side: str, *, unit: str = "") -> SharedError:
+        """An error of the user's own: ``F`` (n, 6, k) is its effect on ``side`` per unit, ``sd`` one or (k,).
+
+        ``F`` holds (theta, tau) per unit, rad and m, in the parent frame of the poses: base or camera.
+        """
+        if not isinstance(name, str) or not name.strip():
+            raise InputError(f"Expected the `name` of a shared error to be text, got {name!r}.")
+        if name in (*DEFAULT_SD, INTRINSICS, ROBOT_ACCURACY):
+            raise InputError(f"Expected another `name` than {name!r}, which is that of a built-in shared error.")
+        if side not in SIDES:
+            raise InputError(f"Expected `side` of the shared error {name!r} to be robot or camera, got {side!r}.")
+        if not isinstance(unit, str):
+            raise InputError(f"Expected `unit` of the shared error {name!r} to be text, got {unit!r}.")
+        given = np.array(as_numbers(F, f"F of the shared error {name!r}"))
+        given = given[..., None] if given.ndim == 2 else given
+        if given.ndim != 3 or given.shape[1] != 6 or given.shape[2] == 0:
+            raise InputError(
+                f"Expected the columns `F` of the shared error {name!r} to have shape (n, 6, k), got {np.shape(F)}."
+            )
+        if not np.isfinite(given).all():
+            raise InputError(f"Expected the columns `F` of the shared error {name!r} to be finite, got nan or inf.")
+        k = given.shape[2]
+        each = np.array(as_numbers(sd, f"sd of the shared error {name!r}"))
+        if each.shape not in ((), (k,)):
+            raise InputError(f"Expected `sd` of the shared error {name!r} to be one number or {k}, got {each.shape}.")
+        each = np.broadcast_to(each, (k,)).copy()
+        _require_sd(each, name)
+        parts = (name,) if k == 1 else tuple(f"{name} {j + 1}" for j in range(k))
+        return cls(name, unit, side, each, parts, lambda poses: given)
+
+    @classmethod
+    def robot_accuracy(
+        cls, translation: float | str, rotation: float | str | None = None, *, reach: float | str | None = None
+    ) -> SharedError:
+        """The accuracy that the robot's data sheet states: errors as a population of arms has them (`population`).
+
+        ``translation`` in m or ``"0.5mm"``, ``rotation`` in rad or ``"0.05deg"``; or both in one text: root mean
+        squares over the workspace. The errors are those of arms of that accuracy in position, or as
+        much larger as the one in rotation asks for. ``reach`` of the arm (m, or ``"0.9m"``); None takes 1.2 times the
+        largest distance of the
+        flange from the base.
+        """
+        exact = isinstance(translation, str) and translation.strip().lower() in EXACT and rotation is None
+        move, turn = (0.0, 0.0) if exact else stated_accuracy(translation, rotation)
+        length = None if reach is None else parse_length(reach, "`reach`")
+        if length is not None and not 0 < length < np.inf:
+            raise InputError(f"Expected `reach` to be above 0 and finite, got {reach!r}.")
+        return _population_error(move, turn, length)
+
+    @property
+    def needs_poses(self) -> bool:
+        """True if it belongs to poses, its numbers or its columns, and is not `bound` to some yet."""
+        return self.bind is not None
+
+    def bound(self, poses: PosePairs) -> SharedError:
+        """Bind the error to the poses where it belongs to poses; columns at other poses are of the same numbers.
+
+        `calibrate` binds an error to its poses where that has not been done.
+        """
+        return self if self.bind is None else replace(self, bind=None, **self.bind(poses))
+
+    def at(self, poses: PosePairs) -> Array:
+        """F (n, 6, k) at these poses; raises `InputError` where they do not tell it."""
+        F = self.effect(poses)
+        if F.shape[0] != poses.n:
+            raise InputError(
+                f"Expected the columns of the shared error {self.name!r} to cover {poses.n} poses, got {F.shape[0]}."
+            )
+        return F
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain numbers and text that `from_dict` makes the error of; not of the user's own columns."""
+        return {
+            "name": self.name,
+            "sd": self.sd.tolist(),
+            **({} if self.factor == 1 else {"factor": self.factor}),
+            **({"default": True} if self.default else {}),
+            **({} if self.focal_length_px is None else {"focal_length_px": self.focal_length_px}),
+            **({} if self.declared is None else {"accuracy": list(self.declared), "stated": self.stated}),
+        }
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> SharedError:
+        """The inverse of `to_dict`; raises `InputError` for columns of the user's own, which it does not hold."""
+        name, focal_length = data["name"], data.get("focal_length_px")
+        known = (cls.focal_length, cls.principal_point, cls.target_scale, cls.robot_scale, cls.clock_offset)
+        if name == ROBOT_ACCURACY:
+            move, turn, reach = data["accuracy"]
+            error = replace(cls.robot_accuracy(move, turn, reach=reach), stated=data["stated"])
+        else:
+            made = [error for make in known if (error := make(float(data["sd"][0]))).name == name]
+            if not made:
+                raise InputError(f"The shared error {name!r} has columns of its own, which the file does not hold.")
+            error = replace(made[0], focal_length_px=focal_length)
+        return replace(error, factor=float(data.get("factor", 1.0)), default=bool(data.get("default", False)))
+
+    def rows(self, kept: NDArray[np.intp], n: int) -> SharedError:
+        """Return the error for some of n poses, by their numbers: columns that were given for all n lose the others."""
+        whole = self.effect
+
+        def effect(poses: PosePairs) -> Array:
+            F = whole(poses)
+            return F[kept] if len(F) == n != poses.n else F
+
+        left = self.left[kept] if self.left is not None and len(self.left) == n else self.left
+        return replace(self, effect=effect, left=left)
+
+    def __repr__(self) -> str:
+        return (
+            f"SharedError({self.name!r}, sd={', '.join(f'{sd:.3g}' for sd in self.sd)}{self.unit and ' '}{self.unit})"
+        )
+
+
+def default_errors(intrinsics_known: bool) -> tuple[SharedError, ...]:
+    """Return the errors that camera poses share by default: the size of the target, and for finished poses the effect
+    of the intrinsics and what else follows from the view.
+
+    ``intrinsics_known``: the covariance of the camera poses holds that already, as from corners.
+    """
+    of_size = SIZES[TARGET_SCALE]
+    size = replace(SharedError.target_scale(of_size.median), factor=of_size.factor)
+    errors = (size,) if intrinsics_known else (SharedError.focal_length(), SharedError.principal_point(), size)
+    return tuple(replace(error, default=True) for error in errors)
+
+
+def assumed_view() -> SharedError:
+    """Return errors of finished camera poses that follow from the view (`view`), to be bound to poses."""
+    size = SIZES[VIEW]
+
+    def bind(poses: PosePairs) -> dict[str, Any]:
+        mean, scale = view_scale(poses.camera)
+        parts = tuple(f"{VIEW}: {k + 1}" for k in range(36))
+        return {
+            "parts": parts,
+            "sd": np.full(36, size.median),
+            "effect": lambda at: columns_about(at.camera, mean, scale),
+        }
+
+    return SharedError(
+        VIEW, "", "camera", np.array([size.median]), (VIEW,), _unbound, factor=size.factor, bind=bind, default=True
+    )
+
+
+def assumed_lens() -> SharedError:
+    """Return errors of the distortion of the lens that finished camera poses were made with."""
+    size = SIZES[LENS]
+    parts = tuple(f"{LENS}: {name}" for name in ("k1", "k2", "p1", "p2"))
+    sd = size.median * np.array([1.0, 3.0, 0.1, 0.1])
+    return SharedError(
+        LENS,
+        "",
+        "camera",
+        sd,
+        parts,
+        factor=size.factor,
+        default=True,
+        **_of_intrinsics(slice(3, 7)),
+    )
+
+
+def assumed_drift(poses: PosePairs) -> tuple[SharedError, ...]:
+    """Return drifts of camera and target over the time of these poses; none without timestamps or in a simulation."""
+    if poses.timestamps is None or poses.truth is not None or poses.n < FEWEST:
+        return ()
+    found = []
+    for of in ("camera", "target"):
+        name = f"{DRIFT} {of}"
+        F, size = drift_columns(poses.camera, poses.timestamps, of == "target"), SIZES[name]
+        parts = tuple(f"{name}: {k + 1}" for k in range(F.shape[-1]))
+        sd = np.full(len(parts), size.median)
+        found.append(SharedError(name, "", "camera", sd, parts, _at_these(F), factor=size.factor, default=True))
+    return tuple(found)
+
+
+def _at_these(F: Array) -> Callable[[PosePairs], Array]:
+    return lambda poses: F
+
+
+def error_by_part(name: str) -> tuple[SharedError, int] | None:
+    """The error that a number of this name belongs to and its place there, if poses alone tell its effect."""
+    known = (
+        SharedError.focal_length,
+        SharedError.principal_point,
+        SharedError.target_scale,
+        SharedError.robot_scale,
+        assumed_lens,
+    )
+    for error in (make() for make in known):
+        if name in error.parts:
+            return error, error.parts.index(name)
+    return None
+
+
+def bound_again(name: str, poses: PosePairs, reach: float | None = None) -> SharedError | None:
+    """Return the error of this name whose numbers belong to poses, bound to them; None for others.
+
+    ``reach`` (m) of the robot that it was bound with.
+    """
+    if name == ROBOT_ACCURACY:
+        return _population_error(1.0, 0.0, reach).bound(poses)
+    return assumed_view().bound(poses) if name == VIEW else None
+
+
+def assumed_accuracy(of_class: str | None = None) -> SharedError:
+    """Return the accuracy of a robot of which nothing is declared, or its class (`sizes.CLASSES`)."""
+    size = SIZES[ROBOT_ACCURACY] if of_class is None else CLASSES[of_class]
+    return replace(_population_error(size.median, 0.0, None), default=True, factor=size.factor)
+
+
+def _population_error(move: float, turn: float, reach: float | None) -> SharedError:
+    """Return errors of arms with this accuracy (m, rad), to be bound to poses; ``reach`` (m) None: by the poses."""
+
+    def bind(poses: PosePairs) -> dict[str, Any]:
+        from .population import BoundPopulation  # its table of arms takes a while
+
+        population = BoundPopulation.of(poses.robot, reach)
+        K = population.here
+        size = move
+        if turn > 0:
+            size = max(move, turn / float(np.sqrt((K[:, :3] ** 2).sum(axis=(1, 2)).mean())))
+        parts = tuple(f"{ROBOT_ACCURACY}: {k + 1}" for k in range(K.shape[-1]))
+        accuracy = RobotAccuracy(move, turn, population.reach)
+
+        def effect(at: PosePairs) -> Array:
+            near = at.n == poses.n and np.abs(at.robot - poses.robot).max() < NEAR * population.reach
+            return K if near else population.columns(at.robot)
+
+        return {
+            "parts": parts,
+            "sd": np.full(len(parts), size),
+            "effect": effect,
+            "accuracy": accuracy,
+            "left": population.left,
+            "unseen": lambda at, measured: population.unseen(at.robot, measured),
+        }
+
+    exact = not (move > 0 or turn > 0)
+    words = f"{digits(1e3 * move, 2)} mm" + (f", {digits(np.degrees(turn), 2)} deg" if turn > 0 else "")
+    return SharedError(
+        ROBOT_ACCURACY, "", "robot", np.zeros(1) if exact else np.ones(1), (ROBOT_ACCURACY,), _unbound, stated=words,
+        bind=bind, declared=(move, turn, reach),
+    )  # fmt: skip
+
+
+def replace_defaults(declared: Iterable[SharedError], intrinsics_known: bool) -> list[SharedError]:
+    """Return the default errors, those declared in place of the ones of their names, and the other ones declared."""
+    by_name = {
+        error.name: error
+        for error in (
+            *default_errors(intrinsics_known),
+            assumed_accuracy(),
+            *([] if intrinsics_known else [assumed_lens(), assumed_view()]),
+        )
+    }
+    return list((by_name | {error.name: error for error in declared}).values())
+
+
+def settled_errors(
+    errors: Iterable[SharedError], sizes: Mapping[str, float], poses: PosePairs
+) -> tuple[SharedError, ...]:
+    """Return errors, bound to poses, with the standard deviations of their numbers that a calibration of these settled
+    on; those that it left out are none.
+    """
+    return tuple(
+        replace(error, sd=np.array([sizes[part] for part in error.parts]), factor=1.0)
+        for error in (error.bound(poses) for error in errors)
+        if sizes.keys() >= set(error.parts)
+    )
+
+
+def listed_errors(errors: Any) -> tuple[SharedError, ...]:
+    """The errors, if they are some, and no two of one name."""
+    if isinstance(errors, SharedError) or not isinstance(errors, Iterable):
+        raise InputError(f"Expected `shared` to be a list of SharedError, got {type(errors).__name__}.")
+    found = tuple(errors)
+    for error in found:
+        if not isinstance(error, SharedError):
+            raise InputError(f"Expected `shared` to be a list of SharedError, got one of {type(error).__name__}.")
+    names = [name for error in found for name in {error.name, *error.parts}]
+    if twice := {name for name in names if names.count(name) > 1}:
+        raise InputError(f"Expected one shared error of each name in `shared`, got two {sorted(twice)[0]!r}.")
+    return found
+
+
+def checked_errors(errors: Any, poses: PosePairs) -> tuple[SharedError, ...]:
+    """The errors, if they are some, no two of one name, and the poses tell what they do."""
+    found = tuple(error.bound(poses) if error.needs_poses else error for error in listed_errors(errors))
+    for error in found:
+        if not error.is_exact:
+            error.at(poses)
+    return found
+
+
+def shared_columns(errors: Sequence[SharedError], poses: PosePairs) -> dict[str, JointCovariance]:
+    """Return the effect of the errors on the poses by side: a covariance without noise of its own."""
+    found: dict[str, JointCovariance] = {}
+    for side in SIDES:
+        of_side = [error for error in errors if error.side == side and not error.is_exact]
+        if of_side:
+            F = np.concatenate([error.at(poses) * error.sd for error in of_side], axis=-1)
+            names = np.array([name for error in of_side for name in error.parts])
+            known = np.concatenate([error.sd for error in of_side]) > 0
+            found[side] = JointCovariance(np.zeros((poses.n, 6, 6)), F[..., known], tuple(names[known].tolist()))
+    return found
+
+
+def with_shared(noise: PoseNoise, columns: Mapping[str, JointCovariance]) -> PoseNoise:
+    """The noise and, beside it, the `shared_columns`."""
+    sides = {side: add_columns(getattr(noise, side), columns.get(side)) for side in SIDES}
+    return replace(noise, robot=sides["robot"], camera=sides["camera"])
+
+
+def without_shared(noise: PoseNoise, errors: Sequence[SharedError]) -> PoseNoise:
+    """The noise without the columns of these errors."""
+    names = {name for error in errors for name in error.parts}
+
+    def remaining(S: Any) -> Any:
+        if not isinstance(S, JointCovariance):
+            return S
+        kept = np.array([names.isdisjoint((name, group_of(name))) for name in S.names])
+        if kept.all():
+            return S
+        if not kept.any():
+            return S.own if S.own.any() else None
+        rest = tuple(name for name, keep in zip(S.names, kept, strict=True) if keep)
+        return JointCovariance(S.own, S.shared[..., kept], rest)
+
+    return replace(noise, robot=remaining(noise.robot), camera=remaining(noise.camera))
+
+
+def add_columns(covariance: Any, columns: JointCovariance | None) -> Any:
+    """A covariance of n poses, or None, with the columns."""
+    if columns is None:
+        return covariance
+    if covariance is None:
+        return columns
+    require_count(covariance, columns.n, "of a side with shared errors", "poses")
+    if isinstance(covariance, JointCovariance):
+        return covariance.plus(columns)
+    if is_joint(covariance):
+        return np.asarray(covariance) + np.asarray(columns)
+    return columns.plus(np.broadcast_to(covariance, (columns.n, 6, 6)))
+
+
+def _sd(value: float | str, name: str, parse: Callable[[str | float, str], float]) -> Array:
+    exact = isinstance(value, str) and value.strip().lower() in EXACT
+    sd = np.array([0.0 if exact else parse(value, f"the standard deviation of the {name}")])
+    _require_sd(sd, name, value)
+    return sd
+
+
+def _require_sd(sd: Array, name: str, given: Any = None) -> None:
+    if not (np.isfinite(sd) & (sd >= 0)).all():
+        got = sd.tolist() if given is None else repr(given)
+        raise InputError(f"Expected the standard deviation of the {name} to be finite and >= 0, got {got}.")
+
+
+def _unbound(poses: PosePairs) -> Array:
+    raise InputError(
+        f"The columns of the errors {ROBOT_ACCURACY!r} and {VIEW!r} belong to poses: take SharedError.bound(poses) "
+        "first."
+    )
+
+
+def _of_intrinsics(some: slice) -> dict[str, Any]:
+    """Effect of some of the intrinsics, and its change once the width of the target follows from poses."""
+
+    def of_width(distance: float | None = None) -> Callable[[PosePairs], Array]:
+        return lambda poses: intrinsics_columns(poses.camera, distance)[..., some]
+
+    return {"effect": of_width(), "bind": lambda poses: {"effect": of_width(median_distance(poses.camera))}}
+
+
+def _scale(side: str) -> Callable[[PosePairs], Array]:
+    def effect(poses: PosePairs) -> Array:
+        F = np.zeros((poses.n, 6, 1))
+        F[:, 3:, 0] = getattr(poses, side)[:, :3, 3]
+        return F
+
+    return effect
+
+
+def _rate(poses: PosePairs) -> Array:
+    """Mean velocity (rad/s, m/s) between the robot poses before and after: that of a recording on the move."""
+    if poses.timestamps is None or poses.n < 3:
+        raise InputError(
+            f"Expected poses with timestamps for the shared error {CLOCK_OFFSET!r}, got "
+            + ("none." if poses.timestamps is None else f"{poses.n} poses.")
+        )
+    order = np.argsort(poses.timestamps)
+    t, T = poses.timestamps[order], poses.robot[order]
+    before, after = np.maximum(np.arange(poses.n) - 1, 0), np.minimum(np.arange(poses.n) + 1, poses.n - 1)
+    span = (t[after] - t[before])[:, None]
+    turn = Rotation.from_matrix(T[after, :3, :3] @ T[before, :3, :3].mT).as_rotvec()
+    rate = np.empty((poses.n, 6, 1))
+    rate[order, :3, 0] = turn / span
+    rate[order, 3:, 0] = (T[after, :3, 3] - T[before, :3, 3]) / span
+    return rate

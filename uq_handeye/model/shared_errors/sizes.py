@@ -1,0 +1,119 @@
+"""Sizes of errors before the data: medians and factors, in one table with their sources."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from difflib import get_close_matches
+
+from ...core.formatting.units import parse_angle, parse_length, parse_pixels, parse_ratio
+from ...errors import InputError
+
+
+@dataclass(frozen=True)
+class Size:
+    """Standard deviation of an error per unit of its columns: known (factor 1), or log-normal about a median.
+
+    ``factor``: one standard deviation of the logarithm; 2 says between half and twice the median with 68 %.
+    """
+
+    median: float
+    factor: float = 1.0
+    unit: str = ""  # rad, m, px; "" where relative, or one of its columns
+    source: str = ""
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.median < float("inf") or (self.median == 0 and self.factor > 1):
+            raise InputError(f"Expected the median of a size to be above 0 and finite, got {self.median!r}.")
+        if not 1 <= self.factor < 1e6:
+            raise InputError(f"Expected the factor of a size to be a number >= 1 (1: known), got {self.factor!r}.")
+
+    @property
+    def is_known(self) -> bool:
+        """True if the size is not estimated."""
+        return self.factor == 1.0
+
+
+# What is assumed of each error where nothing is declared, by name: standard deviations per axis, in rad and m.
+SIZES = {
+    "robot rotation": Size(1.75e-4, 4.0, "rad", "repeatability by ISO 9283, 0.01 deg"),
+    "robot translation": Size(0.03e-3, 4.0, "m", "repeatability by ISO 9283, 0.02 to 0.1 mm"),
+    "camera rotation": Size(8.7e-4, 6.0, "rad", "poses of boards and tags, 0.05 deg"),
+    "camera translation": Size(0.3e-3, 6.0, "m", "poses of boards and tags"),
+    "camera by view": Size(1.5e-4, 5.0, "rad", "corners to 0.05 to 1 px over a focal length of 500 to 2000 px"),
+    "focal length": Size(1e-3, 1.0, "", "calibrations of the same camera, repeated"),
+    "principal point": Size(1e-3, 1.0, "rad", "calibrations of the same camera, repeated"),
+    "target scale": Size(3e-4, 4.0, "", "printed and etched targets; a wrong square is its tail"),
+    "view": Size(1.5e-4, 3.0, "", "rendered and real sets with lens, board shape and corners left out of the model"),
+    "lens distortion": Size(3e-3, 2.0, "", "k1 of calibrations of the same camera, repeated; k2 3 times, p 0.1 times"),
+    "robot accuracy": Size(0.6e-3, 3.0, "m", "ISO 9283 absolute accuracy of arms with nominal kinematics"),
+    "joint noise": Size(0.2e-3, 3.0, "rad", "laser tracker data of an ABB IRB 120 and a Motoman MA1400"),
+    "drift of the camera": Size(2e-5, 5.0, "", "0.02 mrad and 0.02 mm a step"),
+    "drift of the target": Size(2e-5, 5.0, "", "0.02 mrad and 0.02 mm a step"),
+    "pixel noise": Size(0.2, 3.0, "px", "corner detectors, 0.02 to 2 px"),
+    "camera beyond its corners": Size(0.05, 3.0, "px", "errors that the corners of one picture share"),
+}
+# Absolute accuracy of classes of arms, the size of `robot accuracy`.
+CLASSES = {
+    "calibrated": Size(0.15e-3, 2.0, "m", "arms calibrated at the factory"),
+    "industrial": Size(0.6e-3, 2.0, "m", "industrial arms with nominal kinematics"),
+    "cobot": Size(2.0e-3, 2.0, "m", "cobots with nominal kinematics"),
+}
+
+PARSERS = {"rad": parse_angle, "m": parse_length, "px": parse_pixels, "": parse_ratio}
+
+SizeLike = Size | tuple[float | str, float] | float | str
+
+
+def checked_sizes(given: Mapping[str, SizeLike] | None) -> dict[str, Size]:
+    """Return sizes by name; raises `InputError` for what is none."""
+    found = {}
+    for name, value in (given or {}).items():
+        parts = tuple(value) if isinstance(value, tuple | list) else (value,)
+        if isinstance(value, Size):
+            if value.median == 0:
+                raise _no_size(name, 0.0)
+            found[name] = value
+        elif 1 <= len(parts) <= 2 and isinstance(parts[0], int | float | str):
+            unit = SIZES[name].unit if name in SIZES else ""
+            median, factor = (*parts, 1.0)[:2]
+            if isinstance(median, str):
+                median = PARSERS[unit](median, f"the size of {name!r}")
+            if not isinstance(factor, int | float) or not 1 <= factor < 1e6:
+                raise InputError(f"Expected the factor of {name!r} to be a number >= 1 (1: known), got {factor!r}.")
+            if not 0 < median < float("inf"):
+                raise _no_size(name, value)
+            found[name] = Size(float(median), float(factor), unit, "declared")
+        else:
+            raise InputError(
+                f"Expected the size of {name!r} to be a number, a text with its unit such as '0.3mm', or (median, "
+                f"factor), got {value!r}."
+            )
+    return found
+
+
+def _no_size(name: str, value: object) -> InputError:
+    return InputError(
+        f"Expected the size of {name!r} to be above 0 and finite, got {value!r}. An error that is not there has a very "
+        "small size."
+    )
+
+
+def parse_size(text: str) -> tuple[str, Size]:
+    """Return the name and the size of a text such as ``"robot accuracy=0.3mm,2"``: median, and factor if it is not 1.
+
+    Raises `InputError` for a name that the table `SIZES` does not have, with the nearest ones.
+    """
+    name, equals, value = (part.strip() for part in text.partition("="))
+    median, comma, factor = value.partition(",")
+    if not equals or not median:
+        raise InputError(f"Expected NAME=SIZE or NAME=SIZE,FACTOR such as 'robot accuracy=0.3mm,2', got {text!r}.")
+    if name not in SIZES:
+        near = get_close_matches(name, SIZES, 3, 0.4) or SIZES
+        raise InputError(f"No error of the name {name!r:.60} has a size. Near it: {', '.join(near)}.")
+    of = SIZES[name]
+    try:
+        number = float(factor) if comma else 1.0
+    except ValueError:
+        raise InputError(f"Expected the factor of {name!r} to be a number >= 1, got {factor!r}.") from None
+    return name, Size(PARSERS[of.unit](median, f"the size of {name!r}"), number, of.unit, "declared")

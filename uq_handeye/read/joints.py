@@ -1,0 +1,147 @@
+"""Joint values of a file as poses of the robot, and beside the robot poses of another file."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass, replace
+from hashlib import sha256
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..core.files import lines as _lines
+from ..core.files.open import StrPath, as_path, opened, shown
+from ..core.files.source import Source
+from ..core.geometry.se3 import Array
+from ..errors import InputError, InputWarning
+from ..formats.contents import FRAMES, Side
+from ..model.poses.pose_pairs import PosePairs, joint_values_at
+from .matching import FEWEST, SYNCHRONOUS, check_tolerance, nearest
+
+if TYPE_CHECKING:
+    from ..model.kinematics.chain import Kinematics
+    from ..model.kinematics.joints_file import NamedJoints
+
+# Joints are interpolated between rows of the file that are at most so many median intervals apart.
+GAPS = 3.0
+
+
+@dataclass(frozen=True, eq=False)
+class Joints:
+    """The rows of a joint file and the chain that they move."""
+
+    values: Array  # (n, L) rad, m
+    timestamps: Array | None  # (n,) s
+    kinematics: Kinematics
+    source: Source
+    name: str  # of the file, for messages
+
+    def __len__(self) -> int:
+        return len(self.values)
+
+    @property
+    def side(self) -> Side:
+        """Their poses by forward kinematics, as a file of robot poses would hold them."""
+        T = self.kinematics.poses(self.values)
+        return Side(self.name, T[:, :3, 3], T[:, :3, :3], self.timestamps, None, "row", frame=FRAMES["robot"][0])
+
+    def beside(self, robot: Side, tolerance: float) -> Array:
+        """Joint values (n, L) at the n poses of a file of robot poses; NaN at a pose that has none.
+
+        Row k belongs to row k where there are as many and the timestamps, if both have them, agree; else rows are
+        paired by time, the nearest within ``tolerance``.
+        """
+        check_tolerance(tolerance)
+        r, q = robot.timestamps, self.timestamps
+        if r is None or q is None:
+            if len(robot) != len(self):
+                raise InputError(
+                    f"{robot.name} has {len(robot)} poses and {self.name} has {len(self)} rows: expected the joints of "
+                    "each pose. Leave out rows that the other file lacks, or add timestamps to both."
+                )
+            return self.values
+        if len(robot) == len(self) and (late := float(np.abs(r - q).max())) <= _patience(r, tolerance):
+            if late > SYNCHRONOUS:
+                warnings.warn(
+                    f"Rows of {robot.name} and {self.name} are paired by their order although their timestamps differ "
+                    f"by up to {late:.6g} s. That is right if the robot stood still.",
+                    InputWarning,
+                    stacklevel=4,
+                )
+            return self.values
+        at = nearest(r, q)
+        values = self.values[at]
+        values[np.abs(r - q[at]) > tolerance] = np.nan
+        return values
+
+    def between(self, robot: Side) -> Array:
+        """Joint values (n, L) at the times of a robot's stream, interpolated; NaN where that would be extrapolated."""
+        if robot.timestamps is None or self.timestamps is None:
+            without = robot.name if robot.timestamps is None else self.name
+            raise InputError(f"{without} has no timestamps: joints and robot poses of streams are paired by time.")
+        order = np.argsort(self.timestamps, kind="stable")
+        times, wanted = self.timestamps[order], robot.timestamps
+        values = joint_values_at(times, self.values[order], wanted)
+        right = np.clip(np.searchsorted(times, wanted), 1, max(len(times) - 1, 1))
+        step = np.diff(times, append=np.inf) if len(times) < 2 else np.diff(times)
+        far = step[right - 1] > GAPS * float(np.median(step))
+        on = np.abs(times[nearest(wanted, times)] - wanted) <= SYNCHRONOUS
+        outside = (wanted < times[0] - SYNCHRONOUS) | (wanted > times[-1] + SYNCHRONOUS)
+        values[(far & ~on) | outside] = np.nan
+        return values
+
+
+def joints_of(joints: Any, kinematics: Any, units: str | None) -> Joints | None:
+    """The file of joints and its chain, or None if neither is given."""
+    if joints is None and kinematics is None:
+        return None
+    if joints is None or kinematics is None:
+        here, other = ("joints", "kinematics") if kinematics is None else ("kinematics", "joints")
+        raise InputError(
+            f"Expected `{other}` beside `{here}`: a file of joint values (--joints) and the chain that they move "
+            "(--urdf, --dh)."
+        )
+    return read_joint_file(joints, kinematics, units)
+
+
+def read_joint_file(path: StrPath | NamedJoints, kinematics: Kinematics, units: str | None = None) -> Joints:
+    """Read joint values and say where they are from."""
+    from ..model.kinematics.chain import Kinematics
+    from ..model.kinematics.joints_file import NamedJoints, read_joints
+
+    if not isinstance(kinematics, Kinematics):
+        raise InputError(f"Expected `kinematics` to be Kinematics, got {type(kinematics).__name__}.")
+    if isinstance(path, NamedJoints):
+        found, name, short, data = read_joints(path, kinematics, units), path.name, path.name, path.values.tobytes()
+    else:
+        location = as_path(path)
+        found, name, short = read_joints(location, kinematics, units), shown(location), shown(as_path(location.name))
+        with opened(location, _lines.MAX_BYTES) as file:
+            data = file.read()
+    source = Source(short, "joints", len(data), sha256(data).hexdigest(), tuple(found.notes))
+    return Joints(found.q, found.timestamps, kinematics, source, name)
+
+
+def give_joints(poses: PosePairs, values: Array, name: str) -> PosePairs:
+    """Return the pairs with their joint values (n, L); pairs without (NaN) are left out, and noted."""
+    have = np.isfinite(values).all(axis=1)
+    if have.all():
+        return replace(poses, joints=values)
+    if have.sum() < FEWEST:
+        raise InputError(
+            f"{int(have.sum())} of {poses.n} poses have joints in {name}, and at least {FEWEST} are needed: are the "
+            "timestamps of both files of one clock, in seconds? Rows that belong together may have row numbers."
+        )
+    rows = np.flatnonzero(~have)
+    which = ", ".join(map(str, rows[:20])) + (", ..." if len(rows) > 20 else "")
+    first, *others = poses.sources
+    note = f"{len(rows)} pairs without joints in {name} are left out: {which}"
+    left = replace(poses.rows(np.flatnonzero(have)), joints=values[have])
+    return replace(left, sources=(replace(first, notes=(*first.notes, note)), *others))
+
+
+def _patience(times: Array, tolerance: float) -> float:
+    """Return how far timestamps of a row may differ: half the interval between rows, or the tolerance if that is
+    smaller.
+    """
+    return min(tolerance, 0.5 * float(np.median(np.abs(np.diff(times))))) if len(times) > 1 else tolerance

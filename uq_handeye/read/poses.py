@@ -1,0 +1,456 @@
+"""Pose files of any format, paired to `PosePairs` or read as a `Stream`.
+
+Robot poses alone, in any format: those to predict at, and those to choose from.
+"""
+
+from __future__ import annotations
+
+import logging
+import warnings
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.files.open import StrPath, as_path, shown
+from ..core.files.source import Source
+from ..core.geometry.frames import SETUPS
+from ..core.geometry.se3 import Array
+from ..errors import InputError, InputWarning
+from ..findings import Finding
+from ..formats.contents import FRAMES, Contents, Side, finished
+from ..formats.csv_poses import warn_if_back
+from ..formats.detect import read_contents
+from ..formats.rotation_form import QUATERNIONS, rotation_form
+from ..model.poses.pose_pairs import PosePairs
+from ..model.poses.stream import Stream
+from .joints import Joints, give_joints, joints_of
+from .known_camera import KnownCamera, known_camera
+from .matching import check_rows, match_times, warn_if_swapped
+from .readings import chosen_readings, reading_beside
+
+if TYPE_CHECKING:
+    from ..model.camera.result import CameraCalibration
+    from ..model.kinematics.chain import Kinematics
+    from ..model.points.result import PointPoses
+
+_PAIRINGS = ("rows", "time")
+
+_log = logging.getLogger("uq_handeye")
+
+
+def read_poses(
+    robot: StrPath | None,
+    camera: StrPath | CameraCalibration | PointPoses | None = None,
+    *,
+    setup: str | None = None,
+    units: str | tuple[str | None, str | None] | None = None,
+    format: str | tuple[str | None, str | None] | None = None,
+    rotation: str | tuple[str | None, str | None] | None = None,
+    quaternion: str | tuple[str | None, str | None] | None = None,
+    robot_frame: str = "base_T_gripper",
+    camera_frame: str = "camera_T_target",
+    pair: str | None = None,
+    tolerance: float = 0.02,
+    joints: StrPath | None = None,
+    kinematics: Kinematics | None = None,
+    joint_units: str | None = None,
+) -> PosePairs:
+    """Robot and camera poses from one or two files, paired.
+
+    Parameters
+    ----------
+    robot : path or None
+        ``base_T_gripper``; any of `uq_handeye.read.FORMATS`. None: the poses are those of ``joints``, by forward
+        kinematics.
+    camera : path, CameraCalibration, PointPoses or None
+        ``camera_T_target``. None: the robot's file holds both sides. A calibrated camera, or the folder that
+        `CameraCalibration.write` made of it, brings the joint covariance of its poses along (field
+        ``camera_calibration``); its rows number those of the robot's file, and robot poses without a picture are left
+        out. Poses from points, or the folder of `PointPoses.write`, bring theirs likewise (``camera_covariance``).
+        Units, format and rotation are then those of the robot's file.
+    setup : "eye-in-hand", "eye-to-hand" or None
+        None: what a file says, else eye-in-hand.
+    units : str, None or (robot, camera)
+        Length unit of both sides, or of the robot's and the camera's: m, mm, ...; None: as the format says, else m. The
+        poses returned are in metres.
+    format : str, None or (robot, camera)
+        One of `FORMATS`; None is told by the content.
+    rotation : str, None or (robot, camera)
+        What the numbers of a rotation are: an order of Euler angles with its unit as SciPy names it (``"ZYX-deg"``:
+        about the rotated axes; ``"xyz-rad"``: about the fixed axes), ``"rotvec-rad"``, ``"rotvec-deg"``, ``"xyzw"`` or
+        ``"wxyz"``; ``"transposed"`` of matrices. None: as the format or the names of the columns say; where these leave
+        several, the one with which robot and camera agree.
+    quaternion : "xyzw", "wxyz", None or (robot, camera)
+        The same for quaternions only.
+    robot_frame : "base_T_gripper" or "gripper_T_base"
+        Poses given as ``gripper_T_base`` are inverted.
+    camera_frame : "camera_T_target" or "target_T_camera"
+        Poses given as ``target_T_camera`` are inverted.
+    pair : None, "rows" or "time"
+        Row k of one side with row k of the other, unless timestamps or numbers of files speak against it (None) or in
+        any case ("rows"); or those nearest in time, within ``tolerance``, one to one.
+    tolerance : float
+        Seconds.
+    joints : path or None
+        File of joint values (`read_joints`), for the ``joints`` of the pairs. Without ``robot`` its rows are paired as
+        those of a robot file; beside it row k belongs to row k of ``robot``, or to the nearest within ``tolerance``
+        where timestamps say so, and pairs without joints are left out.
+    kinematics : Kinematics or None
+        The chain that the joints move.
+    joint_units : str or None
+        Unit of ``joints`` such as ``"deg"`` or ``"deg,mm"``; None: as the file says, else rad and m.
+
+    What was found out (format, setup, other names) is in the ``notes`` of `PosePairs.sources`, and logged.
+
+    Raises
+    ------
+    InputError
+        A file that cannot be read or is of no format that is known, or whose rotations may be read in several ways
+        between which the other side does not decide; a setup other than what a file says; different
+        numbers of rows; without ``pair``, timestamps of a row that differ by half the interval between rows or more
+        (two row numberings are such timestamps too: if they differ, a row was lost in one file); fewer than three pairs
+        by time.
+
+    Warns
+    -----
+    InputWarning
+        Timestamps of a row that differ by more than 1e-6 s but less than that, or that go back; samples of easy_handeye
+        that do not say the setup; angles with which robot and camera do not agree, where another order of axes fits.
+    """
+    _require_known(pair, setup)
+    both_units, formats = (_two(value, name) for value, name in ((units, "units"), (format, "format")))
+    forms = _rotations(rotation, quaternion)
+    arm = joints_of(joints, kinematics, joint_units)
+    if robot is None:
+        if arm is None or camera is None:
+            missing = "joints and kinematics" if arm is None else "a camera"
+            raise InputError(f"Expected {missing}, or a file of robot poses.")
+        both_units, formats, forms = ("m", both_units[1]), (None, formats[1]), (None, forms[1])
+        robot_frame = FRAMES["robot"][0]
+    frames = (robot_frame, camera_frame)
+    asked = _Asked(robot, arm, setup, both_units, formats, forms, frames, pair, tolerance)
+    seen = known_camera(camera)
+    return _of_files(asked, camera) if seen is None else _with_calibrated(asked, seen)
+
+
+@dataclass(frozen=True, eq=False)
+class _Asked:
+    """Request to the files; pairs are of robot and camera."""
+
+    robot: StrPath | None
+    arm: Joints | None
+    setup: str | None
+    units: tuple[str | None, str | None]
+    formats: tuple[str | None, str | None]
+    forms: tuple[str | None, str | None]
+    frames: tuple[str, str]
+    pair: str | None
+    tolerance: float
+
+
+def _require_known(pair: Any, setup: Any) -> None:
+    """Raise `InputError` for a way of pairing or a setup that is none."""
+    if pair is not None and (not isinstance(pair, str) or pair not in _PAIRINGS):
+        hint = "; async is `uq_handeye.synchronise` of two `read_stream`" if pair == "async" else ""
+        raise InputError(f"Expected `pair` (--pair) to be {' or '.join(_PAIRINGS)}, got {pair!r}{hint}.")
+    if setup is not None and (not isinstance(setup, str) or setup not in SETUPS):
+        raise InputError(f"Expected `setup` (--setup) to be one of {', '.join(SETUPS)}, got {setup!r}.")
+
+
+def _of_files(asked: _Asked, camera: Any) -> PosePairs:
+    """The poses of two files, or of one that holds both sides (``camera`` is None)."""
+    robot, arm = asked.robot, asked.arm
+    first, first_source = _robot_contents(robot, arm, asked.formats[0])
+    if camera is None:
+        assert robot is not None
+        sources: tuple[Source, ...] = (first_source,)
+        contents = (first, first)
+        if first.robot is None or first.camera is None:
+            raise InputError(
+                f"{shown(as_path(robot))} holds poses of one side only ({first_source.format}); give the file of the "
+                "other side as well, the robot's first."
+            )
+    else:
+        second, second_source = read_contents(as_path(camera), asked.formats[1])
+        sources, contents = (first_source, second_source), (first, second)
+    robot_path = _robot_path(robot, arm)
+    paths = (robot_path, robot_path if camera is None else as_path(camera))
+    said = asked.setup is not None or any(one.setup is not None for one in contents)
+    setup = _setup(asked.setup, contents, paths)
+    if setup == "eye-to-hand":  # with a camera on the hand the length of X shows it
+        warn_if_swapped(*paths)
+    sides = [side_of(contents[k], role, shown(paths[k])) for k, role in enumerate(FRAMES)]
+    frames = list(asked.frames)
+    if contents[0].robot_enters and setup == "eye-to-hand":
+        frames[0] = FRAMES["robot"][1]
+        sources = _noted(sources, 0, paths[0], ["robot poses are gripper_T_base in this format, and inverted"])
+    inverted = _inverted(asked.frames, said)
+    if not said and frames[1] != FRAMES["camera"][0]:
+        note = (
+            "poses inverted, as target_T_camera; if the camera is fixed, give --setup eye-to-hand and no --camera-frame"
+        )
+        sources = _noted(sources, len(sources) - 1, paths[1], [note])
+    robot_times, camera_times = sides[0].timestamps, sides[1].timestamps
+    match = match_times(sides[0], sides[1], asked.tolerance) if asked.pair == "time" else None
+    rows = (slice(None), slice(None)) if match is None else (match.robot, match.camera)
+    chosen = chosen_readings(sides, asked.units, asked.forms, frames, rows, setup)
+    for k, note in enumerate(chosen.notes):
+        if note:
+            sources = _noted(sources, min(k, len(sources) - 1), paths[k], [note])
+            sources = _called(sources, min(k, len(sources) - 1), chosen.sides[k])
+    sides = chosen.sides
+    robot_poses, camera_poses = (
+        finished(side, role, units, form, frame)
+        for side, role, units, form, frame in zip(sides, FRAMES, asked.units, asked.forms, frames, strict=True)
+    )
+    values = _joint_values(arm, robot, sides[0], asked.tolerance)
+    if match is not None:
+        robot_poses, camera_poses = robot_poses[match.robot], camera_poses[match.camera]
+        assert robot_times is not None
+        robot_times = robot_times[match.robot]
+        values = None if values is None else values[match.robot]
+        sources = _noted(sources, 0, paths[0], match.notes)
+    else:
+        for side in sides if camera is not None else sides[:1]:
+            warn_if_back(side)
+        sources = _noted(sources, 0, paths[0], check_rows(sides[0], sides[1], asked.pair == "rows"))
+        robot_times = camera_times if robot_times is None else robot_times
+    sources = (*sources, *_joint_source(arm, robot))
+    findings = (*chosen.findings, *inverted)
+    poses = PosePairs(robot_poses, camera_poses, setup, robot_times, sources=sources, findings=findings)
+    return poses if values is None or arm is None else give_joints(poses, values, arm.name)
+
+
+def _robot_contents(robot: StrPath | None, arm: Joints | None, format: str | None) -> tuple[Contents, Source]:
+    """Return the content of the robot's file, or poses computed from the joints."""
+    if robot is not None:
+        return read_contents(as_path(robot), format)
+    assert arm is not None
+    return Contents(robot=arm.side), arm.source
+
+
+def _robot_path(robot: StrPath | None, arm: Joints | None) -> Path:
+    if robot is not None:
+        return as_path(robot)
+    assert arm is not None
+    return Path(arm.name)
+
+
+def _joint_values(arm: Joints | None, robot: StrPath | None, side: Side, tolerance: float) -> Array | None:
+    """Joint values at the rows of the robot."""
+    if arm is None:
+        return None
+    return arm.values if robot is None else arm.beside(side, tolerance)
+
+
+def _joint_source(arm: Joints | None, robot: StrPath | None) -> tuple[Source, ...]:
+    """Return the source of joints beside a file of robot poses; without one they are the robot's source."""
+    return () if arm is None or robot is None else (arm.source,)
+
+
+def _with_calibrated(asked: _Asked, seen: KnownCamera) -> PosePairs:
+    """The robot poses of a file that the pictures or points were taken at, and the camera poses."""
+    if asked.pair == "time" or asked.frames[1] != FRAMES["camera"][0]:
+        raise InputError(
+            "A calibrated camera goes with its rows and as camera_T_target: leave `pair` (--pair) and "
+            "`camera_frame` (--camera-frame) out."
+        )
+    robot, arm, frame = asked.robot, asked.arm, asked.frames[0]
+    units, rotation = asked.units[0], asked.forms[0]
+    path = _robot_path(robot, arm)
+    contents, source = _robot_contents(robot, arm, asked.formats[0])
+    setup = _setup(asked.setup, (contents, contents), (path, path))
+    side = side_of(contents, "robot", shown(path))
+    sources: tuple[Source, ...] = (source,)
+    if contents.robot_enters and setup == "eye-to-hand":
+        frame = FRAMES["robot"][1]
+        sources = _noted(sources, 0, path, ["robot poses are gripper_T_base in this format, and inverted"])
+    rows, notes = seen.rows_of(len(side), side.name, "rows" if robot is None else "poses")
+    chosen = reading_beside(side, seen.poses, rows, units, rotation, frame, setup)
+    side = chosen.sides[0]
+    sources = _noted(sources, 0, path, [note for note in chosen.notes if note])
+    poses = finished(side, "robot", units, rotation, frame)
+    warn_if_back(side)
+    values = _joint_values(arm, robot, side, asked.tolerance)
+    sources = _noted(sources, 0, path, notes)
+    times = None if side.timestamps is None else side.timestamps[rows]
+    sources = (*sources, *_joint_source(arm, robot), *seen.source)
+    findings = (*chosen.findings, *_inverted(asked.frames, True))
+    pairs = PosePairs(poses[rows], seen.poses, setup, times, sources=sources, findings=findings, **seen.of_pairs)
+    return pairs if values is None or arm is None else give_joints(pairs, values[rows], arm.name)
+
+
+def read_stream(
+    path: StrPath | None,
+    side: str,
+    *,
+    units: str | None = None,
+    format: str | None = None,
+    rotation: str | None = None,
+    quaternion: str | None = None,
+    frame: str | None = None,
+    joints: StrPath | None = None,
+    kinematics: Kinematics | None = None,
+    joint_units: str | None = None,
+) -> Stream:
+    """The time-stamped poses of one sensor.
+
+    Parameters
+    ----------
+    path : path
+        Any of `uq_handeye.read.FORMATS` that has timestamps; of a file with both sides, ``side`` is taken.
+    side : "robot" or "camera"
+        The poses returned are ``base_T_gripper`` or ``camera_T_target``, in metres.
+    units, format, rotation, quaternion
+        As in `read_poses`; streams do not decide between several readings.
+    frame : "base_T_gripper", "gripper_T_base", "camera_T_target", "target_T_camera" or None
+        What the file holds; None: what it says, else the first of the side.
+    joints, kinematics, joint_units
+        As in `read_poses`, of the robot: without ``path`` the poses are theirs; beside it they are interpolated at the
+        times of the poses, and poses outside of their times are left out.
+
+    Raises
+    ------
+    InputError
+        A file that cannot be read or is of no format that is known, or that has no timestamps.
+    """
+    if not isinstance(side, str) or side not in FRAMES:
+        raise InputError(f"Expected `side` to be robot or camera, got {side!r}.")
+    arm = joints_of(joints, kinematics, joint_units)
+    if arm is not None and side != "robot":
+        raise InputError("Expected `joints` of the robot, not of the camera.")
+    if path is None:
+        if arm is None:
+            raise InputError("Expected a file of poses, or joints and kinematics.")
+        units, format, rotation, quaternion, frame = "m", None, None, None, None
+    location = _robot_path(path, arm)
+    contents, source = _robot_contents(path, arm, format)
+    found = side_of(contents, side, shown(location))
+    form = _rotations(rotation, quaternion)[0]
+    poses = finished(found, side, units, form, FRAMES[side][0] if frame is None else frame)
+    if found.timestamps is None:
+        raise InputError(
+            f"{found.name} has no timestamps ({source.format}), and streams are put together by time; if its rows "
+            "belong to those of the other file, use --pair rows."
+        )
+    if contents.setup is not None:
+        note = f"it says {contents.setup}, which a stream does not carry: give it to synchronise() as setup (--setup)"
+        (source,) = _noted((source,), 0, location, [note])
+    if arm is None:
+        return Stream(found.timestamps, poses, source)
+    values = arm.values if path is None else arm.between(found)
+    rows = np.flatnonzero(np.isfinite(values).all(axis=1))
+    if len(rows) < len(found):
+        note = f"{len(found) - len(rows)} of {len(found)} poses are outside of the times of {arm.name}, and left out"
+        (source,) = _noted((source,), 0, location, [note])
+    return Stream(found.timestamps[rows], poses[rows], source, values[rows])
+
+
+def _two(value: Any, name: str) -> tuple[Any, Any]:
+    """One value for both sides, or a pair."""
+    if isinstance(value, tuple | list):
+        if len(value) != 2:
+            raise InputError(f"Expected `{name}` to be one value or a pair (robot, camera), got {len(value)} values.")
+        return value[0], value[1]
+    return value, value
+
+
+def _rotations(rotation: Any, quaternion: Any) -> tuple[str | None, str | None]:
+    """Return the forms of the rotations of both sides, by either name of the argument."""
+    forms = []
+    for form, order in zip(_two(rotation, "rotation"), _two(quaternion, "quaternion"), strict=True):
+        if order is not None and order not in QUATERNIONS:
+            raise InputError(f"Expected `quaternion` (--quaternion) to be xyzw or wxyz, got {order!r}.")
+        if form is not None:
+            rotation_form(form)
+            if order not in (None, form):
+                raise InputError(f"The rotations are given twice, as {form} and as quaternions {order}. Give one.")
+        forms.append(order if form is None else form)
+    return forms[0], forms[1]
+
+
+def side_of(contents: Contents, role: str, name: str) -> Side:
+    """The poses of one side of a file; raises `InputError` where it holds the other one only."""
+    side: Side | None = getattr(contents, role) or contents.only
+    if side is None:
+        other = "camera" if role == "robot" else "robot"
+        raise InputError(f"{name} holds {other} poses only; expected {role} poses. Are the two files swapped?")
+    return side
+
+
+def _setup(setup: str | None, contents: tuple[Contents, Contents], paths: Any) -> str:
+    """The setup: what is given, what the files say, eye-in-hand. They must not contradict each other."""
+    said = setup
+    by = "`setup` (--setup)"
+    for one, path in zip(contents, paths, strict=True):
+        if one.setup is None:
+            continue
+        if said is not None and said != one.setup:
+            raise InputError(
+                f"{shown(path)} says {one.setup}, and {by} says {said}: the camera cannot be both. Correct the one "
+                "that is wrong: X, and for easy_handeye the direction of the robot poses, depend on it."
+            )
+        said, by = one.setup, shown(path)
+    if said is None and contents[0].robot_enters:
+        warnings.warn(
+            f"{shown(paths[0])} does not say whether the camera is on the hand, and is taken as eye-in-hand; for eye "
+            'on base give setup="eye-to-hand" (--setup eye-to-hand).',
+            InputWarning,
+            stacklevel=4,
+        )
+    return said or "eye-in-hand"
+
+
+def _inverted(asked: tuple[str, str], said: bool) -> tuple[Finding, ...]:
+    """Return a finding where poses are inverted on request; ``said``: the setup is given, or a file says it."""
+    sides = [role for role, frame in zip(FRAMES, asked, strict=True) if frame == FRAMES[role][1]]
+    return (Finding("poses.inverted", "note", {"sides": sides, "said": said}),) if sides else ()
+
+
+def _called(sources: tuple[Source, ...], k: int, side: Side) -> tuple[Source, ...]:
+    """Return the sources with the format of the reading that was taken."""
+    format = side.readings[0].format
+    return tuple(replace(source, format=format) if i == k else source for i, source in enumerate(sources))
+
+
+def _noted(sources: tuple[Source, ...], k: int, path: Any, notes: Any) -> tuple[Source, ...]:
+    for note in notes:
+        _log.info("%s: %s", shown(path), note)
+    return tuple(
+        replace(source, notes=(*source.notes, *notes)) if i == k else source for i, source in enumerate(sources)
+    )
+
+
+def read_robot_poses(
+    path: StrPath,
+    like: str | None = None,
+    *,
+    units: str | None = None,
+    format: str | None = None,
+    rotation: str | None = None,
+) -> tuple[NDArray[np.float64] | None, Array]:
+    """Return timestamps (n,), or None, and poses ``base_T_gripper`` (n, 4, 4) in metres.
+
+    Parameters
+    ----------
+    path : any of `uq_handeye.read.FORMATS`
+    like : format of the robot poses of the calibration, which decides where the numbers may be read in several ways
+    units, format, rotation : as in `read_poses`, of one side
+
+    Raises
+    ------
+    InputError
+        A file that cannot be read, of the camera's side only, or whose rotations may be read in several ways.
+    """
+    path = as_path(path)
+    contents, _ = read_contents(path, format)
+    side = contents.robot or contents.only
+    if side is None:
+        raise InputError(f"{shown(path)} holds camera poses only; expected robot poses.")
+    same = [reading for reading in side.readings if reading.format == like]
+    if len(side.readings) > 1 and rotation is None and len(same) == 1:
+        side = replace(side, readings=(same[0],))
+    return side.timestamps, finished(side, "robot", units, rotation, FRAMES["robot"][0])

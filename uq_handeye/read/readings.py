@@ -1,0 +1,320 @@
+"""Choice of the reading of rotations where a file leaves several: the one with which robot and camera agree.
+
+Both sides see the same motions. So with the right reading one X explains the poses, and with a wrong one the target
+seems to move by many degrees. A reading is taken only if it fits far better than every other. The same comparison names
+the order of Euler angles that is meant where the one in use does not fit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+from pathlib import PurePath
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.geometry.se3 import Array, inverse
+from ..errors import InputError
+from ..findings import Finding, warn
+from ..fit.input_checks.board_rotation import LARGE_ROTATION, consistency
+from ..formats.contents import FRAMES, Reading, Side, doubtful, finished
+from ..formats.rotation_form import SEQUENCES, VECTORS, rotation_form
+from ..model.poses.residuals import rotation_angles
+
+# A reading is taken if the rotations of every other fit worse by this factor, or are the same and the translations do.
+DECIDED = 5.0
+# Rotations (rad) that are the same, whatever they are called.
+SAME = 1e-9
+# Translations of the target (share of the travel of the robot) below which a reading fits.
+FITS = 0.2
+# Fewest poses that decide.
+FEWEST = 4
+# Poses that are looked at.
+MOST = 200
+
+Rows = NDArray[np.intp] | slice
+# The readings of each side that are open; None stands for what is decided already.
+Open = tuple[tuple[Reading | None, ...], ...]
+
+
+@dataclass(frozen=True)
+class Chosen:
+    """Both sides with one reading each, and what is to be said of them; empty: nothing."""
+
+    sides: list[Side]
+    notes: tuple[str, str]
+    findings: tuple[Finding, ...] = ()
+
+
+def chosen_readings(
+    sides: Sequence[Side],
+    units: Sequence[str | None],
+    forms: Sequence[str | None],
+    frames: Sequence[str],
+    rows: tuple[Rows, Rows],
+    setup: str,
+) -> Chosen:
+    """Return the sides with one reading each.
+
+    Parameters
+    ----------
+    sides : robot and camera
+    units, forms, frames : as `finished` takes them, of both
+    rows : the poses of each that belong together
+    setup : "eye-in-hand" or "eye-to-hand"
+
+    Raises
+    ------
+    InputError
+        Several readings between which the poses do not decide; if another form fits by far, the error names it.
+
+    Warns
+    -----
+    InputWarning
+        The rotations of one side do not agree with those of the other, and would in another order of the angles.
+    """
+    pair = _Pair(tuple(sides), tuple(units), tuple(forms), tuple(frames), rows, setup)
+    chosen = pair.thinned().chosen(tuple(_of_file(side, form) for side, form in zip(sides, forms, strict=True)))
+    warn(chosen.findings, 3)
+    readings = (side.readings for side in chosen.sides)  # of some of the poses
+    return replace(chosen, sides=[replace(side, readings=of) for side, of in zip(sides, readings, strict=True)])
+
+
+def reading_beside(
+    side: Side, camera: Array, rows: NDArray[np.intp], units: str | None, form: str | None, frame: str, setup: str
+) -> Chosen:
+    """Return the robot's side with one reading, beside known poses of the camera (n, 4, 4), and what is to be said."""
+    seen = Side("the camera", camera[:, :3, 3], camera[:, :3, :3])
+    return chosen_readings(
+        (side, seen), (units, "m"), (form, None), (frame, FRAMES["camera"][0]), (rows, slice(None)), setup
+    )
+
+
+def _of_file(side: Side, form: str | None) -> tuple[Reading | None, ...]:
+    """The readings of a side that are open."""
+    return side.readings if form is None and len(side.readings) > 1 else (None,)
+
+
+@dataclass(frozen=True)
+class _Form:
+    """A form of rotations by which robot and camera agree; ``units``: its length unit where that is open."""
+
+    form: str
+    units: str | None
+    distance: float
+
+
+@dataclass(frozen=True)
+class _Pair:
+    sides: tuple[Side, ...]
+    units: tuple[str | None, ...]
+    forms: tuple[str | None, ...]
+    frames: tuple[str, ...]
+    rows: tuple[Rows, Rows]
+    setup: str
+
+    def chosen(self, open_readings: Open) -> Chosen:
+        if all(readings == (None,) for readings in open_readings):
+            found = self._another_form()
+            return Chosen(list(self.sides), ("", ""), () if found is None else (found,))
+        fits = []
+        for pair_of_setup in (self, self._of_other_setup()):  # `calibrate` names the setup where it is the other one
+            tried = [(pair_of_setup.fit(pair), pair) for pair in product(*open_readings)]
+            fits = [(fit, pair) for fit, pair in tried if fit is not None]
+            fits.sort(key=lambda found: found[0][:2])
+            if fits and (best := self._decided(fits)) is not None:
+                # Rotations about x, y, z renamed in a circle agree as well; only the translations tell.
+                far = next(fit[1] for fit, pair in fits if pair == best) > FITS * self._travel(best)
+                if far and (error := self._unlisted(open_readings)) is not None:
+                    raise error
+                sides = [
+                    side if reading is None else replace(side, readings=(reading,))
+                    for side, reading in zip(self.sides, best, strict=True)
+                ]
+                notes = ["" if reading is None else self._note(k, reading, fits) for k, reading in enumerate(best)]
+                return Chosen(sides, (notes[0], notes[1]))
+        raise self._undecided(open_readings)
+
+    def _undecided(self, open_readings: Open) -> InputError:
+        """Return the error that no reading is taken, with the form by which robot and camera would agree if one is."""
+        k = next(k for k, readings in enumerate(open_readings) if readings != (None,))
+        side, role = self.sides[k], tuple(FRAMES)[k]
+        n, m = (
+            len(side) if isinstance(rows, slice) else len(rows)
+            for side, rows in zip(self.sides, self.rows, strict=True)
+        )
+        if n != m:
+            files = " and ".join(
+                f"{count} poses in {side.name}" for count, side in zip((n, m), self.sides, strict=True)
+            )
+            return doubtful(side, role, f", and {files} do not decide: one row per moment is expected in each file")
+        if n < FEWEST or not all(map(self._disagrees, product(*open_readings))):
+            return doubtful(side, role, ", and the poses do not decide")
+        why = ", and with none of these robot and camera agree (do the rows of the two files belong together?)"
+        return self._unlisted(open_readings) or doubtful(side, role, why)
+
+    def _unlisted(self, open_readings: Open) -> InputError | None:
+        """Return the error that no reading of a file fits but another form does, if one does."""
+        k = next(k for k, readings in enumerate(open_readings) if readings != (None,))
+        names = ", ".join(map(str, self.sides[k].readings))
+        for other, role in enumerate(FRAMES):
+            if found := self._form_that_fits(other, open_readings):
+                units = "" if found.units is None else f" --{role}-units {found.units}"
+                whose = "" if other == k else f"of {self.sides[other].name} "
+                return InputError(
+                    f"{self.sides[k].name}: the rotations may be {names}, and with none of these robot and camera "
+                    f"agree; with rotations {whose}as {found.form} they agree. Give --{role}-rotation "
+                    f"{found.form}{units} (docs/how-to/controller.md)."
+                )
+        return None
+
+    def _disagrees(self, pair: tuple[Reading | None, ...]) -> bool:
+        """Return whether the rotations of robot and camera disagree, in both setups."""
+        fits = (self.fit(pair), self._of_other_setup().fit(pair))
+        return all(fit is None or fit[0] > LARGE_ROTATION for fit in fits)
+
+    def _of_other_setup(self) -> _Pair:
+        return replace(self, setup="eye-to-hand" if self.setup == "eye-in-hand" else "eye-in-hand")
+
+    def _decided(self, fits: list[tuple[Any, tuple[Reading | None, ...]]]) -> tuple[Reading | None, ...] | None:
+        """The readings that fit far better than all others, if any do.
+
+        Two files in the same wrong order agree in rotation, so translations decide as well.
+        """
+        if self._n() < FEWEST:
+            return None
+        for (angle, distance, _), pair in fits:
+            if angle > LARGE_ROTATION:
+                continue
+            least = max(angle, SAME)
+            if all(
+                other_angle > DECIDED * least
+                or (other_distance > DECIDED * distance and angle < DECIDED * max(other_angle, SAME))
+                or self._same(pair, other)
+                for (other_angle, other_distance, _), other in fits
+            ):
+                return pair
+        return None
+
+    def _same(self, first: tuple[Reading | None, ...], second: tuple[Reading | None, ...]) -> bool:
+        """Return whether two pairs of readings give the same poses."""
+        pairs = zip(self.poses(first), self.poses(second), strict=True)
+        return all(np.abs(a - b).max() < SAME for a, b in pairs)
+
+    def _note(self, k: int, reading: Reading, fits: list[tuple[Any, tuple[Reading | None, ...]]]) -> str:
+        worse = [f"{pair[k]}" for _, pair in fits if pair[k] != reading]
+        others = ", ".join(dict.fromkeys(worse))
+        return f"rotations read as {reading}, with which robot and camera agree; with {others} they do not"
+
+    def fit(self, pair: tuple[Reading | None, ...]) -> tuple[float, float, float] | None:
+        """Return the RMS rotation and translation of the target about its mean, and |t_X|; None: no X at all."""
+        G, C = self.poses(pair)
+        if len(G) < 3 or len(G) != len(C):
+            return None
+        return consistency(G if self.setup == "eye-in-hand" else inverse(G), C)
+
+    def thinned(self) -> _Pair:
+        """Return some of many poses, evenly: all are the same files."""
+        rows = [np.arange(len(side))[of] for side, of in zip(self.sides, self.rows, strict=True)]
+        if len(rows[0]) != len(rows[1]) or len(rows[0]) < 2 * MOST:
+            return self
+        step = len(rows[0]) // MOST
+        sides = tuple(_some(side, of[::step]) for side, of in zip(self.sides, rows, strict=True))
+        return replace(self, sides=sides, rows=(slice(None), slice(None)))
+
+    def poses(self, pair: tuple[Reading | None, ...]) -> tuple[Array, Array]:
+        """Return both sides as matrices, under the readings of a pair."""
+        G, C = (
+            finished(side if reading is None else replace(side, readings=(reading,)), role, unit, form, frame)[rows]
+            for side, reading, role, unit, form, frame, rows in zip(
+                self.sides, pair, FRAMES, self.units, self.forms, self.frames, self.rows, strict=True
+            )
+        )
+        return G, C
+
+    def _n(self) -> int:
+        rows = self.rows[0]
+        return len(self.sides[0]) if isinstance(rows, slice) else len(rows)
+
+    def _another_form(self) -> Finding | None:
+        """Return a finding if angles or rotation vectors are of another order or unit by far."""
+        angles = [side.rotation.ndim == 2 and side.rotation.shape[1] == 3 for side in self.sides]
+        if not any(angles) or self._n() < FEWEST:
+            return None
+        decided: tuple[Reading | None, ...] = (None, None)
+        now = self.fit(decided)
+        for fit in (now, self._of_other_setup().fit(decided)):
+            if fit is not None and fit[0] <= LARGE_ROTATION and fit[1] <= FITS * self._travel(decided):
+                return None
+        for k, role in enumerate(FRAMES):
+            side = self.sides[k]
+            found = self._form_that_fits(k, ((None,), (None,)))
+            if found is not None and (now is None or now[1] > DECIDED * found.distance):
+                values = {
+                    "name": PurePath(side.name).name,
+                    "side": role,
+                    "used": self.forms[k] or side.readings[0].rotation,
+                    "form": found.form,
+                    "rotation": None if now is None else now[0],
+                    "translation": None if now is None else now[1],
+                }
+                return Finding("poses.another_rotation", "failure", values)
+        return None
+
+    def _form_that_fits(self, k: int, open_readings: Open) -> _Form | None:
+        """Return the form of the three numbers of one side that fits best, if one does; the setup may be the other."""
+        side = self.sides[k]
+        if side.rotation.ndim != 2 or side.rotation.shape[1] != 3:
+            return None
+        found = []
+        units = {reading.units for reading in side.readings} if self.units[k] is None else {self.units[k]}
+        for form, unit, other in product(_other_forms(side, self.forms[k]), units, open_readings[1 - k]):
+            forms, both = list(self.forms), list(self.units)
+            forms[k], both[k] = form, unit
+            trial = replace(self, forms=tuple(forms), units=tuple(both))
+            pair = (None, other) if k == 0 else (other, None)
+            if not trial._turns_alike(pair):
+                continue
+            for setup in (trial, trial._of_other_setup()):
+                fit = setup.fit(pair)
+                # Rotations about x, y, z renamed in a circle fit as well; only the translations tell.
+                if fit is not None and fit[0] < LARGE_ROTATION and fit[1] < FITS * trial._travel(pair):
+                    found.append(_Form(form, unit if len(units) > 1 else None, fit[1]))
+        return min(found, key=lambda one: one.distance, default=None)
+
+    def _turns_alike(self, pair: tuple[Reading | None, ...]) -> bool:
+        """Return whether robot and camera rotate by the same angles from each pose to the next, whatever the setup."""
+        G, C = (T[:, :3, :3] for T in self.poses(pair))
+        if len(G) < 3 or len(G) != len(C):
+            return False
+        difference = rotation_angles(G[:-1].mT @ G[1:]) - rotation_angles(C[:-1].mT @ C[1:])
+        return bool(np.sqrt(np.mean(difference**2)) < 2.0 * LARGE_ROTATION)
+
+    def _travel(self, pair: tuple[Reading | None, ...]) -> float:
+        """Return the standard deviation of the robot's position."""
+        return float(np.linalg.norm(np.std(self.poses(pair)[0][:, :3, 3], axis=0)))
+
+
+def _some(side: Side, rows: NDArray[np.intp]) -> Side:
+    """Return some of the poses of a side, which keep their places for messages."""
+    return replace(
+        side,
+        translation=side.translation[rows],
+        rotation=side.rotation[rows],
+        timestamps=None,
+        rows=rows if side.rows is None else side.rows[rows],
+        labels=tuple(side.labels[k] for k in rows) if side.labels else (),
+        numbers=(),
+    )
+
+
+def _other_forms(side: Side, form: str | None) -> list[str]:
+    """All forms of three numbers but those in use; angles beyond a turn can only be degrees."""
+    used = {reading.rotation for reading in side.readings} if form is None else {form}
+    units = ("deg",) if np.abs(side.rotation).max() > 2.0 * np.pi else ("deg", "rad")
+    forms = [f"{sequence}-{unit}" for unit in units for sequence in SEQUENCES]
+    forms += [vector for vector in VECTORS if vector[-3:] in units]
+    return [text for text in forms if text not in used and rotation_form(text).numbers == 3]

@@ -1,0 +1,298 @@
+"""Content of a bag as text and as plain data: topics, frames, tags, cameras, joints, and the command to give.
+
+Guesses which frames, tags and topics are the robot and the camera, by their names and by what moves.
+
+Tables of what a bag holds, for commands that read files: joint values as CSV, camera_info as YAML.
+"""
+
+from __future__ import annotations
+
+import re
+import shlex
+from typing import Any, NamedTuple
+
+from ...core.files.csv_text import csv_text
+from ...core.formatting.numbers import digits
+from ...errors import InputError
+from .info import CameraInfo
+from .open import HINT
+from .recording import JointTrack, Recording, Topic
+from .track import Pair, Tree
+
+# Names of robots' base and tool frames, the usual ones first; then those of cameras and of what they see.
+BASES = ("base_link", "base", "panda_link0", "fr3_link0", "link_0", "link_base", "robot_base", "world", "map")
+TOOLS = (
+    *("tool0", "flange", "tcp", "tool0_controller", "ee_link", "end_effector", "panda_hand_tcp", "panda_link8"),
+    *(
+        "fr3_hand_tcp",
+        "fr3_link8",
+        "tool_frame",
+        "tool_link",
+        "link_eef",
+        "end_effector_link",
+        "gripper",
+        "hand",
+        "wrist_3_link",
+        "link_ee",
+        "link_7",
+        "link_6",
+    ),
+)
+_CAMERA = re.compile(
+    r"cam|optical|rgb|realsense|zed|zivid|phoxi|ensenso|kinect|sensor|tracker|mocap|vicon|vrpn|optitrack|qualisys",
+    re.IGNORECASE,
+)
+_TARGET = re.compile(r"tag|marker|aruco|board|target|object|rigid|checker|charuco|calib", re.IGNORECASE)
+# What moves beyond the tool.
+_FINGER = re.compile(r"finger|knuckle|jaw|gripper|\bgrip", re.IGNORECASE)
+_ROBOT = re.compile(r"tcp|tool|flange|\bee\b|end_?effector|arm|robot|current_?pose|cartesian", re.IGNORECASE)
+# Placeholders where nothing is found.
+ROBOT, CAMERA = "BASE:TOOL", "OPTICAL_FRAME:TARGET"
+
+
+class Guess(NamedTuple):
+    """Arguments to give as --robot and --camera, and what must be added."""
+
+    robot: str
+    camera: str
+    tag: bool  # the side of the tag
+    joints: bool = False  # the model of the robot, whose joint values are meant
+
+
+def guess(recording: Recording) -> Guess:
+    """Return what is most likely meant; placeholders where nothing is."""
+    camera, tag = _camera(recording)
+    robot = _robot(recording, camera)
+    joints = [name for name, topic in recording.joints.items() if topic.sets]
+    if robot == ROBOT and joints:
+        return Guess(max(joints, key=lambda name: len(recording.joints[name].tracks[0].names)), camera, tag, True)
+    return Guess(robot, camera, tag)
+
+
+def _robot(recording: Recording, camera: str) -> str:
+    tree = recording.tree
+    for base in (frame for name in BASES for frame in tree.frames if _is(frame, name)):
+        for tool in (frame for name in TOOLS for frame in tree.frames if _is(frame, name)):
+            if base != tool and tree.moves(base, tool):
+                return f"{base}:{tool}"
+    topics = [f"{name}" for name, tracks in recording.poses.items() if len(tracks) == 1 and name != camera]
+    named = [name for name in topics if _ROBOT.search(name)]
+    if named or len(topics) == 1:
+        return (named or topics)[0]
+    return _arm(tree) or ROBOT
+
+
+def _arm(tree: Tree) -> str | None:
+    """Return both ends of the longest chain downwards that moves, without fingers and what a camera sees."""
+    parent_of = {child: parent for (parent, child), track in tree.edges.items() if not _seen((parent, child))}
+    best: list[str] = []
+    for child in sorted(parent_of):
+        path = [child]
+        while path[-1] in parent_of and parent_of[path[-1]] not in path:
+            path.append(parent_of[path[-1]])
+        if tree.edges[(path[1], child)].moves and not _FINGER.search(child):
+            moving = [k for k in range(len(path) - 1) if tree.edges[(path[k + 1], path[k])].moves]
+            whole = path[: moving[-1] + 2][::-1]
+            best = max(best, whole, key=len)
+    if not best:
+        return None
+    base = next((frame for frame in best[:-1] if _is(frame, "base_link")), best[0])
+    return f"{base}:{best[-1]}"
+
+
+def _camera(recording: Recording) -> tuple[str, bool]:
+    tags = [
+        (-len(track), frame or topic, name)
+        for topic, tracks in recording.tags.items()
+        for (frame, name), track in tracks.items()
+    ]
+    if tags:
+        _, first, name = min(tags)
+        return f"{first}:{name}", True
+    found = [(len(track), pair) for pair, track in recording.tree.edges.items() if track.moves and _seen(pair)]
+    if found:
+        return ":".join(max(found)[1]), False
+    for name, tracks in recording.poses.items():
+        seen = [pair for pair in tracks if _seen(pair) or _TARGET.search(name) or _CAMERA.search(pair[0] or name)]
+        if seen and (_TARGET.search(name) or not _ROBOT.search(name)):
+            return (name if len(tracks) == 1 else f"{name}:{seen[0][1]}"), False
+    return CAMERA, False
+
+
+def _seen(pair: Pair) -> bool:
+    """Return whether an edge looks like a target in the frame of a camera."""
+    return bool(_TARGET.search(pair[1]) or (_CAMERA.search(pair[0]) and not _CAMERA.search(pair[1])))
+
+
+def _is(frame: str, name: str) -> bool:
+    """Return whether a frame has a name, also behind a prefix: ur5e_tool0, robot/tool0."""
+    return frame == name or re.search(rf"[/_]{re.escape(name)}$", frame) is not None
+
+
+# Frames, tags and names that are listed.
+MOST = 40
+
+
+def command_of(recording: Recording, files: list[str]) -> str:
+    """Return the command to give, with placeholders for what the bag does not show."""
+    found = guess(recording)
+    words = ["uq-handeye", "calibrate"]
+    for file in files:
+        words += ["--bag", file]
+    words += ["--robot", found.robot, *(["--urdf", "robot.urdf"] if found.joints else []), "--camera", found.camera]
+    return shlex.join(words) + (" --tag LENGTH" if found.tag else "")
+
+
+def text_of(recording: Recording, files: list[str]) -> str:
+    """Return the listing as lines."""
+    count = sum(topic.count for topic in recording.topics.values())
+    lines = [f"{recording.name}: {digits(recording.duration)} s, {count} messages", ""]
+    lines += _columns([["topic", "type", "messages", "read as"], *(_row(topic) for topic in recording.topics.values())])
+    for heading, part in (
+        ("Transforms", _transforms(recording)),
+        ("Poses", _poses(recording)),
+        ("Tags with corners", _tags(recording)),
+        ("Cameras", _cameras(recording)),
+        ("Joints", _joints(recording)),
+    ):
+        if part:
+            more = [] if len(part) <= MOST else [f"  and {len(part) - MOST} more"]
+            lines += ["", f"{heading}:", *part[:MOST], *more]
+    lines += [f"\nNote: {note}." for note in recording.notes]
+    found = guess(recording)
+    if (found.robot, found.camera) == (ROBOT, CAMERA) and not (recording.poses or recording.tree.edges):
+        lines += ["", "Nothing in it is read as poses, transforms, joint values or tags (docs/formats.md#ros-bags)."]
+    else:
+        lines += ["", "Next:", f"  {command_of(recording, files)}"]
+    return "\n".join(lines) + "\n"
+
+
+def dict_of(recording: Recording, files: list[str]) -> dict[str, Any]:
+    """Return the listing as plain numbers and texts."""
+    return {
+        "name": recording.name,
+        "duration": recording.duration,
+        "topics": [
+            {"name": topic.name, "type": topic.msgtype, "messages": topic.count, "read_as": topic.kind}
+            for topic in recording.topics.values()
+        ],
+        "transforms": [
+            {"parent": parent, "child": child, "count": len(track), "moves": track.moves}
+            for (parent, child), track in recording.tree.edges.items()
+        ],
+        "poses": [
+            {"topic": name, "parent": parent, "child": child, "count": len(track)}
+            for name, tracks in recording.poses.items()
+            for (parent, child), track in tracks.items()
+        ],
+        "tags": [
+            {"topic": name, "camera": frame, "tag": tag, "count": len(track)}
+            for name, tracks in recording.tags.items()
+            for (frame, tag), track in tracks.items()
+        ],
+        "cameras": [
+            {
+                "topic": name,
+                "frame": info.frame,
+                "image_size": list(info.image_size),
+                "camera_matrix": info.linear().tolist(),
+                "rectified": info.rectified,
+            }
+            for name, info in recording.infos.items()
+        ],
+        "joints": [
+            {"topic": name, "names": track.names, "count": len(track.times)}
+            for name, found in recording.joints.items()
+            for track in found.tracks
+        ],
+        "notes": list(recording.notes),
+        "command": command_of(recording, files),
+    }
+
+
+def _row(topic: Topic) -> list[str]:
+    short = topic.msgtype.replace("/msg/", "/")
+    return [topic.name, short, str(topic.count), topic.kind or topic.problem or "-"]
+
+
+def _columns(rows: list[list[str]]) -> list[str]:
+    widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
+    return [
+        "  ".join(
+            cell.rjust(width) if k == 2 else cell.ljust(width)
+            for k, (cell, width) in enumerate(zip(row, widths, strict=True))
+        ).rstrip()
+        for row in rows
+    ]
+
+
+def _transforms(recording: Recording) -> list[str]:
+    return [
+        f"  {parent}:{child}  {f'{len(track)} poses' if track.moves else 'static'}"
+        for (parent, child), track in sorted(recording.tree.edges.items())
+    ]
+
+
+def _poses(recording: Recording) -> list[str]:
+    found = []
+    for name, tracks in recording.poses.items():
+        for (parent, child), track in tracks.items():
+            named = name if len(tracks) == 1 else f"{name}:{child}"
+            found.append(f"  {named}  {len(track)} poses{f' in {parent}' if parent else ''}")
+    return found
+
+
+def _tags(recording: Recording) -> list[str]:
+    return [
+        f"  {frame or name}:{tag}  {len(track)} detections in {name}"
+        for name, tracks in recording.tags.items()
+        for (frame, tag), track in sorted(tracks.items())
+    ]
+
+
+def _cameras(recording: Recording) -> list[str]:
+    found = []
+    for name, info in recording.infos.items():
+        fx, fy, cx, cy = (digits(value, 6) for value in info.linear())
+        what = "rectified" if info.rectified else f"distortion {info.model or 'none'}"
+        size = "{} x {}".format(*info.image_size)
+        found.append(f"  {name}  {info.frame or 'no frame'}, {size} px, fx {fx}, fy {fy}, cx {cx}, cy {cy}, {what}")
+    return found
+
+
+def _joints(recording: Recording) -> list[str]:
+    return [
+        f"  {name}  {len(track.times)} rows of {', '.join(track.names[:12])}"
+        for name, found in recording.joints.items()
+        for track in found.tracks
+    ]
+
+
+def joint_tracks(recording: Recording, topic: str) -> list[JointTrack]:
+    """Return the joint values of a topic, those of most joints first."""
+    found = recording.joints.get(topic) or recording.joints.get(f"/{topic}")
+    if found is None or not found.sets:
+        there = ", ".join(recording.joints) or "none"
+        raise InputError(
+            f"--joints {topic}: {recording.name} has no such topic of JointState; there are: {there}. {HINT}."
+        )
+    return found.tracks
+
+
+def joints_csv(track: JointTrack) -> str:
+    """Return joint values as a table with the header ``timestamp`` and the names of the joints."""
+    return csv_text([["timestamp", *track.names], *track.table().tolist()])
+
+
+def camera_info_yaml(info: CameraInfo) -> str:
+    """Return the intrinsics as --camera-matrix reads them, in the names of ``camera_calibration``."""
+    fx, fy, cx, cy = info.linear().tolist()
+    d = [] if info.rectified else info.D.tolist()
+    lines = [
+        f"image_width: {info.image_size[0]}",
+        f"image_height: {info.image_size[1]}",
+        f"distortion_model: {'plumb_bob' if info.rectified or not info.model else info.model}",
+        f"camera_matrix: {{rows: 3, cols: 3, data: [{fx!r}, 0, {cx!r}, 0, {fy!r}, {cy!r}, 0, 0, 1]}}",
+        f"distortion_coefficients: {{rows: 1, cols: {max(len(d), 5)}, data: {d or [0.0] * 5}}}",
+    ]
+    return "\n".join(lines) + "\n"

@@ -1,0 +1,259 @@
+"""Recording: what a bag holds of robot and camera, read once; also of texts of ``ros2 topic echo``."""
+
+from __future__ import annotations
+
+import hashlib
+from array import array
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...core.files.lines import decoded
+from ...core.files.open import StrPath, as_path, opened, shown
+from ...core.files.source import Source
+from ...core.geometry.se3 import Array
+from ...errors import InputError
+from ...formats.ros.messages import MessageError, Stamped, frame_name, pair_text, part, poses_in, stamp_of
+from ...formats.ros.topic import is_ros_topic, records_of
+from .info import CameraInfo, camera_info_of
+from .open import Bag, Message, is_bag, opened_bag
+from .tags import TagTrack, corners_in
+from .track import Pair, Track, Tree
+
+FORMAT = "rosbag"
+MAX_TEXT = 200_000_000
+# Sets of joints that publish on one topic.
+MAX_SETS = 20
+# Topic that a text of TFMessage is shown as.
+TEXT_TOPIC = "/tf"
+
+
+@dataclass
+class Topic:
+    """One topic: how much there is, and of what."""
+
+    name: str
+    msgtype: str
+    count: int
+    kind: str | None = None
+    problem: str = ""
+    first: float = np.inf
+    last: float = -np.inf
+
+    @property
+    def duration(self) -> float:
+        """Seconds between its first and last message, of those that were read."""
+        return max(0.0, self.last - self.first)
+
+
+@dataclass
+class JointTrack:
+    """Joint values of some joints, as they arrive."""
+
+    names: list[str]
+    times: Any = field(default_factory=lambda: array("d"))
+    values: Any = field(default_factory=lambda: array("d"))
+
+    def add(self, time: float, found: dict[str, float]) -> None:
+        """Append one message."""
+        self.times.append(time)
+        self.values.extend(found[name] for name in self.names)
+
+    def table(self) -> Array:
+        """(n, 1 + L) time and values, each time once."""
+        times, values = np.array(self.times), np.array(self.values).reshape(len(self.times), -1)
+        _, first = np.unique(times, return_index=True)
+        return np.concatenate([times[first, None], values[first]], axis=1)
+
+
+@dataclass
+class JointTopic:
+    """Joint values of one topic: arm and gripper may publish messages of their own on it."""
+
+    sets: dict[frozenset[str], JointTrack] = field(default_factory=dict)
+    skipped: int = 0
+
+    def add(self, time: float, names: list[str], values: list[float]) -> None:
+        """Append one message to those of the same joints."""
+        found = dict(zip(names, values, strict=True))
+        key = frozenset(found)
+        if key not in self.sets and len(self.sets) >= MAX_SETS:
+            self.skipped += 1
+            return
+        self.sets.setdefault(key, JointTrack(list(found))).add(time, found)
+
+    @property
+    def tracks(self) -> list[JointTrack]:
+        """Tracks by their joints, those of most joints first."""
+        return sorted(self.sets.values(), key=lambda one: (-len(one.names), -len(one.times)))
+
+
+@dataclass
+class Recording:
+    """Content of a bag, by topic."""
+
+    name: str
+    topics: dict[str, Topic] = field(default_factory=dict)
+    tree: Tree = field(default_factory=Tree)
+    poses: dict[str, dict[Pair, Track]] = field(default_factory=dict)
+    tags: dict[str, dict[Pair, TagTrack]] = field(default_factory=dict)
+    joints: dict[str, JointTopic] = field(default_factory=dict)
+    infos: dict[str, CameraInfo] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+    duration: float = 0.0
+    size: int = 0
+    digest: str = ""
+
+    def source(self, notes: Iterable[str]) -> Source:
+        """Return where poses come from; the hash is of the messages that were read."""
+        return Source(self.name, FORMAT, self.size, self.digest, (*self.notes, *notes))
+
+
+def read_recording(paths: StrPath | Iterable[StrPath]) -> Recording:
+    """Read what a bag, or several bags of one session, hold of robot and camera.
+
+    Parameters
+    ----------
+    paths : path or several
+        ``.bag`` of ROS 1; of ROS 2 the folder, ``.mcap`` or ``.db3``; or texts of ``ros2 topic echo``.
+
+    Raises
+    ------
+    InputError
+        A file that cannot be read, in one line.
+    MissingExtraError
+        rosbags is not installed.
+    """
+    files = [as_path(paths)] if isinstance(paths, str | Path) or hasattr(paths, "__fspath__") else _several(paths)
+    reader = _Reader(Recording(", ".join(shown(Path(file.name)) for file in files)))
+    for file in files:
+        if is_bag(file) or not _text(reader, file):
+            with opened_bag(file) as bag:
+                reader.read(bag)
+    found = reader.found
+    found.digest = reader.hash.hexdigest()
+    for line, count in reader.problems.items():
+        found.notes.append(f"{line}: {count} messages are left out")
+    return found
+
+
+def _several(paths: Any) -> list[Path]:
+    try:
+        files = [as_path(path) for path in paths]
+    except TypeError:
+        raise InputError(f"Expected the path of a bag, got {type(paths).__name__}.") from None
+    if not files:
+        raise InputError("Expected the path of a bag, got none.")
+    return files
+
+
+def _text(reader: _Reader, path: Path) -> bool:
+    """Read a text of ``topic echo``; False: the file is no such text."""
+    name = shown(path)
+    with opened(path, MAX_TEXT) as file:
+        if not is_ros_topic(file.read(65536).decode("utf-8", errors="replace")):
+            return False
+        file.seek(0)
+        data = file.read()
+    text = decoded(data.removeprefix(b"\xef\xbb\xbf"), f"{name}: expected what ros2 topic echo prints")
+    reader.hash.update(data)
+    reader.found.size += len(data)
+    found = reader.found
+    topic = found.topics.setdefault(TEXT_TOPIC, Topic(TEXT_TOPIC, "text of topic echo", 0, "transforms"))
+    for _, records in records_of(text, name, found.notes):
+        topic.count += 1
+        for record in records:
+            if record.time is None or not (record.parent and record.child):
+                raise InputError(
+                    f"{name}: expected transforms with stamps and both frames (/tf, TransformStamped), got poses. Give "
+                    "the file as ROBOT or CAMERA."
+                )
+            topic.first, topic.last = min(topic.first, record.time), max(topic.last, record.time)
+            found.tree.track((record.parent, record.child)).add(record.time, record.numbers)
+    found.duration = max(found.duration, topic.duration)
+    return True
+
+
+class _Reader:
+    """Sorts the messages of bags into a `Recording`."""
+
+    def __init__(self, found: Recording) -> None:
+        self.found = found
+        self.hash = hashlib.sha256()
+        self.problems: dict[str, int] = {}
+
+    def read(self, bag: Bag) -> None:
+        found = self.found
+        found.duration = max(found.duration, bag.duration)
+        for one in bag.connections:
+            topic = found.topics.setdefault(one.topic, Topic(one.topic, one.msgtype, 0, one.kind, one.problem))
+            topic.count += one.messages
+        take = {"transforms": self._transforms, "poses": self._poses, "tags": self._tags}
+        take |= {"joints": self._joints, "info": self._info}
+        for message in bag.messages(found.notes.append):
+            self.hash.update(message.data)
+            found.size += len(message.data)
+            try:
+                take[message.kind](message)
+            except MessageError as error:
+                words = f"{message.topic}: expected {error}"
+                self.problems[words] = self.problems.get(words, 0) + 1
+
+    def _at(self, message: Message, time: float | None) -> float:
+        """Return the time of a pose: its stamp, or when it was received if it has none."""
+        at = time if time else message.received
+        topic = self.found.topics[message.topic]
+        topic.first, topic.last = min(topic.first, at), max(topic.last, at)
+        return at
+
+    def _transforms(self, message: Message) -> None:
+        static = message.topic.rstrip("/").endswith("static")
+        for record in poses_in(message.value):
+            if not (record.parent and record.child):
+                raise MessageError("transforms with both frames")
+            track = self.found.tree.track((record.parent, record.child))
+            track.static |= static
+            track.add(self._at(message, record.time), record.numbers)
+
+    def _poses(self, message: Message) -> None:
+        for record in poses_in(message.value):
+            self._pose(message, record)
+
+    def _pose(self, message: Message, record: Stamped) -> None:
+        tracks = self.found.poses.setdefault(message.topic, {})
+        pair = (record.parent, record.child)
+        track = tracks.setdefault(pair, Track(f"{message.topic} ({pair_text(*pair)})"))
+        track.add(self._at(message, record.time), record.numbers)
+
+    def _tags(self, message: Message) -> None:
+        header = part(message.value, "header")
+        time, frame = stamp_of(header), frame_name(part(header, "frame_id"))
+        corners = corners_in(message.value)
+        if corners is None:
+            for record in poses_in(message.value):
+                self._pose(message, record)
+            if (topic := self.found.topics[message.topic]).last < topic.first:
+                self._at(message, time)
+            return
+        at = self._at(message, time)
+        for name, pixels in corners:
+            tags = self.found.tags.setdefault(message.topic, {})
+            tags.setdefault((frame, name), TagTrack(f"{message.topic} ({pair_text(frame, name)})")).add(at, pixels)
+
+    def _joints(self, message: Message) -> None:
+        at = self._at(message, stamp_of(part(message.value, "header")))
+        names = [str(name) for name in part(message.value, "name")]
+        values = [float(value) for value in part(message.value, "position")]
+        if len(names) != len(values) or not names:
+            raise MessageError("as many positions as names of joints")
+        self.found.joints.setdefault(message.topic, JointTopic()).add(at, names, values)
+
+    def _info(self, message: Message) -> None:
+        self._at(message, stamp_of(part(message.value, "header")))
+        info = camera_info_of(message.value)
+        before = self.found.infos.setdefault(message.topic, info)
+        if not before.like(info):
+            raise MessageError("the same intrinsics as in the first message")

@@ -1,0 +1,202 @@
+"""Track: the poses of one pair of frames as they arrive in a recording.
+
+Tree of frames of ``/tf`` and ``/tf_static``: the pose of any frame in any other, at the times of what moves.
+
+A chain runs from the base up to the first common frame and down to the tip; an edge that is run through upwards is
+inverted. Edges that never change are static. The times are those of the moving edge that has the fewest; the others
+are interpolated at them (`synchronisation.interpolation`), never beyond their ends nor across gaps. tf2 interpolates
+likewise (ros2/geometry2, ``tf2/src/cache.cpp`` and ``buffer_core.cpp``). Of a frame with several parents, of which tf2
+takes the latest, the shortest chain is used, and a note names them.
+"""
+
+from __future__ import annotations
+
+import difflib
+from array import array
+from collections import deque
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.geometry.se3 import Array, inverse
+from ...errors import InputError
+from ...formats.contents import FRAMES, Side, finished
+from ...formats.ros.messages import pair_text
+from ..synchronisation.interpolation import at_times
+
+# Poses of one pair of frames.
+MOST = 5_000_000
+FIELDS = ("stamp", *(f"translation.{a}" for a in "xyz"), *(f"rotation.{a}" for a in "xyzw"))
+
+
+class Track:
+    """Times and poses of one pair of frames, in the order of their arrival."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name  # for messages
+        self.static = False  # of /tf_static
+        self._values = array("d")
+
+    def __len__(self) -> int:
+        return len(self._values) // 8
+
+    def add(self, time: float, numbers: tuple[float, ...]) -> None:
+        """Append x, y, z, qx, qy, qz, qw at a time (s)."""
+        if len(self) >= MOST:
+            raise InputError(f"{self.name}: expected at most {MOST} poses, got more; cut the bag into pieces.")
+        self._values.append(time)
+        self._values.extend(numbers)
+
+    @property
+    def values(self) -> Array:
+        """(n, 8) time, translation and quaternion, sorted by time; each time once."""
+        table = np.array(self._values).reshape(-1, 8)
+        _, first = np.unique(table[:, 0], return_index=True)
+        return table[first]
+
+    @property
+    def repeated(self) -> int:
+        """Number of poses whose time stands there before."""
+        return len(self) - len(self.values)
+
+    @property
+    def moves(self) -> bool:
+        """True if the poses differ: transforms that are always the same are static, too."""
+        table = np.array(self._values).reshape(-1, 8)
+        return not self.static and bool((table[:, 1:] != table[0, 1:]).any())
+
+    def poses(self) -> tuple[NDArray[np.float64], Array]:
+        """Return times (n,) and poses (n, 4, 4) ``parent_T_child``; raises `InputError` for what is none."""
+        table = self.values
+        side = Side(self.name, table[:, 1:4], table[:, 4:], table[:, 0], None, "pose", "xyzw", FIELDS)
+        return table[:, 0].copy(), finished(side, "robot", "m", None, FRAMES["robot"][0])
+
+    def last(self) -> Array:
+        """Return the last pose (4, 4)."""
+        return np.array(self.poses()[1][-1])
+
+
+Pair = tuple[str, str]
+# A gap is longer than so many median intervals.
+GAPS = 3.0
+# Frames that a message names.
+NAMED = 12
+
+
+@dataclass
+class Tree:
+    """Edges ``parent_T_child`` by their frames."""
+
+    edges: dict[Pair, Track] = field(default_factory=dict)
+
+    @property
+    def frames(self) -> list[str]:
+        """Every frame, sorted."""
+        return sorted({frame for pair in self.edges for frame in pair})
+
+    def track(self, pair: Pair) -> Track:
+        """Return the track of an edge, a new one if there is none."""
+        return self.edges.setdefault(pair, Track(f"the transform {pair_text(*pair)}"))
+
+    def chain(self, base: str, tip: str) -> list[tuple[Pair, bool]] | None:
+        """Return the edges from base to tip, each with whether it is run through downwards; None: not connected."""
+        near: dict[str, list[tuple[str, Pair, bool]]] = {}
+        for parent, child in self.edges:
+            near.setdefault(parent, []).append((child, (parent, child), True))
+            near.setdefault(child, []).append((parent, (parent, child), False))
+        before: dict[str, tuple[str, Pair, bool]] = {}
+        queue = deque([base])
+        while queue and tip not in before:
+            frame = queue.popleft()
+            for other, pair, down in near.get(frame, []):
+                if other not in before and other != base:
+                    before[other] = (frame, pair, down)
+                    queue.append(other)
+        if tip not in before:
+            return None
+        found: list[tuple[Pair, bool]] = []
+        frame = tip
+        while frame != base:
+            frame, pair, down = before[frame]
+            found.append((pair, down))
+        return found[::-1]
+
+    def moves(self, base: str, tip: str) -> bool:
+        """Return whether any edge between two frames moves."""
+        return any(self.edges[pair].moves for pair, _ in self.chain(base, tip) or [])
+
+    def poses(self, base: str, tip: str) -> tuple[NDArray[np.float64], Array, list[str]]:
+        """Return times (n,), poses (n, 4, 4) ``base_T_tip``, and notes."""
+        chain = self._require_chain(base, tip)
+        moving = [pair for pair, _ in chain if self.edges[pair].moves]
+        if not moving:
+            raise InputError(f"The frame {tip} never moves in {base}: every transform between them is static.")
+        tracks = {pair: self.edges[pair].poses() for pair in moving}
+        leading = min(moving, key=lambda pair: len(tracks[pair][0]))
+        times = tracks[leading][0]
+        steps: dict[Pair, Array] = {}
+        fine = np.ones(len(times), dtype=bool)
+        for pair in moving:
+            own, poses = tracks[pair]
+            gap = GAPS * float(np.median(np.diff(own))) if len(own) > 1 else 0.0
+            found = at_times(own, poses, times, max_gap=gap)
+            steps[pair] = found.poses
+            fine &= found.fine
+        if not fine.any():
+            raise InputError(
+                f"The transforms between {base} and {tip} have no time in common: "
+                f"{', '.join(self._span(pair, tracks[pair][0]) for pair in moving[:NAMED])}."
+            )
+        T = np.broadcast_to(np.eye(4), (int(fine.sum()), 4, 4))
+        for pair, down in chain:
+            step = steps[pair][fine] if pair in steps else self.edges[pair].last()
+            T = T @ (step if down else inverse(step)) if len(chain) > 1 else (step if down else inverse(step))
+        notes = self._notes(base, tip, chain, moving, leading, len(fine) - int(fine.sum()))
+        return times[fine], np.array(T), notes
+
+    def _require_chain(self, base: str, tip: str) -> list[tuple[Pair, bool]]:
+        for frame in (base, tip):
+            if frame not in self.frames:
+                raise InputError(f"There is no frame {frame} in the transforms.{self._near(frame)}")
+        if base == tip:
+            raise InputError(f"Expected two frames, got {base} twice.")
+        if (chain := self.chain(base, tip)) is None:
+            raise InputError(
+                f"The frames {base} and {tip} are not connected by transforms: {base} is connected to "
+                f"{_named(self._connected(base))}, {tip} to {_named(self._connected(tip))}."
+            )
+        return chain
+
+    def _near(self, frame: str) -> str:
+        close = difflib.get_close_matches(frame, self.frames, n=1)
+        return f" Did you mean {close[0]}?" if close else f" There are: {_named(self.frames)}."
+
+    def _connected(self, frame: str) -> list[str]:
+        return [other for other in self.frames if other != frame and self.chain(frame, other) is not None]
+
+    def _span(self, pair: Pair, times: Array) -> str:
+        return f"{pair_text(*pair)} from {times[0]:.3f} to {times[-1]:.3f} s"
+
+    def _notes(
+        self, base: str, tip: str, chain: list[tuple[Pair, bool]], moving: list[Pair], leading: Pair, left: int
+    ) -> list[str]:
+        notes = [f"the pose of {tip} in {base}, of one transform"]
+        if len(chain) > 1:
+            notes = [f"{base} to {tip} by {len(chain)} transforms, {len(moving)} of which move"]
+        if len(moving) > 1:
+            notes.append(f"at the times of {pair_text(*leading)}; the other transforms are interpolated")
+        if left:
+            notes.append(f"{left} poses are left out: another transform of the chain has none near that time")
+        if again := sum(self.edges[pair].repeated for pair in moving):
+            notes.append(f"{again} transforms that repeat a time are left out")
+        for pair, _ in chain:
+            others = [parent for parent, child in self.edges if child == pair[1] and parent != pair[0]]
+            if others:
+                notes.append(f"{pair[1]} has several parents: {', '.join([pair[0], *others])}; used: {pair[0]}")
+        return notes
+
+
+def _named(names: list[str]) -> str:
+    more = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
+    return f"{', '.join(names[:NAMED]) or 'nothing'}{more}"

@@ -1,0 +1,492 @@
+r"""synchronise(): two time-stamped streams to pose pairs, with their time offset and its uncertainty (Sub-problem 2).
+
+Model: robot and camera poses ``base_T_gripper`` and ``camera_T_target`` were sampled at times of two clocks that run at
+the same rate, ``robot_time = camera_time + offset``. Poses of the denser stream are interpolated at the times of the
+other (`interpolation`): the error of interpolation grows with the square of the interval. Nothing is extrapolated, no
+gap is bridged.
+
+The offset starts from the correlation of angular speeds (`time_offset`), and is refined jointly with X and W
+(`refinement`). Its uncertainty goes with the poses (`timing`): `calibrate` makes the covariance of X marginal
+over it. An offset error d moves pose i by ``rate_i d``, hence X by ``g d`` with ``g = -C J^T S^-1 j``, ``j_i = D_i
+rate_i``. In the joint fit of (X, W, d) the covariance of X is to first order
+
+    C + g Var(d) g^T
+
+which is the inverse of the 13-parameter information if ``Var(d) = 1/(j^T S^-1 j - j^T S^-1 J C J^T S^-1 j)``, and stays
+right where Var(d) is larger because rows are not independent, or smaller because it was known beforehand.
+
+What is not covered: clocks that drift against each other, delays that change, and what interpolation misses
+(`Synchronised.interpolation_error`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ...core.files.source import Source
+from ...core.geometry.frames import SETUPS
+from ...core.geometry.se3 import Array
+from ...errors import InputError, NotConvergedError, require_integer
+from ...findings import Finding, warn
+from ...model.noise.models import PoseNoise, is_joint
+from ...model.poses.pose_pairs import PosePairs, joint_values_at
+from ...model.poses.stream import Stream
+from ...model.poses.timing import SIDES, Timing
+from .correlation import Correlation, best_correlation
+from .interpolation import Interpolated, check_kind, error_of_interpolation, misses
+from .refinement import (
+    FOR_ALL,
+    FOR_ROUNDS,
+    Pairing,
+    Refined,
+    bias_of_interpolation,
+    noise_of_rows,
+    refine,
+    start,
+    thinned,
+    with_noise,
+)
+from .result import Synchronised
+from .stops import Stop, find_stops
+from .stream_checks import LeftOut, check_units, coarse_clock, common_time, left_out
+
+# A gap is longer than so many median intervals.
+GAPS = 3.0
+# The offset is looked for within this share of what the streams have in common, and at least so far (s).
+SEARCHED, LEAST_SEARCHED = 0.25, 1.0
+# A stream is interpolated that is denser by this factor; the robot if neither is.
+DENSER = 1.05
+# Rows without which no offset is estimated, and without which nothing is.
+FEWEST, FEWEST_AT_ALL = 10, 3
+# Highest and nearest candidates that are tried, and the ratio of residuals below which two of them fit alike.
+CANDIDATES, ALIKE = 3, 1.25
+# A share of the poses in common that is left out for gaps and deserves a warning; and an offset that is so far from
+# what the poses want, in standard deviations.
+MANY, FAR = 0.1, 4.0
+# Standard deviations of X beyond which what interpolation does to it deserves a warning.
+COARSE = 1.0
+# An offset that is known no better than this (s) is not determined.
+UNKNOWN = 0.25
+# Left-out poses that an error or a warning names.
+NAMED = 5
+
+
+def synchronise(
+    robot: Stream,
+    camera: Stream,
+    *,
+    setup: str = "eye-in-hand",
+    offset: float | tuple[float, float] | None = None,
+    max_offset: float | None = None,
+    interpolation: str = "so4",
+    max_gap: float | None = None,
+    still: bool = False,
+    noise: PoseNoise | None = None,
+    seed: int = 0,
+) -> Synchronised:
+    """Pose pairs of two time-stamped streams, with the offset between their clocks and its uncertainty.
+
+    Parameters
+    ----------
+    robot, camera : Stream
+        ``base_T_gripper`` and ``camera_T_target``; seconds and metres. Joint values of the robot are interpolated
+        linearly.
+    setup : "eye-in-hand" or "eye-to-hand"
+    offset : None, float or (value, standard deviation)
+        ``robot_time = camera_time + offset`` (s). None estimates it; a number is taken as exact; with a standard
+        deviation it is a Gaussian prior, and the estimate starts there.
+    max_offset : float or None
+        The offset is looked for within +- so many seconds; None is a quarter of what the streams have in common, 1 s at
+        least. ``math.inf`` for clocks that have nothing to do with each other.
+    interpolation : "so4" or "geodesic"
+    max_gap : float or None
+        Samples that are farther apart (s) are not interpolated between; None is three times the median interval.
+    still : bool
+        One averaged pose pair for each stop, instead of all poses in motion; for robots that stop for each picture.
+    noise : PoseNoise or None
+        Of the samples of each stream, 6x6. None estimates that of the pairs (and `calibrate` may do so again). With it
+        ``Synchronised.noise`` is that of the pairs, to be given to `calibrate`: the mean of two samples is less noisy.
+    seed : int
+        Of the random subsets.
+
+    Returns
+    -------
+    Synchronised
+        ``poses``, ``offset``, ``offset_std``, ``left_out``, ``summary()``, ``figure()``.
+
+    Raises
+    ------
+    InputError
+        Streams that have no time in common, whose times are not in seconds, with too few poses; motion that leaves the
+        offset open. The message names the times.
+    DegenerateMotionError
+        X is not determined, without which the offset is not.
+    NotConvergedError
+        The offset does not settle.
+
+    Warns
+    -----
+    InputWarning
+        Several offsets that fit; gaps that cost many poses; an offset given that the poses contradict.
+
+    Examples
+    --------
+    >>> import uq_handeye as uq
+    >>> robot = uq.read_stream("robot.csv", "robot")         # doctest: +SKIP
+    >>> camera = uq.read_stream("camera.csv", "camera")      # doctest: +SKIP
+    >>> sync = uq.synchronise(robot, camera)                 # doctest: +SKIP
+    >>> result = uq.calibrate(sync.poses)                    # doctest: +SKIP
+    """
+    for value, name in ((robot, "robot"), (camera, "camera")):
+        if not isinstance(value, Stream):
+            raise InputError(
+                f"Expected `{name}` to be a Stream (read_stream, or Stream(timestamps, poses)), got "
+                f"{type(value).__name__}."
+            )
+        if len(value) < 3:
+            raise InputError(f"Expected at least 3 poses in `{name}`, got {len(value)}.")
+    if setup not in SETUPS:
+        raise InputError(f"Expected `setup` to be one of {', '.join(SETUPS)}, got {setup!r}.")
+    check_kind(interpolation)
+    _check_noise(noise)
+    for number, name in ((max_offset, "max_offset"), (max_gap, "max_gap")):
+        if number is not None and not (_is_number(number) and number > 0):
+            raise InputError(f"Expected `{name}` to be a number of seconds above 0 or None, got {number!r}.")
+    if not isinstance(still, bool | np.bool_):
+        raise InputError(f"Expected `still` to be True or False, got {still!r}.")
+    require_integer("seed", seed, 0)
+    prior = _prior(offset)
+    exact = prior is not None and prior[1] == 0
+
+    (r_times, r_poses), (c_times, c_poses) = _sorted(robot), _sorted(camera)
+    intervals = float(np.median(np.diff(r_times))), float(np.median(np.diff(c_times)))
+    check_units(*intervals)
+    side = "robot" if intervals[0] <= DENSER * intervals[1] else "camera"
+    gap = GAPS * intervals[SIDES.index(side)] if max_gap is None else float(max_gap)
+    # Times count from the beginning of each stream: those of an epoch have few digits left below 1 us.
+    origins = float(r_times[0]), float(c_times[0])
+    shift = origins[0] - origins[1]
+    pairing = Pairing(
+        r_times - origins[0], r_poses, c_times - origins[1], c_poses, side, interpolation, gap, setup == "eye-to-hand"
+    )
+    centre = 0.0 if prior is None else prior[0]
+    reach = max_offset
+    if prior is not None and not exact and reach is None:
+        reach = 4 * prior[1] + 2 * max(intervals)
+    common = common_time(r_times, c_times, 0.0 if exact or reach is None else reach, centre)
+    if reach is None:
+        reach = max(SEARCHED * common, LEAST_SEARCHED)
+
+    found: _Estimate | None = None
+    try:
+        local = None if prior is None else (prior[0] - shift, prior[1])
+        found = _estimate(pairing, (centre - shift - reach, centre - shift + reach), local, noise, seed)
+    except (InputError, NotConvergedError):
+        if not exact:
+            raise  # else the offset is known, and whether the poses agree with it is not
+    at = centre - shift if found is None or exact else found.refined.offset
+    return _assembled(robot, camera, pairing, origins, at, setup, prior, found, still, noise)
+
+
+class _Estimate(NamedTuple):
+    """Estimate of the offset from the streams."""
+
+    refined: Refined
+    correlation: Correlation
+    alternatives: tuple[float, ...]
+
+
+def _estimate(
+    pairing: Pairing, ends: tuple[float, float], prior: tuple[float, float] | None, noise: PoseNoise | None, seed: int
+) -> _Estimate:
+    """The offset between the ``ends``, from correlation and Gauss-Newton; times from the origins of the streams.
+
+    A prior of standard deviation 0 is only where to start.
+    """
+    step = max(float(np.median(np.diff(times))) for times in (pairing.robot_times, pairing.camera_times))
+    correlation = best_correlation(
+        (pairing.robot_times, pairing.robot), (pairing.camera_times, pairing.camera), *ends, pairing.max_gap
+    )
+    given = None if prior is None or prior[1] == 0 else prior
+    middle = 0.5 * (ends[0] + ends[1])
+    if correlation.found:
+        nearest = sorted(correlation.peaks, key=lambda peak: abs(peak - middle)) if np.isfinite(middle) else []
+        candidates = list(dict.fromkeys([*correlation.peaks[:CANDIDATES], *nearest[:CANDIDATES]]))
+    elif prior is not None:
+        candidates = [prior[0]]
+    else:
+        raise InputError(_not_correlated(correlation, ends))
+    tried: list[Refined] = []
+    failure: Exception | None = None
+    for candidate in candidates:
+        try:
+            _require_rows(pairing, candidate, FEWEST)
+            tried.append(start(pairing, candidate, seed))
+        except (InputError, NotConvergedError) as error:
+            failure = failure or error
+    if not tried:
+        assert failure is not None
+        raise failure
+    tried.sort(key=lambda one: one.score)
+    # Two variances, so four times the logarithm of a ratio of deviations.
+    alike = [one for one in tried if one.score - tried[0].score < 4 * np.log(ALIKE)]
+    best = min(alike, key=lambda one: abs(one.offset - middle)) if np.isfinite(middle) else tried[0]
+    alternatives = {round(one.offset, 6) for one in alike if abs(one.offset - best.offset) > 2 * step}
+    refined = best
+    if noise is not None:
+        refined = refined._replace(noise=noise, of_samples=True)
+    rows = pairing.rows_at(refined.offset)
+    refined = refine(pairing, refined, thinned(rows, FOR_ROUNDS), given)
+    if noise is None and np.isfinite(refined.std):
+        refined = refined._replace(noise=with_noise(pairing, refined, rows))
+    for _ in range(3):  # an offset that moves may add rows at an end
+        rows = pairing.rows_at(refined.offset)
+        refined = refine(pairing, refined, thinned(rows, FOR_ALL), given)
+        if np.array_equal(rows, pairing.rows_at(refined.offset)):
+            break
+    if given is not None:  # what the data alone want, where they want it
+        refined = refined._replace(wanted=(best.offset, best.std))
+    if not refined.std < UNKNOWN and given is None:
+        known = f" (standard deviation {refined.std:.2g} s)" if np.isfinite(refined.std) else ""
+        raise InputError(
+            f"The motion does not determine the time offset{known}. Rotate the robot about different axes, faster and "
+            "with changes of speed, or give `offset` (--offset)."
+        )
+    return _Estimate(refined, correlation, tuple(sorted(alternatives)))
+
+
+def _not_correlated(correlation: Correlation, ends: tuple[float, float]) -> str:
+    fastest = [
+        np.degrees(np.nanmax(part.speed)) if np.isfinite(part.speed).any() else 0.0
+        for part in (correlation.robot, correlation.camera)
+    ]
+    if correlation.heights:
+        what = (
+            f"the angular speeds of robot and camera do not correlate (at most {correlation.heights[0]:.2f} where "
+            f"chance gives {correlation.needed:.2f})"
+        )
+    else:
+        what = "too little of the angular speeds of robot and camera overlaps, or one of them does not change"
+    return (
+        f"The time offset is not determined within {ends[1] - ends[0]:.3g} s: {what}; they reach {fastest[0]:.2g} and "
+        f"{fastest[1]:.2g} deg/s. Both must be of one motion, with rotations that start and stop, and Euler angles in "
+        "their right order (--robot-rotation); or give `offset` (--offset), or a larger `max_offset` (uq-handeye sync "
+        "--max-offset)."
+    )
+
+
+def _require_rows(pairing: Pairing, offset: float, fewest: int) -> None:
+    """Raise unless so many poses have a partner at this offset."""
+    found = pairing.interpolated(offset)
+    if int(found.fine.sum()) < fewest:
+        raise InputError(_too_few(pairing, (0.0, 0.0), found, offset, fewest))
+
+
+def _left_out(pairing: Pairing, origins: tuple[float, float], found: Interpolated) -> tuple[LeftOut, ...]:
+    times = {"robot": pairing.robot_times + origins[0], "camera": pairing.camera_times + origins[1]}
+    base = "camera" if pairing.side == "robot" else "robot"
+    return left_out(found, base, times[base], pairing.side, times[pairing.side], pairing.max_gap)
+
+
+def _too_few(pairing: Pairing, origins: tuple[float, float], found: Interpolated, offset: float, fewest: int) -> str:
+    parts = _left_out(pairing, origins, found)
+    named = "; ".join(str(part) for part in parts[:NAMED]) + (
+        f"; and {len(parts) - NAMED} more" if parts[NAMED:] else ""
+    )
+    since = " (times since the start of each stream)" if origins == (0.0, 0.0) else ""
+    return (
+        f"Expected at least {fewest} poses that have a partner, got {int(found.fine.sum())} of {pairing.n} at an "
+        f"offset of {offset:.4g} s{since}. Left out: {named or 'none'}. Give longer streams, or a larger `max_gap`."
+    )
+
+
+def _assembled(
+    robot: Stream,
+    camera: Stream,
+    pairing: Pairing,
+    origins: tuple[float, float],
+    at: float,
+    setup: str,
+    prior: tuple[float, float] | None,
+    estimate: _Estimate | None,
+    still: bool,
+    noise: PoseNoise | None,
+) -> Synchronised:
+    shift = origins[0] - origins[1]
+    exact = prior is not None and prior[1] == 0
+    std = 0.0 if exact or estimate is None else estimate.refined.std
+    offset = prior[0] if prior is not None and prior[1] == 0 else at + shift
+    found = pairing.interpolated(at)
+    rows = np.flatnonzero(found.fine)
+    if len(rows) < FEWEST_AT_ALL:
+        raise InputError(_too_few(pairing, origins, found, offset, FEWEST_AT_ALL))
+    gone = _left_out(pairing, origins, found)
+    sources = tuple(stream.source for stream in (robot, camera) if stream.source is not None)
+    stops = find_stops(pairing.robot_times, pairing.robot, pairing.camera_times, pairing.camera, at, pairing.max_gap)
+    if still:
+        poses = _of_stops(
+            stops, setup, origins[1], sources, Timing(offset, std, np.zeros((len(stops), 6)), pairing.side)
+        )
+        if robot.joints is not None:
+            poses = replace(poses, joints=_joints_of_stops(robot, stops, origins[0] + at))
+        gone = ()
+    else:
+        fine = found.rows(rows)
+        pair = pairing.poses(fine, rows)
+        times = pairing.camera_times[rows] if pairing.side == "robot" else pairing.robot_times[rows] - at
+        timing = Timing(offset, std, fine.rate, pairing.side)
+        poses = PosePairs(*pair, setup, times + origins[1], None, sources, timing)
+        if robot.joints is not None:
+            joints = _sorted_by_time(robot, robot.joints)
+            poses = replace(poses, joints=joint_values_at(pairing.robot_times, joints, times + at))
+    refined = None if estimate is None else estimate.refined
+    findings = _against_streams(pairing, gone, len(rows), shift, offset, prior, estimate)
+    side_times, side_poses = (
+        (pairing.robot_times, pairing.robot) if pairing.side == "robot" else (pairing.camera_times, pairing.camera)
+    )
+    missed = misses(side_times, side_poses, pairing.kind, pairing.max_gap)
+    error = error_of_interpolation(side_poses, missed)
+    if refined is not None and not still:
+        findings += _coarse(error, bias_of_interpolation(pairing, refined, missed), pairing.side)
+    result = Synchronised(
+        poses=poses,
+        offset=offset,
+        offset_std=std,
+        origin="given" if exact else "estimated" if prior is None else "estimated with a prior",
+        model_std=None if refined is None or exact else refined.model_std,
+        growth=1.0 if refined is None or exact else refined.growth,
+        side=pairing.side,
+        interpolation=pairing.kind,
+        max_gap=pairing.max_gap,
+        interpolation_error=error,
+        intervals=(float(np.median(np.diff(pairing.robot_times))), float(np.median(np.diff(pairing.camera_times)))),
+        left_out=gone,
+        alternatives=() if estimate is None else tuple(value + shift for value in estimate.alternatives),
+        stops=len(stops) if still else None,
+        stops_found=len(stops),
+        noise=None if noise is None or still else noise_of_rows(noise, fine, pairing.side),
+        findings=(*findings, *_of_streams(robot, camera, stops, still)),
+        correlation=None if estimate is None else estimate.correlation,
+        pairing=pairing,
+        refined=refined,
+        shift=shift,
+    )
+    warn(findings, stacklevel=3)
+    return result
+
+
+def _of_stops(stops: list[Stop], setup: str, origin: float, sources: tuple[Source, ...], timing: Timing) -> PosePairs:
+    if len(stops) < FEWEST_AT_ALL:
+        raise InputError(
+            f"Expected at least {FEWEST_AT_ALL} stops of robot and camera with still=True, found {len(stops)}. Stop "
+            "for half a second and more at each pose, or take the poses in motion (still=False)."
+        )
+    robot, camera = (np.stack(part) for part in zip(*((stop.robot, stop.camera) for stop in stops), strict=True))
+    times = np.array([0.5 * (stop.begin + stop.end) for stop in stops]) + origin
+    return PosePairs(robot, camera, setup, times, None, sources, timing)
+
+
+def _against_streams(
+    pairing: Pairing,
+    gone: tuple[LeftOut, ...],
+    kept: int,
+    shift: float,
+    offset: float,
+    prior: tuple[float, float] | None,
+    estimate: _Estimate | None,
+) -> list[Finding]:
+    """Gaps, other offsets that fit, and whether the streams contradict the offset that was given or expected."""
+    found: list[Finding] = []
+
+    def caution(what: str, **values: object) -> None:
+        found.append(Finding(f"synchronisation.{what}", "caution", values))
+
+    exact = prior is not None and prior[1] == 0
+    gaps = [part for part in gone if part.gap]
+    lost = sum(len(part.times) for part in gaps)
+    if lost > MANY * (lost + kept):
+        parts = [part.to_dict() for part in gaps[:NAMED]]
+        caution("gaps", lost=lost, n=lost + kept, max_gap=pairing.max_gap, parts=parts, more=len(gaps) > NAMED)
+    if estimate is None:
+        return found
+    if estimate.alternatives and not exact:
+        caution("other_offsets", offset=offset, others=[value + shift for value in estimate.alternatives])
+    wanted, std = estimate.refined.offset + shift, estimate.refined.std
+    alone, alone_std = estimate.refined.wanted[0] + shift, estimate.refined.wanted[1]
+    if prior is not None and not exact and abs(alone - prior[0]) > FAR * np.hypot(alone_std, prior[1]):
+        caution("prior_contradicted", prior=prior[0], prior_std=prior[1], offset=alone, std=alone_std)
+    if exact and abs(wanted - offset) > FAR * std:
+        caution("offset_contradicted", given=offset, offset=wanted, std=std)
+    return found
+
+
+def _coarse(error: tuple[float, float], bias: float, side: str) -> list[Finding]:
+    """Report an error of interpolation that shows in X."""
+    if bias < COARSE:
+        return []
+    values = {"side": side, "rotation": error[0], "translation": error[1], "bias": bias}
+    return [Finding("synchronisation.coarse_interpolation", "caution", values)]
+
+
+def _of_streams(robot: Stream, camera: Stream, stops: list[Stop], still: bool) -> list[Finding]:
+    """Notes: coarse clocks, and stops that could be averaged."""
+    found = []
+    for stream, name in ((robot, "robot"), (camera, "camera")):
+        if (q := coarse_clock(np.sort(stream.timestamps))) is not None:
+            found.append(Finding("synchronisation.coarse_clock", "note", {"side": name, "resolution": q}))
+    if stops and not still:
+        found.append(Finding("synchronisation.stops", "note", {"count": len(stops)}))
+    return found
+
+
+def _sorted(stream: Stream) -> tuple[Array, Array]:
+    if (np.diff(stream.timestamps) > 0).all():
+        return stream.timestamps, stream.poses
+    order = np.argsort(stream.timestamps, kind="stable")
+    return stream.timestamps[order], stream.poses[order]
+
+
+def _sorted_by_time(stream: Stream, values: Array) -> Array:
+    """Return what a stream has for each pose in the order of time."""
+    return values[np.argsort(stream.timestamps, kind="stable")]
+
+
+def _joints_of_stops(robot: Stream, stops: list[Stop], shift: float) -> Array:
+    """Return the mean joint values (k, L) of the samples at each stop; robot time is stop time plus ``shift``."""
+    assert robot.joints is not None
+    times, joints = np.sort(robot.timestamps), _sorted_by_time(robot, robot.joints)
+    ends = np.searchsorted(times, [[stop.begin + shift, stop.end + shift] for stop in stops])
+    return np.stack([joints[first : max(behind, first + 1)].mean(axis=0) for first, behind in ends])
+
+
+def _prior(offset: object) -> tuple[float, float] | None:
+    """Value and standard deviation (0: exact)."""
+    if offset is None:
+        return None
+    pair: Any = (offset, 0.0) if _is_number(offset) else offset
+    right = isinstance(pair, tuple | list) and len(pair) == 2 and all(_is_number(value) for value in pair)
+    if not right or not np.isfinite(pair).all() or pair[1] < 0:
+        raise InputError(
+            f"Expected `offset` to be None, a number of seconds, or (value, standard deviation >= 0), got {offset!r}."
+        )
+    return float(pair[0]), float(pair[1])
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool) and value == value
+
+
+def _check_noise(noise: object) -> None:
+    if noise is None:
+        return
+    if not isinstance(noise, PoseNoise):
+        raise InputError(f"Expected `noise` to be PoseNoise or None, got {type(noise).__name__}.")
+    for name in SIDES:
+        S = getattr(noise, name)
+        if S is not None and (is_joint(S) or S.ndim != 2):
+            raise InputError(
+                f"Expected the covariance `{name}` of the samples of a stream to be (6, 6), got {S.shape}."
+            )

@@ -1,0 +1,180 @@
+"""The numbers of a certificate: six components of X, scalar statements and the GUM budget, all from the result.
+
+Nothing is estimated here. The standard uncertainties are those of `Calibration.covariance`, effects and degrees of
+freedom those of `Calibration.budget`, the statements in the worst direction those of `Calibration.accuracy`. A
+component is ``y = a xi`` with a row a of the derivative of the six numbers by xi = (theta, tau); its expanded
+uncertainty is ``U = k u``, ``k = t_p(nu_eff)`` (JCGM 100, G.4).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...calibration.report.analysis import shorten_budget, shown_budget
+from ...calibration.report.text import source_words
+from ...calibration.result import Calibration
+from ...core.geometry.pose_numbers import POSE_NUMBERS, pose_numbers, rotation_vector
+from ...core.geometry.se3 import Array, left_jacobian
+from ...fit.diagnostics.budget import Budget, Expanded
+from .inputs import NORMAL, Input, input_of
+
+LEVEL = 0.95
+# End of the name of the smallest sources as one.
+OTHERS = " others"
+# Kinds of covariance that are the sum of the sources of a budget.
+_OF_SOURCES = ("model", "sigma-points")
+
+
+@dataclass(frozen=True)
+class Stated:
+    """A number with its uncertainty, in m or rad."""
+
+    name: str
+    unit: str  # "m" or "rad"
+    value: float | None  # None: a statement on the error alone
+    u: float  # infinite: not determined
+    dof: float
+    k: float
+    U: float
+
+
+@dataclass(frozen=True)
+class BudgetRow:
+    """One source: its input, and what it contributes to X along the directions in which X is least certain."""
+
+    name: str
+    type: str  # "A", "B" or "A, B"
+    input: Input
+    translation: float  # m
+    rotation: float  # rad
+    dof: float
+    share_translation: float
+    share_rotation: float
+
+
+def budget_of(result: Calibration) -> Budget | None:
+    """Return the budget whose sum is the covariance of the result; None where there is none."""
+    return shown_budget(result) if result.covariance_kind in _OF_SOURCES else None
+
+
+def _by_source(result: Calibration) -> Budget | None:
+    """Return the budget that the accuracy is by; sources that are shown as one have degrees of freedom of their own."""
+    return None if budget_of(result) is None else result.budget
+
+
+def budget_rows(result: Calibration, most: int | None = None) -> tuple[BudgetRow, ...]:
+    """Return one row per source; beyond ``most`` the smallest are one row.
+
+    Where the covariance is not divided by source, as with a published method, the row is the whole of it.
+    """
+    budget = budget_of(result)
+    if budget is None:
+        return _undivided(result)
+    budget = shorten_budget(budget, most)
+    along = budget.standard_in_worst_direction()
+    move, turn = along["X translation"], along["X rotation"]
+    shares = [_shares(sizes) for sizes in (move, turn)]
+    return tuple(
+        BudgetRow(
+            name,
+            budget.types[k],
+            Input("", "", "") if name.endswith(OTHERS) else input_of(name, result),
+            float(move[k]),
+            float(turn[k]),
+            float(budget.dof[k]),
+            float(shares[0][k]),
+            float(shares[1][k]),
+        )
+        for k, name in enumerate(budget.sources)
+    )
+
+
+def _shares(sizes: Array) -> Array:
+    squares = np.square(sizes)
+    return np.asarray(squares / max(float(squares.sum()), 1e-300))
+
+
+def _undivided(result: Calibration) -> tuple[BudgetRow, ...]:
+    """Return the covariance as one row, which no budget divides by source."""
+    accuracy, dof = result.accuracy, result.reference.dof
+    if accuracy is None:
+        return ()
+    of_residuals = result.covariance_kind not in _OF_SOURCES
+    kind = "A" if of_residuals or result.noise_estimate is not None else "B"
+    found = Input("covariance", NORMAL, source_words(result))
+    free = float("inf") if dof is None else float(dof)
+    return (BudgetRow("all errors of the poses", kind, found, accuracy.translation, accuracy.rotation, free, 1.0, 1.0),)
+
+
+def components_of(result: Calibration) -> tuple[Stated, ...]:
+    """Return translation (m) and rotation vector (rad) of X, six numbers, with their uncertainties."""
+    if result.covariance is None:
+        return ()
+    values, deviations = pose_numbers(result.X, result.covariance, opened=result.open_of_X)
+    assert deviations is not None  # where there is a covariance
+    to_si = np.repeat([1e-3, np.pi / 180], 3)
+    rows = _rows(result)
+    budget = _by_source(result)
+    if budget is None:
+        expanded = [_by_reference(result)] * 6
+    else:
+        padded = np.pad(rows, ((0, 0), (0, len(budget.covariance) - 6)))
+        expanded = [(found.dof, found.k) for found in budget.expanded_along(padded, LEVEL)]
+    return tuple(
+        Stated(name, unit, float(value), float(u), dof, k, float(k * u))
+        for name, unit, value, u, (dof, k) in zip(
+            POSE_NUMBERS, ["m"] * 3 + ["rad"] * 3, to_si * values, to_si * deviations, expanded, strict=True
+        )
+    )
+
+
+def _rows(result: Calibration) -> Array:
+    """Return the derivatives (6, 6) of translation and rotation vector by (theta, tau)."""
+    rows = np.zeros((6, 6))
+    rows[:3, 3:] = np.eye(3)
+    rows[3:, :3] = np.linalg.inv(left_jacobian(rotation_vector(result.X, None)))
+    return rows
+
+
+def correlation_of(result: Calibration) -> Array:
+    """Return the correlation (6, 6) of translation and rotation vector; NaN beside a number that is not determined."""
+    assert result.covariance is not None  # of a certified result
+    rows = _rows(result)
+    S = rows @ result.covariance @ rows.T
+    sd = np.sqrt(np.diag(S))
+    found = S / np.maximum(np.outer(sd, sd), 1e-300)
+    known = np.isfinite([one.u for one in components_of(result)])
+    return np.where(np.outer(known, known), found, np.nan)
+
+
+def worst_of(result: Calibration) -> tuple[Stated, ...]:
+    """Return translation and rotation of X, and a point ahead of the camera, in the direction of the largest
+    variance.
+    """
+    accuracy = result.accuracy
+    if accuracy is None:
+        return ()
+    budget = _by_source(result)
+    dof = dict.fromkeys(("X translation", "X rotation", "point"), _by_reference(result)[0])
+    if budget is not None:
+        found: dict[str, Expanded] = budget.expanded(LEVEL, worst=True)
+        found |= budget.budget_at(np.array([0.0, 0.0, accuracy.distance])).expanded(LEVEL, worst=True)
+        dof = {name: of.dof for name, of in found.items()}
+    return tuple(
+        Stated(name, unit, None, u, dof[of], U / u if u > 0 else float("nan"), U)
+        for name, of, unit, u, U in (
+            ("translation", "X translation", "m", accuracy.translation, accuracy.translation_95),
+            ("rotation", "X rotation", "rad", accuracy.rotation, accuracy.rotation_95),
+            ("point", "point", "m", accuracy.point, accuracy.point_95),
+        )
+    )
+
+
+def _by_reference(result: Calibration) -> tuple[float, float]:
+    """Return degrees of freedom and coverage factor of the whole covariance."""
+    accuracy, dof = result.accuracy, result.reference.dof
+    assert accuracy is not None  # where there is a covariance
+    k = accuracy.translation_95 / accuracy.translation if accuracy.translation > 0 else float("nan")
+    return float("inf") if dof is None else float(dof), k

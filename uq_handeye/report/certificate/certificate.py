@@ -1,0 +1,132 @@
+"""The certificate of a stored calibration, as a page for people and as data for programs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from ...calibration.result import Calibration
+from ...core.files.about import as_about
+from ...core.files.atomic import json_text, require_writable_file, write_atomically
+from ...core.presentation.pdf import PAPERS, to_pdf
+from ...errors import InputError
+from .contents import Contents
+from .data import certificate_data, identifier_of
+from .decision import decide
+from .page import certificate_html
+
+SUFFIXES = (".html", ".pdf", ".json")
+
+
+class Certificate(Contents):
+    """The statement of a calibration for the file: see `make_certificate`.
+
+    Attributes
+    ----------
+    result : Calibration
+        What it is of, with its title block.
+    decision : Decision or None
+        Verdict on a tolerance, with its guard band, where one was asked for.
+    issued : str
+        Date and time, UTC.
+    """
+
+    @property
+    def identifier(self) -> str:
+        """Identifier of the contents, without the date: the same result and title block give the same."""
+        return identifier_of(self)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the certificate as plain numbers and text: SI units with the names of D-SI."""
+        return certificate_data(self)
+
+    def to_json(self, path: str | Path | None = None) -> str:
+        """Return JSON text, also written to ``path`` (whole or not at all)."""
+        return json_text(self.to_dict(), path)
+
+    def to_html(self) -> str:
+        """Return the page as one self-contained HTML text."""
+        return certificate_html(self)
+
+    def write(self, path: str | Path, *, paper: str = PAPERS[0]) -> Path:
+        """Write the certificate; the suffix says which form: .html, .pdf or .json.
+
+        Parameters
+        ----------
+        path : str or Path
+        paper : str
+            Of the PDF: "a4" or "letter".
+
+        Raises
+        ------
+        InputError
+            A path with another suffix or that cannot be written.
+        MissingExtraError
+            A PDF where neither WeasyPrint (extra ``pdf``) nor a Chromium browser is installed.
+        """
+        path = Path(path)
+        suffix = path.suffix.lower()
+        if suffix not in SUFFIXES:
+            raise InputError(f"Expected `path` to end in {', '.join(SUFFIXES)}, got {path.name!r}.")
+        if paper not in PAPERS:
+            raise InputError(f"Expected `paper` to be {' or '.join(PAPERS)}, got {paper!r}.")
+        require_writable_file(path)
+        if suffix == ".json":
+            self.to_json(path)
+        else:
+            text = self.to_html()
+            write_atomically(path, text if suffix == ".html" else to_pdf(text, paper))
+        return path
+
+
+def make_certificate(
+    result: Calibration,
+    *,
+    tolerance: Any = None,
+    at: Any = None,
+    about: Mapping[str, str] | None = None,
+    issued: str | None = None,
+) -> Certificate:
+    """Return the certificate of a calibration: measurand, result, uncertainty budget, conditions, traceability.
+
+    The numbers are those of `Calibration.accuracy` and `Calibration.budget`; only the margin to a tolerance is
+    computed. A result that is not usable or has no uncertainty gives a certificate that says so and states no X.
+
+    Parameters
+    ----------
+    result : Calibration
+        New, or read from a file.
+    tolerance, at
+        As for `Calibration.verdict`: the decision on a tolerance (JCGM 106).
+    about : mapping or None
+        Title block (`files.about.ABOUT`), added to that of the result: also ``number``, ``organisation``,
+        ``environment`` (temperature, load) and ``reference`` (certificate of the target).
+    issued : str or None
+        Date that is written; None is now (UTC).
+
+    Raises
+    ------
+    InputError
+        A result that is no `Calibration`, a tolerance that cannot be read, ``at`` without a tolerance, another name in
+        the title block.
+
+    Examples
+    --------
+    >>> import uq_handeye as uq
+    >>> noise = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
+    >>> result = uq.calibrate(uq.simulate(n_poses=20, noise=noise, seed=1), noise=noise)
+    >>> found = uq.make_certificate(result, tolerance="2mm,0.5deg")
+    >>> found.certified, found.decision.verdict.word
+    (True, 'PASS')
+    """
+    if not isinstance(result, Calibration):
+        raise InputError(f"Expected `result` to be a Calibration, got {type(result).__name__}.")
+    if tolerance is None and at is not None:
+        raise InputError("Expected a `tolerance` beside `at`, which is the distance that it applies to; got none.")
+    of = replace(result, about=as_about({**result.about, **(about or {})}))
+    decision = None if tolerance is None else decide(of, of.verdict(tolerance, at))
+    now = datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")
+    return Certificate(of, decision, now if issued is None else issued)

@@ -1,0 +1,251 @@
+"""The certificate as a page: two sheets, the result with its conditions, then budget, traceability and validity."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..._version import __version__
+from ...calibration.statement.checks import lower_limit_of
+from ...calibration.statement.tolerance import percent
+from ...core.formatting.numbers import digits, fixed
+from ...core.presentation.document import Answer, Badge, Block, Cell, Checks, Paragraph, Points, Section, Table
+from ...core.presentation.page import rendered
+from ..sheets import colour_of
+from .budget import LEVEL, OTHERS, BudgetRow, Stated, budget_rows, components_of, correlation_of, worst_of
+from .contents import Contents
+from .data import identifier_of
+from .decision import RULE
+from .iso_9283 import robot_words
+from .statements import (
+    STANDING,
+    VALIDITY,
+    conditions_of,
+    coverage_of,
+    fields_of,
+    hashes_of,
+    lengths_of,
+    measurand_of,
+    method_of,
+    noise_source,
+    versions_of,
+)
+
+NOT_CERTIFIED = "NOT CERTIFIED"
+LOWER_LIMIT = "LOWER LIMIT"
+# Rows of the budget on the page; the data have all of them.
+MOST_SOURCES = 12
+_FACTORS = {"m": (1e3, "mm"), "rad": (180 / np.pi, "deg")}
+
+
+def certificate_html(of: Contents) -> str:
+    """Return the certificate as one self-contained HTML text; nothing in it looks like a result where none is
+    certified.
+    """
+    sheets = [_first(of), _second(of)] if of.certified else [[*_refused(of), *_origin(of)]]
+    result = of.result
+    facts = [result.setup or "motions without poses", f"method {result.method}", f"No. {identifier_of(of)}"]
+    return rendered(
+        "Hand-eye calibration certificate" if of.certified else f"{NOT_CERTIFIED}: hand-eye calibration",
+        result.frame,
+        [*facts, f"issued {of.issued}"],
+        [],
+        sheets=sheets,
+        fields=fields_of(result),
+        foot=f"{identifier_of(of)}, issued {of.issued} by uq-handeye {__version__}. {STANDING}",
+        signed=len(sheets) if of.certified else 0,
+        kind="certificate",
+    )
+
+
+# -------------------------------------------------------------------------------------------------------- page one
+
+
+def _refused(of: Contents) -> list[Section]:
+    """Return why nothing is certified; no X, no uncertainty."""
+    blocks: list[Block] = [Answer(f"{NOT_CERTIFIED}. {of.result.headline}", "failed")]
+    if len(of.refusals) > 1:
+        blocks.append(Points(of.refusals[1:]))
+    blocks.append(Paragraph("This page states no result. It must not be used as evidence of a calibration."))
+    return [Section("answer", NOT_CERTIFIED, blocks, wide=True), *_measured(of)]
+
+
+def _first(of: Contents) -> list[Section]:
+    result = of.result
+    answer: list[Block] = [
+        Answer(result.headline, colour_of(result, None if of.decision is None else of.decision.verdict))
+    ]
+    if of.decision is not None:
+        verdict = of.decision.verdict
+        answer.append(Badge(verdict.word, verdict.sentence, colour_of(result, verdict)))
+        answer.append(Paragraph(f"{of.decision.sentence} {RULE}".strip()))
+    if lower_limit_of(result):
+        answer.append(Badge(LOWER_LIMIT, _why_lower(of), "caution"))
+    answer.append(Paragraph(measurand_of(result)))
+    return [
+        Section("answer", "Result", answer, wide=True),
+        Section("x", _lower("Result", of), [_table_of(components_of(result)), *_forms(of)]),
+        Section("worst", _lower("In the least certain direction", of), _worst(of)),
+        *_measured(of),
+        Section("scope", "What the uncertainty includes", _scope(of), wide=True),
+    ]
+
+
+def _scope(of: Contents) -> list[Block]:
+    accuracy = of.result.accuracy
+    assert accuracy is not None  # of a certified result
+    return [
+        Paragraph(f"Included: {', '.join(accuracy.included)}."),
+        Paragraph(f"Not included: {', '.join(accuracy.not_included)}."),
+    ]
+
+
+def _measured(of: Contents) -> list[Section]:
+    """Return the conditions of the measurement and the checks."""
+    rows = [[name, text] for name, text in conditions_of(of.result)]
+    checks = Checks([(check.status, check.name, check.text) for check in of.result.checks])
+    return [
+        Section("conditions", "Conditions", [Table("", ["", ""], rows, frozenset({1}))]),
+        Section("checks", "Checks", [checks]),
+    ]
+
+
+def _worst(of: Contents) -> list[Block]:
+    accuracy = of.result.accuracy
+    assert accuracy is not None  # of a certified result
+    ahead = f"point {digits(accuracy.distance, 3)} m ahead of the camera"
+    names = {"point": ahead + (" (distance of the target)" if accuracy.distance_known else "")}
+    rows = [[names.get(one.name, one.name), *_sizes(one)] for one in worst_of(of.result)]
+    blocks: list[Block] = [Table("Uncertainty in the worst direction.", ["", *_HEAD], rows, frozenset({5}))]
+    if of.result.open_words:
+        blocks.append(Paragraph(f"Not determined, and in no number: {'; '.join(of.result.open_words)}."))
+    return [*blocks, _correlation(of)]
+
+
+_HEAD = ("u", "nu", "k", f"U ({percent(LEVEL)})", "unit")
+
+
+def _table_of(numbers: tuple[Stated, ...]) -> Table:
+    rows: list[list[Cell]] = []
+    for one in numbers:
+        factor, _ = _FACTORS[one.unit]
+        value = factor * (one.value or 0.0)
+        rows.append([one.name, _rounded(value, factor * one.u), *_sizes(one)])
+    caption = "Value, standard uncertainty u, degrees of freedom nu, coverage factor k, expanded uncertainty U."
+    return Table(caption, ["", "value", *_HEAD], rows, frozenset({6}))
+
+
+def _forms(of: Contents) -> list[Block]:
+    """Return the rotation as a quaternion, and where the matrix is."""
+    numbers = ", ".join(f"{x:.7f}" for x in of.result.quaternion)
+    return [Paragraph(f"As quaternion (x, y, z, w): {numbers}.")]
+
+
+def _correlation(of: Contents) -> Table:
+    """Return the correlation of the six numbers, below the diagonal."""
+    matrix = correlation_of(of.result)
+    names = ["x", "y", "z", "rx", "ry", "rz"]
+    rows = [
+        [
+            name,
+            *("" if np.isnan(matrix[k, m]) else f"{matrix[k, m].round(2) + 0.0:.2f}" for m in range(k)),
+            *[""] * (5 - k),
+        ]
+        for k, name in enumerate(names)
+        if k
+    ]
+    return Table("Correlation of translation x, y, z and rotation vector rx, ry, rz.", ["", *names[:5]], rows)
+
+
+def _lower(title: str, of: Contents) -> str:
+    return f"{title} (lower limit)" if lower_limit_of(of.result) else title
+
+
+def _why_lower(of: Contents) -> str:
+    """Return why the uncertainty is a lower limit."""
+    failed = [check for check in of.result.checks if check.status == "failed"]
+    why = (
+        "; ".join(f"{check.name}: {check.text}" for check in failed[:2]) or "no error that all poses share is included"
+    )
+    return f"The uncertainty is at least what is stated. {why[0].upper()}{why[1:]}."
+
+
+def _rounded(value: float, u: float) -> str:
+    """Return a value with the decimals of two digits of its uncertainty."""
+    decimals = 4 if not np.isfinite(u) or u <= 0 else int(np.clip(1 - np.floor(np.log10(u)), 0, 9))
+    return f"{value + 0.0:.{decimals}f}"
+
+
+def _sizes(one: Stated) -> list[str]:
+    factor, unit = _FACTORS[one.unit]
+    if not np.isfinite(one.u):
+        return ["not determined", "", "", "", unit]
+    return [fixed(factor * one.u, 2), _freedom(one.dof), f"{one.k:.2f}", fixed(factor * one.U, 2), unit]
+
+
+def _freedom(dof: float) -> str:
+    """Return degrees of freedom as a whole number, cut off as in JCGM 100, G.4.1; many count as infinite."""
+    return "infinite" if not dof < 1000 else f"{int(dof)}" if dof >= 10 else digits(dof, 2)
+
+
+# -------------------------------------------------------------------------------------------------------- page two
+
+
+def _second(of: Contents) -> list[Section]:
+    accuracy = of.result.accuracy
+    assert accuracy is not None  # of a certified result
+    return [
+        Section(
+            "coverage", "Uncertainty", [Paragraph(coverage_of(of.result)), Paragraph(method_of(of.result))], wide=True
+        ),
+        Section("budget", "Uncertainty budget", [_budget(of)], wide=True),
+        *_origin(of),
+        Section("robot", "In the terms of ISO 9283:1998", [Points(robot_words(of.result))], wide=True),
+        Section("validity", "Validity", [Paragraph(VALIDITY)], wide=True),
+    ]
+
+
+def _origin(of: Contents) -> list[Section]:
+    """Return where the numbers come from: hashes, noise, lengths, versions."""
+    result = of.result
+    rows = [[name, digest] for name, digest in hashes_of(result)]
+    blocks: list[Block] = []
+    if rows:
+        blocks.append(Table("", ["input", "SHA-256"], rows, frozenset({1}), verbatim=True))
+    blocks.append(Paragraph(f"Noise: {noise_source(result)}. {lengths_of(result)} Versions: {versions_of(result)}."))
+    return [Section("traceability", "Traceability", blocks, wide=True)]
+
+
+def _budget(of: Contents) -> Table:
+    found = sorted(budget_rows(of.result, MOST_SOURCES), key=lambda row: row.name.endswith(OTHERS))
+    rows: list[list[Cell]] = [_source(row) for row in found]
+    move, turn, _ = worst_of(of.result)
+    rows.append([])
+    factors = [_FACTORS["m"][0], _FACTORS["rad"][0]]
+    for title, cells in (
+        (_lower("combined, u_c", of), [fixed(f * one.u, 3) for f, one in zip(factors, (move, turn), strict=True)]),
+        ("effective degrees of freedom", [_freedom(one.dof) for one in (move, turn)]),
+        (f"coverage factor k for {percent(LEVEL)}", [f"{one.k:.2f}" for one in (move, turn)]),
+        (
+            _lower("expanded, U = k u_c", of),
+            [fixed(f * one.U, 3) for f, one in zip(factors, (move, turn), strict=True)],
+        ),
+    ):
+        rows.append([title, "", "", "", "", *cells, "", ""])
+    head = ["source", "type", "input: u", "distribution, origin", "nu", "u (mm)", "u (deg)", "% of mm", "% of deg"]
+    caption = (
+        "JCGM 100. Effect of each source on translation (mm) and rotation (deg) of X, in the direction in which each "
+        "is least certain, and share of the variance; the effect divided by u of the input is its sensitivity "
+        "coefficient. The sources are independent: squares add. nu: degrees of freedom. Type A: evaluated from the "
+        "data, B: declared."
+    )
+    return Table(caption, head, rows, frozenset({1, 2, 3}))
+
+
+def _source(row: BudgetRow) -> list[Cell]:
+    words = ", ".join(text for text in (row.input.distribution, row.input.origin) if text)
+    sizes = [
+        fixed(factor * size, 2) if factor * size >= 1e-6 else "0"
+        for (factor, _), size in zip(_FACTORS.values(), (row.translation, row.rotation), strict=True)
+    ]
+    shares = [f"{100 * share:.1f}" for share in (row.share_translation, row.share_rotation)]
+    return [row.name, row.type, row.input.uncertainty, words, _freedom(row.dof), *sizes, *shares]

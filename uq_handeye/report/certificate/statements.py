@@ -1,0 +1,198 @@
+"""The words of a certificate: measurand, conditions, method, traceability, validity."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from datetime import UTC, datetime
+
+import numpy as np
+
+from ...calibration.report.first_screen import title_of
+from ...calibration.report.text import source_words
+from ...calibration.result import Calibration
+from ...calibration.statement.included import shared_groups, sizes_of
+from ...calibration.statement.tolerance import percent
+from ...core.files.about import ABOUT
+from ...core.formatting.numbers import digits
+from ...model.kinematics.kinematic_errors import DECLARED, ESTIMATE, EXACT
+from ...model.poses.pose_pairs import PosePairs
+from ...model.shared_errors.shared_error import ROBOT_SCALE, TARGET_SCALE
+from .budget import LEVEL, budget_of
+
+ERROR_MODEL = (
+    "The error is xi = (theta, tau): R = exp([theta]x) R_hat, t = t_hat + tau, both in the parent frame of X (rotation "
+    "vector in rad, translation in m)."
+)
+# What a reader must know that no number says.
+STANDING = (
+    "Computed by software from the recorded poses, with the inputs declared by the user. It is not a calibration "
+    "certificate of an accredited laboratory (ISO/IEC 17025). The person who signs it is responsible for the declared "
+    "inputs. It relates only to the rig named above; copy it in full only."
+)
+VALIDITY = (
+    "The result applies to the rig as it was when the poses were recorded, and to robot poses like those recorded. It "
+    "does not expire on a date: it holds until uq-handeye check says changed. Check it after any change or shock: "
+    "camera or mount moved, lens, focus or zoom changed, robot mastered, base or tool redefined."
+)
+
+
+def measurand_of(result: Calibration) -> str:
+    """Return what was measured: the pose X, its frames and the setup."""
+    if result.setup is None:
+        return f"Measurand: the rigid transform X of AX = XB, of {result.n_pairs} pairs of motions. {ERROR_MODEL}"
+    parent, child = result.frame.split("_T_")
+    where = "mounted on the robot" if result.setup == "eye-in-hand" else "fixed in the cell"
+    return (
+        f"Measurand: the pose X = {result.frame} of the {child} in the {parent} frame: translation and rotation "
+        f"(six quantities) of a camera {where} ({result.setup}). {ERROR_MODEL}"
+    )
+
+
+def conditions_of(result: Calibration) -> list[tuple[str, str]]:
+    """Return the conditions of the measurement as names and texts; what was not recorded is left out."""
+    rows = [("Data", title_of(result, 120).partition(" from ")[2] or title_of(result, 120))]
+    if result.table is not None:
+        rejected = len(result.table.rejected)
+        used = f"{len(result.table.counted) - rejected} of {len(result.table)} {result.table.item}s used"
+        for what, which in (("rejected", result.table.rejected), ("excluded", result.table.excluded)):
+            used += f"; {what}: {_listed(which)} (numbered from 0)" if which else ""
+        rows.append(("Used", used))
+    if isinstance(data := result.counted, PosePairs):
+        size = 1e3 * np.ptp(data.robot[:, :3, 3], axis=0)
+        away = np.linalg.norm(data.camera[:, :3, 3], axis=1)
+        rows.append(("Robot positions", f"{' x '.join(f'{x:.0f}' for x in size)} mm (extent in the base frame)"))
+        rows.append(("Camera to target", f"{digits(away.min(), 3)} m to {digits(away.max(), 3)} m"))
+        if (recorded := _recorded(data)) is not None:
+            rows.append(("Recorded", recorded))
+    if result.analysis is not None:
+        shares = " / ".join(f"{100 * share:.0f}" for share in result.analysis.diagnostics.diversity.share)
+        rows.append(("Rotation about axes", f"{shares} %"))
+    rows.append(("Environment", result.about.get("environment", "not recorded")))
+    return rows
+
+
+def _recorded(data: PosePairs) -> str | None:
+    """Return first and last time of the poses, where their timestamps are those of a clock."""
+    if data.timestamps is None or not ((data.timestamps > _CLOCK[0]) & (data.timestamps < _CLOCK[1])).all():
+        return None
+    first, last = (datetime.fromtimestamp(float(end), UTC) for end in (data.timestamps.min(), data.timestamps.max()))
+    form = "%Y-%m-%d %H:%M"
+    return f"{first:{form}} to {last:{form}} UTC, by the timestamps"
+
+
+# Seconds since 1970 that are taken for the time of a clock: 2001 to 2096.
+_CLOCK = (1e9, 4e9)
+
+
+def _listed(numbers: list[int]) -> str:
+    shown = ", ".join(map(str, numbers[:12]))
+    return f"{shown}, ..." if len(numbers) > 12 else shown
+
+
+def method_of(result: Calibration) -> str:
+    """Return how X and its uncertainty were evaluated."""
+    order = "second-order terms by sigma points" if result.covariance_kind == "sigma-points" else "first order"
+    text = (
+        f"X by method {result.method}; covariance from {source_words(result)} ({order}, JCGM 100:2008, JCGM 102:2011)."
+    )
+    if result.covariance_kind == "sigma-points":
+        text += " The budget is to first order."
+    if budget_of(result) is None:
+        text += " This covariance is not divided by source."
+    return text
+
+
+def coverage_of(result: Calibration) -> str:
+    """Return what the expanded uncertainty means, for single numbers and for all six together."""
+    text = (
+        f"U = k u is the expanded uncertainty for a coverage probability of {percent(LEVEL)}; k is Student's t for the "
+        "effective degrees of freedom nu (Welch-Satterthwaite), 1.96 where all inputs are declared."
+    )
+    limit = result.quantile(LEVEL)
+    if not np.isfinite(limit):
+        return f"{text} There is no joint coverage region from so few poses ({result.reference})."
+    return (
+        f"{text} All components together: the ellipsoid xi^T C^-1 xi = {digits(limit, 3)} holds {percent(LEVEL)} "
+        f"({result.reference}, one number of degrees of freedom for all); C is in the JSON file."
+    )
+
+
+def noise_source(result: Calibration) -> str:
+    """Return where the noise of the poses comes from."""
+    estimate = result.noise_estimate
+    if result.noise is None:
+        return "not known"
+    if estimate is None:
+        known = next((f"; that of the camera from the {what}" for attribute, what in _OF_CAMERA.items()
+                      if getattr(result.data, attribute, None) is not None), "")  # fmt: skip
+        return f"declared by the user{known}"
+    if estimate.camera_known:
+        what = _OF_CAMERA["camera_calibration" if estimate.from_corners else "camera_covariance"]
+        return f"robot: estimated from the residuals; camera: from the {what}"
+    if result.kinematics is not None:
+        return f"estimated from the residuals; errors of the arm: {_OF_ARM.get(result.kinematics.how, 'assumed')}"
+    if estimate.has_prior:
+        return "estimated from the residuals with a data sheet"
+    return "estimated from the residuals"
+
+
+_OF_CAMERA = {"camera_calibration": "corners of the target", "camera_covariance": "points of the target"}
+_OF_ARM = {DECLARED: "declared", ESTIMATE: "from arms of the kind and the residuals", EXACT: "none, taken as exact"}
+
+
+def lengths_of(result: Calibration) -> str:
+    """Return where lengths come from, and whether that is traceable."""
+    sizes = {group.parts[0].error: group for group in shared_groups(result)}
+    parts = ["robot poses", "the size of the target"]
+    known = []
+    for name in (TARGET_SCALE, ROBOT_SCALE):
+        if name in sizes:
+            how = "assumed" if sizes[name].default else "declared"
+            known.append(f"{name} {sizes[name].parts[0].stated or sizes_of(sizes[name])} ({how})")
+    text = f"Lengths come from {' and '.join(parts)}"
+    text += (
+        f"; standard uncertainty in the budget: {', '.join(known)}."
+        if known
+        else ", which count as exact: no error of scale is in the budget."
+    )
+    if stated := result.about.get("reference"):
+        return f"{text} Reference standard, as stated by the user: {stated}."
+    return f"{text} No reference standard is stated: traceability of lengths to the SI is not shown."
+
+
+def hashes_of(result: Calibration) -> list[tuple[str, str]]:
+    """Return names and SHA-256 of what the result was made of: poses, files, camera, arm."""
+    rows = []
+    if result.provenance is not None:
+        rows.append(("poses as used", result.provenance.data_sha256))
+        rows += [(source.name, source.sha256) for source in result.provenance.sources]
+    camera = getattr(result.data, "camera_calibration", None)
+    if camera is not None:
+        rows.append((f"camera calibration ({camera.model})", _sha256(camera.intrinsics)))
+    if result.kinematics is not None:
+        rows.append(("arm model (chain)", _sha256(result.kinematics.chain.to_dict())))
+    return rows
+
+
+def _sha256(data: object) -> str:
+    """Return the SHA-256 of data as JSON with sorted keys."""
+    return hashlib.sha256(json.dumps(data, sort_keys=True).encode()).hexdigest()
+
+
+def versions_of(result: Calibration) -> str:
+    """Return the versions of what computed the result."""
+    if result.provenance is None:
+        return "not recorded"
+    return ", ".join(f"{name} {version}" for name, version in result.provenance.versions.items())
+
+
+def fields_of(result: Calibration) -> list[tuple[str, str]]:
+    """Return the title block: all fields that have a text, and those a certificate needs."""
+    needed = ("organisation", "cell", "robot", "robot_serial", "camera", "camera_serial", "target", "date")
+    elsewhere = ("environment", "reference")
+    return [
+        (name, result.about.get(key, ""))
+        for key, name in ABOUT.items()
+        if (key in needed or key in result.about) and key not in elsewhere
+    ]

@@ -1,0 +1,412 @@
+r"""Every published method on the same pairs: X, its distance from a reference, its covariance, residuals and time.
+
+Model: method m gives ``X_m = (R_m, t_m)`` from the same ``A_i X = X B_i``. Its difference from the reference X_0 is
+
+    xi = (theta, tau),    R_m = exp([theta]x) R_0,    t_m = t_0 + tau
+
+rotation first, rad and m, in the parent frame of X (`calibration`). With the covariance S_m of the method itself
+
+    d^2 = xi^T S_m^-1 xi,    agrees  <=>  d^2 <= 12.59, the 95 % quantile of chi-square with 6 degrees of freedom
+
+that is, X_0 lies inside the 95 % ellipsoid about X_m. This describes, it does not test: all methods see the same noise,
+so that d^2 is not chi-square distributed, methods that agree may be wrong together, and a precise method differs from
+an imprecise reference.
+"""
+
+from __future__ import annotations
+
+import time
+import warnings
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ...calibration.calibrate import calibrate
+from ...calibration.evidence.new_poses import poses_less_shared_errors
+from ...calibration.result import Calibration
+from ...calibration.statement.checks import Check
+from ...core.geometry.frames import SETUPS
+from ...core.runtime.progress import progress_bar
+from ...errors import DegenerateMotionError, InputError, InputWarning, MissingExtraError, NotConvergedError
+from ...fit.likelihood.constraint import require_noise_fits
+from ...fit.likelihood.gauss_helmert import ESTIMATORS
+from ...fit.one_model.noise_of_data import estimate_noise
+from ...methods.estimators import METHODS, ROBOT_WORLD_METHODS
+from ...methods.estimators.common.method import Estimate, Method
+from ...methods.estimators.common.robot_world import RobotWorldMethod
+from ...methods.propagation.noise_transport import noise_of_pairs
+from ...methods.propagation.published_fit import fit_published
+from ...model.noise.models import Noise, PairNoise
+from ...model.poses.motions import Motions, relative_motions, spread_pairs
+from ...model.poses.pose_pairs import PosePairs, pairs_of
+from ...model.poses.residuals import Residuals, residuals, summarise
+from ...model.shared_errors.shared_error import SharedError
+from .result import Comparison
+from .row import CHI2_95, Row, against, squared_distance, without_numbers
+
+# All pairs of more poses than make this many are thinned out evenly, the same for every method.
+MOST_PAIRS = 20_000
+# A method is timed so many times, or until so many seconds are over, and the best counts.
+REPEATS, ENOUGH = 5, 0.25
+# The method whose row is the answer of `calibrate`: the default reference.
+OWN = "efficient"
+# What data can make of a method; any other exception is a fault of the program.
+REFUSALS = (InputError, NotConvergedError, ArithmeticError, np.linalg.LinAlgError)
+__all__ = ["CHI2_95", "Row", "against", "compare", "squared_distance"]
+
+
+def compare(
+    data: PosePairs | Motions | ArrayLike,
+    camera: ArrayLike | None = None,
+    *,
+    setup: str | None = None,
+    noise: Noise | None = None,
+    methods: Sequence[str] | None = None,
+    pairs: str | ArrayLike = "all",
+    reference: str = OWN,
+    timed: bool = True,
+    progress: bool = False,
+    shared: Sequence[SharedError] | None = None,
+) -> Comparison:
+    """Every method on the same pairs, each with its own covariance, beside the answer of `calibrate`.
+
+    The row ``efficient`` is what ``calibrate(data, noise=noise)`` gives. All methods get the poses that count in it,
+    and its noise. A method that fails keeps its row, which says why, and so does one whose extra is not installed. All
+    pairs of many poses are thinned out to about 20,000.
+
+    Parameters
+    ----------
+    data, camera, setup
+        As in `calibrate`.
+    noise : PoseNoise, PairNoise or None
+        As in `calibrate`. None takes what `calibrate` estimates; where that fails (exact data, or data that do not fit
+        together) there are differences but no standard deviations, hence no agreement.
+    methods : "efficient", "ml", names in `METHODS` or `ROBOT_WORLD_METHODS`, or None for "efficient" and `METHODS`
+        The reference is added if it is not among them.
+    pairs : "all", "consecutive", "disjoint" or (N, 2) integers
+        Pairs to make of the poses (`relative_motions`); Motions come with theirs.
+    reference : str
+        The method from which differences are taken; if it fails, the first that does not.
+    timed : bool
+        Measure the time of each method; False leaves it out and is about twice as fast.
+    progress : bool
+        Show a bar on stderr if that is a terminal.
+    shared : sequence of SharedError or None
+        As in `calibrate`.
+
+    Raises
+    ------
+    InputError
+        Arguments that no method could use; data on which methods fail do not raise.
+
+    Warns
+    -----
+    InputWarning
+        What `calibrate` warns of, once for all methods.
+
+    Examples
+    --------
+    >>> import uq_handeye as uq
+    >>> from uq_handeye.report.comparison.compare import compare
+    >>> noise = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
+    >>> comparison = compare(uq.simulate(n_poses=30, noise=noise, seed=1), noise=noise, methods=["park"])
+    >>> [(row.method, row.agrees) for row in comparison.rows]
+    [('efficient', True), ('park', True)]
+    """
+    taken: Any = pairs_of(data, camera, setup)
+    names = _names(methods, reference)
+    motions, available = _motions(taken, pairs)
+    require_noise_fits(noise, motions)
+    answers: list[Calibration] = []
+
+    def answer() -> Calibration:
+        answers.append(calibrate(taken, noise=noise, pairs=pairs, shared=shared))
+        return answers[-1]
+
+    own = _row(Row(OWN, None, "simultaneous", "closed form"), answer)
+    used = noise
+    if answers and answers[0].noise is not None:
+        kept, used = _used(answers[0], motions)
+        if kept.N < motions.N:
+            n = len(kept.poses or kept)
+            available = kept.N if available == motions.N else n * (n - 1) // 2
+        motions = kept
+    elif noise is None:
+        used = _estimated(motions)
+    checks = answers[0].checks if answers else ()
+    seen = explained_motions(answers[0], motions) if answers else motions
+    if answers and answers[0].residuals.pairs == motions.N:
+        own = replace(own, residuals=answers[0].residuals)
+    estimated = noise is None and used is not None
+    return compare_rows(
+        names, motions, used, {OWN: own}, reference, estimated, available, timed, progress, checks=checks, seen=seen
+    )
+
+
+def explained_motions(result: Calibration, motions: Motions) -> Motions:
+    """Return the motions less the shared errors that a calibration estimates, which every method's residuals leave out.
+
+    Else the X of a method that takes up the wrong size of a target would seem to fit best.
+    """
+    poses = motions.poses
+    if poses is None or motions.pairs is None or result.posterior is None or result.W is None:
+        return motions
+    return relative_motions(poses_less_shared_errors(result, poses), motions.pairs)
+
+
+def compare_rows(
+    names: Sequence[str],
+    motions: Motions,
+    noise: Noise | None,
+    found: dict[str, Row],
+    reference: str,
+    noise_estimated: bool,
+    available: int,
+    timed: bool,
+    progress: bool,
+    checks: tuple[Check, ...] = (),
+    seen: Motions | None = None,
+) -> Comparison:
+    """The comparison of these methods on these motions; the rows that are ``found`` already are taken as they are.
+
+    Residuals are those of the motions ``seen``, without errors that were estimated; None: of the same.
+    """
+    judged = motions if seen is None else seen
+    poses = motions.poses
+    found = dict(found)
+    with warnings.catch_warnings(record=True) as others:  # of progress itself, and what numpy says
+        warnings.simplefilter("always")
+        with progress_bar("compare", len(names), "methods", progress) as advance:
+            for name in sorted(names, key=lambda name: name != reference):
+                if name not in found:
+                    found[name] = _row_of(name, motions, noise, timed)
+                advance(1)
+    rows = [found[name] for name in names]
+    base = next((found[name] for name in (reference, *names) if found[name].failure is None), None)
+    common, own = _sorted_warnings(rows, base)
+    rows = [
+        against(replace(row, warnings=own[row.method], residuals=row.residuals or _residuals(row, judged)), base)
+        for row in rows
+    ]
+    result = Comparison(
+        rows=tuple(rows),
+        reference=None if base is None else base.method,
+        asked_reference=reference,
+        frame="X" if poses is None else SETUPS[poses.setup],
+        setup=None if poses is None else poses.setup,
+        n_poses=None if poses is None else poses.n,
+        n_pairs=motions.N,
+        n_pairs_available=available,
+        noise=noise,
+        noise_estimated=noise_estimated,
+        warnings=common,
+        checks=checks,
+    )
+    for text in (*common, *result.own_warnings):
+        warnings.warn(text, InputWarning, stacklevel=3)
+    for message in {(warning.category, str(warning.message)): warning for warning in others}.values():
+        warnings.warn(message.message, message.category, stacklevel=3)
+    return result
+
+
+def _used(result: Calibration, motions: Motions) -> tuple[Motions, Noise]:
+    """The motions without the poses that the calibration gave no weight, and the noise that it used."""
+    data, noise = result.used
+    if isinstance(data, Motions):
+        return data, noise
+    if result.table is None or data is result.data:
+        return motions, noise
+    kept = result.table.weight > 0
+    assert motions.pairs is not None
+    pairs = motions.pairs[kept[motions.pairs].all(axis=1)]
+    return relative_motions(data, np.cumsum(kept)[pairs] - 1), noise
+
+
+def _estimated(motions: Motions) -> Noise | None:
+    """The noise that the data show, of their poses where there are any."""
+    with suppress(InputError, NotConvergedError):
+        return estimate_noise(motions if motions.poses is None else motions.poses).noise
+    return None
+
+
+def _every() -> dict[str, Method | RobotWorldMethod]:
+    return {**METHODS, **ROBOT_WORLD_METHODS}
+
+
+def _names(methods: Sequence[str] | None, reference: str) -> list[str]:
+    """The methods to run, each once and the reference among them."""
+    wanted = [OWN, *METHODS] if methods is None else [methods] if isinstance(methods, str) else list(methods)
+    for name, argument in (*((name, "methods") for name in wanted), (reference, "reference")):
+        if not isinstance(name, str) or name not in (*ESTIMATORS, *_every()):
+            known = ", ".join((*ESTIMATORS, *_every()))
+            raise InputError(f"Expected `{argument}` to name methods among {known}, got {name!r}.")
+    return list(dict.fromkeys(wanted if reference in wanted else [reference, *wanted]))
+
+
+def _motions(data: PosePairs | Motions, pairs: str | ArrayLike) -> tuple[Motions, int]:
+    """The motions for all methods, and how many pairs there were to choose from."""
+    if isinstance(data, Motions):
+        motions, available = data, data.N
+    elif isinstance(data, PosePairs):
+        if data.n < 3:
+            raise InputError(f"Expected at least 3 poses, which make 2 motions, got {data.n}.")
+        every = isinstance(pairs, str) and pairs == "all"
+        motions = relative_motions(data, spread_pairs(data.n, MOST_PAIRS) if every else pairs)
+        available = data.n * (data.n - 1) // 2 if every else motions.N
+    else:
+        raise InputError(f"Expected `data` to be PosePairs or Motions, got {type(data).__name__}.")
+    if motions.A.ndim != 3:
+        raise InputError("Expected one data set, got a batch.")
+    return motions, available
+
+
+def _row_of(name: str, motions: Motions, noise: Noise | None, timed: bool) -> Row:
+    """The row of one method on these motions; never raises on account of the data."""
+    if name in ESTIMATORS:
+        model = Row(name, None, "simultaneous", "iterative" if name == "ml" else "closed form")
+        return _row(model, lambda: calibrate(motions, noise=noise, method=name, robust=False))
+    method = _every()[name]
+    row = Row(name, method.year, method.structure, method.form)
+    row = _row(
+        row,
+        lambda: calibrate(motions, noise=noise, method=name),
+        lambda error: _without_covariance(row, error, motions, noise, method),
+        motions,
+    )
+    if not timed or row.X is None:
+        return row
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # they stand in the row
+        with suppress(*REFUSALS):  # what reached no end is not timed
+            return replace(row, seconds=_seconds(_alone(method, motions, noise)))
+    return row
+
+
+def _row(
+    row: Row,
+    run: Callable[[], Calibration],
+    refused: Callable[[InputError], Row] | None = None,
+    motions: Motions | None = None,
+) -> Row:
+    """The row with what ``run`` finds, or why it finds nothing, but for the difference from the reference."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        try:
+            row = _filled(row, run())
+        except NotConvergedError as error:
+            row = replace(_reached(row, error, motions), failure=_said(error), converged=False)
+        except DegenerateMotionError as error:
+            row = replace(_undetermined(row, error), failure=_said(error))
+        except MissingExtraError as error:
+            row = replace(row, failure=_said(error), not_run=True)
+        except InputError as error:
+            row = replace(row, failure=_said(error)) if refused is None else refused(error)
+        except (ArithmeticError, np.linalg.LinAlgError) as error:  # the numbers of these data; any other is a fault
+            row = replace(row, failure=f"{type(error).__name__}: {_said(error)}")
+    for warning in caught:
+        if not issubclass(warning.category, InputWarning):
+            warnings.warn(warning.message, warning.category, stacklevel=2)
+    texts = [str(warning.message) for warning in caught if issubclass(warning.category, InputWarning)]
+    return replace(row, warnings=tuple(dict.fromkeys([*row.warnings, *texts])))
+
+
+def _alone(method: Method | RobotWorldMethod, motions: Motions, noise: Noise | None) -> Callable[[], object]:
+    """The estimate without anything around it."""
+    if isinstance(method, RobotWorldMethod):
+        poses = motions.poses
+        assert poses is not None  # or it would have no X
+        return lambda: method(poses)
+    weights = _weights(method, motions, noise)
+    return lambda: method.estimate(motions.A, motions.B, weights)
+
+
+def _weights(method: Method, motions: Motions, noise: Noise | None) -> PairNoise | None:
+    """The noise that the method weights by, as `calibrate` gives it."""
+    if not method.weighted or noise is None or isinstance(noise, PairNoise):
+        return noise if method.weighted and isinstance(noise, PairNoise) else None
+    return noise_of_pairs(motions, noise)
+
+
+def _filled(row: Row, result: Calibration) -> Row:
+    """The row with what `calibrate` found."""
+    finite = np.isfinite(result.X).all() and (result.covariance is None or np.isfinite(result.covariance).all())
+    if not finite:
+        raise ArithmeticError("the result holds numbers that are not finite.")
+    return replace(
+        row,
+        X=result.X,
+        covariance=result.covariance,
+        converged=True,  # or it would have raised
+        iterations=result.iterations,
+    )
+
+
+def _residuals(row: Row, seen: Motions) -> Residuals | None:
+    return None if row.X is None else summarise(*residuals(seen.A, seen.B, row.X))
+
+
+def _without_covariance(
+    row: Row, error: InputError, motions: Motions, noise: Noise | None, method: Method | RobotWorldMethod
+) -> Row:
+    """The row with X alone where it is the covariance that the method refuses, for example of too many pairs."""
+    if noise is None or method.weighted:
+        return replace(row, failure=_said(error))
+    try:
+        found = fit_published(motions, None, method.name, None, None)
+        if not np.isfinite(found.X).all():
+            raise ArithmeticError("the result holds numbers that are not finite.")
+    except REFUSALS:
+        return replace(row, failure=_said(error))
+    row = replace(row, X=found.X, converged=True, iterations=found.iterations)
+    return replace(row, warnings=(f"No covariance, hence no verdict: {_said(error)}",))
+
+
+def _reached(row: Row, error: NotConvergedError, motions: Motions | None) -> Row:
+    """The row with what an iteration reached before it was given up."""
+    partial = error.partial
+    if (
+        motions is None
+        or not isinstance(partial, Estimate)
+        or partial.X.shape != (4, 4)
+        or not np.isfinite(partial.X).all()
+    ):
+        return row
+    return replace(
+        row,
+        X=partial.X,
+        iterations=int(partial.iterations),
+    )
+
+
+def _undetermined(row: Row, error: DegenerateMotionError) -> Row:
+    """The row with the X of a covariance that means nothing, where there is one."""
+    try:
+        return _filled(row, error.partial) if isinstance(error.partial, Calibration) else row
+    except ArithmeticError:
+        return row
+
+
+def _said(error: Exception) -> str:
+    """Return the error on one line of a table."""
+    return " ".join(str(error).split()) or type(error).__name__
+
+
+def _seconds(function: Callable[[], object]) -> float:
+    """Shortest time of a few calls, or of one if it is slow."""
+    times: list[float] = []
+    while len(times) < REPEATS and sum(times) < ENOUGH:
+        start = time.perf_counter()
+        function()
+        times.append(time.perf_counter() - start)
+    return min(times)
+
+
+def _sorted_warnings(rows: list[Row], base: Row | None) -> tuple[tuple[str, ...], dict[str, tuple[str, ...]]]:
+    """Return the warnings of the reference (of all methods if none succeeded), and what each method has beyond them."""
+    common = {without_numbers(text): text for row in (rows if base is None else [base]) for text in row.warnings}
+    own = {row.method: tuple(text for text in row.warnings if without_numbers(text) not in common) for row in rows}
+    return tuple(common.values()), own

@@ -1,0 +1,185 @@
+"""One method in a comparison: its result, its distance from the reference, and both as plain numbers."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from ...core.files.records import Record
+from ...core.geometry.pose_numbers import pose_numbers
+from ...core.geometry.principal_axes import principal_axes
+from ...core.geometry.se3 import Array
+from ...model.poses.residuals import Residuals
+
+# 95 % quantile of chi-square with 6 degrees of freedom.
+CHI2_95 = 12.591587243743977
+# Eigenvalue of a correlation matrix below which a direction has no variance.
+FLAT = 1e-13
+# Differences below both (1e-9 degrees in rad, 1e-9 mm in m) are rounding.
+ROUNDING = (math.radians(1e-9), 1e-12)
+
+_XYZ = "xyz"
+_TURN, _MOVE = slice(0, 3), slice(3, 6)
+
+
+@dataclass(frozen=True, eq=False)
+class Row(Record):
+    """Result of one method on the data. Angles in rad, lengths in m."""
+
+    _in_file: ClassVar[str] = (
+        "method year structure form status X covariance std difference=xi difference_rotation difference_translation "
+        "d2 agrees residuals seconds converged iterations failure warnings"
+    )
+
+    method: str
+    year: int | None  # None: of this toolkit
+    structure: str  # "separated" or "simultaneous"
+    form: str  # "closed form", "iterative" or "convex program"
+    X: Array | None = None  # (4, 4); with a failure: what the method came to all the same, if anything
+    covariance: Array | None = None  # (6, 6) of (theta, tau), the method's own; None without noise
+    residuals: Residuals | None = None
+    seconds: float | None = None  # of the estimator alone
+    converged: bool | None = None
+    iterations: int | None = None  # 0 in closed form
+    not_run: bool = False  # its extra is not installed
+    failure: str | None = None  # why there is no result, or none to rely on
+    warnings: tuple[str, ...] = ()  # beyond those of the comparison
+    xi: Array | None = None  # (6,) difference (theta, tau) from the reference
+    d2: float | None = None  # xi^T covariance^-1 xi; infinite where the covariance leaves no room
+    agrees: bool | None = None  # d2 <= CHI2_95; None: not known
+
+    @property
+    def status(self) -> str:
+        """Status of the result: "ok"; "not run", its extra is not installed; "unconverged"; "failed"; or
+        "undetermined", where the noise leaves X open and the covariance means nothing.
+        """
+        if self.failure is None:
+            return "ok"
+        if self.not_run:
+            return "not run"
+        if self.converged is False:
+            return "unconverged"
+        return "failed" if self.X is None else "undetermined"
+
+    def __repr__(self) -> str:
+        said = self.status if self.failure is not None or self.agrees is None else f"agrees={self.agrees}"
+        apart = ""
+        if self.xi is not None:
+            rotation, translation = np.degrees(np.linalg.norm(self.xi[:3])), 1e3 * np.linalg.norm(self.xi[3:])
+            apart = f", {rotation:.3g} deg and {translation:.3g} mm from the reference"
+        name = self.method if self.year is None else f"{self.method} {self.year}"
+        return f"Row({name}, {said}{apart})"
+
+    @property
+    def std(self) -> Array | None:
+        """Standard deviations (6,) of (theta, tau)."""
+        return None if self.covariance is None else np.asarray(np.sqrt(np.diag(self.covariance)))
+
+    @property
+    def weakest(self) -> tuple[float, float] | None:
+        """Largest standard deviations of the rotation (rad) and of the translation (m), over all directions."""
+        if self.covariance is None:
+            return None
+        rotation, translation = (principal_axes(self.covariance[part, part])[0][0] for part in (_TURN, _MOVE))
+        return float(rotation), float(translation)
+
+    @property
+    def difference_rotation(self) -> float | None:
+        """Angle between the rotation and that of the reference."""
+        return None if self.xi is None else float(np.linalg.norm(self.xi[:3]))
+
+    @property
+    def difference_translation(self) -> float | None:
+        """Distance between the translation and that of the reference."""
+        return None if self.xi is None else float(np.linalg.norm(self.xi[3:]))
+
+
+def against(row: Row, base: Row | None) -> Row:
+    """The row with its difference from the reference, and whether it agrees; one of rounding counts as none."""
+    if base is None or base.X is None or row.X is None:
+        return row
+    theta = Rotation.from_matrix(row.X[:3, :3] @ base.X[:3, :3].T).as_rotvec()
+    xi = np.concatenate([theta, row.X[:3, 3] - base.X[:3, 3]])
+    if row.method == base.method:
+        xi = np.zeros(6)
+    if row.covariance is None or row.failure is not None:
+        return replace(row, xi=xi)
+    d2 = 0.0 if is_rounding(xi) else squared_distance(xi, row.covariance)
+    return replace(row, xi=xi, d2=d2, agrees=d2 <= CHI2_95)
+
+
+def is_rounding(xi: Array) -> bool:
+    """Return whether a difference (6,) is below 1e-9 degrees and 1e-9 mm."""
+    return all(float(np.linalg.norm(part)) < least for part, least in zip((xi[:3], xi[3:]), ROUNDING, strict=True))
+
+
+def squared_distance(xi: Array, covariance: Array) -> float:
+    """``xi^T covariance^-1 xi``; infinite where xi has a part along which the covariance has no variance."""
+    std = np.sqrt(np.diag(covariance))
+    if (xi[std == 0] != 0).any():
+        return math.inf
+    xi, covariance, std = xi[std > 0], covariance[np.ix_(std > 0, std > 0)], std[std > 0]
+    if not xi.size:
+        return 0.0
+    values, axes = np.linalg.eigh(covariance / np.outer(std, std))
+    parts = axes.T @ (xi / std)
+    flat = values <= FLAT
+    if (np.abs(parts[flat]) > np.sqrt(FLAT)).any():
+        return math.inf
+    return float(np.sum(parts[~flat] ** 2 / values[~flat]))
+
+
+def flat(row: Row, base: Row | None) -> dict[str, Any]:
+    """The row of the data frame, beside the reference ``base``."""
+    missing = np.full(6, np.nan)
+    X = np.full((4, 4), np.nan) if row.X is None else row.X
+    rotvec = missing[:3] if row.X is None else pose_numbers(row.X, None, None if base is None else base.X)[0][3:]
+    std, xi = (missing if value is None else value for value in (row.std, row.xi))
+    rms: tuple[float | None, float | None, float | None] = (None, None, None)
+    if row.residuals is not None:
+        rms = (row.residuals.error, row.residuals.rotation_rms, row.residuals.translation_rms)
+    entry: dict[str, Any] = {
+        "method": row.method,
+        "year": row.year,
+        "structure": row.structure,
+        "form": row.form,
+        "status": row.status,
+        "is_reference": base is not None and row.method == base.method,
+    }
+    entry |= {f"rotation_vector_{a}_deg": rotvec[k] for k, a in enumerate(_XYZ)}
+    entry |= {f"translation_{a}_mm": 1e3 * X[k, 3] for k, a in enumerate(_XYZ)}
+    entry |= {f"std_theta_{a}_deg": math.degrees(std[k]) for k, a in enumerate(_XYZ)}
+    entry |= {f"std_tau_{a}_mm": 1e3 * std[3 + k] for k, a in enumerate(_XYZ)}
+    entry |= {
+        "difference_rotation_deg": _scaled(row.difference_rotation, 180 / np.pi),
+        "difference_translation_mm": _scaled(row.difference_translation, 1e3),
+    }
+    entry |= {f"difference_theta_{a}_deg": math.degrees(xi[k]) for k, a in enumerate(_XYZ)}
+    entry |= {f"difference_tau_{a}_mm": 1e3 * xi[3 + k] for k, a in enumerate(_XYZ)}
+    entry |= {
+        "d2": row.d2,
+        "agrees": row.agrees,
+        "error_62": rms[0],
+        "residual_rotation_rms_deg": _scaled(rms[1], 180 / np.pi),
+        "residual_translation_rms_mm": _scaled(rms[2], 1e3),
+        "time_ms": _scaled(row.seconds, 1e3),
+        "converged": row.converged,
+        "iterations": row.iterations,
+        "failure": row.failure,
+    }
+    entry |= {f"X_{i + 1}{j + 1}" + ("_m" if j == 3 else ""): X[i, j] for i in range(3) for j in range(4)}
+    return entry
+
+
+def _scaled(value: float | None, factor: float) -> float | None:
+    return None if value is None else factor * value
+
+
+def without_numbers(text: str) -> str:
+    """The text with # for every number: what is the same if only the numbers differ."""
+    return re.sub(r"[-+]?\d[\w.+-]*", "#", text)

@@ -1,0 +1,1 @@
+"""Simulated rigs, and whether a covariance is consistent."""

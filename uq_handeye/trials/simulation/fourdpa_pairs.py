@@ -1,0 +1,131 @@
+r"""Trials of 4DPA in its limit on motions with noise of their own: hardly slower than the random numbers.
+
+Model: true motions ``A_i X = X B_i``; measured ``R = exp([theta]x) R_true``, ``t = t_true + tau`` with
+``xi = (theta, tau) = L z``, z standard normal, independent from motion to motion (rad, m). X of T2 (`procrustes`) needs
+of each motion only u and w, from its quaternion and translation (`rows`). The moments ``H = sum u v^T`` and
+``K = sum (u z^T + w v^T)`` over the motions give X; B is rotated by the true R_X, so that the rotation nearest to H is
+the rotation error ``exp([theta_X]x)`` itself. Trials are the last axis of all arrays; a block of them stays in cache.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.geometry.component_rows import Side, halves
+from ...core.geometry.se3 import Array, logarithm
+from ...core.runtime.workspace import scratch
+from ...errors import InputError
+from ...methods.procrustes.limit import solve_moments
+from ...model.noise.models import PairNoise
+
+# Motions of one side in all trials of a block, and the fewest trials worth a call.
+BLOCK, FEWEST = 8192, 32
+# Determinant of H over that of the matrix of equal singular values and equal norm, below which the SVD decides.
+FLAT = 1e-4
+# Cofactor (i, j) is the product of two entries less that of two others.
+_COFACTORS = np.array(
+    [[3 * ((i + p) % 3) + (j + q) % 3 for i in range(3) for j in range(3)] for p, q in ((1, 1), (2, 2), (1, 2), (2, 1))]
+)
+
+
+def fourdpa_on_drawn(
+    A: Array, B: Array, X: Array, noise: PairNoise, rng: np.random.Generator, trials: int
+) -> tuple[Array, NDArray[np.bool_]]:
+    """Errors xi (trials, 6) of 4DPA's X on so many draws, and which trials determine it (the others are rows of 0).
+
+    A, B (N, 4, 4) are true motions that fit X (4, 4). Numbers depend on the generator and on N only.
+    """
+    N = len(A)
+    L_A, L_B = noise.factors
+    true_A, true_B = Side.of(A, None, L_A), Side.of(B, X[:3, :3], L_B)
+    moments = np.zeros((2, 3, 3, trials))
+    pairs = max(1, min(N, BLOCK // FEWEST))
+    step = max(FEWEST, BLOCK // N)
+    for first in range(0, trials, step):
+        H, K = moments[..., first : first + step]
+        m = H.shape[-1]
+        for start in range(0, N, pairs):
+            part = slice(start, min(start + pairs, N))
+            drawn = scratch("drawn", 2, 7, part.stop - start, m)
+            u, w = halves(*true_A.drawn(part, m, rng, drawn[0]))
+            v, z = halves(*true_B.drawn(part, m, rng, drawn[1]))
+            H += np.einsum("inm,jnm->ijm", u, v)
+            K += np.einsum("inm,jnm->ijm", u, z)
+            K += np.einsum("inm,jnm->ijm", w, v)
+    return errors_by_moments(moments, N, X[:3, 3])
+
+
+def errors_by_moments(moments: Array, N: int, t_X: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """xi (T, 6) from the moments H and K (2, 3, 3, T) of N motions, and which trials determine it."""
+    H, K = moments
+    T = H.shape[-1]
+    errors, ok = np.zeros((T, 6)), np.ones(T, dtype=bool)
+    size = np.sqrt(np.einsum("ijt,ijt->t", H, H) / 3.0)
+    regular = _determinant(H) > FLAT * size**3
+    if regular.all():
+        return _by_polar(H / size, K, size, t_X), ok
+    if regular.any():
+        errors[regular] = _by_polar(H[..., regular] / size[regular], K[..., regular], size[regular], t_X)
+    rest = np.flatnonzero(~regular)
+    full = np.zeros((len(rest), 6, 6))
+    full[:, :3, :3], full[:, :3, 3:] = H[..., rest].transpose(2, 0, 1), K[..., rest].transpose(2, 0, 1)
+    try:
+        X = solve_moments(4 * full, N)
+    except InputError:  # one by one, as some leave X open
+        X = np.broadcast_to(np.eye(4), (len(rest), 4, 4)).copy()
+        for k, trial in enumerate(rest):
+            try:
+                X[k] = solve_moments(4 * full[k], N)
+            except InputError:
+                ok[trial] = False
+    errors[rest, :3] = logarithm(X[:, :3, :3])
+    errors[rest, 3:] = X[:, :3, 3] - t_X
+    errors[~ok] = 0.0
+    return errors, ok
+
+
+def _determinant(M: Array) -> Array:
+    (a, b, c), (d, e, f), (g, h, i) = M
+    return np.asarray(a * (e * i - f * h) + b * (f * g - d * i) + c * (d * h - e * g))
+
+
+def _cofactors(M: Array) -> Array:
+    """``det(M) M^-T`` of (3, 3, T)."""
+    entries = M.reshape(9, -1)
+    i, j, k, m = _COFACTORS
+    result = entries.take(i, axis=0)
+    result *= entries.take(j, axis=0)
+    other = entries.take(k, axis=0)
+    other *= entries.take(m, axis=0)
+    result -= other
+    return np.asarray(result.reshape(M.shape))
+
+
+def _by_polar(H: Array, K: Array, size: Array, t_X: Array) -> Array:
+    """xi of trials whose H (scaled by ``size``) has a positive determinant: its polar factor is the rotation (T2)."""
+    R = H
+    for _ in range(30):  # Newton's iteration for the polar factor, R <- (R + R^-T) / 2: quadratic
+        C = _cofactors(R)
+        inverse_transposed = C / (R[0] * C[0]).sum(axis=0)
+        scale = np.sqrt(np.sqrt((inverse_transposed**2).sum(axis=(0, 1)) / (R**2).sum(axis=(0, 1))))
+        new = 0.5 * (scale * R + inverse_transposed / scale)
+        moved = np.abs(new - R).max()
+        R = new
+        if moved < 1e-9:  # the next step would be of the order of its square
+            break
+    # H R^T is symmetric and positive; M = tr(H R^T) I - H R^T
+    G = np.einsum("ikt,jkt->ijt", H, R)
+    G = 0.5 * (G + G.swapaxes(0, 1))
+    M = -G
+    trace = G[0, 0] + G[1, 1] + G[2, 2]
+    for i in range(3):
+        M[i, i] += trace
+    P = np.einsum("ikt,jkt->ijt", K, R)
+    h = np.stack([P[1, 2] - P[2, 1], P[2, 0] - P[0, 2], P[0, 1] - P[1, 0]])
+    C = _cofactors(M)
+    t = -np.einsum("ijt,it->jt", C, h) / ((M[0] * C[0]).sum(axis=0) * size)
+    xi = np.empty((H.shape[-1], 6))
+    xi[:, :3] = logarithm(R.transpose(2, 0, 1))
+    xi[:, 3:] = t.T - t_X
+    return xi

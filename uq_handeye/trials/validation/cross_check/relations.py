@@ -1,0 +1,489 @@
+r"""Relations between the covariances of one problem: those that must hold (T8), and those that are only claimed.
+
+Model: sampled covariances S of T trials of an estimator, covariances P from formulas, and the Cramer-Rao bound C, all
+of ``xi = (theta, tau)`` (rad and m) in one convention. Two of them are compared by the ratios of standard deviations
+over all directions,
+
+    r^2 = eigenvalues of P^-1 S
+
+which need no unit (`ratios`). To first order in the noise, and for an unbiased estimator,
+
+    S = P of that estimator;   S = C for `efficient` and `ml`, and for the posterior;   S >= C for every estimator
+
+A relation is broken where ratios are outside of what chance and `ratios.TOLERANCE` explain.
+
+(45) of the paper takes one error for all pairs and the mean derivative; by Jensen's inequality it is then smaller than
+the true covariance of N pairs with equal noise by sqrt(N) in standard deviation or more.
+
+The ratios of standard deviations of two covariances over all directions, and what chance makes of them.
+
+Model: S sampled from T errors ``xi = (theta, tau)`` (rad and m) of covariance P; ``r^2`` the eigenvalues of ``P^-1 S``.
+
+Sampling alone lets the ratios of a true P range over an interval (extreme eigenvalues of a Wishart matrix,
+`consistency`; widened for heavy tails), and the root of the mean of their squares over a narrower one. Both are taken
+at `CONFIDENCE`, so that about ten comparisons together err in at most one of 100 runs, and widened by `TOLERANCE`: what
+is left of second order in the noise is not worth an alarm below it. S and P are not equal where a ratio or that mean
+is outside.
+
+Where tails are heavy (`HEAVY`) and widen that interval beyond `WIDE`, almost any covariance would lie in it: then
+equality is broken if the ratio over all directions is above `CLEARLY` and a test of `consistency` rejects, and cannot
+be told otherwise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ....core.geometry.se3 import Array
+from ..monte_carlo.consistency import FEWEST, HEAVY, extreme_eigenvalues, in_words
+from ..monte_carlo.run import MonteCarlo
+from ..monte_carlo.sums import COMPONENTS
+
+TOLERANCE = 0.05  # of a standard deviation
+CONFIDENCE, SIGMAS = 0.999, 3.3  # of each comparison; the same for what is normal
+WIDE = 1.2  # times either way: what chance explains beyond it for heavy tails alone tells nothing
+CLEARLY = 1.1  # times over all directions: too small whatever the tails
+
+
+class Ratios(NamedTuple):
+    """Standard deviations of one covariance over those of another, over all directions."""
+
+    least: float
+    largest: float
+    low: float  # what chance explains
+    high: float
+    overall: float  # root of the mean of the squared ratios
+    spread: float  # by how much chance moves that, either way
+    where_least: str
+    where_largest: str
+    kurtosis: float | None = None  # of the samples, where their tails are heavy
+    rejected: bool = False  # by a test of the samples against the covariance below
+
+    @property
+    def not_below(self) -> bool:
+        return self.least >= self.low * (1 - TOLERANCE)
+
+    @property
+    def not_above(self) -> bool:
+        return self.largest <= self.high * (1 + TOLERANCE)
+
+    @property
+    def shapeless(self) -> bool:
+        """True if tails are so heavy that being inside of what chance explains tells nothing."""
+        return self.kurtosis is not None and (self.high > WIDE or self.low < 1 / WIDE)
+
+    @property
+    def equal(self) -> bool | None:
+        """None: cannot be told."""
+        whole = abs(self.overall - 1) <= self.spread + TOLERANCE
+        if not (self.not_below and self.not_above and whole):
+            return False
+        if not self.shapeless:
+            return True
+        return False if self.overall > CLEARLY and self.rejected else None
+
+    @property
+    def farthest(self) -> tuple[float, str]:
+        """The ratio that is farthest off, and the direction."""
+        if self.largest * self.least >= 1:
+            return self.largest, self.where_largest
+        return self.least, self.where_least
+
+    @property
+    def text(self) -> str:
+        over = f"{number(self.least)} to {number(self.largest)} times"
+        return f"{over} (overall {number(self.overall)} times)"
+
+    @property
+    def margin(self) -> str:
+        """Description of what counts as equal."""
+        if self.shapeless:
+            assert self.kurtosis is not None
+            told = "cannot be told: " if self.equal is None else ""
+            return (
+                f"{told}the errors have heavy tails, which no covariance describes (fourth moment "
+                f"{number(1 + self.kurtosis)} times that of Gaussian errors)"
+            )
+        return (
+            f"chance explains {self.low:.3f} to {self.high:.3f} over all directions ({1 - self.spread:.3f} to "
+            f"{1 + self.spread:.3f} overall), and {100 * TOLERANCE:g} % more are tolerated"
+        )
+
+
+def ratios(
+    S: Array,
+    P: Array,
+    samples: int | None = None,
+    kurtosis: float | None = None,
+    part: slice = slice(0, 6),
+    *,
+    rejected: bool = False,
+) -> Ratios:
+    """Standard deviations of S, drawn from so many ``samples``, over those of P.
+
+    Parameters
+    ----------
+    S, P : (6, 6)
+    samples : int or None
+        Trials; None where both are from formulas.
+    kurtosis : float or None
+        Of the trials, relative to Gaussian ones: heavier tails widen what chance explains.
+    part : slice
+        Components that are compared.
+    rejected : bool
+        Whether a test of `consistency` rejects P for these trials.
+    """
+    from scipy.linalg import eigh
+
+    S, P = S[part, part], P[part, part]
+    unit = np.sqrt(np.diag(P))
+    values, vectors = eigh(S / np.outer(unit, unit), P / np.outer(unit, unit))
+    r = np.sqrt(np.maximum(values, np.finfo(float).tiny))
+    low = high = 1.0
+    spread = 0.0
+    if samples is not None:
+        low, high = chance(samples, kurtosis)
+        # the mean of d^2 has the variance (E d^4 - k^2) / T; its root half of that deviation, relative to k
+        spread = SIGMAS * float(np.sqrt((1 + 4 * max(kurtosis or 0.0, 0.0)) / (2 * len(r) * samples)))
+    names = COMPONENTS[part]
+    overall = float(np.sqrt(np.mean(r * r)))
+    where = [in_words(vectors[:, k], names) for k in (0, -1)]
+    heavy = kurtosis if samples is not None and kurtosis is not None and kurtosis > heavy_from(samples) else None
+    return Ratios(float(r[0]), float(r[-1]), low, high, overall, spread, where[0], where[1], heavy, rejected)
+
+
+def heavy_from(samples: int) -> float:
+    """The kurtosis from which tails are heavy, beyond what so many Gaussian errors show by chance."""
+    return max(HEAVY, 4 / float(np.sqrt(6 * samples)))
+
+
+def chance(samples: int, kurtosis: float | None = None) -> tuple[float, float]:
+    """Between what all ratios of standard deviations lie with `CONFIDENCE` where the covariance is consistent."""
+    widened = np.sqrt(1 + 1.5 * max(kurtosis or 0.0, 0.0))
+    low, high = np.exp(0.5 * widened * np.log(extreme_eigenvalues(samples - 1, CONFIDENCE)))
+    return float(low), float(high)
+
+
+def number(value: float | np.floating[Any]) -> str:
+    """Three digits around 1, fewer decimals for larger numbers."""
+    decimals = 3 if value < 2 else 2 if value < 10 else 1 if value < 100 else 0
+    return f"{value:,.{decimals}f}"
+
+
+NEAR = 1.5  # times the standard deviations of the bound
+SLIGHTLY = 0.8  # times the standard deviations of 4DPA
+SWEEP = "`uq-handeye validate --sweep-noise` shows at which noise it ends"
+
+
+@dataclass(frozen=True)
+class Relation:
+    """One thing that must be so, or is claimed to be, and whether it is."""
+
+    name: str
+    statement: str
+    law: bool  # False: a claim, which may fail without anything being wrong
+    holds: bool | None  # None: cannot be told, or has no meaning here; the text says why
+    text: str  # with numbers
+    advice: str = ""  # where it does not hold: what that means and what to do
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values for JSON."""
+        return asdict(self)
+
+
+class Evidence(NamedTuple):
+    """Evidence by which relations are judged; covariances by the keys of the rows, runs by method."""
+
+    covariances: Mapping[str, Array]
+    missing: Mapping[str, str]  # what rows there are not, and why
+    runs: Mapping[str, MonteCarlo]
+    effective: int | None  # independent samples that the posterior is worth
+    on_poses: bool  # noise on poses
+    shared: bool  # pairs that share poses
+    all_pairs: bool  # every two poses make a pair
+    pairs: int
+
+
+def relations(e: Evidence) -> tuple[Relation, ...]:
+    """All relations that apply to the problem, in the order of T8."""
+    found = [
+        _first_order(e, "4dpa", "4DPA", "4dpa-poses" if e.on_poses else "4dpa-pairs"),
+        _first_order(e, "nguyen", "Nguyen and Pham", "nguyen-first-order"),
+        _at_bound(e, "efficient"),
+        _at_bound(e, "ml"),
+        _posterior(e),
+        _none_below(e),
+        _nguyen_not_below(e),
+        _nguyen_near(e),
+        _nguyen_below_4dpa(e),
+        _literal(e),
+    ]
+    if e.on_poses:
+        found.append(_shared(e))
+    return tuple(found)
+
+
+def _first_order(e: Evidence, method: str, label: str, key: str) -> Relation:
+    """(1), (2)"""
+    statement = f"The errors of {label} in Monte Carlo have the covariance that first order predicts for it"
+    return _sampled_equals(e, f"{method}-first-order", statement, method, key, f"the first-order covariance of {label}")
+
+
+def _at_bound(e: Evidence, method: str) -> Relation:
+    """(3), (4)"""
+    statement = f"The errors of `{method}` in Monte Carlo have the covariance of the Cramer-Rao bound"
+    return _sampled_equals(e, f"{method}-bound", statement, method, "bound", "the bound")
+
+
+def _sampled_equals(e: Evidence, name: str, statement: str, method: str, key: str, what: str) -> Relation:
+    def judge() -> tuple[bool | None, str, str]:
+        r = _of_run(e, method, key)
+        text = f"standard deviations sampled are {r.text} those of {what}; {r.margin}{_left_out(e, method)}"
+        worst, where = r.farthest
+        beyond = f"the noise is beyond first order for this method on these motions. {SWEEP}."
+        advice = (
+            f"The errors are really {number(worst)} times what is reported in {where}: {beyond} Report the sampled "
+            "covariance in its place, reduce the noise, or add motions that rotate about other axes."
+        )
+        if r.shapeless:
+            advice = (
+                f"The errors are really {number(r.overall)} times what is reported over all directions, and rare "
+                f"large ones make up much of that: {beyond} Use another method, reduce the noise, or add motions that "
+                "rotate about other axes; no covariance in its place would do."
+            )
+        return r.equal, text, advice
+
+    return _judged(e, name, statement, True, (key,), (method,), judge)
+
+
+def _posterior(e: Evidence) -> Relation:
+    """(5)"""
+
+    def judge() -> tuple[bool | None, str, str]:
+        C, P = e.covariances["bound"], e.covariances["posterior"]
+        r = ratios(P, C, e.effective)
+        own = e.covariances.get("4dpa-poses" if e.on_poses else "4dpa-pairs")
+        text = f"standard deviations of the posterior are {r.text} the bound's; {r.margin}"
+        if own is not None:
+            beside = _per_axis(own, P)
+            text += f". 4DPA's own are {_range(beside)} times those of the posterior per axis: what 4DPA does not use"
+        advice = (
+            "What these data say of X is not a Gaussian with the covariance of the bound: the noise is beyond first "
+            f"order, or there are few data. Report the posterior (its intervals) in place of a covariance. {SWEEP}."
+        )
+        return r.equal, text, advice
+
+    statement = "The posterior has the covariance of the Cramer-Rao bound, not that of 4DPA"
+    return _judged(e, "posterior-bound", statement, True, ("bound", "posterior"), (), judge)
+
+
+def _none_below(e: Evidence) -> Relation:
+    """(6)"""
+
+    def judge() -> tuple[bool | None, str, str]:
+        found = {
+            method: _of_run(e, method, "bound")
+            for method, run in e.runs.items()
+            if run.consistency.sums.count >= FEWEST
+        }
+        if not found:
+            return None, f"fewer than {FEWEST} trials of every method", ""
+        text = "least standard deviation over that of the bound: "
+        text += ", ".join(f"{method} {r.least:.3f} (chance alone {r.low:.3f})" for method, r in found.items())
+        below = [method for method, r in found.items() if not r.not_below]
+        untold = [m for m, r in found.items() if m not in below and r.shapeless and r.least < 1 - TOLERANCE]
+        failed = [method for method in below if e.runs[method].failures]
+        advice = f"{_and(below)} would be better than any unbiased estimator can be. "
+        if failed:
+            advice += f"Trials of {_and(failed)} that gave no estimate are left out, which flatters the rest. "
+        advice += f"Else the estimate is biased, or the bound is not valid: the noise is beyond first order. {SWEEP}."
+        text = f"{text}; {100 * TOLERANCE:g} % below it are tolerated"
+        if untold and not below:
+            return None, f"{text}. It cannot be told of {_and(untold)}: the errors have heavy tails", ""
+        return not below, text, advice
+
+    return _judged(
+        e,
+        "none-below-bound",
+        "No method has a smaller covariance than the Cramer-Rao bound",
+        True,
+        ("bound",),
+        (),
+        judge,
+    )
+
+
+_UNKNOWING = "That has no meaning here: pairs share poses, and their covariances take them as independent"
+_PARTS = {"rotation": slice(0, 3), "translation": slice(3, 6)}
+
+
+def _nguyen_not_below(e: Evidence) -> Relation:
+    """(7): their rotation uses a part of the data, so that it cannot be better than all of them."""
+
+    def judge() -> tuple[bool | None, str, str]:
+        r = ratios(e.covariances["nguyen-own"], e.covariances["bound"], part=_PARTS["rotation"])
+        text = f"standard deviations are {r.text} the bound's"
+        if e.shared:
+            return None, f"{text}. {_UNKNOWING}", ""
+        advice = f"It promises more than any estimator can keep: the noise is beyond first order. {SWEEP}."
+        return r.not_below, f"{text}; {100 * TOLERANCE:g} % below are tolerated", advice
+
+    statement = "Nguyen and Pham's own covariance of the rotation is not below the Cramer-Rao bound"
+    return _judged(e, "nguyen-not-below-bound", statement, True, ("nguyen-own", "bound"), (), judge)
+
+
+def _nguyen_near(e: Evidence) -> Relation:
+    """(7), a claim: their translation leaves out what it shares with the rotation, and may be too small."""
+
+    def judge() -> tuple[bool | None, str, str]:
+        S, C = e.covariances["nguyen-own"], e.covariances["bound"]
+        found = {name: ratios(S, C, part=part) for name, part in _PARTS.items()}
+        parts = [f"{number(r.least)} to {number(r.largest)} times in {name}" for name, r in found.items()]
+        text = f"standard deviations are those of the bound {' and '.join(parts)}"
+        if e.shared:
+            return None, f"{text}. {_UNKNOWING}", ""
+        advice = []
+        if below := [name for name, r in found.items() if not r.not_below]:
+            advice.append(
+                f"Their covariance of the {_and(below)} promises more than any estimator can keep: it leaves out that "
+                "all pairs share the error of the rotation, and correlations of rotation and translation noise. Use "
+                "the first-order covariance of their estimator (propagate(..., method='nguyen'))."
+            )
+        if far := [name for name, r in found.items() if r.largest > NEAR]:
+            advice.append(f"Their estimate of the {_and(far)} leaves much of the data unused: prefer `efficient`.")
+        return not advice, f"{text}; near is {1 - TOLERANCE:g} to {NEAR:g} times", " ".join(advice)
+
+    statement = "Nguyen and Pham's own covariances are near the Cramer-Rao bound"
+    return _judged(e, "nguyen-near-bound", statement, False, ("nguyen-own", "bound"), (), judge)
+
+
+def _nguyen_below_4dpa(e: Evidence) -> Relation:
+    """(7), a claim: that of the paper's Fig. 5."""
+
+    def judge() -> tuple[bool | None, str, str]:
+        P, run = e.covariances["nguyen-own"], e.runs["4dpa"]
+        S = run.covariance
+        assert S is not None
+        T, kurtosis = run.consistency.sums.count, run.consistency.kurtosis
+        per_axis = _per_axis(P, S)
+        text = f"their standard deviations are {_range(per_axis)} times those of 4DPA sampled, per axis"
+        if e.shared:
+            return None, f"{text}. {_UNKNOWING}", ""
+        if not all(ratios(S, P, T, kurtosis, part).not_below for part in _PARTS.values()):
+            return (False, text, "Theirs is the larger one in some direction: the claim is of one experiment.")
+        if per_axis.max() > 1:
+            return None, f"{text}: about the same in some direction", ""
+        return True, f"{text}: {'smaller, not slightly' if per_axis.min() < SLIGHTLY else 'slightly smaller'}", ""
+
+    statement = "Nguyen and Pham's own covariances are smaller than 4DPA's sampling covariance (the paper's Fig. 5)"
+    return _judged(e, "nguyen-below-4dpa", statement, False, ("nguyen-own",), ("4dpa",), judge)
+
+
+def _literal(e: Evidence) -> Relation:
+    """(8)"""
+
+    def judge() -> tuple[bool | None, str, str]:
+        run = e.runs["4dpa"]
+        assert run.covariance is not None
+        per_axis = _per_axis(run.covariance, e.covariances["4dpa-literal"])
+        # by axes: (45) may be singular
+        T, kurtosis = run.consistency.sums.count, run.consistency.kurtosis
+        high = chance(T, kurtosis)[1]
+        small = per_axis.min() > high * (1 + TOLERANCE)
+        text = (
+            f"its standard deviations are {_range(per_axis)} times too small per axis; with {e.pairs:,} pairs it is at "
+            f"least about {number(np.sqrt(e.pairs))}"
+        )
+        if not small and high > WIDE and (kurtosis or 0.0) > heavy_from(T):
+            return None, f"{text}. It cannot be told: the errors have heavy tails", ""
+        advice = "For these few motions (45) happens not to be too small. It is wrong all the same; do not use it."
+        return bool(small), text, advice
+
+    statement = "The covariance of the paper's (45) as printed is far too small"
+    return _judged(e, "literal-too-small", statement, True, ("4dpa-literal",), ("4dpa",), judge)
+
+
+def _shared(e: Evidence) -> Relation:
+    """(9)"""
+
+    def judge() -> tuple[bool | None, str, str]:
+        if not e.shared:
+            return None, "no two pairs share a pose: both covariances are the same", ""
+        independent, aware = (_of_run(e, "4dpa", key) for key in ("4dpa-pairs", "4dpa-poses"))
+        small = not independent.not_above
+        text = (
+            f"standard deviations sampled are {independent.text} those with pairs taken as independent, and "
+            f"{aware.text} the pose-aware ones"
+        )
+        right = aware.equal
+        if aware.shapeless:
+            text += f"; {aware.margin}"
+        if right is None:
+            return None, text, ""
+        if not e.all_pairs and not small and right:
+            return None, f"{text}. For the pairs chosen it makes no difference", ""
+        advice = "What pairs share does not show as it should. "
+        if not right:
+            advice += f"The pose-aware covariance is wrong: the noise is beyond first order. {SWEEP}."
+        return small and right, text, advice
+
+    statement = (
+        "Pairs that share poses: the covariance with pairs taken as independent is too small, the pose-aware right"
+    )
+    return _judged(e, "shared-poses", statement, True, ("4dpa-pairs", "4dpa-poses"), ("4dpa",), judge)
+
+
+def _judged(
+    e: Evidence,
+    name: str,
+    statement: str,
+    law: bool,
+    keys: tuple[str, ...],
+    methods: tuple[str, ...],
+    judge: Callable[[], tuple[bool | None, str, str]],
+) -> Relation:
+    """The relation, or why it cannot be told."""
+    reasons = [e.missing.get(key, f"{key} was not asked for") for key in keys if key not in e.covariances]
+    for method in methods:
+        if method not in e.runs:
+            reasons.append(e.missing.get(f"{method}-sampled", f"{method} has no trials"))
+        elif e.runs[method].consistency.sums.count < FEWEST:
+            reasons.append(f"{FEWEST} trials of {method} with an estimate are the fewest that tell anything")
+    if reasons:
+        return Relation(name, statement, law, None, "; ".join(reason.rstrip(".") for reason in reasons))
+    try:
+        holds, text, advice = judge()
+    except np.linalg.LinAlgError:
+        return Relation(name, statement, law, None, "a covariance is singular: some direction of X has no error")
+    return Relation(name, statement, law, holds, text, advice if holds is False else "")
+
+
+def _of_run(e: Evidence, method: str, key: str) -> Ratios:
+    """Sampled standard deviations of a method over those of a row."""
+    run = e.runs[method]
+    assert run.covariance is not None
+    c = run.consistency
+    return ratios(run.covariance, e.covariances[key], c.sums.count, c.kurtosis, rejected=bool(c.rejected))
+
+
+def _per_axis(S: Array, P: Array) -> Array:
+    """Standard deviations (6,) of S over those of P; infinite where P has no error at all."""
+    above, below = np.diag(S), np.diag(P)
+    return np.asarray(np.sqrt(np.divide(above, below, out=np.full(6, np.inf), where=below > 0)))
+
+
+def _left_out(e: Evidence, method: str) -> str:
+    failures = e.runs[method].failures
+    return f". {failures:,} of {e.runs[method].trials:,} trials gave no estimate and are left out" if failures else ""
+
+
+def _range(values: Array) -> str:
+    return f"{number(values.min())} to {number(values.max())}"
+
+
+def _and(names: list[str]) -> str:
+    return " and ".join(part for part in (", ".join(names[:-1]), *names[-1:]) if part)

@@ -1,0 +1,312 @@
+r"""The rows of a cross-check: each covariance with how long it took, what judges it, and why there is none.
+
+Model: as in `cross_check`. Formulas are to first order at the truth of the `Experiment`; (45) and Nguyen and Pham's own
+covariances take the noise of each pair only, which noise on poses makes to first order (`noise_of_pairs`).
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy.special import gammainccinv, gammaincinv
+
+from ....core.files.records import attributes
+from ....core.geometry.se3 import Array
+from ....core.runtime.read_only import ReadOnlyArrays
+from ....errors import InputError, NotConvergedError
+from ....findings import Finding
+from ....fit.likelihood.gauss_helmert import ESTIMATORS, Fit
+from ....methods.estimators.nguyen import nguyen
+from ....methods.procrustes.so4_covariances import PAPER_SCALE, literal_covariance
+from ....methods.propagation.noise_transport import noise_of_pairs
+from ....model.noise.models import Noise, PairNoise, PoseNoise
+from ....model.poses.motions import Motions
+from ....model.poses.pose_pairs import PosePairs
+from ...simulation.experiment import Experiment
+from ..monte_carlo.run import MonteCarlo, monte_carlo
+from ..monte_carlo.sentences import INTERRUPTED
+
+if TYPE_CHECKING:
+    from ..posterior.result import Posterior
+
+METHODS = ("4dpa", "nguyen", "efficient", "ml")
+NAMES = {"4dpa": "4DPA", "nguyen": "Nguyen and Pham", "efficient": "efficient", "ml": "ml"}
+# Poses or pairs of all trials of one method together: about a minute; beyond it there are fewer trials.
+MOST = 5_000_000
+# Pairs beyond which there are no trials of Nguyen and Pham, who take all of them in each; and beyond which no pairs are
+# formed at all.
+MOST_PAIRS, MOST_PAIRS_ONCE = 20_000, 200_000
+_POSTERIOR = "posterior (emcee)"
+TOO_MANY = "{:,} pairs are too many for it: give Motions of fewer."
+FEWEST_TRIALS = 100
+NEES_CONFIDENCE = 0.99
+# Smallest eigenvalue of a correlation matrix that is above rounding: (45) is worked out to eps d^2, about 1e-8.
+SINGULAR = 1e-7
+
+
+@dataclass(frozen=True, eq=False)
+class Row(ReadOnlyArrays):
+    """One covariance of X."""
+
+    key: str
+    label: str
+    kind: str  # "analytic", "sampled" or "posterior"
+    method: str  # by whose trials it is judged
+    covariance: Array | None  # (6, 6); None: see `note`
+    seconds: float
+    trials: int | None = None  # of a sampled row
+    failures: int | None = None
+    nees: float | None = None  # mean over the trials of the method; None of a sampled row, which is made of them
+    nees_interval: tuple[float, float] | None = None  # where that of a consistent covariance lies, 99 %
+    note: str = ""  # why there is none, or what to know about it
+
+    @property
+    def std(self) -> Array | None:
+        """(6,) in rad and m."""
+        return None if self.covariance is None else np.sqrt(np.diag(self.covariance))
+
+    @property
+    def trace_rotation(self) -> float | None:
+        """Sum of the variances of rotation, rad^2."""
+        return None if self.covariance is None else float(np.trace(self.covariance[:3, :3]))
+
+    @property
+    def trace_translation(self) -> float | None:
+        """Sum of the variances of translation, m^2."""
+        return None if self.covariance is None else float(np.trace(self.covariance[3:, 3:]))
+
+    @property
+    def log_determinant(self) -> float | None:
+        """Natural logarithm, in rad and m; None of a covariance that is singular (to rounding)."""
+        if self.covariance is None or self.singular:
+            return None
+        return float(np.linalg.slogdet(self.covariance)[1])
+
+    @property
+    def singular(self) -> bool:
+        """True if it leaves no error in some direction of X, up to rounding."""
+        if self.covariance is None or self.std is None:
+            return False
+        if not (self.std > 0).all():
+            return True
+        correlation = self.covariance / np.outer(self.std, self.std)
+        return bool(np.linalg.eigvalsh(correlation)[0] < SINGULAR)
+
+    @property
+    def consistent(self) -> bool | None:
+        """True if the mean NEES lies where that of a consistent covariance does."""
+        if self.nees is None or self.nees_interval is None:
+            return None
+        low, high = self.nees_interval
+        return low <= self.nees <= high
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values in rad, m and s."""
+        return attributes(
+            self,
+            "key label kind method covariance std trace_rotation trace_translation log_determinant nees nees_interval "
+            "consistent trials failures seconds note",
+        )
+
+
+def formulas(data: PosePairs | Motions, problem: Experiment) -> list[Row]:
+    """Return the formulas at the truth, and of `efficient` and `ml` at the data."""
+    noise, on_poses = problem.noise, isinstance(problem.noise, PoseNoise)
+    theirs = replace(problem, method="nguyen")
+    N = problem.number_of_pairs
+    too_many = TOO_MANY.format(N) if N > MOST_PAIRS_ONCE else ""
+    rows = [_row("4dpa-pairs", "4DPA, pairs independent", "4dpa", lambda: problem.predicted("pairs"), too_many)]
+    if on_poses:
+        rows.append(_row("4dpa-poses", "4DPA, pose-aware", "4dpa", lambda: problem.predicted("poses")))
+    rows += [
+        _row("4dpa-literal", "4DPA, (45) as printed", "4dpa", lambda: _literal(problem), too_many),
+        _row(
+            "nguyen-own",
+            "Nguyen and Pham, own",
+            "nguyen",
+            lambda: _own(theirs),
+            too_many,
+            "Sigma_R and Sigma_t as they give them: no cross-covariance, pairs taken as independent.",
+        ),
+        _row("nguyen-first-order", "Nguyen and Pham, first order", "nguyen", theirs.predicted, too_many),
+    ]
+    for name, estimator in ESTIMATORS.items():
+        rows.append(_row(name, f"{name}, at the data", name, partial(_at_data, estimator, data, noise)))
+    rows.append(_row("bound", "Cramer-Rao bound", "ml", replace(problem, method="ml").predicted))
+    return rows
+
+
+def _row(key: str, label: str, method: str, work: Callable[[], Array], too_many: str = "", note: str = "") -> Row:
+    """Return the row of the work's result, or of the reason why there is none."""
+    started = time.perf_counter()
+    covariance: Array | None = None
+    if too_many:
+        note = too_many
+    else:
+        try:
+            covariance = work()
+        except (InputError, NotConvergedError, np.linalg.LinAlgError) as error:
+            note = str(error)
+    return Row(key, label, "analytic", method, covariance, time.perf_counter() - started, note=note)
+
+
+def _at_data(estimator: Callable[[PosePairs | Motions, Noise], Fit], data: PosePairs | Motions, noise: Noise) -> Array:
+    return estimator(data, noise).covariance_X
+
+
+def _literal(problem: Experiment) -> Array:
+    """(45) needs the noise of each pair; at the true X."""
+    motions = problem.motions
+    noise = problem.noise if isinstance(problem.noise, PairNoise) else noise_of_pairs(motions, problem.noise)
+    S = literal_covariance(motions.A, motions.B, noise, problem.X[None], PAPER_SCALE)[0]
+    return np.asarray(0.5 * (S + S.T))
+
+
+def _own(problem: Experiment) -> Array:
+    """Nguyen and Pham's Sigma_R and Sigma_t at the true motions, zeros between them."""
+    found = nguyen(problem.motions.A, problem.motions.B, problem.weights)
+    if not found.converged:
+        raise NotConvergedError("Nguyen and Pham's iteration did not converge on the true motions.", found)
+    covariance = np.zeros((6, 6))
+    covariance[:3, :3], covariance[3:, 3:] = found.Sigma_R, found.Sigma_t
+    return covariance
+
+
+def all_sampled(
+    data: PosePairs | Motions,
+    problem: Experiment,
+    trials: int,
+    seed: int,
+    workers: int,
+    executor: Executor | None,
+    progress: bool,
+) -> tuple[list[Row], dict[str, MonteCarlo], Finding | None]:
+    """A row of trials of each method, the runs, and how they ended if that was early.
+
+    Ctrl-C leaves out what comes after it; before the first trial it passes through.
+    """
+    rows: list[Row] = []
+    runs: dict[str, MonteCarlo] = {}
+    ended: Finding | None = None
+    for method in METHODS:
+        if ended is None:
+            of_method = replace(problem, method=method)
+            try:
+                rows.append(sampled(data, of_method, trials, seed, workers, executor, progress, runs))
+            except KeyboardInterrupt:
+                if not runs:
+                    raise
+                ended = Finding(INTERRUPTED, "caution")
+            else:
+                ended = next((run.ended for run in runs.values() if not run.complete), None)
+                continue
+        rows.append(Row(*_sampled_names(method), "sampled", method, None, 0.0, note=_not_run(ended)))
+    return rows, runs, ended
+
+
+def _sampled_names(method: str) -> tuple[str, str]:
+    """Key and label."""
+    return f"{method}-sampled", f"{NAMES[method]}, Monte Carlo"
+
+
+def _not_run(ended: Finding) -> str:
+    return f"Not run: the trials ended before ({ended})."
+
+
+def sampled(
+    data: PosePairs | Motions,
+    problem: Experiment,
+    trials: int,
+    seed: int,
+    workers: int,
+    executor: Executor | None,
+    progress: bool,
+    runs: dict[str, MonteCarlo],
+) -> Row:
+    """Trials of one method, which are kept in ``runs``."""
+    method = problem.method
+    key, label = _sampled_names(method)
+    size = problem.size
+    if method == "nguyen" and size > MOST_PAIRS:
+        return Row(key, label, "sampled", method, None, 0.0, note=TOO_MANY.format(size))
+    affordable = min(trials, max(FEWEST_TRIALS, MOST // size))
+    what = "pairs" if problem.forms_pairs else "poses" if isinstance(problem.truth, PosePairs) else "motions"
+    note = f"{affordable:,} trials in place of {trials:,}, as there are {size:,} {what} in each."
+    started = time.perf_counter()
+    try:
+        run = monte_carlo(
+            data,
+            noise=problem.noise,
+            method=method,
+            trials=affordable,
+            seed=seed,
+            workers=workers,
+            executor=executor,
+            progress=progress,
+        )
+    except (InputError, NotConvergedError, np.linalg.LinAlgError) as error:
+        return Row(key, label, "sampled", method, None, time.perf_counter() - started, note=str(error))
+    runs[method] = run
+    if not run.complete:
+        note = f"Ended early: {run.reason}."
+    elif affordable == trials:
+        note = ""
+    if run.covariance is None:
+        note = f"{note} Fewer than two trials gave an estimate.".strip()
+    return Row(key, label, "sampled", method, run.covariance, run.seconds, run.trials, run.failures, note=note)
+
+
+def of_posterior(
+    data: PosePairs | Motions, noise: Noise, seed: int, progress: bool, ended: Finding | None
+) -> tuple[Row, Posterior | None, Finding | None]:
+    """Sample the posterior of the measured data; return also how the whole ended if that was early; ``ended``: before
+    this.
+    """
+    if ended is not None:
+        return Row("posterior", _POSTERIOR, "posterior", "ml", None, 0.0, note=_not_run(ended)), None, ended
+    from ..posterior.sample import sample_posterior
+
+    started = time.perf_counter()
+    chain: Posterior | None = None
+    covariance: Array | None = None
+    note = "Of the measured data; flat prior on X."
+    try:
+        chain = sample_posterior(data, noise=noise, seed=seed, progress=progress)
+        covariance = chain.covariance
+    except (InputError, NotConvergedError, np.linalg.LinAlgError) as error:
+        note = str(error)
+    except KeyboardInterrupt:
+        ended = Finding(INTERRUPTED, "caution")
+        note = f"Ended early: {ended}."
+    seconds = time.perf_counter() - started
+    return Row("posterior", _POSTERIOR, "posterior", "ml", covariance, seconds, note=note), chain, ended
+
+
+def effective_samples(chain: Posterior) -> int:
+    """Effective samples of the worst coordinate of X, bulk or tail."""
+    d = chain.diagnostics
+    return int(min(d.ess_bulk[:6].min(), d.ess_tail[:6].min()))
+
+
+def judged(row: Row, runs: dict[str, MonteCarlo], effective: int | None) -> Row:
+    """Judged by the trials of its method; a covariance that is itself of ``effective`` samples adds their error."""
+    run = runs.get(row.method)
+    if row.covariance is None or row.kind == "sampled" or run is None or run.consistency.second_moment is None:
+        return row
+    if row.singular:
+        note = f"{row.note} Singular: it leaves no error at all in some direction, which no NEES can judge.".strip()
+        return replace(row, note=note)
+    unit = np.sqrt(np.diag(row.covariance))
+    both = (row.covariance, run.consistency.second_moment)
+    P, moment = (M / np.outer(unit, unit) for M in both)
+    T, tail = float(run.consistency.sums.count), (1 - NEES_CONFIDENCE) / 2
+    if effective is not None:
+        T = 1 / (1 / T + 1 / effective)
+    low, high = 2 * gammaincinv(3 * T, tail) / T, 2 * gammainccinv(3 * T, tail) / T
+    return replace(row, nees=float(np.trace(np.linalg.solve(P, moment))), nees_interval=(float(low), float(high)))

@@ -1,0 +1,228 @@
+r"""A Monte Carlo run as a figure: whether the errors of the trials follow the covariance, seen at a glance.
+
+Above, quantiles of the distance ``d = sqrt(xi^T P^-1 xi)`` of the errors of all trials against those of the chi
+distribution with 6 (joint) or 3 degrees of freedom (rotation, translation). The grey band holds the whole curve of a
+consistent covariance with the confidence of the verdict: it is simultaneous over all quantiles, of equal local level,
+that level found from `DRAWS` simulated histograms (Aldor-Noiman et al., The American Statistician 67, 2013).
+
+Below, the sampled over the predicted standard deviation of each axis with chi-square intervals, and of the six
+directions of ``P^-1 S`` with what chance explains; and the shares in the ellipsoids less their level, with intervals of
+Clopper and Pearson.
+
+This module imports Matplotlib; import it where it is used.
+"""
+
+from __future__ import annotations
+
+import textwrap
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+from scipy.special import betainc, gammaincinv
+from scipy.stats import binom
+
+from ....core.formatting.numbers import digits
+from ....core.geometry.se3 import Array
+from .consistency import HARMLESS, Consistency
+from .sums import ABOVE, BELOW, COMPONENTS, LEVELS, PARTS, SIZES, edges
+from .text import Run, heading, nees_number, verdict
+
+DRAWS = 1_000  # of histograms: the local level to about a third of itself, the band to some 3 %
+COLOURS = ("black", "#D55E00", "#0072B2")  # of the parts, after Okabe and Ito
+MARKERS = ("o", "s", "^")
+MINUS = "\N{MINUS SIGN}"
+_WIDTH = 10.8
+_BAND = "0.86"
+_FEWEST = 10  # trials that make a curve
+_SHOWN = (0.5, 0.99, 0.9999, 0.999999)  # quantiles marked in the upper panels
+
+
+def validation_figure(result: Run) -> Figure:
+    """Quantiles of the NEES, standard deviations and coverage of a run, as a Matplotlib figure."""
+    c = result.consistency
+    # Per cent signs stay with their numbers.
+    words = textwrap.wrap(verdict(c).replace(" %", "\N{NO-BREAK SPACE}%"), 195, break_on_hyphens=False)
+    top = 0.8 + 0.145 * len(words)  # inches above the panels
+    height = 6.2 if c.sums.count else 0.4
+    figure = Figure(figsize=(_WIDTH, height + top))
+    FigureCanvasAgg(figure)
+
+    def place(x: float, y: float, across: float, up: float) -> Axes:
+        """Axes with their lower left corner at x, y, all in inches."""
+        total = height + top
+        return figure.add_axes((x / _WIDTH, y / total, across / _WIDTH, up / total))
+
+    left = 0.15 / _WIDTH
+    figure.text(left, 1 - 0.12 / (height + top), heading(result), fontsize=10, fontweight="bold", va="top")
+    figure.text(left, 1 - 0.36 / (height + top), "\n".join(words), fontsize=7.5, va="top", linespacing=1.3)
+    if c.sums.count == 0:
+        return figure
+    for k in range(3):
+        _quantiles(place(0.62 + 3.5 * k, 3.7, 2.95, 2.5), c, k)
+    _deviations(place(1.42, 0.92, 4.1, 2.1), c)
+    _coverage(place(7.4, 0.92, 3.2, 2.1), c)
+    sure = _percent(c.confidence)
+    text = (
+        "Above: the distances d of the errors of all trials, sorted, against where they should lie. The grey band "
+        f"holds the whole curve of a consistent covariance with {sure}. Below: bars are {sure} intervals, each on its "
+        f"own. Left: light grey is +-{_percent(HARMLESS)}, which hardly matters, dark grey is what chance alone does "
+        "to the six directions. Right: a point below 0 is an ellipsoid that holds fewer errors than it promises."
+    )
+    lines = "\n".join(textwrap.wrap(text, 215, break_on_hyphens=False))
+    figure.text(left, 0.12 / (height + top), lines, fontsize=6.5, va="bottom", color="0.3", linespacing=1.2)
+    return figure
+
+
+def _quantiles(axis: Axes, c: Consistency, part: int) -> None:
+    """Observed against expected quantiles of d of one part, with the band."""
+    T, size = c.sums.count, SIZES[part]
+    axis.set_title(PARTS[part], fontsize=8.5, fontweight="bold", color=COLOURS[part], loc="left", pad=13)
+    if T < _FEWEST:
+        return _empty(axis, "too few trials")
+    observed = np.sqrt(edges(size))
+    below = np.cumsum(c.sums.histogram[part])[:-1]
+    low, high = band(T, c.confidence)
+    left, right = (_expected(k, T, size) for k in (low, high))
+    # Beyond its extremes a sample says nothing.
+    inside = (below > 0) & (below < T)
+    held = (high > 0) & (low < T)
+    x = _expected(below, T, size)
+    reach = float(max(_expected(np.array(T), T, size), observed[inside].max(initial=0.0))) * 1.04
+    axis.fill_betweenx(observed[held], left[held], right[held], color=_BAND, linewidth=0, zorder=1)
+    axis.plot([0, reach], [0, reach], color="0.5", linewidth=0.7, zorder=2)
+    axis.plot(x[inside], observed[inside], color=COLOURS[part], linewidth=1.6, zorder=4)
+    last = 0.0
+    for level in _SHOWN:
+        at = float(np.sqrt(2 * gammaincinv(size / 2, level)))
+        if last + 0.16 * reach < at < 0.93 * reach and level < 1 - 0.3 / T:
+            last = at
+            axis.axvline(at, color="0.85", linewidth=0.6, zorder=0)
+            axis.text(at, reach * 1.01, _percent(level), fontsize=6, color="0.4", ha="center", va="bottom")
+    axis.set_xlim(0, reach)
+    axis.set_ylim(0, reach)
+    _plain(axis)
+    axis.xaxis.set_major_locator(MaxNLocator(6, integer=True))
+    axis.yaxis.set_major_locator(MaxNLocator(6, integer=True))
+    axis.set_xlabel(f"expected d (chi, {size} degrees of freedom)", fontsize=7.5, labelpad=1)
+    if part == 0:
+        axis.set_ylabel("observed d", fontsize=7.5, labelpad=2)
+    assert c.mean_nees is not None and c.nees_interval is not None
+    mean, low_mean, high_mean = (nees_number(x, c) for x in (c.mean_nees[part], *c.nees_interval[part]))
+    axis.text(
+        0.04,
+        0.95,
+        f"mean d$^2$ {mean}\nexpected {low_mean} to {high_mean}",
+        transform=axis.transAxes,
+        fontsize=7,
+        va="top",
+        linespacing=1.3,
+    )
+
+
+@lru_cache(maxsize=8)
+def band(trials: int, confidence: float) -> tuple[Array, Array]:
+    """Numbers of trials at or below each edge, lowest and highest (B,), that hold a true histogram everywhere.
+
+    Simultaneously, with probability ``confidence``; at each edge alone with the same, higher probability.
+    """
+    rng = np.random.default_rng(102)
+    cells = np.diff(np.concatenate([[0.0], BELOW]))
+    upper = BELOW > 0.5  # differences of numbers near 1 lose the tail
+    cells[upper] = -np.diff(np.concatenate([[1 - BELOW[~upper][-1]], ABOVE[upper]]))
+    cells = np.append(cells, ABOVE[-1])
+    k = np.cumsum(rng.multinomial(trials, cells / cells.sum(), DRAWS), axis=1)[:, :-1]
+    at_least = np.where(k > 0, betainc(np.maximum(k, 1), trials - k + 1, BELOW), 1.0)
+    at_most = np.where(k < trials, betainc(np.maximum(trials - k, 1), k + 1, ABOVE), 1.0)
+    local = float(np.quantile(np.minimum(at_least, at_most).min(axis=1), 1 - confidence))
+    low, high = binom.ppf(local, trials, BELOW), trials - binom.ppf(local, trials, ABOVE)
+    return np.clip(low, 0, trials), np.clip(high, 0, trials)
+
+
+def _expected(below: Any, trials: int, size: int) -> Array:
+    """The quantile of chi at which so many of the trials lie below."""
+    p = (np.asarray(below) + 0.5) / (trials + 1)
+    return np.asarray(np.sqrt(2 * gammaincinv(size / 2, p)))
+
+
+def _deviations(axis: Axes, c: Consistency) -> None:
+    """Sampled over predicted standard deviation of each axis, and of all directions."""
+    axis.set_title("sampled / predicted standard deviation", fontsize=8.5, fontweight="bold", loc="left", pad=5)
+    intervals = c.std_ratio_interval
+    if c.std is None or c.predicted_std is None or intervals is None:
+        missing = "no predicted covariance" if c.predicted is None else "too few trials"
+        return _empty(axis, missing)
+    ratio = c.std / c.predicted_std
+    axis.axvspan(1 - HARMLESS, 1 + HARMLESS, color="0.94", linewidth=0, zorder=0)
+    axis.axvline(1, color="0.5", linewidth=0.7, zorder=1)
+    values = [*intervals.ravel(), 1 - HARMLESS, 1 + HARMLESS]
+    for k in range(6):
+        colour = COLOURS[1 + k // 3]
+        axis.plot(intervals[k], [k, k], color=colour, linewidth=1.6, solid_capstyle="butt", zorder=3)
+        axis.plot(ratio[k], k, MARKERS[1 + k // 3], color=colour, markersize=4, markeredgewidth=0, zorder=4)
+        factor, unit = (180 / np.pi, "deg") if k < 3 else (1e3, "mm")
+        text = f"{digits(factor * c.std[k])} / {digits(factor * c.predicted_std[k])} {unit}"
+        axis.text(1.02, k, text, transform=axis.get_yaxis_transform(), fontsize=6.5, va="center")
+    rows = list(COMPONENTS)
+    if c.eigenvalues is not None and c.eigenvalue_interval is not None:
+        roots, chance = np.sqrt(c.eigenvalues), np.sqrt(c.eigenvalue_interval)
+        axis.barh(6, chance[1] - chance[0], left=chance[0], height=0.6, color="0.78", linewidth=0, zorder=2)
+        axis.plot(roots, np.full(6, 6.0), "o", color="black", markersize=3.2, markeredgewidth=0, zorder=4)
+        axis.text(
+            1.02,
+            6,
+            f"{roots[0]:.3f} to {roots[-1]:.3f}",
+            transform=axis.get_yaxis_transform(),
+            fontsize=6.5,
+            va="center",
+        )
+        values += [*roots, *chance]
+        rows.append("six directions")
+    spread = max(values) - min(values)
+    axis.set_xlim(min(values) - 0.04 * spread, max(values) + 0.04 * spread)
+    axis.set_ylim(len(rows) - 0.5, -0.5)
+    axis.set_yticks(range(len(rows)), labels=rows)
+    _plain(axis)
+    axis.tick_params(axis="y", length=0)
+
+
+def _coverage(axis: Axes, c: Consistency) -> None:
+    """Shares in the ellipsoids less their level."""
+    axis.set_title("coverage", fontsize=8.5, fontweight="bold", loc="left", pad=5)
+    if c.coverage is None or c.coverage_interval is None:
+        return _empty(axis, "no trial gave an estimate")
+    levels = np.array(LEVELS)
+    axis.axhline(0, color="0.5", linewidth=0.7, zorder=1)
+    for part, (name, colour, marker) in enumerate(zip(PARTS, COLOURS, MARKERS, strict=True)):
+        x = np.arange(len(LEVELS)) + 0.2 * (part - 1)
+        y, ends = 100 * (c.coverage[part] - levels), 100 * (c.coverage_interval[part] - levels[:, None])
+        axis.vlines(x, ends[:, 0], ends[:, 1], color=colour, linewidth=1.6, zorder=3)
+        axis.plot(x, y, marker, color=colour, markersize=4, markeredgewidth=0, zorder=4, label=name)
+    shares = [f"{100 * level:g} %\n{100 * share:.2f}" for level, share in zip(LEVELS, c.coverage[0], strict=True)]
+    axis.set_xticks(range(len(LEVELS)), labels=shares)
+    axis.set_xlim(-0.5, len(LEVELS) - 0.5)
+    _plain(axis)
+    axis.tick_params(axis="x", length=0, pad=3)
+    axis.set_ylabel("share less level (percentage points)", fontsize=7.5, labelpad=2)
+    axis.set_xlabel("level of the ellipsoid, and what the joint one holds (%)", fontsize=7.5, labelpad=1)
+    axis.yaxis.set_major_formatter(lambda value, _: f"{value:g}".replace("-", MINUS))
+    axis.legend(fontsize=6.5, frameon=False, ncols=3, loc="lower right", bbox_to_anchor=(1.0, 0.99), handlelength=0.8)
+
+
+def _empty(axis: Axes, why: str) -> None:
+    axis.set_axis_off()
+    axis.text(0.0, 0.9, f"Not determined: {why}.", transform=axis.transAxes, fontsize=7.5, va="top")
+
+
+def _plain(axis: Axes) -> None:
+    axis.tick_params(labelsize=6.8, direction="in", length=2.2, pad=2)
+    for spine in axis.spines.values():
+        spine.set_color("0.7")
+
+
+def _percent(level: float) -> str:
+    return f"{100 * level:g} %"

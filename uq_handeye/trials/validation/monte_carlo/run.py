@@ -1,0 +1,314 @@
+r"""Monte Carlo: the noise drawn again and again, X estimated from each draw, and what its errors say of a covariance.
+
+Model: true poses (or motions), those of a simulation or, around real data, those that maximum likelihood finds; on them
+errors ``xi = (theta, tau)`` drawn from the noise (`trials.experiment`). Each trial gives the error of its X,
+
+    xi = ( log(R_hat R_true^T), t_hat - t_true )                    rotation first; rad and m; parent frame of X
+
+and the sampling covariance of these is what the covariance that is tested claims to be. It is exact in the noise, but
+for its own standard deviation of ``1 / sqrt(2 T)`` of a standard deviation with T trials (JCGM 101 and 102). How it is
+judged: `consistency`.
+
+Trials run in chunks whose random numbers depend on the seed and their number only, added up in their order: the result
+is the same, bit by bit, for any number of workers, for a run that was ended and resumed, and on a cluster (`chunks`).
+"""
+
+from __future__ import annotations
+
+import os
+import time
+import warnings
+from collections.abc import Callable
+from concurrent.futures import Executor
+from contextlib import ExitStack, closing
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ....core.geometry.checks import checked_covariance
+from ....core.geometry.frames import SETUPS
+from ....core.geometry.se3 import Array
+from ....core.runtime.progress import progress_bar
+from ....core.runtime.threads import one_thread
+from ....errors import InputError, InputWarning, require_integer
+from ....findings import Finding
+from ....model.noise.models import Noise
+from ....model.poses.motions import Motions
+from ....model.poses.pose_pairs import PosePairs
+from ....model.poses.timing import warn_left_out
+from ...simulation.experiment import Fitted, experiment, problem_of
+from ..noise_of_data import noise_of_data
+from .chunks import Chunk, Crew, Work, WorkersLostError, chunk_size, from_bytes, to_bytes
+from .consistency import Sums, consistency
+from .result import MonteCarlo
+from .sentences import ALL, INTERRUPTED, STABLE, WORKERS_LOST
+from .stopping import BLOCK, Stability
+from .store import RunFolder
+
+__all__ = ["MonteCarlo", "monte_carlo"]
+
+# Errors that are kept, trial by trial: 48 MB.
+KEPT = 1_000_000
+# Trials at most, given or where only the digits are.
+MOST, MOST_FOR_DIGITS = 10**12, 1_000_000
+# Variances of a covariance that is given, rad^2 or m^2: beyond these, squares of what is weighed by it overflow.
+VARIANCES = (1e-60, 1e60)
+
+
+def monte_carlo(
+    data: PosePairs | Motions | Fitted,
+    *,
+    noise: Noise | None = None,
+    method: str = "4dpa",
+    trials: int | None = None,
+    seed: int = 0,
+    workers: int = 1,
+    pairs: str | ArrayLike = "all",
+    scale: float | None = None,
+    covariance: str | ArrayLike | None = None,
+    digits: int | None = None,
+    directory: str | os.PathLike[str] | None = None,
+    resume: bool = False,
+    executor: Executor | None = None,
+    progress: bool = False,
+) -> MonteCarlo:
+    """The sampling covariance of a method, and whether a covariance predicts it.
+
+    Ctrl-C ends it early: the result is then that of the trials so far, with ``complete=False``.
+
+    Parameters
+    ----------
+    data : PosePairs, Motions or Calibration
+        Simulated poses carry the truth around which noise is drawn; of others it is what maximum likelihood finds. A
+        calibration gives the poses and the noise that it used (`Calibration.used`), in place of ``noise``.
+    noise : PoseNoise, PairNoise or None
+        None estimates it from the data.
+    method : str
+        ``efficient``, ``ml`` or a name in `METHODS` or `ROBOT_WORLD_METHODS`.
+    trials : int or None
+        At least 2; None is 10,000. With ``digits``, the most that are run; None is then 1,000,000.
+    seed : int
+        The same seed gives the same numbers, whatever the workers.
+    workers : int
+        Processes at most, this one among them; a run of about a second is done in this one alone. With ``executor``,
+        the number of workers it has, which matters above 32.
+    pairs, scale : as in `calibrate`
+    covariance : None, "each" or (6, 6)
+        What is tested: the first-order covariance of the method at the truth; that which every trial would report of
+        itself; or one that is given.
+    digits : int or None
+        Stop when the result is stable to so many significant digits (1 to 4), after JCGM 102 (`stopping`).
+    directory : path or None
+        Folder for the chunks, from which ``resume=True`` goes on after whatever ended the program (`store`). With
+        more ``trials`` than before it extends the run.
+    executor : concurrent.futures.Executor or None
+        Where to run in place of worker processes of its own: any executor, such as that of ``loky``, of
+        ``mpi4py.futures``, or ``distributed.Client(...).get_executor()``. The first chunk is still done here. It is
+        left open, with nothing more to do.
+    progress : bool
+        Show a bar on stderr if that is a terminal.
+
+    Returns
+    -------
+    MonteCarlo
+        ``errors`` (T, 6) of the trials that gave an estimate, in their order; of a longer run those among the first
+        1,000,000 trials. Everything else is of all trials.
+
+    Raises
+    ------
+    InputError
+        Arguments that do not fit each other; a covariance that is singular, or out of all proportion; a folder that
+        holds something else; workers that cannot be started or have other versions.
+    DegenerateMotionError
+        The data do not determine X.
+    NotConvergedError
+        The fit to real data did not converge.
+
+    Examples
+    --------
+    >>> import uq_handeye as uq
+    >>> from uq_handeye.trials.validation.monte_carlo.run import monte_carlo
+    >>> noise = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
+    >>> result = monte_carlo(uq.simulate(n_poses=20, noise=noise), noise=noise, trials=2000)
+    >>> result.errors.shape, result.consistent
+    ((2000, 6), True)
+    """
+    given, (data, noise, estimated) = data, problem_of(data, noise)
+    warn_left_out("monte_carlo()", data)
+    started = time.monotonic()
+    total, digits = _checked_counts(trials, seed, workers, digits, resume, directory, executor)
+    with ExitStack() as stack:
+        stack.enter_context(one_thread())
+        problem = experiment(data, noise, method, pairs=pairs, scale=scale)
+        tested, kind = _tested(covariance, problem.predicted)
+        checked = noise_of_data(given, data, problem.noise, estimated)
+        message = to_bytes(Work(problem, int(seed), total, chunk_size(problem), tested))
+        work = from_bytes(message)
+        folder = None if directory is None else stack.enter_context(closing(RunFolder(directory, work, resume)))
+        tally = Tally(work, None if digits is None else Stability(digits))
+        ended = _run(tally, message, folder, int(workers), executor, progress)
+        seconds = time.monotonic() - started
+        said = {"noise_estimated": estimated, "noise_of_data": checked, "tested": kind, "seconds": seconds}
+        result = _result(data, tally, folder, total, ended, **said)
+        if folder is not None:
+            folder.write_result(result.to_json())
+    for note in result.notes:
+        warnings.warn(note, InputWarning, stacklevel=2)
+    return result
+
+
+def _result(
+    data: PosePairs | Motions, tally: Tally, folder: RunFolder | None, total: int, ended: Finding, **said: Any
+) -> MonteCarlo:
+    """Everything that is known of the trials in the end."""
+    work, sums = tally.work, tally.sums
+    if sums is None:
+        raise InputError(f"No trial was done: {ended}.")
+    own_mean = tally.own / sums.count if work.tested is None and sums.count else None
+    judged = consistency(sums, own_mean if work.tested is None else work.tested, own=work.tested is None)
+    stability = None if tally.stability is None else tally.stability.summary()
+    poses = data if isinstance(data, PosePairs) else data.poses
+    notes: list[str] = []
+    damaged = [] if folder is None else folder.damaged
+    if damaged:
+        names = ", ".join(damaged[:3]) + (f" and {len(damaged) - 3} more" if len(damaged) > 3 else "")
+        notes.append(f"Chunks that were damaged or of another run were computed again: {names}.")
+    return MonteCarlo(
+        experiment=work.experiment,
+        frame="X" if poses is None else SETUPS[poses.setup],
+        setup=None if poses is None else poses.setup,
+        origin="fit to the data" if poses is None or poses.truth is None else "truth of the simulation",
+        seed=work.seed,
+        chunk=work.chunk,
+        asked=total,
+        errors=tally.errors,
+        consistency=judged,
+        stability=stability,
+        ended=ended,
+        resumed=0 if folder is None else folder.resumed,
+        notes=tuple(notes),
+        **said,
+    )
+
+
+class Tally:
+    """Tally of the chunks so far, taken in their order."""
+
+    def __init__(self, work: Work, stability: Stability | None) -> None:
+        self.work, self.stability = work, stability
+        self.stable = False
+        self._errors = np.empty((min(work.trials, KEPT), 6))
+        self._block: list[Chunk] = []
+        # One object, so that an interrupt leaves the old one or the new one: sums, of own covariances, rows, trials.
+        self._state: tuple[Sums | None, Array, int, int] = (None, np.zeros((6, 6)), 0, 0)
+
+    @property
+    def sums(self) -> Sums | None:
+        return self._state[0]
+
+    @property
+    def own(self) -> Array:
+        return self._state[1]
+
+    @property
+    def errors(self) -> Array:
+        """Errors of those of the first `KEPT` trials that gave an estimate."""
+        return self._errors[: self._state[2]].copy()
+
+    def add(self, chunk: Chunk) -> None:
+        sums, own, rows, trials = self._state
+        among = slice(max(0, min(len(chunk.errors), len(self._errors) - trials)))
+        kept = chunk.errors[among][chunk.ok[among]]
+        self._errors[rows : rows + len(kept)] = kept
+        total = chunk.sums if sums is None else sums + chunk.sums
+        self._state = (total, own + chunk.own, rows + len(kept), trials + len(chunk.errors))
+        if self.stability is not None:
+            self._block.append(chunk)
+            if len(self._block) * self.work.chunk == BLOCK:
+                block, self._block = self._block, []
+                if len(block[-1].errors) == self.work.chunk:  # not the last one, cut short
+                    errors, ok = (
+                        np.concatenate(parts) for parts in zip(*((c.errors, c.ok) for c in block), strict=True)
+                    )
+                    self.stability.add(errors, ok)
+                    self.stable = self.stability.stable
+
+
+def _run(
+    tally: Tally, message: bytes, folder: RunFolder | None, workers: int, executor: Executor | None, progress: bool
+) -> Finding:
+    """Chunk after chunk into the tally, until it is enough; how it ended."""
+    work = tally.work
+    stored: Callable[[int], Chunk | None] = (lambda index: None) if folder is None else folder.load
+    arrived: Callable[[int, Chunk], None] = (lambda index, chunk: None) if folder is None else folder.save
+    try:
+        with ExitStack() as stack:
+            crew = Crew(work, message, stored, arrived, workers, executor)
+            chunks = stack.enter_context(closing(crew.chunks()))
+            advance = stack.enter_context(progress_bar(work.experiment.method, work.trials, "trials", progress))
+            for chunk in chunks:
+                tally.add(chunk)
+                advance(len(chunk.errors))
+                if tally.stable:
+                    assert tally.stability is not None
+                    return Finding(STABLE, "note", {"digits": tally.stability.digits})
+    except KeyboardInterrupt:
+        if tally.sums is None:
+            raise
+        return Finding(INTERRUPTED, "caution")
+    except WorkersLostError as error:
+        return Finding(WORKERS_LOST, "failure", {"how": str(error)})
+    return Finding(ALL, "note")
+
+
+def _checked_counts(
+    trials: Any, seed: Any, workers: Any, digits: Any, resume: bool, directory: Any, executor: Any
+) -> tuple[int, int | None]:
+    """Trials at most, and digits, once all counts are known to be some."""
+    if trials is None:
+        trials = MOST_FOR_DIGITS if digits is not None else 10_000
+    for name, value, least, most in (
+        ("trials", trials, 2, MOST),
+        ("seed", seed, 0, None),
+        ("workers", workers, 1, 10_000),
+    ):
+        require_integer(name, value, least)
+        if most is not None and value > most:
+            raise InputError(f"Expected `{name}` to be at most {most:,}, got {value:,}.")
+    if not (executor is None or isinstance(executor, Executor)):
+        raise InputError(
+            "Expected `executor` to be a concurrent.futures.Executor, such as ProcessPoolExecutor() or "
+            f"distributed.Client().get_executor(), got {type(executor).__name__}."
+        )
+    if resume and directory is None:
+        raise InputError("Expected a `directory` with resume=True: the folder of the run to go on with.")
+    if digits is not None:
+        digits = Stability(digits).digits
+        if trials < BLOCK:
+            raise InputError(f"Expected `trials` to be at least {BLOCK:,} with `digits`, got {trials:,}.")
+    return int(trials), digits
+
+
+def _tested(covariance: Any, predicted: Callable[[], Array]) -> tuple[Array | None, str]:
+    """The covariance that is tested, None where each trial has its own, and which it is."""
+    if covariance is None:
+        return np.ascontiguousarray(predicted()), "first order"
+    if isinstance(covariance, str):
+        if covariance != "each":
+            raise InputError(f"Expected `covariance` to be None, 'each' or a (6, 6) array, got {covariance!r}.")
+        return None, "each"
+    S = checked_covariance(covariance, "covariance", joint=False)
+    if S.shape != (6, 6):
+        raise InputError(f"Expected `covariance` to be None, 'each' or a (6, 6) array, got shape {S.shape}.")
+    variances = np.diag(S)
+    for name, wrong, limit in (
+        ("small", variances[(variances > 0) & (variances < VARIANCES[0])], VARIANCES[0]),
+        ("large", variances[variances > VARIANCES[1]], VARIANCES[1]),
+    ):
+        if wrong.size:
+            raise InputError(
+                f"Expected the variances of `covariance` in rad^2 and m^2, got {wrong[0]:.3g}, which is too {name} "
+                f"({'below' if name == 'small' else 'above'} {limit:g}) to weigh errors by."
+            )
+    return np.ascontiguousarray(S), "given"

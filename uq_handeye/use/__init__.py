@@ -1,0 +1,1 @@
+"""A calibration in use: planned, checked, verified, updated, watched as it grows."""

@@ -1,0 +1,224 @@
+"""The rig in three dimensions: robot poses, what the camera saw from them, X with its ellipsoid, the next pose.
+
+World: the robot's base frame, z up, m. Eye-in-hand: camera k is ``G_k X`` and the target ``W``; eye-to-hand: the camera
+is ``X`` and target k is ``G_k W``. What moves is drawn once for each pose, in the colour of its residual: the distance
+``d`` of the pose from where the others predict it, over the largest that happens by chance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ....calibration.result import Calibration
+from ....core.formatting.numbers import digits
+from ....core.geometry.se3 import Array, inverse
+from ....model.kinematics.inverse import postures_at
+from ..guide import starting_views
+from ..question import Answer
+from .nodes import DARK, PALE, Colour, Nodes, Picture, nice
+from .touched import Touched
+
+if TYPE_CHECKING:
+    import viser
+
+# Residual 0, at the limit of chance; outliers; left out; next pose; X.
+GOOD, LIMIT, WRONG, OUT, NEXT, OF_X = (
+    (0, 114, 178), (230, 159, 0), (213, 0, 50), (150, 150, 150), (0, 158, 115), (204, 121, 167),
+)  # fmt: skip
+ARM = (120, 130, 145)
+# Poses up to which each is drawn by itself and can be clicked; of more, so many are drawn.
+MOST_DRAWN = 150
+# Wrong poses up to which each has a label.
+MOST_LABELS = 5
+# Sizes in distances of the target: frustum, ellipsoid, axes, lines.
+FRUSTUM, ELLIPSOID, AXES, LINE = 0.075, 0.07, 0.04, 0.004
+
+
+@dataclass(frozen=True)
+class Beside:
+    """Drawings beside the answer: the picture of each pose, and touched points."""
+
+    pictures: Sequence[Picture | None] = ()
+    touched: Touched | None = None
+
+
+def colours(answer: Answer) -> list[Colour]:
+    """Return the colour of each pose."""
+    n = 0 if answer.poses is None else answer.poses.n
+    table = None if answer.result is None else answer.result.table
+    found: list[Colour] = []
+    for k in range(n):
+        if k in answer.left_out:
+            found.append(OUT)
+        elif table is None:
+            found.append(GOOD)
+        elif table.flag[k] != "kept":
+            found.append(WRONG)
+        else:
+            share = float(min(np.sqrt(table.distance2[k] / table.limit), 1.0))
+            found.append(tuple(round(a + share * (b - a)) for a, b in zip(GOOD, LIMIT, strict=True)))  # type: ignore[arg-type]
+    return found
+
+
+class Scene:
+    """One rig on one page; `show` brings it up to the answer."""
+
+    def __init__(self, server: viser.ViserServer, clicked: Callable[[int], None]) -> None:
+        self.nodes, self._clicked = Nodes(server), clicked
+        self.enlarged: int | None = None  # of the ellipsoid; None: by its size
+        self._placed: str = ""
+
+    def show(
+        self, answer: Answer, selected: int | None = None, in_hand: bool = True, beside: Beside = Beside()
+    ) -> None:
+        """Draw an answer; before there are poses a sketch of those to start with."""
+        poses, result = answer.poses, answer.result
+        with self.nodes.drawing():
+            self.nodes.frame("/base", np.eye(4), 0.15, "robot base")
+            if poses is None or poses.n == 0:
+                self._sketch(in_hand)
+                return
+            distance = float(np.median(np.linalg.norm(poses.camera[:, :3, 3], axis=-1)))
+            self.nodes.axes("/robot", poses.robot, AXES * distance)
+            at = selected if selected is not None else poses.n - 1
+            if result is None:
+                self._look("robot", poses.robot[:, :3, 3], distance)
+                return
+            in_hand = result.setup == "eye-in-hand"
+            W = result.W if result.W is not None else np.mean(poses.robot @ result.X @ poses.camera, axis=0)
+            moving = poses.robot @ (result.X if in_hand else W)
+            self._poses(answer, moving, distance, selected, in_hand, beside)
+            ends = np.stack([poses.robot[:, :3, 3], moving[:, :3, 3]], axis=1)
+            self.nodes.lines("/robot/mounts", ends, PALE, LINE * distance)
+            self._fixed(W if in_hand else result.X, distance, in_hand, beside, at)
+            self._ellipsoid(result, poses.robot[at] if in_hand else np.eye(4), distance)
+            self._arm(result, poses.robot[at], distance)
+            self._next(answer, W, distance, in_hand)
+            if beside.touched is not None:
+                self._touches(beside.touched, distance)
+            fixed = (W if in_hand else result.X)[None, :3, 3]
+            self._look("rig", np.concatenate([moving[:, :3, 3], poses.robot[:, :3, 3], fixed]), distance)
+
+    def _look(self, what: str, points: Array, distance: float) -> None:
+        """Look at the rig when it is first drawn; later it is the user who turns it."""
+        if self._placed != what:
+            self._placed = what
+            self.nodes.look_at(
+                np.concatenate([points, np.zeros((1, 3)), points + np.array([0.0, 0.0, 0.1 * distance])])
+            )
+
+    def _sketch(self, in_hand: bool) -> None:
+        """Draw ten views to start with, around a board that lies before the robot."""
+        T = np.array([[1.0, 0, 0, 0.5], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
+        views = starting_views()
+        moving = T @ (inverse(views) if in_hand else views)
+        if in_hand:
+            self.nodes.board("/sketch/fixed", T, 0.22, DARK)
+        else:
+            self.nodes.camera("/sketch/fixed", T, 2 * FRUSTUM, OF_X)
+        for k, pose in enumerate(moving):
+            name = f"/sketch/{k + 1}"
+            if in_hand:
+                self.nodes.camera(name, pose, 0.6 * FRUSTUM, NEXT, filled=True)
+            else:
+                self.nodes.board(name, pose, 0.1, NEXT)
+            self.nodes.label(f"{name}/name", str(k + 1), np.eye(4))
+        self._look("sketch", np.concatenate([moving[:, :3, 3], T[None, :3, 3]]), 0.5)
+
+    def _poses(
+        self, answer: Answer, moving: Array, distance: float, selected: int | None, in_hand: bool, beside: Beside
+    ) -> None:
+        """Draw what moves once for each pose, and say what is wrong with those that contradict the others."""
+        n, tints = len(moving), colours(answer)
+        drawn = set(np.unique(np.linspace(0, n - 1, min(n, MOST_DRAWN)).round().astype(int)).tolist())
+        labels = [k for k in range(n) if tints[k] == WRONG][:MOST_LABELS]
+        for k in sorted({*drawn, *labels, *([] if selected is None else [selected])}):
+            wrong, name = tints[k] == WRONG, f"/poses/{k}"
+            size = distance * FRUSTUM * (1.5 if k == selected else 1.0)
+            click = partial(self._clicked, k)
+            if in_hand:
+                picture = beside.pictures[k] if k < len(beside.pictures) else None
+                self.nodes.camera(name, moving[k], size, tints[k], wrong or k == selected, picture, click)
+            else:
+                opacity = 0.8 if wrong or k == selected else 0.35
+                self.nodes.board(name, moving[k], 3 * size, tints[k], opacity, click)
+            if k in labels or k == selected:
+                text = f"pose {k}" + (f": {answer.result.table.status(k)}" if wrong else "")  # type: ignore[union-attr]
+                self.nodes.label(f"{name}/name", text, np.eye(4))
+
+    def _fixed(self, T: Array, distance: float, in_hand: bool, beside: Beside, at: int) -> None:
+        """Draw the target or the camera that does not move."""
+        if in_hand:
+            self.nodes.board("/target/board", T, 0.4 * distance, DARK)
+            self.nodes.frame("/target/frame", T, 0.12 * distance, "target")
+        else:
+            picture = beside.pictures[at] if at < len(beside.pictures) else None
+            self.nodes.camera("/camera/body", T, 2 * FRUSTUM * distance, OF_X, picture=picture)
+            self.nodes.frame("/camera/frame", T, 0.12 * distance, "camera")
+
+    def _ellipsoid(self, result: Calibration, parent: Array, distance: float) -> None:
+        """Draw the translation of X, 1 sigma, at the pose in whose frame ``parent`` it is."""
+        S = result.covariance
+        if S is None:
+            return
+        R, at = parent[:3, :3], (parent @ result.X)[:3, 3]
+        largest = float(np.sqrt(np.linalg.eigvalsh(S[3:, 3:])[-1]))
+        factor = self.enlarged or nice(ELLIPSOID * distance / max(largest, 1e-9))
+        self.nodes.ellipsoid("/X", at, R @ S[3:, 3:] @ R.T, factor, OF_X)
+        self.nodes.label("/X/name", f"X, 1 sigma x {factor}", _at(np.array([0.0, 0.0, -2 * ELLIPSOID * distance])))
+
+    def _arm(self, result: Calibration, pose: Array, distance: float) -> None:
+        """Draw the links of the arm from joint to joint, at a robot pose, where its kinematics are known."""
+        arm = result.kinematics
+        if arm is None:
+            return
+        starts = np.asarray(arm.joints)
+        found = postures_at(arm.chain, np.broadcast_to(pose, (len(starts), 4, 4)), starts)
+        if not found.reached.any():
+            return
+        change = np.abs(found.q - starts).max(axis=1)
+        q = found.q[np.argmin(np.where(found.reached, change, np.inf))]
+        joints = np.concatenate([np.zeros((1, 3)), arm.chain.frames(q)[:, :3, 3], pose[None, :3, 3]])
+        self.nodes.lines("/arm/links", np.stack([joints[:-1], joints[1:]], axis=1), ARM, 6 * LINE * distance)
+        self.nodes.spheres("/arm/joints", joints, np.tile(ARM, (len(joints), 1)), 7 * LINE * distance)
+
+    def _next(self, answer: Answer, W: Array, distance: float, in_hand: bool) -> None:
+        """Draw the pose to take next, with what it would bring."""
+        if answer.ahead is None or answer.result is None:
+            return
+        T = answer.ahead.robot @ (answer.result.X if in_hand else W)
+        if in_hand:
+            self.nodes.camera("/next/pose", T, 1.3 * FRUSTUM * distance, NEXT, filled=True)
+        else:
+            self.nodes.board("/next/pose", T, 0.3 * distance, NEXT)
+        self.nodes.label("/next/words", f"next pose{gain_in_words(answer)}", T)
+
+    def _touches(self, touched: Touched, distance: float) -> None:
+        """Draw touched points, and as lines how far the calibration has them from there, enlarged."""
+        factor = nice(2 * ELLIPSOID * distance / max(float(np.linalg.norm(touched.misses, axis=1).max()), 1e-9))
+        tints = np.array([WRONG if wrong else NEXT for wrong in touched.flagged])
+        self.nodes.spheres("/touches/points", touched.points, tints, 3 * LINE * distance)
+        ends = np.stack([touched.points, touched.points - factor * touched.misses], axis=1)
+        self.nodes.lines("/touches/misses", ends, np.repeat(tints[:, None], 2, axis=1), 1.5 * LINE * distance)
+        for k, point in enumerate(touched.points[:MOST_LABELS]):
+            miss = digits(1e3 * float(np.linalg.norm(touched.misses[k])), 2)
+            more = f", miss x {factor}" if k == 0 else ""
+            self.nodes.label(f"/touches/{k}", f"touch {touched.names[k]}: {miss} mm{more}", _at(point))
+
+
+def gain_in_words(answer: Answer) -> str:
+    """Return what the next pose would bring: ``: from 0.80 to 0.66 mm``; nothing where it is not known."""
+    if answer.ahead is None or answer.size is None or not np.isfinite(answer.ahead.gain):
+        return ""
+    return f": from {1e3 * answer.size:.2f} to {1e3 * answer.size * (1 - answer.ahead.gain):.2f} mm"
+
+
+def _at(point: Array) -> Array:
+    T = np.eye(4)
+    T[:3, 3] = point
+    return T

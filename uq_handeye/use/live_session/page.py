@@ -1,0 +1,226 @@
+"""The page of a session: the panel with its buttons, the scene, and what a click does."""
+
+from __future__ import annotations
+
+import threading
+import warnings
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...calibration.evidence.touches import Touches
+from ...calibration.result import Calibration
+from ...errors import InputError, InputWarning
+from ...model.poses.pose_pairs import PosePairs
+from ..maintenance.check import check
+from .browser_page import BrowserPage
+from .drawing.nodes import Picture
+from .drawing.scene import Beside, Scene
+from .drawing.touched import touched
+from .markup import covered, preformatted, summary, table
+from .question import ONE_AT_A_TIME
+from .server import HOST, PORT
+from .session import Session
+from .sources.bag import Playback
+from .sources.source import Source, feed
+from .uploads import keep_bag, keep_other, keep_picture, keep_upload, thumbnail
+
+
+class Page(BrowserPage):
+    """One session in the browser: every browser that looks at it sees the same.
+
+    Parameters
+    ----------
+    session : Session
+    sources : list of Source
+        Poses that come by themselves are added as they come; for the others there is a button.
+    host, port, token
+        As of `Server`.
+    touches : Touches, path or None
+        Points that were seen and touched, shown beside each answer.
+    """
+
+    def __init__(
+        self, session: Session, sources: tuple[Source, ...] = (), host: str = HOST, port: int = PORT,
+        token: str | None = None, touches: Touches | Path | None = None,
+    ) -> None:  # fmt: skip
+        super().__init__(host, port, token)
+        self.session, self._sources, self._touches = session, sources, touches
+        self.selected: int | None = None
+        self._scene = Scene(self._server.viser, self.select)
+        self._build()
+        session.update()
+        session.listeners.append(self._show)
+        self._show(session)
+        self._workers: list[threading.Thread] = []
+        self._work(session.run, self._stop)
+        for source in sources:
+            if not source.on_demand:
+                self._work(feed, session, source, self._stop)
+
+    def _work(self, work: Callable[..., None], *given: Any) -> None:
+        self._workers.append(threading.Thread(target=work, args=given, daemon=True))
+        self._workers[-1].start()
+
+    def close(self) -> None:
+        """End the page; the session stays on disk."""
+        self._stop.set()
+        if self._show in self.session.listeners:
+            self.session.listeners.remove(self._show)
+        for source in self._sources:
+            source.close()
+        self._workers[0].join(10.0)
+        super().close()
+
+    def select(self, pose: int | None) -> None:
+        """Light up a pose."""
+        self.selected = pose if pose is not None and 0 <= pose < self.session.answer.n else None
+        self._show(self.session)
+
+    # ------------------------------------------------------------------------------------------------------ panel
+
+    def _build(self) -> None:
+        gui = self._gui
+        self._summary = gui.add_html("")
+        for source in self._sources:
+            if source.on_demand:
+                self._button(f"Take pose ({source.name})", partial(self._take, source), color="teal", icon="camera")
+        for side in ("robot", "camera"):
+            self._upload(f"Add {side} poses", partial(self._add, keep_upload, side), icon="upload")
+        with gui.add_folder("Poses"):
+            self._table = gui.add_html("")
+            self._number: Any = gui.add_number("Pose", -1, min=-1, step=1, hint="Number of the pose; -1: none.")
+            self._number.on_update(lambda _: self.select(int(self._number.value)))
+            self._steps("Selected", {"Leave out": lambda: self.session.leave_out(self._chosen()),
+                                     "Take back": lambda: self.session.take_back(self._chosen())})  # fmt: skip
+            self._steps("Last", {"Drop last": self.session.drop_last, "Undo": self.session.undo})
+        look: dict[str, Any] = {"color": "teal", "icon": "file-check"}
+        finish = gui.add_button("Finish and report", **look)
+        finish.on_click(lambda event: self._tried(lambda: self._finish(event.client)))
+        with gui.add_folder("Checks, and what is included"):
+            self._covered = gui.add_html("")
+        with gui.add_folder("More: pictures, a bag, touches, a stored result", expand_by_default=False):
+            self._board: Any = gui.add_text("Board", "9x6", hint="Inner corners of the chessboard, columns x rows.")
+            self._square: Any = gui.add_text("Square", "20mm", hint="Side of a square, as measured.")
+            self._upload("Add a picture of the board", self._add_picture, icon="photo")
+            self._frames: Any = gui.add_text("Frames", "base:tool0,camera:tag0", hint="Robot and camera, parent:child.")
+            self._upload("Play a bag of ROS", self._play, icon="player-play")
+            self._upload("Add touched points", self._add_touches, icon="hand-finger")
+            self._upload("Compare with a result", self._compare, icon="git-compare")
+            self._said = gui.add_html("")
+        with gui.add_folder("View", expand_by_default=False):
+            self._enlarged: Any = gui.add_number("Ellipsoid x", 0, min=0, step=10, hint="0: by its size")
+            self._enlarged.on_update(lambda _: self._enlarge())
+            dark = gui.add_checkbox("Dark", False)
+            dark.on_update(lambda _: self._theme(dark.value))
+
+    def _steps(self, label: str, steps: dict[str, Callable[[], Any]]) -> None:
+        """Add small buttons in one row."""
+        group: Any = self._gui.add_button_group(label, tuple(steps))
+        group.on_click(lambda _: self._tried(steps[group.value]))
+
+    def _say(self, problem: str) -> None:
+        self.session.note(problem)
+
+    def _chosen(self) -> int:
+        if self.selected is None:
+            raise InputError("No pose is selected. Click a row of the table or a pose in the scene.")
+        return self.selected
+
+    def _take(self, source: Source) -> None:
+        pair = source.take()
+        if pair is not None:
+            self.session.add(*pair)
+
+    def _add(self, keep: Callable[..., Path], side: str, name: str, content: bytes) -> None:
+        keep(self.session.folder.path, side, name, content)
+        self.session.update()
+
+    def _add_picture(self, name: str, content: bytes) -> None:
+        """Keep a picture; with robot poses as files and no camera poses it is one of the board."""
+        keep_picture(self.session.folder.path, name, content)
+        if self.session.folder.seen is None and not self.session.folder.holds_camera:
+            self.session.look_for(self._board.value, self._square.value)
+        self.session.update()
+
+    def _play(self, name: str, content: bytes) -> None:
+        """Add the poses of a bag, one after the other."""
+        from ...read.rosbag.streams import read_bag
+
+        self.session.require_own()
+        robot, _, camera = self._frames.value.partition(",")
+        path = keep_bag(self.session.folder.path, name, content)
+        source = Playback(*read_bag(path, robot=robot.strip(), camera=camera.strip()), name=path.name)
+        self._work(feed, self.session, source, self._stop)
+
+    def _add_touches(self, name: str, content: bytes) -> None:
+        self._touches = keep_other(self.session.folder.path, "touches", ".csv", "a table of touches", name, content)
+        self._show(self.session)
+
+    def _compare(self, name: str, content: bytes) -> None:
+        """Hold the poses of the session against a stored result, and say whether it still holds."""
+        poses = self.session.answer.poses
+        if poses is None:
+            raise InputError("There are no poses yet to compare with a result.")
+        path = keep_other(
+            self.session.folder.path, "compared", ".json", "the result.json of a calibration", name, content
+        )
+        kept = [k for k in range(poses.n) if k not in self.session.choice.left_out]
+        with ONE_AT_A_TIME, warnings.catch_warnings():
+            warnings.simplefilter("ignore", InputWarning)
+            found = check(Calibration.from_json(path), poses.rows(np.array(kept, dtype=np.intp)))
+        self._said.content = preformatted(found.summary())
+
+    def _finish(self, client: Any) -> None:
+        folder: Path = self.session.finish()
+        report = folder / "report.html"
+        client.send_file_download("report.html", report.read_bytes(), save_immediately=True)
+        client.add_notification("Finished", f"Result and report are in {folder}.", color="teal")
+
+    def _enlarge(self) -> None:
+        self._scene.enlarged = int(self._enlarged.value) or None
+        self._show(self.session)
+
+    # ------------------------------------------------------------------------------------------------------- show
+
+    def _show(self, session: Session) -> None:
+        """Bring the page up to the answer."""
+        with self._drawing, self._server.viser.atomic():
+            answer = session.answer
+            if self.selected is not None and self.selected >= answer.n:
+                self.selected = None
+            number = -1 if self.selected is None else self.selected
+            if self._number.value != number:
+                self._number.value = number
+            self._set(self._summary, summary(session))
+            self._set(self._table, table(session, self.selected, self._number._impl.uuid))
+            self._set(self._covered, covered(answer.result))
+            in_hand = session.folder.how.get("setup") in (None, "eye-in-hand")
+            self._scene.show(answer, self.selected, in_hand, self._beside(answer.poses, answer.result))
+
+    def _beside(self, poses: PosePairs | None, result: Calibration | None) -> Beside:
+        """Return pictures and touched points; what cannot be used is said where it was added."""
+        if poses is None or result is None:
+            return Beside()
+        pictures: list[Picture] = [
+            (str(path), partial(_pixels, path)) for path in self.session.folder.pictures_of(poses)
+        ]
+        points = None
+        if self._touches is not None:
+            try:
+                points = touched(result, self._touches)
+                self._set(self._said, preformatted(points.words))
+            except InputError as error:
+                self._set(self._said, preformatted(str(error)))
+        return Beside(pictures, points)
+
+
+def _pixels(path: Path) -> Any:
+    """Return a picture as it is drawn on its camera; None where it cannot be read."""
+    try:
+        return thumbnail(path)
+    except InputError:
+        return None

@@ -1,0 +1,97 @@
+"""One question, asked again after each pose: how well is X known, what did the pose bring, which pose is next.
+
+The answer is that of `calibrate` on the poses that are there; nothing is carried over from the answer before, so that
+the last one is bit-equal to a calibration of the same files.
+"""
+
+from __future__ import annotations
+
+import threading
+import warnings
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from ...calibration.calibrate import calibrate
+from ...calibration.result import Calibration
+from ...calibration.statement.tolerance import Tolerance, Verdict
+from ...errors import InputError, InputWarning, NotConvergedError
+from ...model.poses.pose_pairs import PosePairs
+from ..planning.after_each import NextPose, next_pose, words_after, words_without
+
+# Warnings are switched off for a whole process: one answer at a time, or they would come back in another thread's.
+ONE_AT_A_TIME = threading.RLock()
+# Fewest poses of which there is an X.
+FEWEST = 3
+
+
+def _estimated(poses: PosePairs) -> tuple[Any, Any]:
+    """Return noise and shared errors where nothing is given."""
+    return None, None
+
+
+@dataclass(frozen=True)
+class Question:
+    """Request to `calibrate` that is repeated, and the tolerance asked for.
+
+    ``beside`` returns the noise and the shared errors that go with the poses, as `calibrate` takes them.
+    """
+
+    options: Mapping[str, Any] = field(default_factory=dict)
+    beside: Callable[[PosePairs], tuple[Any, Any]] = _estimated
+    tolerance: Tolerance | None = None
+
+    def calibrate(self, poses: PosePairs, left_out: tuple[int, ...] = ()) -> tuple[Calibration, Any, Any]:
+        """Return the calibration with the noise and the shared errors that it was given, without its warnings."""
+        with ONE_AT_A_TIME, warnings.catch_warnings():
+            warnings.simplefilter("ignore", InputWarning)  # the result holds them as findings
+            noise, shared = self.beside(poses)
+            result = calibrate(poses, noise=noise, shared=shared, exclude=list(left_out) or None, **self.options)
+        return result, noise, shared
+
+    def ask(self, n: int, poses: PosePairs | None, left_out: tuple[int, ...] = (), plan: bool = True) -> Answer:
+        """Return the answer for ``n`` complete poses; ``poses=None``: too few of them can be read."""
+        with ONE_AT_A_TIME:
+            return self._ask(n, poses, left_out, plan)
+
+    def _ask(self, n: int, poses: PosePairs | None, left_out: tuple[int, ...], plan: bool) -> Answer:
+        if poses is None or poses.n - len(left_out) < FEWEST:
+            return Answer(n, tuple(words_without(n - len(left_out), InputError(""))), left_out, poses)
+        try:
+            result, noise, shared = self.calibrate(poses, left_out)
+        except (InputError, NotConvergedError) as error:
+            return Answer(n, tuple(words_without(n - len(left_out), error)), left_out, poses)
+        verdict = None if self.tolerance is None else result.verdict(self.tolerance)
+        ahead = None
+        if plan and not (verdict is not None and verdict.passed):
+            kept = np.setdiff1d(np.arange(poses.n), left_out)
+            ahead = next_pose(result, noise if noise is None or not left_out else noise.rows(kept), shared)
+        return Answer(n, tuple(words_after(result, verdict, ahead)), left_out, poses, result, verdict, ahead)
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """Knowledge after ``n`` poses; without a ``result`` the ``lines`` say why there is none."""
+
+    n: int
+    lines: tuple[str, ...]
+    left_out: tuple[int, ...] = ()
+    poses: PosePairs | None = None
+    result: Calibration | None = None
+    verdict: Verdict | None = None
+    ahead: NextPose | None = None
+
+    @property
+    def size(self) -> float | None:
+        """Standard uncertainty (m) of a point at the distance of the target; None where X is not usable."""
+        result = self.result
+        if result is None or result.opened is not None or not result.usable or result.accuracy is None:
+            return None
+        return result.accuracy.point if np.isfinite(result.accuracy.point) else None
+
+    @property
+    def passed(self) -> bool:
+        """True if the tolerance is shown to be met."""
+        return self.verdict is not None and self.verdict.passed

@@ -1,0 +1,87 @@
+"""Files that are uploaded in the page: kept in the session's folder under a name of ours, and read like any other."""
+
+from __future__ import annotations
+
+import io
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...core.files.atomic import write_atomically
+from ...errors import InputError
+from ...model.camera.board import SUFFIXES
+from .folder import POSE_FILES
+from .question import ONE_AT_A_TIME
+from .session import OWN
+
+# Largest file (bytes); files of one side; largest picture (pixels), and the width at which it is shown.
+MOST_BYTES, MOST_FILES, MOST_PIXELS, SHOWN = 50_000_000, 1000, 100_000_000, 240
+BAGS = (".bag", ".mcap", ".db3")
+
+
+def keep_upload(folder: Path, side: str, name: str, content: bytes) -> Path:
+    """Write an uploaded file of poses of one side, ``robot`` or ``camera``, into the folder, and return its path.
+
+    Raises `InputError` for a suffix that no reader has, a file that is empty or too large, or a session whose poses
+    came one by one.
+    """
+    if (folder / OWN).exists():
+        raise InputError(f"The poses of this session came one by one ({OWN}). Start with another folder for files.")
+    return _keep(folder, side, POSE_FILES, "a file of poses", name, content)
+
+
+def keep_picture(folder: Path, name: str, content: bytes) -> Path:
+    """Write an uploaded picture of the board into the folder, and return its path."""
+    if content:
+        thumbnail(io.BytesIO(content), name)  # it can be read, and is not too large
+    return _keep(folder, "picture", SUFFIXES, "a picture", name, content)
+
+
+def keep_bag(folder: Path, name: str, content: bytes) -> Path:
+    """Write an uploaded bag of ROS into a folder of its own, and return its path."""
+    return _keep(folder / "bags", "bag", BAGS, "a bag of ROS, one file", name, content)
+
+
+def keep_other(folder: Path, stem: str, suffix: str, what: str, name: str, content: bytes) -> Path:
+    """Write a file that is not one of poses into a folder of its own, in place of the one before; return its path."""
+    return _keep(folder / stem, stem, (suffix,), what, name, content, again=True)
+
+
+def _keep(
+    folder: Path, stem: str, suffixes: tuple[str, ...], what: str, name: str, content: bytes, again: bool = False
+) -> Path:
+    """Write a file under a name of ours: only its suffix is taken, so that no name leads out of the folder."""
+    suffix = Path(name.replace("\\", "/")).suffix.lower()
+    if suffix not in suffixes:
+        raise InputError(f"Expected {what} ({', '.join(suffixes)}), got {name!a}.")
+    if not content:
+        raise InputError(f"{name!a} is empty.")
+    if len(content) > MOST_BYTES:
+        raise InputError(f"{name!a} has {len(content) / 1e6:.0f} MB; at most {MOST_BYTES / 1e6:.0f} MB are read.")
+    folder.mkdir(exist_ok=True)
+    for number in range(1, MOST_FILES):
+        path = folder / (f"{stem}{suffix}" if number == 1 else f"{stem}_{number}{suffix}")
+        if again or not path.exists():
+            write_atomically(path, content)
+            return path
+    raise InputError(f"{folder} holds {MOST_FILES} files of this kind ({stem}) already.")
+
+
+def thumbnail(file: Path | io.BytesIO, name: str = "") -> Any:
+    """Return a picture (h, w, 3), at most `SHOWN` pixels wide; raises `InputError` for one that cannot be read."""
+    from PIL import Image
+
+    try:
+        with ONE_AT_A_TIME, warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            with Image.open(file) as picture:
+                if picture.width * picture.height > MOST_PIXELS:
+                    raise InputError(f"{name!a} has more than {MOST_PIXELS / 1e6:.0f} million pixels.")
+                picture.thumbnail((SHOWN, SHOWN))
+                return np.asarray(picture.convert("RGB"))
+    except InputError:
+        raise
+    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError):
+        raise InputError(f"{name!a}: expected a picture ({', '.join(SUFFIXES)}).") from None

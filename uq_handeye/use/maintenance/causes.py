@@ -1,0 +1,186 @@
+r"""Causes of a change: each by generalised least squares, and which of them can be separated.
+
+A cause with the columns C (p numbers a, ``E r = C a``) takes ``gain`` from d^2. Causes are compared by
+
+    BIC = deviance(d^2 - gain) + p log(N)
+
+N the number of residuals, the deviance that of `reference`. ``exp(-BIC / 2)`` over the sum of all is the probability of
+each if one of them is what happened. The first is named if its probability is at least `CLEAR`, and every other has a
+larger ``deviance + p``, p being what chance takes away: that the first takes fewer numbers is not enough. Else all that
+together have `CLEAR_SET`, or come so near, are answered as a set.
+
+Exactly the same are, whatever the poses: the base of the robot and what stands in the cell (target, eye-in-hand;
+camera, eye-to-hand), and the tool of the robot and what it carries. An image centre that changed is, to first order, a
+camera that rotated about its own x and y axes: it is never named without X. One pose cannot separate X from W.
+
+- *X*: ``-J_X delta``, *target*: ``-J_W delta``: the true pose is the estimate moved by delta.
+- *focal length*, *image centre*: the true value moved from that used by e: ``-D_C F e`` (`shared_error`).
+- *target size*: likewise, of the scale of all translations of the camera poses. With the target in the middle of the
+  picture it is the same as the focal length.
+- *one pose*: all that is wrong is one of the poses, a wrong detection or robot pose; from three poses on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ...calibration.evidence.new_poses import PoseEvidence
+from ...core.geometry.se3 import Array
+from ...core.runtime.read_only import ReadOnlyArrays
+from ...model.poses.pose_pairs import PosePairs
+from ...model.posterior.reference import PredictiveReference
+from ...model.posterior.rows import NewRows
+from ...model.shared_errors.shared_error import SharedError
+
+CAMERA_MOVED, TARGET_MOVED, FOCAL_LENGTH, TARGET_SIZE, IMAGE_CENTRE, ONE_POSE = (
+    "X",
+    "target",
+    "focal length",
+    "target size",
+    "image centre",
+    "one pose",
+)
+# Probability with which the first cause is named, and that of the set that is answered instead.
+CLEAR, CLEAR_SET = 0.98, 0.995
+# What the others must have more of in deviance + p.
+LEAD = 1.0
+# A cause explains the change if what it leaves of d^2 has at least this p-value.
+EXPLAINS = 1e-3
+# Poses from which on one that is wrong can be separated from a change.
+FEWEST_FOR_ONE = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Cause(ReadOnlyArrays):
+    """One possible cause, as estimated by itself."""
+
+    name: str
+    estimate: (
+        Array  # (p,) rad and m; true over used, minus 1, of focal length and target size; rad for the image centre
+    )
+    covariance: Array  # (p, p)
+    gain: float  # by how much d^2 falls
+    p_left: float  # p-value of what is left of d^2
+    probability: float  # among the causes that are compared
+    deviance: float  # what is left
+    row: int | None = None  # of one pose: which
+
+    @property
+    def explains(self) -> bool:
+        """True if what is left of d^2 is what noise makes."""
+        return self.p_left >= EXPLAINS
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain numbers and text."""
+        more = {} if self.row is None else {"row": self.row}
+        return {
+            "name": self.name,
+            "estimate": self.estimate.tolist(),
+            "covariance": self.covariance.tolist(),
+            "gain": self.gain,
+            "p_left": self.p_left,
+            "probability": self.probability,
+            **more,
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Causes(ReadOnlyArrays):
+    """All causes, the most probable first, and what can be concluded."""
+
+    all: tuple[Cause, ...]
+
+    @property
+    def named(self) -> Cause | None:
+        """The cause, if one has a clear lead and explains the change."""
+        first = self.all[0]
+        clear = first.probability >= CLEAR and first.explains and first.name != IMAGE_CENTRE
+        return first if clear and not any(map(self._near, self.all[1:])) else None
+
+    @property
+    def explained(self) -> bool:
+        """True if one of the causes by itself explains the change."""
+        return any(cause.explains for cause in self.candidates)
+
+    @property
+    def candidates(self) -> tuple[Cause, ...]:
+        """Causes that cannot be separated from the first, with it."""
+        if self.named is not None:
+            return self.all[:1]
+        before = np.cumsum([0.0, *(cause.probability for cause in self.all)])[:-1]
+        of_each = zip(self.all, before, strict=True)
+        names = {cause.name for cause, total in of_each if total < CLEAR_SET or self._near(cause)}
+        names |= {CAMERA_MOVED} if IMAGE_CENTRE in names else set()
+        return tuple(cause for cause in self.all if cause.name in names)
+
+    def _near(self, cause: Cause) -> bool:
+        """Return whether a cause leaves hardly more than the first, each without what chance takes away."""
+        left, first = (one.deviance + len(one.estimate) for one in (cause, self.all[0]))
+        return left - first < LEAD
+
+    def __getitem__(self, name: str) -> Cause:
+        return next(cause for cause in self.all if cause.name == name)
+
+
+def columns_of_causes(evidence: PoseEvidence, setup: str) -> dict[str, Array]:
+    """Columns (m, 6, p) of the causes, by name."""
+    poses = PosePairs(evidence.robot, evidence.camera, setup)
+    J, D_C = evidence.linear.J, evidence.linear.sides[1]
+    sized = np.linalg.norm(evidence.camera[:, :3, 3], axis=-1).max() > 0
+    found = {CAMERA_MOVED: -J[..., :6], TARGET_MOVED: -J[..., 6:]}
+    if sized:
+        found[FOCAL_LENGTH] = -D_C @ SharedError.focal_length(1.0).at(poses)
+        found[TARGET_SIZE] = -D_C @ SharedError.target_scale(1.0).at(poses)
+    found[IMAGE_CENTRE] = -D_C @ SharedError.principal_point(1.0).at(poses)
+    return found
+
+
+def compare_causes(evidence: NewRows, columns: Mapping[str, Array], reference: PredictiveReference) -> Causes:
+    """Estimate each cause by itself, and compare them."""
+    d2, N = evidence.d2, evidence.dof
+    found: list[tuple[float, Cause]] = []
+
+    def add(name: str, C: Array, more: float = 0.0, row: int | None = None) -> None:
+        of = evidence.explained_by(C)
+        left, p = max(d2 - of.gain, 0.0), C.shape[-1]
+        p_left = reference.p_value(left, N - p) if p < N else 1.0
+        deviance = reference.deviance(left)
+        bic = deviance + p * float(np.log(N)) + more
+        found.append((bic, Cause(name, of.estimate, of.covariance, of.gain, p_left, 0.0, deviance, row)))
+
+    for name, C in columns.items():
+        add(name, C)
+    m = len(evidence.r)
+    if m >= FEWEST_FOR_ONE:
+        row, C = _most_outlying(evidence)
+        add(ONE_POSE, C, 2.0 * float(np.log(m)), row)
+    found.sort(key=lambda one: one[0])
+    weight = np.exp(-0.5 * (np.array([bic for bic, _ in found]) - found[0][0]))
+    weight = weight / weight.sum()
+    return Causes(tuple(
+        replace(c, probability=float(w))
+        for (_, c), w in zip(found, weight, strict=True)
+    ))  # fmt: skip
+
+
+def distances(evidence: NewRows) -> Array:
+    """(m,) squared distance of each measurement from what all others predict of it."""
+    m, k = evidence.r.shape
+    white = evidence.whitened(np.eye(m * k).reshape(m, k, m * k))
+    g = (white.T @ evidence.white).reshape(m, k)  # Sigma^-1 r
+    index = np.arange(m)
+    P = (white.T @ white).reshape(m, k, m, k)[index, :, index, :]
+    return np.asarray(np.einsum("mi,mi->m", g, np.linalg.solve(P, g[..., None])[..., 0]))
+
+
+def _most_outlying(evidence: NewRows) -> tuple[int, Array]:
+    """The pose that the others contradict most, and its columns (m, k, k)."""
+    m, k = evidence.r.shape
+    row = int(distances(evidence).argmax())
+    C = np.zeros((m, k, k))
+    C[row] = np.eye(k)
+    return row, C

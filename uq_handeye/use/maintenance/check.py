@@ -1,0 +1,211 @@
+"""check(): whether a calibration still holds, by one or more new poses.
+
+The residuals of the new poses against the stored result, with its joint covariance, are tested as a whole
+(`reference`). Whatever the answer, it says which change these poses would have shown (`power`); where something has
+changed, what it is, as far as the poses separate the causes (`causes`), and by how much.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ...calibration.evidence.new_poses import PoseEvidence, evidence_of_poses
+from ...calibration.evidence.state import Calibrated
+from ...calibration.statement.tolerance import Tolerance
+from ...core.geometry.se3 import Array
+from ...errors import InputError
+from ...findings import Finding
+from ...model.noise.models import PoseNoise
+from ...model.poses.pose_pairs import PosePairs
+from ...model.posterior.owners import THINGS
+from .causes import (
+    CAMERA_MOVED,
+    FOCAL_LENGTH,
+    ONE_POSE,
+    TARGET_MOVED,
+    TARGET_SIZE,
+    Causes,
+    columns_of_causes,
+    compare_causes,
+    distances,
+)
+from .check_result import CANNOT_TELL, CHANGED, UNCHANGED, ChangeCheck
+from .misread import LENS, SMALL_FACTOR, misread, scale_finding
+from .power import Detectable, detectable_changes
+from .together.joined_poses import common_poses
+
+# Level of the test: the share of false alarms.
+LEVEL = 0.05
+# Without a tolerance: poses that would miss a shift of this share of the distance of the target, or a rotation of this
+# angle (rad), cannot say that nothing has changed.
+BLIND = 0.01
+# A p-value above which what is assumed of the robot is larger than the new poses show.
+OVERSTATED = 0.99
+
+
+def check(
+    result: Calibrated,
+    poses: PosePairs,
+    *,
+    noise: PoseNoise | None = None,
+    joints: ArrayLike | None = None,
+    tolerance: Any = None,
+    level: float = LEVEL,
+    same: Iterable[str] | str = THINGS,
+) -> ChangeCheck:
+    """Check whether a calibration still holds, by new poses of the same rig.
+
+    Parameters
+    ----------
+    result : Calibration
+        With the joint covariance of X and W: of poses, by ``efficient``, ``ml`` or ``bundle``.
+    poses : PosePairs
+        One or more new poses, of the same robot, camera and target. Three or more can separate a change from one
+        wrong pose, and X from the target.
+    noise : PoseNoise or None
+        Of the new poses. None: that of the calibration.
+    joints : (m, L) or None
+        Joint values, for a calibration with kinematics; None: ``poses.joints``.
+    tolerance : text, numbers or None
+        Change of X that matters, such as ``"1mm,0.1deg"``: poses that would miss it cannot tell. None: 1 % of the
+        distance of the target, and 0.01 rad.
+    level : float
+        Probability of a false alarm.
+    same : names out of "robot", "camera" and "target"
+        Which of them are those of the calibration, so that their errors are the same. Default: all. The errors of
+        others are drawn again; X and W are those of the calibration all the same.
+
+    Returns
+    -------
+    ChangeCheck
+        ``status`` ("unchanged", "changed" or "cannot tell"), ``p_value``, ``cause``, ``shift`` with its ``covariance``,
+        and ``detectable``: the smallest change that these poses would have shown with 95 % probability.
+
+    Raises
+    ------
+    InputError
+        A calibration without joint covariance, of another setup, or with a part of X open; poses that the calibration
+        used itself, or without the joints that it needs; noise or level that cannot be used.
+
+    Examples
+    --------
+    >>> import uq_handeye as uq
+    >>> noise = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
+    >>> result = uq.calibrate(uq.simulate(n_poses=20, noise=noise, seed=1), noise=noise)
+    >>> uq.check(result, uq.simulate(n_poses=5, noise=noise, seed=2)).status
+    'unchanged'
+    """
+    if not 0 < level < 0.5:
+        raise InputError(f"Expected `level` to lie between 0 and 0.5, got {level!r}.")
+    accepted = None if tolerance is None else Tolerance.read(tolerance)
+    evidence = evidence_of_poses(result, poses, noise, joints, same)
+    _require_new(result, poses)
+    reference = evidence.test.reference
+    columns = columns_of_causes(evidence, poses.setup)
+    detectable = detectable_changes(
+        evidence.information(columns[CAMERA_MOVED]), evidence.information(columns[TARGET_MOVED]), reference, level
+    )
+    causes = compare_causes(evidence, columns, reference)
+    p_value = reference.p_value(evidence.d2)
+    if p_value < level:
+        status, findings = _of_change(result, poses, evidence, causes, (noise, joints, same))
+    else:
+        coarse = _coarse(detectable, accepted, evidence)
+        status, findings = (UNCHANGED, []) if coarse is None else (CANNOT_TELL, [coarse])
+        if p_value > OVERSTATED and any(one.accuracy is not None and one.default for one in result.shared):
+            findings.append(Finding("maintenance.overstated", "note"))
+    moved = _moved(causes)
+    return ChangeCheck(
+        status=status,
+        p_value=p_value,
+        d2=evidence.d2,
+        dof=evidence.dof,
+        noise_dof=None if reference.noise_given else reference.noise_dof,
+        level=level,
+        detectable=detectable,
+        causes=causes,
+        shift=moved.estimate,
+        covariance=moved.covariance,
+        shift_of="W" if moved.name == TARGET_MOVED else "X",
+        distances=distances(evidence),
+        findings=tuple(findings),
+        setup=poses.setup,
+        n_poses=poses.n,
+        n_calibrated=result.counted.n if isinstance(result.counted, PosePairs) else None,
+        tolerance=None if accepted is None else str(accepted),
+        focal_length_px=next((one.focal_length_px for one in result.shared if one.focal_length_px), None),
+    )
+
+
+def _of_change(
+    result: Calibrated, poses: PosePairs, evidence: PoseEvidence, causes: Causes, asked: tuple[Any, Any, Any]
+) -> tuple[str, list[Finding]]:
+    """Status and findings of poses that contradict the calibration; ``asked``: noise, joints and what is the same."""
+    noise, joints, same = asked
+    assert result.W is not None
+
+    def d2_of(again: PosePairs, rows: Array | None = None) -> float:
+        of, q = (noise, joints) if rows is None else (
+            None if noise is None else noise.rows(rows), None if joints is None else np.asarray(joints)[rows]
+        )  # fmt: skip
+        return evidence_of_poses(result, again, of, q, same).d2
+
+    first = causes.named
+    lens = any(one.name == FOCAL_LENGTH and one.explains for one in causes.all)
+    factor = LENS if lens else SMALL_FACTOR
+    other = misread(result.X, result.W, poses, evidence, d2_of, least_factor=factor)
+    if other is None and first is not None and first.name == TARGET_SIZE:
+        other = scale_finding("camera", float(1.0 + first.estimate[0]))
+    if other is not None:
+        return CANNOT_TELL, [other]
+    if first is not None and first.name == ONE_POSE:
+        return CANNOT_TELL, [Finding("maintenance.one_pose_wrong", "caution", {"row": first.row, "n": poses.n})]
+    if not causes.explained:
+        return CHANGED, [Finding("maintenance.unexplained", "caution", {"p_value": causes.all[0].p_left})]
+    return CHANGED, [Finding("maintenance.few_poses", "note", {"n": poses.n})] if poses.n < 3 else []
+
+
+def _require_new(result: Calibrated, poses: PosePairs) -> None:
+    """Raise `InputError` where a pose was used by the calibration: its errors are those of X, and show no change."""
+    used = result.counted
+    if isinstance(used, PosePairs) and (twice := common_poses(used, poses)):
+        first = twice[0][0]
+        raise InputError(
+            f"{len(twice)} of the {poses.n} poses were used by the calibration itself (the first: pose {first}): they "
+            "cannot show a change. Check new poses."
+        )
+
+
+def _moved(causes: Causes) -> Any:
+    """The cause that is a moved pose: W if that is what is named, else X."""
+    named = causes.named
+    return causes[TARGET_MOVED if named is not None and named.name == TARGET_MOVED else CAMERA_MOVED]
+
+
+def _coarse(detectable: Detectable, accepted: Tolerance | None, evidence: PoseEvidence) -> Finding | None:
+    """Return what these poses would have missed, if that matters."""
+    if accepted is None:
+        distance = float(np.median(np.linalg.norm(evidence.camera[:, :3, 3], axis=-1)))
+        limits: tuple[float | None, float | None] = BLIND * distance, BLIND
+    else:
+        limits = accepted.translation, accepted.rotation
+    found = detectable.X_translation, detectable.X_rotation
+    missed = [limit is not None and not value <= limit for value, limit in zip(found, limits, strict=True)]
+    if not any(missed):
+        return None
+    plain = [value if np.isfinite(value) else None for value in found]
+    return Finding(
+        "maintenance.coarse",
+        "caution",
+        {
+            "translation": plain[0],
+            "rotation": plain[1],
+            "translation_limit": limits[0],
+            "rotation_limit": limits[1],
+            "given": accepted is not None,
+        },
+    )

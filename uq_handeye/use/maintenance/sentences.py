@@ -1,0 +1,125 @@
+"""Sentences of the findings of `maintenance`. Values are in rad and m."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from ...core.formatting.numbers import digits, probability
+from ...findings import sentence
+from ...fit.input_checks.sentences import reading_in_words
+
+
+@sentence("maintenance.misread")
+def _(
+    kind: str,
+    file: str | None,
+    unit: str | None = None,
+    given: str | None = None,
+    order: str | None = None,
+    factor: float = 1.0,
+    shift: int = 0,
+) -> str:
+    of = "both files" if file is None else f"the {file} file"
+    ending = "" if file is None else f"{file}-"
+    if kind == "unit":
+        return (
+            f"The poses agree with the calibration if {of} {'are' if file is None else 'is'} in {unit}, not {given}: "
+            f"give the unit (--{ending}units {unit})."
+        )
+    if kind == "scale" and file == "robot":
+        return (
+            f"The poses agree with the calibration if the robot translations are multiplied by {factor:.4g}: they are "
+            "of another arm, or were scaled."
+        )
+    if kind == "scale":
+        return (
+            f"The poses agree with the calibration if the camera translations are multiplied by {factor:.4g}: "
+            "the size of the target, or the focal length, is not that of the calibration. Measure the target."
+        )
+    if kind == "swapped":
+        return "The poses agree with the calibration if the two files are exchanged: give that of the robot first."
+    if kind == "rows":
+        early, late = ("camera", "robot") if shift > 0 else ("robot", "camera")
+        size = abs(shift)
+        rows, first = ("1 row", "row") if size == 1 else (f"{size} rows", f"{size} rows")
+        return (
+            f"The poses agree with the calibration if the {early} file begins {rows} before the {late} file. Leave out "
+            f"the first {first} of the {early} file and the last of the {late} file."
+        )
+    if kind in ("quaternion", "transposed", "mirrored"):
+        return f"The poses agree with the calibration if {reading_in_words(kind, file=file, order=order)}."
+    frames = {"robot": "--robot-frame gripper_T_base", "camera": "--camera-frame target_T_camera"}
+    options = " ".join(frames.values() if file is None else [frames.get(file, "")])
+    return f"The poses agree with the calibration if {of} hold{'' if file is None else 's'} inverse poses ({options})."
+
+
+@sentence("maintenance.pairing")
+def _(rows: Sequence[int], count: int, n: int) -> str:
+    listed = ", ".join(map(str, rows)) + (", ..." if count > len(rows) else "")
+    return (
+        f"The poses agree with the calibration in another order: {count} of {n} camera poses belong to other robot "
+        f"poses (rows {listed}). Pair the files again."
+    )
+
+
+@sentence("maintenance.one_pose_wrong")
+def _(row: int, n: int) -> str:
+    return (
+        f"Only pose {row} of {n} contradicts the calibration, and no change explains it: probably a wrong detection or "
+        "robot pose. Measure it again, or leave it out."
+    )
+
+
+@sentence("maintenance.unexplained")
+def _(p_value: float) -> str:
+    return (
+        f"No single cause explains these poses (best: {probability(p_value)}). Several things have changed, poses are "
+        "wrong, or the noise is larger than that of the calibration. Calibrate again."
+    )
+
+
+@sentence("maintenance.few_poses")
+def _(n: int) -> str:
+    what = "One pose" if n == 1 else f"{n} poses"
+    return (
+        f"{what} cannot separate a change from one wrong measurement. Check {3 - n} more, at other orientations, "
+        "before you calibrate again."
+    )
+
+
+@sentence("maintenance.coarse")
+def _(
+    translation: float | None,
+    rotation: float | None,
+    translation_limit: float | None,
+    rotation_limit: float | None,
+    given: bool,
+) -> str:
+    parts = []
+    for value, limit, scale, unit in (
+        (translation, translation_limit, 1e3, "mm"),
+        (rotation, rotation_limit, math.degrees(1.0), "deg"),
+    ):
+        if limit is not None and (value is None or value > limit):
+            shown = "any size" if value is None else f"{digits(scale * value, 2)} {unit}"
+            parts.append(f"{shown}, with {digits(scale * limit, 2)} {unit} {'accepted' if given else 'as the limit'}")
+    return (
+        f"These poses could miss a change of X of {' and '.join(parts)}. Add poses, at more orientations and distances."
+    )
+
+
+@sentence("maintenance.overstated")
+def _() -> str:
+    return (
+        "The poses agree better than they should: the robot accuracy that the calibration assumes is larger than they "
+        "show. Declare it (calibrate --robot-accuracy), and smaller changes show."
+    )
+
+
+@sentence("maintenance.by_posterior")
+def _(old: int, new: int) -> str:
+    return (
+        f"{new} new pose{'' if new == 1 else 's'} updated the joint covariance of the result of {old} poses, which "
+        "were not fitted again: its file lacks them or holds touches beside them. Residuals are of the old poses."
+    )

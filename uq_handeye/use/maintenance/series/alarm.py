@@ -1,0 +1,181 @@
+"""CUSUM alarm of a series of checks, with a stated false-alarm rate.
+
+Three charts of scores that are independent while nothing changes (`innovations`, `cusum`): the shift of X, the shift of
+the target, and all residuals. Each has the limit at which it alone raises one false alarm in three times ``every``
+checks on average; together they raise at most one in ``every``.
+
+After an alarm, a shift of X or of the target that is constant from check j on is estimated for each j up to the alarm
+(generalised least squares over all checks); the j and the cause that lower d^2 most are the answer. A drift is answered
+by its mean since about its middle.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+from ....calibration.evidence.new_poses import evidence_of_poses
+from ....calibration.evidence.state import Calibrated
+from ....core.geometry.se3 import Array
+from ....core.presentation.document import document_of, to_text
+from ....core.runtime.read_only import ReadOnlyArrays
+from ....errors import InputError
+from ....model.posterior.rows import NewRows
+from .cusum import cusum, limit_for, vector_cusum
+from .innovations import Innovations, Scores, scores_of
+from .log import CheckSeries, Identified, hash_of_result
+
+# One false alarm in so many checks on average.
+EVERY = 500.0
+X, TARGET, RESIDUALS = "X", "target", "residuals"
+CHARTS = (X, TARGET, RESIDUALS)
+# Starts of a change that are looked at, before an alarm.
+MOST_STARTS = 60
+# Causes whose gains differ by less are not separated: odds of 50 to 1.
+LEAD = 2.0 * float(np.log(50.0))
+
+
+class Logged(Calibrated, Identified, Protocol):
+    """Interface of a calibration, as far as its series needs it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Chart(ReadOnlyArrays):
+    """One CUSUM chart."""
+
+    name: str
+    path: Array  # (n,) after each check
+    limit: float
+
+    @property
+    def alarm(self) -> int | None:
+        """Index of the first check above the limit."""
+        above = np.flatnonzero(self.path > self.limit)
+        return int(above[0]) if above.size else None
+
+
+@dataclass(frozen=True, eq=False)
+class Shift(ReadOnlyArrays):
+    """Shift of X or of the target, the same over some checks, relative to the calibration and the checks before."""
+
+    estimate: Array  # (6,) rad, m
+    covariance: Array  # (6, 6)
+    gain: float  # by how much it lowers d^2 of all checks
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain numbers."""
+        return {"estimate": self.estimate.tolist(), "covariance": self.covariance.tolist(), "gain": self.gain}
+
+
+@dataclass(frozen=True, eq=False)
+class SeriesAlarm(ReadOnlyArrays):
+    """Charts of a series, and what they found. ``str(alarm)`` is its text.
+
+    Attributes
+    ----------
+    times : of the n checks that the charts use
+        Without those whose poses were wrong or misread.
+    every : float
+        Checks for each false alarm, on average.
+    charts : tuple of Chart
+        Of the shift of X, of the target, and of all residuals; none without checks.
+    alarm : int or None
+        Index of the check that raised the alarm.
+    chart : str
+        Name of the chart that did.
+    since : int or None
+        Index of the check from which on it moved, about.
+    causes : tuple of str
+        "X", "target", or both where they cannot be separated; none where only the residuals have grown.
+    shifts : mapping or None
+        Of X and of the target, over the checks since then.
+    """
+
+    times: tuple[str, ...]
+    every: float
+    charts: tuple[Chart, ...]
+    alarm: int | None = None
+    chart: str = ""
+    since: int | None = None
+    causes: tuple[str, ...] = ()
+    shifts: dict[str, Shift] | None = None
+
+    def __str__(self) -> str:
+        return to_text(document_of(self))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain numbers, lists and text."""
+        return {
+            "times": list(self.times),
+            "checks_per_false_alarm": self.every,
+            "charts": {c.name: {"path": c.path.tolist(), "limit": c.limit} for c in self.charts},
+            "alarm": self.alarm,
+            "chart": self.chart,
+            "since": self.since,
+            "causes": list(self.causes),
+            "shifts": None if self.shifts is None else {name: of.to_dict() for name, of in self.shifts.items()},
+        }
+
+
+def series_alarm(result: Logged, series: CheckSeries, every: float = EVERY) -> SeriesAlarm:
+    """Evaluate the charts of a series.
+
+    Parameters
+    ----------
+    result : Calibration
+        The one that was checked.
+    series : CheckSeries
+        As `log_check` or `read_checks` return it.
+    every : float
+        Checks for each false alarm, on average.
+    """
+    if hash_of_result(result) != (series.result or hash_of_result(result)):
+        raise InputError(f"Expected the calibration of the series ({series.result}), got {hash_of_result(result)}.")
+    checks = [check for check in series.checks if check.used]
+    times = tuple(check.time for check in checks)
+    each = float(every)
+    if not checks:
+        return SeriesAlarm(times, each, ())
+    evidence = [evidence_of_poses(result, c.poses, c.noise) for c in checks]
+    columns = {X: [-of.linear.J[..., :6] for of in evidence], TARGET: [-of.linear.J[..., 6:] for of in evidence]}
+    charts = charts_of(scores_of(evidence, columns, checks[0].noise_dof), each)
+    first = min((c for c in charts if c.alarm is not None), key=lambda c: c.alarm or 0, default=None)
+    if first is None or first.alarm is None:
+        return SeriesAlarm(times, each, charts)
+    at = first.alarm
+    starts = range(max(0, at + 1 - MOST_STARTS), at + 1)
+    by_start = {name: shifts_since(evidence, C, starts) for name, C in columns.items()}
+    best = max((of.gain, j) for found in by_start.values() for j, of in enumerate(found))[1]
+    shifts = {name: found[best] for name, found in by_start.items()}
+    causes: tuple[str, ...] = ()
+    if first.name != RESIDUALS:
+        largest = max(of.gain for of in shifts.values())
+        causes = tuple(name for name, of in shifts.items() if of.gain > largest - LEAD)
+    return SeriesAlarm(times, each, charts, at, first.name, starts[best], causes, shifts)
+
+
+def charts_of(scores: Scores, every: float = EVERY) -> tuple[Chart, ...]:
+    """Return the charts of scores, each with its limit."""
+    each = len(CHARTS) * float(every)
+    vectors = [Chart(name, vector_cusum(scores.by_cause[name]), limit_for(each, components=6)) for name in (X, TARGET)]
+    return (*vectors, Chart(RESIDUALS, cusum(scores.total), limit_for(each)))
+
+
+def shifts_since(evidence: Sequence[NewRows], columns: Sequence[Array], starts: Sequence[int]) -> list[Shift]:
+    """Estimate a shift that is the same in all checks from j on, and none before, for each j of ``starts``."""
+    filter_ = Innovations(evidence)
+    moved = [
+        np.concatenate([C.reshape(of.dof, -1) * (k >= j) for j in starts], axis=1)
+        for k, (of, C) in enumerate(zip(evidence, columns, strict=True))
+    ]
+    e = np.concatenate(filter_.whitened([of.r.reshape(-1, 1) for of in evidence]))[:, 0]
+    A = np.concatenate(filter_.whitened(moved))
+    found = []
+    for part in np.split(A, len(starts), axis=1):
+        covariance, score = np.asarray(np.linalg.inv(part.T @ part)), part.T @ e
+        estimate = covariance @ score
+        found.append(Shift(estimate, covariance, float(estimate @ score)))
+    return found

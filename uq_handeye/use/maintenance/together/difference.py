@@ -1,0 +1,310 @@
+"""`difference`: two results of one rig, their difference with its covariance, and whether chance explains it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from scipy.special import chdtrc, fdtrc
+
+from ....calibration.result import Calibration
+from ....calibration.statement.stated import distance_of
+from ....core.files.atomic import json_text
+from ....core.geometry.se3 import Array, logarithm
+from ....core.presentation.document import to_text
+from ....core.runtime.read_only import ReadOnlyArrays
+from ....errors import InputError
+from ....fit.diagnostics.task_space import by_pose
+from ....fit.likelihood.d2_distribution import Reference
+from ....model.poses.pose_pairs import PosePairs
+from ....model.posterior.owners import CAMERA, ROBOT, TARGET, THINGS, checked_things, require_same
+from .difference_text import difference_document
+from .in_common import difference_covariance
+from .joined_poses import common_poses
+from .request import counted, holds_request, measured_poses
+from .update import parts_of, touches_of
+
+# Directions of a difference whose variance is below this share of that of the two results are not tested: rounding.
+NOTHING = 1e-9
+# How the covariance of a difference was made.
+POSTERIOR, INNOVATION, INDEPENDENT, EQUAL = "posterior", "innovation", "independent", "equal"
+
+
+@dataclass(frozen=True, eq=False)
+class Difference(ReadOnlyArrays):
+    """New minus old, ``R_new = exp([theta]x) R_old``, ``t_new = t_old + tau``, of X and of W (rad, m; parent frames).
+
+    Attributes
+    ----------
+    xi : (12,)
+        Of X, then of W; of X only, (6,), where one of the results has no covariance of W.
+    covariance : (12, 12) or (6, 6)
+        What both results were made of counts once.
+    how : str
+        "posterior": both posteriors and what they have from one source (`in_common`); "innovation": ``C_old - C_new``,
+        where the new result holds the data of the old one; "independent": the sum of both, which is assumed; "equal":
+        one and the same result.
+    common : int
+        Number of poses that both hold.
+    same : tuple of str
+        Which of robot, camera and target counted as the same in both.
+    n_poses : tuple of int or None
+        Of old and new.
+    methods : tuple of str
+        Of old and new.
+    frame, frame_W : str
+        Those of X and W.
+    point : (3,)
+        In the camera frame, m: as far ahead as the target was.
+    lever : (3, 6)
+        How that point moves, in the parent frame of X, with xi of X.
+    scale : (12, 12) or (6, 6)
+        Covariance of old plus new, by which rounding is told.
+    dof : float or None
+        Degrees of freedom of the noise that was estimated; None: it was given.
+    """
+
+    xi: Array
+    covariance: Array
+    how: str
+    common: int
+    same: tuple[str, ...]
+    n_poses: tuple[int | None, int | None]
+    methods: tuple[str, str]
+    frame: str
+    frame_W: str
+    point: Array
+    lever: Array
+    scale: Array  # covariance of old plus new, by which rounding is told
+    dof: float | None
+
+    @property
+    def d2(self) -> float:
+        """``xi^T covariance^-1 xi`` of X alone, along what may differ."""
+        return self._test(slice(0, 6))[0]
+
+    @cached_property
+    def p_value_X(self) -> float:
+        """Probability of a difference of X at least as large if nothing changed; 1 for equal results."""
+        return self._p_value(slice(0, 6))
+
+    @cached_property
+    def p_value_W(self) -> float | None:
+        """Probability of a difference of W at least as large; None where W has no covariance."""
+        return None if len(self.xi) < 12 else self._p_value(slice(6, 12))
+
+    @cached_property
+    def p_value(self) -> float:
+        """Probability of a difference of X and W together at least as large."""
+        return self._p_value(slice(0, len(self.xi)))
+
+    @property
+    def std(self) -> Array:
+        """(12,) or (6,) standard deviations of `xi`."""
+        return np.asarray(np.sqrt(np.maximum(np.diag(self.covariance), 0.0)))
+
+    @property
+    def at_target(self) -> tuple[Array, Array]:
+        """Move (3,) of the point at the target and its covariance (3, 3), m, in the parent frame of X."""
+        return self.lever @ self.xi[:6], self.lever @ self.covariance[:6, :6] @ self.lever.T
+
+    def _p_value(self, part: slice) -> float:
+        d2, k = self._test(part)
+        if k == 0:
+            return 1.0
+        return float(chdtrc(k, d2)) if self.dof is None else float(fdtrc(k, self.dof, d2 / k))
+
+    def _test(self, part: slice) -> tuple[float, int]:
+        """d^2 and the number of directions along which the results may differ."""
+        L = np.linalg.cholesky(self.scale[part, part])
+        inner = np.linalg.solve(L, np.linalg.solve(L, self.covariance[part, part]).T)
+        values, vectors = np.linalg.eigh(0.5 * (inner + inner.T))
+        along = vectors.T @ np.linalg.solve(L, self.xi[part])
+        free = values > NOTHING
+        return float(np.sum(along[free] ** 2 / values[free])), int(free.sum())
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain numbers, lists and text; rad and m."""
+        move, S = self.at_target
+        return {
+            "frame": self.frame,
+            "frame_W": self.frame_W,
+            "difference": self.xi.tolist(),
+            "covariance": self.covariance.tolist(),
+            "p_value_X": self.p_value_X,
+            "p_value_W": self.p_value_W,
+            "p_value": self.p_value,
+            "at_target": {"point": self.point.tolist(), "move": move.tolist(), "covariance": S.tolist()},
+            "how": self.how,
+            "common_poses": self.common,
+            "same": list(self.same),
+            "n_poses": list(self.n_poses),
+            "methods": list(self.methods),
+        }
+
+    def to_json(self) -> str:
+        """JSON text."""
+        return json_text(self.to_dict())
+
+    def summary(self) -> str:
+        """Return the difference in words, about ten lines."""
+        return to_text(difference_document(self))
+
+
+def difference(old: Calibration, new: Calibration, *, same: Sequence[str] = ()) -> Difference:
+    """Return how far two results of one rig differ, with the covariance of the difference.
+
+    Parameters
+    ----------
+    old, new : Calibration
+        Of the same setup and frames, with a covariance. Poses that both hold are found by their numbers.
+    same : names out of "robot", "camera" and "target"
+        What is one and the same in both, so that its errors (robot accuracy, focal length, size of the target) are one
+        error and cancel in part. Known without being named where the results have poses in common.
+
+    Raises
+    ------
+    InputError
+        Another setup; results of motions without poses; no covariance; a part of X that is open.
+
+    Examples
+    --------
+    >>> import uq_handeye as uq
+    >>> noise = uq.PoseNoise.isotropic(camera=("1mrad", "0.5mm"))
+    >>> poses = uq.simulate(n_poses=30, noise=noise, seed=2)
+    >>> old, new = (uq.calibrate(poses.rows(range(n)), noise=noise) for n in (20, 30))
+    >>> found = uq.difference(old, new)
+    >>> found.how, found.common, bool(found.p_value_X > 0.01)
+    ('posterior', 20, True)
+    """
+    for name, result in (("old", old), ("new", new)):
+        _require_usable(name, result)
+    if old.setup != new.setup:
+        raise InputError(f"The old result is {old.frame}, the new one {new.frame}: X of two frames has no difference.")
+    named = checked_things(same)
+    data = [_poses_of(result) for result in (old, new)]
+    common = [] if data[0] is None or data[1] is None else common_poses(data[0], data[1])
+    numbers = 12 if old.covariance_W is not None and new.covariance_W is not None else 6
+    C_old, C_new = (_covariance_of(result, numbers) for result in (old, new))
+    _require_consistent(named, old, new, data, len(common))
+    known = frozenset(THINGS if common else {*named, *(_same_camera(data) or ())})
+    if _is_one(old, new):
+        S, how = np.zeros((numbers, numbers)), EQUAL
+    elif (
+        numbers == 12
+        and (common or not (_holds(new, old) or _holds(old, new)))
+        and (found := difference_covariance(old, new, common, known)) is not None
+    ):
+        S, how = found, POSTERIOR
+    elif _holds(new, old):
+        S, how = _positive(C_old - C_new), INNOVATION
+    elif _holds(old, new):
+        S, how = _positive(C_new - C_old), INNOVATION
+    else:
+        S, how = C_old + C_new, INDEPENDENT
+    pairs = [(old.X, new.X)] + ([(old.W, new.W)] if numbers == 12 else [])
+    xi = np.concatenate([np.r_[logarithm(b[:3, :3] @ a[:3, :3].T), b[:3, 3] - a[:3, 3]] for a, b in pairs])  # type: ignore[index]
+    point = np.array([0.0, 0.0, distance_of(new.analysis)[0]])
+    return Difference(
+        xi,
+        0.5 * (S + S.T),
+        how,
+        len(common),
+        tuple(name for name in THINGS if name in known) if how == POSTERIOR else (),
+        (old.n_poses, new.n_poses),
+        (old.method, new.method),
+        new.frame,
+        new.frame_W,
+        point,
+        by_pose(new.X[:3, :3] @ point),
+        C_old + C_new,
+        _dof(old.reference, new.reference, len(common) == old.n_poses),
+    )
+
+
+def _require_usable(name: str, result: Any) -> None:
+    if not isinstance(result, Calibration):
+        raise InputError(f"Expected `{name}` to be a Calibration, got {type(result).__name__}.")
+    if result.setup is None:
+        raise InputError(f"The {name} result is of motions that came without poses: its frames are not known.")
+    if result.covariance is None:
+        raise InputError(f"The {name} result has no covariance: calibrate it with noise, or with more poses.")
+    if result.opened is not None:
+        raise InputError(f"The {name} result leaves a part of X open: it has no difference from another.")
+
+
+def _poses_of(result: Calibration) -> PosePairs | None:
+    if holds_request(result):
+        return measured_poses(result).rows(counted(result))
+    return result.counted if isinstance(result.counted, PosePairs) else None
+
+
+def _require_consistent(
+    named: frozenset[str], old: Calibration, new: Calibration, data: list[PosePairs | None], common: int
+) -> None:
+    """Raise `InputError` where `same` contradicts what the results hold."""
+    if common and named and named != frozenset(THINGS):
+        raise InputError(
+            f"The results have {common} poses in common, which are of one robot, one camera and one target: leave out "
+            "`same` (--same)."
+        )
+    if not common:
+        require_same(named, *data)
+    chains = [of.kinematics.chain.to_dict() for of in (old, new) if of.kinematics is not None]
+    if ROBOT in named and len(chains) == 2 and chains[0] != chains[1]:
+        raise InputError(
+            "Expected one robot, as `same` (--same) names it: the results have other kinematics. Leave the robot out "
+            "of `same`."
+        )
+
+
+def _covariance_of(result: Calibration, numbers: int) -> Array:
+    """(12, 12) of X and W together, or with zeros between them where they are known one by one."""
+    assert result.covariance is not None
+    if numbers == 6:
+        return result.covariance
+    if result.posterior is not None and result.covariance_kind == "model":
+        return np.asarray(result.posterior.covariance[:12, :12])
+    S = np.zeros((12, 12))
+    S[:6, :6], S[6:, 6:] = result.covariance, result.covariance_W
+    return S
+
+
+def _same_camera(data: list[PosePairs | None]) -> set[str] | None:
+    """The camera, where both have poses of one and the same calibration of it; None where that is not known."""
+    seen = [None if poses is None else poses.camera_calibration for poses in data]
+    if seen[0] is None or seen[1] is None:
+        return None
+    one, other = (cam.bundle.parameters for cam in seen if cam is not None)
+    return {CAMERA} if np.array_equal(one, other) else set()
+
+
+def _is_one(old: Calibration, new: Calibration) -> bool:
+    if old is new:
+        return True
+    origins = [result.provenance and result.provenance.data_sha256 for result in (old, new)]
+    same = np.array_equal(old.X, new.X) and np.array_equal(old.covariance, new.covariance)  # type: ignore[arg-type]
+    return bool(origins[0] is not None and origins[0] == origins[1] and same)
+
+
+def _holds(whole: Calibration, part: Calibration) -> bool:
+    """Return whether a result was made of all data of another, by their hashes."""
+    hashes = [{one["sha256"] for one in (*parts_of(result), *touches_of(result))} for result in (whole, part)]
+    return bool(hashes[1]) and hashes[1] < hashes[0]
+
+
+def _positive(S: Array) -> Array:
+    values, vectors = np.linalg.eigh(S)
+    return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T)
+
+
+def _dof(old: Reference, new: Reference, inside: bool) -> float | None:
+    """Degrees of freedom of the noise: of the new result where it holds all poses of the old, else of the fewer."""
+    found = [reference.dof for reference in ((new,) if inside else (old, new)) if reference.dof is not None]
+    return min(found) if found else None
+
+
+__all__ = ["CAMERA", "ROBOT", "TARGET", "Difference", "difference"]

@@ -1,0 +1,173 @@
+r"""Report after each pose of a session: the accuracy so far, the next pose, and whether more poses help.
+
+Model: the mean squared error of points at the distance of the target, ``c(S) = tr(S_tau) + 2/3 length^2 tr(S_theta)``
+(criterion ``trace`` of `planning.plan`), in which S is the whole covariance of X. A planned pose lowers it by as much
+as the plan says; the gain is that of the root, ``1 - sqrt(c_after / c)``.
+
+More poses average the noise. Errors that all poses share stay, as far as the data do not tell them: their part of S,
+without the noise, is a limit that more poses do not pass.
+"""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...calibration.result import Calibration
+from ...calibration.statement.accuracy import amounts, part_name
+from ...calibration.statement.tolerance import MET, Verdict, percent, probability_within
+from ...core.geometry.se3 import Array, logarithm
+from ...errors import DegenerateMotionError, InputError, NotConvergedError
+from ...fit.likelihood.d2_distribution import Reference
+from ...model.noise.models import Noise, PoseNoise
+from ...model.poses.pose_pairs import PosePairs
+from ...model.shared_errors.shared_error import OF_ANY_POSES, SharedError
+from .by_posterior import Known, Wanted
+from .plan import mean_distance, plan, plan_from
+
+# Share of the variance of X from which on the errors that all poses share are what limits it.
+LIMITS = 0.8
+# Parts of the accuracy that more poses average.
+AVERAGED = ("noise of", "correlated errors")
+# Poses from which on the accuracy that is assumed by the residuals has settled.
+ENOUGH = 10
+# Candidates for the next pose.
+CANDIDATES = 100
+
+
+@dataclass(frozen=True, eq=False)
+class NextPose:
+    """The robot pose to take next."""
+
+    robot: Array  # (4, 4) base_T_gripper
+    gain: float  # by which it lowers the standard deviation of a point at the distance of the target, relative
+    least: bool = False  # noise estimated from few poses: what a further one says of it comes to the gain
+
+    def __str__(self) -> str:
+        x, y, z = 1e3 * self.robot[:3, 3]
+        a, b, c = np.degrees(logarithm(self.robot[:3, :3]))
+        gain = f"{100 * self.gain:.0f} %" if self.gain >= 0.005 else "less than 1 %"
+        gain += " or more" if self.least else ""
+        return (
+            f"the next pose would gain {gain}; take base_T_gripper x {x:.0f} y {y:.0f} z {z:.0f} mm, rotation vector "
+            f"x {a:.0f} y {b:.0f} z {c:.0f} deg"
+        )
+
+
+def next_pose(
+    result: Calibration, noise: Noise | None, shared: list[SharedError] | None, seed: int = 0
+) -> NextPose | None:
+    """Return the pose that would gain most, of robot poses drawn around the target; None where none can be planned.
+
+    ``noise`` and ``shared`` are those that `calibrate` was given.
+    """
+    data = result.counted
+    if result.covariance is None or not isinstance(data, PosePairs):
+        return None
+    given = noise if isinstance(noise, PoseNoise) else None
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # they are those of the calibration
+            told = all(error.name in OF_ANY_POSES for error in shared or ())  # also what it does to new poses
+            told = told and result.kinematics is None
+            if told and result.posterior is not None and result.opened is None:
+                known = Known(result, data, result.noise_estimate is not None)
+                of = Wanted("trace", None, mean_distance(data))
+                found = plan_from(known, None, 1, of, sample=CANDIDATES, seed=seed)
+            else:  # the posterior of an arm refuses all candidates where it does not reach one
+                errors = None if shared is None else [error for error in shared if error.name in OF_ANY_POSES]
+                found = plan(data, k=1, noise=given, shared=errors, sample=CANDIDATES, seed=seed)
+    except (InputError, NotConvergedError):
+        return None
+    if result.opened is not None or found.length is None:
+        return NextPose(found.robot[0], float("nan"))
+    # the plan beside an arm is made without it, and starts from more than the result states
+    size = max(_mean_square(result.covariance, found.length), float(found.criterion_before))
+    saved = float(found.criterion_before - found.criterion_values[0])
+    least = result.noise_estimate is not None and (result.n_poses or 0) < ENOUGH
+    return NextPose(found.robot[0], 1.0 - float(np.sqrt(max(size - saved, 0.0) / size)), least)
+
+
+def words_after(result: Calibration, verdict: Verdict | None, ahead: NextPose | None) -> list[str]:
+    """Return one or two lines: the accuracy so far and the verdict; the next pose, or what limits X."""
+    n = result.n_poses
+    if result.opened is not None:
+        first = f"{n} poses: not determined yet: {'; '.join(result.open_words)}."
+        return [first, _turn(ahead)]
+    if result.reasons or result.accuracy is None:
+        why = result.reasons[0] if result.reasons else "the covariance of X is not determined"
+        return [f"{n} poses: X is not usable yet: {why}."]
+    accuracy = result.accuracy
+    first = f"{n} poses: {amounts(accuracy.translation, accuracy.rotation)}"
+    if verdict is not None and verdict.passed:
+        return [f"{first}.", str(verdict)]
+    if verdict is not None and verdict.probability is not None:
+        first += f"; within {verdict.tolerance} with {percent(verdict.probability)}, {percent(MET)} are needed"
+    if verdict is not None and verdict.reasons:
+        first += f"; {verdict.reasons[0]}"
+    limit = limit_of(result, verdict)
+    if limit is not None:
+        return [f"{first}.", limit]
+    return [f"{first}.", *([] if ahead is None else [_sentence(str(ahead))])]
+
+
+def words_without(n: int, error: InputError | NotConvergedError) -> list[str]:
+    """Return the line of a session of which there is no X yet."""
+    if n < 3:
+        return [f"{n} pose{'' if n == 1 else 's'}: at least 3 are needed, rotated about different axes."]
+    if isinstance(error, DegenerateMotionError):
+        return [f"{n} poses: X is not determined yet. Take poses that rotate by 30 deg and more, about different axes."]
+    return [f"{n} poses: no X yet. {' '.join(str(error).split())}"]
+
+
+def limit_of(result: Calibration, verdict: Verdict | None) -> str | None:
+    """Return the sentence that more poses will not help, with what limits X; None where they do.
+
+    With a tolerance: where X would not meet it without any noise of the poses. Otherwise where errors that all poses
+    share make up most of the variance. Errors that are assumed by the residuals are too large at first: with these
+    nothing is said of the limit of fewer than `ENOUGH` poses.
+    """
+    if result.analysis is None or result.accuracy is None or result.covariance_kind not in ("model", "sigma-points"):
+        return None
+    budget = result.analysis.budget
+    together = any(" + " in source for source in budget.sources)
+    names = [part_name(source, together) for source in budget.sources]
+    stays = np.array([not name.startswith(AVERAGED) for name in names])
+    if not stays.any():
+        return None
+    floor = budget.covariances[stays, :6, :6].sum(axis=0)
+    total = budget.covariances[:, :6, :6].sum(axis=0)
+    length = result.accuracy.distance
+    parts = {name: 0.0 for name, kept in zip(names, stays, strict=True) if kept}
+    for name, S in zip(names, budget.covariances[:, :6, :6], strict=True):
+        if name in parts:
+            parts[name] += _mean_square(S, length)
+    largest = max(parts, key=lambda name: parts[name])
+    what = next((text for text in result.accuracy.included if text.startswith(largest)), largest)
+    if "(assumed)" in what and (result.n_poses or 0) < ENOUGH:
+        return None
+    share = _mean_square(floor, length) / _mean_square(total, length)
+    makes = f"what limits X is the {what}; errors that all poses share make {100 * share:.0f} % of its variance"
+    if verdict is not None:
+        floor = 0.5 * (floor + floor.T)
+        if probability_within(floor, Reference(), verdict.tolerance, result.X[:3, :3]) < MET:
+            return f"More poses will not reach {verdict.tolerance}: {makes}."
+        return None
+    return f"More poses will hardly help: {makes}." if share >= LIMITS else None
+
+
+def _mean_square(S: Array, length: float) -> float:
+    """c(S) of the module, m^2."""
+    return float(np.trace(S[3:, 3:]) + 2.0 / 3.0 * length**2 * np.trace(S[:3, :3]))
+
+
+def _turn(ahead: NextPose | None) -> str:
+    if ahead is None:
+        return "Take a pose that rotates about another axis."
+    return _sentence(str(ahead).partition("; ")[2])
+
+
+def _sentence(text: str) -> str:
+    return f"{text[0].upper()}{text[1:]}."

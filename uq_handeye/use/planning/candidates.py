@@ -1,0 +1,145 @@
+r"""Robot poses from which the camera would see the target: candidates for the next poses of a session.
+
+The poses so far show from where the target can be seen and where the robot can go; candidates stay close to both. Each
+camera pose ``C = camera_T_target`` is read as four things, drawn again and put together again:
+
+- *distance* of the target's origin: uniform in ``[0.8 nearest, 1.2 farthest]`` of the poses so far;
+- *view*: the direction of the target's origin in the camera, between two of those so far: it stays in the image;
+- *tilt* of the line of sight against its mean direction in the target's frame, any azimuth: from 0 to the largest so
+  far and 15 degrees more, at most 75 degrees;
+- *roll* about the line of sight: within the largest so far and 30 degrees more, either way.
+
+With ``Q`` the rotation of the target in a frame whose z axis is the line of sight, ``R_C = swing(z -> view) Q``,
+``Q^T = mean Rz(a) Ry(tilt) Rz(roll - a)``; ``G = W inv(C) inv(X)`` is the robot pose (its inverse for eye-to-hand).
+Robot positions lie in the bounding box of those so far, grown on every side by 15 % of its diagonal or of the farthest
+target distance, whichever is more. The reach of the robot, its joint limits and obstacles are unknown: look at each
+pose before driving there.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from ...core.geometry.checks import as_transforms
+from ...core.geometry.se3 import Array, inverse, skew
+from ...errors import InputError
+from ...model.poses.pose_pairs import PosePairs
+
+DISTANCE = (0.8, 1.2)  # of the nearest and the farthest so far
+MORE_TILT, MOST_TILT = np.radians(15.0), np.radians(75.0)
+MORE_ROLL = np.radians(30.0)
+GROWN = 0.15
+
+# At 3 kB each in planning.
+MOST = 100_000
+
+# As many draws as this for each candidate asked for: most of them may fall outside the box.
+_DRAWS = 50
+_DRAWN_AT_ONCE = 20_000
+
+_HALF_TURN = np.diag([1.0, -1.0, -1.0, 1.0])
+
+
+def sample_candidates(
+    data: PosePairs, X: Array, W: Array, n: int = 200, *, seed: int | np.random.Generator = 0
+) -> Array:
+    """Up to ``n`` robot poses ``base_T_gripper`` (m, 4, 4) around the target, near the poses so far; see the module.
+
+    Parameters
+    ----------
+    data : PosePairs
+        The poses so far, without batch axes.
+    X, W : (4, 4)
+        Of the setup of the data: ``gripper_T_camera`` and ``base_T_target``, or ``base_T_camera`` and
+        ``gripper_T_target``.
+    n : int
+        Fewer come back only if fewer than n of 50 n draws fall into the box.
+
+    Raises
+    ------
+    InputError
+        n below 1 or above 100,000, a camera pose so far at the target itself, or no draw in the box.
+    """
+    require_number(n)
+    X, W = as_transforms(X, "X", stack=False), as_transforms(W, "W", stack=False)
+    rng = np.random.default_rng(seed)
+    where = data.robot[:, :3, 3]
+    low, high = where.min(axis=0), where.max(axis=0)
+    margin = GROWN * max(float(np.linalg.norm(high - low)), float(np.linalg.norm(data.camera[:, :3, 3], axis=-1).max()))
+    found: list[Array] = []
+    missing, left = n, _DRAWS * n
+    while missing and left:
+        size = min(left, max(4 * missing, 64), _DRAWN_AT_ONCE)
+        robot = robot_of(draw_camera_poses(data.camera, size, rng), X, W, data.setup)
+        inside = ((robot[:, :3, 3] >= low - margin) & (robot[:, :3, 3] <= high + margin)).all(axis=-1)
+        found.append(robot[inside][:missing])
+        missing -= len(found[-1])
+        left -= size
+    if missing == n:
+        raise InputError(
+            f"None of {_DRAWS * n} poses that look at the target keeps the robot within {1e3 * margin:.0f} mm of where "
+            "it has been. Is X right? If so, give candidates of your own."
+        )
+    return np.concatenate(found)
+
+
+def require_number(n: int) -> None:
+    """Raise `InputError` unless so many candidates can be drawn."""
+    if isinstance(n, bool) or not isinstance(n, int | np.integer) or not 1 <= n <= MOST:
+        raise InputError(f"Expected the number of candidates to be an integer between 1 and {MOST}, got {n!r}.")
+
+
+def require_choice(count: int, k: int, repeat: bool) -> None:
+    """Raise `InputError` unless k poses can be chosen out of ``count`` candidates."""
+    if count > MOST:
+        raise InputError(f"Expected at most {MOST} candidates, got {count}: thin them out.")
+    if k > count and not repeat:
+        raise InputError(
+            f"Expected at most as many poses as candidates, got k = {k} and {count} candidates; give more, or let "
+            "them be taken again (repeat)."
+        )
+
+
+def robot_of(camera: Array, X: Array, W: Array, setup: str) -> Array:
+    """``W inv(C) inv(X)``, inverted for eye-to-hand."""
+    G_inverse = X @ camera @ inverse(W)
+    return np.asarray(G_inverse if setup == "eye-to-hand" else inverse(G_inverse))
+
+
+def draw_camera_poses(camera: Array, size: int, rng: np.random.Generator) -> Array:
+    """Drawn camera poses (size, 4, 4); see the module."""
+    distance = np.linalg.norm(camera[:, :3, 3], axis=-1)
+    if distance.min() <= 0.0:
+        raise InputError(f"Camera pose {int(np.argmin(distance))} is at the target: there is no line of sight.")
+    if camera[:, 2, 3].sum() < 0.0:  # the camera looks along its -z axis: `_swing` wants the target along +z
+        return _HALF_TURN @ draw_camera_poses(_HALF_TURN @ camera, size, rng)
+    view = camera[:, :3, 3] / distance[:, None]
+    looks = camera[:, :3, :3].mT @ _swing(view)  # Q^T: its z column is the line of sight in the target's frame
+    mean = Rotation.from_matrix(looks).mean().as_matrix()
+    turned = mean.T @ looks
+    tilt = float(np.arccos(np.clip(turned[:, 2, 2], -1.0, 1.0)).max())
+    # Rz(a) Ry(b) Rz(c): the roll a + c.
+    roll = np.arctan2(turned[:, 1, 0] - turned[:, 0, 1], turned[:, 0, 0] + turned[:, 1, 1])
+    most_roll = min(np.pi, float(np.abs(roll).max()) + MORE_ROLL)
+
+    away = rng.uniform(DISTANCE[0] * distance.min(), DISTANCE[1] * distance.max(), size)
+    first, second = view[rng.integers(len(view), size=(2, size))]
+    share = rng.uniform(size=(size, 1))
+    seen = share * first + (1 - share) * second
+    seen /= np.linalg.norm(seen, axis=-1, keepdims=True)
+    azimuth = rng.uniform(-np.pi, np.pi, size)
+    tilts = rng.uniform(0.0, min(tilt + MORE_TILT, MOST_TILT), size)
+    rolls = rng.uniform(-most_roll, most_roll, size)
+    look = mean @ Rotation.from_euler("ZYZ", np.stack([azimuth, tilts, rolls - azimuth], axis=1)).as_matrix()
+    drawn = np.zeros((size, 4, 4))
+    drawn[:, :3, :3] = _swing(seen) @ look.mT
+    drawn[:, :3, 3] = away[:, None] * seen
+    drawn[:, 3, 3] = 1.0
+    return drawn
+
+
+def _swing(direction: Array) -> Array:
+    """The smallest rotation (m, 3, 3) from the z axis to unit vectors (m, 3) that do not point along -z."""
+    S = skew(np.cross([0.0, 0.0, 1.0], direction))
+    return np.asarray(np.eye(3) + S + S @ S / np.maximum(1.0 + direction[:, 2], 1e-9)[:, None, None])

@@ -1,0 +1,278 @@
+r"""Planning: which poses to take next, and what they would bring.
+
+Model: the calibration of the poses so far has a joint posterior of X, W and all errors that poses share, and a pose yet
+to be taken adds information about all of them that depends on where it is only (`by_posterior`): for a robot pose G the
+camera will see ``C = inv(X) inv(G) W`` (G inverted for eye-to-hand). To first order the covariance after the poses c is
+therefore known beforehand,
+
+    Sigma(c) = ( P^-1 + sum_(j in c) B_j^T B_j )^-1
+
+P is what `calibrate` states of the same poses. Errors that all poses share, those of the camera's intrinsics among
+them, are not averaged out by more poses.
+
+The block of X is what the plan shows: errors ``(theta, tau)``, rad and m, parent frame of X. Three criteria, each
+to be made small:
+
+- ``trace``: the mean squared error (m^2) of points at the distance ``length`` from the camera, in all directions:
+  ``tr(Sigma_tau) + 2/3 length^2 tr(Sigma_theta)``. The length makes angles and lengths commensurable.
+- ``point``: the mean squared error (m^2) of one point p in camera coordinates, expressed in the parent frame of X:
+  ``tr(M Sigma M^T)``, ``M = [-[R_X p]x, I]``.
+- ``logdet``: ``log det Sigma``, the volume of the ellipsoid, whatever the units.
+
+Poses are chosen greedily, then exchanged one by one as long as that helps, and put into the order in which each brings
+most (`selection`). That is no proof of the best set; docs/how-to/plan.md has the gap.
+
+Poses that leave a part of X open (parallel axes, pure translations) can be planned from: there a weak prior stands in
+(`weak_prior`), and `Plan.open_directions` says where.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ...calibration.calibrate import calibrate
+from ...calibration.prediction.predict import camera_ahead
+from ...calibration.result import Calibration
+from ...core.formatting.units import parse_length
+from ...core.geometry.checks import as_transforms
+from ...core.geometry.se3 import Array
+from ...errors import DegenerateMotionError, InputError, NotConvergedError, require_integer
+from ...model.kinematics.chain import Kinematics
+from ...model.kinematics.kinematic_errors import KinematicErrors
+from ...model.noise.estimate import NoisePrior
+from ...model.noise.joint_covariance import JointCovariance
+from ...model.noise.models import PoseNoise, is_joint
+from ...model.poses.pose_pairs import PosePairs
+from ...model.poses.timing import warn_left_out
+from ...model.shared_errors.shared_error import OF_ANY_POSES, SharedError, checked_errors
+from .by_joints import plan_by_joints
+from .by_posterior import PREDICTION, Known, Wanted, planned
+from .candidates import sample_candidates
+from .result import Plan
+from .weak_prior import OPEN, WeaklyKnown
+
+CRITERIA = ("trace", "logdet", "point")
+GIVE = "Give `noise` (--robot-noise and --camera-noise, or --noise)."
+
+
+def plan(
+    data: PosePairs,
+    candidates: Any = None,
+    k: int = 5,
+    *,
+    noise: PoseNoise | None = None,
+    criterion: str | None = None,
+    point: Any = None,
+    length: str | float | None = None,
+    sample: int = 200,
+    seed: int | np.random.Generator = 0,
+    repeat: bool = False,
+    shared: Sequence[SharedError] | None = None,
+    joints: ArrayLike | None = None,
+    kinematics: Kinematics | None = None,
+    kinematic_errors: KinematicErrors | None = None,
+    task: ArrayLike | None = None,
+    prior: NoisePrior | None = None,
+) -> Plan:
+    """The next k poses that most reduce the uncertainty of X, and the covariance of X predicted after each.
+
+    Parameters
+    ----------
+    data : PosePairs
+        The poses so far, at least 3, without batch axes. They need not determine X yet.
+    candidates : (m, 4, 4) or None; (m, L) with ``kinematics``
+        Robot poses ``base_T_gripper``, or joints, to choose from; None draws ``sample`` of them by `sample_candidates`,
+        or inside the joint limits by `sample_joints`.
+    k : int
+    noise : PoseNoise or None
+        6x6 or (n, 6, 6), whose mean is taken for new poses; of the camera also what its calibration says
+        (``camera_calibration``), which stands where it is left out. None estimates it from the poses so far.
+    criterion : "trace", "logdet", "point", "prediction" or None
+        What the poses are chosen by: the mean squared error of points at a distance (``length``), the volume of the
+        ellipsoid, the mean squared error of one point (``point``), or that of predictions at ``task``. None is
+        "prediction" with ``kinematics``, else "trace".
+    point : 3 numbers (m) or texts with units, or None
+        For criterion "point": in camera coordinates.
+    length : float (m), str or None
+        For criterion "trace"; None is the root mean square distance from camera to target so far.
+    sample : int
+    seed : int or numpy Generator
+        Of the candidates drawn.
+    repeat : bool
+        Whether a candidate may be taken more than once.
+    shared : sequence of SharedError or None
+        As in `calibrate`, but for columns of the user's own, whose effect on new poses is not known. The clock offset
+        has none: the robot is taken to stand still.
+    joints, kinematics, kinematic_errors
+        As in `calibrate`: the errors of the arm are unknowns beside X and W, and the plan is one of joints, inside
+        their limits (`planning.by_joints`).
+    task : (t, L) or None
+        Joints (rad, m) at which predictions are to be good; None: postures spread over the joint limits.
+    prior : NoisePrior or None
+        As in `calibrate`, where ``noise`` is None.
+
+    Raises
+    ------
+    InputError
+        Arguments that do not fit each other or the data; more than 100,000 candidates; joint noise (6n, 6n), which
+        says nothing of new poses; no noise where it cannot be estimated.
+
+    Examples
+    --------
+    >>> import uq_handeye as uq
+    >>> from uq_handeye.use.planning.plan import plan
+    >>> noise = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
+    >>> found = plan(uq.simulate(n_poses=10, noise=noise), k=3, noise=noise)
+    >>> found.robot.shape, found.covariances.shape
+    ((3, 4, 4), (3, 6, 6))
+    """
+    if not isinstance(data, PosePairs):
+        raise InputError(f"Expected `data` to be PosePairs, got {type(data).__name__}.")
+    if data.robot.ndim != 3:
+        raise InputError(f"Expected poses without batch axes, got shape {data.robot.shape}.")
+    if data.n < 3:
+        raise InputError(f"Expected at least 3 poses so far, got {data.n}.")
+    warn_left_out("plan()", data)
+    require_integer("k", k, 1)
+    if kinematics is not None:
+        options: dict[str, Any] = {"noise": noise, "prior": prior, "shared": shared, "joints": joints}
+        options["kinematic_errors"] = kinematic_errors
+        of = _wanted(data, criterion or PREDICTION, point, length)
+        return plan_by_joints(data, kinematics, options, candidates, k, of, task, sample, seed, repeat)
+    if criterion == PREDICTION or any(given is not None for given in (joints, kinematic_errors, task)):
+        raise InputError(
+            "Expected `kinematics` (Kinematics.from_urdf) beside joints, kinematic errors, task and criterion "
+            f"{PREDICTION!r}."
+        )
+    if noise is not None and prior is not None:
+        raise InputError("Give either `noise` or, for noise that is to be estimated, a `prior`; not both.")
+    of = _wanted(data, criterion or "trace", point, length)
+    return plan_from(_so_far(data, noise, shared, prior), candidates, k, of, sample=sample, seed=seed, repeat=repeat)
+
+
+def plan_from(
+    known: Known,
+    candidates: Any,
+    k: int,
+    of: Wanted,
+    *,
+    sample: int = 200,
+    seed: int | np.random.Generator = 0,
+    repeat: bool = False,
+) -> Plan:
+    """See `plan`: from what is known already."""
+    result = known.result
+    assert result.W is not None
+    robot = _candidates(candidates, known.data, result.X, result.W, sample, seed)
+    ahead = camera_ahead(result, robot=robot)
+    return planned(known, ahead, k, of, sampled=candidates is None, repeat=repeat)
+
+
+def _wanted(data: PosePairs, criterion: str, point: Any, length: str | float | None) -> Wanted:
+    """The criterion with its point or length, checked."""
+    if criterion not in (*CRITERIA, PREDICTION):
+        raise InputError(f"Expected `criterion` to be one of {', '.join((*CRITERIA, PREDICTION))}, got {criterion!r}.")
+    if (point is not None) != (criterion == "point"):
+        raise InputError(
+            "Criterion 'point' and a point (x, y, z in camera coordinates) go together, "
+            f"got criterion {criterion!r} and point {point!r}."
+        )
+    if length is not None and criterion != "trace":
+        raise InputError(f"A length is part of criterion 'trace' only, got criterion {criterion!r}.")
+    if criterion == "point":
+        if isinstance(point, str) or np.shape(point) != (3,):
+            raise InputError(f"Expected `point` to be x, y, z in camera coordinates, got {point!r}.")
+        return Wanted(criterion, np.array([parse_length(x, "`point`") for x in point]), None)
+    if criterion in ("logdet", PREDICTION):
+        return Wanted(criterion, None, None)
+    if length is None:
+        return Wanted(criterion, None, mean_distance(data))
+    distance = parse_length(length, "`length`")
+    if distance <= 0:
+        raise InputError(f"Expected `length` to be above 0, got {length!r}.")
+    return Wanted(criterion, None, distance)
+
+
+def mean_distance(data: PosePairs) -> float:
+    """Root mean square distance (m) from camera to target."""
+    return float(np.sqrt(np.mean(np.sum(data.camera[:, :3, 3] ** 2, axis=-1))))
+
+
+def _so_far(
+    data: PosePairs, noise: PoseNoise | None, shared: Sequence[SharedError] | None, prior: NoisePrior | None
+) -> Known:
+    """The calibration of the poses so far, or X and W with a weak prior where these leave a part open."""
+    if noise is not None:
+        _require_noise_of_poses(noise)
+    if shared is not None:
+        shared = tuple(error for error in checked_errors(shared, data) if not error.is_exact)
+        if own := [error.name for error in shared if error.name not in OF_ANY_POSES]:
+            raise InputError(f"Expected `shared` without {own[0]!r}: what it does to new poses is not known.")
+    result = None
+    with warnings.catch_warnings(record=True) as said:  # of a part that is open the plan speaks itself
+        warnings.simplefilter("always")
+        try:
+            result = calibrate(data, noise=noise, shared=shared, prior=prior)
+        except (DegenerateMotionError, NotConvergedError) as error:
+            if noise is None:
+                raise InputError(
+                    f"The noise cannot be estimated from the poses so far, which may leave a part of X open. {GIVE}"
+                ) from error
+    kept = np.arange(data.n)
+    if result is not None and result.table is not None:
+        kept = np.flatnonzero(np.asarray(result.table.weight) > 0)
+    if result is not None and _is_determined(result):
+        for one in said if noise is None else ():
+            warnings.warn(one.message, stacklevel=3)
+        return Known(result, data.rows(kept), noise is None)
+    of_each = _of_each_pose(noise, data) if result is None or noise is not None else result.noise
+    if not isinstance(of_each, PoseNoise):
+        raise InputError(f"The noise cannot be estimated from poses that fit exactly. {GIVE}")
+    found = WeaklyKnown.of(data.rows(kept), _of_each_pose(of_each, data).rows(kept))
+    return Known(found, found.data, noise is None, found.open_directions)
+
+
+def _candidates(given: Any, data: PosePairs, X: Array, W: Array, sample: int, seed: int | np.random.Generator) -> Array:
+    """(m, 4, 4) robot poses to choose from, given or drawn."""
+    if given is None:
+        return sample_candidates(data, X, W, sample, seed=seed)
+    robot = np.asarray(as_transforms(given, "candidates"))
+    if robot.ndim != 3 or len(robot) == 0:
+        raise InputError(f"Expected `candidates` to have shape (m, 4, 4) with m >= 1, got {robot.shape}.")
+    return robot
+
+
+def _is_determined(result: Calibration) -> bool:
+    """Return whether no direction of X is less certain than `OPEN`."""
+    if result.posterior is None or result.opened is not None:
+        return False
+    return bool(np.linalg.eigvalsh(result.posterior.covariance[:6, :6])[-1] <= OPEN**2)
+
+
+def _of_each_pose(noise: PoseNoise | None, data: PosePairs) -> PoseNoise:
+    """Return the noise of each pose without what poses share, which a weak prior hides."""
+    assert noise is not None
+    seen, known = data.camera_calibration, data.camera_covariance
+    camera = noise.camera
+    if camera is None and (seen is not None or known is not None):
+        camera = known if seen is None else seen.covariance
+    sides = (S.own if isinstance(S, JointCovariance) else S for S in (noise.robot, camera))
+    return PoseNoise(*sides, prior=noise.prior)
+
+
+def _require_noise_of_poses(noise: PoseNoise) -> None:
+    """Raise `InputError` for noise that says nothing of new poses."""
+    if not isinstance(noise, PoseNoise):
+        raise InputError(f"Expected PoseNoise, got {type(noise).__name__}: planning needs the noise of poses.")
+    for name, covariance in (("robot", noise.robot), ("camera", noise.camera)):
+        if covariance is not None and not isinstance(covariance, JointCovariance) and is_joint(covariance):
+            raise InputError(
+                f"Expected the covariance `{name}` to be (6, 6) or (n, 6, 6), got the joint one of all poses so far, "
+                "which does not say how new poses share their errors. For a plan as if they did not, give its 6x6 "
+                "blocks, uq_handeye.model.noise.models.marginals(...)."
+            )

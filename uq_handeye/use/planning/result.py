@@ -1,0 +1,189 @@
+"""A plan of further poses."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.files.csv_text import csv_text
+from ...core.geometry.conventions import CONVENTION
+from ...core.geometry.frames import SETUPS
+from ...core.geometry.se3 import Array
+from ...core.presentation.document import document_of, to_text
+from ...core.presentation.notebook import to_html
+from ...core.runtime.read_only import ReadOnlyArrays
+from ...errors import InputError
+from ...formats.controllers.forms import CONTROLLERS, SINGLE, WRITTEN, written_poses
+from ...model.noise.models import PoseNoise
+from ...model.noise.to_dict import noise_to_dict
+from ...read import json_text, pose_text, write_atomically
+from .weak_prior import PRIOR
+
+# Formats in which several poses can be written.
+FORMS = tuple(name for name in WRITTEN if name not in SINGLE)
+
+
+@dataclass(frozen=True, eq=False)
+class Plan(ReadOnlyArrays):
+    """The next k poses in the order in which to take them, and the covariance of X predicted after each.
+
+    Predicted to first order, for the noise and the shared errors that are named; nothing else that is systematic.
+    """
+
+    chosen: NDArray[np.intp]  # (k,) rows of the candidates, from 0
+    robot: Array  # (k, 4, 4) base_T_gripper
+    camera: Array  # (k, 4, 4) camera_T_target that the camera should see there
+    covariance_before: Array  # (6, 6) of X from the poses so far
+    covariances: Array  # (k, 6, 6) of X after each
+    criterion: str
+    criterion_before: float
+    criterion_values: Array  # (k,) after each: m^2, or the logarithm of rad^6 m^6
+    length: float | None  # m, of criterion trace
+    point: Array | None  # (3,) m, camera coordinates, of criterion point
+    X: Array  # (4, 4) from the poses so far
+    W: Array  # (4, 4)
+    setup: str
+    n_poses: int  # so far
+    n_candidates: int
+    sampled: bool  # the candidates were drawn, not given
+    noise: PoseNoise  # 6x6, of each new pose
+    noise_estimated: bool  # from the poses so far
+    open_directions: Array  # (r, 6) unit vectors of xi_X/prior that the poses so far leave to the weak prior
+    shared: tuple[str, ...] = ()  # errors that all poses share, also the new ones, by name
+    joints: Array | None = None  # (k, L) rad, m, where the plan is one of joints
+    joint_names: tuple[str, ...] = ()  # (L)
+    joint_units: tuple[str, ...] = ()  # (L) rad or m
+    joint_noise: float = 0.0  # rad, of each joint of each new pose
+    task: Array | None = None  # (t, L) joints at which predictions are to be good, of criterion prediction
+    task_given: bool = False  # or spread over the joint limits
+    form: str | None = None  # a name of `FORMS`: how the robot's poses are written; None: m and quaternion
+
+    @property
+    def frame(self) -> str:
+        """``gripper_T_camera`` or ``base_T_camera``."""
+        return SETUPS[self.setup]
+
+    @property
+    def std(self) -> Array:
+        """Standard deviations (k + 1, 6) of (theta, tau), rad and m: before, and after each pose."""
+        return np.sqrt(np.diagonal(self._all(), axis1=-2, axis2=-1))
+
+    @property
+    def worst(self) -> Array:
+        """Standard deviations (k + 1, 2) of rotation (rad) and translation (m) along their worst axes."""
+        blocks = self._all()
+        largest = [np.linalg.eigvalsh(part)[:, -1] for part in (blocks[:, :3, :3], blocks[:, 3:, 3:])]
+        return np.sqrt(np.stack(largest, axis=1))
+
+    def _all(self) -> Array:
+        return np.concatenate([self.covariance_before[None], self.covariances])
+
+    def __repr__(self) -> str:
+        return f"Plan({len(self.chosen)} poses after {self.n_poses}, criterion {self.criterion})"
+
+    def _repr_html_(self) -> str:
+        """For notebooks."""
+        return to_html("Plan", document_of(self), seen=2)
+
+    def to_text(self) -> str:
+        """A sentence, a table with a row per pose, and what the numbers mean."""
+        return to_text(document_of(self))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything as plain numbers, lists and text."""
+        return {
+            "format": "uq-handeye plan 1",
+            "convention": CONVENTION,
+            "units": {"rotation": "rad", "translation": "m"},
+            "frame": self.frame,
+            "setup": self.setup,
+            "n_poses": self.n_poses,
+            "n_candidates": self.n_candidates,
+            "sampled": self.sampled,
+            "noise": noise_to_dict(self.noise),
+            "noise_estimated": self.noise_estimated,
+            "shared": list(self.shared),
+            "X": self.X.tolist(),
+            "W": self.W.tolist(),
+            "criterion": self.criterion,
+            "length": self.length,
+            "point": None if self.point is None else self.point.tolist(),
+            "prior_std": PRIOR if len(self.open_directions) else None,
+            "open_directions": self.open_directions.tolist(),
+            **self._of_joints(),
+            "before": _step(self.covariance_before, self.criterion_before, self.std[0], self.worst[0]),
+            "steps": [
+                {"candidate": int(row), **({} if q is None else {"joints": q.tolist()})}
+                | {"robot": G.tolist(), "camera": C.tolist()}
+                | _step(*numbers)
+                for row, q, G, C, *numbers in zip(
+                    self.chosen,
+                    [None] * len(self.chosen) if self.joints is None else self.joints,
+                    self.robot,
+                    self.camera,
+                    self.covariances,
+                    self.criterion_values,
+                    self.std[1:],
+                    self.worst[1:],
+                    strict=True,
+                )
+            ],
+        }
+
+    def to_json(self, path: str | Path | None = None) -> str:
+        """JSON text, also written to ``path`` (whole or not at all)."""
+        return json_text(self.to_dict(), path)
+
+    def _of_joints(self) -> dict[str, Any]:
+        if self.joints is None:
+            return {}
+        return {
+            "joint_names": list(self.joint_names),
+            "joint_units": list(self.joint_units),
+            "joint_noise": self.joint_noise,
+            "task": self.task.tolist() if self.task is not None and self.task_given else None,
+        }
+
+    def to_csv(self, path: str | Path | None = None) -> str:
+        """The robot poses as a pose file (m), in order, numbered 0, 1, ...; also written to ``path``.
+
+        A plan of joints is a file of joints (rad, m) under their names, as `kinematics.joints_file` reads.
+        """
+        if self.joints is None:
+            text = pose_text(self.robot)
+        else:
+            head = [f"{name} [{unit}]" for name, unit in zip(self.joint_names, self.joint_units, strict=True)]
+            text = csv_text([head, *([f"{value:.9g}" for value in q] for q in self.joints)])
+        if path is not None:
+            write_atomically(path, text)
+        return text
+
+    def to_controller(self, path: str | Path | None = None) -> str:
+        """The robot poses as the controller of `form` writes them (P1, P2, ...), or as matrices; also to ``path``.
+
+        Raises `InputError` without a form.
+        """
+        if self.form is None:
+            raise InputError("The plan has no form of a controller. Read the poses by `format`, or name one (--as).")
+        maker = CONTROLLERS.get(self.form)
+        writer = f"as {maker.maker} writes them" if maker is not None else f"in the format {self.form}"
+        comment = f"The next poses of the robot (base_T_gripper) in order, {writer}."
+        names = [f"P{k}" for k in range(1, len(self.robot) + 1)]
+        text = written_poses(self.robot, self.form, names, [comment])
+        if path is not None:
+            write_atomically(path, text)
+        return text
+
+
+def _step(covariance: Array, criterion: float, std: Array, worst: Array) -> dict[str, Any]:
+    return {
+        "covariance": covariance.tolist(),
+        "std": std.tolist(),
+        "worst_rotation": float(worst[0]),
+        "worst_translation": float(worst[1]),
+        "criterion": float(criterion),
+    }

@@ -1,0 +1,165 @@
+r"""Independent poses against a calibration: chi-square of their residuals, and what they mean in the picture.
+
+Model: `evidence.new_poses`. Where the camera poses come from corners, the corners of the board as predicted from the
+robot pose, X and W are compared with those of the board as seen. The covariance predicts the RMS distance
+``sqrt(mean trace(J S J^T))``, J the derivative of a corner by the pose of the board, S the covariance of a new pose
+measured. Without distortion of the lens.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ...calibration.evidence.absorb import Sourced
+from ...calibration.evidence.new_poses import evidence_of_poses
+from ...calibration.prediction.predict import predict_camera
+from ...core.formatting.numbers import digits, probability
+from ...core.presentation.document import COLUMNS, Answer, Document, Paragraph, document_of, to_text
+from ...findings import Finding
+from ...fit.diagnostics.task_space import by_pose
+from ...model.camera.files.snippets import camera_matrix
+from ...model.poses.pose_pairs import PosePairs
+from ..maintenance.misread import misread
+from .power import LEVEL
+
+
+@dataclass(frozen=True)
+class Reprojection:
+    """Distance of corners and predicted corners in the picture, px."""
+
+    rms: float
+    expected: float
+    corners: int
+
+
+@dataclass(frozen=True)
+class PoseVerification:
+    """Independent poses against a calibration."""
+
+    n_poses: int
+    d2: float
+    dof: int
+    p_value: float
+    noise_dof: float | None
+    rms: tuple[float, float]  # of the residuals, rad and m
+    expected: tuple[float, float]  # of them, if nothing has changed
+    pixels: Reprojection | None
+    findings: tuple[Finding, ...] = ()  # how the files may be misread
+
+    @property
+    def contradicted(self) -> bool:
+        """True if the poses contradict the calibration at the level of 5 %."""
+        return self.p_value < LEVEL
+
+    def summary(self) -> str:
+        """The answer as text."""
+        return to_text(document_of(self), COLUMNS)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain numbers."""
+        return {
+            "contradicted": self.contradicted,
+            "p_value": self.p_value,
+            "d2": self.d2,
+            "dof": self.dof,
+            "noise_dof": self.noise_dof,
+            "n_poses": self.n_poses,
+            "rms": list(self.rms),
+            "expected": list(self.expected),
+            "reprojection": None if self.pixels is None else vars(self.pixels),
+            "findings": [finding.to_dict() for finding in self.findings],
+        }
+
+
+def verify_poses(result: Sourced, poses: PosePairs) -> PoseVerification:
+    """Test a calibration by an independent data set of the same cell.
+
+    Raises
+    ------
+    InputError
+        A calibration without joint covariance, poses of another setup.
+    """
+    evidence = evidence_of_poses(result, poses)
+    reference = evidence.test.reference
+    noise_dof = None if reference.noise_given else reference.noise_dof
+    p = reference.p_value(evidence.d2)
+    diagonal = np.diag(evidence.covariance).reshape(evidence.r.shape)
+    sizes = [
+        (float(np.sqrt(np.mean(np.sum(values[:, part] ** 2, axis=-1)))), float(np.sqrt(np.mean(np.sum(var, axis=-1)))))
+        for values, part, var in (
+            (evidence.r, slice(0, 3), diagonal[:, :3]),
+            (evidence.r, slice(3, 6), diagonal[:, 3:]),
+        )
+    ]
+    (turn, turn_expected), (shift, shift_expected) = sizes
+    other = None
+    if p < LEVEL and result.W is not None:
+        other = misread(
+            result.X,
+            result.W,
+            poses,
+            evidence,
+            lambda again, _=None: evidence_of_poses(result, again).d2,
+            least_factor=0.0,
+        )
+    return PoseVerification(
+        poses.n, evidence.d2, evidence.dof, p, noise_dof, (turn, shift), (turn_expected, shift_expected),
+        _reprojected(result, poses), () if other is None else (other,),
+    )  # fmt: skip
+
+
+def _reprojected(result: Sourced, poses: PosePairs) -> Reprojection | None:
+    """Return how far the corners of the board are from the prediction; None for poses without corners."""
+    seen = poses.camera_calibration
+    if seen is None or result.W is None:
+        return None
+    joints = None if result.kinematics is None else poses.joints
+    predicted = predict_camera(result, joints, poses.robot)
+    K = camera_matrix(seen)
+    points, _ = seen.corners.on_board
+    squares, expected = 0.0, 0.0
+    for pose, S, measured in zip(predicted.poses, predicted.covariance, poses.camera, strict=True):
+        arm = points @ pose[:3, :3].T
+        there, here = arm + pose[:3, 3], points @ measured[:3, :3].T + measured[:3, 3]
+        x, y, z = there.T
+        squares += float(np.sum(((there[:, :2] / z[:, None] - here[:, :2] / here[:, 2:]) @ K[:2, :2].T) ** 2))
+        by_point = np.zeros((len(points), 2, 3))
+        by_point[:, 0, 0] = by_point[:, 1, 1] = 1.0 / z
+        by_point[:, 0, 2], by_point[:, 1, 2] = -x / z**2, -y / z**2
+        J = K[:2, :2] @ by_point @ by_pose(arm)  # (u, 2, 6)
+        expected += float(np.einsum("nij,jk,nik->", J, S, J))
+    count = len(points) * poses.n
+    return Reprojection(float(np.sqrt(squares / count)), float(np.sqrt(expected / count)), count)
+
+
+@document_of.register(PoseVerification)
+def pose_verification_document(found: PoseVerification) -> Document:
+    """The answer, the residuals, the picture."""
+    n = f"{found.n_poses} independent {'pose' if found.n_poses == 1 else 'poses'}"
+    p = probability(found.p_value, 2)
+    verb = ("contradicts" if found.contradicted else "agrees with") if found.n_poses == 1 else (
+        "contradict" if found.contradicted else "agree with")  # fmt: skip
+    word = "CONTRADICTED" if found.contradicted else "AGREES"
+    law = "chi-square" if found.noise_dof is None else "a mixture over the sizes of the errors"
+    (turn, shift), (turn_0, shift_0) = found.rms, found.expected
+    lines = [
+        Paragraph(f"d^2 {digits(found.d2)} of {found.dof} numbers ({law}).", hang="  "),
+        Paragraph(
+            f"Residuals: {digits(np.degrees(turn), 2)} deg and {digits(1e3 * shift, 2)} mm RMS; the covariance "
+            f"predicts {digits(np.degrees(turn_0), 2)} deg and {digits(1e3 * shift_0, 2)} mm.",
+            hang="  ",
+        ),
+    ]
+    if found.pixels is not None:
+        lines.append(
+            Paragraph(
+                f"Re-projection of {found.pixels.corners} corners: {digits(found.pixels.rms, 2)} px RMS; the "
+                f"covariance predicts {digits(found.pixels.expected, 2)} px.",
+                hang="  ",
+            )
+        )
+    answer = Answer(f"{word}: {n} {verb} the calibration ({p}).", "failed" if found.contradicted else "ok")
+    return [[answer, *(Paragraph(str(finding), hang="  ") for finding in found.findings)], lines]

@@ -1,0 +1,160 @@
+r"""A bias that touches share: its estimate, its tests, and the size that would show.
+
+With the whitened differences w and the columns B of a bias (an offset in the base) and T of a tool that is not known,
+both whitened, Q the projection that leaves T out,
+
+    b = (B^T Q B)^-1 B^T Q w,    Cov b = (B^T Q B)^-1,    |Q w|^2 = b^T Cov(b)^-1 b + scatter
+
+The two parts are chi-square and independent if nothing has changed, with 3 and with 3 m - 3 - rank T degrees of
+freedom. Where sizes are open, each has the distribution that the posterior gives it (`NewRows.reference_along`).
+
+*Level.* Each of two tests is made at ``1 - sqrt(1 - LEVEL)``, so that both together have the `LEVEL`.
+
+*Power.* A bias beta makes the first part non-central, ``lambda = beta^T Cov(b)^-1 beta``. It shows with the probability
+`POWER` where lambda is at least that of the reference: in the worst direction from the size
+``sqrt(lambda * largest eigenvalue of Cov b)`` on. n times as many touches of the same kind divide the noise of touching
+and seeing by n; X, the shared errors and the tool stay, and set the limit.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from scipy.special import ndtri, stdtrit
+
+from ...calibration.evidence.touches import TouchEvidence
+from ...core.geometry.se3 import Array
+from ...core.runtime.read_only import ReadOnlyArrays
+from ...model.posterior.reference import PredictiveReference
+
+LEVEL = 0.05
+POWER = 0.95
+# Most touches that are ever recommended.
+MOST = 10_000
+# Of the information on a bias, the part that is rounding.
+_ROUNDING = 1e-9
+# Number by which the noise is divided to stand for any number of touches.
+_ANY = 1e8
+
+
+@dataclass(frozen=True, eq=False)
+class Bias(ReadOnlyArrays):
+    """Bias of touches and what is left of them."""
+
+    estimate: Array  # (3,), 0 along directions that a tool hides
+    covariance: Array  # (3, 3), 0 along these
+    hidden: Array  # (h, 3) directions that the tool hides
+    d2: float  # of the bias
+    rest: float  # of the scatter
+    along: Array  # (3m, dof) directions of the whitened numbers that the bias is told by
+    left: Array  # (3m, dof_rest) those of the scatter
+
+    @property
+    def dof(self) -> int:
+        """Number of directions in which there can be a bias."""
+        return int(self.along.shape[1])
+
+    @property
+    def dof_rest(self) -> int:
+        """Number of numbers of the scatter."""
+        return int(self.left.shape[1])
+
+    @property
+    def worst(self) -> tuple[float, Array]:
+        """Largest standard deviation of the bias and its direction; infinite along what is hidden."""
+        if len(self.hidden):
+            return float("inf"), self.hidden[0]
+        values, vectors = np.linalg.eigh(self.covariance)
+        direction = vectors[:, -1]
+        return float(np.sqrt(values[-1])), direction * np.sign(direction[np.abs(direction).argmax()])
+
+
+def bias_of(evidence: TouchEvidence, tool_known: bool = True) -> Bias:
+    """Estimate the bias and split ``d^2``."""
+    m = len(evidence.r)
+    bias = np.broadcast_to(np.eye(3), (m, 3, 3))
+    white = evidence.whitened(np.concatenate([bias, evidence.by_tool[..., : 0 if tool_known else 3]], axis=-1))
+    B, T, w = white[:, :3], white[:, 3:], evidence.white
+    of_tool = np.zeros((3 * m, 0))
+    if not tool_known:
+        U, s, _ = np.linalg.svd(T, full_matrices=False)
+        of_tool = U[:, s > s.max() * _ROUNDING]
+        B, w = (x - of_tool @ (of_tool.T @ x) for x in (B, w))
+    U, s, Vt = np.linalg.svd(B, full_matrices=False)
+    # In units of what the bias would be known to without the tool.
+    whole = np.linalg.norm(white[:, :3], axis=0).max()
+    told = s > whole * np.sqrt(_ROUNDING)
+    U, back = U[:, told], Vt[told].T / s[told]
+    along = U.T @ w
+    rest = w - U @ along
+    found = np.concatenate([of_tool, U], axis=1)
+    left = np.linalg.qr(found, mode="complete")[0][:, found.shape[1] :]
+    d2_rest = float(rest @ rest) if left.shape[1] else 0.0
+    return Bias(back @ along, back @ back.T, Vt[~told], float(along @ along), d2_rest, U, left)
+
+
+@dataclass(frozen=True, eq=False)
+class Assessed(ReadOnlyArrays):
+    """The tests of touches."""
+
+    bias: Bias
+    p_value: float | None  # None: nothing can be tested
+    p_bias: float | None
+    p_scatter: float | None
+    level: float  # of each test
+
+
+def assess(evidence: TouchEvidence, tool_known: bool = True) -> Assessed:
+    """Test bias and scatter."""
+    bias = bias_of(evidence, tool_known)
+    p_bias = evidence.reference_along(bias.along).p_value(bias.d2) if bias.dof else None
+    p_scatter = evidence.reference_along(bias.left).p_value(bias.rest) if bias.dof_rest else None
+    found = [p for p in (p_bias, p_scatter) if p is not None]
+    p_value = None if not found else -float(np.expm1(len(found) * np.log1p(-min(*found, 1.0 - 1e-16))))
+    return Assessed(bias, p_value, p_bias, p_scatter, level_of_each(max(len(found), 1)))
+
+
+def level_of_each(tests: int) -> float:
+    """Level of each of the independent tests that together have `LEVEL`."""
+    return float(1.0 - (1.0 - LEVEL) ** (1.0 / tests))
+
+
+def detectable(evidence: TouchEvidence, tool_known: bool, level: float) -> float:
+    """Smallest bias, in the worst direction, that these touches would show with `POWER` probability."""
+    bias = bias_of(evidence, tool_known)
+    if bias.dof < 3:
+        return float("inf")
+    reference = evidence.reference_along(bias.along)
+    size = _of_known_noise(level) if reference.noise_given else reference.noncentrality(POWER, level)
+    return float(np.sqrt(size)) * bias.worst[0]
+
+
+@lru_cache(maxsize=100)
+def _of_known_noise(level: float) -> float:
+    return PredictiveReference.given(3).noncentrality(POWER, level)
+
+
+def limit(evidence: TouchEvidence, tool_known: bool, level: float) -> float:
+    """Smallest bias that any number of touches of the same kind would show."""
+    return detectable(evidence.repeated(_ANY), tool_known, level)
+
+
+def touches_needed(evidence: TouchEvidence, tool_known: bool, size: float, level: float) -> int | None:
+    """Number of touches of the same kind until a bias of the size shows; None: no number would, or more than `MOST`."""
+    m = len(evidence.r)
+
+    def shows(n: int) -> bool:
+        return detectable(evidence.repeated(n / m), tool_known, level) <= size
+
+    if not shows(MOST):
+        return None
+    return bisect_left(range(MOST), True, lo=1, key=shows)
+
+
+def quantile_of_components(probability: float, noise_dof: float | None) -> float:
+    """Half width of an interval of one number, in standard deviations."""
+    tail_of_each = 0.5 * (1.0 + probability)
+    return float(ndtri(tail_of_each) if noise_dof is None else stdtrit(noise_dof, tail_of_each))

@@ -1,0 +1,277 @@
+"""Files of touches: CSV, one row per touch, columns by name in any order.
+
+    point,seen_x,seen_y,seen_z,touched_x,touched_y,touched_z
+
+| columns | content |
+|---|---|
+| ``point`` | name of the point; optional |
+| ``seen_x, seen_y, seen_z`` | the point in the camera frame |
+| ``seen_sd``; or ``seen_sd_x, seen_sd_y, seen_sd_z`` | its standard deviation per axis; optional |
+| ``board_x, board_y, board_z`` | in place of `seen`: the point on the board |
+| ``board_pose`` | row (from 0) of its view in the file of board poses |
+| ``touched_x, touched_y, touched_z`` | the point touched, in the base |
+| ``touched_sd`` | its standard deviation per axis; optional |
+| ``seen_at_x, ..., seen_at_qw`` | robot pose ``base_T_gripper`` at which the point was seen |
+| ``touched_at_x, ..., touched_at_qw`` | robot pose at the touch |
+| ``seen_at_NAME``, ``touched_at_NAME`` | the same by joints: NAME of the calibration's arm |
+
+Lengths are in m unless the name of a column says otherwise (``seen_x [mm]``, ``touched_sd_mm``) or the caller does;
+joints in rad (``[deg]``). Further columns are left alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from ...calibration.evidence.touches import Touches
+from ...core.files.csv_text import plain_text
+from ...core.files.lines import short
+from ...core.files.open import StrPath, as_path, opened, shown
+from ...core.files.table import Places, Schema, Table, name_and_unit, read_table
+from ...core.formatting.units import ANGLE_UNITS, LENGTH_UNITS
+from ...core.geometry.se3 import Array
+from ...errors import InputError
+from ...model.kinematics.chain import Kinematics
+from ...model.kinematics.joint import PRISMATIC
+
+MAX_BYTES = 50_000_000
+# A quaternion whose norm is further from 1 is none.
+_NORM = 1e-2
+
+# Units behind the name of a column, and how names of numbers begin.
+_UNITS = ("mm", "cm", "um", "in", "deg", "rad", "mrad")
+_SIDES = ("seen_", "touched_", "board_")
+_POSE = ("x", "y", "z", "qx", "qy", "qz", "qw")
+_OTHER_NAMES = {
+    **{f"camera_{axis}": f"seen_{axis}" for axis in "xyz"},
+    **{f"cam_{axis}": f"seen_{axis}" for axis in "xyz"},
+    **{f"base_{axis}": f"touched_{axis}" for axis in "xyz"},
+    **{f"touch_{axis}": f"touched_{axis}" for axis in "xyz"},
+    **{
+        f"{side}_at_{part}": f"{to}_at_{part}" for side, to in (("touch", "touched"), ("see", "seen")) for part in _POSE
+    },
+    "name": "point",
+    "id": "point",
+    "touch_sd": "touched_sd",
+    "view": "board_pose",
+}
+
+
+@dataclass
+class _Touches:
+    """Columns of a file by their names, and their units."""
+
+    table: Table
+    columns: dict[str, int]  # of numbers, by name
+    units: dict[str, str | None]
+    default: str
+
+    @property
+    def name(self) -> str:
+        return self.table.name
+
+    def at(self, row: int, column: str) -> str:
+        return f"{self.table.at(row)}, column {column}"
+
+    def numbers(self, column: str, scale: float = 1.0) -> Array:
+        values = self.table.values[:, self.columns[column]]
+        if not (finite := np.isfinite(values)).all():
+            row = int(np.argmin(finite))
+            raise InputError(f"{self.at(row, column)}: expected a number, got {values[row]}.")
+        return np.asarray(values * scale)
+
+    def lengths(self, columns: Sequence[str]) -> Array:
+        return np.stack([self.numbers(c, LENGTH_UNITS[self.units[c] or self.default]) for c in columns], axis=-1)
+
+    def group(self, prefix: str, parts: Sequence[str]) -> bool:
+        """Return whether the columns of a group are there; raise where some of them are missing."""
+        there = [part for part in parts if f"{prefix}{part}" in self.columns]
+        if there and len(there) < len(parts):
+            missing = ", ".join(f"{prefix}{part}" for part in parts if part not in there)
+            raise InputError(f"{self.name}, line 1: expected the columns {missing} beside {prefix}{there[0]}.")
+        return bool(there)
+
+
+def read_touches(
+    path: StrPath,
+    arm: Kinematics | None = None,
+    *,
+    units: str = "m",
+    touch_sd: float | None = None,
+    point_sd: float | None = None,
+    board: Any = None,
+    **more: Any,
+) -> Touches:
+    """Read points that were seen and touched.
+
+    Parameters
+    ----------
+    path : path of the CSV file
+    arm : Kinematics or None
+        Of the calibration, for columns of joints.
+    units : str
+        Length unit of columns that name none: m, mm, cm, um or in.
+    touch_sd, point_sd : float or None
+        Standard deviations per axis (m), of touching and of the seen point, where the file has no column of them.
+    board : (k, 4, 4) or None
+        Poses ``camera_T_target`` of the views that the column ``board_pose`` counts from 0.
+    more : further parts of `Touches`, such as ``tool`` and ``tool_sd``
+
+    Raises
+    ------
+    InputError
+        One line that names the file, the line and the column.
+    """
+    if units not in LENGTH_UNITS:
+        raise InputError(f"Expected `units` (--units) to be one of {', '.join(LENGTH_UNITS)}, got {units!r}.")
+    table = _table(path, units, arm)
+    parts: dict[str, Any] = dict(more)
+    if table.table.texts:
+        parts["names"] = tuple(plain_text(text) or str(k + 1) for k, (text,) in enumerate(table.table.texts))
+    parts |= _seen(table, board, point_sd)
+    if table.group("touched_", "xyz"):
+        parts["touched"] = table.lengths(["touched_x", "touched_y", "touched_z"])
+    parts |= _robot(table, "seen_at_", arm, "robot", "joints")
+    parts |= _robot(table, "touched_at_", arm, "touched_robot", "touched_joints")
+    if not {"touched", "touched_robot", "touched_joints"} & set(parts):
+        raise InputError(
+            f"{table.name}, line 1: expected where the points were touched: touched_x, touched_y, touched_z (base "
+            f"frame), or "
+            "the robot pose touched_at_x ... touched_at_qw."
+        )
+    if "touched_sd" in table.columns:
+        parts["touch_sd"] = table.lengths(["touched_sd"])[:, 0]
+    elif touch_sd is not None:
+        parts["touch_sd"] = touch_sd
+    else:
+        raise InputError(f"{table.name}: expected the noise of a touch: --tcp-sd 0.2mm, or a column touched_sd.")
+    for column in ("touched_sd", "seen_sd", "seen_sd_x", "seen_sd_y", "seen_sd_z"):
+        if column in table.columns and (values := table.numbers(column)).min() < 0:
+            raise InputError(f"{table.at(int(values.argmin()), column)}: expected >= 0, got {values.min():g}.")
+    return Touches(**parts)
+
+
+def _seen(table: _Touches, board: Any, point_sd: float | None) -> dict[str, Any]:
+    seen, of_board = table.group("seen_", "xyz"), table.group("board_", "xyz")
+    if seen == of_board:
+        what = "both" if seen else "neither"
+        raise InputError(
+            f"{table.name}, line 1: expected either seen_x, seen_y, seen_z (camera frame) or board_x, board_y, "
+            f"board_z (on the "
+            f"board), got {what}."
+        )
+    prefix = "seen_" if seen else "board_"
+    parts: dict[str, Any] = {"seen": table.lengths([f"{prefix}{axis}" for axis in "xyz"])}
+    m = len(table.table.lines)
+    if of_board:
+        if board is None:
+            raise InputError(
+                f"{table.name}: points of a board need its poses: --board-poses FILE, one camera_T_target per view."
+            )
+        poses = np.asarray(board, dtype=float)
+        if "board_pose" in table.columns:
+            rows = table.numbers("board_pose")
+            wrong = (rows != np.round(rows)) | (rows < 0) | (rows >= len(poses))
+            if wrong.any():
+                k = int(wrong.argmax())
+                raise InputError(
+                    f"{table.at(k, 'board_pose')}: expected a row 0 to {len(poses) - 1} "
+                    f"of the "
+                    f"board poses, got {rows[k]:g}."
+                )
+            parts["board"] = poses[rows.astype(int)]
+        elif len(poses) in (1, m):
+            parts["board"] = np.broadcast_to(poses, (m, 4, 4))
+        else:
+            raise InputError(
+                f"{table.name}: {m} rows and {len(poses)} board poses: expected a column board_pose (row from 0)."
+            )
+    if table.group("seen_sd_", "xyz"):
+        sd = table.lengths([f"seen_sd_{axis}" for axis in "xyz"])
+    elif "seen_sd" in table.columns:
+        sd = np.repeat(table.lengths(["seen_sd"]), 3, axis=-1)
+    elif point_sd is not None:
+        sd = np.full((m, 3), point_sd)
+    else:
+        return parts
+    parts["seen_covariance"] = sd[..., None] ** 2 * np.eye(3)
+    return parts
+
+
+def _robot(table: _Touches, prefix: str, arm: Kinematics | None, poses: str, joints: str) -> dict[str, Any]:
+    parts: dict[str, Any] = {}
+    if table.group(prefix, _POSE):
+        t = table.lengths([f"{prefix}{axis}" for axis in "xyz"])
+        q = np.stack([table.numbers(f"{prefix}{part}") for part in _POSE[3:]], axis=-1)
+        norm = np.linalg.norm(q, axis=-1)
+        wrong = np.abs(norm - 1.0) > _NORM
+        if wrong.any():
+            k = int(wrong.argmax())
+            raise InputError(
+                f"{table.table.at(k)}, columns {prefix}qx ... {prefix}qw: expected a unit "
+                f"quaternion, got one "
+                f"of norm {norm[k]:.4g}."
+            )
+        T = np.zeros((len(t), 4, 4))
+        T[:, :3, :3] = Rotation.from_quat(q).as_matrix()
+        T[:, :3, 3], T[:, 3, 3] = t, 1.0
+        parts[poses] = T
+    if arm is not None and table.group(prefix, arm.names):
+        columns = []
+        for joint in arm.joints:
+            name = f"{prefix}{joint.name}"
+            unit = table.units[name]
+            known: Mapping[str, float] = LENGTH_UNITS if joint.kind == PRISMATIC else ANGLE_UNITS
+            if unit is not None and unit not in known:
+                raise InputError(f"{table.name}, line 1, column {name}: unknown unit {unit!r} of a {joint.kind} joint.")
+            columns.append(table.numbers(name, 1.0 if unit is None else known[unit]))
+        parts[joints] = np.stack(columns, axis=-1)
+    return parts
+
+
+def _table(path: StrPath, units: str, arm: Kinematics | None) -> _Touches:
+    path = as_path(path)
+    joints = () if arm is None else arm.names
+    known = {f"{side}{axis}" for side in (*_SIDES, "seen_sd_") for axis in "xyz"} | {
+        "seen_sd",
+        "touched_sd",
+        "board_pose",
+    }
+    known |= {f"{side}_at_{part}" for side in ("seen", "touched") for part in (*_POSE, *joints)}
+    found: dict[str, str | None] = {}
+
+    def places(names: list[str], line: str, where: str) -> Places:
+        meant = [_meaning(column, joints) for column in names]
+        only = [name for name, _ in meant]
+        if twice := sorted({name for name in only if only.count(name) > 1}):
+            raise InputError(f"{where}: two columns {twice[0]}.")
+        if not any(name.startswith(_SIDES) for name in only):
+            raise InputError(
+                f"{where}: expected a header with seen_x,seen_y,seen_z,touched_x,touched_y,touched_z, got "
+                f"{short(line)}."
+            )
+        for name, unit in meant:
+            length = name.startswith(_SIDES) and "_at_" not in name
+            if unit is not None and length and unit not in LENGTH_UNITS:
+                raise InputError(f"{where}, column {name}: unknown unit {unit!r} of a length.")
+        numbers = [k for k, name in enumerate(only) if name in known]
+        found.update(meant[k] for k in numbers)
+        return Places(numbers, [k for k, name in enumerate(only) if name == "point"])
+
+    schema = Schema("a header such as seen_x,seen_y,seen_z,touched_x,...", "touch", places, quotes=True)
+    with opened(path, MAX_BYTES) as file:
+        table = read_table(file, shown(path), schema)
+    return _Touches(table, {name: k for k, name in enumerate(found)}, found, units)
+
+
+def _meaning(column: str, joints: Sequence[str]) -> tuple[str, str | None]:
+    """The name of a column in small letters (joints as they are), and its unit."""
+    of_joints = {f"{side}_at_{joint}" for side in ("seen", "touched") for joint in joints}
+    name, unit = (column, None) if column in of_joints else name_and_unit(column, _UNITS)
+    small = name if name in of_joints else name.lower()
+    return _OTHER_NAMES.get(small, small), unit

@@ -1,0 +1,266 @@
+"""verify(): points that the camera saw and the robot touched, against a stored calibration."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ...calibration.evidence.absorb import Sourced, require_other_touches
+from ...calibration.evidence.touches import Touches, TouchEvidence, evidence_of_touches
+from ...core.formatting.units import parse_deviations, parse_length
+from ...core.geometry.checks import as_numbers
+from ...core.geometry.se3 import Array, inverse
+from ...errors import InputError
+from ...findings import Finding
+from .input_checks import require_metres
+from .power import Bias, assess, detectable, limit, touches_needed
+from .result import Needed, PointTable, Verification
+from .where import next_touches
+
+# Size of a bias (m) whose number of touches is stated where none is asked for.
+SHOWN = 0.5e-3
+# An inverted robot pose explains touches if it divides their RMS difference by so much.
+_EXPLAINS = 10.0
+
+
+def verify(
+    result: Sourced,
+    seen: Any,
+    touched: Any = None,
+    *,
+    robot: Any = None,
+    joints: Any = None,
+    touched_robot: Any = None,
+    touched_joints: Any = None,
+    tool: Any = None,
+    touch_sd: Any = None,
+    point_sd: Any = None,
+    tool_sd: float | str = 0.0,
+    board: Any = None,
+    board_covariance: Any = None,
+    same_camera: bool = True,
+    robot_noise: Any = None,
+    names: Sequence[str] = (),
+    show: float | str = SHOWN,
+    candidates: Any = None,
+) -> Verification:
+    """Test a calibration by points that its camera saw and a tool touched.
+
+    Model: `evidence.touches`. The difference of touch and point has the covariance of X, the shared errors, the robot,
+    the tool, seeing and touching. Answers whether the differences fit it, how large a bias (an offset of all touches)
+    is, and which bias these touches would have shown.
+
+    Parameters
+    ----------
+    result : Calibration
+        With the joint covariance of X and W (poses, method efficient or ml).
+    seen : (m, 3), or Touches
+        Points in the camera frame, m. With `board`: points of the board.
+    touched : (m, 3), (m, 4, 4) or None
+        Points touched, in the base, m; or the robot poses ``base_T_gripper`` at the touch, as `touched_robot`.
+    robot, joints : (m, 4, 4), (m, L) or None
+        Robot pose or joints (rad) at which each point was seen, for a camera on the robot.
+    touched_robot, touched_joints : (m, 4, 4), (m, L) or None
+        Robot pose or joints at the touch. Beside `touched`, the poses tell the orientation of the tool.
+    tool : (3,) or None
+        Tip of the tool in the flange frame, m; None: its origin.
+    touch_sd : float, str or (m,)
+        Standard deviation of a touch per axis, m or ``"0.2mm"``.
+    point_sd : float, str, (m,), (m, 3) or (m, 3, 3)
+        Noise of the points in the camera frame: standard deviations, or covariances. None: the noise of a camera pose
+        in the calibration.
+    tool_sd : float or str
+        Standard deviation of the tool's offset per axis, m, ``"0.3mm"``; 0 is exact, ``"unknown"`` unknown.
+    board, board_covariance : (m, 4, 4), (m, 6, 6) or None
+        Poses ``camera_T_target`` of a board and their covariance. `seen` are then points of the board.
+    same_camera : bool
+        False for points of another sensor in the frame of the camera, such as depth: the errors of the calibration's
+        focal length and image centre are not theirs.
+    robot_noise : (rotation, translation), (6, 6) or None
+        Noise of one robot pose: standard deviations such as ``("0.02deg", "0.05mm")``, or its covariance. None: that of
+        the calibration, which holds a part of the camera's noise where it was estimated.
+    names : sequence of str
+    show : float or str
+        Bias whose number of touches is computed, m or ``"0.5mm"``.
+    candidates : (c, 3) or None
+        Points in the camera frame (or of the board) that could be touched next. None: the region of the points so far.
+
+    Returns
+    -------
+    Verification
+
+    Raises
+    ------
+    InputError
+        A calibration without joint covariance, shapes that do not fit, missing robot poses, millimetres for metres.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import uq_handeye as uq
+    >>> noise = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
+    >>> result = uq.calibrate(uq.simulate(setup="eye-to-hand", noise=noise, seed=1), noise=noise)
+    >>> seen = np.array([[0.1, 0, 0.7], [-0.1, 0, 0.8], [0, 0.1, 0.7], [0, -0.1, 0.9]])
+    >>> touched = seen @ result.X[:3, :3].T + result.X[:3, 3] + [0.0, 0.0, 0.01]
+    >>> uq.verify(result, seen, touched, touch_sd="0.2mm", point_sd="0.3mm").contradicted
+    True
+    """
+    if isinstance(seen, Touches):
+        touches = seen
+    else:
+        touches = _touches_of(
+            seen, touched, robot, joints, touched_robot, touched_joints, tool, touch_sd, point_sd, tool_sd,
+            board, board_covariance, same_camera, robot_noise, names,
+        )  # fmt: skip
+    require_metres(result, touches)
+    evidence = evidence_of_touches(result, touches)
+    require_other_touches(result, touches, evidence)
+    size = parse_length(show, "show (--show)")
+    if not size > 0:
+        raise InputError(f"Expected `show` (--show) to be above 0, got {show!r}.")
+    return _verified(result, touches, evidence, size, candidates)
+
+
+def _verified(result: Sourced, touches: Touches, evidence: TouchEvidence, size: float, candidates: Any) -> Verification:
+    """Test bias and scatter of touches, and say what they would have shown; see `verify`."""
+    known = touches.tool_known
+    assessed = assess(evidence, known)
+    bias, level = assessed.bias, assessed.level
+    at_least = limit(evidence, known, level)
+    needed = Needed(size, touches_needed(evidence, known, size, level), at_least)
+    tool, tool_std = _tool(evidence, known)
+    worst, direction = bias.worst
+    hidden = np.diag(bias.hidden.T @ bias.hidden) > 1e-6
+    covariance = np.where(np.abs(bias.hidden.T @ bias.hidden) > 1e-6, 0.0, bias.covariance)
+    covariance[np.diag_indices(3)] = np.where(hidden, np.inf, np.diag(bias.covariance))
+    table = point_table(evidence, touches)
+    reference = evidence.reference_along(bias.along)
+    return Verification(
+        bias=np.where(hidden, np.nan, bias.estimate),
+        covariance=covariance,
+        p_value=assessed.p_value,
+        bias_p_value=assessed.p_bias,
+        scatter_p_value=assessed.p_scatter,
+        chi2=bias.d2 + bias.rest,
+        dof=bias.dof + bias.dof_rest,
+        noise_dof=reference.noise_dof if bias.dof and np.isfinite(reference.noise_dof) else None,
+        points=table,
+        detectable=detectable(evidence, known, level),
+        limit=at_least,
+        worst=direction,
+        tool=tool,
+        tool_std=tool_std,
+        needed=(needed,),
+        next=next_touches(result, touches, evidence, level, candidates) if np.isfinite(worst) else (),
+        findings=tuple(_findings(result, touches, evidence, bias, table)),
+        tool_sd=float(touches.tool_sd),
+    )
+
+
+def _touches_of(
+    seen: Any, touched: Any, robot: Any, joints: Any, touched_robot: Any, touched_joints: Any, tool: Any, touch_sd: Any,
+    point_sd: Any, tool_sd: float | str, board: Any, board_covariance: Any, same_camera: bool, robot_noise: Any,
+    names: Sequence[str],
+) -> Touches:  # fmt: skip
+    """Return the touches of the arguments of `verify`."""
+    given = None if touched is None else as_numbers(touched, "touched")
+    if given is not None and given.ndim >= 2 and given.shape[-2:] == (4, 4):
+        touched_robot, given = given, None
+    points = np.atleast_2d(as_numbers(seen, "seen"))
+    if touch_sd is None:
+        raise InputError("Expected `touch_sd`, the standard deviation of a touch per axis, such as '0.2mm'.")
+    return Touches(
+        points, given, robot, joints, touched_robot, touched_joints, tool,
+        covariances_of(point_sd, len(points)), _length(touch_sd, "touch_sd"), tool_deviation(tool_sd),
+        board, board_covariance, same_camera, robot_covariance(robot_noise), tuple(map(str, names)),
+    )  # fmt: skip
+
+
+def point_table(evidence: TouchEvidence, touches: Touches) -> PointTable:
+    """Return the touches one by one, each by itself."""
+    S = evidence.own + evidence.by_unit @ evidence.by_unit.mT
+    if touches.tool_known:
+        p = np.array([evidence.rows([k]).test.p_value for k in range(touches.m)])
+    else:
+        S[:, np.arange(3), np.arange(3)] = np.inf
+        p = np.full(touches.m, np.nan)
+    return PointTable(touches.names, evidence.r, S, p)
+
+
+def covariances_of(sd: Any, m: int) -> Array | None:
+    """Covariances (3, 3) or (m, 3, 3) of points by one standard deviation, one of each, of each axis, or themselves."""
+    if sd is None:
+        return None
+    values = np.asarray(_length(sd, "point_sd"))
+    if values.ndim >= 2 and values.shape[-2:] == (3, 3) and values.shape != (m, 3):
+        return values
+    if values.shape not in ((), (m,), (m, 3)) or not (np.isfinite(values) & (values >= 0)).all():
+        raise InputError(
+            f"Expected `point_sd` to be standard deviations >= 0, one, {(m,)} or {(m, 3)}, or covariances "
+            f"{(m, 3, 3)}, got shape {values.shape}."
+        )
+    values = values[..., None] if values.ndim < 2 else values
+    return np.broadcast_to(values, (m, 3))[..., None] ** 2 * np.eye(3)
+
+
+def robot_covariance(noise: Any) -> Array | None:
+    """Covariance (6, 6) of one robot pose by the standard deviations of rotation and translation, or itself."""
+    if noise is None:
+        return None
+    if isinstance(noise, tuple | list) and len(noise) == 2:
+        return np.diag(np.repeat(parse_deviations((noise[0], noise[1]), "robot_noise (--robot-noise)"), 3) ** 2)
+    return np.asarray(as_numbers(noise, "robot_noise"))
+
+
+def tool_deviation(sd: float | str) -> float:
+    """Standard deviation of the tool's offset (m); infinite where it is unknown."""
+    if isinstance(sd, str) and sd.strip().lower() in ("unknown", "?"):
+        return float("inf")
+    if isinstance(sd, str) and sd.strip().lower() in ("exact", "0"):
+        return 0.0
+    value = float(sd) if not isinstance(sd, str) else parse_length(sd, "tool_sd (--tool-sd)")
+    if not value >= 0:
+        raise InputError(f"Expected `tool_sd` (--tool-sd) to be a length >= 0, 'exact' or 'unknown', got {sd!r}.")
+    return value
+
+
+def _length(value: Any, name: str) -> Array:
+    return as_numbers(parse_length(value, name) if isinstance(value, str) else value, name)
+
+
+def _tool(evidence: TouchEvidence, known: bool) -> tuple[Array | None, Array | None]:
+    """Return an unknown tool's offset minus that given, and its standard deviations, if there is no bias."""
+    if known:
+        return None, None
+    found = evidence.explained_by(evidence.by_tool)
+    return -found.estimate, np.sqrt(np.diag(found.covariance))
+
+
+def _findings(
+    result: Sourced, touches: Touches, evidence: TouchEvidence, bias: Bias, points: PointTable
+) -> list[Finding]:
+    found = []
+    rms = float(np.sqrt(np.mean(np.sum(evidence.r**2, axis=-1))))
+    if result.setup == "eye-in-hand" and touches.robot is not None:
+        other = replace(touches, robot=inverse(touches.robot))
+        other_rms = float(np.sqrt(np.mean(np.sum(evidence_of_touches(result, other).r ** 2, axis=-1))))
+        if other_rms * _EXPLAINS < rms:
+            found.append(Finding("verification.inverted_robot", "caution", {"rms": rms, "other": other_rms}))
+    if touches.seen_covariance is None and touches.board is None:
+        sd = float(np.sqrt(np.trace(evidence.own - touches.touch_noise, axis1=1, axis2=2)
+                           .mean() / 3.0))  # fmt: skip
+        found.append(Finding("verification.point_noise_assumed", "note", {"sd": sd}))
+    if len(bias.hidden):
+        values = {"hidden": len(bias.hidden), "posed": touches.touched_robot is not None
+                  or touches.touched_joints is not None}  # fmt: skip
+        found.append(Finding("verification.tool_hides_bias", "caution", values))
+    if bias.dof_rest <= 0:
+        found.append(Finding("verification.no_scatter", "note", {"count": touches.m, "tested": bias.dof > 0}))
+    index = np.flatnonzero(points.flagged)
+    if index.size and index.size < touches.m:
+        names = [points.names[k] for k in index]
+        found.append(Finding("verification.points_differ", "caution", {"names": names, "count": touches.m}))
+    return found
