@@ -1,6 +1,6 @@
 """Every closed form of the registry as a NumPy function, made when first asked for: ``functions.W(H)``.
 
-Those that the package runs are the checked-in ones (`uq_handeye.methods._closed_form`). The text of the others is printed from
+Those that the package runs are checked in (`uq_handeye.methods._closed_form`). The text of the others is printed from
 their derivation, which the cache holds (`cache`), and compiled once per process.
 """
 
@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from uq_handeye import _closed_form
+from uq_handeye.methods import _closed_form
 from uq_handeye.methods._closed_form._arguments import Array, prepare
 
 from .cache import derived

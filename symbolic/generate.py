@@ -95,7 +95,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if checkout is None:
         print(f"error: no checkout of {PROJECT} above the working directory or this module", file=sys.stderr)
         return 2
-    folder = checkout / "uq_handeye" / "_closed_form"
+    folder = checkout / "uq_handeye" / "methods" / "_closed_form"
     wanted = texts()
     if not check:
         write(folder, wanted)

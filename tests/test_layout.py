@@ -13,18 +13,21 @@ SCRIPT = runpy.run_path(str(DOCS / "figures" / "architecture.py"))
 SOURCES = SCRIPT["sources"]()
 # Rows of the table of packages, ground floor first; after them the public names and the program.
 ROWS = re.findall(r"^\| (`.*?`) \|", PAGE.partition("## Packages")[2].partition("## ")[0], re.MULTILINE)
-ORDER = [name.removesuffix(".py") for row in ROWS for name in re.findall(r"`([\w.]+)/?`", row)]
+ORDER = [name.removesuffix(".py").replace("/", ".") for row in ROWS for name in re.findall(r"`([\w./]+?)/?`", row)]
+FOLDERS = set(re.findall(r"^\| \*\*(\w+)\*\* \|", PAGE, re.MULTILINE))
 FLOORS = [*ORDER[: ORDER.index("cli")], "__init__", "cli", "__main__"]
 
 
 def package(module):
-    """Return the package by name; a module at the top of the whole stands for itself."""
-    return module.removeprefix("uq_handeye").lstrip(".").partition(".")[0] or "__init__"
+    """Return the package by name, also inside a folder of packages; a module at the top stands for itself."""
+    parts = module.split(".")[1:]
+    inner = ".".join(parts[:2])
+    return inner if inner in FLOORS else parts[0] if parts else "__init__"
 
 
 def test_every_package_is_on_the_page_in_its_place():
     assert len(FLOORS) == len(set(FLOORS))
-    assert {package(module) for module in SOURCES} == set(FLOORS)
+    assert {package(module) for module in SOURCES} == set(FLOORS) | FOLDERS
 
 
 @pytest.mark.parametrize("name", FLOORS)

@@ -69,7 +69,7 @@ def test_importing_the_package_loads_nothing_slow():
 
 def test_modules_are_found_without_being_imported():
     done = subprocess.run(
-        [sys.executable, "-c", "import uq_handeye as uq; print(uq.io.read_pose_file.__name__)"],
+        [sys.executable, "-c", "import uq_handeye as uq; print(uq.read.read_pose_file.__name__)"],
         text=True,
         capture_output=True,
         check=True,

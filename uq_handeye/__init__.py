@@ -70,7 +70,15 @@ if _typing.TYPE_CHECKING:
     from .model.poses.stream import Stream
     from .model.shared_errors.camera_noise import camera_noise
     from .model.shared_errors.shared_error import SharedError
-    from .read import read_noise_file, read_poses, read_prior, read_shared_errors, read_stream
+    from .read import (
+        read_noise_file,
+        read_pose_file,
+        read_poses,
+        read_prior,
+        read_shared_errors,
+        read_stream,
+        write_pose_file,
+    )
     from .read.rosbag.streams import read_bag
     from .read.synchronisation.result import Synchronised
     from .read.synchronisation.synchronise import synchronise
@@ -105,7 +113,10 @@ if _typing.TYPE_CHECKING:
     from .use.verification.touches_file import read_touches
     from .use.verification.verify import verify
 
+from ._moved import install as _install
 from ._version import __version__ as __version__
+
+_install()
 
 __all__ = [
     "METHODS",
@@ -208,6 +219,7 @@ __all__ = [
     "read_noise_file",
     "read_point_poses",
     "read_points",
+    "read_pose_file",
     "read_poses",
     "read_prior",
     "read_rig",
@@ -236,6 +248,7 @@ __all__ = [
     "update",
     "update_rig",
     "verify",
+    "write_pose_file",
 ]
 
 
@@ -289,10 +302,12 @@ _LATER = {
     "core.geometry.nearest_rotation": ("orthonormalise",),
     "read": (
         "read_noise_file",
+        "read_pose_file",
         "read_poses",
         "read_prior",
         "read_shared_errors",
         "read_stream",
+        "write_pose_file",
     ),
     "model.kinematics.against_controller": ("ControllerComparison", "compare_with_controller"),
     "model.kinematics.chain": (

@@ -1,7 +1,7 @@
 """Pictures of boards as a known camera of any model would take them, for tests and studies.
 
 The grey of a pixel is the mean over its square of what the board shows where the rays of the camera meet it. Rays are
-the inverse of the camera model (`uq_handeye.model.camera.models`), once for all pictures of a camera. The board is a drawing;
+the inverse of the camera model (`uq_handeye.model.camera.models`), once per camera. The board is a drawing;
 where all of it that a pixel sees has one colour, that is the pixel's. The others look at it at ``PLACES``, a Fibonacci
 lattice, no two of which have the same u or v: a border along a row of pixels is met as exactly as any other.
 """

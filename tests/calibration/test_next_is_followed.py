@@ -90,7 +90,7 @@ def test_more_poses_reduce_the_noise(tmp_path):
     assert step.startswith("Next: take more poses") and "uq-handeye plan" in step
     files = tmp_path / "robot.csv", tmp_path / "camera.csv"
     assert run("plan", *files, *NOISE, "-k", "6", "-o", tmp_path / "plan").returncode == 0
-    new = uq.io.read_pose_file(tmp_path / "plan" / "next.csv")[1]
+    new = uq.read_pose_file(tmp_path / "plan" / "next.csv")[1]
     rng = np.random.default_rng(1)
     camera = np.linalg.inv(new @ poses.truth.X) @ poses.truth.W
     sd = np.repeat([np.radians(0.1), 5e-4], 3)
@@ -174,7 +174,7 @@ def test_one_axis_gets_another(tmp_path):
     assert status == 6 and "uq-handeye plan" in step
     done = run("plan", *files, "-k", "4", "-o", tmp_path / "plan")
     assert done.returncode == 0, done.stderr
-    new = uq.io.read_pose_file(tmp_path / "plan" / "next.csv")[1]
+    new = uq.read_pose_file(tmp_path / "plan" / "next.csv")[1]
     write_pose_file(files[0], np.concatenate([G, new]))
     write_pose_file(files[1], np.concatenate([camera, seen(new)]))
     status, _, plain, text = asked(tmp_path)

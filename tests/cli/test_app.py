@@ -479,5 +479,5 @@ def test_real_data(name):
     assert done.returncode == 0
     data = json.loads(done.stdout)
     if name == "synthetic_camera_2":
-        truth = uq.io.read_pose_file(folder / "truth.csv")[1][0]
+        truth = uq.read_pose_file(folder / "truth.csv")[1][0]
         assert np.abs(np.array(data["X"]) - truth).max() < 0.01

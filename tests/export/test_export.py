@@ -17,8 +17,8 @@ from scipy.spatial.transform import Rotation
 from support import SEED, assert_same_covariance, holds_for, rotation_vectors, rotations
 
 import uq_handeye as uq
-from uq_handeye import export
 from uq_handeye.core.geometry.conventions import from_convention
+from uq_handeye.formats import export
 from uq_handeye.formats.controllers.forms import SINGLE, WRITTEN, written_poses
 from uq_handeye.formats.export.snippets import fixed_axis_angles
 

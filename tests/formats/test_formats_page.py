@@ -6,7 +6,7 @@ import re
 import pytest
 from pages import DOCS
 
-from uq_handeye import export
+from uq_handeye.formats import export
 from uq_handeye.formats.detect import read_contents
 from uq_handeye.read import FORMATS, read_poses
 

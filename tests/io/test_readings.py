@@ -172,7 +172,7 @@ def test_the_result_names_the_rotations_and_not_the_rows(tmp_path):
     numbers = numbers_of(poses, READINGS[1])
     table = np.concatenate([poses.robot[:, :3, 3], numbers], axis=1)
     np.savetxt(tmp_path / "robot.csv", table, delimiter=",", header="x,y,z,rx,ry,rz", comments="")
-    uq.io.write_pose_file(tmp_path / "camera.csv", poses.camera)
+    uq.write_pose_file(tmp_path / "camera.csv", poses.camera)
     files = (tmp_path / "robot.csv", tmp_path / "camera.csv")
     with pytest.warns(uq.InputWarning, match="^robot.csv: with rotations read as rotvec-rad"):
         wrong = uq.read_poses(*files, format=("ur", None))
@@ -194,7 +194,7 @@ def test_the_result_names_the_rotations_and_not_the_rows(tmp_path):
 def test_motions_that_seem_not_to_determine_x_have_a_cause(tmp_path):
     """Angles of the camera in a wrong order: the reason comes with the error, alone."""
     poses = uq.simulate(17, noise=NOISE, seed=0)
-    uq.io.write_pose_file(tmp_path / "robot.csv", poses.robot)
+    uq.write_pose_file(tmp_path / "robot.csv", poses.robot)
     angles = Rotation.from_matrix(poses.camera[:, :3, :3]).as_euler("ZYX")
     table = np.concatenate([poses.camera[:, :3, 3], angles], axis=1)
     np.savetxt(tmp_path / "camera.csv", table, delimiter=",", header="x,y,z,roll,pitch,yaw", comments="")
@@ -215,11 +215,11 @@ def test_beside_a_calibrated_camera():
 def test_numbers_of_rows_beside_times_of_a_clock(tmp_path):
     """Rows numbered 0, 1, 2, ... go with times; numbers that differ still show a lost row."""
     poses = uq.simulate(5, noise=NOISE, seed=SEED)
-    uq.io.write_pose_file(tmp_path / "robot.csv", poses.robot, 1.7e9 + 0.7 * np.arange(5))
-    uq.io.write_pose_file(tmp_path / "camera.csv", poses.camera)
+    uq.write_pose_file(tmp_path / "robot.csv", poses.robot, 1.7e9 + 0.7 * np.arange(5))
+    uq.write_pose_file(tmp_path / "camera.csv", poses.camera)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert uq.read_poses(tmp_path / "robot.csv", tmp_path / "camera.csv").n == 5
-    uq.io.write_pose_file(tmp_path / "robot.csv", poses.robot, [0, 1, 2, 4, 5])
+    uq.write_pose_file(tmp_path / "robot.csv", poses.robot, [0, 1, 2, 4, 5])
     with pytest.raises(uq.InputError, match="same moments"):
         uq.read_poses(tmp_path / "robot.csv", tmp_path / "camera.csv")

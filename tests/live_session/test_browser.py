@@ -104,7 +104,7 @@ def test_two_files_one_pose_left_out_and_the_report(driver, page, tmp_path, capf
     """Follow a first-time user, five clicks and under a minute; and nothing is asked of another machine."""
     poses = uq.simulate(n_poses=12, noise=NOISE, seed=5)
     for side in ("robot", "camera"):
-        uq.io.write_pose_file(tmp_path / f"my <b>{side}.csv", getattr(poses, side))
+        uq.write_pose_file(tmp_path / f"my <b>{side}.csv", getattr(poses, side))
     started = time.monotonic()
     driver.get(page.url + COARSE)
     said(driver, "No poses yet")

@@ -88,7 +88,8 @@ def test_killed_at_once_after_a_pose(tmp_path):
     """Every pose that was answered is there, and a line cut off in the middle is not."""
     program = (
         "import sys, threading\nfrom pathlib import Path\n"
-        "from uq_handeye.use.live_session.session import Session\nfrom uq_handeye.use.live_session.folder import Folder\n"
+        "from uq_handeye.use.live_session.session import Session\n"
+        "from uq_handeye.use.live_session.folder import Folder\n"
         "from uq_handeye.use.live_session.sources.lines import Lines\n"
         "session, lines = Session(Folder(Path(sys.argv[1]))), Lines(sys.stdin)\n"
         "while True:\n    print(session.add(*lines.take()).n, flush=True)\n"

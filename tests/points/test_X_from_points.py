@@ -65,7 +65,7 @@ def session(tmp_path_factory):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", InputWarning)
         seen = uq.poses_from_points(y)
-    uq.io.write_pose_file(folder / "robot.csv", G)
+    uq.write_pose_file(folder / "robot.csv", G)
     seen.write(folder / "seen")
     return folder, seen
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import sympy
 
-from uq_handeye import _closed_form
+from uq_handeye.methods import _closed_form
 from uq_handeye.symbolic import functions, generate
 from uq_handeye.symbolic.cache import derived
 from uq_handeye.symbolic.matrices import FORMS, RUN
@@ -29,7 +29,9 @@ same_sympy = pytest.mark.skipif(
 def checkout(tmp_path, monkeypatch):
     """A copy of the generated package in a checkout of its own, as the working directory."""
     (tmp_path / "pyproject.toml").write_text('[project]\nname = "uq-handeye"\n')
-    shutil.copytree(PACKAGE, tmp_path / "uq_handeye" / "_closed_form", ignore=shutil.ignore_patterns("__*__"))
+    shutil.copytree(
+        PACKAGE, tmp_path / "uq_handeye" / "methods" / "_closed_form", ignore=shutil.ignore_patterns("__*__")
+    )
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
@@ -63,7 +65,7 @@ def test_text_depends_on_nothing_else(checkout, tmp_path):
     ids=["entry", "last byte", "line ends", "not UTF-8"],
 )
 def test_check_sees_one_changed_byte(checkout, capsys, name, damage, shown):
-    path = checkout / "uq_handeye" / "_closed_form" / name
+    path = checkout / "uq_handeye" / "methods" / "_closed_form" / name
     before = path.read_bytes()
     path.write_bytes(damage(before))
     assert path.read_bytes() != before
@@ -76,7 +78,7 @@ def test_check_sees_one_changed_byte(checkout, capsys, name, damage, shown):
 
 
 def test_check_sees_missing_and_extra_files(checkout, capsys):
-    folder = checkout / "uq_handeye" / "_closed_form"
+    folder = checkout / "uq_handeye" / "methods" / "_closed_form"
     assert generate.main([]) == 0
     (folder / "so4.py").unlink()
     (folder / "extra.py").touch()

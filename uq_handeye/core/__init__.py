@@ -1,1 +1,1 @@
-"""Geometry, reading and writing of files, and text and pages: what all other packages stand on."""
+"""Geometry, files, text and pages, on which all other packages stand."""

@@ -1,1 +1,1 @@
-"""The joint model of poses and errors, fitted; what residuals and geometry say."""
+"""Joint model of poses and errors, fitted; what residuals and geometry say."""

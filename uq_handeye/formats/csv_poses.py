@@ -88,7 +88,8 @@ def read_pose_file(path: StrPath, units: str = "m") -> tuple[NDArray[np.float64]
     path : path of the file
         At most 1 GB, 10,000,000 rows, 10,000 characters per line.
     units : str
-        Length unit of ``x, y, z``: m, mm, ... (`uq_handeye.core.formatting.units.LENGTH_UNITS`). The poses are in metres.
+        Length unit of ``x, y, z``: m, mm, ... (`uq_handeye.core.formatting.units.LENGTH_UNITS`).
+        The poses are in metres.
 
     Raises
     ------

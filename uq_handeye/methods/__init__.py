@@ -1,1 +1,1 @@
-"""From data to X by formula: the closed form of the paper, published methods, and their covariances."""
+"""Closed form of the paper, published methods, and their covariances."""

@@ -1,1 +1,1 @@
-"""What is measured and its errors: noise, poses, arms, errors that all poses share, cameras, points."""
+"""Measurements and their errors: noise, poses, arms, shared errors, cameras, points."""

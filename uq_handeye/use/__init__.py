@@ -1,1 +1,1 @@
-"""A calibration in use: planned, checked, verified, updated, watched as it grows."""
+"""Calibrations in use: planned, checked, verified, updated, watched as they grow."""

@@ -1,4 +1,4 @@
-"""How the camera sees its target over the poses: the point that moves least, and the spread of directions."""
+"""Views of a target over the poses: the point that moves least, and the spread of directions."""
 
 from __future__ import annotations
 
