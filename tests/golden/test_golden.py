@@ -16,8 +16,8 @@ from calibration_cases import NOISE, PAIR_NOISE, motions_alone, quietly, with_wr
 
 import uq_handeye as uq
 from uq_handeye.calibration.report.next_step import step_after
+from uq_handeye.calibration.statement import phrases
 from uq_handeye.findings import Finding
-from uq_handeye.statement import phrases
 
 HERE = Path(__file__).parent
 for module in pkgutil.walk_packages(uq.__path__, "uq_handeye."):
