@@ -20,13 +20,13 @@ noise of its own: of the joints, of the robot pose, of the camera.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal, NamedTuple, Protocol
+from typing import Any, ClassVar, Literal, NamedTuple, Protocol
 
 import numpy as np
 
+from ...core.files.records import Record
 from ...core.geometry.checks import as_numbers, as_transforms
 from ...core.geometry.se3 import Array, inverse, perturb
-from ...core.runtime.read_only import ReadOnlyArrays
 from ...errors import InputError
 from ...fit.diagnostics.task_space import PointUncertainty, by_pose, point_noise
 from ...fit.likelihood.constraint import OnPoses, Unknowns
@@ -76,8 +76,11 @@ class Predicting(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class CameraPrediction(ReadOnlyArrays):
+class CameraPrediction(Record):
     """Prediction of what the camera should see: ``camera_T_target`` at m robot poses."""
+
+    _in_file: ClassVar[str] = "frame new_measurement poses covariance std"
+    frame: ClassVar[str] = "camera_T_target"
 
     poses: Array  # (..., 4, 4)
     covariance: Array  # (..., 6, 6) of (theta, tau): left rotation (rad), additive translation (m), camera frame
@@ -87,16 +90,6 @@ class CameraPrediction(ReadOnlyArrays):
     def std(self) -> Array:
         """(..., 6) standard deviations, rad and m."""
         return np.asarray(np.sqrt(np.diagonal(self.covariance, axis1=-2, axis2=-1)))
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain numbers, lists and text."""
-        return {
-            "frame": "camera_T_target",
-            "new_measurement": self.new_measurement,
-            "poses": self.poses.tolist(),
-            "covariance": self.covariance.tolist(),
-            "std": self.std.tolist(),
-        }
 
 
 class Fresh(NamedTuple):

@@ -24,11 +24,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import ClassVar
 
 import numpy as np
 
 from ...calibration.evidence.new_poses import PoseEvidence
+from ...core.files.records import Record
 from ...core.geometry.se3 import Array
 from ...core.runtime.read_only import ReadOnlyArrays
 from ...model.poses.pose_pairs import PosePairs
@@ -55,8 +56,10 @@ FEWEST_FOR_ONE = 3
 
 
 @dataclass(frozen=True, eq=False)
-class Cause(ReadOnlyArrays):
+class Cause(Record):
     """One possible cause, as estimated by itself."""
+
+    _in_file: ClassVar[str] = "name estimate covariance gain p_left probability row"
 
     name: str
     estimate: (
@@ -73,19 +76,6 @@ class Cause(ReadOnlyArrays):
     def explains(self) -> bool:
         """True if what is left of d^2 is what noise makes."""
         return self.p_left >= EXPLAINS
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain numbers and text."""
-        more = {} if self.row is None else {"row": self.row}
-        return {
-            "name": self.name,
-            "estimate": self.estimate.tolist(),
-            "covariance": self.covariance.tolist(),
-            "gain": self.gain,
-            "p_left": self.p_left,
-            "probability": self.probability,
-            **more,
-        }
 
 
 @dataclass(frozen=True, eq=False)

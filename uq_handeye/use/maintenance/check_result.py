@@ -3,24 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import ClassVar
 
 import numpy as np
 
 from ...core.files.atomic import json_text
+from ...core.files.records import Record
 from ...core.geometry.se3 import Array
 from ...core.presentation.document import COLUMNS, document_of, to_text
-from ...core.runtime.read_only import ReadOnlyArrays
 from ...findings import Finding
 from .causes import Causes
 from .power import Detectable
 
 UNCHANGED, CHANGED, CANNOT_TELL = "unchanged", "changed", "cannot tell"
-FORMAT = "uq-handeye check 1"
 
 
 @dataclass(frozen=True, eq=False)
-class ChangeCheck(ReadOnlyArrays):
+class ChangeCheck(Record):
     """The answer of `check`. ``str(check)`` is its text.
 
     Attributes
@@ -54,6 +53,12 @@ class ChangeCheck(ReadOnlyArrays):
     focal_length_px : float or None
         In which an image centre is printed.
     """
+
+    _in_file: ClassVar[str] = (
+        "format status changed p_value d2 dof noise_dof level setup n_poses n_calibrated tolerance detectable cause "
+        "candidates causes=causes.all shift_of shift covariance distances findings sentences"
+    )
+    format: ClassVar[str] = "uq-handeye check 1"
 
     status: str
     p_value: float
@@ -101,39 +106,17 @@ class ChangeCheck(ReadOnlyArrays):
         """(6,) standard deviations of `shift`, rad and m."""
         return np.asarray(np.sqrt(np.diag(self.covariance)))
 
+    @property
+    def sentences(self) -> list[str]:
+        """The findings in words."""
+        return [str(finding) for finding in self.findings]
+
     def summary(self, width: int = COLUMNS) -> str:
         """Text of about ten lines."""
         return to_text(document_of(self), width)
 
     def __str__(self) -> str:
         return self.summary()
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain numbers, lists and text."""
-        return {
-            "format": FORMAT,
-            "status": self.status,
-            "changed": self.changed,
-            "p_value": self.p_value,
-            "d2": self.d2,
-            "dof": self.dof,
-            "noise_dof": self.noise_dof,
-            "level": self.level,
-            "setup": self.setup,
-            "n_poses": self.n_poses,
-            "n_calibrated": self.n_calibrated,
-            "tolerance": self.tolerance,
-            "detectable": self.detectable.to_dict(),
-            "cause": self.cause,
-            "candidates": list(self.candidates),
-            "causes": [cause.to_dict() for cause in self.causes.all],
-            "shift_of": self.shift_of,
-            "shift": self.shift.tolist(),
-            "covariance": self.covariance.tolist(),
-            "distances": self.distances.tolist(),
-            "findings": [finding.to_dict() for finding in self.findings],
-            "sentences": [str(finding) for finding in self.findings],
-        }
 
     def to_json(self) -> str:
         """JSON text of `to_dict`."""

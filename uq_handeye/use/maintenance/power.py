@@ -7,11 +7,11 @@ direction is ``sqrt(lambda / min eigenvalue of I)`` of its block of I.
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
+from ...core.files.records import Record
 from ...core.geometry.se3 import Array
 from ...model.posterior.reference import PredictiveReference
 
@@ -20,7 +20,7 @@ POWER = 0.95
 
 
 @dataclass(frozen=True)
-class Detectable:
+class Detectable(Record):
     """Smallest shifts (m) and rotations (rad) of X and of W that show in every direction with probability ``power``.
 
     Rotations are about the origin of the pose. Infinite: not at all.
@@ -32,10 +32,6 @@ class Detectable:
     W_rotation: float
     power: float
     level: float
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain numbers; None for what is infinite."""
-        return {name: value if np.isfinite(value) else None for name, value in asdict(self).items()}
 
 
 def smallest_change(information: Array, noncentrality: float) -> tuple[float, float]:

@@ -9,13 +9,14 @@ measured. Without distortion of the lens.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import ClassVar
 
 import numpy as np
 
 from ...calibration.evidence.absorb import Sourced
 from ...calibration.evidence.new_poses import evidence_of_poses
 from ...calibration.prediction.predict import predict_camera
+from ...core.files.records import Record
 from ...core.formatting.numbers import digits, probability
 from ...core.presentation.document import COLUMNS, Answer, Document, Paragraph, document_of, to_text
 from ...findings import Finding
@@ -36,8 +37,10 @@ class Reprojection:
 
 
 @dataclass(frozen=True)
-class PoseVerification:
+class PoseVerification(Record):
     """Independent poses against a calibration."""
+
+    _in_file: ClassVar[str] = "contradicted p_value d2 dof noise_dof n_poses rms expected reprojection=pixels findings"
 
     n_poses: int
     d2: float
@@ -57,21 +60,6 @@ class PoseVerification:
     def summary(self) -> str:
         """The answer as text."""
         return to_text(document_of(self), COLUMNS)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain numbers."""
-        return {
-            "contradicted": self.contradicted,
-            "p_value": self.p_value,
-            "d2": self.d2,
-            "dof": self.dof,
-            "noise_dof": self.noise_dof,
-            "n_poses": self.n_poses,
-            "rms": list(self.rms),
-            "expected": list(self.expected),
-            "reprojection": None if self.pixels is None else vars(self.pixels),
-            "findings": [finding.to_dict() for finding in self.findings],
-        }
 
 
 def verify_poses(result: Sourced, poses: PosePairs) -> PoseVerification:

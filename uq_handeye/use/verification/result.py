@@ -3,21 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import ClassVar
 
 import numpy as np
 
+from ...core.files.records import Record
 from ...core.geometry.se3 import Array
 from ...core.presentation.document import COLUMNS, document_of, to_text
 from ...core.presentation.notebook import html_of
-from ...core.runtime.read_only import ReadOnlyArrays
 from ...findings import Finding
 from .power import LEVEL, POWER, quantile_of_components
 
 
 @dataclass(frozen=True, eq=False)
-class PointTable(ReadOnlyArrays):
+class PointTable(Record):
     """The touches, one by one: touch minus the point as the calibration has it, base frame, m."""
+
+    _in_file: ClassVar[str] = "names difference std p_value flagged"
 
     names: tuple[str, ...]  # (m)
     difference: Array  # (m, 3)
@@ -39,32 +41,18 @@ class PointTable(ReadOnlyArrays):
         """(m,) True for points that differ from what the calibration says, tested at `LEVEL` for all of them."""
         return np.asarray(np.nan_to_num(self.p_value, nan=1.0) < LEVEL / len(self.names))
 
-    def to_dict(self) -> dict[str, Any]:
-        """Plain numbers, lists and text."""
-        return {
-            "names": list(self.names),
-            "difference": self.difference.tolist(),
-            "std": finite(self.std),
-            "p_value": finite(self.p_value),
-            "flagged": self.flagged.tolist(),
-        }
-
 
 @dataclass(frozen=True)
-class Needed:
+class Needed(Record):
     """The number of touches that would show a bias of a size."""
 
     size: float  # m
     touches: int | None  # None: no number would
     limit: float  # m, the smallest bias that any number of such touches would show
 
-    def to_dict(self) -> dict[str, Any]:
-        """Plain numbers."""
-        return {"size": self.size, "touches": self.touches, "limit": self.limit if np.isfinite(self.limit) else None}
-
 
 @dataclass(frozen=True, eq=False)
-class NextTouch(ReadOnlyArrays):
+class NextTouch(Record):
     """A further touch and what it would bring."""
 
     seen: Array  # (3,) in the camera frame, m
@@ -72,18 +60,9 @@ class NextTouch(ReadOnlyArrays):
     view: int  # number of the touch whose robot pose it is seen from
     detectable: float  # m, the smallest bias that would show with it
 
-    def to_dict(self) -> dict[str, Any]:
-        """Plain numbers and lists."""
-        return {
-            "seen": self.seen.tolist(),
-            "base": self.base.tolist(),
-            "view": self.view,
-            "detectable": self.detectable,
-        }
-
 
 @dataclass(frozen=True, eq=False)
-class Verification(ReadOnlyArrays):
+class Verification(Record):
     """Points that the camera saw and the robot touched against a calibration.
 
     Model: `evidence.touches`. The differences of all touches have the covariance Sigma, of X, the robot, the shared
@@ -122,6 +101,15 @@ class Verification(ReadOnlyArrays):
     next : tuple of NextTouch
     findings : tuple of Finding
     """
+
+    _in_file: ClassVar[str] = (
+        "contradicted p_value bias_p_value scatter_p_value level power chi2 dof noise_dof n_touches=m rms frame bias "
+        "covariance std interval_95=interval worst_direction=worst detectable limit needed next tool tool_std points "
+        "findings warnings"
+    )
+    level: ClassVar[float] = LEVEL
+    power: ClassVar[float] = POWER
+    frame: ClassVar[str] = "base"
 
     bias: Array
     covariance: Array
@@ -179,43 +167,3 @@ class Verification(ReadOnlyArrays):
 
     def _repr_html_(self) -> str:
         return html_of(self)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain numbers, lists and text; lengths in m."""
-        return {
-            "contradicted": self.contradicted,
-            "p_value": self.p_value,
-            "bias_p_value": self.bias_p_value,
-            "scatter_p_value": self.scatter_p_value,
-            "level": LEVEL,
-            "power": POWER,
-            "chi2": self.chi2,
-            "dof": self.dof,
-            "noise_dof": self.noise_dof,
-            "n_touches": self.m,
-            "rms": self.rms,
-            "frame": "base",
-            "bias": finite(self.bias),
-            "covariance": finite(self.covariance),
-            "std": finite(self.std),
-            "interval_95": finite(self.interval),
-            "worst_direction": self.worst.tolist(),
-            "detectable": finite(np.array(self.detectable)),
-            "limit": finite(np.array(self.limit)),
-            "needed": [one.to_dict() for one in self.needed],
-            "next": [one.to_dict() for one in self.next],
-            "tool": None if self.tool is None else finite(self.tool),
-            "tool_std": None if self.tool_std is None else finite(self.tool_std),
-            "points": self.points.to_dict(),
-            "findings": [one.to_dict() for one in self.findings],
-            "warnings": list(self.warnings),
-        }
-
-
-def finite(values: Array) -> Any:
-    """Lists with None for what is not finite."""
-    found = np.asarray(values).astype(object)
-    if found.ndim == 0:
-        return float(values) if np.isfinite(values) else None
-    found[~np.isfinite(np.asarray(values, dtype=float))] = None
-    return found.tolist()

@@ -13,12 +13,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
 from ....calibration.evidence.new_poses import evidence_of_poses
 from ....calibration.evidence.state import Calibrated
+from ....core.files.records import Record
 from ....core.geometry.se3 import Array
 from ....core.presentation.document import document_of, to_text
 from ....core.runtime.read_only import ReadOnlyArrays
@@ -58,20 +59,16 @@ class Chart(ReadOnlyArrays):
 
 
 @dataclass(frozen=True, eq=False)
-class Shift(ReadOnlyArrays):
+class Shift(Record):
     """Shift of X or of the target, the same over some checks, relative to the calibration and the checks before."""
 
     estimate: Array  # (6,) rad, m
     covariance: Array  # (6, 6)
     gain: float  # by how much it lowers d^2 of all checks
 
-    def to_dict(self) -> dict[str, Any]:
-        """Plain numbers."""
-        return {"estimate": self.estimate.tolist(), "covariance": self.covariance.tolist(), "gain": self.gain}
-
 
 @dataclass(frozen=True, eq=False)
-class SeriesAlarm(ReadOnlyArrays):
+class SeriesAlarm(Record):
     """Charts of a series, and what they found. ``str(alarm)`` is its text.
 
     Attributes
@@ -94,6 +91,8 @@ class SeriesAlarm(ReadOnlyArrays):
         Of X and of the target, over the checks since then.
     """
 
+    _in_file: ClassVar[str] = "times checks_per_false_alarm=every charts=_by_chart alarm chart since causes shifts"
+
     times: tuple[str, ...]
     every: float
     charts: tuple[Chart, ...]
@@ -103,21 +102,12 @@ class SeriesAlarm(ReadOnlyArrays):
     causes: tuple[str, ...] = ()
     shifts: dict[str, Shift] | None = None
 
+    @property
+    def _by_chart(self) -> dict[str, Any]:
+        return {chart.name: {"path": chart.path, "limit": chart.limit} for chart in self.charts}
+
     def __str__(self) -> str:
         return to_text(document_of(self))
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain numbers, lists and text."""
-        return {
-            "times": list(self.times),
-            "checks_per_false_alarm": self.every,
-            "charts": {c.name: {"path": c.path.tolist(), "limit": c.limit} for c in self.charts},
-            "alarm": self.alarm,
-            "chart": self.chart,
-            "since": self.since,
-            "causes": list(self.causes),
-            "shifts": None if self.shifts is None else {name: of.to_dict() for name, of in self.shifts.items()},
-        }
 
 
 def series_alarm(result: Logged, series: CheckSeries, every: float = EVERY) -> SeriesAlarm:
