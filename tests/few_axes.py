@@ -30,7 +30,7 @@ def rig(kind, n, rng, setup="eye-in-hand", noise=NOISE):
     robot = robot_poses(kind, rng, n)
     G = robot if setup == "eye-in-hand" else np.linalg.inv(robot)
     camera = np.linalg.inv(G @ X) @ W
-    truth = uq.poses.pose_pairs.Truth(X, W, robot, camera)
+    truth = uq.model.poses.pose_pairs.Truth(X, W, robot, camera)
     if noise is not None:
         robot, camera = moved(robot, draw(rng, noise.robot, (n,))), moved(camera, draw(rng, noise.camera, (n,)))
     return uq.PosePairs(robot, camera, setup, truth=truth)

@@ -103,10 +103,10 @@ if _typing.TYPE_CHECKING:
     from .use.live_session.api import Live, live
     from .use.maintenance.check import check
     from .use.maintenance.check_result import ChangeCheck
-    from .use.maintenance.series.alarm import SeriesAlarm, series_alarm
-    from .use.maintenance.series.log import CheckSeries, log_check, read_checks
-    from .use.maintenance.together.difference import Difference, difference
-    from .use.maintenance.together.update import update
+    from .use.maintenance.difference import Difference, difference
+    from .use.maintenance.log import CheckSeries, log_check, read_checks
+    from .use.maintenance.series_alarm import SeriesAlarm, series_alarm
+    from .use.maintenance.update import update
     from .use.planning.plan import plan
     from .use.planning.result import Plan
     from .use.verification.result import Verification
@@ -327,10 +327,10 @@ _LATER = {
     "use.live_session.api": ("Live", "live"),
     "use.maintenance.check": ("check",),
     "use.maintenance.check_result": ("ChangeCheck",),
-    "use.maintenance.series.alarm": ("SeriesAlarm", "series_alarm"),
-    "use.maintenance.series.log": ("CheckSeries", "log_check", "read_checks"),
-    "use.maintenance.together.difference": ("Difference", "difference"),
-    "use.maintenance.together.update": ("update",),
+    "use.maintenance.series_alarm": ("SeriesAlarm", "series_alarm"),
+    "use.maintenance.log": ("CheckSeries", "log_check", "read_checks"),
+    "use.maintenance.difference": ("Difference", "difference"),
+    "use.maintenance.update": ("update",),
     "model.noise.camera_noise": ("CameraNoise",),
     "model.noise.estimate": (
         "NoiseEstimate",

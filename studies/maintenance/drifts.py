@@ -11,9 +11,8 @@ import uq_handeye as uq
 from studies.maintenance.rigs import NOISES, SETUPS, Rig, rig
 from uq_handeye.calibration.evidence.new_poses import PoseEvidence, evidence_of_poses
 from uq_handeye.core.runtime.progress import progress_bar
-from uq_handeye.use.maintenance.series.alarm import CHARTS, Chart, charts_of
-from uq_handeye.use.maintenance.series.cusum import cusum, limit_for
-from uq_handeye.use.maintenance.series.innovations import Scores, scores_of
+from uq_handeye.use.maintenance.cusum import Scores, cusum, limit_for, scores_of
+from uq_handeye.use.maintenance.series_alarm import CHARTS, Chart, charts_of
 
 EVERY = 50.0  # checks for each false alarm: few, so that there are some to count
 LENGTH = 100  # checks of a series without change

@@ -8,7 +8,7 @@ import pandas as pd
 from studies.common.study import Tables, markdown
 from studies.maintenance.drifts import BEFORE, EVERY
 from studies.maintenance.single_checks import LEVEL
-from uq_handeye.use.maintenance.series.alarm import EVERY as STATED
+from uq_handeye.use.maintenance.series_alarm import EVERY as STATED
 
 # Aims: false alarms, power, right and wrong causes, updates in standard deviations.
 FALSE_ALARMS, POWER, RIGHT, WRONG = 0.01, 0.03, 0.90, 0.03

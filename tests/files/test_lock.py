@@ -12,7 +12,7 @@ import uq_handeye as uq
 from uq_handeye.core.files.atomic import FileLock, held
 from uq_handeye.errors import InputError
 from uq_handeye.read import write_pose_file
-from uq_handeye.use.maintenance.series.log import read_checks
+from uq_handeye.use.maintenance.log import read_checks
 
 ADDS = """
 import pathlib, sys

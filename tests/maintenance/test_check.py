@@ -9,7 +9,7 @@ from rig_of_arm import ARM, rig
 import uq_handeye as uq
 from uq_handeye.calibration.evidence.new_poses import evidence_of_poses
 from uq_handeye.core.geometry.se3 import perturb
-from uq_handeye.model.posterior.reference import PredictiveReference
+from uq_handeye.model.posterior.rows import PredictiveReference
 from uq_handeye.trials.simulation.rig import RIGS
 from uq_handeye.use.maintenance.causes import columns_of_causes, compare_causes
 from uq_handeye.use.verification.new_poses import verify_poses

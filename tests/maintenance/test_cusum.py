@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import uq_handeye as uq
-from uq_handeye.use.maintenance.series.cusum import K, cusum, limit_for, run_length, siegmund, vector_cusum
+from uq_handeye.use.maintenance.cusum import K, cusum, limit_for, run_length, siegmund, vector_cusum
 
 
 def simulated(limit, components, rng, runs=1000, shift=0.0):

@@ -169,7 +169,7 @@ def test_a_file_without_a_posterior_is_taken_as_independent_and_predicts_nothing
     found = uq.difference(bare, new)
     assert found.how == "independent" and found.p_value_X > 1e-3
     assert uq.difference(old, new).how == "posterior"
-    with pytest.raises(uq.InputError, match="Predictions need X and W together"):
+    with pytest.raises(uq.InputError, match="joint covariance of X and W"):
         bare.predict_camera(robot=poses.robot)
     with pytest.raises(uq.InputError, match="joint covariance of X and W"):
         uq.verify(bare, np.full((4, 3), 0.3), np.full((4, 3), 0.5), robot=poses.robot[:4], touch_sd="0.2mm")

@@ -7,8 +7,8 @@ import pytest
 from scipy.stats import kstest
 
 from uq_handeye.model.posterior.rows import NewRows
-from uq_handeye.use.maintenance.series.alarm import shifts_since
-from uq_handeye.use.maintenance.series.innovations import Innovations, scores_of
+from uq_handeye.use.maintenance.cusum import Innovations, scores_of
+from uq_handeye.use.maintenance.series_alarm import shifts_since
 
 CHECKS, POSES, P = 4, 2, 8
 

@@ -5,9 +5,8 @@ import pytest
 from series_cases import NOISE, new_poses, plain_check, rig
 
 import uq_handeye as uq
-from uq_handeye.use.maintenance.series.alarm import RESIDUALS, TARGET, X, series_alarm
-from uq_handeye.use.maintenance.series.log import COLUMNS, hash_of_result, log_check, read_checks
-from uq_handeye.use.maintenance.series.text import series_sentences
+from uq_handeye.use.maintenance.log import COLUMNS, hash_of_result, log_check, read_checks
+from uq_handeye.use.maintenance.series_alarm import RESIDUALS, TARGET, X, series_alarm, series_sentences
 
 SETUP = "eye-in-hand"
 
@@ -136,7 +135,7 @@ def test_a_slow_drift_raises_the_alarm_before_any_check_is_sure(setup, tmp_path)
 
 
 def test_the_figure_shows_every_check(calibrated, log):
-    from uq_handeye.use.maintenance.series.figure import alt_text, series_figure
+    from uq_handeye.use.maintenance.series_figure import alt_text, series_figure
 
     result, _ = calibrated
     path, _ = log

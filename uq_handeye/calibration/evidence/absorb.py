@@ -22,7 +22,7 @@ from ...findings import Finding
 from ...model.poses.to_dict import sha256_of
 from ...model.posterior.rows import NewRows
 from ..prediction.fitted_kinematics import FittedKinematics
-from .state import Calibrated, posterior_of
+from ..prediction.predict import Predicting, posterior_of
 from .touches import Touches, TouchEvidence, evidence_of_touches, with_tool
 
 # p-value below which touches contradict the poses.
@@ -38,7 +38,7 @@ class Origin(Protocol):
     def sources(self) -> tuple[Source, ...]: ...
 
 
-class Sourced(Calibrated, Protocol):
+class Sourced(Predicting, Protocol):
     """Interface of a calibration that knows its origin."""
 
     @property

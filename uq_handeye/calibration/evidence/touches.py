@@ -33,22 +33,22 @@ from ...fit.diagnostics.task_space import by_pose
 from ...model.noise.camera_noise import INTRINSICS
 from ...model.noise.joint_covariance import group_of
 from ...model.poses.pose_pairs import PosePairs
-from ...model.posterior.factors import factor_of
-from ...model.posterior.rows import NewRows
+from ...model.posterior.rows import NewRows, factor_of
 from ...model.shared_errors.accuracy import ROBOT_ACCURACY
 from ...model.shared_errors.shared_error import TARGET_SCALE
 from ..prediction.predict import (
     NONE,
     Fresh,
+    Predicting,
     RobotAhead,
     own_noise,
+    posterior_of,
     rest_of_robot,
     robot_ahead,
     seen_at,
     shared_effects,
     tip_at,
 )
-from .state import Calibrated, posterior_of
 
 # Standard deviation (m) of a tool's offset of which nothing is known, where a number is needed.
 UNKNOWN_TOOL = 1.0
@@ -203,7 +203,7 @@ class TouchEvidence(NewRows):
         return replace(self, own_at=own_at, **{name: getattr(self, name)[index] for name in names})
 
 
-def evidence_of_touches(result: Calibrated, touches: Touches) -> TouchEvidence:
+def evidence_of_touches(result: Predicting, touches: Touches) -> TouchEvidence:
     """Hold points that were seen and touched against a calibration.
 
     A tool of which nothing is known adds no columns here: its three numbers are `TouchEvidence.by_tool`.
@@ -287,7 +287,7 @@ def with_tool(evidence: TouchEvidence) -> TouchEvidence:
     return replace(evidence, by_unit=np.concatenate([before, UNKNOWN_TOOL * evidence.by_tool, fresh], axis=-1))
 
 
-def _robot_at_seeing(result: Calibrated, touches: Touches) -> RobotAhead | None:
+def _robot_at_seeing(result: Predicting, touches: Touches) -> RobotAhead | None:
     if result.setup != "eye-in-hand":
         return None
     if touches.robot is None and touches.joints is None:
@@ -299,7 +299,7 @@ def _robot_at_seeing(result: Calibrated, touches: Touches) -> RobotAhead | None:
     return _with_noise(robot_ahead(result, touches.joints, touches.robot), touches)
 
 
-def _robot_at_touch(result: Calibrated, touches: Touches) -> RobotAhead | None:
+def _robot_at_touch(result: Predicting, touches: Touches) -> RobotAhead | None:
     if touches.touched_robot is None and touches.touched_joints is None:
         return None
     return _with_noise(robot_ahead(result, touches.touched_joints, touches.touched_robot), touches)
@@ -312,7 +312,7 @@ def _with_noise(ahead: RobotAhead, touches: Touches) -> RobotAhead:
     return replace(ahead, fresh=(Fresh("given", noise, 1.0, NONE),))
 
 
-def _poses_of_points(result: Calibrated, touches: Touches) -> Array:
+def _poses_of_points(result: Predicting, touches: Touches) -> Array:
     """(m, 4, 4) poses of a flange at touched points: with the orientation of the nearest pose of the calibration."""
     assert touches.touched is not None
     poses = np.broadcast_to(np.eye(4), (touches.m, 4, 4)).copy()
@@ -325,7 +325,7 @@ def _poses_of_points(result: Calibrated, touches: Touches) -> Array:
 
 
 def _seen_points(
-    result: Calibrated, touches: Touches, seen_from: RobotAhead | None
+    result: Predicting, touches: Touches, seen_from: RobotAhead | None
 ) -> tuple[Array, Array, Array, Array | None, NDArray[np.intp]]:
     """Points in the camera, corrected by the estimates of shared errors: (m, 3); (m, 3, q) by these errors; noise
     (m, 3, 3) of each; noise by columns (m, 3, 6) of each view of a board; the number of the view of each.

@@ -73,6 +73,24 @@ class Predicting(Protocol):
     def opened(self) -> OpenDirections | None: ...
     @property
     def shared(self) -> tuple[SharedEstimate, ...]: ...
+    @property
+    def method(self) -> str: ...
+
+
+def posterior_of(result: Predicting) -> Posterior:
+    """Return the joint posterior of X and W; raises `InputError` where there is none, with the reason."""
+    if result.opened is not None:
+        raise InputError(
+            "Predictions, checks and updates need all of X and W, and the motions leave a part of them open "
+            "(`opened`). Close it by a prior (prior_X, prior_W), or calibrate with rotations about another axis."
+        )
+    if result.posterior is None or result.W is None:
+        what = "of motions without poses" if isinstance(result.counted, Motions) else f"by method {result.method!r}"
+        raise InputError(
+            f"Expected a calibration with the joint covariance of X and W, got one {what} without it. Calibrate poses "
+            "by method efficient or ml."
+        )
+    return result.posterior
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,7 +154,7 @@ def predict_camera(
     result: Predicting, joints: Any = None, robot: Any = None, new_measurement: bool = True
 ) -> CameraPrediction:
     """See `Calibration.predict_camera`."""
-    posterior = _posterior(result)
+    posterior = posterior_of(result)
     from_corners = isinstance(result.counted, PosePairs) and result.counted.camera_calibration is not None
     if new_measurement and numbers_of_intrinsics(posterior) and not from_corners:
         raise InputError(
@@ -152,7 +170,7 @@ def predict_camera(
 
 def camera_ahead(result: Predicting, joints: Any = None, robot: Any = None) -> CameraAhead:
     """Camera poses at joints or robot poses, to first order in the errors of the posterior."""
-    posterior = _posterior(result)
+    posterior = posterior_of(result)
     assert result.W is not None and result.setup is not None
     ahead = robot_ahead(result, joints, robot)
     C = camera_at(result, ahead.poses)
@@ -193,7 +211,7 @@ def predict_points(
     tool: Any = None,
 ) -> PointUncertainty:
     """See `Calibration.predict`."""
-    _posterior(result)
+    posterior_of(result)
     if reached_at is None and tool is not None:
         raise InputError("Expected `reached_at`, the joints at which the tool is at the point, beside `tool`.")
     stands = result.setup == "eye-to-hand" and reached_at is not None and joints is None and robot is None
@@ -230,12 +248,12 @@ class InBase(NamedTuple):
 
     def covariance(self, result: Predicting) -> Array:
         """(..., 3, 3)."""
-        return _symmetric(self.by_all @ _posterior(result).covariance @ self.by_all.mT + self.new)
+        return _symmetric(self.by_all @ posterior_of(result).covariance @ self.by_all.mT + self.new)
 
 
 def seen_at(result: Predicting, p: Array, ahead: RobotAhead | None, noise: Array | None = None) -> InBase:
     """Points (..., 3) that the camera sees, at robot poses; ``noise`` (..., 3, 3) their own."""
-    X, q = result.X, _posterior(result).covariance.shape[0] - 12
+    X, q = result.X, posterior_of(result).covariance.shape[0] - 12
     arm = p @ X[:3, :3].T
     by_X = by_pose(arm)
     in_X = arm + X[:3, 3]
@@ -276,7 +294,7 @@ def robot_ahead(result: Predicting, joints: Any, robot: Any, measured: bool = Fa
 
     ``measured``: with the noise of new measurements beside them (`BoundPopulation.unseen`).
     """
-    posterior, fitted = _posterior(result), result.kinematics
+    posterior, fitted = posterior_of(result), result.kinematics
     if joints is None and robot is None:
         raise InputError("Expected `joints` of the robot, or `robot`, its poses.")
     if joints is not None and fitted is None:
@@ -316,7 +334,7 @@ def robot_ahead(result: Predicting, joints: Any, robot: Any, measured: bool = Fa
 
 
 def _fresh_of_robot(result: Predicting, G: Array, of_joints: Array | None) -> tuple[Fresh, ...]:
-    posterior, fitted, found = _posterior(result), result.kinematics, []
+    posterior, fitted, found = posterior_of(result), result.kinematics, []
     if not posterior.noise:
         found.append(Fresh("given", np.broadcast_to(own_noise(result, "robot"), (*G.shape[:-2], 6, 6)), 1.0, NONE))
         if of_joints is not None and fitted is not None:
@@ -333,7 +351,7 @@ def _fresh_of_robot(result: Predicting, G: Array, of_joints: Array | None) -> tu
 
 def fresh_of_camera(result: Predicting, camera: Array) -> tuple[Fresh, ...]:
     """Noises of camera poses (m, 4, 4) to come."""
-    posterior, shape = _posterior(result), (len(camera), 6, 6)
+    posterior, shape = posterior_of(result), (len(camera), 6, 6)
     if not posterior.noise:
         return (Fresh("given", np.broadcast_to(own_noise(result, "camera"), shape), 1.0, NONE),)
     found = []
@@ -351,7 +369,7 @@ def fresh_of_camera(result: Predicting, camera: Array) -> tuple[Fresh, ...]:
 
 def shared_effects(result: Predicting, side: Literal["robot", "camera"], robot: Array, camera: Array) -> Array:
     """(m, 6, q) what shared errors of a side do to m poses, where names or the camera's calibration tell; else 0."""
-    posterior = _posterior(result)
+    posterior = posterior_of(result)
     found = np.zeros((len(robot), 6, len(posterior.names)))
     poses = PosePairs(robot, camera, result.setup or "eye-in-hand")
     calibrated = poses if (data := bound_to(result)) is None else data
@@ -384,7 +402,7 @@ def _calibrated(result: Predicting) -> PosePairs | None:
 
 def bound_to(result: Predicting) -> PosePairs | None:
     """Return the poses that errors of poses were bound to."""
-    posterior = _posterior(result)
+    posterior = posterior_of(result)
     if posterior.bound is not None:
         return PosePairs(*posterior.bound, result.setup or "eye-in-hand")
     return _calibrated(result)
@@ -392,7 +410,7 @@ def bound_to(result: Predicting) -> PosePairs | None:
 
 def errors_of_poses(result: Predicting) -> list[SharedError]:
     """Return the errors whose numbers belong to the poses of the calibration, bound to them."""
-    poses, posterior = bound_to(result), _posterior(result)
+    poses, posterior = bound_to(result), posterior_of(result)
     if poses is None:
         return []
     groups = dict.fromkeys(map(group_of, posterior.names))
@@ -436,20 +454,6 @@ def own_noise(result: Predicting, side: Literal["robot", "camera"]) -> Array:
         own = own - fitted.joint_noise**2 * J @ J.mT
     values, vectors = np.linalg.eigh(own.reshape(-1, 6, 6).mean(axis=0))
     return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T)
-
-
-def _posterior(result: Predicting) -> Posterior:
-    if result.opened is not None:
-        raise InputError(
-            "Predictions need all of X and W, and the motions leave a part of them open (`opened`). Close it by a "
-            "prior (prior_X, prior_W), or calibrate with rotations about another axis."
-        )
-    if result.posterior is None or result.W is None:
-        raise InputError(
-            "Predictions need X and W together: expected a calibration of poses by efficient or ml whose motions leave "
-            "nothing open."
-        )
-    return result.posterior
 
 
 def _symmetric(S: Array) -> Array:

@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     from ...core.presentation.document import Block
     from ...model.poses.pose_pairs import PosePairs
     from ...use.maintenance.check_result import ChangeCheck
-    from ...use.maintenance.series.alarm import SeriesAlarm
-    from ...use.maintenance.series.log import CheckSeries
+    from ...use.maintenance.log import CheckSeries
+    from ...use.maintenance.series_alarm import SeriesAlarm
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class Logged:
     def document(self, short: bool) -> "list[list[Block]]":
         """Return the answer of the series, below that of the check."""
         from ...core.presentation.document import Paragraph, groups_of
-        from ...use.maintenance.series.text import alarm_document, series_sentences
+        from ...use.maintenance.series_alarm import alarm_document, series_sentences
 
         blocks = [block for part in groups_of(alarm_document(self.alarm)) for block in part]
         if short:
@@ -47,15 +47,15 @@ class Logged:
 
     def figure(self) -> "Figure":
         """Return the figure of the series."""
-        from ...use.maintenance.series.figure import series_figure
+        from ...use.maintenance.series_figure import series_figure
 
         return series_figure(self.series, self.alarm)
 
 
 def logged(path: Path, result: "Calibration", poses: "PosePairs", check: "ChangeCheck", every: float | None) -> Logged:
     """Add a check to the log, and evaluate the series."""
-    from ...use.maintenance.series.alarm import EVERY, series_alarm
-    from ...use.maintenance.series.log import log_check
+    from ...use.maintenance.log import log_check
+    from ...use.maintenance.series_alarm import EVERY, series_alarm
 
     series = log_check(path, result, poses, check)
     return Logged(series, series_alarm(result, series, EVERY if every is None else every))
@@ -118,8 +118,8 @@ def check_command(
     from ...calibration.result import Calibration
     from ...model.posterior.owners import THINGS
     from ...use.maintenance.check import check
-    from ...use.maintenance.check_text import check_document
-    from ...use.maintenance.series.cusum import limit_for
+    from ...use.maintenance.check_result import check_document
+    from ...use.maintenance.cusum import limit_for
 
     if every is not None:
         if log is None:

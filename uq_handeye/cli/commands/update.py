@@ -68,7 +68,7 @@ def update_command(
         raise InputError("--no-compare needs --report FILE. Add it.")
     from ...calibration.result import Calibration
     from ...model.posterior.owners import THINGS
-    from ...use.maintenance.together.update import gain, update
+    from ...use.maintenance.update import gain, update
 
     with _held_if_replaced(result, output):
         stored = Calibration.from_json(result)
@@ -125,8 +125,7 @@ def diff_command(
         three if the results have poses in common.
     """
     from ...calibration.result import Calibration
-    from ...use.maintenance.together.difference import difference
-    from ...use.maintenance.together.difference_text import difference_document
+    from ...use.maintenance.difference import difference, difference_document
 
     found = difference(Calibration.from_json(old), Calibration.from_json(new), same=names_of(same))
     if as_json:

@@ -131,7 +131,7 @@ class TouchesToUse:
         if touches is None:
             return result, ""
         from ...calibration.evidence.absorb import include_touches
-        from ...use.verification.input_checks import require_metres
+        from ...use.verification.touches_file import require_metres
 
         require_metres(result, touches)
         found = include_touches(result, touches)

@@ -23,8 +23,8 @@ from ...core.runtime.read_only import ReadOnlyArrays
 from ...model.kinematics.kinematic_errors import JOINT_NOISE
 from ...model.noise.camera_noise import INTRINSICS
 from ...model.noise.joint_covariance import JointCovariance
-from ...model.posterior.factors import factor_of
 from ...model.posterior.posterior import FreshNoise, Posterior, SizePoints
+from ...model.posterior.rows import factor_of
 from ...model.shared_errors.view import median_distance
 from .engine import LatentModel
 from .estimation import BY_VIEW, FoundSizes

@@ -31,9 +31,8 @@ from ...core.geometry.se3 import Array
 from ...core.runtime.read_only import ReadOnlyArrays
 from ...errors import InputError
 from ..noise.joint_covariance import group_of
-from .factors import factor_of
 from .owners import owner_of
-from .rows import NewRows, Test
+from .rows import NewRows, Test, factor_of
 from .selection import Selection, covariance_of, select
 
 # Entries of the relative covariances are stored so exactly, and with so many digits.

@@ -33,8 +33,7 @@ from ...core.files.records import Record
 from ...core.geometry.se3 import Array
 from ...core.runtime.read_only import ReadOnlyArrays
 from ...model.poses.pose_pairs import PosePairs
-from ...model.posterior.reference import PredictiveReference
-from ...model.posterior.rows import NewRows
+from ...model.posterior.rows import NewRows, PredictiveReference
 from ...model.shared_errors.shared_error import SharedError
 
 CAMERA_MOVED, TARGET_MOVED, FOCAL_LENGTH, TARGET_SIZE, IMAGE_CENTRE, ONE_POSE = (

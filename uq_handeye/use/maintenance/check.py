@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ...calibration.evidence.new_poses import PoseEvidence, evidence_of_poses
-from ...calibration.evidence.state import Calibrated
+from ...calibration.prediction.predict import Predicting
 from ...calibration.statement.tolerance import Tolerance
 from ...core.geometry.se3 import Array
 from ...errors import InputError
@@ -33,10 +33,9 @@ from .causes import (
     compare_causes,
     distances,
 )
-from .check_result import CANNOT_TELL, CHANGED, UNCHANGED, ChangeCheck
+from .check_result import CANNOT_TELL, CHANGED, UNCHANGED, ChangeCheck, Detectable, detectable_changes
+from .joined_poses import common_poses
 from .misread import LENS, SMALL_FACTOR, misread, scale_finding
-from .power import Detectable, detectable_changes
-from .together.joined_poses import common_poses
 
 # Level of the test: the share of false alarms.
 LEVEL = 0.05
@@ -48,7 +47,7 @@ OVERSTATED = 0.99
 
 
 def check(
-    result: Calibrated,
+    result: Predicting,
     poses: PosePairs,
     *,
     noise: PoseNoise | None = None,
@@ -142,7 +141,7 @@ def check(
 
 
 def _of_change(
-    result: Calibrated, poses: PosePairs, evidence: PoseEvidence, causes: Causes, asked: tuple[Any, Any, Any]
+    result: Predicting, poses: PosePairs, evidence: PoseEvidence, causes: Causes, asked: tuple[Any, Any, Any]
 ) -> tuple[str, list[Finding]]:
     """Status and findings of poses that contradict the calibration; ``asked``: noise, joints and what is the same."""
     noise, joints, same = asked
@@ -169,7 +168,7 @@ def _of_change(
     return CHANGED, [Finding("maintenance.few_poses", "note", {"n": poses.n})] if poses.n < 3 else []
 
 
-def _require_new(result: Calibrated, poses: PosePairs) -> None:
+def _require_new(result: Predicting, poses: PosePairs) -> None:
     """Raise `InputError` where a pose was used by the calibration: its errors are those of X, and show no change."""
     used = result.counted
     if isinstance(used, PosePairs) and (twice := common_poses(used, poses)):

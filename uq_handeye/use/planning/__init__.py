@@ -1,3 +1,1 @@
 """Planning of the poses to add next."""
-
-from . import text as text  # registers the words of a plan

@@ -1,4 +1,4 @@
-"""A plan of further poses."""
+"""A plan of further poses: what they would bring and where they are, also in words, units on every number."""
 
 from __future__ import annotations
 
@@ -8,16 +8,17 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from ...core.files.csv_text import csv_text
 from ...core.geometry.conventions import CONVENTION
 from ...core.geometry.frames import SETUPS
 from ...core.geometry.se3 import Array
-from ...core.presentation.document import document_of, to_text
+from ...core.presentation.document import Document, Paragraph, Table, document_of, to_text
 from ...core.presentation.notebook import to_html
 from ...core.runtime.read_only import ReadOnlyArrays
 from ...errors import InputError
-from ...formats.controllers.forms import CONTROLLERS, SINGLE, WRITTEN, written_poses
+from ...formats.controllers.forms import CONTROLLERS, SINGLE, WRITTEN, columns, in_form, written_poses
 from ...model.noise.models import PoseNoise
 from ...model.noise.to_dict import noise_to_dict
 from ...read import json_text, pose_text, write_atomically
@@ -187,3 +188,146 @@ def _step(covariance: Array, criterion: float, std: Array, worst: Array) -> dict
         "worst_translation": float(worst[1]),
         "criterion": float(criterion),
     }
+
+
+# Letters of the longest name of a joint that heads a column.
+WIDEST = 8
+
+
+@document_of.register(Plan)
+def plan_document(plan: Plan) -> Document:
+    """A sentence, a table, and what the numbers mean."""
+    return [Paragraph(headline(plan)), _table(plan), [Paragraph(note) for note in _notes(plan)]]
+
+
+def headline(plan: Plan) -> str:
+    """State in one sentence or two what the poses would bring."""
+    k = len(plan.chosen)
+    before, after = plan.worst[0], plan.worst[-1]
+    poses = f"{k} more {'pose' if k == 1 else 'poses'} would bring"
+    if len(plan.open_directions):
+        parent = plan.frame.split("_T_")[0]
+        what = " and ".join(_direction(a) for a in plan.open_directions)
+        return (
+            f"The {plan.n_poses} poses so far leave {plan.frame} open: {what} of the {parent} frame. {poses} its "
+            f"translation to {_mm(after[1])} mm, its rotation to {_deg(after[0])} deg (standard deviation, worst axis)."
+        )
+    return (
+        f"{poses} the translation of {plan.frame} from {_mm(before[1])} to {_mm(after[1])} mm and its rotation from "
+        f"{_deg(before[0])} to {_deg(after[0])} deg (standard deviation, worst axis)."
+    )
+
+
+def _table(plan: Plan) -> Table:
+    name, unit = {"logdet": ("log", "det")}.get(plan.criterion, ("error", "mm"))
+    named, in_units, places = _of_poses(plan) if plan.joints is None else _of_joints(plan, plan.joints)
+    head = ["step", "candidate", *named, "rotation", "translation", name]
+    units = ["", "", *in_units, "sd, deg", "sd, mm", unit]
+    rows = [["so far", *[""] * (1 + len(named)), *_numbers(plan, plan.worst[0], plan.criterion_before)]]
+    for step, (row, place, worst, value) in enumerate(
+        zip(plan.chosen, places, plan.worst[1:], plan.criterion_values, strict=True), start=1
+    ):
+        rows.append([str(step), str(row), *place, *_numbers(plan, worst, float(value))])
+    return Table("", head, rows, units=units, named=False)
+
+
+def _of_poses(plan: Plan) -> tuple[list[str], list[str], list[list[str]]]:
+    """Columns of robot poses: names, units, texts."""
+    if (form := CONTROLLERS.get(plan.form or "")) is not None:
+        names, units = columns(form)
+        digits = [4 if unit in ("m", "rad", "") else 3 if unit == "deg" else 1 for unit in units]
+        rows = [[f"{x:.{k}f}" for x, k in zip(row, digits, strict=True)] for row in in_form(plan.robot, form).tolist()]
+        return names, units, rows
+    quaternions = Rotation.from_matrix(plan.robot[:, :3, :3]).as_quat(canonical=True)
+    places = [
+        [f"{1e3 * x:.1f}" for x in G[:3, 3]] + [f"{x:.4f}" for x in q]
+        for G, q in zip(plan.robot, quaternions, strict=True)
+    ]
+    return ["x", "y", "z", "qx", "qy", "qz", "qw"], ["mm"] * 3 + [""] * 4, places
+
+
+def _short_names(plan: Plan) -> list[str]:
+    """Names of the joints, or q1, q2, ... where they would make the table too wide."""
+    short = max(map(len, plan.joint_names)) <= WIDEST
+    return list(plan.joint_names) if short else [f"q{k}" for k in range(1, len(plan.joint_names) + 1)]
+
+
+def _of_joints(plan: Plan, joints: Array) -> tuple[list[str], list[str], list[list[str]]]:
+    """Columns of joints: names, units, texts."""
+    units = ["deg" if unit == "rad" else "mm" for unit in plan.joint_units]
+    factors = [180.0 / np.pi if unit == "deg" else 1e3 for unit in units]
+    return (
+        _short_names(plan),
+        units,
+        [[f"{factor * value:.2f}" for factor, value in zip(factors, q.tolist(), strict=True)] for q in joints],
+    )
+
+
+def _numbers(plan: Plan, worst: Array, value: float) -> list[str]:
+    return [_deg(worst[0]), _mm(worst[1]), f"{value:.2f}" if plan.criterion == "logdet" else _mm(float(np.sqrt(value)))]
+
+
+def _notes(plan: Plan) -> list[str]:
+    origin = "drawn around the target" if plan.sampled else "given"
+    if plan.joints is None:
+        names, by = ["x", "qw"], ""
+        if (form := CONTROLLERS.get(plan.form or "")) is not None:
+            names, by = columns(form)[0], f" as {form.maker} writes it"
+        what = f"{names[0]} to {names[-1]}: base_T_gripper{by}"
+    else:
+        names = _short_names(plan)
+        what = f"{names[0]} to {names[-1]}: joints {', '.join(plan.joint_names)}"
+    notes = [
+        f"candidate: row among the {plan.n_candidates} candidates {origin}, from 0. {what}. sd: "
+        "standard deviation of X along its worst axis, once the pose is taken too. " + _criterion(plan),
+    ]
+    if len(plan.open_directions):
+        notes.append(
+            "CAUTION: where X is open, a weak prior stands in for what is not known (standard deviation "
+            f"{PRIOR:g} rad, {PRIOR:g} m), and the camera may miss the target. Take the first pose, see that the "
+            "target is in the image, and plan again."
+        )
+    whose = "estimated from the poses so far" if plan.noise_estimated else "given"
+    included = f", and for what all poses share of {', '.join(plan.shared)}" if plan.shared else ""
+    if plan.joints is None:
+        limits = (
+            "Other systematic errors (such as those of the robot's kinematics) are not covered. Reach and obstacles "
+            "are not known: look at each pose before you drive there."
+        )
+    else:
+        limits = (
+            "The joints are inside their limits. Obstacles, and the arm itself in its way, are not known; branches of "
+            "elbow and wrist may change between poses: look at each pose before you drive there."
+        )
+    notes.append(f"Predicted to first order, for the noise {whose}{included}. {limits}")
+    return notes
+
+
+def _criterion(plan: Plan) -> str:
+    if plan.length is not None:
+        what = f"of points {_mm(plan.length)} mm from the camera, in all directions"
+    elif plan.point is not None:
+        point = ", ".join(f"{1e3 * x:g}" for x in plan.point)
+        what = f"of the point ({point}) mm in camera coordinates, in the {plan.frame.split('_T_')[0]} frame"
+    elif plan.task is not None:
+        where = f"the {len(plan.task)} {'given' if plan.task_given else 'ones spread over the joint limits'}"
+        what = f"of where the camera would see the target, at task postures ({where})"
+    else:
+        return "log det: of the covariance of X (rad, m), which the poses were chosen to make small."
+    return f"error: root mean square error {what}, which the poses were chosen to make small."
+
+
+def _direction(a: Array) -> str:
+    turn, shift = np.linalg.norm(a[:3]), np.linalg.norm(a[3:])
+    part, what = (a[:3], "rotation about") if turn > shift else (a[3:], "translation along")
+    part = part / max(turn, shift)
+    part = part if part[np.argmax(np.abs(part))] > 0 else -part
+    return f"{what} ({', '.join(f'{x + 0.0:+.2f}' for x in part)})"
+
+
+def _mm(metres: float) -> str:
+    return f"{1e3 * metres:.2f}" if metres < 0.1 else f"{1e3 * metres:.0f}"
+
+
+def _deg(radians: float) -> str:
+    return f"{np.degrees(radians):.3f}" if radians < 0.1 else f"{np.degrees(radians):.0f}"

@@ -57,6 +57,7 @@ class WeaklyKnown:
     open_directions: Array  # (r, 6)
     kinematics: None = None
     opened: None = None
+    method: str = ""
     shared: tuple[SharedEstimate, ...] = ()
 
     @property

@@ -1,4 +1,4 @@
-r"""A bias that touches share: its estimate, its tests, and the size that would show.
+r"""A bias that touches share: its estimate, its tests, the size that would show, and the touches to add.
 
 With the whitened differences w and the columns B of a bias (an offset in the base) and T of a tool that is not known,
 both whitened, Q the projection that leaves T out,
@@ -14,24 +14,28 @@ freedom. Where sizes are open, each has the distribution that the posterior give
 `POWER` where lambda is at least that of the reference: in the worst direction from the size
 ``sqrt(lambda * largest eigenvalue of Cov b)`` on. n times as many touches of the same kind divide the noise of touching
 and seeing by n; X, the shared errors and the tool stay, and set the limit.
+Further touches are those of the candidates that make the bias known best.
 """
 
 from __future__ import annotations
 
 from bisect import bisect_left
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
+from itertools import product
+from typing import Any
 
 import numpy as np
-from scipy.special import ndtri, stdtrit
 
-from ...calibration.evidence.touches import TouchEvidence
+from ...calibration.evidence.touches import Touches, TouchEvidence, evidence_of_touches
+from ...calibration.prediction.predict import Predicting
+from ...core.geometry.checks import as_numbers
 from ...core.geometry.se3 import Array
 from ...core.runtime.read_only import ReadOnlyArrays
-from ...model.posterior.reference import PredictiveReference
+from ...errors import InputError
+from ...model.posterior.rows import PredictiveReference
+from .result import LEVEL, POWER, NextTouch
 
-LEVEL = 0.05
-POWER = 0.95
 # Most touches that are ever recommended.
 MOST = 10_000
 # Of the information on a bias, the part that is rounding.
@@ -154,7 +158,75 @@ def touches_needed(evidence: TouchEvidence, tool_known: bool, size: float, level
     return bisect_left(range(MOST), True, lo=1, key=shows)
 
 
-def quantile_of_components(probability: float, noise_dof: float | None) -> float:
-    """Half width of an interval of one number, in standard deviations."""
-    tail_of_each = 0.5 * (1.0 + probability)
-    return float(ndtri(tail_of_each) if noise_dof is None else stdtrit(noise_dof, tail_of_each))
+# Views that are considered, and touches that are proposed.
+MOST_VIEWS = 12
+PROPOSED = 3
+
+
+def next_touches(
+    result: Predicting,
+    touches: Touches,
+    evidence: TouchEvidence,
+    level: float,
+    candidates: Any = None,
+) -> tuple[NextTouch, ...]:
+    """Choose touches one after the other, each the one after which the smallest bias would show.
+
+    Candidates are points of the region seen so far (the corners of its box and its centre), or those given, from each
+    robot pose at which points were seen. A touch has the orientation of the tool of its view's touch.
+    """
+    views = np.arange(touches.m)
+    if result.setup == "eye-in-hand" or touches.board is not None:
+        first = evidence.at * 0.0 if touches.robot is None else touches.robot[:, :3, 3]
+        keys = first if touches.board is None else np.hstack([first, touches.board[:, :3, 3]])
+        views = np.sort(np.unique(keys, axis=0, return_index=True)[1])
+    else:
+        views = views[:1]
+    views = views[np.linspace(0, len(views) - 1, min(len(views), MOST_VIEWS)).round().astype(int)]
+    points = _region(touches.seen) if candidates is None else _given(candidates)
+    pairs = list(product(views.tolist(), points))
+    rows = np.array([view for view, _ in pairs])
+    more = replace(touches.rows(rows), seen=np.array([p for _, p in pairs]))
+    at = evidence_of_touches(result, _touching(more, evidence, rows)).at
+    more = _touching(replace(more, touched=None if more.touched is None else at), evidence, rows, at)
+    new = evidence_of_touches(result, more)
+    every = evidence_of_touches(result, _both(touches, more))
+    m, chosen, found = touches.m, list(range(touches.m)), []
+    for _ in range(PROPOSED):
+        sizes = [detectable(every.rows([*chosen, m + j]), True, level) for j in range(len(pairs))]
+        best = int(np.argmin(sizes))
+        chosen.append(m + best)
+        found.append(NextTouch(more.seen[best], new.at[best], int(rows[best]), float(sizes[best])))
+    return tuple(found)
+
+
+def _touching(more: Touches, evidence: TouchEvidence, rows: Array, at: Array | None = None) -> Touches:
+    """The touches with the robot moved to the points, in the orientation of the touches that they are made of."""
+    if more.touched_robot is None or at is None:
+        return more
+    poses = np.array(more.touched_robot)
+    poses[:, :3, 3] += at - evidence.at[rows]
+    return replace(more, touched_robot=poses)
+
+
+def _both(one: Touches, other: Touches) -> Touches:
+    parts: dict[str, Any] = {
+        name: None if getattr(one, name) is None else np.concatenate([getattr(one, name), getattr(other, name)])
+        for name in ("seen", "touched", "robot", "joints", "touched_robot", "touched_joints", "seen_covariance",
+                     "touch_sd", "board", "board_covariance")
+    }  # fmt: skip
+    return replace(one, **parts, names=(*one.names, *other.names))
+
+
+def _region(seen: Array) -> Array:
+    """Corners and centre of the box of the points, each once."""
+    low, high = seen.min(axis=0), seen.max(axis=0)
+    corners = np.array([[(low, high)[bit][k] for k, bit in enumerate(bits)] for bits in product((0, 1), repeat=3)])
+    return np.unique(np.vstack([corners, 0.5 * (low + high)]), axis=0)
+
+
+def _given(candidates: Any) -> Array:
+    points = np.atleast_2d(as_numbers(candidates, "candidates"))
+    if points.ndim != 2 or points.shape[-1] != 3 or not len(points) or not np.isfinite(points).all():
+        raise InputError(f"Expected `candidates` to be finite points (c, 3) in metres, got shape {points.shape}.")
+    return points

@@ -15,10 +15,9 @@ from ...core.geometry.checks import as_numbers
 from ...core.geometry.se3 import Array, inverse
 from ...errors import InputError
 from ...findings import Finding
-from .input_checks import require_metres
-from .power import Bias, assess, detectable, limit, touches_needed
+from .power import Bias, assess, detectable, limit, next_touches, touches_needed
 from .result import Needed, PointTable, Verification
-from .where import next_touches
+from .touches_file import require_metres
 
 # Size of a bias (m) whose number of touches is stated where none is asked for.
 SHOWN = 0.5e-3

@@ -8,8 +8,7 @@ from pathlib import Path
 from ....calibration.evidence.touches import Touches, evidence_of_touches
 from ....calibration.result import Calibration
 from ....core.geometry.se3 import Array
-from ...verification.input_checks import require_metres
-from ...verification.touches_file import read_touches
+from ...verification.touches_file import read_touches, require_metres
 from ...verification.verify import verify
 from ..question import ONE_AT_A_TIME
 

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ....core.presentation.figure_parts import (
+from ...core.presentation.figure_parts import (
     BLUE,
     GREEN,
     INK,
@@ -22,9 +22,8 @@ from ....core.presentation.figure_parts import (
     finished,
     plain,
 )
-from .alarm import RESIDUALS, TARGET, SeriesAlarm, X
 from .log import CheckSeries
-from .text import day
+from .series_alarm import RESIDUALS, TARGET, SeriesAlarm, X, day
 
 _LINES = {
     X: (BLUE, "-", "shift of X"),

@@ -1,6 +1,6 @@
 """CUSUM alarm of a series of checks, with a stated false-alarm rate.
 
-Three charts of scores that are independent while nothing changes (`innovations`, `cusum`): the shift of X, the shift of
+Three charts of scores that are independent while nothing changes (`cusum`): the shift of X, the shift of
 the target, and all residuals. Each has the limit at which it alone raises one false alarm in three times ``every``
 checks on average; together they raise at most one in ``every``.
 
@@ -13,21 +13,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar
 
 import numpy as np
 
-from ....calibration.evidence.new_poses import evidence_of_poses
-from ....calibration.evidence.state import Calibrated
-from ....core.files.records import Record
-from ....core.geometry.se3 import Array
-from ....core.presentation.document import document_of, to_text
-from ....core.runtime.read_only import ReadOnlyArrays
-from ....errors import InputError
-from ....model.posterior.rows import NewRows
-from .cusum import cusum, limit_for, vector_cusum
-from .innovations import Innovations, Scores, scores_of
-from .log import CheckSeries, Identified, hash_of_result
+from ...calibration.evidence.new_poses import evidence_of_poses
+from ...calibration.result import Calibration
+from ...core.files.records import Record
+from ...core.formatting.numbers import digits, plus_minus
+from ...core.geometry.se3 import Array
+from ...core.presentation.document import Answer, Block, Document, Paragraph, document_of, to_text
+from ...core.runtime.read_only import ReadOnlyArrays
+from ...errors import InputError
+from ...model.posterior.rows import NewRows
+from .cusum import Innovations, Scores, cusum, limit_for, scores_of, vector_cusum
+from .log import CheckSeries, hash_of_result
 
 # One false alarm in so many checks on average.
 EVERY = 500.0
@@ -37,10 +37,6 @@ CHARTS = (X, TARGET, RESIDUALS)
 MOST_STARTS = 60
 # Causes whose gains differ by less are not separated: odds of 50 to 1.
 LEAD = 2.0 * float(np.log(50.0))
-
-
-class Logged(Calibrated, Identified, Protocol):
-    """Interface of a calibration, as far as its series needs it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,7 +106,7 @@ class SeriesAlarm(Record):
         return to_text(document_of(self))
 
 
-def series_alarm(result: Logged, series: CheckSeries, every: float = EVERY) -> SeriesAlarm:
+def series_alarm(result: Calibration, series: CheckSeries, every: float = EVERY) -> SeriesAlarm:
     """Evaluate the charts of a series.
 
     Parameters
@@ -169,3 +165,59 @@ def shifts_since(evidence: Sequence[NewRows], columns: Sequence[Array], starts: 
         estimate = covariance @ score
         found.append(Shift(estimate, covariance, float(estimate @ score)))
     return found
+
+
+WORDS = {X: "X", TARGET: "the target", RESIDUALS: "the residuals"}
+
+
+@document_of.register
+def alarm_document(found: SeriesAlarm) -> Document:
+    """Return the answer, what has moved, and the rate of false alarms."""
+    n = len(found.times)
+    if not n:
+        return [[Answer("Series: no check that can be used yet.", "caution")]]
+    rate = f"False alarms: at most one in {digits(found.every)} checks on average."
+    if found.alarm is None or found.since is None:
+        levels = ", ".join(f"{WORDS[c.name]} {100 * c.path[-1] / c.limit:.0f} %" for c in found.charts)
+        many = "1 check" if n == 1 else f"{n} checks"
+        return [[Answer(f"Series of {many}: no alarm.", "ok"), Paragraph(f"Of the limit: {levels}. {rate}", hang="  ")]]
+    blocks: list[Block] = [
+        Answer(f"ALARM of the series, at check {found.alarm + 1} of {n} ({day(found.times[found.alarm])}).", "failed")
+    ]
+    start = f"since about check {found.since + 1} ({day(found.times[found.since])})"
+    if not found.causes:
+        blocks.append(Paragraph(f"The residuals have grown, {start}: no shift explains it.", hang="  "))
+    for cause in found.causes:
+        assert found.shifts is not None
+        name = WORDS[cause]
+        words = f"{name[0].upper()}{name[1:]}" if cause == found.causes[0] else f"Or {name}"
+        blocks.append(
+            Paragraph(f"{words} has moved, {start}: {_size(found.shifts[cause])} (mean since then).", hang="  ")
+        )
+    return [[*blocks, Paragraph(rate, hang="  ")]]
+
+
+def series_sentences(series: CheckSeries) -> list[str]:
+    """Say which lines and checks of the log the charts do not use."""
+    found = [f"Line {number} of the log was skipped: {what}." for number, what in series.damaged[:3]]
+    if (more := len(series.damaged) - 3) > 0:
+        found.append(f"{more} more lines of the log were skipped.")
+    if left := [str(k + 1) for k, check in enumerate(series.checks) if not check.used]:
+        which = f"check {left[0]}" if len(left) == 1 else f"checks {', '.join(left)}"
+        found.append(f"The charts do not use {which}, with wrong or misread poses.")
+    return found
+
+
+def day(time: str) -> str:
+    """Return the date of a time."""
+    return time[:10]
+
+
+def _size(shift: Shift) -> str:
+    """Translation and rotation, by axis."""
+    sd = np.sqrt(np.diag(shift.covariance))
+    move, turn = (
+        ", ".join(plus_minus(float(unit * shift.estimate[k]), float(unit * sd[k])) for k in part)
+        for part, unit in ((range(3, 6), 1e3), (range(3), float(np.degrees(1.0))))
+    )
+    return f"translation x, y, z {move} mm; rotation {turn} deg"

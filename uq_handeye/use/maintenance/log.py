@@ -3,7 +3,7 @@
 Columns: ``time`` (ISO 8601), ``poses``, ``d2``, ``dof``, ``p_value``, ``answer``, ``cause``; the shift of X that the
 check asks for, by itself, with standard deviations (mm and deg, left rotation and additive translation); ``noise_dof``
 (empty where the noise was given); ``result``, a hash of the calibration; then what was measured, so that the checks can
-be held against the calibration together (`innovations`): numbers separated by blanks, poses by ``;``. Poses are
+be held against the calibration together (`cusum`): numbers separated by blanks, poses by ``;``. Poses are
 ``x y z qx qy qz qw`` (m), noise the 21 numbers of the lower triangle of 6 x 6 (empty: that of the calibration).
 
 A line that cannot be read is skipped and named. The log is replaced as a whole, so that it is never cut.
@@ -17,21 +17,22 @@ import hashlib
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
-from ....calibration.prediction.predict import Predicting, own_noise
-from ....core.files.atomic import held, write_atomically
-from ....core.files.csv_text import csv_text, plain_text
-from ....core.files.open import StrPath, as_path, opened, shown
-from ....core.geometry.se3 import Array
-from ....core.runtime.read_only import ReadOnlyArrays
-from ....errors import InputError
-from ....findings import Finding
-from ....model.noise.joint_covariance import JointCovariance
-from ....model.noise.models import PoseNoise
-from ....model.poses.pose_pairs import PosePairs
+from ...calibration.prediction.predict import own_noise
+from ...calibration.result import Calibration
+from ...core.files.atomic import held, write_atomically
+from ...core.files.csv_text import csv_text, plain_text
+from ...core.files.open import StrPath, as_path, opened, shown
+from ...core.geometry.se3 import Array
+from ...core.runtime.read_only import ReadOnlyArrays
+from ...errors import InputError
+from ...model.noise.joint_covariance import JointCovariance
+from ...model.noise.models import PoseNoise
+from ...model.poses.pose_pairs import PosePairs
+from .check_result import ChangeCheck
 
 NUMBERS = tuple(f"{axis}_mm" for axis in "xyz") + tuple(f"r{axis}_deg" for axis in "xyz")
 SHIFT = tuple(f"X_{name}" for name in NUMBERS)
@@ -50,59 +51,6 @@ NOT_USED = {
 # (theta, tau) in rad and m as the columns have them.
 _ORDER, _UNIT = np.array([3, 4, 5, 0, 1, 2]), np.array([1e3] * 3 + [180 / np.pi] * 3)
 _LOWER = np.tril_indices(6)
-
-
-class Identified(Protocol):
-    """Interface of a calibration, as far as its hash needs it."""
-
-    @property
-    def X(self) -> Array: ...
-    @property
-    def W(self) -> Array | None: ...
-    @property
-    def covariance(self) -> Array | None: ...
-    @property
-    def setup(self) -> str | None: ...
-
-
-class Checkable(Predicting, Identified, Protocol):
-    """Interface of a calibration whose checks are logged."""
-
-
-class Moved(Protocol):
-    """Interface of a cause: a shift of X."""
-
-    @property
-    def estimate(self) -> Array: ...
-    @property
-    def covariance(self) -> Array: ...
-
-
-class Causes(Protocol):
-    """Interface of the causes of a check, by name."""
-
-    def __getitem__(self, name: str) -> Moved: ...
-
-
-class Checked(Protocol):
-    """Interface of a check, as far as the log needs it."""
-
-    @property
-    def d2(self) -> float: ...
-    @property
-    def dof(self) -> int: ...
-    @property
-    def p_value(self) -> float: ...
-    @property
-    def noise_dof(self) -> float | None: ...
-    @property
-    def status(self) -> str: ...
-    @property
-    def candidates(self) -> tuple[str, ...]: ...
-    @property
-    def causes(self) -> Causes: ...
-    @property
-    def findings(self) -> tuple[Finding, ...]: ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,8 +73,8 @@ class LoggedCheck(ReadOnlyArrays):
     @classmethod
     def of(
         cls,
-        check: Checked,
-        result: Checkable,
+        check: ChangeCheck,
+        result: Calibration,
         poses: PosePairs,
         noise: PoseNoise | None = None,
         time: str | None = None,
@@ -205,7 +153,7 @@ class CheckSeries:
         return self.checks[0].result if self.checks else None
 
 
-def hash_of_result(result: Identified) -> str:
+def hash_of_result(result: Calibration) -> str:
     """Return 16 hexadecimal digits that identify X, W, their covariance and the setup."""
     digest = hashlib.sha256(str(result.setup).encode())
     for part in (result.X, result.W, result.covariance):
@@ -215,9 +163,9 @@ def hash_of_result(result: Identified) -> str:
 
 def log_check(
     path: StrPath,
-    result: Checkable,
+    result: Calibration,
     poses: PosePairs,
-    check: Checked,
+    check: ChangeCheck,
     *,
     noise: PoseNoise | None = None,
     time: str | None = None,
@@ -252,7 +200,7 @@ def now() -> str:
     return datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
 
 
-def read_checks(path: StrPath, result: Identified | None = None) -> CheckSeries:
+def read_checks(path: StrPath, result: Calibration | None = None) -> CheckSeries:
     """Read a log; lines that are damaged are named in ``damaged``.
 
     Raises
@@ -295,7 +243,7 @@ def _read(path: StrPath) -> str:
         return file.read().decode("utf-8", errors="replace").removeprefix("\ufeff")
 
 
-def _series(text: str, path: StrPath, result: Identified | None) -> CheckSeries:
+def _series(text: str, path: StrPath, result: Calibration | None) -> CheckSeries:
     lines = text.splitlines()
     where = shown(as_path(path))
     if not lines or next(csv.reader(lines[:1]), None) != list(COLUMNS):
@@ -319,7 +267,7 @@ def _series(text: str, path: StrPath, result: Identified | None) -> CheckSeries:
     return CheckSeries(tuple(checks), tuple(damaged))
 
 
-def _noise_of_pictures(result: Checkable, poses: PosePairs) -> PoseNoise:
+def _noise_of_pictures(result: Calibration, poses: PosePairs) -> PoseNoise:
     """Return the noise of camera poses from corners, as the check took it (`evidence.new_poses`).
 
     Poses with intrinsics of their own share these errors; the log takes those of the calibration in addition.

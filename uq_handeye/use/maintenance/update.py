@@ -17,23 +17,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ....calibration.calibrate import calibrate
-from ....calibration.evidence.absorb import absorbed_into
-from ....calibration.evidence.new_poses import evidence_of_poses
-from ....calibration.provenance import Provenance
-from ....calibration.result import Calibration
-from ....core.formatting.numbers import digits, probability
-from ....core.geometry.checks import as_numbers
-from ....errors import InputError
-from ....findings import Finding
-from ....model.noise.models import PoseNoise
-from ....model.poses.pose_pairs import PosePairs
-from ....model.poses.to_dict import sha256_of
-from ....model.posterior.owners import THINGS, checked_things
-from ..check import check
-from ..misread import MISREAD
-from .joined_poses import joined_poses, require_joinable
-from .request import arguments, holds_request, measured_poses
+from ...calibration.calibrate import calibrate
+from ...calibration.evidence.absorb import absorbed_into
+from ...calibration.evidence.new_poses import evidence_of_poses
+from ...calibration.provenance import Provenance
+from ...calibration.result import Calibration
+from ...core.formatting.numbers import digits, probability
+from ...core.geometry.checks import as_numbers
+from ...errors import InputError
+from ...findings import Finding
+from ...model.noise.models import PoseNoise
+from ...model.poses.pose_pairs import PosePairs
+from ...model.poses.to_dict import sha256_of
+from ...model.posterior.owners import THINGS, checked_things
+from .check import check
+from .joined_poses import arguments, holds_request, joined_poses, measured_poses, require_joinable
+from .misread import MISREAD
 
 # Name, among the options of a provenance, of what was put together: hash and number of poses of each part.
 TOGETHER = "together"

@@ -1,30 +1,31 @@
-"""`difference`: two results of one rig, their difference with its covariance, and whether chance explains it."""
+"""`difference`: two results of one rig, their difference with its covariance, whether chance explains it,
+and that in words.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from scipy.special import chdtrc, fdtrc
 
-from ....calibration.result import Calibration
-from ....calibration.statement.stated import distance_of
-from ....core.files.atomic import json_text
-from ....core.geometry.se3 import Array, logarithm
-from ....core.presentation.document import to_text
-from ....core.runtime.read_only import ReadOnlyArrays
-from ....errors import InputError
-from ....fit.diagnostics.task_space import by_pose
-from ....fit.likelihood.d2_distribution import Reference
-from ....model.poses.pose_pairs import PosePairs
-from ....model.posterior.owners import CAMERA, ROBOT, TARGET, THINGS, checked_things, require_same
-from .difference_text import difference_document
+from ...calibration.result import Calibration
+from ...calibration.statement.stated import distance_of
+from ...core.files.atomic import json_text
+from ...core.files.records import Record
+from ...core.formatting.numbers import concise, digits, probability
+from ...core.geometry.se3 import Array, logarithm
+from ...core.presentation.document import Answer, Block, Document, Paragraph, to_text
+from ...errors import InputError
+from ...fit.diagnostics.task_space import by_pose
+from ...fit.likelihood.d2_distribution import Reference
+from ...model.poses.pose_pairs import PosePairs
+from ...model.posterior.owners import CAMERA, ROBOT, TARGET, THINGS, checked_things, require_same
 from .in_common import difference_covariance
-from .joined_poses import common_poses
-from .request import counted, holds_request, measured_poses
+from .joined_poses import common_poses, counted, holds_request, measured_poses
 from .update import parts_of, touches_of
 
 # Directions of a difference whose variance is below this share of that of the two results are not tested: rounding.
@@ -34,7 +35,7 @@ POSTERIOR, INNOVATION, INDEPENDENT, EQUAL = "posterior", "innovation", "independ
 
 
 @dataclass(frozen=True, eq=False)
-class Difference(ReadOnlyArrays):
+class Difference(Record):
     """New minus old, ``R_new = exp([theta]x) R_old``, ``t_new = t_old + tau``, of X and of W (rad, m; parent frames).
 
     Attributes
@@ -66,6 +67,11 @@ class Difference(ReadOnlyArrays):
     dof : float or None
         Degrees of freedom of the noise that was estimated; None: it was given.
     """
+
+    _in_file: ClassVar[str] = (
+        "frame frame_W difference=xi covariance p_value_X p_value_W p_value at_target=_at_target how "
+        "common_poses=common same n_poses methods"
+    )
 
     xi: Array
     covariance: Array
@@ -111,6 +117,10 @@ class Difference(ReadOnlyArrays):
         """Move (3,) of the point at the target and its covariance (3, 3), m, in the parent frame of X."""
         return self.lever @ self.xi[:6], self.lever @ self.covariance[:6, :6] @ self.lever.T
 
+    @property
+    def _at_target(self) -> dict[str, Array]:
+        return dict(zip(("point", "move", "covariance"), (self.point, *self.at_target), strict=True))
+
     def _p_value(self, part: slice) -> float:
         d2, k = self._test(part)
         if k == 0:
@@ -125,25 +135,6 @@ class Difference(ReadOnlyArrays):
         along = vectors.T @ np.linalg.solve(L, self.xi[part])
         free = values > NOTHING
         return float(np.sum(along[free] ** 2 / values[free])), int(free.sum())
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain numbers, lists and text; rad and m."""
-        move, S = self.at_target
-        return {
-            "frame": self.frame,
-            "frame_W": self.frame_W,
-            "difference": self.xi.tolist(),
-            "covariance": self.covariance.tolist(),
-            "p_value_X": self.p_value_X,
-            "p_value_W": self.p_value_W,
-            "p_value": self.p_value,
-            "at_target": {"point": self.point.tolist(), "move": move.tolist(), "covariance": S.tolist()},
-            "how": self.how,
-            "common_poses": self.common,
-            "same": list(self.same),
-            "n_poses": list(self.n_poses),
-            "methods": list(self.methods),
-        }
 
     def to_json(self) -> str:
         """JSON text."""
@@ -308,3 +299,74 @@ def _dof(old: Reference, new: Reference, inside: bool) -> float | None:
 
 
 __all__ = ["CAMERA", "ROBOT", "TARGET", "Difference", "difference"]
+
+
+# p-values below which a difference is said to be one, and to be clear.
+DIFFERS, CLEARLY = 0.05, 0.001
+
+
+def difference_document(found: Difference) -> Document:
+    """A sentence, the numbers of X and W, and what counted once."""
+    lines: list[Block] = [_answer(found)]
+    if found.how != "equal":
+        lines += [Paragraph(text, hang="  ") for text in (*_pose(found, 0), _point(found))]
+        if found.p_value_W is not None:
+            lines += [Paragraph(text, hang="  ") for text in _pose(found, 6)]
+    return [lines, [Paragraph(text) for text in _made_of(found)]]
+
+
+def _answer(found: Difference) -> Answer:
+    p = found.p_value_X
+    if found.how == "equal":
+        return Answer(f"{found.frame}: the two results are one: the difference is 0, and there is nothing to test.")
+    if p < DIFFERS:
+        clearly = "differ clearly" if p < CLEARLY else "differ"
+        words = f"The results of {found.frame} {clearly}: by more than their uncertainty explains ({probability(p)})."
+        return Answer(words, "caution")
+    return Answer(f"The results of {found.frame} agree within their uncertainty ({probability(p, 2)}).")
+
+
+def _pose(found: Difference, start: int) -> list[str]:
+    """Two lines: translation in mm and rotation in deg."""
+    frame, p = (found.frame, found.p_value_X) if start == 0 else (found.frame_W, found.p_value_W)
+    xi, std = np.asarray(found.xi), np.asarray(found.std)
+    parts = [_three("translation", 1e3 * xi[start + 3 : start + 6], 1e3 * std[start + 3 : start + 6], "mm")]
+    parts.append(_three("rotation", np.degrees(xi[start : start + 3]), np.degrees(std[start : start + 3]), "deg"))
+    assert p is not None
+    return [f"{frame}, new minus old ({probability(p, 2)}):", *(f"  {part}" for part in parts)]
+
+
+def _three(what: str, values: Array, std: Array, unit: str) -> str:
+    numbers = [f"{axis} {concise(float(values[k]), float(std[k]))}" for k, axis in enumerate("xyz")]
+    return f"{what} {', '.join(numbers)} {unit}; {digits(float(np.linalg.norm(values)), 2)} {unit} in all"
+
+
+def _point(found: Difference) -> str:
+    move, S = found.at_target
+    size = float(np.linalg.norm(move))
+    along = move / size if size > 0 else np.array([0.0, 0.0, 1.0])
+    sd = float(np.sqrt(max(float(along @ S @ along), 0.0)))
+    return (
+        f"A point at the target, {digits(float(found.point[2]), 2)} m ahead of the camera, moves by "
+        f"{concise(1e3 * size, 1e3 * sd, 'mm')}."
+    )
+
+
+def _made_of(found: Difference) -> list[str]:
+    n_old, n_new = found.n_poses
+    methods = "" if found.methods[0] == found.methods[1] else f" (methods {found.methods[0]} and {found.methods[1]})"
+    poses = f"Old: {n_old} poses; new: {n_new} poses{methods}."
+    if found.how == "equal":
+        return [poses]
+    if found.how == "innovation":
+        return [f"{poses} One result holds all data of the other: what both hold counts once (C_old - C_new)."]
+    if found.how == "independent":
+        overlap = f" They share {found.common} poses, so that it is too large." if found.common else ""
+        return [f"{poses} Assumed: the errors of both are independent, and the covariances add up.{overlap}"]
+    if found.common:
+        return [f"{poses} {found.common} poses are in both and count once, as do errors of robot, camera and target."]
+    if found.same:
+        rest = [name for name in ("robot", "camera", "target") if name not in found.same]
+        others = f" Assumed: independent errors of {' and '.join(rest)}." if rest else ""
+        return [f"{poses} No pose is in both. The same in both: {' and '.join(found.same)}.{others}"]
+    return [f"{poses} No pose is in both. Assumed: independent errors, also of robot, camera and target."]
