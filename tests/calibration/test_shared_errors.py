@@ -196,7 +196,7 @@ def test_damaged_shared_errors_are_refused_by_one_line(by_default, change):
 def test_an_offset_between_clocks_is_a_row():
     rng = np.random.default_rng(SEED)
     poses = uq.simulate(25, noise=NOISE, seed=SEED)
-    timing = uq.poses.timing.Timing(0.0123, 4e-4, 0.1 * rng.normal(size=(25, 6)), "robot")
+    timing = uq.model.poses.timing.Timing(0.0123, 4e-4, 0.1 * rng.normal(size=(25, 6)), "robot")
     result = quietly(uq.PosePairs(poses.robot, poses.camera, poses.setup, np.arange(25.0), None, (), timing))
     row = next(row for row in shared_table(result).rows if row[0] == "clock offset")
     assert row[1:] == ["estimated from the streams", "12.30(40) ms", f"{100 * result.time_offset.share:.1f} %"]

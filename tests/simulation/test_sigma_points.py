@@ -45,7 +45,7 @@ def pose_problem(method, sd, joint, setup="eye-in-hand"):
     rng = np.random.default_rng([SEED, 1])
     X, robot, camera = exact_poses(rng, POSES, setup)
     G = robot if setup == "eye-in-hand" else inverse(robot)
-    truth = uq.poses.pose_pairs.Truth(X, G[0] @ X @ camera[0], robot, camera)
+    truth = uq.model.poses.pose_pairs.Truth(X, G[0] @ X @ camera[0], robot, camera)
     S = random_covariance(rng, 6 * POSES, sd=sd) if joint else random_covariance(rng, sd=sd)
     noise = uq.PoseNoise(random_covariance(rng, shape=(POSES,), sd=sd), S)
     return experiment(uq.PosePairs(robot, camera, setup, truth=truth), noise, method)

@@ -96,7 +96,7 @@ def test_own_covariances_are_those_of_the_trials(at, samples):
 def test_problem_2_is_4dpa_at_finite_d(at):
     """On images of motions it is `solve` at the paper's d."""
     rng = np.random.default_rng(1)
-    B = uq.Motions(at.truth.A, uq.simulation.rig.disturbed(at.truth.B, at.noise.B, (), rng)).B
+    B = uq.Motions(at.truth.A, uq.trials.simulation.rig.disturbed(at.truth.B, at.noise.B, (), rng)).B
     E, Z = (so4_from_se3(T, PAPER_SCALE) for T in (at.truth.A, B))
     found = errors(problem_2(E, Z), uq.solve(at.truth.A, B, scale=PAPER_SCALE))
     assert np.abs(found).max() < 1e-9
