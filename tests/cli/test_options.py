@@ -18,8 +18,7 @@ from uq_handeye.calibration.request import BUNDLE, COVARIANCES
 from uq_handeye.cli import app as cli
 from uq_handeye.cli.commands import files as cli_files
 from uq_handeye.cli.options import common as cli_options
-from uq_handeye.cli.options.common import choices, made_of, methods_of, one_of
-from uq_handeye.cli.options.declared import parameters_of, without_options
+from uq_handeye.cli.options.common import choices, made_of, methods_of, one_of, parameters_of, without_options
 from uq_handeye.core.formatting.units import LENGTH_UNITS
 from uq_handeye.core.geometry.frames import SETUPS
 from uq_handeye.fit.likelihood.gauss_helmert import ESTIMATORS

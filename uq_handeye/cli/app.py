@@ -14,7 +14,7 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from types import FrameType
-from typing import Annotated, Any
+from typing import Any
 
 import typer
 
@@ -65,10 +65,12 @@ app = typer.Typer(
 
 @with_help_all
 @with_messages
-def _start(
-    context: typer.Context,
-    version: Annotated[bool, typer.Option("--version", metavar="", help="Print the version and exit.")] = False,
-) -> None:
+def _start(context: typer.Context, version: bool = False) -> None:
+    """Program.
+
+    Options:
+      --version: Print the version and exit.
+    """
     if version:
         from .._version import __version__
 

@@ -6,16 +6,13 @@ Options of the report: its title block, paper, and whether its folded sections a
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
-import typer
-
-from ..core.files.about import ABOUT, read_about
+from ..core.files.about import read_about
 from ..core.runtime.progress import working
 from ..errors import InputError
 from .messages import LOG, progress_wanted, timed
-from .options.common import emit, named_folder, one_of, option, require_writable
-from .options.declared import OUTPUT, common_in
+from .options.common import PAPERS, emit, one_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -65,29 +62,6 @@ def deliver_camera_poses(
         emit(f"{found.summary()}\nWrote {output}. Next: {go_on} {output}\n")
 
 
-# ------------------------------------------------------------------------------- -o FILE.csv, deprecated
-
-
-def folder_or_csv_option(help: str) -> Any:
-    """Return the option ``-o DIR`` of a command that took ``-o FILE.csv`` before, and still does."""
-    group = common_in(OUTPUT)
-    return typer.Option(
-        "-o", "--output", metavar="DIR", callback=_folder_or_csv, help=help, rich_help_panel=group, show_default=False
-    )
-
-
-def _folder_or_csv(path: Path | None) -> Path | None:
-    if not is_csv(path):
-        return named_folder(path)
-    require_writable(path, "-o")
-    return path
-
-
-def is_csv(path: Path | None) -> bool:
-    """Return whether ``-o`` names a CSV file, as it did before it named a folder."""
-    return path is not None and path.suffix.lower() == ".csv" and not path.is_dir()
-
-
 def deliver_csv(path: Path, table: str) -> str:
     """Write the table alone to ``-o FILE.csv``, with a note that this form is going to end."""
     from ..read import write_atomically
@@ -95,19 +69,6 @@ def deliver_csv(path: Path, table: str) -> str:
     write_atomically(path, table)
     LOG.info("-o FILE.csv is deprecated: -o names a folder, as for all other commands, e.g. -o %s/.", path.stem)
     return f"\nWrote {path}\n"
-
-
-PAPERS = ("a4", "letter")
-AboutOption = Annotated[
-    list[str] | None,
-    option(
-        "--about",
-        panel=OUTPUT,
-        common=True,
-        metavar="KEY=VALUE",
-        help=f"Title block, or a TOML file. Keys: {', '.join(ABOUT)}. Repeatable.",
-    ),
-]
 
 
 @dataclass(frozen=True)
@@ -119,7 +80,7 @@ class ReportOptions:
 
 
 def report_options_of(
-    about: AboutOption = None,
+    about: list[str] | None = None,
     full_report: bool = False,
     paper: str = "a4",
 ) -> ReportOptions:
@@ -127,7 +88,6 @@ def report_options_of(
 
     Options (Output):
       --full-report: Open the folded sections of the report, also in the PDF. Default: two pages.
-      --paper NAME <PAPERS>: Paper of a PDF report: a4 or letter.
     """
     for text in about or ():
         if not text.strip():

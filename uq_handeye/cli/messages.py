@@ -15,12 +15,11 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any, TextIO
+from typing import Any, TextIO
 
 import typer
 
 from ..errors import InputError, InputWarning
-from .options.declared import MESSAGES, common_in
 
 LOG = logging.getLogger("uq_handeye")
 
@@ -50,25 +49,21 @@ class _Run:
 _run = _Run()
 
 
-def _option(*names: str, help: str, metavar: str = "", common: bool = False) -> Any:
-    group = common_in(MESSAGES) if common else MESSAGES
-    return typer.Option(*names, help=help, metavar=metavar, rich_help_panel=group)
-
-
 @dataclass(frozen=True)
 class Messages:
-    """Options of the messages, before or after the name of a command."""
+    """Options of the messages, before or after the name of a command.
 
-    quiet: Annotated[
-        bool, _option("-q", "--quiet", common=True, help="Print the answer only. No notes, warnings or progress.")
-    ] = False
-    verbose: Annotated[
-        bool, _option("-v", "--verbose", common=True, help="Print all details. Also each step with its duration.")
-    ] = False
-    log_file: Annotated[
-        Path | None, _option("--log-file", metavar="FILE", help="File that all messages are appended to, with times.")
-    ] = None
-    no_color: Annotated[bool, _option("--no-color", help="Print without colours.")] = False
+    Options (Messages):
+      * -q, --quiet: Print the answer only. No notes, warnings or progress.
+      * -v, --verbose: Print all details. Also each step with its duration.
+      --log-file FILE: File that all messages are appended to, with times.
+      --no-color: Print without colours.
+    """
+
+    quiet: bool = False
+    verbose: bool = False
+    log_file: Path | None = None
+    no_color: bool = False
 
     def apply(self) -> None:
         """Apply the options to this run."""

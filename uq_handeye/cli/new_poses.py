@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError, NotConvergedError
 from .messages import progress_wanted, timed, verbose, withheld
-from .options.arm import Arm, ChainOptions, ErrorOptions, JointUnits, arm_of
+from .options.arm import Arm, ChainOptions, ErrorOptions, arm_of
 from .options.common import made_of
 from .options.noise import Given, given_of
 from .pictures import BoardOptions, LensOptions, Pictures
@@ -104,7 +104,7 @@ def new_poses_of(
     board: "BoardOptions",
     images: str | None = None,
     joints: Path | None = None,
-    joint_units: JointUnits = None,
+    joint_units: str | None = None,
 ) -> NewPoses:
     """Return the files of the options.
 

@@ -2,13 +2,12 @@
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ..core.runtime.progress import working
 from ..errors import InputError
 from .messages import LOG, progress_wanted, timed
-from .options.common import Options, one_of, option
-from .options.declared import CAMERA_MODEL
+from .options.common import Options, one_of
 
 if TYPE_CHECKING:
     from ..model.camera.board import Board
@@ -152,6 +151,9 @@ class LensOptions(Options):
       --model NAME <MODEL_NAMES>: Camera model: {MODEL_NAMES}. auto selects by BIC. Default: auto.
       --coefficients NAMES <COEFFICIENT_NAMES>: Distortion coefficients to estimate, e.g. k1,k2; the others are 0.
         Default: all of the model.
+      --intrinsics FILE: Known intrinsics: JSON such as {"fx": [1080.0, 2.0], "k1": 0.0}, or YAML of OpenCV or ROS. One
+        number is exact, two are a value and its standard deviation; YAML is exact. With --camera-matrix a name:
+        estimated, pinhole or exact (see uq-handeye compare --help-all).
       --board-shape NAME: Shape model of the board: auto, flat, bow2, bow3, bow4 (height, a polynomial of that degree),
         plane1 (aspect and shear), plane2 (also degree 2), or a sum such as bow2+plane1. auto selects by BIC. Default:
         auto.
@@ -159,17 +161,7 @@ class LensOptions(Options):
 
     model: str | None = None
     coefficients: str | None = None
-    intrinsics: Annotated[
-        str | None,
-        option(
-            "--intrinsics",
-            metavar="FILE",
-            panel=CAMERA_MODEL,
-            help='Known intrinsics: JSON such as {"fx": [1080.0, 2.0], "k1": 0.0}, or YAML of OpenCV or ROS. One '
-            "number is exact, two are a value and its standard deviation; YAML is exact. With --camera-matrix a "
-            "name: estimated, pinhole or exact (see uq-handeye compare --help-all).",
-        ),
-    ] = None
+    intrinsics: str | None = None
     board_shape: str | None = None
 
     def calibrate(

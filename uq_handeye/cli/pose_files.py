@@ -51,16 +51,16 @@ class PoseFiles(StreamFiles):
         """
         poses, noise, shared = self.read_kept(given, views, arm)
         if arm is not None:
-            return poses, _noise_of_arm(poses, given.one_side, noise, shared, arm), []
-        if given.one_side is None and views is None:
+            return poses, _noise_of_arm(poses, given.prior, noise, shared, arm), []
+        if given.prior is None and views is None:
             return poses, noise, shared
-        return poses, *_complete_noise(poses, given.one_side, noise, shared)
+        return poses, *_complete_noise(poses, given.prior, noise, shared)
 
     def read_kept(
         self, given: Given, views: "Views | None" = None, arm: Arm | None = None
     ) -> "tuple[PosePairs, Any, list[SharedError] | None]":
         """Return what `read_open` reads, without the poses of --exclude."""
-        poses, noise, shared = self.read_open(given, views, given.one_side, arm)
+        poses, noise, shared = self.read_open(given, views, arm)
         if (selection := self.selection(poses)) is not None:
             kept, n = selection.kept, poses.n
             poses, noise = poses.rows(kept), None if noise is None else noise.rows(kept)
@@ -68,9 +68,9 @@ class PoseFiles(StreamFiles):
         return poses, noise, shared
 
     def read_open(
-        self, given: Given, seen: "Pictures | Views | None", prior: "NoisePrior | None", arm: Arm | None = None
+        self, given: Given, seen: "Pictures | Views | None", arm: Arm | None = None
     ) -> "tuple[PosePairs, Any, list[SharedError] | None]":
-        """Return poses, noise and shared errors as `calibrate` takes them, next to the prior of the noise."""
+        """Return poses, noise and shared errors as `calibrate` takes them."""
         from .views import Views
 
         of_all = given.shared if arm is None else replace(given.shared, robot_class=None)  # it is that of the arm
@@ -85,7 +85,7 @@ class PoseFiles(StreamFiles):
         noise: Any
         if isinstance(seen, Views):
             poses, _ = files._poses_and_noise(None, None, arm)
-            noise = seen.beside(poses, given.noise, prior)
+            noise = seen.beside(poses, given.noise, given.prior)
             shared = of_all.errors(poses, None, given.file, seen)
         else:
             poses, noise = files._poses_and_noise(given.noise, seen, arm)

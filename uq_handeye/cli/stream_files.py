@@ -2,15 +2,12 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-import typer
+from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
 from .messages import LOG, command_line
 from .options.arm import Arm
-from .options.common import CAMERA_FRAMES, ROBOT_FRAMES, SETUP_NAMES, option
-from .options.declared import POSE_FILES
+from .options.common import CAMERA_FRAMES, ROBOT_FRAMES, SETUP_NAMES
 
 if TYPE_CHECKING:
     from ..model.poses.stream import Stream
@@ -20,6 +17,13 @@ if TYPE_CHECKING:
 @dataclass(frozen=True)
 class StreamFiles:
     """Options of the files of robot and camera poses.
+
+    Arguments:
+      ROBOT: Robot poses: file, folder or 'PATTERN' as the robot writes it, or CSV. The format is told by the content or
+        by --robot-format; CSV is timestamp,x,y,z,qx,qy,qz,qw in m. Poses are base_T_gripper unless --robot-frame says
+        otherwise. Or one file that holds both sides.
+      CAMERA: Camera poses, or folder of camera -o or points -o. camera_T_target, row by row as in ROBOT unless --pair
+        says otherwise.
 
     Options (Pose files):
       * --setup NAME <SETUP_NAMES>: Camera mount: eye-in-hand (default) or eye-to-hand. eye-in-hand: on the gripper;
@@ -39,29 +43,14 @@ class StreamFiles:
         format.
       --robot-quaternion ORDER <xyzw|wxyz>: Quaternion order of the robot file. Default: --quaternion.
       --camera-quaternion ORDER <xyzw|wxyz>: Quaternion order of the camera file. Default: --quaternion.
+      --robot-frame FRAME <ROBOT_FRAMES>: Direction of the robot poses: base_T_gripper or gripper_T_base.
+      --camera-frame FRAME <CAMERA_FRAMES>: Direction of the camera poses: camera_T_target or target_T_camera.
       --offset SECONDS: Clock offset of unsynchronised streams (robot minus camera, s), taken as exact, or OFFSET,STD.
         Default: estimated.
     """
 
-    robot: Annotated[
-        Path | None,
-        typer.Argument(
-            metavar="ROBOT",
-            help="Robot poses: file, folder or 'PATTERN' as the robot writes it, or CSV. The format is told by the "
-            "content or by --robot-format; CSV is timestamp,x,y,z,qx,qy,qz,qw in m. Poses are base_T_gripper unless "
-            "--robot-frame says otherwise. Or one file that holds both sides.",
-            show_default=False,
-        ),
-    ] = None
-    camera: Annotated[
-        Path | None,
-        typer.Argument(
-            metavar="CAMERA",
-            help="Camera poses, or folder of camera -o or points -o. camera_T_target, row by row as in "
-            "ROBOT unless --pair says otherwise.",
-            show_default=False,
-        ),
-    ] = None
+    robot: Path | None = None
+    camera: Path | None = None
     setup: str | None = None
     format: str | None = None
     robot_format: str | None = None
@@ -75,26 +64,8 @@ class StreamFiles:
     quaternion: str | None = None
     robot_quaternion: str | None = None
     camera_quaternion: str | None = None
-    robot_frame: Annotated[
-        str,
-        option(
-            "--robot-frame",
-            of=ROBOT_FRAMES,
-            metavar="FRAME",
-            panel=POSE_FILES,
-            help=f"Direction of the robot poses: {' or '.join(ROBOT_FRAMES)}.",
-        ),
-    ] = ROBOT_FRAMES[0]
-    camera_frame: Annotated[
-        str,
-        option(
-            "--camera-frame",
-            of=CAMERA_FRAMES,
-            metavar="FRAME",
-            panel=POSE_FILES,
-            help=f"Direction of the camera poses: {' or '.join(CAMERA_FRAMES)}.",
-        ),
-    ] = CAMERA_FRAMES[0]
+    robot_frame: str = ROBOT_FRAMES[0]
+    camera_frame: str = CAMERA_FRAMES[0]
     offset: str | None = None
 
     def synchronised(self, arm: Arm | None = None, **options: Any) -> "Synchronised":

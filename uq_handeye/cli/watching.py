@@ -55,11 +55,11 @@ def question_of(
 
     def beside(poses: "PosePairs") -> tuple[Any, Any]:
         if isinstance(seen, Views):
-            noise = seen.beside(poses, given.noise, options.get("prior"))
+            noise = seen.beside(poses, given.noise, given.prior)
             return noise, given.shared.errors(poses, None, given.file, seen)
         return given.noise, given.shared.errors(poses, given.noise, given.file)
 
-    return Question(options, beside, tolerance)
+    return Question({**options, "prior": given.prior}, beside, tolerance)
 
 
 @dataclass(frozen=True)

@@ -1,43 +1,28 @@
 """Command ``bag``: content of a ROS bag, the command to give, and its poses as tables."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-import typer
+from typing import TYPE_CHECKING, Any
 
 from ...errors import InputError
 from ..bag_files import info_of
 from ..delivery import deliver
 from ..messages import LOG, timed
-from ..options.common import JsonOption, emit, folder_option
+from ..options.common import emit
 from ..pictures import read_length
 
 if TYPE_CHECKING:
     from ...read.rosbag.recording import Recording
 
-TABLES = "Poses as tables"
-
 
 def bag_command(
-    files: Annotated[
-        list[Path],
-        typer.Argument(
-            metavar="BAG", help="ROS bag: .bag, .mcap, .db3 or the folder of ros2 bag; several of a session."
-        ),
-    ],
+    files: list[Path],
     robot: str | None = None,
     camera: str | None = None,
     tag: str | None = None,
     camera_matrix: str | None = None,
     joints: str | None = None,
-    as_json: JsonOption = False,
-    output: Annotated[
-        Path | None,
-        folder_option(
-            "Folder for the poses as tables. It holds robot.csv, camera.csv and joints.csv, as far as they are named, "
-            "and camera_info.yaml with a tag."
-        ),
-    ] = None,
+    as_json: bool = False,
+    output: Path | None = None,
 ) -> None:
     """List what a ROS bag holds, and the command to calibrate.
 
@@ -54,6 +39,9 @@ def bag_command(
     pose topics, joint states, tags, camera_info. It needs the extra rosbag:
     pip install '.[rosbag]'.
 
+    Arguments:
+      files = BAG: ROS bag: .bag, .mcap, .db3 or the folder of ros2 bag; several of a session.
+
     Options (Poses as tables):
       * --robot FRAMES: Robot poses to write with -o: frames such as base_link:tool0, or a topic.
       * --camera FRAMES: Camera poses to write with -o: frames such as camera:tag36h11_0, or a topic.
@@ -61,6 +49,10 @@ def bag_command(
       --camera-matrix MATRIX: Intrinsics for the corners of a tag: fx,fy,cx,cy (px), a file, or of camera_info raw (K
         and D) or rectified (P), the picture in which it was detected. Default: camera_info, as the corners fit.
       * --joints TOPIC: Joint values to write with -o: a topic of JointState, e.g. /joint_states.
+
+    Options (Output):
+      * -o, --output DIR <named_folder>: Folder for the poses as tables. It holds robot.csv, camera.csv and joints.csv,
+        as far as they are named, and camera_info.yaml with a tag.
     """
     asked = {"--robot": robot, "--camera": camera, "--joints": joints}
     given = [name for name, value in asked.items() if value is not None]

@@ -4,9 +4,7 @@ import math
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Annotated, Any
-
-import typer
+from typing import TYPE_CHECKING, Any
 
 from ...core.runtime.progress import working
 from ...errors import InputError, NotConvergedError
@@ -20,18 +18,12 @@ from ..options.common import (
     COVARIANCE_NAMES,
     PUBLISHED,
     ROBOT_WORLD,
-    JsonOption,
-    PairsOption,
     cores,
-    flag,
-    folder_option,
     made_of,
     one_of,
-    option,
     require_writable,
 )
-from ..options.declared import ESTIMATION, OUTPUT
-from ..options.noise import Given, given_of, pose_prior_of, prior_of
+from ..options.noise import Given, noise_of, pose_prior_of
 from ..options.touches import TouchesToUse
 from ..outcome import Wanted, emit_refusal, emit_result, json_of, wanted_of
 from ..pictures import KINDS as BOARDS
@@ -44,7 +36,6 @@ if TYPE_CHECKING:
     from ...calibration.result import Calibration
     from ...calibration.statement.tolerance import Verdict
     from ...fit.diagnostics.pose_table import PoseTable
-    from ...model.noise.estimate import NoisePrior
     from ...model.shared_errors.sizes import Size
     from ...report.comparison.of_result import Compared
     from ...report.comparison.result import Comparison
@@ -53,6 +44,7 @@ if TYPE_CHECKING:
     from ..views import Views
 
 METHODS = (*AT_THE_BOUND, BUNDLE, *PUBLISHED, *ROBOT_WORLD)
+OF_DATA = COVARIANCE_NAMES[2:]
 
 # Written by the demo where no other report is asked for.
 DEMO_REPORT = Path("demo_report.html")
@@ -65,80 +57,173 @@ FIGURES = ("ellipses", "rig", "residuals", "budget", "shared", "task_space", "wo
 
 REPORTS = (".html", ".pdf")
 
-ResultFolder = Annotated[
-    Path | None,
-    folder_option(
-        "Folder for the result and exports. It holds result.json, poses.csv, and X for ROS, URDF, OpenCV and NumPy; "
-        "with --figures also the figures."
-    ),
-]
-FiguresOption = Annotated[
-    bool,
-    flag(
-        "--figures",
-        panel=OUTPUT,
-        help="Figures in the folder of -o, as PNG and SVG, that of the methods with --report. Takes some seconds.",
-    ),
-]
-ReportFile = Annotated[
-    Path | None, option("--report", metavar="FILE", panel=OUTPUT, common=True, help="Report, one .html or .pdf file.")
-]
-NoCompare = Annotated[bool, flag("--no-compare", panel=OUTPUT, help="Report without the comparison of methods.")]
+
+@dataclass(frozen=True)
+class Data:
+    """Data of a calibration, as they are given."""
+
+    files: PoseFiles
+    pictures: "Pictures | Views | None"
+    given: Given
+    robot: RobotGiven
+    touched: TouchesToUse
+    watch: Path | None
 
 
-@made_of(
-    given=given_of,
-    prior=prior_of,
-    beforehand=pose_prior_of,
-    files=PoseFiles,
-    pictures=pictures_of,
-    robot=given_of_robot,
-    touched=TouchesToUse,
-    wishes=report_options_of,
-    wanted=wanted_of,
-)
-def calibrate_command(
+@made_of(files=PoseFiles, pictures=pictures_of, given=noise_of, robot=given_of_robot, touched=TouchesToUse)
+def data_of(
     files: "PoseFiles",
     pictures: "Pictures | Views | None",
     given: "Given",
-    prior: "NoisePrior | None",
-    beforehand: "dict[str, Any]",
     robot: "RobotGiven",
     touched: "TouchesToUse",
+    watch: Path | None = None,
+) -> Data:
+    """Return the data of the options.
+
+    Options (Pose files):
+      --watch DIR: Folder in which poses arrive one by one: an answer after each, with the pose to take next. Growing
+        files robot.csv and camera.csv, or files robot* and camera* with a pose each, or files that hold both sides
+        (JSON); with --images 'DIR/*.png' robot* alone. Ends at PASS of --tolerance, or with Ctrl-C.
+    """
+    return Data(files, pictures, given, robot, touched, watch)
+
+
+@dataclass(frozen=True)
+class Estimation:
+    """Options of the estimate.
+
+    Options (Estimation):
+      * --method NAME <METHODS>: Estimator. One of {METHODS}; bundle needs pictures. Default: efficient.
+
+    Options (Shared errors):
+      --size NAME=SIZE[,FACTOR]: Size of an error before the data, e.g. 'robot accuracy=0.3mm,2': a standard deviation,
+        and the factor within which it is known (1 sigma). Without a factor: exact. Repeatable. Default: by a table.
+
+    Options (Estimation):
+      --scale D: Scaling factor d of 4dpa. Default: its limit, in closed form.
+      --kind NAME <poses|pairs|literal>: Noise propagation of published methods: poses, pairs, or literal (noise of
+        pairs).
+      --covariance NAME <COVARIANCE_NAMES>: Covariance of X: model, sigma-points (beyond first order), or one that needs
+        no noise model: {OF_DATA}.
+      --robust/--no-robust: Down-weighting of outliers. Default: on from 5 poses.
+      --correlation NAME <auto|none>: Correlated errors of neighbouring poses (drift): auto (estimated and included in
+        the covariance) or none (independent poses).
+      --seed N: Seed of random subsets, bootstrap and cross-check.
+    """
+
+    method: str | None = None
+    size: list[str] | None = None
+    pairs: str = "all"
+    scale: float | None = None
+    kind: str | None = None
+    covariance: str = "model"
+    robust: bool | None = None
+    correlation: str = "auto"
+    seed: int = 0
+
+    def options(self) -> dict[str, Any]:
+        """Return the options as arguments of `calibrate`."""
+        if self.kind in BOARDS:
+            raise InputError(
+                f"--kind is that of the noise propagation. Name the kind of the board as --pattern {self.kind}."
+            )
+        found = {name: getattr(self, name) for name in ("pairs", "scale", "kind", "robust", "seed")}
+        return found | {
+            "method": None if self.method is None else one_of(self.method, "--method", METHODS),
+            "covariance": one_of(self.covariance, "--covariance", COVARIANCE_NAMES),
+            "correlation": one_of(self.correlation, "--correlation", ("auto", "none")),
+            "sizes": _sizes_of(self.size or []),
+        }
+
+
+@dataclass(frozen=True)
+class Outputs:
+    """Files of a result: a folder, whether with figures, and a report.
+
+    Options (Output):
+      * -o, --output DIR <named_folder>: Folder for the result and exports. It holds result.json, poses.csv, and X for
+        ROS, URDF, OpenCV and NumPy; with --figures also the figures.
+    """
+
+    report: Path | None = None
+    no_compare: bool = False
+    as_json: bool = False
+    output: Path | None = None
+    figures: bool = False
+
+    def require_possible(self) -> None:
+        """Raise `InputError`, before the work, for files that cannot be written or that need another option."""
+        require_writable(self.report, "--report", REPORTS)
+        if self.figures and self.output is None:
+            raise InputError("--figures needs -o DIR. Add it.")
+        for name in ("no_compare", "with_cross_check"):
+            if getattr(self, name, False) and self.report is None:
+                raise InputError(f"--{name.replace('_', '-')} needs --report FILE. Add it.")
+
+    def write(
+        self,
+        result: "Calibration",
+        verdict: "Verdict | None",
+        check: "CrossCheck | None" = None,
+        of_report: dict[str, Any] | None = None,
+    ) -> str:
+        """Write the files, and return their names as a sentence."""
+        how, comparison = of_report or {}, not self.no_compare
+        methods: Compared | bool = comparison
+        folded = self.report is not None and (self.report.suffix.lower() != ".pdf" or how.get("details"))
+        if comparison and (folded or (self.report is not None and self.figures)):  # two pages have none
+            from ...report.comparison.of_result import compare_beside
+
+            with timed("comparing the methods"), working("comparing the methods", progress_wanted()):
+                methods = compare_beside(result)
+        names = []
+        if self.output is not None:
+            compared = None if isinstance(methods, bool) else methods.comparison
+            with timed(f"writing {self.output}"), working(f"writing {self.output}", progress_wanted()):
+                drawn = _drawn(result, check, compared) if self.figures else {}
+                names.append(_write_result(result, verdict, self.output, drawn))
+        if self.report is not None:
+            write_report(result, self.report, methods, check, verdict=verdict, **how)
+            names.append(str(self.report))
+        return f"Wrote {' and '.join(names)}." if names else ""
+
+
+@dataclass(frozen=True)
+class AllOutputs(Outputs):
+    """Further outputs of ``calibrate``.
+
+    Options (Output):
+      --threshold R <fraction>: Smallest correlation that is listed.
+      --with-cross-check: Report with Monte Carlo and posterior; takes a minute.
+    """
+
+    threshold: float = 0.5
+    with_cross_check: bool = False
+
+
+@dataclass(frozen=True)
+class DemoOutputs(Outputs):
+    """Outputs of ``demo``."""
+
+    no_compare: bool = field(default=False, init=False)
+
+
+@made_of(
+    data=data_of,
+    asked=Estimation,
+    beforehand=pose_prior_of,
+    wishes=report_options_of,
+    wanted=wanted_of,
+    outputs=AllOutputs,
+)
+def calibrate_command(
+    data: "Data",
+    asked: "Estimation",
+    beforehand: "dict[str, Any]",
     wishes: "ReportOptions",
     wanted: "Wanted",
-    method: str | None = None,
-    size: list[str] | None = None,
-    pairs: PairsOption = "all",
-    scale: float | None = None,
-    kind: str | None = None,
-    covariance: Annotated[
-        str,
-        option(
-            "--covariance",
-            of=COVARIANCE_NAMES,
-            metavar="NAME",
-            panel=ESTIMATION,
-            help="Covariance of X: model, sigma-points (beyond first order), or one that needs no noise model: "
-            f"{', '.join(COVARIANCE_NAMES[2:])}.",
-        ),
-    ] = "model",
-    robust: bool | None = None,
-    correlation: str = "auto",
-    seed: int = 0,
-    threshold: Annotated[
-        float,
-        typer.Option(
-            min=0.0, max=1.0, metavar="R", help="Smallest correlation that is listed.", rich_help_panel=OUTPUT
-        ),
-    ] = 0.5,
-    report: ReportFile = None,
-    no_compare: NoCompare = False,
-    with_cross_check: bool = False,
-    watch: Path | None = None,
-    as_json: JsonOption = False,
-    output: ResultFolder = None,
-    figures: FiguresOption = False,
+    outputs: "AllOutputs",
 ) -> int:
     r"""Estimate the camera pose X and its uncertainty.
 
@@ -164,84 +249,21 @@ def calibrate_command(
 
     With joint values and a robot model, the kinematic errors of the robot are
     part of the covariance. Add --robot robot.csv to compare with the controller.
-
-    Options (Estimation):
-      * --method NAME <METHODS>: Estimator. One of {METHODS}; bundle needs pictures. Default: efficient.
-
-    Options (Shared errors):
-      --size NAME=SIZE[,FACTOR]: Size of an error before the data, e.g. 'robot accuracy=0.3mm,2': a standard deviation,
-        and the factor within which it is known (1 sigma). Without a factor: exact. Repeatable. Default: by a table.
-
-    Options (Estimation):
-      --scale D: Scaling factor d of 4dpa. Default: its limit, in closed form.
-      --kind NAME <poses|pairs|literal>: Noise propagation of published methods: poses, pairs, or literal (noise of
-        pairs).
-      --robust/--no-robust: Down-weighting of outliers. Default: on from 5 poses.
-      --correlation NAME <auto|none>: Correlated errors of neighbouring poses (drift): auto (estimated and included in
-        the covariance) or none (independent poses).
-      --seed N: Seed of random subsets, bootstrap and cross-check.
-
-    Options (Output):
-      --with-cross-check: Report with Monte Carlo and posterior; takes a minute.
-
-    Options (Pose files):
-      --watch DIR: Folder in which poses arrive one by one: an answer after each, with the pose to take next. Growing
-        files robot.csv and camera.csv, or files robot* and camera* with a pose each, or files that hold both sides
-        (JSON); with --images 'DIR/*.png' robot* alone. Ends at PASS of --tolerance, or with Ctrl-C.
     """
-    require_writable(report, "--report", REPORTS)
-    if is_rig(files.robot, robot.cameras):
-        return calibrate_rig_files(
-            files, robot.cameras, given, wishes, wanted, method=method, robust=robust, seed=seed, report=report,
-            output=output, as_json=as_json,
-        )  # fmt: skip
-    require_folder(figures, output)
-    arm = robot.arm
+    given, robot = data.given, data.robot
+    if is_rig(data.files.robot, robot.cameras):
+        return calibrate_rig_files(data, asked, wishes, wanted, outputs)
+    outputs.require_possible()
+    if data.watch is not None:
+        return _watch(data, asked.options() | beforehand, wishes, wanted, outputs)
+    files, pictures, arm = data.files, data.pictures, robot.arm
     if robot.bag is not None:
-        if watch is not None:
-            raise InputError("--watch takes pose files, not --bag. Calibrate the bag afterwards.")
         files, pictures, arm = robot.bag.beside(files, pictures, arm)
-    for name, asked in (("--no-compare", no_compare), ("--with-cross-check", with_cross_check)):
-        if asked and report is None:
-            raise InputError(f"{name} needs --report FILE. Add it.")
-    if method is not None:
-        method = one_of(method, "--method", METHODS)
-    if kind in BOARDS:
-        raise InputError(f"--kind is that of the noise propagation. Name the kind of the board as --pattern {kind}.")
+    options = asked.options() | beforehand | {"prior": given.prior}
     from ...calibration.calibrate import calibrate
 
-    if given.one_side is not None:  # that of the other is estimated beside it
-        if prior is not None:
-            raise InputError("The noise and a prior of it are both given. Give one of them.")
-        prior = given.one_side
-    options: dict[str, Any] = {
-        "method": method,
-        "pairs": pairs,
-        "scale": scale,
-        "kind": kind,
-        "covariance": one_of(covariance, "--covariance", COVARIANCE_NAMES),
-        "robust": robust,
-        "prior": prior,
-        "seed": seed,
-        "correlation": one_of(correlation, "--correlation", ("auto", "none")),
-        "sizes": _sizes_of(size or []),
-        **beforehand,
-    }
-    if watch is not None:
-        if arm is not None:
-            raise InputError("--watch takes no joints and no robot model. Calibrate with them afterwards.")
-        if touched.touches is not None:
-            raise InputError("--watch takes no --touches. Calibrate with the touches afterwards.")
-        question = question_of(given, pictures, options, wanted.tolerance)
-        found = Watch(watched(watch, files, pictures, output), question, output, as_json).run()
-        if found is None:
-            return fail("No X: the poses that arrived do not determine it.")
-        found = replace(found, about=wishes.about)
-        return deliver_result(
-            found, Files(output, report, not no_compare, None, wishes.of_report, figures), wanted, as_json, threshold
-        )
     with withheld() as shown:
-        poses, noise, shared = files.read_open(given, pictures, prior, arm)
+        poses, noise, shared = files.read_open(given, pictures, arm)
         selection = files.selection(poses)
         try:
             with timed("calibrating"):
@@ -253,19 +275,37 @@ def calibrate_command(
                     **options,
                     **({} if arm is None else arm.of_calibrate),
                 )
-            result, last = touched.included_in(result)
-            shown += [] if as_json else result.warnings
+            result, last = data.touched.included_in(result)
+            shown += [] if outputs.as_json else result.warnings
         except (InputError, NotConvergedError) as error:
-            return emit_refusal(error, as_json, shown)
+            return emit_refusal(error, outputs.as_json, shown)
     result = replace(result, about=wishes.about)
-    check = _cross_check(problem_for(result, poses, noise, shared, pairs), seed) if with_cross_check else None
-    files_wanted = Files(output, report, not no_compare, check, wishes.of_report, figures)
-    return deliver_result(result, files_wanted, wanted, as_json, threshold, last)
+    check = None
+    if outputs.with_cross_check:
+        check = _cross_check(problem_for(result, poses, noise, shared, asked.pairs), asked.seed)
+    return deliver_result(result, outputs, wanted, wishes, check=check, threshold=outputs.threshold, more=last)
 
 
-def demo_command(
-    as_json: JsonOption = False, output: ResultFolder = None, report: ReportFile = None, figures: FiguresOption = False
-) -> int:
+def _watch(data: Data, options: dict[str, Any], wishes: ReportOptions, wanted: Wanted, outputs: AllOutputs) -> int:
+    """Answer after each pose that arrives in the folder of --watch, and deliver the last result."""
+    if data.robot.bag is not None:
+        raise InputError("--watch takes pose files, not --bag. Calibrate the bag afterwards.")
+    if data.robot.arm is not None:
+        raise InputError("--watch takes no joints and no robot model. Calibrate with them afterwards.")
+    if data.touched.touches is not None:
+        raise InputError("--watch takes no --touches. Calibrate with the touches afterwards.")
+    assert data.watch is not None
+    question = question_of(data.given, data.pictures, options, wanted.tolerance)
+    folder = watched(data.watch, data.files, data.pictures, outputs.output)
+    found = Watch(folder, question, outputs.output, outputs.as_json).run()
+    if found is None:
+        return fail("No X: the poses that arrived do not determine it.")
+    found = replace(found, about=wishes.about)
+    return deliver_result(found, outputs, wanted, wishes, threshold=outputs.threshold)
+
+
+@made_of(outputs=DemoOutputs)
+def demo_command(outputs: "DemoOutputs") -> int:
     """Calibrate an embedded data set whose true X is known.
 
     Examples:
@@ -283,21 +323,18 @@ def demo_command(
     from ...calibration.report.text import against_truth
     from ...read import read_pose_file, read_poses
 
-    require_writable(report, "--report", REPORTS)
-    require_folder(figures, output)
-    if report is None and not as_json and not quiet():
+    outputs.require_possible()
+    if outputs.report is None and not outputs.as_json and not quiet():
         try:
             require_writable(DEMO_REPORT, "--report", REPORTS)
-            report = DEMO_REPORT
+            outputs = replace(outputs, report=DEMO_REPORT)
         except InputError as error:
             LOG.warning("No report is written here. %s", error)
     with resources.as_file(resources.files("uq_handeye") / "data") as data:
         poses = read_poses(data / "robot.csv", data / "camera.csv")
         _, truth = read_pose_file(data / "truth.csv")
     result = calibrate(poses)
-    return deliver_result(
-        result, Files(output, report, figures=figures), Wanted(None), as_json, more=against_truth(result, truth[0])
-    )
+    return deliver_result(result, outputs, Wanted(None), more=against_truth(result, truth[0]))
 
 
 def _sizes_of(texts: list[str]) -> "dict[str, Size] | None":
@@ -321,63 +358,33 @@ def _cross_check(problem: dict[str, Any], seed: int) -> "CrossCheck":
     return check
 
 
-def require_folder(figures: bool, output: Path | None) -> None:
-    """Raise `InputError` for figures that are asked for without a folder."""
-    if figures and output is None:
-        raise InputError("--figures needs -o DIR. Add it.")
+def _drawn(result: "Calibration", check: "CrossCheck | None", compared: "Comparison | None") -> dict[str, bytes]:
+    """Draw all figures, each as PNG and SVG."""
+    from ...core.presentation.ellipses import render  # Matplotlib is slow to import
+    from ...report.figures import figures
 
-
-@dataclass(frozen=True)
-class Files:
-    """Output of a calibration: a folder, whether with figures, a report and its contents."""
-
-    output: Path | None = None
-    report: Path | None = None
-    comparison: bool = True
-    check: "CrossCheck | None" = None
-    of_report: dict[str, Any] = field(default_factory=dict)
-    figures: bool = False
-
-    def write(self, result: "Calibration", verdict: "Verdict | None") -> str:
-        """Write the files, and return their names as a sentence."""
-        methods: Compared | bool = self.comparison
-        folded = self.report is not None and (self.report.suffix.lower() != ".pdf" or self.of_report.get("details"))
-        if self.comparison and (folded or (self.report is not None and self.figures)):  # two pages have none
-            from ...report.comparison.of_result import compare_beside
-
-            with timed("comparing the methods"), working("comparing the methods", progress_wanted()):
-                methods = compare_beside(result)
-        names = []
-        if self.output is not None:
-            comparison = None if isinstance(methods, bool) else methods.comparison
-            with timed(f"writing {self.output}"), working(f"writing {self.output}", progress_wanted()):
-                drawn = self._drawn(result, comparison) if self.figures else {}
-                names.append(_write_result(result, verdict, self.output, drawn))
-        if self.report is not None:
-            write_report(result, self.report, methods, self.check, verdict=verdict, **self.of_report)
-            names.append(str(self.report))
-        return f"Wrote {' and '.join(names)}." if names else ""
-
-    def _drawn(self, result: "Calibration", comparison: "Comparison | None") -> dict[str, bytes]:
-        """Draw all figures, each as PNG and SVG."""
-        from ...core.presentation.ellipses import render  # Matplotlib is slow to import
-        from ...report.figures import figures
-
-        drawn = figures(result, self.check, comparison)
-        return {f"{stem}.{kind}": render(figure, kind) for stem, figure in drawn.items() for kind in ("png", "svg")}
+    drawn = figures(result, check, compared)
+    return {f"{stem}.{kind}": render(figure, kind) for stem, figure in drawn.items() for kind in ("png", "svg")}
 
 
 def deliver_result(
-    result: "Calibration", files: Files, wanted: Wanted, as_json: bool, threshold: float = 0.5, more: str = ""
+    result: "Calibration",
+    outputs: Outputs,
+    wanted: Wanted,
+    wishes: ReportOptions | None = None,
+    *,
+    check: "CrossCheck | None" = None,
+    threshold: float = 0.5,
+    more: str = "",
 ) -> int:
     """Write the files, then print, with a paragraph ``more``: if a file cannot be written, nothing is printed."""
     from ...calibration.report.next_step import next_step
 
     result = _with_command(result)
     verdict = wanted.verdict(result)
-    written = files.write(result, verdict)
-    last = (written, f"Next: {next_step(result, None if files.report is None else str(files.report))}.", more)
-    return emit_result(result, verdict, as_json=as_json, last=tuple(filter(None, last)), threshold=threshold)
+    written = outputs.write(result, verdict, check, None if wishes is None else wishes.of_report)
+    last = (written, f"Next: {next_step(result, None if outputs.report is None else str(outputs.report))}.", more)
+    return emit_result(result, verdict, as_json=outputs.as_json, last=tuple(filter(None, last)), threshold=threshold)
 
 
 def write_report(

@@ -1,39 +1,25 @@
 """Command ``camera``: from pictures or corners of a board to camera poses."""
 
 from pathlib import Path
-from typing import Annotated
-
-import typer
 
 from ...errors import InputError
 from ..delivery import deliver_camera_poses
 from ..messages import progress_wanted, timed
-from ..options.common import UNITS, JsonOption, folder_option, made_of, one_of
+from ..options.common import UNITS, made_of, one_of
 from ..pictures import BoardOptions, LensOptions, read_two_numbers
 
 TABLES = (".csv", ".txt", ".tsv")
-TABLE = "Table of corners"
 
 
 @made_of(board=BoardOptions, lens=LensOptions)
 def camera_command(
-    files: Annotated[
-        list[str],
-        typer.Argument(metavar="PICTURES", help="Pictures, e.g. 'img/*.png', or one table of corners (.csv)."),
-    ],
+    files: list[str],
     board: "BoardOptions",
     lens: "LensOptions",
     image_size: str | None = None,
     units: str | None = None,
-    as_json: JsonOption = False,
-    output: Annotated[
-        Path | None,
-        folder_option(
-            "Folder for camera poses, intrinsics and report. It holds camera.csv, camera_covariance.npz, "
-            "intrinsics.json, intrinsics.yaml (OpenCV), corners.csv, board.csv (the board as measured) and the "
-            "report."
-        ),
-    ] = None,
+    as_json: bool = False,
+    output: Path | None = None,
 ) -> None:
     """Calibrate a camera from pictures of a board.
 
@@ -50,9 +36,17 @@ def camera_command(
     Picture k, from 0 in the order of the names (img2 before img10), belongs to
     row k of the robot poses.
 
+    Arguments:
+      files = PICTURES: Pictures, e.g. 'img/*.png', or one table of corners (.csv).
+
     Options (Table of corners):
       * --image-size WxH: Size of the pictures (px), e.g. 1920x1080.
       --units UNIT <UNITS>: Length unit of the table of corners. Default: m.
+
+    Options (Output):
+      * -o, --output DIR <named_folder>: Folder for camera poses, intrinsics and report. It holds camera.csv,
+        camera_covariance.npz, intrinsics.json, intrinsics.yaml (OpenCV), corners.csv, board.csv (the board as measured)
+        and the report.
     """
     if len(files) == 1 and Path(files[0]).suffix.lower() in TABLES:
         if board.given and board.file is None:

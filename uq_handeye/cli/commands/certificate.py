@@ -1,18 +1,13 @@
 """Command ``certificate``: the statement of a stored result for the file."""
 
 from pathlib import Path
-from typing import Annotated
-
-import typer
 
 from ...core.files.about import read_about
 from ...errors import InputError
-from ..delivery import PAPERS, AboutOption, deliver
+from ..delivery import deliver
 from ..messages import quiet, timed
-from ..options.common import JsonOption, emit, emit_document, folder_option, made_of, one_of, option, require_writable
-from ..options.declared import OUTPUT
+from ..options.common import PAPERS, emit, emit_document, made_of, one_of, require_writable
 from ..outcome import NOT_USABLE, Wanted, status_of, wanted_of
-from .files import ResultFile
 
 CERTIFICATES = (".html", ".pdf", ".json")
 NAME = "certificate"
@@ -20,23 +15,14 @@ NAME = "certificate"
 
 @made_of(wanted=wanted_of)
 def certificate_command(
-    result: ResultFile,
+    result: Path,
     wanted: "Wanted",
-    file: Annotated[
-        Path | None,
-        typer.Argument(metavar="FILE", help="Certificate to write, .html, .pdf or .json. Default: none, or -o."),
-    ] = None,
-    output: Annotated[
-        Path | None, folder_option("Folder for certificate.html and certificate.json. With --pdf also certificate.pdf.")
-    ] = None,
-    pdf: Annotated[
-        bool, typer.Option("--pdf", metavar="", help="Write certificate.pdf too, with -o.", rich_help_panel=OUTPUT)
-    ] = False,
-    about: AboutOption = None,
-    paper: Annotated[
-        str, option("--paper", of=PAPERS, panel=OUTPUT, metavar="NAME", help="Paper of the PDF: a4 or letter.")
-    ] = "a4",
-    as_json: JsonOption = False,
+    file: Path | None = None,
+    output: Path | None = None,
+    pdf: bool = False,
+    about: list[str] | None = None,
+    paper: str = "a4",
+    as_json: bool = False,
 ) -> int:
     """Write the certificate of a stored result, for the file.
 
@@ -48,6 +34,14 @@ def certificate_command(
 
     A result that is not usable or has no uncertainty is not certified: the
     files say so and state no X, and the exit status is 3.
+
+    Arguments:
+      FILE: Certificate to write, .html, .pdf or .json. Default: none, or -o.
+
+    Options (Output):
+      * -o, --output DIR <named_folder>: Folder for certificate.html and certificate.json. With --pdf also
+        certificate.pdf.
+      --pdf: Write certificate.pdf too, with -o.
     """
     from ...calibration.report.first_screen import status_of as colour_of
     from ...calibration.result import Calibration

@@ -5,16 +5,15 @@ The log of checks behind ``check --log``: one more line, and the alarm of the se
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 from ...core.files.atomic import json_text
 from ...errors import InputError
 from ..delivery import deliver
 from ..messages import quiet, timed
 from ..new_poses import NewPoses, new_poses_of
-from ..options.common import JsonOption, emit, emit_document, folder_option, made_of
+from ..options.common import emit, emit_document, made_of
 from ..rigs.in_use import check_stored_rig, stored_rig
-from .files import ResultFile
 from .update import names_of
 
 if TYPE_CHECKING:
@@ -61,24 +60,37 @@ def logged(path: Path, result: "Calibration", poses: "PosePairs", check: "Change
     return Logged(series, series_alarm(result, series, EVERY if every is None else every))
 
 
-SERIES = "Series of checks"
 # Exit statuses.
 CHANGED_STATUS, CANNOT_TELL_STATUS = 4, 3
 
 
-@made_of(files=new_poses_of)
+@dataclass(frozen=True)
+class Asked:
+    """Options of the question.
+
+    Options (Output):
+      * --tolerance MM,DEG: Change of X that matters, e.g. 1mm,0.1deg. Poses that would miss it cannot tell. Default: 1
+        % of the target distance, and 0.57 deg.
+      * --level P: Probability of a false alarm.
+      --same NAMES: What is the same as at the calibration, out of robot,camera,target: its errors are the same too.
+        Default: all.
+
+    Options (Series of checks):
+      * --log FILE.csv: Log of the checks of this calibration: add this one, and test the whole series for a slow drift.
+        Made if there is none.
+      --every N: Checks for each false alarm of --log, on average. Default: 500.
+    """
+
+    tolerance: str | None = None
+    level: float = 0.05
+    log: Path | None = None
+    same: str | None = None
+    every: float | None = None
+
+
+@made_of(files=new_poses_of, asked=Asked)
 def check_command(
-    result: ResultFile,
-    files: "NewPoses",
-    tolerance: str | None = None,
-    level: float = 0.05,
-    log: Path | None = None,
-    same: str | None = None,
-    every: float | None = None,
-    as_json: JsonOption = False,
-    output: Annotated[
-        Path | None, folder_option("Folder for check.json and check.txt; with --log also series.png and series.svg.")
-    ] = None,
+    result: Path, files: "NewPoses", asked: "Asked", as_json: bool = False, output: Path | None = None
 ) -> int:
     """Check whether a stored calibration still holds, by new poses.
 
@@ -102,35 +114,26 @@ def check_command(
     poses cannot tell.
 
     Options (Output):
-      * --tolerance MM,DEG: Change of X that matters, e.g. 1mm,0.1deg. Poses that would miss it cannot tell. Default: 1
-        % of the target distance, and 0.57 deg.
-      * --level P: Probability of a false alarm.
-      --same NAMES: What is the same as at the calibration, out of robot,camera,target: its errors are the same too.
-        Default: all.
-
-    Options (Series of checks):
-      * --log FILE.csv: Log of the checks of this calibration: add this one, and test the whole series for a slow drift.
-        Made if there is none.
-      --every N: Checks for each false alarm of --log, on average. Default: 500.
+      * -o, --output DIR <named_folder>: Folder for check.json and check.txt; with --log also series.png and series.svg.
     """
     if (rig := stored_rig(result)) is not None:
-        return check_stored_rig(rig, files.files.robot, level, as_json, output)
+        return check_stored_rig(rig, files.files.robot, asked.level, as_json, output)
     from ...calibration.result import Calibration
     from ...model.posterior.owners import THINGS
     from ...use.maintenance.check import check
     from ...use.maintenance.check_result import check_document
     from ...use.maintenance.cusum import limit_for
 
-    if every is not None:
-        if log is None:
+    if asked.every is not None:
+        if asked.log is None:
             raise InputError("--every needs --log. Remove it.")
-        limit_for(every)
+        limit_for(asked.every)
     stored = Calibration.from_json(result)
     poses = files.read(stored, str(result))
     with timed("checking"):
-        names = names_of(same) or THINGS
-        found = check(stored, poses, tolerance=tolerance, level=level, same=names)
-        series = None if log is None else logged(log, stored, poses, found, every)
+        names = names_of(asked.same) or THINGS
+        found = check(stored, poses, tolerance=asked.tolerance, level=asked.level, same=names)
+        series = None if asked.log is None else logged(asked.log, stored, poses, found, asked.every)
     text = found.to_json() if series is None else json_text({**found.to_dict(), "series": series.alarm.to_dict()})
     if as_json:
         emit(text)

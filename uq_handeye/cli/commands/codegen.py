@@ -3,27 +3,23 @@
 import difflib
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any
-
-import typer
+from typing import Any
 
 from ...errors import InputError
 from ..messages import LOG
-from ..options.common import emit, folder_option, one_of
+from ..options.common import emit, one_of
 
 # Names of symbolic.codegen.COMMENTS, repeated here so that help and completion load quickly.
 LANGUAGE_NAMES = ("c", "cpp", "octave", "julia", "rust", "fortran", "javascript", "python", "latex")
 
 
 def codegen_command(
-    names: Annotated[
-        list[str] | None, typer.Argument(metavar="NAME", help="Names of matrices and functions, as for --matrix.")
-    ] = None,
+    names: list[str] | None = None,
     language: str | None = None,
     matrix: list[str] | None = None,
     every: bool = False,
     list_names: bool = False,
-    output: Annotated[Path | None, folder_option("Folder for the code. Default: standard output.")] = None,
+    output: Path | None = None,
 ) -> None:
     """Generate the closed forms as code in other languages.
 
@@ -36,11 +32,17 @@ def codegen_command(
     language, the functions solve_4dpa and covariance_4dpa in c, cpp, octave and
     python.
 
+    Arguments:
+      names = NAME: Names of matrices and functions, as for --matrix.
+
     Options:
       * --language NAME <LANGUAGE_NAMES>: Language: {LANGUAGE_NAMES}.
       * --matrix NAME: Matrix or function of --list. Repeatable.
       * every = --all: All matrices and functions of the language.
       * list_names = --list: List the available functions and exit.
+
+    Options (Output):
+      * -o, --output DIR <named_folder>: Folder for the code. Default: standard output.
     """
     from ..._version import __version__
     from ...read import write_files

@@ -1,7 +1,7 @@
 """Command ``compare``: the published methods side by side."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 from ...errors import InputError
 from ..delivery import deliver
@@ -9,11 +9,8 @@ from ..messages import fail, progress_wanted, timed, verbose, withheld
 from ..new_poses import Session, session_of
 from ..options.common import (
     EVERY_METHOD,
-    JsonOption,
-    PairsOption,
     emit,
     emit_document,
-    folder_option,
     made_of,
     methods_of,
 )
@@ -21,18 +18,16 @@ from ..options.common import (
 if TYPE_CHECKING:
     from ...report.comparison.result import Comparison
 
-COMPARED = EVERY_METHOD
-
 
 @made_of(session=session_of)
 def compare_command(
     session: "Session",
     methods: str | None = None,
     reference: str = "efficient",
-    pairs: PairsOption = "all",
-    as_json: JsonOption = False,
+    pairs: str = "all",
+    as_json: bool = False,
     as_csv: bool = False,
-    output: Annotated[Path | None, folder_option("Folder for comparison.json, .csv, .png and .svg.")] = None,
+    output: Path | None = None,
 ) -> int:
     r"""Compare the estimate of X with the published methods.
 
@@ -46,17 +41,18 @@ def compare_command(
     every method fails.
 
     Options (Estimation):
-      * --methods NAMES <COMPARED>: Methods to compare. Some of {EVERY_METHOD}. Default: efficient (the answer of
+      * --methods NAMES <EVERY_METHOD>: Methods to compare. Some of {EVERY_METHOD}. Default: efficient (the answer of
         calibrate) and the 15 methods for AX = XB.
-      * --reference NAME <COMPARED>: Method that differences are relative to.
+      * --reference NAME <EVERY_METHOD>: Method that differences are relative to.
 
     Options (Output):
       * as_csv = --csv: Print the table as CSV.
+      * -o, --output DIR <named_folder>: Folder for comparison.json, .csv, .png and .svg.
     """
     if as_json and as_csv:
         raise InputError("Give either --json or --csv, not both.")
-    names = None if methods is None else methods_of(methods, "--methods", COMPARED)
-    (base,) = methods_of(reference, "--reference", COMPARED, most=1)
+    names = None if methods is None else methods_of(methods, "--methods", EVERY_METHOD)
+    (base,) = methods_of(reference, "--reference", EVERY_METHOD, most=1)
     poses, noise, shared = session.read()
     from ...core.presentation.document import document_of
     from ...report.comparison.compare import compare

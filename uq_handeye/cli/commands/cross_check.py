@@ -1,41 +1,47 @@
 """Command ``cross-check``: every covariance of one problem, and the relations between them."""
 
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
 
 from ...core.files.csv_text import frame_text
 from ..delivery import deliver
 from ..messages import progress_wanted, timed, verbose
 from ..new_poses import Session, calibrated, problem_for, session_of
 from ..options.common import (
-    JsonOption,
-    PairsOption,
-    WorkersOption,
     cores,
     emit,
     emit_document,
-    folder_option,
     made_of,
     require_writable,
 )
-from .calibrate import REPORTS, ReportFile, write_report
+from .calibrate import REPORTS, write_report
 from .validate import INTERRUPTED, NOT_COMPLETE
 
-if TYPE_CHECKING:
-    pass
+
+@dataclass(frozen=True)
+class Work:
+    """Options of the simulation and the sampling.
+
+    Options:
+      * --trials N: Monte Carlo trials of each method.
+      * --posterior/--no-posterior: Sampling of the posterior. Default: on.
+      --seed N: Seed of the random numbers.
+    """
+
+    trials: int = 10_000
+    posterior: bool = True
+    pairs: str = "all"
+    seed: int = 0
+    workers: int | None = None
 
 
-@made_of(session=session_of)
+@made_of(session=session_of, asked=Work)
 def cross_check_command(
     session: "Session",
-    trials: int = 10_000,
-    posterior: bool = True,
-    pairs: PairsOption = "all",
-    seed: int = 0,
-    workers: WorkersOption = None,
-    as_json: JsonOption = False,
-    output: Annotated[Path | None, folder_option("Folder for cross_check.json, .csv, .png and .svg.")] = None,
-    report: ReportFile = None,
+    asked: "Work",
+    as_json: bool = False,
+    output: Path | None = None,
+    report: Path | None = None,
 ) -> int:
     r"""Compare all covariances of X: formulas, simulation, posterior.
 
@@ -52,10 +58,8 @@ def cross_check_command(
     is 0. Ctrl-C prints what is finished (exit status 130); so does a run that
     lost its workers (exit status 1).
 
-    Options:
-      * --trials N: Monte Carlo trials of each method.
-      * --posterior/--no-posterior: Sampling of the posterior. Default: on.
-      --seed N: Seed of the random numbers.
+    Options (Output):
+      * -o, --output DIR <named_folder>: Folder for cross_check.json, .csv, .png and .svg.
     """
     require_writable(report, "--report", REPORTS)
     poses, noise, shared = session.read()
@@ -63,17 +67,11 @@ def cross_check_command(
     from ...trials.validation.cross_check.run import cross_check
     from ...trials.validation.monte_carlo.sentences import INTERRUPTED as ENDED_BY_HAND
 
-    result = calibrated(poses, noise, shared, pairs)
+    result = calibrated(poses, noise, shared, asked.pairs)
+    how = vars(asked) | {"workers": cores() if asked.workers is None else asked.workers}
     with timed("cross-check"):
-        check = cross_check(
-            **problem_for(result, poses, noise, shared, pairs),
-            pairs=pairs,
-            trials=trials,
-            seed=seed,
-            workers=cores() if workers is None else workers,
-            posterior=posterior,
-            progress=progress_wanted(),
-        )
+        problem = problem_for(result, poses, noise, shared, asked.pairs)
+        check = cross_check(**problem, **how, progress=progress_wanted())
     said = ""
     if output is not None:
         from ...trials.validation.cross_check.figure import cross_check_figure  # Matplotlib is slow to import

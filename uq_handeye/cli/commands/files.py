@@ -1,9 +1,6 @@
 """Commands ``export`` and ``report``: a stored result for another program or for people."""
 
 from pathlib import Path
-from typing import Annotated
-
-import typer
 
 from ...core.runtime.progress import working
 from ...errors import InputError
@@ -11,7 +8,7 @@ from ..delivery import ReportOptions, report_options_of
 from ..messages import LOG, fail, progress_wanted, timed
 from ..options.common import CONTROLLER_NAMES, emit, made_of, one_of, require_writable
 from ..outcome import NOT_USABLE, Wanted, emit_answer, emit_result, status_of, wanted_of
-from .calibrate import REPORTS, NoCompare
+from .calibrate import REPORTS, Outputs
 
 # Names of export.FORMATS, repeated here so that help and completion load quickly.
 EXPORT_NAMES = (
@@ -20,12 +17,10 @@ EXPORT_NAMES = (
     *("matrix", "franka", "zivid", "halcon"),
 )
 
-ResultFile = Annotated[Path, typer.Argument(metavar="RESULT", help="Result file: result.json of calibrate -o.")]
-
 
 def export_command(
-    result: ResultFile,
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="File to write, e.g. x.urdf.")],
+    result: Path,
+    file: Path,
     format: str | None = None,
     corrects: Path | None = None,
 ) -> int:
@@ -42,6 +37,9 @@ def export_command(
       uq-handeye export result/rig.json cameras.launch.py
       # URDF of the arm, with the estimated errors corrected
       uq-handeye export result/result.json new.urdf --corrects robot.urdf
+
+    Arguments:
+      FILE: File to write, e.g. x.urdf.
 
     Options (Output):
       * --format NAME <EXPORT_NAMES>: Format: {EXPORT_NAMES}; of a rig json, ros, launch, urdf, opencv, toml or npz.
@@ -78,13 +76,11 @@ def export_command(
 
 @made_of(wishes=report_options_of, wanted=wanted_of)
 def report_command(
-    result: ResultFile,
+    result: Path,
     wishes: "ReportOptions",
     wanted: "Wanted",
-    file: Annotated[
-        Path | None, typer.Argument(metavar="FILE", help="Report to write, .html or .pdf. Default: none, print only.")
-    ] = None,
-    no_compare: NoCompare = False,
+    file: Path | None = None,
+    no_compare: bool = False,
 ) -> int:
     """Print a stored result, or write its report.
 
@@ -98,6 +94,9 @@ def report_command(
     calibrate --report, except for the cross-check: the result file holds the
     poses. A result file of an older version holds none; its report lacks the
     rig and the comparison of methods.
+
+    Arguments:
+      FILE: Report to write, .html or .pdf. Default: none, print only.
     """
     from ...calibration.result import load
     from ...rig.result import RigCalibration
@@ -107,7 +106,7 @@ def report_command(
     if isinstance(stored, RigCalibration):
         from ..rigs.calibrate import deliver_rig
 
-        return deliver_rig(stored, wishes, wanted, report=file, output=None, as_json=False)
+        return deliver_rig(stored, wishes, wanted, Outputs(file))
     verdict = wanted.verdict(stored)
     if file is None:
         return emit_result(stored, verdict)

@@ -4,24 +4,20 @@ import sys
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-import typer
+from typing import TYPE_CHECKING, Any
 
 from ...errors import InputError
 from ..options.arm import arm_of
 from ..options.common import emit, made_of
-from ..options.noise import Given, given_of, prior_of
+from ..options.noise import Given, noise_of
 from ..options.touches import TouchesToUse
 from ..outcome import Wanted, wanted_of
 from ..stream_files import StreamFiles
 from ..views import pictures_of
 from ..watching import folder_of, question_of
-from .calibrate import Files
-from .files import ResultFile
+from .calibrate import Outputs
 
 if TYPE_CHECKING:
-    from ...model.noise.estimate import NoisePrior
     from ...use.live_session.browser_page import BrowserPage
     from ...use.live_session.question import Answer
     from ...use.live_session.sources.source import Side, Source
@@ -32,17 +28,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class SessionFiles(StreamFiles):
-    """Folder of a session, and how its files are read."""
+    """Folder of a session, and how its files are read.
 
-    robot: Annotated[
-        Path | None,
-        typer.Argument(
-            metavar="DIR",
-            help="Folder of the session, made if missing. Poses that are there are used; files robot* and camera* of "
-            "another program may grow in it. Default: session.",
-            show_default=False,
-        ),
-    ] = None
+    Arguments:
+      robot = DIR: Folder of the session, made if missing. Poses that are there are used; files robot* and camera* of
+        another program may grow in it. Default: session.
+    """
+
+    robot: Path | None = None
     camera: Path | None = field(default=None, init=False)
 
     @property
@@ -92,8 +85,7 @@ class SourceOptions:
     files=SessionFiles,
     arm=arm_of,
     pictures=pictures_of,
-    given=given_of,
-    prior=prior_of,
+    given=noise_of,
     wanted=wanted_of,
     page=PageOptions,
     come=SourceOptions,
@@ -104,7 +96,6 @@ def live_command(
     arm: "Arm | None",
     pictures: "Pictures | Views | None",
     given: "Given",
-    prior: "NoisePrior | None",
     wanted: "Wanted",
     page: "PageOptions",
     come: "SourceOptions",
@@ -128,12 +119,8 @@ def live_command(
 
     if files.offset is not None:
         raise InputError("--offset is for unsynchronised streams. Pose k of the robot belongs to pose k of the camera.")
-    if given.one_side is not None:
-        if prior is not None:
-            raise InputError("The noise and a prior of it are both given. Give one of them.")
-        prior = given.one_side
     folder = folder_of(files.folder, files, pictures)
-    options: dict[str, Any] = {"prior": prior}
+    options: dict[str, Any] = {}
     if arm is not None:
         folder = replace(folder, how={**folder.how, **arm.of_files})
         options |= arm.of_calibrate
@@ -194,7 +181,7 @@ def _arm(host: str | None) -> "Side | None":
 
 
 @made_of(page=PageOptions, touched=TouchesToUse)
-def view_command(result: ResultFile, page: "PageOptions", touched: "TouchesToUse") -> int:
+def view_command(result: Path, page: "PageOptions", touched: "TouchesToUse") -> int:
     """Show a stored calibration in the browser.
 
     Examples:
@@ -231,7 +218,7 @@ def _deliver(folder: Path) -> Any:
 
     def deliver(answer: "Answer") -> Path:
         assert answer.result is not None
-        Files(folder, folder / "report.html", comparison=False).write(answer.result, answer.verdict)
+        Outputs(folder / "report.html", no_compare=True, output=folder).write(answer.result, answer.verdict)
         return folder
 
     return deliver

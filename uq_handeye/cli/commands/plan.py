@@ -3,13 +3,13 @@
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 from ...errors import InputError
-from ..delivery import deliver, deliver_csv, folder_or_csv_option, is_csv
+from ..delivery import deliver, deliver_csv
 from ..messages import timed
 from ..options.arm import Arm, arm_of
-from ..options.common import CONTROLLER_NAMES, JsonOption, emit, made_of, one_of, option
+from ..options.common import CONTROLLER_NAMES, emit, is_csv, made_of, one_of
 from ..options.noise import Given, given_of
 from ..pose_files import PoseFiles
 from ..rigs.in_use import plan_stored_rig, stored_rig
@@ -18,9 +18,9 @@ from ..rigs.in_use import plan_stored_rig, stored_rig
 NEXT = "next.csv"
 # The same as the controller writes them.
 NEXT_AS = "next.txt"
-PLANNING = "Planning"
 # Further formats of several poses.
 MATRICES = ("matrix", "franka")
+FORMS = (*CONTROLLER_NAMES, *MATRICES)
 CRITERIA = ("trace", "logdet", "point", "prediction")
 
 
@@ -81,25 +81,9 @@ def plan_command(
     given: "Given",
     arm: "Arm | None",
     asked: "Planning",
-    form: Annotated[
-        str | None,
-        option(
-            "--as",
-            of=(*CONTROLLER_NAMES, *MATRICES),
-            metavar="NAME",
-            panel=PLANNING,
-            help=f"Controller in whose form the poses are printed and written: {', '.join(CONTROLLER_NAMES)}; or "
-            f"{' or '.join(MATRICES)}, written as matrices. Default: the format of the robot file.",
-        ),
-    ] = None,
-    as_json: JsonOption = False,
-    output: Annotated[
-        Path | None,
-        folder_or_csv_option(
-            f"Folder for {NEXT} and plan.json. {NEXT} holds the robot poses in order (m), with --joints the joints "
-            f"(rad). {NEXT_AS} holds them as the controller writes them, where --as or the robot file names one."
-        ),
-    ] = None,
+    form: str | None = None,
+    as_json: bool = False,
+    output: Path | None = None,
 ) -> None:
     """Choose the robot poses to measure next.
 
@@ -116,6 +100,15 @@ def plan_command(
     order in the noise.
 
     Reach and obstacles are not known. Check each pose before you drive there.
+
+    Options (Planning):
+      form = --as NAME <FORMS>: Controller in whose form the poses are printed and written: {CONTROLLER_NAMES}; or
+        matrix or franka, written as matrices. Default: the format of the robot file.
+
+    Options (Output):
+      * -o, --output DIR <folder_or_csv>: Folder for {NEXT} and plan.json. {NEXT} holds the robot poses in order (m),
+        with --joints the joints (rad). {NEXT_AS} holds them as the controller writes them, where --as or the robot file
+        names one.
     """
     if (rig := stored_rig(files.robot)) is not None:
         return plan_stored_rig(rig, asked.k, asked.candidates, asked.sample, asked.seed, as_json, output)
@@ -154,13 +147,13 @@ def plan_command(
             seed=asked.seed,
             repeat=asked.repeat,
             shared=shared,
-            prior=given.one_side,
+            prior=given.prior,
             **of_arm,
         )
     if form is not None:
         if arm is not None:
             raise InputError("--as applies to poses, not to joints. Remove it.")
-        found = replace(found, form=one_of(form, "--as", (*CONTROLLER_NAMES, *MATRICES)))
+        found = replace(found, form=one_of(form, "--as", FORMS))
     said = ""
     if output is not None and is_csv(output):
         said = deliver_csv(output, found.to_csv())

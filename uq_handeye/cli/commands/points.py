@@ -2,39 +2,22 @@
 
 import warnings
 from pathlib import Path
-from typing import Annotated
-
-import typer
 
 from ...core.runtime.progress import working
 from ...errors import InputError, InputWarning
 from ..delivery import deliver_camera_poses
 from ..messages import progress_wanted, timed
-from ..options.common import UNITS, JsonOption, folder_option, one_of
+from ..options.common import UNITS, one_of
 
 
 def points_command(
-    points: Annotated[
-        Path,
-        typer.Argument(
-            metavar="POINTS",
-            help="Points in the frame of the camera, CSV with the header pose,point,x,y,z (m). Pose k, from 0, belongs "
-            "to row k of the robot poses.",
-            show_default=False,
-        ),
-    ],
+    points: Path,
     target: Path | None = None,
     noise: str | None = None,
     units: str | None = None,
     target_units: str | None = None,
-    as_json: JsonOption = False,
-    output: Annotated[
-        Path | None,
-        folder_option(
-            "Folder for camera poses and their covariance. It holds camera.csv, points_covariance.npz, points.json, "
-            "points.csv, target.csv and residuals.png, and takes the place of CAMERA in the other commands."
-        ),
-    ] = None,
+    as_json: bool = False,
+    output: Path | None = None,
 ) -> None:
     """Compute camera poses from points of a target measured in 3-D.
 
@@ -51,6 +34,10 @@ def points_command(
     points that are not in a line. The noise is estimated across and along the
     line of sight; wrong points are left out and named.
 
+    Arguments:
+      POINTS: Points in the frame of the camera, CSV with the header pose,point,x,y,z (m). Pose k, from 0, belongs to
+        row k of the robot poses.
+
     Options:
       * --target FILE: Points in the frame of the target, CSV with the header point,x,y,z (m). Default: the shape of the
         target is estimated with the poses.
@@ -58,6 +45,11 @@ def points_command(
         isotropic to estimate one: the same in all directions (trackers). Default: both are estimated.
       * --units UNIT <UNITS>: Length unit of POINTS. Default: m.
       --target-units UNIT <UNITS>: Length unit of the target. Default: m.
+
+    Options (Output):
+      * -o, --output DIR <named_folder>: Folder for camera poses and their covariance. It holds camera.csv,
+        points_covariance.npz, points.json, points.csv, target.csv and residuals.png, and takes the place of CAMERA in
+        the other commands.
     """
     from ...model.points.estimate import poses_from_points
     from ...model.points.files.folder_writer import to_dict

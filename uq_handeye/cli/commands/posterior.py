@@ -2,20 +2,16 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Any
 
 from ...errors import InputError
 from ..delivery import deliver, wrote
 from ..messages import progress_wanted, timed
 from ..new_poses import Session, calibrated, problem_for, session_of
-from ..options.common import JsonOption, emit, folder_option, made_of
+from ..options.common import emit, made_of
 from ..options.noise import pose_prior_of
 
-if TYPE_CHECKING:
-    pass
-
 CHAIN = "chain.h5"
-CHAINS = "Sampling"  # group of options
 
 
 @dataclass(frozen=True)
@@ -46,8 +42,8 @@ def posterior_command(
     beforehand: "dict[str, Any]",
     sampling: "Sampling",
     pairs: str = "disjoint",
-    as_json: JsonOption = False,
-    output: Annotated[Path | None, folder_option(f"Folder for {CHAIN}, posterior.json and corner.png, .svg.")] = None,
+    as_json: bool = False,
+    output: Path | None = None,
     resume: bool = False,
 ) -> None:
     r"""Sample the posterior of X by Markov chain Monte Carlo.
@@ -71,6 +67,7 @@ def posterior_command(
         or consecutive.
 
     Options (Output):
+      * -o, --output DIR <named_folder>: Folder for {CHAIN}, posterior.json and corner.png, .svg.
       * --resume: Continue the chain in -o DIR.
     """
     if resume and output is None:

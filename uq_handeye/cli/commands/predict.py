@@ -1,16 +1,15 @@
 """Command ``predict``: positions of points and camera poses at other robot poses."""
 
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 from ...core.files.csv_text import csv_text
 from ...errors import InputError
-from ..delivery import deliver, deliver_csv, folder_or_csv_option, is_csv
-from ..options.arm import JointUnits
-from ..options.common import JsonOption, emit
+from ..delivery import deliver, deliver_csv
+from ..options.common import emit, is_csv, made_of
 from ..options.touches import coordinates
 from ..rigs.in_use import predict_stored_rig, stored_rig
-from .files import ResultFile
 
 if TYPE_CHECKING:
     from ...calibration.prediction.predict import CameraPrediction
@@ -20,27 +19,75 @@ if TYPE_CHECKING:
 
 # Number of rows printed; the files hold all.
 PRINTED = 40
-PLACES = "Robot poses"
 
 
+@dataclass(frozen=True)
+class Places:
+    """Options of the robot poses to predict at.
+
+    Options (Robot poses):
+      * --joints FILE.csv: Joint values to predict at, named as in the calibration.
+      * --robot FILE.csv: Robot poses base_T_gripper to predict at. For a calibration without joints, or with --joints
+        if the controller's poses differ from those of the joints.
+      --robot-units UNIT <UNITS>: Length unit of --robot: {UNITS}. Default: as its format says, else m.
+      --robot-format NAME <FORMAT_NAMES>: Format of --robot, as of calibrate. Default: told by the content.
+    """
+
+    joints: Path | None = None
+    joint_units: str | None = None
+    robot: Path | None = None
+    robot_units: str | None = None
+    robot_format: str | None = None
+
+
+@dataclass(frozen=True)
+class Asked:
+    """Options of what is predicted.
+
+    Options:
+      * --point X,Y,Z: Point in camera coordinates, e.g. 0mm,0mm,300mm. Predicts its position in the base frame.
+        Repeatable.
+      * --reached-at FILE.csv: Joint values that bring the tool to the points of --joints. Row by row; predicts how far
+        it misses.
+      * --tool X,Y,Z: Tool tip in the flange frame, for --reached-at. For example 0mm,0mm,150mm. Default: its origin.
+      * --camera: Predict camera_T_target, the poses that the camera should see.
+      --of CAMERA: With the result of a rig: the camera that --point belongs to.
+      --into CAMERA: With the result of a rig: predict in the frame of this camera. Default: the world.
+      --no-noise: With --camera: leave out the noise of a new measurement.
+    """
+
+    point: list[str] | None = None
+    reached_at: Path | None = None
+    tool: str | None = None
+    camera: bool = False
+    of: str | None = None
+    into: str | None = None
+    no_noise: bool = False
+
+    def require_possible(self, at: Places) -> None:
+        """Raise `InputError` for what cannot be, or not together."""
+        if self.of is not None or self.into is not None:
+            raise InputError("--of and --into are for the result of a rig. Remove them.")
+        if bool(self.point) == self.camera:
+            raise InputError("Give either --point X,Y,Z in camera coordinates, or --camera for camera poses.")
+        if self.no_noise and not self.camera:
+            raise InputError("--no-noise needs --camera: a point in the base frame is not a measurement.")
+        if self.reached_at is not None and self.camera:
+            raise InputError("--reached-at needs --point, the point that the tool is brought to.")
+        if self.tool is not None and self.reached_at is None:
+            raise InputError("--tool needs --reached-at FILE.csv, the joint values at the point. Add it.")
+        if at.joints is None and at.robot is None and self.reached_at is None:
+            raise InputError("No robot poses to predict at. Give --joints FILE.csv or --robot FILE.csv.")
+        if at.joint_units is not None and at.joints is None and self.reached_at is None:
+            raise InputError("--joint-units needs --joints. Remove it.")
+        for name, value in (("--robot-units", at.robot_units), ("--robot-format", at.robot_format)):
+            if value is not None and at.robot is None:
+                raise InputError(f"{name} needs --robot. Remove it.")
+
+
+@made_of(places=Places, asked=Asked)
 def predict_command(
-    result: ResultFile,
-    joints: Path | None = None,
-    joint_units: JointUnits = None,
-    robot: Path | None = None,
-    robot_units: str | None = None,
-    robot_format: str | None = None,
-    point: list[str] | None = None,
-    reached_at: Path | None = None,
-    tool: str | None = None,
-    camera: bool = False,
-    of: str | None = None,
-    into: str | None = None,
-    no_noise: bool = False,
-    as_json: JsonOption = False,
-    output: Annotated[
-        Path | None, folder_or_csv_option("Folder for predictions.csv (m, rad) and predictions.json.")
-    ] = None,
+    result: Path, places: "Places", asked: "Asked", as_json: bool = False, output: Path | None = None
 ) -> None:
     r"""Predict target points or camera poses at other robot poses.
 
@@ -59,23 +106,8 @@ def predict_command(
 
     The uncertainty combines X, the target pose and the robot.
 
-    Options (Robot poses):
-      * --joints FILE.csv: Joint values to predict at, named as in the calibration.
-      * --robot FILE.csv: Robot poses base_T_gripper to predict at. For a calibration without joints, or with --joints
-        if the controller's poses differ from those of the joints.
-      --robot-units UNIT <UNITS>: Length unit of --robot: {UNITS}. Default: as its format says, else m.
-      --robot-format NAME <FORMAT_NAMES>: Format of --robot, as of calibrate. Default: told by the content.
-
-    Options:
-      * --point X,Y,Z: Point in camera coordinates, e.g. 0mm,0mm,300mm. Predicts its position in the base frame.
-        Repeatable.
-      * --reached-at FILE.csv: Joint values that bring the tool to the points of --joints. Row by row; predicts how far
-        it misses.
-      * --tool X,Y,Z: Tool tip in the flange frame, for --reached-at. For example 0mm,0mm,150mm. Default: its origin.
-      * --camera: Predict camera_T_target, the poses that the camera should see.
-      --of CAMERA: With the result of a rig: the camera that --point belongs to.
-      --into CAMERA: With the result of a rig: predict in the frame of this camera. Default: the world.
-      --no-noise: With --camera: leave out the noise of a new measurement.
+    Options (Output):
+      * -o, --output DIR <folder_or_csv>: Folder for predictions.csv (m, rad) and predictions.json.
     """
     import numpy as np
 
@@ -83,35 +115,18 @@ def predict_command(
     from ...read import json_text
 
     if (rig := stored_rig(result)) is not None:
-        return predict_stored_rig(rig, of, into, point, robot, as_json, output)
-    if of is not None or into is not None:
-        raise InputError("--of and --into are for the result of a rig. Remove them.")
-    if bool(point) == camera:
-        raise InputError("Give either --point X,Y,Z in camera coordinates, or --camera for camera poses.")
-    if no_noise and not camera:
-        raise InputError("--no-noise needs --camera: a point in the base frame is not a measurement.")
-    if reached_at is not None and camera:
-        raise InputError("--reached-at needs --point, the point that the tool is brought to.")
-    if tool is not None and reached_at is None:
-        raise InputError("--tool needs --reached-at FILE.csv, the joint values at the point. Add it.")
-    if joints is None and robot is None and reached_at is None:
-        raise InputError("No robot poses to predict at. Give --joints FILE.csv or --robot FILE.csv.")
-    if joint_units is not None and joints is None and reached_at is None:
-        raise InputError("--joint-units needs --joints. Remove it.")
-    for name, value in (("--robot-units", robot_units), ("--robot-format", robot_format)):
-        if value is not None and robot is None:
-            raise InputError(f"{name} needs --robot. Remove it.")
-    points = None if not point else np.array([coordinates(text, "--point") for text in point])
-    tip = None if tool is None else np.array(coordinates(tool, "--tool"))
+        return predict_stored_rig(rig, asked.of, asked.into, asked.point, places.robot, as_json, output)
+    asked.require_possible(places)
+    points = None if not asked.point else np.array([coordinates(text, "--point") for text in asked.point])
+    tip = None if asked.tool is None else np.array(coordinates(asked.tool, "--tool"))
     stored = Calibration.from_json(result)
-    of_robot = {"units": robot_units, "format": robot_format}
-    times, at = _places(stored, str(result), {"joints": joints, "reached_at": reached_at}, joint_units, robot, of_robot)
+    times, at = _read_places(stored, str(result), places, asked.reached_at)
     if points is not None:
         found = stored.predict(points, tool=tip, **{name: values[:, None] for name, values in at.items()})
         rows, data = _point_rows(found, times), found.to_dict()
-        text = _text_of_points(found, len(times), stored, reached_at is not None)
+        text = _text_of_points(found, len(times), stored, asked.reached_at is not None)
     else:
-        seen = stored.predict_camera(**at, new_measurement=not no_noise)
+        seen = stored.predict_camera(**at, new_measurement=not asked.no_noise)
         rows, data, text = _pose_rows(seen, times), seen.to_dict(), _text_of_poses(seen)
     csv = csv_text(rows)
     plain = json_text(data | {"timestamps": times.tolist()})
@@ -123,13 +138,8 @@ def predict_command(
     emit(plain if as_json else text + said)
 
 
-def _places(
-    stored: "Calibration",
-    name: str,
-    files: dict[str, Path | None],
-    joint_units: str | None,
-    robot: Path | None,
-    of_robot: dict[str, str | None],
+def _read_places(
+    stored: "Calibration", name: str, places: Places, reached_at: Path | None
 ) -> "tuple[Array, dict[str, Array]]":
     """Read timestamps (or row numbers), and joints and robot poses by the arguments of `predict`."""
     import numpy as np
@@ -140,21 +150,21 @@ def _places(
     at: dict[str, Array] = {}
     names: dict[str, Path] = {}
     times: list[Array | None] = []
-    for argument, file in files.items():
+    for argument, file in (("joints", places.joints), ("reached_at", reached_at)):
         if file is None:
             continue
         if stored.kinematics is None:
             raise InputError(
                 f"{name} holds no joints. Give --robot (poses base_T_gripper), or calibrate with --joints and --urdf."
             )
-        table = read_joints(file, stored.kinematics.chain, joint_units)
+        table = read_joints(file, stored.kinematics.chain, places.joint_units)
         at[argument], names[argument] = table.q, file
         times.append(table.timestamps)
-    if robot is not None:
+    if places.robot is not None:
         sources = () if stored.provenance is None else stored.provenance.sources
         like = sources[0].format if sources else None  # as the robot of the calibration wrote its poses
-        stamps, at["robot"] = read_robot_poses(robot, like, **of_robot)
-        names["robot"] = robot
+        stamps, at["robot"] = read_robot_poses(places.robot, like, units=places.robot_units, format=places.robot_format)
+        names["robot"] = places.robot
         times.append(stamps)
     if len({len(values) for values in at.values()}) > 1:
         counts = " and ".join(f"{names[argument]} has {len(values)}" for argument, values in at.items())

@@ -2,13 +2,11 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
 
 from ...errors import InputError
-from ..options.common import SETUP_NAMES, emit, made_of, option
+from ..options.common import SETUP_NAMES, emit, made_of
 from ..options.noise import NoiseOptions, exact_beside
 
-RIG = "Rig"
 MAX_POSES = 1_000_000  # about 1 GB of memory
 
 
@@ -32,17 +30,7 @@ def simulate_command(
     options: "SimulatedNoise",
     output: Path,
     n_poses: int = 20,
-    setup: Annotated[
-        str,
-        option(
-            "--setup",
-            of=SETUP_NAMES,
-            metavar="NAME",
-            panel=RIG,
-            common=True,
-            help=f"Camera mount: {' or '.join(SETUP_NAMES)}.",
-        ),
-    ] = SETUP_NAMES[0],
+    setup: str = SETUP_NAMES[0],
     distance: str = "0.4m,0.8m",
     tilt: str = "35deg",
     roll: str = "60deg",
@@ -63,6 +51,7 @@ def simulate_command(
 
     Options (Rig):
       * n_poses = --poses, -n N: Number of poses.
+      * --setup NAME <SETUP_NAMES>: Camera mount: eye-in-hand or eye-to-hand.
       * --distance NEAR,FAR: Distances of camera and target.
       * --tilt ANGLE: Largest angle of line of sight to target normal.
       * --roll ANGLE: Largest roll about the line of sight.

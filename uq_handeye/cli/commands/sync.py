@@ -1,14 +1,12 @@
 """Command ``sync``: two unsynchronised streams put on one clock."""
 
 from pathlib import Path
-from typing import Annotated
 
 from ..delivery import deliver
 from ..messages import LOG, timed
-from ..options.common import JsonOption, emit, folder_option, made_of, one_of
+from ..options.common import emit, made_of, one_of
 from ..stream_files import StreamFiles
 
-CLOCKS = "Synchronisation"
 INTERPOLATIONS = ("so4", "geodesic")
 
 
@@ -20,14 +18,8 @@ def sync_command(
     max_gap: float | None = None,
     interpolation: str = INTERPOLATIONS[0],
     seed: int = 0,
-    as_json: JsonOption = False,
-    output: Annotated[
-        Path | None,
-        folder_option(
-            "Folder for the paired poses and figures. It holds robot.csv and camera.csv (paired by row), sync.json, "
-            "sync.png and sync.svg."
-        ),
-    ] = None,
+    as_json: bool = False,
+    output: Path | None = None,
 ) -> None:
     """Put two unsynchronised pose streams on one clock.
 
@@ -51,6 +43,10 @@ def sync_command(
       * --max-gap SECONDS: Longest gap (s) that is interpolated. Default: three times the median interval.
       --interpolation NAME <INTERPOLATIONS>: Interpolation of poses: so4 or geodesic.
       --seed N: Seed of random subsets.
+
+    Options (Output):
+      * -o, --output DIR <named_folder>: Folder for the paired poses and figures. It holds robot.csv and camera.csv
+        (paired by row), sync.json, sync.png and sync.svg.
     """
     kind = one_of(interpolation, "--interpolation", INTERPOLATIONS)
     with timed("synchronising"):

@@ -3,44 +3,27 @@
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
-
-import typer
 
 from ...core.files.atomic import held
 from ...errors import InputError, NotConvergedError
 from ..delivery import ReportOptions, deliver, report_options_of
 from ..messages import quiet, timed, withheld
 from ..new_poses import NewPoses, new_poses_of
-from ..options.common import JsonOption, emit, emit_document, folder_option, made_of, require_writable
+from ..options.common import emit, emit_document, made_of
 from ..outcome import Wanted, emit_refusal, wanted_of
 from ..rigs.in_use import stored_rig, update_stored_rig
-from .calibrate import (
-    REPORTS,
-    FiguresOption,
-    Files,
-    NoCompare,
-    ReportFile,
-    ResultFolder,
-    deliver_result,
-    require_folder,
-)
-from .files import ResultFile
+from .calibrate import Outputs, deliver_result
 
 
-@made_of(files=new_poses_of, wishes=report_options_of, wanted=wanted_of)
+@made_of(files=new_poses_of, wishes=report_options_of, wanted=wanted_of, outputs=Outputs)
 def update_command(
-    result: ResultFile,
+    result: Path,
     files: "NewPoses",
     wishes: "ReportOptions",
     wanted: "Wanted",
+    outputs: "Outputs",
     although_changed: bool = False,
     same: str | None = None,
-    report: ReportFile = None,
-    no_compare: NoCompare = False,
-    as_json: JsonOption = False,
-    output: ResultFolder = None,
-    figures: FiguresOption = False,
 ) -> int:
     """Update a stored result by new poses, one or more.
 
@@ -60,34 +43,25 @@ def update_command(
       * --although-changed: Update even if the new poses contradict the result.
       * --same NAMES: What is that of the result, out of robot,camera,target, or none. Default: all.
     """
-    require_writable(report, "--report", REPORTS)
     if (rig := stored_rig(result)) is not None:
-        return update_stored_rig(rig, files.files.robot, although_changed, as_json, output, report, wishes, wanted)
-    require_folder(figures, output)
-    if report is None and no_compare:
-        raise InputError("--no-compare needs --report FILE. Add it.")
+        return update_stored_rig(rig, files.files.robot, although_changed, wishes, wanted, outputs)
+    outputs.require_possible()
     from ...calibration.result import Calibration
     from ...model.posterior.owners import THINGS
     from ...use.maintenance.update import gain, update
 
-    with _held_if_replaced(result, output):
+    with _held_if_replaced(result, outputs.output):
         stored = Calibration.from_json(result)
         poses = files.read(stored, str(result))
         with withheld() as shown:
             try:
                 with timed("updating"):
                     found = update(stored, poses, although_changed=although_changed, same=names_of(same) or THINGS)
-                shown += [] if as_json else found.warnings
+                shown += [] if outputs.as_json else found.warnings
             except (InputError, NotConvergedError) as error:
-                return emit_refusal(error, as_json, shown)
+                return emit_refusal(error, outputs.as_json, shown)
         found = replace(found, about=found.about | wishes.about)
-        return deliver_result(
-            found,
-            Files(output, report, not no_compare, None, wishes.of_report, figures),
-            wanted,
-            as_json,
-            more=gain(stored, found, poses.n),
-        )
+        return deliver_result(found, outputs, wanted, wishes, more=gain(stored, found, poses.n))
 
 
 def names_of(same: str | None) -> list[str]:
@@ -103,11 +77,11 @@ def _held_if_replaced(result: Path, output: Path | None) -> AbstractContextManag
 
 
 def diff_command(
-    old: Annotated[Path, typer.Argument(metavar="OLD", help="Result file of before: result.json.")],
-    new: Annotated[Path, typer.Argument(metavar="NEW", help="Result file of now: result.json.")],
+    old: Path,
+    new: Path,
     same: str | None = None,
-    as_json: JsonOption = False,
-    output: Annotated[Path | None, folder_option("Folder for diff.json and diff.txt.")] = None,
+    as_json: bool = False,
+    output: Path | None = None,
 ) -> None:
     """Print how far two results differ, with uncertainty.
 
@@ -123,6 +97,13 @@ def diff_command(
     Options (Estimation):
       * --same NAMES: What is the same in both, out of robot,camera,target: its errors cancel in part. Default: all
         three if the results have poses in common.
+
+    Arguments:
+      OLD: Result file of before: result.json.
+      NEW: Result file of now: result.json.
+
+    Options (Output):
+      * -o, --output DIR <named_folder>: Folder for diff.json and diff.txt.
     """
     from ...calibration.result import Calibration
     from ...use.maintenance.difference import difference, difference_document

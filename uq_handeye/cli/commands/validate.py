@@ -3,7 +3,7 @@
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 from ...core.files.csv_text import frame_text
 from ...errors import InputError
@@ -12,13 +12,9 @@ from ..messages import LOG, progress_wanted, verbose
 from ..new_poses import Session, calibrated, problem_for, session_of
 from ..options.common import (
     EVERY_METHOD,
-    JsonOption,
-    PairsOption,
-    WorkersOption,
     cores,
     emit,
     emit_document,
-    folder_option,
     made_of,
     methods_of,
     require_writable,
@@ -26,11 +22,11 @@ from ..options.common import (
 from ..options.noise import pose_prior_of
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
     from concurrent.futures import Executor
 
     from ...trials.validation.monte_carlo.run import MonteCarlo
 
-TRIALS = "Simulation"
 # Exit status after Ctrl-C, and of a run that ended early for another reason.
 INTERRUPTED, NOT_COMPLETE = 130, 1
 
@@ -57,10 +53,10 @@ class Simulation:
     digits: int | None = None
     seed: int = 0
     covariance: str = "model"
-    pairs: PairsOption = "all"
+    pairs: str = "all"
     scale: float | None = None
     sweep_noise: str | None = None
-    workers: WorkersOption = None
+    workers: int | None = None
     scheduler: str | None = None
 
     def factors(self, resume: bool) -> list[float] | None:
@@ -86,15 +82,8 @@ def validate_command(
     beforehand: "dict[str, Any]",
     asked: "Simulation",
     figure: Path | None = None,
-    as_json: JsonOption = False,
-    output: Annotated[
-        Path | None,
-        folder_option(
-            "Folder for the results and the trials, for --resume. It holds result.json, validation.csv, "
-            "validation.png, validation.svg and the trials (chunks/); several methods: a folder each. With "
-            "--sweep-noise: sweep.json, sweep.csv, sweep.png, sweep.svg."
-        ),
-    ] = None,
+    as_json: bool = False,
+    output: Path | None = None,
     resume: bool = False,
 ) -> int:
     r"""Check the covariance of X by Monte Carlo simulation.
@@ -116,6 +105,9 @@ def validate_command(
     (exit status 1). With -o DIR, --resume continues it.
 
     Options (Output):
+      * -o, --output DIR <named_folder>: Folder for the results and the trials, for --resume. It holds result.json,
+        validation.csv, validation.png, validation.svg and the trials (chunks/); several methods: a folder each. With
+        --sweep-noise: sweep.json, sweep.csv, sweep.png, sweep.svg.
       * --figure FILE: Figure, .png or .svg, one per method.
       * --resume: Continue the run in -o DIR, or add trials to it.
     """
@@ -135,45 +127,22 @@ def validate_command(
         options = {"seed": asked.seed, "pairs": pairs, **({} if asked.trials is None else {"trials": asked.trials})}
         return _sweep(problem, names, factors, options, figure, as_json, output)
 
-    from ...core.runtime.executors import connect_to_dask
     from ...read import json_text
-    from ...trials.validation.monte_carlo.run import monte_carlo
     from ...trials.validation.monte_carlo.sentences import INTERRUPTED as ENDED_BY_HAND
 
-    results: dict[str, MonteCarlo] = {}
-    with ExitStack() as stack:
-        executor: Executor | None = None
-        if asked.scheduler is not None:
-            executor, workers = stack.enter_context(connect_to_dask(asked.scheduler))
-        for name in names:
-            folder = output if output is None or len(names) == 1 else output / name
-            result = monte_carlo(
-                **problem,
-                method=name,
-                trials=asked.trials,
-                seed=asked.seed,
-                workers=workers,
-                pairs=pairs,
-                scale=asked.scale,
-                covariance="each" if asked.covariance == "each" else None,
-                digits=asked.digits,
-                directory=folder,
-                resume=resume,
-                executor=executor,
-                progress=progress_wanted(),
-            )
-            results[name] = result
-            if not as_json:
-                emit("\n" if len(results) > 1 else "")
-                emit_document(result.document(verbose()))
-            if folder is not None and (said := _deliver(result, folder)) and not as_json:
-                emit(said)
-            if figure is not None:
-                result.figure(_of_method(figure, name, names))
-            if result.ended_early:
-                break
+    results: list[MonteCarlo] = []
+    for result in _simulated(problem, names, asked, workers, resume, output):
+        results.append(result)
+        folder = _folder(output, result.method, names)
+        if not as_json:
+            emit("\n" if len(results) > 1 else "")
+            emit_document(result.document(verbose()))
+        if folder is not None and (said := _deliver(result, folder)) and not as_json:
+            emit(said)
+        if figure is not None:
+            result.figure(_of_method(figure, result.method, names))
     if as_json:
-        parts = [result.to_dict() for result in results.values()]
+        parts = [result.to_dict() for result in results]
         emit(json_text(parts[0] if len(names) == 1 else {"methods": parts}))
     if result.ended.code == ENDED_BY_HAND:
         return INTERRUPTED
@@ -183,6 +152,43 @@ def validate_command(
         LOG.error("the run by %s is not complete: %s; %s.", result.method, reason, how)
         return NOT_COMPLETE
     return 0
+
+
+def _simulated(
+    problem: dict[str, Any], names: list[str], asked: Simulation, workers: int, resume: bool, output: Path | None
+) -> "Iterator[MonteCarlo]":
+    """Yield the result of each method, up to the first that ends early."""
+    from ...core.runtime.executors import connect_to_dask
+    from ...trials.validation.monte_carlo.run import monte_carlo
+
+    with ExitStack() as stack:
+        executor: Executor | None = None
+        if asked.scheduler is not None:
+            executor, workers = stack.enter_context(connect_to_dask(asked.scheduler))
+        for name in names:
+            result = monte_carlo(
+                **problem,
+                method=name,
+                trials=asked.trials,
+                seed=asked.seed,
+                workers=workers,
+                pairs=asked.pairs,
+                scale=asked.scale,
+                covariance="each" if asked.covariance == "each" else None,
+                digits=asked.digits,
+                directory=_folder(output, name, names),
+                resume=resume,
+                executor=executor,
+                progress=progress_wanted(),
+            )
+            yield result
+            if result.ended_early:
+                return
+
+
+def _folder(output: Path | None, name: str, names: list[str]) -> Path | None:
+    """Return the folder of a method, which has its own if there are several."""
+    return output if output is None or len(names) == 1 else output / name
 
 
 def _sweep(

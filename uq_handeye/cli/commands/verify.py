@@ -1,17 +1,14 @@
 """Command ``verify``: points that were seen and touched, against a stored result."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-import typer
+from typing import TYPE_CHECKING, Any
 
 from ...core.files.csv_text import csv_text
 from ...errors import InputError
 from ..delivery import deliver
 from ..messages import quiet
-from ..options.common import UNITS, JsonOption, emit, emit_document, folder_option, made_of, one_of
-from ..options.touches import TOUCHING, TouchOptions
-from .files import ResultFile
+from ..options.common import UNITS, emit, emit_document, made_of, one_of
+from ..options.touches import TouchOptions
 
 if TYPE_CHECKING:
     from ...core.geometry.se3 import Array
@@ -23,25 +20,14 @@ CONTRADICTED = 4
 
 @made_of(touching=TouchOptions)
 def verify_command(
-    result: ResultFile,
+    result: Path,
     touching: "TouchOptions",
-    touches: Annotated[
-        Path | None,
-        typer.Argument(metavar="TOUCHES.csv", help="Points seen and touched, one row each. Columns: see the page."),
-    ] = None,
+    touches: Path | None = None,
     show: str = "0.5mm",
     candidates: Path | None = None,
-    poses: Annotated[
-        tuple[Path, Path] | None,
-        typer.Option(
-            "--poses",
-            metavar="ROBOT.csv CAMERA.csv",
-            help="New poses in place of touches: an independent data set of the same cell.",
-            rich_help_panel=TOUCHING,
-        ),
-    ] = None,
-    as_json: JsonOption = False,
-    output: Annotated[Path | None, folder_option("Folder for verification.json and points.csv (m).")] = None,
+    poses: tuple[Path, Path] | None = None,
+    as_json: bool = False,
+    output: Path | None = None,
 ) -> int:
     """Test a stored result by touching points that the camera saw.
 
@@ -55,7 +41,14 @@ def verify_command(
 
     Exit status 4 if the touches contradict the result.
 
+    Arguments:
+      touches = TOUCHES.csv: Points seen and touched, one row each. Columns: see the page.
+
+    Options (Touches):
+      --poses ROBOT.csv CAMERA.csv: New poses in place of touches: an independent data set of the same cell.
+
     Options (Output):
+      * -o, --output DIR <named_folder>: Folder for verification.json and points.csv (m).
       * --show LENGTH: Bias that should show, e.g. 0.5mm. The answer says how many touches it takes.
       --candidates FILE.csv: Points that could be touched next, x,y,z in the camera frame (m). Default: the region seen
         so far.

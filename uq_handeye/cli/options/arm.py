@@ -3,28 +3,23 @@
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from ...errors import InputError
-from .common import Options, made_of, one_of, option
-from .declared import JOINTS
+from .common import ROBOT_CLASSES, Options, made_of, one_of
 
 if TYPE_CHECKING:
     from ...model.kinematics.chain import Kinematics
     from ...model.kinematics.kinematic_errors import KinematicErrors
 
-# Names of kinematics.kinematic_errors, repeated here so that help and completion load quickly.
+# Names of kinematics.kinematic_errors and kinematics.arms.known_arms, repeated here so that help loads quickly.
 HOW = ("estimate", "declared", "exact")
-ROBOT_CLASSES = ("industrial", "cobot", "hobby")
 FLANGES = ("workspace", "controller", "physical")
-JOINT_UNITS = ("rad", "deg")
-# Those of kinematics.arms.known_arms and of shared_errors.sizes.
 ROBOT_MODELS = (
     *("ur3e", "ur5e", "ur10e", "ur16e", "ur5", "ur10", "irb120", "irb1200", "irb2600", "irb4600", "kr6r900"),
     *("kr10r1100", "iiwa7", "iiwa14", "lrmate200id", "m10ia", "crx10ia", "gp7", "hc10", "tx260", "rs007n", "vs060"),
     *("panda", "fr3", "gen3", "xarm6", "xarm7", "m1013"),
 )
-ACCURACY_CLASSES = ("calibrated", "industrial", "cobot")
 
 # Options of standard deviations: field here, parameter of `KinematicErrors`.
 _DEVIATIONS = {
@@ -35,29 +30,6 @@ _DEVIATIONS = {
     "--transmission-sd": ("transmission_sd", "transmission_sd"),
     "--sag-sd": ("sag_sd", "sag_sd"),
 }
-
-RobotClass = Annotated[
-    str | None,
-    option(
-        "--robot-class",
-        of=tuple(dict.fromkeys((*ACCURACY_CLASSES, *ROBOT_CLASSES))),
-        metavar="NAME",
-        panel=JOINTS,
-        help=f"Class of the arm. With its kinematics ({', '.join(ROBOT_CLASSES)}) it sets the standard deviations not "
-        f"given. Default: industrial. Without ({', '.join(ACCURACY_CLASSES)}) it sets the accuracy that is assumed of "
-        "the robot: 0.15, 0.6 or 2 mm, within a factor of 2.",
-    ),
-]
-JointUnits = Annotated[
-    str | None,
-    option(
-        "--joint-units",
-        of=JOINT_UNITS,
-        metavar="UNIT",
-        panel=JOINTS,
-        help="Unit of the joint values: rad, deg, or e.g. deg,mm with prismatic joints. Default: as the header says.",
-    ),
-]
 
 
 @dataclass(frozen=True)
@@ -84,7 +56,7 @@ class ChainOptions(Options):
     tip: str | None = None
     dh: Path | None = None
     ur_calibration: Path | None = None
-    joint_units: JointUnits = None
+    joint_units: str | None = None
 
     def require(self, others: list[str]) -> None:
         """Raise `InputError` unless the options name one robot model; ``others`` need it, too."""
@@ -155,7 +127,7 @@ class ErrorOptions(Options):
     length_sd: str | None = None
     transmission_sd: str | None = None
     sag_sd: str | None = None
-    robot_class: RobotClass = None
+    robot_class: str | None = None
     flange: str | None = None
 
     def errors(self) -> "KinematicErrors":

@@ -1,4 +1,22 @@
-"""Options that several commands share, their types, and how output is printed.
+"""Options that several commands share, how options are declared, and how output is printed.
+
+A parameter of a function, or a field of a dataclass, has its type and default where Python has them; what its option
+takes and says stands in the docstring:
+
+    Arguments:
+      files = PICTURES: Pictures, or one table of corners.
+
+    Options (Pose files):
+      * --pair HOW <PAIRINGS>: Pairing: rows, time or async. More text,
+        which may go on below.
+      --exclude POSES: Poses to exclude.
+      as_json = --json: Print the result as one JSON object.
+
+The heading names the group of the help, if there is one. ``*`` marks options that the short help shows. Behind the
+names stands what the option takes, nothing for a flag; then, in ``<>``, the names that the shell completes (a constant
+of the module or of this one, or words with ``|`` between them) or the function of these that checks the value.
+``{PAIRINGS}`` in the text lists a constant. The parameter of an option is the one of its name, or the one in front of
+``=``. What several commands take is declared once, in `Common`, and found there by the name of the parameter.
 
 Nothing heavy is imported here, so that help and completion load quickly: the names that options complete are repeated,
 and a test holds them against the registries.
@@ -7,17 +25,18 @@ and a test holds them against the registries.
 import difflib
 import inspect
 import os
+import re
 import sys
-from collections.abc import Callable, Iterable, Sequence
-from functools import wraps
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import cache, wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import typer
 
+from ...core.files.about import ABOUT
 from ...errors import InputError
 from ..messages import Messages, styled, terminal_width
-from .declared import ESTIMATION, OUTPUT, choices, common_in, parameters_of, without_options
 
 if TYPE_CHECKING:
     from ...core.presentation.document import Document
@@ -47,7 +66,29 @@ FORMAT_NAMES = (
 ROBOT_FRAMES = ("base_T_gripper", "gripper_T_base")
 CAMERA_FRAMES = ("camera_T_target", "target_T_camera")
 PAIRINGS = ("rows", "time", "async")
+PAPERS = ("a4", "letter")
+TITLES = tuple(ABOUT)
 UNITS = ("m", "mm", "cm", "um", "in")
+JOINT_UNITS = ("rad", "deg")
+# Those of kinematics.kinematic_errors and of shared_errors.sizes.
+ROBOT_CLASSES = ("industrial", "cobot", "hobby")
+ACCURACY_CLASSES = ("calibrated", "industrial", "cobot")
+EVERY_CLASS = tuple(dict.fromkeys((*ACCURACY_CLASSES, *ROBOT_CLASSES)))
+
+# Groups of options in the help, in their order; a command's own groups stand where OPTIONS does.
+ARGUMENTS, OPTIONS, MESSAGES = "Arguments", "Options", "Messages"
+_BEFORE = (
+    *(ARGUMENTS, "Pictures of a board", "Pose files", "Camera poses from other programs", "Robot joints"),
+    *("Camera model", "Noise", "Shared errors", "Prior knowledge", "Estimation"),
+)
+_AFTER = ("Output", MESSAGES)
+# Groups that the short help shows under the heading of another one, to save lines.
+SHOWN_UNDER = {
+    "Camera poses from other programs": "Pictures of a board",
+    "Robot joints": "Pose files",
+    "Shared errors": "Noise",
+    MESSAGES: "Output",
+}
 
 
 # ------------------------------------------------------------------------------------------- groups of options
@@ -79,7 +120,7 @@ def made_of(**makers: Callable[..., Any]) -> Callable[[Callable[..., Any]], Call
 
 def with_messages(command: Callable[..., Any]) -> Callable[..., Any]:
     """Add the options of `Messages` to a command; they are applied before anything else."""
-    parameters = inspect.signature(Messages).parameters
+    parameters = {parameter.name: parameter for parameter in parameters_of(Messages)}
 
     def run(**given: Any) -> Any:
         Messages(**{name: given.pop(name) for name in parameters}).apply()
@@ -143,27 +184,122 @@ class Options:
         ]
 
 
-def option(
-    *names: str,
-    help: str,
-    panel: str | None = None,
-    of: Sequence[str] = (),
-    metavar: str | None = None,
-    common: bool = False,
-) -> Any:
-    """Return a Typer option that takes text or a number.
+class Group(str):
+    """Name of a group of options; ``common`` if the short help shows the option that bears it."""
 
-    The shell completes the names ``of``; the short help shows the ``common`` ones, by the first sentence of ``help``
-    and the sentence that starts with "Default:".
+    common = False
+
+
+def position(group: str) -> int:
+    """Return the place of a group in the order of the help."""
+    if group in _AFTER:
+        return len(_BEFORE) + 1 + _AFTER.index(group)
+    return _BEFORE.index(group) if group in _BEFORE else len(_BEFORE)
+
+
+_HEADING = re.compile(r"\n\n(?=(?:Arguments|Options(?: \(.+\))?):\n)")
+_GROUP = re.compile(r"(?:Arguments|Options(?: \((.+)\))?):\n")
+_ENTRY = re.compile(
+    r"(\* )?(?:(\w+) = )?(-[\w/-]+(?:, -[\w-]+)*|[A-Z][\w.]*)(?: ([^\s<:][^<:]*?))?(?: <([^>]+)>)?: (.+)"
+)
+
+
+def parameters_of(maker: Callable[..., Any]) -> list[inspect.Parameter]:
+    """Return the parameters of a function or class, each with its option where a docstring declares it."""
+    docs = [base.__doc__ for base in reversed(maker.__mro__)] if isinstance(maker, type) else [maker.__doc__]
+    names = {**globals(), **vars(sys.modules[maker.__module__])}
+    declared = {key: made for doc in docs for key, made in _declared(doc or "", names)}
+    found = list(inspect.signature(maker).parameters.values())
+    fields = getattr(maker, "__dataclass_fields__", {})  # with those that a group derived from another does not take
+    if unknown := declared.keys() - {parameter.name for parameter in found} - fields.keys():
+        raise TypeError(f"{maker.__name__} has no parameter {', '.join(sorted(unknown))}, which its docstring declares")
+    taken = {
+        p.name: declared.get(p.name) or _common().get(p.name)
+        for p in found
+        if not hasattr(p.annotation, "__metadata__")
+    }
+    return [p.replace(annotation=Annotated[p.annotation, taken[p.name]]) if taken.get(p.name) else p for p in found]
+
+
+def without_options(doc: str | None) -> str:
+    """Return a docstring without the options that it declares."""
+    return _HEADING.split(inspect.cleandoc(doc or ""))[0]
+
+
+def choices(names: Sequence[str]) -> Callable[[str], list[str]]:
+    """Return the completion of one of ``names``, also as the last of a list with commas."""
+
+    def complete(incomplete: str) -> list[str]:
+        before, comma, last = incomplete.rpartition(",")
+        return [f"{before}{comma}{name}" for name in names if name.startswith(last)]
+
+    return complete
+
+
+def _declared(doc: str, names: dict[str, Any]) -> Iterator[tuple[str, Any]]:
+    """Yield the name of the parameter and the option of each entry."""
+    for section in _HEADING.split(inspect.cleandoc(doc))[1:]:
+        heading = _GROUP.match(section)
+        assert heading is not None
+        for entry in re.split(r"\n  (?=\S)", "\n" + section[heading.end() :].rstrip())[1:]:
+            match = _ENTRY.fullmatch(" ".join(entry.split()))
+            if match is None:
+                raise TypeError(f"expected an option such as '--exclude POSES: Poses to exclude.', got {entry!r}")
+            star, key, flags, takes, of, text = match.groups()
+            help = re.sub(r"\{(\w+)\}", lambda name: _listed(names[name[1]]), text)
+            if not flags.startswith("-"):
+                yield key or flags.lower(), typer.Argument(metavar=flags, help=help)
+                continue
+            group = Group(heading[1] or OPTIONS)
+            group.common = bool(star)
+            known = () if of is None else names.get(of) or of.split("|")
+            made = typer.Option(
+                *flags.split(", "),
+                help=help,
+                metavar=takes or "",
+                rich_help_panel=group if star or heading[1] else None,
+                callback=known if callable(known) else None,
+                autocompletion=choices(known) if known and not callable(known) else None,
+            )
+            yield key or max(flags.split(", "), key=len).split("/")[0].lstrip("-").replace("-", "_"), made
+
+
+def _listed(names: Iterable[str]) -> str:
+    return names if isinstance(names, str) else ", ".join(names)
+
+
+class Common:
+    """Options and arguments that several commands take, by the names of their parameters.
+
+    Arguments:
+      RESULT: Result file: result.json of calibrate -o.
+
+    Options (Robot joints):
+      --joint-units UNIT <JOINT_UNITS>: Unit of the joint values: rad, deg, or e.g. deg,mm with prismatic joints.
+        Default: as the header says.
+      --robot-class NAME <EVERY_CLASS>: Class of the arm. With its kinematics ({ROBOT_CLASSES}) it sets the standard
+        deviations not given. Default: industrial. Without ({ACCURACY_CLASSES}) it sets the accuracy that is assumed of
+        the robot: 0.15, 0.6 or 2 mm, within a factor of 2.
+
+    Options (Estimation):
+      --pairs NAME <all|consecutive|disjoint>: Pairs of poses that form a motion: all, consecutive or disjoint.
+
+    Options:
+      --workers N: Number of processes. Default: one per core.
+
+    Options (Output):
+      * --about KEY=VALUE: Title block, or a TOML file. Keys: {TITLES}. Repeatable.
+      --paper NAME <PAPERS>: Paper of a PDF report: a4 or letter.
+      * --report FILE: Report, one .html or .pdf file.
+      --no-compare: Report without the comparison of methods.
+      * as_json = --json: Print the result as one JSON object.
+      --figures: Figures in the folder of -o, as PNG and SVG, that of the methods with --report. Takes some seconds.
     """
-    completed = choices(of) if of else None
-    group = common_in(panel) if common else panel
-    return typer.Option(*names, help=help, metavar=metavar, rich_help_panel=group, autocompletion=completed)
 
 
-def flag(*names: str, help: str, panel: str | None = None, common: bool = False) -> Any:
-    """Return a Typer option without a value; the short help shows the ``common`` ones."""
-    return typer.Option(*names, help=help, metavar="", rich_help_panel=common_in(panel) if common else panel)
+@cache
+def _common() -> dict[str, Any]:
+    return dict(_declared(Common.__doc__ or "", globals()))
 
 
 # ------------------------------------------------------------------------------------------------------ output
@@ -181,17 +317,24 @@ def named_folder(directory: Path | None) -> Path | None:
     return directory
 
 
-def folder_option(help: str) -> Any:
-    """Return the option ``-o DIR``, which the short help shows."""
-    return typer.Option(
-        "-o",
-        "--output",
-        metavar="DIR",
-        callback=named_folder,
-        help=help,
-        rich_help_panel=common_in(OUTPUT),
-        show_default=False,
-    )
+def folder_or_csv(path: Path | None) -> Path | None:
+    """Return what ``-o DIR`` of a command names that took ``-o FILE.csv`` before, and still does."""
+    if not is_csv(path):
+        return named_folder(path)
+    require_writable(path, "-o")
+    return path
+
+
+def is_csv(path: Path | None) -> bool:
+    """Return whether ``-o`` names a CSV file, as it did before it named a folder."""
+    return path is not None and path.suffix.lower() == ".csv" and not path.is_dir()
+
+
+def fraction(value: float) -> float:
+    """Return a number from 0 to 1."""
+    if not 0.0 <= value <= 1.0:
+        raise typer.BadParameter(f"{value:g} is not in the range 0<=x<=1.")
+    return value
 
 
 def require_writable(path: Path | None, option: str, suffixes: Sequence[str] = ()) -> None:
@@ -203,22 +346,6 @@ def require_writable(path: Path | None, option: str, suffixes: Sequence[str] = (
     from ...core.files.atomic import require_writable_file
 
     require_writable_file(path)
-
-
-PairsOption = Annotated[
-    str,
-    option(
-        "--pairs",
-        of=("all", "consecutive", "disjoint"),
-        metavar="NAME",
-        panel=ESTIMATION,
-        help="Pairs of poses that form a motion: all, consecutive or disjoint.",
-    ),
-]
-JsonOption = Annotated[bool, flag("--json", panel=OUTPUT, common=True, help="Print the result as one JSON object.")]
-WorkersOption = Annotated[
-    int | None, option("--workers", metavar="N", help="Number of processes. Default: one per core.")
-]
 
 
 def cores() -> int:

@@ -8,8 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ...errors import InputError
-from .arm import ACCURACY_CLASSES, RobotClass
-from .common import made_of, one_of
+from .common import ACCURACY_CLASSES, made_of, one_of
 
 if TYPE_CHECKING:
     from ...model.noise.estimate import NoisePrior
@@ -48,8 +47,7 @@ class SharedOptions:
     robot_scale_sd: str | None = None
     robot_accuracy: str | None = None
     offset_sd: str | None = None
-
-    robot_class: RobotClass = None
+    robot_class: str | None = None
 
     def errors(
         self, poses: "PosePairs", noise: "Noise | None", file: Path | None = None, views: "Views | None" = None
@@ -156,7 +154,7 @@ class Given:
     """Noise and shared errors as given."""
 
     noise: "Noise | None"
-    one_side: "NoisePrior | None"  # if only one side is given
+    prior: "NoisePrior | None"  # what is known beforehand: one side as given, or data sheets
     shared: SharedOptions
     file: Path | None  # noise file, which may hold shared errors too
 
@@ -167,8 +165,8 @@ def given_of(options: "NoiseOptions", shared: "SharedOptions") -> Given:
     from ...model.noise.estimate import NoisePrior
 
     noise = options.read()
-    one_side = noise if isinstance(noise, NoisePrior) else None
-    return Given(None if isinstance(noise, NoisePrior) else noise, one_side, shared, options.noise)
+    prior = noise if isinstance(noise, NoisePrior) else None
+    return Given(noise if prior is None else None, prior, shared, options.noise)
 
 
 def exact_beside(known: "NoisePrior") -> "Noise":
@@ -199,6 +197,16 @@ def prior_of(
         return None
     robot, camera = _partly_known(robot_prior, "--robot-prior"), _partly_known(camera_prior, "--camera-prior")
     return NoisePrior(robot, camera, prior_factor)
+
+
+@made_of(given=given_of, prior=prior_of)
+def noise_of(given: "Given", prior: "NoisePrior | None") -> Given:
+    """Return noise and shared errors of the options, with the prior of the data sheets."""
+    if prior is None:
+        return given
+    if given.prior is not None:
+        raise InputError("The noise and a prior of it are both given. Give one of them.")
+    return replace(given, prior=prior)
 
 
 def pose_prior_of(

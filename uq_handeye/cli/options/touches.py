@@ -36,9 +36,6 @@ def coordinates(text: str, name: str) -> list[float]:
     return values
 
 
-TOUCHING = "Touches"
-
-
 @dataclass(frozen=True)
 class TouchOptions:
     """Options of a file of touches.

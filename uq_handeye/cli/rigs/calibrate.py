@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from ...calibration.statement.tolerance import Verdict
     from ...rig.description import Rig
     from ...rig.result import RigCalibration
+    from ..commands.calibrate import Data, Estimation, Outputs
     from ..delivery import ReportOptions
     from ..options.noise import Given
     from ..pose_files import PoseFiles
@@ -32,38 +33,29 @@ def is_rig(robot: Path | None, cameras: tuple[str, ...]) -> bool:
 
 
 def calibrate_rig_files(
-    files: "PoseFiles",
-    cameras: tuple[str, ...],
-    given: "Given",
-    wishes: "ReportOptions",
-    wanted: Wanted,
-    *,
-    method: str | None,
-    robust: bool | None,
-    seed: int,
-    report: Path | None,
-    output: Path | None,
-    as_json: bool,
+    data: "Data", asked: "Estimation", wishes: "ReportOptions", wanted: Wanted, outputs: "Outputs"
 ) -> int:
     """Calibrate a rig, print it and write its files; return the exit status."""
     from ...rig.calibrate import calibrate_rig
 
+    cameras, given = data.robot.cameras, data.given
     _refuse_others(bool(cameras))
+    outputs.require_possible()
     if given.shared.shared is not None and given.shared.shared not in ("defaults", "none"):
         raise InputError(f"Expected --shared to be defaults or none, got {given.shared.shared!r}.")
     with withheld() as shown, timed("reading"):
-        rig, noise = _of_cameras(files, cameras, given) if cameras else _of_file(files.robot)
+        rig, noise = _of_cameras(data.files, cameras, given) if cameras else _of_file(data.files.robot)
         with timed("calibrating"):
             result = calibrate_rig(
                 rig,
                 noise,
-                method=AT_THE_BOUND[0] if method is None else one_of(method, "--method", AT_THE_BOUND),
-                robust=robust is not False,
+                method=AT_THE_BOUND[0] if asked.method is None else one_of(asked.method, "--method", AT_THE_BOUND),
+                robust=asked.robust is not False,
                 shared=given.shared.shared != "none",
-                seed=seed,
+                seed=asked.seed,
             )
-        shown += [] if as_json else result.warnings
-    return deliver_rig(result, wishes, wanted, report=report, output=output, as_json=as_json)
+        shown += [] if outputs.as_json else result.warnings
+    return deliver_rig(result, wishes, wanted, outputs)
 
 
 def _refuse_others(of_files: bool) -> None:
@@ -85,7 +77,7 @@ def _of_cameras(files: "PoseFiles", cameras: tuple[str, ...], given: "Given") ->
 
     if files.robot is None:
         raise InputError("--camera NAME=FILE needs the file of robot poses. Add it, e.g. robot.csv.")
-    if given.one_side is not None:
+    if given.prior is not None:
         raise InputError("Several cameras need the noise of robot and camera, or of neither. Give both options.")
     how = None if files.pair is None else one_of(files.pair, "--pair", PAIRINGS)
     if how == "async":
@@ -131,36 +123,27 @@ def verdicts_of(result: "RigCalibration", wanted: Wanted) -> "dict[str, Verdict]
     return found
 
 
-def deliver_rig(
-    result: "RigCalibration",
-    wishes: "ReportOptions | None",
-    wanted: Wanted,
-    *,
-    report: Path | None,
-    output: Path | None,
-    as_json: bool,
-    more: str = "",
-) -> int:
+def deliver_rig(result: "RigCalibration", wishes: "ReportOptions", wanted: Wanted, outputs: "Outputs") -> int:
     """Print the result of a rig, write its files, and return the exit status."""
     from ...read import json_text
     from ..delivery import deliver
 
     verdicts = {} if wanted.tolerance is None else verdicts_of(result, wanted)
     said = [f"{name}: {verdict}" for name, verdict in verdicts.items()]
-    text = "\n".join([result.text(), *said, *([more] if more else [])]) + "\n"
+    text = "\n".join([result.text(), *said]) + "\n"
     written = ""
-    page = {} if wishes is None else {"about": wishes.about, "verdicts": verdicts, **wishes.of_report}
-    if output is not None:
+    page = {"about": wishes.about, "verdicts": verdicts, **wishes.of_report}
+    if (output := outputs.output) is not None:
         from ...rig.output.page import rig_html
 
         html = rig_html(result, **{name: value for name, value in page.items() if name != "paper"})
         files: dict[str, str | bytes] = {"rig.json": json_text(result.to_dict()), "rig.txt": text, "report.html": html}
         with timed(f"writing {output}"):
             written = deliver(output, files)
-    if report is not None:
-        with timed(f"writing {report}"):
-            written += f"\nWrote {result.report(report, **page)}\n"
-    if as_json:
+    if outputs.report is not None:
+        with timed(f"writing {outputs.report}"):
+            written += f"\nWrote {result.report(outputs.report, **page)}\n"
+    if outputs.as_json:
         more_of = {"verdicts": {name: one.to_dict() for name, one in verdicts.items()}} if verdicts else {}
         emit(json_text(result.to_dict() | more_of))
     elif quiet():

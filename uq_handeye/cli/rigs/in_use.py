@@ -59,14 +59,7 @@ def check_stored_rig(
 
 
 def update_stored_rig(
-    stored: "RigCalibration",
-    file: Path | None,
-    although_changed: bool,
-    as_json: bool,
-    output: Path | None,
-    report: Path | None,
-    wishes: Any,
-    wanted: Any,
+    stored: "RigCalibration", file: Path | None, although_changed: bool, wishes: Any, wanted: Any, outputs: Any
 ) -> int:
     """Update the result of a rig by new views."""
     from ...rig.in_use.update import update_rig
@@ -75,7 +68,7 @@ def update_stored_rig(
     refuse("ROBOT", "--although-changed", "--report", "--about", "--full-report", "--paper", "--tolerance", "--at")
     with timed("updating"):
         found = update_rig(stored, new_views(stored, file), although_changed=although_changed)
-    return deliver_rig(found, wishes, wanted, report=report, output=output, as_json=as_json)
+    return deliver_rig(found, wishes, wanted, outputs)
 
 
 def predict_stored_rig(
