@@ -11,7 +11,7 @@ import pytest
 from cli_cases import MODEL, NOISE, run, write_session
 
 import uq_handeye as uq
-from uq_handeye.cli.commands.calibrate import EXPORTS, FIGURES
+from uq_handeye.cli.delivery import EXPORTS, FIGURES
 from uq_handeye.read import write_pose_file
 from uq_handeye.report.figures import figures
 

@@ -3,19 +3,29 @@
 Options of the report: its title block, paper, and whether its folded sections are open.
 """
 
+import math
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from ..core.files.about import read_about
 from ..core.runtime.progress import working
 from ..errors import InputError
-from .messages import LOG, progress_wanted, timed
-from .options.common import PAPERS, emit, one_of
+from .messages import LOG, command_line, progress_wanted, timed
+from .options.common import PAPERS, emit, one_of, require_writable
+from .outcome import Wanted, emit_result, json_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+    from ..calibration.result import Calibration
+    from ..calibration.statement.tolerance import Verdict
+    from ..fit.diagnostics.pose_table import PoseTable
+    from ..report.comparison.of_result import Compared
+    from ..report.comparison.result import Comparison
+    from ..trials.validation.cross_check.result import CrossCheck
 
 
 def deliver(directory: Path, files: Mapping[str, str | bytes], figures: "Mapping[str, Figure] | None" = None) -> str:
@@ -93,3 +103,168 @@ def report_options_of(
         if not text.strip():
             raise InputError("Expected --about to name a TOML file or KEY=VALUE, got an empty text.")
     return ReportOptions(read_about(about or ()), {"details": full_report, "paper": one_of(paper, "--paper", PAPERS)})
+
+
+# X for other programs, beside a result: file by the format of `export`.
+EXPORTS = {"ros": "x_ros.yaml", "urdf": "x.urdf", "opencv": "x_opencv.yaml", "npz": "x.npz"}
+
+# Every figure that `report.figures` may draw.
+FIGURES = ("ellipses", "rig", "residuals", "budget", "shared", "task_space", "workspace", "methods")
+
+REPORTS = (".html", ".pdf")
+
+
+@dataclass(frozen=True)
+class Outputs:
+    """Files of a result: a folder, whether with figures, and a report.
+
+    Options (Output):
+      * -o, --output DIR <named_folder>: Folder for the result and exports. It holds result.json, poses.csv, and X for
+        ROS, URDF, OpenCV and NumPy; with --figures also the figures.
+    """
+
+    report: Path | None = None
+    no_compare: bool = False
+    as_json: bool = False
+    output: Path | None = None
+    figures: bool = False
+
+    def require_possible(self) -> None:
+        """Raise `InputError`, before the work, for files that cannot be written or that need another option."""
+        require_writable(self.report, "--report", REPORTS)
+        if self.figures and self.output is None:
+            raise InputError("--figures needs -o DIR. Add it.")
+        for name in ("no_compare", "with_cross_check"):
+            if getattr(self, name, False) and self.report is None:
+                raise InputError(f"--{name.replace('_', '-')} needs --report FILE. Add it.")
+
+    def write(
+        self,
+        result: "Calibration",
+        verdict: "Verdict | None",
+        check: "CrossCheck | None" = None,
+        of_report: dict[str, Any] | None = None,
+    ) -> str:
+        """Write the files, and return their names as a sentence."""
+        how, comparison = of_report or {}, not self.no_compare
+        methods: Compared | bool = comparison
+        folded = self.report is not None and (self.report.suffix.lower() != ".pdf" or how.get("details"))
+        if comparison and (folded or (self.report is not None and self.figures)):  # two pages have none
+            from ..report.comparison.of_result import compare_beside
+
+            with timed("comparing the methods"), working("comparing the methods", progress_wanted()):
+                methods = compare_beside(result)
+        names = []
+        if self.output is not None:
+            compared = None if isinstance(methods, bool) else methods.comparison
+            with timed(f"writing {self.output}"), working(f"writing {self.output}", progress_wanted()):
+                drawn = _drawn(result, check, compared) if self.figures else {}
+                names.append(_write_result(result, verdict, self.output, drawn))
+        if self.report is not None:
+            write_report(result, self.report, methods, check, verdict=verdict, **how)
+            names.append(str(self.report))
+        return f"Wrote {' and '.join(names)}." if names else ""
+
+
+@dataclass(frozen=True)
+class AllOutputs(Outputs):
+    """Further outputs of ``calibrate``.
+
+    Options (Output):
+      --threshold R <fraction>: Smallest correlation that is listed.
+      --with-cross-check: Report with Monte Carlo and posterior; takes a minute.
+    """
+
+    threshold: float = 0.5
+    with_cross_check: bool = False
+
+
+@dataclass(frozen=True)
+class DemoOutputs(Outputs):
+    """Outputs of ``demo``."""
+
+    no_compare: bool = field(default=False, init=False)
+
+
+def _drawn(result: "Calibration", check: "CrossCheck | None", compared: "Comparison | None") -> dict[str, bytes]:
+    """Draw all figures, each as PNG and SVG."""
+    from ..core.presentation.ellipses import render  # Matplotlib is slow to import
+    from ..report.figures import figures
+
+    drawn = figures(result, check, compared)
+    return {f"{stem}.{kind}": render(figure, kind) for stem, figure in drawn.items() for kind in ("png", "svg")}
+
+
+def deliver_result(
+    result: "Calibration",
+    outputs: Outputs,
+    wanted: Wanted,
+    wishes: ReportOptions | None = None,
+    *,
+    check: "CrossCheck | None" = None,
+    threshold: float = 0.5,
+    more: str = "",
+) -> int:
+    """Write the files, then print, with a paragraph ``more``: if a file cannot be written, nothing is printed."""
+    from ..calibration.report.next_step import next_step
+
+    result = _with_command(result)
+    verdict = wanted.verdict(result)
+    written = outputs.write(result, verdict, check, None if wishes is None else wishes.of_report)
+    last = (written, f"Next: {next_step(result, None if outputs.report is None else str(outputs.report))}.", more)
+    return emit_result(result, verdict, as_json=outputs.as_json, last=tuple(filter(None, last)), threshold=threshold)
+
+
+def write_report(
+    result: "Calibration", file: Path, comparison: "Compared | bool", check: "CrossCheck | None", **options: Any
+) -> None:
+    """Write the report, which names this command line."""
+    with timed(f"writing {file}"), working(f"writing {file}", progress_wanted()):
+        _with_command(result).report(file, comparison=comparison, cross_check=check, **options)
+
+
+def _with_command(result: "Calibration") -> "Calibration":
+    if result.provenance is None:
+        return result
+    return replace(result, provenance=replace(result.provenance, command=command_line()))
+
+
+def _write_result(result: "Calibration", verdict: "Verdict | None", directory: Path, drawn: dict[str, bytes]) -> str:
+    """Write the folder of -o with the figures that were drawn, and return what was written."""
+    from ..read import write_files
+
+    files: dict[str, Any] = {"result.json": json_of(result, verdict), **_exports(result)}
+    seen = getattr(result.data, "camera_calibration", None)
+    if seen is not None:  # the intrinsics, with the poses and corners that belong to them
+        from ..model.camera.files.folder_writer import camera_files
+
+        files |= camera_files(seen)
+    if result.table is not None:
+        files["poses.csv"] = _poses_csv(result.table)
+    files |= drawn
+    write_files(directory, files)
+    possible = {"poses.csv", *EXPORTS.values(), *(f"{stem}.{kind}" for stem in FIGURES for kind in ("png", "svg"))}
+    for name in possible - set(files):  # those of an earlier run are not of this result
+        (directory / name).unlink(missing_ok=True)
+    return f"{directory / 'result.json'} with {len(files) - 1} more files"
+
+
+def _poses_csv(table: "PoseTable") -> str:
+    """Format the table of the poses as pandas writes its `to_dataframe`, without loading pandas."""
+    columns: dict[str, Any] = {
+        table.item: range(len(table)),
+        "rotation_deg": [math.degrees(angle) for angle in table.rotation.tolist()],
+        "translation_mm": [1e3 * length for length in table.translation.tolist()],
+        "distance2": table.distance2.tolist(),
+        "leverage": table.leverage.tolist(),
+        "weight": table.weight.tolist(),
+        "flag": table.flag,
+    }
+    rows = zip(*columns.values(), strict=True)
+    lines = (",".join("" if value != value else str(value) for value in row) for row in rows)  # NaN is no value
+    return "\n".join([",".join(columns), *lines, ""])
+
+
+def _exports(result: "Calibration") -> dict[str, bytes]:
+    with TemporaryDirectory() as folder:
+        return {name: result.export(Path(folder) / name, format).read_bytes() for format, name in EXPORTS.items()}

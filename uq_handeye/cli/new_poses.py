@@ -1,6 +1,6 @@
-"""New poses that are held against a stored calibration: their files, in its setup, with its arm and its camera.
+"""Data of the commands: those of a calibration with the options of its estimate, and the new poses held against one.
 
-The calibration that a command starts from, and the data of its question.
+New poses come in the setup of the stored calibration, with its arm and its camera.
 """
 
 from contextlib import suppress
@@ -9,13 +9,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError, NotConvergedError
+from .bag_files import RobotGiven, given_of_robot
 from .messages import progress_wanted, timed, verbose, withheld
 from .options.arm import Arm, ChainOptions, ErrorOptions, arm_of
-from .options.common import made_of
-from .options.noise import Given, given_of
+from .options.common import AT_THE_BOUND, BUNDLE, COVARIANCE_NAMES, PUBLISHED, ROBOT_WORLD, made_of, one_of
+from .options.noise import Given, given_of, noise_of
+from .options.touches import TouchesToUse
+from .pictures import KINDS as BOARDS
 from .pictures import BoardOptions, LensOptions, Pictures
 from .pose_files import PoseFiles
-from .views import Views, views_of
+from .views import Views, pictures_of, views_of
 
 if TYPE_CHECKING:
     from ..calibration.result import Calibration
@@ -24,6 +27,7 @@ if TYPE_CHECKING:
     from ..model.noise.models import Noise
     from ..model.poses.pose_pairs import PosePairs
     from ..model.shared_errors.shared_error import SharedError
+    from ..model.shared_errors.sizes import Size
 
 
 @dataclass(frozen=True)
@@ -181,3 +185,97 @@ class Session:
 def session_of(files: "PoseFiles", given: "Given", views: "Views | None", arm: "Arm | None") -> Session:
     """Return the session of the options."""
     return Session(files, given, views, arm)
+
+
+METHODS = (*AT_THE_BOUND, BUNDLE, *PUBLISHED, *ROBOT_WORLD)
+OF_DATA = COVARIANCE_NAMES[2:]
+
+
+@dataclass(frozen=True)
+class Data:
+    """Data of a calibration, as they are given."""
+
+    files: PoseFiles
+    pictures: "Pictures | Views | None"
+    given: Given
+    robot: RobotGiven
+    touched: TouchesToUse
+    watch: Path | None
+
+
+@made_of(files=PoseFiles, pictures=pictures_of, given=noise_of, robot=given_of_robot, touched=TouchesToUse)
+def data_of(
+    files: "PoseFiles",
+    pictures: "Pictures | Views | None",
+    given: "Given",
+    robot: "RobotGiven",
+    touched: "TouchesToUse",
+    watch: Path | None = None,
+) -> Data:
+    """Return the data of the options.
+
+    Options (Pose files):
+      --watch DIR: Folder in which poses arrive one by one: an answer after each, with the pose to take next. Growing
+        files robot.csv and camera.csv, or files robot* and camera* with a pose each, or files that hold both sides
+        (JSON); with --images 'DIR/*.png' robot* alone. Ends at PASS of --tolerance, or with Ctrl-C.
+    """
+    return Data(files, pictures, given, robot, touched, watch)
+
+
+@dataclass(frozen=True)
+class Estimation:
+    """Options of the estimate.
+
+    Options (Estimation):
+      * --method NAME <METHODS>: Estimator. One of {METHODS}; bundle needs pictures. Default: efficient.
+
+    Options (Shared errors):
+      --size NAME=SIZE[,FACTOR]: Size of an error before the data, e.g. 'robot accuracy=0.3mm,2': a standard deviation,
+        and the factor within which it is known (1 sigma). Without a factor: exact. Repeatable. Default: by a table.
+
+    Options (Estimation):
+      --scale D: Scaling factor d of 4dpa. Default: its limit, in closed form.
+      --kind NAME <poses|pairs|literal>: Noise propagation of published methods: poses, pairs, or literal (noise of
+        pairs).
+      --covariance NAME <COVARIANCE_NAMES>: Covariance of X: model, sigma-points (beyond first order), or one that needs
+        no noise model: {OF_DATA}.
+      --robust/--no-robust: Down-weighting of outliers. Default: on from 5 poses.
+      --correlation NAME <auto|none>: Correlated errors of neighbouring poses (drift): auto (estimated and included in
+        the covariance) or none (independent poses).
+      --seed N: Seed of random subsets, bootstrap and cross-check.
+    """
+
+    method: str | None = None
+    size: list[str] | None = None
+    pairs: str = "all"
+    scale: float | None = None
+    kind: str | None = None
+    covariance: str = "model"
+    robust: bool | None = None
+    correlation: str = "auto"
+    seed: int = 0
+
+    def options(self) -> dict[str, Any]:
+        """Return the options as arguments of `calibrate`."""
+        if self.kind in BOARDS:
+            raise InputError(
+                f"--kind is that of the noise propagation. Name the kind of the board as --pattern {self.kind}."
+            )
+        found = {name: getattr(self, name) for name in ("pairs", "scale", "kind", "robust", "seed")}
+        return found | {
+            "method": None if self.method is None else one_of(self.method, "--method", METHODS),
+            "covariance": one_of(self.covariance, "--covariance", COVARIANCE_NAMES),
+            "correlation": one_of(self.correlation, "--correlation", ("auto", "none")),
+            "sizes": _sizes_of(self.size or []),
+        }
+
+
+def _sizes_of(texts: list[str]) -> "dict[str, Size] | None":
+    """Return the sizes of --size by name."""
+    from ..model.shared_errors.sizes import parse_size
+
+    try:
+        found = [parse_size(text) for text in texts]
+    except InputError as error:
+        raise InputError(f"--size: {error}") from None
+    return dict(found) or None

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ...core.files.csv_text import frame_text
-from ..delivery import deliver
+from ..delivery import REPORTS, deliver, write_report
 from ..messages import progress_wanted, timed, verbose
 from ..new_poses import Session, calibrated, problem_for, session_of
 from ..options.common import (
@@ -14,7 +14,6 @@ from ..options.common import (
     made_of,
     require_writable,
 )
-from .calibrate import REPORTS, write_report
 from .validate import INTERRUPTED, NOT_COMPLETE
 
 

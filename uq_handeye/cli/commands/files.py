@@ -4,11 +4,10 @@ from pathlib import Path
 
 from ...core.runtime.progress import working
 from ...errors import InputError
-from ..delivery import ReportOptions, report_options_of
+from ..delivery import REPORTS, Outputs, ReportOptions, report_options_of
 from ..messages import LOG, fail, progress_wanted, timed
 from ..options.common import CONTROLLER_NAMES, emit, made_of, one_of, require_writable
 from ..outcome import NOT_USABLE, Wanted, emit_answer, emit_result, status_of, wanted_of
-from .calibrate import REPORTS, Outputs
 
 # Names of export.FORMATS, repeated here so that help and completion load quickly.
 EXPORT_NAMES = (

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ...errors import InputError
+from ..delivery import Outputs
 from ..options.arm import arm_of
 from ..options.common import emit, made_of
 from ..options.noise import Given, noise_of
@@ -15,7 +16,6 @@ from ..outcome import Wanted, wanted_of
 from ..stream_files import StreamFiles
 from ..views import pictures_of
 from ..watching import folder_of, question_of
-from .calibrate import Outputs
 
 if TYPE_CHECKING:
     from ...use.live_session.browser_page import BrowserPage

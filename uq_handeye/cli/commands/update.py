@@ -6,13 +6,12 @@ from pathlib import Path
 
 from ...core.files.atomic import held
 from ...errors import InputError, NotConvergedError
-from ..delivery import ReportOptions, deliver, report_options_of
+from ..delivery import Outputs, ReportOptions, deliver, deliver_result, report_options_of
 from ..messages import quiet, timed, withheld
 from ..new_poses import NewPoses, new_poses_of
 from ..options.common import emit, emit_document, made_of
 from ..outcome import Wanted, emit_refusal, wanted_of
 from ..rigs.in_use import stored_rig, update_stored_rig
-from .calibrate import Outputs, deliver_result
 
 
 @made_of(files=new_poses_of, wishes=report_options_of, wanted=wanted_of, outputs=Outputs)

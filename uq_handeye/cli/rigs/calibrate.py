@@ -12,8 +12,8 @@ if TYPE_CHECKING:
     from ...calibration.statement.tolerance import Verdict
     from ...rig.description import Rig
     from ...rig.result import RigCalibration
-    from ..commands.calibrate import Data, Estimation, Outputs
-    from ..delivery import ReportOptions
+    from ..delivery import Outputs, ReportOptions
+    from ..new_poses import Data, Estimation
     from ..options.noise import Given
     from ..pose_files import PoseFiles
 
