@@ -1,7 +1,7 @@
 """Names beside points in a small panel: each with a leader, clear of the points, the lines and the other names.
 
 Points closer than a few typographic points share one name. Each label takes the place of least cost: what it covers,
-what its leader crosses, how far it is. A second round moves those that later ones left a better place to, and where
+what its leader crosses, how far it is. Further rounds move those that later ones left a better place to, and where
 something is still crossed, other orders are tried.
 """
 
@@ -24,6 +24,8 @@ _RADII, _TURNS = (6, 10, 15, 21, 28, 36, 45, 55), np.radians(np.arange(0, 360, 1
 
 # Cost of a label that has no place, of a point in the way of a leader, of a point or leader under a label.
 _MISSING, _CROSSED, _COVERED = 200.0, 40.0, 70.0
+# Orders in which the labels are placed until none is crossed or covered, and rounds of each.
+ORDERS, ROUNDS = 30, 3
 
 
 class Named(NamedTuple):
@@ -73,12 +75,12 @@ def label_points(axis: Axes, named: list[Named], points: Array, lines: Array) ->
 def _layout(
     clusters: list[tuple[Array, list[Named], list[str]]], side: float, points: Array, lines: Array
 ) -> dict[int, _Place | None]:
-    """A place for each label that has one, in the best of a few orders."""
+    """A place for each label that has one, in the best of some orders."""
     best: tuple[float, dict[int, _Place | None]] = (np.inf, {})
-    count = len(clusters)
-    for order in (list(range(count)), list(range(count))[::-1], [*range(1, count, 2), *range(0, count, 2)]):
+    rng = np.random.default_rng(0)  # the same names have the same places
+    for _ in range(ORDERS):
         places: dict[int, _Place | None] = {}
-        for k in order * 2:
+        for k in rng.permutation(len(clusters)).tolist() * ROUNDS:
             anchor, _, text = clusters[k]
             w, h = 0.55 * _SIZE * max(map(len, text)) + 2, 1.15 * _SIZE * len(text)
             others = [place for j, place in places.items() if j != k and place is not None]
