@@ -12,6 +12,7 @@ import numpy as np
 from ..calibration.report.analysis import budget_table
 from ..calibration.report.first_screen import STATUS_OF, status_of, suited_to
 from ..calibration.report.text import parent_frame
+from ..calibration.statement.accuracy import combined_parts
 from ..core.files.about import ABOUT, OF_CERTIFICATE
 from ..core.formatting.numbers import digits, fixed
 from ..core.geometry.pose_numbers import pose_numbers
@@ -73,7 +74,8 @@ def _contents_of(accuracy: Accuracy | None) -> list[str]:
     """Return what the number is made of, what it includes, and what it does not."""
     if accuracy is None:
         return []
-    parts = [f"{part.name} {_both(part.translation, part.rotation)}" for part in accuracy.parts]
+    shown = combined_parts(accuracy.parts, MOST_SOURCES)
+    parts = [f"{part.name} {_both(part.translation, part.rotation)}" for part in shown]
     return [
         *([f"Made of: {'; '.join(parts)}."] if parts else []),
         f"Includes {', '.join(accuracy.included)}. Does not include {', '.join(accuracy.not_included)}.",

@@ -27,7 +27,7 @@ from ...core.presentation.document import (
     to_text,
 )
 from ..result import Calibration
-from ..statement.accuracy import Accuracy, Part
+from ..statement.accuracy import Accuracy, combined_parts
 from ..statement.headline import suits_of, two_numbers
 from ..statement.tolerance import Verdict
 
@@ -38,8 +38,6 @@ MOST_PARTS = 4
 STATUS_OF = {"PASS": "ok", "FAIL": "failed", "NOT SHOWN": "caution"}
 # Names of files are shortened to so many characters at least.
 _SHORTEST = 12
-# Longest list of names of combined parts.
-_LONGEST = 48
 
 
 def first_screen(
@@ -198,14 +196,7 @@ def parts_table(accuracy: Accuracy, most: int = MOST_PARTS, expanded: bool = Tru
         part.name: next((text for text in accuracy.included if text.startswith(part.name)), part.name)
         for part in accuracy.parts
     }
-    shown = [Part(sizes[part.name], part.translation, part.rotation) for part in accuracy.parts]
-    if len(shown) > most:
-        rest = accuracy.parts[most - 1 :]
-        size = np.sqrt(np.sum([[part.translation**2, part.rotation**2] for part in rest], axis=0))
-        names = ", ".join(part.name for part in rest)
-        if len(names) > _LONGEST:
-            names = f"{len(rest)} others" if most > 1 else "all errors"
-        shown = [*shown[: most - 1], Part(names, float(size[0]), float(size[1]))]
+    shown = [part._replace(name=sizes.get(part.name, part.name)) for part in combined_parts(accuracy.parts, most)]
     rows = [[part.name, *_sizes(part.translation, part.rotation)] for part in shown]
     if expanded:
         rows.append(["total, expanded (95 %)", *_sizes(accuracy.translation_95, accuracy.rotation_95)])

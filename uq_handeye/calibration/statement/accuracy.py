@@ -12,8 +12,9 @@ for known a, ``P_xx - P_xa P_aa^-1 P_ax``.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from scipy.special import ndtri, stdtrit
@@ -34,10 +35,11 @@ _KINDS = ("rotation", "translation", "coupling")
 # is said where X is so many times as uncertain with it; and errors that add less than this share of the most are not
 # named.
 BY_PRIOR, DIFFERENT, NAMED = 0.5, 1.25, 0.5
+# Longest list of names of parts that are shown as one.
+LONGEST_NAMES = 48
 
 
-@dataclass(frozen=True)
-class Part:
+class Part(NamedTuple):
     """The standard uncertainty that one kind of error gives X, in the directions in which X is least certain."""
 
     name: str
@@ -156,6 +158,18 @@ def parts_of(budget: Budget) -> tuple[Part, ...]:
     scale = np.maximum(np.sum(list(squares.values()), axis=0), 1e-300)
     order = sorted(squares, key=lambda name: -float((squares[name] / scale).max()))
     return tuple(Part(name, *map(_steady, np.sqrt(squares[name]).tolist())) for name in order)
+
+
+def combined_parts(parts: Sequence[Part], most: int) -> list[Part]:
+    """Return at most so many parts, the smallest as one with their names, or their number where these are long."""
+    if len(parts) <= most:
+        return list(parts)
+    rest = parts[most - 1 :]
+    size = np.sqrt(np.sum([[part.translation**2, part.rotation**2] for part in rest], axis=0)).tolist()
+    names = ", ".join(part.name for part in rest)
+    if len(names) > LONGEST_NAMES:
+        names = f"{len(rest)} others" if most > 1 else "all errors"
+    return [*parts[: most - 1], Part(names, *size)]
 
 
 def part_name(source: str, together: bool) -> str:
