@@ -19,24 +19,16 @@ from typing import Any
 import typer
 
 from ..errors import InputError, NotConvergedError
-from .commands.bag import bag_command
+from .commands.bag import bag_command, sync_command
 from .commands.calibrate import calibrate_command, demo_command
-from .commands.camera import camera_command
-from .commands.certificate import certificate_command
-from .commands.check import check_command
-from .commands.codegen import codegen_command
-from .commands.compare import compare_command
-from .commands.cross_check import cross_check_command
-from .commands.files import export_command, report_command
+from .commands.camera import camera_command, points_command
+from .commands.check import check_command, diff_command, update_command
+from .commands.files import certificate_command, export_command, report_command
 from .commands.live import live_command, view_command
-from .commands.plan import plan_command
-from .commands.points import points_command
-from .commands.posterior import posterior_command
+from .commands.plan import compare_command, plan_command
 from .commands.predict import predict_command
-from .commands.simulate import simulate_command
-from .commands.sync import sync_command
-from .commands.update import diff_command, update_command
-from .commands.validate import INTERRUPTED, validate_command
+from .commands.simulate import codegen_command, simulate_command
+from .commands.validate import INTERRUPTED, cross_check_command, posterior_command, validate_command
 from .commands.verify import verify_command
 from .help import Command, Program, with_help_all
 from .messages import LOG, fail, fail_internally, messages

@@ -1,4 +1,4 @@
-"""Command ``bag``: content of a ROS bag, the command to give, and its poses as tables."""
+"""Streams: ``bag`` lists a ROS bag and writes its poses as tables, ``sync`` puts two streams on one clock."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -7,8 +7,9 @@ from ...errors import InputError
 from ..bag_files import info_of
 from ..delivery import deliver
 from ..messages import LOG, timed
-from ..options.common import emit
+from ..options.common import emit, made_of, one_of
 from ..pictures import read_length
+from ..pose_files import StreamFiles
 
 if TYPE_CHECKING:
     from ...read.rosbag.recording import Recording
@@ -117,3 +118,62 @@ def _tables(
         for other in others:
             LOG.info("%s, %s: messages of %s alone are left out", recording.name, joints, ", ".join(other.names[:12]))
     return found
+
+
+INTERPOLATIONS = ("so4", "geodesic")
+
+
+@made_of(files=StreamFiles)
+def sync_command(
+    files: "StreamFiles",
+    max_offset: float | None = None,
+    still: bool = False,
+    max_gap: float | None = None,
+    interpolation: str = INTERPOLATIONS[0],
+    seed: int = 0,
+    as_json: bool = False,
+    output: Path | None = None,
+) -> None:
+    """Put two unsynchronised pose streams on one clock.
+
+    Examples:
+      uq-handeye sync robot.csv camera.csv -o paired/
+      # A robot that stops for each picture: one mean pose per stop
+      uq-handeye sync robot.csv camera.csv --still -o paired/
+      # Synchronise and calibrate in one command
+      uq-handeye calibrate robot.csv camera.csv --pair async -o result/
+
+    Writes pose pairs at the same moments, and the offset between the clocks.
+    The streams need timestamps in seconds; the offset is found from the motion.
+
+    The written files hold no uncertainty of the offset. Use uq-handeye
+    calibrate --pair async to include it in the uncertainty of X.
+
+    Options (Synchronisation):
+      * --max-offset SECONDS: Largest clock offset (s) to search; inf for unrelated clocks. Default: a quarter of the
+        overlap of the streams.
+      * --still: One mean pose pair per stop, if the robot stops for each picture.
+      * --max-gap SECONDS: Longest gap (s) that is interpolated. Default: three times the median interval.
+      --interpolation NAME <INTERPOLATIONS>: Interpolation of poses: so4 or geodesic.
+      --seed N: Seed of random subsets.
+
+    Options (Output):
+      * -o, --output DIR <named_folder>: Folder for the paired poses and figures. It holds robot.csv and camera.csv
+        (paired by row), sync.json, sync.png and sync.svg.
+    """
+    kind = one_of(interpolation, "--interpolation", INTERPOLATIONS)
+    with timed("synchronising"):
+        found = files.synchronised(max_offset=max_offset, still=still, max_gap=max_gap, interpolation=kind, seed=seed)
+    said = ""
+    if output is not None:
+        from ...read import pose_text
+
+        written = {
+            "robot.csv": pose_text(found.poses.robot, found.poses.timestamps),
+            "camera.csv": pose_text(found.poses.camera, found.poses.timestamps),
+            "sync.json": found.to_json(),
+        }
+        said = deliver(output, written, {"sync": found.figure()})
+        if found.offset_std > 0:
+            LOG.info("The files hold no uncertainty of the offset. uq-handeye calibrate --pair async includes it.")
+    emit(found.to_json() if as_json else found.summary() + said)

@@ -10,16 +10,18 @@ from ..delivery import (
     AllOutputs,
     DemoOutputs,
     ReportOptions,
+    Wanted,
     deliver_result,
+    emit_refusal,
     report_options_of,
+    wanted_of,
 )
 from ..messages import LOG, fail, progress_wanted, quiet, timed, withheld
 from ..new_poses import Data, Estimation, data_of, problem_for
 from ..options.common import cores, made_of, require_writable
 from ..options.noise import pose_prior_of
-from ..outcome import Wanted, emit_refusal, wanted_of
-from ..rigs.calibrate import calibrate_rig_files, is_rig
-from ..watching import Watch, question_of, watched
+from ..rigs import calibrate_rig_files, is_rig
+from .live import Watch, question_of, watched
 
 if TYPE_CHECKING:
     from ...trials.validation.cross_check.result import CrossCheck

@@ -1,8 +1,10 @@
-"""Command ``camera``: from pictures or corners of a board to camera poses."""
+"""Camera poses: ``camera`` from pictures or corners of a board, ``points`` from points of a target measured in 3-D."""
 
+import warnings
 from pathlib import Path
 
-from ...errors import InputError
+from ...core.runtime.progress import working
+from ...errors import InputError, InputWarning
 from ..delivery import deliver_camera_poses
 from ..messages import progress_wanted, timed
 from ..options.common import UNITS, made_of, one_of
@@ -71,3 +73,64 @@ def camera_command(
     from ...model.camera.files.folder_writer import to_dict
 
     deliver_camera_poses(found, to_dict, output, as_json, "camera/")
+
+
+def points_command(
+    points: Path,
+    target: Path | None = None,
+    noise: str | None = None,
+    units: str | None = None,
+    target_units: str | None = None,
+    as_json: bool = False,
+    output: Path | None = None,
+) -> None:
+    """Compute camera poses from points of a target measured in 3-D.
+
+    Examples:
+      uq-handeye points points.csv --target target.csv -o seen/
+      # Then estimate X from the robot poses and these poses
+      uq-handeye calibrate robot.csv seen/ -o result/
+      # Target not measured: its shape is estimated, too
+      uq-handeye points points.csv -o seen/
+      # Tracker with the same noise in all directions
+      uq-handeye points points.csv --target target.csv --noise isotropic
+
+    For depth cameras, structured light and trackers. Each pose needs three
+    points that are not in a line. The noise is estimated across and along the
+    line of sight; wrong points are left out and named.
+
+    Arguments:
+      POINTS: Points in the frame of the camera, CSV with the header pose,point,x,y,z (m). Pose k, from 0, belongs to
+        row k of the robot poses.
+
+    Options:
+      * --target FILE: Points in the frame of the target, CSV with the header point,x,y,z (m). Default: the shape of the
+        target is estimated with the poses.
+      * --noise SD: Standard deviations of a point across and along the line of sight, e.g. 0.1mm,0.5mm. One value, or
+        isotropic to estimate one: the same in all directions (trackers). Default: both are estimated.
+      * --units UNIT <UNITS>: Length unit of POINTS. Default: m.
+      --target-units UNIT <UNITS>: Length unit of the target. Default: m.
+
+    Options (Output):
+      * -o, --output DIR <named_folder>: Folder for camera poses and their covariance. It holds camera.csv,
+        points_covariance.npz, points.json, points.csv, target.csv and residuals.png, and takes the place of CAMERA in
+        the other commands.
+    """
+    from ...model.points.estimate import poses_from_points
+    from ...model.points.files.folder_writer import to_dict
+    from ...model.points.files.point_file import read_points, read_target
+
+    if target is None and target_units is not None:
+        raise InputError("--target-units needs --target. Give the file of the target, or remove the option.")
+    of_points, of_target = (
+        None if unit is None else one_of(unit, name, UNITS)
+        for unit, name in ((units, "--units"), (target_units, "--target-units"))
+    )
+    with timed(f"reading {points}"):
+        measured = read_points(points, of_points)
+        known = None if target is None else read_target(target, of_target)
+    with timed("fitting poses"), working("fitting poses", progress_wanted()), warnings.catch_warnings():
+        if not as_json:
+            warnings.simplefilter("ignore", InputWarning)  # the summary has them
+        found = poses_from_points(measured, known, noise)
+    deliver_camera_poses(found, to_dict, output, as_json, "seen/")

@@ -1,18 +1,23 @@
-"""Command ``plan``: the poses to measure next."""
+"""Commands ``plan``, the poses to measure next, and ``compare``, the published methods side by side."""
 
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ...errors import InputError
 from ..delivery import deliver, deliver_csv
-from ..messages import timed
+from ..messages import fail, progress_wanted, timed, verbose, withheld
+from ..new_poses import Session, session_of
 from ..options.arm import Arm, arm_of
-from ..options.common import CONTROLLER_NAMES, emit, is_csv, made_of, one_of
+from ..options.common import CONTROLLER_NAMES, EVERY_METHOD, emit, emit_document, is_csv, made_of, methods_of, one_of
 from ..options.noise import Given, given_of
 from ..pose_files import PoseFiles
-from ..rigs.in_use import plan_stored_rig, stored_rig
+from ..rigs import plan_stored_rig, stored_rig
+
+if TYPE_CHECKING:
+    from ...report.comparison.result import Comparison
+
 
 # The poses to take, in the folder of -o.
 NEXT = "next.csv"
@@ -163,3 +168,75 @@ def plan_command(
             files_out[NEXT_AS] = found.to_controller()
         said = deliver(output, files_out)
     emit(found.to_json() if as_json else found.to_text() + said)
+
+
+@made_of(session=session_of)
+def compare_command(
+    session: "Session",
+    methods: str | None = None,
+    reference: str = "efficient",
+    pairs: str = "all",
+    as_json: bool = False,
+    as_csv: bool = False,
+    output: Path | None = None,
+) -> int:
+    r"""Compare the estimate of X with the published methods.
+
+    Examples:
+      uq-handeye compare robot.csv camera.csv -o comparison/
+      # Three methods only, differences from Park's
+      uq-handeye compare robot.csv camera.csv --methods tsai,park,4dpa \
+          --reference park
+
+    A method that fails keeps its row, with the reason. The exit status is 2 if
+    every method fails.
+
+    Options (Estimation):
+      * --methods NAMES <EVERY_METHOD>: Methods to compare. Some of {EVERY_METHOD}. Default: efficient (the answer of
+        calibrate) and the 15 methods for AX = XB.
+      * --reference NAME <EVERY_METHOD>: Method that differences are relative to.
+
+    Options (Output):
+      * as_csv = --csv: Print the table as CSV.
+      * -o, --output DIR <named_folder>: Folder for comparison.json, .csv, .png and .svg.
+    """
+    if as_json and as_csv:
+        raise InputError("Give either --json or --csv, not both.")
+    names = None if methods is None else methods_of(methods, "--methods", EVERY_METHOD)
+    (base,) = methods_of(reference, "--reference", EVERY_METHOD, most=1)
+    poses, noise, shared = session.read()
+    from ...core.presentation.document import document_of
+    from ...report.comparison.compare import compare
+
+    with timed("comparing"), withheld() as shown:
+        result = compare(
+            poses, noise=noise, methods=names, pairs=pairs, reference=base, progress=progress_wanted(), shared=shared
+        )
+        if not (as_json or as_csv):  # the text has them, in short or in full
+            shown += [
+                *result.warnings,
+                *result.own_warnings,
+                *(str(f) for check in result.checks for f in check.findings),
+            ]
+    if as_json or as_csv:
+        emit(result.to_json() if as_json else result.to_csv())
+    else:
+        emit_document(document_of(result, verbose=verbose()))
+    if output is not None:  # after the table, which is not to be lost if this fails
+        said = _write_comparison(result, output)
+        if not (as_json or as_csv):
+            emit(said)
+    if result.reference is None:
+        some = any(row.X is not None for row in result.rows)
+        what = "No method gave a usable result" if some else "Every method failed"
+        return fail(f"{what}. The table lists the reasons.")
+    return 0
+
+
+def _write_comparison(result: "Comparison", directory: Path) -> str:
+    from ...core.presentation.ellipses import render
+    from ...report.comparison.figure import comparison_figure, png  # Matplotlib is slow to import
+
+    figure = comparison_figure(result)
+    files: dict[str, str | bytes] = {"comparison.json": result.to_json(), "comparison.csv": result.to_csv()}
+    return deliver(directory, files | {"comparison.png": png(figure), "comparison.svg": render(figure, "svg")})

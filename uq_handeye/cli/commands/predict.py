@@ -9,7 +9,7 @@ from ...errors import InputError
 from ..delivery import deliver, deliver_csv
 from ..options.common import emit, is_csv, made_of
 from ..options.touches import coordinates
-from ..rigs.in_use import predict_stored_rig, stored_rig
+from ..rigs import predict_stored_rig, stored_rig
 
 if TYPE_CHECKING:
     from ...calibration.prediction.predict import CameraPrediction

@@ -1,4 +1,4 @@
-"""Command ``validate``: the covariance of a method, checked by Monte Carlo simulation."""
+"""The covariance tested: ``validate`` by simulation, ``cross-check`` by every other one, ``posterior`` by samples."""
 
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -7,18 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 from ...core.files.csv_text import frame_text
 from ...errors import InputError
-from ..delivery import deliver, wrote
-from ..messages import LOG, progress_wanted, verbose
+from ..delivery import REPORTS, deliver, write_report, wrote
+from ..messages import LOG, progress_wanted, timed, verbose
 from ..new_poses import Session, calibrated, problem_for, session_of
-from ..options.common import (
-    EVERY_METHOD,
-    cores,
-    emit,
-    emit_document,
-    made_of,
-    methods_of,
-    require_writable,
-)
+from ..options.common import EVERY_METHOD, cores, emit, emit_document, made_of, methods_of, require_writable
 from ..options.noise import pose_prior_of
 
 if TYPE_CHECKING:
@@ -26,6 +18,7 @@ if TYPE_CHECKING:
     from concurrent.futures import Executor
 
     from ...trials.validation.monte_carlo.run import MonteCarlo
+
 
 # Exit status after Ctrl-C, and of a run that ended early for another reason.
 INTERRUPTED, NOT_COMPLETE = 130, 1
@@ -243,3 +236,166 @@ def _factors(text: str) -> list[float]:
 def _of_method(figure: Path, name: str, names: list[str]) -> Path:
     """Return the file of a method, with its name if there are several."""
     return figure if len(names) == 1 else figure.with_name(f"{figure.stem}-{name}{figure.suffix}")
+
+
+@dataclass(frozen=True)
+class Work:
+    """Options of the simulation and the sampling.
+
+    Options:
+      * --trials N: Monte Carlo trials of each method.
+      * --posterior/--no-posterior: Sampling of the posterior. Default: on.
+      --seed N: Seed of the random numbers.
+    """
+
+    trials: int = 10_000
+    posterior: bool = True
+    pairs: str = "all"
+    seed: int = 0
+    workers: int | None = None
+
+
+@made_of(session=session_of, asked=Work)
+def cross_check_command(
+    session: "Session",
+    asked: "Work",
+    as_json: bool = False,
+    output: Path | None = None,
+    report: Path | None = None,
+) -> int:
+    r"""Compare all covariances of X: formulas, simulation, posterior.
+
+    Examples:
+      uq-handeye cross-check robot.csv camera.csv -o cross_check/
+      # Quick: no posterior, fewer trials
+      uq-handeye cross-check robot.csv camera.csv --no-posterior --trials 1000
+      # With known noise
+      uq-handeye cross-check robot.csv camera.csv \
+          --robot-noise 0.02deg,0.05mm --camera-noise 0.1deg,0.5mm
+
+    Computes every covariance of X of the same problem and tests the relations
+    that must hold between them. A broken relation is a result: the exit status
+    is 0. Ctrl-C prints what is finished (exit status 130); so does a run that
+    lost its workers (exit status 1).
+
+    Options (Output):
+      * -o, --output DIR <named_folder>: Folder for cross_check.json, .csv, .png and .svg.
+    """
+    require_writable(report, "--report", REPORTS)
+    poses, noise, shared = session.read()
+    from ...core.presentation.document import document_of
+    from ...trials.validation.cross_check.run import cross_check
+    from ...trials.validation.monte_carlo.sentences import INTERRUPTED as ENDED_BY_HAND
+
+    result = calibrated(poses, noise, shared, asked.pairs)
+    how = vars(asked) | {"workers": cores() if asked.workers is None else asked.workers}
+    with timed("cross-check"):
+        problem = problem_for(result, poses, noise, shared, asked.pairs)
+        check = cross_check(**problem, **how, progress=progress_wanted())
+    said = ""
+    if output is not None:
+        from ...trials.validation.cross_check.figure import cross_check_figure  # Matplotlib is slow to import
+
+        table = frame_text(check.to_dataframe())
+        written = {"cross_check.json": check.to_json(), "cross_check.csv": table}
+        said = deliver(output, written, {"cross_check": cross_check_figure(check)})
+    if report is not None and result is not None and check.complete:
+        write_report(result, report, True, check)
+    if as_json:
+        emit(check.to_json())
+    else:
+        emit_document(document_of(check, verbose=verbose()))
+        emit(said)
+    if check.ended is None:
+        return 0
+    return INTERRUPTED if check.ended.code == ENDED_BY_HAND else NOT_COMPLETE
+
+
+CHAIN = "chain.h5"
+
+
+@dataclass(frozen=True)
+class Sampling:
+    """Options of the chain.
+
+    Options (Sampling):
+      * --samples N: Effective samples of every coordinate.
+      --scales/--no-scales: Sampling of unknown factors of the robot and camera noise. Default: on if the noise is
+        estimated.
+      * --student-t NU: Heavy-tailed likelihood with NU degrees of freedom, e.g. 5. Default: Gaussian.
+      --walkers N: Number of walkers.
+      * --max-steps N: Largest number of steps of a walker.
+      --seed N: Seed of the random numbers.
+    """
+
+    samples: int = 10_000
+    scales: bool | None = None
+    student_t: float | None = None
+    walkers: int = 128
+    max_steps: int = 10_000
+    seed: int = 0
+
+
+@made_of(session=session_of, beforehand=pose_prior_of, sampling=Sampling)
+def posterior_command(
+    session: "Session",
+    beforehand: "dict[str, Any]",
+    sampling: "Sampling",
+    pairs: str = "disjoint",
+    as_json: bool = False,
+    output: Path | None = None,
+    resume: bool = False,
+) -> None:
+    r"""Sample the posterior of X by Markov chain Monte Carlo.
+
+    Examples:
+      uq-handeye posterior robot.csv camera.csv -o posterior/
+      # Continue a run that was interrupted or did not converge
+      uq-handeye posterior robot.csv camera.csv -o posterior/ --resume
+      # With known noise and a heavy-tailed likelihood
+      uq-handeye posterior robot.csv camera.csv --student-t 5 \
+          --robot-noise 0.02deg,0.05mm --camera-noise 0.1deg,0.5mm
+
+    The prior is flat, except for --prior-x, --prior-w and --known.
+
+    Nothing is reported before the chain has converged (autocorrelation time,
+    split R-hat, effective samples). With -o, an interrupted run continues with
+    --resume and ends in the same numbers.
+
+    Options (Estimation):
+      --pairs NAME <disjoint|consecutive>: Pairs of poses that form a motion, for noise of motions (A and B): disjoint
+        or consecutive.
+
+    Options (Output):
+      * -o, --output DIR <named_folder>: Folder for {CHAIN}, posterior.json and corner.png, .svg.
+      * --resume: Continue the chain in -o DIR.
+    """
+    if resume and output is None:
+        raise InputError("--resume needs the folder of the run. Add -o DIR.")
+    poses, noise, shared = session.read()
+    from ...model.noise.models import PairNoise
+    from ...read import write_files
+    from ...trials.validation.posterior.sample import sample_posterior
+
+    pairs = pairs if isinstance(noise, PairNoise) else "all"
+    problem = problem_for(
+        calibrated(poses, noise, shared, pairs, shows_checks=False, **beforehand), poses, noise, shared, pairs
+    )
+    if output is not None:
+        write_files(output, {})  # makes the folder, or says why not
+        output.mkdir(parents=True, exist_ok=True)
+    with timed("sampling"):
+        result = sample_posterior(
+            **problem,
+            **vars(sampling),
+            file=None if output is None else output / CHAIN,
+            resume=resume,
+            progress=progress_wanted(),
+        )
+    emit(result.to_json() if as_json else result.summary())
+    if output is not None:
+        from ...trials.validation.posterior.figure import corner  # Matplotlib is slow to import
+
+        deliver(output, {"posterior.json": result.to_json()}, {"corner": corner(result)})
+        if not as_json:
+            emit(wrote(output, ["posterior.json", "corner.png", "corner.svg", CHAIN]))

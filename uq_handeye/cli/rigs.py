@@ -1,21 +1,23 @@
-"""Calibration of a rig on the command line: what is given, what is refused, what is printed and written."""
+"""Rigs, of several cameras, targets and arms: their calibration, and check, update, predict and plan of its result."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ...errors import InputError
-from ..messages import given_options, quiet, timed, withheld
-from ..options.common import AT_THE_BOUND, PAIRINGS, SETUP_NAMES, emit, one_of
-from ..outcome import NOT_PASSED, Wanted
+from ..errors import InputError
+from .delivery import NOT_PASSED, Wanted, deliver
+from .messages import given_options, quiet, timed, withheld
+from .options.common import AT_THE_BOUND, PAIRINGS, SETUP_NAMES, emit, one_of
+from .options.touches import coordinates
 
 if TYPE_CHECKING:
-    from ...calibration.statement.tolerance import Verdict
-    from ...rig.description import Rig
-    from ...rig.result import RigCalibration
-    from ..delivery import Outputs, ReportOptions
-    from ..new_poses import Data, Estimation
-    from ..options.noise import Given
-    from ..pose_files import PoseFiles
+    from ..calibration.statement.tolerance import Verdict
+    from ..rig.description import Rig
+    from ..rig.result import RigCalibration
+    from .delivery import Outputs, ReportOptions
+    from .new_poses import Data, Estimation
+    from .options.noise import Given
+    from .pose_files import PoseFiles
+
 
 # Options that a rig takes beside the rig file, and beside a file for each camera.
 _ALWAYS = {"ROBOT", "--method", "--no-robust", "--robust", "--seed", "--shared", "--tolerance", "--at", "--report",
@@ -36,7 +38,7 @@ def calibrate_rig_files(
     data: "Data", asked: "Estimation", wishes: "ReportOptions", wanted: Wanted, outputs: "Outputs"
 ) -> int:
     """Calibrate a rig, print it and write its files; return the exit status."""
-    from ...rig.calibrate import calibrate_rig
+    from ..rig.calibrate import calibrate_rig
 
     cameras, given = data.robot.cameras, data.given
     _refuse_others(bool(cameras))
@@ -66,14 +68,14 @@ def _refuse_others(of_files: bool) -> None:
 
 
 def _of_file(path: Path | None) -> "tuple[Rig, Any]":
-    from ...rig.files.rig_file import read_rig
+    from ..rig.files.rig_file import read_rig
 
     assert path is not None
     return read_rig(path)
 
 
 def _of_cameras(files: "PoseFiles", cameras: tuple[str, ...], given: "Given") -> "tuple[Rig, Any]":
-    from ...rig.files.pose_rows import rig_of_files
+    from ..rig.files.pose_rows import rig_of_files
 
     if files.robot is None:
         raise InputError("--camera NAME=FILE needs the file of robot poses. Add it, e.g. robot.csv.")
@@ -110,7 +112,7 @@ def _of_cameras(files: "PoseFiles", cameras: tuple[str, ...], given: "Given") ->
 
 def verdicts_of(result: "RigCalibration", wanted: Wanted) -> "dict[str, Verdict]":
     """Return whether the pose of each camera meets the tolerance."""
-    from ...calibration.statement.tolerance import FAIL, MET, MISSED, NOT_SHOWN, PASS, Verdict, probability_within
+    from ..calibration.statement.tolerance import FAIL, MET, MISSED, NOT_SHOWN, PASS, Verdict, probability_within
 
     found = {}
     for name, camera in result.cameras.items():
@@ -125,8 +127,8 @@ def verdicts_of(result: "RigCalibration", wanted: Wanted) -> "dict[str, Verdict]
 
 def deliver_rig(result: "RigCalibration", wishes: "ReportOptions", wanted: Wanted, outputs: "Outputs") -> int:
     """Print the result of a rig, write its files, and return the exit status."""
-    from ...read import json_text
-    from ..delivery import deliver
+    from ..read import json_text
+    from .delivery import deliver
 
     verdicts = {} if wanted.tolerance is None else verdicts_of(result, wanted)
     said = [f"{name}: {verdict}" for name, verdict in verdicts.items()]
@@ -134,7 +136,7 @@ def deliver_rig(result: "RigCalibration", wishes: "ReportOptions", wanted: Wante
     written = ""
     page = {"about": wishes.about, "verdicts": verdicts, **wishes.of_report}
     if (output := outputs.output) is not None:
-        from ...rig.output.page import rig_html
+        from ..rig.output.page import rig_html
 
         html = rig_html(result, **{name: value for name, value in page.items() if name != "paper"})
         files: dict[str, str | bytes] = {"rig.json": json_text(result.to_dict()), "rig.txt": text, "report.html": html}
@@ -152,3 +154,127 @@ def deliver_rig(result: "RigCalibration", wishes: "ReportOptions", wanted: Wante
     else:
         emit(text + written)
     return NOT_PASSED if any(not verdict.passed for verdict in verdicts.values()) else 0
+
+
+_EVERYWHERE = {"RESULT", "--json", "--output", "--quiet", "--verbose", "--no-color", "--log-file"}
+
+
+def stored_rig(path: Path | None) -> "RigCalibration | None":
+    """Return the result of a rig, None for another file."""
+    if path is None or path.suffix.lower() != ".json" or not path.is_file():
+        return None
+    from ..calibration.result import load
+    from ..rig.result import RigCalibration
+
+    with path.open("rb") as file:  # those of one camera are read by their own command
+        if b"uq-handeye rig " not in file.read(200):
+            return None
+    found = load(path)
+    return found if isinstance(found, RigCalibration) else None
+
+
+def refuse(*taken: str) -> None:
+    """Raise `InputError` for options that the command does not take for a rig."""
+    if wrong := [name for name in given_options() if name not in _EVERYWHERE | set(taken)]:
+        raise InputError(f"{', '.join(wrong)}: not for the result of a rig. Remove it.")
+
+
+def new_views(stored: "RigCalibration", file: Path | None) -> "Rig":
+    """Return new views of a rig file."""
+    from ..rig.files.rig_file import read_rig
+
+    if file is None or file.suffix.lower() != ".toml":
+        raise InputError(
+            "New views of a rig come as a rig file, e.g. today.toml, with the names of the calibrated one (rig.md)."
+        )
+    return read_rig(file)[0]
+
+
+def check_stored_rig(
+    stored: "RigCalibration", file: Path | None, level: float, as_json: bool, output: Path | None
+) -> int:
+    """Check the result of a rig by new views; exit status 4 if something changed."""
+    refuse("ROBOT", "--level")
+    found = stored.check(new_views(stored, file), level=level)
+    written = "" if output is None else deliver(output, {"check.json": found.to_json(), "check.txt": found.text()})
+    emit(found.to_json() if as_json else f"{found.sentence}\n" if quiet() else found.text() + written)
+    return 4 if found.changed else 0
+
+
+def update_stored_rig(
+    stored: "RigCalibration", file: Path | None, although_changed: bool, wishes: Any, wanted: Any, outputs: Any
+) -> int:
+    """Update the result of a rig by new views."""
+    from ..rig.in_use.update import update_rig
+
+    refuse("ROBOT", "--although-changed", "--report", "--about", "--full-report", "--paper", "--tolerance", "--at")
+    with timed("updating"):
+        found = update_rig(stored, new_views(stored, file), although_changed=although_changed)
+    return deliver_rig(found, wishes, wanted, outputs)
+
+
+def predict_stored_rig(
+    stored: "RigCalibration",
+    camera: str | None,
+    into: str | None,
+    point: list[str] | None,
+    robot: Path | None,
+    as_json: bool,
+    output: Path | None,
+) -> None:
+    """Predict points of a camera of a rig at robot poses of its arm, or where it stands still."""
+    import numpy as np
+
+    from ..read import json_text
+    from ..rig.files.pose_rows import read_rows
+
+    refuse("--of", "--into", "--point", "--robot", "--robot-units", "--robot-format")
+    if camera is None or not point:
+        raise InputError("A rig needs --of CAMERA and --point X,Y,Z in the frame of that camera. Add them.")
+    arms = list(stored.rig.arms)
+    if robot is not None and len(arms) > 1:
+        raise InputError("--robot: the rig has several arms; predict in Python with the poses of each.")
+    at = None if robot is None else {arms[0]: read_rows(robot, "robot").poses}
+    points = np.array([coordinates(text, "--point") for text in point])
+    found = stored.predict(camera, points, at, into or "world")
+    data = json_text(found.to_dict())
+    head = " ".join([*(f"{name:>11}" for name in "xyz"), *(f"{f'sd {name}':>8}" for name in "xyz")])
+    lines = [f"Points of {camera} in the frame {found.frame}", f"{'row':>4} {'point':>5} {head}  (mm)"]
+    for i in range(len(found.points)):
+        for j, (x, sd) in enumerate(zip(1e3 * found.points[i], 1e3 * found.std[i], strict=True)):
+            numbers = " ".join([*(f"{value:>11.3f}" for value in x), *(f"{value:>8.3f}" for value in sd)])
+            lines.append(f"{i:>4} {j:>5} {numbers}")
+    written = "" if output is None else deliver(output, {"predictions.json": data})
+    emit(data if as_json else "\n".join(lines) + "\n" + written)
+
+
+def plan_stored_rig(
+    stored: "RigCalibration",
+    k: int,
+    candidates: Path | None,
+    sample: int,
+    seed: int,
+    as_json: bool,
+    output: Path | None,
+) -> None:
+    """Choose the views of a rig to take next."""
+    from ..read import pose_text
+    from ..rig.files.pose_rows import read_rows
+
+    refuse("ROBOT", "--count", "--candidates", "--sample", "--seed")
+    arms = list(stored.rig.arms)
+    if candidates is not None and len(arms) > 1:
+        raise InputError("--candidates: the rig has several arms; plan in Python with the candidates of each.")
+    rows = None if candidates is None else {arms[0]: read_rows(candidates, "robot").poses}
+    found = stored.plan(rows, k, sample=sample, seed=seed)
+    written = ""
+    if output is not None:
+        import numpy as np
+
+        chosen = list(dict.fromkeys(step.candidate for step in found.steps))
+        files: dict[str, str | bytes] = {"plan.json": found.to_json()}
+        for name, T in found.robot.items():
+            stem = "next.csv" if len(arms) == 1 else f"next_{name}.csv"
+            files[stem] = pose_text(np.asarray(T, dtype=float)[chosen], [float(number) for number in chosen])
+        written = deliver(output, files)
+    emit(found.to_json() if as_json else found.text() + written)
