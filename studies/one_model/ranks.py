@@ -82,8 +82,8 @@ class Ranked(NamedTuple):
     """One set: shares of the posterior below the truth, by quantity; the target's probability and truth."""
 
     shares: dict[str, float]
-    probability: float
-    is_wrong: bool
+    probability: float = 0.0
+    is_wrong: bool = False
 
 
 def model_of(poses: uq.PosePairs) -> tuple[JointModel, dict[str, float]]:
@@ -135,6 +135,8 @@ def ranked(cell: Cell, seed: int, number: int) -> Ranked:
         if not part.known:
             spread = np.log(part.high / part.low) / (2 * ndtri(0.975))
             found[part.name] = float(ndtr(np.log(sizes[part.name] / part.size) / spread))
+    if cell.told is not None:
+        return Ranked(found)
     source, _ = model_of(poses)
     at = source.constraint.complete(np.asarray(result.X))
     return Ranked(found, source.find(at).probability_of(SCALE, WRONG_SIZE), abs(scale) > WRONG_SIZE)

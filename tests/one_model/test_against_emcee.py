@@ -1,10 +1,10 @@
 """Sizes and poses sampled together by emcee, with the density written out by dense algebra, against the engine."""
 
-import emcee
 import numpy as np
 from support import SEED
 
 import uq_handeye as uq
+from studies.one_model.sampled import chain_of, density_of
 from uq_handeye.fit.likelihood.constraint import constraint_of
 from uq_handeye.fit.one_model.component import Component
 from uq_handeye.fit.one_model.engine import LatentModel
@@ -14,7 +14,7 @@ from uq_handeye.model.shared_errors.sizes import Size
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
 UNIT = np.repeat([1e-3, 5e-4], 3)  # rad, m
-WALKERS, STEPS, BURN = 60, 4000, 800
+WALKERS, STEPS = 60, 4000
 
 
 def model_of(rng):
@@ -30,34 +30,6 @@ def model_of(rng):
     return LatentModel.of(linear, parts), dict(zip(("robot", "camera"), linear.sides, strict=True))
 
 
-def density_of(model, sides, centre, unit):
-    """Logarithm of the density of states (..., p + k): x in ``unit`` about ``centre``, and logarithms of the sizes."""
-    n, p = len(model.r), model.p
-    J, r = model.J.reshape(6 * n, p), model.r.reshape(-1)
-    each = []
-    for part in model.components:
-        D, S = sides[part.side], np.zeros((6 * n, 6 * n))
-        if part.columns is not None:
-            K = (D @ part.columns).reshape(6 * n, -1)
-            S += K @ K.T
-        for i in range(n):
-            B = D[i] @ part.block
-            S[6 * i : 6 * i + 6, 6 * i : 6 * i + 6] += B @ B.T
-        each.append(S)
-    each = np.array(each)
-
-    def density(states):
-        x, theta = centre + unit * states[:, :p], states[:, p:]
-        S = np.tensordot(np.exp(2.0 * theta), each, axes=1)
-        L = np.linalg.cholesky(S)
-        e = np.linalg.solve(L, (r + x @ J.T)[..., None])[..., 0]
-        off = (theta - model.medians) / model.spreads
-        logs = np.log(np.diagonal(L, axis1=1, axis2=2)).sum(axis=1)
-        return -logs - 0.5 * (e * e).sum(axis=1) - 0.5 * (off * off).sum(axis=1)
-
-    return density
-
-
 def test_sizes_and_poses_sampled_together_agree_with_the_mixture():
     rng = np.random.default_rng([SEED, 4])
     model, sides = model_of(rng)
@@ -65,13 +37,7 @@ def test_sizes_and_poses_sampled_together_agree_with_the_mixture():
     unit = np.sqrt(np.diag(mixture.covariance))
     p, k = model.p, len(model.medians)
     first = np.concatenate([rng.normal(size=(WALKERS, p)), mixture.mean_theta + 0.3 * rng.normal(size=(WALKERS, k))], 1)
-    moves = [(emcee.moves.DEMove(), 0.9), (emcee.moves.DESnookerMove(), 0.1)]
-    density = density_of(model, sides, mixture.mean, unit)
-    sampler = emcee.EnsembleSampler(WALKERS, p + k, density, moves=moves, vectorize=True)
-    sampler.random_state = np.random.RandomState(SEED).get_state()
-    sampler.run_mcmc(first, STEPS)
-    chain = sampler.get_chain(discard=BURN)
-    effective = chain.shape[0] * WALKERS / sampler.get_autocorr_time(discard=BURN, quiet=True).max()
+    chain, effective = chain_of(density_of(model, sides, mixture.mean, unit), first, STEPS, SEED)
     assert effective > 1500
     flat = chain.reshape(-1, p + k)
     spread = flat.std(axis=0)

@@ -3,7 +3,19 @@
 import numpy as np
 import pytest
 from scipy import stats
-from support import CONFIDENCE, SEED, difference, draw, exact_motions, moved, random_covariance
+from support import (
+    CONFIDENCE,
+    EQUATION_70,
+    SEED,
+    assert_same_covariance,
+    covers,
+    difference,
+    draw,
+    exact_motions,
+    is_consistent,
+    moved,
+    random_covariance,
+)
 
 import uq_handeye as uq
 from uq_handeye.errors import DegenerateMotionError
@@ -56,6 +68,34 @@ def test_nees_on_motions(method):
     values = nees(run(found, np.random.default_rng(SEED), 2000), found.predicted())
     assert inside(values)
     assert not inside(values / 1.15**2)
+
+
+def floor_and(rng, shape=()):
+    """Not nearly singular: beside an exact side the residuals have the noise of one side alone."""
+    return 1e-8 * np.eye(6) + random_covariance(rng, 6, shape)
+
+
+@pytest.mark.parametrize("shapes", [((), ()), ((20,), (20,)), (None, ())], ids=["common", "per pair", "exact A"])
+def test_covariance_of_each_trial_on_motions_is_true(shapes, rng):
+    """NEES and coverage by each trial's own covariance; sampling covariance at the bound; 10 % more is rejected."""
+    trials = 6000
+    X, A, B = exact_motions(rng, 20)
+    noise = uq.PairNoise(*(None if shape is None else floor_and(rng, shape) for shape in shapes))
+    found = run(experiment(uq.Motions(A, B), noise, "efficient"), rng, trials, each=True)
+    errors, covariances = found.errors, found.covariances
+    assert found.ok.all() and is_consistent(errors, covariances) and all(covers(errors, covariances))
+    assert not is_consistent(errors, 1.1 * covariances) and not is_consistent(errors, covariances / 1.1)
+    # relative deviation of the extreme eigenvalues of a Wishart matrix: 2 sqrt(6 / trials), and then some
+    at_truth = uq.bound(uq.Motions(A, B), noise, X)
+    assert_same_covariance(errors.T @ errors / trials, at_truth, 4 * np.sqrt(6 / trials))
+
+
+def test_equation_70(rng):
+    """The noise of the paper, 60 pairs."""
+    _, A, B = exact_motions(rng, 60)
+    problem = experiment(uq.Motions(A, B), uq.PairNoise(*EQUATION_70), "efficient")
+    found = run(problem, rng, 1500, each=True)
+    assert found.ok.all() and is_consistent(found.errors, found.covariances)
 
 
 @pytest.mark.parametrize("method", ["4dpa", "efficient", "ml", "shah"])

@@ -2,18 +2,24 @@ r"""Trials of 4DPA in its limit on motions with noise of their own: hardly slowe
 
 Model: true motions ``A_i X = X B_i``; measured ``R = exp([theta]x) R_true``, ``t = t_true + tau`` with
 ``xi = (theta, tau) = L z``, z standard normal, independent from motion to motion (rad, m). X of T2 (`procrustes`) needs
-of each motion only u and w, from its quaternion and translation (`rows`). The moments ``H = sum u v^T`` and
+of each motion only u and w, from its quaternion and translation. The moments ``H = sum u v^T`` and
 ``K = sum (u z^T + w v^T)`` over the motions give X; B is rotated by the true R_X, so that the rotation nearest to H is
-the rotation error ``exp([theta_X]x)`` itself. Trials are the last axis of all arrays; a block of them stays in cache.
+the rotation error ``exp([theta_X]x)`` itself. Arrays are (component, pairs, trials): whole rows of equal components,
+trials last, which NumPy handles fastest and to which what is constant over pairs or over trials is broadcast; a block
+of trials stays in cache. Quaternions are ``(w, x, y, z)``. What is not positive or not finite comes out as NaN or
+infinity in its own trial only.
 """
 
 from __future__ import annotations
 
+import math
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
-from ...core.geometry.component_rows import Side, halves
-from ...core.geometry.se3 import Array, logarithm
+from ...core.geometry.se3 import Array, block, logarithm, skew
 from ...core.runtime.workspace import scratch
 from ...errors import InputError
 from ...methods.procrustes.limit import solve_moments
@@ -27,6 +33,13 @@ FLAT = 1e-4
 _COFACTORS = np.array(
     [[3 * ((i + p) % 3) + (j + q) % 3 for i in range(3) for j in range(3)] for p, q in ((1, 1), (2, 2), (1, 2), (2, 1))]
 )
+
+# The series of sin(h)/h in h^2, from its last term on, and h^2 below which what follows is rounding. NumPy's sine and
+# cosine take ten times as long.
+SINC = [
+    (limit, [(-1) ** k / math.factorial(2 * k + 1) for k in reversed(range(terms))])
+    for limit, terms in ((3e-5, 3), (0.02, 5))
+]
 
 
 def fourdpa_on_drawn(
@@ -129,3 +142,94 @@ def _by_polar(H: Array, K: Array, size: Array, t_X: Array) -> Array:
     xi[:, :3] = logarithm(R.transpose(2, 0, 1))
     xi[:, 3:] = t.T - t_X
     return xi
+
+
+# ---------------------------------------------------------------------------- motions by components
+
+
+class Side(NamedTuple):
+    """True motions of one side and their errors: ``q = cos(h) q_true + sin(h)/h g``, ``g = (0, theta/2) q_true``.
+
+    ``h = |theta|/2 = |g|``, so that g and tau, linear in what is drawn, are all that it takes; exact for any angle.
+    """
+
+    q: Array  # (4, N, 1)
+    t: Array  # (3, N, 1)
+    linear: Array | None  # (N, 7, 6): g and tau from standard normals; None: exact
+
+    @classmethod
+    def of(cls, T: Array, turn: Array | None, L: Array | None) -> Side:
+        """Return the side of motions (N, 4, 4) whose covariances are L L^T, in a frame rotated by ``turn``."""
+        q = Rotation.from_matrix(T[:, :3, :3]).as_quat(scalar_first=True).T[..., None]
+        t = T[:, :3, 3].T[..., None]
+        if turn is not None:
+            q[1:], t = (np.einsum("ij,jnm->inm", turn, rows) for rows in (q[1:], t))
+        if L is None:
+            return cls(q, t, None)
+        if turn is not None:
+            L = block(turn, 0.0, 0.0, turn) @ L
+        F = np.zeros((len(T), 7, 6))
+        vector = q[1:, :, 0].T
+        F[:, 0, :3] = -0.5 * vector
+        F[:, 1:4, :3] = 0.5 * (q[0, :, :, None] * np.eye(3) - skew(vector))
+        F[:, 4:, 3:] = np.eye(3)
+        return cls(q, t, F @ L)
+
+    def drawn(self, pairs: slice, m: int, rng: np.random.Generator, out: Array) -> tuple[Array, Array]:
+        """Measured quaternions (4, n, m) and translations (3, n, m) of n pairs in m trials, in ``out`` (7, n, m)."""
+        q, t = self.q[:, pairs], self.t[:, pairs]
+        if self.linear is None:
+            out[:4], out[4:] = q, t
+            return out[:4], out[4:]
+        z = scratch("normals", q.shape[1], 6, m)
+        rng.standard_normal(out=z)
+        np.matmul(self.linear[pairs], z, out=out.transpose(1, 0, 2))
+        rotation, translation = out[:4], out[4:]
+        sine, cosine = half_turn(np.asarray((rotation * rotation).sum(axis=0)))
+        rotation *= sine
+        rotation += cosine * q
+        translation += t
+        return rotation, translation
+
+
+def halves(q: Array, t: Array) -> tuple[Array, Array]:
+    """u and w of T2, (3, n, m).
+
+    ``u = vee(R)/2 = 2 q_0 q_v`` and ``w = (t + R^T t)/2 = q_0 (q_0 t - q_v x t) + (q_v . t) q_v``.
+    """
+    scalar, vector = q[0], q[1:]
+    w = cross(t, vector)
+    w += t * scalar
+    w *= scalar
+    along = vector * t
+    w += (along[0] + along[1] + along[2]) * vector
+    u = vector * scalar
+    u *= 2.0
+    return u, w
+
+
+def cross(x: Array, y: Array) -> Array:
+    """``x x y`` of rows (3, n, m)."""
+    result = np.empty((3, *x.shape[1:]))
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        np.multiply(x[j], y[k], out=result[i])
+        result[i] -= x[k] * y[j]
+    return result
+
+
+def half_turn(square: Array) -> tuple[Array, Array]:
+    """``sin(h)/h`` and ``cos(h)`` of ``h^2``, (n, m)."""
+    largest = square.max()
+    series = next((series for limit, series in SINC if largest < limit), None)
+    if series is None:
+        h = np.sqrt(square)
+        return np.where(h > 0, np.sin(h) / np.maximum(h, 1e-150), 1.0), np.cos(h)
+    sine = square * series[0]
+    for coefficient in series[1:-1]:
+        sine += coefficient
+        sine *= square
+    sine += series[-1]
+    cosine = sine * sine
+    cosine *= square
+    np.subtract(1.0, cosine, out=cosine)
+    return sine, np.sqrt(cosine, out=cosine)

@@ -1,8 +1,7 @@
 """Trials of any method: noise drawn on exact data, X estimated from each draw, and its error.
 
 Work goes in blocks of a fixed number of trials, so that memory is bounded and the numbers depend on the generator
-only. 4DPA and ``efficient`` on motions have engines of their own (`fourdpa_pairs`, `efficient_pairs`); every other
-method runs on leading batch axes.
+only. 4DPA on motions has an engine of its own (`fourdpa_pairs`); every other method runs on leading batch axes.
 """
 
 from __future__ import annotations
@@ -25,7 +24,6 @@ from ...methods.propagation.propagate import propagate_and_check
 from ...model.noise.models import PairNoise, with_prior
 from ...model.poses.motions import Motions, relative_motions
 from ...model.poses.pose_pairs import PosePairs
-from .efficient_pairs import efficient_on_drawn
 from .experiment import Experiment
 from .fourdpa_pairs import fourdpa_on_drawn
 from .rig import disturbed
@@ -71,12 +69,9 @@ def run(experiment: Experiment, rng: np.random.Generator, trials: int, each: boo
         The method cannot be run on such data at all, or has no covariance.
     """
     truth, noise = experiment.truth, experiment.noise
-    if isinstance(truth, Motions) and isinstance(noise, PairNoise) and noise.prior is None:
-        if experiment.method == "efficient":
-            errors, covariances, ok = efficient_on_drawn(truth.A, truth.B, experiment.X, noise, rng, trials)
-            return Trials(errors, ok, covariances if each else None)
-        if experiment.method == "4dpa" and experiment.scale is None and not each:
-            return Trials(*fourdpa_on_drawn(truth.A, truth.B, experiment.X, noise, rng, trials))
+    plain = experiment.method == "4dpa" and experiment.scale is None and noise.prior is None and not each
+    if plain and isinstance(truth, Motions) and isinstance(noise, PairNoise):
+        return Trials(*fourdpa_on_drawn(truth.A, truth.B, experiment.X, noise, rng, trials))
     step = max(1, BLOCK // experiment.size)
     parts = [_block(experiment, rng, min(step, trials - first), each) for first in range(0, trials, step)]
     return Trials(
