@@ -48,3 +48,27 @@ def test_what_is_given_again_is_named(tmp_path, again):
         read_corners(path)
     done = run("camera", path, "--image-size", "640x480")
     assert done.returncode == 2 and len(done.stderr.strip().splitlines()) == 1
+
+
+@pytest.mark.parametrize("what", ["png", "gif", "tiff"])
+def test_decoders_are_not_heard(tmp_path, capfd, what):
+    """libpng, libtiff and OpenCV write to descriptor 2 themselves; the one line is ours."""
+    good = cv2.imencode(".png", np.zeros((100, 100), np.uint8))[1].tobytes()
+    bad = {"png": good[:-30], "gif": b"GIF89a" + b"\xff\xff\xff\xff\0\0\0", "tiff": b"II*\0\x08\0\0\0" + b"\xff" * 4000}
+    (tmp_path / f"a.{what}").write_bytes(bad[what])
+    with pytest.raises(uq.InputError, match="expected a picture"):
+        find_corners(str(tmp_path / "a.*"), uq.Board(9, 6, 0.02), False)
+    assert capfd.readouterr().err == ""
+
+
+@pytest.mark.parametrize(("column", "value"), [(0, "1e30"), (1, "1e300"), (3, "-1e300"), (4, "1e300")])
+def test_numbers_beyond_any_picture(tmp_path, column, value):
+    corners, _ = corners_of([GRID[:, :2] * 5000 + k for k in range(4)])
+    lines = corners_text(corners, np.ones(corners.m, bool)).splitlines()
+    fields = lines[7].split(",")
+    fields[column] = value
+    lines[7] = ",".join(fields)
+    (tmp_path / "corners.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    done = run("camera", tmp_path / "corners.csv", "--image-size", "640x480")
+    assert done.returncode == 2 and len(done.stderr.splitlines()) == 1 and len(done.stderr) < 300
+    assert "to be finite and at most" in done.stderr

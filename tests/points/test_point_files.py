@@ -214,3 +214,27 @@ def test_figure(seen, tmp_path):
     np.testing.assert_allclose(
         np.sum(across[both] ** 2, axis=1) + along[both] ** 2, np.sum(seen[0].residuals[both] ** 2, axis=1)
     )
+
+
+@pytest.mark.parametrize(
+    ("column", "value", "words"),
+    [
+        (0, "inf", None),  # poses with names are numbered
+        (0, "9" * 400, None),
+        (1, "\x1b[31m", "all of which print"),
+        (1, "\u202ex", "all of which print"),
+        (1, "p" * 300, "at most 200 characters"),
+        (2, "1e300", "below 10000 m"),
+    ],
+)
+def test_hostile_fields(tmp_path, column, value, words):
+    rng = np.random.default_rng(0)
+    rows = [[str(k), f"p{j}", *map(str, rng.normal((0, 0, 2)))] for k in range(3) for j in range(5)]
+    rows[7][column] = value
+    path = tmp_path / "points.csv"
+    path.write_text("pose,point,x,y,z\n" + "".join(",".join(row) + "\n" for row in rows), encoding="utf-8")
+    if words is None:
+        assert len(uq.read_points(path).rows) == 4
+    else:
+        with pytest.raises(uq.InputError, match=words):
+            uq.read_points(path)

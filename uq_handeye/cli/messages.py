@@ -19,6 +19,7 @@ from typing import Any, TextIO
 
 import typer
 
+from ..core.files.lines import printable
 from ..errors import InputError, InputWarning
 
 LOG = logging.getLogger("uq_handeye")
@@ -220,6 +221,7 @@ class _ToStderr(logging.Handler):
         ):
             return
         self.said.add(text)
+        text = printable(text)
         colour = _COLOURS.get(record.levelno)
         if colour is not None and coloured(sys.stderr):
             text = typer.style(text, fg=colour)

@@ -35,6 +35,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 import typer
 
 from ...core.files.about import ABOUT
+from ...core.files.lines import printable
 from ...errors import InputError
 from ..messages import Messages, styled, terminal_width
 
@@ -365,7 +366,7 @@ def emit(output: str) -> None:
     if sys.stdout is None:  # closed by the caller
         raise InputError("Cannot write the output: the standard output is closed.")
     try:
-        sys.stdout.write(output)
+        sys.stdout.write(printable(output))
         sys.stdout.flush()
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import BinaryIO
@@ -52,6 +53,16 @@ def is_number(text: bytes) -> bool:
 def short(text: str) -> str:
     """Quoted on one line, and cut where it would flood the message."""
     return ascii(text if len(text) <= 80 else f"{text[:77]}...")
+
+
+_CONTROLS = re.compile(
+    r"(?!\x1b\[[0-9;]*m)[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069]|\r(?!\n)"
+)
+
+
+def printable(text: str) -> str:
+    """Text for a terminal: what moves its cursor or turns its writing round is escaped; colours and tabs stay."""
+    return _CONTROLS.sub(lambda found: ascii(found[0])[1:-1], text)
 
 
 def one_line(text: str) -> str:

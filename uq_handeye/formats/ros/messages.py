@@ -23,8 +23,8 @@ from ...core.geometry.se3 import Array
 from ...errors import InputError
 from ..contents import Contents, Side
 
-# Transforms and poses of one message.
-MOST = 10_000
+# Transforms and poses of one message; characters of a name.
+MOST, LONGEST = 10_000, 120
 
 
 class Stamped(NamedTuple):
@@ -52,7 +52,13 @@ def pair_text(parent: str, child: str) -> str:
 
 def frame_name(text: Any) -> str:
     """Return the name of a frame; ROS 1 may put a slash before it."""
-    return str(text or "").strip().removeprefix("/")
+    return plain_name(str(text or "").strip().removeprefix("/"))
+
+
+def plain_name(text: str) -> str:
+    """Return a name as people can read and type it: escaped where it does not print, and cut where it is endless."""
+    text = text if text.isprintable() else ascii(text)[1:-1]
+    return text if len(text) <= LONGEST else f"{text[:LONGEST]}..."
 
 
 def part(value: Any, name: str) -> Any:

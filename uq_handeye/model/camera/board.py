@@ -7,9 +7,11 @@ from __future__ import annotations
 
 import glob
 import os
+import threading
 import warnings
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
@@ -244,8 +246,27 @@ def _names(paths: list[Path]) -> list[str]:
     return [shown(Path(name)) for name in (bare if len(set(bare)) == len(bare) else map(str, paths))]
 
 
+_HEARING = threading.Lock()
 # Pixels a side below which no board can be found, and detectors fail.
 SMALLEST = 32
+
+
+@contextmanager
+def _unheard() -> Iterator[None]:
+    """Send what decoders in C say of a damaged picture, straight to file descriptor 2, nowhere: we say it in a line."""
+    with _HEARING:
+        try:
+            kept = os.dup(2)
+        except OSError:  # closed
+            yield
+            return
+        try:
+            with open(os.devnull, "wb") as nowhere:
+                os.dup2(nowhere.fileno(), 2)
+            yield
+        finally:
+            os.dup2(kept, 2)
+            os.close(kept)
 
 
 def _picture(path: Path) -> Picture:
@@ -255,7 +276,8 @@ def _picture(path: Path) -> Picture:
         data = np.frombuffer(file.read(), dtype=np.uint8)
     flags = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
     try:
-        picture = cv2.imdecode(data, flags) if data.size else None
+        with _unheard():
+            picture = cv2.imdecode(data, flags) if data.size else None
     except cv2.error:  # too many pixels
         picture = None
     if picture is None:

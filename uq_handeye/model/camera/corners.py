@@ -15,6 +15,8 @@ from ...core.geometry.se3 import Array
 from ...errors import InputError
 
 FEWEST = 4  # corners of a picture, for its pose
+# Beyond these is no picture, board or pixel.
+LARGEST = {"row": 1e9, "points": 1e5, "pixels": 1e6}
 # Pixels that a picture is smoothed by before its corners are refined, and at most so much of the window's half width.
 SMOOTH, SMOOTH_SHARE = 1.8, 0.25
 
@@ -51,8 +53,8 @@ class Corners:
                 f"{row.shape}, {points.shape} and {pixels.shape}."
             )
         for name, values in (("row", row), ("points", points), ("pixels", pixels)):
-            if not np.isfinite(values).all():
-                raise InputError(f"Expected `{name}` to be finite, got NaN or infinity.")
+            if not (np.abs(values) <= LARGEST[name]).all():  # nor NaN
+                raise InputError(f"Expected `{name}` to be finite and at most {LARGEST[name]:g}, got others.")
         if (row != np.floor(row)).any() or row.min() < 0:
             raise InputError("Expected `row` to be the numbers of pictures, 0 and up, got others.")
         order = np.argsort(row, kind="stable")

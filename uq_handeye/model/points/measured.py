@@ -14,14 +14,24 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ...core.files.lines import short
 from ...core.geometry.checks import as_numbers
 from ...core.geometry.nearest_rotation import nearest_rotation
 from ...core.geometry.se3 import Array
 from ...core.runtime.read_only import ReadOnlyArrays
 from ...errors import InputError
 
-# A coordinate beyond it (m) is in no cell.
-LARGEST = 1e4
+# A coordinate beyond it (m) is in no cell; characters of a name.
+LARGEST, LONGEST = 1e4, 200
+
+
+def _require_names(names: NDArray[np.str_]) -> None:
+    """Raise `InputError` for names of points that are not read by people."""
+    for name in np.unique(names).tolist():
+        if not name.isprintable() or len(name) > LONGEST:
+            raise InputError(
+                f"Expected names of points with at most {LONGEST} characters, all of which print, got {short(name)}."
+            )
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,6 +72,7 @@ class PointSet(ReadOnlyArrays):
             raise InputError(
                 f"Expected `xyz` to be finite and below {LARGEST:g} m. Leave out points that were not seen."
             )
+        _require_names(point)
         row = row.astype(np.int64)
         order = np.lexsort((point, row))
         order = order[np.argsort(row[order], kind="stable")]
@@ -125,6 +136,7 @@ class Target(ReadOnlyArrays):
             raise InputError(f"Expected the target as (m, 3) with m names, got {xyz.shape} and {names.shape}.")
         if not np.isfinite(xyz).all() or np.abs(xyz).max(initial=0.0) > LARGEST:
             raise InputError(f"Expected the points of the target to be finite and below {LARGEST:g} m.")
+        _require_names(names)
         unique, count = np.unique(names, return_counts=True)
         if (count > 1).any():
             raise InputError(f"Expected each point of the target once, got {unique[np.argmax(count)]} twice.")

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 import shlex
+from itertools import islice, pairwise, product
 from typing import Any, NamedTuple
 
 from ...core.files.csv_text import csv_text
@@ -46,6 +47,8 @@ _TARGET = re.compile(r"tag|marker|aruco|board|target|object|rigid|checker|charuc
 # What moves beyond the tool.
 _FINGER = re.compile(r"finger|knuckle|jaw|gripper|\bgrip", re.IGNORECASE)
 _ROBOT = re.compile(r"tcp|tool|flange|\bee\b|end_?effector|arm|robot|current_?pose|cartesian", re.IGNORECASE)
+# Pairs of base and tool that are tried.
+MOST_GUESSES = 500
 # Placeholders where nothing is found.
 ROBOT, CAMERA = "BASE:TOOL", "OPTICAL_FRAME:TARGET"
 
@@ -71,10 +74,11 @@ def guess(recording: Recording) -> Guess:
 
 def _robot(recording: Recording, camera: str) -> str:
     tree = recording.tree
-    for base in (frame for name in BASES for frame in tree.frames if _is(frame, name)):
-        for tool in (frame for name in TOOLS for frame in tree.frames if _is(frame, name)):
-            if base != tool and tree.moves(base, tool):
-                return f"{base}:{tool}"
+    frames = tree.frames
+    bases, tools = ([frame for name in names for frame in frames if _is(frame, name)] for names in (BASES, TOOLS))
+    for base, tool in islice(product(bases, tools), MOST_GUESSES):
+        if base != tool and tree.moves(base, tool):
+            return f"{base}:{tool}"
     topics = [f"{name}" for name, tracks in recording.poses.items() if len(tracks) == 1 and name != camera]
     named = [name for name in topics if _ROBOT.search(name)]
     if named or len(topics) == 1:
@@ -85,15 +89,17 @@ def _robot(recording: Recording, camera: str) -> str:
 def _arm(tree: Tree) -> str | None:
     """Return both ends of the longest chain downwards that moves, without fingers and what a camera sees."""
     parent_of = {child: parent for (parent, child), track in tree.edges.items() if not _seen((parent, child))}
+    moving = {pair for pair, track in tree.edges.items() if track.moves}
     best: list[str] = []
     for child in sorted(parent_of):
-        path = [child]
-        while path[-1] in parent_of and parent_of[path[-1]] not in path:
-            path.append(parent_of[path[-1]])
-        if tree.edges[(path[1], child)].moves and not _FINGER.search(child):
-            moving = [k for k in range(len(path) - 1) if tree.edges[(path[k + 1], path[k])].moves]
-            whole = path[: moving[-1] + 2][::-1]
-            best = max(best, whole, key=len)
+        if (parent_of[child], child) not in moving or _FINGER.search(child):
+            continue
+        path = {child: None}  # a set in order
+        while (last := next(reversed(path))) in parent_of and parent_of[last] not in path:
+            path[parent_of[last]] = None
+        up = list(path)
+        highest = max(k for k, pair in enumerate(pairwise(up)) if pair[::-1] in moving)
+        best = max(best, up[: highest + 2][::-1], key=len)
     if not best:
         return None
     base = next((frame for frame in best[:-1] if _is(frame, "base_link")), best[0])

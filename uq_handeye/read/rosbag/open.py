@@ -18,14 +18,14 @@ from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
 from ...core.files.lines import one_line
-from ...core.files.open import reason, shown
+from ...core.files.open import reason, require_size, shown
 from ...errors import InputError, InputWarning, MissingExtraError
+from ...formats.ros.messages import plain_name
+from .decompression import LARGEST_CHUNK, bound_the_reader
 from .types import Types, kind_of
 
 MCAP_MAGIC = b"\x89MCAP0\r\n"
 HEADER, FOOTER, CHUNK, DATA_END = 0x01, 0x02, 0x06, 0x0F
-# Of the content of a chunk, in bytes.
-LARGEST_CHUNK = 100_000_000
 # End of the data (without checksum) and footer without summary.
 TAIL = bytes([DATA_END]) + (4).to_bytes(8, "little") + bytes(4) + bytes([FOOTER]) + (20).to_bytes(8, "little")
 TAIL += bytes(20) + MCAP_MAGIC
@@ -129,6 +129,8 @@ SUFFIXES = (".bag", ".mcap", ".db3")
 # First bytes of each, and of compressed files.
 MAGIC = {".bag": b"#ROSBAG", ".mcap": b"\x89MCAP0\r\n", ".db3": b"SQLite format 3\0"}
 ZSTD = b"\x28\xb5\x2f\xfd"
+# The largest metadata.yaml, in bytes: usual ones have some ten thousand.
+MOST_METADATA = 1_000_000
 # The longest message that is read, in bytes: those read here have a few kilobytes.
 LONGEST = 20_000_000
 HINT = "uq-handeye bag lists what a bag holds (docs/how-to/ros.md)"
@@ -172,12 +174,13 @@ class Bag:
                     kind, problem = None, "no definition of its type in the bag"
             except Exception as error:  # of a library, by a file from anywhere
                 kind, problem = None, one_line(f"definition of its type: {error}")
-        return Connection(one.topic, one.msgtype, int(one.msgcount), kind, problem)
+        return Connection(plain_name(one.topic), one.msgtype, int(one.msgcount), kind, problem)
 
     def messages(self, cut: Callable[[str], None]) -> Iterator[Message]:
         """Yield the messages that are read; of a bag that is damaged behind some of them, ``cut`` hears why."""
         kinds = {(one.topic, one.msgtype): one.kind for one in self.connections}
-        wanted = [one for one in self.reader.connections if kinds[(one.topic, one.msgtype)]]
+        topics = {one.topic: plain_name(one.topic) for one in self.reader.connections}
+        wanted = [one for one in self.reader.connections if kinds[(topics[one.topic], one.msgtype)]]
         if not wanted:
             return
         found, count = self.read(wanted), 0
@@ -195,7 +198,8 @@ class Bag:
                 cut(f"the bag is damaged behind {count} messages, and the rest is left out ({_words(error)})")
                 return
             count += 1
-            yield Message(one.topic, kinds[(one.topic, one.msgtype)] or "", value, 1e-9 * time, bytes(data))
+            topic = topics[one.topic]
+            yield Message(topic, kinds[(topic, one.msgtype)] or "", value, 1e-9 * time, bytes(data))
 
 
 def is_bag(path: Path) -> bool:
@@ -216,6 +220,7 @@ def opened_bag(path: Path) -> Iterator[Bag]:
             f"Reading the bag {name} needs rosbags: pip install '.[rosbag]' in the clone of uq-handeye. ROS is not "
             "needed."
         ) from error
+    bound_the_reader()
     ros2 = path.suffix.lower() != ".bag"
     beside = path.is_file() and (path.parent / "metadata.yaml").exists()
     reader: Any = None
@@ -251,7 +256,8 @@ def _located(path: Path) -> Path:
                 raise InputError(f"{name}: the file is empty; expected a bag ({', '.join(SUFFIXES)}).")
             _require_bag(path, name)
             return path
-        if (path / "metadata.yaml").exists():
+        if (metadata := path / "metadata.yaml").exists():
+            require_size(os.path.getsize(metadata), MOST_METADATA, metadata)
             return path
         inside = sorted(one for one in path.iterdir() if one.suffix.lower() in SUFFIXES)
     except OSError as error:

@@ -16,7 +16,7 @@ from ...core.files.open import StrPath, as_path, opened, shown
 from ...core.files.source import Source
 from ...core.geometry.se3 import Array
 from ...errors import InputError
-from ...formats.ros.messages import MessageError, Stamped, frame_name, pair_text, part, poses_in, stamp_of
+from ...formats.ros.messages import MessageError, Stamped, frame_name, pair_text, part, plain_name, poses_in, stamp_of
 from ...formats.ros.topic import is_ros_topic, records_of
 from .info import CameraInfo, camera_info_of
 from .open import Bag, Message, is_bag, opened_bag
@@ -214,6 +214,8 @@ class _Reader:
         for record in poses_in(message.value):
             if not (record.parent and record.child):
                 raise MessageError("transforms with both frames")
+            if record.parent == record.child:
+                raise MessageError("transforms between two frames")
             track = self.found.tree.track((record.parent, record.child))
             track.static |= static
             track.add(self._at(message, record.time), record.numbers)
@@ -245,10 +247,12 @@ class _Reader:
 
     def _joints(self, message: Message) -> None:
         at = self._at(message, stamp_of(part(message.value, "header")))
-        names = [str(name) for name in part(message.value, "name")]
+        names = [plain_name(str(name)) for name in part(message.value, "name")]
         values = [float(value) for value in part(message.value, "position")]
         if len(names) != len(values) or not names:
             raise MessageError("as many positions as names of joints")
+        if len(set(names)) < len(names):
+            raise MessageError("each joint once")
         self.found.joints.setdefault(message.topic, JointTopic()).add(at, names, values)
 
     def _info(self, message: Message) -> None:

@@ -80,6 +80,8 @@ class Track:
 Pair = tuple[str, str]
 # A gap is longer than so many median intervals.
 GAPS = 3.0
+# Pairs of frames.
+MOST_PAIRS = 5000
 # Frames that a message names.
 NAMED = 12
 
@@ -89,6 +91,7 @@ class Tree:
     """Edges ``parent_T_child`` by their frames."""
 
     edges: dict[Pair, Track] = field(default_factory=dict)
+    _near: dict[str, list[tuple[str, Pair, bool]]] = field(default_factory=dict)
 
     @property
     def frames(self) -> list[str]:
@@ -97,22 +100,17 @@ class Tree:
 
     def track(self, pair: Pair) -> Track:
         """Return the track of an edge, a new one if there is none."""
-        return self.edges.setdefault(pair, Track(f"the transform {pair_text(*pair)}"))
+        if pair not in self.edges:
+            if len(self.edges) >= MOST_PAIRS:
+                raise InputError(f"Expected transforms between at most {MOST_PAIRS} pairs of frames, got more.")
+            self.edges[pair] = Track(f"the transform {pair_text(*pair)}")
+            self._near.setdefault(pair[0], []).append((pair[1], pair, True))
+            self._near.setdefault(pair[1], []).append((pair[0], pair, False))
+        return self.edges[pair]
 
     def chain(self, base: str, tip: str) -> list[tuple[Pair, bool]] | None:
         """Return the edges from base to tip, each with whether it is run through downwards; None: not connected."""
-        near: dict[str, list[tuple[str, Pair, bool]]] = {}
-        for parent, child in self.edges:
-            near.setdefault(parent, []).append((child, (parent, child), True))
-            near.setdefault(child, []).append((parent, (parent, child), False))
-        before: dict[str, tuple[str, Pair, bool]] = {}
-        queue = deque([base])
-        while queue and tip not in before:
-            frame = queue.popleft()
-            for other, pair, down in near.get(frame, []):
-                if other not in before and other != base:
-                    before[other] = (frame, pair, down)
-                    queue.append(other)
+        before = self._reached(base)
         if tip not in before:
             return None
         found: list[tuple[Pair, bool]] = []
@@ -121,6 +119,18 @@ class Tree:
             frame, pair, down = before[frame]
             found.append((pair, down))
         return found[::-1]
+
+    def _reached(self, base: str) -> dict[str, tuple[str, Pair, bool]]:
+        """Return the frames that are connected to one, the nearest first: by which, and the edge between."""
+        before: dict[str, tuple[str, Pair, bool]] = {}
+        queue = deque([base])
+        while queue:
+            frame = queue.popleft()
+            for other, pair, down in self._near.get(frame, []):
+                if other not in before and other != base:
+                    before[other] = (frame, pair, down)
+                    queue.append(other)
+        return before
 
     def moves(self, base: str, tip: str) -> bool:
         """Return whether any edge between two frames moves."""
@@ -158,22 +168,19 @@ class Tree:
     def _require_chain(self, base: str, tip: str) -> list[tuple[Pair, bool]]:
         for frame in (base, tip):
             if frame not in self.frames:
-                raise InputError(f"There is no frame {frame} in the transforms.{self._near(frame)}")
+                raise InputError(f"There is no frame {frame} in the transforms.{self._meant(frame)}")
         if base == tip:
             raise InputError(f"Expected two frames, got {base} twice.")
         if (chain := self.chain(base, tip)) is None:
             raise InputError(
                 f"The frames {base} and {tip} are not connected by transforms: {base} is connected to "
-                f"{_named(self._connected(base))}, {tip} to {_named(self._connected(tip))}."
+                f"{_named(sorted(self._reached(base)))}, {tip} to {_named(sorted(self._reached(tip)))}."
             )
         return chain
 
-    def _near(self, frame: str) -> str:
+    def _meant(self, frame: str) -> str:
         close = difflib.get_close_matches(frame, self.frames, n=1)
         return f" Did you mean {close[0]}?" if close else f" There are: {_named(self.frames)}."
-
-    def _connected(self, frame: str) -> list[str]:
-        return [other for other in self.frames if other != frame and self.chain(frame, other) is not None]
 
     def _span(self, pair: Pair, times: Array) -> str:
         return f"{pair_text(*pair)} from {times[0]:.3f} to {times[-1]:.3f} s"

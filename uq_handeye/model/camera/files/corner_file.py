@@ -64,13 +64,6 @@ def corners_and_used(path: StrPath, units: str = "m") -> tuple[Corners, NDArray[
     value = dict(zip(meant, table.values.T, strict=True))
     points = np.stack([value[axis] for axis in "xyz"], axis=-1) * factor
     pixels = np.stack([value[axis] for axis in "uv"], axis=-1)
-    if (span := float(np.linalg.norm(np.ptp(points, axis=0)))) > LARGEST:
-        warnings.warn(
-            f"{name}: their points span {span:.3g} m, more than a board does: they look like millimetres. Read them "
-            'with units="mm" (--units mm).',
-            InputWarning,
-            stacklevel=3,
-        )
     used = np.ones(len(table.values), dtype=bool)
     if "used" in value:
         if not np.isin(value["used"], (0, 1)).all():
@@ -80,7 +73,14 @@ def corners_and_used(path: StrPath, units: str = "m") -> tuple[Corners, NDArray[
         corners = Corners(value["row"], points, pixels, _pictures(table, value["row"]))
     except InputError as error:
         raise InputError(f"{name}: {str(error)[0].lower()}{str(error)[1:]}") from error
-    corners.require_once(shown(as_path(path)))
+    if (span := float(np.linalg.norm(np.ptp(points, axis=0)))) > LARGEST:
+        warnings.warn(
+            f"{name}: their points span {span:.3g} m, more than a board does: they look like millimetres. Read them "
+            'with units="mm" (--units mm).',
+            InputWarning,
+            stacklevel=3,
+        )
+    corners.require_once(name)
     return corners, used[np.argsort(value["row"], kind="stable")]
 
 

@@ -137,6 +137,10 @@ def read_points(path: StrPath, units: str | None = None) -> PointSet:
     poses, *points = _texts(table)
     row = _pose_numbers(table, poses)[seen]
     point = np.array(points[0])[seen] if points else _counted(table.name, row)
+    try:
+        measured = PointSet(row, point, xyz)
+    except InputError as error:
+        raise InputError(f"{table.name}: {str(error)[0].lower()}{str(error)[1:]}") from error
     if units is None and unit is None and (far := float(np.median(np.linalg.norm(xyz, axis=1)))) > FAR:
         warnings.warn(
             f"{table.name}: the points are {far:.3g} m away (median): they look like millimetres. Read them with "
@@ -144,10 +148,7 @@ def read_points(path: StrPath, units: str | None = None) -> PointSet:
             InputWarning,
             stacklevel=2,
         )
-    try:
-        return PointSet(row, point, xyz)
-    except InputError as error:
-        raise InputError(f"{table.name}: {str(error)[0].lower()}{str(error)[1:]}") from error
+    return measured
 
 
 def read_target(path: StrPath, units: str | None = None) -> Target:
@@ -199,7 +200,7 @@ def _pose_numbers(table: Table, names: list[str]) -> NDArray[np.int64]:
     index = {name: k for k, name in enumerate(dict.fromkeys(names))}
     values = {name: float(name) if is_number(name.encode()) else math.nan for name in index}
     timed = _is_time(table.names[table.places.texts[0]].lower())
-    if timed or not all(value >= 0 and value == math.floor(value) and value < 1e9 for value in values.values()):
+    if timed or not all(0 <= value < 1e9 and value == math.floor(value) for value in values.values()):
         finite = [value for value in values.values() if math.isfinite(value)]
         if not timed and finite and min(finite) < 0 and all(value == math.floor(value) for value in finite):
             raise InputError(f"{table.name}: expected numbers of poses from 0, got {min(finite):g}.")
