@@ -13,7 +13,7 @@ from uq_handeye.fit.empirical_covariance.resampled import resampled
 from uq_handeye.fit.likelihood.constraint import constraint_of
 from uq_handeye.fit.likelihood.gauss_helmert import efficient, fit
 from uq_handeye.fit.likelihood.own_residuals import own_residuals
-from uq_handeye.fit.likelihood.shared_estimates import shared_estimates
+from uq_handeye.fit.likelihood.shared_estimates import estimates_of, posterior_of_fit
 from uq_handeye.fit.likelihood.starts import start_of
 from uq_handeye.model.noise.square_roots import cholesky_of, gram, whiten
 from uq_handeye.model.shared_errors.shared_error import shared_columns, with_shared
@@ -53,7 +53,7 @@ def test_the_same_as_one_joint_fit(setup):
     C = np.linalg.inv(information)
     x = -C @ sums[:-1, -1]
     np.testing.assert_allclose(found.covariance, C[:12, :12], rtol=1e-6, atol=1e-12)
-    estimates = shared_estimates(found, noise, errors)
+    estimates = estimates_of(posterior_of_fit(found, noise, errors), errors, found)
     by_name = {estimate.name: estimate for estimate in estimates}
     ordered = [name for side in ("robot", "camera") for e in errors if e.side == side for name in e.parts]
     sd = np.concatenate([e.sd for e in errors])
@@ -133,7 +133,9 @@ def test_estimates_of_a_prior_that_is_wrong_stand_out(rng):
             camera[:, :3, 3] *= 1 + size * 1e-3 * rng.normal()
             data = uq.PosePairs(of.robot, camera)
             noise = with_shared(NOISE, shared_columns([error], data))
-            p_values[size].append(shared_estimates(efficient(data, noise), noise, [error])[0].p_value)
+            fitted = efficient(data, noise)
+            of_fit = posterior_of_fit(fitted, noise, [error])
+            p_values[size].append(estimates_of(of_fit, [error], fitted)[0].p_value)
     assert stats.kstest(p_values[1.0], "uniform").pvalue > 1e-3
     assert np.mean(np.array(p_values[10.0]) < 1e-3) > 0.5
 

@@ -4,7 +4,12 @@ import numpy as np
 import pytest
 
 import uq_handeye as uq
-from uq_handeye.use.maintenance.cusum import K, cusum, limit_for, run_length, siegmund, vector_cusum
+from uq_handeye.use.maintenance.cusum import K, cusum, limit_for, run_length, vector_cusum
+
+
+def siegmund(limit, reference=K):
+    b = 2.0 * reference * (limit + 1.166)
+    return float((np.exp(b) - b - 1.0) / (2.0 * reference**2))
 
 
 def simulated(limit, components, rng, runs=1000, shift=0.0):

@@ -34,7 +34,7 @@ from ..fit.likelihood.gauss_helmert import fit as refit
 from ..fit.likelihood.goodness_of_fit import goodness_of_fit
 from ..fit.likelihood.open_start import start_open
 from ..fit.likelihood.robust import RobustFit, fit_robustly
-from ..fit.likelihood.shared_estimates import JointFit, of_moves
+from ..fit.likelihood.shared_estimates import estimates_of, of_moves, posterior_of_fit
 from ..fit.likelihood.starts import leaves_open
 from ..fit.one_model.estimation import ROUGH, FoundSizes, JointModel
 from ..fit.one_model.points import OpenSizes, with_open_sizes
@@ -302,9 +302,9 @@ def _joint_noise(job: Job, found: Mapping[str, float] | None) -> dict[str, Array
     return {JOINT_NOISE: sd**2 * columns.J @ columns.J.mT} if sd > 0 else {}
 
 
-def _fitted(job: Job, posterior: Posterior | None, found: Mapping[str, float] | None) -> FittedKinematics | None:
+def _fitted(job: Job, posterior: Posterior, found: Mapping[str, float] | None) -> FittedKinematics | None:
     """Return the results of the fit about the arm."""
-    if job.arm is None or posterior is None:
+    if job.arm is None:
         return None
     given = job.arm.errors
     sd = dict(given.standard_deviations | {JOINT_NOISE: float(given.joint_sd or 0.0)} if found is None else found)
@@ -359,7 +359,6 @@ def _assembled(
     elif job.request.covariance != "model":
         resample = resampled(data, job.method, job.request.covariance, fit=fit, seed=job.request.seed)
         covariance, covariance_W, reference = resample.covariance_X, resample.covariance_W, reference_of(resample)
-    joint = JointFit.of(fit, noise, job.shared)
     beside: dict[str, Array] = {}
     if found is not None and job.request.covariance in OF_NOISE:
         beside[SIZES_OPEN] = found.spread
@@ -381,15 +380,14 @@ def _assembled(
     judged = goodness_of_fit(fit)
     if estimate is not None and not estimate.tested:
         judged = replace(judged, p_value=None)
-    posterior: Posterior | None = None
-    joint_posterior: Posterior | OpenSizes | None = None
+    joint = posterior_of_fit(fit, noise, job.shared, beside)
+    posterior: Posterior | OpenSizes | None = None
     if fit.W is not None and fit.open is None:
-        posterior = JointFit.with_intrinsics(fit, noise, job.shared).posterior(beside)
-        if poses is not None and not OF_POSES.isdisjoint(map(group_of, posterior.names)):
-            posterior = replace(posterior, bound=(poses.robot, poses.camera))
-        joint_posterior = posterior
+        posterior = joint
+        if poses is not None and not OF_POSES.isdisjoint(map(group_of, joint.names)):
+            posterior = replace(joint, bound=(poses.robot, poses.camera))
         if found is not None:
-            joint_posterior = with_open_sizes(posterior, fit.covariance, found)
+            posterior = with_open_sizes(posterior, fit.covariance, found)
     result = replace(
         bare_result(job, fit.X, fit.W, summarise(angle, distance), noise),
         covariance=covariance,
@@ -403,11 +401,11 @@ def _assembled(
         fit=judged,
         table=table,
         time_offset=time_offset,
-        shared=joint.estimates(),
+        shared=estimates_of(joint, job.shared, fit),
         analysis=analysis,
         opened=fit.opened,
-        joint_posterior=joint_posterior,
-        kinematics=_fitted(job, posterior, deviations),
+        joint_posterior=posterior,
+        kinematics=None if posterior is None else _fitted(job, joint, deviations),
     )
     wrong_size = _wrong_size(found, result)
     said = said_open(fit.opened, result.setup) + against_prior(fit)

@@ -24,7 +24,7 @@ from ..fit.likelihood.gauss_helmert import Fit
 from ..fit.likelihood.goodness_of_fit import GoodnessOfFit
 from ..fit.likelihood.open_directions import OpenDirections
 from ..fit.likelihood.robust import robust_fit
-from ..fit.likelihood.shared_estimates import JointFit, SharedEstimate
+from ..fit.likelihood.shared_estimates import SharedEstimate, group_test
 from ..methods.estimators.registry import solve
 from ..methods.propagation.published_fit import fit_published
 from ..model.camera.boards.description import spacing_of
@@ -34,6 +34,7 @@ from ..model.noise.models import Noise, PoseNoise
 from ..model.poses.motions import Motions, relative_motions, spread_pairs
 from ..model.poses.pose_pairs import PosePairs
 from ..model.poses.residuals import median, pose_residuals, rotation_angles
+from ..model.posterior.posterior import Posterior
 from ..model.shared_errors.shared_error import TARGET_SCALE, WRONG_SIZE
 from .job import FEWEST_FOR_ROBUST, Job, job_of
 from .request import Request
@@ -120,7 +121,7 @@ CONTRADICTED, UNTOLD, ALL_OF_IT, HARDLY = 1e-3, 0.95, 0.8, 0.02
 TOO_SMALL = 1e-4
 
 
-def shared_findings(job: Job, result: Calibration, joint: JointFit, wrong_size: float | None = None) -> list[Finding]:
+def shared_findings(job: Job, result: Calibration, joint: Posterior, wrong_size: float | None = None) -> list[Finding]:
     """Shared errors that contradict what was assumed of them, that show a wrong size, that X cannot be told from.
 
     The numbers of one error (`group_of`) are tested together: of many single ones some are far out by chance.
@@ -132,7 +133,7 @@ def shared_findings(job: Job, result: Calibration, joint: JointFit, wrong_size: 
         by_name.setdefault(group_of(error.name), []).append(error)
     for name, errors in by_name.items():
         declared = len(errors) > 1 and not errors[0].default  # sizes that are assumed were found by these data
-        test = joint.test_of(name) if declared else None
+        test = group_test(joint, job.shared, name) if declared else None
         if test is not None and test.p_value < CONTRADICTED and test.times > 1:
             of_group = {"name": name, "count": len(errors), "times": test.times, "p_value": test.p_value}
             found.append(Finding("calibration.group_contradicted", "caution", of_group))

@@ -152,18 +152,24 @@ def _effects_on_camera(result: Predicting, poses: PosePairs, robot: Array) -> tu
     They are taken where the camera should be at the corrected robot poses, without the noise of what it measured.
     Pictures that were adjusted with a camera of their own have nothing of the intrinsics' errors of the calibration.
     """
-    posterior, seen = posterior_of(result), poses.camera_calibration
-    there = camera_at(result, robot)
+    posterior, there = posterior_of(result), camera_at(result, robot)
     F = shared_effects(result, "camera", robot, there)
+    if not poses.camera_known:
+        return F, fresh_of_camera(result, there)
+    S = noise_of_pictures(result, poses)
+    if isinstance(S, JointCovariance) and poses.camera_calibration is not None:
+        F[..., numbers_of_intrinsics(posterior)] = 0.0
+    return F, S
+
+
+def noise_of_pictures(result: Predicting, poses: PosePairs) -> Any:
+    """Return the noise of camera poses that come with theirs: by the camera of the result what each has by itself."""
+    seen = poses.camera_calibration
     if seen is None:
-        S = poses.camera_covariance
-        return F, fresh_of_camera(result, there) if S is None else S
-    data = result.counted
-    before = data.camera_calibration if isinstance(data, PosePairs) else None
-    if before is not None and np.array_equal(before.bundle.parameters, seen.bundle.parameters):
-        return F, np.asarray(seen.covariance.own)
-    F[..., numbers_of_intrinsics(posterior)] = 0.0
-    return F, seen.covariance
+        return poses.camera_covariance
+    before = result.counted.camera_calibration if isinstance(result.counted, PosePairs) else None
+    same = before is not None and np.array_equal(before.bundle.parameters, seen.bundle.parameters)
+    return np.asarray(seen.covariance.own) if same else seen.covariance
 
 
 def _noise_of(poses: PosePairs, noise: PoseNoise | None, side: str, otherwise: Any) -> tuple[tuple[Fresh, ...], Array]:

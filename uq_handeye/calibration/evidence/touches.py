@@ -52,6 +52,11 @@ from ..prediction.predict import (
 
 # Standard deviation (m) of a tool's offset of which nothing is known, where a number is needed.
 UNKNOWN_TOOL = 1.0
+# Parts of touches that are one for each.
+_PER_ROW = (
+    *("seen", "touched", "robot", "joints", "touched_robot", "touched_joints"),
+    *("seen_covariance", "touch_sd", "board", "board_covariance"),
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,13 +172,16 @@ class Touches(ReadOnlyArrays):
     def rows(self, index: Any) -> Touches:
         """Some of the touches, by their numbers."""
         chosen = np.arange(self.m)[index]
-        per_row = (
-            *("seen", "touched", "robot", "joints", "touched_robot", "touched_joints"),
-            *("seen_covariance", "touch_sd", "board", "board_covariance"),
-        )
-        parts: dict[str, Any] = {name: getattr(self, name) for name in per_row}
-        parts = {name: None if of is None else of[chosen] for name, of in parts.items()}
+        parts = {name: None if (of := getattr(self, name)) is None else of[chosen] for name in _PER_ROW}
         return replace(self, **parts, names=tuple(self.names[k] for k in chosen))
+
+    def joined(self, other: Touches) -> Touches:
+        """These touches and others of the same kind."""
+        parts = {
+            name: None if (of := getattr(self, name)) is None else np.concatenate([of, getattr(other, name)])
+            for name in _PER_ROW
+        }
+        return replace(self, **parts, names=(*self.names, *other.names))
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,9 +1,9 @@
 r"""Test whether X meets a tolerance: PASS, FAIL or NOT SHOWN, with the probability.
 
-Model: the error ``xi = (theta, tau)`` of X is Gaussian with the covariance S of the calibration, or where the noise was
-estimated Student's t with the degrees of freedom of its `reference`: ``xi = L z sqrt(nu / c)``, ``L L^T = S``, z
-standard normal, c chi-square with nu degrees of freedom, so that ``xi^T S^-1 xi / 6`` is F(6, nu). The probability is
-that of
+Model: the error ``xi = (theta, tau)`` of X has the posterior of the calibration: Gaussian with its covariance S, or
+where sizes are open the mixture over them. Without a posterior (motions, covariances by the residuals) it is Gaussian,
+or Student's t with the degrees of freedom of the `reference`: ``xi = L z sqrt(nu / c)``, ``L L^T = S``, z standard
+normal, c chi-square with nu degrees of freedom, so that ``xi^T S^-1 xi / 6`` is F(6, nu). The probability is that of
 
     |theta| <= rotation    and    |tau| <= translation,   or of a point p straight ahead of the camera
     |theta| <= rotation    and    |theta x R p + tau| <= translation
@@ -153,7 +153,7 @@ def verdict_of(result: Stated, tolerance: Any, at: Any = None) -> Verdict:
     elif not result.reference.determined:
         reasons.append("too few poses for this covariance")
     elif not reasons:
-        probability = probability_within(result.covariance, result.reference, wanted, result.X[:3, :3])
+        probability = probability_of(result, wanted)
     if probability is not None and probability <= MISSED:  # what is not included would only add to the error
         return Verdict(FAIL, probability, wanted)
     failed = [check for check in checks_of(result) if check.status == "failed"]
@@ -167,17 +167,38 @@ def verdict_of(result: Stated, tolerance: Any, at: Any = None) -> Verdict:
     return Verdict(PASS if probability >= MET else NOT_SHOWN, probability, wanted)
 
 
+def probability_of(result: Stated, tolerance: Tolerance) -> float:
+    """Return the probability that X of a result with a covariance lies within a tolerance, by its posterior."""
+    assert result.covariance is not None
+    R, posterior = result.X[:3, :3], result.posterior
+    if posterior is None or posterior.points is None or result.covariance_kind != "model":
+        return probability_within(result.covariance, result.reference, tolerance, R)
+    z, u = _draws()
+    weights, means, covariances = posterior.mixture_of("X")
+    of = np.searchsorted(np.cumsum(weights)[:-1], u)
+    return _share_within(means[of] + np.einsum("nij,nj->ni", _root(covariances)[of], z), tolerance, R)
+
+
 def probability_within(S: Array, reference: Reference, tolerance: Tolerance, R: Array) -> float:
     """Return the probability that an error of covariance S (6, 6) of X stays within the tolerance; R rotates X."""
     z, u = _draws()
-    values, vectors = np.linalg.eigh(S)
-    xi = z @ (vectors * np.sqrt(np.maximum(values, 0.0))).T  # (N, 6)
+    xi = z @ _root(S).T  # (N, 6)
     if reference.dof is not None:
         from scipy.special import chdtri
 
         nu = reference.dof - 5 if reference.kind == "Hotelling" else reference.dof
         scale = reference.dof - 2 if reference.kind == "t" else reference.dof
         xi = xi * np.sqrt(scale / np.maximum(chdtri(nu, u), 1e-300))[:, None]
+    return _share_within(xi, tolerance, R)
+
+
+def _root(S: Array) -> Array:
+    values, vectors = np.linalg.eigh(S)
+    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0))[..., None, :])
+
+
+def _share_within(xi: Array, tolerance: Tolerance, R: Array) -> float:
+    """Return the share of errors (N, 6) that stay within the tolerance."""
     theta, move = xi[:, :3], xi[:, 3:]
     if tolerance.at is not None:
         move = move + np.cross(theta, R[:, 2] * tolerance.at)

@@ -1,4 +1,4 @@
-r"""Estimates of the errors that all poses share, and their effect on X.
+r"""The posterior of one fit: its unknown poses and the errors that all poses share, and what it says of these.
 
 Model: a `Fit` whose noise holds columns F with a name (`SharedError`), scaled by their standard deviations, so that
 ``e = sd z``, ``z ~ N(0, I)``. With ``f = D F`` their effect on the residuals, r the residuals after the fit and
@@ -14,7 +14,7 @@ score test of one more unknown.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Annotated, ClassVar, NamedTuple
 
 import numpy as np
@@ -23,7 +23,6 @@ from scipy.special import chdtrc, erfc
 from ...core.files.records import Record
 from ...core.formatting.units import small_unit
 from ...core.geometry.se3 import Array
-from ...core.runtime.read_only import ReadOnlyArrays
 from ...errors import InputError
 from ...model.noise.camera_noise import INTRINSICS
 from ...model.noise.joint_covariance import JointCovariance, group_of
@@ -109,113 +108,90 @@ class GroupTest(NamedTuple):
     times: float  # that the standard deviations should have been so many times as large
 
 
-@dataclass(frozen=True, eq=False)
-class JointFit(ReadOnlyArrays):
-    """The joint fit of (x, z) at the named columns, in the order of the errors; see the module."""
+def posterior_of_fit(
+    fit: Fit, noise: Noise, errors: Sequence[SharedError], beside: Mapping[str, Array] | None = None
+) -> Posterior:
+    """Return the posterior of the unknown poses, of those errors that the noise has columns of, and of what the
+    intrinsics of the camera do to its poses (columns without a name of their own).
 
-    fit: Fit
-    parts: list[tuple[SharedError, str, float]]  # of which error, name, prior standard deviation
-    z: Array  # (q,)
-    explained: Array  # (q, q) f^T M f, which is 1 - Cov(z), and the covariance of the estimates if the priors are right
-    response: Array  # (p, q) Cov(x, z), which is also -C J^T S^-1 f
+    ``beside`` are moves (p,) or (p, r) of the poses by errors that the noise does not hold.
+    """
+    J, C = fit.linear.J, fit.covariance
+    p, n = J.shape[-1], len(J)
+    columns: dict[str, Array] = {}
+    sd: dict[str, float] = {}
+    if isinstance(noise, PoseNoise):
+        for side, S, D in zip(("robot", "camera"), (noise.robot, noise.camera), fit.linear.sides, strict=True):
+            for j, name in enumerate(S.names if isinstance(S, JointCovariance) else ()):
+                if side == "camera" and name in ("", INTRINSICS):
+                    name = f"{INTRINSICS}: {j}"
+                    sd[name] = 1.0
+                columns[name] = (D @ S.shared[..., j, None])[..., 0]  # type: ignore[union-attr]
+        of_errors = {name: float(s) for error in errors for name, s in zip(error.parts, error.sd, strict=True)}
+        sd = {name: s for name, s in (of_errors | sd).items() if name in columns}
+    f = np.stack([columns[name] for name in sd], axis=-1) if sd else np.zeros((n, 6, 0))
+    factor = fit.weighted_factor
+    back = pulled(factor, whiten(factor, np.concatenate([J, fit.residual[..., None], f], axis=-1)))
+    by = f.reshape(6 * n, len(sd)).T @ back.reshape(6 * n, -1)  # f^T S^-1 (J, r, f)
+    response, unit = -C @ by[:, :p].T, np.array(list(sd.values()))
+    explained = by[:, p + 1 :] + by[:, :p] @ response
+    left = (np.eye(len(unit)) - 0.5 * (explained + explained.T)) * np.outer(unit, unit)
+    C = C + sum(map(of_moves, (beside or {}).values()), np.zeros(()))
+    joint = np.block([[C, response * unit], [(response * unit).T, left]])
+    return Posterior(tuple(sd), unit * by[:, p], joint, ("X", "W")[: p // 6])
 
-    @classmethod
-    def of(cls, fit: Fit, noise: Noise, errors: Sequence[SharedError]) -> JointFit:
-        """Build the joint fit of those errors that the noise of the fit has columns of."""
-        named: dict[str, Array] = {}
-        if isinstance(noise, PoseNoise):
-            for S, D in zip((noise.robot, noise.camera), fit.linear.sides, strict=True):
-                if isinstance(S, JointCovariance):
-                    named |= {name: (D @ S.shared[..., j, None])[..., 0] for j, name in enumerate(S.names) if name}
-        parts = [
-            (error, name, float(sd))
-            for error in errors
-            for name, sd in zip(error.parts, error.sd, strict=True)
-            if name in named
-        ]
-        J, C = fit.linear.J, fit.covariance
-        p = J.shape[-1]
-        if not parts:
-            return cls(fit, parts, np.zeros(0), np.zeros((0, 0)), np.zeros((p, 0)))
-        f = np.stack([named[name] for _, name, _ in parts], axis=-1)  # (n, 6, q)
-        factor = fit.weighted_factor
-        back = pulled(factor, whiten(factor, np.concatenate([J, fit.residual[..., None], f], axis=-1)))
-        flat = f.reshape(-1, f.shape[-1])
-        by = flat.T @ back.reshape(len(flat), -1)  # f^T S^-1 (J, r, f)
-        response = -C @ by[:, :p].T
-        return cls(fit, parts, by[:, p], by[:, p + 1 :] + by[:, :p] @ response, response)
 
-    @property
-    def told(self) -> Array:
-        """(q,) 1 - Var(z)."""
-        return np.clip(np.diag(self.explained), 0.0, 1.0)
+def group_test(posterior: Posterior, errors: Sequence[SharedError], group: str) -> GroupTest | None:
+    """Test whether the estimates of the numbers of an error are as large as assumed.
 
-    def test_of(self, group: str) -> GroupTest | None:
-        """Test whether the estimates of the numbers of an error are as large as assumed; None where the data say
-        nothing.
-        """
-        of = np.array([group_of(name) == group for _, name, _ in self.parts], dtype=bool)
-        values, vectors = np.linalg.eigh(self.explained[np.ix_(of, of)])
-        heard = values > HEARD
-        if not heard.any():
-            return None
-        chi2, dof = float(np.sum((vectors.T @ self.z[of])[heard] ** 2 / values[heard])), int(heard.sum())
-        # A prior s times as wide would make it `dof + (s^2 - 1) sum(values)`, on average.
-        square = 1.0 + (chi2 - dof) / float(values[heard].sum())
-        return GroupTest(chi2, dof, float(chdtrc(dof, chi2)), float(np.sqrt(max(square, 0.0))))
+    None where the data say nothing.
+    """
+    sd = {name: float(s) for error in errors for name, s in zip(error.parts, error.sd, strict=True)}
+    of = [k for k, name in enumerate(posterior.names) if group_of(name) == group and name in sd]
+    unit, at = np.array([sd[posterior.names[k]] for k in of]), posterior.p + np.array(of, dtype=np.intp)
+    left = posterior.covariance[np.ix_(at, at)] / np.outer(unit, unit)
+    values, vectors = np.linalg.eigh(np.eye(len(unit)) - left)
+    heard = values > HEARD
+    if not heard.any():
+        return None
+    z = posterior.estimate[at - posterior.p] / unit
+    chi2, dof = float(np.sum((vectors.T @ z)[heard] ** 2 / values[heard])), int(heard.sum())
+    # A prior s times as wide would make it `dof + (s^2 - 1) sum(values)`, on average.
+    square = 1.0 + (chi2 - dof) / float(values[heard].sum())
+    return GroupTest(chi2, dof, float(chdtrc(dof, chi2)), float(np.sqrt(max(square, 0.0))))
 
-    @classmethod
-    def with_intrinsics(cls, fit: Fit, noise: Noise, errors: Sequence[SharedError]) -> JointFit:
-        """Also at the columns of the camera that have no name of their own: what its intrinsics do to its poses."""
-        if not isinstance(noise, PoseNoise) or not isinstance(S := noise.camera, JointCovariance):
-            return cls.of(fit, noise, errors)
-        names = [f"{INTRINSICS}: {j}" if name in ("", INTRINSICS) else name for j, name in enumerate(S.names)]
-        of_camera = tuple(name for name in names if group_of(name) == INTRINSICS)
-        more = SharedError(INTRINSICS, "", "camera", np.ones(len(of_camera)), of_camera, lambda poses: S.shared)
-        noise = replace(noise, camera=replace(S, names=tuple(names)))
-        return cls.of(fit, noise, (*errors, more))
 
-    def posterior(self, beside: Mapping[str, Array]) -> Posterior:
-        """Return the posterior of X, W and these errors; ``beside`` are moves (p,) or (p, r) by errors that the noise
-        does not hold.
-        """
-        C = self.fit.covariance + sum(map(of_moves, beside.values()), np.zeros(()))
-        sd = np.array([sd for _, _, sd in self.parts])
-        across = self.response * sd
-        left = (np.eye(len(sd)) - 0.5 * (self.explained + self.explained.T)) * np.outer(sd, sd)
-        joint = np.block([[C, across], [across.T, left]])
-        return Posterior(tuple(name for _, name, _ in self.parts), sd * self.z, joint)
-
-    def estimates(self) -> tuple[SharedEstimate, ...]:
-        """Return the estimates in the order of the errors."""
-        if not self.parts:
-            return ()
-        to_unit = np.linalg.inv(np.linalg.cholesky(self.fit.covariance[:6, :6]))
-        found, of_all = [], self.told
-        for k, (error, name, sd) in enumerate(self.parts):
-            told, value, effect = float(of_all[k]), sd * float(self.z[k]), self.response[:6, k]
-            left = max(1.0 - told, ROUNDING)
-            says = told > NOTHING
-            if error.name in OF_LENGTHS:
-                says = says and told > SIGNAL * 3 * len(self.fit.residual) * left * sd * sd
-            found.append(
-                SharedEstimate(
-                    name, error.name, error.side, error.unit, sd, value,
-                    sd * float(np.sqrt(left)),
-                    value / told if says else None, sd * float(np.sqrt(left / told)) if says else None,
-                    effect, float(min(np.sum((to_unit @ effect) ** 2), 1.0)),
-                    error.default, error.focal_length_px, error.stated, error.accuracy,
-                )
-            )  # fmt: skip
-        return tuple(found)
+def estimates_of(posterior: Posterior, errors: Sequence[SharedError], fit: Fit) -> tuple[SharedEstimate, ...]:
+    """Return what the posterior says of the errors, in their order; shares are of the covariance of the fit."""
+    place = {name: k for k, name in enumerate(posterior.names)}
+    parts = [
+        (error, name, float(s), place[name])
+        for error in errors
+        for name, s in zip(error.parts, error.sd, strict=True)
+        if name in place
+    ]
+    if not parts:
+        return ()
+    to_unit, p, found = np.linalg.inv(np.linalg.cholesky(fit.covariance[:6, :6])), posterior.p, []
+    for error, name, sd, k in parts:
+        left = float(np.clip(posterior.covariance[p + k, p + k] / sd**2, ROUNDING, 1.0))
+        told, value, effect = 1.0 - left, float(posterior.estimate[k]), posterior.covariance[:6, p + k] / sd
+        says = told > NOTHING
+        if error.name in OF_LENGTHS:
+            says = says and told > SIGNAL * 3 * len(fit.residual) * left * sd * sd
+        found.append(
+            SharedEstimate(
+                name, error.name, error.side, error.unit, sd, value,
+                sd * float(np.sqrt(left)),
+                value / told if says else None, sd * float(np.sqrt(left / told)) if says else None,
+                effect, float(min(np.sum((to_unit @ effect) ** 2), 1.0)),
+                error.default, error.focal_length_px, error.stated, error.accuracy,
+            )
+        )  # fmt: skip
+    return tuple(found)
 
 
 def of_moves(moves: Array) -> Array:
     """Covariance (p, p) of X and W by moves (p,), or (p, r) of r independent errors, of one standard deviation each."""
     each = moves.reshape(len(moves), -1)
     return np.asarray(each @ each.T)
-
-
-def shared_estimates(fit: Fit, noise: Noise, errors: Sequence[SharedError]) -> tuple[SharedEstimate, ...]:
-    """`JointFit.estimates` of a fit."""
-    return JointFit.of(fit, noise, errors).estimates()

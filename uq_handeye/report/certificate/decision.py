@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ...calibration.result import Calibration
-from ...calibration.statement.tolerance import MET, Tolerance, Verdict, percent, probability_within
+from ...calibration.statement.tolerance import MET, Tolerance, Verdict, percent, probability_of
 from ...core.formatting.numbers import digits
 
 RULE = (
@@ -61,7 +61,7 @@ def decide(result: Calibration, verdict: Verdict) -> Decision:
     """Return the verdict with its guard band."""
     if verdict.probability is None or result.covariance is None:
         return Decision(verdict, None)
-    wanted, S, R = verdict.tolerance, result.covariance, result.X[:3, :3]
+    wanted = verdict.tolerance
 
     def scaled(factor: float) -> Tolerance:
         move, turn = wanted.translation, wanted.rotation
@@ -70,7 +70,7 @@ def decide(result: Calibration, verdict: Verdict) -> Decision:
     low, high = -9.0, 9.0  # powers of 10
     for _ in range(_STEPS):
         middle = 0.5 * (low + high)
-        if probability_within(S, result.reference, scaled(float(10.0**middle)), R) >= MET:
+        if probability_of(result, scaled(float(10.0**middle))) >= MET:
             high = middle
         else:
             low = middle

@@ -249,12 +249,7 @@ def _short(cause: Cause, result: ChangeCheck) -> str:
     """The size of a change with its uncertainty (one standard deviation)."""
     sd = np.sqrt(np.diag(cause.covariance))
     if cause.name in (CAMERA_MOVED, TARGET_MOVED):
-        degrees = np.degrees(1.0)
-        move, turn = (
-            ", ".join(plus_minus(float(scale * cause.estimate[k]), float(scale * sd[k])) for k in part)
-            for part, scale in ((range(3, 6), 1e3), (range(3), degrees))
-        )
-        return f"translation x, y, z {move} mm; rotation {turn} deg"
+        return move_in_words(cause.estimate, cause.covariance)
     if cause.name in _WAYS:
         value = float(cause.estimate[0])
         way = _WAYS[cause.name][value < 0]
@@ -265,6 +260,16 @@ def _short(cause: Cause, result: ChangeCheck) -> str:
         x, y = (concise(float(scale * v), float(scale * s)) for v, s in zip(cause.estimate, sd, strict=True))
         return f"x {x}, y {y} {unit}"
     return f"pose {cause.row}"
+
+
+def move_in_words(estimate: Array, covariance: Array) -> str:
+    """Return the translation and the rotation of a pose (theta, tau) by axis, with one standard deviation."""
+    sd = np.sqrt(np.diag(covariance))
+    move, turn = (
+        ", ".join(plus_minus(float(unit * estimate[k]), float(unit * sd[k])) for k in part)
+        for part, unit in ((range(3, 6), 1e3), (range(3), float(np.degrees(1.0))))
+    )
+    return f"translation x, y, z {move} mm; rotation {turn} deg"
 
 
 def _size(translation: float, rotation: float) -> str:

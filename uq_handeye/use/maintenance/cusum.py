@@ -79,12 +79,6 @@ def vector_cusum(scores: Array, reference: float = K) -> Array:
     return path
 
 
-def siegmund(limit: float, reference: float = K) -> float:
-    """Average run length of the chart of numbers by Siegmund's formula."""
-    b = 2.0 * reference * (limit + 1.166)
-    return float((np.exp(b) - b - 1.0) / (2.0 * reference**2))
-
-
 def run_length(limit: float, reference: float = K, components: int | None = None, shift: float = 0.0) -> float:
     """Average number of checks until the alarm, from ``S = 0``.
 

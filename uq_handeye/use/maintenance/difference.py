@@ -12,6 +12,7 @@ from typing import Any, ClassVar
 import numpy as np
 from scipy.special import chdtrc, fdtrc
 
+from ...calibration.evidence.absorb import touches_taken
 from ...calibration.result import Calibration
 from ...calibration.statement.stated import distance_of
 from ...core.files.atomic import json_text
@@ -24,9 +25,9 @@ from ...fit.diagnostics.task_space import by_pose
 from ...fit.likelihood.d2_distribution import Reference
 from ...model.poses.pose_pairs import PosePairs
 from ...model.posterior.owners import CAMERA, ROBOT, TARGET, THINGS, checked_things, require_same
-from .in_common import difference_covariance
+from .in_common import difference_covariance, positive
 from .joined_poses import common_poses, counted, holds_request, measured_poses
-from .update import parts_of, touches_of
+from .update import parts_of
 
 # Directions of a difference whose variance is below this share of that of the two results are not tested: rounding.
 NOTHING = 1e-9
@@ -191,9 +192,9 @@ def difference(old: Calibration, new: Calibration, *, same: Sequence[str] = ()) 
     ):
         S, how = found, POSTERIOR
     elif _holds(new, old):
-        S, how = _positive(C_old - C_new), INNOVATION
+        S, how = positive(C_old - C_new), INNOVATION
     elif _holds(old, new):
-        S, how = _positive(C_new - C_old), INNOVATION
+        S, how = positive(C_new - C_old), INNOVATION
     else:
         S, how = C_old + C_new, INDEPENDENT
     pairs = [(old.X, new.X)] + ([(old.W, new.W)] if numbers == 12 else [])
@@ -283,13 +284,8 @@ def _is_one(old: Calibration, new: Calibration) -> bool:
 
 def _holds(whole: Calibration, part: Calibration) -> bool:
     """Return whether a result was made of all data of another, by their hashes."""
-    hashes = [{one["sha256"] for one in (*parts_of(result), *touches_of(result))} for result in (whole, part)]
+    hashes = [{one["sha256"] for one in (*parts_of(result), *touches_taken(result))} for result in (whole, part)]
     return bool(hashes[1]) and hashes[1] < hashes[0]
-
-
-def _positive(S: Array) -> Array:
-    values, vectors = np.linalg.eigh(S)
-    return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T)
 
 
 def _dof(old: Reference, new: Reference, inside: bool) -> float | None:

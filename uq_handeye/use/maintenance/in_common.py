@@ -65,7 +65,7 @@ def difference_covariance(
         rows = [of[at] for of, at in zip(rows, index, strict=True)]
     information = _information(between, rows)
     cross = P[0][:12] @ information @ P[1][:, :12]
-    return _positive(P[0][:12, :12] + P[1][:12, :12] - cross - cross.T) + sizes
+    return positive(P[0][:12, :12] + P[1][:12, :12] - cross - cross.T) + sizes
 
 
 def _information(between: tuple[Array | float, Array], rows: list[Array]) -> Array:
@@ -87,11 +87,11 @@ def _by_sizes(parts: list[Array], share: float) -> Array:
 
     ``share`` of the old poses is in the new result: estimates of overlapping data have the covariance share * V_new.
     """
-    V_old, V_new = map(_positive, parts)
-    return _positive(V_old + (1.0 - 2.0 * share) * V_new)
+    V_old, V_new = map(positive, parts)
+    return positive(V_old + (1.0 - 2.0 * share) * V_new)
 
 
-def _positive(S: Array) -> Array:
+def positive(S: Array) -> Array:
     """Return a symmetric matrix without what is below 0."""
     values, vectors = np.linalg.eigh(0.5 * (S + S.T))
     return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T)

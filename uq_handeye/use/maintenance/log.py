@@ -21,6 +21,7 @@ from typing import Any
 
 import numpy as np
 
+from ...calibration.evidence.new_poses import noise_of_pictures
 from ...calibration.prediction.predict import own_noise
 from ...calibration.result import Calibration
 from ...core.files.atomic import held, write_atomically
@@ -80,8 +81,8 @@ class LoggedCheck(ReadOnlyArrays):
         time: str | None = None,
     ) -> LoggedCheck:
         """Build it from the check of ``poses`` against ``result``; ``time`` None is now."""
-        if noise is None and poses.camera_known:
-            noise = _noise_of_pictures(result, poses)
+        if noise is None and poses.camera_known:  # of other intrinsics: their errors in addition to those so far
+            noise = PoseNoise(own_noise(result, "robot"), noise_of_pictures(result, poses))
         codes = {finding.code for finding in check.findings}
         wrong = next((words for words, of in NOT_USED.items() if codes & set(of)), None)
         moved = check.causes["X"]
@@ -265,22 +266,6 @@ def _series(text: str, path: StrPath, result: Calibration | None) -> CheckSeries
     if result is not None and results and results[0] != (own := hash_of_result(result)):
         raise InputError(_another(path, results[0], own))
     return CheckSeries(tuple(checks), tuple(damaged))
-
-
-def _noise_of_pictures(result: Calibration, poses: PosePairs) -> PoseNoise:
-    """Return the noise of camera poses from corners, as the check took it (`evidence.new_poses`).
-
-    Poses with intrinsics of their own share these errors; the log takes those of the calibration in addition.
-    """
-    seen = poses.camera_calibration
-    if seen is None:
-        return PoseNoise(robot=own_noise(result, "robot"), camera=poses.camera_covariance)
-    data = result.counted
-    before = data.camera_calibration if isinstance(data, PosePairs) else None
-    same = before is not None and np.array_equal(before.bundle.parameters, seen.bundle.parameters)
-    return PoseNoise(
-        robot=own_noise(result, "robot"), camera=np.asarray(seen.covariance.own) if same else seen.covariance
-    )
 
 
 def _checked_time(text: str) -> str:

@@ -20,12 +20,13 @@ import numpy as np
 from ...calibration.evidence.new_poses import evidence_of_poses
 from ...calibration.result import Calibration
 from ...core.files.records import Record
-from ...core.formatting.numbers import digits, plus_minus
+from ...core.formatting.numbers import digits
 from ...core.geometry.se3 import Array
 from ...core.presentation.document import Answer, Block, Document, Paragraph, document_of, to_text
 from ...core.runtime.read_only import ReadOnlyArrays
 from ...errors import InputError
 from ...model.posterior.rows import NewRows
+from .check_result import move_in_words
 from .cusum import Innovations, Scores, cusum, limit_for, scores_of, vector_cusum
 from .log import CheckSeries, hash_of_result
 
@@ -189,11 +190,10 @@ def alarm_document(found: SeriesAlarm) -> Document:
         blocks.append(Paragraph(f"The residuals have grown, {start}: no shift explains it.", hang="  "))
     for cause in found.causes:
         assert found.shifts is not None
-        name = WORDS[cause]
+        name, of = WORDS[cause], found.shifts[cause]
         words = f"{name[0].upper()}{name[1:]}" if cause == found.causes[0] else f"Or {name}"
-        blocks.append(
-            Paragraph(f"{words} has moved, {start}: {_size(found.shifts[cause])} (mean since then).", hang="  ")
-        )
+        size = move_in_words(of.estimate, of.covariance)
+        blocks.append(Paragraph(f"{words} has moved, {start}: {size} (mean since then).", hang="  "))
     return [[*blocks, Paragraph(rate, hang="  ")]]
 
 
@@ -211,13 +211,3 @@ def series_sentences(series: CheckSeries) -> list[str]:
 def day(time: str) -> str:
     """Return the date of a time."""
     return time[:10]
-
-
-def _size(shift: Shift) -> str:
-    """Translation and rotation, by axis."""
-    sd = np.sqrt(np.diag(shift.covariance))
-    move, turn = (
-        ", ".join(plus_minus(float(unit * shift.estimate[k]), float(unit * sd[k])) for k in part)
-        for part, unit in ((range(3, 6), 1e3), (range(3), float(np.degrees(1.0))))
-    )
-    return f"translation x, y, z {move} mm; rotation {turn} deg"

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ...calibration.calibrate import calibrate
-from ...calibration.evidence.absorb import absorbed_into
+from ...calibration.evidence.absorb import absorbed_into, touches_taken
 from ...calibration.evidence.new_poses import evidence_of_poses
 from ...calibration.provenance import Provenance
 from ...calibration.result import Calibration
@@ -36,8 +36,6 @@ from .misread import MISREAD
 
 # Name, among the options of a provenance, of what was put together: hash and number of poses of each part.
 TOGETHER = "together"
-# The same of touches that were taken in (`evidence.absorb`), of which a file holds the hash only.
-TOUCHES = "touches"
 
 
 def update(
@@ -104,7 +102,7 @@ def update(
     new = part_of(poses)
     if any(part["sha256"] == new["sha256"] for part in parts):
         raise InputError("The result was made with these poses already: a pose counts once.")
-    if not holds_request(result) or TOUCHES in _options(result) or checked_things(same) != frozenset(THINGS):
+    if not holds_request(result) or touches_taken(result) or checked_things(same) != frozenset(THINGS):
         return _by_posterior(result, poses, noise, although_changed, [*parts, new], same)
     old = measured_poses(result)
     require_joinable(old, poses)
@@ -192,11 +190,6 @@ def parts_of(result: Calibration) -> list[dict[str, Any]]:
 
 def _options(result: Calibration) -> dict[str, Any]:
     return {} if result.provenance is None else result.provenance.options
-
-
-def touches_of(result: Calibration) -> list[dict[str, Any]]:
-    """Return hash and number of the touches that a result has taken in."""
-    return list(_options(result).get(TOUCHES, []))
 
 
 def part_of(poses: PosePairs) -> dict[str, Any]:

@@ -24,7 +24,7 @@ from ...fit.likelihood.d2_distribution import Reference
 from ...model.noise.models import Noise, PoseNoise
 from ...model.poses.pose_pairs import PosePairs
 from ...model.shared_errors.shared_error import OF_ANY_POSES, SharedError
-from .by_posterior import Known, Wanted
+from .by_posterior import Known, Offered, Wanted
 from .plan import mean_distance, plan, plan_from
 
 # Share of the variance of X from which on the errors that all poses share are what limits it.
@@ -75,7 +75,7 @@ def next_pose(
             if told and result.posterior is not None and result.opened is None:
                 known = Known(result, data, result.noise_estimate is not None)
                 of = Wanted("trace", None, mean_distance(data))
-                found = plan_from(known, None, 1, of, sample=CANDIDATES, seed=seed)
+                found = plan_from(known, Offered(sample=CANDIDATES, seed=seed), 1, of)
             else:  # the posterior of an arm refuses all candidates where it does not reach one
                 errors = None if shared is None else [error for error in shared if error.name in OF_ANY_POSES]
                 found = plan(data, k=1, noise=given, shared=errors, sample=CANDIDATES, seed=seed)

@@ -28,7 +28,7 @@ from ...model.kinematics.gravity import spread_postures
 from ...model.kinematics.inverse import postures_at
 from ...model.kinematics.joint import PRISMATIC
 from ...model.poses.pose_pairs import PosePairs
-from .by_posterior import PREDICTION, Known, Wanted, joint_fields, planned
+from .by_posterior import PREDICTION, Known, Offered, Wanted, joint_fields, planned
 from .candidates import draw_camera_poses, require_number, robot_of
 from .result import Plan
 
@@ -42,40 +42,25 @@ DRAWN_AT_ONCE = 2_000
 
 
 def plan_by_joints(
-    data: PosePairs,
-    chain: Kinematics,
-    options: dict[str, Any],
-    candidates: Any,
-    k: int,
-    of: Wanted,
-    task: Any,
-    sample: int,
-    seed: int | np.random.Generator,
-    repeat: bool,
+    data: PosePairs, chain: Kinematics, options: dict[str, Any], offered: Offered, k: int, of: Wanted, task: Any
 ) -> Plan:
     """See `plan`; ``options`` are those of `calibrate`."""
     result, joints = _so_far(data, chain, options)
     assert result.W is not None
     fitted = result.kinematics
-    q = (
-        sample_joints(
-            data, chain, joints, result.X, result.W, sample, e=None if fitted is None else fitted.e, seed=seed
-        )
-        if candidates is None
-        else _inside(chain, candidates, "candidates")
-    )
+    if offered.candidates is None:
+        e = None if fitted is None else fitted.e
+        q = sample_joints(data, chain, joints, result.X, result.W, offered.sample, e=e, seed=offered.seed)
+    else:
+        q = _inside(chain, offered.candidates, "candidates")
     more = joint_fields(chain, 0.0 if fitted is None else fitted.joint_noise)
     if of.criterion == PREDICTION:
-        at_task = (
-            spread_postures(chain.limits, _revolute(chain), TASK) if task is None else _inside(chain, task, "task")
-        )
+        revolute = _revolute(chain)
+        at_task = spread_postures(chain.limits, revolute, TASK) if task is None else _inside(chain, task, "task")
         of = of._replace(task=_ahead(result, chain, at_task))
         more["task"] = at_task
     known = Known(result, data, options["noise"] is None)
-    return planned(
-        known, _ahead(result, chain, q), k, of, sampled=candidates is None, repeat=repeat, joints=q,
-        task_given=task is not None, **more,
-    )  # fmt: skip
+    return planned(known, _ahead(result, chain, q), k, of, offered, joints=q, task_given=task is not None, **more)
 
 
 def sample_joints(

@@ -45,6 +45,15 @@ class Wanted(NamedTuple):
     task: CameraAhead | None = None  # postures (t, L) of criterion prediction
 
 
+class Offered(NamedTuple):
+    """Candidates to choose from, as given, or how many are drawn."""
+
+    candidates: Any = None
+    sample: int = 200
+    seed: int | np.random.Generator = 0
+    repeat: bool = False
+
+
 class Known(NamedTuple):
     """A calibration of the poses so far with its posterior, and the poses that it kept."""
 
@@ -54,9 +63,10 @@ class Known(NamedTuple):
     open_directions: Array = np.zeros((0, 6))
 
 
-def planned(known: Known, ahead: CameraAhead, k: int, of: Wanted, *, sampled: bool, repeat: bool, **more: Any) -> Plan:
+def planned(known: Known, ahead: CameraAhead, k: int, of: Wanted, offered: Offered, **more: Any) -> Plan:
     """Return the k of the poses ahead that make the criterion small; ``more`` are fields of the plan about joints."""
     result, data = known.result, known.data
+    sampled, repeat = offered.candidates is None, offered.repeat
     assert result.posterior is not None and result.W is not None
     require_choice(len(ahead.robot), k, repeat)
     camera = camera_at(result, ahead.robot)

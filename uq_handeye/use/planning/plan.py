@@ -40,7 +40,6 @@ from ...calibration.prediction.predict import camera_ahead
 from ...calibration.result import Calibration
 from ...core.formatting.units import parse_length
 from ...core.geometry.checks import as_transforms
-from ...core.geometry.se3 import Array
 from ...errors import DegenerateMotionError, InputError, NotConvergedError, require_integer
 from ...model.kinematics.chain import Kinematics
 from ...model.kinematics.kinematic_errors import KinematicErrors
@@ -51,7 +50,7 @@ from ...model.poses.pose_pairs import PosePairs
 from ...model.poses.timing import warn_left_out
 from ...model.shared_errors.shared_error import OF_ANY_POSES, SharedError, checked_errors
 from .by_joints import plan_by_joints
-from .by_posterior import PREDICTION, Known, Wanted, planned
+from .by_posterior import PREDICTION, Known, Offered, Wanted, planned
 from .candidates import sample_candidates
 from .result import Plan
 from .weak_prior import OPEN, WeaklyKnown
@@ -139,11 +138,12 @@ def plan(
         raise InputError(f"Expected at least 3 poses so far, got {data.n}.")
     warn_left_out("plan()", data)
     require_integer("k", k, 1)
+    offered = Offered(candidates, sample, seed, repeat)
     if kinematics is not None:
         options: dict[str, Any] = {"noise": noise, "prior": prior, "shared": shared, "joints": joints}
         options["kinematic_errors"] = kinematic_errors
         of = _wanted(data, criterion or PREDICTION, point, length)
-        return plan_by_joints(data, kinematics, options, candidates, k, of, task, sample, seed, repeat)
+        return plan_by_joints(data, kinematics, options, offered, k, of, task)
     if criterion == PREDICTION or any(given is not None for given in (joints, kinematic_errors, task)):
         raise InputError(
             "Expected `kinematics` (Kinematics.from_urdf) beside joints, kinematic errors, task and criterion "
@@ -152,25 +152,20 @@ def plan(
     if noise is not None and prior is not None:
         raise InputError("Give either `noise` or, for noise that is to be estimated, a `prior`; not both.")
     of = _wanted(data, criterion or "trace", point, length)
-    return plan_from(_so_far(data, noise, shared, prior), candidates, k, of, sample=sample, seed=seed, repeat=repeat)
+    return plan_from(_so_far(data, noise, shared, prior), offered, k, of)
 
 
-def plan_from(
-    known: Known,
-    candidates: Any,
-    k: int,
-    of: Wanted,
-    *,
-    sample: int = 200,
-    seed: int | np.random.Generator = 0,
-    repeat: bool = False,
-) -> Plan:
+def plan_from(known: Known, offered: Offered, k: int, of: Wanted) -> Plan:
     """See `plan`: from what is known already."""
     result = known.result
     assert result.W is not None
-    robot = _candidates(candidates, known.data, result.X, result.W, sample, seed)
-    ahead = camera_ahead(result, robot=robot)
-    return planned(known, ahead, k, of, sampled=candidates is None, repeat=repeat)
+    if offered.candidates is None:
+        robot = sample_candidates(known.data, result.X, result.W, offered.sample, seed=offered.seed)
+    else:
+        robot = np.asarray(as_transforms(offered.candidates, "candidates"))
+        if robot.ndim != 3 or len(robot) == 0:
+            raise InputError(f"Expected `candidates` to have shape (m, 4, 4) with m >= 1, got {robot.shape}.")
+    return planned(known, camera_ahead(result, robot=robot), k, of, offered)
 
 
 def _wanted(data: PosePairs, criterion: str, point: Any, length: str | float | None) -> Wanted:
@@ -235,16 +230,6 @@ def _so_far(
         raise InputError(f"The noise cannot be estimated from poses that fit exactly. {GIVE}")
     found = WeaklyKnown.of(data.rows(kept), _of_each_pose(of_each, data).rows(kept))
     return Known(found, found.data, noise is None, found.open_directions)
-
-
-def _candidates(given: Any, data: PosePairs, X: Array, W: Array, sample: int, seed: int | np.random.Generator) -> Array:
-    """(m, 4, 4) robot poses to choose from, given or drawn."""
-    if given is None:
-        return sample_candidates(data, X, W, sample, seed=seed)
-    robot = np.asarray(as_transforms(given, "candidates"))
-    if robot.ndim != 3 or len(robot) == 0:
-        raise InputError(f"Expected `candidates` to have shape (m, 4, 4) with m >= 1, got {robot.shape}.")
-    return robot
 
 
 def _is_determined(result: Calibration) -> bool:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from ...core.files.csv_text import csv_text
+from ...core.files.records import attributes
 from ...core.geometry.conventions import CONVENTION
 from ...core.geometry.frames import SETUPS
 from ...core.geometry.se3 import Array
@@ -20,7 +21,6 @@ from ...core.runtime.read_only import ReadOnlyArrays
 from ...errors import InputError
 from ...formats.controllers.forms import CONTROLLERS, SINGLE, WRITTEN, columns, in_form, written_poses
 from ...model.noise.models import PoseNoise
-from ...model.noise.to_dict import noise_to_dict
 from ...read import json_text, pose_text, write_atomically
 from .weak_prior import PRIOR
 
@@ -94,60 +94,43 @@ class Plan(ReadOnlyArrays):
         """A sentence, a table with a row per pose, and what the numbers mean."""
         return to_text(document_of(self))
 
+    @property
+    def prior_std(self) -> float | None:
+        """Standard deviation (rad, m) of the weak prior, where there is one."""
+        return PRIOR if len(self.open_directions) else None
+
     def to_dict(self) -> dict[str, Any]:
         """Everything as plain numbers, lists and text."""
-        return {
-            "format": "uq-handeye plan 1",
-            "convention": CONVENTION,
-            "units": {"rotation": "rad", "translation": "m"},
-            "frame": self.frame,
-            "setup": self.setup,
-            "n_poses": self.n_poses,
-            "n_candidates": self.n_candidates,
-            "sampled": self.sampled,
-            "noise": noise_to_dict(self.noise),
-            "noise_estimated": self.noise_estimated,
-            "shared": list(self.shared),
-            "X": self.X.tolist(),
-            "W": self.W.tolist(),
-            "criterion": self.criterion,
-            "length": self.length,
-            "point": None if self.point is None else self.point.tolist(),
-            "prior_std": PRIOR if len(self.open_directions) else None,
-            "open_directions": self.open_directions.tolist(),
-            **self._of_joints(),
-            "before": _step(self.covariance_before, self.criterion_before, self.std[0], self.worst[0]),
-            "steps": [
-                {"candidate": int(row), **({} if q is None else {"joints": q.tolist()})}
-                | {"robot": G.tolist(), "camera": C.tolist()}
-                | _step(*numbers)
-                for row, q, G, C, *numbers in zip(
-                    self.chosen,
-                    [None] * len(self.chosen) if self.joints is None else self.joints,
-                    self.robot,
-                    self.camera,
-                    self.covariances,
-                    self.criterion_values,
-                    self.std[1:],
-                    self.worst[1:],
-                    strict=True,
-                )
-            ],
-        }
+        named = attributes(
+            self,
+            "frame setup n_poses n_candidates sampled noise noise_estimated shared X W criterion length point "
+            "prior_std open_directions",
+        )
+        if self.joints is not None:
+            named |= attributes(self, "joint_names joint_units joint_noise")
+            named["task"] = self.task.tolist() if self.task is not None and self.task_given else None
+        where = [
+            {"candidate": row, **({} if self.joints is None else {"joints": self.joints[k].tolist()})}
+            | {"robot": self.robot[k].tolist(), "camera": self.camera[k].tolist()}
+            for k, row in enumerate(self.chosen.tolist())
+        ]
+        after = [
+            {
+                "covariance": S.tolist(), "std": std.tolist(), "worst_rotation": float(worst[0]),
+                "worst_translation": float(worst[1]), "criterion": float(value),
+            }
+            for S, std, worst, value in zip(
+                self._all(), self.std, self.worst, [self.criterion_before, *self.criterion_values], strict=True
+            )
+        ]  # fmt: skip
+        steps = [place | numbers for place, numbers in zip(where, after[1:], strict=True)]
+        about = {"format": "uq-handeye plan 1", "convention": CONVENTION,
+                 "units": {"rotation": "rad", "translation": "m"}}  # fmt: skip
+        return about | named | {"before": after[0], "steps": steps}
 
     def to_json(self, path: str | Path | None = None) -> str:
         """JSON text, also written to ``path`` (whole or not at all)."""
         return json_text(self.to_dict(), path)
-
-    def _of_joints(self) -> dict[str, Any]:
-        if self.joints is None:
-            return {}
-        return {
-            "joint_names": list(self.joint_names),
-            "joint_units": list(self.joint_units),
-            "joint_noise": self.joint_noise,
-            "task": self.task.tolist() if self.task is not None and self.task_given else None,
-        }
 
     def to_csv(self, path: str | Path | None = None) -> str:
         """The robot poses as a pose file (m), in order, numbered 0, 1, ...; also written to ``path``.
@@ -178,16 +161,6 @@ class Plan(ReadOnlyArrays):
         if path is not None:
             write_atomically(path, text)
         return text
-
-
-def _step(covariance: Array, criterion: float, std: Array, worst: Array) -> dict[str, Any]:
-    return {
-        "covariance": covariance.tolist(),
-        "std": std.tolist(),
-        "worst_rotation": float(worst[0]),
-        "worst_translation": float(worst[1]),
-        "criterion": float(criterion),
-    }
 
 
 # Letters of the longest name of a joint that heads a column.

@@ -5,8 +5,8 @@ eigenvector along which that is worth less than a standard deviation of OPEN (0.
 leave the translation along them, pure translations all of it. There measured motions say little but noise; an estimate
 that believed them would put X a metre away. So
 
-- X is found by Gauss-Newton from all 24 rotations by quarter turns, without steps along open directions: there X keeps
-  what it started with, the part that the gripper carries (camera, or target for eye-to-hand) at the gripper's origin;
+- X is that of `likelihood.open_start`, with the prior that what the gripper carries (camera, or target for eye-to-hand)
+  is within `NEAR` of its origin, where no other one is given;
 - the information along open directions is replaced by that of a weak prior, standard deviation PRIOR (1 rad, 1 m).
 
 A prior of X or W that the noise has counts beside the poses. Where nothing is open there is no weak one; X and the
@@ -19,15 +19,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from ...core.geometry.se3 import Array
 from ...errors import DegenerateMotionError
 from ...fit.likelihood.constraint import OnPoses, Unknowns, residual_covariance
 from ...fit.likelihood.gauss_helmert import efficient
+from ...fit.likelihood.open_start import start_open
 from ...fit.likelihood.shared_estimates import SharedEstimate
-from ...methods.propagation.published_fit import mean_target
-from ...model.noise.models import PoseNoise
+from ...model.noise.models import PoseNoise, with_prior
+from ...model.noise.pose_prior import PosePrior
 from ...model.noise.square_roots import cholesky_of, gram, whiten
 from ...model.poses.pose_pairs import PosePairs
 from ...model.posterior.posterior import Posterior
@@ -36,11 +36,9 @@ from ...model.posterior.selection import covariance_of
 # Standard deviations per axis, rad and m.
 PRIOR = 1.0
 OPEN = 0.1
+# How far from the origin of the gripper what it carries is taken to be, m.
+NEAR = 0.1
 
-# Poses used to try all rotations, steps, rad per step.
-_FEW = 50
-_STEPS = 25
-_LONGEST = 0.5
 # Root mean square residual over its noise that 4DPA is trusted with; a wrong X shows far more, wrong noise costs time.
 _LARGE_RESIDUAL = 3.0
 
@@ -92,11 +90,23 @@ def so_far(data: PosePairs, noise: PoseNoise) -> tuple[Unknowns, Array, Array]:
     except DegenerateMotionError:
         explained = False
     if not explained or _open_part(information)[0].size:
-        at, information = _cautious_fit(data, noise)
+        constraint = OnPoses(data.robot, data.camera, data.setup == "eye-to-hand")
+        at = start_open(
+            constraint, noise if noise.prior is not None else with_prior(noise, _on_the_gripper(data.setup))
+        )
+        linear = constraint.linearise(at, constraint.first, constraint.second)
+        factor = cholesky_of(residual_covariance(linear.sides, noise))
+        information = gram(whiten(factor, linear.J)) + _of_prior(noise, at)
     values, directions = _open_part(information)
     unknown = np.array(information)
     unknown[:6, :6] += directions.T @ ((PRIOR**-2.0 - values)[:, None] * directions)
     return at, unknown, directions
+
+
+def _on_the_gripper(setup: str) -> PosePrior | None:
+    """Return the prior that what the gripper carries is near its origin."""
+    near = np.eye(4), np.diag([np.inf] * 3 + [NEAR**2] * 3)
+    return PosePrior.of(X=near) if setup == "eye-in-hand" else PosePrior.of(W=near)
 
 
 def _of_prior(noise: PoseNoise, at: Unknowns) -> Array | float:
@@ -104,65 +114,8 @@ def _of_prior(noise: PoseNoise, at: Unknowns) -> Array | float:
     return 0.0 if noise.prior is None else noise.prior.normal_equations(at.X, at.W)[0]
 
 
-def _marginal(information: Array) -> tuple[Array, Array]:
-    """Eigenvalues (..., 6) and vectors of the information about X once W is eliminated."""
-    across = information[..., :6, 6:]
-    left = information[..., :6, :6] - across @ np.linalg.solve(information[..., 6:, 6:], across.mT)
-    values, vectors = np.linalg.eigh(left)
-    return values, vectors
-
-
 def _open_part(information: Array) -> tuple[Array, Array]:
-    """Information (r,) along the unit vectors (r, 6) in which X is less certain than OPEN."""
-    values, vectors = _marginal(information)
+    """Information (r,), once W is eliminated, along the unit vectors (r, 6) in which X is less certain than OPEN."""
+    across = information[:6, 6:]
+    values, vectors = np.linalg.eigh(information[:6, :6] - across @ np.linalg.solve(information[6:, 6:], across.T))
     return values[values < OPEN**-2.0], vectors[:, values < OPEN**-2.0].T
-
-
-def _cautious_fit(data: PosePairs, noise: PoseNoise) -> tuple[Unknowns, Array]:
-    """Least squares from many rotations of X, leaving open what is open: the best, and its information (12, 12)."""
-    few = np.unique(np.linspace(0, data.n - 1, min(data.n, _FEW)).astype(np.intp))
-    R_X = Rotation.create_group("O").as_matrix()
-    for rows in (few, np.arange(data.n)):
-        poses = PosePairs(data.robot[rows], data.camera[rows], data.setup)
-        sides = (S if S is None or S.ndim == 2 else S[rows] for S in (noise.robot, noise.camera))
-        part = PoseNoise(*sides, prior=noise.prior)
-        at, information, cost = _descended(poses, part, _at_gripper(poses, R_X))
-        best = int(np.argmin(cost))
-        R_X = at.X[best : best + 1, :3, :3]
-    assert at.W is not None
-    return Unknowns(at.X[best], at.W[best]), information[best]
-
-
-def _at_gripper(poses: PosePairs, R_X: Array) -> Array:
-    """X (s, 4, 4) with the rotations R_X (s, 3, 3): camera, or target for eye-to-hand, at the gripper's origin."""
-    X = np.zeros((len(R_X), 4, 4))
-    X[:, :3, :3] = R_X
-    X[:, 3, 3] = 1.0
-    if poses.setup == "eye-to-hand":
-        X[:, :3, 3:] = (poses.robot[:, :3, 3:] - R_X[:, None] @ poses.camera[:, :3, 3:]).mean(axis=1)
-    return X
-
-
-def _descended(poses: PosePairs, noise: PoseNoise, X: Array) -> tuple[Unknowns, Array, Array]:
-    """Gauss-Newton from each X (s, 4, 4), no steps along open directions: X and W, information (s, 12, 12), cost."""
-    at = Unknowns(X, mean_target(poses, X))
-    constraint = OnPoses(poses.robot, poses.camera, poses.setup == "eye-to-hand")
-    for k in range(_STEPS + 1):
-        linear = constraint.linearise(at, constraint.first, constraint.second)
-        factor = cholesky_of(residual_covariance(linear.sides, noise))
-        sums = gram(whiten(factor, np.concatenate([linear.J, linear.r[..., None]], axis=-1)))
-        information, pull, cost = sums[:, :12, :12], sums[:, :12, 12:], sums[:, 12, 12]
-        if noise.prior is not None:
-            more, gradient, square = noise.prior.normal_equations(at.X, at.W)
-            information, pull, cost = information + more, pull + gradient[..., None], cost + square
-        if k == _STEPS:
-            break
-        values, vectors = _marginal(information)
-        inverse = np.where(values < OPEN**-2.0, 0.0, 1.0 / np.maximum(values, OPEN**-2.0))
-        of_W = np.linalg.solve(information[:, 6:, 6:], np.concatenate([information[:, 6:, :6], pull[:, 6:]], axis=-1))
-        left = pull[:, :6] - information[:, :6, 6:] @ of_W[..., 6:]
-        by_X = -vectors @ (inverse[..., None] * (vectors.mT @ left))
-        step = np.concatenate([by_X, -of_W[..., 6:] - of_W[..., :6] @ by_X], axis=-2)[..., 0]
-        turn = np.linalg.norm(step[:, :3], axis=-1)
-        at = at.moved(step / np.maximum(turn / _LONGEST, 1.0)[:, None])
-    return at, information, cost

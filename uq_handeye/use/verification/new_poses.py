@@ -24,7 +24,7 @@ from ...fit.diagnostics.task_space import by_pose
 from ...model.camera.files.snippets import camera_matrix
 from ...model.poses.pose_pairs import PosePairs
 from ..maintenance.misread import misread
-from .power import LEVEL
+from .result import LEVEL
 
 
 @dataclass(frozen=True)

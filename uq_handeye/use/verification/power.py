@@ -190,7 +190,7 @@ def next_touches(
     at = evidence_of_touches(result, _touching(more, evidence, rows)).at
     more = _touching(replace(more, touched=None if more.touched is None else at), evidence, rows, at)
     new = evidence_of_touches(result, more)
-    every = evidence_of_touches(result, _both(touches, more))
+    every = evidence_of_touches(result, touches.joined(more))
     m, chosen, found = touches.m, list(range(touches.m)), []
     for _ in range(PROPOSED):
         sizes = [detectable(every.rows([*chosen, m + j]), True, level) for j in range(len(pairs))]
@@ -207,15 +207,6 @@ def _touching(more: Touches, evidence: TouchEvidence, rows: Array, at: Array | N
     poses = np.array(more.touched_robot)
     poses[:, :3, 3] += at - evidence.at[rows]
     return replace(more, touched_robot=poses)
-
-
-def _both(one: Touches, other: Touches) -> Touches:
-    parts: dict[str, Any] = {
-        name: None if getattr(one, name) is None else np.concatenate([getattr(one, name), getattr(other, name)])
-        for name in ("seen", "touched", "robot", "joints", "touched_robot", "touched_joints", "seen_covariance",
-                     "touch_sd", "board", "board_covariance")
-    }  # fmt: skip
-    return replace(one, **parts, names=(*one.names, *other.names))
 
 
 def _region(seen: Array) -> Array:

@@ -111,8 +111,10 @@ def verify(
         touches = seen
     else:
         touches = _touches_of(
-            seen, touched, robot, joints, touched_robot, touched_joints, tool, touch_sd, point_sd, tool_sd,
-            board, board_covariance, same_camera, robot_noise, names,
+            seen, touched, touched_robot, touch_sd, point_sd, robot=robot, joints=joints,
+            touched_joints=touched_joints, tool=tool, tool_sd=tool_deviation(tool_sd), board=board,
+            board_covariance=board_covariance, same_camera=same_camera, robot_noise=robot_covariance(robot_noise),
+            names=tuple(map(str, names)),
         )  # fmt: skip
     require_metres(result, touches)
     evidence = evidence_of_touches(result, touches)
@@ -159,11 +161,7 @@ def _verified(result: Sourced, touches: Touches, evidence: TouchEvidence, size: 
     )
 
 
-def _touches_of(
-    seen: Any, touched: Any, robot: Any, joints: Any, touched_robot: Any, touched_joints: Any, tool: Any, touch_sd: Any,
-    point_sd: Any, tool_sd: float | str, board: Any, board_covariance: Any, same_camera: bool, robot_noise: Any,
-    names: Sequence[str],
-) -> Touches:  # fmt: skip
+def _touches_of(seen: Any, touched: Any, touched_robot: Any, touch_sd: Any, point_sd: Any, **parts: Any) -> Touches:
     """Return the touches of the arguments of `verify`."""
     given = None if touched is None else as_numbers(touched, "touched")
     if given is not None and given.ndim >= 2 and given.shape[-2:] == (4, 4):
@@ -172,9 +170,8 @@ def _touches_of(
     if touch_sd is None:
         raise InputError("Expected `touch_sd`, the standard deviation of a touch per axis, such as '0.2mm'.")
     return Touches(
-        points, given, robot, joints, touched_robot, touched_joints, tool,
-        covariances_of(point_sd, len(points)), _length(touch_sd, "touch_sd"), tool_deviation(tool_sd),
-        board, board_covariance, same_camera, robot_covariance(robot_noise), tuple(map(str, names)),
+        points, given, touched_robot=touched_robot, seen_covariance=covariances_of(point_sd, len(points)),
+        touch_sd=_length(touch_sd, "touch_sd"), **parts,
     )  # fmt: skip
 
 

@@ -1,0 +1,67 @@
+"""One uncertainty everywhere: covariance, budget, accuracy, tolerance, plan, certificate, files read the posterior."""
+
+import numpy as np
+import pytest
+
+import uq_handeye as uq
+from uq_handeye.report.certificate.budget import worst_of
+
+NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
+CASES = {
+    "noise given": {"noise": NOISE},
+    "errors declared": {
+        "noise": NOISE,
+        "shared": [uq.SharedError.target_scale(1e-3), uq.SharedError.focal_length(1e-3)],
+    },
+    "sizes open": {},
+}
+
+
+@pytest.fixture(scope="module", params=CASES)
+def result(request):
+    return uq.calibrate(uq.simulate(n_poses=20, noise=NOISE, seed=11), **CASES[request.param])
+
+
+def test_all_parts_speak_of_the_covariance_of_the_posterior(result):
+    P = result.posterior.covariance_of("X")
+    unit = np.sqrt(np.outer(np.diag(P), np.diag(P)))
+    np.testing.assert_allclose(result.covariance / unit, P / unit, atol=1e-9)
+    np.testing.assert_allclose(result.covariance_W, result.posterior.covariance_of("W"), rtol=1e-6, atol=1e-18)
+    np.testing.assert_allclose(result.budget.covariance[:6, :6] / unit, P / unit, atol=1e-6)
+    worst = [np.sqrt(np.linalg.eigvalsh(P[part, part])[-1]) for part in (slice(3, 6), slice(0, 3))]
+    assert [result.accuracy.translation, result.accuracy.rotation] == pytest.approx(worst, rel=1e-6)
+    assert [one.u for one in worst_of(result)[:2]] == pytest.approx(worst, rel=1e-6)
+
+
+def test_a_tolerance_is_asked_of_the_mixture_over_the_sizes(result, rng):
+    limit = 2.0 * result.accuracy.translation
+    weights, means, covariances = result.posterior.mixture_of("X")
+    of = rng.choice(len(weights), 100_000, p=weights / weights.sum())
+    move = np.empty((len(of), 3))
+    for d in range(len(weights)):
+        some = of == d
+        move[some] = means[d, 3:] + rng.multivariate_normal(np.zeros(3), covariances[d, 3:, 3:], int(some.sum()))
+    assert result.verdict((limit, None)).probability == pytest.approx(
+        np.mean(np.linalg.norm(move, axis=1) < limit), abs=6e-3
+    )
+
+
+def test_a_file_has_the_same(result):
+    stored = uq.Calibration.from_dict(result.to_dict())
+    limit = 1.7 * result.accuracy.translation
+    np.testing.assert_allclose(stored.posterior.covariance, result.posterior.covariance, rtol=1e-9, atol=1e-15)
+    both = [of.verdict((limit, None)).probability for of in (result, stored)]
+    assert both[0] == pytest.approx(both[1], abs=2e-3)
+
+
+def test_estimates_of_errors_are_those_of_the_posterior(result):
+    of = {name: k for k, name in enumerate(result.posterior.names)}
+    assert {error.name for error in result.shared} <= of.keys()
+    for error in result.shared:
+        assert error.estimate == pytest.approx(float(result.posterior.estimate[of[error.name]]), abs=1e-12)
+
+
+def test_a_plan_starts_from_it():
+    poses = uq.simulate(n_poses=15, noise=NOISE, seed=3)
+    found, result = uq.plan(poses, k=1, noise=NOISE), uq.calibrate(poses, noise=NOISE)
+    np.testing.assert_allclose(found.covariance_before, result.posterior.covariance_of("X"), rtol=1e-6, atol=1e-15)
