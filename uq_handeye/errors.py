@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Container
 from numbers import Integral
 from typing import TYPE_CHECKING, Any
 
@@ -65,6 +66,18 @@ def require_integer(name: str, value: Any, least: int) -> None:
     """Raise `InputError` unless ``value`` is an integer, of Python or NumPy, of at least ``least``."""
     if isinstance(value, bool) or not isinstance(value, Integral) or value < least:
         raise InputError(f"Expected `{name}` to be an integer of at least {least}, got {value!r}.")
+
+
+def among(value: Any, names: Container[str]) -> bool:
+    """Return whether ``value`` is one of ``names``; anything but text is not."""
+    return isinstance(value, str) and value in names
+
+
+def require_one_of(name: str, value: Any, names: Collection[str], option: str = "") -> None:
+    """Raise `InputError` unless ``value`` is one of ``names``; ``option`` is its name on the command line."""
+    if not among(value, names):
+        shown = f"`{name}` ({option})" if option else f"`{name}`"
+        raise InputError(f"Expected {shown} to be one of {', '.join(names)}, got {value!r}.")
 
 
 class InputWarning(UserWarning):

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ..core.formatting.units import LENGTH_UNITS
 from ..core.geometry.checks import TOO_LONG, as_transforms, first_duplicate
 from ..core.geometry.se3 import Array, inverse
-from ..errors import InputError
+from ..errors import InputError, among, require_one_of
 from .rotation_form import MATRICES, QUATERNIONS, RotationForm, rotation_form
 
 # The frames in which poses are used, and those that are inverted first.
@@ -116,8 +116,7 @@ def matrices_side(name: str, T: Array, **options: Any) -> Side:
 
 def require_units(units: Any) -> float:
     """Metres per unit."""
-    if not isinstance(units, str) or units not in LENGTH_UNITS:
-        raise InputError(f"Expected `units` to be one of {', '.join(LENGTH_UNITS)}, got {units!r}.")
+    require_one_of("units", units, LENGTH_UNITS)
     return LENGTH_UNITS[units]
 
 
@@ -154,7 +153,7 @@ def finished(side: Side, role: str, units: str | None, rotation: str | None, fra
     poses[:, :3, 3] = side.translation * factor
     poses[:, 3, 3] = 1.0
     usual, inverted = FRAMES[role]
-    if not isinstance(frame, str) or frame not in (usual, inverted):
+    if not among(frame, (usual, inverted)):
         raise InputError(f"Expected `{role}_frame` (--{role}-frame) to be {usual} or {inverted}, got {frame!r}.")
     return inverse(poses) if inverted in (frame, side.frame) else poses
 

@@ -21,8 +21,8 @@ from ..core.files.lines import is_number, short
 from ..core.files.many import is_many, paths_of
 from ..core.files.open import Hashed, opened, require_size, shown
 from ..core.files.source import Source
-from ..core.files.trees import got, pose_name
-from ..errors import InputError
+from ..core.files.trees import fields_of, got, is_list, is_map, items_of, pose_name
+from ..errors import InputError, among
 from .contents import COLUMNS, Contents
 from .controllers.forms import CONTROLLERS
 from .controllers.readings import in_convention
@@ -151,7 +151,7 @@ def read_contents(path: Path, format: str | None) -> tuple[Contents, Source]:
     no format or of several.
     """
     format = format.lower() if isinstance(format, str) else format  # makers write their names in capitals
-    if format is not None and (not isinstance(format, str) or format not in FORMATS):
+    if format is not None and not among(format, FORMATS):
         near = difflib.get_close_matches(str(format), FORMATS, n=1)
         hint = f" Did you mean {near[0]}?" if near else ""
         raise InputError(
@@ -223,7 +223,7 @@ def _read(file: BufferedReader, kind: str, format: str | None, path: Path, name:
     where = ""
     if format in (None, "json", "opencv") or format in CONTROLLERS:
         tree = listed(tree)
-        if isinstance(tree, list) and is_of_opencv(tree):
+        if is_of_opencv(tree):
             tree = {key: [entry[key] for entry in tree] for key in tree[0] if all(key in entry for entry in tree)}
         elif is_message(tree) and not _marked(tree):
             tree = [tree]
@@ -340,25 +340,20 @@ def _tree_format(tree: Any, name: str) -> str:
 
 def _keys(tree: Any) -> set[Any]:
     """The keys of a map, or of the first item of a list."""
-    tree = tree[0] if isinstance(tree, list) and tree else tree
-    return set(tree) if isinstance(tree, dict) else set()
-
-
-def _samples(tree: Any) -> Any:
-    return tree.get("samples") if isinstance(tree, dict) else None
+    return set(fields_of(next(iter(items_of(tree)), tree)))
 
 
 def _is_json(tree: Any) -> bool:
-    if isinstance(tree, list):
-        one_side = isinstance(tree[0], list) if tree else False
+    if is_list(tree):
+        first = next(iter(tree), None)
         return (
-            one_side
-            or is_message(tree[0] if tree else None)
+            is_list(first)
+            or is_message(first)
             or "translation" in _keys(tree)
             or bool(samples_of(tree))
             or (is_records(tree) and not _is_easy_handeye2(tree) and matrices_of(tree) is None)
         )
-    if samples_of(tree) or (isinstance(tree, dict) and isinstance(tree.get(ONE_SIDE), list) and not is_storage(tree)):
+    if samples_of(tree) or (is_list(fields_of(tree).get(ONE_SIDE)) and not is_storage(tree)):
         return True
     keys = _keys(tree)
     named = "format" in keys or any(pose_name(key) is not None for key in keys)
@@ -367,13 +362,13 @@ def _is_json(tree: Any) -> bool:
 
 def _is_easy_handeye(tree: Any) -> bool:
     marks = {"hand_world_samples", "camera_marker_samples"}
-    return isinstance(tree, dict) and bool(marks & (_keys(tree) | _keys(_samples(tree))))
+    return is_map(tree) and bool(marks & (_keys(tree) | _keys(tree.get("samples"))))
 
 
 def _is_easy_handeye2(tree: Any) -> bool:
-    if isinstance(tree, list):
+    if is_list(tree):
         return "robot" in _keys(tree) and bool(_keys(tree) & {"tracking", "optical"})
-    samples = isinstance(_samples(tree), list) and not samples_of(tree)
+    samples = is_list(fields_of(tree).get("samples")) and not samples_of(tree)
     return samples or ("parameters" in _keys(tree) and bool(_keys(tree) & {"transform", "transformation"}))
 
 

@@ -18,7 +18,19 @@ from typing import Any
 
 import numpy as np
 
-from ..core.files.trees import got, item, matrix, number, pose_name, transform, vector
+from ..core.files.trees import (
+    fields_of,
+    got,
+    is_list,
+    is_map,
+    item,
+    items_of,
+    matrix,
+    number,
+    pose_name,
+    transform,
+    vector,
+)
 from ..core.geometry.frames import SETUPS
 from ..core.geometry.se3 import Array
 from ..errors import InputError
@@ -35,23 +47,20 @@ MESSAGE = ("timestamp", *(f"translation.{axis}" for axis in "xyz"), *(f"rotation
 
 def is_message(value: Any) -> bool:
     """Return whether a pose looks like a ``geometry_msgs/Pose`` or ``Transform``, stamped or not."""
-    if not isinstance(value, dict):
-        return False
-    parts = (value.get("rotation"), value.get("orientation"), value.get("transform"), value.get("pose"))
-    return any(isinstance(part, dict) for part in parts)
+    return any(is_map(fields_of(value).get(name)) for name in ("rotation", "orientation", "transform", "pose"))
 
 
 def read_json(tree: Any, name: str) -> Contents:
     """The poses of a tree."""
-    if isinstance(tree, dict) and str(tree.get("format", "")).startswith("uq-handeye calibration"):
+    if str(fields_of(tree).get("format", "")).startswith("uq-handeye calibration"):
         raise InputError(f"{name} is a result of uq-handeye; expected poses (the command export reads results).")
-    if isinstance(tree, dict) and ONE_SIDE in tree and not any(map(pose_name, tree)):
+    if ONE_SIDE in fields_of(tree) and not any(map(pose_name, tree)):
         return Contents(only=_side(tree[ONE_SIDE], name, f", {ONE_SIDE}", None, tree.get("timestamps")))
     if samples_of(tree):
         tree = _turned(tree, name)
-    if isinstance(tree, list):
+    if is_list(tree):
         return Contents(only=_side(tree, name, "", None, None))
-    if not isinstance(tree, dict):
+    if not is_map(tree):
         raise InputError(f'{name}: expected a list of poses or {{"robot": [...], "camera": [...]}}, got {got(tree)}.')
     setup = tree.get("setup")
     if setup is not None and setup not in SETUPS:
@@ -75,10 +84,9 @@ def read_json(tree: Any, name: str) -> Contents:
 
 def samples_of(tree: Any) -> list[Any]:
     """The samples, maps that hold both sides by `pose_name`; none if the tree is no such list."""
-    samples = tree.get("samples") if isinstance(tree, dict) else tree
-    if not isinstance(samples, list) or not samples or not isinstance(samples[0], dict):
-        return []
-    roles = {known[0] for known in map(pose_name, samples[0]) if known is not None}
+    samples = items_of(fields_of(tree).get("samples", tree))
+    first = fields_of(next(iter(samples), None))
+    roles = {known[0] for known in map(pose_name, first) if known is not None}
     return samples if roles == {"robot", "camera"} else []
 
 
@@ -91,7 +99,7 @@ def _turned(tree: Any, name: str) -> dict[str, Any]:
     }
     if "timestamp" in samples[0]:
         turned["timestamps"] = [item(sample, "timestamp", f"{name}, sample {k}") for k, sample in enumerate(samples)]
-    if isinstance(tree, dict) and "setup" in tree:
+    if "setup" in fields_of(tree):
         turned["setup"] = tree["setup"]
     return turned
 
@@ -99,7 +107,7 @@ def _turned(tree: Any, name: str) -> dict[str, Any]:
 def _rigid(value: Any, where: str) -> Array:
     """A 4x4 matrix from ``translation`` and the 3x3 ``rotation``."""
     rows = item(value, "rotation", where)
-    if not isinstance(rows, list) or len(rows) != 3:
+    if len(items_of(rows)) != 3:
         raise InputError(
             f"{where}, rotation: expected a 3x3 matrix, or a quaternion as quaternion_xyzw, got {got(rows)}."
         )
@@ -110,22 +118,22 @@ def _rigid(value: Any, where: str) -> Array:
 
 
 def _side(values: Any, name: str, within: str, frame: str | None, times: Any) -> Side:
-    if not isinstance(values, list) or not values:
+    if not items_of(values):
         raise InputError(f"{name}{within}: expected a list of poses, got {got(values)}.")
     where = [f"{name}{within}, pose {k}" for k in range(len(values))]
     options: dict[str, Any] = {"frame": frame}
     if times is not None:
         n = 1 if (numbers := numbers_of(values)) is not None and numbers.shape in ((4, 4), (16,)) else len(values)
         options["timestamps"] = np.array(vector(times, n, f"{name}, timestamps"))
-    if not isinstance(values[0], dict) and (numbers := numbers_of(values)) is not None and is_poses(numbers.shape):
+    if not is_map(values[0]) and (numbers := numbers_of(values)) is not None and is_poses(numbers.shape):
         return side_of_array(numbers, f"{name}{within}", options["frame"], options.get("timestamps"))[0]
-    if not isinstance(values[0], dict):
+    if not is_map(values[0]):
         T = np.array([matrix(value, at) for value, at in zip(values, where, strict=True)])
         return matrices_side(f"{name}{within}", T, **options)
     if is_message(values[0]):
         parts = np.array([transform(value, at) for value, at in zip(values, where, strict=True)])
         return Side(f"{name}{within}", parts[:, :3], parts[:, 3:], columns=MESSAGE, **options)
-    if isinstance(rows := values[0].get("rotation"), list) and rows and isinstance(rows[0], list):
+    if is_list(next(iter(items_of(values[0].get("rotation"))), None)):
         T = np.array([_rigid(value, at) for value, at in zip(values, where, strict=True)])
         return matrices_side(f"{name}{within}", T, **options)
     keys = [key for key in QUATERNIONS if key in values[0]]

@@ -18,7 +18,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ..core.files.lines import short
-from ..core.files.trees import got, number, pose_name
+from ..core.files.trees import fields_of, got, is_list, is_map, items_of, number, pose_name
 from ..core.geometry.se3 import Array
 from ..errors import InputError
 from .contents import Contents, matrices_side
@@ -52,7 +52,7 @@ _VIEWS = ("extrinsic_parameters", "Extrinsic_Parameters")
 def read_opencv(tree: Any, name: str) -> Contents:
     """The poses of a tree."""
     expected = "R_gripper2base, t_gripper2base, R_target2cam and t_target2cam"
-    if not isinstance(tree, dict):
+    if not is_map(tree):
         raise InputError(f"{name}: expected {expected}, got {got(tree)}.")
     for R_name, t_name in _SINGULAR:
         if {R_name, t_name} <= set(tree) and not set(tree) & {"rvecs", "tvecs"}:
@@ -177,31 +177,29 @@ def stack(value: Any, where: str) -> Array:
     """The numbers of a matrix, or of a sequence of matrices or numbers, in their order."""
     if _is_matrix(value):
         return _matrix(value, where)
-    if isinstance(value, list) and value:
+    if items_of(value):
         if all(_is_matrix(entry) for entry in value):
             return np.concatenate([_matrix(entry, f"{where}[{k}]").reshape(-1) for k, entry in enumerate(value)])
-        if all(isinstance(entry, list) for entry in value):
+        if all(map(is_list, value)):
             return np.concatenate([stack(entry, f"{where}[{k}]").reshape(-1) for k, entry in enumerate(value)])
         return np.array([number(entry, f"{where}[{k}]") for k, entry in enumerate(value)])
     raise InputError(f"{where}: expected a matrix of OpenCV or a list of them, got {got(value)}.")
 
 
 def _is_matrix(value: Any) -> bool:
-    return isinstance(value, dict) and "data" in value and ({"rows", "cols"} <= set(value) or "sizes" in value)
+    found = set(fields_of(value))
+    return "data" in found and ({"rows", "cols"} <= found or "sizes" in found)
 
 
-def is_of_opencv(entries: list[Any]) -> bool:
+def is_of_opencv(tree: Any) -> bool:
     """Return whether a list holds a map per pose under the names of the arguments of ``cv::calibrateHandEye``."""
     names = {name for R_name, t_name, *_ in PAIRS[:-1] for name in (R_name, t_name)}
-    return bool(entries) and all(isinstance(entry, dict) and len(names & set(entry)) > 1 for entry in entries)
+    return bool(items_of(tree)) and all(len(names & set(fields_of(entry))) > 1 for entry in tree)
 
 
 def is_storage(tree: Any) -> bool:
     """Return whether a tree holds a matrix of OpenCV, directly or in a list."""
-    if not isinstance(tree, dict):
-        return False
-    firsts = (value[0] if isinstance(value, list) and value else value for value in tree.values())
-    return any(_is_matrix(first) for first in firsts)
+    return any(_is_matrix(next(iter(items_of(value)), value)) for value in fields_of(tree).values())
 
 
 def _matrix(value: dict[str, Any], where: str) -> Array:
@@ -211,8 +209,8 @@ def _matrix(value: dict[str, Any], where: str) -> Array:
     if kind is None:
         raise InputError(f"{where}, dt: expected a type of numbers such as d, got {got(dt)}.")
     sizes = value["sizes"] if "sizes" in value else [value["rows"], value["cols"]]
-    shape = [number(size, f"{where}, size") for size in (sizes if isinstance(sizes, list) else [sizes])]
-    data = value["data"] if isinstance(value["data"], list) else [value["data"]]
+    shape = [number(size, f"{where}, size") for size in (sizes if is_list(sizes) else [sizes])]
+    data = value["data"] if is_list(value["data"]) else [value["data"]]
     expected = math.prod(shape) * int(kind[1] or 1)
     if len(data) != expected:
         text = isinstance(value["data"], str)

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from ..core.files.open import shown
 from ..core.files.source import Source
+from ..core.geometry.checks import is_number
 from ..core.geometry.frames import SETUPS
 from ..core.geometry.se3 import Array
 from ..errors import InputError, InputWarning
@@ -77,7 +78,7 @@ def match_times(robot: Side, camera: Side, tolerance: float) -> Match:
 
 def check_tolerance(tolerance: float) -> None:
     """Raise `InputError` unless it is a number of seconds."""
-    if isinstance(tolerance, bool) or not isinstance(tolerance, int | float | np.number):
+    if not is_number(tolerance):
         raise InputError(f"Expected `tolerance` (--time-tolerance) to be a number of seconds, got {tolerance!r}.")
     if not 0 <= tolerance < np.inf:
         raise InputError(f"Expected `tolerance` (--time-tolerance) to be at least 0 s and finite, got {tolerance!r}.")

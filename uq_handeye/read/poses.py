@@ -18,7 +18,7 @@ from ..core.files.open import StrPath, as_path, shown
 from ..core.files.source import Source
 from ..core.geometry.frames import SETUPS
 from ..core.geometry.se3 import Array
-from ..errors import InputError, InputWarning
+from ..errors import InputError, InputWarning, among, require_one_of
 from ..findings import Finding
 from ..formats.contents import FRAMES, Contents, Side, finished
 from ..formats.csv_poses import warn_if_back
@@ -153,11 +153,11 @@ class _Asked:
 
 def _require_known(pair: Any, setup: Any) -> None:
     """Raise `InputError` for a way of pairing or a setup that is none."""
-    if pair is not None and (not isinstance(pair, str) or pair not in _PAIRINGS):
+    if pair is not None and not among(pair, _PAIRINGS):
         hint = "; async is `uq_handeye.synchronise` of two `read_stream`" if pair == "async" else ""
         raise InputError(f"Expected `pair` (--pair) to be {' or '.join(_PAIRINGS)}, got {pair!r}{hint}.")
-    if setup is not None and (not isinstance(setup, str) or setup not in SETUPS):
-        raise InputError(f"Expected `setup` (--setup) to be one of {', '.join(SETUPS)}, got {setup!r}.")
+    if setup is not None:
+        require_one_of("setup", setup, SETUPS, "--setup")
 
 
 def _of_files(asked: _Asked, camera: Any) -> PosePairs:
@@ -317,7 +317,7 @@ def read_stream(
     InputError
         A file that cannot be read or is of no format that is known, or that has no timestamps.
     """
-    if not isinstance(side, str) or side not in FRAMES:
+    if not among(side, FRAMES):
         raise InputError(f"Expected `side` to be robot or camera, got {side!r}.")
     arm = joints_of(joints, kinematics, joint_units)
     if arm is not None and side != "robot":

@@ -33,6 +33,7 @@ from numpy.typing import NDArray
 from ...errors import InputError
 from ..runtime.read_only import ReadOnlyArrays
 from .open import StrPath, as_path, opened
+from .trees import is_plain_number
 
 T = TypeVar("T")
 
@@ -59,7 +60,7 @@ def unequal(again: Any, data: Any, path: str) -> str | None:
     if isinstance(again, list):
         if not isinstance(data, list) or len(data) != len(again):
             return path
-        if all(map(_is_number, again)) and all(map(_is_number, data)):
+        if all(map(is_plain_number, again)) and all(map(is_plain_number, data)):
             return (
                 None
                 if again == data or np.allclose(again, data, rtol=0.0, atol=ROUNDING * float(np.abs(again).max()))
@@ -67,7 +68,7 @@ def unequal(again: Any, data: Any, path: str) -> str | None:
             )
         parts = ((unequal(a, b, f"{path}[{k}]")) for k, (a, b) in enumerate(zip(again, data, strict=True)))
         return next((found for found in parts if found is not None), None)
-    if _is_number(again) and _is_number(data):
+    if is_plain_number(again) and is_plain_number(data):
         return None if abs(again - data) <= ROUNDING * abs(again) else path
     return None if type(again) is type(data) and again == data else path
 
@@ -94,17 +95,6 @@ def _infinite(data: Any) -> Any:
     return np.inf if data is None else data
 
 
-def plain(value: Any) -> Any:
-    """Arrays and tuples as lists, dictionaries part by part; None stands for an infinite number."""
-    if isinstance(value, dict):
-        return {name: plain(entry) for name, entry in value.items()}
-    if isinstance(value, tuple | list):
-        return [plain(entry) for entry in value]
-    if isinstance(value, np.ndarray | np.generic):
-        return plain(value.tolist())
-    return None if isinstance(value, float) and not np.isfinite(value) else value
-
-
 def not_finite(data: Any, path: str) -> str | None:
     """Return the path where the data hold NaN, infinity, an integer beyond any float, or a truth value in a list; None
     if nowhere.
@@ -127,10 +117,6 @@ def _not_finite(data: Any) -> str | None:
         if found is not None:
             return f".{name}{found}"
     return None
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 INFINITE, NUMBER = "infinite", "number"  # NUMBER: an array without axes
@@ -194,10 +180,10 @@ def _refuse(constant: str) -> None:
 def attributes(value: Any, names: str) -> dict[str, Any]:
     """Return attributes by name as plain values: "key", or "key=attribute" (also "key=part.attribute")."""
     parts = (name.partition("=") for name in names.split())
-    return {key: written(attrgetter(attribute or key)(value)) for key, _, attribute in parts}
+    return {key: plain(attrgetter(attribute or key)(value)) for key, _, attribute in parts}
 
 
-def written(value: Any) -> Any:
+def plain(value: Any) -> Any:
     """Return plain values: dictionaries of records and named tuples, lists of arrays; None for what is not finite."""
     if isinstance(value, float):
         return float(value) if math.isfinite(value) else None
@@ -205,7 +191,7 @@ def written(value: Any) -> Any:
         return value
     if isinstance(value, np.ndarray | np.generic):
         whole = value.dtype.kind != "f" or bool(np.isfinite(value).all())
-        return value.tolist() if whole else written(value.tolist())
+        return value.tolist() if whole else plain(value.tolist())
     if hasattr(value, "to_dict"):
         return value.to_dict()
     if hasattr(value, "_asdict"):
@@ -213,8 +199,8 @@ def written(value: Any) -> Any:
     elif is_dataclass(value):
         value = {field.name: getattr(value, field.name) for field in fields(value)}
     if isinstance(value, Mapping):
-        return {name: written(part) for name, part in value.items()}
-    return [written(part) for part in value]
+        return {name: plain(part) for name, part in value.items()}
+    return [plain(part) for part in value]
 
 
 def parts_of(

@@ -99,10 +99,10 @@ class _Builder:
             self.root = value
             return
         container, key = self.stack[-1]
-        if isinstance(container, list):
+        if is_list(container):
             container.append(value)
         elif not key:
-            if isinstance(value, list | dict):
+            if is_list(value) or is_map(value):
                 raise InputError(f"{self.name}, line {line}: expected a name as key, got a list or a map.")
             key.append(str(value))
         else:
@@ -218,7 +218,7 @@ def _xml(text: str, name: str) -> Any:
         problem = expat.errors.messages[error.code]
         raise InputError(f"{name}, line {error.lineno}: not XML: {problem}.") from error
     content = stack[0][1][0][1]
-    return content if isinstance(content, dict) else root
+    return content if is_map(content) else root
 
 
 def _words(text: str) -> Any:
@@ -230,9 +230,34 @@ def _words(text: str) -> Any:
     return text.strip().removeprefix('"').removesuffix('"')
 
 
+def fields_of(value: Any) -> dict[Any, Any]:
+    """Return the entries of a map; none of anything else."""
+    return value if isinstance(value, dict) else {}
+
+
+def items_of(value: Any) -> list[Any]:
+    """Return the items of a list; none of anything else."""
+    return value if isinstance(value, list) else []
+
+
+def is_map(value: Any) -> bool:
+    """Return whether a value is a map, also an empty one."""
+    return fields_of(value) is value
+
+
+def is_list(value: Any) -> bool:
+    """Return whether a value is a list, also an empty one."""
+    return items_of(value) is value
+
+
+def is_plain_number(value: Any) -> bool:
+    """Return whether a value is a number, and not true or false."""
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
 def got(value: Any) -> str:
     """Describe the value that was received, in few words."""
-    if isinstance(value, dict):
+    if is_map(value):
         return f"the keys {short(', '.join(map(str, value)))}"
     if isinstance(value, list | tuple):
         return f"a list of {len(value)}"
@@ -241,7 +266,7 @@ def got(value: Any) -> str:
 
 def number(value: Any, where: str) -> float:
     """A finite number."""
-    if isinstance(value, bool) or not isinstance(value, int | float):
+    if not is_plain_number(value):
         raise InputError(f"{where}: expected a number, got {got(value)}.")
     try:
         result = float(value)
@@ -256,7 +281,7 @@ def number(value: Any, where: str) -> float:
 
 def item(value: Any, key: str, where: str) -> Any:
     """``value[key]`` of a map."""
-    if not isinstance(value, dict):
+    if not is_map(value):
         raise InputError(f"{where}: expected a map with {key}, got {got(value)}.")
     if key not in value:
         raise InputError(f"{where}: expected the field {key}, got {got(value)}.")
@@ -265,7 +290,7 @@ def item(value: Any, key: str, where: str) -> Any:
 
 def vector(value: Any, size: int, where: str) -> list[float]:
     """Check and return a list of ``size`` finite numbers."""
-    if not isinstance(value, list) or len(value) != size:
+    if not is_list(value) or len(value) != size:
         raise InputError(f"{where}: expected a list of {size} numbers, got {got(value)}.")
     return [number(entry, f"{where}[{k}]") for k, entry in enumerate(value)]
 
@@ -276,9 +301,9 @@ _TRANSFORM = ("translation", "rotation")
 def transform(value: Any, where: str) -> list[float]:
     """x, y, z and the quaternion x, y, z, w of a ``geometry_msgs/Transform`` or ``Pose``, stamped or not."""
     for outer in ("transform", "pose"):
-        if isinstance(value, dict) and outer in value and not {"translation", "position"} & set(value):
+        if outer in fields_of(value) and not {"translation", "position"} & set(value):
             return transform(value[outer], f"{where}, {outer}")
-    names = ("position", "orientation") if isinstance(value, dict) and "position" in value else _TRANSFORM
+    names = ("position", "orientation") if "position" in fields_of(value) else _TRANSFORM
     numbers: list[float] = []
     for part, axes in zip(names, ("xyz", "xyzw"), strict=True):
         fields = item(value, part, where)
@@ -288,9 +313,9 @@ def transform(value: Any, where: str) -> list[float]:
 
 def matrix(value: Any, where: str) -> Array:
     """A 4x4 matrix: four rows of four numbers, or 16 numbers row by row."""
-    if isinstance(value, list) and len(value) == 16:
+    if len(items_of(value)) == 16:
         return np.array(vector(value, 16, where)).reshape(4, 4)
-    if not isinstance(value, list) or len(value) != 4:
+    if len(items_of(value)) != 4:
         raise InputError(f"{where}: expected a 4x4 matrix, got {got(value)}.")
     return np.array([vector(row, 4, f"{where}[{k}]") for k, row in enumerate(value)])
 

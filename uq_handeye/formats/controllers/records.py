@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 
 from ...core.files.lines import MAX_LINE, MAX_ROWS
+from ...core.files.trees import fields_of, is_map, is_plain_number, items_of
 from ...core.geometry.se3 import Array
 from ...errors import InputError
 from ..contents import Contents, Side, matrices_side
@@ -52,16 +53,12 @@ def entries_of(tree: Any) -> tuple[Any, str]:
     A single pose; columns by their names (``{"x": [...], "y": [...]}``, also with numbered rows as pandas writes them);
     one list of poses among other entries, whatever its name. Any other tree is returned as it is.
     """
-    if not isinstance(tree, dict):
+    if not is_map(tree):
         return tree, ""
     if is_records([tree]):
         return [tree], ""
-    columns = {
-        str(key): list(value.values()) if isinstance(value, dict) else value
-        for key, value in tree.items()
-        if isinstance(value, list | dict) and value
-    }
-    columns = {key: found.tolist() for key, value in columns.items() if (found := _vector(value)) is not None}
+    whole = {str(key): list(fields_of(value).values()) or value for key, value in tree.items()}
+    columns = {key: found.tolist() for key, value in whole.items() if (found := _vector(value)) is not None}
     if is_pose_header(tuple(columns)) and len({len(column) for column in columns.values()}) == 1:
         return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)], ""
     lists = {str(key): value for key, value in tree.items() if is_records(value)}
@@ -78,7 +75,8 @@ def _vector(value: Any) -> Array | None:
 
 def is_records(values: Any) -> bool:
     """Return whether a list holds one pose per map."""
-    return isinstance(values, list) and bool(values) and isinstance(values[0], dict) and _row(values[0]) is not None
+    first = next(iter(items_of(values)), None)
+    return is_map(first) and _row(first) is not None
 
 
 def records_side(values: list[Any], name: str) -> Side | None:
@@ -86,7 +84,7 @@ def records_side(values: list[Any], name: str) -> Side | None:
 
     Raises `InputError` for poses that are wrong.
     """
-    rows = [_row(entry) if isinstance(entry, dict) else None for entry in values]
+    rows = [_row(entry) if is_map(entry) else None for entry in values]
     first = rows[0]
     if first is None or any(row is None or row[0] != first[0] or len(row[1]) != len(first[1]) for row in rows):
         return None
@@ -101,10 +99,10 @@ def records_side(values: list[Any], name: str) -> Side | None:
 def _axis_and_angle(entry: dict[str, Any]) -> list[float] | None:
     """Return ``{"Rotation": {"Angle": a, "Axis": [x, y, z]}}``, as Ensenso writes it, as a rotation vector."""
     for value in entry.values():
-        parts = {str(key).lower(): part for key, part in value.items()} if isinstance(value, dict) else {}
+        parts = {str(key).lower(): part for key, part in fields_of(value).items()}
         axis, angle = numbers_of(parts.get("axis")), parts.get("angle")
-        if axis is not None and axis.shape == (3,) and isinstance(angle, int | float) and np.linalg.norm(axis) > 0:
-            return (float(angle) * axis / np.linalg.norm(axis)).tolist()  # type: ignore[no-any-return]
+        if axis is not None and axis.shape == (3,) and is_plain_number(angle) and np.linalg.norm(axis) > 0:
+            return [float(part) for part in angle * axis / np.linalg.norm(axis)]
     return None
 
 
@@ -118,7 +116,7 @@ def _row(entry: dict[str, Any]) -> tuple[tuple[str, ...], list[float]] | None:
     if turned is not None:
         lists["rotvec"] = turned
     for key in _POSES:
-        if len(lists.get(key, [])) in (6, 7) and not isinstance(lists[key][0], list):
+        if np.shape(lists.get(key, [])) in ((6,), (7,)):
             return (), lists[key]
     if set(lists) == {"matrix"} and np.shape(lists["matrix"]) == (4, 4):
         return ("matrix",), np.ravel(lists["matrix"]).tolist()
@@ -141,8 +139,8 @@ def _row(entry: dict[str, Any]) -> tuple[tuple[str, ...], list[float]] | None:
                 return (), [*t, *lists[key]]
     named: dict[str, float] = {} if position is None else dict(zip("xyz", t, strict=True))
     for key, value in entry.items():
-        for inner, number in value.items() if isinstance(value, dict) else [("", value)]:
-            if isinstance(number, int | float) and not isinstance(number, bool):
+        for inner, number in value.items() if is_map(value) else [("", value)]:
+            if is_plain_number(number):
                 named[f"{key}.{inner}" if inner else str(key)] = float(number)
     return (tuple(named), list(named.values())) if is_pose_header(tuple(named)) else None
 

@@ -13,7 +13,7 @@ import numpy as np
 from ...core.files.atomic import write_atomically
 from ...core.files.open import StrPath, as_path, shown
 from ...core.geometry.conventions import TOOLKIT
-from ...errors import InputError
+from ...errors import InputError, require_one_of
 from ..controllers.forms import CONTROLLERS, WRITTEN, written_poses
 from ..opencv_storage import matrix_lines, yaml_number
 from .snippets import (
@@ -272,8 +272,7 @@ def format_of(path: StrPath, format: str | None, known: tuple[str, ...]) -> tupl
                 f"{', '.join(known)}."
             )
         format = _SUFFIXES[suffix][0]
-    if not isinstance(format, str) or format not in known:
-        raise InputError(f"Expected `format` (--format) to be one of {', '.join(known)}, got {format!r}.")
+    require_one_of("format", format, known, "--format")
     if format not in _SUFFIXES.get(suffix, (format,)):
         ends = " or ".join(end for end, names in _SUFFIXES.items() if format in names)
         raise InputError(f"Expected a file of the format {format} to end in {ends}, got {shown(target)}.")

@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.files.many import natural
-from ...core.files.trees import got
+from ...core.files.trees import got, is_list, is_map, is_plain_number, items_of
 from ...core.geometry.se3 import Array
 from ...errors import InputError
 from ..contents import NORM_TOLERANCE, Contents, Reading, Side, matrices_side
@@ -239,7 +239,7 @@ def numbers_of(value: Any) -> Array | None:
     """Lists of numbers as an array, or None for anything else."""
     shape: list[int] = []
     level = [value]
-    while all(isinstance(entry, list) for entry in level) and len(shape) < 4:
+    while all(map(is_list, level)) and len(shape) < 4:
         lengths = {len(entry) for entry in level}
         if len(lengths) != 1 or lengths == {0}:
             return None
@@ -247,7 +247,7 @@ def numbers_of(value: Any) -> Array | None:
         level = [inner for entry in level for inner in entry]
         if len(level) > MOST:
             return None
-    if not shape or not all(isinstance(entry, int | float) and not isinstance(entry, bool) for entry in level):
+    if not shape or not all(map(is_plain_number, level)):
         return None
     return np.array(level, dtype=float).reshape(shape)
 
@@ -257,7 +257,7 @@ def matrices_of(tree: Any) -> tuple[Array, str] | None:
     values = numbers_of(tree)
     if values is not None:
         return (values, "") if _are_matrices(values) else None
-    if isinstance(tree, dict):
+    if is_map(tree):
         found = {str(key): one for key, value in tree.items() if (one := matrices_of(value)) is not None}
         if len(found) == 1:
             ((key, (values, below)),) = found.items()
@@ -267,7 +267,7 @@ def matrices_of(tree: Any) -> tuple[Array, str] | None:
             keys = sorted(found, key=natural)
             return _stacked([found[key][0] for key in keys], f"{keys[0]} to {keys[-1]}")
         return None
-    if isinstance(tree, list) and tree and all(isinstance(entry, dict) for entry in tree):
+    if items_of(tree) and all(map(is_map, tree)):
         each = [matrices_of(entry) for entry in tree]
         names = {None if one is None else one[1] for one in each}
         if len(names) == 1 and None not in names:
@@ -280,7 +280,7 @@ def listed(tree: Any) -> Any:
 
     The pose vector of ViSP (``vpPoseVector::saveYAML``: six rows, metres and rotation vector) becomes one by names.
     """
-    if not isinstance(tree, dict):
+    if not is_map(tree):
         return tree
     vector = numbers_of(tree["data"]) if set(tree) == {"rows", "cols", "data"} else None
     if vector is not None and vector.shape == (6, 1):
@@ -288,7 +288,7 @@ def listed(tree: Any) -> Any:
         return [{"translation": values[:3], "rotvec": values[3:]}]
     stems: dict[str, list[str]] = {}
     for key, value in tree.items():
-        if isinstance(value, dict) and (match := _NUMBERED.fullmatch(str(key))) is not None:
+        if is_map(value) and (match := _NUMBERED.fullmatch(str(key))) is not None:
             stems.setdefault(match[1].rstrip("_- [("), []).append(key)
     lists = {
         stem: [tree[key] for key in sorted(keys, key=natural)]

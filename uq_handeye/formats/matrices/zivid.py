@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from ...core.files.trees import got, number, parse_tree
+from ...core.files.trees import fields_of, got, is_list, number, parse_tree
 from ...errors import InputError
 from ..contents import Contents, Reading, matrices_side
 from ..opencv_storage import stack
@@ -37,15 +37,15 @@ def is_zivid(head: str) -> bool:
 def read_zivid(text: str, name: str) -> Contents:
     """Return the pose of a file."""
     tree: Any = parse_tree(text.encode(), name)
-    key = next((key for key in _KEYS if isinstance(tree, dict) and key in tree), None)
+    key = next((key for key in _KEYS if key in fields_of(tree)), None)
     if key is None:
         raise InputError(f"{name}: expected FloatMatrix or PoseState (docs/formats.md, Zivid), got {got(tree)}.")
     value, where = tree[key], f"{name}, {key}"
     if key == "FloatMatrix":
-        if not isinstance(value, dict) or "Data" not in value:
+        if "Data" not in fields_of(value):
             raise InputError(f"{where}: expected Data with a matrix 4x4, got {got(value)}.")
         data, where = value["Data"], f"{where}, Data"
-        flat = [entry for row in data for entry in (row if isinstance(row, list) else [row])] if data else []
+        flat = [entry for row in data for entry in (row if is_list(row) else [row])] if data else []
         numbers = np.array([number(entry, where) for entry in flat])
     else:
         numbers = stack(value, where).reshape(-1)

@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 
 from ...core.files.lines import short
-from ...core.files.trees import got, item, matrix, transform
+from ...core.files.trees import fields_of, got, is_list, is_map, item, items_of, matrix, transform
 from ...errors import InputError
 from ..contents import Contents, Side, matrices_side
 
@@ -36,32 +36,32 @@ FIELDS = ("timestamp", *(f"translation.{a}" for a in "xyz"), *(f"rotation.{a}" f
 def read_easy_handeye2(tree: Any, name: str) -> Contents:
     """``samples: [{robot, tracking}, ...]``, with ``parameters``; or the list only."""
     _refuse_result(tree, name)
-    samples = tree if isinstance(tree, list) else item(tree, "samples", name)
-    if not isinstance(samples, list) or not samples:
+    samples = tree if is_list(tree) else item(tree, "samples", name)
+    if not items_of(samples):
         raise InputError(f"{name}, samples: expected a list of samples, got {got(samples)}.")
     parts = [
         [transform(item(sample, part, f"{name}, sample {k}"), f"{name}, sample {k}, {part}") for part in _parts(sample)]
         for k, sample in enumerate(samples)
     ]
-    return _contents(np.array(parts), None if isinstance(tree, list) else tree.get("parameters"), name)
+    return _contents(np.array(parts), fields_of(tree).get("parameters"), name)
 
 
 def _parts(sample: Any) -> tuple[str, str]:
     """The names of both sides; easy_handeye calls the tracking ``optical`` within its server."""
-    old = isinstance(sample, dict) and "optical" in sample and "tracking" not in sample
+    old = "optical" in fields_of(sample) and "tracking" not in sample
     return "robot", "optical" if old else "tracking"
 
 
 def read_easy_handeye(tree: Any, name: str) -> Contents:
     """``hand_world_samples`` and ``camera_marker_samples``, also below ``samples``."""
     _refuse_result(tree, name)
-    lists = tree["samples"] if isinstance(tree, dict) and isinstance(tree.get("samples"), dict) else tree
+    lists = fields_of(fields_of(tree).get("samples")) or tree
     sides = []
     for part in ("hand_world_samples", "camera_marker_samples"):
         values = item(lists, part, name)
-        if isinstance(values, dict) and "transforms" in values:  # visp_hand2eye_calibration/TransformArray
+        if "transforms" in fields_of(values):  # visp_hand2eye_calibration/TransformArray
             values = values["transforms"]
-        if not isinstance(values, list) or not values:
+        if not items_of(values):
             raise InputError(f"{name}, {part}: expected a list of transforms, got {got(values)}.")
         sides.append([transform(value, f"{name}, {part}, sample {k}") for k, value in enumerate(values)])
     if len(sides[0]) != len(sides[1]):
@@ -74,7 +74,7 @@ def read_easy_handeye(tree: Any, name: str) -> Contents:
 
 
 def _refuse_result(tree: Any, name: str) -> None:
-    if isinstance(tree, dict) and {"transform", "transformation"} & set(tree):
+    if {"transform", "transformation"} & set(fields_of(tree)):
         raise InputError(
             f"{name} is a result of easy_handeye, one transform; expected its samples (easy_handeye2: the button Save "
             "samples writes NAME.samples; easy_handeye: rosservice call .../get_sample_list > samples.yaml)."
@@ -90,7 +90,7 @@ def _contents(parts: Any, parameters: Any, name: str) -> Contents:
 
 
 def _setup(parameters: Any, name: str) -> tuple[str | None, list[str]]:
-    if not isinstance(parameters, dict):
+    if not is_map(parameters):
         return None, []
     notes = []
     frames = [f"{key} {short(str(parameters[key]))}" for key in FRAMES if parameters.get(key)]
@@ -112,9 +112,9 @@ NAMES = ("effector_wrt_world", "object_wrt_sensor")
 
 def read_moveit(tree: Any, name: str) -> Contents:
     """The samples of a tree."""
-    if isinstance(tree, dict) and "joint_values" in tree:
+    if "joint_values" in fields_of(tree):
         raise InputError(f"{name} holds joint states; expected the samples, which MoveIt saves by 'Save samples'.")
-    if not isinstance(tree, list) or not tree:
+    if not items_of(tree):
         raise InputError(f"{name}: expected a list of samples with {' and '.join(NAMES)}, got {got(tree)}.")
     sides = [
         np.array(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from ...core.geometry.se3 import Array
-from ...errors import InputError
+from ...errors import InputError, among
 from ..procrustes.limit import solve_4dpa
 from . import (
     andreff,
@@ -56,11 +56,11 @@ ROBOT_WORLD_METHODS: dict[str, RobotWorldMethod] = {module.METHOD.name: module.M
 
 def find(name: Any) -> Method:
     """The method of that name, or an `InputError` that lists the names."""
-    if isinstance(name, str) and name in ROBOT_WORLD_METHODS:
+    if among(name, ROBOT_WORLD_METHODS):
         raise InputError(
             f"Method {name!r} solves G X C = W on poses: call calibrate() or ROBOT_WORLD_METHODS[{name!r}]."
         )
-    if not isinstance(name, str) or name not in METHODS:
+    if not among(name, METHODS):
         known = ", ".join(METHODS)
         on_poses = " or ".join(ROBOT_WORLD_METHODS)
         raise InputError(f"Expected `method` to be one of {known} (or {on_poses}, on poses), got {name!r}.")

@@ -32,7 +32,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...core.geometry.checks import CHUNK, as_numbers, as_transforms, entry_rows, surely_transforms
+from ...core.geometry.checks import CHUNK, as_numbers, as_transforms, entry_rows, is_number, surely_transforms
 from ...core.geometry.nearest_rotation import orthonormalise
 from ...core.geometry.se3 import Array
 from ...core.runtime.workspace import scratch
@@ -203,8 +203,7 @@ class Scaled(NamedTuple):
 
 
 def check_scale(scale: float) -> None:
-    number = isinstance(scale, int | float | np.number) and not isinstance(scale, bool)
-    if not (number and np.isfinite(scale) and scale > 0):
+    if not (is_number(scale) and np.isfinite(scale) and scale > 0):
         raise InputError(f"Expected `scale` to be a positive number or None, got {scale!r}.")
 
 

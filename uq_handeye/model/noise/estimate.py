@@ -13,6 +13,7 @@ import numpy as np
 
 from ...core.files.records import Record, parts_of, read
 from ...core.formatting.units import parse_angle, parse_length
+from ...core.geometry.checks import is_number
 from ...core.geometry.se3 import Array
 from ...errors import InputError
 from ...findings import Finding
@@ -56,7 +57,7 @@ class NoisePrior:
     factor: float = 2.0
 
     def __post_init__(self) -> None:
-        if isinstance(self.factor, bool) or not isinstance(self.factor, int | float) or not 1 <= self.factor < 1e6:
+        if not is_number(self.factor) or not 1 <= self.factor < 1e6:
             raise InputError(
                 f"Expected `factor` of the noise prior to be a number >= 1 (1 fixes the values), got {self.factor!r}."
             )

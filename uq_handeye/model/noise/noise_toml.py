@@ -22,7 +22,7 @@ import numpy as np
 
 from ...core.files.open import StrPath, as_path, opened, shown
 from ...core.formatting.units import parse_deviations
-from ...core.geometry.checks import checked_covariance
+from ...core.geometry.checks import checked_covariance, is_number
 from ...core.geometry.se3 import Array
 from ...errors import InputError
 from .models import PairNoise, PoseNoise
@@ -101,7 +101,7 @@ def _covariance(table: str, content: Any, name: str) -> Array:
         for key in ("rotation", "translation"):
             if key not in content:
                 raise InputError(f"The key {key} is missing; {EXPECTED}.")
-            if not isinstance(content[key], str) and not _is_number(content[key]):
+            if not isinstance(content[key], str) and not is_number(content[key]):
                 raise InputError(f"Expected {key} to be text with a unit, or a number, got {_short(content[key])}.")
         rotation, translation = parse_deviations((content["rotation"], content["translation"]), f"[{table}]")
     except InputError as error:
@@ -116,12 +116,8 @@ def _require_numbers(value: Any) -> None:
     if isinstance(value, list):
         for item in value:
             _require_numbers(item)
-    elif not _is_number(value):
+    elif not is_number(value):
         raise InputError(f"Expected covariance to hold numbers (rad^2, rad m, m^2), got {_short(value)}.")
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def _short(value: Any) -> str:

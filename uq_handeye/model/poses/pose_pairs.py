@@ -29,7 +29,7 @@ from ...core.geometry.checks import as_numbers, as_transforms, first_duplicate
 from ...core.geometry.frames import SETUPS
 from ...core.geometry.se3 import Array, inverse
 from ...core.runtime.read_only import read_only
-from ...errors import InputError
+from ...errors import InputError, require_one_of
 from ...findings import Finding
 from ..noise.joint_covariance import JointCovariance
 from .timing import Timing
@@ -118,8 +118,7 @@ class PosePairs:
     findings: tuple[Finding, ...] = ()
 
     def __post_init__(self) -> None:
-        if not isinstance(self.setup, str) or self.setup not in SETUPS:
-            raise InputError(f"Expected `setup` to be one of {', '.join(SETUPS)}, got {self.setup!r}.")
+        require_one_of("setup", self.setup, SETUPS)
         robot, camera = _frozen(self.robot, "robot"), _frozen(self.camera, "camera")
         if robot.shape != camera.shape:
             raise InputError(

@@ -45,7 +45,7 @@ from scipy.special import chdtri
 from ...core.geometry.checks import as_numbers, as_transforms
 from ...core.geometry.nearest_rotation import orthonormalise
 from ...core.geometry.se3 import Array, left_jacobian, logarithm, perturb
-from ...errors import InputError
+from ...errors import InputError, require_one_of
 from ...methods.procrustes.limit import check_scale, se3_from_so4, so4_from_se3
 
 KINDS = ("so4", "geodesic")
@@ -57,8 +57,7 @@ FINE, BEFORE, AFTER, GAP, TURN = range(5)
 
 def check_kind(kind: str) -> None:
     """Raise `InputError` for anything but a name in KINDS."""
-    if not isinstance(kind, str) or kind not in KINDS:
-        raise InputError(f"Expected `interpolation` to be one of {', '.join(KINDS)}, got {kind!r}.")
+    require_one_of("interpolation", kind, KINDS)
 
 
 def interpolate(first: Array, second: Array, weight: Array, kind: str = "so4", scale: float | None = None) -> Array:

@@ -27,9 +27,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...core.files.source import Source
+from ...core.geometry.checks import is_number
 from ...core.geometry.frames import SETUPS
 from ...core.geometry.se3 import Array
-from ...errors import InputError, NotConvergedError, require_integer
+from ...errors import InputError, NotConvergedError, require_integer, require_one_of
 from ...findings import Finding, warn
 from ...model.noise.models import PoseNoise, is_joint
 from ...model.poses.pose_pairs import PosePairs, joint_values_at
@@ -148,12 +149,11 @@ def synchronise(
             )
         if len(value) < 3:
             raise InputError(f"Expected at least 3 poses in `{name}`, got {len(value)}.")
-    if setup not in SETUPS:
-        raise InputError(f"Expected `setup` to be one of {', '.join(SETUPS)}, got {setup!r}.")
+    require_one_of("setup", setup, SETUPS)
     check_kind(interpolation)
     _check_noise(noise)
     for number, name in ((max_offset, "max_offset"), (max_gap, "max_gap")):
-        if number is not None and not (_is_number(number) and number > 0):
+        if number is not None and not (is_number(number) and number > 0):
             raise InputError(f"Expected `{name}` to be a number of seconds above 0 or None, got {number!r}.")
     if not isinstance(still, bool | np.bool_):
         raise InputError(f"Expected `still` to be True or False, got {still!r}.")
@@ -466,17 +466,13 @@ def _prior(offset: object) -> tuple[float, float] | None:
     """Value and standard deviation (0: exact)."""
     if offset is None:
         return None
-    pair: Any = (offset, 0.0) if _is_number(offset) else offset
-    right = isinstance(pair, tuple | list) and len(pair) == 2 and all(_is_number(value) for value in pair)
+    pair: Any = (offset, 0.0) if is_number(offset) else offset
+    right = isinstance(pair, tuple | list) and len(pair) == 2 and all(map(is_number, pair))
     if not right or not np.isfinite(pair).all() or pair[1] < 0:
         raise InputError(
             f"Expected `offset` to be None, a number of seconds, or (value, standard deviation >= 0), got {offset!r}."
         )
     return float(pair[0]), float(pair[1])
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool) and value == value
 
 
 def _check_noise(noise: object) -> None:

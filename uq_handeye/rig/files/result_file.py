@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from ...core.files.records import attributes, damaged, not_finite, parts_of, unequal, written
+from ...core.files.records import attributes, damaged, not_finite, parts_of, plain, unequal
 from ...core.geometry.se3 import Array
 from ...errors import InputError
 from ...model.noise.pose_prior import PosePrior
@@ -34,7 +34,7 @@ def to_dict(result: Any, fields: tuple[str, ...]) -> dict[str, Any]:
     """Return the result as plain values: what follows for other programs first, then its fields."""
     found = {"format": FORMAT, **attributes(result, DERIVED)}
     for name in fields:
-        found[name] = rig_to_dict(result.rig) if name == _NAME else written(getattr(result, name))
+        found[name] = rig_to_dict(result.rig) if name == _NAME else plain(getattr(result, name))
     rejected = {
         "rejected": [[camera, target, moment] for camera, target, moment in result.rejected],
         "rejected_poses": [[arm, moment] for arm, moment in result.rejected_poses],

@@ -10,7 +10,7 @@ import numpy as np
 
 from ...._version import __version__
 from ....core.files.atomic import json_text, write_atomically
-from ....core.files.records import attributes, written
+from ....core.files.records import attributes, plain
 from ....core.geometry.conventions import CONVENTION
 from ....core.geometry.se3 import Array
 from ....core.presentation.document import COLUMNS, WIDTH, Document, to_text
@@ -223,9 +223,7 @@ class MonteCarlo(ReadOnlyArrays):
             **attributes(c, "mean_nees nees_interval"),
             "levels": list(LEVELS),
             **attributes(c, "coverage coverage_interval eigenvalues eigenvalue_interval likelihood_ratio kurtosis"),
-            "stability": None
-            if self.stability is None
-            else {**written(self.stability), "reason": self.stability.reason},
+            "stability": None if self.stability is None else {**plain(self.stability), "reason": self.stability.reason},
         }
 
     def to_json(self, path: str | Path | None = None) -> str:
