@@ -36,8 +36,7 @@ if _typing.TYPE_CHECKING:
     from .fit.one_model.noise_of_data import estimate_noise, estimate_robot_noise
     from .methods.estimators import METHODS, ROBOT_WORLD_METHODS, Method, solve
     from .methods.estimators.nguyen import nguyen
-    from .methods.procrustes.limit import se3_from_so4, so4_from_se3
-    from .methods.procrustes.registration import register
+    from .methods.procrustes.limit import register, se3_from_so4, so4_from_se3
     from .methods.procrustes.so4_covariances import octonion_covariance, paper_covariances, so4_covariance
     from .methods.propagation.propagate import propagate
     from .model.camera.board import Board, detect_board, tag_points
@@ -66,8 +65,7 @@ if _typing.TYPE_CHECKING:
     from .model.points.measured import PointSet, Target
     from .model.points.result import PointPoses
     from .model.poses.motions import Motions, relative_motions
-    from .model.poses.pose_pairs import PosePairs
-    from .model.poses.stream import Stream
+    from .model.poses.pose_pairs import PosePairs, Stream
     from .model.shared_errors.camera_noise import camera_noise
     from .model.shared_errors.shared_error import SharedError
     from .read import (
@@ -365,13 +363,12 @@ _LATER = {
         "Motions",
         "relative_motions",
     ),
-    "model.poses.pose_pairs": ("PosePairs",),
-    "model.poses.stream": ("Stream",),
+    "model.poses.pose_pairs": ("PosePairs", "Stream"),
     "methods.procrustes.limit": (
+        "register",
         "se3_from_so4",
         "so4_from_se3",
     ),
-    "methods.procrustes.registration": ("register",),
     "methods.procrustes.so4_covariances": (
         "octonion_covariance",
         "paper_covariances",

@@ -16,8 +16,8 @@ from uq_handeye.fit.likelihood.gauss_helmert import bound, efficient, maximum_li
 from uq_handeye.fit.likelihood.goodness_of_fit import goodness_of_fit
 from uq_handeye.fit.likelihood.robust import pose_distances
 from uq_handeye.model.noise.joint_covariance import JointCovariance
+from uq_handeye.model.noise.models import noise_from_dict, noise_to_dict
 from uq_handeye.model.noise.square_roots import cholesky_of, inverse_blocks, own_blocks, pulled, weighted, whiten
-from uq_handeye.model.noise.to_dict import noise_from_dict, noise_to_dict
 from uq_handeye.trials.simulation.rig import disturbed
 
 ROBOT = np.diag([1e-4, 1e-4, 1e-4, 2e-4, 2e-4, 2e-4]) ** 2

@@ -10,7 +10,7 @@ from ..findings import Finding
 from ..fit.likelihood.rig_bundle import Agreement, adjust_rig
 from ..model.noise.estimate import CAMERA_EXCESS
 from ..model.noise.models import PoseNoise
-from ..model.poses.residuals import residuals, summarise
+from ..model.poses.motions import residuals, summarise
 from .analysis import Analysis
 from .by_likelihood import by_likelihood
 from .job import Job

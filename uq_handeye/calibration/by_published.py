@@ -21,9 +21,8 @@ from ..methods.estimators.registry import ROBOT_WORLD_METHODS
 from ..methods.propagation.published_fit import Published, fit_published
 from ..model.noise.estimate import NoiseEstimate
 from ..model.noise.models import Noise, PairNoise, PoseNoise
-from ..model.poses.motions import Motions, relative_motions
+from ..model.poses.motions import Motions, Residuals, relative_motions, residuals, rotation_angles, summarise
 from ..model.poses.pose_pairs import PosePairs
-from ..model.poses.residuals import Residuals, residuals, rotation_angles, summarise
 from ..model.poses.timing import left_out_of
 from .job import Job
 from .result import Calibration

@@ -35,9 +35,8 @@ from ..fit.likelihood.shared_estimates import SharedEstimate
 from ..fit.one_model.points import OpenSizes
 from ..model.noise.estimate import FoundComponent, NoiseEstimate
 from ..model.noise.models import Noise
-from ..model.poses.motions import Motions
+from ..model.poses.motions import Motions, Residuals
 from ..model.poses.pose_pairs import PosePairs
-from ..model.poses.residuals import Residuals
 from ..model.poses.timing import TimeOffset
 from ..model.poses.to_dict import data_to_dict
 from ..model.posterior.posterior import Posterior

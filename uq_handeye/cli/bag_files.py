@@ -16,7 +16,7 @@ from .views import Views, camera_of
 
 if TYPE_CHECKING:
     from ..model.camera.adjustment.initial_guess import Minima
-    from ..model.poses.stream import Stream
+    from ..model.poses.pose_pairs import Stream
     from ..read.rosbag.info import CameraInfo
     from ..read.rosbag.recording import Recording
     from ..read.synchronisation.result import Synchronised

@@ -15,8 +15,7 @@ if TYPE_CHECKING:
     from ..model.noise.camera_noise import CameraNoise
     from ..model.noise.estimate import NoisePrior
     from ..model.noise.models import Noise, PoseNoise
-    from ..model.poses.pose_pairs import PosePairs, Selection
-    from ..model.poses.stream import Stream
+    from ..model.poses.pose_pairs import PosePairs, Selection, Stream
     from ..model.shared_errors.shared_error import SharedError
     from ..read.synchronisation.result import Synchronised
     from .pictures import Pictures

@@ -1,18 +1,38 @@
-"""Content of a pose file as a reader returns it, and its conversion to metres, matrices and one frame."""
+"""Content of a pose file as a reader returns it, and its conversion to metres, matrices and one frame.
+
+Rotations as numbers: quaternions, rotation vectors, Euler angles of any order, matrices.
+
+A form is a text: ``xyzw`` and ``wxyz`` (quaternions), ``rotvec-rad`` and ``rotvec-deg`` (rotation vectors), an order of
+axes with the unit of the angles, such as ``ZYX-deg`` or ``xyz-rad``, or, for matrices 3x3, ``matrix`` and
+``transposed``. The axes are those of SciPy's ``Rotation.from_euler``: capital letters rotate about the rotated axes
+(intrinsic), small letters about the fixed axes (extrinsic). ``ZYX`` with angles a, b, c is ``Rz(a) Ry(b) Rx(c)``, and
+so is ``xyz`` with c, b, a.
+
+Poses of a folder or a pattern with one file per pose, as if they stood in one file.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import Any
+import re
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from hashlib import sha256
+from itertools import product
+from pathlib import Path, PurePath
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
+from ..core.files.many import numbers_in
+from ..core.files.open import shown
+from ..core.files.source import Source
 from ..core.formatting.units import LENGTH_UNITS
 from ..core.geometry.checks import TOO_LONG, as_transforms, first_duplicate
 from ..core.geometry.se3 import Array, inverse
 from ..errors import InputError, among, require_one_of
-from .rotation_form import MATRICES, QUATERNIONS, RotationForm, rotation_form
 
 # The frames in which poses are used, and those that are inverted first.
 FRAMES = {"robot": ("base_T_gripper", "gripper_T_base"), "camera": ("camera_T_target", "target_T_camera")}
@@ -226,3 +246,170 @@ def check_numbers(side: Side) -> None:
         else:
             hint = "are the columns shifted, or are these Euler angles, a rotation vector or rounded numbers?"
         raise InputError(f"{where}: expected a unit quaternion, got the norm {norms[row]:.6g}: {hint}")
+
+
+QUATERNIONS = ("xyzw", "wxyz")
+MATRICES = ("matrix", "transposed")
+VECTORS = ("rotvec-rad", "rotvec-deg")
+# All orders of axes: no axis twice in a row.
+SEQUENCES = tuple(
+    "".join(axes)
+    for letters in ("XYZ", "xyz")
+    for axes in product(letters, repeat=3)
+    if axes[0] != axes[1] and axes[1] != axes[2]
+)
+
+_EULER = re.compile(r"([xyzXYZ]{3})-(deg|rad)")
+
+
+@dataclass(frozen=True)
+class RotationForm:
+    """One of the forms: its ``text``, how many ``numbers`` it has, 3, 4 or 9."""
+
+    text: str
+    numbers: int
+
+    def decode(self, values: Array) -> Array:
+        """Rotation matrices (n, 3, 3) of numbers (n, k), or of matrices (n, 3, 3)."""
+        if self.text in QUATERNIONS:
+            return _matrices(Rotation.from_quat(values, scalar_first=self.text == "wxyz"))
+        if self.text in MATRICES:
+            return values if self.text == "matrix" else np.swapaxes(values, -1, -2)
+        if self.text in VECTORS:
+            return _matrices(Rotation.from_rotvec(values, degrees=self.degrees))
+        return _matrices(Rotation.from_euler(cast(Any, self.sequence), values, degrees=self.degrees))
+
+    def encode(self, R: Array) -> Array:
+        """Numbers (n, k) of rotation matrices (n, 3, 3), or matrices; a quaternion has a scalar of at least 0."""
+        rotation = Rotation.from_matrix(R)
+        if self.text in QUATERNIONS:
+            return np.asarray(rotation.as_quat(canonical=True, scalar_first=self.text == "wxyz"))
+        if self.text in MATRICES:
+            return R if self.text == "matrix" else np.swapaxes(R, -1, -2)
+        if self.text in VECTORS:
+            return np.asarray(rotation.as_rotvec(degrees=self.degrees))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # gimbal lock: SciPy sets the third angle to 0, which is right
+            return np.asarray(rotation.as_euler(cast(Any, self.sequence), degrees=self.degrees))
+
+    @property
+    def degrees(self) -> bool:
+        """True for angles and rotation vectors in degrees."""
+        return self.text.endswith("-deg")
+
+    @property
+    def sequence(self) -> str:
+        """The order of the axes of Euler angles; empty for other forms."""
+        match = _EULER.fullmatch(self.text)
+        return "" if match is None else match[1]
+
+
+def rotation_form(text: Any) -> RotationForm:
+    """Return the form of a text; raises `InputError` for any other text."""
+    if isinstance(text, str):
+        if text in QUATERNIONS:
+            return RotationForm(text, 4)
+        if text in MATRICES:
+            return RotationForm(text, 9)
+        if text in VECTORS or ((match := _EULER.fullmatch(text)) is not None and match[1] in SEQUENCES):
+            return RotationForm(text, 3)
+    hint = ""
+    if isinstance(text, str):
+        if text in SEQUENCES or text == "rotvec":
+            hint = f"; add the unit of the angles: {text}-deg or {text}-rad"
+        elif text.lower() in ("rpy-deg", "rpy-rad"):
+            hint = f"; roll, pitch, yaw are xyz{text[3:].lower()}"
+    raise InputError(
+        "Expected `rotation` (--rotation) to be an order of Euler angles with its unit (ZYX-deg: rotated "
+        f"axes; xyz-rad: fixed axes), rotvec-rad, rotvec-deg, xyzw, wxyz, matrix or transposed, got {text!r}{hint}."
+    )
+
+
+def _matrices(rotation: Any) -> Array:
+    return np.asarray(rotation.as_matrix())
+
+
+def joined_contents(
+    name: str, paths: Sequence[Path], parts: Sequence[tuple[Contents, Source]], left: Sequence[str] = ()
+) -> tuple[Contents, Source]:
+    """The contents of several files as one, in their order; ``left`` are notes of what is not among them.
+
+    Raises `InputError` for a file that holds more than one pose, and for files of different formats, units or sides, by
+    the first name that differs.
+    """
+    contents, sources = zip(*parts, strict=True)
+    for path, one, source in zip(paths, contents, sources, strict=True):
+        if any((n := len(getattr(one, role))) != 1 for role in _sides_of(one)):
+            raise InputError(
+                f"Expected one pose in each file of the folder or pattern {name}, got {n} in {shown(path)}. Give a "
+                "file of several poses by its own name."
+            )
+        same = source.format == sources[0].format and one.setup == contents[0].setup
+        if not same or _sides_of(one) != _sides_of(contents[0]):
+            raise InputError(
+                f"{shown(path)} ({source.format}) is not like {shown(paths[0])} ({sources[0].format}): expected "
+                f"files of one format, side and setup in {name}."
+            )
+    total = sha256()
+    for source in sources:
+        total.update(bytes.fromhex(source.sha256))
+    notes = list(dict.fromkeys(note for source in sources for note in source.notes))[:5]
+    notes += left
+    notes.append(f"{len(paths)} files, {shown(Path(paths[0].name))} to {shown(Path(paths[-1].name))}, by their names")
+    source = Source(
+        shown(Path(Path(name).name)),
+        sources[0].format,
+        sum(source.size for source in sources),
+        total.hexdigest(),
+        tuple(notes),
+    )
+    joined = {role: _joined(name, paths, [getattr(one, role) for one in contents]) for role in _sides_of(contents[0])}
+    return replace(contents[0], **joined, notes=tuple(notes)), source
+
+
+def _sides_of(contents: Contents) -> list[str]:
+    return [role for role in ("robot", "camera", "only") if getattr(contents, role) is not None]
+
+
+def _joined(name: str, paths: Sequence[Path], sides: Sequence[Side]) -> Side:
+    first = sides[0]
+    for path, side in zip(paths, sides, strict=True):
+        if side.rotation.shape[1:] != first.rotation.shape[1:] or (side.order, side.units, side.frame) != (
+            first.order,
+            first.units,
+            first.frame,
+        ):
+            raise InputError(
+                f"{shown(path)} is not like {shown(paths[0])}: other units, frames or numbers of rotations."
+            )
+    # Of several readings those are left that hold for every file.
+    readings = tuple(reading for reading in first.readings if all(reading in side.readings for side in sides))
+    if first.readings and not readings:
+        raise InputError(f"The files of {name} leave no common reading of the rotations. Give --robot-format.")
+    times = [side.timestamps for side in sides if side.timestamps is not None]
+    stamps = np.concatenate(times) if len(times) == len(sides) else None
+    if stamps is not None and first_duplicate(stamps) is not None:  # each file counts from 0
+        stamps = None
+    return replace(
+        first,
+        name=name,
+        translation=np.concatenate([side.translation for side in sides]),
+        rotation=np.concatenate([side.rotation for side in sides]),
+        timestamps=stamps,
+        rows=None,
+        readings=readings,
+        labels=tuple(shown(Path(path.name)) for path in paths),
+        numbers=numbers_in(path.name for path in paths),
+    )
+
+
+def conversion(name: str, load: str) -> str:
+    """Return the sentence with the Python line that converts a trusted file, which is FILE in ``load``."""
+    path = PurePath(name.partition(", ")[0])
+    module = load.partition(".")[0]
+    imports = "numpy as np" if "np." in load else f"{module}, numpy as np"
+    target = path.stem + ("_poses.npy" if path.suffix == ".npy" else ".npy")
+    return (
+        f"If you trust it, convert it: import {imports}; "
+        f"np.save('{target}', np.array({load.replace('FILE', repr(path.name))}, dtype=float))"
+    )

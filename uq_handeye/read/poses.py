@@ -20,12 +20,10 @@ from ..core.geometry.frames import SETUPS
 from ..core.geometry.se3 import Array
 from ..errors import InputError, InputWarning, among, require_one_of
 from ..findings import Finding
-from ..formats.contents import FRAMES, Contents, Side, finished
+from ..formats.contents import FRAMES, QUATERNIONS, Contents, Side, finished, rotation_form
 from ..formats.csv_poses import warn_if_back
 from ..formats.detect import read_contents
-from ..formats.rotation_form import QUATERNIONS, rotation_form
-from ..model.poses.pose_pairs import PosePairs
-from ..model.poses.stream import Stream
+from ..model.poses.pose_pairs import PosePairs, Stream
 from .joints import Joints, give_joints, joints_of
 from .known_camera import KnownCamera, known_camera
 from .matching import check_rows, match_times, warn_if_swapped

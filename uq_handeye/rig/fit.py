@@ -30,8 +30,8 @@ from ..core.geometry.se3 import Array, left_jacobian, logarithm, perturb
 from ..errors import DegenerateMotionError, NotConvergedError
 from ..fit.likelihood.gauss_helmert import CLOSED_FORM_STEPS, MOST_STEPS, ROUNDING, STEP
 from ..fit.likelihood.open_directions import SIGNAL, UNDETERMINED
+from ..model.noise.joint_covariance import checked_cholesky
 from ..model.noise.models import factor
-from ..model.noise.triangular import checked_cholesky
 from .graph import Batch, Graph, Sides
 from .noise import RigNoise
 

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from ...core.geometry.se3 import Array
 from ...findings import Finding
+from ...model.poses.motions import rotation_angles
 from ...model.poses.pose_pairs import PosePairs
-from ...model.poses.residuals import rotation_angles
 from .board_rotation import LARGE_ROTATION, consistency
 from .misread_files import FITS
 

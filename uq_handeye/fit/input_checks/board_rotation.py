@@ -24,8 +24,8 @@ from ...errors import DegenerateMotionError, InputError, InputWarning
 from ...methods.procrustes.limit import solve_limit
 from ...model.camera.board import Board, listed
 from ...model.camera.result import CameraCalibration
+from ...model.poses.motions import pose_residuals
 from ...model.poses.pose_pairs import PosePairs
-from ...model.poses.residuals import pose_residuals
 
 _log = logging.getLogger("uq_handeye")
 

@@ -32,8 +32,8 @@ from ...core.geometry.se3 import Array
 from ...core.runtime.read_only import ReadOnlyArrays
 from ...errors import DegenerateMotionError, InputError
 from ...findings import Finding
+from ...model.poses.motions import rotation_angles
 from ...model.poses.pose_pairs import PosePairs
-from ...model.poses.residuals import rotation_angles
 from ..likelihood.consensus import consensus, misfit
 from ..likelihood.constraint import OnPoses, Unknowns
 

@@ -17,7 +17,7 @@ import numpy as np
 from ...core.formatting.units import LENGTH_UNITS
 from ...core.geometry.se3 import Array
 from ...errors import InputError
-from ..rotation_form import rotation_form
+from ..contents import rotation_form
 
 # Tables of many makers in one place; each convention was compared with the maker's words where these are public.
 _POSE_FORMATS = "rc_visard manual, appendix Pose formats (docs.baslerweb.com/stereovisard)"

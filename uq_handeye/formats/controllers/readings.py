@@ -15,8 +15,7 @@ import numpy as np
 
 from ...core.geometry.se3 import Array
 from ...errors import InputError
-from ..contents import Contents, Reading, Side
-from ..rotation_form import rotation_form
+from ..contents import Contents, Reading, Side, rotation_form
 from .forms import CONTROLLERS, PoseForm
 
 # Translations: all below the first are in m, some beyond the second in mm; between them both may be.

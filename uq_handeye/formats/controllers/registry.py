@@ -9,9 +9,8 @@ from functools import lru_cache
 
 from ..columns import seconds_of
 from ..contents import COLUMNS, Contents
-from ..csv_poses import is_csv_header
+from ..csv_poses import is_csv_header, names_order
 from ..number_table import number_of
-from ..tum import names_order
 from .forms import CONTROLLERS
 from .programs import (
     has_braces,

@@ -19,9 +19,9 @@ from scipy.spatial.transform import Rotation
 from ...core.geometry.se3 import Array, skew
 from ..procrustes.degeneracy import DEGENERATE, NO_ROTATION
 from .common.axes import Signs, quaternions
+from .common.linear import translation_factors, with_translation
 from .common.method import Estimate, Method, require
 from .common.moments import Factors, Moments, MomentSolver
-from .common.translation import translation_factors, with_translation
 
 
 def _rows() -> Array:

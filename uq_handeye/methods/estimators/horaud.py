@@ -17,9 +17,9 @@ from scipy.spatial.transform import Rotation
 from ...core.geometry.se3 import Array
 from ..procrustes.degeneracy import DEGENERATE, NO_ROTATION
 from .common.axes import Signs, left_matrix, quaternions, right_matrix
+from .common.linear import translation_factors, with_translation
 from .common.method import Estimate, Method, require
 from .common.moments import Factors, Moments, MomentSolver
-from .common.translation import translation_factors, with_translation
 
 _BASIS = np.eye(4)[1:]
 # -2 sym( L(v_A)^T R(v_B) ) as a linear function of sum v_A v_B^T

@@ -14,9 +14,9 @@ from ...core.geometry.nearest_rotation import orthonormalise
 from ...core.geometry.se3 import Array
 from ..procrustes.degeneracy import DEGENERATE, NO_ROTATION
 from .common.axes import Signs, quaternions, rotation_vectors
+from .common.linear import translation_factors, with_translation
 from .common.method import Estimate, Method, require
 from .common.moments import Factors, Moments, MomentSolver
-from .common.translation import translation_factors, with_translation
 
 
 def _factors(A: Array, B: Array, signs: Signs | None) -> Factors:

@@ -19,9 +19,9 @@ from ...core.geometry.nearest_rotation import orthonormalise
 from ...core.geometry.se3 import Array, skew
 from ..procrustes.degeneracy import DEGENERATE
 from .common.axes import Signs, quaternions, unit_axes
+from .common.linear import translation_factors, with_translation
 from .common.method import Estimate, Method, require
 from .common.moments import Factors, Moments, MomentSolver
-from .common.translation import translation_factors, with_translation
 
 _CROSS = skew(np.eye(3)).reshape(3, 9)  # vec [n]x = n^T CROSS
 _I9 = np.eye(3).reshape(9)

@@ -16,9 +16,9 @@ from scipy.spatial.transform import Rotation
 from ...core.geometry.se3 import Array, vee
 from ..procrustes.degeneracy import NO_ROTATION
 from .common.axes import Signs, quaternions
+from .common.linear import translation_factors, with_translation
 from .common.method import Estimate, Method, require
 from .common.moments import Factors, Moments, MomentSolver
-from .common.translation import translation_factors, with_translation
 
 # Squared cosine of half the rotation angle of X below which g is too long for nine digits.
 HALF_TURN_OF_X = 1e-7

@@ -1,4 +1,4 @@
-r"""4D Procrustes analysis (4DPA): registration, orthonormalisation, and X from AX = XB.
+"""4D Procrustes analysis (4DPA): registration, orthonormalisation, and X from AX = XB.
 
 Equations (n) are those of J. Wu, Y. Sun, M. Wang, M. Liu, "Hand-eye Calibration: 4D Procrustes Analysis
 Approach", 2019. Model: ``A_i X = X B_i`` with ``X = gripper_T_camera`` for eye-in-hand
@@ -18,6 +18,8 @@ constant. The rotation does not depend on the translations, and a pair weighs si
 90 degrees count most, motions near 180 degrees count nothing.
 
 4DPA at a finite scaling factor d, the paper's route: to SO(4) by (49), (51), Problem 2 by (33)-(35), and back.
+
+Problem 1: registration of two point sets on SO(4) or SE(3), (14)-(15).
 """
 
 from __future__ import annotations
@@ -33,7 +35,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ...core.geometry.checks import CHUNK, as_numbers, as_transforms, entry_rows, is_number, surely_transforms
-from ...core.geometry.nearest_rotation import orthonormalise
+from ...core.geometry.nearest_rotation import nearest_rotation, orthonormalise
 from ...core.geometry.se3 import Array
 from ...core.runtime.workspace import scratch
 from ...errors import DegenerateMotionError, InputError
@@ -292,3 +294,43 @@ def solve_scaled(A: Array, B: Array, scale: float) -> Scaled:
     inverse_gaps = 1.0 / (values[..., 1:] - values[..., :1])
     pinv = (vectors[..., 1:] * inverse_gaps[..., None, :]) @ vectors[..., 1:].mT
     return Scaled(X.reshape(*batch, 4, 4), sigma.reshape(*batch, 8), *(p.reshape(*batch, 4, 4) for p in pinv))
+
+
+def register(U: ArrayLike, V: ArrayLike) -> tuple[Array, Array]:
+    """Problem 1: the rotation and translation that carry the points U onto V.
+
+    Minimises ``sum |R u_i + t - v_i|^2`` (13) over R in SO(n) and t. By (14)-(15), with the correlation
+    ``sum (v_i - v_mean)(u_i - u_mean)^T``: its singular value decomposition, the transpose of the paper's H.
+
+    Parameters
+    ----------
+    U, V : (..., N, n)
+        Corresponding points; n = 4 in the paper, any n >= 2 here.
+
+    Returns
+    -------
+    R : (..., n, n)
+    t : (..., n)
+
+    Raises
+    ------
+    InputError
+        Shapes differ, values are not finite, or more than one rotation fits equally well: the points span
+        fewer than n - 1 directions, or are mirror images with equal smallest singular values.
+    """
+    U, V = as_numbers(U, "U"), as_numbers(V, "V")
+    if U.ndim < 2 or U.shape != V.shape or U.shape[-1] < 2 or U.shape[-2] < 1:
+        raise InputError(
+            f"Expected `U` and `V` to have the same shape (..., N, n) with n >= 2, got {U.shape} and {V.shape}."
+        )
+    if not (np.isfinite(U).all() and np.isfinite(V).all()):
+        raise InputError("Expected `U` and `V` to be finite, got NaN or infinity.")
+    U_mean, V_mean = U.mean(axis=-2), V.mean(axis=-2)
+    correlation = np.swapaxes(V - V_mean[..., None, :], -1, -2) @ (U - U_mean[..., None, :])
+    R, unique = nearest_rotation(correlation)
+    if not unique.all():
+        raise InputError(
+            f"Expected `U` and `V` to span at least {U.shape[-1] - 1} directions and not to be mirror images, so that "
+            "one rotation fits best; more than one fits equally well."
+        )
+    return R, V_mean - (R @ U_mean[..., None])[..., 0]

@@ -1,9 +1,11 @@
-r"""Noise models: PairNoise on the motions, PoseNoise on the poses.
+"""Noise models: PairNoise on the motions, PoseNoise on the poses.
 
 Both say: the error ``xi = (theta, tau)`` (rotation first, left rotation, additive translation, rad and m)
 of each motion or pose is Gaussian with zero mean and the covariance given, 6x6, independent between robot and
 camera. The frames are those of the quantity itself: for ``base_T_gripper`` the base, for
 ``camera_T_target`` the camera, for ``A`` the gripper, for ``B`` the camera.
+
+Noise models as plain numbers, and back.
 """
 
 from __future__ import annotations
@@ -265,3 +267,17 @@ def factor(covariance: Any) -> Array:
     except np.linalg.LinAlgError:  # only semidefinite
         values, vectors = np.linalg.eigh(covariance)
         return np.asarray(vectors * np.sqrt(np.clip(values, 0.0, None))[..., None, :])
+
+
+def noise_to_dict(noise: Noise | None) -> dict[str, Any] | None:
+    """Type and covariances as plain numbers."""
+    return None if noise is None else noise.to_dict()
+
+
+def noise_from_dict(data: dict[str, Any]) -> Noise:
+    """The inverse of `noise_to_dict`."""
+    prior = None if data.get("prior") is None else PosePrior.from_dict(data["prior"])
+    if data["type"] == "PairNoise":
+        return PairNoise(data["A"], data["B"], prior=prior)
+    sides = (data[name] for name in ("robot", "camera"))
+    return PoseNoise(*(JointCovariance.from_dict(S) if isinstance(S, dict) else S for S in sides), prior=prior)

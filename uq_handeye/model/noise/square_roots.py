@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_solve, solve_triangular
 
 from ...core.geometry.se3 import Array
-from .joint_covariance import JointCovariance, JointFactor
-from .triangular import checked_cholesky, substitute, substitute_transposed
+from .joint_covariance import JointCovariance, JointFactor, checked_cholesky, substitute, substitute_transposed
 
 Covariance = Array | JointCovariance
 Factor = Array | JointFactor

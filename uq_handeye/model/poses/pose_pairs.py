@@ -11,6 +11,8 @@ Frames: ``robot[k] = base_T_gripper(k)``, ``camera[k] = camera_T_target(k)``. Tw
 Joint values of the robot that go with its poses.
 
 Selection of poses by their numbers, counted from 0 in the order of the data.
+
+Stream: poses of one sensor with their times, not yet paired with anything.
 """
 
 from __future__ import annotations
@@ -318,3 +320,55 @@ def ranges(numbers: Sequence[int]) -> str:
         else:
             runs.append([number])
     return ", ".join(f"{run[0]}" if len(run) == 1 else f"{run[0]}-{run[-1]}" for run in runs)
+
+
+@dataclass(frozen=True, eq=False)
+class Stream:
+    """n time-stamped poses, validated once and never changed.
+
+    Parameters
+    ----------
+    timestamps : (n,)
+        Seconds on the clock of this sensor, in any order; no two may be equal.
+    poses : (n, 4, 4) array or RigidTransform
+        ``base_T_gripper`` of a robot, ``camera_T_target`` of a camera; metres.
+    source : Source or None
+        The file they came from.
+    joints : (n, L) array or None
+        Joint values of a robot at each pose (rad, or m for prismatic joints).
+
+    Raises
+    ------
+    InputError
+        Wrong shapes, matrices that are not rigid motions, times that are not finite or repeat, joint values that are
+        not finite.
+    """
+
+    timestamps: NDArray[np.float64]
+    poses: Array
+    source: Source | None = None
+    joints: Array | None = None
+
+    def __post_init__(self) -> None:
+        poses = np.array(as_transforms(self.poses, "poses"), order="C")
+        times = np.array(as_numbers(self.timestamps, "timestamps"))
+        if poses.ndim != 3:
+            raise InputError(f"Expected `poses` to have shape (n, 4, 4), got {poses.shape}.")
+        if times.shape != (len(poses),) or not np.isfinite(times).all():
+            raise InputError(f"Expected `timestamps` to be {len(poses)} finite numbers, got shape {times.shape}.")
+        if (twins := first_duplicate(times)) is not None:
+            raise InputError(
+                f"Expected a timestamp of its own for every pose, got {times[twins[0]]} for poses {twins[0]} and "
+                f"{twins[1]}."
+            )
+        for name, value in (("timestamps", times), ("poses", poses)):
+            value.flags.writeable = False
+            object.__setattr__(self, name, value)
+        if self.joints is not None:
+            object.__setattr__(self, "joints", as_joint_values(self.joints, len(times)))
+
+    def __len__(self) -> int:
+        return len(self.timestamps)
+
+    def __repr__(self) -> str:
+        return f"Stream({len(self)} poses)"

@@ -42,8 +42,7 @@ from scipy.special import chdtrc, chdtri, chndtr
 from ...core.geometry.se3 import Array
 from ...core.runtime.read_only import ReadOnlyArrays
 from ...errors import InputError
-from ..noise.joint_covariance import JointFactor
-from ..noise.triangular import checked_cholesky, substitute
+from ..noise.joint_covariance import JointFactor, checked_cholesky, substitute
 
 
 class Points(Protocol):

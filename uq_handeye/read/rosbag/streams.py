@@ -17,7 +17,7 @@ from ...errors import InputError, InputWarning
 from ...formats.contents import FRAMES
 from ...formats.ros.messages import frame_name, pair_text
 from ...model.camera.adjustment.initial_guess import Minima
-from ...model.poses.stream import Stream
+from ...model.poses.pose_pairs import Stream
 from .info import CameraInfo
 from .lens import RAW, RECTIFIED, Lens, lens_of
 from .open import HINT

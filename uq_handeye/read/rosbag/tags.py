@@ -29,8 +29,7 @@ from ...model.camera.adjustment.initial_guess import Minima, both_minima, poses_
 from ...model.camera.board import tag_points
 from ...model.camera.corners import Corners
 from ...model.camera.models import rays
-from ...model.poses.pose_pairs import PosePairs
-from ...model.poses.stream import Stream
+from ...model.poses.pose_pairs import PosePairs, Stream
 from .info import CameraInfo
 
 MOST = 1_000_000

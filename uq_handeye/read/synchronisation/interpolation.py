@@ -1,4 +1,4 @@
-r"""Poses between two samples of a stream: Sub-problem 2 of the paper on SO(4), and the geodesic of SE(3).
+"""Poses between two samples of a stream: Sub-problem 2 of the paper on SO(4), and the geodesic of SE(3).
 
 Model: samples ``T_i, T_(i+1)`` (4x4, any frames) at times ``tau_i < tau_(i+1)``, a time tau between them, and the
 weight of the first (38),
@@ -32,6 +32,17 @@ them. They differ by third order in the step: by at most 0.016 theta^3 in rotati
 the true motion by second order, ``w (1 - w)/2`` times acceleration times the interval squared.
 
 Between two samples the way is not known if they are half a turn apart: steps beyond `LARGEST_STEP` are refused.
+
+Stops: intervals in which neither the robot nor the camera moves, each made into one averaged pair of poses.
+
+Model: at a stop the pose is constant but for noise. The noise of each stream (rad, m per axis) is told from third
+differences of its poses, which smooth motion hardly enters; at the quartile of the smallest, as motion is there as
+well. A sample is still where the poses half a window before and behind it differ by less than `FACTOR` times that noise
+(and by more than the resolution of `LEAST` in any case). A stop is a stretch of still samples of the robot in which the
+camera is still too, without a margin at both ends, with enough samples of each.
+
+The mean rotation is that of SciPy (chordal), the mean translation that of the samples. At a stop the time offset only
+decides which samples belong to it: the rate of the poses, and with it the influence of the offset on X, is 0.
 """
 
 from __future__ import annotations
@@ -40,6 +51,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 from scipy.special import chdtri
 
 from ...core.geometry.checks import as_numbers, as_transforms
@@ -253,3 +265,64 @@ def noise_floor(poses: Array) -> tuple[float, float]:
         float(np.sqrt(np.quantile((e**2).sum(axis=-1), 0.25) / (20.0 * quartile))) for e in (turn, move)
     )
     return rotation, translation
+
+
+# Displacements are looked at over this time (s); a stop lasts at least as long beyond the margins (s) at its ends.
+WINDOW, MARGIN = 0.3, 0.1
+# In deviations of the noise of a displacement; and the least rotation (rad) and translation (m) that count as motion.
+FACTOR, LEAST = 6.0, (2e-4, 5e-5)
+# Samples of each sensor at a stop.
+FEWEST = 3
+
+
+class Stop(NamedTuple):
+    """One stop: averaged poses, and when (s, clock of the camera)."""
+
+    begin: float
+    end: float
+    robot: Array  # (4, 4)
+    camera: Array  # (4, 4)
+    robot_samples: int
+    camera_samples: int
+
+
+def still_samples(times: Array, poses: Array) -> NDArray[np.bool_]:
+    """(n,) which samples of a stream sorted by time are at rest."""
+    before = np.searchsorted(times, times - 0.5 * WINDOW, side="left")
+    behind = np.minimum(np.searchsorted(times, times + 0.5 * WINDOW, side="right") - 1, len(times) - 1)
+    turn = logarithm(poses[behind, :3, :3] @ poses[before, :3, :3].mT)
+    move = poses[behind, :3, 3] - poses[before, :3, 3]
+    limits = [max(FACTOR * np.sqrt(2.0) * s, least) for s, least in zip(noise_floor(poses), LEAST, strict=True)]
+    small = ((turn**2).sum(axis=-1) < limits[0] ** 2) & ((move**2).sum(axis=-1) < limits[1] ** 2)
+    return np.asarray(small & (behind > before))
+
+
+def find_stops(
+    robot_times: Array, robot: Array, camera_times: Array, camera: Array, offset: float, max_gap: float
+) -> list[Stop]:
+    """The stops of both, in order; times count on the clocks of the sensors, ``robot_time = camera_time + offset``."""
+    own_times = robot_times - offset  # on the clock of the camera
+    still, seen = still_samples(robot_times, robot), still_samples(camera_times, camera)
+    edges = np.flatnonzero(np.diff(still.astype(int), prepend=0, append=0))
+    stops = []
+    for first, behind in edges.reshape(-1, 2):
+        inside = own_times[first:behind]
+        if (np.diff(inside) > max_gap).any():
+            continue
+        begin, end = float(inside[0]) + MARGIN, float(inside[-1]) - MARGIN
+        if end - begin < WINDOW - 2 * MARGIN:
+            continue
+        i, j = np.searchsorted(own_times, [begin, end])
+        a, b = np.searchsorted(camera_times, [begin, end])
+        if min(j - i, b - a) < FEWEST or seen[a:b].mean() < 0.8:
+            continue
+        stops.append(Stop(begin, end, mean_pose(robot[i:j]), mean_pose(camera[a:b]), int(j - i), int(b - a)))
+    return stops
+
+
+def mean_pose(poses: Array) -> Array:
+    """Mean rotation and mean translation (4, 4) of poses (k, 4, 4) that lie close together."""
+    result = np.eye(4)
+    result[:3, :3] = Rotation.from_matrix(poses[:, :3, :3]).mean().as_matrix()
+    result[:3, 3] = poses[:, :3, 3].mean(axis=0)
+    return result

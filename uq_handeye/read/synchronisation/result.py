@@ -17,9 +17,8 @@ from ...core.presentation.notebook import to_html
 from ...findings import Finding, texts
 from ...model.noise.models import PoseNoise
 from ...model.poses.pose_pairs import PosePairs
-from .correlation import Correlation
+from .correlation import Correlation, LeftOut
 from .refinement import Pairing, Refined, residual_scale
-from .stream_checks import LeftOut
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

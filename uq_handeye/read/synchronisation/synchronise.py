@@ -33,11 +33,10 @@ from ...core.geometry.se3 import Array
 from ...errors import InputError, NotConvergedError, require_integer, require_one_of
 from ...findings import Finding, warn
 from ...model.noise.models import PoseNoise, is_joint
-from ...model.poses.pose_pairs import PosePairs, joint_values_at
-from ...model.poses.stream import Stream
+from ...model.poses.pose_pairs import PosePairs, Stream, joint_values_at
 from ...model.poses.timing import SIDES, Timing
-from .correlation import Correlation, best_correlation
-from .interpolation import Interpolated, check_kind, error_of_interpolation, misses
+from .correlation import Correlation, LeftOut, best_correlation, check_units, coarse_clock, common_time, left_out
+from .interpolation import Interpolated, Stop, check_kind, error_of_interpolation, find_stops, misses
 from .refinement import (
     FOR_ALL,
     FOR_ROUNDS,
@@ -51,8 +50,6 @@ from .refinement import (
     with_noise,
 )
 from .result import Synchronised
-from .stops import Stop, find_stops
-from .stream_checks import LeftOut, check_units, coarse_clock, common_time, left_out
 
 # A gap is longer than so many median intervals.
 GAPS = 3.0

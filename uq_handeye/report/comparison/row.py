@@ -14,7 +14,7 @@ from ...core.files.records import Record
 from ...core.geometry.pose_numbers import pose_numbers
 from ...core.geometry.principal_axes import principal_axes
 from ...core.geometry.se3 import Array
-from ...model.poses.residuals import Residuals
+from ...model.poses.motions import Residuals
 
 # 95 % quantile of chi-square with 6 degrees of freedom.
 CHI2_95 = 12.591587243743977

@@ -25,7 +25,7 @@ from ...core.files.records import Record
 from ...core.geometry.checks import as_transforms
 from ...core.geometry.se3 import Array, inverse, perturb
 from ...errors import InputError
-from ...model.noise.triangular import checked_cholesky, substitute
+from ...model.noise.joint_covariance import checked_cholesky, substitute
 from ..description import WORLD, ArmPoses, Rig, View
 from ..graph import Graph, Sides
 from ..noise import RigNoise

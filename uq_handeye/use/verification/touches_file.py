@@ -31,10 +31,9 @@ from scipy.spatial.transform import Rotation
 
 from ...calibration.evidence.touches import Touches
 from ...calibration.prediction.predict import Predicting
-from ...core.files.csv_text import plain_text
 from ...core.files.lines import short
 from ...core.files.open import StrPath, as_path, opened, shown
-from ...core.files.table import Places, Schema, Table, name_and_unit, read_table
+from ...core.files.table import Places, Schema, Table, name_and_unit, plain_text, read_table
 from ...core.formatting.units import ANGLE_UNITS, LENGTH_UNITS
 from ...core.geometry.se3 import Array
 from ...errors import InputError

@@ -1,4 +1,4 @@
-r"""Linear least squares in the entries of X, and rotations from 3x3 matrices, for `andreff`, `gwak`, `li` and `shah`.
+"""Linear least squares in the entries of X, and rotations from 3x3 matrices, for `andreff`, `gwak`, `li` and `shah`.
 
 The normal equations ``G x = g`` are linear in the moments m of the data,
 
@@ -20,6 +20,10 @@ With r the entries of R_X row by row, a pair gives
 whose sum of squares ``sum |R_A R R_B^T - R|^2 + |R t_B + (I - R_A) t - t_A|^2 = x^T G x - 2 g^T x + const``, x = (r,
 t), is that of ``|A X - X B|^2``, and needs only products of entries of A with entries of B, summed. They are summed for
 ``D = R - I``, so that small rotations do not drown in the rounding of large sums.
+
+The second stage of the separated methods: the translation of X by linear least squares, given its rotation.
+
+Minimises ``sum_i |(R_A - I) t_X - (R_X t_B - t_A)|^2``, the translation part of ``A X = X B``.
 """
 
 from __future__ import annotations
@@ -33,7 +37,7 @@ from ....core.geometry.nearest_rotation import orthonormalise
 from ....core.geometry.se3 import Array, vee
 from ...procrustes.degeneracy import DEGENERATE
 from .axes import Signs
-from .method import require
+from .method import Estimate, closed_form, require
 from .moments import Factors
 
 # Ratio of the eigenvalues of the normal equations, scaled to equal diagonals, below which the least is rounding.
@@ -172,3 +176,26 @@ def residual_gradient(A: Array, B: Array, x: Array) -> Array:
     of_t = R @ t_B - D_A @ t - A[..., :3, 3:]
     by_R = (D_A.mT @ of_R @ R_B + of_R @ R_B - of_R + of_t @ t_B.mT).sum(axis=1)
     return np.concatenate([by_R.reshape(-1, 9), -(D_A.mT @ of_t).sum(axis=1)[..., 0]], axis=1)
+
+
+def translation_factors(A: Array, B: Array) -> tuple[Array, Array]:
+    """``(D, D^T t_A)`` (..., 12) with ``D = R_A - I``, and ``(t_B, 1)`` (..., 4)."""
+    D, t = A[..., :3, :3] - _EYE, A[..., :3, 3:]
+    left = np.concatenate([D.reshape(*D.shape[:-2], 9), (D.mT @ t)[..., 0]], axis=-1)
+    right = np.concatenate([B[..., :3, 3], np.ones((*B.shape[:-2], 1))], axis=-1)
+    return left, right
+
+
+def with_translation(R: Array, moments: Array, N: int) -> Estimate:
+    """X (T, 4, 4) from its rotation (T, 3, 3) and the moments (T, 12, 4) of `translation_factors`."""
+    D = moments[:, :9, 3].reshape(-1, 3, 3)
+    M = -(D + D.mT)  # sum D^T D, as R_A^T R_A = I
+    values = np.linalg.eigvalsh(M)
+    require(values[:, 0] > DEGENERATE * np.maximum(values[:, 2], 1e-4 * N), "the translation is not determined.")
+    D_tB = moments[:, :9, :3].reshape(-1, 3, 3, 3)  # sum D[b, a] t_B[c]
+    rhs = np.einsum("tbac,tbc->ta", D_tB, R) - moments[:, 9:, 3]
+    X = np.zeros((len(R), 4, 4))
+    X[:, :3, :3] = R
+    X[:, :3, 3] = np.linalg.solve(M, rhs[..., None])[..., 0]
+    X[:, 3, 3] = 1.0
+    return closed_form(X)

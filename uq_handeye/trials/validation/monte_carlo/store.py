@@ -30,8 +30,7 @@ from ....core.files.atomic import FileLock, write_atomically
 from ....core.files.open import as_path, reason, shown
 from ....errors import InputError
 from ....model.noise.joint_covariance import JointCovariance
-from ....model.noise.models import Noise, PairNoise
-from ....model.noise.to_dict import noise_to_dict
+from ....model.noise.models import Noise, PairNoise, noise_to_dict
 from ....model.poses.pose_pairs import PosePairs
 from .chunks import Chunk, Work
 from .consistency import Sums
