@@ -11,8 +11,7 @@ from uq_handeye.errors import InputError
 from uq_handeye.findings import Finding, renumbered
 from uq_handeye.model.poses.pose_pairs import numbers_of, ranges, select_poses
 from uq_handeye.report.comparison.of_result import compare_beside
-from uq_handeye.report.figures import pictures
-from uq_handeye.report.sketches import residual_sketch
+from uq_handeye.report.figures import pictures, small_pictures
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
 EXCLUDED = [5, 12, 13, 14]
@@ -121,8 +120,7 @@ def test_text_and_figures_show_them(result):
     drawn = pictures(result, only=("residuals", "rig"))
     labels = {stem: [text.get_text() for text in drawn[stem].figure.legends[0].get_texts()] for stem in drawn}
     assert "excluded (4)" in labels["residuals"] and "rejected, excluded" in labels["rig"]
-    sketch = residual_sketch(result.table)
-    assert "1 of 20 flagged, as crosses; 4 excluded, as open circles" in sketch.caption
+    assert "1 of 20 flagged; 4 excluded, as open circles" in small_pictures(result)["residuals-small"].caption
 
 
 def test_noise_estimated_and_published_methods(poses):

@@ -25,7 +25,7 @@ from ..calibration.report.text import directions, parent_frame
 from ..calibration.report.workspace_figure import workspace_figure
 from ..calibration.statement.included import shared_groups
 from ..core.formatting.numbers import digits
-from ..core.presentation.ellipses import LEVELS, covariance_ellipses
+from ..core.presentation.ellipses import LEVELS, covariance_ellipses, small_ellipses
 from ..core.presentation.figure_parts import Picture
 from ..core.presentation.named_figure import NamedFigure
 from ..errors import InputError
@@ -38,6 +38,7 @@ from .comparison.methods_figure import methods_picture
 if TYPE_CHECKING:
     from ..calibration.result import Calibration
     from ..core.geometry.se3 import Array
+    from ..fit.diagnostics.pose_table import PoseTable
     from ..trials.validation.cross_check.result import CrossCheck
     from .comparison.result import Comparison
 
@@ -95,6 +96,48 @@ def pictures(
         if isinstance(picture.figure, NamedFigure):
             picture.figure.named(stem, FIGURES[stem], picture.alt)
     return there
+
+
+def small_pictures(result: Calibration) -> dict[str, Picture]:
+    """Pictures in half the width of a page: residuals by pose, and the ellipses within translation and rotation."""
+    found: dict[str, Picture] = {}
+    table = result.table
+    if table is not None and len(table):
+        words = f"{_medians(table, 2)}; {_flagged(table)}"
+        alt = f"Residual of each {table.item} in mm and in deg: {words}."
+        found["residuals-small"] = Picture(
+            residual_figure(table, small=True), alt, f"Residual of each {table.item}: {words}."
+        )
+    if result.covariance is not None:
+        sizes = np.sqrt(np.diag(result.covariance)) * np.repeat([180 / np.pi, 1e3], 3)
+        said = (
+            f"{kind} {', '.join(f'{axis} {digits(sd, 2)}' for axis, sd in zip('xyz', part, strict=True))} {unit}"
+            for kind, part, unit in (("translation", sizes[3:], "mm"), ("rotation", sizes[:3], "deg"))
+            if part.any()
+        )
+        held = ", ".join(f"{100 * (1 - np.exp(-k * k / 2)):.0f} %" for k in LEVELS)
+        caption = (
+            "The error of X in pairs of components: translation above, rotation below. The ellipses are 1, 2 and 3 "
+            f"sigma and hold {held} of the errors."
+        )
+        if result.opened is not None:
+            caption += " Directions that the poses leave open are not drawn."
+        alt = f"Ellipses of the error of X, 1, 2 and 3 sigma, along each axis. Standard deviations: {'; '.join(said)}."
+        found["ellipses-small"] = Picture(small_ellipses(result.covariance), alt, caption)
+    return found
+
+
+def _medians(table: PoseTable, places: int) -> str:
+    """Return the median residuals of the poses that count in words."""
+    turn, move = (float(np.median(part[table.counted])) for part in (table.rotation, table.translation))
+    return f"median {digits(1e3 * move, places)} mm, {digits(np.degrees(turn), places)} deg"
+
+
+def _flagged(table: PoseTable) -> str:
+    """Return how many poses are flagged and excluded in words."""
+    count, total = len(table.flagged), f"{len(table.counted):,}"
+    excluded = f"; {len(table.excluded):,} excluded, as open circles" if table.excluded else ""
+    return (f"{count} of {total} flagged" if count else f"none of the {total} flagged") + excluded
 
 
 def poses_of(result: Calibration) -> PosePairs | None:
@@ -175,13 +218,9 @@ def _residuals(result: Calibration) -> Picture | None:
     table = result.table
     if table is None or not len(table):
         return None
-    flagged = len(table.flagged)
     alt = (
-        f"Residuals of {len(table):,} {table.item}s in three panels: rotation (median "
-        f"{digits(np.degrees(np.median(table.rotation[table.counted])))} deg), translation (median "
-        f"{digits(1e3 * np.median(table.translation[table.counted]))} mm) and squared distance. "
-        f"{'None is' if not flagged else f'{flagged} are' if flagged > 1 else 'One is'} flagged."
-        f"{f' {len(table.excluded):,} excluded, as open circles.' if table.excluded else ''}"
+        f"Residuals of {len(table):,} {table.item}s in three panels, translation, rotation and squared distance: "
+        f"{_medians(table, 3)}; {_flagged(table)}."
     )
     caption = (
         f"Residual of each {table.item} from the prediction of X and all other {table.item}s. d² is the squared "

@@ -29,7 +29,7 @@ from ..trials.validation.cross_check.result import CrossCheck as CrossCheck
 from .comparison.of_result import Compared, compare_beside
 from .comparison.result import Comparison
 from .editing import edited
-from .figures import pictures, require_same_problem
+from .figures import pictures, require_same_problem, small_pictures
 from .sections_camera import camera_sections
 from .sections_data import (
     budget_section,
@@ -149,6 +149,7 @@ def report_html(
     date = datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC") if date is None else date
     drawn = pictures(result, cross_check, found.comparison, None if folded else ("rig",))
     drawings = {stem: drawing(stem, picture) for stem, picture in drawn.items()}
+    drawings |= {stem: drawing(stem, picture, small=True) for stem, picture in small_pictures(result).items()}
     shown, further = split_cautions(result.cautions)
     sheets = [first_sheet(result, verdict, drawings), second_sheet(result, drawings, shown)]
     sections: list[Section] = []

@@ -20,7 +20,6 @@ from ..core.geometry.se3 import Array
 from ..core.presentation.document import Answer, Badge, Block, Checks, Drawing, Paragraph, Points, Section, Table
 from ..findings import Finding
 from .sections_data import needs
-from .sketches import ellipse_sketch, residual_sketch
 
 if TYPE_CHECKING:
     from ..calibration.result import Calibration
@@ -89,8 +88,8 @@ def _both(move: float, turn: float) -> str:
 def _picture(result: Calibration, drawings: Mapping[str, Drawing]) -> Section:
     """Return the residuals by pose; the rig where there are none."""
     table = result.table
-    if table is not None and len(table):
-        return Section("by-pose", f"Residuals by {table.item}", [residual_sketch(table)])
+    if table is not None and "residuals-small" in drawings:
+        return Section("by-pose", f"Residuals by {table.item}", [drawings["residuals-small"]])
     if "rig" in drawings:
         return Section("by-pose", "The rig", [replace(drawings["rig"], small=True)])
     text = needs("Residuals of each pose are found", result)
@@ -165,12 +164,15 @@ def second_sheet(result: Calibration, drawings: Mapping[str, Drawing], cautions:
     sections = []
     if cautions:
         sections.append(Section("cautions", "Cautions", [caution_points(cautions)], wide=True))
-    sketch = ellipse_sketch(result)
-    if sketch is None:
+    ellipses = drawings.get("ellipses-small")
+    if ellipses is None:
         why = Paragraph("Not known, because the accuracy of X is not known.", empty=True)
         sections += [Section("error", "Error of X", [why]), Section("budget", "Uncertainty budget", [why])]
     else:
-        sections += [Section("error", "Error of X", [sketch]), Section("budget", "Uncertainty budget", _budget(result))]
+        sections += [
+            Section("error", "Error of X", [ellipses]),
+            Section("budget", "Uncertainty budget", _budget(result)),
+        ]
     if "rig" in drawings and result.table is not None:
         sections.append(Section("rig", "The rig", [drawings["rig"]], wide=True))
     elif "rig" not in drawings:

@@ -23,6 +23,7 @@ from ...core.presentation.figure_parts import (
     QUIET,
     SMALL,
     TEXT,
+    WIDTH,
     canvas,
     finished,
     plain,
@@ -49,39 +50,42 @@ MOST_NAMED = 8
 MANY, VERY_MANY = 200, 2500
 
 
-def residual_figure(table: PoseTable) -> Figure:
-    """Three panels over the numbers of the poses (or motions)."""
-    figure = canvas(5.4)
-    axes: Any = figure.subplots(3, 1, sharex=True, height_ratios=[1, 1, 1.15])
-    values = (np.degrees(table.rotation), 1e3 * table.translation, np.maximum(table.distance2, 1e-3))
-    names = ("rotation (deg)", "translation (mm)", "$d^2$")
+def residual_figure(table: PoseTable, small: bool = False) -> Figure:
+    """Three panels over the numbers of the poses (or motions); ``small``: without d^2, in half the width."""
+    figure = canvas(2.0, WIDTH / 2) if small else canvas(5.4)
+    axes: Any = figure.subplots(2 if small else 3, 1, sharex=True, height_ratios=[1, 1, 1.15][: 2 if small else 3])
+    values = (1e3 * table.translation, np.degrees(table.rotation), np.maximum(table.distance2, 1e-3))
+    names = ("mm", "deg", "") if small else ("translation (mm)", "rotation (deg)", "$d^2$")
     groups = {word: np.array([flag == word for flag in table.flag], dtype=bool) for word in MARKS}
-    named = sorted(table.flagged, key=lambda k: -table.distance2[k])[:MOST_NAMED]
-    for axis, value, name in zip(axes, values, names, strict=True):
+    many = MANY / 3 if small else MANY
+    for axis, value, name in zip(axes, values, names, strict=False):
         plain(axis)
-        axis.set_ylabel(name, fontsize=TEXT)
+        axis.set_ylabel(name, fontsize=SMALL if small else TEXT)
         _limits(axis, value, logarithmic=name == "$d^2$" or _wide(value, float(np.median(value[table.counted]))))
         for word, rows in groups.items():
-            marks = MARKS[word] | ({"markersize": 1.8} if word == "kept" and len(table) > MANY else {})
+            marks = MARKS[word] | ({"markersize": 1.8} if word == "kept" and len(table) > many else {})
             if word != "rejected":
                 marks = marks | {"rasterized": rows.sum() > VERY_MANY}
             label = f"{word} ({rows.sum():,})" if rows.any() else None
             axis.plot(np.flatnonzero(rows), value[rows], linestyle="", label=label, **marks)
-    axes[2].axhline(table.limit, color=INK, linewidth=1.0, linestyle="--")
-    axes[2].set_ylim(top=max(axes[2].get_ylim()[1], 2.0 * table.limit))
+    handles, labels = axes[0].get_legend_handles_labels()
+    if not small:
+        axes[2].axhline(table.limit, color=INK, linewidth=1.0, linestyle="--")
+        axes[2].set_ylim(top=max(axes[2].get_ylim()[1], 2.0 * table.limit))
+        handles.append(Line2D([], [], color=INK, linewidth=1.0, linestyle="--"))
+        labels.append(f"limit of $d^2$, {table.limit:.3g}")
     for axis in axes:
         if axis.get_yscale() == "log":
             plain_numbers(axis)
-    _named(axes[2], named, values[2], len(table))
-    axes[2].set_xlabel(f"number of the {table.item}, counted from 0", fontsize=TEXT)
-    axes[2].xaxis.set_major_locator(MaxNLocator(nbins=10, integer=True, min_n_ticks=1))
+    if not small:
+        _named(axes[2], sorted(table.flagged, key=lambda k: -table.distance2[k])[:MOST_NAMED], values[2], len(table))
+    last = axes[-1]
+    last.set_xlabel(f"number of the {table.item}, counted from 0", fontsize=SMALL if small else TEXT)
+    last.xaxis.set_major_locator(MaxNLocator(nbins=10, integer=True, min_n_ticks=1))
     margin = 0.02 * max(len(table) - 1, 1) + 0.4
-    axes[2].set_xlim(-margin, len(table) - 1 + margin)
-    handles, labels = axes[0].get_legend_handles_labels()
-    handles.append(Line2D([], [], color=INK, linewidth=1.0, linestyle="--"))
-    labels.append(f"limit of $d^2$, {table.limit:.3g}")
+    last.set_xlim(-margin, len(table) - 1 + margin)
     figure.legend(
-        handles, labels, loc="outside upper right", ncols=5, frameon=False,
+        handles, labels, loc="outside upper right", ncols=3 if small else 5, frameon=False,
         fontsize=SMALL, columnspacing=1.2, handletextpad=0.4,
     )  # fmt: skip
     return finished(figure)

@@ -139,6 +139,24 @@ def covariance_ellipses(
     return figure
 
 
+def small_ellipses(covariance: Array) -> Figure:
+    """The ellipses of a covariance (6, 6) of X in half the width: translation in mm above, rotation in deg below."""
+    figure = NamedFigure(figsize=(3.45, 2.62), layout="constrained")
+    figure.get_layout_engine().set(wspace=0.02, hspace=0.04)  # type: ignore[union-attr]
+    grid: Any = figure.subplots(2, 3, sharey="row")
+    scale = np.repeat([np.pi / 180, 1e-3], 3)
+    for line, first, unit in ((grid[0], 3, "mm"), (grid[1], 0, "deg")):
+        reach = 3.2 * float(np.sqrt(np.diag(covariance)[first : first + 3].max())) / scale[first] or 1.0
+        for axis, (i, j) in zip(line, PAIRS_WITHIN, strict=True):
+            _draw(axis, first + i, first + j, {"": covariance}, np.empty((0, 6)), None, scale)
+            limited(axis, (reach, reach), size=6.5)
+            axis.set_xlabel(f"{'xyz'[i]} ({unit})", fontsize=7, labelpad=1)
+            axis.set_ylabel("xyz"[j], fontsize=7, labelpad=2)
+            axis.set_title(axis.get_title(loc="right"), fontsize=6.5, loc="right", pad=2)
+    settle_layout(figure)
+    return figure
+
+
 def save_ellipses(figure: Figure, stem: StrPath) -> tuple[Path, Path]:
     """Write ``stem.png`` and ``stem.svg``, both or neither, and return their paths.
 
@@ -248,14 +266,14 @@ def _correlation(S: Array, i: int, j: int) -> float | None:
     return None if s[i] == 0 or s[j] == 0 else float(np.clip(S[i, j] / s[i] / s[j], -1.0, 1.0))
 
 
-def limited(axis: Axes, reach: tuple[float, float]) -> None:
+def limited(axis: Axes, reach: tuple[float, float], size: float = 8) -> None:
     """Limits and few, round ticks; a square panel."""
     axis.set_xlim(-reach[0], reach[0])
     axis.set_ylim(-reach[1], reach[1])
     axis.set_box_aspect(1)
     for direction in (axis.xaxis, axis.yaxis):
         direction.set_major_locator(MaxNLocator(nbins=4, steps=[1, 2, 5, 10], symmetric=True))
-    axis.tick_params(labelsize=8, direction="in", top=True, right=True)
+    axis.tick_params(labelsize=size, direction="in", top=True, right=True)
 
 
 def _legend(figure: Figure, covariances: Mapping[str, Array], samples: bool, truth: bool, pose: Array) -> None:

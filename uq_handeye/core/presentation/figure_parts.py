@@ -38,10 +38,10 @@ class Picture(NamedTuple):
     scene: str = ""  # JSON that `turn.js` draws in its place, where it can be turned
 
 
-def canvas(height: float) -> Figure:
-    """An empty figure of the common width, ``height`` in inches."""
+def canvas(height: float, width: float = WIDTH) -> Figure:
+    """An empty figure, ``height`` and ``width`` in inches."""
     # Hinting makes text a little wider at the resolution of a picture than where the layout is settled: leave it room.
-    return NamedFigure(figsize=(WIDTH, height), layout=ConstrainedLayoutEngine(rect=(ROOM, 0.0, 1.0 - 2 * ROOM, 1.0)))
+    return NamedFigure(figsize=(width, height), layout=ConstrainedLayoutEngine(rect=(ROOM, 0.0, 1.0 - 2 * ROOM, 1.0)))
 
 
 def finished(figure: Figure) -> Figure:

@@ -88,9 +88,10 @@ def rendered(
     )
 
 
-def drawing(stem: str, picture: Picture) -> Drawing:
+def drawing(stem: str, picture: Picture, small: bool = False) -> Drawing:
     """The picture as a block of a page."""
-    return Drawing(stem, Markup(inline_svg(picture.figure, stem)), picture.alt, picture.caption, Markup(picture.scene))
+    svg = Markup(inline_svg(picture.figure, stem))
+    return Drawing(stem, svg, picture.alt, picture.caption, Markup(picture.scene), small)
 
 
 # Shows the buttons, which do nothing without it: copies (the old way where a browser has no clipboard for files), opens
