@@ -414,8 +414,8 @@ def test_a_page_computes_nothing(quick, tmp_path, monkeypatch):
 
     for name in (
         "calibration.calibrate.calibrate",
-        "comparison.compare.calibrate",
-        "comparison.compare.compare",
+        "report.comparison.compare.calibrate",
+        "report.comparison.compare.compare",
         "calibration.analysis.diagnose",
         "calibration.analysis.resampled",
         "calibration.analysis.split_fit",

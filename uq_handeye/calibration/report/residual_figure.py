@@ -18,6 +18,7 @@ from matplotlib.ticker import MaxNLocator
 from ...core.geometry.se3 import Array
 from ...core.presentation.figure_parts import (
     BLUE,
+    HALO,
     INK,
     ORANGE,
     QUIET,
@@ -29,7 +30,6 @@ from ...core.presentation.figure_parts import (
     plain,
     plain_numbers,
 )
-from ...core.presentation.label_placement import HALO
 from ...fit.diagnostics.pose_table import PoseTable
 
 # Marker and colour by the first word of the flag.

@@ -15,6 +15,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
+from matplotlib.patheffects import withStroke
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from .named_figure import NamedFigure, render, settle_layout
@@ -25,6 +26,8 @@ BLUE, ORANGE, SKY, GREEN, PURPLE = "#0072B2", "#D55E00", "#56B4E9", "#009E73", "
 INK, QUIET, GRID = "0.15", "0.45", "0.87"
 ON_MAP = "0.2"  # marks on a coloured map, which is light also where the page is dark
 TEXT, SMALL = 8.5, 7.5  # points
+HALO = [withStroke(linewidth=2.2, foreground="white")]
+MAP_HALO = [withStroke(linewidth=2.2, foreground="#fefefe")]  # on a coloured map: white also where the page is dark
 
 _ID = re.compile(r'(\sid="|url\(#|href="#)')
 

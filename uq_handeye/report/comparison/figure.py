@@ -7,8 +7,8 @@ components: the shadow of each method's 95 % ellipsoid in six dimensions,
     xi + sqrt(12.59) (s_i cos t,  s_j (rho cos t + sqrt(1 - rho^2) sin t)),   0 <= t < 2 pi
 
 so that a method agrees only if its ellipse holds the reference, which is the origin, in every panel. Methods that agree
-share one quiet colour; each that differs has a colour, line style and marker of its own. What lies far outside is
-marked by an arrow at the rim, with its value.
+share one quiet colour; each that differs, and each without a verdict, has a colour, line style and marker of its own,
+the same in its row and in the panels. What lies far outside is marked by an arrow at the rim.
 
 This module imports Matplotlib; import it where it is used.
 """
@@ -27,7 +27,7 @@ from matplotlib.ticker import MaxNLocator
 
 from ...core.geometry.se3 import Array
 from ...core.presentation.ellipses import PAIRS_WITHIN, SYMBOLS, render
-from ...core.presentation.label_placement import HALO, Named, label_points
+from ...core.presentation.figure_parts import HALO
 from .compare import CHI2_95
 from .result import Comparison
 from .row import without_numbers
@@ -40,7 +40,6 @@ COLOURS = ("#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 LINES: tuple[Any, ...] = ("-", "--", (0, (1, 1)), "-.", (0, (6, 1.5, 1, 1.5, 1, 1.5)))
 MARKERS = ("s", "^", "D", "v", "P", "X", "h")
 QUIET = "#7C8A97"  # methods that agree
-UNJUDGED = "#3B6A94"  # all of them, where no noise was given
 WARNING = "#B3001B"
 INK = {
     "#009E73": "#00795A",
@@ -48,7 +47,6 @@ INK = {
     "#E69F00": "#996A00",
     "#56B4E9": "#1A78AE",
     QUIET: "0.25",
-    UNJUDGED: "0.15",
 }
 
 # Differences beyond so many typical ones are left outside, as arrows.
@@ -57,7 +55,7 @@ FAR = 3.0
 WIDE = 1.9
 # Half a panel is never less than this (rad, m): differences below are rounding.
 LEAST = (1e-9, 1e-9)
-# What the panels show beyond the columns, as a part of their range: room for names.
+# What the panels show beyond the columns, as a part of their range.
 ROOM = 0.12
 _RADIUS = float(np.sqrt(CHI2_95))
 
@@ -182,8 +180,6 @@ def _styles(comparison: Comparison) -> dict[str, _Style]:
             styles[row.method] = _Style("black", "-", "o", 1.6, 9)
         elif row.failure is not None:
             styles[row.method] = _Style("0.45", "-", "o", 0.7, 2, hollow=True)
-        elif row.agrees is None:
-            styles[row.method] = _Style(UNJUDGED, "-", "o", 0.9, 3)
         elif row.agrees:
             styles[row.method] = _Style(QUIET, "-", "o", 0.8, 3)
         else:
@@ -374,9 +370,6 @@ def _projection(axis: Axes, i: int, j: int, comparison: Comparison, styles: dict
     axis.axhline(0, color="0.85", linewidth=0.6, zorder=0)
     axis.axvline(0, color="0.85", linewidth=0.6, zorder=0)
     angle = np.linspace(0, 2 * np.pi, 181)
-    named: list[Named] = []
-    points: list[tuple[float, float]] = []
-    curves: list[Array] = []
     for row in comparison.rows:
         if row.xi is None:
             continue
@@ -387,21 +380,13 @@ def _projection(axis: Axes, i: int, j: int, comparison: Comparison, styles: dict
             product = row.std[i] * row.std[j]
             rho = float(np.clip(row.covariance[i, j] / product, -1.0, 1.0)) if product > 0 else 0.0
             curve = x + s * np.cos(angle), y + t * (rho * np.cos(angle) + np.sqrt(1 - rho**2) * np.sin(angle))
-            curves.append(np.stack(curve, axis=-1))
             if row.method == comparison.reference:
                 axis.fill(*curve, color="0.5", alpha=0.13, linewidth=0, zorder=1)
             axis.plot(*curve, color=style.colour, linestyle=style.line, linewidth=style.width, zorder=style.order)
-        inside = x_limits[0] <= x <= x_limits[1] and y_limits[0] <= y <= y_limits[1]
-        if inside:
+        if x_limits[0] <= x <= x_limits[1] and y_limits[0] <= y <= y_limits[1]:
             axis.plot(x, y, **_marker(style, 3.6), zorder=style.order + 0.5)
         else:
-            x, y = _at_rim(axis, x, y, style)
-        points.append((x, y))
-        if row.method == comparison.reference or row.failure is not None:
-            continue
-        if row.agrees is False or not inside or (row.agrees is None and row.covariance is None):
-            named.append(Named(row.method, x, y, _ink(style)))
-    label_points(axis, named, np.array(points).reshape(-1, 2), np.concatenate([np.empty((0, 2)), *curves]))
+            _at_rim(axis, x, y, style)
     axis.set_xlabel(_label(i, scale), fontsize=7.2, labelpad=0)
     axis.set_ylabel(_label(j, scale), fontsize=7.2, labelpad=0.5)
     _ticks(axis.xaxis, *x_limits)
@@ -410,15 +395,14 @@ def _projection(axis: Axes, i: int, j: int, comparison: Comparison, styles: dict
     axis.set_box_aspect(1)
 
 
-def _at_rim(axis: Axes, x: float, y: float, style: _Style) -> tuple[float, float]:
-    """A mark on the rim in the direction of a point outside; returns where."""
+def _at_rim(axis: Axes, x: float, y: float, style: _Style) -> None:
+    """Draw a mark on the rim in the direction of a point outside."""
     (x0, x1), (y0, y1) = axis.get_xlim(), axis.get_ylim()
     u, v = (x - x0) / (x1 - x0), (y - y0) / (y1 - y0)
     marker = (">" if u > 1 else "<") if max(u, 1 - u) > max(v, 1 - v) else ("^" if v > 1 else "v")
     u, v = (float(np.clip(w, 0.025, 0.975)) for w in (u, v))
     x, y = x0 + u * (x1 - x0), y0 + v * (y1 - y0)
     axis.plot(x, y, marker=marker, color=style.colour, markersize=4, markeredgewidth=0, zorder=style.order + 1)
-    return x, y
 
 
 def _explanation(figure: Figure, comparison: Comparison, width: float, height: float) -> None:
@@ -438,9 +422,8 @@ def _explanation(figure: Figure, comparison: Comparison, width: float, height: f
         )
     if any(row.X is not None and row.failure is not None for row in comparison.rows):
         text += "Hollow: not to be relied on, see its row. "
-    text += (
-        "Arrow: off the scale, with its value. All methods use the same data: those that agree may be wrong together."
-    )
+    text += "Colours and markers are those of the rows. Arrow: off the scale. "
+    text += "All methods use the same data: those that agree may be wrong together."
     lines = "\n".join(textwrap.wrap(text, 200, break_on_hyphens=False))
     figure.text(0.15 / width, 0.12 / height, lines, fontsize=6.5, va="bottom", color="0.3", linespacing=1.2)
 

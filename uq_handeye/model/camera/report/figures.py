@@ -41,6 +41,7 @@ from ....core.presentation.figure_parts import (
     BLUE,
     GREEN,
     INK,
+    MAP_HALO,
     ON_MAP,
     ORANGE,
     QUIET,
@@ -53,7 +54,6 @@ from ....core.presentation.figure_parts import (
     plain,
     round_number,
 )
-from ....core.presentation.label_placement import MAP_HALO
 from ....errors import InputError
 from ..calibrated import Calibrated
 from ..models import rays

@@ -22,6 +22,7 @@ from ....core.geometry.se3 import Array
 from ....core.presentation.figure_parts import (
     BLUE,
     GRID,
+    HALO,
     INK,
     ORANGE,
     QUIET,
@@ -34,7 +35,6 @@ from ....core.presentation.figure_parts import (
     plain_numbers,
     round_number,
 )
-from ....core.presentation.label_placement import HALO
 from ..calibrated import Calibrated
 from ..residual_pattern import CELLS, LARGE
 from ..what_was_seen import cells_that_matter, picture_rms, radial_means

@@ -25,7 +25,7 @@ from ....core.files.atomic import write_files
 from ....core.files.open import StrPath, as_path
 from ....core.formatting.numbers import digits, rough
 from ....core.presentation.ellipses import render
-from ....core.presentation.label_placement import HALO
+from ....core.presentation.figure_parts import HALO
 from ....errors import InputError
 from .level import KINDS, Limit, MethodSweep
 
