@@ -2,6 +2,8 @@
 
 import json
 import pickle
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -68,3 +70,10 @@ def test_warnings_are_given_for_more_than_a_note():
 def test_a_code_is_worded_once():
     with pytest.raises(ValueError, match="worded twice"):
         sentence("tests.too_few")(str)
+
+
+def test_a_stored_finding_is_worded_in_a_process_that_made_none():
+    """Its package was not imported: `uq.load` of a result said its code and values."""
+    code = "from uq_handeye.findings import Finding; print(Finding('input_checks.same_file', 'failure', {}).phrase)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "robot and camera file hold the same poses"

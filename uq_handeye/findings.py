@@ -15,6 +15,9 @@ import math
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cache
+from importlib import import_module
+from pathlib import Path
 from typing import Any, Literal, TypeVar, get_args
 
 from .errors import InputError, InputWarning
@@ -34,6 +37,10 @@ CHECKS = (INPUT, OUTLIERS, NOISE, NEIGHBOURS, RESIDUALS, HALVES, MOTION, SHARED)
 Said = str | Callable[[Mapping[str, Any]], str]
 
 
+# Rank of failures that explain no other ones.
+LAST = 99
+
+
 @dataclass(frozen=True)
 class Record:
     """Texts and effects of the findings of one code, written where its sentence is.
@@ -41,8 +48,10 @@ class Record:
     ``phrase``: at most about 55 characters, without a full stop. ``effect``: by how many of its stated standard
     deviations X may be off, or how many times too small these may be, as far as the finding says; 1 where the
     covariance contains it. It only orders findings. ``rejects``: a test says that the covariance of X is too small.
-    ``remedy``: what to do. ``rows``: values that are numbers of rows, or lists of these; a "row" is one in every
-    finding. ``explains``: it is the cause of those that are ``explained``, which are then left out.
+    ``remedy``: what to do; with ``first`` it is said before those of findings of more effect, which it may explain.
+    ``rank``: place among failures, the decisive one first. ``rows``: values that are numbers of rows, or lists of
+    these; a "row" is one in every finding. ``explains``: it is the cause of those that are ``explained``, which are
+    then left out.
     """
 
     words: Callable[..., str]
@@ -51,24 +60,11 @@ class Record:
     effect: float | Callable[[Mapping[str, Any]], float] = 1.0
     rejects: bool = False
     remedy: Said = ""
-    rows: tuple[str, ...] = ()
+    rows: Sequence[str] = ()
     explains: bool = False
     explained: bool = False
-
-    def phrase_of(self, finding: Finding) -> str:
-        """Return the finding in a short phrase; nothing where there is none."""
-        return _said(self.phrase, finding.values)
-
-    def remedy_of(self, finding: Finding) -> str:
-        """Return what to do about the finding; nothing where that is not known."""
-        return _said(self.remedy, finding.values)
-
-    def effect_of(self, finding: Finding) -> float:
-        """Return by how many of its standard deviations X may be off."""
-        try:
-            return float(self.effect(finding.values) if callable(self.effect) else self.effect)
-        except _OF_ANOTHER_VERSION:
-            return 1.0
+    first: bool = False
+    rank: int = LAST
 
 
 def _said(what: Said, values: Mapping[str, Any]) -> str:
@@ -109,9 +105,44 @@ class Finding:
     def __str__(self) -> str:
         """The sentence; where this version has none for the code with these values, both as they are."""
         try:
-            return _RECORDS[self.code].words(**self.values)
+            return self.record.words(**self.values)
         except _OF_ANOTHER_VERSION:
             return _unworded(self)
+
+    @property
+    def record(self) -> Record:
+        """What is known of the code; an empty record for codes of other versions."""
+        if self.code not in _RECORDS:
+            _read_sentences()
+        return _RECORDS.get(self.code, Record(_unknown))
+
+    @property
+    def phrase(self) -> str:
+        """The finding in a short phrase; its code in words where there is none."""
+        return _said(self.record.phrase, self.values) or self.code.rpartition(".")[2].replace("_", " ")
+
+    @property
+    def remedy(self) -> str:
+        """What to do about it; empty where that is not known."""
+        return _said(self.record.remedy, self.values)
+
+    @property
+    def effect(self) -> float:
+        """By how many of its standard deviations X may be off, as far as the finding says; infinite for a failure."""
+        if self.severity == "failure":
+            return math.inf
+        effect = self.record.effect
+        try:
+            return float(effect(self.values) if callable(effect) else effect)
+        except _OF_ANOTHER_VERSION:
+            return 1.0
+
+    @property
+    def rejects(self) -> bool:
+        """True if it says that the covariance of X is too small: a test that failed."""
+        if self.severity == "note":
+            return False
+        return self.severity == "failure" or (self.record.rejects and self.effect > 1.1)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON, which `from_dict` reads."""
@@ -135,32 +166,24 @@ class Finding:
             raise InputError(f"Expected plain finite values in finding {data['code']!r}: {error}.") from error
 
 
-def sentence(
-    code: str,
-    *,
-    check: str = INPUT,
-    phrase: Said = "",
-    effect: float | Callable[[Mapping[str, Any]], float] = 1.0,
-    rejects: bool = False,
-    remedy: Said = "",
-    rows: Sequence[str] = (),
-    explains: bool = False,
-    explained: bool = False,
-) -> Callable[[Words], Words]:
-    """Register the record of a code (`Record`) with the function that words it."""
+def sentence(code: str, **about: Any) -> Callable[[Words], Words]:
+    """Register the record of a code with the function that words it; ``about``: the other fields of `Record`."""
 
     def register(words: Words) -> Words:
         if code in _RECORDS:
             raise ValueError(f"{code!r} is worded twice.")
-        _RECORDS[code] = Record(words, check, phrase, effect, rejects, remedy, tuple(rows), explains, explained)
+        _RECORDS[code] = Record(words, **about)
         return words
 
     return register
 
 
-def record_of(finding: Finding) -> Record:
-    """Return what is known of the code of a finding; an empty record for codes of other versions."""
-    return _RECORDS.get(finding.code, Record(_unknown))
+@cache
+def _read_sentences() -> None:
+    """Import the ``sentences`` of every package: a stored finding may be of one that was not imported yet."""
+    top = Path(__file__).parent
+    for path in sorted(top.rglob("sentences.py")):
+        import_module(".".join((__package__ or "", *path.relative_to(top).with_suffix("").parts)))
 
 
 def _unknown(**values: Any) -> str:
@@ -180,7 +203,7 @@ def renumbered(finding: Finding, numbers: Sequence[int]) -> Finding:
     """
     if "motion" in (finding.values.get("item"), finding.values.get("what")):
         return finding
-    keys = record_of(finding).rows
+    keys = finding.record.rows
 
     def of_row(value: Any) -> Any:
         return [of_row(part) for part in value] if isinstance(value, list) else int(numbers[value])

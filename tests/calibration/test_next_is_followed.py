@@ -11,7 +11,7 @@ from cli_cases import MODEL, NOISE, run
 from support import moved
 
 import uq_handeye as uq
-from uq_handeye.calibration.report.next_step import _DECLARE, _about_largest
+from uq_handeye.calibration.report.next_step import DECLARE, _about_largest
 from uq_handeye.calibration.statement.accuracy import Part
 from uq_handeye.model.shared_errors.shared_error import DEFAULT_SD
 from uq_handeye.read import write_pose_file
@@ -102,10 +102,10 @@ def test_more_poses_reduce_the_noise(tmp_path):
     assert max(after["std"][3:]) < 0.8 * max(before["std"][3:])
 
 
-@pytest.mark.parametrize("name", [name for name in _DECLARE if name in DEFAULT_SD])
+@pytest.mark.parametrize("name", [name for name in DECLARE if name in DEFAULT_SD])
 def test_what_is_to_be_declared_is_better_than_what_is_assumed(name):
     """Declared as assumed, an error would leave X as it is; the option takes the value as it stands."""
-    option, value = _DECLARE[name]
+    option, value = DECLARE[name]
     accuracy = SimpleNamespace(parts=[Part(name, 1.0, 1.0)], included=(f"{name} 0.1 % (assumed)",))
     step = _about_largest(accuracy, 100)
     assert f"{option} {value}" in step and "measure" in step

@@ -16,7 +16,6 @@ from calibration_cases import NOISE, PAIR_NOISE, motions_alone, quietly, with_wr
 
 import uq_handeye as uq
 from uq_handeye.calibration.report.next_step import step_after
-from uq_handeye.calibration.statement import phrases
 from uq_handeye.findings import Finding
 
 HERE = Path(__file__).parent
@@ -36,9 +35,9 @@ def same(name, text):
 
 def of_finding(finding):
     """Everything that is said about a finding, one line each."""
-    check, effect = phrases.check_of(finding), phrases.effect(finding)
-    marks = f"{check}; effect {effect:.4g}{'; rejects' if phrases.rejects(finding) else ''}"
-    parts = [f"{finding.code} ({finding.severity}; {marks})", str(finding), phrases.phrase(finding)]
+    check, effect = finding.record.check, finding.effect
+    marks = f"{check}; effect {effect:.4g}{'; rejects' if finding.rejects else ''}"
+    parts = [f"{finding.code} ({finding.severity}; {marks})", str(finding), finding.phrase]
     step = step_after([finding])
     return "\n    ".join(parts if step is None else [*parts, f"-> {step}"])
 

@@ -10,7 +10,6 @@ from scipy.spatial.transform import Rotation
 
 import uq_handeye as uq
 from uq_handeye.calibration.report.next_step import next_step, step_after
-from uq_handeye.calibration.statement.phrases import phrase
 from uq_handeye.core.files.source import Source
 from uq_handeye.fit.input_checks.checks import check_fit
 from uq_handeye.fit.input_checks.misread_files import other_readings
@@ -294,7 +293,7 @@ def test_a_left_handed_camera_is_named(good, axis):
     found = check_fit(poses, good.truth.X, None, None)
     (finding,) = [one for one in found if one.code == "input_checks.poses_unexplained"]
     assert finding.values["readings"][0]["kind"] == "mirrored"
-    assert "is left-handed" in str(finding) and "left-handed" in phrase(finding)
+    assert "is left-handed" in str(finding) and "left-handed" in finding.phrase
     assert "right-handed frame" in step_after(found)
 
 
@@ -314,4 +313,4 @@ def test_a_tag_of_another_size_in_a_bag_names_its_option(factor):
     values = reading.values.get("reading") or reading.values["readings"][0]
     assert values["factor"] == pytest.approx(1 / factor, rel=0.01)
     assert "the size of the tag is wrong, that of --tag" in str(reading) and "units" not in str(reading)
-    assert "correct --tag" in step_after(found) and "the tag seems to be" in phrase(reading)
+    assert "correct --tag" in step_after(found) and "the tag seems to be" in reading.phrase

@@ -8,7 +8,6 @@ import pytest
 import uq_handeye as uq
 from uq_handeye import findings as all_findings
 from uq_handeye.calibration.statement.checks import failures_in_words
-from uq_handeye.calibration.statement.phrases import effect, phrase, rejects
 from uq_handeye.findings import CHECKS
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
@@ -81,8 +80,8 @@ def test_outliers_and_a_wrong_size_show_in_their_checks():
 def test_cautions_come_in_the_order_of_their_effect():
     small = uq.PoseNoise.isotropic(robot=("0.01deg", "0.02mm"), camera=("0.04deg", "0.2mm"))
     found = uq.calibrate(POSES, noise=small).cautions
-    assert len(found) > 2 and (np.diff([effect(one) for one in found]) <= 0).all()
-    assert any(map(rejects, found))
+    assert len(found) > 2 and (np.diff([one.effect for one in found]) <= 0).all()
+    assert any(one.rejects for one in found)
 
 
 @pytest.mark.parametrize(
@@ -145,6 +144,6 @@ def test_every_caution_of_the_program_has_a_phrase():
 
 
 def test_values_of_another_version_give_the_code():
-    assert phrase(all_findings.Finding("diagnostics.pattern", "caution", {})) == "pattern"
-    assert phrase(all_findings.Finding("future.some_thing", "caution", {"a": 1})) == "some thing"
-    assert effect(all_findings.Finding("diagnostics.pattern", "caution", {})) == 1.0
+    assert all_findings.Finding("diagnostics.pattern", "caution", {}).phrase == "pattern"
+    assert all_findings.Finding("future.some_thing", "caution", {"a": 1}).phrase == "some thing"
+    assert all_findings.Finding("diagnostics.pattern", "caution", {}).effect == 1.0

@@ -12,7 +12,7 @@ from scipy.special import chdtr, chdtrc, chdtri
 
 from ..core.geometry.se3 import Array, logarithm
 from ..errors import DegenerateMotionError, InputError, NotConvergedError
-from ..findings import GROSS, Finding, Severity, record_of
+from ..findings import GROSS, Finding, Severity
 from ..fit.diagnostics.pose_table import PoseTable, pose_table
 from ..fit.input_checks.alphabetical_rows import alphabetical_rows
 from ..fit.input_checks.checks import check_fit, check_poses, check_rotations
@@ -251,15 +251,15 @@ def look_at(job: Job) -> list[Finding]:
 
 def without_consequences(findings: Sequence[Finding]) -> list[Finding]:
     """Return findings without those that are explained by rotations read in a wrong form or by a wrong file or row."""
-    if not any(record_of(finding).explains for finding in findings):
+    if not any(finding.record.explains for finding in findings):
         return list(findings)
-    return [finding for finding in findings if not record_of(finding).explained]
+    return [finding for finding in findings if not finding.record.explained]
 
 
 def why_failed(findings: Sequence[Finding]) -> list[Finding]:
     """Return the failures among findings; those that explain the others alone, where there are some."""
     failures = [finding for finding in findings if finding.severity == "failure"]
-    return [finding for finding in failures if record_of(finding).explains] or failures
+    return [finding for finding in failures if finding.record.explains] or failures
 
 
 def _known_noise(job: Job) -> Noise | None:

@@ -13,7 +13,6 @@ from ...core.formatting.numbers import digits, probability, times_of_noise
 from ...findings import CHECKS, HALVES, INPUT, MOTION, NEIGHBOURS, NOISE, OUTLIERS, RESIDUALS, SHARED, Finding
 from ...model.noise.estimate import NoiseEstimate
 from .included import included
-from .phrases import check_of, effect, phrase, rejects
 from .stated import Stated, distance_of
 
 # Methods whose results hold the residuals of the poses, unless they were updated by the joint posterior alone.
@@ -49,13 +48,13 @@ def cautions_of(result: Stated) -> tuple[Finding, ...]:
 
 def _in_order(findings: Iterable[Finding]) -> tuple[Finding, ...]:
     found = [finding for finding in findings if finding.severity != "note"]
-    order = sorted(range(len(found)), key=lambda k: (-effect(found[k]), _of_input(found[k]), k))
+    order = sorted(range(len(found)), key=lambda k: (-found[k].effect, found[k].record.rank, k))
     return tuple(found[k] for k in order)
 
 
 def failures_in_words(findings: Iterable[Finding]) -> tuple[str, ...]:
     """Return the failures among findings as short phrases, the decisive one first; also those of an `InputError`."""
-    return tuple(dict.fromkeys(phrase(one) for one in _in_order(findings) if one.severity == "failure"))
+    return tuple(dict.fromkeys(one.phrase for one in _in_order(findings) if one.severity == "failure"))
 
 
 def reasons_of(result: Stated) -> tuple[str, ...]:
@@ -79,7 +78,7 @@ def lower_limit_of(result: Stated) -> bool:
     Noise that is estimated from the residuals cannot show what all poses share: without any shared error declared or
     assumed it is a lower limit by itself.
     """
-    if any(rejects(finding) for finding in cautions_of(result)):
+    if any(finding.rejects for finding in cautions_of(result)):
         return True
     return result.noise_estimate is not None and not included(result)
 
@@ -88,13 +87,13 @@ def checks_of(result: Stated) -> tuple[Check, ...]:
     """Return the checks of a calibration in a fixed order; that of the camera only where it found something."""
     found: dict[str, list[Finding]] = {name: [] for name in CHECKS}
     for finding in cautions_of(result):
-        found.setdefault(check_of(finding), []).append(finding)
+        found.setdefault(finding.record.check, []).append(finding)
     checks = []
     for name, findings in found.items():
         if findings:
             more = f" (+{len(findings) - 1} more)" if len(findings) > 1 else ""
-            failed = any(map(rejects, findings))
-            checks.append(Check(name, "failed" if failed else "caution", phrase(findings[0]) + more, tuple(findings)))
+            failed = any(one.rejects for one in findings)
+            checks.append(Check(name, "failed" if failed else "caution", findings[0].phrase + more, tuple(findings)))
         else:
             checks.append(_without_findings(name, result))
     return tuple(checks)
@@ -107,23 +106,6 @@ def _all_findings(result: Stated) -> Iterable[Finding]:
         halves = (result.analysis.split_half.finding, result.analysis.split_in_time.finding)
         found += [one for one in (*result.analysis.diagnostics.findings, *halves) if one not in found]
     return found
-
-
-def _of_input(finding: Finding) -> int:
-    """Return the rank among failures: a wrong file explains the others."""
-    decisive = (
-        "same_file",
-        "tiny",
-        "another_arm",
-        "another_rotation",
-        "alphabetical_rows",
-        "poses_unexplained",
-        "shifted_rows",
-        "wrong_scale",
-        "angles_disagree",
-    )
-    name = finding.code.rpartition(".")[2]
-    return decisive.index(name) if name in decisive else len(decisive)
 
 
 def _without_findings(name: str, result: Stated) -> Check:
@@ -183,12 +165,12 @@ def _of_residuals(name: str, result: Stated) -> Check:
     assert result.analysis is not None
     found = result.analysis.diagnostics
     for noted in result.findings:
-        if check_of(noted) == name:
-            return Check(name, "ok", phrase(noted), (noted,))
+        if noted.record.check == name:
+            return Check(name, "ok", noted.phrase, (noted,))
     tests = (found.autocorrelation,) if name == NEIGHBOURS else (found.normality, found.regression)
     reasons = [test.reason for test in tests if test.reason is not None]
     if len(reasons) == len(tests):
-        return Check(name, "not run", _why(reasons[0]), tuple(reasons))
+        return Check(name, "not run", reasons[0].phrase, tuple(reasons))
     words = "uncorrelated" if name == NEIGHBOURS else "Gaussian, without a pattern over the poses"
     if reasons:  # one of two
         words = "Gaussian" if found.normality.reason is None else "no pattern over the poses"
@@ -200,27 +182,9 @@ def _of_halves(result: Stated) -> Check:
     halves = (result.analysis.split_half, result.analysis.split_in_time)
     run = [half for half in halves if half.possible]
     if not run:
-        return Check(HALVES, "not run", _why(halves[0].finding), (halves[0].finding,))
+        return Check(HALVES, "not run", halves[0].finding.phrase, (halves[0].finding,))
     least = min(float(np.min(half.p_value)) for half in run if half.p_value is not None)
     if least < DOUBTFUL:
         words = f"X of two halves differs more than is usual ({probability(least, 2)})"
         return Check(HALVES, "caution", words, tuple(h.finding for h in run))
     return Check(HALVES, "ok", f"X of two halves agrees ({probability(least, 2)})", tuple(h.finding for h in run))
-
-
-def _why(reason: Finding) -> str:
-    """Return in short why a test was not run."""
-    values = reason.values
-    if reason.code == "diagnostics.not_tested":
-        return {
-            "too few": "too few poses",
-            "exact": "the residuals are zero",
-            "unknowns": "too few poses for the unknowns",
-            "coefficients": "too few poses",
-            "estimated": "correlation is part of the estimated noise",
-        }.get(str(values.get("why")), "the noise is joint over the poses")
-    return {
-        "diagnostics.halves_too_small": "too few poses",
-        "diagnostics.halves_without_freedom": "too few degrees of freedom",
-        "diagnostics.half_fails": "a half does not determine X",
-    }.get(reason.code, "not possible")

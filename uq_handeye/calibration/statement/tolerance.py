@@ -28,7 +28,6 @@ from ...core.geometry.se3 import Array
 from ...errors import InputError
 from ...fit.likelihood.d2_distribution import Reference
 from .checks import checks_of, lower_limit_of, reasons_of
-from .phrases import phrase
 from .stated import Stated
 
 Word = Literal["PASS", "FAIL", "NOT SHOWN"]
@@ -159,7 +158,7 @@ def verdict_of(result: Stated, tolerance: Any, at: Any = None) -> Verdict:
     failed = [check for check in checks_of(result) if check.status == "failed"]
     if not reasons and failed:
         named = " and ".join(check.name for check in failed[:2])
-        reasons.append(f"check failed: {named} ({phrase(failed[0].findings[0])})")
+        reasons.append(f"check failed: {named} ({failed[0].findings[0].phrase})")
     if not reasons and lower_limit_of(result):
         reasons.append("the accuracy is a lower limit: no shared error is included")
     if reasons or probability is None:

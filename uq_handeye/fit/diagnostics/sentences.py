@@ -169,7 +169,16 @@ def _moves(item: str, row: int, shift_sd: float, rotation: float, translation: f
 # ----------------------------------------------------------------------------------------- tests of the residuals
 
 
-@sentence("diagnostics.not_tested")
+@sentence(
+    "diagnostics.not_tested",
+    phrase=lambda v: {
+        "too few": "too few poses",
+        "exact": "the residuals are zero",
+        "unknowns": "too few poses for the unknowns",
+        "coefficients": "too few poses",
+        "estimated": "correlation is part of the estimated noise",
+    }.get(v["why"], "the noise is joint over the poses"),
+)
 def _(test: str, item: str, why: str, rows: int, needed: int) -> str:
     reason = {
         "too few": f"{rows} rows are too few, {needed} are needed",
@@ -271,12 +280,30 @@ def _(name: str) -> str:
     return f"The effect of the {name} is not known, because the distances from camera to target are not known."
 
 
+# Options that declare an error, and a value that takes a measurement: better than what is assumed.
+DECLARE = {
+    "focal length": ("--focal-sd", "0.03%"),
+    "principal point": ("--principal-point-sd", "0.0003"),
+    "target scale": ("--target-scale-sd", "0.01%"),
+    "robot scale": ("--robot-scale-sd", "0.005%"),
+    "robot accuracy": ("--robot-accuracy", "0.2mm,0.02deg"),
+    "clock offset": ("--offset-sd", "0.1ms"),
+}
+
+
+def _declare(values: Mapping[str, Any]) -> str:
+    name, found = values["errors"][0]["name"], abs(float(values["errors"][0]["estimate"]))
+    option = f"{DECLARE[name][0]} {digits(100 * found, 1)}%" if name in DECLARE else "--shared defaults"
+    return f"measure the {name}, or declare an uncertainty that holds what was found: {option}"
+
+
 @sentence(
     "diagnostics.undeclared",
     check=SHARED,
     phrase=_asked_in_short,
     effect=2,
     rejects=True,
+    remedy=_declare,
 )
 def _(errors: Sequence[Mapping[str, Any]]) -> str:
     asked = [f"{error['name']} {relative(error['estimate'], error['sd'])}" for error in errors]
@@ -296,17 +323,17 @@ def relative(estimate: float, sd: float) -> str:
 # --------------------------------------------------------------------------------------------------- split halves
 
 
-@sentence("diagnostics.halves_too_small")
+@sentence("diagnostics.halves_too_small", phrase="too few poses")
 def _(split: str, item: str, rows: int, needed: int) -> str:
     return f"{_not_run(split)} a half has {rows} {item}s, {needed} are needed."
 
 
-@sentence("diagnostics.halves_without_freedom")
+@sentence("diagnostics.halves_without_freedom", phrase="too few degrees of freedom")
 def _(split: str, dof: float) -> str:
     return f"{_not_run(split)} the noise was estimated with {dof:.2g} degrees of freedom only."
 
 
-@sentence("diagnostics.half_fails")
+@sentence("diagnostics.half_fails", phrase="a half does not determine X")
 def _(split: str, error: str) -> str:
     return f"{_not_run(split)} the fit of one half fails. {error}"
 

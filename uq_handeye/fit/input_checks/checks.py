@@ -22,7 +22,8 @@ from ...model.poses.motions import Motions, median, pose_residuals, rotation_ang
 from ...model.poses.pose_pairs import PosePairs
 from ...model.poses.view import STEADY_VIEW, direction_spread
 from .board_rotation import LARGE_ROTATION
-from .misread_files import EXACT, OTHER_SETUP, inverted_on_request, other_readings, scaled_reading
+from .misread_files import EXACT, inverted_on_request, other_readings, scaled_reading
+from .remedies import OTHER_SETUP
 from .repeated_rows import rows_again, said_again
 
 # Robot and camera see the same rotation angle; beyond this RMS difference (rad) the rows are not the same moments,

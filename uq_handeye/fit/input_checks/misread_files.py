@@ -21,12 +21,12 @@ from ...methods.procrustes.limit import solve_limit
 from ...model.poses.pose_pairs import PosePairs
 from ...model.poses.view import STEADY_VIEW, direction_spread
 from .board_rotation import LARGE_ROTATION, consistency
+from .remedies import OTHER_SETUP
 
 # Data without noise, from a simulation, say nothing about noise (rad, or share of the travel).
 EXACT = 1e-7
 # Of two readings that fit, the worse is named if its translation residuals are below so many times those of the better.
 ALIKE = 4.0
-OTHER_SETUP = {"eye-in-hand": "eye-to-hand", "eye-to-hand": "eye-in-hand"}
 # Translations (m) below which a file was read in too small a unit.
 SMALL = 0.02
 # Readings of which one comes with the other.

@@ -12,6 +12,7 @@ from typing import Any
 
 from ...core.formatting.numbers import digits, times_of_noise
 from ...findings import INPUT, MOTION, NOISE, OUTLIERS, sentence
+from .remedies import CAMERA, of_lengths, of_readings
 
 _DEG, _MM = 180.0 / math.pi, 1e3
 
@@ -84,6 +85,7 @@ def _ratio(v: Mapping[str, Any]) -> float:
 
 @sentence(
     "input_checks.far",
+    first=True,
     check=INPUT,
     phrase=_far_in_short,
     effect=50,
@@ -104,6 +106,7 @@ def _(file: str, reach: float, unit: str, from_corners: bool, rows: Sequence[int
 
 @sentence(
     "input_checks.tiny",
+    rank=1,
     check=INPUT,
     phrase=lambda v: f"both files seem to be in a larger unit ({digits(1e3 * v['reach'], 2)} mm at most)",
     effect=50,
@@ -159,6 +162,7 @@ def _(file: str, count: int, n: int, runs: Sequence[Sequence[int]] = ()) -> str:
 
 @sentence(
     "input_checks.same_file",
+    rank=0,
     explains=True,
     check=INPUT,
     phrase="robot and camera file hold the same poses",
@@ -173,6 +177,7 @@ def _() -> str:
 
 @sentence(
     "input_checks.angles_disagree",
+    rank=8,
     explained=True,
     check=INPUT,
     phrase=lambda v: (
@@ -293,9 +298,11 @@ def _(what: str, count: int, n: int, rotation: float, translation: float, worst:
 
 @sentence(
     "input_checks.poses_unexplained",
+    rank=5,
     explained=True,
     check=INPUT,
     phrase=_readings_in_short,
+    remedy=of_readings,
 )
 def _(rotation: float, translation: float, readings: Sequence[Mapping[str, Any]]) -> str:
     start = (
@@ -326,9 +333,11 @@ def _(rotation: float, translation: float) -> str:
 
 @sentence(
     "input_checks.wrong_scale",
+    rank=7,
     explained=True,
     check=INPUT,
     phrase=lambda v: _reading_in_short(v["reading"]),
+    remedy=of_readings,
 )
 def _(reading: Mapping[str, Any]) -> str:
     return f"The translations of robot and camera do not match. They would fit if {reading_in_words(**reading)}."
@@ -336,6 +345,7 @@ def _(reading: Mapping[str, Any]) -> str:
 
 @sentence(
     "input_checks.long_bracket",
+    first=True,
     explained=True,
     check=INPUT,
     phrase=lambda v: f"the {v['what']} would sit {digits(v['length'], 2)} m from the gripper: wrong files?",
@@ -356,9 +366,11 @@ def _(what: str, length: float, fixed: float) -> str:
 
 @sentence(
     "input_checks.setup_not_said",
+    first=True,
     check=INPUT,
     phrase="the setup may be {setup}: say which",
     effect=30,
+    remedy=lambda v: f"{CAMERA[v['setup']]}, run again with --setup {v['setup']} and without --camera-frame",
 )
 def _(setup: str, seen: float, as_given: float) -> str:
     return (
@@ -370,9 +382,11 @@ def _(setup: str, seen: float, as_given: float) -> str:
 
 @sentence(
     "input_checks.setup_by_lengths",
+    first=True,
     check=INPUT,
     phrase=lambda v: f"the {v['what']} would sit {digits(v['length'], 2)} m from the gripper: {v['setup']}?",
     effect=30,
+    remedy=of_lengths,
 )
 def _(what: str, length: float, fixed: float, setup: str, inverted: bool) -> str:
     frame = (
@@ -463,6 +477,7 @@ def _option(file: str, argument: str, value: str, other: str | None = None) -> s
 
 @sentence(
     "input_checks.shifted_rows",
+    rank=6,
     explained=True,
     check=INPUT,
     phrase="rows are missing in one file: the pairing is shifted",
@@ -511,6 +526,7 @@ def _(
 
 @sentence(
     "input_checks.alphabetical_rows",
+    rank=4,
     explains=True,
     check=INPUT,
     phrase=lambda v: f"the {v['file']} rows are in alphabetical order ({', '.join(map(str, v['order'][:3]))}, ...)",

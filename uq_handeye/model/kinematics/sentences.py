@@ -49,6 +49,7 @@ def _(
 
 @sentence(
     "kinematics.another_arm",
+    rank=2,
     check=INPUT,
     phrase="the robot poses are not those of the URDF",
     remedy="give the URDF of this robot, or leave --joints and --urdf out",

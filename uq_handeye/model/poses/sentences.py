@@ -18,6 +18,7 @@ def _(function: str, std: float) -> str:
 
 @sentence(
     "poses.another_rotation",
+    rank=3,
     explains=True,
     check=INPUT,
     phrase="the {side} rotations seem to be {form}, not {used}",
