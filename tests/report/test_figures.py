@@ -15,7 +15,7 @@ from scipy.stats import chi2
 from support import SEED, moved
 
 import uq_handeye as uq
-from uq_handeye.calibration.analysis import StoredAnalysis
+from uq_handeye.calibration.estimate.analysis import StoredAnalysis
 from uq_handeye.calibration.points_ahead import ahead
 from uq_handeye.calibration.report.budget_figure import budget_figure
 from uq_handeye.calibration.report.residual_figure import residual_figure

@@ -21,7 +21,7 @@ from report_cases import Page
 from support import SEED
 
 import uq_handeye as uq
-from uq_handeye.calibration.provenance import Provenance
+from uq_handeye.calibration.estimate.provenance import Provenance
 from uq_handeye.calibration.report.text import directions
 from uq_handeye.core.files.about import ABOUT
 from uq_handeye.core.files.source import Source
@@ -416,10 +416,10 @@ def test_a_page_computes_nothing(quick, tmp_path, monkeypatch):
         "calibration.calibrate.calibrate",
         "report.comparison.compare.calibrate",
         "report.comparison.compare.compare",
-        "calibration.analysis.diagnose",
-        "calibration.analysis.resampled",
-        "calibration.analysis.split_fit",
-        "calibration.analysis.budget",
+        "calibration.estimate.analysis.diagnose",
+        "calibration.estimate.analysis.resampled",
+        "calibration.estimate.analysis.split_fit",
+        "calibration.estimate.analysis.budget",
     ):
         monkeypatch.setattr(f"uq_handeye.{name}", computes)
     of.report(tmp_path / "given.html", comparison=given)

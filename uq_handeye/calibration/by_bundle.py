@@ -11,8 +11,8 @@ from ..fit.likelihood.rig_bundle import Agreement, adjust_rig
 from ..model.noise.estimate import CAMERA_EXCESS
 from ..model.noise.models import PoseNoise
 from ..model.poses.motions import residuals, summarise
-from .analysis import Analysis
 from .by_likelihood import by_likelihood
+from .estimate.analysis import Analysis
 from .job import Job
 from .request import BUNDLE
 from .result import Calibration

@@ -62,8 +62,10 @@ from ..model.shared_errors.shared_error import (
     with_shared,
     without_shared,
 )
-from .analysis import Analysis
 from .by_published import bare_result, by_sigma_points, estimate_unweighted, reference_for, reference_of
+from .estimate.analysis import Analysis
+from .estimate.estimated import FourDPA
+from .estimate.fitted_kinematics import FittedKinematics
 from .findings import (
     against_corners,
     against_data_sheet,
@@ -74,11 +76,9 @@ from .findings import (
     wrong_poses,
 )
 from .job import FEWEST_FOR_ROBUST, Job
-from .prediction.fitted_kinematics import FittedKinematics
 from .prediction.local_joints import local_findings
 from .request import OF_NOISE
 from .result import Calibration
-from .result_file import FourDPA
 
 # Data whose residuals (rad, and relative to the longest translation) are smaller come from a simulation without noise.
 EXACT = 1e-10

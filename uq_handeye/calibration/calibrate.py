@@ -30,14 +30,14 @@ from ..model.poses.motions import Motions, relative_motions
 from ..model.poses.pose_pairs import PosePairs, Selection, pairs_of, ranges, select_poses
 from ..model.shared_errors.shared_error import SharedError
 from ..model.shared_errors.sizes import Size, SizeLike
-from .analysis import Analysis
 from .by_bundle import by_bundle
 from .by_likelihood import by_likelihood, poses_about_errors
 from .by_published import by_published
+from .estimate.analysis import Analysis
+from .estimate.provenance import Provenance, provenance
 from .findings import flipped_poses, look_at, reasons, require_determined, shifted, why_failed, without_consequences
 from .job import Job, job_of
 from .prediction.excluded import residuals_against
-from .provenance import Provenance, provenance
 from .request import BUNDLE, Request
 from .result import Calibration
 

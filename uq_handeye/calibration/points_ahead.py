@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from ..core.geometry.se3 import Array
-from .statement.stated import distance_of
+from .estimate.estimated import distance_of
 
 if TYPE_CHECKING:
     from .result import Calibration

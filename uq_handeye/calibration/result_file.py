@@ -6,7 +6,7 @@ Reading checks types, shapes, that all is finite, and that numbers which others 
 
 from __future__ import annotations
 
-from typing import Annotated, Any, NamedTuple, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -26,7 +26,7 @@ from ..model.poses.motions import Motions, relative_motions
 from ..model.poses.pose_pairs import PosePairs
 from ..model.poses.to_dict import data_from_dict
 from ..model.posterior.posterior import Posterior
-from .analysis import StoredAnalysis
+from .estimate.analysis import StoredAnalysis
 from .request import BUNDLE, COVARIANCES
 
 C = TypeVar("C")
@@ -45,13 +45,6 @@ _KNOWN = {
     "kind": (None, "pairs", "poses", "literal"),
     "setup": (None, *SETUPS),
 }
-
-
-class FourDPA(NamedTuple):
-    """4DPA result for the same data."""
-
-    X: Annotated[Array, 4, 4]
-    covariance: Annotated[Array, 6, 6] | None  # to first order, at the same noise
 
 
 def from_dict(kind: type[C], data: dict[str, Any]) -> C:

@@ -10,6 +10,7 @@ from ..core.formatting.numbers import concise, digits, multiple, probability, si
 from ..findings import CAMERA, MOTION, NOISE, OUTLIERS, RESIDUALS, SHARED, sentence
 from ..fit.diagnostics.sentences import along
 from ..model.poses.pose_pairs import ranges
+from .estimate.estimated import open_words
 
 
 def _of_two(v: Mapping[str, Any]) -> float:
@@ -287,36 +288,6 @@ def _(directions: Sequence[Sequence[float]], setup: str | None) -> str:
         "fit, and the standard deviations cover the rest only. Give a prior (--known, --prior-x), or rotate the robot "
         "about another axis."
     )
-
-
-# Components of an open direction below this share of the largest count as none.
-_NONE = 0.02
-
-
-def open_words(direction: Sequence[float], setup: str | None) -> str:
-    """One open direction (12) of X and W, e.g. "the camera along the gripper's z axis, with the target along ..."."""
-    frames = {"eye-in-hand": ("gripper", "base"), "eye-to-hand": ("base", "gripper"), None: ("frame of A", "")}[setup]
-    of_X, of_W = direction[:6], direction[6:]
-    size = max(map(abs, [*direction[3:6], *direction[9:]])) or 1.0
-    parts = [
-        f"{what} {_movement(xi, frame)}"
-        for what, xi, frame in (("the camera", of_X, frames[0]), ("the target", of_W, frames[1]))
-        if max(map(abs, xi)) > _NONE * size
-    ]
-    return " together with ".join(parts)
-
-
-def _movement(xi: Sequence[float], frame: str) -> str:
-    turns = math.hypot(*xi[:3]) > _NONE * math.hypot(*xi[3:])
-    axis = xi[:3] if turns else xi[3:]
-    length = math.hypot(*axis) or 1.0
-    unit = [x / length for x in axis]
-    largest = max(range(3), key=lambda k: abs(unit[k]))
-    how = "about" if turns else "along"
-    if abs(unit[largest]) > 1.0 - _NONE**2:
-        return f"{how} the {frame}'s {'xyz'[largest]} axis"
-    sign = 1.0 if unit[largest] > 0 else -1.0
-    return f"{how} ({', '.join(f'{sign * x:.2f}' for x in unit)}) of the {frame}"
 
 
 @sentence("calibration.excluded")

@@ -10,51 +10,26 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any, Protocol, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from scipy.special import chdtrc
 
-from ...core.files.source import Source
 from ...core.geometry.se3 import perturb
 from ...errors import InputError
 from ...findings import Finding
 from ...model.poses.to_dict import sha256_of
 from ...model.posterior.rows import NewRows
-from ..prediction.fitted_kinematics import FittedKinematics
-from ..prediction.predict import Predicting, posterior_of
+from ..estimate.estimated import Estimated
+from ..estimate.fitted_kinematics import FittedKinematics
+from ..prediction.predict import posterior_of
 from .touches import Touches, TouchEvidence, evidence_of_touches, with_tool
 
 # p-value below which touches contradict the poses.
 CONTRADICTS = 0.05
 
 
-class Origin(Protocol):
-    """Interface of a provenance."""
-
-    @property
-    def options(self) -> dict[str, Any]: ...
-    @property
-    def sources(self) -> tuple[Source, ...]: ...
-
-
-class Sourced(Predicting, Protocol):
-    """Interface of a calibration that knows its origin."""
-
-    @property
-    def provenance(self) -> Any: ...
-
-
-class Absorbing(Sourced, Protocol):
-    """Interface of a calibration that can take in evidence."""
-
-    @property
-    def covariance_kind(self) -> str: ...
-    @property
-    def findings(self) -> tuple[Finding, ...]: ...
-
-
-C = TypeVar("C", bound=Absorbing)
+C = TypeVar("C", bound=Estimated)
 
 
 def absorbed_into(result: C, evidence: NewRows, finding: Finding, options: Mapping[str, Any]) -> C:
@@ -111,12 +86,12 @@ def absorbed_into(result: C, evidence: NewRows, finding: Finding, options: Mappi
     return replace(result, **parts)  # type: ignore[type-var]
 
 
-def touches_taken(result: Sourced) -> list[dict[str, Any]]:
+def touches_taken(result: Estimated) -> list[dict[str, Any]]:
     """Return the sets of touches that a calibration has taken in, of its provenance."""
     return [] if result.provenance is None else list(result.provenance.options.get("touches", []))
 
 
-def require_other_touches(result: Sourced, touches: Touches, evidence: TouchEvidence) -> None:
+def require_other_touches(result: Estimated, touches: Touches, evidence: TouchEvidence) -> None:
     """Raise `InputError` for touches that are part of the calibration: they cannot verify it."""
     if _key_of(touches, evidence) in (one["sha256"] for one in touches_taken(result)):
         raise InputError("These touches are part of the calibration and cannot test it. Verify with others.")

@@ -25,10 +25,10 @@ from ...model.poses.pose_pairs import PosePairs
 from ...model.posterior.owners import THINGS, checked_things, require_same
 from ...model.posterior.rows import NewRows
 from ...model.shared_errors.accuracy import ROBOT_ACCURACY
+from ..estimate.estimated import Estimated
 from ..prediction.predict import (
     NONE,
     Fresh,
-    Predicting,
     RobotAhead,
     camera_at,
     fresh_of_camera,
@@ -59,7 +59,7 @@ class PoseEvidence(NewRows):
 
 
 def evidence_of_poses(
-    result: Predicting,
+    result: Estimated,
     poses: PosePairs,
     noise: PoseNoise | None = None,
     joints: Any = None,
@@ -131,13 +131,13 @@ def evidence_of_poses(
     return PoseEvidence(*at, by_state, linear, robot, camera, own_at=own_at)
 
 
-def poses_less_shared_errors(result: Predicting, poses: PosePairs) -> PosePairs:
+def poses_less_shared_errors(result: Estimated, poses: PosePairs) -> PosePairs:
     """Poses of the rig of a calibration less the estimates of the errors that they share with its poses."""
     ahead, _, _, camera = _corrected(result, poses, None)
     return PosePairs(ahead.poses, camera, poses.setup)
 
 
-def _corrected(result: Predicting, poses: PosePairs, joints: Any) -> tuple[RobotAhead, Array, Any, Array]:
+def _corrected(result: Estimated, poses: PosePairs, joints: Any) -> tuple[RobotAhead, Array, Any, Array]:
     """The robot poses corrected, what shared errors do to the camera poses, the noise of these, and they corrected."""
     given = joints if joints is not None or result.kinematics is None else poses.joints
     ahead = robot_ahead(result, given, poses.robot, measured=True)
@@ -146,7 +146,7 @@ def _corrected(result: Predicting, poses: PosePairs, joints: Any) -> tuple[Robot
     return ahead, F_C, of_camera, perturb(poses.camera, -(F_C @ estimate[:, None])[..., 0])
 
 
-def _effects_on_camera(result: Predicting, poses: PosePairs, robot: Array) -> tuple[Array, Any]:
+def _effects_on_camera(result: Estimated, poses: PosePairs, robot: Array) -> tuple[Array, Any]:
     """(m, 6, q) what the errors of the posterior do to the new camera poses, and the noise of these.
 
     They are taken where the camera should be at the corrected robot poses, without the noise of what it measured.
@@ -162,7 +162,7 @@ def _effects_on_camera(result: Predicting, poses: PosePairs, robot: Array) -> tu
     return F, S
 
 
-def noise_of_pictures(result: Predicting, poses: PosePairs) -> Any:
+def noise_of_pictures(result: Estimated, poses: PosePairs) -> Any:
     """Return the noise of camera poses that come with theirs: by the camera of the result what each has by itself."""
     seen = poses.camera_calibration
     if seen is None:

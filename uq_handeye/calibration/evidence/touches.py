@@ -36,10 +36,10 @@ from ...model.poses.pose_pairs import PosePairs
 from ...model.posterior.rows import NewRows, factor_of
 from ...model.shared_errors.accuracy import ROBOT_ACCURACY
 from ...model.shared_errors.shared_error import TARGET_SCALE
+from ..estimate.estimated import Estimated
 from ..prediction.predict import (
     NONE,
     Fresh,
-    Predicting,
     RobotAhead,
     own_noise,
     posterior_of,
@@ -211,7 +211,7 @@ class TouchEvidence(NewRows):
         return replace(self, own_at=own_at, **{name: getattr(self, name)[index] for name in names})
 
 
-def evidence_of_touches(result: Predicting, touches: Touches) -> TouchEvidence:
+def evidence_of_touches(result: Estimated, touches: Touches) -> TouchEvidence:
     """Hold points that were seen and touched against a calibration.
 
     A tool of which nothing is known adds no columns here: its three numbers are `TouchEvidence.by_tool`.
@@ -295,7 +295,7 @@ def with_tool(evidence: TouchEvidence) -> TouchEvidence:
     return replace(evidence, by_unit=np.concatenate([before, UNKNOWN_TOOL * evidence.by_tool, fresh], axis=-1))
 
 
-def _robot_at_seeing(result: Predicting, touches: Touches) -> RobotAhead | None:
+def _robot_at_seeing(result: Estimated, touches: Touches) -> RobotAhead | None:
     if result.setup != "eye-in-hand":
         return None
     if touches.robot is None and touches.joints is None:
@@ -307,7 +307,7 @@ def _robot_at_seeing(result: Predicting, touches: Touches) -> RobotAhead | None:
     return _with_noise(robot_ahead(result, touches.joints, touches.robot), touches)
 
 
-def _robot_at_touch(result: Predicting, touches: Touches) -> RobotAhead | None:
+def _robot_at_touch(result: Estimated, touches: Touches) -> RobotAhead | None:
     if touches.touched_robot is None and touches.touched_joints is None:
         return None
     return _with_noise(robot_ahead(result, touches.touched_joints, touches.touched_robot), touches)
@@ -320,7 +320,7 @@ def _with_noise(ahead: RobotAhead, touches: Touches) -> RobotAhead:
     return replace(ahead, fresh=(Fresh("given", noise, 1.0, NONE),))
 
 
-def _poses_of_points(result: Predicting, touches: Touches) -> Array:
+def _poses_of_points(result: Estimated, touches: Touches) -> Array:
     """(m, 4, 4) poses of a flange at touched points: with the orientation of the nearest pose of the calibration."""
     assert touches.touched is not None
     poses = np.broadcast_to(np.eye(4), (touches.m, 4, 4)).copy()
@@ -333,7 +333,7 @@ def _poses_of_points(result: Predicting, touches: Touches) -> Array:
 
 
 def _seen_points(
-    result: Predicting, touches: Touches, seen_from: RobotAhead | None
+    result: Estimated, touches: Touches, seen_from: RobotAhead | None
 ) -> tuple[Array, Array, Array, Array | None, NDArray[np.intp]]:
     """Points in the camera, corrected by the estimates of shared errors: (m, 3); (m, 3, q) by these errors; noise
     (m, 3, 3) of each; noise by columns (m, 3, 6) of each view of a board; the number of the view of each.

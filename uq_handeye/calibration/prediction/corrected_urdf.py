@@ -28,7 +28,7 @@ from ...model.kinematics.descriptions.urdf import origin_of, read_tree
 from ...model.kinematics.errors import LENGTHS, OFFSETS, TILTS
 from ...model.kinematics.forward import align
 from ...model.kinematics.gravity import spread_postures
-from .fitted_kinematics import ErrorEstimate, FittedKinematics
+from ..estimate.fitted_kinematics import ErrorEstimate, FittedKinematics
 
 if TYPE_CHECKING:
     from ...model.kinematics.descriptions.urdf_origins import Placed

@@ -2,26 +2,18 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 
 from ...core.geometry.se3 import Array, logarithm
 from ...fit.likelihood.constraint import OnPoses, Unknowns
 from ...model.poses.pose_pairs import PosePairs
-from .predict import Predicting, own_noise, predict_camera
+from ..estimate.estimated import Estimated
+from .predict import own_noise, predict_camera
 
 # Of data without noise (rad, m).
 ROUNDING = 1e-10
-
-
-class Fitted(Predicting, Protocol):
-    """Interface of a calibration, as far as the residuals of further poses need it."""
-
-    @property
-    def covariance(self) -> Array | None: ...
-    @property
-    def covariance_W(self) -> Array | None: ...
 
 
 class Residual(NamedTuple):
@@ -32,7 +24,7 @@ class Residual(NamedTuple):
     distance2: Array  # (m,) squared Mahalanobis distance from the prediction of the fit
 
 
-def residuals_against(result: Fitted, poses: PosePairs) -> Residual:
+def residuals_against(result: Estimated, poses: PosePairs) -> Residual:
     """Return the residuals of ``G X C = W`` of poses that the result was not fitted to, and their distances.
 
     The distance is that of the camera pose from its prediction (`predict_camera`), with the noise of one measurement:

@@ -14,7 +14,8 @@ from ...findings import Finding
 from ...model.kinematics.chain import Kinematics
 from ...model.kinematics.gravity import spread_postures
 from ...model.kinematics.kinematic_errors import EXACT
-from .predict import Predicting, camera_ahead
+from ..estimate.estimated import Estimated
+from .predict import camera_ahead
 
 # Poses are local where no two tips are farther apart than this share of the reach, and half of the joints use less than
 # this share of their ranges; it is a caution where predictions elsewhere are so many times as uncertain as there.
@@ -24,7 +25,7 @@ WORSE = 3.0
 LOOKED_AT = 100
 
 
-def local_findings(result: Predicting) -> list[Finding]:
+def local_findings(result: Estimated) -> list[Finding]:
     """One finding for local poses with joints: what they span, what they tell, how well predictions are known."""
     fitted = result.kinematics
     if fitted is None or result.posterior is None or fitted.how == EXACT or not len(fitted.kept):
@@ -51,7 +52,7 @@ def range_shares(chain: Kinematics, q: Array) -> Array:
     return np.asarray(np.minimum((q.max(axis=0) - q.min(axis=0)) / full, 1.0))
 
 
-def _spread(result: Predicting, q: Array) -> float:
+def _spread(result: Estimated, q: Array) -> float:
     """RMS error (m) expected of where the camera sees the target at joints (t, L)."""
     assert result.posterior is not None
     A = camera_ahead(result, q).columns[:, 3:]

@@ -20,7 +20,7 @@ noise of its own: of the joints, of the robot pose, of the camera.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal, NamedTuple, Protocol
+from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 
@@ -30,54 +30,25 @@ from ...core.geometry.se3 import Array, inverse, perturb
 from ...errors import InputError
 from ...fit.diagnostics.task_space import PointUncertainty, by_pose, point_noise
 from ...fit.likelihood.constraint import OnPoses, Unknowns
-from ...fit.likelihood.open_directions import OpenDirections
-from ...fit.likelihood.shared_estimates import SharedEstimate
 from ...model.kinematics.errors import GROUPS
 from ...model.kinematics.kinematic_errors import EXACT, JOINT_NOISE, effects_of_errors, frame_name
 from ...model.kinematics.workspace_gauge import frame_columns
 from ...model.noise.camera_noise import INTRINSICS
 from ...model.noise.joint_covariance import JointCovariance, group_of
-from ...model.noise.models import Noise, PoseNoise
+from ...model.noise.models import PoseNoise
 from ...model.poses.motions import Motions
 from ...model.poses.pose_pairs import PosePairs
 from ...model.posterior.posterior import Posterior
 from ...model.shared_errors.accuracy import ROBOT_ACCURACY
 from ...model.shared_errors.shared_error import SharedError, bound_again, error_by_part
 from ...model.shared_errors.view import target_centre, view_block
-from .fitted_kinematics import FittedKinematics
+from ..estimate.estimated import Estimated
 
 # Of sizes that are known there are no points.
 NONE = np.zeros(0)
 
 
-class Predicting(Protocol):
-    """Interface of a calibration, as far as a prediction needs it."""
-
-    @property
-    def X(self) -> Array: ...
-    @property
-    def W(self) -> Array | None: ...
-    @property
-    def setup(self) -> str | None: ...
-    @property
-    def noise(self) -> Noise | None: ...
-    @property
-    def kinematics(self) -> FittedKinematics | None: ...
-    @property
-    def posterior(self) -> Posterior | None: ...
-    @property
-    def data(self) -> PosePairs | Motions | None: ...
-    @property
-    def counted(self) -> PosePairs | Motions | None: ...
-    @property
-    def opened(self) -> OpenDirections | None: ...
-    @property
-    def shared(self) -> tuple[SharedEstimate, ...]: ...
-    @property
-    def method(self) -> str: ...
-
-
-def posterior_of(result: Predicting) -> Posterior:
+def posterior_of(result: Estimated) -> Posterior:
     """Return the joint posterior of X and W; raises `InputError` where there is none, with the reason."""
     if result.opened is not None:
         raise InputError(
@@ -151,7 +122,7 @@ class CameraAhead:
 
 
 def predict_camera(
-    result: Predicting, joints: Any = None, robot: Any = None, new_measurement: bool = True
+    result: Estimated, joints: Any = None, robot: Any = None, new_measurement: bool = True
 ) -> CameraPrediction:
     """See `Calibration.predict_camera`."""
     posterior = posterior_of(result)
@@ -168,7 +139,7 @@ def predict_camera(
     return CameraPrediction(ahead.poses, _symmetric(S), new_measurement)
 
 
-def camera_ahead(result: Predicting, joints: Any = None, robot: Any = None) -> CameraAhead:
+def camera_ahead(result: Estimated, joints: Any = None, robot: Any = None) -> CameraAhead:
     """Camera poses at joints or robot poses, to first order in the errors of the posterior."""
     posterior = posterior_of(result)
     assert result.W is not None and result.setup is not None
@@ -194,7 +165,7 @@ def camera_ahead(result: Predicting, joints: Any = None, robot: Any = None) -> C
     )  # fmt: skip
 
 
-def camera_at(result: Predicting, robot: Array) -> Array:
+def camera_at(result: Estimated, robot: Array) -> Array:
     """(..., 4, 4) camera_T_target by X and W at robot poses (..., 4, 4)."""
     assert result.W is not None
     G = inverse(robot) if result.setup == "eye-to-hand" else robot
@@ -202,7 +173,7 @@ def camera_at(result: Predicting, robot: Array) -> Array:
 
 
 def predict_points(
-    result: Predicting,
+    result: Estimated,
     points: Any,
     joints: Any = None,
     robot: Any = None,
@@ -246,12 +217,12 @@ class InBase(NamedTuple):
         """The difference, with the noise of both."""
         return InBase(self.at - other.at, self.by_all - other.by_all, self.new + other.new)
 
-    def covariance(self, result: Predicting) -> Array:
+    def covariance(self, result: Estimated) -> Array:
         """(..., 3, 3)."""
         return _symmetric(self.by_all @ posterior_of(result).covariance @ self.by_all.mT + self.new)
 
 
-def seen_at(result: Predicting, p: Array, ahead: RobotAhead | None, noise: Array | None = None) -> InBase:
+def seen_at(result: Estimated, p: Array, ahead: RobotAhead | None, noise: Array | None = None) -> InBase:
     """Points (..., 3) that the camera sees, at robot poses; ``noise`` (..., 3, 3) their own."""
     X, q = result.X, posterior_of(result).covariance.shape[0] - 12
     arm = p @ X[:3, :3].T
@@ -289,7 +260,7 @@ def tip_at(ahead: RobotAhead, tool: Any) -> InBase:
     return InBase(lever + ahead.poses[..., :3, 3], by_all, by_G @ (ahead.noise + ahead.unseen) @ by_G.mT)
 
 
-def robot_ahead(result: Predicting, joints: Any, robot: Any, measured: bool = False) -> RobotAhead:
+def robot_ahead(result: Estimated, joints: Any, robot: Any, measured: bool = False) -> RobotAhead:
     """Poses by joints, corrected by the estimates, or as the controller gives them; raises `InputError`.
 
     ``measured``: with the noise of new measurements beside them (`BoundPopulation.unseen`).
@@ -333,7 +304,7 @@ def robot_ahead(result: Predicting, joints: Any, robot: Any, measured: bool = Fa
     return RobotAhead(G, columns + more.reshape(columns.shape), _fresh_of_robot(result, G, of_joints), unseen)
 
 
-def _fresh_of_robot(result: Predicting, G: Array, of_joints: Array | None) -> tuple[Fresh, ...]:
+def _fresh_of_robot(result: Estimated, G: Array, of_joints: Array | None) -> tuple[Fresh, ...]:
     posterior, fitted, found = posterior_of(result), result.kinematics, []
     if not posterior.noise:
         found.append(Fresh("given", np.broadcast_to(own_noise(result, "robot"), (*G.shape[:-2], 6, 6)), 1.0, NONE))
@@ -349,7 +320,7 @@ def _fresh_of_robot(result: Predicting, G: Array, of_joints: Array | None) -> tu
     return tuple(found)
 
 
-def fresh_of_camera(result: Predicting, camera: Array) -> tuple[Fresh, ...]:
+def fresh_of_camera(result: Estimated, camera: Array) -> tuple[Fresh, ...]:
     """Noises of camera poses (m, 4, 4) to come."""
     posterior, shape = posterior_of(result), (len(camera), 6, 6)
     if not posterior.noise:
@@ -367,7 +338,7 @@ def fresh_of_camera(result: Predicting, camera: Array) -> tuple[Fresh, ...]:
     return tuple(found)
 
 
-def shared_effects(result: Predicting, side: Literal["robot", "camera"], robot: Array, camera: Array) -> Array:
+def shared_effects(result: Estimated, side: Literal["robot", "camera"], robot: Array, camera: Array) -> Array:
     """(m, 6, q) what shared errors of a side do to m poses, where names or the camera's calibration tell; else 0."""
     posterior = posterior_of(result)
     found = np.zeros((len(robot), 6, len(posterior.names)))
@@ -394,13 +365,13 @@ def shared_effects(result: Predicting, side: Literal["robot", "camera"], robot: 
     return found
 
 
-def _calibrated(result: Predicting) -> PosePairs | None:
+def _calibrated(result: Estimated) -> PosePairs | None:
     """Return the poses of the calibration, where it holds them."""
     data = result.counted
     return data.poses if isinstance(data, Motions) else data
 
 
-def bound_to(result: Predicting) -> PosePairs | None:
+def bound_to(result: Estimated) -> PosePairs | None:
     """Return the poses that errors of poses were bound to."""
     posterior = posterior_of(result)
     if posterior.bound is not None:
@@ -408,7 +379,7 @@ def bound_to(result: Predicting) -> PosePairs | None:
     return _calibrated(result)
 
 
-def errors_of_poses(result: Predicting) -> list[SharedError]:
+def errors_of_poses(result: Estimated) -> list[SharedError]:
     """Return the errors whose numbers belong to the poses of the calibration, bound to them."""
     poses, posterior = bound_to(result), posterior_of(result)
     if poses is None:
@@ -418,12 +389,12 @@ def errors_of_poses(result: Predicting) -> list[SharedError]:
     return [error for error in found if error is not None and set(error.parts) <= set(posterior.names)]
 
 
-def reach_stated(result: Predicting) -> float | None:
+def reach_stated(result: Estimated) -> float | None:
     """Return the reach (m) of the robot whose accuracy the calibration declares or assumes; None without one."""
     return next((error.accuracy.reach for error in result.shared if error.accuracy is not None), None)
 
 
-def rest_of_robot(result: Predicting, robot: Array, measured: bool = False) -> Array:
+def rest_of_robot(result: Estimated, robot: Array, measured: bool = False) -> Array:
     """(m, 6, 6) what the robot's errors at the poses of the calibration leave of those at other poses."""
     sd = next((error.prior_sd for error in result.shared if error.error == ROBOT_ACCURACY), 0.0)
     for error in errors_of_poses(result):
@@ -436,7 +407,7 @@ def numbers_of_intrinsics(posterior: Posterior) -> list[int]:
     return [k for k, name in enumerate(posterior.names) if group_of(name) == INTRINSICS]
 
 
-def own_noise(result: Predicting, side: Literal["robot", "camera"]) -> Array:
+def own_noise(result: Estimated, side: Literal["robot", "camera"]) -> Array:
     """(6, 6) the noise of one new pose of a side, the mean of those so far, without that of joints."""
     noise = result.noise
     S = getattr(noise, side) if isinstance(noise, PoseNoise) else None

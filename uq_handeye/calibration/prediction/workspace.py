@@ -24,8 +24,9 @@ from ...fit.diagnostics.task_space import PointUncertainty
 from ...model.kinematics.chain import Kinematics
 from ...model.noise.joint_covariance import JointCovariance
 from ...model.noise.models import PoseNoise, is_joint
-from .fitted_kinematics import FittedKinematics
-from .predict import Predicting, robot_ahead, seen_at, tip_at
+from ..estimate.estimated import Estimated
+from ..estimate.fitted_kinematics import FittedKinematics
+from .predict import robot_ahead, seen_at, tip_at
 
 POSTURES = 1500
 # The search of q': steps, damping (m), and where it has arrived (m).
@@ -59,7 +60,7 @@ class WorkspacePrediction(ReadOnlyArrays):
         return float(np.sqrt(np.mean(self.bias**2)))
 
 
-def over_workspace(result: Predicting, distance: float, postures: int = POSTURES) -> WorkspacePrediction | None:
+def over_workspace(result: Estimated, distance: float, postures: int = POSTURES) -> WorkspacePrediction | None:
     """Misses over the workspace with the point ``distance`` (m) from the camera, at most half the reach.
 
     None where the calibration knows no joints or no errors of them, where the noise of the robot poses is that of all
@@ -103,7 +104,7 @@ def ends(fitted: FittedKinematics) -> tuple[Array, Array]:
 class _Views:
     """Postures q from which the tool reaches what the camera sees."""
 
-    def __init__(self, result: Predicting, fitted: FittedKinematics, distance: float, q: Array) -> None:
+    def __init__(self, result: Estimated, fitted: FittedKinematics, distance: float, q: Array) -> None:
         chain, X = fitted.chain, result.X
         zero = np.zeros(3)
         if result.setup == "eye-to-hand":

@@ -20,7 +20,7 @@ from ...model.noise.joint_covariance import JointCovariance
 from ...model.noise.models import Noise, PairNoise, is_joint, marginals
 from ...model.shared_errors.drift import DRIFT
 from ...model.shared_errors.shared_error import VIEW
-from ..estimated_poses import deviations_of
+from ..estimate.estimated import deviations_of
 from ..result import Calibration
 
 KINDS = ("rotation", "translation")

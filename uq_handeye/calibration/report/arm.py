@@ -7,7 +7,7 @@ import numpy as np
 from ...core.formatting.numbers import digits
 from ...core.presentation.document import Block, Heading, Paragraph
 from ...model.kinematics.kinematic_errors import DECLARED, ESTIMATE, EXACT, PHYSICAL
-from ..prediction.fitted_kinematics import FittedKinematics
+from ..estimate.fitted_kinematics import FittedKinematics
 from ..result import Calibration
 
 _HOW = {

@@ -26,9 +26,9 @@ from ...core.geometry.se3 import Array
 from ...fit.diagnostics.budget import EACH, SHARED, Budget, Expanded
 from ...model.noise.joint_covariance import group_of
 from ...model.shared_errors.shared_error import PRINCIPAL_POINT
+from ..estimate.estimated import Estimated, distance_of
 from .checks import lower_limit_of
 from .included import included, not_included
-from .stated import Stated, distance_of
 
 _KINDS = ("rotation", "translation", "coupling")
 # A number of an error is told by its prior where the data leave more than this share of its variance; what priors add
@@ -84,7 +84,7 @@ class Accuracy(Record):
     _if_any: ClassVar[str] = "from_poses"
 
 
-def accuracy_of(result: Stated) -> Accuracy | None:
+def accuracy_of(result: Estimated) -> Accuracy | None:
     """Return the accuracy of X; None where the covariance is not determined."""
     if result.covariance is None:
         return None
@@ -120,7 +120,7 @@ def accuracy_of(result: Stated) -> Accuracy | None:
     )
 
 
-def _from_poses(result: Stated) -> FromPoses | None:
+def _from_poses(result: Estimated) -> FromPoses | None:
     """Return what the poses alone give; None where priors add little."""
     posterior, S = result.posterior, result.covariance
     if posterior is None or S is None or result.covariance_kind != "model":
@@ -183,7 +183,7 @@ def part_name(source: str, together: bool) -> str:
     return PRINCIPAL_POINT if name.startswith(PRINCIPAL_POINT) else name
 
 
-def _factors(budget: Budget | None, result: Stated, distance: float) -> dict[str, float]:
+def _factors(budget: Budget | None, result: Estimated, distance: float) -> dict[str, float]:
     """Return coverage factors for 95 % in the worst direction."""
     if budget is None:
         dof = result.reference.dof

@@ -12,8 +12,8 @@ from ...core.files.records import Record
 from ...core.formatting.numbers import digits, probability, times_of_noise
 from ...findings import CHECKS, HALVES, INPUT, MOTION, NEIGHBOURS, NOISE, OUTLIERS, RESIDUALS, SHARED, Finding
 from ...model.noise.estimate import NoiseEstimate
+from ..estimate.estimated import Estimated, distance_of
 from .included import included
-from .stated import Stated, distance_of
 
 # Methods whose results hold the residuals of the poses, unless they were updated by the joint posterior alone.
 _WITH_RESIDUALS = ("efficient", "ml", "bundle")
@@ -41,7 +41,7 @@ class Check(Record):
     findings: tuple[Finding, ...] = ()
 
 
-def cautions_of(result: Stated) -> tuple[Finding, ...]:
+def cautions_of(result: Estimated) -> tuple[Finding, ...]:
     """Return the findings that are more than a note, in the order of their effect on X, failures first."""
     return _in_order(_all_findings(result))
 
@@ -57,7 +57,7 @@ def failures_in_words(findings: Iterable[Finding]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(one.phrase for one in _in_order(findings) if one.severity == "failure"))
 
 
-def reasons_of(result: Stated) -> tuple[str, ...]:
+def reasons_of(result: Estimated) -> tuple[str, ...]:
     """Return why X cannot be used, the decisive reason first; nothing where it can."""
     found = list(failures_in_words(_all_findings(result)))
     if result.table is not None and len(result.table.counted) < _MANY:
@@ -72,7 +72,7 @@ def reasons_of(result: Stated) -> tuple[str, ...]:
     return tuple(found)
 
 
-def lower_limit_of(result: Stated) -> bool:
+def lower_limit_of(result: Estimated) -> bool:
     """Return whether the accuracy is a lower limit: tests show errors that it does not include, or none is included.
 
     Noise that is estimated from the residuals cannot show what all poses share: without any shared error declared or
@@ -83,7 +83,7 @@ def lower_limit_of(result: Stated) -> bool:
     return result.noise_estimate is not None and not included(result)
 
 
-def checks_of(result: Stated) -> tuple[Check, ...]:
+def checks_of(result: Estimated) -> tuple[Check, ...]:
     """Return the checks of a calibration in a fixed order; that of the camera only where it found something."""
     found: dict[str, list[Finding]] = {name: [] for name in CHECKS}
     for finding in cautions_of(result):
@@ -99,7 +99,7 @@ def checks_of(result: Stated) -> tuple[Check, ...]:
     return tuple(checks)
 
 
-def _all_findings(result: Stated) -> Iterable[Finding]:
+def _all_findings(result: Estimated) -> Iterable[Finding]:
     """Return the findings of the result, and those of its diagnostics and halves that are not among them."""
     found = list(result.findings)
     if result.analysis is not None:
@@ -108,7 +108,7 @@ def _all_findings(result: Stated) -> Iterable[Finding]:
     return found
 
 
-def _without_findings(name: str, result: Stated) -> Check:
+def _without_findings(name: str, result: Estimated) -> Check:
     """Return the check where nothing was found: passed, or not run and why."""
     if name == INPUT:
         return Check(name, "ok", "rows, units and frames fit together")
@@ -139,7 +139,7 @@ def _without_findings(name: str, result: Stated) -> Check:
     return Check(name, "ok", "the residuals agree with what is assumed")
 
 
-def _of_noise(result: Stated) -> Check:
+def _of_noise(result: Estimated) -> Check:
     fit, estimate = result.fit, result.noise_estimate
     if fit is not None and fit.p_value is not None:
         if fit.p_value < DOUBTFUL:
@@ -152,7 +152,7 @@ def _of_noise(result: Stated) -> Check:
     return Check(NOISE, "not run", _without_residuals(result))
 
 
-def _without_residuals(result: Stated) -> str:
+def _without_residuals(result: Estimated) -> str:
     """Return why there are no residuals of poses to look at."""
     if result.covariance is None:
         return "no noise, given or estimated"
@@ -161,7 +161,7 @@ def _without_residuals(result: Stated) -> str:
     return f"needs the methods efficient or ml, not {result.method}"
 
 
-def _of_residuals(name: str, result: Stated) -> Check:
+def _of_residuals(name: str, result: Estimated) -> Check:
     assert result.analysis is not None
     found = result.analysis.diagnostics
     for noted in result.findings:
@@ -177,7 +177,7 @@ def _of_residuals(name: str, result: Stated) -> Check:
     return Check(name, "ok", words, tuple(reasons))
 
 
-def _of_halves(result: Stated) -> Check:
+def _of_halves(result: Estimated) -> Check:
     assert result.analysis is not None
     halves = (result.analysis.split_half, result.analysis.split_in_time)
     run = [half for half in halves if half.possible]

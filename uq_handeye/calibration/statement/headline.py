@@ -7,14 +7,14 @@ import numpy as np
 from ...core.formatting.numbers import digits
 from ...model.shared_errors.accuracy import ROBOT_ACCURACY
 from ...model.shared_errors.shared_error import FOCAL_LENGTH, LENS, PRINCIPAL_POINT, TARGET_SCALE, VIEW
+from ..estimate.estimated import Estimated
 from .accuracy import Accuracy, accuracy_of, amounts
 from .checks import reasons_of
-from .stated import Stated
 
 NOT_USABLE = "NOT USABLE"
 
 
-def headline_of(result: Stated) -> str:
+def headline_of(result: Estimated) -> str:
     """Return the headline of a calibration."""
     if reasons := reasons_of(result):
         return f"{NOT_USABLE}: {reasons[0]}."

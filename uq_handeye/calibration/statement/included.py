@@ -10,16 +10,16 @@ from ...model.noise.joint_covariance import JointCovariance, group_of
 from ...model.noise.models import PoseNoise, is_joint
 from ...model.shared_errors.accuracy import ROBOT_ACCURACY
 from ...model.shared_errors.shared_error import CLOCK_OFFSET, FOCAL_LENGTH, TARGET_SCALE
-from .stated import Stated
+from ..estimate.estimated import Estimated
 
 
-def shared_groups(result: Stated) -> list[SharedGroup]:
+def shared_groups(result: Estimated) -> list[SharedGroup]:
     """Return the shared errors of a result, those of many numbers as one."""
     carried = any(group_of(error.name) == ROBOT_ACCURACY for error in result.shared)  # no part of the bound
     return grouped(result.shared, result.covariance if carried or result.bound is None else result.bound)
 
 
-def included(result: Stated) -> list[tuple[str, bool]]:
+def included(result: Estimated) -> list[tuple[str, bool]]:
     """Return the shared errors that the covariance of X includes, and whether each is a default."""
     parts: list[tuple[str, bool]] = []
     if of_camera(result):
@@ -44,7 +44,7 @@ def included(result: Stated) -> list[tuple[str, bool]]:
     return parts
 
 
-def not_included(result: Stated) -> list[str]:
+def not_included(result: Estimated) -> list[str]:
     """Return the systematic errors that the covariance of X does not include."""
     names = column_names(result)
     known = of_camera(result) or FOCAL_LENGTH in names
@@ -75,7 +75,7 @@ def sizes_of(group: SharedGroup) -> str:
     return ", ".join(found)
 
 
-def column_names(result: Stated) -> tuple[str, ...]:
+def column_names(result: Estimated) -> tuple[str, ...]:
     """Return the names of the shared errors that the noise holds, without those of the intrinsics."""
     if not isinstance(result.noise, PoseNoise):
         return ()
@@ -83,13 +83,13 @@ def column_names(result: Stated) -> tuple[str, ...]:
     return tuple(name for S in joint for name in S.names if name not in ("", INTRINSICS))
 
 
-def of_camera(result: Stated) -> bool:
+def of_camera(result: Estimated) -> bool:
     """Return whether the noise of the camera poses holds the errors of the intrinsics."""
     S = result.noise.camera if isinstance(result.noise, PoseNoise) else None
     return isinstance(S, JointCovariance) and bool({INTRINSICS, ""} & set(S.names))
 
 
-def from_points(result: Stated) -> bool:
+def from_points(result: Estimated) -> bool:
     """Return whether the camera poses come from points in 3-D."""
     return getattr(getattr(result, "data", None), "camera_covariance", None) is not None
 

@@ -27,8 +27,8 @@ from ...core.formatting.units import ANGLE_UNITS, parse_angle, parse_length
 from ...core.geometry.se3 import Array
 from ...errors import InputError
 from ...fit.likelihood.d2_distribution import Reference
+from ..estimate.estimated import Estimated
 from .checks import checks_of, lower_limit_of, reasons_of
-from .stated import Stated
 
 Word = Literal["PASS", "FAIL", "NOT SHOWN"]
 PASS: Word = "PASS"
@@ -137,7 +137,7 @@ class Verdict(Record):
         return f"{of} within {tolerance}{known}{needs}."
 
 
-def verdict_of(result: Stated, tolerance: Any, at: Any = None) -> Verdict:
+def verdict_of(result: Estimated, tolerance: Any, at: Any = None) -> Verdict:
     """Return whether X meets a tolerance; see the module.
 
     Raises `InputError` for a tolerance that cannot be read.
@@ -166,7 +166,7 @@ def verdict_of(result: Stated, tolerance: Any, at: Any = None) -> Verdict:
     return Verdict(PASS if probability >= MET else NOT_SHOWN, probability, wanted)
 
 
-def probability_of(result: Stated, tolerance: Tolerance) -> float:
+def probability_of(result: Estimated, tolerance: Tolerance) -> float:
     """Return the probability that X of a result with a covariance lies within a tolerance, by its posterior."""
     assert result.covariance is not None
     R, posterior = result.X[:3, :3], result.posterior

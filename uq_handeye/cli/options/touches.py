@@ -12,8 +12,8 @@ from ...errors import InputError
 from .common import UNITS, one_of
 
 if TYPE_CHECKING:
+    from ...calibration.estimate.fitted_kinematics import FittedKinematics
     from ...calibration.evidence.touches import Touches
-    from ...calibration.prediction.fitted_kinematics import FittedKinematics
     from ...calibration.result import Calibration
     from ...model.kinematics.chain import Kinematics
 

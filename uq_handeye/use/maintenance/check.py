@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ...calibration.estimate.estimated import Estimated
 from ...calibration.evidence.new_poses import PoseEvidence, evidence_of_poses
-from ...calibration.prediction.predict import Predicting
 from ...calibration.statement.tolerance import Tolerance
 from ...core.geometry.se3 import Array
 from ...errors import InputError
@@ -47,7 +47,7 @@ OVERSTATED = 0.99
 
 
 def check(
-    result: Predicting,
+    result: Estimated,
     poses: PosePairs,
     *,
     noise: PoseNoise | None = None,
@@ -141,7 +141,7 @@ def check(
 
 
 def _of_change(
-    result: Predicting, poses: PosePairs, evidence: PoseEvidence, causes: Causes, asked: tuple[Any, Any, Any]
+    result: Estimated, poses: PosePairs, evidence: PoseEvidence, causes: Causes, asked: tuple[Any, Any, Any]
 ) -> tuple[str, list[Finding]]:
     """Status and findings of poses that contradict the calibration; ``asked``: noise, joints and what is the same."""
     noise, joints, same = asked
@@ -168,7 +168,7 @@ def _of_change(
     return CHANGED, [Finding("maintenance.few_poses", "note", {"n": poses.n})] if poses.n < 3 else []
 
 
-def _require_new(result: Predicting, poses: PosePairs) -> None:
+def _require_new(result: Estimated, poses: PosePairs) -> None:
     """Raise `InputError` where a pose was used by the calibration: its errors are those of X, and show no change."""
     used = result.counted
     if isinstance(used, PosePairs) and (twice := common_poses(used, poses)):

@@ -12,9 +12,9 @@ from typing import Any, ClassVar
 import numpy as np
 from scipy.special import chdtrc, fdtrc
 
+from ...calibration.estimate.estimated import distance_of
 from ...calibration.evidence.absorb import touches_taken
 from ...calibration.result import Calibration
-from ...calibration.statement.stated import distance_of
 from ...core.files.atomic import json_text
 from ...core.files.records import Record
 from ...core.formatting.numbers import concise, digits, probability

@@ -18,9 +18,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ...calibration.calibrate import calibrate
+from ...calibration.estimate.provenance import Provenance
 from ...calibration.evidence.absorb import absorbed_into, touches_taken
 from ...calibration.evidence.new_poses import evidence_of_poses
-from ...calibration.provenance import Provenance
 from ...calibration.result import Calibration
 from ...core.formatting.numbers import digits, probability
 from ...core.geometry.checks import as_numbers

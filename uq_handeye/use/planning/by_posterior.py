@@ -19,7 +19,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...calibration.prediction.predict import CameraAhead, Predicting, camera_at, own_noise
+from ...calibration.estimate.estimated import Estimated
+from ...calibration.prediction.predict import CameraAhead, camera_at, own_noise
 from ...core.geometry.se3 import Array
 from ...errors import InputError
 from ...model.kinematics.chain import Kinematics
@@ -57,7 +58,7 @@ class Offered(NamedTuple):
 class Known(NamedTuple):
     """A calibration of the poses so far with its posterior, and the poses that it kept."""
 
-    result: Predicting
+    result: Estimated
     data: PosePairs
     noise_estimated: bool
     open_directions: Array = np.zeros((0, 6))

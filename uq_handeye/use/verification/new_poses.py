@@ -13,7 +13,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from ...calibration.evidence.absorb import Sourced
+from ...calibration.estimate.estimated import Estimated
 from ...calibration.evidence.new_poses import evidence_of_poses
 from ...calibration.prediction.predict import predict_camera
 from ...core.files.records import Record
@@ -62,7 +62,7 @@ class PoseVerification(Record):
         return to_text(document_of(self), COLUMNS)
 
 
-def verify_poses(result: Sourced, poses: PosePairs) -> PoseVerification:
+def verify_poses(result: Estimated, poses: PosePairs) -> PoseVerification:
     """Test a calibration by an independent data set of the same cell.
 
     Raises
@@ -99,7 +99,7 @@ def verify_poses(result: Sourced, poses: PosePairs) -> PoseVerification:
     )  # fmt: skip
 
 
-def _reprojected(result: Sourced, poses: PosePairs) -> Reprojection | None:
+def _reprojected(result: Estimated, poses: PosePairs) -> Reprojection | None:
     """Return how far the corners of the board are from the prediction; None for poses without corners."""
     seen = poses.camera_calibration
     if seen is None or result.W is None:

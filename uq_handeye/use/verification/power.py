@@ -27,8 +27,8 @@ from typing import Any
 
 import numpy as np
 
+from ...calibration.estimate.estimated import Estimated
 from ...calibration.evidence.touches import Touches, TouchEvidence, evidence_of_touches
-from ...calibration.prediction.predict import Predicting
 from ...core.geometry.checks import as_numbers
 from ...core.geometry.se3 import Array
 from ...core.runtime.read_only import ReadOnlyArrays
@@ -164,7 +164,7 @@ PROPOSED = 3
 
 
 def next_touches(
-    result: Predicting,
+    result: Estimated,
     touches: Touches,
     evidence: TouchEvidence,
     level: float,

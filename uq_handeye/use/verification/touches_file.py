@@ -29,8 +29,8 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from ...calibration.estimate.estimated import Estimated
 from ...calibration.evidence.touches import Touches
-from ...calibration.prediction.predict import Predicting
 from ...core.files.lines import short
 from ...core.files.open import StrPath, as_path, opened, shown
 from ...core.files.table import Places, Schema, Table, name_and_unit, plain_text, read_table
@@ -285,7 +285,7 @@ _ANOTHER_UNIT = 50.0
 _CAMERA, _ROBOT = 0.7, 0.8
 
 
-def require_metres(result: Predicting, touches: Touches) -> None:
+def require_metres(result: Estimated, touches: Touches) -> None:
     """Raise `InputError` where lengths are some hundred times those of the calibration, or so much smaller."""
     data = result.counted if isinstance(result.counted, PosePairs) else None
     camera = _CAMERA if data is None else _size(data.camera[:, :3, 3])

@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from ...calibration.evidence.absorb import Sourced, require_other_touches
+from ...calibration.estimate.estimated import Estimated
+from ...calibration.evidence.absorb import require_other_touches
 from ...calibration.evidence.touches import Touches, TouchEvidence, evidence_of_touches
 from ...core.formatting.units import parse_deviations, parse_length
 from ...core.geometry.checks import as_numbers
@@ -26,7 +27,7 @@ _EXPLAINS = 10.0
 
 
 def verify(
-    result: Sourced,
+    result: Estimated,
     seen: Any,
     touched: Any = None,
     *,
@@ -125,7 +126,9 @@ def verify(
     return _verified(result, touches, evidence, size, candidates)
 
 
-def _verified(result: Sourced, touches: Touches, evidence: TouchEvidence, size: float, candidates: Any) -> Verification:
+def _verified(
+    result: Estimated, touches: Touches, evidence: TouchEvidence, size: float, candidates: Any
+) -> Verification:
     """Test bias and scatter of touches, and say what they would have shown; see `verify`."""
     known = touches.tool_known
     assessed = assess(evidence, known)
@@ -236,7 +239,7 @@ def _tool(evidence: TouchEvidence, known: bool) -> tuple[Array | None, Array | N
 
 
 def _findings(
-    result: Sourced, touches: Touches, evidence: TouchEvidence, bias: Bias, points: PointTable
+    result: Estimated, touches: Touches, evidence: TouchEvidence, bias: Bias, points: PointTable
 ) -> list[Finding]:
     found = []
     rms = float(np.sqrt(np.mean(np.sum(evidence.r**2, axis=-1))))

@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
-from ..core.files.records import Record
-from ..core.files.source import Source
-from ..core.runtime.versions import versions
-from ..model.poses.motions import Motions
-from ..model.poses.pose_pairs import PosePairs
-from ..model.poses.to_dict import sha256_of
+from ...core.files.records import Record
+from ...core.files.source import Source
+from ...core.runtime.versions import versions
+from ...model.poses.motions import Motions
+from ...model.poses.pose_pairs import PosePairs
+from ...model.poses.to_dict import sha256_of
 
 
 @dataclass(frozen=True)

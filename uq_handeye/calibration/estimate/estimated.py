@@ -2,35 +2,181 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Annotated, NamedTuple
+
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from ..core.geometry import conventions
-from ..core.geometry.frames import SETUPS, TARGETS
-from ..core.geometry.principal_axes import principal_axes
-from ..core.geometry.se3 import Array, inverse, inverse_jacobian
-from ..errors import InputError
-from ..fit.diagnostics.task_space import PointUncertainty, moves_of_points, through_robot, through_target, through_X
-from ..fit.likelihood.d2_distribution import Reference
-from ..fit.likelihood.open_directions import OpenDirections, moves_along
-from ..methods.procrustes.limit import octonion
-from ..methods.procrustes.sensitivity import pose_from_octonion_jacobian
-from ..methods.procrustes.so4_covariances import PAPER_SCALE
-from .sentences import open_words
+from ...core.files.records import Record
+from ...core.geometry import conventions
+from ...core.geometry.frames import SETUPS, TARGETS
+from ...core.geometry.principal_axes import principal_axes
+from ...core.geometry.se3 import Array, inverse, inverse_jacobian
+from ...errors import InputError
+from ...findings import Finding, texts
+from ...fit.diagnostics.budget import Budget
+from ...fit.diagnostics.pose_table import PoseTable
+from ...fit.diagnostics.result import Diagnostics
+from ...fit.diagnostics.split_half import SplitHalf
+from ...fit.diagnostics.task_space import PointUncertainty, moves_of_points, through_robot, through_target, through_X
+from ...fit.likelihood.d2_distribution import Reference
+from ...fit.likelihood.goodness_of_fit import GoodnessOfFit
+from ...fit.likelihood.open_directions import OpenDirections, moves_along
+from ...fit.likelihood.rig_bundle import Agreement
+from ...fit.likelihood.shared_estimates import SharedEstimate
+from ...fit.one_model.points import OpenSizes
+from ...methods.procrustes.limit import octonion
+from ...methods.procrustes.sensitivity import pose_from_octonion_jacobian
+from ...methods.procrustes.so4_covariances import PAPER_SCALE
+from ...model.noise.estimate import FoundComponent, NoiseEstimate
+from ...model.noise.models import Noise
+from ...model.poses.motions import Motions, Residuals
+from ...model.poses.pose_pairs import PosePairs
+from ...model.poses.timing import TimeOffset
+from ...model.posterior.posterior import Posterior
+from .analysis import Analysis, StoredAnalysis
+from .fitted_kinematics import FittedKinematics
+from .provenance import Provenance
+
+# Distance taken where that of the target is not known (m).
+USUAL_DISTANCE = 0.5
 
 
-class EstimatedPoses:
-    """Quantities that follow from X, W and their covariances only; the attributes are those of `Calibration`."""
+class FourDPA(NamedTuple):
+    """4DPA result for the same data."""
 
-    X: Array
-    covariance: Array | None
-    W: Array | None
-    covariance_W: Array | None
-    setup: str | None
+    X: Annotated[Array, 4, 4]
+    covariance: Annotated[Array, 6, 6] | None  # to first order, at the same noise
+
+
+@dataclass(frozen=True, eq=False)
+class Estimated(Record):
+    """X and W, what they were estimated from, and quantities that follow from these only.
+
+    The attributes are described with `Calibration`.
+    """
+
+    X: Array  # (4, 4)
+    covariance: Array | None  # (6, 6); None: not determined, no noise was given
+    method: str
     scale: float | None
-    opened: OpenDirections | None
-    reference: Reference
+    kind: str | None  # how the covariance was propagated: "pairs", "poses" or "literal"
+    setup: str | None  # None for motions that came without poses
+    n_poses: int | None
+    n_pairs: int
+    noise: Noise | None
+    residuals: Residuals
+    findings: tuple[Finding, ...] = ()
+    W: Array | None = None  # (4, 4), the mean of G X C: base_T_target (gripper_T_target for eye-to-hand)
+    covariance_W: Array | None = None  # (6, 6), as `covariance`, in the parent frame of W; needs noise on the poses
+    iterations: int = 0  # 0: closed form
+    covariance_kind: str = "model"  # one of `request.COVARIANCES`
+    reference: Reference = field(default_factory=Reference)  # the distribution of d^2 = xi^T covariance^-1 xi
+    noise_estimate: NoiseEstimate | None = None  # where the noise comes from the data
+    bound: Array | None = None  # (6, 6) Cramer-Rao bound at this noise and these poses; of efficient and ml
+    fourdpa: FourDPA | None = None  # 4DPA's own answer, beside efficient and ml
+    fit: GoodnessOfFit | None = None  # chi-square test of the residuals against the noise
+    table: PoseTable | None = None  # residual, leverage and flag of each pose
+    time_offset: TimeOffset | None = None  # of interpolated poses: its share of the covariance
+    shared: tuple[SharedEstimate, ...] = ()  # errors that all poses share
+    agreement: Agreement | None = None  # of method "bundle" with `efficient`
+    opened: OpenDirections | None = None  # what of X and W the motions leave open
+    kinematics: FittedKinematics | None = None  # the arm, where its joints were given
+    joint_posterior: Posterior | OpenSizes | None = field(default=None, repr=False)  # what `posterior` is made of
+    provenance: Provenance | None = None  # files, options and versions: enough to repeat the run
+    about: dict[str, str] = field(default_factory=dict)  # title block of the report, by the names of `files.about`
+    data: PosePairs | Motions | None = field(default=None, repr=False)  # what it was made of
+    excluded: tuple[int, ...] = ()  # numbers of poses in `data` that the fit left out as asked for
+    analysis: Analysis | StoredAnalysis | None = field(
+        default=None, repr=False
+    )  # diagnostics, other covariances, split halves, budget
+
+    @property
+    def components(self) -> tuple[FoundComponent, ...]:
+        """All errors of the joint model, with their sizes and what they do to X; empty where the noise was given."""
+        return () if self.noise_estimate is None else self.noise_estimate.of_model
+
+    @property
+    def posterior(self) -> Posterior | None:
+        """X, W and the errors that all poses share, together, over the sizes that are open; None where a part of X is.
+
+        `predict`, `check`, `verify`, `update`, `difference` and `plan` read it.
+        """
+        held = self.joint_posterior
+        return held.posterior if isinstance(held, OpenSizes) else held
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Texts of the findings that are more than a note, one sentence or more each."""
+        return texts(self.findings)
+
+    @property
+    def efficiency(self) -> Array | None:
+        """Standard deviations (6,) of 4DPA, as multiples of the Cramer-Rao bound."""
+        if self.fourdpa is None or self.fourdpa.covariance is None or self.bound is None:
+            return None
+        return np.asarray(np.sqrt(np.diag(self.fourdpa.covariance) / np.diag(self.bound)))
+
+    @property
+    def diagnostics(self) -> Diagnostics:
+        """Observability, influence, tests of the residuals, systematic errors: see `Diagnostics`."""
+        return self._analysed().diagnostics
+
+    @property
+    def covariances(self) -> dict[str, Array | None]:
+        """Covariances (6, 6) of X by name: that of the noise model, and those that need none; None: not determined."""
+        return self._analysed().covariances
+
+    @property
+    def split_half(self) -> SplitHalf:
+        """X from the even and from the odd rows against each other."""
+        return self._analysed().split_half
+
+    @property
+    def split_in_time(self) -> SplitHalf:
+        """X from the first and from the last rows against each other, which finds drift."""
+        return self._analysed().split_in_time
+
+    @property
+    def budget(self) -> Budget:
+        """Shares of the variance by noise source."""
+        return self._analysed().budget
+
+    def _analysed(self) -> Analysis | StoredAnalysis:
+        if self.analysis is None:
+            raise InputError(
+                f"This is known for the methods efficient and ml where there is noise, not for this result of "
+                f"{self.method!r}."
+            )
+        return self.analysis
+
+    @property
+    def counted(self) -> PosePairs | Motions | None:
+        """Data of the fit: `data` without the excluded poses; `noise` is of these."""
+        if not self.excluded or not isinstance(self.data, PosePairs):  # motions were made without them
+            return self.data
+        return self.data.rows(np.setdiff1d(np.arange(self.data.n), self.excluded))
+
+    @property
+    def used(self) -> tuple[PosePairs | Motions, Noise]:
+        """Data and noise of which X is the plain fit: the poses that count, the noise of each divided by its weight.
+
+        `monte_carlo`, `sweep`, `sample_posterior` and `cross_check`, given the calibration itself, start from these, so
+        that all of them speak of this X. Raises `InputError` where there are no poses or there is no noise.
+        """
+        data = self.counted
+        if data is None or self.noise is None:
+            lacks = "no poses: its file holds none" if data is None else "no noise: none was found"
+            raise InputError(f"This calibration holds {lacks}.")
+        weight = None if self.table is None else self.table.weight[self.table.counted]
+        if weight is None or (weight == 1).all():
+            return data, self.noise
+        kept = np.flatnonzero(weight > 0)
+        return data.rows(kept), self.noise.rows(kept).weighted(weight[kept])
 
     @property
     def frame(self) -> str:
@@ -271,3 +417,42 @@ def deviations_of(covariance: Array, opened: OpenDirections | None, of: str) -> 
 def _weakest(covariance: Array) -> tuple[Array, float]:
     deviations, axes = principal_axes(covariance)
     return axes[0], float(deviations[0])
+
+
+# Components of an open direction below this share of the largest count as none.
+_NONE = 0.02
+
+
+def open_words(direction: Sequence[float], setup: str | None) -> str:
+    """One open direction (12) of X and W, e.g. "the camera along the gripper's z axis, with the target along ..."."""
+    frames = {"eye-in-hand": ("gripper", "base"), "eye-to-hand": ("base", "gripper"), None: ("frame of A", "")}[setup]
+    of_X, of_W = direction[:6], direction[6:]
+    size = max(map(abs, [*direction[3:6], *direction[9:]])) or 1.0
+    parts = [
+        f"{what} {_movement(xi, frame)}"
+        for what, xi, frame in (("the camera", of_X, frames[0]), ("the target", of_W, frames[1]))
+        if max(map(abs, xi)) > _NONE * size
+    ]
+    return " together with ".join(parts)
+
+
+def _movement(xi: Sequence[float], frame: str) -> str:
+    turns = math.hypot(*xi[:3]) > _NONE * math.hypot(*xi[3:])
+    axis = xi[:3] if turns else xi[3:]
+    length = math.hypot(*axis) or 1.0
+    unit = [x / length for x in axis]
+    largest = max(range(3), key=lambda k: abs(unit[k]))
+    how = "about" if turns else "along"
+    if abs(unit[largest]) > 1.0 - _NONE**2:
+        return f"{how} the {frame}'s {'xyz'[largest]} axis"
+    sign = 1.0 if unit[largest] > 0 else -1.0
+    return f"{how} ({', '.join(f'{sign * x:.2f}' for x in unit)}) of the {frame}"
+
+
+def distance_of(analysis: Analysis | StoredAnalysis | None) -> tuple[float, bool]:
+    """Return the RMS distance from camera to target (m); False: it is not known, and a usual one is taken."""
+    if analysis is not None:
+        spectrum = analysis.diagnostics.spectrum
+        if spectrum.length_of == "target":
+            return float(spectrum.length_m), True
+    return USUAL_DISTANCE, False

@@ -12,25 +12,25 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ..core.files.records import Record, parts_of, unequal
-from ..core.geometry.checks import checked_covariance
-from ..core.geometry.se3 import Array
-from ..core.runtime.read_only import read_only
-from ..errors import DegenerateMotionError, InputError
-from ..fit.diagnostics.budget import Budget, budget
-from ..fit.diagnostics.diagnose import diagnose
-from ..fit.diagnostics.result import Diagnostics
-from ..fit.diagnostics.source_types import with_types
-from ..fit.diagnostics.split_half import SplitHalf, split_fit
-from ..fit.empirical_covariance.resampled import KINDS, resampled
-from ..fit.likelihood.gauss_helmert import Fit
-from ..fit.likelihood.shared_estimates import of_moves
-from ..model.noise.estimate import NoiseEstimate
-from ..model.noise.joint_covariance import JointCovariance, group_of
-from ..model.noise.models import Noise, PoseNoise
-from ..model.poses.motions import Motions
-from ..model.poses.pose_pairs import PosePairs
-from ..model.shared_errors.drift import DRIFT
+from ...core.files.records import Record, parts_of, unequal
+from ...core.geometry.checks import checked_covariance
+from ...core.geometry.se3 import Array
+from ...core.runtime.read_only import read_only
+from ...errors import DegenerateMotionError, InputError
+from ...fit.diagnostics.budget import Budget, budget
+from ...fit.diagnostics.diagnose import diagnose
+from ...fit.diagnostics.result import Diagnostics
+from ...fit.diagnostics.source_types import with_types
+from ...fit.diagnostics.split_half import SplitHalf, split_fit
+from ...fit.empirical_covariance.resampled import KINDS, resampled
+from ...fit.likelihood.gauss_helmert import Fit
+from ...fit.likelihood.shared_estimates import of_moves
+from ...model.noise.estimate import NoiseEstimate
+from ...model.noise.joint_covariance import JointCovariance, group_of
+from ...model.noise.models import Noise, PoseNoise
+from ...model.poses.motions import Motions
+from ...model.poses.pose_pairs import PosePairs
+from ...model.shared_errors.drift import DRIFT
 
 
 @dataclass(frozen=True, eq=False)
