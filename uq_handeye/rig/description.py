@@ -19,10 +19,15 @@ from typing import Any
 
 import numpy as np
 
-from ..core.geometry.checks import as_transforms
+from ..core.geometry.checks import as_numbers, as_transforms
 from ..core.geometry.se3 import Array, logarithm
 from ..core.runtime.read_only import ReadOnlyArrays
 from ..errors import InputError
+from ..model.kinematics.against_controller import compare_with_controller
+from ..model.kinematics.arms.postures import postures_by_branch
+from ..model.kinematics.chain import Kinematics
+from ..model.kinematics.inverse import postures_at
+from ..model.kinematics.kinematic_errors import KinematicErrors
 from ..model.noise.pose_prior import PosePrior
 
 WORLD = "world"
@@ -42,20 +47,97 @@ class ArmPoses(ReadOnlyArrays):
         Name of each pose, in common with the views and the other arms; None: 0, 1, 2, ...
     source : str
         Where they come from, for messages.
+    kinematics : Kinematics or None
+        Chain of the arm, whose errors take the place of those of an unknown arm; see `by_kinematics`.
+    joints : (n, L) or None
+        Joint values, rad or m, with ``kinematics``.
+    robot_class : "industrial", "cobot", "hobby" or None
+        Population of the errors of ``kinematics``; None: industrial.
+
+    Raises
+    ------
+    InputError
+        Wrong shapes, joints without kinematics.
     """
 
     poses: Array
     names: tuple[Hashable, ...] = ()
     source: str = ""
+    kinematics: Kinematics | None = None
+    joints: Array | None = None
+    robot_class: str | None = None
 
     def __post_init__(self) -> None:
+        of = self.source or "the arm"
         poses = as_transforms(self.poses, f"poses{self.source and ' of ' + self.source}")
         if poses.ndim != 3:
             raise InputError(f"Expected `poses` of an arm to have shape (n, 4, 4), got {poses.shape}.")
-        names = named(self.names, len(poses), self.source or "the arm")
+        chain = self.kinematics
+        if (self.joints is None) != (chain is None) or (self.robot_class is not None and chain is None):
+            raise InputError(f"Expected `joints` and `kinematics` of {of} together. See ArmPoses.by_kinematics.")
+        if chain is not None:
+            q = as_numbers(self.joints, f"joints of {of}")
+            if q.shape != (len(poses), chain.n_joints):
+                raise InputError(f"Expected `joints` of {of} to be ({len(poses)}, {chain.n_joints}), got {q.shape}.")
+            object.__setattr__(self, "joints", q)
         object.__setattr__(self, "poses", poses)
-        object.__setattr__(self, "names", names)
+        object.__setattr__(self, "names", named(self.names, len(poses), of))
         super().__post_init__()
+
+    @classmethod
+    def by_kinematics(
+        cls,
+        kinematics: Kinematics,
+        poses: Any = None,
+        joints: Any = None,
+        names: Sequence[Hashable] = (),
+        source: str = "",
+        robot_class: str | None = None,
+    ) -> ArmPoses:
+        """Build the poses of an arm from its joints (n, L), or its joints from the poses by inverse kinematics.
+
+        With both, the chain gets the base frame and the tool of the poses. Raises `InputError` for poses that the arm
+        does not reach, or that its joints contradict.
+        """
+        of, chain = source or "the arm", kinematics
+        KinematicErrors(robot_class=robot_class)
+        T = None if poses is None else as_transforms(poses, f"poses of {of}")
+        if joints is None:
+            if T is None:
+                raise InputError(f"Expected `poses` or `joints` of {of} beside `kinematics`, got neither.")
+            found = postures_by_branch(chain, T)
+            if not found.reached.all():
+                raise InputError(
+                    f"{of}: the arm {chain.name} does not reach {int((~found.reached).sum())} of {len(T)} poses. Give "
+                    "the chain up to the frame whose poses these are (base, tip), or joints."
+                )
+            return cls(T, tuple(names), source, chain, found.q, robot_class)
+        q = as_numbers(joints, f"joints of {of}")
+        if q.ndim != 2 or q.shape[1] != chain.n_joints or (T is not None and len(q) != len(T)):
+            expected = f"({'n' if T is None else len(T)}, {chain.n_joints})"
+            raise InputError(f"Expected `joints` of {of} to have shape {expected}, got {q.shape}.")
+        if T is None:
+            return cls(chain.poses(q), tuple(names), source, chain, q, robot_class)
+        against = compare_with_controller(chain, q, T)
+        if not against.same_arm:
+            raise InputError(f"{of}: {' '.join(map(str, against.findings))}")
+        return cls(T, tuple(names), source, against.adapt(chain), q, robot_class)
+
+    def like(self, new: ArmPoses) -> ArmPoses:
+        """Return new poses of this arm, with its kinematics; joints that are lacking from the nearest posture here."""
+        chain, q = self.kinematics, new.joints
+        if chain is None:
+            return new if new.kinematics is None else ArmPoses(new.poses, new.names, new.source)
+        if q is None:
+            apart = np.linalg.norm(new.poses[:, None, :3] - self.poses[None, :, :3], axis=(-2, -1))
+            found = postures_at(chain, new.poses, np.asarray(self.joints)[apart.argmin(axis=1)])
+            if not found.reached.all():
+                raise InputError(
+                    f"{new.source or 'the arm'}: the arm {chain.name} does not reach {int((~found.reached).sum())} of "
+                    f"{len(found.q)} poses. Give its joints."
+                )
+            q = found.q
+        return ArmPoses(new.poses, new.names, new.source, chain, q, self.robot_class)
 
     def joined(self, other: ArmPoses) -> ArmPoses:
         """Return these poses with those of another file; raises `InputError` where the two disagree."""
@@ -71,9 +153,12 @@ class ArmPoses(ReadOnlyArrays):
                     f"{1e3 * float(np.linalg.norm(shift)):.3g} mm. Remove it from one of them, or rename it."
                 )
         new = [k for k, name in enumerate(other.names) if name not in at]
-        return ArmPoses(
-            np.concatenate([self.poses, other.poses[new]]), (*self.names, *(other.names[k] for k in new)), self.source
-        )
+        joints = None
+        if self.joints is not None and other.joints is not None:
+            joints = np.concatenate([self.joints, other.joints[new]])
+        poses, names = np.concatenate([self.poses, other.poses[new]]), (*self.names, *(other.names[k] for k in new))
+        chain = None if joints is None else self.kinematics
+        return ArmPoses(poses, names, self.source, chain, joints, None if chain is None else self.robot_class)
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,7 +263,7 @@ class Rig(ReadOnlyArrays):
         object.__setattr__(self, "arms", arms)
         for what in ("cameras", "targets"):
             object.__setattr__(self, what, dict(_mapping(getattr(self, what), what)))
-        self._check_names()
+        require_names(self.arms, self.cameras, self.targets)
         views = tuple(self.views)
         if not views or not all(isinstance(view, View) for view in views):
             raise InputError("Expected `views` to be one or more View.")
@@ -186,31 +271,12 @@ class Rig(ReadOnlyArrays):
         object.__setattr__(self, "known", self._known())
         super().__post_init__()
 
-    def _check_names(self) -> None:
-        places = (WORLD, *self.arms)
-        names = [*places, *self.cameras, *self.targets]
-        if twice := [name for name, count in Counter(names).items() if count > 1]:
-            raise InputError(
-                f"Expected names of arms, cameras and targets that differ, got {twice[0]!r} twice. Rename one."
-            )
-        for what, listed in (("camera", self.cameras), ("target", self.targets)):
-            for name, place in listed.items():
-                if not isinstance(place, str):
-                    raise InputError(f"The {what} {name!r} is on two things: {place}. Name one of {', '.join(places)}.")
-                if place not in places:
-                    raise InputError(
-                        f"The {what} {name!r} is on {place!r}, which is none of {', '.join(places)}. Correct the name."
-                    )
-
     def _checked(self, view: View) -> View:
         for what, name, listed in (
             ("camera", view.camera, self.cameras),
             ("target", view.target, self.targets),
         ):
-            if name not in listed:
-                raise InputError(
-                    f"{view.words} names the {what} {name!r}, which the rig does not have. {_near(name, listed)}"
-                )
+            require_in_rig(name, what, listed, view.words)
         arms = [place for place in self.places(view) if place != WORLD]
         if view.at is None:
             if not arms:
@@ -238,7 +304,7 @@ class Rig(ReadOnlyArrays):
             if name not in self.cameras and name not in self.targets and name not in list(self.arms)[1:]:
                 raise InputError(
                     f"Expected `known` poses of cameras, targets or arms but the first, got {name!r}. "
-                    + _near(name, [*self.cameras, *self.targets, *list(self.arms)[1:]])
+                    + nearest_names(name, [*self.cameras, *self.targets, *list(self.arms)[1:]])
                 )
             prior = given if isinstance(given, PosePrior) else PosePrior.of(given)
             assert prior is not None and prior.X is not None
@@ -278,7 +344,33 @@ def _mapping(value: Any, name: str) -> Mapping[str, Any]:
     return value
 
 
-def _near(name: str, among: Iterable[str]) -> str:
+def require_names(arms: Iterable[str], cameras: Mapping[str, Any], targets: Mapping[str, Any]) -> None:
+    """Raise `InputError` for a name that occurs twice, and for what is on nothing, on two things or on no arm."""
+    places = (WORLD, *arms)
+    if twice := [name for name, count in Counter([*places, *cameras, *targets]).items() if count > 1]:
+        raise InputError(
+            f"Expected names of arms, cameras and targets that differ, got {twice[0]!r} twice. Rename one."
+        )
+    for what, listed in (("camera", cameras), ("target", targets)):
+        for name, place in listed.items():
+            if not isinstance(place, str):
+                raise InputError(f"The {what} {name!r} is on two things: {place}. Name one of {', '.join(places)}.")
+            if place not in places:
+                raise InputError(
+                    f"The {what} {name!r} is on {place!r}, which is none of {', '.join(places)}. Correct the name."
+                )
+
+
+def require_in_rig(name: str, what: str, listed: Iterable[str], words: str) -> None:
+    """Raise `InputError` for a camera or a target that the rig does not have."""
+    if name not in listed:
+        raise InputError(
+            f"{words} names the {what} {name!r}, which the rig does not have. {nearest_names(name, listed)}"
+        )
+
+
+def nearest_names(name: str, among: Iterable[str]) -> str:
+    """Return the names that are near one, in words."""
     listed: Sequence[str] = list(among)
     near = get_close_matches(name, listed, 3, 0.4) or listed
     return f"Near it: {', '.join(near)}."

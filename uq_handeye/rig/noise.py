@@ -14,7 +14,11 @@ from ..core.geometry.checks import checked_covariance
 from ..core.geometry.se3 import Array
 from ..core.runtime.read_only import ReadOnlyArrays
 from ..errors import InputError
+from ..fit.one_model.component import Component
+from ..model.kinematics.errors import LENGTHS
+from ..model.kinematics.kinematic_errors import JOINT_NOISE, KinematicErrors
 from ..model.noise.models import PoseNoise
+from ..model.shared_errors.sizes import SIZES, Size
 from .description import Rig
 from .graph import Graph
 
@@ -49,7 +53,8 @@ def given_noise(rig: Rig, graph: Graph, noise: Any) -> RigNoise:
     """Return the noise that was given, for the poses of a graph; raises `InputError` where one is missing.
 
     ``noise``: mapping of the names of arms and cameras to (rotation, translation) standard deviations, covariances
-    (6, 6), of arms also (n, 6, 6), or "exact"; or a `PoseNoise` for all arms and all cameras.
+    (6, 6), of arms also (n, 6, 6), or "exact"; or a `PoseNoise` for all arms and all cameras. The errors of arms with
+    kinematics come on top, as large as those of their population.
     """
     noise = _by_name(rig, noise)
     if not isinstance(noise, Mapping):
@@ -72,13 +77,21 @@ def given_noise(rig: Rig, graph: Graph, noise: Any) -> RigNoise:
         if view.covariance is not None:
             of = graph.view == k
             camera[of] = view.covariance if view.covariance.ndim == 2 else view.covariance[graph.row[of]]
-    K, names = [], []
+    of_cameras, names = [np.zeros((graph.E, 6, 0))], []
     for name in rig.cameras:
         if (columns := intrinsics_of(rig, graph, name)) is not None:
-            K.append(columns)
+            of_cameras.append(columns)
             names += [f"{name} intrinsics: {k + 1}" for k in range(columns.shape[-1])]
-    K_camera = np.concatenate([np.zeros((graph.E, 6, 0)), *K], axis=-1)
-    return RigNoise(robot, camera, np.zeros((graph.P, 6, K_camera.shape[-1])), K_camera, tuple(names))
+    K_camera = np.concatenate(of_cameras, axis=-1)
+    K_robot = [np.zeros((graph.P, 6, K_camera.shape[-1]))]
+    for name, arm in rig.arms.items():
+        for part in [] if arm.kinematics is None else kinematic_components(rig, graph, name):
+            if part.columns is not None:
+                K_robot.append(part.size.median * part.columns)
+                names += part.parts
+    K = np.concatenate(K_robot, axis=-1)
+    K_camera = np.pad(K_camera, [(0, 0), (0, 0), (0, K.shape[-1] - K_camera.shape[-1])])
+    return RigNoise(robot, camera, K, K_camera, tuple(names))
 
 
 def intrinsics_of(rig: Rig, graph: Graph, name: str) -> Array | None:
@@ -94,6 +107,27 @@ def intrinsics_of(rig: Rig, graph: Graph, name: str) -> Array | None:
             of = graph.view == k
             found[of] = view.intrinsics[graph.row[of]]
     return found
+
+
+def kinematic_components(rig: Rig, graph: Graph, name: str) -> list[Component]:
+    """Errors of the chain of an arm by group, as of one camera (`JointModel`), and the noise of its joints."""
+    arm, of = rig.arms[name], graph.arm == list(rig.arms).index(name)
+    assert arm.kinematics is not None and arm.joints is not None
+    errors = KinematicErrors(robot_class=arm.robot_class)
+    columns = errors.columns(arm.kinematics, arm.joints[graph.pose[of]])
+    found = []
+    for group, sd in errors.standard_deviations.items():
+        numbers = [k for k, own in enumerate(columns.groups) if own == group]
+        if not numbers or not sd:
+            continue
+        F = np.zeros((graph.P, 6, len(numbers)))
+        F[of] = columns.F[..., numbers]
+        size = Size(sd, errors.population.factor, "m" if group == LENGTHS else "rad")
+        parts = tuple(f"{name} {columns.names[k]}" for k in numbers)
+        found.append(Component(f"{name} {group}", "robot", size, columns=F, parts=parts))
+    J = np.zeros((graph.P, 6, columns.J.shape[-1]))
+    J[of] = columns.J
+    return [*found, Component(f"{name} {JOINT_NOISE}", "robot", SIZES[JOINT_NOISE], block=J)]
 
 
 def _by_name(rig: Rig, noise: Any) -> Any:

@@ -28,7 +28,7 @@ from ..model.shared_errors.view import intrinsics_columns, view_block
 from .description import Rig
 from .fit import Prior, prior_at
 from .graph import Graph
-from .noise import RigNoise, intrinsics_of
+from .noise import RigNoise, intrinsics_of, kinematic_components
 
 # Factor (one sigma of the logarithm) by which cameras differ from their common median.
 APART = 2.0
@@ -65,7 +65,9 @@ def components_of(
         if not of.any():
             continue
         found += [Component(f"{name} {what}", "robot", SIZES[f"robot {what}"], block=of * B) for what, B in _PARTS]
-        if shared:
+        if rig.arms[name].kinematics is not None:
+            found += kinematic_components(rig, graph, name)
+        elif shared:
             found.append(_accuracy(graph, name, graph.arm == k, None if bound is None else bound[name]))
     intrinsics = intrinsics_columns(graph.C) if shared else None
     by_view = _by_view(graph)

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Hashable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +18,7 @@ from ...core.files.open import shown
 from ...core.files.source import Source
 from ...core.geometry.se3 import Array
 from ...errors import InputError
-from ...formats.contents import FRAMES, finished
+from ...formats.contents import FRAMES, Side, finished
 from ...formats.detect import read_contents
 from ...model.noise.joint_covariance import JointCovariance
 from ...read.known_camera import known_camera
@@ -38,6 +39,10 @@ class PoseRows:
     rows: tuple[int, ...] = ()  # of a calibrated camera: rows of the robot, counted from 0
     covariance: Array | None = None  # (n, 6, 6) of poses that come with it
     intrinsics: Array | None = None  # (n, 6, q) what errors of the camera's calibration do to them
+    calibration: bytes = b""  # of which calibration these errors are
+    joints: Array | None = None  # (n, L) of an arm
+    by_joints: bool = False  # the poses are those of the joints
+    stream: bool = False  # of a bag: interpolated at the times of the views
 
     @property
     def names(self) -> tuple[Hashable, ...]:
@@ -51,6 +56,34 @@ class PoseRows:
         """True if the file names its poses."""
         return self.times is not None or bool(self.numbers)
 
+    @property
+    def count(self) -> int:
+        """Number of errors of the camera's calibration."""
+        return 0 if self.intrinsics is None else int(self.intrinsics.shape[-1])
+
+    @property
+    def side(self) -> Side:
+        """These poses as those of a file."""
+        return Side(self.name, self.poses[:, :3, 3], self.poses[:, :3, :3], self.times, None, "row")
+
+    def later(self, offset: float) -> PoseRows:
+        """Return the rows with times on a clock that is ahead by the offset (s)."""
+        return self if self.times is None or offset == 0 else replace(self, times=self.times + offset)
+
+    def some(self, kept: NDArray[np.bool_]) -> PoseRows:
+        """Return some of the rows."""
+
+        def of(values: Any) -> Any:
+            return None if values is None else values[kept]
+
+        picked = np.flatnonzero(kept).tolist()
+        return replace(
+            self, poses=self.poses[kept], times=of(self.times), covariance=of(self.covariance),
+            intrinsics=of(self.intrinsics), joints=of(self.joints),
+            numbers=tuple(self.numbers[k] for k in picked) if self.numbers else (),
+            rows=tuple(self.rows[k] for k in picked) if self.rows else (),
+        )  # fmt: skip
+
     def joined(self, other: PoseRows) -> PoseRows:
         """Return these rows with those of another file that have other names."""
         here = set(self.names)
@@ -61,7 +94,10 @@ class PoseRows:
         numbers: tuple[int, ...] = ()
         if self.numbers and other.numbers:
             numbers = (*self.numbers, *(other.numbers[k] for k in new))
-        return replace(self, poses=np.concatenate([self.poses, other.poses[new]]), times=times, numbers=numbers)
+        poses, joints = np.concatenate([self.poses, other.poses[new]]), None
+        if self.joints is not None and other.joints is not None:
+            joints = np.concatenate([self.joints, other.joints[new]])
+        return replace(self, poses=poses, times=times, numbers=numbers, joints=joints)
 
     def names_among(self, robot: PoseRows, names: tuple[Hashable, ...], tolerance: float) -> tuple[Hashable, ...]:
         """Names of the robot poses (as ``names`` has them) that the rows belong to.
@@ -114,7 +150,11 @@ def read_rows(
         rows = tuple(np.asarray((seen.camera or seen.points).rows).tolist())  # type: ignore[union-attr]
         S = seen.of_pairs.get("camera_covariance") or seen.of_pairs["camera_calibration"].covariance
         own, shared = (S.own, S.shared) if isinstance(S, JointCovariance) else (S.blocks, None)
-        return PoseRows(np.asarray(seen.poses), seen.name, seen.source[0], rows=rows, covariance=own, intrinsics=shared)
+        root = b"" if seen.camera is None else seen.camera.bundle.parameters.tobytes()
+        return PoseRows(
+            np.asarray(seen.poses), seen.name, seen.source[0], rows=rows, covariance=own, intrinsics=shared,
+            calibration=root,
+        )  # fmt: skip
     contents, source = read_contents(path, format)
     side = side_of(contents, role, shown(path))
     poses = finished(side, role, units, rotation, FRAMES[role][0] if frame is None else frame)
@@ -128,10 +168,10 @@ def on_one_clock(rows: PoseRows, first: PoseRows, tolerance: float) -> PoseRows:
     return replace(rows, times=np.array(rows.names_among(first, first.names, tolerance), dtype=float))
 
 
-def view_of(camera: str, target: str, rows: PoseRows, arms: list[PoseRows], tolerance: float, file: str) -> View:
+def view_of(camera: str, target: str, rows: PoseRows, arms: list[PoseRows], tolerance: float) -> View:
     """Return the view of a file; ``arms`` are those that carry camera or target."""
     at = rows.names_among(arms[0], arms[0].names, tolerance) if arms else rows.names if rows.named else None
-    return View(camera, target, rows.poses, at, rows.covariance, file, rows.intrinsics)
+    return View(camera, target, rows.poses, at, rows.covariance, rows.name, rows.intrinsics)
 
 
 def rig_of_files(
@@ -159,5 +199,5 @@ def rig_of_files(
     views = []
     for name, file in cameras.items():
         rows = read_rows(file, "camera", **how.get("camera", {}))
-        views.append(view_of(name, "target", rows, [of_robot], tolerance, rows.name))
+        views.append(view_of(name, "target", rows, [of_robot], tolerance))
     return Rig({"arm": arm}, dict.fromkeys(cameras, on), {"target": to}, tuple(views))

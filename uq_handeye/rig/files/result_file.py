@@ -14,6 +14,7 @@ import numpy as np
 from ...core.files.records import attributes, damaged, not_finite, parts_of, plain, unequal
 from ...core.geometry.se3 import Array
 from ...errors import InputError
+from ...model.kinematics.chain import Kinematics
 from ...model.noise.pose_prior import PosePrior
 from ..description import ArmPoses, Rig, View
 
@@ -80,7 +81,7 @@ def rig_to_dict(rig: Rig) -> dict[str, Any]:
     """Return a rig as plain values; raises `InputError` for names of poses that are neither numbers nor text."""
     found: dict[str, Any] = {
         "arms": {
-            name: {"names": _moments(arm.names), "source": arm.source, "poses": _rows(arm.poses)}
+            name: {"names": _moments(arm.names), "source": arm.source, "poses": _rows(arm.poses)} | _joints(arm)
             for name, arm in rig.arms.items()
         },
         "cameras": dict(rig.cameras),
@@ -108,10 +109,7 @@ def rig_to_dict(rig: Rig) -> dict[str, Any]:
 
 def rig_from_dict(data: Mapping[str, Any]) -> Rig:
     """Read what `rig_to_dict` wrote."""
-    arms = {
-        name: ArmPoses(_poses(arm["poses"]), tuple(_moments(arm["names"])), str(arm["source"]))
-        for name, arm in data["arms"].items()
-    }
+    arms = {name: _arm(arm) for name, arm in data["arms"].items()}
     views = tuple(
         View(
             view["camera"],
@@ -129,6 +127,20 @@ def rig_from_dict(data: Mapping[str, Any]) -> Rig:
         for name, of in data.get("known", {}).items()
     }
     return Rig(arms, data["cameras"], data["targets"], views, known or None)
+
+
+def _joints(arm: ArmPoses) -> dict[str, Any]:
+    if arm.kinematics is None or arm.joints is None:
+        return {}
+    own = {"kinematics": arm.kinematics.to_dict(), "joints": arm.joints.tolist()}
+    return own if arm.robot_class is None else own | {"robot_class": arm.robot_class}
+
+
+def _arm(data: Mapping[str, Any]) -> ArmPoses:
+    chain = None if data.get("kinematics") is None else Kinematics.from_dict(data["kinematics"])
+    joints = None if chain is None else np.array(data["joints"], dtype=float)
+    names, source = tuple(_moments(data["names"])), str(data["source"])
+    return ArmPoses(_poses(data["poses"]), names, source, chain, joints, data.get("robot_class"))
 
 
 def _moments(names: Any) -> list[Any]:

@@ -12,33 +12,57 @@
     target = "board"
     file = "left.csv"
 
-``known`` in any of the tables names a file with a pose known beforehand and its covariance. ``units``, ``format``,
-``rotation`` and ``frame`` beside a file say how it is read, as the options of ``calibrate`` do. Rows are matched by
-their timestamps, equal or nearest within ``tolerance`` (s, at the top of the file; default 0), or by the number of the
-pose (`pose_rows`), never by their order; files that name no poses only where all have as many rows.
+An arm has ``poses``, or ``joints`` with a robot model (``robot_model``, ``urdf``, ``dh`` or ``ur_calibration``, with
+``base`` and ``tip``), or both; or ``bag`` with the ``topic`` (or frames) of its poses or joints. A view has a ``file``
+of poses or the folder of ``camera -o`` or ``points -o``; or ``corners`` beside known ``intrinsics`` (of the view or its
+camera); or a ``bag`` with its ``topic``, and ``tag``, the side of a tag seen by its corners. ``known`` in any of the
+tables names a file with a pose known beforehand and its covariance. ``units``, ``format``, ``rotation`` and ``frame``
+beside a file say how it is read, as the options of ``calibrate`` do.
+
+Rows are matched by their timestamps, equal or nearest within ``tolerance`` (s, at the top of the file; default 0), or
+by the number of the pose (`pose_rows`), never by their order; files that name no poses only where all have as many. The
+poses of an arm from a bag are interpolated at the times of the views. ``offset`` of a camera (s) is what its clock is
+behind that of the robot; beside a bag it is estimated (`synchronise`) where it is not given.
 """
 
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from ...core.files.open import StrPath, as_path, opened
 from ...core.files.trees import MAX_BYTES
 from ...errors import InputError
 from ...formats.prior_file import read_prior
-from ..description import WORLD, ArmPoses, Rig, View
+from ...model.kinematics.chain import Kinematics
+from ..description import WORLD, ArmPoses, Rig, nearest_names, require_in_rig, require_names
 from .pose_rows import PoseRows, on_one_clock, read_rows, view_of
+from .sources import (
+    MODELS,
+    Bags,
+    apart_by_calibration,
+    arm_poses,
+    at_views,
+    clock_offset,
+    joint_rows,
+    kinematics_of,
+    rows_of_corners,
+)
 
 READING = ("units", "format", "rotation", "frame")
+_CHAIN = (*MODELS, "base", "tip", "joint_units", "robot_class")
 _TABLES = {
-    "arms": {"poses", "noise", "known", *READING},
-    "cameras": {"on", "noise", "known"},
-    "targets": {"on", "known"},
+    "arms": ("poses", "joints", "bag", "topic", *_CHAIN, "noise", "known", *READING),
+    "cameras": ("on", "noise", "known", "intrinsics", "offset"),
+    "targets": ("on", "known"),
 }
-_VIEW = {"camera", "target", "file", *READING}
+_VIEW = ("camera", "target", "file", "corners", "intrinsics", "bag", "topic", "tag", *READING)
+_SOURCES = ("file", "corners", "bag")
 
 
 def read_rig(path: StrPath) -> tuple[Rig, dict[str, Any] | None]:
@@ -54,79 +78,172 @@ def read_rig(path: StrPath) -> tuple[Rig, dict[str, Any] | None]:
     except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise InputError(f"{target}: expected TOML, {error}.") from None
     try:
-        return _read(tree, target.parent)
+        return _Read(tree, target.parent).rig()
     except InputError as error:
         raise InputError(f"{target}: {error}") from error
 
 
-def _read(tree: dict[str, Any], folder: Path) -> tuple[Rig, dict[str, Any] | None]:
-    tables = {what: _checked(tree.get(what), what, keys) for what, keys in _TABLES.items()}
-    if unknown := set(tree) - {*_TABLES, "views", "tolerance"}:
-        raise InputError(f"Expected arms, cameras, targets, views and tolerance, got {sorted(unknown)[0]!r}.")
-    tolerance = tree.get("tolerance", 0.0)
-    if isinstance(tolerance, bool) or not isinstance(tolerance, int | float) or not tolerance >= 0:
-        raise InputError(f"Expected `tolerance` to be seconds, 0 or more, got {tolerance!r}.")
-    arms: dict[str, ArmPoses] = {}
-    rows: dict[str, PoseRows] = {}
-    for name, entry in tables["arms"].items():
-        files = entry.get("poses")
-        listed = [files] if isinstance(files, str) else files
-        if not isinstance(listed, list) or not listed or not all(isinstance(file, str) for file in listed):
-            raise InputError(f"Expected `poses` of the arm {name!r} to name its files, got {files!r}.")
-        for file in listed:
-            found = read_rows(folder / file, "robot", **_reading(entry))
-            if arms and name not in arms:
-                found = on_one_clock(found, next(iter(rows.values())), float(tolerance))
-            poses = ArmPoses(found.poses, found.names if found.named else (), file)
-            arms[name] = arms[name].joined(poses) if name in arms else poses
-            rows[name] = rows[name].joined(found) if name in rows else found
-    places = {what: {name: _place(what, name, entry) for name, entry in tables[what].items()} for what in
-              ("cameras", "targets")}  # fmt: skip
-    views = tree.get("views")
-    if not isinstance(views, list) or not views:
-        raise InputError("Expected [[views]] with camera, target and file.")
-    seen = [_view(entry, k, folder, rows, places, float(tolerance)) for k, entry in enumerate(views)]
-    noise = {name: tuple(value) if isinstance(value, list) else value
-             for what in ("arms", "cameras") for name, entry in tables[what].items()
-             if (value := entry.get("noise")) is not None}  # fmt: skip
-    known = {name: _known(folder, name, entry["known"]) for what in _TABLES
-             for name, entry in tables[what].items() if "known" in entry}  # fmt: skip
-    return Rig(arms, places["cameras"], places["targets"], tuple(seen), known or None), noise or None
+class _Read:
+    """The tables of a rig file, checked, and what its files hold."""
+
+    def __init__(self, tree: dict[str, Any], folder: Path) -> None:
+        _require_known(tree, (*_TABLES, "views", "tolerance"), "at the top of the file")
+        self.folder = folder
+        self.tables = {what: _table(tree.get(what), what, keys) for what, keys in _TABLES.items()}
+        tolerance = tree.get("tolerance", 0.0)
+        if isinstance(tolerance, bool) or not isinstance(tolerance, int | float) or not tolerance >= 0:
+            raise InputError(f"Expected `tolerance` to be seconds, 0 or more, got {tolerance!r}.")
+        self.tolerance = float(tolerance)
+        views = tree.get("views")
+        if not isinstance(views, list) or not views:
+            raise InputError("Expected [[views]] with camera, target and file.")
+        self.views = [_view(entry, k) for k, entry in enumerate(views, 1)]
+        self.rows: dict[str, PoseRows] = {}  # of each arm
+        self.chains: dict[str, Kinematics | None] = {}
+        self.bags = Bags()
+
+    def rig(self) -> tuple[Rig, dict[str, Any] | None]:
+        """Return the rig and its noise."""
+        places = {what: {name: _place(what, name, entry, self.tables["arms"])
+                         for name, entry in self.tables[what].items()} for what in ("cameras", "targets")}  # fmt: skip
+        require_names(self.tables["arms"], places["cameras"], places["targets"])
+        for view in self.views:
+            for what in ("camera", "target"):
+                require_in_rig(view[what], what, places[f"{what}s"], str(view.get("file", "A view")))
+        arms = {name: self._arm(name, entry) for name, entry in self.tables["arms"].items()}
+        carriers = [[place for place in (places["cameras"][view["camera"]], places["targets"][view["target"]])
+                     if place in self.tables["arms"]] for view in self.views]  # fmt: skip
+        seen = apart_by_calibration(list(map(self._rows, self.views)), [view["camera"] for view in self.views])
+        streams = [name for name, rows in self.rows.items() if rows.stream]
+        if streams:
+            seen = self._on_one_clock(seen, carriers, places["cameras"])
+        for name in streams:
+            of = [one for one, on in zip(seen, carriers, strict=True) if name in on]
+            if untimed := [one.name for one in of if one.times is None]:
+                raise InputError(
+                    f"{untimed[0]} has no timestamps, which a view beside an arm from a bag needs. Add them."
+                )
+            rows = self.rows[name] = at_views(self.rows[name], [np.asarray(one.times) for one in of], self.chains[name])
+            arms[name] = arm_poses(rows, self.chains[name], self.tables["arms"][name].get("robot_class"))
+            seen = [one.some(np.isin(one.times, rows.times)) if name in on else one
+                    for one, on in zip(seen, carriers, strict=True)]  # fmt: skip
+        views = tuple(
+            view_of(view["camera"], view["target"], rows, [self.rows[name] for name in on], self.tolerance)
+            for view, rows, on in zip(self.views, seen, carriers, strict=True)
+        )
+        noise = {name: tuple(value) if isinstance(value, list) else value
+                 for what in ("arms", "cameras") for name, entry in self.tables[what].items()
+                 if (value := entry.get("noise")) is not None}  # fmt: skip
+        known = {name: self._known(name, entry["known"]) for what in _TABLES
+                 for name, entry in self.tables[what].items() if "known" in entry}  # fmt: skip
+        given = {name: arm for name, arm in arms.items() if arm is not None}
+        return Rig(given, places["cameras"], places["targets"], views, known or None), noise or None
+
+    def _arm(self, name: str, entry: Mapping[str, Any]) -> ArmPoses | None:
+        """Read the rows of an arm, and return its poses; None of a bag, until the times of the views are known."""
+        where = f"[arms.{name}]"
+        chain = self.chains[name] = kinematics_of(entry, self.folder, where)
+        sources = [key for key in ("bag", "poses", "joints") if key in entry]
+        if not sources:
+            raise InputError(f"Expected `poses` (files), `joints` with a robot model, or `bag` in {where}, got none.")
+        paths = {key: _paths(entry, key, self.folder, where) for key in sources}
+        if "bag" in paths:
+            if len(paths) > 1:
+                raise InputError(f"{where} has both bag and {sources[1]}. Remove one of them.")
+            self.rows[name] = self.bags.arm(paths["bag"], _topic(entry, where), chain, entry)
+            return None
+        if "joints" in paths and chain is None:
+            raise InputError(f"{where} has joints and no robot model. Add one of {', '.join(MODELS)}.")
+        if len(paths) == 2 and len(paths["poses"]) != len(paths["joints"]):
+            raise InputError(f"Expected as many files of `joints` as of `poses` in {where}.")
+        found: ArmPoses | None = None
+        for k in range(len(paths[sources[0]])):
+            rows = read_rows(paths["poses"][k], "robot", **_reading(entry)) if "poses" in paths else None
+            if "joints" in paths and chain is not None:
+                rows = joint_rows(paths["joints"][k], chain, entry.get("joint_units"), rows)
+            assert rows is not None
+            if self.rows and name not in self.rows:
+                rows = on_one_clock(rows, next(iter(self.rows.values())), self.tolerance)
+            poses = arm_poses(rows, chain, entry.get("robot_class"))
+            found = poses if found is None else found.joined(poses)
+            self.rows[name] = self.rows[name].joined(rows) if name in self.rows else rows
+        return found
+
+    def _rows(self, view: Mapping[str, Any]) -> PoseRows:
+        where = f"The view of {view['target']} by {view['camera']}"
+        intrinsics = view.get("intrinsics", self.tables["cameras"][view["camera"]].get("intrinsics"))
+        if "file" in view:
+            rows = read_rows(self.folder / str(view["file"]), "camera", **_reading(view))
+            return replace(rows, name=str(view["file"]))
+        if "bag" in view:
+            return self.bags.camera(_paths(view, "bag", self.folder, where), _topic(view, where), view, intrinsics)
+        if intrinsics is None:
+            raise InputError(f"{where} has corners and no intrinsics. Add `intrinsics` to it or to its camera.")
+        return rows_of_corners(self.folder / str(view["corners"]), intrinsics, self.folder, view.get("units"))
+
+    def _on_one_clock(
+        self, seen: list[PoseRows], carriers: list[list[str]], places: Mapping[str, str]
+    ) -> list[PoseRows]:
+        """Return the rows with times of the robot's clock."""
+        offsets = {}
+        for name, entry in self.tables["cameras"].items():
+            of = [
+                ([self.rows[arm] for arm in on], rows)
+                for view, rows, on in zip(self.views, seen, carriers, strict=True)
+                if view["camera"] == name
+            ]
+            offsets[name] = clock_offset(name, entry.get("offset"), of, places[name] == WORLD)
+        return [rows.later(offsets[view["camera"]]) for rows, view in zip(seen, self.views, strict=True)]
+
+    def _known(self, name: str, file: Any) -> Any:
+        if not isinstance(file, str):
+            raise InputError(f"Expected `known` of {name!r} to name a file with pose and covariance, got {file!r:.40}.")
+        return read_prior(self.folder / file, "X")
 
 
-def _checked(table: Any, what: str, keys: set[str]) -> dict[str, dict[str, Any]]:
+def _require_known(entry: Mapping[str, Any], keys: Iterable[str], where: str) -> None:
+    if unknown := sorted(set(entry) - set(keys)):
+        raise InputError(f"Expected {', '.join(keys)} {where}, got {unknown[0]!r}. {nearest_names(unknown[0], keys)}")
+
+
+def _table(table: Any, what: str, keys: tuple[str, ...]) -> dict[str, dict[str, Any]]:
     if not isinstance(table, dict) or not table or not all(isinstance(entry, dict) for entry in table.values()):
         raise InputError(f"Expected a table [{what}.NAME] for each of the {what}, got {table!r:.40}.")
     for name, entry in table.items():
-        if unknown := set(entry) - keys:
-            raise InputError(
-                f"Expected {', '.join(sorted(keys))} in [{what}.{name}], got {sorted(unknown)[0]!r}. Correct the name."
-            )
+        _require_known(entry, keys, f"in [{what}.{name}]")
     return table
 
 
-def _place(what: str, name: str, entry: Mapping[str, Any]) -> Any:
+def _view(entry: Any, number: int) -> dict[str, Any]:
+    where = f"in view {number}"
+    if not isinstance(entry, dict) or not all(isinstance(entry.get(key), str) for key in ("camera", "target")):
+        raise InputError(f"Expected names of camera and target {where}, got {entry!r:.60}.")
+    _require_known(entry, _VIEW, where)
+    given = [key for key in _SOURCES if key in entry]
+    if len(given) != 1:
+        got = " and ".join(given) or "none of them"
+        raise InputError(f"Expected one of {', '.join(_SOURCES)} {where}, got {got}.")
+    return entry
+
+
+def _place(what: str, name: str, entry: Mapping[str, Any], arms: Mapping[str, Any]) -> Any:
     if "on" not in entry:
-        raise InputError(f"Expected `on` in [{what}.{name}]: an arm, or {WORLD!r}.")
+        raise InputError(f"Expected `on` in [{what}.{name}]: {', '.join(arms)} or {WORLD}.")
     return entry["on"]
 
 
-def _known(folder: Path, name: str, file: Any) -> Any:
-    if not isinstance(file, str):
-        raise InputError(f"Expected `known` of {name!r} to name a file with pose and covariance, got {file!r:.40}.")
-    return read_prior(folder / file, "X")
+def _paths(entry: Mapping[str, Any], key: str, folder: Path, where: str) -> list[Path]:
+    files = entry[key]
+    listed = [files] if isinstance(files, str) else files
+    if not isinstance(listed, list) or not listed or not all(isinstance(file, str) for file in listed):
+        raise InputError(f"Expected `{key}` in {where} to name files, got {files!r:.60}.")
+    return [folder / file for file in listed]
 
 
-def _view(
-    entry: Any, k: int, folder: Path, arms: dict[str, PoseRows], places: dict[str, dict[str, Any]], tolerance: float
-) -> View:
-    if not isinstance(entry, dict) or not {"camera", "target", "file"} <= set(entry) <= _VIEW:
-        raise InputError(f"Expected camera, target and file in view {k + 1}, got {entry!r:.60}.")
-    file = str(entry["file"])
-    rows = read_rows(folder / file, "camera", **_reading(entry))
-    carriers = [places["cameras"].get(entry["camera"]), places["targets"].get(entry["target"])]
-    moving = [arms[place] for place in carriers if isinstance(place, str) and place in arms]
-    return view_of(entry["camera"], entry["target"], rows, moving, tolerance, file)
+def _topic(entry: Mapping[str, Any], where: str) -> str:
+    if not isinstance(entry.get("topic"), str):
+        raise InputError(f"{where} has a bag and no topic. Add `topic`, frames such as base:tool0 or a topic.")
+    return str(entry["topic"])
 
 
 def _reading(entry: Mapping[str, Any]) -> dict[str, Any]:

@@ -64,7 +64,7 @@ def like(result: Any, rig: Rig) -> Rig:
                 raise InputError(f"{name!r} is on {place!r} in the new views and was on {has[name]!r} before.")
     if unknown := [name for name in rig.arms if name not in old.arms]:
         raise InputError(f"The new poses are of the arm {unknown[0]!r}; the rig has {', '.join(old.arms)}.")
-    arms = {name: rig.arms.get(name, arm) for name, arm in old.arms.items()}
+    arms = {name: arm.like(rig.arms[name]) if name in rig.arms else arm for name, arm in old.arms.items()}
     return Rig(arms, old.cameras, old.targets, rig.views)
 
 
@@ -84,12 +84,12 @@ def new_noise(result: Any, rig: Rig, graph: Graph) -> RigNoise:
     names, sizes = posterior.names, {part["name"]: part["size"] for part in result.components}
     K = [np.zeros((n, 6, len(names))) for n in (graph.P, graph.E)]
     if names:
-        before = Graph.of(result.rig)
-        bound = {name: before.robot[before.arm == k] for k, name in enumerate(rig.arms)}
+        before, arms = Graph.of(result.rig), list(result.rig.arms)
+        bound = {name: before.robot[before.arm == arms.index(name)] for name in rig.arms}
         for part in components_of(rig, graph, True, bound):
-            if part.columns is not None and part.name in sizes:
+            if part.columns is not None and set(part.parts) <= set(names):
                 at = [names.index(own) for own in part.parts]
-                K[part.side == "camera"][:, :, at] = sizes[part.name] * part.columns
+                K[part.side == "camera"][:, :, at] = sizes.get(part.name, part.size.median) * part.columns
     return RigNoise(robot, camera, K[0], K[1], names)
 
 

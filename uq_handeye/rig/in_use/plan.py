@@ -149,7 +149,12 @@ def _drawn(rig: Rig, sample: int, seed: int) -> dict[str, Array]:
         raise InputError(f"Expected `sample` (--sample) to be at least 1, got {sample}.")
     rng, found = np.random.default_rng(seed), {}
     for name, arm in rig.arms.items():
-        near = arm.poses[rng.integers(0, len(arm.poses), sample)]
+        number = rng.integers(0, len(arm.poses), sample)
+        if arm.kinematics is not None and arm.joints is not None:  # joints near those so far, which the arm reaches
+            q = arm.joints[number] + 0.5 * np.std(arm.joints, axis=0) * rng.normal(size=(sample, arm.joints.shape[1]))
+            found[name] = arm.kinematics.poses(np.clip(q, *arm.kinematics.limits.T))
+            continue
+        near = arm.poses[number]
         t = arm.poses[:, :3, 3]
         low, high = t.min(axis=0), t.max(axis=0)
         spread = SHARE * float(np.linalg.norm(high - low))
@@ -183,7 +188,7 @@ def _candidates(result: Any, robot: Mapping[str, Array]) -> tuple[Rig, NDArray[n
             numbers.append(kept)
     if not views:
         return rig, np.zeros(0, dtype=np.intp)
-    poses = {name: ArmPoses(robot[name]) if name in robot else arm for name, arm in rig.arms.items()}
+    poses = {name: arm.like(ArmPoses(robot[name])) if name in robot else arm for name, arm in rig.arms.items()}
     return Rig(poses, rig.cameras, rig.targets, tuple(views)), np.concatenate(numbers)
 
 

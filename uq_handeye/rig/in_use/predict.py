@@ -18,7 +18,7 @@ from ...core.files.records import Record
 from ...core.geometry.checks import as_transforms
 from ...core.geometry.se3 import Array, inverse, perturb, skew
 from ...errors import InputError
-from ..description import WORLD
+from ..description import WORLD, ArmPoses, Rig, View
 from ..graph import Graph
 from .evidence import new_noise
 
@@ -100,18 +100,17 @@ class _Chain:
         posterior, rig = result.posterior, result.rig
         if posterior is None:
             raise InputError("Expected the result of a rig with its posterior. Calibrate again.")
-        self.N, every = len(posterior.covariance), list(rig.arms)
+        self.N = len(posterior.covariance)
         self.covariance = np.zeros((k, self.N + 6 * len(at), self.N + 6 * len(at)))
         self.covariance[:, : self.N, : self.N] = posterior.covariance
         self.robot, self.K = {}, {}
         for a, (name, T) in enumerate(at.items()):
             place = self.N + 6 * a
-            one, zero = np.zeros(1, dtype=np.intp), np.zeros(k, dtype=np.intp)
-            ahead = np.eye(4)[None].copy()
-            ahead[:, 2, 3] = 1.0
-            of = zero + every.index(name)
-            graph = Graph(result.names, ahead, T, one, one, (one, one), (one, one), one, one, of, zero)
-            noise = new_noise(result, rig, graph)
+            ahead = np.broadcast_to(perturb(np.eye(4), np.eye(6)[5]), (k, 4, 4))
+            alone = Rig(
+                {name: rig.arms[name].like(ArmPoses(T))}, {"at": name}, {"it": WORLD}, (View("at", "it", ahead),)
+            )
+            noise = new_noise(result, alone, Graph.of(alone))
             self.robot[name] = perturb(T, -(noise.K_robot @ posterior.estimate[:, None])[..., 0])
             self.K[name] = noise.K_robot
             self.covariance[:, place : place + 6, place : place + 6] = noise.robot

@@ -1,0 +1,259 @@
+r"""Sources of poses of a rig file beside pose files: joints, corners by known intrinsics, ROS bags.
+
+*Corners.* Only the poses are estimated; with the derivatives ``A_i`` and ``B_i`` of the pixels of picture i by the
+intrinsics and by its pose, an error of the intrinsics, of covariance ``S = T T^T``, moves the pose by
+
+    xi_i = G_i T u,      G_i = -(B_i^T B_i)^-1 B_i^T A_i,      u ~ N(0, I)
+
+the same u in all views by this camera. *Bags.* The poses of an arm are interpolated at the times of the views; views
+outside the recording, and in its gaps, are left out.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...core.formatting.units import parse_length
+from ...core.geometry.se3 import Array
+from ...errors import DegenerateMotionError, InputError, NotConvergedError
+from ...model.kinematics.chain import Kinematics
+from ...model.poses.pose_pairs import joint_values_at
+from ...model.poses.stream import Stream
+from ...read.joints import read_joint_file
+from ..description import ArmPoses
+from .pose_rows import PoseRows
+
+MODELS = ("robot_model", "urdf", "dh", "ur_calibration")
+# Samples of a bag that are farther apart, in median intervals, are not interpolated between.
+GAP = 3.0
+_log = logging.getLogger("uq_handeye")
+
+
+# ------------------------------------------------------------------------------------------- arms
+
+
+def kinematics_of(entry: Mapping[str, Any], folder: Path, where: str) -> Kinematics | None:
+    """Return the chain that a table names, None without a robot model."""
+    given = [name for name in MODELS if name in entry]
+    base, tip = entry.get("base"), entry.get("tip")
+    if not given:
+        if wrong := [key for key in ("base", "tip", "joint_units", "robot_class") if key in entry]:
+            raise InputError(f"{where} has {wrong[0]} and no robot model. Add one of {', '.join(MODELS)}.")
+        return None
+    if set(given) - {"urdf", "ur_calibration"} and (len(given) > 1 or base is not None or tip is not None):
+        others = [*given[1:], *(key for key in ("base", "tip") if key in entry)]
+        raise InputError(
+            f"{where} has {others[0]} beside {given[0]}, which describes the whole arm. Remove one of them."
+        )
+    file = {name: folder / str(entry[name]) for name in given}
+    if "robot_model" in entry:
+        return Kinematics.from_name(str(entry["robot_model"]))
+    if "dh" in entry:
+        return Kinematics.from_dh(file["dh"])
+    if "ur_calibration" in entry:
+        return Kinematics.from_ur_calibration(file["ur_calibration"], file.get("urdf"), base, tip)
+    return Kinematics.from_urdf(file["urdf"], base, tip)
+
+
+def joint_rows(path: Any, chain: Kinematics, units: str | None, rows: PoseRows | None = None) -> PoseRows:
+    """Return the poses of a file of joint values; with ``rows``, those poses with their joints."""
+    q = read_joint_file(path, chain, units)
+    if rows is None:
+        return PoseRows(chain.poses(q.values), q.name, q.source, q.timestamps, joints=q.values, by_joints=True)
+    values = q.beside(rows.side, 0.0)
+    if (lacking := np.flatnonzero(np.isnan(values).any(axis=1))).size:
+        raise InputError(f"{q.name} has no joint values at {rows.names[lacking[0]]!s} of {rows.name}. Add them.")
+    return replace(rows, joints=values)
+
+
+def arm_poses(rows: PoseRows, chain: Kinematics | None, robot_class: str | None) -> ArmPoses:
+    """Return the poses of an arm with its kinematics, if there is a chain."""
+    names = rows.names if rows.named else ()
+    if chain is None:
+        return ArmPoses(rows.poses, names, rows.name)
+    poses = None if rows.by_joints else rows.poses
+    return ArmPoses.by_kinematics(chain, poses, rows.joints, names, rows.name, robot_class)
+
+
+# ------------------------------------------------------------------------------------------- corners
+
+
+def rows_of_corners(path: Path, intrinsics: Any, folder: Path, units: str | None) -> PoseRows:
+    """Return the poses of a board from its corners by known intrinsics: a folder, a file, or fx, fy, cx, cy."""
+    from ...core.files.source import Source
+    from ...model.camera.adjustment.bundle import Sight, adjust
+    from ...model.camera.adjustment.initial_guess import better_start, poses_of
+    from ...model.camera.board_shape import flat_shape
+    from ...model.camera.files.corner_file import read_corners
+    from ...model.camera.models import rays
+
+    corners = read_corners(path, units or "m")
+    model, values, root = _intrinsics(intrinsics, folder)
+    seen = rays(model, values, corners.pixels)
+    start = poses_of(corners, np.ascontiguousarray(seen[:, :2] / seen[:, 2:]))
+    shape = flat_shape(corners.on_board[0])
+    start = better_start(model, values, shape, corners, start)
+    found = adjust(model, corners, (values, start), free=np.zeros(len(values), dtype=bool), shape=shape)
+    if not found.converged:
+        raise NotConvergedError(f"The poses of {path.name} do not converge with the intrinsics given.", found)
+    shared = None
+    if root.shape[1]:
+        _, A, B = Sight.of(model, shape, corners, np.ones(corners.m)).rows(values, found.poses)
+        shared = -np.linalg.solve(B.mT @ B, B.mT @ A) @ root
+    source = Source(path.name, "corners", path.stat().st_size, "", (f"{corners.n} poses by known intrinsics",))
+    return PoseRows(
+        found.poses, path.name, source, rows=tuple(corners.rows.tolist()), covariance=found.own, intrinsics=shared,
+        calibration=values.tobytes() + root.tobytes(),
+    )  # fmt: skip
+
+
+def _intrinsics(given: Any, folder: Path) -> tuple[Any, Array, Array]:
+    """Model, parameters (p,) and a root T (p, q) of their covariance; (p, 0) where they are exact."""
+    from ...model.camera.files.folder import is_camera_folder, read_camera
+    from ...model.camera.files.intrinsics_file import read_intrinsics
+    from ...model.camera.models import LINEAR, MODELS
+
+    numbers = given.split(",") if isinstance(given, str) else given
+    try:
+        plain = [float(part) for part in numbers]
+    except (TypeError, ValueError):
+        plain = []
+    if len(plain) == len(LINEAR):
+        return MODELS["pinhole"], np.array(plain), np.zeros((len(LINEAR), 0))
+    if not isinstance(given, str):
+        raise InputError(f"Expected `intrinsics` to be fx, fy, cx, cy, a file or a folder, got {given!r:.40}.")
+    path = folder / given
+    if is_camera_folder(path):
+        seen = read_camera(path).bundle
+        free = seen.free[: len(seen.intrinsics)]
+        root = np.zeros((len(free), int(free.sum())))
+        root[free] = np.linalg.cholesky(seen.intrinsics_covariance[np.ix_(free, free)])
+        return seen.model, np.array(seen.intrinsics), root
+    known = read_intrinsics(path)
+    model = MODELS[known.model or ("brown" if set(known.values) - set(LINEAR) else "pinhole")]
+    if lacks := [name for name in LINEAR if name not in known.values]:
+        raise InputError(f"{path.name} lacks {', '.join(lacks)}. Give all of {', '.join(LINEAR)}.")
+    each = [known.values.get(name, 0.0) for name in model.names]
+    sd = np.diag([float(value[1]) if isinstance(value, tuple) else 0.0 for value in each])
+    return model, np.array([value[0] if isinstance(value, tuple) else value for value in each]), sd[:, sd.any(axis=0)]
+
+
+def apart_by_calibration(seen: Sequence[PoseRows], cameras: Sequence[str]) -> list[PoseRows]:
+    """Return rows whose columns of intrinsics are those of one camera: one calibration, the same errors.
+
+    Views of two calibrations of one camera, such as of a folder for each board, have errors of their own.
+    """
+    found = list(seen)
+    for camera in dict.fromkeys(cameras):
+        of = [k for k, name in enumerate(cameras) if name == camera and seen[k].intrinsics is not None]
+        kinds = list(dict.fromkeys(seen[k].calibration for k in of))
+        if len(kinds) < 2:
+            continue
+        widths = {kind: next(seen[k].count for k in of if seen[k].calibration == kind) for kind in kinds}
+        for k in of:
+            before = sum(widths[kind] for kind in kinds[: kinds.index(seen[k].calibration)])
+            after = sum(widths.values()) - before - seen[k].count
+            padded = np.pad(np.asarray(seen[k].intrinsics), [(0, 0), (0, 0), (before, after)])
+            found[k] = replace(seen[k], intrinsics=padded)
+    return found
+
+
+# ------------------------------------------------------------------------------------------- bags
+
+
+class Bags:
+    """Recordings of a rig file, each read once."""
+
+    def __init__(self) -> None:
+        self._read: dict[tuple[Path, ...], Any] = {}
+
+    def recording(self, paths: Sequence[Path]) -> Any:
+        """Return what bags of one session hold."""
+        from ...read.rosbag.recording import read_recording
+
+        key = tuple(paths)
+        if key not in self._read:
+            self._read[key] = read_recording(paths)
+        return self._read[key]
+
+    def arm(self, paths: Sequence[Path], topic: str, chain: Kinematics | None, entry: Mapping[str, Any]) -> PoseRows:
+        """Return the stream of an arm: poses, or joint values of its chain."""
+        from ...model.kinematics.joints_file import NamedJoints
+        from ...read.rosbag.listing import joint_tracks
+        from ...read.rosbag.streams import robot_stream
+
+        recording = self.recording(paths)
+        if chain is not None and (topic in recording.joints or f"/{topic}" in recording.joints):
+            track = joint_tracks(recording, topic)[0]
+            times, *values = track.table().T
+            named = NamedJoints(f"{topic} in {recording.name}", tuple(track.names), times, np.array(values).T)
+            return replace(joint_rows(named, chain, entry.get("joint_units")), stream=True)
+        stream = robot_stream(recording, topic, frame=entry.get("frame"))
+        order = np.argsort(stream.timestamps)
+        name = f"{topic} in {recording.name}"
+        return PoseRows(stream.poses[order], name, stream.source, stream.timestamps[order], stream=True)
+
+    def camera(self, paths: Sequence[Path], topic: str, view: Mapping[str, Any], intrinsics: Any) -> PoseRows:
+        """Return the poses of a target in a bag, by the corners of a tag where its side is given."""
+        from ...read.rosbag.streams import camera_stream
+
+        recording = self.recording(paths)
+        tag = None if view.get("tag") is None else parse_length(view["tag"], "`tag`")
+        if intrinsics not in (None, "raw", "rectified"):
+            raise InputError(f"Expected `intrinsics` beside a bag to be raw or rectified, got {intrinsics!r}.")
+        found = camera_stream(recording, topic, tag=tag, info=intrinsics, frame=view.get("frame")).stream
+        order = np.argsort(found.timestamps)
+        name = f"{topic} in {recording.name}"
+        return PoseRows(found.poses[order], name, found.source, found.timestamps[order])
+
+
+def clock_offset(camera: str, given: Any, views: Iterable[tuple[Sequence[PoseRows], PoseRows]], fixed: bool) -> float:
+    """Return what is added to the times of a camera (s): as given, or estimated by a view of it (`synchronise`)."""
+    from ...read.synchronisation.synchronise import synchronise
+
+    if given is not None:
+        if isinstance(given, bool) or not isinstance(given, int | float) or not np.isfinite(given):
+            raise InputError(f"Expected `offset` of the camera {camera!r} in seconds, got {given!r}.")
+        return float(given)
+    reason = "no view of it leads from one arm in a bag to the world"
+    for arms, rows in views:
+        if rows.times is None or len(arms) != 1 or not arms[0].stream or arms[0].times is None:
+            continue
+        setup = "eye-to-hand" if fixed else "eye-in-hand"
+        try:
+            both = [Stream(np.asarray(one.times), one.poses) for one in (arms[0], rows)]
+            found = synchronise(both[0], both[1], setup=setup)
+        except (InputError, NotConvergedError, DegenerateMotionError) as error:
+            reason = str(error)
+            continue
+        _log.info("clock of %s: %.6g s behind that of the robot, +- %.2g s", camera, found.offset, found.offset_std)
+        return float(found.offset)
+    raise InputError(
+        f"The clock offset of the camera {camera!r} was not estimated: {reason.rstrip('.')}. Give it, such as offset = "
+        f"0 in [cameras.{camera}]."
+    )
+
+
+def at_views(rows: PoseRows, times: Sequence[Array], chain: Kinematics | None) -> PoseRows:
+    """Return the poses of an arm of a bag at the times of the views; those without one are left out."""
+    from ...read.synchronisation.interpolation import at_times
+
+    assert rows.times is not None
+    wanted = np.unique(np.concatenate(times)) if times else np.zeros(0)
+    gap = GAP * float(np.median(np.diff(rows.times))) if len(rows.times) > 1 else 0.0
+    found = at_times(rows.times, rows.poses, wanted, max_gap=gap)
+    fine = found.fine
+    if not fine.any():
+        raise InputError(
+            f"{rows.name}: no view was taken while it was recorded ({rows.times[0]:.3f} to {rows.times[-1]:.3f} s)."
+        )
+    if chain is None or rows.joints is None:
+        return replace(rows, poses=found.poses[fine], times=wanted[fine])
+    q = joint_values_at(rows.times, rows.joints, wanted[fine])
+    return replace(rows, poses=chain.poses(q), times=wanted[fine], joints=q)
