@@ -81,7 +81,9 @@ def test_the_pose_that_moved_is_named(name):
     assert found.status == "moved" and found.moves[0].name == name
     assert found.moves[0].angle == pytest.approx(4e-3, abs=1.5e-3)
     assert found.moves[0].shift == pytest.approx(3e-3, abs=1.5e-3)
-    assert name in found.sentence and uq.rig.in_use.check.RigCheck.from_dict(found.to_dict()).text() == found.text()
+    assert (
+        name in found.sentence and uq.rig.in_use.check.RigCheck.from_dict(found.to_dict()).summary() == found.summary()
+    )
 
 
 def test_what_the_calibration_left_open_raises_no_alarm():

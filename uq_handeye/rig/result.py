@@ -311,9 +311,9 @@ class RigCalibration(Record):
 
     # ------------------------------------------------------------------------------------------- in use
 
-    def check(self, rig: Rig, *, level: float = 0.05) -> RigCheck:
-        """Test whether the result still holds, by new views; see `uq_handeye.rig.in_use.check`."""
-        return check_rig(self, rig, level=level)
+    def check(self, rig: Rig, **options: Any) -> RigCheck:
+        """Test whether the result still holds, by new views; see `uq_handeye.rig.in_use.check.check_rig`."""
+        return check_rig(self, rig, **options)
 
     def predict(self, camera: str, points: Any, robot: Mapping[str, Any] | None = None, into: str = WORLD) -> RigPoints:
         """Predict where points that a camera sees are; see `uq_handeye.rig.in_use.predict`."""

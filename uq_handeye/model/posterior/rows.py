@@ -349,6 +349,16 @@ class PredictiveReference(ReadOnlyArrays):
         return d2 if np.isinf(nu) else (nu + self.size) * float(np.log1p(d2 / nu))
 
 
+def smallest_change(information: Array, noncentrality: float) -> tuple[float, float]:
+    """Return the shift (m) and the rotation (rad) of a pose, of the information (6, 6) of (theta, tau), that show."""
+    return _worst(information[3:, 3:], noncentrality), _worst(information[:3, :3], noncentrality)
+
+
+def _worst(information: Array, noncentrality: float) -> float:
+    values = np.linalg.eigvalsh(information)
+    return float(np.sqrt(noncentrality / values[0])) if values[0] > 1e-12 * values[-1] else float("inf")
+
+
 # Added to the diagonal of a covariance of unit diagonal before its Cholesky factor is taken: rounding.
 RIDGE = 1e-13
 

@@ -2,29 +2,37 @@
 
 All new rows together are tested (`posterior.rows`). Where they contradict the result, each camera and each target is
 tried as the one that moved: the move that explains most, if it explains what is there, is named with its size.
+Whatever the answer, ``detectable`` says which change of each pose these views would have shown.
 
-Where the noise was estimated, chi-squares over their number follow F(k, nu), nu = 2 / mean Var(log variance) over the
-noise of arms and cameras: as if the sizes of all were uncertain together.
+Where the noise was estimated, its size is common to all and uncertain: log-normal, with 2 / nu the mean of the
+variances of log variance of arms and cameras.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
-from scipy.special import chdtrc, fdtrc
 
 from ...core.files.atomic import json_text
 from ...core.files.records import Record
 from ...core.formatting.numbers import digits, probability
+from ...core.geometry.se3 import Array
+from ...core.presentation.document import Answer, Document, Paragraph, Table, document_of, to_text
 from ...errors import InputError
+from ...model.posterior.rows import PredictiveReference, smallest_change
 from ..description import Rig
 from .evidence import RigEvidence, evidence_of_views
 
 # A second cause that explains nearly as much: difference of chi-square.
 AS_GOOD = 6.0
-UNCHANGED, MOVED, CHANGED = "unchanged", "moved", "changed"
+UNCHANGED, MOVED, CHANGED, CANNOT_TELL = "unchanged", "moved", "changed", "cannot tell"
+_STATUS = {UNCHANGED: "ok", MOVED: "failed", CHANGED: "failed", CANNOT_TELL: "caution"}
+# Without a tolerance: share of the distance of the targets, and angle (rad), that must show; with what probability.
+BLIND, POWER = 0.01, 0.95
+FORMAT = "uq-handeye rig check 1"
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +45,10 @@ class RigMove(Record):
     shift: float
     p: float
     left: float  # p-value of the rest with this move
+    least_angle: Annotated[float, ">= 0"]  # that shows in every direction (rad); infinite: none does
+    least_shift: Annotated[float, ">= 0"]  # m
+    estimate: tuple[float, ...] = ()  # (theta, tau) of the new pose against the old one, rad and m
+    std: tuple[float, ...] = ()
 
     def __str__(self) -> str:
         return f"{self.name}: by {digits(np.degrees(self.angle), 2)} deg and {digits(1e3 * self.shift, 2)} mm"
@@ -44,65 +56,106 @@ class RigMove(Record):
 
 @dataclass(frozen=True, eq=False)
 class RigCheck(Record):
-    """Result of a check.
+    """Result of a check. ``str(check)`` is its text.
 
     Attributes
     ----------
-    status : "unchanged", "moved" or "changed"
-        Moved: one pose explains it. Changed: no single pose does.
-    p_value, chi_square : float
+    status : "unchanged", "moved", "changed" or "cannot tell"
+        Moved: one pose explains it. Changed: no single pose does. Cannot tell: the views agree, and would agree with a
+        change of a camera that matters.
+    p_value, d2 : float
         Of all new views, if nothing has changed.
     dof, count : int
         Numbers of them; views.
+    noise_dof : float or None
+        Degrees of freedom of the noise, where it was estimated.
     moves : tuple of RigMove
-        Every camera, target and base, that which explains most first.
+        Every camera, target and base that was seen, that which explains most first; with the smallest change of it that
+        shows with 95 % probability.
     views : dict
         p-value of the views of each pair of camera and target, by "camera, target".
+    unseen : tuple of str
+        Cameras and targets of the rig that no new view shows, of which the check says nothing.
+    limits : (translation (m), rotation (rad))
+        Change of a camera that must show.
     """
 
-    _in_file: ClassVar[str] = "status p_value chi_square dof count level moves views sentence"
+    _in_file: ClassVar[str] = (
+        "status changed p_value d2 dof count level noise_dof moves views unseen limits cause sentence"
+    )
 
     status: str
     p_value: float
-    chi_square: float
+    d2: float
     dof: int
     count: int
     level: float
     moves: tuple[RigMove, ...]
     views: dict[str, float]
+    unseen: tuple[str, ...] = ()
+    limits: tuple[float | None, float | None] = (None, None)
+    noise_dof: float | None = None
 
     @property
     def changed(self) -> bool:
         """True if the new views contradict the result."""
-        return self.status != UNCHANGED
+        return self.status in (MOVED, CHANGED)
+
+    @property
+    def cause(self) -> str | None:
+        """Name of what moved, where one pose explains it."""
+        return self.moves[0].name if self.status == MOVED else None
 
     @property
     def sentence(self) -> str:
         """The answer in one or two sentences."""
-        said = f"chi-square {self.chi_square:.0f} of {self.dof}, {probability(self.p_value)}"
-        if not self.changed:
-            return f"UNCHANGED: the {self.count} new views agree with the calibration ({said})."
+        said = f"chi-square {self.d2:.0f} of {self.dof}, {probability(self.p_value)}"
+        agree = f"the {self.count} new views agree with the calibration ({said})"
+        if self.status == UNCHANGED:
+            return f"UNCHANGED: {agree}."
+        if self.status == CANNOT_TELL:
+            worst = max(self.moves, key=lambda one: one.least_shift)
+            return f"CANNOT TELL: {agree}, but would miss a change of {worst.name} below {_least(worst)}."
         if self.status == MOVED:
             near = [one.name for one in self.moves[1:] if one.chi_square > self.moves[0].chi_square - AS_GOOD]
             others = f" As likely: {', '.join(near)}." if near else ""
             return f"MOVED: {self.moves[0]} ({said}).{others} Calibrate it again."
         return f"CHANGED: the {self.count} new views contradict the calibration; no single move explains it ({said})."
 
-    def text(self) -> str:
+    def summary(self) -> str:
         """Return the answer and a table of the causes and views."""
-        lines = [self.sentence, "", f"{'moved':<20} {'chi-square':>10} {'rotation':>12} {'position':>12}  left"]
-        for one in self.moves:
-            turn, shift = f"{np.degrees(one.angle):.4f} deg", f"{1e3 * one.shift:.3f} mm"
-            lines.append(f"{one.name:<20} {one.chi_square:>10.1f} {turn:>12} {shift:>12}  {probability(one.left)}")
-        lines += ["", *(f"{pair}: {probability(p)}" for pair, p in self.views.items())]
-        return "\n".join(lines) + "\n"
+        return to_text(document_of(self))
+
+    __str__ = summary
 
     def to_json(self) -> str:
         """Return it as JSON text."""
-        return json_text(self.to_dict())
+        return json_text({"format": FORMAT} | self.to_dict())
 
 
-def check_rig(result: Any, rig: Rig, *, level: float = 0.05) -> RigCheck:
+@document_of.register
+def check_document(check: RigCheck) -> Document:
+    """Return the answer, the causes with the smallest change that shows, and the views."""
+    head = ["moved", "chi-square", "rotation (deg)", "position (mm)", "left", "shows from"]
+    rows = [[one.name, f"{one.chi_square:.1f}", f"{np.degrees(one.angle):.4f}", f"{1e3 * one.shift:.3f}",
+             probability(one.left), _least(one)] for one in check.moves]  # fmt: skip
+    caption = "Each pose as the one that moved; left: probability of the rest; the smallest change that shows (95 %)."
+    pairs = Table("Views by themselves.", ["camera, target", "probability"],
+                  [[pair, probability(p)] for pair, p in check.views.items()])  # fmt: skip
+    unseen = [Paragraph(f"Not seen, so not checked: {', '.join(check.unseen)}.")] if check.unseen else []
+    return [[Answer(check.sentence, _STATUS[check.status]), *unseen],
+            [Table(caption, head, rows, frozenset({5}))], [pairs]]  # fmt: skip
+
+
+def _least(one: RigMove) -> str:
+    shift = f"{digits(1e3 * one.least_shift, 2)} mm" if np.isfinite(one.least_shift) else "no translation"
+    turn = f"{digits(float(np.degrees(one.least_angle)), 2)} deg" if np.isfinite(one.least_angle) else "no rotation"
+    return f"{shift} or {turn}"
+
+
+def check_rig(
+    result: Any, rig: Rig, *, level: float = 0.05, tolerance: Any = None, same: Iterable[str] | str | None = None
+) -> RigCheck:
     """Test whether a calibrated rig still holds.
 
     Parameters
@@ -112,6 +165,11 @@ def check_rig(result: Any, rig: Rig, *, level: float = 0.05) -> RigCheck:
         New robot poses and views, with names and places of the calibrated rig; it may lack some of its things.
     level : float
         Probability of a false alarm.
+    tolerance : Tolerance, (translation (m), rotation (rad)) or None
+        Change of a camera that must show; None: 1 % of the median distance of the targets, and 0.01 rad.
+    same : names of arms, cameras and targets, or None
+        Which of them are those of the calibration, so that their errors are the same; also robot, camera and target for
+        all of a kind, or none. None: all.
 
     Raises
     ------
@@ -120,17 +178,39 @@ def check_rig(result: Any, rig: Rig, *, level: float = 0.05) -> RigCheck:
     """
     if not 0 < level < 1:
         raise InputError(f"Expected `level` between 0 and 1, got {level!r}.")
-    found = evidence_of_views(result, rig)
-    d2 = found.rows.d2
-    nu = _noise_dof(result)
-    p = _p(d2, found.dof, nu)
-    moves = sorted((_move(found, name, d2, nu) for name in _seen(found)), key=lambda one: -one.chi_square)
+    found = evidence_of_views(result, rig, same)
+    limits = _limits(tolerance, rig)
+    spread = _spread_of_noise(result)
+    d2, reference = found.rows.d2, _reference(found.dof, spread)
+    p = reference.p_value(d2)
+    needed = reference.noncentrality(POWER, level)
+    moves = sorted((_move(found, name, d2, spread, needed) for name in _seen(found)), key=lambda one: -one.chi_square)
     status = UNCHANGED
     if p < level:
         status = MOVED if moves and moves[0].p * len(moves) < level and moves[0].left > 0.01 * level else CHANGED
+    elif any(_missed(one, limits) for one in moves if one.name in result.rig.cameras):
+        status = CANNOT_TELL
     pairs = dict.fromkeys((view.camera, view.target) for view in rig.views)
-    views = {f"{camera}, {target}": _of_pair(found, rig, camera, target, nu) for camera, target in pairs}
-    return RigCheck(status, p, d2, found.dof, found.graph.E, level, tuple(moves), views)
+    views = {f"{camera}, {target}": _of_pair(found, rig, camera, target, spread) for camera, target in pairs}
+    seen = {one.name for one in moves}
+    unseen = tuple(name for name in (*result.rig.cameras, *result.rig.targets) if name not in seen)
+    nu = 2.0 / spread**2 if spread else None
+    return RigCheck(status, p, d2, found.dof, found.graph.E, level, tuple(moves), views, unseen, limits, nu)
+
+
+def _limits(tolerance: Any, rig: Rig) -> tuple[float | None, float | None]:
+    if tolerance is None:
+        distances = [np.linalg.norm(view.poses[:, :3, 3], axis=1) for view in rig.views]
+        return BLIND * float(np.median(np.concatenate(distances))), BLIND
+    if hasattr(tolerance, "translation"):
+        return tolerance.translation, tolerance.rotation
+    translation, rotation = tolerance
+    return translation, rotation
+
+
+def _missed(one: RigMove, limits: tuple[float | None, float | None]) -> bool:
+    return any(limit is not None and not least <= limit
+               for least, limit in zip((one.least_shift, one.least_angle), limits, strict=True))  # fmt: skip
 
 
 def _seen(found: RigEvidence) -> list[str]:
@@ -140,28 +220,41 @@ def _seen(found: RigEvidence) -> list[str]:
     return [graph.names[k] for k in numbers.tolist() if k < graph.m]
 
 
-def _move(found: RigEvidence, name: str, d2: float, nu: float) -> RigMove:
-    cause = found.rows.explained_by(found.moved(name))
+def _move(found: RigEvidence, name: str, d2: float, spread: float, needed: float) -> RigMove:
+    columns = found.moved(name)
+    cause = found.rows.explained_by(columns)
     rank = int(np.linalg.matrix_rank(cause.covariance, hermitian=True)) if cause.gain > 0 else 0
     angle, shift = (float(np.linalg.norm(part)) for part in (cause.estimate[:3], cause.estimate[3:]))
-    left = _p(max(d2 - cause.gain, 0.0), max(found.dof - rank, 1), nu)
-    return RigMove(name, cause.gain, angle, shift, _p(cause.gain, max(rank, 1), nu), left)
+    left = _reference(max(found.dof - rank, 1), spread).p_value(max(d2 - cause.gain, 0.0))
+    p = _reference(max(rank, 1), spread).p_value(cause.gain)
+    least_shift, least_angle = smallest_change(found.rows.information(columns), needed)
+    std = np.sqrt(np.maximum(np.diag(cause.covariance), 0.0))
+    return RigMove(name, cause.gain, angle, shift, p, left, least_angle, least_shift,
+                   tuple(cause.estimate.tolist()), tuple(std.tolist()))  # fmt: skip
 
 
-def _of_pair(found: RigEvidence, rig: Rig, camera: str, target: str, nu: float) -> float:
+def _of_pair(found: RigEvidence, rig: Rig, camera: str, target: str, spread: float) -> float:
     """p-value of the views of one pair by themselves."""
     views = [k for k, view in enumerate(rig.views) if (view.camera, view.target) == (camera, target)]
     of = np.isin(found.graph.view, views)[found.edges]
     some = found.rows.rows(of)
-    return _p(some.d2, int(of.sum()), nu)
+    return _reference(int(of.sum()), spread).p_value(some.d2)
 
 
-def _noise_dof(result: Any) -> float:
-    """Degrees of freedom of the noise; infinite where it was given."""
-    spread = [np.log(part["high"] / part["low"]) / 3.92 for part in result.components
-              if part["low"] > 0 and part["name"].endswith((" rotation", " translation"))]  # fmt: skip
-    return 2.0 / float(np.mean(4 * np.square(spread))) if np.any(spread) else float("inf")
+def _spread_of_noise(result: Any) -> float:
+    """Standard deviation of the logarithm of the variance that all noise has in common; 0 where it was given."""
+    spread: Sequence[float] = [
+        np.log(part["high"] / part["low"]) / 3.92
+        for part in result.components
+        if part["low"] > 0 and part["name"].endswith((" rotation", " translation"))
+    ]
+    return float(np.sqrt(np.mean(4 * np.square(spread)))) if np.any(spread) else 0.0
 
 
-def _p(d2: float, k: int, nu: float) -> float:
-    return float(chdtrc(k, d2) if np.isinf(nu) else fdtrc(k, nu, d2 / k))
+def _reference(size: int, spread: float) -> PredictiveReference:
+    """Distribution of d^2 of so many numbers, with the common variance of their noise as uncertain as it is."""
+    if not spread:
+        return PredictiveReference.given(size)
+    x, weight = np.polynomial.hermite_e.hermegauss(9)
+    scale: Array = np.exp(spread * x)
+    return PredictiveReference(size, weight / weight.sum(), scale, np.full(len(x), float(size)))

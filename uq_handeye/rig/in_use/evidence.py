@@ -11,6 +11,7 @@ the calibration left open take part as free parameters: their columns are projec
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -93,13 +94,35 @@ def new_noise(result: Any, rig: Rig, graph: Graph) -> RigNoise:
     return RigNoise(robot, camera, K[0], K[1], names)
 
 
-def evidence_of_views(result: Any, rig: Rig) -> RigEvidence:
-    """Hold new views against the result of a rig; raises `InputError` for views of something else."""
+def others_of(result: Any, same: Iterable[str] | str | None) -> NDArray[np.bool_]:
+    """(q,) shared errors of things that are not ``same``: names in the rig, or robot, camera, target, or none."""
+    rig, names = result.rig, result.posterior.names
+    kinds = {"robot": list(rig.arms), "camera": list(rig.cameras), "target": list(rig.targets)}
+    things = [name for of in kinds.values() for name in of]
+    if same is None:
+        return np.zeros(len(names), dtype=bool)
+    given = [part.strip() for part in same.split(",")] if isinstance(same, str) else list(same)
+    if given == ["none"]:
+        given = []
+    kept = {name for part in given for name in kinds.get(part, [part])}
+    if unknown := sorted(kept - set(things)):
+        listed = ", ".join([*kinds, *things])
+        raise InputError(f"Expected `same` (--same) to be names out of {listed}, got {unknown[0]!r}.")
+    owners = [max((thing for thing in things if name.startswith(f"{thing} ")), key=len, default="") for name in names]
+    return np.array([owner not in kept for owner in owners], dtype=bool)
+
+
+def evidence_of_views(result: Any, rig: Rig, same: Iterable[str] | str | None = None) -> RigEvidence:
+    """Hold new views against the result of a rig; raises `InputError` for views of something else.
+
+    Errors of things that are not the ``same`` are drawn again, as large as they were found to be.
+    """
     rig = like(result, rig)
     graph = Graph.of(rig)
     noise = new_noise(result, rig, graph)
     posterior = result.posterior
-    e = posterior.estimate[:, None]
+    others = others_of(result, same)
+    e = np.where(others, 0.0, posterior.estimate)[:, None]
     robot, C = perturb(graph.robot, -(noise.K_robot @ e)[..., 0]), perturb(graph.C, -(noise.K_camera @ e)[..., 0])
     sides = graph.linearise(result.poses, robot, C)
     ones = np.ones(graph.E), np.ones(graph.P)
@@ -112,7 +135,11 @@ def evidence_of_views(result: Any, rig: Rig) -> RigEvidence:
     J = flat[:, : graph.p]
     free = J @ result.open.T
     kept = _without(flat, free)
-    rows = NewRows(kept[:, -1:], (kept[:, :-1] @ posterior.A)[:, None], np.ones((len(kept), 1, 1)), posterior)
+    by_state = kept[:, :-1]
+    anew = by_state[:, graph.p :][:, others]
+    by_state[:, graph.p + np.flatnonzero(others)] = 0.0
+    by_unit = np.concatenate([by_state @ posterior.A, anew], axis=1)
+    rows = NewRows(kept[:, -1:], by_unit[:, None], np.ones((len(kept), 1, 1)), posterior)
     return RigEvidence(graph, rows, J, np.concatenate(edges), free)
 
 

@@ -19,7 +19,7 @@ from ...core.formatting.numbers import concise, digits, plus_minus, probability
 from ...core.geometry.se3 import Array
 from ...core.presentation.document import COLUMNS, Answer, Block, Paragraph, document_of, to_text
 from ...findings import Finding
-from ...model.posterior.rows import PredictiveReference
+from ...model.posterior.rows import PredictiveReference, smallest_change
 from .causes import CAMERA_MOVED, FOCAL_LENGTH, IMAGE_CENTRE, ONE_POSE, TARGET_MOVED, TARGET_SIZE, Cause, Causes
 from .misread import MISREAD
 
@@ -148,16 +148,6 @@ class Detectable(Record):
     W_rotation: float
     power: float
     level: float
-
-
-def smallest_change(information: Array, noncentrality: float) -> tuple[float, float]:
-    """Return the shift (m) and the rotation (rad) of a pose, of the information (6, 6) of (theta, tau), that show."""
-    return _worst(information[3:, 3:], noncentrality), _worst(information[:3, :3], noncentrality)
-
-
-def _worst(information: Array, noncentrality: float) -> float:
-    values = np.linalg.eigvalsh(information)
-    return float(np.sqrt(noncentrality / values[0])) if values[0] > 1e-12 * values[-1] else float("inf")
 
 
 def detectable_changes(
