@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, cast, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -30,6 +30,7 @@ from ..model.poses.motions import Motions, relative_motions
 from ..model.poses.pose_pairs import PosePairs, Selection, pairs_of, ranges, select_poses
 from ..model.shared_errors.shared_error import SharedError
 from ..model.shared_errors.sizes import Size, SizeLike
+from ..rig.description import Rig, require_left_out
 from .by_bundle import by_bundle
 from .by_likelihood import by_likelihood, poses_about_errors
 from .by_published import by_published
@@ -41,12 +42,21 @@ from .prediction.excluded import residuals_against
 from .request import BUNDLE, Request
 from .result import Calibration
 
+if TYPE_CHECKING:
+    from ..rig.result import RigCalibration
+
 # How often the errors of an arm are derived anew, at their estimate.
 LINEARISED = 2
 
 
+@overload
+def calibrate(data: Rig, **options: Any) -> RigCalibration: ...
+@overload
 def calibrate(
-    data: PosePairs | Motions | ArrayLike,
+    data: PosePairs | Motions | ArrayLike, camera: ArrayLike | None = None, **options: Any
+) -> Calibration: ...
+def calibrate(
+    data: Any,
     camera: ArrayLike | None = None,
     *,
     setup: str | None = None,
@@ -70,13 +80,14 @@ def calibrate(
     components: Sequence[Component] = (),
     exclude: Sequence[int] | str | None = None,
     only: Sequence[int] | str | None = None,
-) -> Calibration:
+) -> Any:
     """X with its covariance, residuals and warnings.
 
     Parameters
     ----------
-    data : PosePairs or Motions; or (n, 4, 4) robot poses base_T_gripper, beside `camera`
-        Poses side by side are arrays, lists, or SciPy's RigidTransform.
+    data : PosePairs or Motions; or (n, 4, 4) robot poses base_T_gripper, beside `camera`; or Rig
+        Poses side by side are arrays, lists, or SciPy's RigidTransform. A Rig of several cameras, targets and arms is
+        estimated by `calibrate_rig`: with noise, method, robust and seed; ``shared=[]`` leaves out what poses share.
     camera : (n, 4, 4) or None
         Camera poses camera_T_target.
     setup : "eye-in-hand" (None) or "eye-to-hand"
@@ -180,6 +191,16 @@ def calibrate(
     >>> (result.std[3:] * 1e3).round(2)  # mm
     array([0.34, 0.34, 0.28])
     """
+    if isinstance(data, Rig):
+        from ..rig.calibrate import calibrate_rig
+
+        require_left_out(
+            "of a rig", camera=camera, setup=setup, scale=scale, kind=kind, prior=prior, prior_X=prior_X,
+            prior_W=prior_W, joints=joints, kinematics=kinematics, kinematic_errors=kinematic_errors, sizes=sizes,
+            components=components or None, exclude=exclude, only=only,
+        )  # fmt: skip
+        own = {} if method is None else {"method": method}
+        return calibrate_rig(data, noise, robust=robust is not False, shared=shared is None, seed=seed, **own)
     taken: Any = pairs_of(data, camera, setup)
     request = Request(
         noise, method, pairs, scale, kind, covariance, robust, prior, prior_X, prior_W, seed, shared, correlation,

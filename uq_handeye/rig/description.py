@@ -344,6 +344,12 @@ def _mapping(value: Any, name: str) -> Mapping[str, Any]:
     return value
 
 
+def require_left_out(where: str, **options: Any) -> None:
+    """Raise `InputError` for arguments of one camera that were given."""
+    if given := [name for name, value in options.items() if value is not None]:
+        raise InputError(f"`{given[0]}` is not an argument for the result {where}. Leave it out.")
+
+
 def require_names(arms: Iterable[str], cameras: Mapping[str, Any], targets: Mapping[str, Any]) -> None:
     """Raise `InputError` for a name that occurs twice, and for what is on nothing, on two things or on no arm."""
     places = (WORLD, *arms)

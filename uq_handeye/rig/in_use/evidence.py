@@ -55,6 +55,8 @@ class RigEvidence(ReadOnlyArrays):
 
 def like(result: Any, rig: Rig) -> Rig:
     """Return new poses and views as those of the calibrated rig; raises `InputError` for what it does not have."""
+    if not isinstance(rig, Rig):
+        raise InputError(f"Expected new views of a rig as a Rig (uq.Rig, uq.read_rig), got {type(rig).__name__}.")
     old = result.rig
     for what in ("cameras", "targets"):
         for name, place in getattr(rig, what).items():

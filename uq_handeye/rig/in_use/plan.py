@@ -78,7 +78,7 @@ class RigPlan(Record):
 
 
 def plan_rig(
-    result: Any, candidates: Mapping[str, Any] | None = None, k: int = 5, *, sample: int = 100, seed: int = 0
+    result: Any, candidates: Mapping[str, Any] | None = None, k: int = 5, *, sample: int = 200, seed: Any = 0
 ) -> RigPlan:
     """Choose the k views that make the cameras of a rig known best.
 

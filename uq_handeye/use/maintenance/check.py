@@ -8,7 +8,7 @@ changed, what it is, as far as the poses separate the causes (`causes`), and by 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any
+from typing import Any, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,6 +22,9 @@ from ...findings import Finding
 from ...model.noise.models import PoseNoise
 from ...model.poses.pose_pairs import PosePairs
 from ...model.posterior.owners import THINGS
+from ...rig.description import Rig, require_left_out
+from ...rig.in_use.check import RigCheck, check_rig
+from ...rig.result import RigCalibration
 from .causes import (
     CAMERA_MOVED,
     FOCAL_LENGTH,
@@ -46,22 +49,27 @@ BLIND = 0.01
 OVERSTATED = 0.99
 
 
+@overload
+def check(result: RigCalibration, poses: Rig, **options: Any) -> RigCheck: ...
+@overload
+def check(result: Estimated, poses: PosePairs, **options: Any) -> ChangeCheck: ...
 def check(
-    result: Estimated,
-    poses: PosePairs,
+    result: Any,
+    poses: Any,
     *,
     noise: PoseNoise | None = None,
     joints: ArrayLike | None = None,
     tolerance: Any = None,
     level: float = LEVEL,
     same: Iterable[str] | str = THINGS,
-) -> ChangeCheck:
+) -> ChangeCheck | RigCheck:
     """Check whether a calibration still holds, by new poses of the same rig.
 
     Parameters
     ----------
-    result : Calibration
-        With the joint covariance of X and W: of poses, by ``efficient``, ``ml`` or ``bundle``.
+    result : Calibration or RigCalibration
+        With the joint covariance of X and W: of poses, by ``efficient``, ``ml`` or ``bundle``. Of several cameras,
+        targets and arms: ``poses`` is a Rig, and ``same`` are names in it (`uq_handeye.rig.in_use.check`).
     poses : PosePairs
         One or more new poses, of the same robot, camera and target. Three or more can separate a change from one
         wrong pose, and X from the target.
@@ -101,6 +109,9 @@ def check(
     if not 0 < level < 0.5:
         raise InputError(f"Expected `level` to lie between 0 and 0.5, got {level!r}.")
     accepted = None if tolerance is None else Tolerance.read(tolerance)
+    if isinstance(result, RigCalibration):
+        require_left_out("of a rig", noise=noise, joints=joints)
+        return check_rig(result, poses, level=level, tolerance=accepted, same=None if same is THINGS else same)
     evidence = evidence_of_poses(result, poses, noise, joints, same)
     _require_new(result, poses)
     reference = evidence.test.reference

@@ -224,13 +224,18 @@ def scores_of(
 
 
 def _in_common_axes(e: Sequence[Array], A: Sequence[Array]) -> Array:
-    """u (n, p) of the module."""
-    first = np.linalg.inv(_power(A[0].T @ A[0], 0.5))
-    found = []
-    for of, part in zip(e, A, strict=True):
-        C = part @ first
-        found.append(_power(C.T @ C, -0.5) @ (C.T @ of))
-    return np.array(found)
+    """u (n, p) of the module; 0 of checks that say nothing of the cause."""
+    told = [bool(part.any()) for part in A]
+    found = np.zeros((len(A), A[0].shape[1]))
+    if not any(told):
+        return found
+    start = A[told.index(True)]
+    first = np.linalg.inv(_power(start.T @ start, 0.5))
+    for k, (of, part) in enumerate(zip(e, A, strict=True)):
+        if told[k]:
+            C = part @ first
+            found[k] = _power(C.T @ C, -0.5) @ (C.T @ of)
+    return found
 
 
 def _as_normal(u: Array, size: Array, dof: Array) -> Array:

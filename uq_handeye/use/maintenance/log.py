@@ -4,7 +4,8 @@ Columns: ``time`` (ISO 8601), ``poses``, ``d2``, ``dof``, ``p_value``, ``answer`
 check asks for, by itself, with standard deviations (mm and deg, left rotation and additive translation); ``noise_dof``
 (empty where the noise was given); ``result``, a hash of the calibration; then what was measured, so that the checks can
 be held against the calibration together (`cusum`): numbers separated by blanks, poses by ``;``. Poses are
-``x y z qx qy qz qw`` (m), noise the 21 numbers of the lower triangle of 6 x 6 (empty: that of the calibration).
+``x y z qx qy qz qw`` (m), noise the 21 numbers of the lower triangle of 6 x 6 (empty: that of the calibration). Of a
+rig the shift is that of the pose which explains most, and ``robot`` holds the new poses and views as JSON.
 
 A line that cannot be read is skipped and named. The log is replaced as a whole, so that it is never cut.
 """
@@ -14,6 +15,7 @@ from __future__ import annotations
 import csv
 import datetime
 import hashlib
+import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -33,6 +35,10 @@ from ...errors import InputError
 from ...model.noise.joint_covariance import JointCovariance
 from ...model.noise.models import PoseNoise
 from ...model.poses.pose_pairs import PosePairs
+from ...rig.description import Rig
+from ...rig.files.result_file import rig_from_dict, rig_to_dict
+from ...rig.in_use.check import RigCheck
+from ...rig.result import RigCalibration
 from .check_result import ChangeCheck
 
 NUMBERS = tuple(f"{axis}_mm" for axis in "xyz") + tuple(f"r{axis}_deg" for axis in "xyz")
@@ -52,6 +58,8 @@ NOT_USED = {
 # (theta, tau) in rad and m as the columns have them.
 _ORDER, _UNIT = np.array([3, 4, 5, 0, 1, 2]), np.array([1e3] * 3 + [180 / np.pi] * 3)
 _LOWER = np.tril_indices(6)
+# What stands in place of the setup for the views of a rig.
+RIG = "rig"
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,29 +76,37 @@ class LoggedCheck(ReadOnlyArrays):
     shift_std: Array  # (6,)
     noise_dof: float
     result: str
-    poses: PosePairs
+    poses: PosePairs | Rig
     noise: PoseNoise | None = None  # None: that of the calibration
 
     @classmethod
     def of(
         cls,
-        check: ChangeCheck,
-        result: Calibration,
-        poses: PosePairs,
+        check: ChangeCheck | RigCheck,
+        result: Calibration | RigCalibration,
+        poses: PosePairs | Rig,
         noise: PoseNoise | None = None,
         time: str | None = None,
     ) -> LoggedCheck:
         """Build it from the check of ``poses`` against ``result``; ``time`` None is now."""
+        at = now() if time is None else _checked_time(time)
+        nu = math.inf if check.noise_dof is None else check.noise_dof
+        if isinstance(check, RigCheck) or isinstance(result, RigCalibration) or isinstance(poses, Rig):
+            assert isinstance(check, RigCheck)
+            most = check.moves[0]
+            return cls(
+                at, check.d2, check.dof, check.p_value, check.status, check.cause or "", np.array(most.estimate),
+                np.array(most.std), nu, hash_of_result(result), poses,
+            )  # fmt: skip
         if noise is None and poses.camera_known:  # of other intrinsics: their errors in addition to those so far
             noise = PoseNoise(own_noise(result, "robot"), noise_of_pictures(result, poses))
         codes = {finding.code for finding in check.findings}
         wrong = next((words for words, of in NOT_USED.items() if codes & set(of)), None)
         moved = check.causes["X"]
         return cls(
-            now() if time is None else _checked_time(time), check.d2, check.dof, check.p_value, check.status,
+            at, check.d2, check.dof, check.p_value, check.status,
             " or ".join(check.candidates) if wrong is None else wrong, np.asarray(moved.estimate),
-            np.sqrt(np.diag(moved.covariance)), math.inf if check.noise_dof is None else check.noise_dof,
-            hash_of_result(result), poses, noise,
+            np.sqrt(np.diag(moved.covariance)), nu, hash_of_result(result), poses, noise,
         )  # fmt: skip
 
     @property
@@ -100,16 +116,21 @@ class LoggedCheck(ReadOnlyArrays):
 
     def line(self) -> str:
         """The line of the log, with its line end."""
-        numbers = [_UNIT * of[_ORDER] for of in (self.shift, self.shift_std)]
-        cells = [
-            self.time, str(self.poses.n), _text(self.d2), str(self.dof), _text(self.p_value), self.answer, self.cause,
+        numbers, poses = [_UNIT * of[_ORDER] for of in (self.shift, self.shift_std)], self.poses
+        if isinstance(poses, Rig):
+            measured = [RIG, json.dumps(rig_to_dict(poses), separators=(",", ":")), "", "", "", ""]
+        else:
+            measured = [
+                poses.setup,
+                *(_rows(_pose_numbers(getattr(poses, side))) for side in ("robot", "camera")),
+                *(_rows(_noise_numbers(self.noise, side, poses.n)) for side in ("robot", "camera")),
+                "" if poses.joints is None else _rows(poses.joints),
+            ]
+        return _csv([
+            self.time, str(_count(poses)), _text(self.d2), str(self.dof), _text(self.p_value), self.answer, self.cause,
             *(_text(x) for of in numbers for x in of),
-            _text(self.noise_dof) if math.isfinite(self.noise_dof) else "", self.result, self.poses.setup,
-            *(_rows(_pose_numbers(getattr(self.poses, side))) for side in ("robot", "camera")),
-            *(_rows(_noise_numbers(self.noise, side, self.poses.n)) for side in ("robot", "camera")),
-            "" if self.poses.joints is None else _rows(self.poses.joints),
-        ]  # fmt: skip
-        return _csv(cells)
+            _text(self.noise_dof) if math.isfinite(self.noise_dof) else "", self.result, *measured,
+        ])  # fmt: skip
 
     @classmethod
     def from_cells(cls, cells: Mapping[str, str]) -> LoggedCheck:
@@ -124,9 +145,12 @@ class LoggedCheck(ReadOnlyArrays):
             for names in (SHIFT, tuple(f"sd_{name}" for name in SHIFT))
         )
         back = np.argsort(_ORDER)
-        robot, camera = (_poses(cells[side], n, side) for side in ("robot", "camera"))
-        joints = _matrix(cells["joints"], n, "joints") if cells["joints"] else None
-        poses = PosePairs(robot, camera, cells["setup"], joints=joints)
+        if cells["setup"] == RIG:
+            poses: PosePairs | Rig = rig_from_dict(json.loads(cells["robot"]))
+        else:
+            robot, camera = (_poses(cells[side], n, side) for side in ("robot", "camera"))
+            joints = _matrix(cells["joints"], n, "joints") if cells["joints"] else None
+            poses = PosePairs(robot, camera, cells["setup"], joints=joints)
         noise_dof = _number(cells, "noise_dof") if cells["noise_dof"] else math.inf
         if not noise_dof > 0:
             raise ValueError("noise_dof is not above 0")
@@ -154,19 +178,21 @@ class CheckSeries:
         return self.checks[0].result if self.checks else None
 
 
-def hash_of_result(result: Calibration) -> str:
-    """Return 16 hexadecimal digits that identify X, W, their covariance and the setup."""
-    digest = hashlib.sha256(str(result.setup).encode())
-    for part in (result.X, result.W, result.covariance):
+def hash_of_result(result: Calibration | RigCalibration) -> str:
+    """Return 16 hexadecimal digits that identify all poses, their covariance and the setup."""
+    of_rig = isinstance(result, RigCalibration)
+    digest = hashlib.sha256(str(RIG if of_rig else result.setup).encode())
+    parts = (result.poses, result.covariance) if of_rig else (result.X, result.W, result.covariance)
+    for part in parts:
         digest.update(b"-" if part is None else np.ascontiguousarray(part, dtype="<f8").tobytes())
     return digest.hexdigest()[:16]
 
 
 def log_check(
     path: StrPath,
-    result: Calibration,
-    poses: PosePairs,
-    check: ChangeCheck,
+    result: Calibration | RigCalibration,
+    poses: PosePairs | Rig,
+    check: ChangeCheck | RigCheck,
     *,
     noise: PoseNoise | None = None,
     time: str | None = None,
@@ -177,11 +203,11 @@ def log_check(
     ----------
     path : path of the CSV file
         Made if there is none.
-    result : Calibration
+    result : Calibration or RigCalibration
         The one that was checked. A log holds the checks of one calibration.
-    poses : PosePairs
+    poses : PosePairs or Rig
         The poses that were checked.
-    check : ChangeCheck
+    check : ChangeCheck or RigCheck
         What `check` said of them.
     noise : PoseNoise or None
         The one given to `check`.
@@ -201,7 +227,7 @@ def now() -> str:
     return datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
 
 
-def read_checks(path: StrPath, result: Calibration | None = None) -> CheckSeries:
+def read_checks(path: StrPath, result: Calibration | RigCalibration | None = None) -> CheckSeries:
     """Read a log; lines that are damaged are named in ``damaged``.
 
     Raises
@@ -244,8 +270,9 @@ def _read(path: StrPath) -> str:
         return file.read().decode("utf-8", errors="replace").removeprefix("\ufeff")
 
 
-def _series(text: str, path: StrPath, result: Calibration | None) -> CheckSeries:
+def _series(text: str, path: StrPath, result: Calibration | RigCalibration | None) -> CheckSeries:
     lines = text.splitlines()
+    csv.field_size_limit(MAX_BYTES)  # the views of a rig stand in one cell
     where = shown(as_path(path))
     if not lines or next(csv.reader(lines[:1]), None) != list(COLUMNS):
         raise InputError(f"{where}: expected a log of checks, whose first line begins with {','.join(COLUMNS[:5])},...")
@@ -283,7 +310,13 @@ def _another(path: StrPath, logged: str | None, given: str) -> str:
     )
 
 
-def _same(a: PosePairs, b: PosePairs) -> bool:
+def _count(poses: PosePairs | Rig) -> int:
+    return sum(len(view.poses) for view in poses.views) if isinstance(poses, Rig) else poses.n
+
+
+def _same(a: PosePairs | Rig, b: PosePairs | Rig) -> bool:
+    if isinstance(a, Rig) or isinstance(b, Rig):
+        return isinstance(a, Rig) and isinstance(b, Rig) and rig_to_dict(a)["views"] == rig_to_dict(b)["views"]
     return a.n == b.n and all(np.allclose(getattr(a, s), getattr(b, s), rtol=0, atol=1e-9) for s in ("robot", "camera"))
 
 

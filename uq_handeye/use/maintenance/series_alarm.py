@@ -1,8 +1,8 @@
 """CUSUM alarm of a series of checks, with a stated false-alarm rate.
 
-Three charts of scores that are independent while nothing changes (`cusum`): the shift of X, the shift of
-the target, and all residuals. Each has the limit at which it alone raises one false alarm in three times ``every``
-checks on average; together they raise at most one in ``every``.
+Charts of scores that are independent while nothing changes (`cusum`): the shift of X, the shift of the target (of a rig
+those of each camera, target and base), and all residuals. Each of m charts has the limit at which it alone raises one
+false alarm in m times ``every`` checks on average; together they raise at most one in ``every``.
 
 After an alarm, a shift of X or of the target that is constant from check j on is estimated for each j up to the alarm
 (generalised least squares over all checks); the j and the cause that lower d^2 most are the answer. A drift is answered
@@ -25,15 +25,18 @@ from ...core.geometry.se3 import Array
 from ...core.presentation.document import Answer, Block, Document, Paragraph, document_of, to_text
 from ...core.runtime.read_only import ReadOnlyArrays
 from ...errors import InputError
+from ...model.poses.pose_pairs import PosePairs
 from ...model.posterior.rows import NewRows
+from ...rig.description import Rig
+from ...rig.in_use.evidence import evidence_of_views
+from ...rig.result import RigCalibration
 from .check_result import move_in_words
 from .cusum import Innovations, Scores, cusum, limit_for, scores_of, vector_cusum
-from .log import CheckSeries, hash_of_result
+from .log import CheckSeries, LoggedCheck, hash_of_result
 
 # One false alarm in so many checks on average.
 EVERY = 500.0
 X, TARGET, RESIDUALS = "X", "target", "residuals"
-CHARTS = (X, TARGET, RESIDUALS)
 # Starts of a change that are looked at, before an alarm.
 MOST_STARTS = 60
 # Causes whose gains differ by less are not separated: odds of 50 to 1.
@@ -107,12 +110,12 @@ class SeriesAlarm(Record):
         return to_text(document_of(self))
 
 
-def series_alarm(result: Calibration, series: CheckSeries, every: float = EVERY) -> SeriesAlarm:
+def series_alarm(result: Calibration | RigCalibration, series: CheckSeries, every: float = EVERY) -> SeriesAlarm:
     """Evaluate the charts of a series.
 
     Parameters
     ----------
-    result : Calibration
+    result : Calibration or RigCalibration
         The one that was checked.
     series : CheckSeries
         As `log_check` or `read_checks` return it.
@@ -126,8 +129,7 @@ def series_alarm(result: Calibration, series: CheckSeries, every: float = EVERY)
     each = float(every)
     if not checks:
         return SeriesAlarm(times, each, ())
-    evidence = [evidence_of_poses(result, c.poses, c.noise) for c in checks]
-    columns = {X: [-of.linear.J[..., :6] for of in evidence], TARGET: [-of.linear.J[..., 6:] for of in evidence]}
+    evidence, columns = _of_rig(result, checks) if isinstance(result, RigCalibration) else _of_poses(result, checks)
     charts = charts_of(scores_of(evidence, columns, checks[0].noise_dof), each)
     first = min((c for c in charts if c.alarm is not None), key=lambda c: c.alarm or 0, default=None)
     if first is None or first.alarm is None:
@@ -144,10 +146,24 @@ def series_alarm(result: Calibration, series: CheckSeries, every: float = EVERY)
     return SeriesAlarm(times, each, charts, at, first.name, starts[best], causes, shifts)
 
 
+def _of_poses(result: Any, checks: Sequence[LoggedCheck]) -> tuple[list[NewRows], dict[str, list[Array]]]:
+    """Rows of each check, and columns of shifts by cause."""
+    found = [evidence_of_poses(result, c.poses, c.noise) for c in checks if isinstance(c.poses, PosePairs)]
+    columns = {X: [-of.linear.J[..., :6] for of in found], TARGET: [-of.linear.J[..., 6:] for of in found]}
+    return list(found), columns
+
+
+def _of_rig(result: RigCalibration, checks: Sequence[LoggedCheck]) -> tuple[list[NewRows], dict[str, list[Array]]]:
+    """Rows of each check, and columns of the moves of each pose that a check saw."""
+    found = [evidence_of_views(result, c.poses) for c in checks if isinstance(c.poses, Rig)]
+    columns = {name: [of.moved(name) for of in found] for name in result.names}
+    return [of.rows for of in found], {name: of for name, of in columns.items() if any(part.any() for part in of)}
+
+
 def charts_of(scores: Scores, every: float = EVERY) -> tuple[Chart, ...]:
     """Return the charts of scores, each with its limit."""
-    each = len(CHARTS) * float(every)
-    vectors = [Chart(name, vector_cusum(scores.by_cause[name]), limit_for(each, components=6)) for name in (X, TARGET)]
+    each = (len(scores.by_cause) + 1) * float(every)
+    vectors = [Chart(name, vector_cusum(u), limit_for(each, components=6)) for name, u in scores.by_cause.items()]
     return (*vectors, Chart(RESIDUALS, cusum(scores.total), limit_for(each)))
 
 
@@ -162,13 +178,17 @@ def shifts_since(evidence: Sequence[NewRows], columns: Sequence[Array], starts: 
     A = np.concatenate(filter_.whitened(moved))
     found = []
     for part in np.split(A, len(starts), axis=1):
-        covariance, score = np.asarray(np.linalg.inv(part.T @ part)), part.T @ e
+        covariance, score = np.linalg.pinv(part.T @ part, hermitian=True), part.T @ e
         estimate = covariance @ score
         found.append(Shift(estimate, covariance, float(estimate @ score)))
     return found
 
 
 WORDS = {X: "X", TARGET: "the target", RESIDUALS: "the residuals"}
+
+
+def _words(name: str) -> str:
+    return WORDS.get(name, name)
 
 
 @document_of.register
@@ -179,7 +199,7 @@ def alarm_document(found: SeriesAlarm) -> Document:
         return [[Answer("Series: no check that can be used yet.", "caution")]]
     rate = f"False alarms: at most one in {digits(found.every)} checks on average."
     if found.alarm is None or found.since is None:
-        levels = ", ".join(f"{WORDS[c.name]} {100 * c.path[-1] / c.limit:.0f} %" for c in found.charts)
+        levels = ", ".join(f"{_words(c.name)} {100 * c.path[-1] / c.limit:.0f} %" for c in found.charts)
         many = "1 check" if n == 1 else f"{n} checks"
         return [[Answer(f"Series of {many}: no alarm.", "ok"), Paragraph(f"Of the limit: {levels}. {rate}", hang="  ")]]
     blocks: list[Block] = [
@@ -190,8 +210,9 @@ def alarm_document(found: SeriesAlarm) -> Document:
         blocks.append(Paragraph(f"The residuals have grown, {start}: no shift explains it.", hang="  "))
     for cause in found.causes:
         assert found.shifts is not None
-        name, of = WORDS[cause], found.shifts[cause]
-        words = f"{name[0].upper()}{name[1:]}" if cause == found.causes[0] else f"Or {name}"
+        name, of = _words(cause), found.shifts[cause]
+        first = f"{name[0].upper()}{name[1:]}" if cause in WORDS else name
+        words = first if cause == found.causes[0] else f"Or {name}"
         size = move_in_words(of.estimate, of.covariance)
         blocks.append(Paragraph(f"{words} has moved, {start}: {size} (mean since then).", hang="  "))
     return [[*blocks, Paragraph(rate, hang="  ")]]

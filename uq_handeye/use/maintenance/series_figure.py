@@ -47,7 +47,8 @@ def series_figure(series: CheckSeries, found: SeriesAlarm) -> Figure:
         (middle, slice(3, 6), 1e3, "translation (mm)"),
         (below, slice(0, 3), 180 / np.pi, "rotation (deg)"),
     ):
-        _shifts(axis, series, part, unit, words)
+        what = "X" if {chart.name for chart in found.charts} <= set(_LINES) else "largest move"
+        _shifts(axis, series, part, unit, f"{what}, {words}")
     if found.since is not None:
         for axis in (above, middle, below):
             axis.axvspan(used[found.since] - 0.5, used[-1] + 0.5, color="0.93", zorder=0, linewidth=0)
@@ -72,8 +73,8 @@ def alt_text(found: SeriesAlarm) -> str:
 
 def _charts(axis: Axes, used: list[int], found: SeriesAlarm) -> None:
     plain(axis)
-    for chart in found.charts:
-        colour, line, words = _LINES[chart.name]
+    for k, chart in enumerate(found.charts):
+        colour, line, words = _LINES.get(chart.name, (f"C{k}", "-", f"move of {chart.name}"))
         axis.plot(
             used, np.minimum(chart.path / chart.limit, HIGHEST), line, color=colour, linewidth=1.5, marker=".",
             markersize=4, label=words,
@@ -100,5 +101,5 @@ def _shifts(axis: Axes, series: CheckSeries, part: slice, unit: float, words: st
             at + 0.18 * (k - 1), values[:, k], yerr=2 * sd[:, k], fmt=mark, color=colour, markersize=3,
             elinewidth=0.8, label=name,
         )  # fmt: skip
-    axis.set_ylabel(f"X, {words}", fontsize=TEXT)
+    axis.set_ylabel(words, fontsize=TEXT)
     axis.legend(loc="upper left", ncols=3, frameon=False, fontsize=SMALL)

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
-from typing import Any
+from typing import Any, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -30,6 +30,9 @@ from ...model.noise.models import PoseNoise
 from ...model.poses.pose_pairs import PosePairs
 from ...model.poses.to_dict import sha256_of
 from ...model.posterior.owners import THINGS, checked_things
+from ...rig.description import Rig, require_left_out
+from ...rig.in_use.update import update_rig
+from ...rig.result import RigCalibration
 from .check import check
 from .joined_poses import arguments, holds_request, joined_poses, measured_poses, require_joinable
 from .misread import MISREAD
@@ -38,21 +41,26 @@ from .misread import MISREAD
 TOGETHER = "together"
 
 
+@overload
+def update(result: RigCalibration, poses: Rig, *, although_changed: bool = False) -> RigCalibration: ...
+@overload
+def update(result: Calibration, poses: PosePairs, **options: Any) -> Calibration: ...
 def update(
-    result: Calibration,
-    poses: PosePairs,
+    result: Any,
+    poses: Any,
     *,
     noise: PoseNoise | None = None,
     joints: ArrayLike | None = None,
     although_changed: bool = False,
     same: Iterable[str] | str = THINGS,
-) -> Calibration:
+) -> Any:
     """Return the calibration of the poses of a result and of new ones together.
 
     Parameters
     ----------
-    result : Calibration
-        It is asked again with its own options: method, noise as given or estimated, shared errors, priors, arm.
+    result : Calibration or RigCalibration
+        It is asked again with its own options: method, noise as given or estimated, shared errors, priors, arm. That of
+        a rig takes a Rig as ``poses`` (`uq_handeye.rig.in_use.update`).
     poses : PosePairs
         New poses of the same rig, one or more; with corners where those of the result have them: the camera is then
         adjusted with all pictures.
@@ -86,6 +94,9 @@ def update(
     >>> both.n_poses, bool((both.std < 1.2 * first.std).all())
     (24, True)
     """
+    if isinstance(result, RigCalibration):
+        require_left_out("of a rig", noise=noise, joints=joints, same=None if same is THINGS else same)
+        return update_rig(result, poses, although_changed=although_changed)
     if not isinstance(result, Calibration):
         raise InputError(f"Expected `result` to be a Calibration, got {type(result).__name__}.")
     if not isinstance(poses, PosePairs):

@@ -30,7 +30,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -49,6 +49,9 @@ from ...model.noise.models import PoseNoise, is_joint
 from ...model.poses.pose_pairs import PosePairs
 from ...model.poses.timing import warn_left_out
 from ...model.shared_errors.shared_error import OF_ANY_POSES, SharedError, checked_errors
+from ...rig.description import require_left_out
+from ...rig.in_use.plan import RigPlan, plan_rig
+from ...rig.result import RigCalibration
 from .by_joints import plan_by_joints
 from .by_posterior import PREDICTION, Known, Offered, Wanted, planned
 from .candidates import sample_candidates
@@ -59,8 +62,12 @@ CRITERIA = ("trace", "logdet", "point")
 GIVE = "Give `noise` (--robot-noise and --camera-noise, or --noise)."
 
 
+@overload
+def plan(data: RigCalibration, candidates: Any = None, k: int = 5, **options: Any) -> RigPlan: ...
+@overload
+def plan(data: PosePairs, candidates: Any = None, k: int = 5, **options: Any) -> Plan: ...
 def plan(
-    data: PosePairs,
+    data: Any,
     candidates: Any = None,
     k: int = 5,
     *,
@@ -77,13 +84,14 @@ def plan(
     kinematic_errors: KinematicErrors | None = None,
     task: ArrayLike | None = None,
     prior: NoisePrior | None = None,
-) -> Plan:
+) -> Any:
     """The next k poses that most reduce the uncertainty of X, and the covariance of X predicted after each.
 
     Parameters
     ----------
     data : PosePairs
-        The poses so far, at least 3, without batch axes. They need not determine X yet.
+        The poses so far, at least 3, without batch axes. They need not determine X yet. Or the result of a rig, of
+        which the views to take next are planned, and by which camera (`uq_handeye.rig.in_use.plan`).
     candidates : (m, 4, 4) or None; (m, L) with ``kinematics``
         Robot poses ``base_T_gripper``, or joints, to choose from; None draws ``sample`` of them by `sample_candidates`,
         or inside the joint limits by `sample_joints`.
@@ -130,6 +138,12 @@ def plan(
     >>> found.robot.shape, found.covariances.shape
     ((3, 4, 4), (3, 6, 6))
     """
+    if isinstance(data, RigCalibration):
+        require_left_out(
+            "of a rig", noise=noise, criterion=criterion, point=point, length=length, shared=shared, joints=joints,
+            kinematics=kinematics, kinematic_errors=kinematic_errors, task=task, prior=prior, repeat=repeat or None,
+        )  # fmt: skip
+        return plan_rig(data, candidates, k, sample=sample, seed=seed)
     if not isinstance(data, PosePairs):
         raise InputError(f"Expected `data` to be PosePairs, got {type(data).__name__}.")
     if data.robot.ndim != 3:
