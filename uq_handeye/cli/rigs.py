@@ -196,9 +196,9 @@ def check_stored_rig(
     """Check the result of a rig by new views; exit status 4 if something changed."""
     refuse("ROBOT", "--level")
     found = stored.check(new_views(stored, file), level=level)
-    written = "" if output is None else deliver(output, {"check.json": found.to_json(), "check.txt": found.text()})
-    emit(found.to_json() if as_json else f"{found.sentence}\n" if quiet() else found.text() + written)
-    return 4 if found.changed else 0
+    written = "" if output is None else deliver(output, {"check.json": found.to_json(), "check.txt": found.summary()})
+    emit(found.to_json() if as_json else f"{found.sentence}\n" if quiet() else found.summary() + written)
+    return 4 if found.changed else 3 if found.status == "cannot tell" else 0
 
 
 def update_stored_rig(
