@@ -24,8 +24,9 @@ residuals too, a and b are those quantiles of ``6 F(6, m/2)``, with one factor f
 *Start.* With the noise given, first all poses alike: they count in full if the largest distance in their fit is one
 that good poses exceed once in 1000 data sets. Else what the iteration settles at from there is taken if at least 80 %
 of the poses are kept by noise that needs no scale: two such X share most of their poses and are the same within the
-noise. Otherwise, and always where the noise comes from the residuals, in which several outliers would hide each other,
-the iteration starts from `consensus`.
+noise. Otherwise the iteration starts from `consensus`. Where the noise comes from the residuals several outliers may
+hide each other: all poses count in full if noise of all of them leaves a largest distance that good poses exceed in one
+of five data sets, and the median where it belongs, which the noise of some wrong poses would make small.
 """
 
 from __future__ import annotations
@@ -64,6 +65,9 @@ MOST_ROUNDS = 20
 
 # Share of the poses kept from which on the iteration that starts from all poses alike is relied on.
 SURE = 0.8
+# How rare a largest distance is that is a surprise. Where the noise is not known: how frequent one may be, and what the
+# median of the distances must be of that of chi-square, for all rows to be taken as they are.
+SURPRISE, USUAL, LIKE_OTHERS = 1e-3, 0.2, 0.75
 
 # The noise of the constraint near the unknowns, whose rows count with weights (n,); None: the data are exact.
 Estimator = Callable[[Constraint, Unknowns, Array], Noise | None]
@@ -203,7 +207,13 @@ def fit_robustly(
     """
     require_enough(constraint)
     subsets = 0
-    settled = None if noise is None else _begin_with_all(constraint, noise, start, method)
+    if noise is not None:
+        settled = _begin_with_all(constraint, noise, start, method)
+    elif all_alike:
+        settled = None
+    else:
+        assert estimate is not None
+        noise, settled = _all_agree(constraint, start, estimate, method)
     if settled is None:
         begun = _from_all(constraint, start) if all_alike else _begin(constraint, noise, start, seed)
         if noise is None:
@@ -261,21 +271,39 @@ def _begin_with_all(constraint: Constraint, noise: Noise, start: Unknowns, metho
     return settled if settled.scale == 1.0 and kept.mean() >= SURE else None
 
 
-def _settle_clean(constraint: Constraint, noise: Noise, start: Unknowns, method: str) -> _Settled | None:
-    """The plain fit, if its largest distance is no surprise; else None."""
+def _all_agree(
+    constraint: Constraint, start: Unknowns, estimate: Estimator, method: str
+) -> tuple[Noise | None, _Settled | None]:
+    """Noise of all rows and the plain fit with it, if no row stands out beside it; else None.
+
+    Wrong rows make the noise larger: then the distances of the others are too small, their median among them.
+    """
+    try:
+        noise = estimate(constraint, start, np.ones(constraint.n))
+        settled = None if noise is None else _settle_clean(constraint, noise, start, method, USUAL)
+    except (InputError, NotConvergedError, DegenerateMotionError):
+        return None, None
+    agree = settled is not None and robust_variance(settled.distances, 6) > LIKE_OTHERS
+    return (noise, settled) if agree else (None, None)
+
+
+def _settle_clean(
+    constraint: Constraint, noise: Noise, start: Unknowns, method: str, level: float = SURPRISE
+) -> _Settled | None:
+    """The plain fit, if its largest distance is no surprise at that level; else None."""
     fitted = fit(constraint, noise, start, CLOSED_FORM_STEPS if method == "efficient" else MOST_STEPS)
     if not fitted.converged.all():
         return None
     distances, leverage = pose_distances(fitted)
-    limit = largest_by_chance(constraint.n)
+    limit = largest_by_chance(constraint.n, level)
     if (distances > limit).any():
         return None
     return _Settled(replace(fitted, weights=np.ones(constraint.n)), distances, leverage, 1.0, limit, True)
 
 
-def largest_by_chance(n: int) -> float:
-    """The d^2 that the largest of n good poses exceeds once in 1000 data sets."""
-    return float(chdtri(6, 1e-3 / max(n, 1)))
+def largest_by_chance(n: int, level: float = SURPRISE) -> float:
+    """The d^2 that the largest of n good poses exceeds in a share ``level`` of data sets."""
+    return float(chdtri(6, level / max(n, 1)))
 
 
 def _margin(constraint: Constraint) -> float:

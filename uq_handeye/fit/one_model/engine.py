@@ -44,7 +44,7 @@ from scipy.linalg.lapack import dpotrf, dtrtri, dtrtrs
 
 from ...core.geometry.se3 import Array
 from ...core.runtime.read_only import ReadOnlyArrays
-from ...model.noise.joint_covariance import checked_cholesky
+from ...model.noise.joint_covariance import inverse_factor
 from ..likelihood.constraint import Linearised
 from .component import SIDES, Component
 
@@ -86,14 +86,39 @@ class Rows(NamedTuple):
     blocks: dict[int, Array]  # (n, d, d)
     known: Array | None  # (n, d, d)
 
-    def covariance(self, s: Array) -> Array:
-        """V (..., n, d, d) by the sizes (..., components)."""
-        V = np.zeros((*s.shape[:-1], *self.r.shape, self.r.shape[-1]))
-        if self.known is not None:
-            V += self.known
-        for k, B in self.blocks.items():
-            V += s[..., k, None, None, None] ** 2 * B
-        return V
+
+class _Prepared(NamedTuple):
+    """`Rows` with the groups along the last axis, for which one loop serves all of them."""
+
+    columns: Array  # (p + m + 1, d, n) [J, D K, r]
+    numbers: NDArray[np.intp]  # (b,) of the components of the blocks
+    blocks: Array  # (b, d, d, n)
+    known: Array | float  # (d, d, n)
+
+    @classmethod
+    def of(cls, rows: Rows) -> _Prepared:
+        columns = np.concatenate([rows.J, rows.shared, rows.r[..., None]], axis=-1)
+        blocks = np.array([*rows.blocks.values()]).reshape(-1, *rows.r.shape, rows.r.shape[-1])
+        known = 0.0 if rows.known is None else np.ascontiguousarray(rows.known.transpose(1, 2, 0))
+        return cls(
+            np.ascontiguousarray(columns.transpose(2, 1, 0)), np.array([*rows.blocks], dtype=np.intp),
+            np.ascontiguousarray(blocks.transpose(0, 2, 3, 1)), known,
+        )  # fmt: skip
+
+    def whitened(self, s: Array) -> tuple[Array, Array, Array]:
+        """``L^-1`` (d, d, t, n), those columns whitened (t, p + m + 1, d n), ``sum log|L|`` (t,) by sizes (t, k)."""
+        q, d, n = self.columns.shape
+        V = np.empty((d, d, len(s), n))
+        V[:] = self.known[..., None, :] if isinstance(self.known, np.ndarray) else self.known
+        if len(self.numbers):
+            parts = (s[:, self.numbers] ** 2) @ self.blocks.reshape(len(self.numbers), -1)
+            V += parts.reshape(-1, d, d, n).transpose(1, 2, 0, 3)
+        half = inverse_factor(V)
+        white = np.empty((len(s), q, d, n))
+        for i in range(d):
+            white[:, :, i] = np.einsum("ktn,qkn->tqn", half[i, : i + 1], self.columns[:, : i + 1])
+        logs = -np.log(np.einsum("iitn->itn", half)).sum(axis=(0, 2))
+        return half, white.reshape(len(s), q, -1), logs
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,6 +196,10 @@ class LatentModel(ReadOnlyArrays):
         return (Rows(self.J, self.r, self.shared, self.blocks, self.known), *self.others)
 
     @cached_property
+    def _prepared(self) -> tuple[_Prepared, ...]:
+        return tuple(_Prepared.of(rows) for rows in self.groups)
+
+    @cached_property
     def _known_points(self) -> dict[bytes, _Solved]:
         """Solution of `of_poses` at its sizes, without the rows: `conditional` is asked at the same ones."""
         return {}
@@ -191,26 +220,28 @@ class LatentModel(ReadOnlyArrays):
     # ------------------------------------------------------------------------------------------- one set of sizes
 
     def _solved(self, theta: Array) -> _Solved:
-        halves, gram, A, logs = self._whitened(self.sizes(theta))
-        return replace(self._of_sums(theta, gram, logs), halves=halves, A=A)
+        s = self.sizes(theta)
+        halves, grams, white, logs = self._whitened(s[None])
+        A = white[0] * self._scale(s)[:, None]
+        return replace(self._of_sums(theta, grams[0], float(logs[0])), halves=halves, A=A)
+
+    def _scale(self, s: Array) -> Array:
+        """(..., p + m + 1) what the columns are multiplied with at sizes s (..., components)."""
+        scale = np.ones((*s.shape[:-1], self.p + self.shared.shape[-1] + 1))
+        scale[..., self.p : -1] = s[..., self._owner]
+        return scale
 
     def _whitened(self, s: Array) -> tuple[tuple[Array, ...], Array, Array, Array]:
-        """``L^-1`` of the groups, ``[A, y]^T [A, y]``, ``[A, y]`` and ``sum log|L|`` at sizes s (..., components)."""
-        p, lead = self.p, s.shape[:-1]
-        halves, white, logs = [], [], np.zeros(lead)
-        for rows in self.groups:
-            L = checked_cholesky(rows.covariance(s))
-            half = np.asarray(np.linalg.inv(L))  # (..., n, d, d)
-            A = np.empty((*lead, *rows.r.shape, p + self.shared.shape[-1] + 1))
-            A[..., :p], A[..., -1] = rows.J, rows.r
-            np.multiply(rows.shared, s[..., None, None, self._owner], out=A[..., p:-1])
-            white.append((half @ A).reshape(*lead, rows.r.size, -1))
-            halves.append(half)
-            logs += np.log(np.einsum("...ii->...i", L)).sum(axis=(-2, -1))
-        A = white[0] if len(white) == 1 else np.concatenate(white, axis=-2)
-        return tuple(halves), A.mT @ A, A, logs
+        """At sizes s (t, components): ``L^-1`` of the groups, ``[A, y]^T [A, y]``, ``[A, y]^T`` with sizes of 1 for the
+        columns, and ``sum log|L|``.
+        """
+        found = [rows.whitened(s) for rows in self._prepared]
+        A = found[0][1] if len(found) == 1 else np.concatenate([white for _, white, _ in found], axis=-1)
+        scale = self._scale(s)
+        grams = (A @ A.mT) * scale[:, :, None] * scale[:, None, :]
+        return tuple(half for half, _, _ in found), grams, A, sum((log for _, _, log in found), np.zeros(len(s)))
 
-    def _of_sums(self, theta: Array, gram: Array, logs: float | Array) -> _Solved:
+    def _of_sums(self, theta: Array, gram: Array, logs: float) -> _Solved:
         """Solve by the sums of `_whitened`."""
         p = self.p
         if self.prior is not None:
@@ -227,11 +258,11 @@ class LatentModel(ReadOnlyArrays):
             raise np.linalg.LinAlgError("The information of the poses and the errors is not positive definite.")
         half_way = dtrtrs(C, unit * pull, lower=1)[0]
         u = -unit * dtrtrs(C, half_way, lower=1, trans=1)[0]
-        logs = float(logs) + np.log(np.diag(C) / unit).sum()
+        logs = logs + float(np.log(np.diag(C) / unit).sum())
         off = theta - self.medians
         pulled = self._prior_of_sizes @ off
         value = float(logs + 0.5 * (square + pull @ u) + 0.5 * off @ pulled)
-        return _Solved(self.sizes(theta), (), np.zeros((0, len(u) + 1)), C, unit, u, value, pulled)
+        return _Solved(self.sizes(theta), (), np.zeros((len(u) + 1, 0)), C, unit, u, value, pulled)
 
     def value(self, theta: Array) -> float:
         """f."""
@@ -243,37 +274,43 @@ class LatentModel(ReadOnlyArrays):
         p, k = self.p, len(self.components)
         whole = at.whole()
         inverse_diagonal = np.einsum("ij,ij->j", whole, whole)
-        columns = at.A[:, :-1]
-        Q = np.asarray(dtrmm(1.0, whole, columns.T, lower=1)).T  # A whole^T
-        e = at.A[:, -1] + columns @ at.u
+        columns = at.A[:-1]
+        Q = np.asarray(dtrmm(1.0, whole.T, columns.T, side=1, lower=0)).T  # whole A^T, (p + m, rows)
+        e = at.A[-1] + at.u @ columns
         z, owner = at.u[p:], self._owner
-        determined = np.bincount(owner, 1.0 - inverse_diagonal[p:], minlength=k)
+        determined = np.bincount(owner, 1.0 - inverse_diagonal[p:], minlength=k).astype(float)  # integers of none
         gradient = determined - np.bincount(owner, z * z, minlength=k)
         W = np.zeros((k, len(e)))
         for c in np.unique(owner):
             of = p + np.flatnonzero(owner == c)
-            W[c] = -2.0 * (columns[:, of] @ at.u[of])
+            W[c] = -2.0 * (at.u[of] @ columns[of])
         for rows, half, part in self._parts(at.halves):
-            shape = rows.r.shape
-            Q_i, e_i = Q[part].reshape(*shape, -1), e[part].reshape(shape)
-            left = -(Q_i @ Q_i.mT) - e_i[:, :, None] * e_i[:, None, :]
+            if not len(rows.numbers):
+                continue
+            d, n = half.shape[0], half.shape[-1]
+            each = np.ascontiguousarray(Q[:, part].reshape(-1, d, n).transpose(2, 1, 0))
+            e_i, by = e[part].reshape(d, n), half.transpose(2, 0, 1)
+            left = -(each @ each.mT) - e_i.T[:, :, None] * e_i.T[:, None, :]
             np.einsum("nii->ni", left)[:] += 1.0  # 1 - A H^-1 A^T - e e^T
-            for c, B in rows.blocks.items():
-                T = at.s[c] ** 2 * (half @ B @ half.mT)
-                gradient[c] += float(np.einsum("nij,nij->", T, left))
-                W[c, part] += 2.0 * (T @ e_i[..., None]).reshape(-1)
+            inside = by.mT @ left @ by
+            squares, flat_blocks = at.s[rows.numbers] ** 2, rows.blocks.reshape(len(rows.numbers), -1)
+            gradient[rows.numbers] += squares * (flat_blocks @ inside.transpose(1, 2, 0).reshape(-1))
+            pulled = np.einsum("bijn,jn->bin", rows.blocks, np.einsum("jin,jn->in", half, e_i))
+            moved = np.einsum("ijn,bjn->bin", half, pulled).reshape(len(squares), -1)
+            W[rows.numbers, part] += 2.0 * squares[:, None] * moved
         free = self.free
         flat = W[free]
-        across = flat @ Q
+        across = flat @ Q.T
         information = 0.5 * (flat @ flat.T - across @ across.T) + self._prior_of_sizes
-        return State(theta, at.value, gradient[free] + at.pulled, information, np.asarray(determined, dtype=float))
+        return State(theta, at.value, gradient[free] + at.pulled, information, determined)
 
-    def _parts(self, halves: tuple[Array, ...]) -> Iterator[tuple[Rows, Array, slice]]:
-        """Groups of equal size with ``L^-1`` and their place among the rows."""
+    def _parts(self, halves: tuple[Array, ...]) -> Iterator[tuple[_Prepared, Array, slice]]:
+        """Groups of equal size with ``L^-1`` (d, d, n) and their place among the rows."""
         start = 0
-        for rows, half in zip(self.groups, halves, strict=True):
-            yield rows, half, slice(start, start + rows.r.size)
-            start += rows.r.size
+        for rows, half in zip(self._prepared, halves, strict=True):
+            size = half.shape[0] * half.shape[-1]
+            yield rows, half[:, :, 0], slice(start, start + size)
+            start += size
 
     def of_poses(self, theta: Array) -> Conditional:
         """The posterior of the unknown poses alone, for given sizes."""
@@ -288,7 +325,7 @@ class LatentModel(ReadOnlyArrays):
             some = thetas[start : start + together]
             _, grams, _, logs = self._whitened(np.array([self.sizes(theta) for theta in some]))
             for theta, gram, log in zip(some, grams, logs, strict=True):
-                at = self._of_sums(theta, gram, log)
+                at = self._of_sums(theta, gram, float(log))
                 self._known_points[theta.tobytes()] = at
                 half = dtrtrs(at.C, np.diag(at.unit)[:, :p], lower=1)[0]
                 found.append(Conditional(theta, at.value, at.u[:p], half.T @ half))
@@ -303,17 +340,18 @@ class LatentModel(ReadOnlyArrays):
         at, p, q = self._solved(theta), self.p, min(6, self.p)
         half = at.whole()
         of_x = half[:, :q].T @ half  # (q, p + m) of H^-1
-        gain = of_x @ at.A[:, :-1].T
+        gain = of_x @ at.A[:-1]
         root = np.linalg.inv(np.linalg.cholesky(of_x[:, :q] + RIDGE * np.diag(np.diag(of_x[:, :q]))))
         found = np.zeros(len(self.components))
         for k in range(len(found)):
             columns = root @ of_x[:, p + np.flatnonzero(self._owner == k)]
             variance = columns @ columns.T
             for rows, half, part in self._parts(at.halves):
-                if k in rows.blocks:
-                    pull = np.einsum("qni,nij->qnj", gain[:, part].reshape(q, *rows.r.shape), half)
-                    each = np.einsum("qni,nij,rnj->qr", pull, rows.blocks[k], pull) * at.s[k] ** 2
-                    variance = variance + root @ each @ root.T
+                for number, block in zip(rows.numbers, rows.blocks, strict=True):
+                    if number == k:
+                        pull = np.einsum("qin,ijn->qjn", gain[:, part].reshape(q, *half.shape[1:]), half)
+                        each = np.einsum("qin,ijn->qjn", pull, block).reshape(q, -1) @ pull.reshape(q, -1).T
+                        variance = variance + at.s[k] ** 2 * root @ each @ root.T
             found[k] = np.linalg.eigvalsh(variance)[-1]
         return np.clip(found, 0.0, 1.0)
 
@@ -323,7 +361,7 @@ class LatentModel(ReadOnlyArrays):
         By the number of the component, of those whose rows leave less than `ABSORBED` of their energy beside the
         unknowns: nothing is known of such an error, and its size is in the unknowns.
         """
-        A, p, found = self._solved(theta).A, self.p, {}
+        A, p, found = self._solved(theta).A.T, self.p, {}
         Q, R = np.linalg.qr(A[:, :p])
         for k in np.unique(self._owner).tolist():
             columns = A[:, p + np.flatnonzero(self._owner == k)]
@@ -341,8 +379,8 @@ class LatentModel(ReadOnlyArrays):
         at, found = self._solved(theta), {}
         for side in SIDES:
             of = np.array([part.side == side for part in self.components], dtype=bool)
-            A = at.A[:, self.p + np.flatnonzero(of[self._owner])]
-            energy, turn = np.linalg.eigh(A.T @ A)
+            A = at.A[self.p + np.flatnonzero(of[self._owner])]
+            energy, turn = np.linalg.eigh(A @ A.T)
             found[side] = turn, energy
         return found
 
@@ -362,8 +400,8 @@ class LatentModel(ReadOnlyArrays):
 @dataclass(frozen=True, eq=False)
 class _Solved:
     s: Array  # (components,)
-    halves: tuple[Array, ...]  # (n, d, d) L^-1 of groups of equal size
-    A: Array  # (rows, p + m + 1) with y as the last column
+    halves: tuple[Array, ...]  # (d, d, 1, n) L^-1 of groups of equal size
+    A: Array  # (p + m + 1, rows) transposed, with y as the last row
     C: Array  # Cholesky factor of H times unit on both sides
     unit: Array  # (p + m,)
     u: Array  # (p + m,) x and z

@@ -241,10 +241,30 @@ def checked_cholesky(S: Array) -> Array:
         pivots, variances = (np.diagonal(M, axis1=-2, axis2=-1) for M in (factor, S))
         if (pivots * pivots > EXACT * variances).all():
             return np.asarray(factor)
-    raise SingularNoiseError(
+    raise _singular()
+
+
+def _singular() -> SingularNoiseError:
+    return SingularNoiseError(
         "The noise given leaves a part of the residuals exact, so that they cannot be weighted by its inverse. Give "
         "the poses of one side standard deviations above 0 in rotation and translation, or use method '4dpa'."
     )
+
+
+def inverse_factor(S: Array) -> Array:
+    """``L^-1`` of ``S = L L^T`` (d, d, ...), one loop over d for all of them; raises as `checked_cholesky`."""
+    d = len(S)
+    M = np.zeros((d, 2 * d, *S.shape[2:]))  # eliminates S, and the identity with it
+    M[:, :d] = S
+    M[range(d), range(d, 2 * d)] = 1.0
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        for j in range(d - 1):
+            across = slice(j + 1, d + j + 1)
+            M[j + 1 :, across] -= (M[j, j + 1 : d] / M[j, j])[:, None] * M[j, across]
+    pivots = np.einsum("jj...->j...", M[:, :d])
+    if not (pivots > EXACT * np.einsum("jj...->j...", S)).all():
+        raise _singular()
+    return np.asarray(M[:, d:] / np.sqrt(pivots)[:, None])
 
 
 def substitute(lower: Array, values: Array) -> Array:
