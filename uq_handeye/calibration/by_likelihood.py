@@ -36,7 +36,7 @@ from ..fit.likelihood.open_start import start_open
 from ..fit.likelihood.robust import RobustFit, fit_robustly
 from ..fit.likelihood.shared_estimates import estimates_of, of_moves, posterior_of_fit
 from ..fit.likelihood.starts import leaves_open
-from ..fit.one_model.estimation import ROUGH, FoundSizes, JointModel
+from ..fit.one_model.estimation import BY_VIEW, ROUGH, FoundSizes, JointModel
 from ..fit.one_model.points import OpenSizes, with_open_sizes
 from ..fit.one_model.telling import tell
 from ..methods.propagation.published_fit import Published, fit_published
@@ -257,7 +257,8 @@ def _at_corrected(source: JointModel, noise: Noise, fit: Fit) -> JointModel:
     """Return the model with its columns at the poses as the fit corrects them (`_columns_at_corrected`)."""
     if source.poses is None or not isinstance(noise, PoseNoise):
         return source
-    return replace(source, poses=_corrected_poses(source.poses, noise, fit))
+    by_view = next((part.block for part in source.components if part.name == BY_VIEW), None)
+    return replace(source, poses=_corrected_poses(source.poses, noise, fit), by_view=by_view)
 
 
 def _corrected_poses(poses: PosePairs, noise: PoseNoise, fit: Fit) -> PosePairs:

@@ -82,7 +82,7 @@ LITTLE_FROM_DATA = 1e-3
 # Closed forms beside X, the pairs that they get, and from where on one of them fits better: by the ratio of the median
 # residuals, and by d^2 of its X (the 95 % quantile of chi-square(6)).
 CLOSED_FORMS, COMPARED = ("4dpa", "tsai", "park", "horaud", "daniilidis"), 500
-BETTER, FAR_APART = 0.9, float(chdtri(6, 0.05))
+BETTER, LITTLE, FAR_APART = 0.9, 0.97, float(chdtri(6, 0.05))
 # RMS rotation residual of the pairs (rad) from which on a shifted pairing of the rows is looked for.
 SUSPICIOUS = np.radians(1.0)
 
@@ -181,20 +181,24 @@ def closed_forms(job: Job, result: Calibration, table: PoseTable) -> list[Findin
     """Return a finding if a closed form fits the poses that count better than X, which it contradicts.
 
     Better: without any of the errors that were estimated beside X, the medians of its rotation and of its translation
-    residuals are both below `BETTER` times those that X leaves with them.
+    residuals are both below `BETTER` times those that X leaves with them. The others are asked where 4DPA of all poses,
+    which is there already, fits at least a little better (`LITTLE`).
     """
     kept = table.weight > 0
     if job.poses is None or result.covariance is None or result.opened is not None or kept.sum() < FEWEST_FOR_ROBUST:
         return []
     poses = job.poses if kept.all() else job.poses.rows(kept)
-    motions = relative_motions(poses, spread_pairs(poses.n, COMPARED))
     G, C = poses.effective_robot, poses.camera
-    own = np.array([median(table.rotation[kept]), median(table.translation[kept])])
+    own = np.maximum([median(table.rotation[kept]), median(table.translation[kept])], 1e-300)
+    known = result.fourdpa.X if kept.all() and result.fourdpa is not None else None
+    if known is not None and (np.array([median(part) for part in pose_residuals(G, C, known)]) > LITTLE * own).any():
+        return []
+    motions = relative_motions(poses, spread_pairs(poses.n, COMPARED))
     found: list[tuple[float, str, Array, float]] = []
     for name in CLOSED_FORMS:
         with suppress(InputError, NotConvergedError):
             X = solve(motions.A, motions.B, method=name)
-            ratio = np.array([median(part) for part in pose_residuals(G, C, X)]) / np.maximum(own, 1e-300)
+            ratio = np.array([median(part) for part in pose_residuals(G, C, X)]) / own
             xi = np.concatenate([logarithm(X[:3, :3] @ result.X[:3, :3].T), X[:3, 3] - result.X[:3, 3]])
             d2 = float(xi @ np.linalg.solve(result.covariance, xi))
             if (ratio < BETTER).all() and d2 > FAR_APART:

@@ -181,7 +181,13 @@ def checked_covariance(value: Any, name: str, joint: bool) -> Array:
             f"Expected the covariance `{name}` to be symmetric, got entries that differ from their mirror images "
             f"by {asymmetry:.2g} of the standard deviations."
         )
-    smallest = np.linalg.eigvalsh(0.5 * (correlation + correlation.mT)).min()
+    correlation = 0.5 * (correlation + correlation.mT)
+    try:
+        np.linalg.cholesky(correlation)
+    except np.linalg.LinAlgError:
+        smallest = np.linalg.eigvalsh(correlation).min()
+    else:
+        smallest = 0.0
     if smallest < -1e-8:
         raise InputError(
             f"Expected the covariance `{name}` to be positive semidefinite, got a correlation matrix with the "

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
@@ -18,12 +17,10 @@ class ReadOnlyArrays:
     """
 
     def __post_init__(self) -> None:
-        for field in fields(cast(Any, self)):
-            value = getattr(self, field.name)
+        held = vars(self)  # its fields, no more
+        for name, value in held.items():
             if isinstance(value, HOLDERS):
-                seen = read_only(value)
-                if seen is not value:
-                    object.__setattr__(self, field.name, seen)
+                held[name] = read_only(value)
 
 
 def read_only(value: Any) -> Any:

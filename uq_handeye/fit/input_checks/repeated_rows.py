@@ -32,6 +32,8 @@ def repeated_rows(poses: PosePairs) -> tuple[tuple[int, ...], ...]:
     if poses.robot.ndim != 3:
         return ()
     numbers = np.concatenate([T[:, :3].reshape(poses.n, 12) for T in (poses.robot, poses.camera)], axis=1)
+    if np.diff(np.sort(numbers.sum(axis=1))).min(initial=np.inf) > 24 * SAME:  # as those of equal poses are not
+        return ()
     single, where = np.unique(numbers + 0.0, axis=0, return_inverse=True)
     near = KDTree(single).query_pairs(SAME * np.sqrt(24), output_type="ndarray")
     near = near[np.abs(single[near[:, 0]] - single[near[:, 1]]).max(axis=1, initial=0.0) <= SAME]

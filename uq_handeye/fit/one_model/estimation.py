@@ -46,6 +46,8 @@ PIXELS = "pixel noise"
 BY_VIEW = "camera by view"
 # Residuals below this, in rad and relative to the longest translation, are rounding: no noise to estimate.
 ROUNDING = 1e-11
+# The square of a step that leaves larger ones is above that.
+FAR_FROM_EXACT = 1e-4
 # Linearised again until X and W move by less, in standard deviations; how often at most, and what will do then.
 STILL, MOST_ROUNDS, CLOSE = 2e-2, 6, 0.1
 # What a further step of the sizes may promise before the model is linearised again, and before weights are final.
@@ -78,6 +80,7 @@ class JointModel:
     excess: JointCovariance | None = None  # of the camera beside what corners say, per pixel^2
     sizes: Mapping[str, Size] = field(default_factory=dict)  # in place of those of the table, by name
     more: tuple[Component, ...] = ()  # of the user's own
+    by_view: Array | None = None  # (n, 6, 6) noise of the camera by the view; None: that of the poses
     how: str = ""  # where a known covariance of the camera comes from: "from corners", "from points"
 
     @classmethod
@@ -162,7 +165,8 @@ class JointModel:
                     size = replace(size, median=value, factor=self.prior.factor, source="declared")
                 found.append(Component(name, side, size, block=block))
             if side == "camera" and self.poses is not None and np.isnan(values[1]).all():
-                found.append(Component(BY_VIEW, side, SIZES[BY_VIEW], block=view_block(self.poses.camera)))
+                block = view_block(self.poses.camera) if self.by_view is None else self.by_view
+                found.append(Component(BY_VIEW, side, SIZES[BY_VIEW], block=block))
         found += self._known_camera()
         if isinstance(self.robot, JointCovariance):
             names = _named(self.robot, "robot (shared)")
@@ -272,7 +276,8 @@ class JointModel:
     ) -> FoundSizes:
         """Find sizes and unknowns in turns from ``at``, until the unknowns do not move."""
         part, kept, used = rows
-        components = tuple(one.rows(kept[used]) for one in self.components)
+        every = len(used) == self.constraint.n
+        components = self.components if every else tuple(one.rows(kept[used]) for one in self.components)
         exact, nothing_open = np.zeros(2, dtype=bool), False
         for done in range(MOST_ROUNDS):
             model, reduced = self._model(part, at, kept[used], components, nothing_open)
@@ -334,6 +339,9 @@ class JointModel:
         size = np.zeros(2)
         for k, rows in enumerate((slice(0, 3), slice(3, 6))):  # noise of one is no residual of the other
             J, r = model.J[:, rows].reshape(-1, model.p), model.r[:, rows].ravel()
+            if np.sqrt(np.mean(r * r)) > FAR_FROM_EXACT * (1.0, longest)[k]:
+                size[k] = np.inf
+                continue
             x, _, rank, _ = np.linalg.lstsq(J, r, rcond=None)
             size[k] = np.sqrt(np.mean((r - J @ x) ** 2)) if rank < len(r) else np.inf  # few rows fit in any case
         return np.asarray(size < ROUNDING * np.array([1.0, longest]))
