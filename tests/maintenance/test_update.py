@@ -202,11 +202,20 @@ def without_poses(result):
 
 @pytest.mark.parametrize(
     ("options", "close"),
-    [(GIVEN, 0.01), (GIVEN | {"shared": SHARED["shared"][1:]}, 0.05), ({"shared": []}, 0.3)],
-    ids=["noise", "shared", "estimated"],
+    [
+        (GIVEN, 0.01),
+        (GIVEN | {"shared": SHARED["shared"][2:]}, 0.01),
+        (GIVEN | {"shared": SHARED["shared"][1:]}, 0.05),
+        ({"shared": []}, 0.3),
+    ],
+    ids=["noise", "scale", "principal point", "estimated"],
 )
 def test_a_result_without_poses_is_updated_by_its_posterior(options, close):
-    """To first order: old poses are not linearised again. Noise that was estimated stays that of the old poses."""
+    """To first order: old poses are not linearised again. Noise that was estimated stays that of the old poses.
+
+    X absorbs a shift of the image centre but for what the noise of its column leaves, and the columns of old poses are
+    not taken again at the poses as all correct them: 0.01 to 0.04 deviations for four seeds, at any size of the noise.
+    """
     poses = uq.simulate(ALL, noise=NOISE, seed=5)
     first, second, third = parts_of(poses, 18, 7, 1)
     whole, start = quietly(poses, robust=False, **options), without_poses(quietly(first, robust=False, **options))

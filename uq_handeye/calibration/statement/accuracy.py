@@ -150,11 +150,12 @@ def _from_poses(result: Estimated) -> FromPoses | None:
 def parts_of(budget: Budget) -> tuple[Part, ...]:
     """Return the sources of a budget as few parts, largest first: noise, shared errors by name, correlated errors."""
     together = any(" + " in source for source in budget.sources)  # robot and camera are not identifiable
-    along = budget.standard_in_worst_direction()
+    along = budget.in_worst_direction()
     squares: dict[str, Array] = {}
     for source, move, turn in zip(budget.sources, along["X translation"], along["X rotation"], strict=True):
         name = part_name(source, together)
-        squares[name] = squares.get(name, np.zeros(2)) + np.square([move, turn])
+        squares[name] = squares.get(name, np.zeros(2)) + np.array([move, turn])
+    squares = {name: np.maximum(square, 0.0) for name, square in squares.items()}
     scale = np.maximum(np.sum(list(squares.values()), axis=0), 1e-300)
     order = sorted(squares, key=lambda name: -float((squares[name] / scale).max()))
     return tuple(Part(name, *map(_steady, np.sqrt(squares[name]).tolist())) for name in order)

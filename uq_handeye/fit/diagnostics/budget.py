@@ -113,9 +113,12 @@ class Budget(Record):
         u = float(np.sqrt(max(v.sum(), 0.0)))
         return Expanded(u, dof, k, k * u)
 
-    def standard_in_worst_direction(self) -> dict[str, Array]:
-        """Return for each group the standard uncertainties (sources,) along the direction of its largest variance."""
-        return {name: np.sqrt(np.maximum(self._variances(part, True), 0.0)) for name, part in self.groups.items()}
+    def in_worst_direction(self) -> dict[str, Array]:
+        """Return for each group the variances (sources,) along the direction in which their sum is largest.
+
+        That of a coupling of rotation and translation may be below 0.
+        """
+        return {name: self._variances(part, True) for name, part in self.groups.items()}
 
     @property
     def _relative(self) -> Array:

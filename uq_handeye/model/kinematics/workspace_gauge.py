@@ -38,9 +38,12 @@ def twists(T: Array) -> Array:
 
 
 def workspace_postures(chain: Kinematics) -> Array:
-    """(k, L) joint values spread over the limits, with the flange above the floor of the base; at most `POSTURES`."""
+    """(k, L) joint values spread over the limits, with the flange above the first joint; at most `POSTURES`.
+
+    The origin of the base counts for nothing: controllers may have theirs on the floor.
+    """
     q = spread_postures(chain.limits, np.array([joint.is_revolute for joint in chain.joints]), 3 * POSTURES)
-    above = chain.poses(q)[:, :3, 3] @ chain.up > 0
+    above = (chain.poses(q)[:, :3, 3] - chain.frames(q)[:, 0, :3, 3]) @ chain.up > 0
     return np.asarray(q[above][:POSTURES] if above.sum() > POSTURES // 4 else q[:POSTURES])
 
 

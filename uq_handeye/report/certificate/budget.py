@@ -73,8 +73,8 @@ def budget_rows(result: Calibration, most: int | None = None) -> tuple[BudgetRow
     if budget is None:
         return _undivided(result)
     budget = shorten_budget(budget, most)
-    along = budget.standard_in_worst_direction()
-    move, turn = along["X translation"], along["X rotation"]
+    along = budget.in_worst_direction()
+    move, turn = (np.sqrt(np.maximum(along[name], 0.0)) for name in ("X translation", "X rotation"))
     shares = [_shares(sizes) for sizes in (move, turn)]
     return tuple(
         BudgetRow(
