@@ -197,6 +197,71 @@ def test_planned_views_help_as_predicted_and_more_than_others():
     assert len(result.plan(k=3, sample=50).steps) == 3
 
 
+def test_the_public_functions_take_rigs():
+    """What `uq.check` and the others say of a rig is what its own functions do; a drift is found by the series."""
+    exact, _ = simulate_rig(*HAND, n_poses=40, seed=7)
+    noise = noise_of(exact)
+    old, new = split(with_noise(exact, noise, [SEED, 3]), 30)
+    result = uq.calibrate(old, noise=noise)
+    assert result.to_dict() == uq.calibrate_rig(old, noise).to_dict()
+    found = uq.check(result, new, tolerance="1mm,0.1deg")
+    assert found.limits == (1e-3, np.radians(0.1)) and found.status == "cannot tell"
+    assert uq.check(result, new).to_dict() == result.check(new).to_dict()
+    assert uq.plan(result, k=2).to_dict() == result.plan(k=2).to_dict()
+    np.testing.assert_allclose(uq.update(result, new).poses, uq.update_rig(result, new).poses)
+    for call in (
+        lambda: uq.check(result, new, noise=uq.PoseNoise.isotropic(camera=("1mrad", "1mm"))),
+        lambda: uq.plan(result, criterion="trace"),
+        lambda: uq.calibrate(old, setup="eye-in-hand"),
+        lambda: uq.update(result, new, same="robot"),
+    ):
+        with pytest.raises(uq.InputError, match="is not an argument for the result of a rig"):
+            call()
+    with pytest.raises(uq.InputError, match="Expected new views of a rig as a Rig"):
+        uq.check(result, uq.simulate(n_poses=5, seed=1))
+
+
+def test_what_is_not_the_same_widens_the_test():
+    """Another right camera has another focal length: with its own errors drawn again less is a contradiction."""
+    old, new, *_ = drawn(HAND, 40, 30, 8)
+    result = uq.calibrate_rig(old)
+    all_same, other = uq.check(result, new), uq.check(result, new, same=["arm", "left", "board"])
+    assert other.d2 < all_same.d2
+    assert uq.check(result, new, same="robot,camera,target").d2 == pytest.approx(all_same.d2)
+    least = {one.name: one.least_shift for one in all_same.moves}
+    assert all(one.least_shift >= least[one.name] - 1e-12 for one in other.moves)
+
+
+def test_a_series_of_checks_of_a_rig_raises_its_alarm_for_what_moves(tmp_path):
+    exact, truth = simulate_rig(*HAND, n_poses=40, seed=7)
+    noise = noise_of(exact)
+    result = uq.calibrate_rig(with_noise(exact, noise, [SEED, 0]), noise)
+    shifted = perturb(truth["right"], np.array([0, 0, 0, 0.5e-3, 0, 0]))
+    alarm = None
+    for day in range(40):
+        rng = np.random.default_rng([SEED, day])
+        rows = rng.permutation(40)[:6]
+        views = [
+            uq.View(v.camera, v.target, inverse(shifted) @ truth["right"] @ v.poses[rows]
+                    if day >= 10 and v.camera == "right" else v.poses[rows], tuple(range(6)))
+            for v in exact.views
+        ]  # fmt: skip
+        new = with_noise(uq.Rig({"arm": exact.arms["arm"].poses[rows]}, *HAND, views), noise, rng)
+        check = uq.check(result, new)
+        series = uq.log_check(tmp_path / "log.csv", result, new, check)
+        alarm = uq.series_alarm(result, series)
+        assert day >= 10 or alarm.alarm is None
+        if alarm.alarm is not None:
+            break
+    assert 10 <= alarm.alarm < 35 and alarm.causes == ("right",) and abs(alarm.since - 10) <= 4
+    assert np.allclose(alarm.shifts["right"].estimate[3:], [0.5e-3, 0, 0], atol=0.3e-3)
+    assert "right has moved" in str(alarm)
+    again = uq.read_checks(tmp_path / "log.csv", result)
+    assert not again.damaged and len(again) == alarm.alarm + 1
+    with pytest.raises(uq.InputError, match="another calibration"):
+        uq.read_checks(tmp_path / "log.csv", uq.calibrate_rig(exact, noise))
+
+
 def test_an_update_is_the_calibration_of_all_views():
     exact, _ = simulate_rig(*HAND, n_poses=30, seed=7)
     noise = noise_of(exact)

@@ -352,7 +352,18 @@ def test_check_predict_plan_and_update_on_the_command_line(two_on_the_hand, caps
     stored = path / "out" / "rig.json"
     capsys.readouterr()
     assert run("check", stored, path / "new.toml", "-o", path / "check") == 0
-    assert "UNCHANGED" in capsys.readouterr().out and (path / "check" / "check.json").exists()
+    by_file = json.loads((path / "check" / "check.json").read_text())
+    assert "UNCHANGED" in capsys.readouterr().out and by_file["format"] == "uq-handeye rig check 1"
+    cameras = [f"--camera={name}={path / f'{name}_new.csv'}" for name in ("left", "right")]
+    by_camera = ["check", stored, path / "robot_new.csv", *cameras]
+    assert run(*by_camera, "--json", "--log", path / "log.csv") == 0
+    logged = json.loads(capsys.readouterr().out)
+    assert {key: logged[key] for key in by_file} == by_file
+    assert set(logged["series"]["charts"]) == {"left", "right", "target", "residuals"}
+    assert run(*by_camera, "--log", path / "log.csv") == 2 and "not logged twice" in capsys.readouterr().err
+    assert run(*by_camera, "--tolerance", "1mm") == 3 and "CANNOT TELL" in capsys.readouterr().out
+    assert run(*by_camera, "--same", "robot,left") == 0
+    assert run(*by_camera[:-1], "--same", "none", "--quiet") == 0 and "UNCHANGED" in capsys.readouterr().out
     more = ["--into", "right", "--robot", path / "robot.csv"]
     assert run("predict", stored, "--of", "left", "--point", "0mm,0mm,300mm", *more) == 0
     assert "Points of left in the frame right" in capsys.readouterr().out
@@ -364,7 +375,11 @@ def test_check_predict_plan_and_update_on_the_command_line(two_on_the_hand, caps
     np.testing.assert_allclose(uq.load(path / "new" / "rig.json").poses, uq.calibrate_rig(rig, noise).poses, atol=1e-9)
     for wrong, said in (
         (("check", stored, path / "robot.csv"), "come as a rig file"),
-        (("check", stored, path / "new.toml", "--tolerance", "1mm"), "--tolerance: not for the result of a rig"),
+        (("check", stored, path / "robot.csv", path / "left.csv"), "CAMERA: not for the result of a rig"),
+        (("check", stored, path / "robot.csv", "--camera", f"up={path / 'left.csv'}"), "the rig has left, right"),
+        (("check", stored, path / "new.toml", "--camera", f"left={path / 'left.csv'}"), "names all files"),
+        (("check", stored, path / "new.toml", "--same", "lef"), "Expected `same` (--same) to be names out of"),
+        (("update", stored, path / "new.toml", "--same", "left"), "--same: not for the result of a rig"),
         (("predict", stored, "--point", "0mm,0mm,1mm"), "--of CAMERA"),
         (("plan", stored, "--repeat"), "--repeat: not for the result of a rig"),
     ):

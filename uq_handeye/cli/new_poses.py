@@ -70,9 +70,12 @@ class NewPoses:
     board: BoardOptions
     joints: Path | None
     joint_units: str | None
+    cameras: tuple[str, ...] = ()  # NAME=FILE of several cameras
 
     def read(self, stored: "Calibration", name: str) -> "PosePairs":
         """Return the poses; the setup is that of the calibration of the file ``name`` unless one is given."""
+        if self.cameras:
+            raise InputError(f"--camera NAME=FILE: {name} is the result of one camera. Give its file as CAMERA.")
         files = self.files
         if files.setup is None and stored.setup is not None:
             files = replace(files, setup=stored.setup)
@@ -109,8 +112,13 @@ def new_poses_of(
     images: str | None = None,
     joints: Path | None = None,
     joint_units: str | None = None,
+    bag_camera: list[str] | None = None,
 ) -> NewPoses:
     """Return the files of the options.
+
+    Options (Pose files):
+      bag_camera = --camera NAME=FILE: Poses by one of the cameras of a rig, NAME:TARGET=FILE of one of its targets.
+        Repeat it for each.
 
     Options (Pictures of a board):
       * --images 'PATTERN': New pictures in place of CAMERA, e.g. 'img/*.png'. One per row of ROBOT, by the camera of
@@ -120,7 +128,7 @@ def new_poses_of(
       * --joints FILE.csv: Joint values at the new poses, for a calibration with --joints. In place of ROBOT, or with
         it.
     """
-    return NewPoses(files, images, board, joints, joint_units)
+    return NewPoses(files, images, board, joints, joint_units, tuple(bag_camera or ()))
 
 
 def calibrated(

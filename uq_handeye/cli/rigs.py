@@ -1,5 +1,7 @@
 """Rigs, of several cameras, targets and arms: their calibration, and check, update, predict and plan of its result."""
 
+from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +16,7 @@ if TYPE_CHECKING:
     from ..rig.description import Rig
     from ..rig.result import RigCalibration
     from .delivery import Outputs, ReportOptions
-    from .new_poses import Data, Estimation
+    from .new_poses import Data, Estimation, NewPoses
     from .options.noise import Given
     from .pose_files import PoseFiles
 
@@ -81,6 +83,13 @@ def _of_cameras(files: "PoseFiles", cameras: tuple[str, ...], given: "Given") ->
         raise InputError("--camera NAME=FILE needs the file of robot poses. Add it, e.g. robot.csv.")
     if given.prior is not None:
         raise InputError("Several cameras need the noise of robot and camera, or of neither. Give both options.")
+    setup = SETUP_NAMES[0] if files.setup is None else one_of(files.setup, "--setup", SETUP_NAMES)
+    tolerance, reading, named = _tolerance(files), _reading(files), _named(cameras)
+    return rig_of_files(files.robot, named, setup=setup, tolerance=tolerance, reading=reading), given.noise
+
+
+def _tolerance(files: "PoseFiles") -> float:
+    """Seconds by which the time of a view may differ from that of its robot pose."""
     how = None if files.pair is None else one_of(files.pair, "--pair", PAIRINGS)
     if how == "async":
         raise InputError(
@@ -90,7 +99,11 @@ def _of_cameras(files: "PoseFiles", cameras: tuple[str, ...], given: "Given") ->
         raise InputError("--pair rows: several cameras are matched by time or pose name. Remove it.")
     if files.time_tolerance is not None and how != "time":
         raise InputError("--time-tolerance needs --pair time. Add it.")
-    tolerance = 0.0 if how is None else 0.02 if files.time_tolerance is None else files.time_tolerance
+    return 0.0 if how is None else 0.02 if files.time_tolerance is None else files.time_tolerance
+
+
+def _named(cameras: Iterable[str]) -> dict[str, Path]:
+    """Return files by the names of cameras."""
     named: dict[str, Path] = {}
     for text in cameras:
         name, _, file = (part.strip() for part in text.partition("="))
@@ -99,15 +112,18 @@ def _of_cameras(files: "PoseFiles", cameras: tuple[str, ...], given: "Given") ->
         if name in named:
             raise InputError(f"The camera {name!r} is given twice, {named[name]} and {file}. Rename one of them.")
         named[name] = Path(file)
+    return named
+
+
+def _reading(files: "PoseFiles") -> dict[str, dict[str, Any]]:
+    """Return how files are read, by robot and camera."""
     frames = (files.robot_frame, files.camera_frame)
-    reading = {
+    return {
         role: {"units": units, "format": format, "rotation": rotation, "frame": frame}
         for role, units, format, rotation, frame in zip(
             ("robot", "camera"), files.both_units, files.formats, files.rotations, frames, strict=True
         )
     }
-    setup = SETUP_NAMES[0] if files.setup is None else one_of(files.setup, "--setup", SETUP_NAMES)
-    return rig_of_files(files.robot, named, setup=setup, tolerance=tolerance, reading=reading), given.noise
 
 
 def verdicts_of(result: "RigCalibration", wanted: Wanted) -> "dict[str, Verdict]":
@@ -156,6 +172,13 @@ def deliver_rig(result: "RigCalibration", wishes: "ReportOptions", wanted: Wante
     return NOT_PASSED if any(not verdict.passed for verdict in verdicts.values()) else 0
 
 
+# Options of new views of a rig.
+NEW_VIEWS = (
+    "ROBOT",
+    "--joints",
+    "--joint-units",
+    *sorted(_OF_FILES - {"--setup", "--noise", "--robot-noise", "--camera-noise"}),
+)
 _EVERYWHERE = {"RESULT", "--json", "--output", "--quiet", "--verbose", "--no-color", "--log-file"}
 
 
@@ -179,38 +202,45 @@ def refuse(*taken: str) -> None:
         raise InputError(f"{', '.join(wrong)}: not for the result of a rig. Remove it.")
 
 
-def new_views(stored: "RigCalibration", file: Path | None) -> "Rig":
-    """Return new views of a rig file."""
+def new_views(stored: "RigCalibration", new: "NewPoses") -> "Rig":
+    """Return new views of a rig file, or of a file for each camera."""
+    from ..rig.files.pose_rows import read_rows, views_of_files
     from ..rig.files.rig_file import read_rig
+    from ..rig.files.sources import arm_poses, joint_rows
 
-    if file is None or file.suffix.lower() != ".toml":
+    robot, rig = new.files.robot, stored.rig
+    if robot is not None and robot.suffix.lower() == ".toml":
+        if new.cameras or new.joints is not None:
+            raise InputError(f"{robot} names all files of the new views. Remove --camera and --joints.")
+        return read_rig(robot)[0]
+    if not new.cameras:
         raise InputError(
-            "New views of a rig come as a rig file, e.g. today.toml, with the names of the calibrated one (rig.md)."
+            "New views of a rig come as a rig file, e.g. today.toml, or as robot poses with --camera NAME=FILE."
         )
-    return read_rig(file)[0]
-
-
-def check_stored_rig(
-    stored: "RigCalibration", file: Path | None, level: float, as_json: bool, output: Path | None
-) -> int:
-    """Check the result of a rig by new views; exit status 4 if something changed."""
-    refuse("ROBOT", "--level")
-    found = stored.check(new_views(stored, file), level=level)
-    written = "" if output is None else deliver(output, {"check.json": found.to_json(), "check.txt": found.summary()})
-    emit(found.to_json() if as_json else f"{found.sentence}\n" if quiet() else found.summary() + written)
-    return 4 if found.changed else 3 if found.status == "cannot tell" else 0
-
-
-def update_stored_rig(
-    stored: "RigCalibration", file: Path | None, although_changed: bool, wishes: Any, wanted: Any, outputs: Any
-) -> int:
-    """Update the result of a rig by new views."""
-    from ..rig.in_use.update import update_rig
-
-    refuse("ROBOT", "--although-changed", "--report", "--about", "--full-report", "--paper", "--tolerance", "--at")
-    with timed("updating"):
-        found = update_rig(stored, new_views(stored, file), although_changed=although_changed)
-    return deliver_rig(found, wishes, wanted, outputs)
+    arm, *others = rig.arms
+    if others:
+        raise InputError("The rig has several arms: give the new views as a rig file, e.g. today.toml.")
+    tolerance, reading = _tolerance(new.files), _reading(new.files)
+    rows = None if robot is None else read_rows(robot, "robot", **reading["robot"])
+    if new.joints is not None:
+        if (chain := rig.arms[arm].kinematics) is None:
+            raise InputError(f"The arm {arm!r} was calibrated without a robot model. Remove --joints.")
+        rows = joint_rows(new.joints, chain, new.joint_units, rows)
+    if rows is None:
+        raise InputError("--camera NAME=FILE needs the file of robot poses. Add it, e.g. robot.csv.")
+    files = {}
+    for name, file in _named(new.cameras).items():
+        camera, _, target = name.partition(":")
+        if camera not in rig.cameras:
+            raise InputError(f"--camera {name}: the rig has {', '.join(rig.cameras)}. Correct the name.")
+        seen = list(dict.fromkeys(view.target for view in rig.views if view.camera == camera))
+        if not target and len(seen) > 1:
+            raise InputError(f"The camera {camera!r} sees {', '.join(seen)}. Give --camera {camera}:{seen[0]}=FILE.")
+        files[camera, target or seen[0]] = file
+    found = views_of_files(rows, arm, files, rig.cameras, rig.targets, tolerance, reading["camera"])
+    if rows.joints is None:
+        return found
+    return replace(found, arms={arm: arm_poses(rows, rig.arms[arm].kinematics, rig.arms[arm].robot_class)})
 
 
 def predict_stored_rig(

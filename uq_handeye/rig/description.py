@@ -148,8 +148,9 @@ class ArmPoses(ReadOnlyArrays):
             one, two = self.poses[at[name]], other.poses[k]
             turn, shift = float(np.linalg.norm(logarithm(one[:3, :3] @ two[:3, :3].T))), one[:3, 3] - two[:3, 3]
             if turn > SAME[0] or float(np.linalg.norm(shift)) > SAME[1]:
+                files = f"{self.source or 'The old poses'} and {other.source or 'the new ones'}"
                 raise InputError(
-                    f"{self.source} and {other.source} disagree on robot pose {name!s}: {np.degrees(turn):.3g} deg, "
+                    f"{files} disagree on robot pose {name!s}: {np.degrees(turn):.3g} deg, "
                     f"{1e3 * float(np.linalg.norm(shift)):.3g} mm. Remove it from one of them, or rename it."
                 )
         new = [k for k, name in enumerate(other.names) if name not in at]

@@ -6,7 +6,7 @@ Behind ``check --log`` is the log of checks: one more line, and the alarm of the
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from ...core.files.atomic import held, json_text
 from ...errors import InputError, NotConvergedError
@@ -23,14 +23,13 @@ from ..delivery import (
 from ..messages import quiet, timed, withheld
 from ..new_poses import NewPoses, new_poses_of
 from ..options.common import emit, emit_document, made_of
-from ..rigs import check_stored_rig, stored_rig, update_stored_rig
+from ..rigs import NEW_VIEWS, deliver_rig, new_views, refuse, stored_rig
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from ...calibration.result import Calibration
     from ...core.presentation.document import Block
-    from ...model.poses.pose_pairs import PosePairs
+    from ...rig.in_use.check import RigCheck
     from ...use.maintenance.check_result import ChangeCheck
     from ...use.maintenance.log import CheckSeries
     from ...use.maintenance.series_alarm import SeriesAlarm
@@ -60,7 +59,7 @@ class Logged:
         return series_figure(self.series, self.alarm)
 
 
-def logged(path: Path, result: "Calibration", poses: "PosePairs", check: "ChangeCheck", every: float | None) -> Logged:
+def logged(path: Path, result: Any, poses: Any, check: Any, every: float | None) -> Logged:
     """Add a check to the log, and evaluate the series."""
     from ...use.maintenance.log import log_check
     from ...use.maintenance.series_alarm import EVERY, series_alarm
@@ -81,8 +80,8 @@ class Asked:
       * --tolerance MM,DEG: Change of X that matters, e.g. 1mm,0.1deg. Poses that would miss it cannot tell. Default: 1
         % of the target distance, and 0.57 deg.
       * --level P: Probability of a false alarm.
-      --same NAMES: What is the same as at the calibration, out of robot,camera,target: its errors are the same too.
-        Default: all.
+      --same NAMES: What is the same as at the calibration, out of robot,camera,target: its errors are the same too. Of
+        a rig also its own names. Default: all.
 
     Options (Series of checks):
       * --log FILE.csv: Log of the checks of this calibration: add this one, and test the whole series for a slow drift.
@@ -111,8 +110,9 @@ def check_command(
       # New pictures, with the intrinsics of the calibration
       uq-handeye check result/result.json robot.csv --images 'img/*.png' \\
           --board 9x6 --square 20mm
-      # A rig, by new views in a rig file
+      # A rig, by new views in a rig file, or in a file for each camera
       uq-handeye check result/rig.json today.toml
+      uq-handeye check result/rig.json robot.csv --camera left=left.csv
 
       # Every day: a log, with an alarm for slow drifts
       uq-handeye check result/result.json robot.csv camera.csv \\
@@ -125,20 +125,21 @@ def check_command(
     Options (Output):
       * -o, --output DIR <named_folder>: Folder for check.json and check.txt; with --log also series.png and series.svg.
     """
-    if (rig := stored_rig(result)) is not None:
-        return check_stored_rig(rig, files.files.robot, asked.level, as_json, output)
     from ...calibration.result import Calibration
+    from ...core.presentation.document import document_of
     from ...model.posterior.owners import THINGS
     from ...use.maintenance.check import check
-    from ...use.maintenance.check_result import check_document
     from ...use.maintenance.cusum import limit_for
+
+    if (rig := stored_rig(result)) is not None:
+        refuse(*NEW_VIEWS, "--tolerance", "--level", "--same", "--log", "--every")
 
     if asked.every is not None:
         if asked.log is None:
             raise InputError("--every needs --log. Remove it.")
         limit_for(asked.every)
-    stored = Calibration.from_json(result)
-    poses = files.read(stored, str(result))
+    stored: Any = rig or Calibration.from_json(result)
+    poses: Any = files.read(stored, str(result)) if rig is None else new_views(rig, files)
     with timed("checking"):
         names = names_of(asked.same) or THINGS
         found = check(stored, poses, tolerance=asked.tolerance, level=asked.level, same=names)
@@ -147,8 +148,8 @@ def check_command(
     if as_json:
         emit(text)
     else:
-        document = check_document(found)
-        document = [document[0][:1]] if quiet() else document
+        document = list(document_of(found))
+        document = [list(document[0])[:1]] if quiet() else document
         emit_document([*document, *([] if series is None else series.document(quiet()))])
     if output is not None:
         figures = {} if series is None else {"series": series.figure()}
@@ -159,7 +160,7 @@ def check_command(
     return CHANGED_STATUS if alarm else status_of(found)
 
 
-def status_of(found: "ChangeCheck") -> int:
+def status_of(found: "ChangeCheck | RigCheck") -> int:
     """Return the exit status of a check."""
     from ...use.maintenance.check_result import UNCHANGED
 
@@ -197,15 +198,17 @@ def update_command(
       * --same NAMES: What is that of the result, out of robot,camera,target, or none. Default: all.
     """
     if (rig := stored_rig(result)) is not None:
-        return update_stored_rig(rig, files.files.robot, although_changed, wishes, wanted, outputs)
+        refuse(
+            *NEW_VIEWS, "--although-changed", "--report", "--about", "--full-report", "--paper", "--tolerance", "--at"
+        )
     outputs.require_possible()
     from ...calibration.result import Calibration
     from ...model.posterior.owners import THINGS
     from ...use.maintenance.update import gain, update
 
     with _held_if_replaced(result, outputs.output):
-        stored = Calibration.from_json(result)
-        poses = files.read(stored, str(result))
+        stored: Any = rig or Calibration.from_json(result)
+        poses: Any = files.read(stored, str(result)) if rig is None else new_views(rig, files)
         with withheld() as shown:
             try:
                 with timed("updating"):
@@ -213,6 +216,8 @@ def update_command(
                 shown += [] if outputs.as_json else found.warnings
             except (InputError, NotConvergedError) as error:
                 return emit_refusal(error, outputs.as_json, shown)
+        if rig is not None:
+            return deliver_rig(found, wishes, wanted, outputs)
         found = replace(found, about=found.about | wishes.about)
         return deliver_result(found, outputs, wanted, wishes, more=gain(stored, found, poses.n))
 
@@ -224,7 +229,7 @@ def names_of(same: str | None) -> list[str]:
 
 def _held_if_replaced(result: Path, output: Path | None) -> AbstractContextManager[None]:
     """Return the lock of a result that its update replaces: of two at once, the second starts from the first."""
-    replaced = None if output is None else output / "result.json"
+    replaced = None if output is None else output / result.name
     same = replaced is not None and replaced.is_file() and result.is_file() and replaced.samefile(result)
     return held(result) if same else nullcontext()
 

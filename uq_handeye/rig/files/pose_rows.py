@@ -193,11 +193,28 @@ def rig_of_files(
     reading : arguments of `read_rows` by "robot" and "camera", or None
     """
     how = reading or {}
-    of_robot = read_rows(robot, "robot", **how.get("robot", {}))
-    arm = ArmPoses(of_robot.poses, of_robot.names if of_robot.named else (), of_robot.name)
+    rows = read_rows(robot, "robot", **how.get("robot", {}))
     on, to = ("arm", WORLD) if setup == "eye-in-hand" else (WORLD, "arm")
+    files = {(name, "target"): file for name, file in cameras.items()}
+    return views_of_files(
+        rows, "arm", files, dict.fromkeys(cameras, on), {"target": to}, tolerance, how.get("camera", {})
+    )
+
+
+def views_of_files(
+    robot: PoseRows,
+    arm: str,
+    files: Mapping[tuple[str, str], Path],
+    cameras: Mapping[str, str],
+    targets: Mapping[str, str],
+    tolerance: float,
+    reading: Mapping[str, Any],
+) -> Rig:
+    """Return a rig of one arm with a file for each pair of camera and target."""
     views = []
-    for name, file in cameras.items():
-        rows = read_rows(file, "camera", **how.get("camera", {}))
-        views.append(view_of(name, "target", rows, [of_robot], tolerance))
-    return Rig({"arm": arm}, dict.fromkeys(cameras, on), {"target": to}, tuple(views))
+    for (camera, target), file in files.items():
+        moving = [robot] if arm in (cameras[camera], targets[target]) else []
+        views.append(view_of(camera, target, read_rows(file, "camera", **reading), moving, tolerance))
+    poses = ArmPoses(robot.poses, robot.names if robot.named else (), robot.name)
+    used = {target: targets[target] for _, target in files}
+    return Rig({arm: poses}, {camera: cameras[camera] for camera, _ in files}, used, tuple(views))

@@ -81,7 +81,7 @@ class RigCheck(Record):
     """
 
     _in_file: ClassVar[str] = (
-        "status changed p_value d2 dof count level noise_dof moves views unseen limits cause sentence"
+        "format=_format status changed p_value d2 dof count level noise_dof moves views unseen limits cause sentence"
     )
 
     status: str
@@ -95,6 +95,10 @@ class RigCheck(Record):
     unseen: tuple[str, ...] = ()
     limits: tuple[float | None, float | None] = (None, None)
     noise_dof: float | None = None
+
+    @property
+    def _format(self) -> str:
+        return FORMAT
 
     @property
     def changed(self) -> bool:
@@ -130,7 +134,7 @@ class RigCheck(Record):
 
     def to_json(self) -> str:
         """Return it as JSON text."""
-        return json_text({"format": FORMAT} | self.to_dict())
+        return json_text(self.to_dict())
 
 
 @document_of.register
