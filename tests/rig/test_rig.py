@@ -63,9 +63,13 @@ def test_derivatives_are_those_of_differences():
 
 
 @pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
-@pytest.mark.parametrize("method", ["efficient", "ml"])
-def test_one_camera_is_calibrate(setup, method):
-    poses = uq.simulate(n_poses=25, seed=3, noise=ONE, setup=setup)
+@pytest.mark.parametrize(("method", "wrong"), [("efficient", 0), ("ml", 0), ("efficient", 4)])
+@pytest.mark.filterwarnings("ignore::uq_handeye.InputWarning")
+def test_one_camera_is_calibrate(setup, method, wrong):
+    drawn = uq.simulate(n_poses=25, seed=3, noise=ONE, setup=setup)
+    camera = np.array(drawn.camera)
+    camera[:wrong, :3, 3] += [0.02, 0.0, 0.05]
+    poses = uq.PosePairs(drawn.robot, camera, setup)
     on, to = ("arm", "world") if setup == "eye-in-hand" else ("world", "arm")
     rig = uq.Rig({"arm": poses.robot}, {"left": on}, {"board": to}, [uq.View("left", "board", poses.camera)])
     found, single = uq.calibrate_rig(rig, ONE, method=method), uq.calibrate(poses, noise=ONE, method=method)
@@ -73,6 +77,29 @@ def test_one_camera_is_calibrate(setup, method):
     np.testing.assert_allclose(found.targets["board"].W, single.W, atol=1e-10)
     np.testing.assert_allclose(found.cameras["left"].covariance, single.covariance, rtol=1e-10, atol=1e-18)
     assert found.chi_square == pytest.approx(single.fit.chi2, rel=1e-10)
+
+
+@pytest.mark.filterwarnings("ignore::uq_handeye.InputWarning")
+@pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
+@pytest.mark.parametrize(("wrong", "timed", "method"), [(0, False, "efficient"), (4, False, "ml"), (0, True, "ml")])
+def test_one_camera_whose_noise_is_estimated_is_calibrate(setup, wrong, timed, method):
+    """The same components, sizes and robust weights: X, W and their covariance to the last digits."""
+    drawn = uq.simulate(n_poses=25, seed=[SEED, 3], noise=ONE, setup=setup)
+    camera = np.array(drawn.camera)
+    camera[:wrong, :3, 3] += [0.02, 0.0, 0.05]
+    times = np.arange(25) + 0.5 if timed else None
+    poses = uq.PosePairs(drawn.robot, camera, setup, times)
+    on, to = ("arm", "world") if setup == "eye-in-hand" else ("world", "arm")
+    at = None if times is None else tuple(times.tolist())
+    arm = uq.ArmPoses(poses.robot, at or ())
+    rig = uq.Rig({"arm": arm}, {"left": on}, {"board": to}, [uq.View("left", "board", poses.camera, at)])
+    found, single = uq.calibrate_rig(rig, method=method), uq.calibrate(poses, method=method)
+    np.testing.assert_allclose(found.cameras["left"].X, single.X, atol=1e-10)
+    np.testing.assert_allclose(found.targets["board"].W, single.W, atol=1e-10)
+    np.testing.assert_allclose(found.cameras["left"].covariance, single.covariance, rtol=1e-8, atol=1e-16)
+    np.testing.assert_allclose(found.targets["board"].covariance, single.covariance_W, rtol=1e-8, atol=1e-16)
+    np.testing.assert_allclose(found.weights, single.table.weight, atol=1e-6)
+    assert (found.weights == 0).sum() == wrong
 
 
 def independent(rig, noise):

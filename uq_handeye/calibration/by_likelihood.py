@@ -8,8 +8,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.special import gammaln
 
 from ..core.geometry.se3 import Array, logarithm
 from ..core.runtime.read_only import read_only
@@ -20,9 +18,7 @@ from ..fit.empirical_covariance.resampled import resampled
 from ..fit.input_checks.checks import check_fit, check_motions, misread, require_signal
 from ..fit.likelihood.constraint import Constraint, Unknowns
 from ..fit.likelihood.gauss_helmert import (
-    CLOSED_FORM_STEPS,
     FITS,
-    MOST_STEPS,
     SINGULAR,
     Fit,
     corrected,
@@ -30,7 +26,6 @@ from ..fit.likelihood.gauss_helmert import (
     open_at,
     without_shared_errors,
 )
-from ..fit.likelihood.gauss_helmert import fit as refit
 from ..fit.likelihood.goodness_of_fit import goodness_of_fit
 from ..fit.likelihood.open_start import start_open
 from ..fit.likelihood.robust import RobustFit, fit_robustly
@@ -39,11 +34,11 @@ from ..fit.likelihood.starts import leaves_open
 from ..fit.one_model.estimation import BY_VIEW, ROUGH, FoundSizes, JointModel
 from ..fit.one_model.points import OpenSizes, with_open_sizes
 from ..fit.one_model.telling import tell
+from ..fit.one_model.weights import TAILS, fitted_again, settle, weigh, weigh_from_two_starts
 from ..methods.propagation.published_fit import Published, fit_published
 from ..model.kinematics.kinematic_errors import DECLARED_AS, JOINT_NOISE
 from ..model.noise.joint_covariance import group_of
 from ..model.noise.models import Noise, PairNoise, PoseNoise, is_of_each, with_prior
-from ..model.noise.square_roots import own_blocks
 from ..model.poses.motions import Motions, relative_motions, residuals, summarise
 from ..model.poses.pose_pairs import PosePairs
 from ..model.poses.timing import TimeOffset
@@ -84,9 +79,6 @@ from .result import Calibration
 EXACT = 1e-10
 # Errors of the arm are derived anew where their second order moves its poses by more than this, in deviations of X.
 SECOND_ORDER = 0.05
-# Share of rejected poses above which all poses are tried as a start as well; and over how many powers of e the size of
-# an outlier is spread.
-MANY_REJECTED, ORDERS = 0.05, 7.0
 # Where more are rejected, all poses are asked whether another reading of the files explains them.
 MISREAD = 0.15
 # The target has another size for sure from this probability on; below the other one nothing is asked.
@@ -97,9 +89,6 @@ OF_POSES = frozenset({ROBOT_ACCURACY, VIEW, LENS, FOCAL_LENGTH, f"{PRINCIPAL_POI
 BETTER = 1.0
 # The source of a budget for what the open sizes of all errors leave.
 SIZES_OPEN = "sizes of the errors"
-# What no model of an arm explains differs from pose to pose and has tails: beside its errors a pose is wrong from this
-# many times the usual d^2 on. Poses left out for their tails make the noise of the others too small for new ones.
-TAILS = 3.0
 
 
 def by_likelihood(job: Job) -> tuple[Calibration, list[Finding]]:
@@ -124,11 +113,10 @@ def by_likelihood(job: Job) -> tuple[Calibration, list[Finding]]:
     robust: RobustFit | None = None
     found: FoundSizes | None = None
     if job.robust and not exact:
-        robust, found = _weighed(job, source, at)
-        if found is not None and not found.exact.any() and (robust.weights == 0).mean() > MANY_REJECTED:
-            with suppress(InputError, NotConvergedError):
-                other = _weighed(job, source, at, all_alike=True)
-                robust, found = min((robust, found), other, key=_cost)
+        if source is None:
+            robust = fit_robustly(constraint, noise, at, job.method, seed=job.request.seed, prior=known)
+        else:
+            robust, found = weigh_from_two_starts(source, at, job.method, job.request.seed, *_slack(job))
         noise = robust.noise
     elif source is not None:
         found = source.find(at)
@@ -148,14 +136,11 @@ def by_likelihood(job: Job) -> tuple[Calibration, list[Finding]]:
     fit = FITS[job.method](constraint, noise, at) if robust is None else robust.fit
     if source is not None:
         assert found is not None
-        kept_rows = None if robust is None else np.array([flag == "kept" for flag in robust.flags], dtype=float)
-        found = _at_corrected(source, noise, fit).find(fit.unknowns, kept_rows, found.mode.theta)
-        noise = with_prior(found.integrated_noise, known)
+        found, noise, fit = settle(source, noise, fit, robust, found, job.method, _at_corrected)
         job = replace(job, shared=found.errors)
-        fit = _fitted_again(job, noise, fit)
     elif job.columns:
         noise = _columns_at_corrected(job, noise, fit)
-        fit = _fitted_again(job, noise, fit)
+        fit = fitted_again(constraint, noise, fit, job.method)
     robust = None if robust is None else replace(robust, fit=fit, noise=noise)
     return _assembled(job, noise, fit, fourdpa, found, robust)
 
@@ -171,7 +156,7 @@ def _in_its_branch(job: Job, source: JointModel, at: Unknowns) -> tuple[Job, Joi
     rows = None
     if job.robust:
         with suppress(InputError, NotConvergedError):
-            robust = _weighed(job, source, at)[0]
+            robust = weigh(source, at, job.method, job.request.seed, _slack(job)[0])[0]
             rows, at = (robust.weights > 0).astype(float), robust.fit.unknowns
     best, most = (job, source), -np.inf
     for arm in (job.arm, *others):
@@ -184,54 +169,10 @@ def _in_its_branch(job: Job, source: JointModel, at: Unknowns) -> tuple[Job, Joi
     return best
 
 
-def _weighed(
-    job: Job, source: JointModel | None, at: Unknowns, all_alike: bool = False
-) -> tuple[RobustFit, FoundSizes | None]:
-    """Robust weights, and the sizes of the errors that they go with where the noise is to be estimated."""
-    found: FoundSizes | None = None
-
-    def estimate_noise(constraint: Constraint, at: Unknowns, weights: Array) -> Noise | None:
-        nonlocal found
-        assert source is not None
-        found = source.find(at, weights, None if found is None else found.mode.theta, ROUGH)
-        return None if found.noise is None else with_prior(found.noise, job.pose_prior)
-
-    smooth = job.arm is not None or (all_alike and any(error.name == ROBOT_ACCURACY for error in job.shared))
-    slack = TAILS if smooth and source is not None else 1.0
-    options = (job.method, estimate_noise, job.request.seed, job.pose_prior, slack, all_alike)
-    return fit_robustly(job.constraint, job.noise, at, *options), found
-
-
-def _cost(weighed: tuple[RobustFit, FoundSizes | None]) -> float:
-    """Return minus the logarithm of the probability of the rows, those left out as outliers (`_as_outliers`)."""
-    robust, found = weighed
-    if found is None or found.exact.any():
-        return float("inf")
-    kept = len(found.kept)
-    inside = kept * (found.mode.state.value / len(found.used) + 3.0 * float(np.log(2.0 * np.pi)))
-    return inside + _as_outliers(robust.fit, np.setdiff1d(np.arange(len(robust.weights)), found.kept))
-
-
-def _as_outliers(fit: Fit, rows: NDArray[np.intp]) -> float:
-    """Minus the logarithm of the density of rows that are outliers, predicted by the others.
-
-    An outlier is off by a vector of any size, all orders of magnitude alike (L = `ORDERS` of them): its density in
-    three dimensions is ``1 / (4 pi L |v|^3)``, in units of the noise, for v the rotation residual and for v the
-    translation residual given that of rotation. Any number k of the n rows may be outliers, all numbers alike and all
-    choices of a number alike. Uniform in space it would not be: a detection 20 mm off would then cost
-    as much as one a metre off, and six of twenty would rather be noise.
-    """
-    if not len(rows):
-        return 0.0
-    J = fit.linear.J[rows]
-    C = own_blocks(fit.S)[rows] + J @ fit.covariance @ J.mT
-    L = np.linalg.cholesky(C)
-    off = np.linalg.solve(L, fit.residual[rows][..., None])[..., 0]
-    away = np.linalg.norm(off.reshape(-1, 2, 3), axis=-1)
-    n, k = len(fit.residual), len(rows)
-    choices = gammaln(n + 1) - gammaln(k + 1) - gammaln(n - k + 1)
-    density = np.log(4.0 * np.pi * ORDERS) + 3.0 * np.log(np.maximum(away, np.sqrt(3.0)))
-    return float(np.log(np.einsum("nii->ni", L)).sum() + density.sum() + choices)
+def _slack(job: Job) -> tuple[float, float]:
+    """What multiplies the limits of robust weights, and that of all rows alike."""
+    accuracy = any(error.name == ROBOT_ACCURACY for error in job.shared)
+    return TAILS if job.arm is not None else 1.0, TAILS if job.arm is not None or accuracy else 1.0
 
 
 def joint_model_of(job: Job, constraint: Constraint) -> JointModel:
@@ -322,12 +263,6 @@ def _columns_at_corrected(job: Job, noise: Noise, fit: Fit) -> PoseNoise:
     assert isinstance(noise, PoseNoise) and job.poses is not None
     poses = _corrected_poses(job.poses, noise, fit)
     return with_shared(without_shared(noise, job.shared), shared_columns(job.shared, poses))
-
-
-def _fitted_again(job: Job, noise: Noise, found: Fit) -> Fit:
-    """The fit with other noise, from the unknowns and with the weights that were found."""
-    steps = CLOSED_FORM_STEPS if job.method == "efficient" else MOST_STEPS
-    return refit(job.constraint, noise, found.unknowns, steps, found.weights)
 
 
 def _longest(motions: Motions) -> float:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.geometry.se3 import Array
+from ..core.runtime.threads import one_thread
 from ..core.runtime.versions import versions
 from ..errors import InputError, NotConvergedError
 from ..model.posterior.posterior import FreshNoise, Posterior
@@ -20,8 +21,9 @@ from .description import Rig
 from .fit import Prior, RigFit, fit, rig_units
 from .graph import Graph
 from .noise import RigNoise, given_noise, plain_noise
+from .pair import FEWEST_FOR_ROBUST, find_pair, is_pair, weigh_pair
 from .result import RigCalibration
-from .sizes import find_sizes
+from .sizes import Found, find_sizes, width_of_targets
 from .start import start_of
 from .weights import Distances, distances, fit_robustly
 
@@ -73,9 +75,9 @@ def calibrate_rig(
         raise InputError(f"Expected `method` to be one of {', '.join(METHODS)}, got {method!r}.")
     require_tied(rig)
     request = {"noise": plain_noise(rig, noise), "method": method, "robust": robust, "shared": shared, "seed": seed}
-    return replace(
-        _calibrated(rig, noise, method, robust, shared, seed), provenance={"request": request, "versions": versions()}
-    )
+    with one_thread():  # many small matrices
+        found = _calibrated(rig, noise, method, robust, shared, seed)
+    return replace(found, provenance={"request": request, "versions": versions()})
 
 
 def _calibrated(rig: Rig, noise: Any, method: str, robust: bool, shared: bool, seed: int) -> RigCalibration:
@@ -86,9 +88,9 @@ def _calibrated(rig: Rig, noise: Any, method: str, robust: bool, shared: bool, s
 
     def estimated(start: Array, kept: NDArray[np.bool_]) -> Estimated:
         if of_all is None:
-            return _with_sizes(rig, graph, start, kept, method, robust, shared)
+            return _with_sizes(rig, graph, start, kept, method, robust, shared, seed)
         if robust:
-            return Estimated(*_robustly(rig, graph, of_all, start, method, prior, kept))
+            return Estimated(*_robustly(rig, graph, of_all, start, method, prior, kept, seed))
         found = fit(graph, of_all, start, method, prior=prior)
         return Estimated(found, distances(found))
 
@@ -126,17 +128,21 @@ def _at_global_minimum(
 
 
 def _robustly(
-    rig: Rig, graph: Graph, noise: RigNoise, at: Array, method: str, prior: Prior, kept: NDArray[np.bool_]
+    rig: Rig, graph: Graph, noise: RigNoise, at: Array, method: str, prior: Prior, kept: NDArray[np.bool_], seed: int
 ) -> tuple[RigFit, Distances]:
-    """`fit_robustly`, whose errors name the pose that did not stand still, if one explains them."""
+    """Fit with robust weights; its errors name the pose that did not stand still, if one explains them."""
     try:
-        return fit_robustly(graph, noise, at, method, prior, kept)
+        if not is_pair(rig, graph) or graph.E < FEWEST_FOR_ROBUST:
+            return fit_robustly(graph, noise, at, method, prior, kept)
+        at, weights = weigh_pair(graph, noise, at, method, prior, seed)
+        found = fit(graph, noise, at, method, weights, prior=prior)
+        return found, distances(found)
     except (InputError, NotConvergedError) as error:
         raise named_error(rig, graph, noise, at, method, prior, error) from error
 
 
 def _with_sizes(
-    rig: Rig, graph: Graph, start: Array, kept: NDArray[np.bool_], method: str, robust: bool, shared: bool
+    rig: Rig, graph: Graph, start: Array, kept: NDArray[np.bool_], method: str, robust: bool, shared: bool, seed: int
 ) -> Estimated:
     """Sizes of the errors and weights in turn, until the same views count."""
     prior = prior_of(rig, graph)
@@ -145,20 +151,28 @@ def _with_sizes(
             f"Expected more views to estimate the noise from, got {graph.E} for {graph.m} unknown poses. Give more, or "
             "the noise."
         )
+    if is_pair(rig, graph) and (pair := find_pair(rig, graph, start, method, robust, shared, prior, seed)) is not None:
+        found = fit(graph, pair.sizes.noise, pair.at, method, pair.weights, prior=prior)
+        return _estimated(found, distances(found), pair.sizes)
     at, count = start, kept if robust else np.ones(graph.E, dtype=bool)
+    width = width_of_targets(rig, graph, at, count, prior)
     for done in range(ROUNDS):
-        sizes = find_sizes(rig, graph, at, count, shared, prior)
+        sizes = find_sizes(rig, graph, at, count, shared, prior, width)
         if not robust:
             found = fit(graph, sizes.noise, at, method, prior=prior)
             far = distances(found)
             break
-        found, far = _robustly(rig, graph, sizes.noise, at, method, prior, count)
+        found, far = _robustly(rig, graph, sizes.noise, at, method, prior, count, seed)
         # a view at the edge must not come and go: from the third round on none comes back
         at, again = found.at, (found.edge_weights > COUNTS) & (count | (done < 2))
         if (again == count).all():
             break
         count = again
-    closed = np.eye(graph.p)
+    return _estimated(found, far, sizes)
+
+
+def _estimated(found: RigFit, far: Distances, sizes: Found) -> Estimated:
+    graph, closed = found.graph, np.eye(found.graph.p)
     if len(found.open):
         units = rig_units(graph, found.lever)
         U = found.open * units

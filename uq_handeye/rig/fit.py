@@ -19,8 +19,9 @@ of the square roots of the covariances of all poses, I_0 and N weighted by the m
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -32,6 +33,7 @@ from ..fit.likelihood.gauss_helmert import CLOSED_FORM_STEPS, MOST_STEPS, ROUNDI
 from ..fit.likelihood.open_directions import SIGNAL, UNDETERMINED
 from ..model.noise.joint_covariance import checked_cholesky
 from ..model.noise.models import factor
+from ..model.noise.square_roots import LEAST_WEIGHT
 from .graph import Batch, Graph, Sides
 from .noise import RigNoise
 
@@ -54,6 +56,7 @@ class White:
 
     batch: Batch
     L: Array  # (b, d, d) with S = L L^T, weights in it
+    half: Array  # (b, d, d) L^-1
     D_R: Array  # (b, d, 6q)
     D_C: Array  # (b, e, 6, 6)
     A: Array  # (b, d, p + m)
@@ -63,7 +66,7 @@ class White:
     @property
     def pull(self) -> Array:
         """``S^-1 residual`` (b, d)."""
-        return np.asarray(np.linalg.solve(self.L.mT, np.linalg.solve(self.L, self.residual[..., None])))[..., 0]
+        return np.asarray(self.half.mT @ (self.half @ self.residual[..., None]))[..., 0]
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,7 +125,7 @@ def fit(
     w_k = np.ones(graph.P) if pose_weights is None else pose_weights
     at, robot, C = start, graph.robot, graph.C
     v: tuple[Array, Array] | None = None
-    lever = lever_of(graph, start)
+    lever, closed = lever_of(graph, start), False
     for done in range(1, most + 1):
         sides = graph.linearise(at, robot, C)
         if v is not None and method == "ml":
@@ -132,7 +135,9 @@ def fit(
         known = prior_at(graph, at, prior)
         H[: graph.p, : graph.p] += known.information
         pull[: graph.p] += known.gradient
-        whole, open_ = _inverse(graph, noise, sides, at, H, known.information, lever)
+        opened = None if closed else partial(_open, graph, noise, sides, at, known.information, lever)
+        whole, open_ = _inverse(graph, H, opened, lever)
+        closed = not len(open_)
         step = -whole @ pull
         x, z = step[: graph.p], step[graph.p :]
         rows = [_after(part, step) for part in rows]
@@ -177,7 +182,7 @@ def rig_units(graph: Graph, lever: float) -> Array:
 def own_covariances(graph: Graph, batch: Batch, noise: RigNoise, w_e: Array, w_k: Array) -> tuple[Array, Array]:
     """(b, q, 6, 6) of robot poses and (b, e, 6, 6) of camera poses, divided by their weights."""
     e = batch.edges.shape[1]
-    of_edge = 1.0 / np.maximum(w_e[batch.edges], LEAST)
+    of_edge = 1.0 / np.maximum(w_e[batch.edges], LEAST if e > 1 else LEAST_WEIGHT)
     of_pose = 1.0 / np.maximum(w_k[batch.robots], LEAST)
     if e == 1:
         of_pose = of_pose * of_edge
@@ -211,7 +216,8 @@ def whitened(
     A[..., -1] = rho.reshape(b, 6 * e)
     if v is not None:
         A[..., -1] += (D_R @ v[0][batch.robots].reshape(b, 6 * q, 1))[..., 0]
-    return White(batch, L, D_R, D_C, A[..., :-1], A[..., -1], np.asarray(np.linalg.solve(L, A), dtype=float))
+    half = np.asarray(np.linalg.inv(L), dtype=float)
+    return White(batch, L, half, D_R, D_C, A[..., :-1], A[..., -1], half @ A)
 
 
 def _after(part: White, step: Array) -> White:
@@ -260,15 +266,16 @@ def _information_of(H: Array, p: int) -> Array:
     return np.asarray(H[:p, :p] - H[:p, p:] @ np.linalg.solve(H[p:, p:], H[p:, :p]))
 
 
-def _inverse(
-    graph: Graph, noise: RigNoise, sides: Sides, at: Array, H: Array, known: Array, lever: float
-) -> tuple[Array, Array]:
-    """Return the joint covariance, 0 along the open directions, and a basis of these."""
+def _inverse(graph: Graph, H: Array, opened: Callable[[], Array | None] | None, lever: float) -> tuple[Array, Array]:
+    """Return the joint covariance, 0 along the open directions, and a basis of these.
+
+    ``opened`` finds them (`_open`); None: nothing is open.
+    """
     p = graph.p
     diagonal = np.maximum(np.diag(H), 1e-300 + 1e-24 * float(np.diag(H).max()))
     unit = 1.0 / np.sqrt(diagonal)
     smallest = float(np.linalg.eigvalsh(_information_of(H, p) * np.outer(unit[:p], unit[:p]))[0])
-    if smallest > CLEAR or (U := _open(graph, noise, sides, at, known, lever)) is None:
+    if opened is None or smallest > CLEAR or (U := opened()) is None:
         factored = cho_factor(H * np.outer(unit, unit))
         return np.asarray(cho_solve(factored, np.diag(unit)) * unit[:, None]), np.zeros((0, p))
     rig = rig_units(graph, lever)
@@ -288,29 +295,22 @@ def _open(graph: Graph, noise: RigNoise, sides: Sides, at: Array, known: Array, 
 
     ``known`` (p, p): information of the prior.
     """
-    J = graph.by_unknowns(sides)
     S = np.zeros((graph.E, 6, 6))
     for D, side in zip(sides.robot, graph.side, strict=True):
         has = side < graph.P
         S[has] += D[has] @ noise.robot[side[has]] @ D[has].mT
     S += sides.camera @ noise.camera @ sides.camera.mT
     variances = np.einsum("nii->ni", S).reshape(-1, 2, 3).mean(axis=-1)
-    weights = np.repeat(1.0 / np.maximum(variances, 1e-18), 3, axis=-1)[..., None]
-    I_0 = np.einsum("nap,nap,naq->pq", J, np.broadcast_to(weights, J.shape), J, optimize=True)
+    weights = np.repeat(1.0 / np.maximum(variances, 1e-18), 3, axis=-1)
+    I_0 = graph.gram(sides, weights)
     N = np.zeros_like(I_0)
     roots = factor(noise.robot), factor(noise.camera)
     for s, poses in enumerate((graph.robot, graph.C)):
         for a in range(6):
             # errors of both signs, whose mean change is exact to second order
-            change = [
-                graph.by_unknowns(
-                    graph.linearise(at, *((perturb(poses, sign * roots[s][..., a]), None) if s == 0 else
-                                          (None, perturb(poses, sign * roots[s][..., a]))))
-                )
-                for sign in (1.0, -1.0)
-            ]  # fmt: skip
-            dJ = 0.5 * (change[0] - change[1])
-            N += np.einsum("nap,naq->pq", weights * dJ, dJ, optimize=True)
+            moves = (perturb(poses, sign * roots[s][..., a]) for sign in (1.0, -1.0))
+            one, other = (graph.linearise(at, *((T, None) if s == 0 else (None, T))) for T in moves)
+            N += graph.gram(one.half_less(other), weights)
     weak = N + np.diag(NOTHING * np.maximum(np.diag(I_0), 1e-12 * float(np.diag(I_0).max())))
     turns = np.arange(graph.p) % 6 < 3
     weak[turns, turns] += 1.0 / (SIGNAL * UNDETERMINED**2)

@@ -44,6 +44,11 @@ class Sides(NamedTuple):
     robot: tuple[Array, Array]
     camera: Array  # by the camera pose C
 
+    def half_less(self, other: Sides) -> Sides:
+        """Half of the difference from another one, of the derivatives by the unknowns."""
+        base = (0.5 * (self.base[0] - other.base[0]), 0.5 * (self.base[1] - other.base[1]))
+        return self._replace(X=0.5 * (self.X - other.X), W=0.5 * (self.W - other.W), base=base)
+
 
 class Batch(NamedTuple):
     """Groups of e edges and q robot poses each."""
@@ -239,6 +244,26 @@ class Graph:
         for number, D in ((self.X, sides.X), (self.W, sides.W), *zip(self.base, sides.base, strict=True)):
             J[edge, :, number[flat]] += D[flat]
         return J[:, :, :-1].reshape(*edges.shape, 6, self.p)
+
+    @cached_property
+    def kinds(self) -> tuple[tuple[Index, Index], ...]:
+        """Edges that depend on the same unknowns, and the numbers (4,) of these: X, W, both bases; m: none."""
+        numbers = np.stack([self.X, self.W, *self.base], axis=-1)
+        found, kind = np.unique(numbers, axis=0, return_inverse=True)
+        return tuple((np.flatnonzero(kind.reshape(-1) == k), one) for k, one in enumerate(found))
+
+    def gram(self, sides: Sides, weights: Array) -> Array:
+        """(p, p) of ``J^T diag(weights) J``, weights (E, 6), without forming J."""
+        whole = np.zeros((self.m + 1, self.m + 1, 6, 6))
+        root = np.sqrt(weights)[..., None]
+        for edges, numbers in self.kinds:
+            has = numbers < self.m
+            D = np.concatenate([one[edges] for one, is_it in zip((sides.X, sides.W, *sides.base), has, strict=True)
+                                if is_it], axis=-1)  # fmt: skip
+            flat = (root[edges] * D).reshape(-1, D.shape[-1])
+            blocks = (flat.T @ flat).reshape(has.sum(), 6, has.sum(), 6).transpose(0, 2, 1, 3)
+            np.add.at(whole, (numbers[has][:, None], numbers[has][None]), blocks)
+        return whole[:-1, :-1].transpose(0, 2, 1, 3).reshape(self.p, self.p)
 
     def by_robots(self, batch: Batch, sides: Sides) -> Array:
         """(b, 6e, 6q) derivatives of the rows of each group by its robot poses."""

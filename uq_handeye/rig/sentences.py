@@ -48,3 +48,17 @@ def _(
         f"(chi-square {chi_square:.0f} of 6, {probability(p)}).{_or(others)} Look at the size of the target, the "
         "intrinsics, and whether both stood still between their views."
     )
+
+
+@sentence(
+    "rig.path_rings",
+    check=RESIDUALS,
+    phrase="two ways to one pose disagree, and no move explains it",
+    remedy="Look at the intrinsics, the sizes of the targets, the accuracy of the arm and the noise given.",
+)
+def _(path: str, angle: float, shift: float, chi_square: float, p: float) -> str:
+    return (
+        f"Two ways to one pose disagree ({path}): by {_by(angle, shift)} (chi-square {chi_square:.0f}, "
+        f"{probability(p)}), and no move of one pose explains it. Look at the intrinsics, the sizes of the targets, "
+        "the accuracy of the arm and the noise given."
+    )

@@ -2,14 +2,18 @@ r"""Noise of a rig from its own views: components with owners, whose sizes are f
 
 An arm owns rotation and translation noise of its poses, and its accuracy; a camera rotation and translation noise,
 that by the view, focal length and image centre; a target its scale. The column of an owner is zero in the rows of the
-others. Sizes of cameras share a prior: log-normal about a median that is itself log-normal, so that few views of one
-camera borrow from the others. Rows of one robot pose stand together (`engine.Rows`): views at one moment show the
-robot's noise directly, by the correlation of their residuals.
+others. With one camera these are the components of `calibrate`, in their order; what its lens does and the errors by
+the view are then told from nothing else, and the size of its intrinsics is that of the table. Several cameras tell that
+size: it is free, and those of all cameras share a prior, log-normal about a median that is itself log-normal, so that
+few views of one camera borrow from the others. How wide the targets are over their distance decides the shape of the
+noise by the view and what the intrinsics do; several cameras tell that, too (`width_of_targets`).
+
+Rows of one robot pose stand together (`engine.Rows`): views at one moment show the robot's noise directly, by the
+correlation of their residuals.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,12 +23,20 @@ from ..core.geometry.se3 import Array, perturb
 from ..errors import NotConvergedError
 from ..fit.one_model.component import Component
 from ..fit.one_model.engine import LatentModel, Rows
-from ..fit.one_model.integration import integrate
+from ..fit.one_model.integration import Mixture, integrate
 from ..fit.one_model.mode import GAIN, find_mode
 from ..model.poses.pose_pairs import PosePairs
-from ..model.shared_errors.shared_error import assumed_accuracy
+from ..model.shared_errors.shared_error import (
+    FOCAL_LENGTH,
+    LENS,
+    PRINCIPAL_POINT,
+    TARGET_SCALE,
+    SharedError,
+    assumed_accuracy,
+    assumed_view,
+)
 from ..model.shared_errors.sizes import SIZES, Size
-from ..model.shared_errors.view import intrinsics_columns, view_block
+from ..model.shared_errors.view import HALF, intrinsics_columns, median_distance, view_block
 from .description import Rig
 from .fit import Prior, prior_at
 from .graph import Graph
@@ -34,6 +46,9 @@ from .noise import RigNoise, intrinsics_of, kinematic_components
 APART = 2.0
 # Factor of the sizes of focal length and image centre.
 OF_CAMERA = 3.0
+# Widths of the targets that are tried; by how much the evidence of another than the usual one must be larger; views for
+# it; the line of the width: half of it over the distance.
+WIDTHS, SURE, FEW, WIDTH = tuple(0.5**k for k in range(6)), 3.0, 200, "half width of targets"
 # Views from which the sizes are found at most, whole groups; rounds of linearisation; what a step may still move.
 ENOUGH, ROUNDS, STILL = 600, 6, 2e-2
 
@@ -51,89 +66,136 @@ class Found:
 
 
 def components_of(
-    rig: Rig, graph: Graph, shared: bool, bound: Mapping[str, Array] | None = None
+    rig: Rig, graph: Graph, shared: bool, bound: Graph | None = None, width: float = 1.0
 ) -> tuple[Component, ...]:
     """Return all components of the poses of a graph: columns (P, 6, m) of the robot, (E, 6, m) of the cameras.
 
-    ``shared``: with what all poses of an owner share; without, noise of each pose only. ``bound``: robot poses
-    (n, 4, 4) by arm that the errors of its accuracy belong to; None: those of the graph.
+    ``shared``: with what all poses of an owner share; without, noise of each pose only. ``bound``: the graph whose
+    poses the shared errors belong to; None: this one. ``width`` of the targets, in units of the usual one (`view`).
     """
-    found = []
-    of_view = [(view.camera, view.target, view.covariance is not None) for view in rig.views]
-    for k, name in enumerate(rig.arms):
-        of = (graph.arm == k).astype(float)[:, None, None]
-        if not of.any():
-            continue
-        found += [Component(f"{name} {what}", "robot", SIZES[f"robot {what}"], block=of * B) for what, B in _PARTS]
-        if rig.arms[name].kinematics is not None:
-            found += kinematic_components(rig, graph, name)
-        elif shared:
-            found.append(_accuracy(graph, name, graph.arm == k, None if bound is None else bound[name]))
-    intrinsics = intrinsics_columns(graph.C) if shared else None
-    by_view = _by_view(graph)
-    for name in rig.cameras:
-        owned = np.array([camera == name for camera, _, _ in of_view])[graph.view]
-        own = (owned & ~np.array([known for *_, known in of_view])[graph.view]).astype(float)[:, None, None]
-        if own.any():
-            found += [
-                Component(f"{name} {what}", "camera", SIZES[f"camera {what}"], block=own * B) for what, B in _PARTS
-            ]
-        if own.any():
-            found.append(Component(f"{name} by view", "camera", SIZES["camera by view"], block=own * by_view))
-        if (calibrated := intrinsics_of(rig, graph, name)) is not None:
-            found.append(Component(f"{name} intrinsics", "camera", Size(1.0), columns=calibrated))
-        elif intrinsics is not None:
-            K = intrinsics * owned[:, None, None]
-            found.append(Component(f"{name} focal length", "camera", _open("focal length"), columns=K[..., :1]))
-            found.append(Component(f"{name} principal point", "camera", _open("principal point"), columns=K[..., 1:3]))
-    if shared:
-        for name in rig.targets:
-            owned = np.array([target == name for _, target, _ in of_view])[graph.view]
-            K = np.zeros((graph.E, 6, 1))
-            K[:, 3:, 0] = graph.C[:, :3, 3] * owned[:, None]
-            found.append(Component(f"{name} scale", "camera", SIZES["target scale"], columns=K))
-    return tuple(found)
+    bound = graph if bound is None else bound
+    first, both = len(rig.cameras), (graph, bound)
+    arms = _seen({name: tuple(one.arm == k for one in both) for k, name in enumerate(rig.arms)})
+    cameras = _seen({name: tuple(k == one.X for one in both) for k, name in enumerate(rig.cameras)})
+    targets = _seen({name: tuple(first + k == one.W for one in both) for k, name in enumerate(rig.targets)})
+    given = np.isin(graph.view, [k for k, view in enumerate(rig.views) if view.covariance is not None])
+    by_view, found = _by_view(graph, width), []
+    for name, (of, _) in arms.items():
+        found += [Component(f"{name} {what}", "robot", SIZES[f"robot {what}"], block=_of(of, B)) for what, B in _PARTS]
+    for name, (of, _) in cameras.items():
+        blocks = (*_PARTS, ("by view", by_view)) if (own := of & ~given).any() else ()
+        for what, B in blocks:
+            found.append(Component(f"{name} {what}", "camera", SIZES[f"camera {what}"], block=_of(own, B)))
+    calibrated = {name: K for name in cameras if (K := intrinsics_of(rig, graph, name)) is not None}
+    found += [Component(f"{name} intrinsics", "camera", Size(1.0), columns=K) for name, K in calibrated.items()]
+    chains = [part for name in arms if rig.arms[name].kinematics is not None
+              for part in kinematic_components(rig, graph, name)]  # fmt: skip
+    if not shared:
+        return (*found, *chains)
+    finished = {name: of for name, of in cameras.items() if name not in calibrated}
+    alone, by_intrinsics = len(rig.cameras) == 1, _by_intrinsics(graph, bound, width)
+    for name, (of, _) in finished.items():
+        for what, columns in ((FOCAL_LENGTH, slice(0, 1)), (PRINCIPAL_POINT, slice(1, 3))):
+            size = SIZES[what] if alone else replace(SIZES[what], factor=OF_CAMERA)
+            found.append(Component(f"{name} {what}", "camera", size, columns=_of(of, by_intrinsics[..., columns])))
+    of_size = SIZES[TARGET_SCALE]
+    for name, (of, _) in targets.items():
+        scale = _of(of, np.pad(graph.C[:, :3, 3:], [(0, 0), (3, 0), (0, 0)]))
+        found.append(Component(f"{name} scale", "camera", of_size, columns=scale))
+    found += [_shared(graph, bound, name, of, assumed_accuracy()) for name, of in arms.items()
+              if rig.arms[name].kinematics is None]  # fmt: skip
+    for name, of in finished.items() if alone else ():
+        lens = _of(of[0], by_intrinsics[..., 3:7] * [1.0, 3.0, 0.1, 0.1])
+        found.append(Component(f"{name} {LENS}", "camera", SIZES[LENS], columns=lens))
+        found.append(_shared(graph, bound, name, of, assumed_view()))
+    return (*found, *chains)
 
 
-def _open(name: str) -> Size:
-    """Size of what a camera's own calibration leaves, between cameras of all kinds."""
-    return replace(SIZES[name], factor=OF_CAMERA)
+Owned = tuple[NDArray[np.bool_], ...]  # rows of an owner in the graph, and in the one that is bound
 
 
-def _by_view(graph: Graph) -> Array:
+def _seen(owners: dict[str, Owned]) -> dict[str, Owned]:
+    return {name: of for name, of in owners.items() if of[0].any()}
+
+
+def _of(of: NDArray[np.bool_], B: Array) -> Array:
+    """(n, 6, b) blocks of the rows of an owner."""
+    return np.asarray(of[:, None, None] * B)
+
+
+def _shared(graph: Graph, bound: Graph, owner: str, of: Owned, error: SharedError) -> Component:
+    """Component of an error that all poses of an owner share."""
+    name = error.name.removeprefix("robot ")
+    error = error.bound(_alone(bound, of[1], error.side))
+    unit, poses = float(error.sd[0]), _alone(graph, of[0], error.side)
+    columns, block = np.zeros((len(of[0]), 6, len(error.sd))), None
+    columns[of[0]] = error.at(poses) * (error.sd / unit)
+    if error.left is not None and len(error.left) == poses.n:
+        values, vectors = np.linalg.eigh(error.left)
+        block = np.zeros((len(of[0]), 6, 6))
+        block[of[0]] = vectors * np.sqrt(np.maximum(values, 0.0))[..., None, :]
+    size = Size(unit, error.factor, SIZES[error.name].unit)
+    return Component(f"{owner} {name}", error.side, size, columns, block)
+
+
+def _alone(graph: Graph, of: NDArray[np.bool_], side: str) -> PosePairs:
+    """Poses of one side as those of a camera and a robot."""
+    T = (graph.robot if side == "robot" else graph.C)[of]
+    return PosePairs(T, T)
+
+
+def _by_view(graph: Graph, width: float) -> Array:
     """(E, 6, 6) square roots of the shape that the corners of each target give (`shared_errors.view`)."""
     found = np.zeros((graph.E, 6, 6))
     for target in np.unique(graph.W):
-        of = target == graph.W
-        found[of] = view_block(graph.C[of])
+        C = graph.C[of := target == graph.W]
+        found[of] = view_block(C, width * median_distance(C))
     return found
 
 
-def _accuracy(graph: Graph, name: str, of: Array, bound: Array | None) -> Component:
-    """Errors of the arm over its workspace, of which nothing is declared."""
-    poses = _alone(graph.robot[of])
-    error = assumed_accuracy().bound(poses if bound is None else _alone(bound))
-    columns, left = np.zeros((graph.P, 6, len(error.sd))), np.zeros((graph.P, 6, 6))
-    columns[of] = error.at(poses)
-    if bound is None and error.left is not None:
-        values, vectors = np.linalg.eigh(error.left)
-        left[of] = vectors * np.sqrt(np.maximum(values, 0.0))[..., None, :]
-    return Component(f"{name} accuracy", "robot", Size(float(error.sd[0]), error.factor, "m"), columns, left)
+def _by_intrinsics(graph: Graph, bound: Graph, width: float) -> Array:
+    """(E, 6, 7) effects of the intrinsics, with targets as wide as the poses of ``bound`` say."""
+    found = np.zeros((graph.E, 6, 7))
+    for target in np.unique(graph.W):
+        of = target == graph.W
+        found[of] = intrinsics_columns(graph.C[of], width * median_distance(bound.C[target == bound.W]))
+    return found
 
 
-def _alone(robot: Array) -> PosePairs:
-    return PosePairs(robot, np.broadcast_to(np.eye(4), robot.shape))
+def width_of_targets(rig: Rig, graph: Graph, at: Array, kept: NDArray[np.bool_], prior: Prior | None = None) -> float:
+    """Return how wide the targets are, in units of the usual width (`view`), by the noise of the views ``kept`` (E,).
+
+    Poses of a small target far away are noisy in tilt and distance beside what they are sideways. The width is that of
+    the largest evidence, with noise of each pose only, between a few: the top of the parabola through the best three.
+    """
+    used = graph.of_edges(_spread_over(graph, np.flatnonzero(kept), FEW))
+    place, theta, logs = _places(graph, used), None, []
+    for width in WIDTHS:
+        parts = tuple(_rows_of(part, *place) for part in components_of(rig, graph, False, width=width))
+        mode = find_mode(_model(rig, used, parts, at, prior), theta, 0.3)
+        theta = mode.theta
+        logs.append(mode.log_evidence)
+        if max(logs) > logs[-1] + 2.0 * SURE:
+            break
+    best = int(np.argmax(logs))
+    if logs[best] < logs[0] + SURE:
+        return 1.0
+    if best == len(logs) - 1:
+        return WIDTHS[best]
+    before, top, after = logs[best - 1 : best + 2]
+    return float(WIDTHS[best] * (WIDTHS[1] / WIDTHS[0]) ** (0.5 * (before - after) / (before - 2.0 * top + after)))
 
 
 def find_sizes(
-    rig: Rig, graph: Graph, at: Array, kept: NDArray[np.bool_], shared: bool = True, prior: Prior | None = None
-) -> Found:
+    rig: Rig, graph: Graph, at: Array, kept: NDArray[np.bool_], shared: bool = True, prior: Prior | None = None,
+    width: float = 1.0,
+) -> Found:  # fmt: skip
     """Find the sizes near the poses ``at`` (m, 4, 4), from the views ``kept`` (E,).
 
     Raises `NotConvergedError` where poses or sizes do not converge.
     """
-    parts = components_of(rig, graph, shared)
-    used = graph.of_edges(_spread_over(graph, np.flatnonzero(kept)))
+    parts = components_of(rig, graph, shared, width=width)
+    used = graph.of_edges(_spread_over(graph, np.flatnonzero(kept), ENOUGH))
     theta = None
     place = _places(graph, used)
     own = tuple(_rows_of(part, *place) for part in parts)
@@ -152,23 +214,32 @@ def find_sizes(
     centre = model.of_poses(mixture.mean_theta)
     spread = mixture.about(centre.mean) - centre.covariance
     values, vectors = np.linalg.eigh(0.5 * (spread + spread.T))
-    sizes = model.sizes(mixture.mean_theta)
-    sd = np.zeros(len(parts))
-    sd[model.free] = np.sqrt(np.diag(mixture.covariance_theta))
+    return found_of(rig, graph, parts, mixture, (vectors * np.maximum(values, 0.0)) @ vectors.T, width)
+
+
+def found_of(
+    rig: Rig, graph: Graph, parts: tuple[Component, ...], mixture: Mixture, spread: Array, width: float = 1.0
+) -> Found:
+    """Return the noise that components of a graph make with sizes that were found, and their lines."""
+    free = np.array([not part.size.is_known for part in parts], dtype=bool)
+    sizes, sd = np.array([part.size.median for part in parts]), np.zeros(len(parts))
+    sizes[free], sd[free] = np.exp(mixture.mean_theta), np.sqrt(np.diag(mixture.covariance_theta))
     lines = tuple(
         {"name": part.name, "size": float(s), "low": float(s * np.exp(-1.96 * d)), "high": float(s * np.exp(1.96 * d)),
          "unit": part.size.unit}
         for part, s, d in zip(parts, sizes.tolist(), sd.tolist(), strict=True)
     )  # fmt: skip
-    return Found(_noise(rig, graph, parts, sizes), (vectors * np.maximum(values, 0.0)) @ vectors.T, lines)
+    half = width * HALF
+    of_targets = () if width == 1 else ({"name": WIDTH, "size": half, "low": half, "high": half, "unit": ""},)
+    return Found(_noise(rig, graph, parts, sizes), spread, (*lines, *of_targets))
 
 
-def _spread_over(graph: Graph, kept: NDArray[np.intp]) -> NDArray[np.intp]:
-    """Return edges of whole groups, spread over all of them, `ENOUGH` at most."""
-    if len(kept) <= ENOUGH:
+def _spread_over(graph: Graph, kept: NDArray[np.intp], most: int) -> NDArray[np.intp]:
+    """Return edges of whole groups, spread over all of them, about so many at most."""
+    if len(kept) <= most:
         return kept
     groups = np.unique(graph.group[kept])
-    count = max(2, int(len(groups) * ENOUGH / len(kept)))
+    count = max(2, int(len(groups) * most / len(kept)))
     some = groups[np.unique(np.linspace(0, len(groups) - 1, count).round().astype(int))]
     chosen = kept[np.isin(graph.group[kept], some)]
     everything = len(np.unique(np.r_[graph.X[kept], graph.W[kept] + graph.m]))
@@ -190,7 +261,7 @@ def _rows_of(part: Component, edges: NDArray[np.intp], poses: NDArray[np.intp]) 
 
 def _model(rig: Rig, graph: Graph, parts: tuple[Component, ...], at: Array, prior: Prior | None) -> LatentModel:
     sides = graph.linearise(at)
-    given = _given(rig, graph)
+    given = given_roots(rig, graph)
     groups = []
     for batch in graph.batches:
         (b, e), q = batch.edges.shape, batch.robots.shape[1]
@@ -241,7 +312,7 @@ def _diagonal(roots: Array) -> Array:
     return found.reshape(b, 6 * e, 6 * e)
 
 
-def _given(rig: Rig, graph: Graph) -> Array | None:
+def given_roots(rig: Rig, graph: Graph) -> Array | None:
     """(E, 6, 6) square roots of the covariances that views came with, or None."""
     if all(view.covariance is None for view in rig.views):
         return None
@@ -273,7 +344,7 @@ def _noise(rig: Rig, graph: Graph, parts: tuple[Component, ...], sizes: Array) -
     own = {"robot": np.zeros((graph.P, 6, 6)), "camera": np.zeros((graph.E, 6, 6))}
     K: dict[str, list[Array]] = {"robot": [], "camera": []}
     names: list[str] = []
-    given = _given(rig, graph)
+    given = given_roots(rig, graph)
     if given is not None:
         own["camera"] += given @ given.mT
     for part, s in zip(parts, sizes.tolist(), strict=True):

@@ -47,8 +47,7 @@ def distances(found: RigFit) -> Distances:
     for part in found.rows:
         batch, d = part.batch, part.residual.shape[1]
         (b, e), q = batch.edges.shape, batch.robots.shape[1]
-        half = np.linalg.inv(part.L)
-        Q = half.mT @ half
+        Q = part.half.mT @ part.half
         SA = Q @ part.A
         P = Q - SA @ found.whole @ SA.mT
         g = (Q @ part.residual[..., None])[..., 0]

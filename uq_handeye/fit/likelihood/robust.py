@@ -86,6 +86,7 @@ class RobustFit(ReadOnlyArrays):
     scale: float  # the noise of most poses is so many times the one given; 1 unless it is surely larger
     limit: float  # poses with d^2 above it are flagged
     subsets: int  # that were tried for the start; 0: it was made of all poses alike
+    begun: Unknowns | None = None  # where the steps of the fit began
 
     @property
     def rejected(self) -> NDArray[np.intp]:
@@ -224,7 +225,7 @@ def fit_robustly(
         else:
             assert estimate is not None
             noise, settled = _alternate(constraint, begun, estimate, method, slack)
-    fitted, distances, leverage, scale, limit, _ = settled
+    fitted, distances, leverage, scale, limit, plain, begun_at = settled
     assert fitted.weights is not None
     weights, n = fitted.weights, constraint.n
     kept = int((weights > 0).sum())
@@ -240,8 +241,8 @@ def fit_robustly(
     )
     if noise is not None and (weights == 1).all():  # the plain fit, to the last digit
         steps = CLOSED_FORM_STEPS if method == "efficient" else MOST_STEPS
-        fitted = replace(fitted, weights=None) if settled.plain else fit(constraint, noise, start, steps)
-    return RobustFit(fitted, noise, weights, distances, leverage, flags, scale, limit, subsets)
+        fitted, begun_at = replace(fitted, weights=None) if plain else fit(constraint, noise, start, steps), start
+    return RobustFit(fitted, noise, weights, distances, leverage, flags, scale, limit, subsets, begun_at)
 
 
 def _begin(constraint: Constraint, noise: Noise | None, start: Unknowns, seed: int | np.random.Generator) -> Consensus:
@@ -298,7 +299,7 @@ def _settle_clean(
     limit = largest_by_chance(constraint.n, level)
     if (distances > limit).any():
         return None
-    return _Settled(replace(fitted, weights=np.ones(constraint.n)), distances, leverage, 1.0, limit, True)
+    return _Settled(replace(fitted, weights=np.ones(constraint.n)), distances, leverage, 1.0, limit, True, start)
 
 
 def largest_by_chance(n: int, level: float = SURPRISE) -> float:
@@ -318,6 +319,7 @@ class _Settled(NamedTuple):
     scale: float
     limit: float
     plain: bool  # all rows counted in full all the time
+    begun: Unknowns  # where the steps of the fit began
 
 
 def _settle(
@@ -333,7 +335,7 @@ def _settle(
     steps, scale2, at, plain = CLOSED_FORM_STEPS, 1.0, begin, True
     for k in range(most):
         plain = plain and bool((weights == 1).all())
-        found = fit(constraint, noise, at, steps, weights)
+        found, begun = fit(constraint, noise, at, steps, weights), at
         if not found.converged.all():
             raise NotConvergedError(
                 f"Method 'ml' did not converge within {found.iterations} iterations with robust weights.",
@@ -346,7 +348,7 @@ def _settle(
         wanted = robust_weights(distances / (scale2 * margin))
         still = bool(np.abs(wanted - weights).max() < (STILL if k < SLOW else STILL_THEN))
         if still and (method == "efficient" or steps > CLOSED_FORM_STEPS):
-            return _Settled(found, distances, leverage, float(np.sqrt(scale2)), FULL * scale2 * margin, plain)
+            return _Settled(found, distances, leverage, float(np.sqrt(scale2)), FULL * scale2 * margin, plain, begun)
         if still:
             steps, at = MOST_STEPS, begin
         # Two poses that predict each other, or the scale, may take turns: the mean of the weights and one scale end it.

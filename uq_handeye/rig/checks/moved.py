@@ -54,23 +54,49 @@ class _Copied:
 def judged_paths(
     rig: Rig, found: RigFit, method: str, prior: Prior | None, robust: bool
 ) -> tuple[tuple[RigPath, ...], tuple[Finding, ...]]:
-    """Return all paths of a fit, and what they say about a pose that did not stand still."""
-    paths = paths_of(rig, found if not robust else _with_runs(rig, found, method, prior))
+    """Return all paths of a fit, and what they say about a pose that did not stand still.
+
+    Paths are those of the fit as it weighs the views. That of a pose that moved counts the runs of rejected views; one
+    that rings although no move explains it is a finding of its own.
+    """
+    paths = paths_of(rig, found)
+    if (moved := _moved(rig, found, method, prior, robust, paths)) is not None:
+        same = [(one.name, one.by) == (moved[0].name, moved[0].by) for one in paths]
+        return tuple(moved[0] if is_it else one for one, is_it in zip(paths, same, strict=True)), (moved[1],)
+    return paths, tuple(_unexplained(found, paths))
+
+
+def _unexplained(found: RigFit, paths: tuple[RigPath, ...]) -> list[Finding]:
+    """Return the least likely path, if that is no chance."""
+    least = min(paths, key=lambda one: one.p, default=None)
+    if least is None or (p := min(1.0, _p(least, found) * len(paths))) > LEVEL:
+        return []
+    values = {"path": least.words, "angle": float(np.linalg.norm(least.change[:3])),
+              "shift": float(np.linalg.norm(least.change[3:])), "chi_square": least.chi_square, "p": p}  # fmt: skip
+    return [Finding("rig.path_rings", "caution", values)]
+
+
+def _moved(
+    rig: Rig, found: RigFit, method: str, prior: Prior | None, robust: bool, own: tuple[RigPath, ...]
+) -> tuple[RigPath, Finding] | None:
+    """Return the path of a pose that moved, with the finding."""
+    with_runs = _with_runs(rig, found, method, prior) if robust else found
+    paths = own if with_runs is found else paths_of(rig, with_runs)
     ringing = sorted((path for path in paths if _p(path, found) * len(paths) < LEVEL), key=lambda one: -one.chi_square)
     if not ringing:
-        return paths, ()
+        return None
     ringing = [path for path in ringing if path.chi_square > 0.1 * ringing[0].chi_square][:TRIED]
     copied = [one for path in ringing if (one := _with_copy(found, path, method, prior, robust)) is not None]
     if not copied:
-        return paths, ()
+        return None
     copied.sort(key=lambda one: one.objective)
     best = copied[0]
     p = float(chdtrc(6, best.square)) * len(paths)
     if p > LEVEL:
-        return paths, ()
+        return None
     others = [one.path for one in copied[1:] if one.objective < best.objective + AS_GOOD and
               (one.path.name, one.path.by) != (best.path.name, best.path.by)]  # fmt: skip
-    return paths, (_finding(rig, found, best, p, others),)
+    return best.path, _finding(rig, found, best, p, others)
 
 
 def named_error(

@@ -23,7 +23,7 @@ Reference: Briales and Gonzalez-Jimenez (2017), CVPR, doi:10.1109/CVPR.2017.595,
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from itertools import combinations_with_replacement
 from typing import NamedTuple
 
@@ -208,10 +208,11 @@ class Isotropic:
         k, n, each = len(self.others), len(self.rows.X), np.arange(len(self.rows.X))
         R_X, R_W = at[rows.X, :3, :3], at[rows.W, :3, :3]
         left, right, R_C = rows.G[:, :3, :3] @ R_X, rows.H[:, :3, :3] @ R_W, rows.C[:, :3, :3]
-        turn = np.zeros((n, 9, k + 1, 9))
-        turn[each, :, place[rows.X]] += np.einsum("nij,nlk->nikjl", left, R_C).reshape(n, 9, 9)
-        turn[each, :, place[rows.W]] -= np.einsum("nij,kl->nikjl", right, np.eye(3)).reshape(n, 9, 9)
-        turn[:, :, -1, 0] = (left @ R_C - right).reshape(n, 9)
+        turn = np.empty((n, 9, 19))
+        turn[..., :9] = np.einsum("nij,nlk->nikjl", left, R_C).reshape(n, 9, 9)
+        turn[..., 9:18] = -np.einsum("nij,kl->nikjl", right, np.eye(3)).reshape(n, 9, 9)
+        turn[..., 18] = (left @ R_C - right).reshape(n, 9)
+        turn *= np.sqrt(rows.w_r)[:, None, None]
         t_C = rows.C[:, :3, 3]
         shift = np.zeros((n, 3, k + 1, 9))
         shift[each, :, place[rows.X]] += np.einsum("nij,nl->nijl", left, t_C).reshape(n, 3, 9)
@@ -224,8 +225,19 @@ class Isotropic:
         B = (root * shift.reshape(n, 3, -1)[..., :size]).reshape(3 * n, -1)
         by = -np.linalg.lstsq(A.T @ A, A.T @ B, rcond=1e-12)[0]
         B = B + A @ by
-        Z = (np.sqrt(rows.w_r)[:, None, None] * turn.reshape(n, 9, -1)[..., :size]).reshape(9 * n, -1)
-        return np.asarray(B.T @ B + Z.T @ Z), np.asarray(by, dtype=float)
+        Q = np.asarray(B.T @ B)
+        for edges, pair in self.kinds:
+            Z = turn[edges].reshape(-1, 19)
+            of = np.append((9 * pair[:, None] + np.arange(9)).reshape(-1), size - 1)
+            Q[np.ix_(of, of)] += Z.T @ Z
+        return Q, np.asarray(by, dtype=float)
+
+    @cached_property
+    def kinds(self) -> list[tuple[NDArray[np.intp], NDArray[np.intp]]]:
+        """Views of the same camera and target, and the places (2,) of the two among `others`."""
+        both = np.searchsorted(self.others, np.stack([self.rows.X, self.rows.W], axis=-1))
+        pairs, kind = np.unique(both, axis=0, return_inverse=True)
+        return [(np.flatnonzero(kind.reshape(-1) == k), pair) for k, pair in enumerate(pairs)]
 
     def minimum(self, start: Array) -> Array:
         """Return the local minimum (m, 4, 4) next to rotations of a start."""

@@ -84,8 +84,7 @@ def paths_of(rig: Rig, found: RigFit) -> tuple[RigPath, ...]:
     """Return every path of a fit: those through pairs of camera and target, then those in time."""
     graph = found.graph
     white = [
-        np.concatenate([part.white[..., :-1], np.linalg.solve(part.L, part.residual[..., None])], axis=-1)
-        for part in found.rows
+        np.concatenate([part.white[..., :-1], part.half @ part.residual[..., None]], axis=-1) for part in found.rows
     ]
     return (*_through_pairs(found, white), *_in_time(found, white, *moments_of(rig, graph)))
 
@@ -107,7 +106,7 @@ def _columns(found: RigFit, k: int, u: int, of: NDArray[np.bool_]) -> tuple[Arra
     part = found.rows[k]
     J = part.A[..., 6 * u : 6 * u + 6] * np.repeat(of[part.batch.edges], 6, axis=-1)[..., None]
     some = np.flatnonzero(np.abs(J).max(axis=(-2, -1)) > 0)
-    return np.asarray(np.linalg.solve(part.L[some], J[some])), some
+    return np.asarray(part.half[some] @ J[some]), some
 
 
 def _sums(B: Array, white: Array) -> Array:

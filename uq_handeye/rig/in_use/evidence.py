@@ -22,11 +22,12 @@ from ...core.geometry.se3 import Array, perturb
 from ...core.runtime.read_only import ReadOnlyArrays
 from ...errors import InputError
 from ...model.posterior.rows import NewRows
+from ...model.shared_errors.view import HALF
 from ..description import ArmPoses, Rig
 from ..fit import whitened
 from ..graph import Graph
 from ..noise import RigNoise
-from ..sizes import components_of
+from ..sizes import WIDTH, components_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,9 +88,7 @@ def new_noise(result: Any, rig: Rig, graph: Graph) -> RigNoise:
     names, sizes = posterior.names, {part["name"]: part["size"] for part in result.components}
     K = [np.zeros((n, 6, len(names))) for n in (graph.P, graph.E)]
     if names:
-        before, arms = Graph.of(result.rig), list(result.rig.arms)
-        bound = {name: before.robot[before.arm == arms.index(name)] for name in rig.arms}
-        for part in components_of(rig, graph, True, bound):
+        for part in components_of(rig, graph, True, Graph.of(result.rig), sizes.get(WIDTH, HALF) / HALF):
             if part.columns is not None and set(part.parts) <= set(names):
                 at = [names.index(own) for own in part.parts]
                 K[part.side == "camera"][:, :, at] = sizes.get(part.name, part.size.median) * part.columns

@@ -1,0 +1,118 @@
+r"""Robust weights of the poses and sizes of all errors in turn, and the sizes again once the weights stand.
+
+Weights ask for the noise (`robust`), the noise for the weights (`estimation`). Columns of shared errors are first taken
+at the poses as measured, whose noise they hold, and the residuals hold it too: where X and W absorb all else of a
+column, the residuals would seem to ask for the error. Once the weights stand they are taken at the poses as the fit
+corrects them, and the sizes found once more.
+
+Where many poses are rejected, all poses alike are tried as a start as well: what no model of an arm explains differs
+from pose to pose and has tails. Of the two results the more probable one counts, with rejected rows as outliers: off by
+a vector of any size, all orders of magnitude alike (L = `ORDERS` of them), whose density in three dimensions is
+``1 / (4 pi L |v|^3)``, in units of the noise, for v the rotation residual and for v the translation residual given that
+of rotation. Any number k of the n rows may be outliers, all numbers alike and all choices of a number alike. Uniform in
+space it would not be: a detection 20 mm off would then cost as much as one a metre off, and six of twenty would rather
+be noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import suppress
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import gammaln
+
+from ...core.geometry.se3 import Array
+from ...errors import InputError, NotConvergedError
+from ...model.noise.models import Noise, with_prior
+from ...model.noise.square_roots import own_blocks
+from ..likelihood.constraint import Constraint, Unknowns
+from ..likelihood.gauss_helmert import CLOSED_FORM_STEPS, MOST_STEPS, Fit, fit
+from ..likelihood.robust import RobustFit, fit_robustly
+from .estimation import ROUGH, FoundSizes, JointModel
+
+# Share of rejected poses above which all poses are tried as a start as well; and over how many powers of e the size of
+# an outlier is spread.
+MANY_REJECTED, ORDERS = 0.05, 7.0
+# Beside the errors of an arm a pose is wrong from this many times the usual d^2 on. Poses left out for their tails make
+# the noise of the others too small for new ones.
+TAILS = 3.0
+
+
+def weigh(
+    source: JointModel,
+    at: Unknowns,
+    method: str = "efficient",
+    seed: int | np.random.Generator = 0,
+    slack: float = 1.0,
+    all_alike: bool = False,
+) -> tuple[RobustFit, FoundSizes | None]:
+    """Robust weights, and the sizes of the errors that they go with; ``slack``, ``all_alike`` as of `fit_robustly`."""
+    found: FoundSizes | None = None
+
+    def estimate_noise(_: Constraint, at: Unknowns, weights: Array) -> Noise | None:
+        nonlocal found
+        found = source.find(at, weights, None if found is None else found.mode.theta, ROUGH)
+        return None if found.noise is None else with_prior(found.noise, source.pose_prior)
+
+    options = (method, estimate_noise, seed, source.pose_prior, slack, all_alike)
+    return fit_robustly(source.constraint, None, at, *options), found
+
+
+def weigh_from_two_starts(
+    source: JointModel, at: Unknowns, method: str, seed: int | np.random.Generator, slack: float, slack_of_all: float
+) -> tuple[RobustFit, FoundSizes | None]:
+    """`weigh`, and where many rows are rejected the more probable of that and of all rows alike (module).
+
+    ``slack_of_all``: that of all rows alike.
+    """
+    robust, found = weigh(source, at, method, seed, slack)
+    if found is not None and not found.exact.any() and (robust.weights == 0).mean() > MANY_REJECTED:
+        with suppress(InputError, NotConvergedError):
+            other = weigh(source, at, method, seed, slack_of_all, all_alike=True)
+            robust, found = min((robust, found), other, key=_cost)
+    return robust, found
+
+
+def settle(
+    source: JointModel, noise: Noise, fitted: Fit, robust: RobustFit | None, found: FoundSizes, method: str,
+    at_corrected: Callable[[JointModel, Noise, Fit], JointModel],
+) -> tuple[FoundSizes, Noise, Fit]:  # fmt: skip
+    """Sizes with the columns at the poses as the fit corrects them (``at_corrected``), integrated over, and the fit."""
+    kept = None if robust is None else np.array([flag == "kept" for flag in robust.flags], dtype=float)
+    found = at_corrected(source, noise, fitted).find(fitted.unknowns, kept, found.mode.theta)
+    noise = with_prior(found.integrated_noise, source.pose_prior)
+    return found, noise, fitted_again(source.constraint, noise, fitted, method)
+
+
+def fitted_again(constraint: Constraint, noise: Noise, found: Fit, method: str) -> Fit:
+    """The fit with other noise, from the unknowns and with the weights that were found."""
+    return fit(
+        constraint, noise, found.unknowns, CLOSED_FORM_STEPS if method == "efficient" else MOST_STEPS, found.weights
+    )
+
+
+def _cost(weighed: tuple[RobustFit, FoundSizes | None]) -> float:
+    """Return minus the logarithm of the probability of the rows, those left out as outliers (module)."""
+    robust, found = weighed
+    if found is None or found.exact.any():
+        return float("inf")
+    kept = len(found.kept)
+    inside = kept * (found.mode.state.value / len(found.used) + 3.0 * float(np.log(2.0 * np.pi)))
+    return inside + _as_outliers(robust.fit, np.setdiff1d(np.arange(len(robust.weights)), found.kept))
+
+
+def _as_outliers(fit: Fit, rows: NDArray[np.intp]) -> float:
+    """Minus the logarithm of the density of rows that are outliers (module), predicted by the others."""
+    if not len(rows):
+        return 0.0
+    J = fit.linear.J[rows]
+    C = own_blocks(fit.S)[rows] + J @ fit.covariance @ J.mT
+    L = np.linalg.cholesky(C)
+    off = np.linalg.solve(L, fit.residual[rows][..., None])[..., 0]
+    away = np.linalg.norm(off.reshape(-1, 2, 3), axis=-1)
+    n, k = len(fit.residual), len(rows)
+    choices = gammaln(n + 1) - gammaln(k + 1) - gammaln(n - k + 1)
+    density = np.log(4.0 * np.pi * ORDERS) + 3.0 * np.log(np.maximum(away, np.sqrt(3.0)))
+    return float(np.log(np.einsum("nii->ni", L)).sum() + density.sum() + choices)
