@@ -64,7 +64,7 @@ def find_pair(
     drift = _drift(rig, graph, poses) if shared else ()
 
     def all_at(at: Graph) -> tuple[Component, ...]:
-        return (*components_of(rig, at, shared, graph), *drift)
+        return (*components_of(rig, at, shared, (rig, graph)), *drift)
 
     def parts_at(at: Graph) -> tuple[Component, ...]:
         return tuple(part.rows(robots) if part.side == "robot" else part for part in all_at(at))

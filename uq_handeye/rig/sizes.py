@@ -14,6 +14,7 @@ correlation of their residuals.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -66,18 +67,19 @@ class Found:
 
 
 def components_of(
-    rig: Rig, graph: Graph, shared: bool, bound: Graph | None = None, width: float = 1.0
+    rig: Rig, graph: Graph, shared: bool, bound: tuple[Rig, Graph] | None = None, width: float = 1.0
 ) -> tuple[Component, ...]:
     """Return all components of the poses of a graph: columns (P, 6, m) of the robot, (E, 6, m) of the cameras.
 
-    ``shared``: with what all poses of an owner share; without, noise of each pose only. ``bound``: the graph whose
-    poses the shared errors belong to; None: this one. ``width`` of the targets, in units of the usual one (`view`).
+    ``shared``: with what all poses of an owner share; without, noise of each pose only. ``bound``: the rig and the
+    graph whose poses the shared errors belong to; None: this one. ``width`` of the targets, in units of the usual one
+    (`view`).
     """
-    bound = graph if bound is None else bound
-    first, both = len(rig.cameras), (graph, bound)
-    arms = _seen({name: tuple(one.arm == k for one in both) for k, name in enumerate(rig.arms)})
-    cameras = _seen({name: tuple(k == one.X for one in both) for k, name in enumerate(rig.cameras)})
-    targets = _seen({name: tuple(first + k == one.W for one in both) for k, name in enumerate(rig.targets)})
+    both = ((rig, graph), (rig, graph) if bound is None else bound)
+    before = both[1][1]
+    arms = _seen({name: tuple(one.arm == _place(name, list(of.arms)) for of, one in both) for name in rig.arms})
+    cameras = _seen({name: tuple(_place(name, one.names) == one.X for _, one in both) for name in rig.cameras})
+    targets = _seen({name: tuple(_place(name, one.names) == one.W for _, one in both) for name in rig.targets})
     given = np.isin(graph.view, [k for k, view in enumerate(rig.views) if view.covariance is not None])
     by_view, found = _by_view(graph, width), []
     for name, (of, _) in arms.items():
@@ -93,7 +95,7 @@ def components_of(
     if not shared:
         return (*found, *chains)
     finished = {name: of for name, of in cameras.items() if name not in calibrated}
-    alone, by_intrinsics = len(rig.cameras) == 1, _by_intrinsics(graph, bound, width)
+    alone, by_intrinsics = len(rig.cameras) == 1, _by_intrinsics(graph, before, width)
     for name, (of, _) in finished.items():
         for what, columns in ((FOCAL_LENGTH, slice(0, 1)), (PRINCIPAL_POINT, slice(1, 3))):
             size = SIZES[what] if alone else replace(SIZES[what], factor=OF_CAMERA)
@@ -102,20 +104,24 @@ def components_of(
     for name, (of, _) in targets.items():
         scale = _of(of, np.pad(graph.C[:, :3, 3:], [(0, 0), (3, 0), (0, 0)]))
         found.append(Component(f"{name} scale", "camera", of_size, columns=scale))
-    found += [_shared(graph, bound, name, of, assumed_accuracy()) for name, of in arms.items()
+    found += [_shared(graph, before, name, of, assumed_accuracy()) for name, of in arms.items()
               if rig.arms[name].kinematics is None]  # fmt: skip
     for name, of in finished.items() if alone else ():
         lens = _of(of[0], by_intrinsics[..., 3:7] * [1.0, 3.0, 0.1, 0.1])
         found.append(Component(f"{name} {LENS}", "camera", SIZES[LENS], columns=lens))
-        found.append(_shared(graph, bound, name, of, assumed_view()))
+        found.append(_shared(graph, before, name, of, assumed_view()))
     return (*found, *chains)
 
 
 Owned = tuple[NDArray[np.bool_], ...]  # rows of an owner in the graph, and in the one that is bound
 
 
+def _place(name: str, among: Sequence[str]) -> int:
+    return among.index(name) if name in among else -1
+
+
 def _seen(owners: dict[str, Owned]) -> dict[str, Owned]:
-    return {name: of for name, of in owners.items() if of[0].any()}
+    return {name: of for name, of in owners.items() if of[0].any() and of[1].any()}
 
 
 def _of(of: NDArray[np.bool_], B: Array) -> Array:
@@ -156,9 +162,10 @@ def _by_view(graph: Graph, width: float) -> Array:
 def _by_intrinsics(graph: Graph, bound: Graph, width: float) -> Array:
     """(E, 6, 7) effects of the intrinsics, with targets as wide as the poses of ``bound`` say."""
     found = np.zeros((graph.E, 6, 7))
-    for target in np.unique(graph.W):
-        of = target == graph.W
-        found[of] = intrinsics_columns(graph.C[of], width * median_distance(bound.C[target == bound.W]))
+    for target in np.unique(graph.W).tolist():
+        C = graph.C[of := target == graph.W]
+        seen = bound.C[_place(graph.names[target], bound.names) == bound.W]
+        found[of] = intrinsics_columns(C, width * median_distance(seen if len(seen) else C))
     return found
 
 

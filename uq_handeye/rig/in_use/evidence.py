@@ -88,7 +88,8 @@ def new_noise(result: Any, rig: Rig, graph: Graph) -> RigNoise:
     names, sizes = posterior.names, {part["name"]: part["size"] for part in result.components}
     K = [np.zeros((n, 6, len(names))) for n in (graph.P, graph.E)]
     if names:
-        for part in components_of(rig, graph, True, Graph.of(result.rig), sizes.get(WIDTH, HALF) / HALF):
+        before = result.rig, Graph.of(result.rig)
+        for part in components_of(rig, graph, True, before, sizes.get(WIDTH, HALF) / HALF):
             if part.columns is not None and set(part.parts) <= set(names):
                 at = [names.index(own) for own in part.parts]
                 K[part.side == "camera"][:, :, at] = sizes.get(part.name, part.size.median) * part.columns
