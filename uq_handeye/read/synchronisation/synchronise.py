@@ -138,25 +138,9 @@ def synchronise(
     >>> sync = uq.synchronise(robot, camera)                 # doctest: +SKIP
     >>> result = uq.calibrate(sync.poses)                    # doctest: +SKIP
     """
-    for value, name in ((robot, "robot"), (camera, "camera")):
-        if not isinstance(value, Stream):
-            raise InputError(
-                f"Expected `{name}` to be a Stream (read_stream, or Stream(timestamps, poses)), got "
-                f"{type(value).__name__}."
-            )
-        if len(value) < 3:
-            raise InputError(f"Expected at least 3 poses in `{name}`, got {len(value)}.")
-    require_one_of("setup", setup, SETUPS)
-    check_kind(interpolation)
-    _check_noise(noise)
-    for number, name in ((max_offset, "max_offset"), (max_gap, "max_gap")):
-        if number is not None and not (is_number(number) and number > 0):
-            raise InputError(f"Expected `{name}` to be a number of seconds above 0 or None, got {number!r}.")
-    if not isinstance(still, bool | np.bool_):
-        raise InputError(f"Expected `still` to be True or False, got {still!r}.")
-    require_integer("seed", seed, 0)
-    prior = _prior(offset)
-    exact = prior is not None and prior[1] == 0
+    given = _Given(robot, camera, setup, _prior(offset), still, noise)
+    _check(given, interpolation, max_offset, max_gap, seed)
+    prior = given.prior
 
     (r_times, r_poses), (c_times, c_poses) = _sorted(robot), _sorted(camera)
     intervals = float(np.median(np.diff(r_times))), float(np.median(np.diff(c_times)))
@@ -171,9 +155,9 @@ def synchronise(
     )
     centre = 0.0 if prior is None else prior[0]
     reach = max_offset
-    if prior is not None and not exact and reach is None:
+    if prior is not None and not given.exact and reach is None:
         reach = 4 * prior[1] + 2 * max(intervals)
-    common = common_time(r_times, c_times, 0.0 if exact or reach is None else reach, centre)
+    common = common_time(r_times, c_times, 0.0 if given.exact or reach is None else reach, centre)
     if reach is None:
         reach = max(SEARCHED * common, LEAST_SEARCHED)
 
@@ -182,10 +166,47 @@ def synchronise(
         local = None if prior is None else (prior[0] - shift, prior[1])
         found = _estimate(pairing, (centre - shift - reach, centre - shift + reach), local, noise, seed)
     except (InputError, NotConvergedError):
-        if not exact:
+        if not given.exact:
             raise  # else the offset is known, and whether the poses agree with it is not
-    at = centre - shift if found is None or exact else found.refined.offset
-    return _assembled(robot, camera, pairing, origins, at, setup, prior, found, still, noise)
+    at = centre - shift if found is None or given.exact else found.refined.offset
+    return _assembled(given, pairing, origins, at, found)
+
+
+class _Given(NamedTuple):
+    """Streams, and what is known and wanted of them."""
+
+    robot: Stream
+    camera: Stream
+    setup: str
+    prior: tuple[float, float] | None  # offset and its standard deviation
+    still: bool
+    noise: PoseNoise | None
+
+    @property
+    def exact(self) -> bool:
+        """True if the offset is known exactly."""
+        return self.prior is not None and self.prior[1] == 0
+
+
+def _check(given: _Given, interpolation: str, max_offset: object, max_gap: object, seed: int) -> None:
+    """Raise `InputError` for arguments that cannot be used."""
+    for value, name in ((given.robot, "robot"), (given.camera, "camera")):
+        if not isinstance(value, Stream):
+            raise InputError(
+                f"Expected `{name}` to be a Stream (read_stream, or Stream(timestamps, poses)), got "
+                f"{type(value).__name__}."
+            )
+        if len(value) < 3:
+            raise InputError(f"Expected at least 3 poses in `{name}`, got {len(value)}.")
+    check_kind(interpolation)
+    for number, name in ((max_offset, "max_offset"), (max_gap, "max_gap")):
+        if number is not None and not (is_number(number) and number > 0):
+            raise InputError(f"Expected `{name}` to be a number of seconds above 0 or None, got {number!r}.")
+    if not isinstance(given.still, bool | np.bool_):
+        raise InputError(f"Expected `still` to be True or False, got {given.still!r}.")
+    _check_noise(given.noise)
+    require_one_of("setup", given.setup, SETUPS)
+    require_integer("seed", seed, 0)
 
 
 class _Estimate(NamedTuple):
@@ -301,21 +322,12 @@ def _too_few(pairing: Pairing, origins: tuple[float, float], found: Interpolated
 
 
 def _assembled(
-    robot: Stream,
-    camera: Stream,
-    pairing: Pairing,
-    origins: tuple[float, float],
-    at: float,
-    setup: str,
-    prior: tuple[float, float] | None,
-    estimate: _Estimate | None,
-    still: bool,
-    noise: PoseNoise | None,
+    given: _Given, pairing: Pairing, origins: tuple[float, float], at: float, estimate: _Estimate | None
 ) -> Synchronised:
+    robot, camera, setup, prior, still, noise = given
     shift = origins[0] - origins[1]
-    exact = prior is not None and prior[1] == 0
-    std = 0.0 if exact or estimate is None else estimate.refined.std
-    offset = prior[0] if prior is not None and prior[1] == 0 else at + shift
+    std = 0.0 if given.exact or estimate is None else estimate.refined.std
+    offset = prior[0] if prior is not None and given.exact else at + shift
     found = pairing.interpolated(at)
     rows = np.flatnonzero(found.fine)
     if len(rows) < FEWEST_AT_ALL:
@@ -352,9 +364,9 @@ def _assembled(
         poses=poses,
         offset=offset,
         offset_std=std,
-        origin="given" if exact else "estimated" if prior is None else "estimated with a prior",
-        model_std=None if refined is None or exact else refined.model_std,
-        growth=1.0 if refined is None or exact else refined.growth,
+        origin="given" if given.exact else "estimated" if prior is None else "estimated with a prior",
+        model_std=None if refined is None or given.exact else refined.model_std,
+        growth=1.0 if refined is None or given.exact else refined.growth,
         side=pairing.side,
         interpolation=pairing.kind,
         max_gap=pairing.max_gap,
