@@ -4,7 +4,6 @@ import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from ..core.files.about import read_about
@@ -359,9 +358,11 @@ def _with_command(result: "Calibration") -> "Calibration":
 
 def _write_result(result: "Calibration", verdict: "Verdict | None", directory: Path, drawn: dict[str, bytes]) -> str:
     """Write the folder of -o with the figures that were drawn, and return what was written."""
+    from ..formats.export.files import exported
     from ..read import write_files
 
-    files: dict[str, Any] = {"result.json": json_of(result, verdict), **_exports(result)}
+    files: dict[str, Any] = {"result.json": json_of(result, verdict)}
+    files |= {name: exported(result, format) for format, name in EXPORTS.items()}
     seen = getattr(result.data, "camera_calibration", None)
     if seen is not None:  # the intrinsics, with the poses and corners that belong to them
         from ..model.camera.files.folder_writer import camera_files
@@ -391,8 +392,3 @@ def _poses_csv(table: "PoseTable") -> str:
     rows = zip(*columns.values(), strict=True)
     lines = (",".join("" if value != value else str(value) for value in row) for row in rows)  # NaN is no value
     return "\n".join([",".join(columns), *lines, ""])
-
-
-def _exports(result: "Calibration") -> dict[str, bytes]:
-    with TemporaryDirectory() as folder:
-        return {name: result.export(Path(folder) / name, format).read_bytes() for format, name in EXPORTS.items()}

@@ -103,19 +103,29 @@ def _emit(found: Any, written: str) -> None:
 
 
 def _points(path: Path) -> "Array":
-    """Read points x, y, z of a CSV file with a header, or of an array of NumPy."""
+    """Read points x, y, z (m, or the unit that the names say) of a table with a header, or of an array of NumPy."""
     import numpy as np
 
+    from ...core.files.lines import short
     from ...core.files.open import opened, shown
+    from ...core.files.table import Places, Schema, read_table
+    from ...core.formatting.units import LENGTH_UNITS
+    from ...formats.columns import meaning_and_unit
+    from ...formats.numpy_poses import read_one_array
+
+    def places(names: list[str], line: str, where: str) -> Places:
+        meant = [meaning_and_unit(name)[0] for name in names]
+        if missing := [axis for axis in "xyz" if axis not in meant]:
+            raise InputError(f"{where}: expected the header x,y,z (m), got {short(line)}: no {', '.join(missing)}.")
+        return Places([meant.index(axis) for axis in "xyz"])
 
     with opened(path, 10_000_000) as file:
-        try:
-            if path.suffix == ".npy":
-                return np.asarray(np.load(file, allow_pickle=False), dtype=float)
-            table = np.genfromtxt(file, delimiter=",", names=True, dtype=float, encoding="utf-8")
-            return np.stack([np.atleast_1d(table[axis]) for axis in "xyz"], axis=-1)
-        except (ValueError, TypeError, IndexError) as error:
-            raise InputError(f"{shown(path)}: expected columns x,y,z of numbers (m): {error}.") from error
+        if path.suffix == ".npy":
+            return read_one_array(file.read(), shown(path))
+        table = read_table(file, shown(path), Schema("the header x,y,z", "point", places))
+    table.require_finite()
+    units = (meaning_and_unit(table.column(k))[1] for k in range(3))
+    return table.values * np.array([LENGTH_UNITS[unit or "m"] for unit in units])
 
 
 def _csv(found: "Verification") -> str:

@@ -32,10 +32,6 @@ _ROS = "(x, y, z, rotation about x, y, z), translation first, fixed axes of the 
 OWN_FRAMES = "# Put the names of your own frames in; the camera is the frame with z forward, which ROS calls optical."
 
 
-def _json(result: Exportable) -> str:
-    return result.to_json()
-
-
 def ros_text(result: Exportable) -> str:
     """YAML with a ``TransformStamped`` and, where the covariance is determined, a ``PoseWithCovarianceStamped``.
 
@@ -212,7 +208,7 @@ def pose_form_text(result: Exportable, format: str) -> str:
 
 
 _WRITERS: dict[str, Callable[[Exportable], str | bytes]] = {
-    "json": _json,
+    "json": lambda result: result.to_json(),
     "ros": ros_text,
     "launch": launch_text,
     "urdf": urdf_text,
@@ -256,8 +252,13 @@ def write_export(result: Exportable, path: StrPath, format: str | None = None) -
         An unknown format, a suffix that says none or another one, a file that cannot be written.
     """
     target, name = format_of(path, format, FORMATS)
-    write_atomically(target, _WRITERS[name](result))
+    write_atomically(target, exported(result, name))
     return target
+
+
+def exported(result: Exportable, format: str) -> str | bytes:
+    """Return the content of a file of one of `FORMATS`."""
+    return _WRITERS[format](result)
 
 
 def format_of(path: StrPath, format: str | None, known: tuple[str, ...]) -> tuple[Path, str]:
