@@ -45,10 +45,10 @@ def parse_tree(data: bytes, name: str, several: bool = False) -> Any:
             return _json(text, name, several)
         except InputError as error:
             try:  # YAML in braces; OpenCV before 4.6 wrote `1.` for 1.0 in its JSON
-                return _yaml(text, name, several)
+                return parse_yaml(text, name, several)
             except InputError:
                 raise error from None
-    return _yaml(text, name, several)
+    return parse_yaml(text, name, several)
 
 
 def _json(text: str, name: str, several: bool) -> Any:
@@ -120,7 +120,8 @@ class _Builder:
         self.stack.pop()
 
 
-def _yaml(text: str, name: str, several: bool) -> Any:
+def parse_yaml(text: str, name: str, several: bool = False, texts: bool = False) -> Any:
+    """The content of YAML, as `parse_tree` reads it; ``texts``: every scalar stays text, and an empty one is None."""
     import yaml  # slow to import
 
     first, newline, rest = text.partition("\n")
@@ -129,6 +130,7 @@ def _yaml(text: str, name: str, several: bool) -> Any:
     text = text.rstrip().removesuffix("\n---")  # the separator that ROS prints after a message
     loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
     builder, found = _Builder(name), []
+    scalar = (lambda value: value or None) if texts else _scalar
     try:
         for event in yaml.parse(text, Loader=loader):
             line = 0 if event.start_mark is None else event.start_mark.line + 1
@@ -143,7 +145,7 @@ def _yaml(text: str, name: str, several: bool) -> Any:
                 if len(found) > 1 and not several:
                     raise InputError(f"{name}, line {line}: expected one YAML document, got a second one.")
             elif isinstance(event, yaml.ScalarEvent):
-                builder.add(_scalar(event.value) if event.implicit[0] else event.value, line)
+                builder.add(scalar(event.value) if event.implicit[0] else event.value, line)
             elif isinstance(event, yaml.SequenceStartEvent):
                 builder.open([], line)
             elif isinstance(event, yaml.MappingStartEvent):

@@ -20,14 +20,12 @@ from collections.abc import Iterator
 from typing import Any
 
 from ...core.files.lines import is_number, short
-from ...core.files.trees import parse_tree
+from ...core.files.trees import fields_of, is_map, parse_yaml
 from ...errors import InputError
 from ..contents import Contents
 from .messages import MessageError, Stamped, frame_name, poses_in, side_of
 
-MAX_DEPTH = 30
-
-_KEY = re.compile(r"([A-Za-z_]\w*):(?:\s+(.*))?$")
+_AT = re.compile(r"line (\d+):")
 # What the tools say between messages.
 SAID = re.compile(
     r"\[?(WARNING|WARN|ERROR|INFO)|A message was lost|total count|Subscribing|Could not|\^C|%YAML"
@@ -83,114 +81,22 @@ def _in_braces(text: str) -> str:
 
 
 def _parsed(lines: list[tuple[int, str]]) -> tuple[dict[str, Any], EchoError | None]:
-    try:
-        if lines[0][1].lstrip().startswith("{"):  # of --flow-style
-            found = _flow(" ".join(text for _, text in lines), lines[0][0])
-            return found if isinstance(found, dict) else {}, None
-        return parse_message(lines), None
-    except EchoError as error:
-        return {}, error
-
-
-class _Level:
-    """A map or list that is being filled, and the column at which its keys or dashes stand; -1: not known yet."""
-
-    __slots__ = ("column", "values")
-
-    def __init__(self, column: int, values: dict[str, Any] | list[Any]) -> None:
-        self.column, self.values = column, values
-
-
-def parse_message(lines: list[tuple[int, str]]) -> dict[str, Any]:
     """Return the fields of one message as nested dicts and lists; numbers stay text until they are asked for."""
-    root: dict[str, Any] = {}
-    stack = [_Level(len(lines[0][1]) - len(lines[0][1].lstrip(" ")), root)]
-    waiting: tuple[dict[str, Any], str, int] | None = None  # a key whose value is on the next lines
-    for line, text in lines:
-        body = text.lstrip(" ")
-        column = len(text) - len(body)
-        scalar = False
-        while body.startswith("- ") or body == "-":
-            items = _list_at(stack, column, waiting, line)
-            waiting = None
-            rest = body[1:].lstrip(" ")
-            if rest and not _KEY.match(rest) and not rest.startswith("- "):
-                items.append(_value(rest, line))
-                scalar = True
-                break
-            inner: dict[str, Any] = {}
-            items.append(inner)
-            column += len(body) - len(rest)
-            stack.append(_Level(column if rest else -1, inner))
-            body = rest
-            if not body:
-                break
-        if scalar or not body:
-            continue
-        if (found := _KEY.match(body)) is None:
-            raise EchoError(line, f"expected name: value, got {short(body)}")
-        if waiting is not None and column > waiting[2]:
-            new: dict[str, Any] = {}
-            waiting[0][waiting[1]] = new
-            stack.append(_Level(column, new))
-        level = _map_at(stack, column, line)
-        key, value = found.group(1), found.group(2)
-        if key in level:
-            raise EchoError(line, f"the field {short(key)} is given twice in a message; is a line of --- missing?")
-        level[key] = None if value is None or value == "" else _value(value, line)
-        waiting = (level, key, column) if level[key] is None else None
-        if len(stack) > MAX_DEPTH:
-            raise EchoError(line, f"expected at most {MAX_DEPTH} levels of nesting, got more")
-    return root
-
-
-def _list_at(stack: list[_Level], column: int, waiting: tuple[dict[str, Any], str, int] | None, line: int) -> list[Any]:
-    """Return the list whose dashes stand in a column: a new one, if a key waits for it."""
-    if waiting is not None and column >= waiting[2]:
-        new: list[Any] = []
-        waiting[0][waiting[1]] = new
-        stack.append(_Level(column, new))
-        return new
-    while stack:
-        top = stack[-1].values
-        if stack[-1].column == column and isinstance(top, list):
-            return top
-        stack.pop()
-    raise EchoError(line, "expected a field before the list")
-
-
-def _map_at(stack: list[_Level], column: int, line: int) -> dict[str, Any]:
-    """Return the map whose keys stand in a column."""
-    if stack[-1].column == -1:
-        stack[-1].column = column
-    while stack:
-        top = stack[-1].values
-        if stack[-1].column == column and isinstance(top, dict):
-            return top
-        if stack[-1].column < column:
-            break
-        stack.pop()
-    raise EchoError(line, "the indentation fits no field above")
-
-
-def _flow(text: str, line: int) -> Any:
-    """Return a value in braces."""
+    flow = lines[0][1].lstrip().startswith("{")  # of --flow-style
     try:
-        return parse_tree(text.encode(), "the message")
+        found = parse_yaml("\n".join(text for _, text in lines), "line 1", texts=not flow)
     except InputError as error:
-        raise EchoError(line, f"expected a value in braces, got {short(text)} ({error})") from None
-
-
-def _value(text: str, line: int) -> Any:
-    """Return a scalar as text without quotation marks; a list in brackets as a list of texts."""
-    text = text.strip()
-    if text[:1] == text[-1:] and text[:1] in ("'", '"') and len(text) > 1:
-        return text[1:-1]
-    if text.startswith("{"):
-        return _flow(text, line)
-    if text.startswith("[") and text.endswith("]"):
-        return [part.strip() for part in text[1:-1].split(",") if part.strip()]
-    return text
+        at = _AT.search(str(error))
+        line, text = lines[min(int(at[1]), len(lines)) - 1 if at else 0]
+        words = str(error).rpartition("line ")[2].partition(": ")[2].rstrip(".").replace("the key", "the field")
+        if "is given twice" in words:
+            words += " in a message; is a line of --- missing?"
+        elif words.startswith("not YAML"):
+            words = f"expected name: value, indented below its field, got {short(text.strip())}"
+        return {}, EchoError(line, words)
+    if is_map(found) or flow:
+        return fields_of(found), None
+    return {}, EchoError(lines[0][0], f"expected name: value, got {short(lines[0][1].strip())}")
 
 
 _FIRST = re.compile(
