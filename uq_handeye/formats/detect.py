@@ -42,8 +42,7 @@ from .numpy_poses import read_mat, read_npy, read_npz
 from .opencv_storage import PAIRS, is_of_opencv, is_storage, read_opencv
 from .ros.samples import NAMES as MOVEIT_NAMES
 from .ros.samples import read_easy_handeye, read_easy_handeye2, read_moveit
-from .ros.tf_echo import is_tf_echo, read_tf_echo
-from .ros.topic import is_ros_topic, read_ros_topic
+from .ros.topic import is_ros_topic, is_tf_echo, read_ros_topic, read_tf_echo
 
 
 @dataclass(frozen=True)
