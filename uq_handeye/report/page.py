@@ -22,7 +22,7 @@ from ..core.files.about import as_about
 from ..core.files.atomic import require_writable_file, write_atomically
 from ..core.geometry.conventions import CONVENTION
 from ..core.presentation.document import Drawing, Section
-from ..core.presentation.page import drawing, rendered
+from ..core.presentation.page import Page, drawing
 from ..core.presentation.pdf import PAPERS, to_pdf
 from ..errors import InputError
 from ..trials.validation.cross_check.result import CrossCheck as CrossCheck
@@ -164,7 +164,7 @@ def report_html(
         f"method {result.method}",
         f"report of {date}",
     ]
-    return rendered(
+    return Page(
         "Hand-eye calibration",
         result.frame,
         facts,
@@ -173,7 +173,7 @@ def report_html(
         fields=title_fields(result),
         foot=_foot(result, sections),
         full=details,
-    )
+    ).html()
 
 
 def _folded_sections(

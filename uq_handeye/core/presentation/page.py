@@ -6,6 +6,7 @@ import base64
 import hashlib
 import re
 from collections.abc import Sequence
+from dataclasses import dataclass, fields
 from importlib import resources
 
 from markupsafe import Markup
@@ -24,20 +25,9 @@ def pretty(text: str) -> str:
     return re.sub(r"(?<![\w.)\]-])-(?=\d)", "\N{MINUS SIGN}", text)
 
 
-def rendered(
-    heading: str,
-    subject: str,
-    facts: list[str],
-    sections: Sequence[Section],
-    *,
-    sheets: Sequence[Sequence[Section]] = (),
-    fields: Sequence[tuple[str, str]] = (),
-    foot: str = "",
-    signed: int = 1,
-    full: bool = False,
-    kind: str = "report",
-) -> str:
-    """Return one page as HTML text; the section with the anchor ``answer`` comes first.
+@dataclass(frozen=True)
+class Page:
+    """One page; the section with the anchor ``answer`` comes first.
 
     Parameters
     ----------
@@ -60,32 +50,37 @@ def rendered(
     kind : str
         "report" or "certificate", which is denser in print.
     """
-    from jinja2 import Environment, StrictUndefined
 
-    files = resources.files(__package__)
-    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
-    environment.filters["pretty"] = pretty
-    template = environment.from_string((files / "template.html.j2").read_text(encoding="utf-8"))
-    scripts = [_SCRIPT.strip()]
-    every = [section for page in (*sheets, sections) for section in page]
-    if any(isinstance(block, Drawing) and block.scene for section in every for block in section.blocks):
-        scripts.append((files / "turn.js").read_text(encoding="utf-8").strip())
-    return template.render(
-        heading=heading,
-        subject=subject,
-        facts=facts,
-        sections=sections,
-        sheets=sheets,
-        fields=fields,
-        foot=foot,
-        signed=signed,
-        full=full,
-        style=Markup("".join((files / name).read_text(encoding="utf-8") for name in STYLES[kind])),
-        kind=kind,
-        scripts=[Markup(script) for script in scripts],
-        script_hashes=[base64.b64encode(hashlib.sha256(text.encode()).digest()).decode() for text in scripts],
-        version=__version__,
-    )
+    heading: str
+    subject: str
+    facts: Sequence[str]
+    sections: Sequence[Section]
+    sheets: Sequence[Sequence[Section]] = ()
+    fields: Sequence[tuple[str, str]] = ()
+    foot: str = ""
+    signed: int = 1
+    full: bool = False
+    kind: str = "report"
+
+    def html(self) -> str:
+        """Return the page as HTML text."""
+        from jinja2 import Environment, StrictUndefined
+
+        files = resources.files(__package__)
+        environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+        environment.filters["pretty"] = pretty
+        template = environment.from_string((files / "template.html.j2").read_text(encoding="utf-8"))
+        scripts = [_SCRIPT.strip()]
+        every = [section for page in (*self.sheets, self.sections) for section in page]
+        if any(isinstance(block, Drawing) and block.scene for section in every for block in section.blocks):
+            scripts.append((files / "turn.js").read_text(encoding="utf-8").strip())
+        return template.render(
+            {field.name: getattr(self, field.name) for field in fields(self)},
+            style=Markup("".join((files / name).read_text(encoding="utf-8") for name in STYLES[self.kind])),
+            scripts=[Markup(script) for script in scripts],
+            script_hashes=[base64.b64encode(hashlib.sha256(text.encode()).digest()).decode() for text in scripts],
+            version=__version__,
+        )
 
 
 def drawing(stem: str, picture: Picture, small: bool = False) -> Drawing:

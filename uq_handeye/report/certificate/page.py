@@ -9,7 +9,7 @@ from ...calibration.statement.checks import lower_limit_of
 from ...calibration.statement.tolerance import percent
 from ...core.formatting.numbers import digits, fixed
 from ...core.presentation.document import Answer, Badge, Block, Cell, Checks, Paragraph, Points, Section, Table
-from ...core.presentation.page import rendered
+from ...core.presentation.page import Page
 from ..sheets import colour_of
 from .budget import LEVEL, OTHERS, BudgetRow, Stated, budget_rows, components_of, correlation_of, worst_of
 from .contents import Contents
@@ -44,7 +44,7 @@ def certificate_html(of: Contents) -> str:
     sheets = [_first(of), _second(of)] if of.certified else [[*_refused(of), *_origin(of)]]
     result = of.result
     facts = [result.setup or "motions without poses", f"method {result.method}", f"No. {identifier_of(of)}"]
-    return rendered(
+    return Page(
         "Hand-eye calibration certificate" if of.certified else f"{NOT_CERTIFIED}: hand-eye calibration",
         result.frame,
         [*facts, f"issued {of.issued}"],
@@ -54,7 +54,7 @@ def certificate_html(of: Contents) -> str:
         foot=f"{identifier_of(of)}, issued {of.issued} by uq-handeye {__version__}. {STANDING}",
         signed=len(sheets) if of.certified else 0,
         kind="certificate",
-    )
+    ).html()
 
 
 # -------------------------------------------------------------------------------------------------------- page one

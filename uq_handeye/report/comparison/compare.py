@@ -20,7 +20,7 @@ import warnings
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -141,9 +141,8 @@ def compare(
     if answers and answers[0].residuals.pairs == motions.N:
         own = replace(own, residuals=answers[0].residuals)
     estimated = noise is None and used is not None
-    return compare_rows(
-        names, motions, used, {OWN: own}, reference, estimated, available, timed, progress, checks=checks, seen=seen
-    )
+    work = Work(motions, used, estimated, available, seen, checks)
+    return compare_rows(names, work, {OWN: own}, reference, timed, progress)
 
 
 def explained_motions(result: Calibration, motions: Motions) -> Motions:
@@ -157,24 +156,22 @@ def explained_motions(result: Calibration, motions: Motions) -> Motions:
     return relative_motions(poses_less_shared_errors(result, poses), motions.pairs)
 
 
-def compare_rows(
-    names: Sequence[str],
-    motions: Motions,
-    noise: Noise | None,
-    found: dict[str, Row],
-    reference: str,
-    noise_estimated: bool,
-    available: int,
-    timed: bool,
-    progress: bool,
-    checks: tuple[Check, ...] = (),
-    seen: Motions | None = None,
-) -> Comparison:
-    """The comparison of these methods on these motions; the rows that are ``found`` already are taken as they are.
+class Work(NamedTuple):
+    """What all methods of a comparison are given; their residuals are those of the motions ``seen``."""
 
-    Residuals are those of the motions ``seen``, without errors that were estimated; None: of the same.
-    """
-    judged = motions if seen is None else seen
+    motions: Motions
+    noise: Noise | None
+    noise_estimated: bool
+    available: int  # pairs that there were to choose from
+    seen: Motions  # without errors that were estimated
+    checks: tuple[Check, ...] = ()
+
+
+def compare_rows(
+    names: Sequence[str], work: Work, found: dict[str, Row], reference: str, timed: bool = False, progress: bool = False
+) -> Comparison:
+    """The comparison of these methods; the rows that are ``found`` already are taken as they are."""
+    motions, noise = work.motions, work.noise
     poses = motions.poses
     found = dict(found)
     with warnings.catch_warnings(record=True) as others:  # of progress itself, and what numpy says
@@ -188,7 +185,7 @@ def compare_rows(
     base = next((found[name] for name in (reference, *names) if found[name].failure is None), None)
     common, own = _sorted_warnings(rows, base)
     rows = [
-        against(replace(row, warnings=own[row.method], residuals=row.residuals or _residuals(row, judged)), base)
+        against(replace(row, warnings=own[row.method], residuals=row.residuals or _residuals(row, work.seen)), base)
         for row in rows
     ]
     result = Comparison(
@@ -199,11 +196,11 @@ def compare_rows(
         setup=None if poses is None else poses.setup,
         n_poses=None if poses is None else poses.n,
         n_pairs=motions.N,
-        n_pairs_available=available,
+        n_pairs_available=work.available,
         noise=noise,
-        noise_estimated=noise_estimated,
+        noise_estimated=work.noise_estimated,
         warnings=common,
-        checks=checks,
+        checks=work.checks,
     )
     for text in (*common, *result.own_warnings):
         warnings.warn(text, InputWarning, stacklevel=3)

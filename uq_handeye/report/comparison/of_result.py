@@ -10,7 +10,7 @@ import numpy as np
 from ...methods.estimators import METHODS
 from ...model.poses.motions import relative_motions, spread_pairs
 from ...model.poses.pose_pairs import PosePairs
-from .compare import compare_rows, explained_motions
+from .compare import Work, compare_rows, explained_motions
 from .result import Comparison
 from .row import Row
 
@@ -69,16 +69,6 @@ def compare_beside(result: Calibration) -> Compared:
     names, estimated = [base.method, *METHODS], result.noise_estimate is not None
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # those that matter are in the table
-        found = compare_rows(
-            names,
-            motions,
-            noise,
-            {base.method: base},
-            base.method,
-            estimated,
-            available,
-            timed=False,
-            progress=False,
-            seen=explained_motions(result, motions),
-        )
+        work = Work(motions, noise, estimated, available, explained_motions(result, motions))
+        found = compare_rows(names, work, {base.method: base}, base.method)
     return Compared(found, "", note)

@@ -20,7 +20,7 @@ from ...core.formatting.numbers import digits, probability
 from ...core.geometry.conventions import CONVENTION
 from ...core.geometry.se3 import Array
 from ...core.presentation.document import Answer, Badge, Block, Paragraph, Points, Section, Table
-from ...core.presentation.page import rendered
+from ...core.presentation.page import Page
 from ...core.presentation.pdf import PAPERS, to_pdf
 from ...errors import InputError
 from ..graph import Graph
@@ -100,7 +100,7 @@ def rig_html(
     ]
     fields = [(ABOUT[key], titles.get(key, "")) for key in ABOUT if key not in OF_CERTIFICATE and
               (key != "note" or key in titles)]  # fmt: skip
-    return rendered(
+    return Page(
         "Calibration of a rig",
         ", ".join(rig.cameras),
         [_counted(rig), f"{sum(len(view.poses) for view in rig.views)} views", f"method {result.method}",
@@ -111,7 +111,7 @@ def rig_html(
         foot=f"uq-handeye {__version__}. Standard deviations are 1 sigma. Not printed: "
         f"{'; '.join(section.title for section in sections)}.",
         full=details,
-    )  # fmt: skip
+    ).html()  # fmt: skip
 
 
 _FRAMES = (

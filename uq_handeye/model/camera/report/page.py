@@ -14,7 +14,7 @@ from ....core.geometry.conventions import CONVENTION
 from ....core.presentation.document import Block, Code, Drawing, Paragraph, Points, Section, Table
 from ....core.presentation.ellipses import render
 from ....core.presentation.figure_parts import Picture
-from ....core.presentation.page import drawing, rendered
+from ....core.presentation.page import Page, drawing
 from ....core.runtime.versions import versions
 from ..calibrated import Calibrated
 from ..files.snippets import PIXELS, camera_snippets
@@ -67,7 +67,7 @@ def _page(cam: Calibrated, drawn: Mapping[str, Picture], date: str | None) -> st
     ]
     width, height = cam.image_size
     facts = [f"{width} x {height} pixels", f"{cam.corners.n:,} pictures", f"{cam.corners.m:,} corners", date]
-    return rendered("Camera calibration", model_name(cam), facts, sections)
+    return Page("Camera calibration", model_name(cam), facts, sections).html()
 
 
 def _answer(cam: Calibrated) -> Section:
