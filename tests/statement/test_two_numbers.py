@@ -31,7 +31,7 @@ def test_the_poses_alone_give_the_covariance_for_known_errors(result):
 
 def test_words_name_what_to_declare(result):
     text = two_numbers(result.accuracy)
-    assert " from these poses; " in text and "--robot-accuracy" in text
+    assert text.startswith("These poses alone give ") and "--robot-accuracy" in text
     assert " ".join(text.split()) in " ".join(result.summary().split())
     assert result.to_dict()["accuracy"]["from_poses"]["assumed"][0] == "robot accuracy"
 

@@ -83,7 +83,7 @@ def absorbed_into(result: C, evidence: NewRows, finding: Finding, options: Mappi
         "findings": (*result.findings, finding),
         "provenance": None if origin is None else replace(origin, options=origin.options | dict(options)),
     }
-    return replace(result, **parts)  # type: ignore[type-var]
+    return replace(result, **parts)
 
 
 def touches_taken(result: Estimated) -> list[dict[str, Any]]:

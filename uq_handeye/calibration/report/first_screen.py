@@ -78,8 +78,8 @@ def first_screen(
 
 
 # Parts shown, whether the expanded uncertainty is, and empty lines: from the longest form to the shortest.
-_SHORTER = [(4, True, 4), (4, True, 3), (3, True, 3), (3, True, 2), (3, False, 2), (3, False, 1), (3, False, 0)]
-_SHORTER += [(2, False, 0), (1, False, 0), (0, False, 0)]
+_SHORTER = [(4, True, 4), (4, True, 3), (4, True, 2), (3, True, 2), (3, True, 1), (3, True, 0)]
+_SHORTER += [(3, False, 0), (2, False, 0), (1, False, 0), (0, False, 0)]
 # Groups of the first screen that an empty line follows, the most useful one first: before X, below the answer, ...
 _GAPS = (3, 1, 2, 4)
 

@@ -28,7 +28,7 @@ from ...model.noise.joint_covariance import group_of
 from ...model.shared_errors.shared_error import PRINCIPAL_POINT
 from ..estimate.estimated import Estimated, distance_of
 from .checks import lower_limit_of
-from .included import included, not_included
+from .included import PLAIN, included, not_included
 
 _KINDS = ("rotation", "translation", "coupling")
 # A number of an error is told by its prior where the data leave more than this share of its variance; what priors add
@@ -181,7 +181,7 @@ def part_name(source: str, together: bool) -> str:
             return f"errors shared by all {side} poses"
         return "noise of the poses" if together else f"noise of the {side} {'poses' if len(side) > 1 else 'motions'}"
     name = group_of(source)
-    return PRINCIPAL_POINT if name.startswith(PRINCIPAL_POINT) else name
+    return PRINCIPAL_POINT if name.startswith(PRINCIPAL_POINT) else PLAIN.get(name, name)
 
 
 def _factors(budget: Budget | None, result: Estimated, distance: float) -> dict[str, float]:

@@ -148,7 +148,7 @@ def _of_noise(result: Estimated) -> Check:
     if result.covariance is None:
         return Check(NOISE, "not run", "no noise, given or estimated")
     if isinstance(estimate, NoiseEstimate):
-        return Check(NOISE, "not run", "the noise was estimated from the same residuals")
+        return Check(NOISE, "not run", "estimated from the same residuals")
     return Check(NOISE, "not run", _without_residuals(result))
 
 

@@ -25,6 +25,8 @@ def headline_of(result: Estimated) -> str:
         known = f"{amounts(accuracy.translation, accuracy.rotation)} (1 sigma, worst direction that is known)"
         return f"{result.frame} is known to {known}. Not determined: {'; '.join(result.open_words)}."
     known = f"{amounts(accuracy.translation, accuracy.rotation)} (1 sigma, worst direction)"
+    if accuracy.lower_limit:
+        known = f"no better than {known}"
     return f"{result.frame} is known to {known}; {_ahead(accuracy)}."
 
 
@@ -40,23 +42,20 @@ def suits_of(accuracy: Accuracy) -> str | None:
     good, bad = steps[steps >= accuracy.point_95], steps[steps < accuracy.point]
     if not good.size or not bad.size:
         return None
-    far, fails = f"Points {digits(accuracy.distance, 2)} m ahead", f"not for {digits(1e3 * bad[-1], 1)} mm"
+    far, fails = f"Points {digits(accuracy.distance, 2)} m ahead", f"{digits(1e3 * bad[-1], 1)} mm"
     if accuracy.lower_limit:
-        return f"{far}: {fails}."
-    return f"{far}: good for a tolerance of {digits(1e3 * good[0], 1)} mm (95 %); {fails}."
+        return f"{far}: not for {fails}; no larger tolerance is shown to be met."
+    return f"{far}: good for a tolerance of {digits(1e3 * good[0], 1)} mm (95 %); not for {fails}."
 
 
-# What an error whose size is assumed is like, and how to say what it is here.
-_LIKE = {
-    ROBOT_ACCURACY: (
-        "arms of unknown accuracy are like",
-        "give joints (--joints, --urdf), --robot-model or --robot-accuracy",
-    ),
-    FOCAL_LENGTH: ("calibrated cameras are like", "give pictures, or --focal-sd"),
-    PRINCIPAL_POINT: ("calibrated cameras are like", "give pictures, or --principal-point-sd"),
-    TARGET_SCALE: ("printed targets are like", "measure the target, and give --target-scale-sd"),
-    VIEW: ("poses of unknown cameras are like", "give pictures or corners"),
-    LENS: ("poses of unknown cameras are like", "give pictures or corners"),
+# What errors whose size is assumed belong to, and how to say what they are here.
+_ASSUMED = {
+    ROBOT_ACCURACY: ("an arm of unknown accuracy", "give joints (--joints, --urdf), --robot-model or --robot-accuracy"),
+    FOCAL_LENGTH: ("the focal length", "give pictures, or --focal-sd"),
+    PRINCIPAL_POINT: ("the principal point", "give pictures, or --principal-point-sd"),
+    TARGET_SCALE: ("the size of the target", "measure it, and give --target-scale-sd"),
+    VIEW: ("an unknown camera", "give pictures or corners"),
+    LENS: ("an unknown camera", "give pictures or corners"),
 }
 
 
@@ -65,11 +64,9 @@ def two_numbers(accuracy: Accuracy) -> str | None:
     own = accuracy.from_poses
     if own is None:
         return None
-    like, give = _LIKE.get(own.assumed[0], (f"is usual of the {own.assumed[0]}", "declare it"))
-    return (
-        f"{amounts(own.translation, own.rotation)} from these poses; "
-        f"{amounts(accuracy.translation, accuracy.rotation)} with what {like}: {give}."
-    )
+    of, give = _ASSUMED.get(own.assumed[0], (f"the {own.assumed[0]}", "declare it"))
+    known = amounts(own.translation, own.rotation)
+    return f"These poses alone give {known}; the rest is assumed of {of}: {give}."
 
 
 def _ahead(accuracy: Accuracy) -> str:

@@ -9,8 +9,11 @@ from ...model.noise.camera_noise import INTRINSICS, TARGET_SHAPE
 from ...model.noise.joint_covariance import JointCovariance, group_of
 from ...model.noise.models import PoseNoise, is_joint
 from ...model.shared_errors.accuracy import ROBOT_ACCURACY
-from ...model.shared_errors.shared_error import CLOCK_OFFSET, FOCAL_LENGTH, TARGET_SCALE
+from ...model.shared_errors.shared_error import CLOCK_OFFSET, FOCAL_LENGTH, TARGET_SCALE, VIEW
 from ..estimate.estimated import Estimated
+
+# Errors by a name that says more to the reader.
+PLAIN = {VIEW: "camera errors by view"}
 
 
 def shared_groups(result: Estimated) -> list[SharedGroup]:
@@ -36,7 +39,7 @@ def included(result: Estimated) -> list[tuple[str, bool]]:
         if name in of_arm:
             continue
         sizes = list(dict.fromkeys(map(sizes_of, of_error)))
-        parts.append((f"{name} {' and '.join(sizes)}", of_error[0].default))
+        parts.append((f"{PLAIN.get(name, name)} {' and '.join(sizes)}", of_error[0].default))
     columns = dict.fromkeys(map(group_of, column_names(result)))
     parts += [(name, False) for name in columns if not groups or name == TARGET_SHAPE]
     if result.time_offset is not None and result.time_offset.std > 0:

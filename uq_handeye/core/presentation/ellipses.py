@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import ArrayLike
@@ -141,8 +142,7 @@ def covariance_ellipses(
 
 def small_ellipses(covariance: Array) -> Figure:
     """The ellipses of a covariance (6, 6) of X in half the width: translation in mm above, rotation in deg below."""
-    figure = NamedFigure(figsize=(3.45, 2.62), layout="constrained")
-    figure.get_layout_engine().set(wspace=0.02, hspace=0.04)  # type: ignore[union-attr]
+    figure = NamedFigure(figsize=(3.45, 2.62), layout=ConstrainedLayoutEngine(wspace=0.02, hspace=0.04))
     grid: Any = figure.subplots(2, 3, sharey="row")
     scale = np.repeat([np.pi / 180, 1e-3], 3)
     for line, first, unit in ((grid[0], 3, "mm"), (grid[1], 0, "deg")):

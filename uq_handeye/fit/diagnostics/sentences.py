@@ -57,7 +57,8 @@ def _moves_in_short(v: Mapping[str, Any]) -> str:
 
 def _halves_in_short(v: Mapping[str, Any]) -> str:
     state = "agree" if v["agree"] else "differ"
-    return f"{v['split']}: {state} ({probability(v['p_value'])})"
+    halves = "first and second half" if v["split"] == "contiguous" else "even and odd rows"
+    return f"{halves} {state} ({probability(v['p_value'])})"
 
 
 def _asked_in_short(v: Mapping[str, Any]) -> str:
@@ -176,7 +177,7 @@ def _moves(item: str, row: int, shift_sd: float, rotation: float, translation: f
         "exact": "the residuals are zero",
         "unknowns": "too few poses for the unknowns",
         "coefficients": "too few poses",
-        "estimated": "correlation is part of the estimated noise",
+        "estimated": "estimated from the same residuals",
     }.get(v["why"], "the noise is joint over the poses"),
 )
 def _(test: str, item: str, why: str, rows: int, needed: int) -> str:

@@ -242,7 +242,7 @@ def _so_far(
     of_each = _of_each_pose(noise, data) if result is None or noise is not None else result.noise
     if not isinstance(of_each, PoseNoise):
         raise InputError(f"The noise cannot be estimated from poses that fit exactly. {GIVE}")
-    found = WeaklyKnown.of(data.rows(kept), _of_each_pose(of_each, data).rows(kept))
+    found: Any = WeaklyKnown.of(data.rows(kept), _of_each_pose(of_each, data).rows(kept))
     return Known(found, found.data, noise is None, found.open_directions)
 
 
