@@ -22,7 +22,6 @@ from support import SEED
 
 import uq_handeye as uq
 from uq_handeye.calibration.estimate.provenance import Provenance
-from uq_handeye.calibration.report.text import directions
 from uq_handeye.core.files.about import ABOUT
 from uq_handeye.core.files.source import Source
 from uq_handeye.core.presentation import pdf
@@ -150,7 +149,7 @@ def test_the_number_comes_first_and_x_has_its_deviations(result, page):
         last = 10.0 ** -len(shown.partition(".")[2])
         assert float(shown) == pytest.approx(1e3 * result.X[k, 3], abs=0.51 * last)
         assert float(found[2]) == pytest.approx(1e3 * result.std[3 + k], rel=0.05)
-    translation, rotation = directions(result)
+    translation, rotation = result.facts.directions
     assert translation in page.words("full") and rotation in page.words("full")
 
 

@@ -14,9 +14,8 @@ from numpy.typing import ArrayLike
 
 from ..core.files.atomic import json_text
 from ..core.files.records import parsed
-from ..core.formatting.numbers import concise, digits
+from ..core.formatting.numbers import digits
 from ..core.geometry import conventions
-from ..core.geometry.pose_numbers import POSE_NUMBERS, pose_numbers
 from ..core.presentation.document import COLUMNS, document_of, to_text
 from ..core.presentation.notebook import html_of
 from ..errors import InputError
@@ -27,6 +26,7 @@ from .estimate.fitted_kinematics import FittedKinematics
 from .prediction.corrected_urdf import CorrectedUrdf, write_corrected_urdf
 from .prediction.predict import CameraPrediction, predict_camera, predict_points
 from .prediction.workspace import WorkspacePrediction, over_workspace
+from .report.facts import Facts, facts_of
 from .report.plotted import Plotted
 from .result_file import DERIVED, FORMAT, UNITS, from_dict
 from .statement.of_result import Statement
@@ -217,6 +217,11 @@ class Calibration(Statement, Plotted):
         """
         return over_workspace(self, distance_of(self.analysis)[0])
 
+    @cached_property
+    def facts(self) -> Facts:
+        """Numbers and words that the views of the result select from: text, page, notebook, certificate, tables."""
+        return facts_of(self)
+
     def __repr__(self) -> str:
         data = f"{self.n_pairs} pairs" if self.n_poses is None else f"{self.n_poses} poses"
         data += f", {len(self.excluded)} excluded" if self.excluded else ""
@@ -309,17 +314,15 @@ class Calibration(Statement, Plotted):
         """A pandas table of the six numbers of X: value, standard deviation, unit."""
         import pandas as pd
 
-        values, std = pose_numbers(self.X, self.covariance, opened=self.open_of_X)
-        units = ["mm"] * 3 + ["deg"] * 3
-        known = [None] * 6 if std is None else std.tolist()
+        numbers = self.facts.X
         return pd.DataFrame(
             {
-                "value": values,
-                "std": pd.array(known, dtype="Float64"),
-                "unit": units,
-                "concise": [concise(*number) for number in zip(values.tolist(), known, units, strict=True)],
+                "value": [one.value for one in numbers],
+                "std": pd.array([one.sd for one in numbers], dtype="Float64"),
+                "unit": [one.unit for one in numbers],
+                "concise": [one.concise for one in numbers],
             },
-            index=pd.Index(POSE_NUMBERS, name=self.frame),
+            index=pd.Index([one.name for one in numbers], name=self.frame),
         )
 
     _if_any: ClassVar[str] = "about agreement open kinematics posterior data excluded"

@@ -21,7 +21,6 @@ from ..calibration.report.residual_figure import residual_figure
 from ..calibration.report.rig_figure import MOST_FRAMES, rig, rig_figure, rig_scene
 from ..calibration.report.shared_figure import shared_figure
 from ..calibration.report.task_space_figure import task_space_figure
-from ..calibration.report.text import directions, parent_frame
 from ..calibration.report.workspace_figure import workspace_figure
 from ..calibration.statement.included import shared_groups
 from ..core.formatting.numbers import digits
@@ -177,7 +176,7 @@ def _ellipses(result: Calibration, check: CrossCheck | None) -> Picture | None:
     overlay = f", with those of {', '.join(others)} over it" if others else ""
     alt = (
         f"Fifteen panels with the 1, 2 and 3 sigma ellipses of {result.frame}{overlay}: three of the rotation, three "
-        f"of the translation, nine of rotation against translation. {' '.join(directions(result))}"
+        f"of the translation, nine of rotation against translation. {' '.join(result.facts.directions)}"
     )
     caption = (
         f"Errors of X in pairs of its six components. The ellipses hold {held} of the errors. A narrow, tilted ellipse "
@@ -271,7 +270,7 @@ def _task_space(result: Calibration) -> Picture | None:
         f"camera. At {typical:.2g} m it is {digits(1e3 * at.worst[0])} mm in the worst direction."
     )
     caption = (
-        f"Uncertainty of a point that the camera sees, transformed by X to the {parent_frame(result)}. Only the error "
+        f"Uncertainty of a point that the camera sees, transformed by X to the {result.facts.parent}. Only the error "
         "of X is included; the camera's own error of the point comes in addition. Left: points on the optical axis. "
         "Right: the plane y = 0, up to 30 degrees from the axis."
     )

@@ -9,12 +9,10 @@ import numpy as np
 
 from ..calibration.points_ahead import ahead
 from ..calibration.report.arm import arm_sentences
+from ..calibration.report.facts import Number
 from ..calibration.report.shared_errors import included_words
-from ..calibration.report.text import directions, ellipsoid_words, parent_frame, source_words
 from ..calibration.statement.included import not_included
 from ..core.formatting.numbers import concise, fixed
-from ..core.geometry.pose_numbers import pose_numbers
-from ..core.geometry.se3 import Array
 from ..core.presentation.document import Block, Code, Drawing, Paragraph, Points, Section, Table
 from ..trials.validation.cross_check.text import state, verdict
 
@@ -26,21 +24,17 @@ NO_COVARIANCE = "Not known: the noise of the poses was not given, and the residu
 _AXES = "xyz"
 # Correlations from here up are listed, at most so many.
 STRONG, MOST_CORRELATIONS = 0.5, 5
-_COMPONENTS = [f"{kind} {axis}" for kind in ("rotation", "translation") for axis in _AXES]
 
 
 def full_section(result: Calibration) -> Section:
     """X and W with their standard deviations, and the directions in which X is known least."""
-    blocks: list[Block] = [Paragraph(text) for text in directions(result)]
+    facts = result.facts
+    blocks: list[Block] = [Paragraph(text) for text in facts.directions]
     if result.agreement is not None:
         blocks.append(Paragraph(result.agreement.sentence))
-    head = ["", result.frame]
-    columns = [_pose_cells(result.X, result.covariance, result.open_of_X)]
-    if result.W is not None:
-        head.append(result.frame_W)
-        columns.append(_pose_cells(result.W, result.covariance_W, result.open_of_W))
-    names = [f"translation {axis}" for axis in _AXES] + [f"rotation vector {axis}" for axis in _AXES]
-    rows = [[name, *(column[k] for column in columns)] for k, name in enumerate(names)]
+    head = ["", result.frame, *([result.frame_W] if facts.W else [])]
+    poses = [facts.X, *([facts.W] if facts.W else [])]
+    rows = [[numbers[0].name, *map(_cell, numbers)] for numbers in zip(*poses, strict=True)]
     about = f"{result.frame} is the pose of the {_of(result.frame)}"
     if result.W is not None:
         about += f"; {result.frame_W} that of the target, as all poses see it"
@@ -53,7 +47,6 @@ def full_section(result: Calibration) -> Section:
         )
     blocks.append(Table(caption, head, rows))
     if result.covariance is not None and result.std is not None:
-        parent = parent_frame(result)
         lines = []
         for name, factor, std, weakest in (
             ("translation (mm)", 1e3, result.std[3:], result.weakest_translation),
@@ -63,7 +56,7 @@ def full_section(result: Calibration) -> Section:
             lines.append([name, *(fixed(factor * x) for x in (*std, weakest[1]))])
         blocks.append(
             Table(
-                f"Standard deviations of X, along and about the axes of the {parent}",
+                f"Standard deviations of X, along and about the axes of the {facts.parent}",
                 ["1 sigma", "x", "y", "z", "worst direction"],
                 lines,
             )
@@ -79,14 +72,9 @@ def _of(frame: str) -> str:
     return f"{child} in the {parent} frame"
 
 
-def _pose_cells(T: Array, covariance: Array | None, opened: Array | None) -> list[str]:
-    """Translation (mm) and rotation vector (deg), each with its standard deviation."""
-    numbers, deviations = pose_numbers(T, covariance, opened=opened)
-    if deviations is None:
-        numbers = numbers.round(9)  # what is exact ends in rounding errors
-    known = [None] * 6 if deviations is None else deviations.tolist()
-    units = ["mm"] * 3 + ["deg"] * 3
-    return [concise(x, sd, unit) for x, sd, unit in zip(numbers.tolist(), known, units, strict=True)]
+def _cell(one: Number) -> str:
+    """A number with its standard deviation; what is exact ends in rounding errors."""
+    return concise(round(one.value, 9) if one.sd is None else one.value, one.sd, one.unit)
 
 
 def arm_sections(result: Calibration, drawings: Mapping[str, Drawing]) -> list[Section]:
@@ -119,14 +107,7 @@ def ellipses_section(result: Calibration, drawings: Mapping[str, Drawing], cross
 
 
 def _correlations(result: Calibration) -> Block:
-    correlation = result.correlation
-    assert correlation is not None  # the caller has a covariance
-    strong = sorted(
-        ((abs(correlation[i, j]), i, j) for i in range(6) for j in range(i + 1, 6)), key=lambda item: -item[0]
-    )
-    named = [
-        f"{_COMPONENTS[i]} with {_COMPONENTS[j]} {correlation[i, j]:+.2f}" for size, i, j in strong if size >= STRONG
-    ]
+    named = [f"{i} with {j} {x:+.2f}" for x, i, j in result.facts.correlations if abs(x) >= STRONG]
     if not named:
         return Paragraph(f"No two components are correlated by {STRONG:g} or more.")
     more = f", and {len(named) - MOST_CORRELATIONS} more from {STRONG:g} up" if len(named) > MOST_CORRELATIONS else ""
@@ -144,7 +125,7 @@ def task_space_section(result: Calibration, drawings: Mapping[str, Drawing]) -> 
     points = ahead(result)
     rows = [[f"{z:g}", *(fixed(1e3 * x) for x in numbers)] for z, *numbers in zip(*points, strict=True)]
     table = Table(
-        f"Uncertainty of a point on the optical axis, in the {parent_frame(result)} (mm, 1 sigma; last column: radius "
+        f"Uncertainty of a point on the optical axis, in the {result.facts.parent} (mm, 1 sigma; last column: radius "
         "of a sphere that holds 95 %)",
         ["distance (m)", "worst direction", "across the line of sight", "along it", "95 % radius"],
         rows,
@@ -165,13 +146,13 @@ def scope_section(result: Calibration, convention: str) -> Section:
     """Section of what the numbers mean, and what they do not contain."""
     blocks: list[Block] = []
     if result.std is not None:
-        order = "beyond first order" if result.covariance_kind == "sigma-points" else "to first order"
+        facts = result.facts
         blocks.append(
             Paragraph(
-                f"All standard deviations are 1 sigma, {order}, of {source_words(result)}. {included_words(result)}"
+                f"All standard deviations are 1 sigma, {facts.order}, of {facts.source}. {included_words(result)}"
             )
         )
-        blocks.append(Paragraph(ellipsoid_words(result)))
+        blocks.append(Paragraph(facts.ellipsoid))
     missing: Sequence[str] = (
         f"Systematic errors: {', '.join(not_included(result))}. All poses share them, they do not average out, and "
         "residuals hardly show them.",

@@ -11,11 +11,9 @@ import numpy as np
 
 from ..calibration.report.analysis import budget_table
 from ..calibration.report.first_screen import STATUS_OF, status_of, suited_to
-from ..calibration.report.text import parent_frame
 from ..calibration.statement.accuracy import combined_parts
 from ..core.files.about import ABOUT, OF_CERTIFICATE
 from ..core.formatting.numbers import digits, fixed
-from ..core.geometry.pose_numbers import pose_numbers
 from ..core.geometry.se3 import Array
 from ..core.presentation.document import Answer, Badge, Block, Checks, Drawing, Paragraph, Points, Section, Table
 from ..findings import Finding
@@ -105,22 +103,9 @@ def _title_of_x(result: Calibration) -> str:
 
 def _x_blocks(result: Calibration) -> list[Block]:
     """Return X as a table with its standard deviations."""
-    numbers, deviations = pose_numbers(result.X, result.covariance, opened=result.open_of_X)
-    names = [f"{kind} {axis}" for kind in ("translation", "rotation vector") for axis in "xyz"]
-    rows = []
-    for k, name in enumerate(names):
-        sd = None if deviations is None else float(deviations[k])
-        rows.append([name, *_with_deviation(float(numbers[k]), sd), "mm" if k < 3 else "deg"])
-    caption = "Value and standard deviation (1 sigma)" + ("" if deviations is not None else "; ? is not determined")
+    rows = [[one.name, *one.parts, one.unit] for one in result.facts.X]
+    caption = "Value and standard deviation (1 sigma)" + ("" if result.std is not None else "; ? is not determined")
     return [Table(f"{caption}.", [result.frame, "value", "\N{PLUS-MINUS SIGN} 1 sigma", "unit"], rows, frozenset({3}))]
-
-
-def _with_deviation(value: float, sd: float | None) -> tuple[str, str]:
-    """Return both with two digits of the standard deviation, the value to the same place."""
-    if sd is None or not np.isfinite(sd) or sd <= 0:
-        return f"{value + 0.0:.4f}", "?" if sd is None else "open" if sd > 0 else "0"
-    decimals = int(np.clip(1 - np.floor(np.log10(sd)), 0, 9))
-    return f"{value + 0.0:.{decimals}f}", f"{sd:.{decimals}f}"
 
 
 def _point_blocks(result: Calibration) -> list[Block]:
@@ -139,7 +124,7 @@ def _point_blocks(result: Calibration) -> list[Block]:
         name = f"{fixed(z)} m" + (" (target)" if step == 1 and accuracy.distance_known else "")
         rows.append([name, fixed(_MM * one, 2), fixed(_MM * expanded, 2)])
     caption = (
-        f"Uncertainty that X gives a point on the optical axis, in the worst direction, in the {parent_frame(result)}. "
+        f"Uncertainty that X gives a point on the optical axis, in the worst direction, in the {result.facts.parent}. "
         "The camera's own error of the point is not part of it."
     )
     return [Table(caption, ["distance", "1 sigma (mm)", "95 % (mm)"], rows)]

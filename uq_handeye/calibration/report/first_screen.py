@@ -12,7 +12,6 @@ from math import isinf
 import numpy as np
 
 from ...core.formatting.numbers import concise, digits, fixed, plus_minus
-from ...core.geometry.pose_numbers import pose_numbers
 from ...core.geometry.se3 import Array
 from ...core.presentation.document import (
     COLUMNS,
@@ -229,9 +228,7 @@ def checks_block(result: Calibration) -> Checks:
 
 def x_blocks(result: Calibration, width: int = COLUMNS) -> list[Block]:
     """Return X: its six numbers with standard uncertainties, and the 4x4."""
-    values, std = pose_numbers(result.X, result.covariance, opened=result.open_of_X)
-    known: list[float | None] = [None] * 6 if std is None else std.tolist()
-    numbers = list(zip(values.tolist(), known, strict=True))
+    numbers = [(number.value, number.sd) for number in result.facts.X]
     lines: list[str] = []
     for form, gap in ((_plus_minus, "   "), (_plus_minus, "  "), (concise, "  "), (concise, " ")):
         lines = [

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from ...core.formatting.numbers import concise, digits
-from ...core.geometry.pose_numbers import POSE_NUMBERS, pose_numbers
 from ...core.presentation.document import Block, Checks, Document, Paragraph, Points, Table
 from ...core.presentation.notebook import blocks_html, heat_html, html_of, matrix_html, to_html
 from ..result import Calibration
+from . import text as text  # registers the document of a calibration
 from .arm import arm_sentences
 from .first_screen import accuracy_blocks, answer_blocks, data_words
 from .shared_errors import included_words, shared_blocks
-from .text import directions
 
 # Parts of the accuracy; smaller ones are combined.
 MOST_PARTS = 12
@@ -37,11 +36,9 @@ def calibration_html(result: Calibration) -> str:
 
 def _numbers(result: Calibration) -> Table:
     """Return the six numbers of X."""
-    values, std = pose_numbers(result.X, result.covariance, opened=result.open_of_X)
-    known: list[float | None] = [None] * 6 if std is None else std.tolist()
     rows = [
-        [name, concise(value, sd), "?" if sd is None else digits(sd), "mm" if name.startswith("t") else "deg"]
-        for name, value, sd in zip(POSE_NUMBERS, values.tolist(), known, strict=True)
+        [one.name, concise(one.value, one.sd), "?" if one.sd is None else digits(one.sd), one.unit]
+        for one in result.facts.X
     ]
     return Table("", [f"X = {result.frame}" if result.setup else "X", "value", "1 sigma", "unit"], rows)
 
@@ -52,6 +49,6 @@ def _folds(result: Calibration) -> dict[str, list[Block]]:
     return {
         f"Cautions in full ({count})": [Points([str(finding) for finding in result.cautions])] if count else [],
         "Parts of the accuracy": [*accuracy, Paragraph(included_words(result))] if accuracy else [],
-        "Directions": [Paragraph(text) for text in [*directions(result), *arm_sentences(result)]],
+        "Directions": [Paragraph(text) for text in [*result.facts.directions, *arm_sentences(result)]],
         "Shared errors": [*shared_blocks(result)] if result.shared else [],
     }

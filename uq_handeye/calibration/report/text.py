@@ -8,13 +8,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ...core.formatting.numbers import digits, pose_rows, row
-from ...core.geometry.conventions import COMPONENTS
 from ...core.geometry.pose_numbers import pose_numbers, quaternion_deviations
-from ...core.geometry.principal_axes import principal_axes
 from ...core.geometry.se3 import Array
 from ...core.presentation.document import Block, Caution, Code, Document, Heading, Paragraph, document_of
-from ...fit.diagnostics.result import UNKNOWN_FRAME
-from ...fit.diagnostics.sentences import direction_words
 from ..result import Calibration
 from ..statement.tolerance import Verdict
 from .analysis import (
@@ -35,15 +31,6 @@ from .shared_errors import included_words, shared_blocks
 SHOWN_NOTES = ("calibration.excluded", "kinematics.against_controller")
 # Columns of the title of the long text.
 LONG_TITLE = 118
-
-_SOURCES = {
-    "model": "the noise given",
-    "sigma-points": "the noise given",
-    "sandwich": "the residuals of the poses (sandwich)",
-    "hac": "the residuals of the poses, with neighbours correlated (hac)",
-    "jackknife": "the poses, leaving out one at a time (jackknife)",
-    "bootstrap": "the poses, drawn with replacement (bootstrap)",
-}
 
 
 @document_of.register(Calibration)
@@ -79,59 +66,25 @@ def long_document(result: Calibration, threshold: float = 0.5, verdict: Verdict 
     ]
 
 
-def source_words(result: Calibration) -> str:
-    """Return the source of the standard deviations, e.g. "the noise given"."""
-    if result.noise_estimate is not None and result.covariance_kind in ("model", "sigma-points"):
-        return "the noise estimated"
-    return _SOURCES[result.covariance_kind]
-
-
 def _numbers(result: Calibration, threshold: float) -> list[list[Block]]:
     """X and its standard deviations, correlations and directions."""
     numbers: list[Block] = [_lines(pose_rows(*pose_numbers(result.X, result.covariance, opened=result.open_of_X)))]
     if result.std is not None:
         turn = row("rotation about axes (deg)", "xyz", None, np.degrees(result.std[:3]), 5)
-        numbers += [_lines([turn]), *map(Paragraph, directions(result)), _lines(_correlations(result, threshold))]
+        numbers += [_lines([turn]), *map(Paragraph, result.facts.directions), _lines(_correlations(result, threshold))]
     return [[_matrix(result.X)], numbers]
-
-
-def parent_frame(result: Calibration) -> str:
-    """``gripper frame`` or ``base frame``, or what it is called where motions came without poses."""
-    return f"{result.frame.split('_T_')[0]} frame" if "_T_" in result.frame else UNKNOWN_FRAME
-
-
-def directions(result: Calibration) -> list[str]:
-    """The least certain directions of translation and of rotation, in words; nothing without a covariance."""
-    if result.covariance is None or result.opened is not None:
-        return []
-    theta, tau = result.covariance[:3, :3], result.covariance[3:, 3:]
-    parent = result.frame.split("_T_")[0] if "_T_" in result.frame else UNKNOWN_FRAME
-    sentences = []
-    for name, S, factor in (("translation", tau, 1e3), ("rotation", theta, 180 / np.pi)):
-        sd, axes = principal_axes(S)
-        text = direction_words(name, factor * sd[0], factor * sd[-1], axes[0], parent)
-        sentences.append(f"{text[0].upper()}{text[1:]}.")
-    return sentences
-
-
-def ellipsoid_words(result: Calibration) -> str:
-    """Return the extent of the 95 % ellipsoid of X in words."""
-    limit = result.quantile(0.95)
-    if np.isfinite(limit):
-        return f"95 % of all errors lie within d^2 = {limit:.1f} ({result.reference})."
-    return f"There is no 95 % ellipsoid from so few poses ({result.reference})."
 
 
 def _scope(result: Calibration) -> list[Block]:
     """Return what the standard deviations mean."""
     if result.std is None:
         return []
-    within = ellipsoid_words(result)
+    facts = result.facts
+    within = facts.ellipsoid
     if result.analysis is not None:
         within += " Shifts of X above are given as d, in standard deviations."
     shared = " and of the shared errors in the table" if result.shared else ""
-    order = "beyond first order" if result.covariance_kind == "sigma-points" else "to first order"
-    scope = f"The standard deviations are 1 sigma, {order}, of {source_words(result)}{shared}."
+    scope = f"The standard deviations are 1 sigma, {facts.order}, of {facts.source}{shared}."
     return [Paragraph(within), Paragraph(f"{scope} {included_words(result)}")]
 
 
@@ -181,14 +134,7 @@ def _matrix(T: Array) -> Code:
 
 
 def _correlations(result: Calibration, threshold: float) -> list[str]:
-    correlation = result.correlation
-    assert correlation is not None  # the caller asked for standard deviations first
-    strong = [
-        (abs(correlation[i, j]), f"  {COMPONENTS[i]} with {COMPONENTS[j]}: {correlation[i, j]:+.2f}")
-        for i in range(6)
-        for j in range(i + 1, 6)
-        if abs(correlation[i, j]) >= threshold
-    ]
+    strong = [f"  {i} with {j}: {x:+.2f}" for x, i, j in result.facts.correlations if abs(x) >= threshold]
     if not strong:
         return [f"No correlation is {threshold:g} or larger."]
-    return [f"Correlations of {threshold:g} and larger:", *(text for _, text in sorted(strong, reverse=True))]
+    return [f"Correlations of {threshold:g} and larger:", *strong]

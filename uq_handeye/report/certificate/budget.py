@@ -13,9 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...calibration.report.analysis import shorten_budget, shown_budget
-from ...calibration.report.text import source_words
 from ...calibration.result import Calibration
-from ...core.geometry.pose_numbers import POSE_NUMBERS, pose_numbers, rotation_vector
+from ...core.geometry.pose_numbers import rotation_vector
 from ...core.geometry.se3 import Array, left_jacobian
 from ...fit.diagnostics.budget import Budget, Expanded
 from .inputs import NORMAL, Input, input_of
@@ -103,7 +102,7 @@ def _undivided(result: Calibration) -> tuple[BudgetRow, ...]:
         return ()
     of_residuals = result.covariance_kind not in _OF_SOURCES
     kind = "A" if of_residuals or result.noise_estimate is not None else "B"
-    found = Input("covariance", NORMAL, source_words(result))
+    found = Input("covariance", NORMAL, result.facts.source)
     free = float("inf") if dof is None else float(dof)
     return (BudgetRow("all errors of the poses", kind, found, accuracy.translation, accuracy.rotation, free, 1.0, 1.0),)
 
@@ -112,9 +111,7 @@ def components_of(result: Calibration) -> tuple[Stated, ...]:
     """Return translation (m) and rotation vector (rad) of X, six numbers, with their uncertainties."""
     if result.covariance is None:
         return ()
-    values, deviations = pose_numbers(result.X, result.covariance, opened=result.open_of_X)
-    assert deviations is not None  # where there is a covariance
-    to_si = np.repeat([1e-3, np.pi / 180], 3)
+    to_si = {"mm": (1e-3, "m"), "deg": (np.pi / 180, "rad")}
     rows = _rows(result)
     budget = _by_source(result)
     if budget is None:
@@ -122,12 +119,13 @@ def components_of(result: Calibration) -> tuple[Stated, ...]:
     else:
         padded = np.pad(rows, ((0, 0), (0, len(budget.covariance) - 6)))
         expanded = [(found.dof, found.k) for found in budget.expanded_along(padded, LEVEL)]
-    return tuple(
-        Stated(name, unit, float(value), float(u), dof, k, float(k * u))
-        for name, unit, value, u, (dof, k) in zip(
-            POSE_NUMBERS, ["m"] * 3 + ["rad"] * 3, to_si * values, to_si * deviations, expanded, strict=True
-        )
-    )
+    found = []
+    for one, (dof, k) in zip(result.facts.X, expanded, strict=True):
+        factor, unit = to_si[one.unit]
+        assert one.sd is not None  # where there is a covariance
+        u = factor * one.sd
+        found.append(Stated(one.name, unit, factor * one.value, u, dof, k, k * u))
+    return tuple(found)
 
 
 def _rows(result: Calibration) -> Array:

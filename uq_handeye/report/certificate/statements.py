@@ -9,7 +9,6 @@ from datetime import UTC, datetime
 import numpy as np
 
 from ...calibration.report.first_screen import title_of
-from ...calibration.report.text import source_words
 from ...calibration.result import Calibration
 from ...calibration.statement.included import shared_groups, sizes_of
 from ...calibration.statement.tolerance import percent
@@ -94,7 +93,7 @@ def method_of(result: Calibration) -> str:
     """Return how X and its uncertainty were evaluated."""
     order = "second-order terms by sigma points" if result.covariance_kind == "sigma-points" else "first order"
     text = (
-        f"X by method {result.method}; covariance from {source_words(result)} ({order}, JCGM 100:2008, JCGM 102:2011)."
+        f"X by method {result.method}; covariance from {result.facts.source} ({order}, JCGM 100:2008, JCGM 102:2011)."
     )
     if result.covariance_kind == "sigma-points":
         text += " The budget is to first order."
