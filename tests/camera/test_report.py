@@ -32,7 +32,7 @@ from uq_handeye.model.camera.what_was_seen import (
     radial_means,
     tilts,
 )
-from uq_handeye.report.sections_camera import camera_sections, shares_words
+from uq_handeye.report.sections_origin import camera_sections, shares_words
 
 S = 0.1
 DISTORTION = (-0.3, 0.1, 0.0, 0.0)

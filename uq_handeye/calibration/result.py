@@ -29,7 +29,7 @@ from .prediction.workspace import WorkspacePrediction, over_workspace
 from .report.facts import Facts, facts_of
 from .report.plotted import Plotted
 from .result_file import DERIVED, FORMAT, UNITS, from_dict
-from .statement.of_result import Statement
+from .statement.headline import Statement
 
 if TYPE_CHECKING:
     import pandas as pd

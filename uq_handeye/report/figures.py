@@ -15,13 +15,11 @@ from matplotlib.figure import Figure
 from ..calibration.points_ahead import ahead, typical_distance
 from ..calibration.report.analysis import budget_shares, shown_budget
 from ..calibration.report.arm import prediction_words, workspace_caption
-from ..calibration.report.budget_figure import budget_figure
-from ..calibration.report.plotted import FIGURES
+from ..calibration.report.error_figures import budget_figure, shared_figure
+from ..calibration.report.plotted import FIGURES, figure_names
+from ..calibration.report.point_figures import task_space_figure, workspace_figure
 from ..calibration.report.residual_figure import residual_figure
 from ..calibration.report.rig_figure import MOST_FRAMES, rig, rig_figure, rig_scene
-from ..calibration.report.shared_figure import shared_figure
-from ..calibration.report.task_space_figure import task_space_figure
-from ..calibration.report.workspace_figure import workspace_figure
 from ..calibration.statement.included import shared_groups
 from ..core.formatting.numbers import digits
 from ..core.presentation.ellipses import LEVELS, covariance_ellipses, small_ellipses
@@ -33,6 +31,7 @@ from ..model.noise.models import PoseNoise
 from ..model.poses.motions import Motions
 from ..model.poses.pose_pairs import PosePairs
 from .comparison.methods_figure import methods_picture
+from .comparison.of_result import compare_beside
 
 if TYPE_CHECKING:
     from ..calibration.result import Calibration
@@ -40,6 +39,7 @@ if TYPE_CHECKING:
     from ..fit.diagnostics.pose_table import PoseTable
     from ..trials.validation.cross_check.result import CrossCheck
     from .comparison.result import Comparison
+
 
 # Rows of a cross-check that are laid over the ellipses: key and name in the legend.
 OVERLAY = (
@@ -288,3 +288,20 @@ def _workspace(result: Calibration) -> Picture | None:
         f"same against the distance from the nearest calibrated pose. {prediction_words(result)}"
     )
     return Picture(workspace_figure(found), alt, workspace_caption(result))
+
+
+def figure_of(result: Calibration, name: str | None = None) -> Figure:
+    """Return the figure of that name, without a name the first there is.
+
+    Raises `InputError` for a name that the result has no figure of.
+    """
+    names = figure_names(result)
+    if name is None and names:
+        name = names[0]
+    if name in names:
+        comparison = compare_beside(result).comparison if name == "methods" else None
+        picture = pictures(result, None, comparison, only=(name,)).get(name)
+        if picture is not None:
+            return picture.figure
+    known = f"; {name!r} needs data or a covariance that this result does not have" if name in FIGURES else ""
+    raise InputError(f"Expected `name` to be one of {', '.join(names) or 'no figures'}, got {name!r}{known}.")

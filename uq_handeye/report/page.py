@@ -9,6 +9,7 @@ text is escaped by the template. The same result gives the same file, except for
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -21,16 +22,14 @@ from ..calibration.statement.tolerance import Verdict
 from ..core.files.about import as_about
 from ..core.files.atomic import require_writable_file, write_atomically
 from ..core.geometry.conventions import CONVENTION
-from ..core.presentation.document import Drawing, Section
+from ..core.presentation.document import Block, Drawing, Paragraph, Points, Section
 from ..core.presentation.page import Page, drawing
 from ..core.presentation.pdf import PAPERS, to_pdf
 from ..errors import InputError
 from ..trials.validation.cross_check.result import CrossCheck as CrossCheck
 from .comparison.of_result import Compared, compare_beside
 from .comparison.result import Comparison
-from .editing import edited
 from .figures import pictures, require_same_problem, small_pictures
-from .sections_camera import camera_sections
 from .sections_data import (
     budget_section,
     covariances_section,
@@ -40,7 +39,7 @@ from .sections_data import (
     residuals_section,
     shared_section,
 )
-from .sections_repeat import repeat_section
+from .sections_origin import camera_sections, repeat_section
 from .sections_result import (
     arm_sections,
     ellipses_section,
@@ -211,3 +210,54 @@ def _foot(result: Calibration, sections: Sequence[Section]) -> str:
     if sections:
         text += f" Not printed: {'; '.join(section.title for section in sections)}."
     return text
+
+
+# Sections for those who repeat the run or take X into their software.
+FOR_PROGRAMMERS = ("forms", "repeat")
+ADVICE = "Advice for repeating the run:"
+# An option, an argument, a call, or an attribute of a result.
+_CODE = re.compile(
+    r"(?<![\w-])--[a-z]|\b[a-z_]+=[\w\"'\[(]|\b(?:calibrate|compare|report|[a-z]+_[a-z_]+)\(|\bresult\.[a-z_]+\b"
+)
+_BETWEEN = re.compile(r"(?<=[.!?]) (?=[A-Z])")
+
+
+def edited(pages: Sequence[Sequence[Section]]) -> list[list[Section]]:
+    """Return the sections without sentences that stand before, and without code.
+
+    Sentences with options of the command or arguments of functions are moved to the section "repeat", if there is one.
+    """
+    said: set[str] = set()
+    advice: list[str] = []
+
+    def kept(text: str) -> str:
+        """Return the sentences that were not said yet and hold no code."""
+        found = []
+        for sentence in _BETWEEN.split(text):
+            if _CODE.search(sentence):
+                advice.append(sentence)
+            elif sentence not in said:
+                found.append(sentence)
+        said.update(sentence for sentence in found if len(sentence) > 40)
+        return " ".join(found)
+
+    def of_block(block: Block) -> list[Block]:
+        if isinstance(block, Paragraph) and not block.empty:
+            text = kept(block.text)
+            return [replace(block, text=text)] if text else []
+        if isinstance(block, Points):
+            items = [(text, k in block.marked) for k, item in enumerate(block.items) if (text := kept(item))]
+            marked = frozenset(k for k, (_, stands_out) in enumerate(items) if stands_out)
+            return [Points([text for text, _ in items], marked)] if items else []
+        return [block]
+
+    def of_section(section: Section) -> Section:
+        if section.anchor in FOR_PROGRAMMERS:
+            return section
+        return replace(section, blocks=[part for block in section.blocks for part in of_block(block)])
+
+    found = [[of_section(section) for section in page] for page in pages]
+    extra = [Paragraph(ADVICE), Points(list(dict.fromkeys(advice)))] if advice else []
+    return [
+        [replace(s, blocks=[*s.blocks, *extra]) if s.anchor == "repeat" else s for s in sections] for sections in found
+    ]

@@ -44,7 +44,7 @@ class Plotted:
         InputError
             A name that is not among `figures`.
         """
-        from ...report.named import figure_of
+        from ...report.figures import figure_of
 
         return figure_of(self, name)
 

@@ -1,4 +1,4 @@
-"""Errors that all poses share, as a table, and in words what the total includes of them."""
+"""Errors that all poses share, as a table, and in words what the total includes of them; the time offset."""
 
 from __future__ import annotations
 
@@ -15,7 +15,6 @@ from ...fit.likelihood.shared_groups import SharedGroup
 from ...model.shared_errors.shared_error import CLOCK_OFFSET, ROBOT_SCALE, TARGET_SCALE, WRONG_SIZE
 from ..result import Calibration
 from ..statement.included import included, shared_groups, sizes_of
-from .time_offset import offset_sentence
 
 CAPTION = (
     "Errors that all poses share: standard deviation assumed, estimate with its standard deviation in brackets after "
@@ -124,3 +123,24 @@ def included_words(result: Calibration) -> str:
     said = {0: "", len(parts): " (defaults)" if len(parts) > 1 else " (default)"}.get(defaults)
     named = [part if said is not None or not default else f"{part} (default)" for part, default in parts]
     return f"This total includes what all poses share: {', '.join(named)}{said or ''}."
+
+
+def offset_sentence(result: Calibration) -> str:
+    """Say what the time offset of the poses adds to the covariance of X; empty where there is none."""
+    found = result.time_offset
+    if found is None:
+        return ""
+    if found.std == 0:
+        said = "taken as exact, as given: its uncertainty is not in the covariance of X."
+        return f"Time offset: {1e3 * found.offset:.6g} ms, {said}"
+    move = found.std * np.array(found.sensitivity)
+    if not move.any():
+        said = "The robot stands still at these poses: the offset does not matter for X."
+        return f"Time offset: {concise(1e3 * found.offset, 1e3 * found.std, 'ms')}. {said}"
+    turn, shift = np.degrees(np.linalg.norm(move[:3])), 1e3 * np.linalg.norm(move[3:])
+    return (
+        f"Time offset: {concise(1e3 * found.offset, 1e3 * found.std, 'ms')} (robot_time = camera_time + offset; the "
+        f"{found.side} was interpolated). One standard deviation of it moves X by {digits(turn, 2)} deg and "
+        f"{digits(shift, 2)} mm; this is in the covariance of X, where it makes up "
+        f"{100 * found.share:.2g} % of the variance in the direction in which it counts most."
+    )

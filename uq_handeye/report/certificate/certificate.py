@@ -13,9 +13,8 @@ from ...core.files.about import as_about
 from ...core.files.atomic import json_text, require_writable_file, write_atomically
 from ...core.presentation.pdf import PAPERS, to_pdf
 from ...errors import InputError
-from .contents import Contents
 from .data import certificate_data, identifier_of
-from .decision import decide
+from .decision import Contents, decide
 from .page import certificate_html
 
 SUFFIXES = (".html", ".pdf", ".json")

@@ -14,7 +14,7 @@ from ...calibration.result import Calibration
 from ...core.files.records import plain
 from ...core.geometry.conventions import CONVENTION
 from .budget import LEVEL, BudgetRow, Stated, budget_rows, components_of, worst_of
-from .contents import Contents
+from .decision import Contents
 from .iso_9283 import robot_words
 from .statements import (
     STANDING,

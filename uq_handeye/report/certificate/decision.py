@@ -1,4 +1,7 @@
-"""The decision on a tolerance with its guard band, in the terms of JCGM 106."""
+"""What a certificate is of: a result, why nothing is certified where that is so, the decision on a tolerance.
+
+The decision has a guard band, in the terms of JCGM 106.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from ...calibration.result import Calibration
+from ...calibration.statement.headline import NOT_USABLE
 from ...calibration.statement.tolerance import MET, Tolerance, Verdict, percent, probability_of
 from ...core.formatting.numbers import digits
 
@@ -75,3 +79,25 @@ def decide(result: Calibration, verdict: Verdict) -> Decision:
         else:
             low = middle
     return Decision(verdict, scaled(float(np.power(10.0, high))))
+
+
+@dataclass(frozen=True, eq=False)
+class Contents:
+    """A result with its title block, the decision on a tolerance, and the date of the certificate."""
+
+    result: Calibration
+    decision: Decision | None
+    issued: str
+
+    @property
+    def refusals(self) -> tuple[str, ...]:
+        """Reasons why nothing is certified: X is not usable, or has no uncertainty; empty where it is."""
+        reasons = [f"{NOT_USABLE}: {reason}" for reason in self.result.reasons]
+        if not reasons and self.result.covariance is None:
+            reasons = ["the uncertainty of X is not known: no noise was given, and none could be estimated"]
+        return tuple(reasons)
+
+    @property
+    def certified(self) -> bool:
+        """True if X is usable and its uncertainty is known; else the page and the data say why not."""
+        return not self.refusals

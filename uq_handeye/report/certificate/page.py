@@ -12,9 +12,8 @@ from ...core.presentation.document import Answer, Badge, Block, Cell, Checks, Pa
 from ...core.presentation.page import Page
 from ..sheets import colour_of
 from .budget import LEVEL, OTHERS, BudgetRow, Stated, budget_rows, components_of, correlation_of, worst_of
-from .contents import Contents
 from .data import identifier_of
-from .decision import RULE
+from .decision import RULE, Contents
 from .iso_9283 import robot_words
 from .statements import (
     STANDING,

@@ -30,9 +30,8 @@ from ...core.presentation.ellipses import PAIRS_WITHIN, SYMBOLS, render
 from ...core.presentation.figure_parts import HALO
 from .compare import CHI2_95
 from .result import Comparison
-from .row import without_numbers
+from .row import apart, digits, without_numbers
 from .text import notes
-from .verdict import apart, digits
 
 MINUS = "\N{MINUS SIGN}"
 # Colours of Okabe and Ito for the methods that differ; line styles and markers of other periods keep all of them apart.

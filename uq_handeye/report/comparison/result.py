@@ -16,8 +16,7 @@ from ...core.presentation.document import COLUMNS, WIDTH, document_of, to_text
 from ...core.presentation.notebook import to_html
 from ...errors import InputError
 from ...model.noise.models import Noise
-from .row import CHI2_95, Row, against, flat, without_numbers
-from .verdict import verdict
+from .row import CHI2_95, Row, against, flat, verdict, without_numbers
 
 if TYPE_CHECKING:
     import pandas as pd

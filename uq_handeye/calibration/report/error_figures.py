@@ -1,19 +1,48 @@
-"""Errors that all poses share as a figure: what was assumed of each, and what is known after the fit.
+"""Errors of X as figures: shares of the noise sources in its variance; what was assumed and found of shared errors.
 
 This module imports Matplotlib; import it where it is used.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from ...core.formatting.numbers import concise
-from ...core.presentation.figure_parts import BLUE, INK, QUIET, SMALL, TEXT, canvas, finished, plain
+from ...core.geometry.se3 import Array
+from ...core.presentation.figure_parts import BLUE, INK, ORANGE, QUIET, SMALL, TEXT, canvas, finished, plain
 from ...fit.likelihood.shared_groups import SharedGroup
+from .analysis import KINDS
 from .shared_errors import found_of
+
+_STYLES = ((BLUE, ""), (ORANGE, "////"))  # rotation, translation
+
+
+def budget_figure(shares: Mapping[str, Array]) -> Figure:
+    """Two bars for each source, of ``shares`` (2,): of the variances of X's rotation and translation."""
+    count = len(shares)
+    figure = canvas(0.95 + 0.52 * count)
+    axis = figure.subplots()
+    plain(axis)
+    axis.grid(axis="y", visible=False)
+    values = 100 * np.stack(list(shares.values()))
+    for k, (kind, (colour, hatch)) in enumerate(zip(KINDS, _STYLES, strict=True)):
+        y = np.arange(count) + 0.2 * (2 * k - 1)
+        axis.barh(y, values[:, k], 0.36, color=colour, hatch=hatch, edgecolor="white", label=f"of X's {kind}")
+        for row, value in zip(y, values[:, k], strict=True):
+            axis.annotate(
+                f"{value:.1f} %", (max(value, 0.0), row), xytext=(3, 0), textcoords="offset points", va="center",
+                fontsize=SMALL, color=INK,
+            )  # fmt: skip
+    axis.set_yticks(range(count), labels=list(shares), fontsize=TEXT)
+    axis.set_ylim(count - 0.5, -0.5)
+    axis.set_xlim(min(0.0, 1.1 * float(values.min())), 1.12 * max(float(values.max()), 1.0))
+    axis.set_xlabel("share of the variance (%)", fontsize=TEXT)
+    figure.legend(loc="outside upper right", ncols=2, frameon=False, fontsize=SMALL)
+    return finished(figure)
+
 
 # Estimates are drawn up to so many of the standard deviations assumed.
 WIDEST = 6.0
