@@ -9,12 +9,13 @@ import glob
 import os
 import threading
 import warnings
-from collections import Counter
+from collections import Counter, OrderedDict
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -97,21 +98,21 @@ def find_corners(images: str | Iterable[StrPath], board: Board, progress: bool) 
     paths = picture_paths(images)
     names = _names(paths)
     tags: list[Tags] = []
-    find = tag_finder(board, tags) if board.kind in TAGS else FINDERS[board.kind](board)
     found: dict[int, Seen] = {}
     sizes: dict[tuple[int, int], str] = {}
     with progress_bar("looking for the board", len(paths), "pictures", progress) as more:
         for row, path in enumerate(paths):
-            picture = _picture(path)
-            sizes.setdefault((picture.shape[1], picture.shape[0]), names[row])
+            look = _look(path, board)
+            sizes.setdefault(look.size, names[row])
             if len(sizes) > 1:
                 (one, some), (other, odd) = sizes.items()
                 raise InputError(
                     f"Expected pictures of one size: {some} has {one[0]} x {one[1]} pixels and {odd} {other[0]} x "
                     f"{other[1]}. They must come from one camera, uncropped and unscaled."
                 )
-            if (seen := find(picture)) is not None:
-                found[row] = seen
+            if look.seen is not None:
+                found[row] = look.seen
+            tags += look.tags
             more(1)
     ids = [each.tolist() for each, _ in tags]
     if board.single:
@@ -148,6 +149,34 @@ def find_corners(images: str | Iterable[StrPath], board: Board, progress: bool) 
     )
     corners.require_once("The pictures")
     return corners
+
+
+class _Look(NamedTuple):
+    """What was found in a picture."""
+
+    size: tuple[int, int]
+    seen: Seen | None
+    tags: list[Tags]
+
+
+# Looks by the content of the picture and the board, the latest last: a session that grows looks at each picture once.
+_LOOKS: OrderedDict[tuple[bytes, Board], _Look] = OrderedDict()
+MOST_LOOKS = 2000
+
+
+def _look(path: Path, board: Board) -> _Look:
+    """Look for the board in a picture, or return what was found in one of the same content before."""
+    data = _content(path)
+    key = (sha256(data).digest(), board)
+    look = _LOOKS.pop(key, None)
+    if look is None:
+        picture, tags = _decoded(data, path), list[Tags]()
+        seen = (tag_finder(board, tags) if board.kind in TAGS else FINDERS[board.kind](board))(picture)
+        look = _Look((picture.shape[1], picture.shape[0]), seen, tags)
+    _LOOKS[key] = look
+    while len(_LOOKS) > MOST_LOOKS:
+        _LOOKS.popitem(last=False)
+    return look
 
 
 def _commonest(ids: list[list[int]]) -> int | None:
@@ -230,8 +259,7 @@ def source_of(images: str | Iterable[StrPath], board: Board) -> Source:
     paths = picture_paths(images)
     total, size = sha256(), 0
     for path in paths:
-        with opened(path, MAX_BYTES) as file:
-            data = file.read()
+        data = _content(path)
         total.update(data)
         size += len(data)
     names = _names(paths)
@@ -271,9 +299,16 @@ def _unheard() -> Iterator[None]:
 
 def _picture(path: Path) -> Picture:
     """Read the picture in grey, as the sensor has it: the orientation stated in a file is for viewers."""
-    cv2 = opencv()
+    return _decoded(_content(path), path)
+
+
+def _content(path: Path) -> bytes:
     with opened(path, MAX_BYTES) as file:
-        data = np.frombuffer(file.read(), dtype=np.uint8)
+        return file.read()
+
+
+def _decoded(content: bytes, path: Path) -> Picture:
+    cv2, data = opencv(), np.frombuffer(content, dtype=np.uint8)
     flags = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
     try:
         with _unheard():

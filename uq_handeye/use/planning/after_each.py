@@ -24,6 +24,7 @@ from ...fit.likelihood.d2_distribution import Reference
 from ...model.noise.models import Noise, PoseNoise
 from ...model.poses.pose_pairs import PosePairs
 from ...model.shared_errors.shared_error import OF_ANY_POSES, SharedError
+from .by_joints import plan_within_reach
 from .by_posterior import Known, Offered, Wanted
 from .plan import mean_distance, plan, plan_from
 
@@ -61,7 +62,8 @@ def next_pose(
 ) -> NextPose | None:
     """Return the pose that would gain most, of robot poses drawn around the target; None where none can be planned.
 
-    ``noise`` and ``shared`` are those that `calibrate` was given.
+    Beside an arm whose joints are known the pose is within its reach and joint limits. ``noise`` and ``shared`` are
+    those that `calibrate` was given.
     """
     data = result.counted
     if result.covariance is None or not isinstance(data, PosePairs):
@@ -71,19 +73,21 @@ def next_pose(
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # they are those of the calibration
             told = all(error.name in OF_ANY_POSES for error in shared or ())  # also what it does to new poses
-            told = told and result.kinematics is None
             if told and result.posterior is not None and result.opened is None:
                 known = Known(result, data, result.noise_estimate is not None)
                 of = Wanted("trace", None, mean_distance(data))
-                found = plan_from(known, Offered(sample=CANDIDATES, seed=seed), 1, of)
-            else:  # the posterior of an arm refuses all candidates where it does not reach one
+                offered = Offered(sample=CANDIDATES, seed=seed)
+                if result.kinematics is None:
+                    found = plan_from(known, offered, 1, of)
+                else:
+                    found = plan_within_reach(known, result.kinematics, of, offered)
+            else:
                 errors = None if shared is None else [error for error in shared if error.name in OF_ANY_POSES]
                 found = plan(data, k=1, noise=given, shared=errors, sample=CANDIDATES, seed=seed)
     except (InputError, NotConvergedError):
         return None
     if result.opened is not None or found.length is None:
         return NextPose(found.robot[0], float("nan"))
-    # the plan beside an arm is made without it, and starts from more than the result states
     size = max(_mean_square(result.covariance, found.length), float(found.criterion_before))
     saved = float(found.criterion_before - found.criterion_values[0])
     least = result.noise_estimate is not None and (result.n_poses or 0) < ENOUGH

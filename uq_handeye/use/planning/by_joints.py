@@ -18,6 +18,7 @@ import numpy as np
 
 from ...calibration.calibrate import calibrate
 from ...calibration.job import joints_by_poses
+from ...calibration.prediction.fitted_kinematics import FittedKinematics
 from ...calibration.prediction.predict import CameraAhead, camera_ahead
 from ...calibration.result import Calibration
 from ...core.geometry.checks import as_numbers
@@ -61,6 +62,15 @@ def plan_by_joints(
         more["task"] = at_task
     known = Known(result, data, options["noise"] is None)
     return planned(known, _ahead(result, chain, q), k, of, offered, joints=q, task_given=task is not None, **more)
+
+
+def plan_within_reach(known: Known, arm: FittedKinematics, of: Wanted, offered: Offered) -> Plan:
+    """Return the one pose to take next, inside the joint limits of the arm of a calibration."""
+    result, chain = known.result, arm.chain
+    assert isinstance(result, Calibration) and result.W is not None
+    q = sample_joints(known.data, chain, arm.joints, result.X, result.W, offered.sample, e=arm.e, seed=offered.seed)
+    fields = joint_fields(chain, arm.joint_noise)
+    return planned(known, _ahead(result, chain, q), 1, of, offered, joints=q, **fields)
 
 
 def sample_joints(

@@ -317,7 +317,7 @@ def tag_finder(board: Board, seen: list[tuple[NDArray[np.intp], Array]] | None =
     turns = turns if str(board.dictionary).startswith("APRILTAG") and not board.single else turns[:1]
 
     def find(picture: Picture) -> Found:
-        for border in tuple(borders):
+        for border in borders:
             ids, quads = detected(picture, border)
             if not len(ids):
                 continue
@@ -329,8 +329,6 @@ def tag_finder(board: Board, seen: list[tuple[NDArray[np.intp], Array]] | None =
             chosen = _chosen(layout, ids[good], quads[good], turns)
             if chosen is None:
                 continue
-            if border != borders[0]:
-                borders.reverse()  # it will be this one in all pictures
             tags, quads = chosen
             return _seen(layout, tags, quads, picture, share)
         return None
