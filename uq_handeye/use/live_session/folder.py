@@ -35,26 +35,40 @@ class Seen(Protocol):
 
 @dataclass(frozen=True)
 class SeenBoard:
-    """Pictures of a chessboard: ``board`` its inner corners, such as 9x6, ``square`` the side of a square, as 20mm."""
+    """Pictures of a board, which is as `camera.board.Board.text` says."""
 
     images: str
     board: str
-    square: str
 
     def read_board(self) -> Any:
         """Return the board."""
-        from ...model.camera.board import Board
+        from ...model.camera.board import board_of
 
-        numbers = re.fullmatch(r"\s*(\d{1,3})\s*x\s*(\d{1,3})\s*", self.board)
-        if numbers is None:
-            raise InputError(f"Expected the board's inner corners as COLUMNSxROWS, e.g. 9x6, got {self.board!a}.")
-        return Board(int(numbers[1]), int(numbers[2]), parse_length(self.square, "square"))
+        return board_of(self.board)
 
     def calibrate(self, corners: Any) -> Any:
         """Return the calibrated camera."""
         from ...model.camera.calibrate import calibrate_camera
 
         return calibrate_camera(corners)
+
+
+def board_text(kind: str, numbers: str, side: str, second: str = "", dictionary: str = "") -> str:
+    """Return ``Board.text`` of a board as people describe it; raises `InputError` for one that is none.
+
+    ``numbers`` as 9x6 (of a single tag not used), ``side`` of a square or tag as 20mm; ``second`` the side of the
+    markers of a ChArUco board, or the gap between the tags of a grid.
+    """
+    from ...model.camera.board import Board
+
+    single = kind == "apriltag"
+    found = re.fullmatch(r"\s*(\d{1,3})\s*x\s*(\d{1,3})\s*", "1x1" if single else numbers)
+    if found is None:
+        raise InputError(f"Expected the numbers of the board as COLUMNSxROWS, e.g. 9x6, got {numbers!a}.")
+    more: dict[str, Any] = {"dictionary": dictionary.strip() or None} if kind != "chessboard" else {}
+    if kind not in ("chessboard", "apriltag"):
+        more["marker" if kind == "charuco" else "spacing"] = second.strip() or None
+    return Board(int(found[1]), int(found[2]), parse_length(side, "square"), kind, **more).text
 
 
 @dataclass(frozen=True)

@@ -14,12 +14,14 @@ import numpy as np
 from ...calibration.evidence.touches import Touches
 from ...calibration.result import Calibration
 from ...errors import InputError, InputWarning
+from ...model.camera.boards.description import KINDS
 from ...model.poses.pose_pairs import PosePairs
 from ..maintenance.check import check
 from .browser_page import BrowserPage
 from .drawing.nodes import Picture
 from .drawing.scene import Beside, Scene
 from .drawing.touched import touched
+from .folder import board_text
 from .markup import covered, preformatted, summary, table
 from .question import ONE_AT_A_TIME
 from .server import HOST, PORT
@@ -103,11 +105,18 @@ class Page(BrowserPage):
         with gui.add_folder("Checks, and what is included"):
             self._covered = gui.add_html("")
         with gui.add_folder("More: pictures, a bag, touches, a stored result", expand_by_default=False):
-            self._board: Any = gui.add_text("Board", "9x6", hint="Inner corners of the chessboard, columns x rows.")
-            self._square: Any = gui.add_text("Square", "20mm", hint="Side of a square, as measured.")
+            self._kind: Any = gui.add_dropdown("Board", KINDS, hint="Kind of board in the pictures.")
+            self._board: Any = gui.add_text("Numbers", "9x6", hint="Columns x rows: inner corners of a chessboard, "
+                                            "squares of a ChArUco board, tags of a grid.")  # fmt: skip
+            self._square: Any = gui.add_text("Side", "20mm", hint="Side of a square or tag, as measured.")
+            self._second: Any = gui.add_text("Marker or gap", "15mm", hint="Side of the markers of a ChArUco board; "
+                                             "gap between the tags of a grid.", visible=False)  # fmt: skip
+            self._words: Any = gui.add_text("Dictionary", "", hint="Such as 5X5_100 or tag25h9; empty: the usual one.",
+                                            visible=False)  # fmt: skip
+            self._kind.on_update(lambda _: self._of_kind())
             self._upload("Add a picture of the board", self._add_picture, icon="photo")
             self._frames: Any = gui.add_text("Frames", "base:tool0,camera:tag0", hint="Robot and camera, parent:child.")
-            self._upload("Play a bag of ROS", self._play, icon="player-play")
+            self._upload("Play a bag of ROS (or its folder as .zip)", self._play, icon="player-play")
             self._upload("Add touched points", self._add_touches, icon="hand-finger")
             self._upload("Compare with a result", self._compare, icon="git-compare")
             self._said = gui.add_html("")
@@ -143,8 +152,16 @@ class Page(BrowserPage):
         """Keep a picture; with robot poses as files and no camera poses it is one of the board."""
         keep_picture(self.session.folder.path, name, content)
         if self.session.folder.seen is None and not self.session.folder.holds_camera:
-            self.session.look_for(self._board.value, self._square.value)
+            given = (self._kind, self._board, self._square, self._second, self._words)
+            self.session.look_for(board_text(*(one.value for one in given)))
         self.session.update()
+
+    def _of_kind(self) -> None:
+        """Ask for what this kind of board has."""
+        kind = self._kind.value
+        self._board.visible = kind != "apriltag"
+        self._second.visible = kind not in ("chessboard", "apriltag")
+        self._words.visible = kind != "chessboard"
 
     def _play(self, name: str, content: bytes) -> None:
         """Add the poses of a bag, one after the other."""

@@ -43,7 +43,7 @@ class Choice:
 
     left_out: tuple[int, ...] = ()
     earlier: tuple[tuple[int, ...], ...] = ()
-    board: tuple[str, str] | None = None  # of pictures that were uploaded: inner corners, side of a square
+    board: str | None = None  # of pictures that were uploaded: `Board.text`
 
     def changed(self, left_out: tuple[int, ...]) -> Choice:
         """Return the choice after one more step."""
@@ -136,14 +136,14 @@ class Session:
             self._keep(replace(self.choice, left_out=self.choice.earlier[-1], earlier=self.choice.earlier[:-1]))
             return self.update()
 
-    def look_for(self, board: str, square: str) -> None:
-        """Take the pictures in the folder as those of a chessboard; raises `InputError` for one that is none."""
+    def look_for(self, board: str) -> None:
+        """Take the pictures in the folder as those of a board, `Board.text`; raises `InputError` for other text."""
         with self._lock:
-            self._look_for((board, square))
-            self._keep(replace(self.choice, board=(board, square)))
+            self._look_for(board)
+            self._keep(replace(self.choice, board=board))
 
-    def _look_for(self, board: tuple[str, str]) -> None:
-        seen = SeenBoard(str(self.folder.path), *board)
+    def _look_for(self, board: str) -> None:
+        seen = SeenBoard(str(self.folder.path), board)
         seen.read_board()
         self.folder = replace(self.folder, seen=seen)
 
@@ -160,7 +160,7 @@ class Session:
     def _keep(self, choice: Choice) -> None:
         tree: dict[str, Any] = {"left_out": list(choice.left_out), "earlier": [list(one) for one in choice.earlier]}
         if choice.board is not None:
-            tree["board"] = list(choice.board)
+            tree["board"] = choice.board
         write_atomically(self.folder.path / CHOICE, json_text(tree))
         self.choice = choice
 
@@ -305,7 +305,7 @@ def _read_choice(path: Path) -> Choice:
     try:
         tree = json.loads(path.read_text(encoding="utf-8"))
         earlier = tuple(tuple(int(k) for k in one) for one in tree["earlier"])
-        board = None if tree.get("board") is None else (str(tree["board"][0]), str(tree["board"][1]))
+        board = None if tree.get("board") is None else str(tree["board"])
         return Choice(tuple(sorted(int(k) for k in tree["left_out"])), earlier, board)
     except (ValueError, LookupError, TypeError, AttributeError) as error:
         raise InputError(f"{path} is not the file of a session. Remove it: no pose is then left out.") from error

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import io
+import re
 import warnings
+import zipfile
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ...core.files.atomic import write_atomically
+from ...core.files.atomic import write_atomically, write_files
+from ...core.files.lines import refused
 from ...errors import InputError
 from ...model.camera.board import SUFFIXES
 from .folder import POSE_FILES
@@ -19,6 +22,9 @@ from .session import OWN
 # Largest file (bytes); files of one side; largest picture (pixels), and the width at which it is shown.
 MOST_BYTES, MOST_FILES, MOST_PIXELS, SHOWN = 50_000_000, 1000, 100_000_000, 240
 BAGS = (".bag", ".mcap", ".db3")
+# Files of a bag that is a folder, in it or at its top; bytes of all of them.
+_BAG_FILE = re.compile(r"(?:\w[\w. -]{0,150}/)?(?:metadata\.yaml|\w[\w.-]{0,150}\.(?:mcap|db3)(?:\.zstd)?)")
+MOST_UNPACKED = 500_000_000
 
 
 def keep_upload(folder: Path, side: str, name: str, content: bytes) -> Path:
@@ -40,8 +46,27 @@ def keep_picture(folder: Path, name: str, content: bytes) -> Path:
 
 
 def keep_bag(folder: Path, name: str, content: bytes) -> Path:
-    """Write an uploaded bag of ROS into a folder of its own, and return its path."""
-    return _keep(folder / "bags", "bag", BAGS, "a bag of ROS, one file", name, content)
+    """Write an uploaded bag of ROS, one file or a folder as .zip, into a folder of its own, and return its path."""
+    path = _keep(folder / "bags", "bag", (*BAGS, ".zip"), "a bag of ROS, one file or its folder", name, content)
+    return path if path.suffix != ".zip" else _unpacked(path, name)
+
+
+def _unpacked(path: Path, name: str) -> Path:
+    """Unpack the folder of a bag beside its .zip, which is removed: its files alone, and no more than they may hold."""
+    with refused(f"{name!a}: not a .zip that can be read"), zipfile.ZipFile(path) as packed:
+        files = [one for one in packed.infolist() if _BAG_FILE.fullmatch(one.filename)]
+        if not files or len({one.filename.rpartition("/")[0] for one in files}) > 1:
+            raise InputError(f"{name!a}: expected the folder of one bag, metadata.yaml and files .mcap or .db3.")
+        contents, left = {}, MOST_UNPACKED
+        for one in files:
+            with packed.open(one) as file:
+                content = file.read(left + 1)
+            if (left := left - len(content)) < 0:
+                raise InputError(f"{name!a} unpacks to more than {MOST_UNPACKED / 1e6:.0f} MB.")
+            contents[one.filename.rpartition("/")[2]] = content
+    write_files(path.with_suffix(""), contents)
+    path.unlink()
+    return path.with_suffix("")
 
 
 def keep_other(folder: Path, stem: str, suffix: str, what: str, name: str, content: bytes) -> Path:
