@@ -60,12 +60,12 @@ class _Counted(io.RawIOBase):
 @cache
 def bound_the_reader() -> None:
     """Put these in the place of what the library of bags decompresses with."""
-    import lz4.frame
+    import lz4.frame  # type: ignore[import-untyped]
     from rosbags.rosbag1 import reader as ros1
     from rosbags.rosbag2 import reader as ros2
     from rosbags.rosbag2 import storage_mcap
 
-    zstd: Any = storage_mcap.zstd
+    zstd: Any = vars(storage_mcap)["zstd"]
     of_zstd, of_lz4 = partial(unpacked, zstd.ZstdDecompressor), partial(unpacked, lz4.frame.LZ4FrameDecompressor)
 
     def opened(file: BinaryIO, mode: str) -> Any:
