@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 
 from ...calibration.calibrate import calibrate
+from ...calibration.estimate.fitted_kinematics import FittedKinematics
 from ...calibration.job import joints_by_poses
-from ...calibration.prediction.fitted_kinematics import FittedKinematics
 from ...calibration.prediction.predict import CameraAhead, camera_ahead
 from ...calibration.result import Calibration
 from ...core.geometry.checks import as_numbers
