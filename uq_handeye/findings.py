@@ -111,7 +111,7 @@ class Finding:
 
     @property
     def record(self) -> Record:
-        """What is known of the code; an empty record for codes of other versions."""
+        """Record of the code; an empty record for codes of other versions."""
         if self.code not in _RECORDS:
             _read_sentences()
         return _RECORDS.get(self.code, Record(_unknown))
@@ -123,12 +123,12 @@ class Finding:
 
     @property
     def remedy(self) -> str:
-        """What to do about it; empty where that is not known."""
+        """Remedy; empty where that is not known."""
         return _said(self.record.remedy, self.values)
 
     @property
     def effect(self) -> float:
-        """By how many of its standard deviations X may be off, as far as the finding says; infinite for a failure."""
+        """Number of standard deviations by which X may be off, as far as the finding says; infinite for a failure."""
         if self.severity == "failure":
             return math.inf
         effect = self.record.effect

@@ -198,7 +198,7 @@ def test_planned_views_help_as_predicted_and_more_than_others():
 
 
 def test_the_public_functions_take_rigs():
-    """What `uq.check` and the others say of a rig is what its own functions do; a drift is found by the series."""
+    """`uq.check` and the others say of a rig what its own functions do; a drift is found by the series."""
     exact, _ = simulate_rig(*HAND, n_poses=40, seed=7)
     noise = noise_of(exact)
     old, new = split(with_noise(exact, noise, [SEED, 3]), 30)

@@ -1,1 +1,1 @@
-"""What a calibration holds: X and W with their covariances, the fit, the errors that all poses share, the origin."""
+"""Parts of a calibration: X and W with their covariances, the fit, the errors that all poses share, the origin."""

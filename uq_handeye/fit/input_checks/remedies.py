@@ -1,4 +1,4 @@
-"""What to do about files that would fit in another reading: the options of the command that say so."""
+"""Remedies for files that would fit in another reading: the options of the command that say so."""
 
 from __future__ import annotations
 

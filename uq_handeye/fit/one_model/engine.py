@@ -232,7 +232,7 @@ class LatentModel(ReadOnlyArrays):
         return scale
 
     def _whitened(self, s: Array) -> tuple[tuple[Array, ...], Array, Array, Array]:
-        """At sizes s (t, components): ``L^-1`` of the groups, ``[A, y]^T [A, y]``, ``[A, y]^T`` with sizes of 1 for the
+        """Parts at sizes s (t, components): ``L^-1`` of the groups, ``[A, y]^T [A, y]``, ``[A, y]^T`` with sizes of 1 for the
         columns, and ``sum log|L|``.
         """
         found = [rows.whitened(s) for rows in self._prepared]
