@@ -61,7 +61,7 @@ LEVEL = 0.001  # of the test of all quantities of a cell together
 
 
 class Cell(NamedTuple):
-    """Way in which sets are drawn, and what `calibrate` is told: known sizes, so many times those drawn; None: defaults."""
+    """Way of drawing sets, and what `calibrate` is told: known sizes, so many times those drawn; None: defaults."""
 
     n: int
     setup: str = "eye-in-hand"

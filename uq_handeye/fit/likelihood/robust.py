@@ -26,7 +26,7 @@ that good poses exceed once in 1000 data sets. Else what the iteration settles a
 of the poses are kept by noise that needs no scale: two such X share most of their poses and are the same within the
 noise. Otherwise the iteration starts from `consensus`. Where the noise comes from the residuals several outliers may
 hide each other: all poses count in full if noise of all of them leaves a largest distance that good poses exceed in one
-of five data sets, and the median where it belongs, which the noise of some wrong poses would make small.
+of five data sets, and the median where it belongs, which the noise of some outliers would make small.
 """
 
 from __future__ import annotations

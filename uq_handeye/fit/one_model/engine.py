@@ -232,8 +232,8 @@ class LatentModel(ReadOnlyArrays):
         return scale
 
     def _whitened(self, s: Array) -> tuple[tuple[Array, ...], Array, Array, Array]:
-        """Parts at sizes s (t, components): ``L^-1`` of the groups, ``[A, y]^T [A, y]``, ``[A, y]^T`` with sizes of 1 for the
-        columns, and ``sum log|L|``.
+        """Parts at sizes s (t, components): ``L^-1`` of the groups, ``[A, y]^T [A, y]``, ``[A, y]^T`` with sizes of 1
+        for the columns, and ``sum log|L|``.
         """
         found = [rows.whitened(s) for rows in self._prepared]
         A = found[0][1] if len(found) == 1 else np.concatenate([white for _, white, _ in found], axis=-1)
