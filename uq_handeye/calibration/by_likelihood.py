@@ -170,7 +170,7 @@ def _in_its_branch(job: Job, source: JointModel, at: Unknowns) -> tuple[Job, Joi
 
 
 def _slack(job: Job) -> tuple[float, float]:
-    """What multiplies the limits of robust weights, and that of all rows alike."""
+    """Factors of the limits of robust weights, and that of all rows alike."""
     accuracy = any(error.name == ROBOT_ACCURACY for error in job.shared)
     return TAILS if job.arm is not None else 1.0, TAILS if job.arm is not None or accuracy else 1.0
 

@@ -152,7 +152,7 @@ def find_corners(images: str | Iterable[StrPath], board: Board, progress: bool) 
 
 
 class _Look(NamedTuple):
-    """What was found in a picture."""
+    """Detection in a picture."""
 
     size: tuple[int, int]
     seen: Seen | None

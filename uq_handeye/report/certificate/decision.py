@@ -1,4 +1,4 @@
-"""What a certificate is of: a result, why nothing is certified where that is so, the decision on a tolerance.
+"""Object of a certificate: a result, why nothing is certified where that is so, the decision on a tolerance.
 
 The decision has a guard band, in the terms of JCGM 106.
 """

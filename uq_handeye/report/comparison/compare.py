@@ -157,7 +157,7 @@ def explained_motions(result: Calibration, motions: Motions) -> Motions:
 
 
 class Work(NamedTuple):
-    """What all methods of a comparison are given; their residuals are those of the motions ``seen``."""
+    """Data that all methods of a comparison are given; their residuals are those of the motions ``seen``."""
 
     motions: Motions
     noise: Noise | None
