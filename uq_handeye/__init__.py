@@ -14,7 +14,6 @@ import typing as _typing
 
 if _typing.TYPE_CHECKING:
     from .calibration.calibrate import calibrate
-    from .calibration.evidence.absorb import include_touches
     from .calibration.evidence.touches import Touches
     from .calibration.result import Calibration, load
     from .core.geometry.conventions import from_convention, paper_from_theta, theta_from_paper, to_convention
@@ -104,7 +103,7 @@ if _typing.TYPE_CHECKING:
     from .use.maintenance.difference import Difference, difference
     from .use.maintenance.log import CheckSeries, log_check, read_checks
     from .use.maintenance.series_alarm import SeriesAlarm, series_alarm
-    from .use.maintenance.update import update
+    from .use.maintenance.update import include_touches, update
     from .use.planning.plan import plan
     from .use.planning.result import Plan
     from .use.verification.result import Verification
@@ -289,7 +288,6 @@ _LATER = {
         "solve",
     ),
     "methods.estimators.nguyen": ("nguyen",),
-    "calibration.evidence.absorb": ("include_touches",),
     "calibration.evidence.touches": ("Touches",),
     "core.geometry.conventions": (
         "from_convention",
@@ -328,7 +326,7 @@ _LATER = {
     "use.maintenance.series_alarm": ("SeriesAlarm", "series_alarm"),
     "use.maintenance.log": ("CheckSeries", "log_check", "read_checks"),
     "use.maintenance.difference": ("Difference", "difference"),
-    "use.maintenance.update": ("update",),
+    "use.maintenance.update": ("include_touches", "update"),
     "model.noise.camera_noise": ("CameraNoise",),
     "model.noise.estimate": (
         "NoiseEstimate",

@@ -11,7 +11,7 @@ of all errors estimated), 8 checked. Draws go round the arms, the accuracies and
 - *2 mm*: every `MOVED`-th draw, the camera moves in a random direction before the 8 are taken; found, cause named.
 
 ``--leave-out``: the geometry of the arm is not in the population. With ``--keep`` draws are added to those of a file,
-so that the study can run in pieces.
+so that the study can run in pieces; ``--draws 0`` with several files prints the table of all.
 """
 
 from __future__ import annotations
@@ -81,23 +81,27 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--draws", type=int, default=120)
     parser.add_argument("--leave-out", action="store_true", help="the geometry of the arm is not in the population")
-    parser.add_argument("--keep", type=Path, help="file of the draws so far, to which these are added")
+    parser.add_argument("--first", type=int, default=0, help="number of the first draw")
+    parser.add_argument("--keep", type=Path, nargs="+", help="files of draws so far; to the first these are added")
     options = parser.parse_args(arguments)
-    kept = np.zeros((0, 10))
-    if options.keep is not None and options.keep.exists():
-        kept = np.load(options.keep)["draws"]
+    files = [path for path in options.keep or () if path.exists()]
+    kept = [np.load(path)["draws"] for path in files]
+    first = options.first + (len(kept[0]) if files and files[0] == options.keep[0] else 0)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        new = [drawn(number, options.leave_out) for number in range(len(kept), len(kept) + options.draws)]
-    found = np.concatenate([kept, new])
-    if options.keep is not None:
-        np.savez(options.keep, draws=found)
+        new = [drawn(number, options.leave_out) for number in range(first, first + options.draws)]
+    if options.keep is not None and new:
+        before = kept[:1] if files and files[0] == options.keep[0] else []
+        np.savez(options.keep[0], draws=np.concatenate([*before, new]))
+    found = np.concatenate([*kept, np.reshape(new, (-1, 10))])
     print("| arm mm | setup | draws | mean p | p < 0.05, % | KS distance | found at 30, 60, 90 % | "
           "detectable mm: median, max | 2 mm found, % | named X, % |")  # fmt: skip
     print("|---|---|---|---|---|---|---|---|---|---|")
     for accuracy in ACCURACIES:
         for k, setup in enumerate(SETUPS):
-            print(f"| {accuracy:g} | {setup} | {row(found[(found[:, 0] == accuracy) & (found[:, 1] == k)])}")
+            of = found[(found[:, 0] == accuracy) & (found[:, 1] == k)]
+            if not np.isnan(of[:, 7]).all():
+                print(f"| {accuracy:g} | {setup} | {row(of)}")
     print(f"| all | | {row(found)}")
 
 

@@ -8,10 +8,10 @@ from support import SEED
 from touch_cases import NOISE, TIP, TRUTH, calibration, touches
 
 import uq_handeye as uq
-from uq_handeye.calibration.evidence.absorb import absorbed_into
 from uq_handeye.calibration.evidence.new_poses import evidence_of_poses
 from uq_handeye.core.geometry.se3 import logarithm
 from uq_handeye.findings import Finding
+from uq_handeye.use.maintenance.update import absorbed_into
 
 
 def whitened(result, X):

@@ -6,7 +6,7 @@ from arm_sessions import Session, calibrated, chain, drawn_errors, looking, meas
 from calibration_cases import quietly
 
 import uq_handeye as uq
-from uq_handeye.calibration.prediction.local_joints import range_shares
+from uq_handeye.calibration.prediction.workspace import range_shares
 from uq_handeye.model.kinematics.gravity import spread_postures
 
 CODE = "prediction.local_joints"

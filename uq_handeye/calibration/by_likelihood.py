@@ -71,7 +71,7 @@ from .findings import (
     wrong_poses,
 )
 from .job import FEWEST_FOR_ROBUST, Job
-from .prediction.local_joints import local_findings
+from .prediction.workspace import local_findings
 from .request import OF_NOISE
 from .result import Calibration
 

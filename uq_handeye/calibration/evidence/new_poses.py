@@ -33,6 +33,7 @@ from ..prediction.predict import (
     camera_at,
     fresh_of_camera,
     numbers_of_intrinsics,
+    poses_so_far,
     posterior_of,
     robot_ahead,
     shared_effects,
@@ -104,7 +105,7 @@ def evidence_of_poses(
     r, anew = linear.r, np.zeros((poses.n, 6, 0))
     kept = checked_things(same)
     if same is not THINGS:
-        require_same(kept, result.counted if isinstance(result.counted, PosePairs) else None, poses)
+        require_same(kept, poses_so_far(result), poses)
     if len(kept) < len(THINGS):
         other = 12 + posterior.owned_by([thing for thing in THINGS if thing not in kept])
         r = r + by_state[..., other] @ posterior.estimate[other - 12]  # of other things nothing was found
@@ -167,7 +168,8 @@ def noise_of_pictures(result: Estimated, poses: PosePairs) -> Any:
     seen = poses.camera_calibration
     if seen is None:
         return poses.camera_covariance
-    before = result.counted.camera_calibration if isinstance(result.counted, PosePairs) else None
+    so_far = poses_so_far(result)
+    before = None if so_far is None else so_far.camera_calibration
     same = before is not None and np.array_equal(before.bundle.parameters, seen.bundle.parameters)
     return np.asarray(seen.covariance.own) if same else seen.covariance
 

@@ -32,7 +32,6 @@ from ...errors import InputError
 from ...fit.diagnostics.task_space import by_pose
 from ...model.noise.camera_noise import INTRINSICS
 from ...model.noise.joint_covariance import group_of
-from ...model.poses.pose_pairs import PosePairs
 from ...model.posterior.rows import NewRows, factor_of
 from ...model.shared_errors.accuracy import ROBOT_ACCURACY
 from ...model.shared_errors.shared_error import TARGET_SCALE
@@ -42,6 +41,7 @@ from ..prediction.predict import (
     Fresh,
     RobotAhead,
     own_noise,
+    poses_so_far,
     posterior_of,
     rest_of_robot,
     robot_ahead,
@@ -172,12 +172,13 @@ class Touches(ReadOnlyArrays):
     def rows(self, index: Any) -> Touches:
         """Some of the touches, by their numbers."""
         chosen = np.arange(self.m)[index]
-        parts = {name: None if (of := getattr(self, name)) is None else of[chosen] for name in _PER_ROW}
+        of = {name: getattr(self, name) for name in _PER_ROW}
+        parts: dict[str, Any] = {name: None if each is None else each[chosen] for name, each in of.items()}
         return replace(self, **parts, names=tuple(self.names[k] for k in chosen))
 
     def joined(self, other: Touches) -> Touches:
         """These touches and others of the same kind."""
-        parts = {
+        parts: dict[str, Any] = {
             name: None if (of := getattr(self, name)) is None else np.concatenate([of, getattr(other, name)])
             for name in _PER_ROW
         }
@@ -324,7 +325,8 @@ def _poses_of_points(result: Estimated, touches: Touches) -> Array:
     """(m, 4, 4) poses of a flange at touched points: with the orientation of the nearest pose of the calibration."""
     assert touches.touched is not None
     poses = np.broadcast_to(np.eye(4), (touches.m, 4, 4)).copy()
-    known = result.counted.robot if isinstance(result.counted, PosePairs) else touches.robot
+    so_far = poses_so_far(result)
+    known = touches.robot if so_far is None else so_far.robot
     if known is not None:
         distance = np.linalg.norm(touches.touched[:, None] - known[None, :, :3, 3], axis=-1)
         poses[:, :3, :3] = known[distance.argmin(axis=1), :3, :3]

@@ -126,7 +126,8 @@ def predict_camera(
 ) -> CameraPrediction:
     """See `Calibration.predict_camera`."""
     posterior = posterior_of(result)
-    from_corners = isinstance(result.counted, PosePairs) and result.counted.camera_calibration is not None
+    so_far = poses_so_far(result)
+    from_corners = so_far is not None and so_far.camera_calibration is not None
     if new_measurement and numbers_of_intrinsics(posterior) and not from_corners:
         raise InputError(
             "The effect of the intrinsics' errors on a new measurement follows from its corners, which this result "
@@ -355,7 +356,7 @@ def shared_effects(result: Estimated, side: Literal["robot", "camera"], robot: A
         if error.side == side:
             index = [posterior.names.index(part) for part in error.parts]
             found[..., index] = error.at(poses)
-    before = _calibrated(result)
+    before = poses_so_far(result)
     index, seen = numbers_of_intrinsics(posterior), None if before is None else before.camera_calibration
     if side == "camera" and index and seen is not None and isinstance(result.noise, PoseNoise):
         S = result.noise.camera
@@ -365,7 +366,7 @@ def shared_effects(result: Estimated, side: Literal["robot", "camera"], robot: A
     return found
 
 
-def _calibrated(result: Estimated) -> PosePairs | None:
+def poses_so_far(result: Estimated) -> PosePairs | None:
     """Return the poses of the calibration, where it holds them."""
     data = result.counted
     return data.poses if isinstance(data, Motions) else data
@@ -376,7 +377,7 @@ def bound_to(result: Estimated) -> PosePairs | None:
     posterior = posterior_of(result)
     if posterior.bound is not None:
         return PosePairs(*posterior.bound, result.setup or "eye-in-hand")
-    return _calibrated(result)
+    return poses_so_far(result)
 
 
 def errors_of_poses(result: Estimated) -> list[SharedError]:

@@ -127,7 +127,7 @@ class TouchesToUse:
         touches = self.read(result.kinematics)
         if touches is None:
             return result, ""
-        from ...calibration.evidence.absorb import include_touches
+        from ...use.maintenance.update import include_touches
         from ...use.verification.touches_file import require_metres
 
         require_metres(result, touches)

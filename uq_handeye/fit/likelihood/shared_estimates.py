@@ -126,7 +126,7 @@ def posterior_of_fit(
                 if side == "camera" and name in ("", INTRINSICS):
                     name = f"{INTRINSICS}: {j}"
                     sd[name] = 1.0
-                columns[name] = (D @ S.shared[..., j, None])[..., 0]  # type: ignore[union-attr]
+                columns[name] = (D @ S.shared[..., j, None])[..., 0]
         of_errors = {name: float(s) for error in errors for name, s in zip(error.parts, error.sd, strict=True)}
         sd = {name: s for name, s in (of_errors | sd).items() if name in columns}
     f = np.stack([columns[name] for name in sd], axis=-1) if sd else np.zeros((n, 6, 0))

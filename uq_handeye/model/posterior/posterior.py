@@ -20,13 +20,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
-from ...core.files.records import array_of
+from ...core.files.records import Record, array_of
 from ...core.geometry.se3 import Array
 from ...core.runtime.read_only import ReadOnlyArrays
 from ...errors import InputError
@@ -40,35 +40,26 @@ STORED, DIGITS = 2e-3, 6
 
 
 @dataclass(frozen=True, eq=False)
-class FreshNoise(ReadOnlyArrays):
+class FreshNoise(Record):
     """One noise of new measurements: errors (theta, tau) of a pose of one side, drawn again.
 
     ``covariance`` (6, 6) is that of size 1 at a usual pose; what follows from the pose itself (the view of the target,
     joints, errors of an arm beyond those it shares) is made there by name. ``distance`` (m) goes with the view.
     """
 
+    _where: ClassVar[str] = "posterior.noise"
+
     name: str
     side: str
-    covariance: Array
+    covariance: Annotated[Array, 6, 6]
     size: float
-    by_point: Array  # (d,) sizes at the points; (0,) where the size is known
+    by_point: Annotated[Array, "d"]  # (d,) sizes at the points; (0,) where the size is known
     distance: float = 0.0
 
-    def to_dict(self) -> dict[str, Any]:
-        """Plain numbers and text."""
-        return {"name": self.name, "side": self.side, "covariance": self.covariance.tolist(), "size": self.size,
-                "by_point": self.by_point.tolist(), "distance": self.distance}  # fmt: skip
-
-    @classmethod
-    def from_dict(cls, data: dict[str, Any]) -> FreshNoise:
-        """The inverse of `to_dict`."""
-        covariance, by_point = np.array(data["covariance"], dtype=float), np.array(data["by_point"], dtype=float)
-        if not (np.isfinite(covariance).all() and np.isfinite(by_point).all()):
-            raise ValueError(f"the noise {data['name']!r:.40} of the posterior is not finite")
-        numbers = (float(data["size"]), by_point, float(data["distance"]))
-        if covariance.shape != (6, 6) or by_point.ndim != 1 or data["side"] not in ("robot", "camera"):
-            raise ValueError(f"the noise {data['name']!r:.40} of the posterior has another shape")
-        return cls(str(data["name"]), data["side"], covariance, *numbers)
+    def _possible(self) -> FreshNoise:
+        if self.side not in ("robot", "camera"):
+            raise InputError(f"Expected {self._where} of the robot or the camera, got {self.side!r:.40}.")
+        return self
 
 
 @dataclass(frozen=True, eq=False)

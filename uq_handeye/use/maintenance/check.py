@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 
 from ...calibration.estimate.estimated import Estimated
 from ...calibration.evidence.new_poses import PoseEvidence, evidence_of_poses
+from ...calibration.prediction.predict import poses_so_far
 from ...calibration.statement.tolerance import Tolerance
 from ...core.geometry.se3 import Array
 from ...errors import InputError
@@ -128,7 +129,8 @@ def check(
         status, findings = (UNCHANGED, []) if coarse is None else (CANNOT_TELL, [coarse])
         if p_value > OVERSTATED and any(one.accuracy is not None and one.default for one in result.shared):
             findings.append(Finding("maintenance.overstated", "note"))
-    moved = _moved(causes)
+    named, so_far = causes.named, poses_so_far(result)
+    moved = causes[TARGET_MOVED if named is not None and named.name == TARGET_MOVED else CAMERA_MOVED]
     return ChangeCheck(
         status=status,
         p_value=p_value,
@@ -145,7 +147,7 @@ def check(
         findings=tuple(findings),
         setup=poses.setup,
         n_poses=poses.n,
-        n_calibrated=result.counted.n if isinstance(result.counted, PosePairs) else None,
+        n_calibrated=None if so_far is None else so_far.n,
         tolerance=None if accepted is None else str(accepted),
         focal_length_px=next((one.focal_length_px for one in result.shared if one.focal_length_px), None),
     )
@@ -181,19 +183,13 @@ def _of_change(
 
 def _require_new(result: Estimated, poses: PosePairs) -> None:
     """Raise `InputError` where a pose was used by the calibration: its errors are those of X, and show no change."""
-    used = result.counted
-    if isinstance(used, PosePairs) and (twice := common_poses(used, poses)):
+    used = poses_so_far(result)
+    if used is not None and (twice := common_poses(used, poses)):
         first = twice[0][0]
         raise InputError(
             f"{len(twice)} of the {poses.n} poses were used by the calibration itself (the first: pose {first}): they "
             "cannot show a change. Check new poses."
         )
-
-
-def _moved(causes: Causes) -> Any:
-    """The cause that is a moved pose: W if that is what is named, else X."""
-    named = causes.named
-    return causes[TARGET_MOVED if named is not None and named.name == TARGET_MOVED else CAMERA_MOVED]
 
 
 def _coarse(detectable: Detectable, accepted: Tolerance | None, evidence: PoseEvidence) -> Finding | None:

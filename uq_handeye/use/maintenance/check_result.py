@@ -223,16 +223,12 @@ def _answer(result: ChangeCheck) -> str:
 def _causes(result: ChangeCheck) -> list[str]:
     causes, setup = result.causes, result.setup
     if causes.named is not None:
-        return [f"Cause: {cause_in_words(causes.named.name, setup)}.", _amount(causes.named, result)]
+        return [f"Cause: {cause_in_words(causes.named.name, setup)}.", f"By: {_short(causes.named, result)}."]
     if not causes.explained:
         return []
     found = [cause for cause in causes.candidates if cause.explains] or list(causes.candidates)
     lines = ["Cause: one of the following, which these poses cannot separate:"]
     return lines + [f"- {cause_in_words(cause.name, setup)}: {_short(cause, result)}" for cause in found]
-
-
-def _amount(cause: Cause, result: ChangeCheck) -> str:
-    return f"By: {_short(cause, result)}."
 
 
 def _short(cause: Cause, result: ChangeCheck) -> str:

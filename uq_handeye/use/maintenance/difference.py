@@ -13,7 +13,7 @@ import numpy as np
 from scipy.special import chdtrc, fdtrc
 
 from ...calibration.estimate.estimated import distance_of
-from ...calibration.evidence.absorb import touches_taken
+from ...calibration.prediction.predict import poses_so_far
 from ...calibration.result import Calibration
 from ...core.files.atomic import json_text
 from ...core.files.records import Record
@@ -27,7 +27,7 @@ from ...model.poses.pose_pairs import PosePairs
 from ...model.posterior.owners import CAMERA, ROBOT, TARGET, THINGS, checked_things, require_same
 from .in_common import difference_covariance, positive
 from .joined_poses import common_poses, counted, holds_request, measured_poses
-from .update import parts_of
+from .update import parts_of, touches_taken
 
 # Directions of a difference whose variance is below this share of that of the two results are not tested: rounding.
 NOTHING = 1e-9
@@ -231,7 +231,7 @@ def _require_usable(name: str, result: Any) -> None:
 def _poses_of(result: Calibration) -> PosePairs | None:
     if holds_request(result):
         return measured_poses(result).rows(counted(result))
-    return result.counted if isinstance(result.counted, PosePairs) else None
+    return poses_so_far(result)
 
 
 def _require_consistent(

@@ -31,6 +31,7 @@ from scipy.spatial.transform import Rotation
 
 from ...calibration.estimate.estimated import Estimated
 from ...calibration.evidence.touches import Touches
+from ...calibration.prediction.predict import poses_so_far
 from ...core.files.lines import short
 from ...core.files.open import StrPath, as_path, opened, shown
 from ...core.files.table import Places, Schema, Table, name_and_unit, plain_text, read_table
@@ -39,7 +40,6 @@ from ...core.geometry.se3 import Array
 from ...errors import InputError
 from ...model.kinematics.chain import Kinematics
 from ...model.kinematics.joint import PRISMATIC
-from ...model.poses.pose_pairs import PosePairs
 
 MAX_BYTES = 50_000_000
 # A quaternion whose norm is further from 1 is none.
@@ -287,7 +287,7 @@ _CAMERA, _ROBOT = 0.7, 0.8
 
 def require_metres(result: Estimated, touches: Touches) -> None:
     """Raise `InputError` where lengths are some hundred times those of the calibration, or so much smaller."""
-    data = result.counted if isinstance(result.counted, PosePairs) else None
+    data = poses_so_far(result)
     camera = _CAMERA if data is None else _size(data.camera[:, :3, 3])
     robot = _ROBOT if data is None else _size(data.robot[:, :3, 3])
     distances = {

@@ -1,23 +1,38 @@
-"""verify(): points that the camera saw and the robot touched, against a stored calibration."""
+r"""Points that the camera saw and the robot touched, or independent poses, against a stored calibration.
+
+*Poses* (`evidence.new_poses`): chi-square of their residuals. Where the camera poses come from corners, the corners of
+the board as predicted from the robot pose, X and W are compared with those of the board as seen. The covariance
+predicts the RMS distance ``sqrt(mean trace(J S J^T))``, J the derivative of a corner by the pose of the board, S the
+covariance of a new pose measured. Without distortion of the lens.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
 
 import numpy as np
 
 from ...calibration.estimate.estimated import Estimated
-from ...calibration.evidence.absorb import require_other_touches
+from ...calibration.evidence.new_poses import evidence_of_poses
 from ...calibration.evidence.touches import Touches, TouchEvidence, evidence_of_touches
+from ...calibration.prediction.predict import predict_camera
+from ...core.files.records import Record
+from ...core.formatting.numbers import digits, probability
 from ...core.formatting.units import parse_deviations, parse_length
 from ...core.geometry.checks import as_numbers
 from ...core.geometry.se3 import Array, inverse
+from ...core.presentation.document import COLUMNS, Answer, Document, Paragraph, document_of, to_text
 from ...errors import InputError
 from ...findings import Finding
+from ...fit.diagnostics.task_space import by_pose
+from ...model.camera.files.snippets import camera_matrix
+from ...model.poses.pose_pairs import PosePairs
+from ..maintenance.misread import misread
+from ..maintenance.update import require_other_touches
 from .power import Bias, assess, detectable, limit, next_touches, touches_needed
-from .result import Needed, PointTable, Verification
+from .result import LEVEL, Needed, PointTable, Verification
 from .touches_file import require_metres
 
 # Size of a bias (m) whose number of touches is stated where none is asked for.
@@ -263,3 +278,129 @@ def _findings(
         names = [points.names[k] for k in index]
         found.append(Finding("verification.points_differ", "caution", {"names": names, "count": touches.m}))
     return found
+
+
+@dataclass(frozen=True)
+class Reprojection:
+    """Distance of corners and predicted corners in the picture, px."""
+
+    rms: float
+    expected: float
+    corners: int
+
+
+@dataclass(frozen=True)
+class PoseVerification(Record):
+    """Independent poses against a calibration."""
+
+    _in_file: ClassVar[str] = "contradicted p_value d2 dof noise_dof n_poses rms expected reprojection=pixels findings"
+
+    n_poses: int
+    d2: float
+    dof: int
+    p_value: float
+    noise_dof: float | None
+    rms: tuple[float, float]  # of the residuals, rad and m
+    expected: tuple[float, float]  # of them, if nothing has changed
+    pixels: Reprojection | None
+    findings: tuple[Finding, ...] = ()  # how the files may be misread
+
+    @property
+    def contradicted(self) -> bool:
+        """True if the poses contradict the calibration at the level of 5 %."""
+        return self.p_value < LEVEL
+
+    def summary(self) -> str:
+        """The answer as text."""
+        return to_text(document_of(self), COLUMNS)
+
+
+def verify_poses(result: Estimated, poses: PosePairs) -> PoseVerification:
+    """Test a calibration by an independent data set of the same cell.
+
+    Raises
+    ------
+    InputError
+        A calibration without joint covariance, poses of another setup.
+    """
+    evidence = evidence_of_poses(result, poses)
+    reference = evidence.test.reference
+    noise_dof = None if reference.noise_given else reference.noise_dof
+    p = reference.p_value(evidence.d2)
+    diagonal = np.diag(evidence.covariance).reshape(evidence.r.shape)
+    sizes = [
+        (float(np.sqrt(np.mean(np.sum(values[:, part] ** 2, axis=-1)))), float(np.sqrt(np.mean(np.sum(var, axis=-1)))))
+        for values, part, var in (
+            (evidence.r, slice(0, 3), diagonal[:, :3]),
+            (evidence.r, slice(3, 6), diagonal[:, 3:]),
+        )
+    ]
+    (turn, turn_expected), (shift, shift_expected) = sizes
+    other = None
+    if p < LEVEL and result.W is not None:
+        other = misread(
+            result.X,
+            result.W,
+            poses,
+            evidence,
+            lambda again, _=None: evidence_of_poses(result, again).d2,
+            least_factor=0.0,
+        )
+    return PoseVerification(
+        poses.n, evidence.d2, evidence.dof, p, noise_dof, (turn, shift), (turn_expected, shift_expected),
+        _reprojected(result, poses), () if other is None else (other,),
+    )  # fmt: skip
+
+
+def _reprojected(result: Estimated, poses: PosePairs) -> Reprojection | None:
+    """Return how far the corners of the board are from the prediction; None for poses without corners."""
+    seen = poses.camera_calibration
+    if seen is None or result.W is None:
+        return None
+    joints = None if result.kinematics is None else poses.joints
+    predicted = predict_camera(result, joints, poses.robot)
+    K = camera_matrix(seen)
+    points, _ = seen.corners.on_board
+    squares, expected = 0.0, 0.0
+    for pose, S, measured in zip(predicted.poses, predicted.covariance, poses.camera, strict=True):
+        arm = points @ pose[:3, :3].T
+        there, here = arm + pose[:3, 3], points @ measured[:3, :3].T + measured[:3, 3]
+        x, y, z = there.T
+        squares += float(np.sum(((there[:, :2] / z[:, None] - here[:, :2] / here[:, 2:]) @ K[:2, :2].T) ** 2))
+        by_point = np.zeros((len(points), 2, 3))
+        by_point[:, 0, 0] = by_point[:, 1, 1] = 1.0 / z
+        by_point[:, 0, 2], by_point[:, 1, 2] = -x / z**2, -y / z**2
+        J = K[:2, :2] @ by_point @ by_pose(arm)  # (u, 2, 6)
+        expected += float(np.einsum("nij,jk,nik->", J, S, J))
+    count = len(points) * poses.n
+    return Reprojection(float(np.sqrt(squares / count)), float(np.sqrt(expected / count)), count)
+
+
+@document_of.register(PoseVerification)
+def pose_verification_document(found: PoseVerification) -> Document:
+    """The answer, the residuals, the picture."""
+    n = f"{found.n_poses} independent {'pose' if found.n_poses == 1 else 'poses'}"
+    p = probability(found.p_value, 2)
+    verb = ("contradicts" if found.contradicted else "agrees with") if found.n_poses == 1 else (
+        "contradict" if found.contradicted else "agree with")  # fmt: skip
+    word = "CONTRADICTED" if found.contradicted else "AGREES"
+    law = "chi-square" if found.noise_dof is None else "a mixture over the sizes of the errors"
+    (turn, shift), (turn_0, shift_0) = found.rms, found.expected
+    lines = [
+        Paragraph(f"d^2 {digits(found.d2)} of {found.dof} numbers ({law}).", hang="  "),
+        Paragraph(
+            f"Residuals: {digits(np.degrees(turn), 2)} deg and {digits(1e3 * shift, 2)} mm RMS; the covariance "
+            f"predicts {digits(np.degrees(turn_0), 2)} deg and {digits(1e3 * shift_0, 2)} mm.",
+            hang="  ",
+        ),
+    ]
+    if found.pixels is not None:
+        lines.append(
+            Paragraph(
+                f"Re-projection of {found.pixels.corners} corners: {digits(found.pixels.rms, 2)} px RMS; the "
+                f"covariance predicts {digits(found.pixels.expected, 2)} px.",
+                hang="  ",
+            )
+        )
+    answer = Answer(f"{word}: {n} {verb} the calibration ({p}).", "failed" if found.contradicted else "ok")
+    return [[answer, *(Paragraph(str(finding), hang="  ") for finding in found.findings)], lines]
