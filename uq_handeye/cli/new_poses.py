@@ -12,7 +12,7 @@ from ..errors import InputError, NotConvergedError
 from .bag_files import RobotGiven, given_of_robot
 from .messages import progress_wanted, timed, verbose, withheld
 from .options.arm import Arm, ChainOptions, ErrorOptions, arm_of
-from .options.common import AT_THE_BOUND, BUNDLE, COVARIANCE_NAMES, PUBLISHED, ROBOT_WORLD, made_of, one_of
+from .options.common import AT_THE_BOUND, BUNDLE, COVARIANCE_NAMES, PUBLISHED, ROBOT_WORLD, made_of, one_of, said_of
 from .options.noise import Given, given_of, noise_of
 from .options.touches import TouchesToUse
 from .pictures import KINDS as BOARDS
@@ -282,8 +282,6 @@ def _sizes_of(texts: list[str]) -> "dict[str, Size] | None":
     """Return the sizes of --size by name."""
     from ..model.shared_errors.sizes import parse_size
 
-    try:
+    with said_of("--size"):
         found = [parse_size(text) for text in texts]
-    except InputError as error:
-        raise InputError(f"--size: {error}") from None
     return dict(found) or None

@@ -4,10 +4,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from ..core.files.lines import floats
 from ..core.runtime.progress import working
 from ..errors import InputError
 from .messages import LOG, progress_wanted, timed
-from .options.common import Options, one_of
+from .options.common import Options, metres, one_of
 
 if TYPE_CHECKING:
     from ..model.camera.board import Board
@@ -133,10 +134,8 @@ class BoardOptions(Options):
             raise InputError(f"--pattern {kind} needs the gap between tags. Add --spacing, e.g. {shown}.")
         spacing: Any = None
         if self.spacing is not None:
-            try:
-                spacing = float(self.spacing)
-            except ValueError:
-                spacing = self.spacing
+            share = floats([self.spacing])
+            spacing = share[0] if share else self.spacing
             if kind == "aruco":
                 spacing = read_length(self.spacing, "--spacing")
         square = read_length(self.square, "--square")
@@ -265,12 +264,6 @@ def read_two_numbers(text: str, name: str, example: str) -> tuple[int, int]:
 
 def read_length(text: str, name: str) -> float:
     """Return the metres of a number, which may have a unit."""
-    from ..core.formatting.units import parse_length
-
-    try:
-        value = float(text)
-    except ValueError:
-        value = parse_length(text, name)
-    if value > 1.0:
+    if (value := metres(text, name)) > 1.0:
         raise InputError(f"{name} {text} is {value:g} m, larger than any board. Write the unit, e.g. {name} {text}mm.")
     return value

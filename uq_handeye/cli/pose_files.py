@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ..core.files.lines import floats
 from ..errors import InputError, InputWarning
 from .messages import LOG, command_line, timed
 from .options.arm import Arm
@@ -111,10 +112,7 @@ class StreamFiles:
     def _offset(self) -> float | tuple[float, float] | None:
         if self.offset is None:
             return None
-        try:
-            numbers = [float(part) for part in self.offset.split(",")]
-        except ValueError:
-            numbers = []
+        numbers = floats(self.offset.split(",")) or []
         if len(numbers) not in (1, 2):
             raise InputError(f"Expected --offset to be seconds such as -0.015 or -0.015,0.002, got {self.offset!r}.")
         return numbers[0] if len(numbers) == 1 else (numbers[0], numbers[1])

@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ..core.files.lines import floats
 from ..errors import InputError
 from .options.common import Options, made_of
 from .pictures import BoardOptions, KnownCamera, LensOptions, Pictures, read_length
@@ -114,12 +115,9 @@ def camera_of(text: str) -> Any:
         from ..model.camera.files.folder import read_camera
 
         return read_camera(path)
-    parts = text.split(",")
-    if len(parts) == 4:
-        try:
-            return [float(part) for part in parts]
-        except ValueError:
-            pass
+    numbers = floats(text.split(","))
+    if numbers is not None and len(numbers) == 4:
+        return numbers
     from ..model.camera.files.intrinsics_file import read_intrinsics
 
     if not path.exists():

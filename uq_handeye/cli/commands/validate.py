@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ...core.files.lines import floats
 from ...core.files.table import frame_text
 from ...errors import InputError
 from ..delivery import REPORTS, deliver, write_report, wrote
@@ -66,7 +67,9 @@ class Simulation:
         for option, value in others.items():
             if value is not None:
                 raise InputError(f"--sweep-noise cannot be combined with {option}. Remove it.")
-        return _factors(self.sweep_noise)
+        if (found := floats(self.sweep_noise.split(","))) is None:
+            raise InputError(f"Expected --sweep-noise to be numbers such as 1,3,10,30,100, got {self.sweep_noise!r}.")
+        return found
 
 
 @made_of(session=session_of, beforehand=pose_prior_of, asked=Simulation)
@@ -224,13 +227,6 @@ def _deliver(result: "MonteCarlo", folder: Path) -> str:
     with np.errstate(over="ignore"):  # the ratio to a direction without any error is infinite
         deliver(folder, {"validation.csv": table}, {"validation": validation_figure(result)})
     return wrote(folder, ["result.json", "validation.csv", "validation.png", "validation.svg", "chunks/"])
-
-
-def _factors(text: str) -> list[float]:
-    try:
-        return [float(part) for part in text.split(",")]
-    except ValueError:
-        raise InputError(f"Expected --sweep-noise to be numbers such as 1,3,10,30,100, got {text!r}.") from None
 
 
 def _of_method(figure: Path, name: str, names: list[str]) -> Path:

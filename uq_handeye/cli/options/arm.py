@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from ...errors import InputError
-from .common import ROBOT_CLASSES, Options, made_of, one_of
+from .common import ROBOT_CLASSES, Options, made_of, one_of, said_of
 
 if TYPE_CHECKING:
     from ...model.kinematics.chain import Kinematics
@@ -83,10 +83,8 @@ class ChainOptions(Options):
         from ...model.kinematics.chain import Kinematics
 
         if self.robot_model is not None:
-            try:
+            with said_of("--robot-model"):
                 return Kinematics.from_name(self.robot_model)
-            except InputError as error:
-                raise InputError(f"--robot-model: {error}") from None
         if self.dh is not None:
             return Kinematics.from_dh(self.dh)
         if self.ur_calibration is not None:
@@ -149,10 +147,8 @@ class ErrorOptions(Options):
             if wrong := [name for name in kept if name != "--joint-noise"]:
                 raise InputError(f"{', '.join(wrong)}: not used with --kinematics exact. Remove the option.")
         for name, (known, value) in deviations.items():
-            try:  # on its own, so that the message names the option
+            with said_of(name):
                 KinematicErrors(**{known: value})
-            except InputError as error:
-                raise InputError(f"{name}: {error}") from None
             values[known] = value
         return KinematicErrors(**values)
 

@@ -28,6 +28,7 @@ import os
 import re
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from functools import cache, wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
@@ -35,7 +36,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 import typer
 
 from ...core.files.about import ABOUT
-from ...core.files.lines import printable
+from ...core.files.lines import floats, printable
 from ...errors import InputError
 from ..messages import Messages, styled, terminal_width
 
@@ -329,6 +330,23 @@ def folder_or_csv(path: Path | None) -> Path | None:
 def is_csv(path: Path | None) -> bool:
     """Return whether ``-o`` names a CSV file, as it did before it named a folder."""
     return path is not None and path.suffix.lower() == ".csv" and not path.is_dir()
+
+
+@contextmanager
+def said_of(option: str) -> Iterator[None]:
+    """Put the name of an option before the message of an `InputError`."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(f"{option}: {error}") from None
+
+
+def metres(text: str, option: str) -> float:
+    """Return a length in metres, of a number with or without a unit."""
+    from ...core.formatting.units import parse_length
+
+    found = floats([text])
+    return parse_length(text, option) if found is None else found[0]
 
 
 def fraction(value: float) -> float:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ...errors import InputError
-from .common import ACCURACY_CLASSES, made_of, one_of
+from .common import ACCURACY_CLASSES, made_of, one_of, said_of
 
 if TYPE_CHECKING:
     from ...model.noise.estimate import NoisePrior
@@ -76,10 +76,8 @@ class SharedOptions:
             ("--offset-sd", self.offset_sd, SharedError.clock_offset),
         ):
             if text is not None:
-                try:
+                with said_of(name):
                     error = make(text)
-                except InputError as reason:
-                    raise InputError(f"{name}: {reason}") from None
                 declared[error.name] = error
         if self.robot_class is not None:
             if self.robot_accuracy is not None:

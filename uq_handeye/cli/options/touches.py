@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ...errors import InputError
-from .common import UNITS, one_of
+from .common import UNITS, metres, one_of
 
 if TYPE_CHECKING:
     from ...calibration.estimate.fitted_kinematics import FittedKinematics
@@ -23,14 +23,7 @@ def coordinates(text: str, name: str) -> list[float]:
     parts = [part.strip() for part in text.split(",")]
     if len(parts) != 3:
         raise InputError(f"Expected {name} to be X,Y,Z such as 0mm,0mm,300mm, got {text!r}.")
-    from ...core.formatting.units import parse_length
-
-    values = []
-    for part in parts:
-        try:
-            values.append(float(part))
-        except ValueError:
-            values.append(parse_length(part, name))
+    values = [metres(part, name) for part in parts]
     if not (far := max(map(abs, values))) <= 10.0 or not all(map(math.isfinite, values)):
         raise InputError(f"{name} {text}: {far:g} m is too far. Write the unit, e.g. 0mm,0mm,300mm.")
     return values

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from typing import BinaryIO
 
@@ -41,13 +41,17 @@ def decoded(text: bytes, what: str) -> str:
     return result
 
 
+def floats(words: Iterable[str | bytes]) -> list[float] | None:
+    """Return the numbers of words as `float` reads them; None where one of them is no number."""
+    try:
+        return [float(word) for word in words]
+    except ValueError:
+        return None
+
+
 def is_number(text: bytes) -> bool:
     """Return whether `float` accepts the text, without underscores."""
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return b"_" not in text
+    return floats([text]) is not None and b"_" not in text
 
 
 def short(text: str) -> str:

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ...core.files.lines import MAX_ROWS
+from ...core.files.lines import MAX_ROWS, floats
 from ...errors import InputError, InputWarning
 from ..contents import Contents, Side
 from ..number_table import NUMBER
@@ -51,15 +51,12 @@ class Found:
 
     def add(self, line: int, label: str, values: Sequence[str], name: str) -> None:
         """Add a pose; raises `InputError` for a value that is no number."""
-        numbers = []
-        for value in values:
-            try:
-                numbers.append(float(value))
-            except ValueError:
-                raise InputError(
-                    f"{name}, line {line}: expected a number in the pose {label}, got {value[:20]!r}; leave out poses "
-                    "that were not taught, on both sides."
-                ) from None
+        if (numbers := floats(values)) is None:
+            wrong = next(value for value in values if floats([value]) is None)
+            raise InputError(
+                f"{name}, line {line}: expected a number in the pose {label}, got {wrong[:20]!r}; leave out poses "
+                "that were not taught, on both sides."
+            )
         if len(self.lines) >= MAX_ROWS:
             raise InputError(f"{name}, line {line}: expected at most {MAX_ROWS} poses; split the file.")
         self.lines.append(line)

@@ -7,6 +7,7 @@ import re
 from collections.abc import Callable
 from functools import lru_cache
 
+from ...core.files.lines import floats
 from ..columns import seconds_of
 from ..contents import COLUMNS, Contents
 from ..csv_poses import is_csv_header, names_order
@@ -87,7 +88,7 @@ def kind_of(head: str) -> str | None:
         if content.startswith("#"):
             continue
         words = content.split()
-        if len(words) == len(COLUMNS) and (_numbers(words) or names_order(words)):
+        if len(words) == len(COLUMNS) and (floats(words) is not None or names_order(words)):
             return None  # TUM
         break
     return _own(head) or table_kind(head) or ("table" if is_labelled(head) else None)
@@ -116,14 +117,6 @@ def _holds_dates(head: str) -> bool:
     lines = [line for line in head.split("\n", 60)[:60] if line.strip() and not line.startswith("#")]
     fields = re.split(r"[,;\t]", lines[1] if len(lines) > 1 else "")
     return any(number_of(field) is None and seconds_of(field) is not None for field in fields)
-
-
-def _numbers(words: list[str]) -> bool:
-    try:
-        list(map(float, words))
-    except ValueError:
-        return False
-    return True
 
 
 def read_controller(format: str, text: str, name: str) -> Contents:

@@ -41,7 +41,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ...core.files.lines import short
+from ...core.files.lines import floats, short
 from ...core.files.trees import fields_of, got, is_list, number, parse_tree
 from ...core.geometry.se3 import Array
 from ...errors import InputError
@@ -136,10 +136,7 @@ def _tuple(content: str, where: str) -> dict[str, tuple[float, ...]]:
 
 
 def _numbers(words: list[str], where: str, count: int) -> tuple[float, ...]:
-    try:
-        numbers = tuple(map(float, words))
-    except ValueError:
-        numbers = ()
+    numbers = tuple(floats(words) or ())
     if len(numbers) != count or not np.isfinite(numbers).all():
         raise InputError(
             f"{where}: expected {count} number{'s' * (count > 1)} of a pose of HALCON, got {short(' '.join(words))} "

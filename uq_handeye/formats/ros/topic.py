@@ -36,7 +36,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from ...core.files.lines import is_number, short
+from ...core.files.lines import floats, is_number, short
 from ...core.files.trees import fields_of, is_map, parse_yaml
 from ...core.geometry.se3 import Array
 from ...errors import InputError
@@ -317,10 +317,9 @@ def _values(text: str, count: int, where: str) -> list[float] | None:
     words = [word for word in re.split(r"[,\s]+", text) if word]
     if len(words) != count:
         return None
-    try:
-        return [float(word) for word in words]
-    except ValueError:
-        raise InputError(f"{where}: expected numbers, got {short(text)}.") from None
+    if (numbers := floats(words)) is None:
+        raise InputError(f"{where}: expected numbers, got {short(text)}.")
+    return numbers
 
 
 def _by_degrees(q: Array, degrees: Array, decimals: int) -> tuple[Array, bool]:
