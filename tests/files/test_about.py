@@ -26,7 +26,7 @@ def test_files_and_texts_are_merged_in_the_order_of_the_report(tmp_path):
         ('colour = "red"', r"Unknown name 'colour' in .*cell\.toml: use cell, robot, "),
         ("[cell]\nname = 1", "Expected cell in .* to be text, got dict"),
         ("cell = true", "to be text, got bool"),
-        ("cell = ", "is not a TOML file"),
+        ("cell = ", "expected a TOML file"),
         (f'cell = "{81 * "x"}"', "at most 80 characters, got 81"),
         ('cell = "a\\u0007b"', "printable text"),
     ],

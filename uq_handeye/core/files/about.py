@@ -6,13 +6,12 @@ The result file keeps these texts under ``about``; a TOML file or ``KEY=VALUE`` 
 from __future__ import annotations
 
 import datetime
-import tomllib
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
 from ...errors import InputError
-from .open import as_path, opened, shown
+from .open import as_path, shown
 
 # Keys and what the report calls them, in its order.
 ABOUT = {
@@ -69,18 +68,11 @@ def read_about(texts: Iterable[str]) -> dict[str, str]:
         if separator and not Path(text).is_file():
             found = found | {name.strip(): ""} | as_about({name.strip(): value}, "--about")
         else:
-            found |= _read_toml(as_path(text))
+            from .trees import parse_toml  # NumPy is slow to import
+
+            path = as_path(text)
+            found |= as_about(parse_toml(path, MAX_BYTES), shown(path))
     return as_about(found)
-
-
-def _read_toml(path: Path) -> dict[str, str]:
-    with opened(path, MAX_BYTES) as file:
-        data = file.read()
-    try:
-        values = tomllib.loads(data.decode("utf-8"))
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"{shown(path)} is not a TOML file: {' '.join(str(error).split())[:80]}.") from error
-    return as_about(values, shown(path))
 
 
 def _text(value: Any, name: str, where: str) -> str:

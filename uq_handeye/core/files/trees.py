@@ -12,7 +12,9 @@ from __future__ import annotations
 
 import json
 import re
+import tomllib
 from functools import lru_cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,9 +22,11 @@ import numpy as np
 from ...errors import InputError
 from ..geometry.se3 import Array
 from .lines import decoded, one_line, short
+from .open import opened, shown
 
 MAX_BYTES = 20_000_000  # lists and texts take up to twenty times their size in memory
 MAX_DEPTH = 30
+MAX_TOML = 50_000_000
 
 # What stands between two documents of JSON.
 _BETWEEN = re.compile(r"[\s,]*")
@@ -255,6 +259,22 @@ def is_list(value: Any) -> bool:
 def is_plain_number(value: Any) -> bool:
     """Return whether a value is a number, and not true or false."""
     return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def parse_toml(path: Path, most: int = MAX_TOML) -> dict[str, Any]:
+    """All of a TOML file of at most ``most`` bytes; raises `InputError`."""
+    with opened(path, most) as file:
+        data = file.read()
+    try:
+        return tomllib.loads(data.decode("utf-8-sig"))
+    except UnicodeDecodeError as error:
+        line = data.count(b"\n", 0, error.start) + 1
+        raise InputError(f"{shown(path)}, line {line}: expected UTF-8 text, got other bytes.") from error
+    except RecursionError as error:
+        raise InputError(f"{shown(path)}: expected a TOML file, got arrays nested too deeply.") from error
+    except ValueError as error:  # TOMLDecodeError, or a number with thousands of digits
+        message = " ".join(str(error).split())
+        raise InputError(f"{shown(path)}: expected a TOML file, got an error: {message}.") from error
 
 
 def got(value: Any) -> str:

@@ -14,20 +14,18 @@ is to be estimated.
 
 from __future__ import annotations
 
-import tomllib
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ...core.files.open import StrPath, as_path, opened, shown
+from ...core.files.open import StrPath, as_path, shown
+from ...core.files.trees import parse_toml
 from ...core.formatting.units import parse_deviations
 from ...core.geometry.checks import checked_covariance, is_number
 from ...core.geometry.se3 import Array
 from ...errors import InputError
 from .models import PairNoise, PoseNoise
 
-MAX_BYTES = 50_000_000
 POSES, MOTIONS = ("robot", "camera"), ("A", "B")
 SHARED = "shared"
 KEYS = ("rotation", "translation", "covariance")
@@ -47,7 +45,7 @@ def read_noise_file(path: StrPath) -> PoseNoise | PairNoise | None:
         covariances of the wrong shape, not finite, not symmetric or not positive semidefinite.
     """
     path = as_path(path)
-    tables = parse_tables(path)
+    tables = parse_toml(path)
     name, expected = shown(path), "the tables [robot] and [camera], or [A] and [B]"
     if tables.pop(SHARED, None) is not None and not tables:
         return None
@@ -66,22 +64,6 @@ def read_noise_file(path: StrPath) -> PoseNoise | PairNoise | None:
     if on_poses:
         return PoseNoise(covariances.get("robot"), covariances.get("camera"))
     return PairNoise(covariances.get("A"), covariances.get("B"))
-
-
-def parse_tables(path: Path) -> dict[str, Any]:
-    """All of a TOML file; raises `InputError`."""
-    with opened(path, MAX_BYTES) as file:
-        data = file.read()
-    try:
-        return tomllib.loads(data.decode("utf-8-sig"))
-    except UnicodeDecodeError as error:
-        line = data.count(b"\n", 0, error.start) + 1
-        raise InputError(f"{shown(path)}, line {line}: expected UTF-8 text, got other bytes.") from error
-    except RecursionError as error:
-        raise InputError(f"{shown(path)}: expected a TOML file, got arrays nested too deeply.") from error
-    except ValueError as error:  # TOMLDecodeError, or a number with thousands of digits
-        message = " ".join(str(error).split())
-        raise InputError(f"{shown(path)}: expected a TOML file, got an error: {message}.") from error
 
 
 def _covariance(table: str, content: Any, name: str) -> Array:

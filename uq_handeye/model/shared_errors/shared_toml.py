@@ -25,10 +25,11 @@ import numpy as np
 
 from ...core.files.lines import one_line, short
 from ...core.files.open import StrPath, as_path, opened, shown
+from ...core.files.trees import parse_toml
 from ...core.geometry.se3 import Array
 from ...errors import InputError
 from ...formats.numpy_poses import MAX_BYTES, read_one_array
-from ..noise.noise_toml import SHARED, parse_tables
+from ..noise.noise_toml import SHARED
 from .shared_error import SharedError
 
 KEYS = ("focal_length", "principal_point", "target_scale", "robot_scale", "clock_offset", "robot_accuracy")
@@ -48,7 +49,7 @@ def read_shared_errors(path: StrPath, *, focal_length_px: float | None = None) -
         deviations without unit or below zero, columns that do not have the shape (n, 6, k).
     """
     path = as_path(path)
-    table = parse_tables(path).get(SHARED, {})
+    table = parse_toml(path).get(SHARED, {})
     where = f"{shown(path)}, [{SHARED}]"
     if not isinstance(table, dict):
         raise InputError(

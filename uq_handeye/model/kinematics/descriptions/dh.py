@@ -44,11 +44,11 @@ from scipy.spatial.transform import Rotation
 from ....core.files.lines import is_number, short
 from ....core.files.open import as_path, opened, shown
 from ....core.files.table import Places, Schema, in_order, name_and_unit, read_table
+from ....core.files.trees import parse_toml
 from ....core.formatting.units import ANGLE_UNITS, LENGTH_UNITS
 from ....core.geometry.checks import as_numbers
 from ....core.geometry.se3 import Array
 from ....errors import InputError
-from ...noise.noise_toml import parse_tables
 from ..joint import MAX_JOINTS, PRISMATIC, REVOLUTE, ChainParts, Joint
 
 CONVENTIONS = ("standard", "modified")
@@ -261,7 +261,7 @@ def _quantity(value: Any, of: str, units: dict[str, str | None], largest: float,
 
 
 def _toml(path: Path) -> tuple[list[dict[str, Any]], dict[str, Any]]:
-    about, where = parse_tables(path), shown(path)
+    about, where = parse_toml(path), shown(path)
     for key in about:
         if key not in _OF_FILE:
             raise InputError(f"{where}: unknown key {short(key)}; expected {', '.join(_OF_FILE)}.")
