@@ -261,9 +261,9 @@ def is_plain_number(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 
-def parse_toml(path: Path, most: int = MAX_TOML) -> dict[str, Any]:
-    """All of a TOML file of at most ``most`` bytes; raises `InputError`."""
-    with opened(path, most) as file:
+def parse_toml(path: Path, most: int | None = None) -> dict[str, Any]:
+    """All of a TOML file of at most ``most`` bytes, by default `MAX_TOML`; raises `InputError`."""
+    with opened(path, MAX_TOML if most is None else most) as file:
         data = file.read()
     try:
         return tomllib.loads(data.decode("utf-8-sig"))
