@@ -385,3 +385,66 @@ def test_check_predict_plan_and_update_on_the_command_line(two_on_the_hand, caps
     ):
         assert run(*wrong) == 2
         assert said in capsys.readouterr().err
+
+
+# ------------------------------------------------------------------------------------------- certificate, drawing
+
+
+def test_a_certificate_states_every_pose_of_a_rig(two_on_the_hand, capsys):
+    path = two_on_the_hand
+    assert run("calibrate", path / "rig.toml", "-o", path / "out") == 0
+    stored = path / "out" / "rig.json"
+    result = uq.load(stored)
+    found = uq.make_certificate(result, tolerance="1mm,0.1deg", about={"cell": "7"}, issued="today")
+    data = found.to_dict()
+    assert data["certified"] and set(data["poses"]) == {"left", "right", "target"}
+    for name, one in data["poses"].items():
+        pose = {**result.cameras, **result.targets}[name]
+        np.testing.assert_array_equal(one["pose"], pose.pose)
+        worst = np.sqrt(np.linalg.eigvalsh(pose.covariance[3:, 3:])[-1])
+        assert one["expanded"]["translation"] == pytest.approx(1.95996 * worst, rel=1e-5)
+    assert data["decision"]["left"]["verdict"] == "PASS" and data["optimality"]["proven"]
+    other = uq.make_certificate(result, about={"cell": "8"}, issued="today")
+    assert other.identifier != found.identifier == uq.make_certificate(
+        result, tolerance="1mm,0.1deg", about={"cell": "7"}, issued="tomorrow").identifier  # fmt: skip
+    capsys.readouterr()
+    assert run("certificate", stored, path / "rig.html", "--tolerance", "1mm,0.1deg", "--about", "cell=7") == 0
+    assert found.identifier in capsys.readouterr().out
+    page = (path / "rig.html").read_text()
+    assert "left: PASS" in page and found.identifier in page and "gripper_T_right" in page
+    assert run("certificate", stored, "--tolerance", "1um,0.0001deg") == 5
+
+
+def test_a_rig_in_which_something_moved_is_not_certified(two_on_the_hand):
+    path = two_on_the_hand
+    rig, noise = uq.read_rig(path / "rig.toml")
+    views = []
+    for view in rig.views:
+        poses = np.array(view.poses)
+        poses[np.array(view.at) > 9, 0, 3] += 0.02 if view.camera == "left" else 0.0
+        views.append(uq.View(view.camera, view.target, poses, view.at))
+    result = uq.calibrate_rig(uq.Rig(rig.arms, rig.cameras, rig.targets, views), noise)
+    found = uq.make_certificate(result)
+    assert not found.certified and "poses" not in found.to_dict()
+    assert "NOT CERTIFIED" in found.to_html() and "gripper_T_left" not in found.to_html()
+    result.save(path / "moved.json")
+    assert run("certificate", path / "moved.json") == 3
+
+
+def test_the_report_has_the_certificate_of_the_minimum_and_a_drawing_of_many_cameras():
+    cameras = {f"camera <{k}> with a long name": "world" if k else "arm" for k in range(5)}
+    targets = {f"tag {k}": "world" if k == 1 else "arm" for k in range(4)}
+    noise = dict.fromkeys(("arm", *cameras), ("0.5mrad", "0.3mm"))
+    rig, _ = simulate_rig(cameras, targets, n_poses=15, noise=noise, seed=1)
+    result = uq.calibrate_rig(rig, noise)
+    page = rig_html(result, details=True)
+    assert "Certificate of the global minimum" in page and "relative gap" in page
+    svg = re.search(r"<svg viewBox=.*?</svg>", page, re.S).group()
+    tree = ElementTree.fromstring(svg)
+    texts = [of.text for of in tree.iter() if of.tag.endswith("text")]
+    assert texts.count("15") == 5 * 4 and "tag 3" in texts and any(of.startswith("camera <4>") for of in texts)
+    width, height = (float(of) for of in tree.attrib["viewBox"].split()[2:])
+    for of in tree.iter():
+        if of.tag.endswith("text"):
+            assert 0 <= float(of.attrib["x"]) <= width and 0 <= float(of.attrib["y"]) <= height
+    assert sum(of.tag.endswith("ellipse") for of in tree.iter()) == 9

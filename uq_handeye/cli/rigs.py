@@ -12,7 +12,6 @@ from .options.common import AT_THE_BOUND, PAIRINGS, SETUP_NAMES, emit, one_of
 from .options.touches import coordinates
 
 if TYPE_CHECKING:
-    from ..calibration.statement.tolerance import Verdict
     from ..rig.description import Rig
     from ..rig.result import RigCalibration
     from .delivery import Outputs, ReportOptions
@@ -126,27 +125,13 @@ def _reading(files: "PoseFiles") -> dict[str, dict[str, Any]]:
     }
 
 
-def verdicts_of(result: "RigCalibration", wanted: Wanted) -> "dict[str, Verdict]":
-    """Return whether the pose of each camera meets the tolerance."""
-    from ..calibration.statement.tolerance import FAIL, MET, MISSED, NOT_SHOWN, PASS, Verdict, probability_within
-
-    found = {}
-    for name, camera in result.cameras.items():
-        assert wanted.tolerance is not None
-        if len(camera.open):
-            found[name] = Verdict(NOT_SHOWN, None, wanted.tolerance, (f"{name} is not determined in all directions",))
-            continue
-        p = probability_within(camera.covariance, result.reference, wanted.tolerance, camera.pose[:3, :3])
-        found[name] = Verdict(PASS if p >= MET else FAIL if p <= MISSED else NOT_SHOWN, p, wanted.tolerance)
-    return found
-
-
 def deliver_rig(result: "RigCalibration", wishes: "ReportOptions", wanted: Wanted, outputs: "Outputs") -> int:
     """Print the result of a rig, write its files, and return the exit status."""
     from ..read import json_text
+    from ..report.certificate.of_rig import verdicts_of_rig
     from .delivery import deliver
 
-    verdicts = {} if wanted.tolerance is None else verdicts_of(result, wanted)
+    verdicts = verdicts_of_rig(result, wanted.tolerance)
     said = [f"{name}: {verdict}" for name, verdict in verdicts.items()]
     text = "\n".join([result.text(), *said]) + "\n"
     written = ""

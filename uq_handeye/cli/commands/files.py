@@ -1,11 +1,13 @@
 """A stored result in other forms: ``export`` for programs, ``report`` for people, ``certificate`` for the file."""
 
 from pathlib import Path
+from typing import Any
 
 from ...core.files.about import read_about
 from ...core.runtime.progress import working
 from ...errors import InputError
 from ..delivery import (
+    NOT_PASSED,
     NOT_USABLE,
     REPORTS,
     Outputs,
@@ -150,6 +152,8 @@ def certificate_command(
       # The page and the machine-readable form, with a decision on a tolerance
       uq-handeye certificate result/result.json -o certificate/ \\
           --tolerance 1mm,0.1deg --about cell.toml
+      # All poses of a rig, with a decision on each camera
+      uq-handeye certificate result/rig.json rig.pdf --tolerance 1mm,0.1deg
 
     A result that is not usable or has no uncertainty is not certified: the
     files say so and state no X, and the exit status is 3.
@@ -163,16 +167,18 @@ def certificate_command(
       --pdf: Write certificate.pdf too, with -o.
     """
     from ...calibration.report.first_screen import status_of as colour_of
-    from ...calibration.result import Calibration
+    from ...calibration.result import load
     from ...core.presentation.document import Answer, Paragraph
     from ...core.presentation.pdf import to_pdf
     from ...report.certificate.certificate import make_certificate
+    from ...report.certificate.of_rig import RigCertificate
 
     one_of(paper, "--paper", PAPERS)
     require_writable(file, "FILE", CERTIFICATES)
     if pdf and output is None:
         raise InputError("--pdf needs a folder. Add -o DIR, or name the file: certificate.pdf.")
-    found = make_certificate(Calibration.from_json(result), tolerance=wanted.tolerance, about=read_about(about or ()))
+    stored: Any = load(result)
+    found: Any = make_certificate(stored, tolerance=wanted.tolerance, about=read_about(about or ()))
     written = ""
     if file is not None:
         with timed(f"writing {file}"):
@@ -185,6 +191,10 @@ def certificate_command(
         written = f"{written}{deliver(output, files)}".strip()
     if as_json:
         emit(found.to_json())
+    elif isinstance(found, RigCertificate):
+        lines = [*found.refusals, *(f"{name}: {verdict}" for name, verdict in found.verdicts.items())]
+        head = f"{'' if found.certified else 'NOT CERTIFIED. '}Certificate {found.identifier}. {written}".strip()
+        emit("" if quiet() else "\n".join([head, *lines]) + "\n")
     elif not quiet():
         verdict = None if found.decision is None else found.decision.verdict
         blocks = [Answer(found.result.headline, colour_of(found.result))]
@@ -196,4 +206,6 @@ def certificate_command(
         emit_document([[*blocks, Paragraph(f"{number} {written}".strip(), hang="  ")]])
     if not found.certified:
         return NOT_USABLE
+    if isinstance(found, RigCertificate):
+        return NOT_PASSED if any(not verdict.passed for verdict in found.verdicts.values()) else 0
     return status_of(found.result, None if found.decision is None else found.decision.verdict)

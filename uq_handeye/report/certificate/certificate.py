@@ -5,22 +5,20 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from datetime import UTC, datetime
-from pathlib import Path
-from typing import Any
+from typing import Any, overload
 
 from ...calibration.result import Calibration
+from ...calibration.statement.tolerance import Tolerance
 from ...core.files.about import as_about
-from ...core.files.atomic import json_text, require_writable_file, write_atomically
-from ...core.presentation.pdf import PAPERS, to_pdf
 from ...errors import InputError
+from ...rig.result import RigCalibration
 from .data import certificate_data, identifier_of
-from .decision import Contents, decide
+from .decision import Contents, Written, decide
+from .of_rig import RigCertificate, certificate_of_rig
 from .page import certificate_html
 
-SUFFIXES = (".html", ".pdf", ".json")
 
-
-class Certificate(Contents):
+class Certificate(Contents, Written):
     """The statement of a calibration for the file: see `make_certificate`.
 
     Attributes
@@ -42,53 +40,23 @@ class Certificate(Contents):
         """Return the certificate as plain numbers and text: SI units with the names of D-SI."""
         return certificate_data(self)
 
-    def to_json(self, path: str | Path | None = None) -> str:
-        """Return JSON text, also written to ``path`` (whole or not at all)."""
-        return json_text(self.to_dict(), path)
-
     def to_html(self) -> str:
         """Return the page as one self-contained HTML text."""
         return certificate_html(self)
 
-    def write(self, path: str | Path, *, paper: str = PAPERS[0]) -> Path:
-        """Write the certificate; the suffix says which form: .html, .pdf or .json.
 
-        Parameters
-        ----------
-        path : str or Path
-        paper : str
-            Of the PDF: "a4" or "letter".
-
-        Raises
-        ------
-        InputError
-            A path with another suffix or that cannot be written.
-        MissingExtraError
-            A PDF where neither WeasyPrint (extra ``pdf``) nor a Chromium browser is installed.
-        """
-        path = Path(path)
-        suffix = path.suffix.lower()
-        if suffix not in SUFFIXES:
-            raise InputError(f"Expected `path` to end in {', '.join(SUFFIXES)}, got {path.name!r}.")
-        if paper not in PAPERS:
-            raise InputError(f"Expected `paper` to be {' or '.join(PAPERS)}, got {paper!r}.")
-        require_writable_file(path)
-        if suffix == ".json":
-            self.to_json(path)
-        else:
-            text = self.to_html()
-            write_atomically(path, text if suffix == ".html" else to_pdf(text, paper))
-        return path
-
-
+@overload
+def make_certificate(result: RigCalibration, **options: Any) -> RigCertificate: ...
+@overload
+def make_certificate(result: Calibration, **options: Any) -> Certificate: ...
 def make_certificate(
-    result: Calibration,
+    result: Any,
     *,
     tolerance: Any = None,
     at: Any = None,
     about: Mapping[str, str] | None = None,
     issued: str | None = None,
-) -> Certificate:
+) -> Certificate | RigCertificate:
     """Return the certificate of a calibration: measurand, result, uncertainty budget, conditions, traceability.
 
     The numbers are those of `Calibration.accuracy` and `Calibration.budget`; only the margin to a tolerance is
@@ -96,8 +64,8 @@ def make_certificate(
 
     Parameters
     ----------
-    result : Calibration
-        New, or read from a file.
+    result : Calibration or RigCalibration
+        New, or read from a file. Of a rig all poses are stated, and the decision is on each camera.
     tolerance, at
         As for `Calibration.verdict`: the decision on a tolerance (JCGM 106).
     about : mapping or None
@@ -121,11 +89,15 @@ def make_certificate(
     >>> found.certified, found.decision.verdict.word
     (True, 'PASS')
     """
-    if not isinstance(result, Calibration):
-        raise InputError(f"Expected `result` to be a Calibration, got {type(result).__name__}.")
     if tolerance is None and at is not None:
         raise InputError("Expected a `tolerance` beside `at`, which is the distance that it applies to; got none.")
+    now = datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC") if issued is None else issued
+    if isinstance(result, RigCalibration):
+        return certificate_of_rig(
+            result, None if tolerance is None else Tolerance.read(tolerance, at), about or {}, now
+        )
+    if not isinstance(result, Calibration):
+        raise InputError(f"Expected `result` to be a Calibration, got {type(result).__name__}.")
     of = replace(result, about=as_about({**result.about, **(about or {})}))
     decision = None if tolerance is None else decide(of, of.verdict(tolerance, at))
-    now = datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")
-    return Certificate(of, decision, now if issued is None else issued)
+    return Certificate(of, decision, now)

@@ -6,6 +6,7 @@ The decision has a guard band, in the terms of JCGM 106.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,10 @@ import numpy as np
 from ...calibration.result import Calibration
 from ...calibration.statement.headline import NOT_USABLE
 from ...calibration.statement.tolerance import MET, Tolerance, Verdict, percent, probability_of
+from ...core.files.atomic import json_text, require_writable_file, write_atomically
 from ...core.formatting.numbers import digits
+from ...core.presentation.pdf import PAPERS, to_pdf
+from ...errors import InputError
 
 RULE = (
     f"Decision rule (JCGM 106): PASS if the probability of conformity is at least {percent(MET)}, FAIL if it is at "
@@ -79,6 +83,55 @@ def decide(result: Calibration, verdict: Verdict) -> Decision:
         else:
             low = middle
     return Decision(verdict, scaled(float(np.power(10.0, high))))
+
+
+SUFFIXES = (".html", ".pdf", ".json")
+
+
+class Written:
+    """A certificate that is written as a page or as data."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the certificate as plain numbers and text."""
+        raise NotImplementedError
+
+    def to_html(self) -> str:
+        """Return the page as one self-contained HTML text."""
+        raise NotImplementedError
+
+    def to_json(self, path: str | Path | None = None) -> str:
+        """Return JSON text, also written to ``path`` (whole or not at all)."""
+        return json_text(self.to_dict(), path)
+
+    def write(self, path: str | Path, *, paper: str = PAPERS[0]) -> Path:
+        """Write the certificate; the suffix says which form: .html, .pdf or .json.
+
+        Parameters
+        ----------
+        path : str or Path
+        paper : str
+            Of the PDF: "a4" or "letter".
+
+        Raises
+        ------
+        InputError
+            A path with another suffix or that cannot be written.
+        MissingExtraError
+            A PDF where neither WeasyPrint (extra ``pdf``) nor a Chromium browser is installed.
+        """
+        path = Path(path)
+        suffix = path.suffix.lower()
+        if suffix not in SUFFIXES:
+            raise InputError(f"Expected `path` to end in {', '.join(SUFFIXES)}, got {path.name!r}.")
+        if paper not in PAPERS:
+            raise InputError(f"Expected `paper` to be {' or '.join(PAPERS)}, got {paper!r}.")
+        require_writable_file(path)
+        if suffix == ".json":
+            self.to_json(path)
+        else:
+            text = self.to_html()
+            write_atomically(path, text if suffix == ".html" else to_pdf(text, paper))
+        return path
 
 
 @dataclass(frozen=True, eq=False)

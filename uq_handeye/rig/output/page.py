@@ -89,21 +89,22 @@ def rig_html(
     second = [
         Section("pairs", "Relative poses of the cameras", _pairs(result), wide=True),
         Section("views", "Residuals by camera and target", [_by_pair(result)], wide=True),
-        Section("noise", "Noise", _noise(result), wide=True),
+        Section("noise", "Noise", noise_table(result), wide=True),
     ]
     sections = [
         Section("sizes", "Sizes of all errors", _sizes(result), folded=True),
         Section("paths", "Paths that should agree", _paths(result), folded=True),
+        Section("certificate", "Certificate of the global minimum", _optimality(result), folded=True),
         Section("largest", "Views with the largest residuals", [_largest(result)], folded=True),
         Section("numbers", "Poses and standard deviations in full", [_in_full(result)], folded=True),
-        Section("conventions", "Conventions", [Paragraph(f"{CONVENTION}. {_FRAMES}")], folded=True),
+        Section("conventions", "Conventions", [Paragraph(f"{CONVENTION}. {FRAMES}")], folded=True),
     ]
     fields = [(ABOUT[key], titles.get(key, "")) for key in ABOUT if key not in OF_CERTIFICATE and
               (key != "note" or key in titles)]  # fmt: skip
     return Page(
         "Calibration of a rig",
         ", ".join(rig.cameras),
-        [_counted(rig), f"{sum(len(view.poses) for view in rig.views)} views", f"method {result.method}",
+        [counted(rig), f"{sum(len(view.poses) for view in rig.views)} views", f"method {result.method}",
          f"report of {date}"],
         sections,
         sheets=[first, second],
@@ -114,7 +115,7 @@ def rig_html(
     ).html()  # fmt: skip
 
 
-_FRAMES = (
+FRAMES = (
     "The world is the base of the first arm. gripper_T_NAME is the pose of a camera or target in the flange that "
     "carries it, world_T_NAME of one that stands still, A_T_B of B in the frame of A."
 )
@@ -156,7 +157,8 @@ def _answer(result: Any, verdicts: Mapping[str, Any]) -> list[Block]:
     return blocks
 
 
-def _counted(rig: Any) -> str:
+def counted(rig: Any) -> str:
+    """Return the numbers of arms, cameras and targets in words."""
     parts = (("arm", rig.arms), ("camera", rig.cameras), ("target", rig.targets))
     return ", ".join(f"{len(of)} {what}{'' if len(of) == 1 else 's'}" for what, of in parts)
 
@@ -225,7 +227,8 @@ def _by_pair(result: Any) -> Table:
     )  # fmt: skip
 
 
-def _noise(result: Any) -> list[Block]:
+def noise_table(result: Any) -> list[Block]:
+    """Return the standard deviations of arms and cameras."""
     rows = [[name, digits(_MM * sizes[1], 2), digits(_DEG * sizes[0], 2)] for name, sizes in result.noise.items()]
     how = "estimated from the views" if result.components else "as given"
     caption = f"Standard deviations of one pose per axis, {how}."
@@ -260,6 +263,16 @@ def _paths(result: Any) -> list[Block]:
             ["pose", "position (mm)", "rotation (deg)", "chi-square", "probability"], rows,
         )
     ]  # fmt: skip
+
+
+def _optimality(result: Any) -> list[Block]:
+    of = result.optimality
+    rows = [["proven", "yes" if of.proven else "no"],
+            ["relative gap to the lower bound", "no bound" if of.gap is None else f"{of.gap:.1e}"],
+            ["estimate from the minimum of the isotropic problem (standard deviations)",
+             "not known" if of.distance is None else digits(of.distance, 2)],
+            ["local minima that the bound rejected before", str(of.rejected)]]  # fmt: skip
+    return [Paragraph(of.words), Table("Dual bound of the isotropic problem.", ["", ""], rows)]
 
 
 def _largest(result: Any) -> Table:
