@@ -32,7 +32,7 @@ from ...core.files.about import ABOUT, as_about
 from ...core.files.records import plain
 from ...core.formatting.numbers import digits, probability
 from ...core.presentation.document import Answer, Badge, Block, Paragraph, Points, Section, Table
-from ...core.presentation.page import rendered
+from ...core.presentation.page import Page
 from ...rig.output.page import FRAMES, UNLIKELY, counted, headline, noise_table
 from ...rig.output.sketch import rig_sketch
 from ...rig.result import EstimatedPose, RigCalibration
@@ -134,8 +134,9 @@ class RigCertificate(Written):
         facts = [counted(self.result.rig), f"No. {self.identifier}", f"issued {self.issued}"]
         foot = f"{self.identifier}, issued {self.issued} by uq-handeye {__version__}. {STANDING}"
         fields = [(ABOUT[key], self.about.get(key, "")) for key in ABOUT if key != "note" or key in self.about]
-        return rendered(name, ", ".join(self.result.rig.cameras), facts, [], sheets=sheets, fields=fields, foot=foot,
-                        signed=len(sheets) if self.certified else 0, kind="certificate")  # fmt: skip
+        page = Page(name, ", ".join(self.result.rig.cameras), facts, [], sheets, fields, foot,
+                    len(sheets) if self.certified else 0, kind="certificate")  # fmt: skip
+        return page.html()
 
     def _refused(self) -> list[Section]:
         blocks: list[Block] = [Answer("NOT CERTIFIED.", "failed"), Points(self.refusals),
