@@ -27,7 +27,7 @@ from uq_handeye.errors import InputError
 from uq_handeye.fit.diagnostics.pose_table import PoseTable
 from uq_handeye.fit.likelihood.shared_estimates import SharedEstimate
 from uq_handeye.fit.likelihood.shared_groups import grouped
-from uq_handeye.report.comparison.methods_figure import methods_figure
+from uq_handeye.report.comparison.figure import methods_picture
 from uq_handeye.report.comparison.of_result import compare_beside
 from uq_handeye.report.figures import figures, pictures
 
@@ -115,8 +115,8 @@ def test_no_text_overlaps(drawn, name):
 
 def test_texts_of_a_methods_figure_do_not_overlap():
     poses = uq.simulate(n_poses=12, noise=NOISE, seed=SEED)
-    rows = uq.compare(poses, noise=NOISE, methods=["4dpa", "tsai", "park", "li"]).rows
-    assert overlapping(methods_figure(rows)) == []
+    compared = uq.compare(poses, noise=NOISE, methods=["4dpa", "tsai", "park", "li"])
+    assert overlapping(methods_picture(compared).figure) == []
 
 
 def test_fonts_are_readable_on_paper(drawn):

@@ -30,7 +30,7 @@ from ..methods.propagation.published_fit import mean_target
 from ..model.noise.models import PoseNoise
 from ..model.poses.motions import Motions
 from ..model.poses.pose_pairs import PosePairs
-from .comparison.methods_figure import methods_picture
+from .comparison.figure import methods_picture
 from .comparison.of_result import compare_beside
 
 if TYPE_CHECKING:

@@ -18,7 +18,8 @@ from ..calibration.report.analysis import (
 )
 from ..calibration.report.shared_errors import included_words, shared_blocks
 from ..core.formatting.numbers import fixed
-from ..core.presentation.document import Block, Cell, Drawing, Paragraph, Points, Section, Table
+from ..core.presentation.document import Block, Drawing, Paragraph, Points, Section, Table
+from .comparison.text import methods_table
 
 if TYPE_CHECKING:
     from ..calibration.result import Calibration
@@ -90,30 +91,7 @@ def methods_section(comparison: Comparison | None, reason: str, note: str, drawi
     title = "Other methods on the same data"
     if comparison is None:
         return Section("methods", title, [Paragraph(reason, empty=True)], folded=True)
-    rows: list[list[Cell]] = []
-    for row in comparison.rows:
-        cells: list[Cell] = [row.method, str(row.year) if row.year else ""]
-        if row.failure is not None:
-            rows.append([*cells, (f"{row.status}: {row.failure}", 6)])
-            continue
-        if row.method == comparison.reference:
-            differences, said = ["0", "0", ""], "reference"
-        else:
-            differences = [
-                _optional(row.difference_rotation, _DEG), _optional(row.difference_translation, _MM), _optional(row.d2)
-            ]  # fmt: skip
-            said = "no covariance" if row.agrees is None else "agrees" if row.agrees else "differs"
-        weakest = ["", ""] if row.weakest is None else [fixed(_DEG * row.weakest[0]), fixed(_MM * row.weakest[1])]
-        rows.append([*cells, differences[0], differences[1], *weakest, differences[2], said])
-    table = Table(
-        f"Differences of each method from {comparison.reference or 'a reference'}, its own standard deviations (1 "
-        "sigma, worst direction), and whether its 95 % ellipsoid holds the reference (d² up to 12.6)",
-        [
-            "method", "year", "rotation (deg)", "translation (mm)", "1 sigma (deg)", "1 sigma (mm)", "d²", "verdict",
-        ],
-        rows,
-        frozenset({7}),
-    )  # fmt: skip
+    table = methods_table(comparison)
     text = f"{comparison.verdict} All on the same {comparison.origin}.{note} Methods that agree may be wrong together."
     blocks: list[Block] = [Paragraph(text)]
     if drawing is not None:
@@ -131,10 +109,6 @@ def _gathered(comparison: Comparison) -> list[str]:
         method, _, text = line.partition(": ")  # or methods, which then say the same
         said.setdefault(text.replace(f"method '{method}'", "the method"), []).append(method)
     return [f"{', '.join(methods)}: {text}" for text, methods in said.items()]
-
-
-def _optional(value: float | None, factor: float = 1.0) -> str:
-    return "" if value is None else "infinite" if np.isinf(value) else fixed(factor * value)
 
 
 def observability_section(result: Calibration) -> Section:

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import io
 import textwrap
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -27,7 +28,7 @@ from matplotlib.ticker import MaxNLocator
 
 from ...core.geometry.se3 import Array
 from ...core.presentation.ellipses import PAIRS_WITHIN, SYMBOLS, render
-from ...core.presentation.figure_parts import HALO
+from ...core.presentation.figure_parts import BLUE, HALO, ORANGE, SMALL, Picture, canvas, finished
 from .compare import CHI2_95
 from .result import Comparison
 from .row import apart, digits, without_numbers
@@ -120,6 +121,37 @@ def comparison_figure(comparison: Comparison) -> Figure:
         _projection(panel, i, j, comparison, styles, scale)
     _explanation(figure, comparison, width, height)
     return figure
+
+
+def methods_picture(comparison: Comparison) -> Picture | None:
+    """The columns alone, in the width of a page, for a report; None where no other method has a difference."""
+    base = comparison.base
+    others = [row for row in comparison.rows if row is not base]
+    if base is None or not any(row.xi is not None and row.failure is None for row in others):
+        return None
+    alt = f"Differences of {len(others)} methods from {base.method} in the six components of X, with 1 and 2 sigma."
+    caption = (
+        f"Differences from {base.method}, one row per method; thick and thin bars are 1 and 2 standard deviations "
+        "of the method itself. Orange diamonds: the method differs beyond its own 95 % ellipsoid. Triangles at the "
+        "rim: farther away, with the value. Bars that do not reach zero in several panels deserve a look."
+    )
+    rows = [row for row in (base, *others) if row.xi is not None and row.failure is None]
+    shown = replace(comparison, rows=tuple(rows))
+    styles = {
+        row.method: _Style("black" if row is base else BLUE, "-", "o", 1.0, 5)
+        if row.agrees is not False
+        else _Style(ORANGE, "-", "D", 1.0, 5)
+        for row in rows
+    }
+    figure = canvas(0.9 + 2 * (0.17 * len(rows) + 0.55))
+    grid: Any = figure.subplots(2, 3, sharey=True)
+    for k, axis in enumerate([*grid[1], *grid[0]]):  # translation above, as everywhere else
+        _column(axis, k, shown, styles, _scale(shown), SMALL)
+    names = [f"{row.method}, differs" if row.agrees is False else row.method for row in rows]
+    for line in grid:
+        line[0].set_yticks(range(len(rows)), labels=names, fontsize=SMALL)
+        line[0].get_yticklabels()[0].set_fontweight("bold")
+    return Picture(finished(figure), alt, caption)
 
 
 def png(figure: Figure) -> bytes:
@@ -247,10 +279,18 @@ def _limits(k: int, scale: _Scale) -> tuple[float, float]:
     return float(scale.low[k] * scale.factor[k]), float(scale.high[k] * scale.factor[k])
 
 
-def _column(axis: Axes, k: int, comparison: Comparison, styles: dict[str, _Style], scale: _Scale) -> None:
-    """One component of all methods: point and bars of 1 and 2 standard deviations."""
+def _column(
+    axis: Axes, k: int, comparison: Comparison, styles: dict[str, _Style], scale: _Scale, size: float = 6.3
+) -> None:
+    """One component of all methods: point and bars of 1 and 2 standard deviations; text of a size in points."""
     count = len(comparison.rows)
     low, high = _limits(k, scale)
+    step = 1e-4 * (high - low) if size == SMALL else 0.0  # of a page: an iteration's last digits differ by the run
+
+    def drawn(value: float) -> float:
+        value = float(value * scale.factor[k])
+        return step * round(value / step) if step else value
+
     axis.set_xlim(low, high)
     axis.set_ylim(count - 0.5, -0.5)
     axis.axvline(0, color="0.6", linewidth=0.8, zorder=1)
@@ -262,25 +302,27 @@ def _column(axis: Axes, k: int, comparison: Comparison, styles: dict[str, _Style
         if row.xi is None:
             continue
         style = styles[row.method]
-        x = float(row.xi[k] * scale.factor[k])
+        x = drawn(row.xi[k])
         if not low <= x <= high:
-            _beyond(axis, x, y, low, high, style)
+            _beyond(axis, x, y, low, high, style, size)
             continue
         if row.std is not None and row.failure is None:
-            sigma = float(row.std[k] * scale.factor[k])
+            sigma = drawn(row.std[k])
             for level, width in ((2, 0.9), (1, 2.4)):
                 ends = np.clip([x - level * sigma, x + level * sigma], 2 * low - high, 2 * high - low)
                 axis.plot(ends, [y, y], color=style.colour, linewidth=width, solid_capstyle="butt", zorder=style.order)
         axis.plot(x, y, **_marker(style, 4.8), zorder=style.order + 0.5)
     axis.set_yticks([])
     _ticks(axis.xaxis, low, high)
-    axis.tick_params(labelsize=6.3, direction="in", length=2.2, pad=2)
-    axis.set_xlabel(_label(k, scale), fontsize=7.5, labelpad=1)
+    axis.tick_params(labelsize=size, direction="in", length=2.2, pad=2)
+    axis.set_xlabel(_label(k, scale), fontsize=max(size, 7.5), labelpad=1)
     for side in ("left", "right", "top"):
         axis.spines[side].set_color("0.8")
     if k % 3 == 1:
         axis.set_title(
-            ("rotation", "translation")[k // 3] + f" from that of {comparison.reference}", fontsize=7.8, pad=4
+            ("rotation", "translation")[k // 3] + f" from that of {comparison.reference}",
+            fontsize=max(size, 7.8),
+            pad=4,
         )
 
 
@@ -296,7 +338,7 @@ def _marker(style: _Style, size: float) -> dict[str, Any]:
     }
 
 
-def _beyond(axis: Axes, x: float, y: float, low: float, high: float, style: _Style) -> None:
+def _beyond(axis: Axes, x: float, y: float, low: float, high: float, style: _Style, size: float) -> None:
     """An arrow at the rim and the value of what lies outside."""
     right = x > high
     edge = high if right else low
@@ -316,7 +358,7 @@ def _beyond(axis: Axes, x: float, y: float, low: float, high: float, style: _Sty
         _number(x),
         ha="right" if right else "left",
         va="center",
-        fontsize=6.3,
+        fontsize=size,
         color=_ink(style),
         path_effects=HALO,
         zorder=style.order,

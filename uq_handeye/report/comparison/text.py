@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from textwrap import shorten
 
 import numpy as np
@@ -151,6 +152,18 @@ def _short_table(comparison: Comparison) -> Table:
     table = _table_of(comparison, _SHORT)
     fits = max(map(len, to_text([table], COLUMNS).splitlines()), default=0) <= COLUMNS
     return table if fits else _table_of(comparison, _SHORTER)
+
+
+def methods_table(comparison: Comparison) -> Table:
+    """Return the table of a page: differences, verdict and standard deviations of each method, with its year."""
+    years = {row.method: f"{row.method} {row.year}" for row in comparison.rows if row.year}
+    caption = (
+        f"Differences of each method from {comparison.reference or 'a reference'}, its own standard deviations (1 "
+        "sigma, worst direction), and whether its 95 % ellipsoid holds the reference (d^2 up to 12.6)"
+    )
+    found = _table_of(comparison, _SHORTER, verbose=True)
+    rows = [[years.get(str(name).removesuffix(" !"), name), *cells] for name, *cells in found.rows]
+    return replace(found, caption=caption, rows=rows)
 
 
 def _table_of(comparison: Comparison, columns: range, verbose: bool = False) -> Table:
