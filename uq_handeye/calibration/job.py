@@ -363,7 +363,7 @@ def take_offset(
     data: PosePairs | Motions, shared: tuple[SharedError, ...]
 ) -> tuple[PosePairs | Motions, tuple[SharedError, ...]]:
     """Replace the standard deviation of the clock offset in the `timing` of synchronised poses."""
-    poses = data if isinstance(data, PosePairs) else data.poses
+    poses = data.poses
     offset = next((error for error in shared if error.name == CLOCK_OFFSET), None)
     if offset is None or poses is None or poses.timing is None:
         return data, shared

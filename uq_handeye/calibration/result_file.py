@@ -117,7 +117,7 @@ def _require_whole(result: Any) -> None:
 
 def _require_one_data_set(data: PosePairs | Motions, result: Any) -> None:
     """Raise where the poses (or motions) are not as many as the result and its noise are of."""
-    poses = data if isinstance(data, PosePairs) else data.poses
+    poses = data.poses
     if isinstance(data, Motions) and result.n_pairs != data.N:
         raise ValueError(f"{result.n_pairs} motions, and data that hold {data.N}")
     if (None if poses is None else poses.n) != result.n_poses:

@@ -28,7 +28,6 @@ from ..core.presentation.named_figure import NamedFigure
 from ..errors import InputError
 from ..methods.propagation.published_fit import mean_target
 from ..model.noise.models import PoseNoise
-from ..model.poses.motions import Motions
 from ..model.poses.pose_pairs import PosePairs
 from .comparison.figure import methods_picture
 from .comparison.of_result import compare_beside
@@ -141,7 +140,7 @@ def _flagged(table: PoseTable) -> str:
 
 def poses_of(result: Calibration) -> PosePairs | None:
     """Return the poses that a result was made of; None for motions only, and where its file holds no poses."""
-    return result.data.poses if isinstance(result.data, Motions) else result.data
+    return None if result.data is None else result.data.poses
 
 
 def require_same_problem(result: Calibration, check: CrossCheck) -> None:

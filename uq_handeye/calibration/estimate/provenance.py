@@ -36,6 +36,6 @@ class Provenance(Record):
 def provenance(data: PosePairs | Motions, options: dict[str, Any], request: dict[str, Any]) -> Provenance:
     """Record what `calibrate` was given."""
     sides = (data.robot, data.camera) if isinstance(data, PosePairs) else (data.A, data.B)
-    poses = data if isinstance(data, PosePairs) else data.poses
+    poses = data.poses
     sources = () if poses is None else poses.sources
     return Provenance(sha256_of(*sides), options, dict(versions()), sources, request=request)

@@ -369,7 +369,7 @@ def shared_effects(result: Estimated, side: Literal["robot", "camera"], robot: A
 def poses_so_far(result: Estimated) -> PosePairs | None:
     """Return the poses of the calibration, where it holds them."""
     data = result.counted
-    return data.poses if isinstance(data, Motions) else data
+    return None if data is None else data.poses
 
 
 def bound_to(result: Estimated) -> PosePairs | None:

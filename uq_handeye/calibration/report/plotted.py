@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from ...model.poses.motions import Motions
-
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
@@ -52,7 +50,7 @@ class Plotted:
 def figure_names(result: Any) -> tuple[str, ...]:
     """Return the names of the figures that a result can have, in the order of `FIGURES`."""
     determined = result.covariance is not None
-    poses = result.data.poses if isinstance(result.data, Motions) else result.data
+    poses = None if result.data is None else result.data.poses
     there = {
         "ellipses": determined,
         "rig": poses is not None,

@@ -75,7 +75,7 @@ def diagnose(fit: Fit, data: PosePairs | Motions, noise: Noise, correlation_esti
     """
     if fit.covariance.ndim != 2:
         raise InputError(f"Expected the `fit` of one problem, got leading axes {fit.covariance.shape[:-2]}.")
-    poses = data if isinstance(data, PosePairs) else data.poses
+    poses = data.poses
     n, on_poses = len(fit.residual), fit.W is not None
     count = poses.n if on_poses and poses is not None else len(data)
     if count != n:

@@ -233,7 +233,7 @@ def _one_axis(constraint: Constraint) -> NDArray[np.bool_]:
 
 def constraint_of(data: PosePairs | Motions, noise: Noise | None) -> Constraint:
     """On poses if there are any and the noise is not that of motions; raises if noise and data do not fit."""
-    poses = data if isinstance(data, PosePairs) else data.poses
+    poses = data.poses
     if isinstance(noise, PairNoise):
         if isinstance(data, PosePairs):
             raise InputError("PairNoise is noise of motions: give the Motions (relative_motions), not poses.")

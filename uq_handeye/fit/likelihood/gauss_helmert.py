@@ -269,7 +269,7 @@ def bound(data: PosePairs | Motions, noise: Noise, X: Array | None = None) -> Ar
     array([0.44, 0.39, 0.57, 0.5 , 0.46, 0.58])
     """
     constraint = _checked(data, noise)
-    poses = data if isinstance(data, PosePairs) else data.poses
+    poses = data.poses
     warn_left_out("bound()", data)
     if isinstance(constraint, OnPoses) and X is None and poses is not None and poses.truth is not None:
         truth = poses.truth

@@ -27,7 +27,7 @@ def start_of(data: PosePairs | Motions, constraint: Constraint, X: Array | None)
     """X by 4DPA where it is not given, and W as the mean of G X C."""
     if isinstance(constraint, OnMotions):
         return Unknowns(solve_limit(constraint.first, constraint.second) if X is None else X, None)
-    poses = data if isinstance(data, PosePairs) else data.poses
+    poses = data.poses
     assert poses is not None
     X = solve_all_pairs(poses) if X is None else X
     return Unknowns(X, mean_target(poses, X))

@@ -80,7 +80,7 @@ def estimate_noise(
         weights = np.asarray(weights, dtype=float)
         if weights.shape != (n,) or not np.isin(weights, (0.0, 1.0)).all():
             raise InputError(f"Expected `weights` to be {n} numbers, 0 or 1, got shape {weights.shape}.")
-    poses = data if isinstance(data, PosePairs) else data.poses
+    poses = data.poses
     if shared and poses is None:
         raise InputError(
             "Expected poses beside `shared`: the effect of an error on motions without poses is not known."

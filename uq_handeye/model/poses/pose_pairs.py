@@ -156,6 +156,11 @@ class PosePairs:
             )
 
     @property
+    def poses(self) -> PosePairs:
+        """Itself: motions have the poses that they were made of by this name."""
+        return self
+
+    @property
     def n(self) -> int:
         """Number of poses."""
         return int(self.robot.shape[-3])

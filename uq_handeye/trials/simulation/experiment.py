@@ -182,7 +182,7 @@ def experiment(
         raise InputError(f"Expected no `scale` with method {method!r}: it is the scaling factor of 4dpa.")
     if noise is not None and noise.prior is not None and method not in ESTIMATORS:
         raise InputError(f"Method {method!r} takes no prior of X or W, which the noise has; use efficient or ml.")
-    poses = data if isinstance(data, PosePairs) else data.poses
+    poses = data.poses
     if (data.A if isinstance(data, Motions) else data.robot).ndim != 3:
         raise InputError("Expected one data set, got a batch.")
     if poses is not None and poses.n < 3:

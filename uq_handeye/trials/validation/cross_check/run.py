@@ -108,7 +108,7 @@ def cross_check(
     if isinstance(data, PosePairs) and (isinstance(noise, PairNoise) or not isinstance(pairs, str) or pairs != "all"):
         data = relative_motions(data, pairs)
     problem = _problem(data, noise)
-    noise, poses = problem.noise, data if isinstance(data, PosePairs) else data.poses
+    noise, poses = problem.noise, data.poses
     problem.predicted()  # raises where the data do not determine X
     checked = noise_of_data(given, measured, noise, estimated)
     rows = formulas(data, problem)

@@ -168,7 +168,7 @@ def _result(
     own_mean = tally.own / sums.count if work.tested is None and sums.count else None
     judged = consistency(sums, own_mean if work.tested is None else work.tested, own=work.tested is None)
     stability = None if tally.stability is None else tally.stability.summary()
-    poses = data if isinstance(data, PosePairs) else data.poses
+    poses = data.poses
     notes: list[str] = []
     damaged = [] if folder is None else folder.damaged
     if damaged:

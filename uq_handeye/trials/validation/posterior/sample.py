@@ -321,7 +321,7 @@ def sample_posterior(
     model = estimate_noise(data).noise if noise is None else noise
     if model is None:
         raise InputError("The data are exact up to rounding: there is no noise to estimate. Give `noise`.")
-    poses = data if isinstance(data, PosePairs) else data.poses
+    poses = data.poses
     density = density_of(data, model, free, student_t)
     require_integer("walkers", walkers, max(16, 2 * density.d + 2))
     starts = starts_of(data if poses is None or isinstance(model, PairNoise) else poses, model, density)
@@ -352,7 +352,7 @@ def _identity(
     """Return what the chain depends on, except for its length."""
     import emcee
 
-    poses = data if isinstance(data, PosePairs) else data.poses
+    poses = data.poses
     arrays = {"A": data.A, "B": data.B} if isinstance(data, Motions) else {}
     if poses is not None:
         arrays |= {"robot": poses.robot, "camera": poses.camera}

@@ -247,7 +247,7 @@ def sweep(
                 levels[name][factor] = level_at(Task(problems[name], factor, trials, seed, tolerance))
                 advance(1)
             wanted = [(name, factor) for name in names for factor in _next(levels[name])]
-    poses = data if isinstance(data, PosePairs) else data.poses
+    poses = data.poses
     problem = problems[names[0]]
     return Sweep(
         methods=tuple(MethodSweep(name, _ordered(levels[name])) for name in names),
