@@ -26,7 +26,7 @@ from uq_handeye.core.files.about import ABOUT
 from uq_handeye.core.files.source import Source
 from uq_handeye.core.presentation import pdf
 from uq_handeye.core.presentation.figure_parts import canvas
-from uq_handeye.core.presentation.page import pretty
+from uq_handeye.core.presentation.html import pretty
 from uq_handeye.errors import InputError, InputWarning, MissingExtraError
 from uq_handeye.findings import Finding
 from uq_handeye.model.poses.timing import TimeOffset, Timing

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import base64
 import hashlib
-import re
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from importlib import resources
 
 from markupsafe import Markup
@@ -14,15 +13,10 @@ from markupsafe import Markup
 from ..._version import __version__
 from .document import Drawing, Section
 from .figure_parts import Picture, inline_svg
+from .html import PAGE, section_html
 
 # Later rules go before earlier ones. By the kind of page.
 STYLES = {"report": ("report.css", "figures.css"), "certificate": ("report.css", "certificate.css")}
-
-
-def pretty(text: str) -> str:
-    """Signs of print for those of a terminal: d², ±, a true minus before a number."""
-    text = text.replace("`", "").replace("d^2", "d²").replace("deg^2", "deg²").replace("mm^2", "mm²").replace("+-", "±")
-    return re.sub(r"(?<![\w.)\]-])-(?=\d)", "\N{MINUS SIGN}", text)
 
 
 @dataclass(frozen=True)
@@ -68,7 +62,7 @@ class Page:
 
         files = resources.files(__package__)
         environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
-        environment.filters["pretty"] = pretty
+        look = replace(PAGE, tag="Caution" if self.sheets else "Warning")
         template = environment.from_string((files / "template.html.j2").read_text(encoding="utf-8"))
         scripts = [_SCRIPT.strip()]
         every = [section for page in (*self.sheets, self.sections) for section in page]
@@ -76,6 +70,7 @@ class Page:
             scripts.append((files / "turn.js").read_text(encoding="utf-8").strip())
         return template.render(
             {field.name: getattr(self, field.name) for field in fields(self)},
+            content=lambda section: section_html(section, look, lead=not self.sheets and section.anchor == "answer"),
             style=Markup("".join((files / name).read_text(encoding="utf-8") for name in STYLES[self.kind])),
             scripts=[Markup(script) for script in scripts],
             script_hashes=[base64.b64encode(hashlib.sha256(text.encode()).digest()).decode() for text in scripts],

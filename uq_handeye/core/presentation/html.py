@@ -1,0 +1,188 @@
+"""Blocks of a document as HTML: the one renderer, for a page by classes and for a notebook by styles.
+
+All text is escaped; trusted are only the markup of drawings and their scenes.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from html import escape as escaped
+
+from markupsafe import Markup
+
+from .document import (
+    Answer,
+    Badge,
+    Block,
+    Caution,
+    Cell,
+    Checks,
+    Code,
+    Drawing,
+    Heading,
+    Paragraph,
+    Points,
+    Section,
+    Table,
+)
+
+
+def pretty(text: str) -> str:
+    """Signs of print for those of a terminal: d², ±, a true minus before a number."""
+    text = text.replace("`", "").replace("d^2", "d²").replace("deg^2", "deg²").replace("mm^2", "mm²").replace("+-", "±")
+    return re.sub(r"(?<![\w.)\]-])-(?=\d)", "\N{MINUS SIGN}", text)
+
+
+@dataclass(frozen=True)
+class Look:
+    """Attributes of the elements by their role; ``page``: with anchors, buttons, and what is read aloud."""
+
+    attributes: Mapping[str, str]
+    page: bool
+    tag: str = ""  # before points that stand out
+
+    def __call__(self, role: str, *names: str) -> str:
+        """Return the attributes of a role, such as `` class="answer ok"``, with a leading space."""
+        name = " ".join((role, *names))
+        found = self.attributes.get(name, self.attributes.get(role, ""))
+        return found.format(name.replace("not run", "not-run"))
+
+    def said(self, text: str, verbatim: bool = False) -> str:
+        """Return text escaped, on a page with the signs of print, in a notebook with few of them."""
+        if not self.page:
+            return escaped(text.replace("d^2", "d²").replace("+-", "±"))
+        return str(Markup.escape(text if verbatim else pretty(text)))
+
+
+_PAGE = dict.fromkeys(("empty", "answer", "badge", "warnings", "small"), ' class="{}"')
+_PAGE |= {"status": ' class="{}"', "marked": ' class="flagged"', "marked item": ' class="marked"'}
+_PAGE |= {"column of words": ' class="text"', "words": ' class="text"', "words long": ' class="text long"'}
+PAGE = Look(_PAGE, page=True)
+
+
+def section_html(section: Section, look: Look, lead: bool = False) -> Markup:
+    """Return what stands below the heading of a section; ``lead``: paragraphs as large as an answer."""
+    if lead:
+        look = replace(look, attributes={**look.attributes, "paragraph": ' class="lead"'})
+    return Markup("\n".join(block_html(b, look, section.anchor, k) for k, b in enumerate(section.blocks, 1)))
+
+
+def block_html(block: Block, look: Look, anchor: str = "", number: int = 0) -> str:
+    """Return a block; ``anchor`` and ``number`` are its section on a page and its place there, from 1."""
+    match block:
+        case Heading():
+            return f"<p{look('heading')}><b>{look.said(block.text)}</b></p>"
+        case Paragraph():
+            return f"<p{look('empty' if block.empty else 'paragraph')}>{look.said(block.text)}</p>"
+        case Answer():
+            return f"<p{look('answer', block.status)}>{look.said(block.text)}</p>"
+        case Badge():
+            text = f"<strong>{look.said(block.word, True)}</strong> <span>{look.said(block.text)}</span>"
+            return f"<p{look('badge', block.status)}>{text}</p>"
+        case Caution():
+            return f"<p{look('caution')}><b>Caution:</b> {look.said(block.text)}</p>"
+        case Checks():
+            return _checks(block, look, anchor)
+        case Points():
+            return _points(block, look)
+        case Table():
+            return _table(block, look, f"{anchor}-table-{number}")
+        case Drawing() if look.page:
+            return _drawing(block, look)
+        case Code():
+            return _code(block, look)
+        case _:
+            raise TypeError(f"Expected a block that a notebook shows, got a {block.kind}.")
+
+
+def _checks(checks: Checks, look: Look, anchor: str) -> str:
+    """A line for each check, its status marked by colour and named."""
+    rows = []
+    for status, name, text in checks.rows:
+        if look.page:
+            first = f"<td><span{look('status', status)}>{status}</span></td>"
+            second = f'<th scope="row">{look.said(name, True)}</th>'
+        else:
+            first = f'<th scope="row"{look("status", status)}>{look.said(status)}</th>'
+            second = f"<td{look('check')}>{look.said(name)}</td>"
+        rows.append(f"<tr>{first}{second}<td{look('check')}>{look.said(text)}</td></tr>")
+    named = f' class="checks" aria-labelledby="{anchor}-title"' if look.page else look("table")
+    return f"<table{named}><tbody>{''.join(rows)}</tbody></table>"
+
+
+def _points(points: Points, look: Look) -> str:
+    items = []
+    for k, item in enumerate(points.items):
+        marked = look.page and k in points.marked
+        tag = f'<strong class="tag">{look.tag}</strong> ' if marked else ""
+        items.append(f"<li{look('marked item') if marked else ''}>{tag}{look.said(item)}</li>")
+    return f"<ul{look('warnings') if points.marked else ''}>{''.join(items)}</ul>"
+
+
+def _drawing(drawing: Drawing, look: Look) -> str:
+    scene = f'<script type="application/json" class="scene">{drawing.scene}</script>' if drawing.scene else ""
+    return (
+        f'<figure id="figure-{drawing.stem}"{look("small") if drawing.small else ""}>'
+        f'<div class="drawing" role="img" tabindex="0" aria-label="{look.said(drawing.alt)}">{drawing.svg}</div>'
+        f"{scene}<figcaption>{look.said(drawing.caption)}</figcaption></figure>"
+    )
+
+
+def _code(code: Code, look: Look) -> str:
+    if not look.page:
+        return f"<pre{look('code')}>{look.said(code.text)}</pre>"
+    title = look.said(code.title, True)
+    button = f'<button type="button" class="copy" hidden aria-label="Copy {title}">Copy</button>'
+    return (
+        f'<div class="code"><div class="bar"><h3>{title}</h3>{button}</div>'
+        f'<p class="note">{look.said(code.note, True)}</p><pre tabindex="0">{look.said(code.text, True)}</pre></div>'
+    )
+
+
+def _table(table: Table, look: Look, name: str) -> str:
+    groups = "".join(
+        f'<th scope="col" colspan="{count}"{look("cell")}>{look.said(title)}</th>'
+        if title or not look.page
+        else f'<td colspan="{count}"></td>'
+        for title, count in table.groups
+    )
+    head = "".join(
+        f'<th scope="col"{look("column of words" if left else "cell")}>{look.said(column)}</th>'
+        if column or not look.page
+        else "<td></td>"
+        for left, column in ((not k or k in table.text_columns, name) for k, name in enumerate(table.columns))
+    )
+    if not look.page and not any(table.columns):
+        head = ""
+    top = "".join(f"<tr>{line}</tr>" for line in (groups, head) if line)
+    body = "".join(
+        f"<tr{look('marked') if k in table.marked else ''}>{_cells(row, table, look)}</tr>"
+        for k, row in enumerate(table.rows)
+        if row or look.page
+    )
+    inside = f"<thead>{top}</thead><tbody>{body}</tbody>"
+    if not look.page:
+        caption = f"<p{look('paragraph')}>{look.said(table.caption)}</p>" if table.caption else ""
+        return f'{caption}<div style="overflow-x:auto"><table{look("table")}>{inside}</table></div>'
+    kinds = f"{'short' if len(table.rows) <= 20 else ''}{' worded' if table.worded else ''}"
+    return (
+        f'<p class="caption" id="{name}">{look.said(table.caption)}</p>'
+        f'<div class="scroll" role="region" tabindex="0" aria-labelledby="{name}">'
+        f'<table class="{kinds}" aria-labelledby="{name}">{inside}</table></div>'
+    )
+
+
+def _cells(row: Sequence[Cell], table: Table, look: Look) -> str:
+    cells = []
+    for k, cell in enumerate(row):
+        text, span = (cell, "") if isinstance(cell, str) else (cell[0], f' colspan="{cell[1]}"')
+        left = bool(span) or k in table.text_columns or (k == 0 and table.named)
+        said = look.said(text, table.verbatim and not span)
+        if k == 0:
+            cells.append(f'<th scope="row"{span}{look("name" if left else "number of a row")}>{said}</th>')
+        else:
+            kind = ("words long" if table.verbatim and not span else "words") if left else "number"
+            cells.append(f"<td{look(kind)}{span}>{said}</td>")
+    return "".join(cells)
