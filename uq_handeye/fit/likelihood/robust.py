@@ -26,7 +26,7 @@ that good poses exceed once in 1000 data sets. Else what the iteration settles a
 of the poses are kept by noise that needs no scale: two such X share most of their poses and are the same within the
 noise. Otherwise the iteration starts from `consensus`. Where the noise comes from the residuals several outliers may
 hide each other: all poses count in full if noise of all of them leaves a largest distance that good poses exceed in one
-of five data sets, and the median where it belongs, which the noise of some outliers would make small.
+of twenty data sets, and the median where it belongs, which the noise of some outliers would make small.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ MOST_ROUNDS = 20
 SURE = 0.8
 # How rare a largest distance is that is a surprise. Where the noise is not known: how frequent one may be, and what the
 # median of the distances must be of that of chi-square, for all rows to be taken as they are.
-SURPRISE, USUAL, LIKE_OTHERS = 1e-3, 0.2, 0.75
+SURPRISE, USUAL, LIKE_OTHERS = 1e-3, 0.05, 0.75
 
 # The noise of the constraint near the unknowns, whose rows count with weights (n,); None: the data are exact.
 Estimator = Callable[[Constraint, Unknowns, Array], Noise | None]

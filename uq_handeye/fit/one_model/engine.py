@@ -52,8 +52,8 @@ from .component import SIDES, Component
 RIDGE = 1e-14
 # Share of the energy of an error's rows below which the unknown poses absorb it.
 ABSORBED = 1e-6
-# Numbers of whitened rows that are held at once where many sizes are asked for.
-AT_ONCE = 400_000
+# Numbers of whitened rows that are held at once where many sizes are asked for, as many as a cache holds; sizes at least.
+AT_ONCE, FEWEST_AT_ONCE = 100_000, 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -320,7 +320,7 @@ class LatentModel(ReadOnlyArrays):
         """The posteriors of the unknown poses alone, for many sizes (d, k)."""
         found, p = [], self.p
         numbers = sum(rows.r.size for rows in self.groups) * (p + self.shared.shape[-1])
-        together = max(1, AT_ONCE // numbers)
+        together = max(FEWEST_AT_ONCE, AT_ONCE // numbers)
         for start in range(0, len(thetas), together):
             some = thetas[start : start + together]
             _, grams, _, logs = self._whitened(np.array([self.sizes(theta) for theta in some]))

@@ -50,6 +50,8 @@ ROUNDING = 1e-11
 FAR_FROM_EXACT = 1e-4
 # Linearised again until X and W move by less, in standard deviations; how often at most, and what will do then.
 STILL, MOST_ROUNDS, CLOSE = 2e-2, 6, 0.1
+# Not again where the square of the turn of X, which the linear rows leave out, is this small beside the residuals.
+CURVED = 0.1
 # What a further step of the sizes may promise before the model is linearised again, and before weights are final.
 ROUGH = 1e-2
 # Deviations of their priors within which the sizes are held where the unknowns do not settle otherwise.
@@ -287,13 +289,15 @@ class JointModel:
                 if exact.any():
                     return FoundSizes(self, model, reduced, find_mode(model), at, kept, kept[used], exact)
                 self._require_freedom(part, model.p)
-            exactly = min(gain, GAIN) if done > 2 else gain if done else max(gain, ROUGH)
+            exactly = min(gain, GAIN) if done > 2 else gain if done or theta is not None else max(gain, ROUGH)
             mode = find_mode(model, theta, exactly, reach)
             theta = mode.theta
             found = model.of_poses(theta)
             step, C = found.mean, found.covariance
             enough = CLOSE if done == MOST_ROUNDS - 1 else STILL
-            if done and float(step @ np.linalg.lstsq(C, step, rcond=None)[0]) < enough**2:
+            turned = float(np.sum(reduced.unreduced(step)[:3] ** 2))
+            as_linear = exactly <= gain and turned < CURVED**2 * float(np.mean(model.r[:, :3] ** 2)) ** 0.5
+            if as_linear or done and float(step @ np.linalg.lstsq(C, step, rcond=None)[0]) < enough**2:
                 return FoundSizes(self, model, reduced, mode, at, kept, kept[used], exact)
             at = at.moved(reduced.unreduced(step))
         turn, shift = np.sqrt((model.r**2).reshape(-1, 2, 3).mean(axis=(0, 2)))

@@ -1,9 +1,9 @@
 r"""The most probable sizes: a quasi-Newton search that starts from the average information.
 
 The second derivatives of f (`engine`) by log sizes are near their average information I where the sizes are near the
-mode, and not far from it. The search takes steps ``-B^-1 df``, B = I at the start and updated by the changes of the
-gradient after that (BFGS). A step moves no logarithm by more than `LONGEST`, stays within `REACH` deviations of the
-prior, and is shortened until f falls. SciPy's L-BFGS-B takes no such start, and twice the evaluations.
+mode, and not far from it. The search takes steps ``-B^-1 df``, B = I at the start and after long
+steps, updated by the changes of the gradient after short ones (BFGS). A step moves no logarithm by more than `LONGEST`,
+stays within `REACH` deviations of the prior, and is shortened until f falls. SciPy's L-BFGS-B takes no such start, and twice the evaluations.
 """
 
 from __future__ import annotations
@@ -18,6 +18,8 @@ from .engine import LatentModel, State
 
 # Deviations of the prior between which a size is looked for; largest change of a logarithm in one step.
 REACH, LONGEST = 5.0, 1.5
+# Change of a logarithm beyond which a step is a long one.
+AWAY = 0.25
 # Other modes (`other_modes`): a size of so many medians counts as one of the tail, which begins at `FAR` of them; a
 # number is seen beyond so many standard deviations; modes are apart by so many.
 TAIL, FAR, SHOWS, APART = 150.0, 10.0, 4.0, 2.0
@@ -72,9 +74,11 @@ def find_mode(model: LatentModel, start: Array | None = None, gain: float = GAIN
         else:
             converged = promised < 1e-2  # what is left is rounding
             break
-        B = _updated(
-            B if share > 0.1 else tried.information, tried.theta - state.theta, tried.gradient - state.gradient
-        )
+        moved = tried.theta - state.theta
+        if share <= 0.1 or np.abs(moved).max() > AWAY:  # the curvature there is another one
+            B = tried.information
+        else:
+            B = _updated(B, moved, tried.gradient - state.gradient)
         state = tried
     at_bound = tuple(np.flatnonzero(_held(state, low, high)).tolist())
     return Mode(state, converged, at_bound)
