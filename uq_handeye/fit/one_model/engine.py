@@ -52,7 +52,8 @@ from .component import SIDES, Component
 RIDGE = 1e-14
 # Share of the energy of an error's rows below which the unknown poses absorb it.
 ABSORBED = 1e-6
-# Numbers of whitened rows that are held at once where many sizes are asked for, as many as a cache holds; sizes at least.
+# Numbers of whitened rows that are held at once where many sizes are asked for, as many as a cache holds; the fewest
+# sizes at once.
 AT_ONCE, FEWEST_AT_ONCE = 100_000, 8
 
 

@@ -297,7 +297,7 @@ class JointModel:
             enough = CLOSE if done == MOST_ROUNDS - 1 else STILL
             turned = float(np.sum(reduced.unreduced(step)[:3] ** 2))
             as_linear = exactly <= gain and turned < CURVED**2 * float(np.mean(model.r[:, :3] ** 2)) ** 0.5
-            if as_linear or done and float(step @ np.linalg.lstsq(C, step, rcond=None)[0]) < enough**2:
+            if as_linear or (done and float(step @ np.linalg.lstsq(C, step, rcond=None)[0]) < enough**2):
                 return FoundSizes(self, model, reduced, mode, at, kept, kept[used], exact)
             at = at.moved(reduced.unreduced(step))
         turn, shift = np.sqrt((model.r**2).reshape(-1, 2, 3).mean(axis=(0, 2)))

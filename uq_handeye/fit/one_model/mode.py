@@ -3,7 +3,8 @@ r"""The most probable sizes: a quasi-Newton search that starts from the average 
 The second derivatives of f (`engine`) by log sizes are near their average information I where the sizes are near the
 mode, and not far from it. The search takes steps ``-B^-1 df``, B = I at the start and after long
 steps, updated by the changes of the gradient after short ones (BFGS). A step moves no logarithm by more than `LONGEST`,
-stays within `REACH` deviations of the prior, and is shortened until f falls. SciPy's L-BFGS-B takes no such start, and twice the evaluations.
+stays within `REACH` deviations of the prior, and is shortened until f falls. SciPy's L-BFGS-B takes no such start, and
+twice the evaluations.
 """
 
 from __future__ import annotations
