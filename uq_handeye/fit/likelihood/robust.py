@@ -25,8 +25,9 @@ residuals too, a and b are those quantiles of ``6 F(6, m/2)``, with one factor f
 that good poses exceed once in 1000 data sets. Else what the iteration settles at from there is taken if at least 80 %
 of the poses are kept by noise that needs no scale: two such X share most of their poses and are the same within the
 noise. Otherwise the iteration starts from `consensus`. Where the noise comes from the residuals several outliers may
-hide each other: all poses count in full if noise of all of them leaves a largest distance that good poses exceed in one
-of twenty data sets, and the median where it belongs, which the noise of some outliers would make small.
+hide each other, in few poses the more. From 25 poses on all count in full if the noise of all of them leaves a largest
+distance that good poses exceed in one of twenty data sets, and the median where it belongs, which the noise of outliers
+would make small.
 """
 
 from __future__ import annotations
@@ -68,6 +69,8 @@ SURE = 0.8
 # How rare a largest distance is that is a surprise. Where the noise is not known: how frequent one may be, and what the
 # median of the distances must be of that of chi-square, for all rows to be taken as they are.
 SURPRISE, USUAL, LIKE_OTHERS = 1e-3, 0.05, 0.75
+# In fewer rows than that a few wrong ones are most of the noise.
+MANY = 25
 
 # The noise of the constraint near the unknowns, whose rows count with weights (n,); None: the data are exact.
 Estimator = Callable[[Constraint, Unknowns, Array], Noise | None]
@@ -210,7 +213,7 @@ def fit_robustly(
     subsets = 0
     if noise is not None:
         settled = _begin_with_all(constraint, noise, start, method)
-    elif all_alike:
+    elif all_alike or constraint.n < MANY:
         settled = None
     else:
         assert estimate is not None
