@@ -163,8 +163,9 @@ def given_of(options: "NoiseOptions", shared: "SharedOptions") -> Given:
     from ...model.noise.estimate import NoisePrior
 
     noise = options.read()
-    prior = noise if isinstance(noise, NoisePrior) else None
-    return Given(noise if prior is None else None, prior, shared, options.noise)
+    if isinstance(noise, NoisePrior):
+        return Given(None, noise, shared, options.noise)
+    return Given(noise, None, shared, options.noise)
 
 
 def exact_beside(known: "NoisePrior") -> "Noise":

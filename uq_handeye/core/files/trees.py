@@ -15,7 +15,7 @@ import re
 import tomllib
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
 
@@ -246,17 +246,17 @@ def items_of(value: Any) -> list[Any]:
     return value if isinstance(value, list) else []
 
 
-def is_map(value: Any) -> bool:
+def is_map(value: Any) -> TypeGuard[dict[Any, Any]]:
     """Return whether a value is a map, also an empty one."""
     return fields_of(value) is value
 
 
-def is_list(value: Any) -> bool:
+def is_list(value: Any) -> TypeGuard[list[Any]]:
     """Return whether a value is a list, also an empty one."""
     return items_of(value) is value
 
 
-def is_plain_number(value: Any) -> bool:
+def is_plain_number(value: Any) -> TypeGuard[float]:
     """Return whether a value is a number, and not true or false."""
     return isinstance(value, int | float) and not isinstance(value, bool)
 

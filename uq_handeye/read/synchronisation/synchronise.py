@@ -188,7 +188,7 @@ class _Given(NamedTuple):
         return self.prior is not None and self.prior[1] == 0
 
 
-def _check(given: _Given, interpolation: str, max_offset: object, max_gap: object, seed: int) -> None:
+def _check(given: _Given, interpolation: str, max_offset: Any, max_gap: Any, seed: int) -> None:
     """Raise `InputError` for arguments that cannot be used."""
     for value, name in ((given.robot, "robot"), (given.camera, "camera")):
         if not isinstance(value, Stream):
