@@ -125,7 +125,7 @@ def _points(path: Path) -> "Array":
         table = read_table(file, shown(path), Schema("the header x,y,z", "point", places))
     table.require_finite()
     units = (meaning_and_unit(table.column(k))[1] for k in range(3))
-    return table.values * np.array([LENGTH_UNITS[unit or "m"] for unit in units])
+    return np.asarray(table.values * [LENGTH_UNITS[unit or "m"] for unit in units])
 
 
 def _csv(found: "Verification") -> str:
