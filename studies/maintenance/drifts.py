@@ -12,12 +12,13 @@ from studies.maintenance.rigs import NOISES, SETUPS, Rig, rig
 from uq_handeye.calibration.evidence.new_poses import PoseEvidence, evidence_of_poses
 from uq_handeye.core.runtime.progress import progress_bar
 from uq_handeye.use.maintenance.cusum import Scores, cusum, limit_for, scores_of
-from uq_handeye.use.maintenance.series_alarm import CHARTS, Chart, charts_of
+from uq_handeye.use.maintenance.series_alarm import RESIDUALS, TARGET, Chart, X, charts_of
 
 EVERY = 50.0  # checks for each false alarm: few, so that there are some to count
 LENGTH = 100  # checks of a series without change
 BEFORE, AFTER = 20, 60  # checks before and after the start of a drift
 STEPS = (0.01, 0.02, 0.05)  # of a drift, by the size that one check shows with 95 % probability
+CHARTS = (X, TARGET, RESIDUALS)
 SETS = 4  # sets of robot poses, in turn
 
 
