@@ -26,7 +26,7 @@ from ...core.presentation.document import Answer, Block, Document, Paragraph, do
 from ...core.runtime.read_only import ReadOnlyArrays
 from ...errors import InputError
 from ...model.poses.pose_pairs import PosePairs
-from ...model.posterior.rows import NewRows
+from ...model.posterior.rows import Explained, NewRows
 from ...rig.description import Rig
 from ...rig.in_use.evidence import evidence_of_views
 from ...rig.result import RigCalibration
@@ -59,15 +59,6 @@ class Chart(ReadOnlyArrays):
 
 
 @dataclass(frozen=True, eq=False)
-class Shift(Record):
-    """Shift of X or of the target, the same over some checks, relative to the calibration and the checks before."""
-
-    estimate: Array  # (6,) rad, m
-    covariance: Array  # (6, 6)
-    gain: float  # by how much it lowers d^2 of all checks
-
-
-@dataclass(frozen=True, eq=False)
 class SeriesAlarm(Record):
     """Charts of a series, and what they found. ``str(alarm)`` is its text.
 
@@ -88,7 +79,7 @@ class SeriesAlarm(Record):
     causes : tuple of str
         "X", "target", or both where they cannot be separated; none where only the residuals have grown.
     shifts : mapping or None
-        Of X and of the target, over the checks since then.
+        Of X and of the target, over the checks since then, relative to the calibration and the checks before.
     """
 
     _in_file: ClassVar[str] = "times checks_per_false_alarm=every charts=_by_chart alarm chart since causes shifts"
@@ -100,7 +91,7 @@ class SeriesAlarm(Record):
     chart: str = ""
     since: int | None = None
     causes: tuple[str, ...] = ()
-    shifts: dict[str, Shift] | None = None
+    shifts: dict[str, Explained] | None = None
 
     @property
     def _by_chart(self) -> dict[str, Any]:
@@ -167,7 +158,7 @@ def charts_of(scores: Scores, every: float = EVERY) -> tuple[Chart, ...]:
     return (*vectors, Chart(RESIDUALS, cusum(scores.total), limit_for(each)))
 
 
-def shifts_since(evidence: Sequence[NewRows], columns: Sequence[Array], starts: Sequence[int]) -> list[Shift]:
+def shifts_since(evidence: Sequence[NewRows], columns: Sequence[Array], starts: Sequence[int]) -> list[Explained]:
     """Estimate a shift that is the same in all checks from j on, and none before, for each j of ``starts``."""
     filter_ = Innovations(evidence)
     moved = [
@@ -180,7 +171,7 @@ def shifts_since(evidence: Sequence[NewRows], columns: Sequence[Array], starts: 
     for part in np.split(A, len(starts), axis=1):
         covariance, score = np.linalg.pinv(part.T @ part, hermitian=True), part.T @ e
         estimate = covariance @ score
-        found.append(Shift(estimate, covariance, float(estimate @ score)))
+        found.append(Explained(estimate, covariance, float(estimate @ score)))
     return found
 
 
