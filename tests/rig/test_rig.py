@@ -15,7 +15,7 @@ from uq_handeye.rig.fit import fit
 from uq_handeye.rig.graph import Graph
 from uq_handeye.rig.noise import RigNoise, given_noise
 from uq_handeye.rig.simulation import simulate_rig, with_noise
-from uq_handeye.rig.sizes import _model, components_of
+from uq_handeye.rig.sizes import components_of, model_of
 from uq_handeye.rig.start import start_of
 
 SEED = int(os.environ.get("UQ_HANDEYE_SEED", "0"))
@@ -143,7 +143,7 @@ def test_one_camera_goes_through_the_engine_as_calibrate_does():
     graph = Graph.of(rig)
     at = start_of(graph)[0]
     parts = components_of(rig, graph, shared=True)
-    by_graph = _model(rig, graph, parts, at, None)
+    by_graph = model_of(rig, graph, parts, at, None)
     constraint = constraint_of(poses, None)
     linear = constraint.linearise(Unknowns(at[0], at[1]), poses.robot, poses.camera)
     single = LatentModel.of(linear, parts)

@@ -105,6 +105,7 @@ class Estimated(NamedTuple):
     far: Distances
     spread: Array | None = None
     components: tuple[dict[str, Any], ...] = ()
+    size_weights: Array | None = None
 
 
 def _at_global_minimum(
@@ -178,7 +179,7 @@ def _estimated(found: RigFit, far: Distances, sizes: Found) -> Estimated:
         U = found.open * units
         closed = (closed - U.T @ U) / units[:, None] * units
     spread = _padded(closed @ sizes.spread @ closed.T, len(found.whole))
-    return Estimated(found, far, spread, sizes.lines)
+    return Estimated(found, far, spread, sizes.lines, sizes.weights)
 
 
 def _padded(S: Array, size: int) -> Array:
@@ -194,7 +195,7 @@ def assembled(
     rig: Rig, one: Estimated, method: str, prior: Prior, robust: bool, optimality: Optimality
 ) -> RigCalibration:
     """Return the result of a fit."""
-    found, far, spread, components = one
+    found, far, spread, components, weights = one
     graph = found.graph
     paths, findings = judged_paths(rig, found, method, prior, robust)
     if spread is not None:
@@ -204,7 +205,8 @@ def assembled(
     return RigCalibration(
         rig, graph.names, found.at, found.covariance, found.open, found.lever, found.chi_square, float(found.dof),
         method, found.edge_weights, far.edges, found.pose_weights, names, stated_noise(rig, graph, found.noise),
-        components=components, paths=paths, optimality=optimality, findings=findings,
+        components=components,
+        size_weights=np.zeros(0) if weights is None else weights, paths=paths, optimality=optimality, findings=findings,
         posterior=posterior_of(rig, found),
     )  # fmt: skip
 

@@ -116,7 +116,10 @@ class RigCalibration(Record):
     noise : mapping
         Standard deviations per axis (rad, m) by arm and camera.
     components : tuple of mappings
-        Sizes of all errors, where they were estimated.
+        Sizes of all errors, where they were estimated; ``logs``: of how far their logarithms are off at points of the
+        posterior of the sizes.
+    size_weights : (d,)
+        Weights of these points.
     paths : tuple of RigPath
         Two ways to one pose each, with the chi-square of their difference: which pose did not stand still.
     optimality : Optimality
@@ -145,6 +148,7 @@ class RigCalibration(Record):
     pose_names: tuple[tuple[str, Any], ...]
     noise: dict[str, tuple[float, float]]  # standard deviations per axis (rad, m) by arm and camera
     components: tuple[dict[str, Any], ...] = ()  # sizes of all errors, where they were estimated
+    size_weights: Annotated[Array, "d"] = field(default_factory=lambda: np.zeros(0))
     paths: tuple[RigPath, ...] = ()
     optimality: Optimality = field(default_factory=Optimality)
     reference: Reference = field(default_factory=Reference)

@@ -64,6 +64,7 @@ class Found:
     noise: RigNoise
     spread: Array  # (p, p)
     lines: tuple[dict[str, object], ...]
+    weights: Array  # (d,) of the points of the sizes
 
 
 def components_of(
@@ -179,7 +180,7 @@ def width_of_targets(rig: Rig, graph: Graph, at: Array, kept: NDArray[np.bool_],
     place, theta, logs = _places(graph, used), None, []
     for width in WIDTHS:
         parts = tuple(_rows_of(part, *place) for part in components_of(rig, graph, False, width=width))
-        mode = find_mode(_model(rig, used, parts, at, prior), theta, 0.3)
+        mode = find_mode(model_of(rig, used, parts, at, prior), theta, 0.3)
         theta = mode.theta
         logs.append(mode.log_evidence)
         if max(logs) > logs[-1] + 2.0 * SURE:
@@ -207,7 +208,7 @@ def find_sizes(
     place = _places(graph, used)
     own = tuple(_rows_of(part, *place) for part in parts)
     for done in range(ROUNDS):
-        model = _model(rig, used, own, at, prior)
+        model = model_of(rig, used, own, at, prior)
         mode = find_mode(model, theta, GAIN if done else max(GAIN, 1e-2))
         theta = mode.theta
         found = model.of_poses(theta)
@@ -227,18 +228,22 @@ def find_sizes(
 def found_of(
     rig: Rig, graph: Graph, parts: tuple[Component, ...], mixture: Mixture, spread: Array, width: float = 1.0
 ) -> Found:
-    """Return the noise that components of a graph make with sizes that were found, and their lines."""
+    """Return the noise that components of a graph make with sizes that were found, and their lines.
+
+    ``logs`` of a line: how far the logarithm of its size is from that at each point of the sizes.
+    """
     free = np.array([not part.size.is_known for part in parts], dtype=bool)
-    sizes, sd = np.array([part.size.median for part in parts]), np.zeros(len(parts))
-    sizes[free], sd[free] = np.exp(mixture.mean_theta), np.sqrt(np.diag(mixture.covariance_theta))
+    sizes, logs = np.array([part.size.median for part in parts]), np.zeros((len(parts), len(mixture.weights)))
+    sizes[free], logs[free] = np.exp(mixture.mean_theta), (mixture.theta - mixture.mean_theta).T
+    sd = np.sqrt(logs**2 @ mixture.weights)
     lines = tuple(
         {"name": part.name, "size": float(s), "low": float(s * np.exp(-1.96 * d)), "high": float(s * np.exp(1.96 * d)),
-         "unit": part.size.unit}
-        for part, s, d in zip(parts, sizes.tolist(), sd.tolist(), strict=True)
+         "unit": part.size.unit, "logs": at.tolist()}
+        for part, s, d, at in zip(parts, sizes.tolist(), sd.tolist(), logs, strict=True)
     )  # fmt: skip
     half = width * HALF
     of_targets = () if width == 1 else ({"name": WIDTH, "size": half, "low": half, "high": half, "unit": ""},)
-    return Found(_noise(rig, graph, parts, sizes), spread, (*lines, *of_targets))
+    return Found(_noise(rig, graph, parts, sizes), spread, (*lines, *of_targets), mixture.weights)
 
 
 def _spread_over(graph: Graph, kept: NDArray[np.intp], most: int) -> NDArray[np.intp]:
@@ -266,7 +271,8 @@ def _rows_of(part: Component, edges: NDArray[np.intp], poses: NDArray[np.intp]) 
     return part.rows(poses if part.side == "robot" else edges)
 
 
-def _model(rig: Rig, graph: Graph, parts: tuple[Component, ...], at: Array, prior: Prior | None) -> LatentModel:
+def model_of(rig: Rig, graph: Graph, parts: tuple[Component, ...], at: Array, prior: Prior | None) -> LatentModel:
+    """Return the model of components near the poses ``at`` (m, 4, 4), with the batches of the graph in their order."""
     sides = graph.linearise(at)
     given = given_roots(rig, graph)
     groups = []

@@ -4,13 +4,13 @@ All new rows together are tested (`posterior.rows`). Where they contradict the r
 tried as the one that moved: the move that explains most, if it explains what is there, is named with its size.
 Whatever the answer, ``detectable`` says which change of each pose these views would have shown.
 
-Where the noise was estimated, its size is common to all and uncertain: log-normal, with 2 / nu the mean of the
-variances of log variance of arms and cameras.
+Where the noise was estimated, d^2 is uncertain by a factor, which the sizes of all noise together decide: its
+distribution is a mixture over their posterior (`evidence`), with 2 / nu the variance of the logarithm of the factor.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar
 
@@ -19,7 +19,6 @@ import numpy as np
 from ...core.files.atomic import json_text
 from ...core.files.records import Record
 from ...core.formatting.numbers import digits, probability
-from ...core.geometry.se3 import Array
 from ...core.presentation.document import Answer, Document, Paragraph, Table, document_of, to_text
 from ...errors import InputError
 from ...model.posterior.rows import PredictiveReference, smallest_change
@@ -184,21 +183,20 @@ def check_rig(
         raise InputError(f"Expected `level` between 0 and 1, got {level!r}.")
     found = evidence_of_views(result, rig, same)
     limits = _limits(tolerance, rig)
-    spread = _spread_of_noise(result)
-    d2, reference = found.rows.d2, _reference(found.dof, spread)
+    d2, reference = found.rows.d2, _reference(found, found.dof)
     p = reference.p_value(d2)
     needed = reference.noncentrality(POWER, level)
-    moves = sorted((_move(found, name, d2, spread, needed) for name in _seen(found)), key=lambda one: -one.chi_square)
+    moves = sorted((_move(found, name, d2, needed) for name in _seen(found)), key=lambda one: -one.chi_square)
     status = UNCHANGED
     if p < level:
         status = MOVED if moves and moves[0].p * len(moves) < level and moves[0].left > 0.01 * level else CHANGED
     elif any(_missed(one, limits) for one in moves if one.name in result.rig.cameras):
         status = CANNOT_TELL
     pairs = dict.fromkeys((view.camera, view.target) for view in rig.views)
-    views = {f"{camera}, {target}": _of_pair(found, rig, camera, target, spread) for camera, target in pairs}
+    views = {f"{camera}, {target}": _of_pair(found, rig, camera, target) for camera, target in pairs}
     seen = {one.name for one in moves}
     unseen = tuple(name for name in (*result.rig.cameras, *result.rig.targets) if name not in seen)
-    nu = 2.0 / spread**2 if spread else None
+    nu = None if reference.noise_given else reference.noise_dof
     return RigCheck(status, p, d2, found.dof, found.graph.E, level, tuple(moves), views, unseen, limits, nu)
 
 
@@ -224,41 +222,27 @@ def _seen(found: RigEvidence) -> list[str]:
     return [graph.names[k] for k in numbers.tolist() if k < graph.m]
 
 
-def _move(found: RigEvidence, name: str, d2: float, spread: float, needed: float) -> RigMove:
+def _move(found: RigEvidence, name: str, d2: float, needed: float) -> RigMove:
     columns = found.moved(name)
     cause = found.rows.explained_by(columns)
     rank = int(np.linalg.matrix_rank(cause.covariance, hermitian=True)) if cause.gain > 0 else 0
     angle, shift = (float(np.linalg.norm(part)) for part in (cause.estimate[:3], cause.estimate[3:]))
-    left = _reference(max(found.dof - rank, 1), spread).p_value(max(d2 - cause.gain, 0.0))
-    p = _reference(max(rank, 1), spread).p_value(cause.gain)
+    left = _reference(found, max(found.dof - rank, 1)).p_value(max(d2 - cause.gain, 0.0))
+    p = _reference(found, max(rank, 1)).p_value(cause.gain)
     least_shift, least_angle = smallest_change(found.rows.information(columns), needed)
     std = np.sqrt(np.maximum(np.diag(cause.covariance), 0.0))
     return RigMove(name, cause.gain, angle, shift, p, left, least_angle, least_shift,
                    tuple(cause.estimate.tolist()), tuple(std.tolist()))  # fmt: skip
 
 
-def _of_pair(found: RigEvidence, rig: Rig, camera: str, target: str, spread: float) -> float:
+def _of_pair(found: RigEvidence, rig: Rig, camera: str, target: str) -> float:
     """p-value of the views of one pair by themselves."""
     views = [k for k, view in enumerate(rig.views) if (view.camera, view.target) == (camera, target)]
     of = np.isin(found.graph.view, views)[found.edges]
     some = found.rows.rows(of)
-    return _reference(int(of.sum()), spread).p_value(some.d2)
+    return _reference(found, int(of.sum())).p_value(some.d2)
 
 
-def _spread_of_noise(result: Any) -> float:
-    """Standard deviation of the logarithm of the variance that all noise has in common; 0 where it was given."""
-    spread: Sequence[float] = [
-        np.log(part["high"] / part["low"]) / 3.92
-        for part in result.components
-        if part["low"] > 0 and part["name"].endswith((" rotation", " translation"))
-    ]
-    return float(np.sqrt(np.mean(4 * np.square(spread)))) if np.any(spread) else 0.0
-
-
-def _reference(size: int, spread: float) -> PredictiveReference:
-    """Distribution of d^2 of so many numbers, with the common variance of their noise as uncertain as it is."""
-    if not spread:
-        return PredictiveReference.given(size)
-    x, weight = np.polynomial.hermite_e.hermegauss(9)
-    scale: Array = np.exp(spread * x)
-    return PredictiveReference(size, weight / weight.sum(), scale, np.full(len(x), float(size)))
+def _reference(found: RigEvidence, size: int) -> PredictiveReference:
+    """Distribution of d^2 of so many numbers, at the points of the sizes of the noise."""
+    return PredictiveReference(size, found.weights, found.scales, np.full(len(found.scales), float(size)))

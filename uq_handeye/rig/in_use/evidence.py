@@ -21,13 +21,15 @@ from numpy.typing import NDArray
 from ...core.geometry.se3 import Array, perturb
 from ...core.runtime.read_only import ReadOnlyArrays
 from ...errors import InputError
+from ...fit.one_model.component import Component
 from ...model.posterior.rows import NewRows
+from ...model.shared_errors.sizes import Size
 from ...model.shared_errors.view import HALF
 from ..description import ArmPoses, Rig
 from ..fit import whitened
 from ..graph import Graph
 from ..noise import RigNoise
-from ..sizes import WIDTH, components_of
+from ..sizes import WIDTH, components_of, model_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,6 +41,8 @@ class RigEvidence(ReadOnlyArrays):
     J: Array  # (M, p) whitened derivatives by the errors of the poses
     edges: NDArray[np.intp]  # (M,) view of each row
     free: Array  # (M, k) whitened columns of what the calibration left open
+    weights: Array  # (t,) of points of the open sizes
+    scales: Array  # (t,) of d^2 at them
 
     @property
     def dof(self) -> int:
@@ -73,27 +77,41 @@ def like(result: Any, rig: Rig) -> Rig:
 
 
 def new_noise(result: Any, rig: Rig, graph: Graph) -> RigNoise:
-    """Return the noise of new poses: the mean of each arm and camera, and the columns of the shared errors."""
+    """Return the noise of new poses and the columns of the shared errors.
+
+    By the components that were found, at each new pose; where the noise was given, the mean of each arm and camera.
+    """
     posterior = result.posterior
     if posterior is None:
         raise InputError("Expected the result of a rig with its posterior. Calibrate again.")
     mean = {one.name: one.covariance for one in posterior.noise}
-    robot, camera = np.zeros((graph.P, 6, 6)), np.zeros((graph.E, 6, 6))
-    for k, name in enumerate(rig.arms):
-        robot[graph.arm == k] = mean.get(name, np.zeros((6, 6)))
+    own = {"robot": np.zeros((graph.P, 6, 6)), "camera": np.zeros((graph.E, 6, 6))}
+    K = {side: np.zeros((*S.shape[:2], len(posterior.names))) for side, S in own.items()}
+    for part in parts_of(result, rig, graph):
+        if part.columns is not None and set(part.parts) <= set(posterior.names):
+            K[part.side][:, :, [posterior.names.index(one) for one in part.parts]] = part.size.median * part.columns
+        if part.block is not None and result.components:
+            own[part.side] += part.size.median**2 * part.block @ part.block.mT
+    for k, name in enumerate([] if result.components else rig.arms):
+        own["robot"][graph.arm == k] = mean.get(name, np.zeros((6, 6)))
     for k, view in enumerate(rig.views):
-        of = graph.view == k
-        S = view.covariance
-        camera[of] = mean.get(view.camera, 0.0) if S is None else S if S.ndim == 2 else S[graph.row[of]]
-    names, sizes = posterior.names, {part["name"]: part["size"] for part in result.components}
-    K = [np.zeros((n, 6, len(names))) for n in (graph.P, graph.E)]
-    if names:
-        before = result.rig, Graph.of(result.rig)
-        for part in components_of(rig, graph, True, before, sizes.get(WIDTH, HALF) / HALF):
-            if part.columns is not None and set(part.parts) <= set(names):
-                at = [names.index(own) for own in part.parts]
-                K[part.side == "camera"][:, :, at] = sizes.get(part.name, part.size.median) * part.columns
-    return RigNoise(robot, camera, K[0], K[1], names)
+        of, S = graph.view == k, view.covariance
+        if S is not None:
+            own["camera"][of] = S if S.ndim == 2 else S[graph.row[of]]
+        elif not result.components:
+            own["camera"][of] = mean.get(view.camera, 0.0)
+    return RigNoise(own["robot"], own["camera"], K["robot"], K["camera"], posterior.names)
+
+
+def parts_of(result: Any, rig: Rig, graph: Graph) -> tuple[Component, ...]:
+    """Return the components of new poses, with the sizes that were found as known ones."""
+    lines = {part["name"]: part["size"] for part in result.components}
+    if not (lines or result.posterior.names):
+        return ()
+    before = result.rig, Graph.of(result.rig)
+    found = components_of(rig, graph, True, before, lines.get(WIDTH, HALF) / HALF)
+    known = [one for one in found if one.name in lines or set(one.parts) <= set(result.posterior.names)]
+    return tuple(replace(one, size=Size(lines.get(one.name, one.size.median))) for one in known)
 
 
 def others_of(result: Any, same: Iterable[str] | str | None) -> NDArray[np.bool_]:
@@ -128,9 +146,10 @@ def evidence_of_views(result: Any, rig: Rig, same: Iterable[str] | str | None = 
     robot, C = perturb(graph.robot, -(noise.K_robot @ e)[..., 0]), perturb(graph.C, -(noise.K_camera @ e)[..., 0])
     sides = graph.linearise(result.poses, robot, C)
     ones = np.ones(graph.E), np.ones(graph.P)
-    white, edges = [], []
+    white, edges, halves = [], [], []
     for batch in graph.batches:
         part = whitened(graph, batch, sides, noise, *ones, None)
+        halves.append(part.half)
         white.append(part.white.reshape(-1, part.white.shape[-1]))
         edges.append(np.repeat(batch.edges.reshape(-1), 6))
     flat = np.concatenate(white)
@@ -142,7 +161,31 @@ def evidence_of_views(result: Any, rig: Rig, same: Iterable[str] | str | None = 
     by_state[:, graph.p + np.flatnonzero(others)] = 0.0
     by_unit = np.concatenate([by_state @ posterior.A, anew], axis=1)
     rows = NewRows(kept[:, -1:], by_unit[:, None], np.ones((len(kept), 1, 1)), posterior)
-    return RigEvidence(graph, rows, J, np.concatenate(edges), free)
+    scales = _scales(result, rig, graph, halves, by_unit)
+    weights = result.size_weights if len(scales) > 1 else np.ones(1)
+    return RigEvidence(graph, rows, J, np.concatenate(edges), free, weights, scales)
+
+
+def _scales(result: Any, rig: Rig, graph: Graph, halves: list[Array], V: Array) -> Array:
+    """Mean of d^2 over its k numbers at each point of the open sizes, 1 at those that the noise was made with.
+
+    With ``Sigma = 1 + V V^T`` of the whitened rows and T_c what component c adds to the 1: ``1 + sum_c
+    (exp(2 delta_c) - 1) tr(Sigma^-1 T_c) / k``, delta_c the logarithm of the size of c at the point less the one used.
+    """
+    lines = {part["name"]: part["logs"] for part in result.components if "logs" in part}
+    parts = tuple(one for one in parts_of(result, rig, graph) if one.block is not None and one.name in lines)
+    if not parts:
+        return np.ones(1)
+    M = np.linalg.inv(np.eye(V.shape[1]) + V.T @ V)
+    g, start = np.zeros(len(parts)), 0
+    for rows, half in zip(model_of(rig, graph, parts, result.poses, None).groups, halves, strict=True):
+        b, d = rows.r.shape
+        V_i = V[start : start + b * d].reshape(b, d, -1)
+        start += b * d
+        for c, B in rows.blocks.items():
+            T = parts[c].size.median ** 2 * (half @ B @ half.mT)
+            g[c] += float(np.einsum("bii->", T) - np.einsum("bki,ij,bkj->", T @ V_i, M, V_i, optimize=True))
+    return np.asarray(1.0 + g / len(V) @ np.expm1(2.0 * np.array([lines[one.name] for one in parts])))
 
 
 def joined(old: Rig, new: Rig) -> Rig:
