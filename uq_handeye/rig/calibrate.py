@@ -156,17 +156,18 @@ def _with_sizes(
         found = fit(graph, pair.sizes.noise, pair.at, method, pair.weights, prior=prior)
         return _estimated(found, distances(found), pair.sizes)
     at, count = start, kept if robust else np.ones(graph.E, dtype=bool)
-    width = width_of_targets(rig, graph, at, count, prior)
+    width = 1.0
     for done in range(ROUNDS):
         sizes = find_sizes(rig, graph, at, count, shared, prior, width)
-        if not robust:
+        if robust:
+            found, far = _robustly(rig, graph, sizes.noise, at, method, prior, count, seed)
+        else:
             found = fit(graph, sizes.noise, at, method, prior=prior)
             far = distances(found)
-            break
-        found, far = _robustly(rig, graph, sizes.noise, at, method, prior, count, seed)
         # a view at the edge must not come and go: from the third round on none comes back
         at, again = found.at, (found.edge_weights > COUNTS) & (count | (done < 2))
-        if (again == count).all():
+        before, width = width, width if done else width_of_targets(rig, graph, at, again, prior)
+        if (again == count).all() and width == before:
             break
         count = again
     return _estimated(found, far, sizes)

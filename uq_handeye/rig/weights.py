@@ -23,11 +23,13 @@ from ..core.geometry.se3 import Array
 from ..errors import InputError, NotConvergedError
 from ..fit.likelihood.robust import FREE, STILL, largest_by_chance, robust_weights
 from ..model.noise.models import factor
+from ..model.noise.square_roots import LEAST_WEIGHT
 from .fit import LEAST, Prior, RigFit, fit
 from .graph import Graph
 from .noise import RigNoise
 
-MOST = 40
+# Steps, and from which on weights only fall.
+MOST, LATE = 40, 20
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,8 +54,8 @@ def distances(found: RigFit) -> Distances:
         P = Q - SA @ found.whole @ SA.mT
         g = (Q @ part.residual[..., None])[..., 0]
         if e == 1:
-            w = found.edge_weights[batch.edges[:, 0]]
-            scale = np.sqrt(np.maximum(w, LEAST))[:, None, None]
+            w = np.maximum(found.edge_weights[batch.edges[:, 0]], LEAST_WEIGHT)
+            scale = np.sqrt(w)[:, None, None]
             of_edges[batch.edges[:, 0]] = _distance2(P, g, np.eye(d), part.L * scale, w)
             alone[batch.robots] = True
             continue
@@ -61,10 +63,14 @@ def distances(found: RigFit) -> Distances:
             D = np.zeros((b, d, 6))
             D[:, 6 * k : 6 * k + 6] = part.D_C[:, k]
             edges = batch.edges[:, k]
-            of_edges[edges] = _distance2(P, g, D, factor(noise.camera[edges]), found.edge_weights[edges])
+            of_edges[edges] = _distance2(
+                P, g, D, factor(noise.camera[edges]), np.maximum(found.edge_weights[edges], LEAST)
+            )
         for k in range(q):
             D, robots = part.D_R[..., 6 * k : 6 * k + 6], batch.robots[:, k]
-            of_poses[robots] = _distance2(P, g, D, factor(noise.robot[robots]), found.pose_weights[robots])
+            of_poses[robots] = _distance2(
+                P, g, D, factor(noise.robot[robots]), np.maximum(found.pose_weights[robots], LEAST)
+            )
     return Distances(of_edges, of_poses, alone)
 
 
@@ -73,7 +79,7 @@ def _distance2(P: Array, g: Array, D: Array, L: Array, w: Array) -> Array:
     M = D @ L
     mu, V = np.linalg.eigh(M.mT @ P @ M)
     along = (V.mT @ (M.mT @ g[..., None]))[..., 0]
-    w = np.maximum(w, LEAST)[:, None]
+    w = w[:, None]
     told = mu > 1e-9 * w
     variance = np.where(told, mu * (1.0 - mu * (1.0 / w - 1.0)), 1.0)
     return np.asarray(
@@ -109,10 +115,12 @@ def fit_robustly(
         worst = _worst(graph, far)
         cleared |= (w_k == 0) & (worst > limit * margin)  # its views contradict each other without it, too
         wanted = _wanted(graph, far, margin, worst, cleared)
+        if k >= LATE:  # those that take turns would never end: weights only fall
+            wanted = np.minimum(wanted[0], w_e), np.minimum(wanted[1], w_k)
         change = max(np.abs(wanted[0] - w_e).max(), np.abs(wanted[1] - w_k).max(initial=0.0))
         if change < max(STILL, 1e-3):
             break
-        w_e, w_k = wanted if k < FREE else (0.5 * (wanted[0] + w_e), 0.5 * (wanted[1] + w_k))
+        w_e, w_k = wanted if k < FREE or k >= LATE else (0.5 * (wanted[0] + w_e), 0.5 * (wanted[1] + w_k))
     else:
         if change > 0.2:
             raise NotConvergedError("The weights of the robust fit did not settle: views contradict each other.", found)
