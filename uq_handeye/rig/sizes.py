@@ -82,7 +82,7 @@ def components_of(
     cameras = _seen({name: tuple(_place(name, one.names) == one.X for _, one in both) for name in rig.cameras})
     targets = _seen({name: tuple(_place(name, one.names) == one.W for _, one in both) for name in rig.targets})
     given = np.isin(graph.view, [k for k, view in enumerate(rig.views) if view.covariance is not None])
-    by_view, found = _by_view(graph, width), []
+    by_view, found = _by_view(before if both[1][0] is rig else graph, width), []  # those measured, if corrected
     for name, (of, _) in arms.items():
         found += [Component(f"{name} {what}", "robot", SIZES[f"robot {what}"], block=_of(of, B)) for what, B in _PARTS]
     for name, (of, _) in cameras.items():
