@@ -87,16 +87,67 @@ def test_nearest_times_need_a_tolerance(folder):
         ('camera = "front"', 'camera = "back"', r"rig\.toml: front\.csv names the camera 'back'"),
         ('on = "world"\n[[views]]', 'on = ["arm", "world"]\n[[views]]', "'board' is on two things"),
         ("[cameras.front]", "[cameras.left]", r"rig\.toml: expected TOML"),
-        ("noise", "nose", "got 'nose'"),
+        ("noise", "nose", r"Unknown name 'nose' in \[arms\.arm\]\. Near it: noise"),
+        ("[targets.board]", "[target.board]", "Unknown name 'target' at the top of the file. Near it: targets"),
+        ('file = "left.csv"', 'file = "left.csv"\nunit = "mm"', r"Unknown name 'unit' in view 1\. Near it: units"),
+        ('file = "left.csv"', "", r"Expected one of file, corners, bag in view 1, got none of them"),
+        ('file = "left.csv"', 'file = "lft.csv"', r"rig\.toml: Cannot read .*lft\.csv"),
+        ('target = "board"', 'target = "bord"', r"left\.csv names the target 'bord', .* Near it: board"),
+        ('target = "board"', "target = 3", "Expected names of camera and target in view 1"),
+        ('on = "arm"\n', "", r"Expected `on` in \[cameras\.left\]: arm or world"),
+        ('on = "arm"', 'on = "front"', "'left' is on 'front', which is none of world, arm"),
+        ('on = "arm"', 'on = "left"', "'left' is on 'left', which is none of world, arm"),
+        ("[cameras.front]", "[cameras.arm]", "names .* that differ, got 'arm' twice"),
+        ('poses = "robot.csv"', 'poses = ["robot.csv", "moved.csv"]', "disagree on robot pose 3: .* 10 mm"),
+        ('camera = "front"', 'camera = "left"', "both have the view of board by left at robot pose"),
+        ('["0.5mrad", "0.3mm"]', "3", r"rig\.toml: Expected the noise of 'arm'"),
+        ('["0.5mrad", "0.3mm"]', '["0.3mm", "0.5mrad"]', r"rig\.toml: Unknown unit 'mm' .* of arm"),
+        ('["0.5mrad", "0.3mm"]', '"good"', "noise of 'arm' to be"),
+        ("[arms.arm]", 'tolerance = "1"\n[arms.arm]', "`tolerance` to be seconds"),
+        ('on = "world"\n[[views]]', 'on = "world"\nknown = "x.yaml"\n[[views]]', r"Cannot read .*x\.yaml"),
+        ('file = "left.csv"', 'file = "empty.csv"', r"empty\.csv: no rows after the header"),
         ('on = "arm"', 'on = "robot"', "is on 'robot', which is none of world, arm"),
     ],
 )
 def test_what_is_wrong_is_one_line_with_the_name_in_the_file(folder, old, new, message):
     path, _ = folder
+    poses = np.array(uq.read_rig(path / "rig.toml")[0].arms["arm"].poses)[:5]
+    names = uq.read_rig(path / "rig.toml")[0].arms["arm"].names[:5]
+    poses[names.index(3) if 3 in names else 0, 0, 3] += 0.01
+    message = message.replace("pose 3", f"pose {3 if 3 in names else names[0]}")
+    write(path / "moved.csv", names, poses)
+    (path / "empty.csv").write_text("timestamp,x,y,z,qx,qy,qz,qw\n")
+    assert old in RIG
     (path / "rig.toml").write_text(RIG.replace(old, new, 1))
     with pytest.raises(uq.InputError, match=message) as caught:
         uq.read_rig(path / "rig.toml")
     assert "\n" not in str(caught.value)
+    assert run("calibrate", path / "rig.toml") == 2
+
+
+def test_parts_that_nothing_ties_and_wrong_places_are_told(folder, capsys):
+    path, _ = folder
+    for old, new, status, said in (
+        ("[targets.board]", '[targets.spare]\non = "arm"\n[targets.board]', 2, "target 'spare' has no view"),
+        ('on = "arm"', 'on = "world"', 2, "Nothing ties left, front and board to the rest of the rig"),
+        ("[cameras.left]", '[arms.b]\nposes = "robot.csv"\nnoise = "exact"\n[cameras.left]', 2, "base of the arm 'b'"),
+        ('[targets.board]\non = "world"', '[targets.board]\non = "arm"', 3, "NOT USABLE: The residuals are far larger"),
+    ):
+        assert old in RIG
+        (path / "rig.toml").write_text(RIG.replace(old, new, 1))
+        assert run("calibrate", path / "rig.toml") == status
+        printed = capsys.readouterr()
+        assert said in (printed.err if status == 2 else printed.out)
+
+
+def test_one_axis_only_is_an_answer_in_part(tmp_path, capsys):
+    noise = dict.fromkeys(("arm", "left"), ("0.5mrad", "0.3mm"))
+    rig, _ = simulate_rig({"left": "arm"}, {"board": "world"}, n_poses=15, noise=noise, axes=[[0, 0, 1]], seed=1)
+    write(tmp_path / "robot.csv", np.arange(15.0), rig.arms["arm"].poses)
+    write(tmp_path / "left.csv", np.arange(15.0), rig.views[0].poses)
+    given = [tmp_path / "robot.csv", f"--camera=left={tmp_path / 'left.csv'}", "--robot-noise=0.5mrad,0.3mm"]
+    assert run("calibrate", *given, "--camera-noise=0.5mrad,0.3mm") == 6
+    assert "Not determined: 1 direction, of left, board" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
-from .delivery import NOT_PASSED, Wanted, deliver
+from .delivery import IN_PART, NOT_PASSED, NOT_USABLE, Wanted, deliver
 from .messages import given_options, quiet, timed, withheld
 from .options.common import AT_THE_BOUND, PAIRINGS, SETUP_NAMES, emit, one_of
 from .options.touches import coordinates
@@ -147,14 +147,19 @@ def deliver_rig(result: "RigCalibration", wishes: "ReportOptions", wanted: Wante
         with timed(f"writing {outputs.report}"):
             written += f"\nWrote {result.report(outputs.report, **page)}\n"
     if outputs.as_json:
-        more_of = {"verdicts": {name: one.to_dict() for name, one in verdicts.items()}} if verdicts else {}
+        more_of: dict[str, Any] = {"usable": result.usable, "reasons": list(result.reasons)}
+        more_of |= {"verdicts": {name: one.to_dict() for name, one in verdicts.items()}} if verdicts else {}
         emit(json_text(result.to_dict() | more_of))
     elif quiet():
         rows = ((name, " ".join(map(repr, one.pose.ravel().tolist()))) for name, one in result.cameras.items())
         emit("".join(f"{name} {row}\n" for name, row in rows))
     else:
         emit(text + written)
-    return NOT_PASSED if any(not verdict.passed for verdict in verdicts.values()) else 0
+    if result.reasons:
+        return NOT_USABLE
+    if any(not verdict.passed for verdict in verdicts.values()):
+        return NOT_PASSED
+    return 0 if result.usable else IN_PART
 
 
 # Options of new views of a rig.

@@ -269,6 +269,7 @@ class Rig(ReadOnlyArrays):
         if not views or not all(isinstance(view, View) for view in views):
             raise InputError("Expected `views` to be one or more View.")
         object.__setattr__(self, "views", tuple(self._checked(view) for view in views))
+        self._require_once()
         object.__setattr__(self, "known", self._known())
         super().__post_init__()
 
@@ -298,6 +299,17 @@ class Rig(ReadOnlyArrays):
                     "the poses."
                 )
         return view
+
+    def _require_once(self) -> None:
+        """Raise `InputError` for a view of one target by one camera at one robot pose that is there twice."""
+        seen: dict[tuple[str, str, Hashable], int] = {}
+        for k, view in enumerate(self.views):
+            for moment in view.at or () if self.places(view) != (WORLD, WORLD) else ():
+                if (before := seen.setdefault((view.camera, view.target, moment), k)) != k:
+                    raise InputError(
+                        f"{self.views[before].words} and {view.words} both have the view of {view.target} by "
+                        f"{view.camera} at robot pose {moment!s}, which counts once. Remove one of them."
+                    )
 
     def _known(self) -> dict[str, PosePrior]:
         found: dict[str, PosePrior] = {}
@@ -379,5 +391,5 @@ def require_in_rig(name: str, what: str, listed: Iterable[str], words: str) -> N
 def nearest_names(name: str, among: Iterable[str]) -> str:
     """Return the names that are near one, in words."""
     listed: Sequence[str] = list(among)
-    near = get_close_matches(name, listed, 3, 0.4) or listed
-    return f"Near it: {', '.join(near)}."
+    near = get_close_matches(name, listed, 3, 0.5)
+    return f"Near it: {', '.join(near)}." if near else f"There are {', '.join(listed)}."

@@ -94,6 +94,12 @@ def given_noise(rig: Rig, graph: Graph, noise: Any) -> RigNoise:
     return RigNoise(robot, camera, K, K_camera, tuple(names))
 
 
+def require_noise(rig: Rig, noise: Mapping[str, Any]) -> None:
+    """Raise `InputError` for a value that is no noise of its arm or camera."""
+    for name in noise:
+        _covariance(noise, name, len(rig.arms[name].poses) if name in rig.arms else None)
+
+
 def intrinsics_of(rig: Rig, graph: Graph, name: str) -> Array | None:
     """(E, 6, q) what the errors of a camera's calibration do to all views, 0 in those of others; None without any."""
     sizes = {view.intrinsics.shape[-1] for view in rig.views if view.camera == name and view.intrinsics is not None}
@@ -157,6 +163,8 @@ def _covariance(noise: Mapping[str, Any], name: str, count: int | None) -> Array
     if isinstance(value, tuple | list) and len(value) == 2:
         rotation, translation = parse_deviations((value[0], value[1]), name)
         return np.diag([rotation**2] * 3 + [translation**2] * 3)
+    if np.ndim(value) < 2:
+        raise InputError(f'Expected the noise of {name!r} to be ("0.5mrad", "0.3mm") or "exact", got {value!r:.60}.')
     S = checked_covariance(value, name, joint=False)
     if S.ndim == 3 and (count is None or len(S) != count):
         expected = "(6, 6); give those of each view as View(covariance=...)" if count is None else f"({count}, 6, 6)"

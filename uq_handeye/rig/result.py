@@ -34,6 +34,9 @@ from .in_use.predict import RigPoints, predict_points
 from .output.exported import several_of
 from .relative import closed, open_of, relative_pose
 
+# Chi-square over its number from which the residuals say that something is wrong, rather than the size of the noise.
+UNUSABLE = 10.0
+
 
 @dataclass(frozen=True, eq=False)
 class EstimatedPose(ReadOnlyArrays):
@@ -241,6 +244,25 @@ class RigCalibration(Record):
         return texts(self.findings)
 
     @property
+    def reasons(self) -> tuple[str, ...]:
+        """Reasons why the poses cannot be used; empty where they can."""
+        found = [str(finding) for finding in self.findings if finding.severity == "failure"]
+        if self.dof > 0 and self.chi_square > UNUSABLE * self.dof:
+            found.append(
+                "The residuals are far larger than the noise says (chi-square "
+                f"{self.chi_square:.0f} of {self.dof:.0f}). Look at what each camera and target is on, at the files, "
+                "and at the noise."
+            )
+        if len(self.rejected) > 0.5 * len(self.weights):
+            found.append(f"{len(self.rejected)} of {len(self.weights)} views contradict the others.")
+        return tuple(found)
+
+    @property
+    def usable(self) -> bool:
+        """True if the poses can be used, and are determined in all directions."""
+        return not self.reasons and not len(self.open)
+
+    @property
     def rejected(self) -> tuple[tuple[str, str, Any], ...]:
         """Camera, target and moment of the views with weight 0."""
         listed = [(view.camera, view.target, moment) for view in self.rig.views for moment in view.at or ()]
@@ -268,7 +290,8 @@ class RigCalibration(Record):
 
     def text(self) -> str:
         """Return a table of all poses and of the relative poses of cameras, with the sizes of their errors."""
-        lines = [f"{'pose':<28} {'x, y, z (mm)':<34} {'rotation':>11} {'position':>11} {'views':>6}"]
+        lines = [f"NOT USABLE: {reason}" for reason in self.reasons]
+        lines.append(f"{'pose':<28} {'x, y, z (mm)':<34} {'rotation':>11} {'position':>11} {'views':>6}")
         others = list(self.arms.values())[1:]
         for one in (*self.cameras.values(), *self.targets.values(), *others, *self.pairs):
             turn, shift = one.sizes
@@ -283,13 +306,13 @@ class RigCalibration(Record):
             poses = (*self.cameras.values(), *self.targets.values(), *others)
             names = ", ".join(one.name for one in poses if len(one.open))
             lines.append(
-                f"Not determined: {len(self.open)} directions, of {names}. The robot poses turn about too few axes."
+                f"Not determined: {len(self.open)} direction{'s' * (len(self.open) > 1)}, of {names}. The robot poses turn about too few axes."
             )
         if self.paths:
             least = min(self.paths, key=lambda path: path.p)
             lines.append(f"Paths: {len(self.paths)}; the least likely: {least.words}, {probability(least.p)}.")
         lines.append(self.optimality.words)
-        lines += self.warnings
+        lines += [warning for warning in self.warnings if warning not in self.reasons]
         return "\n".join([*lines, *self.rejected_words])
 
     def to_dict(self) -> dict[str, Any]:

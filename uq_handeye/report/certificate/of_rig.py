@@ -70,7 +70,8 @@ class RigCertificate(Written):
     def refusals(self) -> tuple[str, ...]:
         """Reasons why nothing is certified; empty where the rig is."""
         result = self.result
-        found = [str(finding) for finding in result.findings if finding.severity != "note"]
+        found = [*result.reasons]
+        found += [text for text in result.warnings if text not in found]
         if opened := [name for name, one in result.cameras.items() if len(one.open)]:
             found.append(f"not determined in all directions: {', '.join(opened)}")
         if result.p_value < UNLIKELY:

@@ -114,8 +114,9 @@ class PoseRows:
         if self.times is not None and robot.times is not None:
             near = nearest(self.times, robot.times)
             apart = np.abs(robot.times[near] - self.times) <= tolerance
-            own = self.times.tolist()
-            return tuple(names[k] if close else own[i] for i, (k, close) in enumerate(zip(near, apart, strict=True)))
+            return tuple(
+                names[k] if close else self.names[i] for i, (k, close) in enumerate(zip(near, apart, strict=True))
+            )
         if self.numbers and robot.numbers:
             at = {number: names[k] for k, number in enumerate(robot.numbers)}
             return tuple(at.get(number, f"number {number}") for number in self.numbers)

@@ -41,6 +41,7 @@ from ...errors import InputError
 from ...formats.prior_file import read_prior
 from ...model.kinematics.chain import Kinematics
 from ..description import WORLD, ArmPoses, Rig, nearest_names, require_in_rig, require_names
+from ..noise import require_noise
 from .pose_rows import PoseRows, on_one_clock, read_rows, view_of
 from .sources import (
     MODELS,
@@ -137,7 +138,9 @@ class _Read:
         known = {name: self._known(name, entry["known"]) for what in _TABLES
                  for name, entry in self.tables[what].items() if "known" in entry}  # fmt: skip
         given = {name: arm for name, arm in arms.items() if arm is not None}
-        return Rig(given, places["cameras"], places["targets"], views, known or None), noise or None
+        rig = Rig(given, places["cameras"], places["targets"], views, known or None)
+        require_noise(rig, noise)
+        return rig, noise or None
 
     def _arm(self, name: str, entry: Mapping[str, Any]) -> ArmPoses | None:
         """Read the rows of an arm, and return its poses; None of a bag, until the times of the views are known."""
@@ -203,12 +206,13 @@ class _Read:
 
 def _require_known(entry: Mapping[str, Any], keys: Iterable[str], where: str) -> None:
     if unknown := sorted(set(entry) - set(keys)):
-        raise InputError(f"Expected {', '.join(keys)} {where}, got {unknown[0]!r}. {nearest_names(unknown[0], keys)}")
+        raise InputError(f"Unknown name {unknown[0]!r} {where}. {nearest_names(unknown[0], keys)}")
 
 
 def _table(table: Any, what: str, keys: tuple[str, ...]) -> dict[str, dict[str, Any]]:
     if not isinstance(table, dict) or not table or not all(isinstance(entry, dict) for entry in table.values()):
-        raise InputError(f"Expected a table [{what}.NAME] for each of the {what}, got {table!r:.40}.")
+        got = "none" if table is None else f"{table!r:.40}"
+        raise InputError(f"Expected a table [{what}.NAME] for each of the {what}, got {got}.")
     for name, entry in table.items():
         _require_known(entry, keys, f"in [{what}.{name}]")
     return table

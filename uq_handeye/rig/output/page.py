@@ -123,12 +123,14 @@ FRAMES = (
 
 def headline(result: Any) -> tuple[str, str]:
     """Return the sentence that a rig is asked for, with its status: ok, caution or failed."""
-    severities = {finding.severity for finding in result.findings}
+    if result.reasons:
+        return f"Not usable. {result.reasons[0]}", "failed"
+    caution = any(finding.severity == "caution" for finding in result.findings)
     known = {name: one.sizes for name, one in result.cameras.items()}
     unknown = [name for name, sizes in known.items() if not np.isfinite(sizes).all()]
     if unknown:
         text = f"Not determined in all directions: {', '.join(unknown)}. The robot poses turn about too few axes."
-        return text, "failed" if "failure" in severities else "caution"
+        return text, "caution"
     shift = max(known, key=lambda name: known[name][1])
     turn = max(sizes[0] for sizes in known.values())
     least = f"{digits(_MM * known[shift][1], 2)} mm and {digits(_DEG * turn, 2)} deg"
@@ -136,7 +138,7 @@ def headline(result: Any) -> tuple[str, str]:
     whose = f"{count} cameras are known" if len(known) > 1 else f"The camera {shift} is known"
     text = f"{whose} to {least} or better (root mean square error, 1 sigma)."
     unlikely = result.p_value < UNLIKELY or len(result.rejected) > MANY * len(result.weights)
-    return text, "failed" if "failure" in severities else "caution" if "caution" in severities or unlikely else "ok"
+    return text, "caution" if caution or unlikely else "ok"
 
 
 def _answer(result: Any, verdicts: Mapping[str, Any]) -> list[Block]:
