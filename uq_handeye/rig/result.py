@@ -305,9 +305,8 @@ class RigCalibration(Record):
         if len(self.open):
             poses = (*self.cameras.values(), *self.targets.values(), *others)
             names = ", ".join(one.name for one in poses if len(one.open))
-            lines.append(
-                f"Not determined: {len(self.open)} direction{'s' * (len(self.open) > 1)}, of {names}. The robot poses turn about too few axes."
-            )
+            count = "1 direction" if len(self.open) == 1 else f"{len(self.open)} directions"
+            lines.append(f"Not determined: {count}, of {names}. The robot poses turn about too few axes.")
         if self.paths:
             least = min(self.paths, key=lambda path: path.p)
             lines.append(f"Paths: {len(self.paths)}; the least likely: {least.words}, {probability(least.p)}.")
