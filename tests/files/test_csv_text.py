@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 from pages import ROOT
 
-from uq_handeye.core.files.table import csv_text, frame_text, plain_text, safe_text
+from uq_handeye.core.files.lines import csv_text, frame_text, plain_text, safe_text
 from uq_handeye.model.camera.corners import Corners
 from uq_handeye.model.camera.files.corner_file import corners_text, read_corners
 from uq_handeye.model.points.files.folder_writer import _table
@@ -68,4 +68,4 @@ def test_every_table_with_texts_is_written_in_one_place():
         for path in (ROOT / "uq_handeye").rglob("*.py")
         if writes.search(path.read_text(encoding="utf-8"))
     }
-    assert found == {"core/files/table.py", "model/points/files/point_file.py"}  # the latter is read at once
+    assert found == {"core/files/lines.py", "model/points/files/point_file.py"}  # the latter is read at once

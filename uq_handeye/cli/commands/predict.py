@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ...core.files.table import csv_text
+from ...core.files.lines import csv_text
 from ...errors import InputError
 from ..delivery import deliver, deliver_csv
 from ..options.common import emit, is_csv, made_of

@@ -5,8 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ...core.files.lines import floats
-from ...core.files.table import frame_text
+from ...core.files.lines import floats, frame_text
 from ...errors import InputError
 from ..delivery import REPORTS, deliver, write_report, wrote
 from ..messages import LOG, progress_wanted, timed, verbose

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ...core.files.table import csv_text
+from ...core.files.lines import csv_text
 from ...errors import InputError
 from ..delivery import deliver
 from ..messages import quiet

@@ -12,7 +12,7 @@ import shlex
 from itertools import islice, pairwise, product
 from typing import Any, NamedTuple
 
-from ...core.files.table import csv_text
+from ...core.files.lines import csv_text
 from ...core.formatting.numbers import digits
 from ...errors import InputError
 from .info import CameraInfo

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 from ..._version import __version__
 from ...calibration.statement.checks import Check
 from ...core.files.atomic import json_text, write_atomically
+from ...core.files.lines import frame_text
 from ...core.files.records import attributes
-from ...core.files.table import frame_text
 from ...core.geometry.conventions import CONVENTION
 from ...core.presentation.document import COLUMNS, WIDTH, document_of, to_text
 from ...core.presentation.notebook import to_html

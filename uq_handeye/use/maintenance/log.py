@@ -27,8 +27,8 @@ from ...calibration.evidence.new_poses import noise_of_pictures
 from ...calibration.prediction.predict import own_noise
 from ...calibration.result import Calibration
 from ...core.files.atomic import held, write_atomically
+from ...core.files.lines import csv_text, plain_text
 from ...core.files.open import StrPath, as_path, opened, shown
-from ...core.files.table import csv_text, plain_text
 from ...core.geometry.se3 import Array
 from ...core.runtime.read_only import ReadOnlyArrays
 from ...errors import InputError

@@ -12,9 +12,9 @@ import warnings
 import numpy as np
 from numpy.typing import NDArray
 
-from ....core.files.lines import MAX_BYTES, short
+from ....core.files.lines import MAX_BYTES, csv_text, plain_text, short
 from ....core.files.open import StrPath, as_path, opened, shown
-from ....core.files.table import Places, Schema, Table, csv_text, in_order, plain_text, read_table, rows_are_numbers
+from ....core.files.table import Places, Schema, Table, in_order, read_table, rows_are_numbers
 from ....core.geometry.se3 import Array
 from ....errors import InputError, InputWarning
 from ....formats.contents import require_units

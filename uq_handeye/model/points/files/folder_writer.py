@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from ....core.files.atomic import json_text, write_files
+from ....core.files.lines import csv_text
 from ....core.files.open import StrPath, as_path
-from ....core.files.table import csv_text
 from ....core.geometry.conventions import TOOLKIT
 from ....formats.csv_poses import pose_text
 from ..posed import Posed
