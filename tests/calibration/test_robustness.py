@@ -250,7 +250,8 @@ def test_plain_where_most_poses_do_not_determine_x(poses, monkeypatch):
     def refuse(*_, **__):
         raise uq.DegenerateMotionError("the poses that agree are still", np.eye(6))
 
-    monkeypatch.setattr("uq_handeye.calibration.by_likelihood.fit_robustly", refuse)
+    for module in ("calibration.by_likelihood", "fit.one_model.weights"):
+        monkeypatch.setattr(f"uq_handeye.{module}.fit_robustly", refuse)
     with pytest.warns(uq.InputWarning) as said:
         found = uq.calibrate(poses)
     assert any("Outlier rejection was skipped" in str(warning.message) for warning in said)
@@ -347,7 +348,8 @@ def test_what_was_recorded_can_be_repeated(poses, monkeypatch):
     def refuse(*_, **__):
         raise uq.NotConvergedError("weights take turns", None)
 
-    monkeypatch.setattr("uq_handeye.calibration.by_likelihood.fit_robustly", refuse)
+    for module in ("calibration.by_likelihood", "fit.one_model.weights"):
+        monkeypatch.setattr(f"uq_handeye.{module}.fit_robustly", refuse)
     found = quietly(poses, noise=NOISE)
     assert found.provenance.options["robust"] is False
     assert found.warnings[0].startswith("Outlier rejection failed") and "weights take turns" in found.warnings[0]

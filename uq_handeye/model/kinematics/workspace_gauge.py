@@ -2,8 +2,7 @@ r"""Errors of an arm without those of its base and its flange: the gauge in whic
 
 A constant motion of the base or of the flange is in W or X, whatever the arm. Which one an arm has is a matter of
 definition; here base and flange are those frames in which the arm, over its whole workspace, moves as nearly as can
-be as
-its nominal kinematics say. With the twists ``B_i (12)`` of base and flange at `POSTURES` postures spread over the joint
+be as its nominal kinematics say. With the twists ``B_i (12)`` of base and flange at `POSTURES` postures spread over the joint
 limits, the flange above the floor, rotations weighted by `LEVER`, the motion that is in a column F is
 
     g = argmin sum_i |w (F_i - B_i g)|^2        (12 numbers for each error)
@@ -24,6 +23,8 @@ from .gravity import spread_postures
 
 POSTURES = 400
 LEVER = 0.3  # m
+# Share of the largest singular value below which base and flange do the same, such as turns about a single axis.
+SAME = 1e-9
 # Share of a column that must be left for it to count.
 VANISHES = 1e-9
 
@@ -53,7 +54,7 @@ def gauge_of(chain: Kinematics) -> Array:
     q = workspace_postures(chain)
     F, B = chain.columns(q), twists(chain.poses(q))
     weight = np.repeat([LEVER, 1.0], 3)[:, None]
-    found = np.linalg.pinv((weight * B).reshape(-1, 12)) @ (weight * F).reshape(-1, F.shape[-1])
+    found = np.linalg.pinv((weight * B).reshape(-1, 12), SAME) @ (weight * F).reshape(-1, F.shape[-1])
     return np.asarray(found)
 
 
@@ -77,7 +78,7 @@ def frames_of(chain: Kinematics, group: str) -> Array:
     of = np.array([error.group == group for error in chain.errors])
     left, B = aligned_columns(chain, q)[..., of], twists(chain.poses(q))
     weight = np.repeat([LEVER, 1.0], 3)[:, None]
-    gain = np.linalg.pinv((weight * B).reshape(-1, 12)).reshape(12, len(q), 6)
+    gain = np.linalg.pinv((weight * B).reshape(-1, 12), SAME).reshape(12, len(q), 6)
     moves = np.einsum("gik,ike->gie", gain, weight * left).reshape(12, -1)
     values, vectors = np.linalg.eigh(moves @ moves.T)
     return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))

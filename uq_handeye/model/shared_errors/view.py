@@ -16,7 +16,8 @@ about where the cameras look (the point that moves least in their frame, brought
 times the median distance says, so that only the size of the noise is left open. Lines of sight have no axes and a ring
 has none but its normal: how the camera's frame is turned changes nothing, nor how the target's is turned about its
 normal. That the normal is z is a convention, of boards and tags, and data confirm it: against the mean direction of the
-views, up to 18 degrees away, by 10 to 140 units of log probability. Where the views contradict it, that is stand
+views, up to 18 degrees away, by 10 to 140 units of log probability. A frame with another axis as the normal is other
+knowledge of the target, not another choice of frame. Where the views contradict it, that is stand
 further than `FRONT` from z and -z on average, their mean direction is the normal.
 
 *Intrinsics.* Focal length, centre and distortion that are wrong by dk move the directions by A dk (Brown's model, about
