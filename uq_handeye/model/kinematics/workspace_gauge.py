@@ -1,9 +1,9 @@
 r"""Errors of an arm without those of its base and its flange: the gauge in which X is stated (T17).
 
 A constant motion of the base or of the flange is in W or X, whatever the arm. Which one an arm has is a matter of
-definition; here base and flange are those frames in which the arm, over its whole workspace, moves as nearly as can
-be as its nominal kinematics say. With the twists ``B_i (12)`` of base and flange at `POSTURES` postures spread over the joint
-limits, the flange above the floor, rotations weighted by `LEVER`, the motion that is in a column F is
+definition; here base and flange are those frames in which the arm, over its whole workspace, moves as nearly as can be
+as its nominal kinematics say. With the twists ``B_i (12)`` of base and flange at `POSTURES` postures spread over the
+joint limits, the flange above the floor, rotations weighted by `LEVER`, the motion that is in a column F is
 
     g = argmin sum_i |w (F_i - B_i g)|^2        (12 numbers for each error)
 
