@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ..core.geometry.se3 import Array, logarithm
+from ..core.geometry.se3 import Array, difference
 from ..core.runtime.read_only import read_only
 from ..errors import DegenerateMotionError, InputError, NotConvergedError
 from ..findings import Finding
@@ -216,9 +216,9 @@ def poses_about_errors(job: Job, result: Calibration) -> PosePairs | None:
     if job.arm is None or result.kinematics is None or result.covariance is None or job.poses is None:
         return None
     arm = job.arm._replace(joints=result.kinematics.joints)
-    again, before = arm.linear_about(result.kinematics.e), job.poses.robot
-    turn, shift = logarithm(again[:, :3, :3] @ before[:, :3, :3].mT), again[:, :3, 3] - before[:, :3, 3]
-    moved = [float(np.sqrt(np.mean(np.sum(part**2, axis=-1)))) for part in (turn, shift)]
+    again = arm.linear_about(result.kinematics.e)
+    xi = difference(again, job.poses.robot)
+    moved = [float(np.sqrt(np.mean(np.sum(part**2, axis=-1)))) for part in (xi[:, :3], xi[:, 3:])]
     known = [float(np.sqrt(np.trace(result.covariance[k : k + 3, k : k + 3]))) for k in (0, 3)]
     if all(move <= SECOND_ORDER * sd for move, sd in zip(moved, known, strict=True)):
         return None

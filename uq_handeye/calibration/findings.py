@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import chdtr, chdtrc, chdtri
 
-from ..core.geometry.se3 import Array, logarithm
+from ..core.geometry.se3 import Array, difference
 from ..errors import DegenerateMotionError, InputError, NotConvergedError
 from ..findings import GROSS, Finding, Severity
 from ..fit.diagnostics.pose_table import PoseTable, pose_table
@@ -199,7 +199,7 @@ def closed_forms(job: Job, result: Calibration, table: PoseTable) -> list[Findin
         with suppress(InputError, NotConvergedError):
             X = solve(motions.A, motions.B, method=name)
             ratio = np.array([median(part) for part in pose_residuals(G, C, X)]) / own
-            xi = np.concatenate([logarithm(X[:3, :3] @ result.X[:3, :3].T), X[:3, 3] - result.X[:3, 3]])
+            xi = difference(X, result.X)
             d2 = float(xi @ np.linalg.solve(result.covariance, xi))
             if (ratio < BETTER).all() and d2 > FAR_APART:
                 found.append((float(ratio.max()), name, ratio, d2))

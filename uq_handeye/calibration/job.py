@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..core.geometry.checks import as_numbers
-from ..core.geometry.se3 import Array, logarithm, perturb
+from ..core.geometry.se3 import Array, difference, perturb
 from ..errors import InputError
 from ..fit.likelihood.constraint import Constraint, constraint_of, require_noise_fits
 from ..fit.likelihood.gauss_helmert import ESTIMATORS
@@ -98,8 +98,7 @@ class Arm(NamedTuple):
         of = self.kinematics, self.joints, e, self.errors.flange
         nominal, true = self.kinematics.poses(self.joints), poses_with_errors(*of)
         linear = perturb(true, -(effects_of_errors(*of) @ e))
-        turn = logarithm(linear[:, :3, :3] @ nominal[:, :3, :3].mT)
-        return perturb(self.measured.robot, np.concatenate([turn, linear[:, :3, 3] - nominal[:, :3, 3]], axis=-1))
+        return perturb(self.measured.robot, difference(linear, nominal))
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,10 +12,9 @@ import numpy as np
 
 from ..core.files.about import as_about
 from ..core.files.records import attributes, damaged, not_finite, parts_of, unequal
-from ..core.geometry.checks import as_transforms, checked_covariance
+from ..core.geometry.checks import as_covariance, as_pose
 from ..core.geometry.conventions import CONVENTION
 from ..core.geometry.frames import SETUPS
-from ..core.geometry.se3 import Array
 from ..core.runtime.versions import versions
 from ..errors import InputError
 from ..fit.likelihood.constraint import require_noise_fits
@@ -132,14 +131,14 @@ def _parts_of(data: dict[str, Any], kind: Any) -> dict[str, Any]:
         if data[name] not in known:
             raise ValueError(f"{name} is {data[name]!r:.40}")
     posterior = data.get("posterior", data.get("joint_posterior"))  # by its earlier name
-    X, noise, analysis = _pose(data, "X"), data["noise"], data["analysis"]
+    X, noise, analysis = as_pose(data["X"], "X"), data["noise"], data["analysis"]
     found = parts_of(
         kind,
         data | {name: data.get(key) for name, key in _KEYS.items()},
         "calibration",
         X=X,
-        W=None if data["W"] is None else _pose(data, "W"),
-        **{name: None if data[name] is None else _covariance(data[name], name) for name in _COVARIANCES},
+        W=None if data["W"] is None else as_pose(data["W"], "W"),
+        **{name: None if data[name] is None else as_covariance(data[name], name) for name in _COVARIANCES},
         noise=None if noise is None else noise_from_dict(noise),
         analysis=None if analysis is None else StoredAnalysis.of(analysis, X),
         about=as_about(data.get("about", {})),
@@ -150,17 +149,3 @@ def _parts_of(data: dict[str, Any], kind: Any) -> dict[str, Any]:
         origin = found["provenance"]
         found["data"] = data_from_dict(data["data"], data["setup"], () if origin is None else origin.sources)
     return found
-
-
-def _pose(data: dict[str, Any], name: str) -> Array:
-    pose = as_transforms(data[name], name, stack=False)
-    if pose.shape != (4, 4):
-        raise ValueError(f"{name} has the shape {pose.shape}")
-    return pose
-
-
-def _covariance(value: Any, name: str) -> Array:
-    S = checked_covariance(value, name, joint=False)
-    if S.shape != (6, 6):
-        raise ValueError(f"{name} has the shape {S.shape}")
-    return S

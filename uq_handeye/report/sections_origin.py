@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -82,7 +82,7 @@ def repeat_section(result: Calibration, date: str, version: str) -> Section:
     if found.command is not None:
         blocks.append(Code("Command line", found.command, "Run it in the folder of the files."))
     facts: list[list[str]] = [["data, SHA-256", found.data_sha256]]
-    facts += [[f"option {name}", _shown(value)] for name, value in found.options.items()]
+    facts += [[f"option {name}", "not given" if value is None else str(value)] for name, value in found.options.items()]
     facts += _noise(result)
     if (offset := result.time_offset) is not None:
         facts += [["time offset (s)", repr(offset.offset)], ["its standard deviation (s)", repr(offset.std)]]
@@ -111,7 +111,3 @@ def _noise(result: Calibration) -> list[list[str]]:
             text = f"{' x '.join(map(str, S.shape))}, SHA-256 {hashlib.sha256(S.tobytes()).hexdigest()}"
         facts.append([f"noise of {name}", text])
     return facts
-
-
-def _shown(value: Any) -> str:
-    return "not given" if value is None else str(value)

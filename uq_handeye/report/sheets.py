@@ -72,15 +72,11 @@ def _contents_of(accuracy: Accuracy | None) -> list[str]:
     if accuracy is None:
         return []
     shown = combined_parts(accuracy.parts, MOST_SOURCES)
-    parts = [f"{part.name} {_both(part.translation, part.rotation)}" for part in shown]
+    parts = [f"{one.name} {digits(_MM * one.translation, 2)} mm, {digits(_DEG * one.rotation, 2)} deg" for one in shown]
     return [
         *([f"Made of: {'; '.join(parts)}."] if parts else []),
         f"Includes {', '.join(accuracy.included)}. Does not include {', '.join(accuracy.not_included)}.",
     ]
-
-
-def _both(move: float, turn: float) -> str:
-    return f"{digits(_MM * move, 2)} mm, {digits(_DEG * turn, 2)} deg"
 
 
 def _picture(result: Calibration, drawings: Mapping[str, Drawing]) -> Section:

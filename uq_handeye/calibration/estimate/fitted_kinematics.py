@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ...core.files.records import Record, parts_of
 from ...core.geometry.checks import as_numbers
-from ...core.geometry.se3 import Array, logarithm, perturb
+from ...core.geometry.se3 import Array, difference, perturb
 from ...errors import InputError
 from ...model.kinematics.chain import Kinematics
 from ...model.kinematics.errors import GROUPS
@@ -113,8 +113,7 @@ class FittedKinematics(Record):
         nominal = self.chain.poses(joints)
         if nominal.shape != robot.shape:
             raise InputError(f"Expected `robot` poses {nominal.shape} at these joints, got shape {robot.shape}.")
-        turn = logarithm(corrected[..., :3, :3] @ nominal[..., :3, :3].mT)
-        return perturb(robot, np.concatenate([turn, corrected[..., :3, 3] - nominal[..., :3, 3]], axis=-1))
+        return perturb(robot, difference(corrected, nominal))
 
     def joints_at(self, robot: Array) -> Array:
         """(..., L) joint values at which the arm is at poses ``robot`` (..., 4, 4), near those of the calibration.

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...core.geometry.se3 import Array, logarithm
+from ...core.geometry.se3 import Array, difference
 from ...fit.likelihood.constraint import OnPoses, Unknowns
 from ...model.poses.pose_pairs import PosePairs
 from ..estimate.estimated import Estimated
@@ -38,9 +38,7 @@ def residuals_against(result: Estimated, poses: PosePairs) -> Residual:
     if result.posterior is not None and result.opened is None:
         joints = None if result.kinematics is None else poses.joints
         ahead = predict_camera(result, joints, poses.robot)
-        turn = logarithm(poses.camera[:, :3, :3] @ ahead.poses[:, :3, :3].mT)
-        e = np.concatenate([turn, poses.camera[:, :3, 3] - ahead.poses[:, :3, 3]], axis=-1)
-        S = ahead.covariance
+        e, S = difference(poses.camera, ahead.poses), ahead.covariance
     else:
         e, S = linear.r, np.zeros((len(poses), 6, 6))
         by_robot, by_camera = linear.sides

@@ -110,7 +110,11 @@ def _folded(checks: Checks) -> Checks:
 
 def title_of(result: Calibration, width: int = COLUMNS) -> str:
     """Return what was estimated from what, on one line: ``gripper_T_camera from robot.csv, camera.csv: 25 poses``."""
-    parts = [data_words(result), *([] if result.setup is None else [result.setup]), _method(result)]
+    parts = [
+        data_words(result),
+        *([] if result.setup is None else [result.setup]),
+        result.method + ("" if result.scale is None else f" (d = {result.scale:g})"),
+    ]
     sources = () if result.provenance is None else result.provenance.sources
     names = list(dict.fromkeys(source.name for source in sources))
     start, end = f"{result.frame} from ", f": {', '.join(parts)}"
@@ -131,10 +135,6 @@ def data_words(result: Calibration) -> str:
         return f"{result.n_pairs:,} motions"
     of = f" of {result.n_poses + len(result.excluded):,}" if result.excluded else ""
     return f"{result.n_poses:,}{of} poses"
-
-
-def _method(result: Calibration) -> str:
-    return result.method + ("" if result.scale is None else f" (d = {result.scale:g})")
 
 
 def _cut(text: str, width: int) -> str:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from ...core.formatting.numbers import concise, digits
@@ -65,13 +63,10 @@ def shared_blocks(result: Calibration) -> list[Block]:
 
 def look_alike(result: Calibration) -> bool:
     """Return whether the residuals indicate a scale that may be the target's or the robot's."""
-    asked = {probe.name for probe in _probes(result) if probe.asked_for}
+    probes = () if result.analysis is None else result.analysis.diagnostics.probes
+    asked = {probe.name for probe in probes if probe.asked_for}
     asked |= {error.name for error in result.shared if error.name == TARGET_SCALE and error.beyond(WRONG_SIZE) > 0.5}
     return bool(asked & {TARGET_SCALE, ROBOT_SCALE})
-
-
-def _probes(result: Calibration) -> Sequence[ScaleError]:
-    return () if result.analysis is None else result.analysis.diagnostics.probes
 
 
 def _declared(group: SharedGroup, estimated: bool) -> list[Cell]:

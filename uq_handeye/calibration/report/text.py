@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from ...core.formatting.numbers import digits, pose_rows, row
 from ...core.geometry.pose_numbers import pose_numbers, quaternion_deviations
-from ...core.geometry.se3 import Array
+from ...core.geometry.se3 import Array, difference
 from ...core.presentation.document import Block, Caution, Code, Document, Heading, Paragraph, document_of
 from ..result import Calibration
 from ..statement.tolerance import Verdict
@@ -24,7 +23,7 @@ from .analysis import (
     worst_words,
 )
 from .arm import arm_blocks
-from .first_screen import accuracy_blocks, answer_blocks, checks_block, first_screen, title_of
+from .first_screen import accuracy_blocks, answer_blocks, checks_block, first_screen, matrix_block, title_of
 from .shared_errors import included_words, shared_blocks
 
 # Notes that the long text shows beside the cautions.
@@ -72,7 +71,7 @@ def _numbers(result: Calibration, threshold: float) -> list[list[Block]]:
     if result.std is not None:
         turn = row("rotation about axes (deg)", "xyz", None, np.degrees(result.std[:3]), 5)
         numbers += [_lines([turn]), *map(Paragraph, result.facts.directions), _lines(_correlations(result, threshold))]
-    return [[_matrix(result.X)], numbers]
+    return [[matrix_block(result.X)], numbers]
 
 
 def _scope(result: Calibration) -> list[Block]:
@@ -97,12 +96,12 @@ def _other_forms(result: Calibration) -> list[Block | list[Block]]:
     blocks: list[Block | list[Block]] = [
         [Heading(f"{frame} as quaternion"), _lines([quaternion])],
         Heading(f"{inverse_name} (inverse of X)"),
-        _matrix(result.inverse),
+        matrix_block(result.inverse),
     ]
     if result.W is not None:
         blocks += [
             Heading(f"{result.frame_W} (the target, from all poses)"),
-            _matrix(result.W),
+            matrix_block(result.W),
             _lines(
                 pose_rows(*pose_numbers(result.W, result.covariance_W, opened=result.open_of_W)),
             ),
@@ -112,11 +111,10 @@ def _other_forms(result: Calibration) -> list[Block | list[Block]]:
 
 def against_truth(result: Calibration, truth: Array) -> str:
     """Return the error of X against a known one (4, 4) in a sentence, and whether it lies inside the ellipsoid."""
-    turn = Rotation.from_matrix(result.X[:3, :3] @ truth[:3, :3].T).as_rotvec()
-    xi = np.concatenate([turn, result.X[:3, 3] - truth[:3, 3]])
+    xi = difference(result.X, truth)
     text = (
         f"Truth: X is off by {digits(1e3 * float(np.linalg.norm(xi[3:])))} mm and "
-        f"{digits(np.degrees(float(np.linalg.norm(turn))))} deg"
+        f"{digits(np.degrees(float(np.linalg.norm(xi[:3]))))} deg"
     )
     if result.covariance is None:
         return f"{text}."
@@ -126,11 +124,6 @@ def against_truth(result: Calibration, truth: Array) -> str:
 
 def _lines(lines: Sequence[str]) -> Code:
     return Code("", "\n".join(lines), "")
-
-
-def _matrix(T: Array) -> Code:
-    small = np.where(np.abs(T) < 5e-10, 0.0, T)
-    return _lines(["  " + " ".join(f"{x + 0.0:13.9f}" for x in line) for line in small])
 
 
 def _correlations(result: Calibration, threshold: float) -> list[str]:

@@ -59,6 +59,22 @@ def as_transforms(value: Any, name: str, stack: bool = True) -> Array:
     return T
 
 
+def as_pose(value: Any, name: str) -> Array:
+    """``value`` as one checked finite pose (4, 4); raises `InputError`."""
+    T = as_transforms(value, name, stack=False)
+    if T.shape != (4, 4) or not np.isfinite(T).all():
+        raise InputError(f"Expected `{name}` to be one finite pose (4, 4), got shape {T.shape}.")
+    return T
+
+
+def as_covariance(value: Any, name: str) -> Array:
+    """``value`` as one checked covariance (6, 6); raises `InputError`."""
+    S = checked_covariance(value, name, joint=False)
+    if S.shape != (6, 6):
+        raise InputError(f"Expected the covariance `{name}` to have shape (6, 6), got {S.shape}.")
+    return S
+
+
 def entry_rows(*stacks: Array, out: Array | None = None) -> Array:
     """Stacks (n, 4, 4), joined, as (4, 4, m): whole rows of equal entries, which NumPy handles fastest."""
     m = sum(len(T) for T in stacks)

@@ -99,6 +99,12 @@ def inverse_jacobian(T: Array) -> Array:
     return -block(R_transposed, 0.0, R_transposed @ skew(T[..., :3, 3]), R_transposed)
 
 
+def difference(T: Array, base: Array) -> Array:
+    """``xi = (theta, tau)`` (..., 6) with ``T = perturb(base, xi)``; (..., 4, 4) both."""
+    theta = logarithm(T[..., :3, :3] @ base[..., :3, :3].mT)
+    return np.concatenate([theta, T[..., :3, 3] - base[..., :3, 3]], axis=-1)
+
+
 def perturb(T: Array, xi: Array) -> Array:
     """``(exp([theta]x) R, t + tau)`` for ``xi = (theta, tau)``; (..., 4, 4), (..., 6) broadcast."""
     shape = np.broadcast_shapes(T.shape[:-2], xi.shape[:-1])

@@ -15,7 +15,6 @@ This module imports Matplotlib; import it where it is used.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -28,10 +27,8 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from ...errors import InputError
-from ..files.atomic import write_files
-from ..files.open import StrPath, as_path
-from ..geometry.checks import as_transforms, checked_covariance
-from ..geometry.se3 import Array
+from ..geometry.checks import as_covariance, as_pose
+from ..geometry.se3 import Array, difference
 from .named_figure import NamedFigure, settle_layout
 from .named_figure import render as render
 
@@ -102,15 +99,15 @@ def covariance_ellipses(
         A covariance that is not 6x6, finite, symmetric and positive semidefinite; poses or samples of the
         wrong shape or not finite; more than four others.
     """
-    pose = _one_pose(X, "X")
-    covariances = {label: _one_covariance(covariance, "covariance")}
+    pose = as_pose(X, "X")
+    covariances = {label: as_covariance(covariance, "covariance")}
     for name, other in (others or {}).items():
         if name == label or len(covariances) == len(STYLES):
             count = len(STYLES) - 1
             raise InputError(f"Expected at most {count} others with names of their own, got also {name!r}.")
-        covariances[name] = _one_covariance(other, f"others[{name!r}]")
+        covariances[name] = as_covariance(other, f"others[{name!r}]")
     points = np.empty((0, 6)) if samples is None else _points(samples)
-    offset = None if truth is None else _error(_one_pose(truth, "truth"), pose)
+    offset = None if truth is None else difference(as_pose(truth, "truth"), pose)
 
     reach, common = _reach(covariances, points, offset)
     units = [display_unit(value, "rad" if k < 3 else "m") for k, value in enumerate(reach)]
@@ -157,32 +154,6 @@ def small_ellipses(covariance: Array) -> Figure:
     return figure
 
 
-def save_ellipses(figure: Figure, stem: StrPath) -> tuple[Path, Path]:
-    """Write ``stem.png`` and ``stem.svg``, both or neither, and return their paths.
-
-    Raises `InputError` if they cannot be written; a missing folder is made.
-    """
-    stem = as_path(stem)
-    files = {f"{stem.name}.{kind}": render(figure, kind) for kind in ("png", "svg")}
-    write_files(stem.parent, files)
-    png, svg = (stem.parent / name for name in files)
-    return png, svg
-
-
-def _one_pose(value: Any, name: str) -> Array:
-    T = as_transforms(value, name, stack=False)
-    if T.shape != (4, 4) or not np.isfinite(T).all():
-        raise InputError(f"Expected `{name}` to be one finite pose (4, 4), got shape {T.shape}.")
-    return T
-
-
-def _one_covariance(value: Any, name: str) -> Array:
-    S = checked_covariance(value, name, joint=False)
-    if S.shape != (6, 6):
-        raise InputError(f"Expected the covariance `{name}` to have shape (6, 6), got {S.shape}.")
-    return S
-
-
 def _points(samples: ArrayLike) -> Array:
     try:
         points = np.asarray(samples, dtype=float)
@@ -191,12 +162,6 @@ def _points(samples: ArrayLike) -> Array:
     if points.ndim != 2 or points.shape[1] != 6 or not np.isfinite(points).all():
         raise InputError(f"Expected `samples` to be finite errors of shape (S, 6), got shape {points.shape}.")
     return points
-
-
-def _error(truth: Array, estimate: Array) -> Array:
-    """``xi`` with ``truth = (exp([theta]x) R, t + tau)`` for the estimate (R, t)."""
-    theta = Rotation.from_matrix(truth[:3, :3] @ estimate[:3, :3].T).as_rotvec()
-    return np.concatenate([theta, truth[:3, 3] - estimate[:3, 3]])
 
 
 def _reach(covariances: Mapping[str, Array], points: Array, offset: Array | None) -> tuple[Array, list[bool]]:
@@ -244,7 +209,7 @@ def _draw(
     angle = np.linspace(0, 2 * np.pi, 181)
     for number, (S, (colour, style)) in enumerate(zip(covariances.values(), STYLES, strict=False)):
         s = np.sqrt(np.diag(S))[[i, j]]
-        rho = _correlation(S, i, j)
+        rho = None if not s.all() else float(np.clip(S[i, j] / s[0] / s[1], -1.0, 1.0))
         across = 0.0 if rho is None else rho
         x = s[0] / scale[i] * np.cos(angle)
         y = s[1] / scale[j] * (across * np.cos(angle) + np.sqrt(1 - across**2) * np.sin(angle))
@@ -258,12 +223,6 @@ def _draw(
     if offset is not None:
         x, y = offset[[i, j]] / scale[[i, j]]
         axis.plot(x, y, zorder=9, **TRUTH)
-
-
-def _correlation(S: Array, i: int, j: int) -> float | None:
-    """The correlation coefficient, None where a variance is zero."""
-    s = np.sqrt(np.diag(S))
-    return None if s[i] == 0 or s[j] == 0 else float(np.clip(S[i, j] / s[i] / s[j], -1.0, 1.0))
 
 
 def limited(axis: Axes, reach: tuple[float, float], size: float = 8) -> None:

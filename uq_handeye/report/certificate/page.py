@@ -82,7 +82,7 @@ def _first(of: Contents) -> list[Section]:
     answer.append(Paragraph(measurand_of(result)))
     return [
         Section("answer", "Result", answer, wide=True),
-        Section("x", _lower("Result", of), [_table_of(components_of(result)), *_forms(of)]),
+        Section("x", _lower("Result", of), _numbers(of)),
         Section("worst", _lower("In the least certain direction", of), _worst(of)),
         *_measured(of),
         Section("scope", "What the uncertainty includes", _scope(of), wide=True),
@@ -123,20 +123,16 @@ def _worst(of: Contents) -> list[Block]:
 _HEAD = ("u", "nu", "k", f"U ({percent(LEVEL)})", "unit")
 
 
-def _table_of(numbers: tuple[Stated, ...]) -> Table:
-    rows: list[list[Cell]] = []
-    for one in numbers:
-        factor, _ = _FACTORS[one.unit]
-        value = factor * (one.value or 0.0)
-        rows.append([one.name, _rounded(value, factor * one.u), *_sizes(one)])
+def _numbers(of: Contents) -> list[Block]:
+    """Return X in its six numbers, and the rotation as a quaternion."""
+    stated = zip(of.result.facts.X, components_of(of.result), strict=True)
+    rows: list[list[Cell]] = [[shown.name, shown.parts[0], *_sizes(one)] for shown, one in stated]
     caption = "Value, standard uncertainty u, degrees of freedom nu, coverage factor k, expanded uncertainty U."
-    return Table(caption, ["", "value", *_HEAD], rows, frozenset({6}))
-
-
-def _forms(of: Contents) -> list[Block]:
-    """Return the rotation as a quaternion, and where the matrix is."""
-    numbers = ", ".join(f"{x:.7f}" for x in of.result.quaternion)
-    return [Paragraph(f"As quaternion (x, y, z, w): {numbers}.")]
+    quaternion = ", ".join(f"{x:.7f}" for x in of.result.quaternion)
+    return [
+        Table(caption, ["", "value", *_HEAD], rows, frozenset({6})),
+        Paragraph(f"As quaternion (x, y, z, w): {quaternion}."),
+    ]
 
 
 def _correlation(of: Contents) -> Table:
@@ -166,12 +162,6 @@ def _why_lower(of: Contents) -> str:
         "; ".join(f"{check.name}: {check.text}" for check in failed[:2]) or "no error that all poses share is included"
     )
     return f"The uncertainty is at least what is stated. {why[0].upper()}{why[1:]}."
-
-
-def _rounded(value: float, u: float) -> str:
-    """Return a value with the decimals of two digits of its uncertainty."""
-    decimals = 4 if not np.isfinite(u) or u <= 0 else int(np.clip(1 - np.floor(np.log10(u)), 0, 9))
-    return f"{value + 0.0:.{decimals}f}"
 
 
 def _sizes(one: Stated) -> list[str]:

@@ -184,9 +184,12 @@ def compare_rows(
     rows = [found[name] for name in names]
     base = next((found[name] for name in (reference, *names) if found[name].failure is None), None)
     common, own = _sorted_warnings(rows, base)
+
+    def judged(row: Row) -> Residuals | None:
+        return None if row.X is None else summarise(*residuals(work.seen.A, work.seen.B, row.X))
+
     rows = [
-        against(replace(row, warnings=own[row.method], residuals=row.residuals or _residuals(row, work.seen)), base)
-        for row in rows
+        against(replace(row, warnings=own[row.method], residuals=row.residuals or judged(row)), base) for row in rows
     ]
     result = Comparison(
         rows=tuple(rows),
@@ -339,10 +342,6 @@ def _filled(row: Row, result: Calibration) -> Row:
         converged=True,  # or it would have raised
         iterations=result.iterations,
     )
-
-
-def _residuals(row: Row, seen: Motions) -> Residuals | None:
-    return None if row.X is None else summarise(*residuals(seen.A, seen.B, row.X))
 
 
 def _without_covariance(

@@ -355,7 +355,7 @@ def _beyond(axis: Axes, x: float, y: float, low: float, high: float, style: _Sty
     axis.text(
         edge + 4.5 * inward,
         y,
-        _number(x),
+        ("+" if x > 0 else MINUS) + digits(abs(x)).replace("-", MINUS),
         ha="right" if right else "left",
         va="center",
         fontsize=size,
@@ -363,10 +363,6 @@ def _beyond(axis: Axes, x: float, y: float, low: float, high: float, style: _Sty
         path_effects=HALO,
         zorder=style.order,
     )
-
-
-def _number(x: float) -> str:
-    return ("+" if x > 0 else MINUS) + digits(abs(x)).replace("-", MINUS)
 
 
 def _verdicts(axis: Axes, comparison: Comparison, styles: dict[str, _Style]) -> None:

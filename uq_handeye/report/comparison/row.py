@@ -9,12 +9,11 @@ from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from ...core.files.records import Record
 from ...core.geometry.pose_numbers import pose_numbers
 from ...core.geometry.principal_axes import principal_axes
-from ...core.geometry.se3 import Array
+from ...core.geometry.se3 import Array, difference
 from ...model.poses.motions import Residuals
 
 # 95 % quantile of chi-square with 6 degrees of freedom.
@@ -104,10 +103,7 @@ def against(row: Row, base: Row | None) -> Row:
     """The row with its difference from the reference, and whether it agrees; one of rounding counts as none."""
     if base is None or base.X is None or row.X is None:
         return row
-    theta = Rotation.from_matrix(row.X[:3, :3] @ base.X[:3, :3].T).as_rotvec()
-    xi = np.concatenate([theta, row.X[:3, 3] - base.X[:3, 3]])
-    if row.method == base.method:
-        xi = np.zeros(6)
+    xi = np.zeros(6) if row.method == base.method else difference(row.X, base.X)
     if row.covariance is None or row.failure is not None:
         return replace(row, xi=xi)
     d2 = 0.0 if is_rounding(xi) else squared_distance(xi, row.covariance)
