@@ -28,7 +28,7 @@ from matplotlib.ticker import MaxNLocator
 
 from ...core.geometry.se3 import Array
 from ...core.presentation.ellipses import PAIRS_WITHIN, SYMBOLS, render
-from ...core.presentation.figure_parts import BLUE, HALO, ORANGE, SMALL, Picture, canvas, finished
+from ...core.presentation.figure_parts import BLUE, HALO, ORANGE, SMALL, Picture, canvas, finished, plain
 from .compare import CHI2_95
 from .result import Comparison
 from .row import apart, digits, without_numbers
@@ -147,6 +147,8 @@ def methods_picture(comparison: Comparison) -> Picture | None:
     grid: Any = figure.subplots(2, 3, sharey=True)
     for k, axis in enumerate([*grid[1], *grid[0]]):  # translation above, as everywhere else
         _column(axis, k, shown, styles, _scale(shown), SMALL)
+        plain(axis)
+        axis.grid(visible=False)
     names = [f"{row.method}, differs" if row.agrees is False else row.method for row in rows]
     for line in grid:
         line[0].set_yticks(range(len(rows)), labels=names, fontsize=SMALL)
