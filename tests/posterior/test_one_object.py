@@ -1,5 +1,7 @@
 """One uncertainty everywhere: covariance, budget, accuracy, tolerance, plan, certificate, files read the posterior."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -65,3 +67,18 @@ def test_a_plan_starts_from_it():
     poses = uq.simulate(n_poses=15, noise=NOISE, seed=3)
     found, result = uq.plan(poses, k=1, noise=NOISE), uq.calibrate(poses, noise=NOISE)
     np.testing.assert_allclose(found.covariance_before, result.posterior.covariance_of("X"), rtol=1e-6, atol=1e-15)
+
+
+@pytest.mark.parametrize("shared", [None, [uq.SharedError.target_scale(1e-3)]])
+def test_the_budget_of_a_result_that_took_poses_in_is_that_of_the_fit_of_all(shared):
+    poses = uq.simulate(n_poses=24, noise=NOISE, seed=11)
+    first, both = (uq.calibrate(poses.rows(range(n)), noise=NOISE, shared=shared) for n in (16, 24))
+    assert first.has_budget and first.budget.sources[0] == "robot rotation"
+    without = replace(first, provenance=replace(first.provenance, request=None))
+    found = uq.update(without, poses.rows(range(16, 24)), although_changed=True)
+    assert found.has_budget and found.budget.sources[0] == "noise of the poses"
+    np.testing.assert_allclose(found.budget.covariance[:6, :6], found.covariance, rtol=1e-9, atol=1e-18)
+    for source in found.budget.sources[1:]:  # the shares of errors
+        one, other = (of.budget.group_shares["X translation"][of.budget.sources.index(source)] for of in (found, both))
+        assert one == pytest.approx(other, abs=0.01)
+    assert found.accuracy.parts[0].name == "noise of the poses"

@@ -43,9 +43,9 @@ def camera_sections(result: Calibration) -> list[Section]:
 
 def shares_words(result: Calibration) -> str:
     """Say which share of the variance of X the intrinsics have, and which the corners; empty where it is not known."""
-    if result.analysis is None or f"camera {SHARED}" not in result.analysis.budget.sources:
+    if not result.has_budget or f"camera {SHARED}" not in result.budget.sources:
         return ""
-    budget = result.analysis.budget
+    budget = result.budget
     shared, each = (
         [fixed(100 * budget.group_shares[f"X {kind}"][budget.sources.index(f"camera {name}")], 2) for kind in KINDS]
         for name in (SHARED, EACH)

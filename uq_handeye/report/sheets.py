@@ -129,8 +129,8 @@ def _point_blocks(result: Calibration) -> list[Block]:
 def _point_at(result: Calibration, accuracy: Accuracy, z: float) -> tuple[float, float]:
     """Return the standard and the expanded uncertainty (m) of a point z (m) ahead, in the worst direction."""
     point: Array = np.array([0.0, 0.0, z])
-    if result.analysis is not None and result.covariance_kind in ("model", "sigma-points"):
-        k = result.analysis.budget.budget_at(point).expanded(worst=True)["point"].k
+    if result.has_budget and result.covariance_kind in ("model", "sigma-points"):
+        k = result.budget.budget_at(point).expanded(worst=True)["point"].k
     else:
         k = accuracy.translation_95 / accuracy.translation
     one = float(np.sqrt(np.linalg.eigvalsh(result.uncertainty_at(point).covariance)[-1]))

@@ -18,7 +18,7 @@ from ...core.geometry.principal_axes import principal_axes
 from ...core.geometry.se3 import Array, inverse, inverse_jacobian
 from ...errors import InputError
 from ...findings import Finding, texts
-from ...fit.diagnostics.budget import Budget
+from ...fit.diagnostics.budget import Budget, budget_of_posterior
 from ...fit.diagnostics.pose_table import PoseTable
 from ...fit.diagnostics.result import Diagnostics
 from ...fit.diagnostics.split_half import SplitHalf
@@ -143,8 +143,26 @@ class Estimated(Record):
 
     @property
     def budget(self) -> Budget:
-        """Shares of the variance by noise source."""
-        return self._analysed().budget
+        """Shares of the variance by source; where further measurements were taken in, by the posterior with them."""
+        if not (self._taken_in and self.has_budget):
+            return self._analysed().budget
+        assert self.posterior is not None
+        noise = f"noise of the poses{' and touches' if 'evidence.touches_used' in self._taken_in else ''}"
+        dof = math.inf if self.reference.dof is None else self.reference.dof
+        sd = {error.name: error.prior_sd for error in self.shared}
+        return budget_of_posterior(self.posterior, sd, self.X, noise, dof)
+
+    @property
+    def has_budget(self) -> bool:
+        """True if it is known what the covariance is made of; with measurements taken in where sizes are known."""
+        if self._taken_in:
+            return self.posterior is not None and self.posterior.points is None
+        return self.analysis is not None
+
+    @property
+    def _taken_in(self) -> set[str]:
+        """Codes of the findings about measurements that the posterior took in, and the analysis of the poses lacks."""
+        return {finding.code for finding in self.findings} & {"evidence.touches_used", "maintenance.by_posterior"}
 
     def _analysed(self) -> Analysis | StoredAnalysis:
         if self.analysis is None:

@@ -23,6 +23,6 @@ def _(count: int, d2: float, dof: int, p_value: float, rms: float) -> str:
             f"verify, or calibrate without {'it' if count == 1 else 'them'}."
         )
     return (
-        f"{touches} part of the result and {agree} with the poses ({fit}). Residuals, diagnostics and budget are those "
-        "of the poses alone."
+        f"{touches} part of the result and {agree} with the poses ({fit}). Residuals and diagnostics are those of the "
+        "poses alone."
     )

@@ -248,9 +248,9 @@ def _excluded_blocks(table: PoseTable) -> list[Block]:
 
 def shown_budget(result: Calibration) -> Budget | None:
     """The budget, coupled errors of a side as one source; None where it is not known."""
-    if result.analysis is None:
+    if not result.has_budget:
         return None
-    budget = result.analysis.budget
+    budget = result.budget
     for side in ("robot", "camera", "A", "B"):
         parts = [name for what in KINDS if (name := f"{side} {what}") in budget.sources]
         # Where errors are coupled, the shares of one kind may be beyond 100 % and below 0: only the sum counts.

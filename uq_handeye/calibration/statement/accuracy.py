@@ -95,8 +95,8 @@ def accuracy_of(result: Estimated) -> Accuracy | None:
     sizes = {"X rotation": _worst(S[:3, :3]), "X translation": _worst(S[3:, 3:]), "point": point}
     budget = None
     touched = sum(one.values["count"] for one in result.findings if one.code == "evidence.touches_used")
-    if not touched and result.analysis is not None and result.covariance_kind in ("model", "sigma-points"):
-        budget = result.analysis.budget
+    if result.has_budget and result.covariance_kind in ("model", "sigma-points"):
+        budget = result.budget
     factors = _factors(budget, result, distance)
     words = [
         f"{text} (assumed)" if default and not text.endswith("assumed)") else text for text, default in included(result)

@@ -28,6 +28,7 @@ from ...model.noise.camera_noise import INTRINSICS
 from ...model.noise.joint_covariance import JointCovariance, group_of
 from ...model.noise.models import Noise, PairNoise, is_joint, require_count
 from ...model.noise.square_roots import pulled, whiten
+from ...model.posterior.posterior import Posterior
 from ..likelihood.constraint import covariances_of
 from ..likelihood.gauss_helmert import Fit
 from ..likelihood.shared_estimates import of_moves
@@ -284,6 +285,25 @@ def budget(
     for name, move in (beside or {}).items():
         found = found.plus(name, of_moves(move))
     return found
+
+
+def budget_of_posterior(
+    posterior: Posterior, prior_sd: Mapping[str, float], X: Array, noise: str, dof: float
+) -> Budget:
+    """Return the budget of X and W by their posterior: ``P_xe diag(sd^-2) P_ex`` of errors e that had the deviations sd
+    beforehand, and the rest, of the noise of all measurements (named ``noise``; ``dof``: infinite where it was given).
+    For known sizes of the errors.
+    """
+    p, P = posterior.p, posterior.covariance
+    effects = [P[:p, p + np.array(one.numbers)] / [prior_sd.get(posterior.names[k], 1.0) for k in one.numbers]
+               for one in posterior.components]  # fmt: skip
+    parts = [effect @ effect.T for effect in effects]
+    rest = P[:p, :p] - sum(parts, np.zeros((p, p)))
+    sources = (noise, *(one.name for one in posterior.components))
+    relative = np.zeros((len(sources), len(sources)))
+    relative[0, 0] = 2.0 / dof
+    types = ("A" if np.isfinite(dof) else "B", *("B" for _ in parts))
+    return Budget(sources, np.array([rest, *parts]), np.zeros((0, p, p)), X, types, relative)
 
 
 def budget_of_sensitivities(

@@ -53,6 +53,8 @@ def input_of(source: str, result: Calibration) -> Input:
             return _shared(group.parts[0].error, sizes_of(group), group.default)
     if name == JOINT_NOISE and result.kinematics is not None:
         return Input(_sizes([(result.kinematics.joint_noise, "rad")]), NORMAL, "declared")
+    if name.startswith("noise of the poses"):
+        return Input("covariance", NORMAL, "declared" if estimate is None else _ESTIMATED)
     if group_of(name) == INTRINSICS:
         return Input("covariance", NORMAL, "camera calibration")
     if group_of(name) == TARGET_SHAPE:
