@@ -125,10 +125,10 @@ class Nodes:
             name, points.astype(np.float32), np.asarray(colours, dtype=np.uint8), point_size=radius,
             point_shape="circle"))  # fmt: skip
 
-    def label(self, name: str, text: str, T: Array) -> None:
-        """Write at a place."""
+    def label(self, name: str, text: str, T: Array, anchor: Any = "bottom-center") -> None:
+        """Write at a place: above it, or with ``center-left`` to its right, so that two labels keep clear."""
         node = self.node(
-            name, (text,), lambda: self.scene.add_label(name, text, font_screen_scale=0.85, anchor="bottom-center")
+            name, (text,), lambda: self.scene.add_label(name, text, font_screen_scale=0.85, anchor=anchor)
         )
         node.position = T[:3, 3]
 

@@ -149,7 +149,7 @@ class Scene:
                 self.nodes.board(name, moving[k], 3 * size, tints[k], opacity, click)
             if k in labels or k == selected:
                 text = f"pose {k}" + (f": {answer.result.table.status(k)}" if wrong else "")  # type: ignore[union-attr]
-                self.nodes.label(f"{name}/name", text, np.eye(4))
+                self.nodes.label(f"{name}/name", text, np.eye(4), "center-right")
 
     def _fixed(self, T: Array, distance: float, in_hand: bool, beside: Beside, at: int) -> None:
         """Draw the target or the camera that does not move."""
@@ -170,7 +170,7 @@ class Scene:
         largest = float(np.sqrt(np.linalg.eigvalsh(S[3:, 3:])[-1]))
         factor = self.enlarged or nice(ELLIPSOID * distance / max(largest, 1e-9))
         self.nodes.ellipsoid("/X", at, R @ S[3:, 3:] @ R.T, factor, OF_X)
-        self.nodes.label("/X/name", f"X, 1 sigma x {factor}", _at(np.array([0.0, 0.0, -2 * ELLIPSOID * distance])))
+        self.nodes.label("/X/name", f"X, 1 sigma x {factor}", np.eye(4), "center-left")
 
     def _arm(self, result: Calibration, pose: Array, distance: float) -> None:
         """Draw the links of the arm from joint to joint, at a robot pose, where its kinematics are known."""
@@ -196,7 +196,7 @@ class Scene:
             self.nodes.camera("/next/pose", T, 1.3 * FRUSTUM * distance, NEXT, filled=True)
         else:
             self.nodes.board("/next/pose", T, 0.3 * distance, NEXT)
-        self.nodes.label("/next/words", f"next pose{gain_in_words(answer)}", T)
+        self.nodes.label("/next/words", f"next pose{gain_in_words(answer)}", T, "top-center")
 
     def _touches(self, touched: Touched, distance: float) -> None:
         """Draw touched points, and as lines how far the calibration has them from there, enlarged."""
