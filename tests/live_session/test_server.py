@@ -109,7 +109,7 @@ def test_uploads_stay_in_the_folder(tmp_path):
         with pytest.raises(uq.InputError, match=why):
             keep_upload(tmp_path, "robot", name, content)
     with pytest.raises(uq.InputError, match="Expected a bag of ROS"):
-        keep_bag(tmp_path, "bag.zip", b"x")
+        keep_bag(tmp_path, "bag.rar", b"x")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["bags", "robot.csv", "robot_2.csv"]
 
 

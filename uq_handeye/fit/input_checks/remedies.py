@@ -46,6 +46,8 @@ def _try(reading: Mapping[str, Any], second: Mapping[str, Any] | None = None) ->
         if reading.get("unit") is None or file is None:
             return "check the units of both files (--robot-units, --camera-units) and the size of the target"
         option = f"with --{side}units {reading['unit']}"
+        if reading["unit"] == "m":
+            option += "; if it was read so, its lengths were divided once too often where it was written"
     elif kind == "mirrored":
         return "write the poses or points of that side in a right-handed frame"
     elif kind == "transposed":

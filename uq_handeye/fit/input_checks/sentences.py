@@ -314,7 +314,7 @@ def _(rotation: float, translation: float, readings: Sequence[Mapping[str, Any]]
             f"{start} No inversion, quaternion order or unit that was tried fits. Either the rows do not belong "
             "together, or the poses have errors of this size."
         )
-    return f"{start} It would fit if {'; or if '.join(reading_in_words(**reading) for reading in readings)}."
+    return f"{start} It would fit if {'; or if '.join(reading_in_words(reading) for reading in readings)}."
 
 
 @sentence(
@@ -340,7 +340,7 @@ def _(rotation: float, translation: float) -> str:
     remedy=of_readings,
 )
 def _(reading: Mapping[str, Any]) -> str:
-    return f"The translations of robot and camera do not match. They would fit if {reading_in_words(**reading)}."
+    return f"The translations of robot and camera do not match. They would fit if {reading_in_words(reading)}."
 
 
 @sentence(
@@ -403,28 +403,18 @@ def _size(part: str, value: float) -> str:
     return f"{_DEG * value:.3g} degrees" if part == "rotation" else f"{_MM * value:.3g} mm"
 
 
-def reading_in_words(
-    kind: str,
-    setup: str | None = None,
-    file: str | None = None,
-    order: str | None = None,
-    length: float | None = None,
-    factor: float | None = None,
-    unit: str | None = None,
-    likely: str | None = None,
-    given: bool = False,
-    bag: bool = False,
-    target: bool = False,
-) -> str:
+def reading_in_words(reading: Mapping[str, Any]) -> str:
     """One of `misread_files.other_readings`, and how to ask for it."""
-    if kind == "scale" and bag:
+    names = ("kind", "setup", "file", "order", "length", "factor", "unit", "given")
+    kind, setup, file, order, length, factor, unit, given = map(reading.get, names)
+    if kind == "scale" and reading.get("bag"):
         cause = "the size of the tag is wrong, that of --tag or that given to its detector"
         if file is not None and unit is not None:
             cause = (
                 f"the {file} poses are in {unit}. Write them with uq-handeye bag -o DIR and give --{file}-units {unit}"
             )
         return f"the camera translations are multiplied by {factor:.4g}: {cause}"
-    if kind == "scale" and target:
+    if kind == "scale" and reading.get("target"):
         fitted = " (a printer that scaled to fit the page?)" if factor and 0.8 < factor < 1.25 else ""
         return (
             f"the camera translations are multiplied by {factor:.4g}: no unit is such a factor; the size of the target "
@@ -436,6 +426,8 @@ def reading_in_words(
             if file is not None and unit is not None
             else "one file is in another unit (--robot-units, --camera-units)"
         )
+        if unit == "m":
+            cause += ", or its lengths were divided once too often where it was written"
         return f"the camera translations are multiplied by {factor:.4g}: {cause}, or the size of the target is wrong"
     if kind == "inverse robot":
         text = f"the setup is {setup}, or the robot file holds inverse poses"

@@ -53,19 +53,21 @@ def keep_bag(folder: Path, name: str, content: bytes) -> Path:
 
 def _unpacked(path: Path, name: str) -> Path:
     """Unpack the folder of a bag beside its .zip, which is removed: its files alone, and no more than they may hold."""
-    with refused(f"{name!a}: not a .zip that can be read"), zipfile.ZipFile(path) as packed:
-        files = [one for one in packed.infolist() if _BAG_FILE.fullmatch(one.filename)]
-        if not files or len({one.filename.rpartition("/")[0] for one in files}) > 1:
-            raise InputError(f"{name!a}: expected the folder of one bag, metadata.yaml and files .mcap or .db3.")
-        contents, left = {}, MOST_UNPACKED
-        for one in files:
-            with packed.open(one) as file:
-                content = file.read(left + 1)
-            if (left := left - len(content)) < 0:
-                raise InputError(f"{name!a} unpacks to more than {MOST_UNPACKED / 1e6:.0f} MB.")
-            contents[one.filename.rpartition("/")[2]] = content
+    contents, left = {}, MOST_UNPACKED
+    try:
+        with refused(f"{name!a}: not a .zip that can be read"), zipfile.ZipFile(path) as packed:
+            files = [one for one in packed.infolist() if _BAG_FILE.fullmatch(one.filename)]
+            if not files or len({one.filename.rpartition("/")[0] for one in files}) > 1:
+                raise InputError(f"{name!a}: expected the folder of one bag, metadata.yaml and files .mcap or .db3.")
+            for one in files:
+                with packed.open(one) as file:
+                    content = file.read(left + 1)
+                if (left := left - len(content)) < 0:
+                    raise InputError(f"{name!a} unpacks to more than {MOST_UNPACKED / 1e6:.0f} MB.")
+                contents[one.filename.rpartition("/")[2]] = content
+    finally:
+        path.unlink()
     write_files(path.with_suffix(""), contents)
-    path.unlink()
     return path.with_suffix("")
 
 

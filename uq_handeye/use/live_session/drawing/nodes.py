@@ -127,9 +127,7 @@ class Nodes:
 
     def label(self, name: str, text: str, T: Array, anchor: Any = "bottom-center") -> None:
         """Write at a place: above it, or with ``center-left`` to its right, so that two labels keep clear."""
-        node = self.node(
-            name, (text,), lambda: self.scene.add_label(name, text, font_screen_scale=0.85, anchor=anchor)
-        )
+        node = self.node(name, (text,), lambda: self.scene.add_label(name, text, font_screen_scale=0.85, anchor=anchor))
         node.position = T[:3, 3]
 
     def ellipsoid(self, name: str, at: Array, S: Array, factor: float, colour: Colour) -> None:
