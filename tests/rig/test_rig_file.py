@@ -417,7 +417,12 @@ def test_check_predict_plan_and_update_on_the_command_line(two_on_the_hand, caps
     assert run(*by_camera[:-1], "--same", "none", "--quiet") == 0 and "UNCHANGED" in capsys.readouterr().out
     more = ["--into", "right", "--robot", path / "robot.csv"]
     assert run("predict", stored, "--of", "left", "--point", "0mm,0mm,300mm", *more) == 0
-    assert "Points of left in the frame right" in capsys.readouterr().out
+    by_row = capsys.readouterr().out.splitlines()
+    assert "Points of left in the frame right" in by_row[0]
+    assert run("predict", stored, "--of", "left", "--point", "0mm,0mm,300mm", "--into", "right") == 0
+    assert capsys.readouterr().out.splitlines()[2] == by_row[2]  # wherever the arm stands
+    assert run("predict", stored, "--of", "left", "--point", "0mm,0mm,300mm") == 2
+    assert "robot poses of the arm 'arm'" in capsys.readouterr().err
     assert run("plan", stored, "-k", "3", "--candidates", path / "robot.csv", "-o", path / "plan") == 0
     assert "camera" in capsys.readouterr().out and (path / "plan" / "next.csv").exists()
     assert run("update", stored, path / "new.toml", "-o", path / "new", "--report", path / "new.html") == 0

@@ -139,10 +139,12 @@ class RigCheck(Record):
 @document_of.register
 def check_document(check: RigCheck) -> Document:
     """Return the answer, the causes with the smallest change that shows, and the views."""
-    head = ["moved", "chi-square", "rotation (deg)", "position (mm)", "left", "shows from"]
+    head = ["moved", "chi-square", "rotation (deg)", "position (mm)", "rest", "shows from"]
     rows = [[one.name, f"{one.chi_square:.1f}", f"{np.degrees(one.angle):.4f}", f"{1e3 * one.shift:.3f}",
              probability(one.left), _least(one)] for one in check.moves]  # fmt: skip
-    caption = "Each pose as the one that moved; left: probability of the rest; the smallest change that shows (95 %)."
+    caption = (
+        "Each pose as the one that moved; rest: probability of the other views; the smallest change that shows (95 %)."
+    )
     pairs = Table("Views by themselves.", ["camera, target", "probability"],
                   [[pair, probability(p)] for pair, p in check.views.items()])  # fmt: skip
     unseen = [Paragraph(f"Not seen, so not checked: {', '.join(check.unseen)}.")] if check.unseen else []

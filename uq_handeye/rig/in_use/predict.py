@@ -51,7 +51,7 @@ def predict_points(
     points : (n, 3) or (3,)
         In the frame of the camera, m.
     robot : mapping of names of arms to poses (k, 4, 4) or (4, 4), or None
-        Where the arms stand, row by row; None for cameras that stand still.
+        Where the arms stand, row by row; None for cameras that stand still, and for two cameras of one arm.
     into : "world" or the name of a camera
 
     Raises
@@ -70,6 +70,8 @@ def predict_points(
     if opened := [name for name in names if len(result.cameras[name].open)]:
         raise InputError(f"The pose of {opened[0]!r} is not determined in all directions, so points are not predicted.")
     arms = list(dict.fromkeys(place for name in names if (place := rig.cameras[name]) != WORLD))
+    if robot is None and len(names) == 2 and len(arms) == 1 and rig.cameras[camera] == rig.cameras[into]:
+        robot = {arms[0]: rig.arms[arms[0]].poses[0]}  # anywhere: it carries both, and cancels
     at = {name: _poses(robot, name) for name in arms}
     if len({len(T) for T in at.values()}) > 1:
         raise InputError("Expected as many robot poses of each arm, row by row.")
