@@ -610,7 +610,7 @@ def loop_free_T2(A, B):
 @pytest.mark.parametrize("cores", [1, 2, 3])
 def test_threads_are_seamless(rng, monkeypatch, shape, cores):
     """More than PARALLEL_PAIRS pairs in few or many problems: the same as each problem on its own."""
-    monkeypatch.setattr(procrustes, "_cores", lambda: cores)
+    monkeypatch.setattr(procrustes, "cores", lambda: cores)
     T = shape[0] if shape else 1
     N = procrustes.PARALLEL_PAIRS // T + 21
     _, A, B = noisy_motions(rng, N, 0.1, shape)
@@ -622,7 +622,7 @@ def test_threads_are_seamless(rng, monkeypatch, shape, cores):
 
 def test_results_repeat_to_the_last_bit(rng, monkeypatch):
     """Threads add in a fixed order."""
-    monkeypatch.setattr(procrustes, "_cores", lambda: 3)
+    monkeypatch.setattr(procrustes, "cores", lambda: 3)
     _, A, B = noisy_motions(rng, procrustes.PARALLEL_PAIRS + 1, 0.1)
     first = uq.solve(A, B)
     for _ in range(3):

@@ -4,6 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ...core.runtime.threads import cores
 from ...errors import InputError, NotConvergedError
 from ..delivery import (
     REPORTS,
@@ -18,7 +19,7 @@ from ..delivery import (
 )
 from ..messages import LOG, fail, progress_wanted, quiet, timed, withheld
 from ..new_poses import Data, Estimation, data_of, problem_for
-from ..options.common import cores, made_of, require_writable
+from ..options.common import made_of, require_writable
 from ..options.noise import pose_prior_of
 from ..rigs import calibrate_rig_files, is_rig
 from .live import Watch, question_of, watched

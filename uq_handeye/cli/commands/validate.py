@@ -6,11 +6,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ...core.files.lines import floats, frame_text
+from ...core.runtime.threads import cores
 from ...errors import InputError
 from ..delivery import REPORTS, deliver, write_report, wrote
 from ..messages import LOG, progress_wanted, timed, verbose
 from ..new_poses import Session, calibrated, problem_for, session_of
-from ..options.common import EVERY_METHOD, cores, emit, emit_document, made_of, methods_of, require_writable
+from ..options.common import EVERY_METHOD, emit, emit_document, made_of, methods_of, require_writable
 from ..options.noise import pose_prior_of
 
 if TYPE_CHECKING:

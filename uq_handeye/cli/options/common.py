@@ -367,11 +367,6 @@ def require_writable(path: Path | None, option: str, suffixes: Sequence[str] = (
     require_writable_file(path)
 
 
-def cores() -> int:
-    """Return the number of cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
 def emit_document(document: "Document") -> None:
     """Print a document, wrapped to the terminal and with its colours."""
     from ...core.presentation.document import to_text

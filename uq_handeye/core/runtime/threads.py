@@ -1,9 +1,15 @@
-"""Threads of linear algebra."""
+"""Cores, and threads of linear algebra."""
 
 from __future__ import annotations
 
+import os
 from functools import cache
 from typing import Any
+
+
+def cores() -> int:
+    """Return the number of cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def one_thread() -> Any:

@@ -25,7 +25,6 @@ Problem 1: registration of two point sets on SO(4) or SE(3), (14)-(15).
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from itertools import islice, product
@@ -37,6 +36,7 @@ from numpy.typing import ArrayLike
 from ...core.geometry.checks import CHUNK, as_numbers, as_transforms, entry_rows, is_number, surely_transforms
 from ...core.geometry.nearest_rotation import nearest_rotation, orthonormalise
 from ...core.geometry.se3 import Array
+from ...core.runtime.threads import cores
 from ...core.runtime.workspace import scratch
 from ...errors import DegenerateMotionError, InputError
 from .. import _closed_form
@@ -135,7 +135,7 @@ def _moments(A: Array, B: Array, checked: bool) -> Array:
     T, N = A.shape[:2]
     if T * N <= CHUNK:
         return _chunk_moments(A, B, scratch("moments", 44 * T * N), checked)
-    threads = min(4, _cores()) if T * N >= PARALLEL_PAIRS else 1
+    threads = min(4, cores()) if T * N >= PARALLEL_PAIRS else 1
     parts = np.empty((len(range(0, N, CHUNK)), T, 6, 6))  # summed in one order, whatever the number of threads
 
     def work(share: int) -> None:
@@ -177,10 +177,6 @@ def _chunk_moments(A: Array, B: Array, work: Array, checked: bool) -> Array:
     uw[3:] += t
     uw = uw.reshape(6, 2, T, N)
     return np.asarray(uw[:, 0].transpose(1, 0, 2) @ uw[:, 1].transpose(1, 2, 0))
-
-
-def _cores() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 # ------------------------------------------------------------------ the paper's route at finite d (Problem 2)
