@@ -108,10 +108,10 @@ class _Builder:
         elif not key:
             if is_list(value) or is_map(value):
                 raise InputError(f"{self.name}, line {line}: expected a name as key, got a list or a map.")
+            if str(value) in container:
+                raise InputError(f"{self.name}, line {line}: the key {short(str(value))} is given twice.")
             key.append(str(value))
         else:
-            if key[0] in container:
-                raise InputError(f"{self.name}, line {line}: the key {short(key[0])} is given twice.")
             container[key.pop()] = value
 
     def open(self, container: Any, line: int) -> None:

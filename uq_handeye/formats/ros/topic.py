@@ -44,6 +44,8 @@ from ..contents import Contents
 from .messages import MessageError, Stamped, frame_name, one_side, poses_in, side_of, unit_quaternions
 
 _AT = re.compile(r"line (\d+):")
+# A field, an item, or a list of numbers over several lines.
+_FIELD_LINE = re.compile(r"\s*(?:- )*[A-Za-z_]\w*:(?:\s|$)|\s*-\s|[\s\d.,eE+\[\]-]+$")
 # What the tools say between messages.
 SAID = re.compile(
     r"\[?(WARNING|WARN|ERROR|INFO)|A message was lost|total count|Subscribing|Could not|\^C|%YAML"
@@ -109,7 +111,8 @@ def _parsed(lines: list[tuple[int, str]]) -> tuple[dict[str, Any], EchoError | N
         words = str(error).rpartition("line ")[2].partition(": ")[2].rstrip(".").replace("the key", "the field")
         if "is given twice" in words:
             words += " in a message; is a line of --- missing?"
-        elif words.startswith("not YAML"):
+        elif words.startswith("not YAML"):  # found where the next line does not go on
+            line, text = next((one for one in lines if not _FIELD_LINE.match(one[1])), (line, text))
             words = f"expected name: value, indented below its field, got {short(text.strip())}"
         return {}, EchoError(line, words)
     if is_map(found) or flow:
