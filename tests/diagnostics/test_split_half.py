@@ -170,7 +170,7 @@ def test_what_is_not_possible():
 def test_words_and_dictionary():
     poses = uq.simulate(20, noise=NOISE, seed=3)
     found = split_half(poses, NOISE)
-    assert found.sentence.startswith("The two halves of the data (interleaved, 10 and 10) agree within")
+    assert found.sentence.startswith("The two halves of the data (even and odd rows: 10 and 10) agree within")
     data = json.loads(json.dumps(found.to_dict(), allow_nan=False))
     np.testing.assert_array_equal(data["X1"], found.X1)
     assert data["passed"] == bool(found.passed)

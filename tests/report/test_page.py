@@ -227,7 +227,7 @@ def test_what_was_not_tested_is_said(quick):
         words = Page(report_html(replace(found, findings=()))).words("observability")
         assert "Tests that were not run:" in words and re.search("(was|were) not run, because", words)
     words = Page(report_html(few)).words("observability")
-    for test in ("autocorrelation", "normality", "linear pattern", "split-half test (interleaved)"):
+    for test in ("autocorrelation", "normality", "linear pattern", "split-half test (even and odd rows)"):
         assert test in words
     estimated = uq.calibrate(simulated())
     assert estimated.fit.p_value is None and json.loads(estimated.to_json())["fit"]["p_value"] is None

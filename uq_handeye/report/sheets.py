@@ -12,6 +12,7 @@ import numpy as np
 from ..calibration.report.analysis import budget_table
 from ..calibration.report.first_screen import STATUS_OF, status_of, suited_to
 from ..calibration.statement.accuracy import combined_parts
+from ..calibration.statement.headline import two_numbers
 from ..core.files.about import ABOUT, OF_CERTIFICATE
 from ..core.formatting.numbers import digits, fixed
 from ..core.geometry.se3 import Array
@@ -75,6 +76,7 @@ def _contents_of(accuracy: Accuracy | None) -> list[str]:
     parts = [f"{one.name} {digits(_MM * one.translation, 2)} mm, {digits(_DEG * one.rotation, 2)} deg" for one in shown]
     return [
         *([f"Made of: {'; '.join(parts)}."] if parts else []),
+        *([text] if (text := two_numbers(accuracy)) else []),
         f"Includes {', '.join(accuracy.included)}. Does not include {', '.join(accuracy.not_included)}.",
     ]
 

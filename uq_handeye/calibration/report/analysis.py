@@ -22,6 +22,7 @@ from ...model.shared_errors.drift import DRIFT
 from ...model.shared_errors.shared_error import VIEW
 from ..estimate.estimated import deviations_of
 from ..result import Calibration
+from ..statement.included import PLAIN
 
 KINDS = ("rotation", "translation")
 # Poses that a text lists; the table of the result has them all.
@@ -276,7 +277,7 @@ def budget_table(result: Calibration, most: int | None = None) -> Table | None:
     rows: list[list[Cell]] = []
     largest = np.max([shares[name] for name in factors], axis=0)
     for k in sorted(range(len(largest)), key=lambda k: (budget.sources[k].endswith(OTHERS), -largest[k])):
-        source = budget.sources[k]
+        source = PLAIN.get(budget.sources[k], budget.sources[k])
         sizes = [fixed(factor * standard[name][k], 2) for name, factor in factors.items()]
         parts = [f"{100 * shares[name][k]:.1f}" for name in factors]
         rows.append([source, budget.types[k], *sizes, *parts, _freedom(float(budget.dof[k]))])

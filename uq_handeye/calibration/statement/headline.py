@@ -55,12 +55,12 @@ def suits_of(accuracy: Accuracy) -> str | None:
 
 # What errors whose size is assumed belong to, and how to say what they are here.
 _ASSUMED = {
-    ROBOT_ACCURACY: ("an arm of unknown accuracy", "give joints (--joints, --urdf), --robot-model or --robot-accuracy"),
-    FOCAL_LENGTH: ("the focal length", "give pictures, or --focal-sd"),
-    PRINCIPAL_POINT: ("the principal point", "give pictures, or --principal-point-sd"),
-    TARGET_SCALE: ("the size of the target", "measure it, and give --target-scale-sd"),
-    VIEW: ("an unknown camera", "give pictures or corners"),
-    LENS: ("an unknown camera", "give pictures or corners"),
+    ROBOT_ACCURACY: ("an arm of unknown accuracy", "Give joints (--joints, --urdf), --robot-model or --robot-accuracy"),
+    FOCAL_LENGTH: ("the focal length", "Give pictures, or --focal-sd"),
+    PRINCIPAL_POINT: ("the principal point", "Give pictures, or --principal-point-sd"),
+    TARGET_SCALE: ("the size of the target", "Measure it, and give --target-scale-sd"),
+    VIEW: ("an unknown camera", "Give pictures or corners"),
+    LENS: ("an unknown camera", "Give pictures or corners"),
 }
 
 
@@ -69,9 +69,9 @@ def two_numbers(accuracy: Accuracy) -> str | None:
     own = accuracy.from_poses
     if own is None:
         return None
-    of, give = _ASSUMED.get(own.assumed[0], (f"the {own.assumed[0]}", "declare it"))
+    of, give = _ASSUMED.get(own.assumed[0], (f"the {own.assumed[0]}", "Declare it"))
     known = amounts(own.translation, own.rotation)
-    return f"These poses alone give {known}; the rest is assumed of {of}: {give}."
+    return f"These poses alone give {known}; the rest is assumed of {of}. {give}."
 
 
 def _ahead(accuracy: Accuracy) -> str:

@@ -55,10 +55,13 @@ def _moves_in_short(v: Mapping[str, Any]) -> str:
     return f"without {v['item']} {v['row']} X moves by {digits(v['shift_sd'], 2)} standard deviations"
 
 
+# How data are split into two, for people.
+_SPLITS = {"contiguous": "first and second half", "interleaved": "even and odd rows"}
+
+
 def _halves_in_short(v: Mapping[str, Any]) -> str:
     state = "agree" if v["agree"] else "differ"
-    halves = "first and second half" if v["split"] == "contiguous" else "even and odd rows"
-    return f"{halves} {state} ({probability(v['p_value'])})"
+    return f"{_SPLITS.get(v['split'], v['split'])} {state} ({probability(v['p_value'])})"
 
 
 def _asked_in_short(v: Mapping[str, Any]) -> str:
@@ -340,7 +343,7 @@ def _(split: str, error: str) -> str:
 
 
 def _not_run(split: str) -> str:
-    return f"The split-half test ({split}) was not run, because"
+    return f"The split-half test ({_SPLITS.get(split, split)}) was not run, because"
 
 
 # Probability below which two halves contradict each other, which deserves a caution.
@@ -363,15 +366,15 @@ def _(
     if not agree:  # of several tests one is below 5 % by chance: that is no contradiction yet
         advice = " Chance alone can explain that." if p_value >= CONTRADICTION else _CONTRADICT
     return (
-        f"The two halves of the data ({split}, {sizes[0]} and {sizes[1]}) {verdict} within their covariances: X "
-        f"differs by {_DEG * rotation:.2g} deg and {_MM * translation:.2g} mm (d^2 = {d2:.1f}, expected 6; p = "
-        f"{p_value:.2g}).{advice}"
+        f"The two halves of the data ({_SPLITS.get(split, split)}: {sizes[0]} and {sizes[1]}) {verdict} within their "
+        f"covariances: X differs by {_DEG * rotation:.2g} deg and {_MM * translation:.2g} mm (d^2 = {d2:.1f}, expected "
+        f"6; p = {p_value:.2g}).{advice}"
     )
 
 
 @sentence("diagnostics.many_halves")
 def _(split: str, passed: int, tests: int) -> str:
-    return f"{passed} of {tests} split-half tests ({split}) passed."
+    return f"{passed} of {tests} split-half tests ({_SPLITS.get(split, split)}) passed."
 
 
 # ---------------------------------------------------------------------------------------------------- pose table
