@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Annotated, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -381,46 +381,30 @@ class Estimated(Record):
                 )
         if robot is not None and camera is not None:
             raise InputError("Give either `robot`, to go through the robot, or `camera`, to go through the target.")
+        opened, R = self.opened, None
         if camera is not None:
             assert setup is not None
             if self.W is None or self.covariance_W is None:
                 raise InputError(
                     "The way through the target needs W and its covariance: calibrate poses with PoseNoise."
                 )
-            found = through_target(
-                self.W,
-                self.covariance_W,
-                points,
-                camera,
-                camera_covariance=camera_covariance,
-                setup=setup,
-                points_covariance=points_covariance,
-            )
-            if self.opened is None:
+            more: dict[str, Any] = {"camera_covariance": camera_covariance, "points_covariance": points_covariance}
+            found = through_target(self.W, self.covariance_W, points, camera, setup=setup, **more)
+            if opened is None:
                 return found
-            return found.left_open(moves_of_points(found.points - self.W[:3, 3], self.opened.of_W))
+            return found.left_open(moves_of_points(found.points - self.W[:3, 3], opened.of_W))
         if self.covariance is None:
             raise InputError("The covariance of X is not determined, and so is that of the points.")
-        near = through_X(self.X, self.covariance, points, setup=setup, points_covariance=points_covariance)
-        if robot is None:
-            if self.opened is None:
-                return near
-            return near.left_open(moves_of_points(near.points - self.X[:3, 3], self.opened.of_X))
-        assert setup is not None
-        found = through_robot(
-            self.X,
-            self.covariance,
-            points,
-            robot,
-            robot_covariance=robot_covariance,
-            setup=setup,
-            points_covariance=points_covariance,
-        )
-        if self.opened is None:
+        found = near = through_X(self.X, self.covariance, points, setup=setup, points_covariance=points_covariance)
+        if robot is not None:
+            assert setup is not None
+            more = {"robot_covariance": robot_covariance, "points_covariance": points_covariance}
+            found = through_robot(self.X, self.covariance, points, robot, setup=setup, **more)
+            R = np.asarray(robot, dtype=float)[..., :3, :3]
+            R = R if setup == "eye-in-hand" else R.mT
+        if opened is None:
             return found
-        R = np.asarray(robot, dtype=float)[..., :3, :3]
-        R = R if setup == "eye-in-hand" else R.mT
-        return found.left_open(moves_of_points(near.points - self.X[:3, 3], self.opened.of_X, R))
+        return found.left_open(moves_of_points(near.points - self.X[:3, 3], opened.of_X, R))
 
 
 def deviations_of(covariance: Array, opened: OpenDirections | None, of: str) -> Array:

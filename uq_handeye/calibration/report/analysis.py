@@ -280,12 +280,12 @@ def budget_table(result: Calibration, most: int | None = None) -> Table | None:
         source = PLAIN.get(budget.sources[k], budget.sources[k])
         sizes = [fixed(factor * standard[name][k], 2) for name, factor in factors.items()]
         parts = [f"{100 * shares[name][k]:.1f}" for name in factors]
-        rows.append([source, budget.types[k], *sizes, *parts, _freedom(float(budget.dof[k]))])
+        rows.append([source, budget.types[k], *sizes, *parts, freedom(float(budget.dof[k]))])
     rows.append([])
     of = [(factor, whole[name]) for name, factor in factors.items()]
     for title, cells in (
         ("combined, u_c", [fixed(factor * found.u) for factor, found in of]),
-        (DOF, [_freedom(found.dof) for _, found in of]),
+        (DOF, [freedom(found.dof) for _, found in of]),
         ("coverage factor k for 95 %", [f"{found.k:.2f}" for _, found in of]),
         ("expanded, U = k u_c", [fixed(factor * found.U) for factor, found in of]),
     ):
@@ -320,8 +320,9 @@ BUDGET_CAPTION = (
 )
 
 
-def _freedom(dof: float) -> str:
-    return digits(dof, 2) if np.isfinite(dof) else "infinite"
+def freedom(dof: float) -> str:
+    """Return degrees of freedom as a whole number, cut off as in JCGM 100, G.4.1; many count as infinite."""
+    return "infinite" if not dof < 1000 else f"{int(dof)}" if dof >= 10 else digits(dof, 2)
 
 
 def worst_words(result: Calibration) -> str:

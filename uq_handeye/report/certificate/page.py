@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..._version import __version__
+from ...calibration.report.analysis import freedom
 from ...calibration.statement.checks import lower_limit_of
 from ...calibration.statement.tolerance import percent
 from ...core.formatting.numbers import digits, fixed
@@ -168,12 +169,7 @@ def _sizes(one: Stated) -> list[str]:
     factor, unit = _FACTORS[one.unit]
     if not np.isfinite(one.u):
         return ["not determined", "", "", "", unit]
-    return [fixed(factor * one.u, 2), _freedom(one.dof), f"{one.k:.2f}", fixed(factor * one.U, 2), unit]
-
-
-def _freedom(dof: float) -> str:
-    """Return degrees of freedom as a whole number, cut off as in JCGM 100, G.4.1; many count as infinite."""
-    return "infinite" if not dof < 1000 else f"{int(dof)}" if dof >= 10 else digits(dof, 2)
+    return [fixed(factor * one.u, 2), freedom(one.dof), f"{one.k:.2f}", fixed(factor * one.U, 2), unit]
 
 
 # -------------------------------------------------------------------------------------------------------- page two
@@ -212,7 +208,7 @@ def _budget(of: Contents) -> Table:
     factors = [_FACTORS["m"][0], _FACTORS["rad"][0]]
     for title, cells in (
         (_lower("combined, u_c", of), [fixed(f * one.u, 3) for f, one in zip(factors, (move, turn), strict=True)]),
-        ("effective degrees of freedom", [_freedom(one.dof) for one in (move, turn)]),
+        ("effective degrees of freedom", [freedom(one.dof) for one in (move, turn)]),
         (f"coverage factor k for {percent(LEVEL)}", [f"{one.k:.2f}" for one in (move, turn)]),
         (
             _lower("expanded, U = k u_c", of),
@@ -237,4 +233,4 @@ def _source(row: BudgetRow) -> list[Cell]:
         for (factor, _), size in zip(_FACTORS.values(), (row.translation, row.rotation), strict=True)
     ]
     shares = [f"{100 * share:.1f}" for share in (row.share_translation, row.share_rotation)]
-    return [row.name, row.type, row.input.uncertainty, words, _freedom(row.dof), *sizes, *shares]
+    return [row.name, row.type, row.input.uncertainty, words, freedom(row.dof), *sizes, *shares]
