@@ -165,11 +165,11 @@ class Posterior(ReadOnlyArrays):
         """(6, 6) of one unknown pose."""
         return self.covariance[self.block(name), self.block(name)]
 
-    def mixture_of(self, name: str) -> tuple[Array, Array, Array]:
-        """Weights (d,), means (d, 6) and covariances (d, 6, 6) of the error of one unknown pose at each point."""
+    def mixture_of(self, *names: str) -> tuple[Array, Array, Array]:
+        """Weights (d,), means (d, p) and covariances (d, p, p) of the errors of unknown poses at each point."""
+        A = np.concatenate([self.A[self.block(name)] for name in names])
         if self.points is None:
-            return np.ones(1), np.zeros((1, 6)), self.covariance_of(name)[None]
-        A = self.A[self.block(name)]
+            return np.ones(1), np.zeros((1, len(A))), (A @ A.T)[None]
         return self.points.weights, self.points.means @ A.T, A @ self.points.covariances @ A.T
 
     @cached_property

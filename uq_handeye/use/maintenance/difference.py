@@ -192,9 +192,9 @@ def difference(old: Calibration, new: Calibration, *, same: Sequence[str] = ()) 
     ):
         S, how = found, POSTERIOR
     elif _holds(new, old):
-        S, how = positive(C_old - C_new), INNOVATION
+        S, how = _innovation(old, new, C_old - C_new), INNOVATION
     elif _holds(old, new):
-        S, how = positive(C_new - C_old), INNOVATION
+        S, how = _innovation(new, old, C_new - C_old), INNOVATION
     else:
         S, how = C_old + C_new, INDEPENDENT
     pairs = [(old.X, new.X)] + ([(old.W, new.W)] if numbers == 12 else [])
@@ -286,6 +286,24 @@ def _holds(whole: Calibration, part: Calibration) -> bool:
     """Return whether a result was made of all data of another, by their hashes."""
     hashes = [{one["sha256"] for one in (*parts_of(result), *touches_taken(result))} for result in (whole, part)]
     return bool(hashes[1]) and hashes[1] < hashes[0]
+
+
+def _innovation(part: Calibration, whole: Calibration, more: Array) -> Array:
+    """Covariance of the difference of a result and one of all its data and others; ``more``: ``C_part - C_whole``.
+
+    With open sizes C is that of sizes that the others may have made larger: the difference is then taken at each size,
+    and what sizes move the estimate by is added.
+    """
+    before, after = part.posterior, whole.posterior
+    points = [None if of is None else of.points for of in (before, after)]
+    if before is None or after is None or points[0] is None or points[1] is None:
+        return positive(more)
+    if len(more) < 12 or not np.array_equal(points[0].theta, points[1].theta):
+        return positive(more)
+    weights, means, C_part = before.mixture_of("X", "W")
+    _, _, C_whole = after.mixture_of("X", "W")
+    off = means - weights @ means
+    return positive(np.tensordot(points[1].weights, C_part - C_whole, axes=1) + (weights * off.T) @ off)
 
 
 def _dof(old: Reference, new: Reference, inside: bool) -> float | None:
