@@ -110,6 +110,18 @@ def test_damaged_parts_are_refused(estimated):
 # ------------------------------------------------------------------------------------------------------- task space
 
 
+def test_noise_of_many_numbers_is_stored_once(estimated):
+    """A joint covariance has a row of hundreds of numbers for each pose; it was half of the file."""
+    data = json.loads(estimated.to_json())
+    assert estimated.noise_estimate.is_joint and data["noise_estimate"]["noise"] == "as noise"
+    again = uq.Calibration.from_dict(data)
+    assert again.noise_estimate.noise is again.noise and again.to_json() == estimated.to_json()
+    other = {**data, "noise_estimate": data["noise_estimate"] | {"noise": "x"}}
+    for noise, words in (({**data, "noise": None}, "noise is missing"), (other, "a dictionary")):
+        with pytest.raises(uq.InputError, match=words):
+            uq.Calibration.from_dict(noise)
+
+
 @pytest.mark.parametrize("setup", SETUPS)
 @pytest.mark.parametrize("way", ["X", "robot", "target"])
 def test_uncertainty_of_points(way, setup, rng):

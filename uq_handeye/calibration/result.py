@@ -28,7 +28,7 @@ from .prediction.predict import CameraPrediction, predict_camera, predict_points
 from .prediction.workspace import WorkspacePrediction, over_workspace
 from .report.facts import Facts, facts_of
 from .report.plotted import Plotted
-from .result_file import DERIVED, FORMAT, UNITS, from_dict
+from .result_file import AS_NOISE, DERIVED, FORMAT, UNITS, from_dict
 from .statement.headline import Statement
 
 if TYPE_CHECKING:
@@ -338,6 +338,9 @@ class Calibration(Statement, Plotted):
         found = {"format": FORMAT, "convention": conventions.CONVENTION, "units": UNITS, **super().to_dict()}
         if self.opened is not None:
             found["open"]["words"] = list(self.open_words)
+        estimate = self.noise_estimate
+        if estimate is not None and estimate.is_joint and estimate.noise is self.noise:
+            found["noise_estimate"]["noise"] = AS_NOISE  # a row for each pose, once
         return found
 
     @property

@@ -6,6 +6,7 @@ Reading checks types, shapes, that all is finite, and that numbers which others 
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any, TypeVar
 
 import numpy as np
@@ -33,6 +34,8 @@ C = TypeVar("C")
 FORMAT = "uq-handeye calibration 4"
 UNITS = {"rotation": "rad", "translation": "m"}
 
+# Of the noise of the estimate, where it is the noise of the result.
+AS_NOISE = "as noise"
 # Parts that follow from other parts of the file.
 DERIVED = "frame std correlation quaternion_xyzw=quaternion inverse covariance_inverse frame_W std_W efficiency"
 # Parts that are named otherwise in the file, covariances (6, 6), and what some parts may be.
@@ -132,6 +135,9 @@ def _parts_of(data: dict[str, Any], kind: Any) -> dict[str, Any]:
             raise ValueError(f"{name} is {data[name]!r:.40}")
     posterior = data.get("posterior", data.get("joint_posterior"))  # by its earlier name
     X, noise, analysis = as_pose(data["X"], "X"), data["noise"], data["analysis"]
+    estimate = data["noise_estimate"]
+    if once := estimate is not None and estimate.get("noise") == AS_NOISE:
+        data = data | {"noise_estimate": estimate | {"noise": None}}
     found = parts_of(
         kind,
         data | {name: data.get(key) for name, key in _KEYS.items()},
@@ -145,6 +151,10 @@ def _parts_of(data: dict[str, Any], kind: Any) -> dict[str, Any]:
         joint_posterior=None if posterior is None else Posterior.from_dict(posterior),
         data=None,
     )
+    if once:
+        if noise is None:
+            raise ValueError("noise is missing, which noise_estimate refers to")
+        found["noise_estimate"] = replace(found["noise_estimate"], noise=found["noise"])
     if data.get("data") is not None:
         origin = found["provenance"]
         found["data"] = data_from_dict(data["data"], data["setup"], () if origin is None else origin.sources)

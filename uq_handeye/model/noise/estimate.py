@@ -229,6 +229,12 @@ class NoiseEstimate(Record):
             return False
         return self.has_prior or (factor is not None and factor.dof > 0.5 * self.dof)
 
+    @property
+    def is_joint(self) -> bool:
+        """True if the covariance of a side is joint: it has a row for each pose."""
+        noise = self.noise
+        return noise is not None and any(isinstance(getattr(noise, n), JointCovariance) for n in _sides_of(noise))
+
     def __getitem__(self, name: str) -> Component:
         for component in self.components:
             if component.name == name:
