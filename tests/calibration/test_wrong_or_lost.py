@@ -1,11 +1,13 @@
 """Input that is wrong in ways that a result can hide: what counts, what is said, and what a program reads."""
 
 import json
+import warnings
 
 import numpy as np
 import pytest
 from calibration_cases import NOISE, quietly
 from cli_cases import run
+from scipy.spatial.transform import Rotation
 from support import moved
 
 import uq_handeye as uq
@@ -139,3 +141,24 @@ def test_exact_rotations_beside_noise_are_no_internal_error(parallel):
     except (uq.InputError, uq.NotConvergedError):
         return
     assert not found.usable
+
+
+def test_a_result_that_is_open_in_part_is_read_again(tmp_path):
+    """Rotations of 1 deg about other axes: a direction of X is open, and the bound of its numbers is 0."""
+    rng = np.random.default_rng(2)
+    truth = uq.simulate(15, seed=3).truth
+    robot = np.tile(np.eye(4), (12, 1, 1))
+    turns = np.outer(np.linspace(0, 2, 12), [0, 0, 1]) + 0.02 * rng.normal(size=(12, 3))
+    robot[:, :3, :3] = Rotation.from_rotvec(turns).as_matrix()
+    robot[:, :3, 3] = rng.uniform(-0.3, 0.3, (12, 3))
+    camera = np.linalg.inv(robot @ truth.X) @ truth.W
+    camera[:, :3, :3] = camera[:, :3, :3] @ Rotation.from_rotvec(1.7e-3 * rng.normal(size=(12, 3))).as_matrix()
+    camera[:, :3, 3] += 5e-4 * rng.normal(size=(12, 3))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", RuntimeWarning)
+        warnings.simplefilter("ignore", uq.InputWarning)
+        result = uq.calibrate(uq.PosePairs(robot, camera))
+        again = uq.load(result.save(tmp_path / "result.json"))
+    assert result.opened is not None and not result.usable and not again.usable
+    np.testing.assert_array_equal(again.X, result.X)
+    result.report(tmp_path / "report.html", comparison=False)

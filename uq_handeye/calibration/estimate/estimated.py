@@ -116,10 +116,12 @@ class Estimated(Record):
 
     @property
     def efficiency(self) -> Array | None:
-        """Standard deviations (6,) of 4DPA, as multiples of the Cramer-Rao bound."""
+        """Standard deviations (6,) of 4DPA, as multiples of the Cramer-Rao bound; infinite where the bound is 0."""
         if self.fourdpa is None or self.fourdpa.covariance is None or self.bound is None:
             return None
-        return np.asarray(np.sqrt(np.diag(self.fourdpa.covariance) / np.diag(self.bound)))
+        least, found = np.diag(self.bound), np.full(6, np.inf)  # of a direction that is open the bound may be 0
+        np.divide(np.diag(self.fourdpa.covariance), least, out=found, where=least > 0)
+        return np.sqrt(found)
 
     @property
     def diagnostics(self) -> Diagnostics:

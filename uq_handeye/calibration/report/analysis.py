@@ -148,7 +148,7 @@ def beside_blocks(result: Calibration) -> list[Block]:
     """4DPA's own answer and its efficiency; of a bundle adjustment, how far it is from `efficient`."""
     beside, efficiency = result.fourdpa, result.efficiency
     blocks: list[Block] = [] if result.agreement is None else [Paragraph(result.agreement.sentence)]
-    if beside is None or beside.covariance is None or efficiency is None:
+    if beside is None or beside.covariance is None or efficiency is None or not np.isfinite(efficiency).all():
         return blocks
     numbers = [
         *pose_rows(*pose_numbers(beside.X, beside.covariance)),
