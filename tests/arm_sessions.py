@@ -8,8 +8,8 @@ from calibration_cases import quietly
 from scipy.spatial.transform import Rotation
 
 import uq_handeye as uq
+from uq_handeye.model.kinematics.arms.postures import postures_at
 from uq_handeye.model.kinematics.chain import Kinematics
-from uq_handeye.model.kinematics.inverse import postures_at
 
 DEGREE = np.pi / 180
 # Of the arm, as they are declared.

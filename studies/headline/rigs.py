@@ -14,7 +14,8 @@ from studies.kinematics.arms import ARMS
 from studies.real_rigs import finished, walking
 from studies.robot_accuracy.rigs import session
 from uq_handeye.core.geometry.se3 import Array, inverse, perturb
-from uq_handeye.model.shared_errors.shared_error import SharedError, default_errors
+from uq_handeye.model.shared_errors.assumed import default_errors
+from uq_handeye.model.shared_errors.shared_error import SharedError
 
 SETUPS = ("eye-in-hand", "eye-to-hand")
 # Standard deviations (rad, m), drawn log-uniformly between these.

@@ -18,8 +18,8 @@ from support import (
 import uq_handeye as uq
 from uq_handeye.errors import SingularNoiseError
 from uq_handeye.fit.empirical_covariance.resampled import KINDS, resampled
-from uq_handeye.fit.likelihood.d2_distribution import Reference
 from uq_handeye.fit.likelihood.gauss_helmert import bound, efficient
+from uq_handeye.fit.likelihood.goodness_of_fit import Reference
 
 # --------------------------------------------------------------------------------- the estimate, 4DPA beside it, W
 

@@ -21,8 +21,7 @@ from uq_handeye.fit.diagnostics.diagnose import diagnose
 from uq_handeye.fit.diagnostics.result import Diagnostics
 from uq_handeye.fit.diagnostics.scale_errors import scale_errors, shared_lengths
 from uq_handeye.fit.likelihood.gauss_helmert import corrected, efficient, maximum_likelihood
-from uq_handeye.fit.likelihood.goodness_of_fit import goodness_of_fit
-from uq_handeye.fit.likelihood.own_residuals import own_residuals
+from uq_handeye.fit.likelihood.goodness_of_fit import goodness_of_fit, own_residuals
 from uq_handeye.fit.likelihood.robust import robust_fit
 from uq_handeye.model.noise.square_roots import cholesky_of, whiten
 from uq_handeye.model.shared_errors.shared_error import shared_columns, with_shared

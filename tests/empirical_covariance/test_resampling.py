@@ -36,8 +36,8 @@ from uq_handeye.fit.empirical_covariance.sandwich import (
     sandwich,
 )
 from uq_handeye.fit.likelihood.constraint import OnMotions, OnPoses
-from uq_handeye.fit.likelihood.d2_distribution import Reference
 from uq_handeye.fit.likelihood.gauss_helmert import efficient, fit
+from uq_handeye.fit.likelihood.goodness_of_fit import Reference
 from uq_handeye.fit.likelihood.starts import start_of
 from uq_handeye.methods.estimators.registry import METHODS, ROBOT_WORLD_METHODS
 from uq_handeye.methods.propagation.all_pairs import solve_all_pairs

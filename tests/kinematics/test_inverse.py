@@ -5,8 +5,8 @@ import pytest
 from arm_cases import random_chain
 from arm_sessions import chain, drawn_errors
 
-from uq_handeye.model.kinematics.gravity import spread_postures
-from uq_handeye.model.kinematics.inverse import REACHED, postures_at
+from uq_handeye.model.kinematics.arms.postures import REACHED, postures_at
+from uq_handeye.model.kinematics.forward import spread_postures
 
 
 def spread(arm, n):

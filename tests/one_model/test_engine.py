@@ -10,8 +10,8 @@ from support import CONFIDENCE, SEED, assert_same_covariance, covers, is_consist
 import uq_handeye as uq
 from uq_handeye.errors import InputError
 from uq_handeye.fit.likelihood.constraint import constraint_of
-from uq_handeye.fit.likelihood.d2_distribution import Reference
 from uq_handeye.fit.likelihood.gauss_helmert import efficient
+from uq_handeye.fit.likelihood.goodness_of_fit import Reference
 from uq_handeye.fit.likelihood.starts import start_of
 from uq_handeye.fit.one_model import engine
 from uq_handeye.fit.one_model.component import Component

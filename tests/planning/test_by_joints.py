@@ -11,7 +11,7 @@ from support import assert_same_covariance
 
 import uq_handeye as uq
 from uq_handeye import InputError
-from uq_handeye.model.kinematics.gravity import spread_postures
+from uq_handeye.model.kinematics.forward import spread_postures
 from uq_handeye.model.kinematics.joints_file import read_joints
 from uq_handeye.use.planning.by_joints import sample_joints
 

@@ -11,9 +11,9 @@ from cli_cases import run
 from uq_handeye import InputError
 from uq_handeye.calibration.prediction.corrected_urdf import corrected_urdf
 from uq_handeye.model.kinematics.chain import Kinematics
-from uq_handeye.model.kinematics.descriptions.urdf_origins import Placed, with_origins
+from uq_handeye.model.kinematics.descriptions.urdf import Placed, with_origins
 from uq_handeye.model.kinematics.errors import LENGTHS, OFFSETS, TILTS
-from uq_handeye.model.kinematics.gravity import spread_postures
+from uq_handeye.model.kinematics.forward import spread_postures
 
 ARM = chain()
 Q = spread_postures(ARM.limits, np.ones(6, dtype=bool), 80)

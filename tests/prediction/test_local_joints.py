@@ -7,7 +7,7 @@ from calibration_cases import quietly
 
 import uq_handeye as uq
 from uq_handeye.calibration.prediction.workspace import range_shares
-from uq_handeye.model.kinematics.gravity import spread_postures
+from uq_handeye.model.kinematics.forward import spread_postures
 
 CODE = "prediction.local_joints"
 

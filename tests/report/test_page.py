@@ -92,7 +92,7 @@ CASES = {
     "exact": lambda: uq.calibrate(uq.simulate(n_poses=6, seed=SEED)),
     "three poses, jackknife": lambda: replace(
         uq.calibrate(uq.simulate(n_poses=4, noise=NOISE, seed=SEED), noise=NOISE),
-        reference=uq.fit.likelihood.d2_distribution.Reference("Hotelling", 3.0),
+        reference=uq.fit.likelihood.goodness_of_fit.Reference("Hotelling", 3.0),
     ),
     "loaded": lambda: replace(uq.calibrate(simulated(), noise=NOISE), data=None),
 }

@@ -16,8 +16,8 @@ from uq_handeye.core.geometry.se3 import inverse, perturb
 from uq_handeye.errors import InputError
 from uq_handeye.fit.likelihood.gauss_helmert import efficient
 from uq_handeye.model.camera.files.intrinsics_file import KnownIntrinsics
+from uq_handeye.model.shared_errors.assumed import default_errors
 from uq_handeye.model.shared_errors.camera_noise import _derivatives, _lens_of
-from uq_handeye.model.shared_errors.shared_error import default_errors
 
 K = np.array([[1100.0, 0, 640], [0, 1090, 470], [0, 0, 1]])
 POINTS = board()

@@ -11,13 +11,8 @@ import uq_handeye as uq
 from uq_handeye import InputError, PairNoise, PoseNoise, PosePairs, SharedError
 from uq_handeye.model.noise.joint_covariance import JointCovariance
 from uq_handeye.model.poses.timing import Timing
-from uq_handeye.model.shared_errors.shared_error import (
-    default_errors,
-    replace_defaults,
-    shared_columns,
-    with_shared,
-    without_shared,
-)
+from uq_handeye.model.shared_errors.assumed import default_errors, replace_defaults
+from uq_handeye.model.shared_errors.shared_error import shared_columns, with_shared, without_shared
 from uq_handeye.model.shared_errors.sizes import SIZES
 from uq_handeye.model.shared_errors.view import HALF, POINTS, median_distance
 

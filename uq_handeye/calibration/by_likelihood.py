@@ -27,10 +27,9 @@ from ..fit.likelihood.gauss_helmert import (
     without_shared_errors,
 )
 from ..fit.likelihood.goodness_of_fit import goodness_of_fit
-from ..fit.likelihood.open_start import start_open
 from ..fit.likelihood.robust import RobustFit, fit_robustly
 from ..fit.likelihood.shared_estimates import estimates_of, of_moves, posterior_of_fit
-from ..fit.likelihood.starts import leaves_open
+from ..fit.likelihood.starts import leaves_open, start_open
 from ..fit.one_model.estimation import BY_VIEW, ROUGH, FoundSizes, JointModel
 from ..fit.one_model.points import OpenSizes, with_open_sizes
 from ..fit.one_model.telling import tell
@@ -43,7 +42,7 @@ from ..model.poses.motions import Motions, relative_motions, residuals, summaris
 from ..model.poses.pose_pairs import PosePairs
 from ..model.poses.timing import TimeOffset
 from ..model.posterior.posterior import Posterior
-from ..model.shared_errors.accuracy import ROBOT_ACCURACY
+from ..model.shared_errors.assumed import assumed_drift
 from ..model.shared_errors.shared_error import (
     CLOCK_OFFSET,
     FOCAL_LENGTH,
@@ -52,11 +51,11 @@ from ..model.shared_errors.shared_error import (
     TARGET_SCALE,
     VIEW,
     WRONG_SIZE,
-    assumed_drift,
     shared_columns,
     with_shared,
     without_shared,
 )
+from ..model.shared_errors.sizes import ROBOT_ACCURACY
 from .by_published import bare_result, by_sigma_points, estimate_unweighted, reference_for, reference_of
 from .estimate.analysis import Analysis
 from .estimate.estimated import FourDPA

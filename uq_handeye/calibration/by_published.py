@@ -12,9 +12,8 @@ from ..errors import InputError, NotConvergedError
 from ..findings import Finding
 from ..fit.empirical_covariance.resampled import Resampled, resampled
 from ..fit.input_checks.checks import check_fit, check_motions, require_signal
-from ..fit.likelihood.d2_distribution import Reference
 from ..fit.likelihood.gauss_helmert import ESTIMATORS, Fit, efficient
-from ..fit.likelihood.goodness_of_fit import components_of, effective_dof
+from ..fit.likelihood.goodness_of_fit import Reference, components_of, effective_dof
 from ..fit.likelihood.robust import RobustFit
 from ..fit.one_model.noise_of_data import estimate_noise
 from ..methods.estimators.registry import ROBOT_WORLD_METHODS

@@ -137,7 +137,7 @@ def calibrate(
     correlation : "auto" or "none"
         Whether errors of neighbouring poses may be correlated: a drift of camera or target, or noise that is correlated
         in time. ``auto`` estimates it with the noise, and where the data show some the covariance ("model" and
-        "sigma-points") contains it (`shared_errors.drift`). With `noise` given it is tested, no more;
+        "sigma-points") contains it (`shared_errors.assumed`). With `noise` given it is tested, no more;
         ``bundle`` takes the poses as independent.
 
     joints : (n, L) or None

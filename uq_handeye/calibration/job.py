@@ -18,9 +18,9 @@ from ..fit.likelihood.rig_bundle import require_shared
 from ..methods.estimators.registry import ROBOT_WORLD_METHODS
 from ..methods.propagation.all_pairs import AllPairs
 from ..model.kinematics.against_controller import ControllerComparison, compare_with_controller
+from ..model.kinematics.arms.postures import postures_at
 from ..model.kinematics.chain import Kinematics
-from ..model.kinematics.gravity import spread_postures
-from ..model.kinematics.inverse import postures_at
+from ..model.kinematics.forward import spread_postures
 from ..model.kinematics.kinematic_errors import (
     ESTIMATE,
     JOINT_NOISE,
@@ -36,22 +36,20 @@ from ..model.noise.models import Noise, PairNoise, PoseNoise, require_count, wit
 from ..model.noise.pose_prior import PosePrior
 from ..model.poses.motions import Motions, relative_motions, spread_pairs
 from ..model.poses.pose_pairs import PosePairs
-from ..model.shared_errors.accuracy import ROBOT_ACCURACY
-from ..model.shared_errors.kinematic_errors import errors_of_arm, kinematic_covariance
+from ..model.shared_errors.assumed import assumed_accuracy, assumed_lens, assumed_view, default_errors
 from ..model.shared_errors.shared_error import (
     CLOCK_OFFSET,
     LENS,
     VIEW,
     SharedError,
     add_columns,
-    assumed_accuracy,
-    assumed_lens,
-    assumed_view,
     checked_errors,
-    default_errors,
+    errors_of_arm,
+    kinematic_covariance,
     shared_columns,
     with_shared,
 )
+from ..model.shared_errors.sizes import ROBOT_ACCURACY
 from .request import BUNDLE, Request
 
 # All pairs of many poses are solved without forming them; residuals and checks then look at about so many.

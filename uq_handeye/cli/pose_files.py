@@ -366,7 +366,8 @@ def _complete_noise(
     """Return the noise with its unknown part estimated as `calibrate` does, and the shared errors."""
     from ..calibration.calibrate import calibrate
     from ..model.noise.models import PoseNoise
-    from ..model.shared_errors.shared_error import replace_defaults, settled_errors, without_shared
+    from ..model.shared_errors.assumed import replace_defaults
+    from ..model.shared_errors.shared_error import settled_errors, without_shared
 
     with timed("estimating the other noise"), warnings.catch_warnings():
         warnings.simplefilter("ignore", InputWarning)  # they are raised again where the noise is used

@@ -24,7 +24,7 @@ from ..model.noise.joint_covariance import JointCovariance
 from ..model.noise.models import Noise, PoseNoise, with_prior
 from ..model.noise.pose_prior import PosePrior
 from ..model.poses.pose_pairs import PosePairs
-from ..model.shared_errors.shared_error import assumed_drift
+from ..model.shared_errors.assumed import assumed_drift
 from ..model.shared_errors.sizes import Size
 from .description import Rig
 from .fit import Prior

@@ -20,7 +20,7 @@ from ..core.geometry.se3 import Array
 from ..core.runtime.read_only import ReadOnlyArrays
 from ..errors import InputError
 from ..findings import Finding, texts
-from ..fit.likelihood.d2_distribution import Reference
+from ..fit.likelihood.goodness_of_fit import Reference
 from ..formats.export.several import write_several
 from ..model.poses.pose_pairs import ranges
 from ..model.posterior.posterior import Posterior

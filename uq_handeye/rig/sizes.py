@@ -27,15 +27,8 @@ from ..fit.one_model.engine import LatentModel, Rows
 from ..fit.one_model.integration import Mixture, integrate
 from ..fit.one_model.mode import GAIN, find_mode
 from ..model.poses.pose_pairs import PosePairs
-from ..model.shared_errors.shared_error import (
-    FOCAL_LENGTH,
-    LENS,
-    PRINCIPAL_POINT,
-    TARGET_SCALE,
-    SharedError,
-    assumed_accuracy,
-    assumed_view,
-)
+from ..model.shared_errors.assumed import assumed_accuracy, assumed_view
+from ..model.shared_errors.shared_error import FOCAL_LENGTH, LENS, PRINCIPAL_POINT, TARGET_SCALE, SharedError
 from ..model.shared_errors.sizes import SIZES, Size
 from ..model.shared_errors.view import HALF, intrinsics_columns, median_distance, view_block
 from .description import Rig

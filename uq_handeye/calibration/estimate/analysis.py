@@ -30,7 +30,7 @@ from ...model.noise.joint_covariance import JointCovariance, group_of
 from ...model.noise.models import Noise, PoseNoise
 from ...model.poses.motions import Motions
 from ...model.poses.pose_pairs import PosePairs
-from ...model.shared_errors.drift import DRIFT
+from ...model.shared_errors.assumed import DRIFT
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,8 +23,7 @@ from ...fit.diagnostics.pose_table import PoseTable
 from ...fit.diagnostics.result import Diagnostics
 from ...fit.diagnostics.split_half import SplitHalf
 from ...fit.diagnostics.task_space import PointUncertainty, moves_of_points, through_robot, through_target, through_X
-from ...fit.likelihood.d2_distribution import Reference
-from ...fit.likelihood.goodness_of_fit import GoodnessOfFit
+from ...fit.likelihood.goodness_of_fit import GoodnessOfFit, Reference
 from ...fit.likelihood.open_directions import OpenDirections, moves_along
 from ...fit.likelihood.rig_bundle import Agreement
 from ...fit.likelihood.shared_estimates import SharedEstimate

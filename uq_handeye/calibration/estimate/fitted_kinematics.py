@@ -12,10 +12,10 @@ from ...core.files.records import Record, parts_of
 from ...core.geometry.checks import as_numbers
 from ...core.geometry.se3 import Array, difference, perturb
 from ...errors import InputError
+from ...model.kinematics.arms.postures import postures_at
 from ...model.kinematics.chain import Kinematics
 from ...model.kinematics.errors import GROUPS
-from ...model.kinematics.inverse import postures_at
-from ...model.kinematics.joint_limits import require_within_limits
+from ...model.kinematics.joint import require_within_limits
 from ...model.kinematics.kinematic_errors import JOINT_NOISE, poses_with_errors
 from ...model.posterior.posterior import Posterior
 

@@ -24,7 +24,7 @@ from ...model.noise.models import PoseNoise, is_joint, require_count
 from ...model.poses.pose_pairs import PosePairs
 from ...model.posterior.owners import THINGS, checked_things, require_same
 from ...model.posterior.rows import NewRows
-from ...model.shared_errors.accuracy import ROBOT_ACCURACY
+from ...model.shared_errors.sizes import ROBOT_ACCURACY
 from ..estimate.estimated import Estimated
 from ..prediction.predict import (
     NONE,

@@ -33,8 +33,8 @@ from ...fit.diagnostics.task_space import by_pose
 from ...model.noise.camera_noise import INTRINSICS
 from ...model.noise.joint_covariance import group_of
 from ...model.posterior.rows import NewRows, factor_of
-from ...model.shared_errors.accuracy import ROBOT_ACCURACY
 from ...model.shared_errors.shared_error import TARGET_SCALE
+from ...model.shared_errors.sizes import ROBOT_ACCURACY
 from ..estimate.estimated import Estimated
 from ..prediction.predict import (
     NONE,

@@ -26,12 +26,11 @@ from ...formats.export.snippets import fixed_axis_angles
 from ...model.kinematics.chain import Kinematics
 from ...model.kinematics.descriptions.urdf import origin_of, read_tree
 from ...model.kinematics.errors import LENGTHS, OFFSETS, TILTS
-from ...model.kinematics.forward import align
-from ...model.kinematics.gravity import spread_postures
+from ...model.kinematics.forward import align, spread_postures
 from ..estimate.fitted_kinematics import ErrorEstimate, FittedKinematics
 
 if TYPE_CHECKING:
-    from ...model.kinematics.descriptions.urdf_origins import Placed
+    from ...model.kinematics.descriptions.urdf import Placed
 
 # A posterior is clearly narrower than its prior below this share of its standard deviation.
 NARROWER = 0.5
@@ -95,7 +94,7 @@ def corrected_urdf(fitted: FittedKinematics | None, urdf: StrPath, narrower: flo
     InputError
         A calibration without kinematics, a share outside 0 to 1, or the URDF of another arm.
     """
-    from ...model.kinematics.descriptions.urdf_origins import with_origins  # whose parser of XML is slow to import
+    from ...model.kinematics.descriptions.urdf import with_origins  # whose parser of XML is slow to import
 
     if fitted is None:
         raise InputError("Expected a calibration with joints and kinematics: it has found nothing to correct.")
@@ -154,7 +153,7 @@ def _require_same(chain: Kinematics, other: Kinematics, q: Array) -> None:
 
 def _origins(chain: Kinematics, urdf: StrPath, e: Array) -> dict[str, Placed]:
     """The new ``<origin>`` of each joint that has an error: its own one times ``A E A^T``."""
-    from ...model.kinematics.descriptions.urdf_origins import Placed
+    from ...model.kinematics.descriptions.urdf import Placed
 
     tree = read_tree(urdf)
     own = {part.name: origin_of(part, tree.where) for part in tree.joints}

@@ -39,8 +39,9 @@ from ...model.noise.models import PoseNoise
 from ...model.poses.motions import Motions
 from ...model.poses.pose_pairs import PosePairs
 from ...model.posterior.posterior import Posterior
-from ...model.shared_errors.accuracy import ROBOT_ACCURACY
-from ...model.shared_errors.shared_error import SharedError, bound_again, error_by_part
+from ...model.shared_errors.assumed import bound_again, error_by_part
+from ...model.shared_errors.shared_error import SharedError
+from ...model.shared_errors.sizes import ROBOT_ACCURACY
 from ...model.shared_errors.view import target_centre, view_block
 from ..estimate.estimated import Estimated
 

@@ -27,7 +27,7 @@ from ...core.runtime.read_only import ReadOnlyArrays
 from ...findings import Finding
 from ...fit.diagnostics.task_space import PointUncertainty
 from ...model.kinematics.chain import Kinematics
-from ...model.kinematics.gravity import spread_postures
+from ...model.kinematics.forward import spread_postures
 from ...model.kinematics.kinematic_errors import EXACT
 from ...model.noise.joint_covariance import JointCovariance
 from ...model.noise.models import PoseNoise, is_joint

@@ -18,7 +18,7 @@ from ...fit.likelihood.goodness_of_fit import GoodnessOfFit
 from ...model.noise.estimate import SHOWN, Component, FoundComponent
 from ...model.noise.joint_covariance import JointCovariance
 from ...model.noise.models import Noise, PairNoise, is_joint, marginals
-from ...model.shared_errors.drift import DRIFT
+from ...model.shared_errors.assumed import DRIFT
 from ...model.shared_errors.shared_error import VIEW
 from ..estimate.estimated import deviations_of
 from ..result import Calibration

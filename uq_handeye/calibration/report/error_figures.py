@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from ...core.formatting.numbers import concise
 from ...core.geometry.se3 import Array
 from ...core.presentation.figure_parts import BLUE, INK, ORANGE, QUIET, SMALL, TEXT, canvas, finished, plain
-from ...fit.likelihood.shared_groups import SharedGroup
+from ...fit.likelihood.shared_estimates import SharedGroup
 from .analysis import KINDS
 from .shared_errors import found_of
 

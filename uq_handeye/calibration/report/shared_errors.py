@@ -8,8 +8,7 @@ from ...core.formatting.numbers import concise, digits
 from ...core.presentation.document import Block, Cell, Points, Table
 from ...fit.diagnostics.scale_errors import ScaleError
 from ...fit.diagnostics.sentences import relative
-from ...fit.likelihood.shared_estimates import SharedEstimate
-from ...fit.likelihood.shared_groups import SharedGroup
+from ...fit.likelihood.shared_estimates import SharedEstimate, SharedGroup
 from ...model.shared_errors.shared_error import CLOCK_OFFSET, ROBOT_SCALE, TARGET_SCALE, WRONG_SIZE
 from ..result import Calibration
 from ..statement.included import included, shared_groups, sizes_of

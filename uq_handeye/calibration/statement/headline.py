@@ -9,8 +9,8 @@ import numpy as np
 
 from ...core.formatting.numbers import digits
 from ...findings import Finding
-from ...model.shared_errors.accuracy import ROBOT_ACCURACY
 from ...model.shared_errors.shared_error import FOCAL_LENGTH, LENS, PRINCIPAL_POINT, TARGET_SCALE, VIEW
+from ...model.shared_errors.sizes import ROBOT_ACCURACY
 from ..estimate.estimated import Estimated
 from .accuracy import Accuracy, accuracy_of, amounts
 from .checks import Check, cautions_of, checks_of, reasons_of

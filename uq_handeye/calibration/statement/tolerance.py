@@ -26,7 +26,7 @@ from ...core.formatting.numbers import digits
 from ...core.formatting.units import ANGLE_UNITS, parse_angle, parse_length
 from ...core.geometry.se3 import Array
 from ...errors import InputError
-from ...fit.likelihood.d2_distribution import Reference
+from ...fit.likelihood.goodness_of_fit import Reference
 from ..estimate.estimated import Estimated
 from .checks import checks_of, lower_limit_of, reasons_of
 

@@ -54,7 +54,8 @@ class SharedOptions:
     ) -> "list[SharedError] | None":
         """Return the declared errors of options and noise file with the remaining defaults, or None."""
         from ...model.noise.models import PairNoise
-        from ...model.shared_errors.shared_error import SharedError, assumed_accuracy, checked_errors, replace_defaults
+        from ...model.shared_errors.assumed import assumed_accuracy, replace_defaults
+        from ...model.shared_errors.shared_error import SharedError, checked_errors
         from ...read import read_shared_errors
 
         focal_length_px = None if views is None else views.focal_length_px

@@ -32,7 +32,7 @@ from ...model.noise.joint_covariance import JointCovariance
 from ...model.noise.square_roots import gram, joint_residuals, whiten
 from ...model.poses.pose_pairs import PosePairs
 from ..likelihood.gauss_helmert import SINGULAR, Fit
-from ..likelihood.own_residuals import own_residuals
+from ..likelihood.goodness_of_fit import own_residuals
 
 # False-alarm rates of the tests.
 RARE = 1e-3

@@ -53,7 +53,7 @@ from ...errors import DegenerateMotionError, InputError
 from ...model.noise.joint_covariance import JointCovariance
 from ...model.noise.square_roots import cholesky_of, gram, joint_residuals, whiten
 from ..likelihood.gauss_helmert import Fit
-from ..likelihood.own_residuals import has_own_residuals, own_residuals
+from ..likelihood.goodness_of_fit import has_own_residuals, own_residuals
 
 # Clusters without which no 6x6 covariance can have full rank: the c_k of n clusters add up to about 0.
 FEWEST = 7

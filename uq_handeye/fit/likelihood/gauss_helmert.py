@@ -43,8 +43,7 @@ from ...model.poses.pose_pairs import PosePairs
 from ...model.poses.timing import Timing, warn_left_out
 from .constraint import Constraint, Linearised, OnPoses, Unknowns, constraint_of, covariances_of, residual_covariance
 from .open_directions import OpenDirections, closed_part, lever_of, open_basis, projection, rig_units, solve_information
-from .open_start import isotropic_residuals
-from .starts import sound_start, start_of
+from .starts import isotropic_residuals, sound_start, start_of
 
 # Steps of `efficient`, and at most of `ml`.
 CLOSED_FORM_STEPS, MOST_STEPS = 2, 50

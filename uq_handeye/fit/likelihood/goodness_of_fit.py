@@ -28,20 +28,32 @@ which is exact where all variances have one unknown factor (nu is then the degre
 The 95 % ellipsoids by F hold the truth as often as they say with 30 and with 8 poses; with 8, those by chi-square too
 seldom (tests/one_model/test_noise_of_data.py, 1,000 sets each, one noise each). Not accounted for, and felt with
 few poses: weights from estimated noise are not the best ones (Kackar and Harville 1984).
+
+*Own residuals* are those after the errors that all poses share are taken out of them. With ``S = blkdiag(S_i) + F F^T``
+and r the residuals after the fit, ``z = (F^T S_i^-1 F + 1)^-1 F^T S_i^-1 r`` is the estimate of the shared errors, and
+``e = r - F z`` are those of each pose itself, whitened by S_i. They belong to one pose each, as residuals of
+independent noise do, with the unknowns (X, W, z).
+
+*Reference*: the distribution that ``d^2 = xi^T Sigma^-1 xi`` of the error xi of X follows, how far an ellipsoid
+reaches.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 import numpy as np
-from scipy.special import gammainc, gammaincc
+from scipy.special import chdtrc, chdtri, fdtrc, fdtri, gammainc, gammaincc
 
+from ...core.files.records import Record
 from ...core.geometry.se3 import Array
 from ...errors import InputError
+from ...model.noise.joint_covariance import JointCovariance
 from ...model.noise.square_roots import (
     LEAST_WEIGHT,
+    cholesky_of,
+    gram,
     inverse_blocks,
     joint_residuals,
     own_blocks,
@@ -165,3 +177,121 @@ def covariance_derivatives(fit: Fit) -> Array:
 def _require_one(fit: Fit) -> None:
     if fit.covariance.ndim != 2:
         raise InputError(f"Expected the fit of one data set, got leading axes {fit.covariance.shape[:-2]}.")
+
+
+# Information (1 where it equals that of the prior) below which the data tell nothing of a shared error.
+TOLD = 1e-4
+
+
+class OwnResiduals(NamedTuple):
+    """Own residuals of one fit, in units of each pose's own noise, without the weights."""
+
+    e: Array  # (n, 6)
+    J: Array  # (n, 6, p + q), q combinations of shared errors of which the data tell something
+    M: Array  # (p + q, p + q) covariance of the unknowns, with weights and priors
+    known: Array  # (p + q, p + q) information of the priors
+
+
+def has_own_residuals(fit: Fit) -> bool:
+    """Return whether the poses have errors in common of this kind."""
+    return isinstance(fit.S, JointCovariance)
+
+
+def own_residuals(fit: Fit) -> OwnResiduals:
+    """See the module; raises `InputError` on fits of several data sets."""
+    S, p = fit.S, fit.covariance.shape[-1]
+    assert isinstance(S, JointCovariance)
+    if fit.covariance.ndim != 2:
+        raise InputError(f"Expected one data set beside shared errors, got leading axes {fit.covariance.shape[:-2]}.")
+    values = np.concatenate([fit.linear.J, S.shared, fit.residual[..., None]], axis=-1)
+    root = np.ones(len(values)) if fit.weights is None else np.sqrt(fit.weights)
+    white = whiten(cholesky_of(S.own), values)
+    sums = gram(white * root[:, None, None])
+    q = S.shared.shape[-1]
+    F = slice(p, p + q)
+    z = np.linalg.solve(sums[F, F] + np.eye(q), sums[F, -1])
+    # The z are N(0, I) in any axes: those of what the data tell. 0: X and W, or other columns, take it in.
+    told, axes = np.linalg.eigh(sums[F, F] - sums[F, :p] @ np.linalg.solve(sums[:p, :p], sums[:p, F]))
+    axes = axes[:, told > TOLD]
+    J = np.concatenate([white[..., :p], white[..., F] @ axes], axis=-1)
+    known = np.diag((np.arange(J.shape[-1]) >= p).astype(float))
+    M = np.asarray(np.linalg.inv(gram(J * root[:, None, None]) + known))
+    return OwnResiduals(white[..., -1] - white[..., F] @ z, J, M, known)
+
+
+@dataclass(frozen=True)
+class Reference(Record):
+    """Distribution of d^2 with 6 components; fewer where directions of X stay open, along which an error has no d^2.
+
+    - ``chi-square``: the covariance is that of known noise.
+    - ``F``: it is that of noise estimated from the same data, ``d^2 / 6 ~ F(6, dof)`` (`effective_dof`).
+    - ``t``: it is that of a mixture over the sizes of the errors (`one_model`), a multivariate t with this covariance:
+      ``d^2 dof / (6 (dof - 2)) ~ F(6, dof)``, dof above 2.
+    - ``Hotelling``: it comes from the residuals of few poses, ``d^2 (dof - 5) / (6 dof) ~ F(6, dof - 5)`` (`sandwich`).
+    """
+
+    _in_file: ClassVar[str] = "kind dof components=some_open"
+    _if_any: ClassVar[str] = "components"
+
+    kind: str = "chi-square"
+    dof: float | None = None
+    components: int = 6
+
+    def __post_init__(self) -> None:
+        if self.kind not in ("chi-square", "F", "t", "Hotelling"):
+            raise InputError(f"Expected the reference to be chi-square, F, t or Hotelling, got {self.kind!r}.")
+        least = 2 if self.kind == "t" else 0
+        if (self.dof is None) != (self.kind == "chi-square") or (self.dof is not None and not self.dof > least):
+            raise InputError(
+                f"Expected degrees of freedom with F, t and Hotelling only, above {least}, got {self.dof!r} with "
+                f"{self.kind}."
+            )
+        if self.components not in range(1, 7):
+            raise InputError(f"Expected 1 to 6 components of X that are determined, got {self.components!r}.")
+
+    @property
+    def some_open(self) -> int | None:
+        """Number of components where some are open."""
+        return None if self.components == 6 else self.components
+
+    @property
+    def _stretch(self) -> float:
+        """Variance of F's own scale: a t is stated with its covariance, which is dof / (dof - 2) times its scale."""
+        assert self.dof is not None
+        return (self.dof - 2.0) / self.dof if self.kind == "t" else 1.0
+
+    @property
+    def determined(self) -> bool:
+        """True if there are quantiles: Hotelling needs more than 5 degrees of freedom."""
+        return self.kind != "Hotelling" or (self.dof is not None and self.dof > 5)
+
+    def quantile(self, level: float) -> float:
+        """The d^2 below which the share ``level`` of all errors lies; infinite where that is not determined."""
+        if not 0 < level < 1:
+            raise InputError(f"Expected `level` to lie between 0 and 1, got {level!r}.")
+        if self.dof is None:
+            return float(chdtri(self.components, 1 - level))
+        if not self.determined:
+            return float("inf")
+        if self.kind in ("F", "t"):
+            return self._stretch * self.components * float(fdtri(self.components, self.dof, level))
+        return 6 * self.dof / (self.dof - 5) * float(fdtri(6, self.dof - 5, level))
+
+    def p_value(self, d2: float) -> float:
+        """The probability of a d^2 at least as large."""
+        if self.dof is None:
+            return float(chdtrc(self.components, d2))
+        if not self.determined:
+            return 1.0
+        if self.kind in ("F", "t"):
+            return float(fdtrc(self.components, self.dof, d2 / (self._stretch * self.components)))
+        return float(fdtrc(6, self.dof - 5, d2 * (self.dof - 5) / (6 * self.dof)))
+
+    def __str__(self) -> str:
+        if self.dof is None:
+            return f"chi-square with {self.components} degrees of freedom"
+        if self.kind == "F":
+            return f"{self.components} F({self.components}, {self.dof:.3g})"
+        if self.kind == "t":
+            return f"a multivariate t with {self.dof:.3g} degrees of freedom"
+        return f"Hotelling's distribution with {self.dof:.3g} degrees of freedom"

@@ -51,8 +51,7 @@ from ...model.poses.pose_pairs import PosePairs
 from .consensus import MAJORITY, NOTHING, Consensus, consensus, misfit, robust_variance
 from .constraint import Constraint, Unknowns, constraint_of
 from .gauss_helmert import CLOSED_FORM_STEPS, MOST_STEPS, Fit, fit
-from .open_start import isotropic_residuals
-from .starts import leaves_open, sound_start
+from .starts import isotropic_residuals, leaves_open, sound_start
 
 # The 99.9 % quantile of chi-square(6), below which a pose counts in full; above NOTHING it does not count at all.
 FULL = float(chdtri(6, 1e-3))

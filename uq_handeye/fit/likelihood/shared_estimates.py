@@ -9,11 +9,17 @@ Model: a `Fit` whose noise holds columns F with a name (`SharedError`), scaled b
 z and its covariance are those of the joint fit of (x, z) with the prior (Woodbury). What the residuals alone say of one
 of them, without its prior but with those of the others, is ``z / (1 - v) +- sqrt(v / (1 - v))``, v its variance: the
 score test of one more unknown.
+
+*Groups* are errors of many numbers that all poses share, such as one for each joint, as one. The numbers of one error
+have names that agree before ": " (`noise.joint_covariance.group_of`). With the moves ``E = [d_1 .. d_k]`` (6, k) of X
+for one prior standard deviation of each, once the fit has done its best, the variance of X along u that comes of all of
+them is ``u^T E E^T u``, and the largest share of the variance ``u^T C u`` along any u the largest eigenvalue of ``E^T
+C^-1 E``. It is not the sum of the shares of the single numbers: directions differ.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, NamedTuple
 
@@ -29,8 +35,8 @@ from ...model.noise.joint_covariance import JointCovariance, group_of
 from ...model.noise.models import Noise, PoseNoise
 from ...model.noise.square_roots import pulled, whiten
 from ...model.posterior.posterior import Posterior
-from ...model.shared_errors.accuracy import RobotAccuracy
 from ...model.shared_errors.shared_error import OF_LENGTHS, SharedError
+from ...model.shared_errors.sizes import RobotAccuracy
 from .gauss_helmert import Fit
 
 # A share of the prior variance below which the data have said nothing of an error: rounding.
@@ -195,3 +201,74 @@ def of_moves(moves: Array) -> Array:
     """Covariance (p, p) of X and W by moves (p,), or (p, r) of r independent errors, of one standard deviation each."""
     each = moves.reshape(len(moves), -1)
     return np.asarray(each @ each.T)
+
+
+# Below this share of the largest eigenvalue a direction of X counts as without variance (open).
+_NONE = 1e-12
+
+
+@dataclass(frozen=True)
+class SharedGroup:
+    """The numbers of one error; or one number by itself, whose ``name`` is its own then."""
+
+    name: str
+    parts: tuple[SharedEstimate, ...]
+    share: float  # of the variance of X by all parts, in the direction where it matters most
+
+    @property
+    def count(self) -> int:
+        """Number of the parts."""
+        return len(self.parts)
+
+    @property
+    def default(self) -> bool:
+        """Assumed, not declared."""
+        return self.parts[0].default
+
+    @property
+    def told(self) -> float:
+        """Mean share of the prior variances that the data took away: 0 nothing, 1 everything."""
+        left = [(part.sd / part.prior_sd) ** 2 for part in self.parts]
+        return float(np.clip(1.0 - np.mean(left), 0.0, 1.0))
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Units of the numbers as people read them, in order."""
+        return tuple(dict.fromkeys(part.shown[1] for part in self.parts))
+
+    def of_unit(self, unit: str) -> tuple[Array, Array, Array]:
+        """Prior standard deviations, estimates and standard deviations after the fit of the numbers of a unit."""
+        parts = [part for part in self.parts if part.shown[1] == unit]
+        rows = [[part.shown[0] * x for x in (part.prior_sd, part.estimate, part.sd)] for part in parts]
+        prior, estimate, sd = np.array(rows).T
+        return prior, estimate, sd
+
+
+def grouped(estimates: Iterable[SharedEstimate], covariance: Array | None) -> list[SharedGroup]:
+    """Group the estimates in their order; ``covariance`` (6, 6) of X is the one that their effects were found
+    beside.
+    """
+    groups: dict[str, list[SharedEstimate]] = {}
+    for estimate in estimates:
+        groups.setdefault(group_of(estimate.name), []).append(estimate)
+    found = []
+    for name, parts in groups.items():
+        if len(parts) == 1:
+            found.append(SharedGroup(parts[0].name, (parts[0],), parts[0].share))
+        else:
+            found.append(SharedGroup(name, tuple(parts), joint_share(parts, covariance)))
+    return found
+
+
+def joint_share(parts: Iterable[SharedEstimate], covariance: Array | None) -> float:
+    """Return the share of all parts together in the variance of X; without its covariance the largest of the single
+    shares.
+    """
+    parts = list(parts)
+    if covariance is None:
+        return max(part.share for part in parts)
+    sd = np.sqrt(np.diag(covariance))
+    scale = np.where(sd > 0, sd, 1.0)
+    E = np.stack([part.effect for part in parts], axis=-1) / scale[:, None]
+    inverse = np.linalg.pinv(covariance / np.outer(scale, scale), _NONE, hermitian=True)
+    return float(np.clip(np.linalg.eigvalsh(E.T @ inverse @ E)[-1], 0.0, 1.0))

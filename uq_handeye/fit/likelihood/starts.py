@@ -1,26 +1,47 @@
-"""Start of the fit of X and W: 4DPA, or another start where the data leave directions open."""
+r"""Start of the fit of X and W: 4DPA, or another start where the data leave directions open.
+
+*Start where the motions leave a part of X open* and 4DPA has no answer. Candidates for the rotation of X, from all
+motions of a few rows (residuals of ``A X = X B``):
+
+- parallel axes a and b of robot and camera, the first singular vectors of ``sum u v^T``, u and v = sin(angle) axis:
+  ``R = exp([phi a]x) R_0`` with ``R_0 b = a``. The translations are linear in ``(cos phi, sin phi, t)``,
+
+      (R_A - I) t - cos(phi) q_perp - sin(phi) a x q = a (a . q) - t_A,    q = R_0 t_B
+
+  and give one more phi; where they do not determine it, phi is one of eight;
+- pure translations ``t_A = R t_B``, and rotations and translations together: Procrustes;
+- the rotation of the prior, if there is one.
+
+The translation of X is the shortest of those that fit best: along open directions the camera is at the origin of the
+frame that carries it. The candidate with the smallest weighted residuals is iterated (Gauss-Newton without steps along
+open directions, `open_directions`), with the prior, until it converges.
+
+*Reduced rows* are the linearised constraint without the directions that stay open, for estimates of the noise.
+"""
 
 from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import chdtri
 
-from ...core.geometry.se3 import Array
+from ...core.geometry.nearest_rotation import orthonormalise
+from ...core.geometry.se3 import Array, skew, vee
 from ...errors import DegenerateMotionError
 from ...methods.procrustes.limit import solve_limit
 from ...methods.propagation.all_pairs import solve_all_pairs
 from ...methods.propagation.published_fit import mean_target
-from ...model.noise.models import Noise, with_prior, without_prior
+from ...model.noise.models import Noise, PairNoise, PoseNoise, with_prior, without_prior
 from ...model.noise.pose_prior import PosePrior
-from ...model.noise.square_roots import cholesky_of, gram, whiten
+from ...model.noise.square_roots import cholesky_of, gram, weighted, whiten
 from ...model.poses.motions import Motions
 from ...model.poses.pose_pairs import PosePairs
-from .constraint import Constraint, OnMotions, OnPoses, Unknowns, residual_covariance
-from .open_directions import solve_information
-from .open_start import isotropic_residuals, start_open
+from .constraint import FEW, Constraint, Linearised, OnMotions, OnPoses, Unknowns, residual_covariance
+from .open_directions import closed_basis, lever_of, own_covariances, rig_units, solve_information
 
 
 def start_of(data: PosePairs | Motions, constraint: Constraint, X: Array | None) -> Unknowns:
@@ -90,3 +111,196 @@ def _open_problems(constraint: Constraint, noise: Noise, at: Unknowns) -> NDArra
 def _of_problem(noise: Noise, k: tuple[int, ...]) -> Noise:
     """Return the noise with the means of the prior of one problem out of many."""
     return noise if noise.prior is None else with_prior(noise, noise.prior.rows(k))
+
+
+# Angles about a parallel axis, candidates that are iterated.
+ANGLES, BEST = 8, 2
+# Singular values below this share of the largest are open.
+OPEN = 1e-2
+# Steps, their end in standard deviations, the longest turn of one (rad).
+STEPS, STILL, LONGEST = 30, 0.1, 0.5
+# Noise to begin with where none is known: rad, and per metre from camera to target.
+ROUGH = 3e-3
+# Median of chi-square with 3 degrees of freedom.
+MEDIAN = float(chdtri(3, 0.5))
+
+
+def start_open(constraint: Constraint, noise: Noise | None, prior: PosePrior | None = None) -> Unknowns:
+    """X and W of one data set, at the representative nearest to the origin, or to the prior, along what is open.
+
+    ``noise`` brings its own prior; ``prior`` is for noise that is not known yet. Raises `DegenerateMotionError` where
+    the data determine nothing of X.
+    """
+    if constraint.n < constraint.fewest - 1:
+        raise DegenerateMotionError(f"Expected several {constraint.item}s to determine X, got 1.", np.eye(6))
+    known = prior if noise is None else noise.prior
+    few = constraint.rows(np.unique(np.linspace(0, constraint.n - 1, min(constraint.n, FEW)).astype(np.intp)))
+    X = _candidates(few, known)
+    at = few.complete(X)
+    guess = _rough(few, known) if noise is None else _isotropic(noise)
+    order = np.argsort(_cost(few, guess, at))[:BEST]
+    best: tuple[float, Unknowns] | None = None
+    for k in order.tolist():
+        one = Unknowns(at.X[k], None if at.W is None else at.W[k])
+        for _ in range(2 if noise is None else 1):
+            if noise is None:
+                guess = with_prior(isotropic_residuals(few, one), known)
+            one = descend(few, guess, one)
+        cost = float(_cost(few, guess, one))
+        if noise is None:  # each by its own noise: the smaller one is better
+            cost = float(np.log(_variances(few, one)).sum())
+        if best is None or cost < best[0]:
+            best = cost, one
+    assert best is not None
+    guess = with_prior(isotropic_residuals(constraint, best[1]), known) if noise is None else _isotropic(noise)
+    return descend(constraint, guess, best[1])
+
+
+def isotropic_residuals(constraint: Constraint, at: Unknowns) -> Noise:
+    """Isotropic noise with robust scales of the residuals, half of its variance on either side."""
+    S = 0.5 * np.diag(np.repeat(_variances(constraint, at), 3))
+    return PoseNoise(S, S) if isinstance(constraint, OnPoses) else PairNoise(S, S)
+
+
+def _variances(constraint: Constraint, at: Unknowns) -> Array:
+    """Return variances of the residuals per axis (2,), rotation and translation, from their medians."""
+    r = constraint.residual(at, constraint.first, constraint.second)
+    squares = (r * r).reshape(-1, 2, 3).sum(axis=-1)
+    return np.asarray(np.maximum(np.median(squares, axis=0) / MEDIAN, 1e-24))
+
+
+def descend(constraint: Constraint, noise: Noise, at: Unknowns) -> Unknowns:
+    """Gauss-Newton without steps along what is open, until it converges."""
+    for _ in range(STEPS):
+        linear = constraint.linearise(at, constraint.first, constraint.second)
+        S = residual_covariance(linear.sides, noise)
+        factor = cholesky_of(S)
+        sums = gram(whiten(factor, np.concatenate([linear.J, linear.r[..., None]], axis=-1)))
+        information, gradient = sums[:-1, :-1], sums[:-1, -1]
+        if noise.prior is not None:
+            more, pull, _ = noise.prior.normal_equations(at.X, at.W)
+            information, gradient = information + more, gradient + pull
+        covariance, _ = solve_information(information, linear, constraint, noise, S, None, False)
+        step = -covariance @ gradient
+        turn = float(np.linalg.norm(step[:3]))
+        at = at.moved(step * min(1.0, LONGEST / max(turn, 1e-300)))
+        if step @ information @ step < STILL**2:
+            break
+    return at
+
+
+def _rough(constraint: Constraint, prior: PosePrior | None) -> Noise:
+    S = ROUGH**2 * np.diag(np.repeat([1.0, float(lever_of(constraint)) ** 2], 3))
+    return with_prior(PoseNoise(S, S) if isinstance(constraint, OnPoses) else PairNoise(S, S), prior)
+
+
+def _cost(constraint: Constraint, noise: Noise, at: Unknowns) -> Array:
+    """Weighted squares of the residuals (...), with those of the prior."""
+    linear = constraint.linearise(at, constraint.first, constraint.second)
+    white = whiten(cholesky_of(residual_covariance(linear.sides, noise)), linear.r[..., None])
+    cost = np.minimum((white * white).sum(axis=(-2, -1)), 1e3).sum(axis=-1)
+    return np.asarray(cost if noise.prior is None else cost + noise.prior.normal_equations(at.X, at.W)[2])
+
+
+def _candidates(constraint: Constraint, prior: PosePrior | None) -> Array:
+    """X (k, 4, 4)."""
+    A, B = constraint.motions()
+    u, v = (0.5 * vee(T[:, :3, :3]) for T in (A, B))
+    t_A, t_B = A[:, :3, 3], B[:, :3, 3]
+    length = max(float(np.abs(t_A).max(initial=0.0)), float(np.abs(t_B).max(initial=0.0)), 1e-100)
+    of_turns, of_moves = u.T @ v, t_A.T @ t_B / length**2
+    U, _, Vt = np.linalg.svd(of_turns)
+    a, b = U[:, 0], Vt[0]
+    R_0 = _between(b, a)
+    q = t_B @ R_0.T
+    along = np.outer(q @ a, a)
+    rows = np.concatenate(
+        [A[:, :3, :3] - np.eye(3), -(q - along)[..., None], -np.cross(a, q)[..., None]], axis=-1
+    ).reshape(-1, 5)
+    rows[:, :3] *= length
+    solved = np.linalg.pinv(rows, rcond=OPEN) @ (along - t_A).ravel()
+    angles = np.append(2.0 * np.pi * np.arange(ANGLES) / ANGLES, np.arctan2(solved[4], solved[3]))
+    c, s, cross = np.cos(angles)[:, None, None], np.sin(angles)[:, None, None], skew(a)
+    about = np.eye(3) + s * cross + (1.0 - c) * (cross @ cross)
+    rotations = [*(about @ R_0), *orthonormalise(np.stack([of_moves + 1e-12 * of_turns, of_moves + of_turns]))]
+    if prior is not None and prior.X is not None:
+        rotations.append(prior.X[:3, :3])
+    R = np.stack(rotations)
+    # (R_A - I) t = R t_B - t_A
+    left = (A[:, :3, :3] - np.eye(3)).reshape(-1, 3)
+    right = (t_B @ R.mT - t_A).reshape(len(R), -1)
+    X = np.zeros((len(R), 4, 4))
+    X[:, :3, :3], X[:, 3, 3] = R, 1.0
+    X[:, :3, 3] = right @ np.linalg.pinv(left, rcond=OPEN).T
+    return X
+
+
+def _between(b: Array, a: Array) -> Array:
+    """The shortest rotation with ``R b = a`` of unit vectors."""
+    axis, cosine = np.cross(b, a), float(a @ b)
+    if cosine < -1.0 + 1e-9:  # half a turn about any axis across
+        across = np.cross(b, np.eye(3)[np.argmin(np.abs(b))])
+        across /= np.linalg.norm(across)
+        return np.asarray(2.0 * np.outer(across, across) - np.eye(3))
+    K = skew(axis)
+    return np.asarray(np.eye(3) + K + K @ K / (1.0 + cosine))
+
+
+def _isotropic(noise: Noise) -> Noise:
+    """Return noise of the same size, one for every row: a start is not made better by details, and biased by nearly
+    exact ones.
+    """
+    parts: list[Any] = []
+    for S in own_covariances(noise):
+        if S is not None:
+            variances = np.diagonal(S.reshape(-1, 6, 6).mean(axis=0)).reshape(2, 3).mean(axis=1)
+            S = np.diag(np.repeat(variances, 3))
+        parts.append(S)
+    return with_prior(PairNoise(*parts) if isinstance(noise, PairNoise) else PoseNoise(*parts), noise.prior)
+
+
+class Reduced(NamedTuple):
+    """Rows of one problem by what the data and the prior determine, for estimates of the noise."""
+
+    J: Array  # (n, 6, q), by unknowns along the directions that are not open
+    basis: Array | None  # (p, q): unknowns of those; None: they are the same
+    known: Array | None  # (q + 1, q + 1): what the prior adds to ``[J, r]^T S^-1 [J, r]``
+
+    def unreduced(self, step: Array) -> Array:
+        """A step of all unknowns."""
+        return step if self.basis is None else step @ self.basis.T
+
+
+def reduce_rows(
+    constraint: Constraint,
+    linear: Linearised,
+    at: Unknowns,
+    weights: Array | None,
+    prior: PosePrior | None,
+    nothing_open: bool = False,
+) -> Reduced:
+    """Rows without the directions that are open beside isotropic noise of the size of the residuals.
+
+    Leading axes are kept as they are: all directions count then, as where ``nothing_open`` is known.
+    """
+    known: Array | None = None
+    if prior is not None:
+        more, pull, square = prior.normal_equations(at.X, at.W)
+        known = np.block([[more, pull[:, None]], [pull, square]])
+    if linear.r.ndim > 2 or nothing_open:
+        return Reduced(linear.J, None, known)
+    noise = with_prior(isotropic_residuals(constraint, at), prior)
+    S = residual_covariance(linear.sides, noise)
+    factor = cholesky_of(S if weights is None else weighted(S, weights))
+    information = gram(whiten(factor, linear.J)) + (0.0 if known is None else known[:-1, :-1])
+    opened: Array | None = None
+    with suppress(DegenerateMotionError):  # residuals that large are those of data that do not fit
+        opened = solve_information(information, linear, constraint, noise, S, weights, False).open
+    if opened is None:
+        return Reduced(linear.J, None, known)
+    basis = closed_basis(opened, rig_units(lever_of(constraint), len(opened)))
+    if known is not None:
+        wide = np.pad(basis, [(0, 1), (0, 1)])
+        wide[-1, -1] = 1.0
+        known = wide.T @ known @ wide
+    return Reduced(linear.J @ basis, basis, known)

@@ -29,12 +29,11 @@ from ...model.noise.joint_covariance import JointCovariance
 from ...model.noise.models import Noise, PairNoise, PoseNoise, marginals
 from ...model.noise.pose_prior import PosePrior
 from ...model.poses.pose_pairs import PosePairs
-from ...model.shared_errors.kinematic_errors import errors_of_arm
-from ...model.shared_errors.shared_error import SharedError
+from ...model.shared_errors.shared_error import SharedError, errors_of_arm
 from ...model.shared_errors.sizes import SIZES, Size
 from ...model.shared_errors.view import view_block
 from ..likelihood.constraint import Constraint, Unknowns
-from ..likelihood.reduced_rows import Reduced, reduce_rows
+from ..likelihood.starts import Reduced, reduce_rows
 from .component import Component
 from .engine import LatentModel
 from .integration import Mixture, integrate

@@ -51,8 +51,17 @@ from .errors import (
     harmonic_rates,
     harmonics,
 )
-from .forward import Motion, axis_twists, fixed_transforms, forward, rotations, turned
-from .gravity import load_rates, loads, spread_postures
+from .forward import (
+    Motion,
+    axis_twists,
+    fixed_transforms,
+    forward,
+    load_rates,
+    loads,
+    rotations,
+    spread_postures,
+    turned,
+)
 from .joint import MAX_JOINTS, ROUNDED, ChainParts, checked_origin, parts_from_dict, parts_to_dict, require_name
 from .joint import Joint as Joint
 

@@ -36,8 +36,7 @@ from ...formats.numpy_poses import MAX_BYTES as MAX_ARRAY_BYTES
 from ...formats.numpy_poses import TIMES, read_one_array, unpacked
 from .chain import Kinematics
 from .descriptions.urdf import nearest
-from .joint import PRISMATIC, REVOLUTE
-from .joint_limits import require_within_limits
+from .joint import PRISMATIC, REVOLUTE, require_within_limits
 
 # Lists of names in rows that name their joints.
 MAX_ORDERS = 1000

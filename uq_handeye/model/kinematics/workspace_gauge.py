@@ -19,7 +19,7 @@ import numpy as np
 
 from ...core.geometry.se3 import Array, perturb, skew
 from .chain import Kinematics
-from .gravity import spread_postures
+from .forward import spread_postures
 
 POSTURES = 400
 LEVER = 0.3  # m

@@ -10,7 +10,7 @@ from ...errors import InputError
 from ..noise.camera_noise import INTRINSICS
 from ..noise.joint_covariance import group_of
 from ..poses.pose_pairs import PosePairs
-from ..shared_errors.drift import DRIFT
+from ..shared_errors.assumed import DRIFT
 from ..shared_errors.shared_error import FOCAL_LENGTH, LENS, PRINCIPAL_POINT, TARGET_SCALE, VIEW
 
 ROBOT, CAMERA, TARGET = "robot", "camera", "target"

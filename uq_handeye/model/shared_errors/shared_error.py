@@ -17,12 +17,13 @@ scales, ``used - true`` for others.
 | robot scale | robot | ``(0; t)`` | relative |
 | clock offset | robot | ``rate_i``, velocity between its neighbours in time | s |
 
-t is the translation of ``camera_T_target`` or ``base_T_gripper`` (m). The columns are taken at the poses as
-measured, and by `calibrate` once more as the fit corrects them.
+t is the translation of ``camera_T_target`` or ``base_T_gripper`` (m). The columns are taken at the poses as measured,
+and by `calibrate` once more as the fit corrects them.
 
 A standard deviation may itself be known within a factor only (``factor``, one sigma of its logarithm): its size is
 then found with everything else, and integrated over (`one_model`). A square is what the drawing says, to 0.03 %, or
 somebody measured it wrong: that is the tail of such a size.
+The errors of an arm's kinematics are one `SharedError` for each group of them.
 """
 
 from __future__ import annotations
@@ -41,15 +42,15 @@ from ...core.geometry.checks import as_numbers
 from ...core.geometry.se3 import Array
 from ...core.runtime.read_only import ReadOnlyArrays
 from ...errors import InputError
+from ..kinematics.errors import LENGTHS
+from ..kinematics.kinematic_errors import DECLARED_AS, JOINT_NOISE, KinematicColumns
 from ..noise.camera_noise import INTRINSICS
 from ..noise.joint_covariance import JointCovariance, group_of
 from ..noise.models import PoseNoise, is_joint, require_count
 from ..poses.pose_pairs import PosePairs
 from ..poses.timing import SIDES
-from .accuracy import ROBOT_ACCURACY, RobotAccuracy, stated_accuracy
-from .drift import DRIFT, FEWEST, drift_columns
-from .sizes import CLASSES, SIZES
-from .view import columns_about, intrinsics_columns, median_distance, view_scale
+from .sizes import ROBOT_ACCURACY, RobotAccuracy, stated_accuracy
+from .view import intrinsics_columns, median_distance
 
 FOCAL_LENGTH = "focal length"
 PRINCIPAL_POINT = "principal point"
@@ -129,7 +130,7 @@ class SharedError(ReadOnlyArrays):
     def focal_length(cls, sd: float | str = DEFAULT_SD[FOCAL_LENGTH]) -> SharedError:
         """Relative standard deviation of the focal length, as a number, ``"0.1%"`` or, as of all of these, "exact"."""
         each = _sd(sd, FOCAL_LENGTH, parse_ratio)
-        return cls(FOCAL_LENGTH, "", "camera", each, (FOCAL_LENGTH,), **_of_intrinsics(slice(0, 1)))
+        return cls(FOCAL_LENGTH, "", "camera", each, (FOCAL_LENGTH,), **of_intrinsics(slice(0, 1)))
 
     @classmethod
     def principal_point(
@@ -162,7 +163,7 @@ class SharedError(ReadOnlyArrays):
         each = _sd(sd, PRINCIPAL_POINT, parse)
         return cls(
             PRINCIPAL_POINT, "rad", "camera", np.repeat(each, 2), names, focal_length_px=focal_length_px,
-            **_of_intrinsics(slice(1, 3)),
+            **of_intrinsics(slice(1, 3)),
         )  # fmt: skip
 
     @classmethod
@@ -228,7 +229,7 @@ class SharedError(ReadOnlyArrays):
         length = None if reach is None else parse_length(reach, "`reach`")
         if length is not None and not 0 < length < np.inf:
             raise InputError(f"Expected `reach` to be above 0 and finite, got {reach!r}.")
-        return _population_error(move, turn, length)
+        return population_error(move, turn, length)
 
     @property
     def needs_poses(self) -> bool:
@@ -294,103 +295,7 @@ class SharedError(ReadOnlyArrays):
         )
 
 
-def default_errors(intrinsics_known: bool) -> tuple[SharedError, ...]:
-    """Return the errors that camera poses share by default: the size of the target, and for finished poses the effect
-    of the intrinsics and what else follows from the view.
-
-    ``intrinsics_known``: the covariance of the camera poses holds that already, as from corners.
-    """
-    of_size = SIZES[TARGET_SCALE]
-    size = replace(SharedError.target_scale(of_size.median), factor=of_size.factor)
-    errors = (size,) if intrinsics_known else (SharedError.focal_length(), SharedError.principal_point(), size)
-    return tuple(replace(error, default=True) for error in errors)
-
-
-def assumed_view() -> SharedError:
-    """Return errors of finished camera poses that follow from the view (`view`), to be bound to poses."""
-    size = SIZES[VIEW]
-
-    def bind(poses: PosePairs) -> dict[str, Any]:
-        mean, scale = view_scale(poses.camera)
-        parts = tuple(f"{VIEW}: {k + 1}" for k in range(36))
-        return {
-            "parts": parts,
-            "sd": np.full(36, size.median),
-            "effect": lambda at: columns_about(at.camera, mean, scale),
-        }
-
-    return SharedError(
-        VIEW, "", "camera", np.array([size.median]), (VIEW,), _unbound, factor=size.factor, bind=bind, default=True
-    )
-
-
-def assumed_lens() -> SharedError:
-    """Return errors of the distortion of the lens that finished camera poses were made with."""
-    size = SIZES[LENS]
-    parts = tuple(f"{LENS}: {name}" for name in ("k1", "k2", "p1", "p2"))
-    sd = size.median * np.array([1.0, 3.0, 0.1, 0.1])
-    return SharedError(
-        LENS,
-        "",
-        "camera",
-        sd,
-        parts,
-        factor=size.factor,
-        default=True,
-        **_of_intrinsics(slice(3, 7)),
-    )
-
-
-def assumed_drift(poses: PosePairs) -> tuple[SharedError, ...]:
-    """Return drifts of camera and target over the time of these poses; none without timestamps or in a simulation."""
-    if poses.timestamps is None or poses.truth is not None or poses.n < FEWEST:
-        return ()
-    found = []
-    for of in ("camera", "target"):
-        name = f"{DRIFT} {of}"
-        F, size = drift_columns(poses.camera, poses.timestamps, of == "target"), SIZES[name]
-        parts = tuple(f"{name}: {k + 1}" for k in range(F.shape[-1]))
-        sd = np.full(len(parts), size.median)
-        found.append(SharedError(name, "", "camera", sd, parts, _at_these(F), factor=size.factor, default=True))
-    return tuple(found)
-
-
-def _at_these(F: Array) -> Callable[[PosePairs], Array]:
-    return lambda poses: F
-
-
-def error_by_part(name: str) -> tuple[SharedError, int] | None:
-    """The error that a number of this name belongs to and its place there, if poses alone tell its effect."""
-    known = (
-        SharedError.focal_length,
-        SharedError.principal_point,
-        SharedError.target_scale,
-        SharedError.robot_scale,
-        assumed_lens,
-    )
-    for error in (make() for make in known):
-        if name in error.parts:
-            return error, error.parts.index(name)
-    return None
-
-
-def bound_again(name: str, poses: PosePairs, reach: float | None = None) -> SharedError | None:
-    """Return the error of this name whose numbers belong to poses, bound to them; None for others.
-
-    ``reach`` (m) of the robot that it was bound with.
-    """
-    if name == ROBOT_ACCURACY:
-        return _population_error(1.0, 0.0, reach).bound(poses)
-    return assumed_view().bound(poses) if name == VIEW else None
-
-
-def assumed_accuracy(of_class: str | None = None) -> SharedError:
-    """Return the accuracy of a robot of which nothing is declared, or its class (`sizes.CLASSES`)."""
-    size = SIZES[ROBOT_ACCURACY] if of_class is None else CLASSES[of_class]
-    return replace(_population_error(size.median, 0.0, None), default=True, factor=size.factor)
-
-
-def _population_error(move: float, turn: float, reach: float | None) -> SharedError:
+def population_error(move: float, turn: float, reach: float | None) -> SharedError:
     """Return errors of arms with this accuracy (m, rad), to be bound to poses; ``reach`` (m) None: by the poses."""
 
     def bind(poses: PosePairs) -> dict[str, Any]:
@@ -420,22 +325,9 @@ def _population_error(move: float, turn: float, reach: float | None) -> SharedEr
     exact = not (move > 0 or turn > 0)
     words = f"{digits(1e3 * move, 2)} mm" + (f", {digits(np.degrees(turn), 2)} deg" if turn > 0 else "")
     return SharedError(
-        ROBOT_ACCURACY, "", "robot", np.zeros(1) if exact else np.ones(1), (ROBOT_ACCURACY,), _unbound, stated=words,
+        ROBOT_ACCURACY, "", "robot", np.zeros(1) if exact else np.ones(1), (ROBOT_ACCURACY,), unbound, stated=words,
         bind=bind, declared=(move, turn, reach),
     )  # fmt: skip
-
-
-def replace_defaults(declared: Iterable[SharedError], intrinsics_known: bool) -> list[SharedError]:
-    """Return the default errors, those declared in place of the ones of their names, and the other ones declared."""
-    by_name = {
-        error.name: error
-        for error in (
-            *default_errors(intrinsics_known),
-            assumed_accuracy(),
-            *([] if intrinsics_known else [assumed_lens(), assumed_view()]),
-        )
-    }
-    return list((by_name | {error.name: error for error in declared}).values())
 
 
 def settled_errors(
@@ -538,14 +430,14 @@ def _require_sd(sd: Array, name: str, given: Any = None) -> None:
         raise InputError(f"Expected the standard deviation of the {name} to be finite and >= 0, got {got}.")
 
 
-def _unbound(poses: PosePairs) -> Array:
+def unbound(poses: PosePairs) -> Array:
     raise InputError(
         f"The columns of the errors {ROBOT_ACCURACY!r} and {VIEW!r} belong to poses: take SharedError.bound(poses) "
         "first."
     )
 
 
-def _of_intrinsics(some: slice) -> dict[str, Any]:
+def of_intrinsics(some: slice) -> dict[str, Any]:
     """Effect of some of the intrinsics, and its change once the width of the target follows from poses."""
 
     def of_width(distance: float | None = None) -> Callable[[PosePairs], Array]:
@@ -579,3 +471,32 @@ def _rate(poses: PosePairs) -> Array:
     rate[order, :3, 0] = turn / span
     rate[order, 3:, 0] = (T[after, :3, 3] - T[before, :3, 3]) / span
     return rate
+
+
+def errors_of_arm(columns: KinematicColumns, deviations: Mapping[str, float]) -> tuple[SharedError, ...]:
+    """The groups with one standard deviation each (rad or m), by name; their parts are named ``group: joint``.
+
+    An estimate is that of the arm, ``true - model``: measured poses have the opposite error, which is in the columns.
+    """
+    found = []
+    for group in DECLARED_AS:
+        of = np.array([name == group for name in columns.groups], dtype=bool)
+        if of.any():
+            F = columns.F[..., of]
+            parts = tuple(name for name, is_of in zip(columns.names, of, strict=True) if is_of)
+            sd = np.full(len(parts), deviations[group])
+            unit = "m" if group == LENGTHS else "rad"
+            found.append(SharedError(group, unit, "robot", sd, parts, the_same(F)))
+    return tuple(found)
+
+
+def the_same(F: Array) -> Callable[[PosePairs], Array]:
+    """Effects that do not depend on the poses."""
+    return lambda poses: F
+
+
+def kinematic_covariance(columns: KinematicColumns, deviations: Mapping[str, float]) -> JointCovariance:
+    """Return the covariance of the robot poses by joint noise and all groups, with standard deviations by name."""
+    noise = deviations.get(JOINT_NOISE, 0.0) ** 2 * columns.J @ columns.J.mT
+    sd = np.array([deviations[group] for group in columns.groups])
+    return JointCovariance(noise, columns.F * sd, columns.names)

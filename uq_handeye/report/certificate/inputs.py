@@ -18,8 +18,8 @@ from ...model.noise.camera_noise import INTRINSICS, TARGET_SHAPE
 from ...model.noise.estimate import SHOWN, Component, NoiseEstimate
 from ...model.noise.joint_covariance import JointCovariance, group_of
 from ...model.noise.models import marginals
-from ...model.shared_errors.accuracy import ROBOT_ACCURACY
 from ...model.shared_errors.shared_error import CLOCK_OFFSET
+from ...model.shared_errors.sizes import ROBOT_ACCURACY
 
 KINDS = ("rotation", "translation")
 SIDES = ("robot", "camera", "A", "B")

@@ -15,7 +15,7 @@ from ...calibration.statement.included import shared_groups, sizes_of
 from ...core.formatting.numbers import digits
 from ...model.kinematics.kinematic_errors import DECLARED_AS
 from ...model.noise.joint_covariance import group_of
-from ...model.shared_errors.accuracy import ROBOT_ACCURACY
+from ...model.shared_errors.sizes import ROBOT_ACCURACY
 from .inputs import noise_per_axis
 
 

@@ -22,7 +22,7 @@ from ...core.geometry.se3 import Array, logarithm
 from ...core.presentation.document import Answer, Block, Document, Paragraph, to_text
 from ...errors import InputError
 from ...fit.diagnostics.task_space import by_pose
-from ...fit.likelihood.d2_distribution import Reference
+from ...fit.likelihood.goodness_of_fit import Reference
 from ...model.poses.pose_pairs import PosePairs
 from ...model.posterior.owners import CAMERA, ROBOT, TARGET, THINGS, checked_things, require_same
 from .in_common import difference_covariance, positive

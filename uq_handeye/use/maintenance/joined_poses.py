@@ -29,8 +29,9 @@ from ...model.noise.models import PoseNoise, is_joint
 from ...model.noise.pose_prior import PosePrior
 from ...model.poses.pose_pairs import PosePairs
 from ...model.poses.timing import Timing
+from ...model.shared_errors.assumed import default_errors
 from ...model.shared_errors.camera_noise import camera_noise_at
-from ...model.shared_errors.shared_error import SharedError, default_errors
+from ...model.shared_errors.shared_error import SharedError
 
 # Median distances that differ by this factor are not of one unit.
 UNIT = 50.0

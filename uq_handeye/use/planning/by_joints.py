@@ -5,7 +5,7 @@ The criterion ``prediction`` is free of the choice of base and flange (K2): it i
 now is found elsewhere.
 
 *Candidates* are joints inside the limits. Camera poses are drawn as in `candidates`, without a box, and the arm is
-brought there by inverse kinematics (`kinematics.inverse`), half of the draws from near the joints so far, half from
+brought there by inverse kinematics (`arms.postures`), half of the draws from near the joints so far, half from
 postures anywhere inside the limits: these take other branches of the elbow and the wrist. Obstacles are unknown, and so
 is the arm itself in its way.
 """
@@ -24,9 +24,9 @@ from ...calibration.result import Calibration
 from ...core.geometry.checks import as_numbers
 from ...core.geometry.se3 import Array
 from ...errors import DegenerateMotionError, InputError, NotConvergedError
+from ...model.kinematics.arms.postures import postures_at
 from ...model.kinematics.chain import Kinematics
-from ...model.kinematics.gravity import spread_postures
-from ...model.kinematics.inverse import postures_at
+from ...model.kinematics.forward import spread_postures
 from ...model.kinematics.joint import PRISMATIC
 from ...model.poses.pose_pairs import PosePairs
 from .by_posterior import PREDICTION, Known, Offered, Wanted, joint_fields, planned

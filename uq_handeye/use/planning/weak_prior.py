@@ -24,8 +24,8 @@ from ...core.geometry.se3 import Array
 from ...errors import DegenerateMotionError
 from ...fit.likelihood.constraint import OnPoses, Unknowns, residual_covariance
 from ...fit.likelihood.gauss_helmert import efficient
-from ...fit.likelihood.open_start import start_open
 from ...fit.likelihood.shared_estimates import SharedEstimate
+from ...fit.likelihood.starts import start_open
 from ...model.noise.models import PoseNoise, with_prior
 from ...model.noise.pose_prior import PosePrior
 from ...model.noise.square_roots import cholesky_of, gram, whiten

@@ -28,8 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....core.geometry.se3 import Array
-from ..forward import fixed_transforms
-from ..gravity import spread_postures
+from ..forward import fixed_transforms, spread_postures
 from .known_arms import KnownArm
 
 AXES, ROLL, ERRORS = 7, 2, 77

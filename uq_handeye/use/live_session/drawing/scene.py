@@ -17,7 +17,7 @@ import numpy as np
 from ....calibration.result import Calibration
 from ....core.formatting.numbers import digits
 from ....core.geometry.se3 import Array, inverse
-from ....model.kinematics.inverse import postures_at
+from ....model.kinematics.arms.postures import postures_at
 from ..guide import starting_views
 from ..question import Answer
 from .nodes import DARK, PALE, Colour, Nodes, Picture, nice

@@ -1,0 +1,152 @@
+r"""Errors that are assumed where none are declared: those of camera and target, of a lens, of an arm, and drift.
+
+*Drift*: a camera mount or a target that creeps while the poses are taken. Model: a random walk of six components
+(theta, tau) over the poses in the order of their time, each with one standard deviation a step (rad, m). Its slow part
+is in the first `MODES` terms of the Karhunen-Loeve expansion over n steps,
+
+    b(i) = sum_k z_k sqrt(2 n) sin((k - 1/2) pi i / n) / ((k - 1/2) pi)
+
+so that drift is so many columns times six. What moves is the *camera*, about its own origin (a left error of
+``camera_T_target``), or the *target*, about its own (a right one). There is no drift where there are no timestamps: the
+order of the rows of a file means nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ...core.geometry.se3 import Array
+from ..poses.pose_pairs import PosePairs
+from .shared_error import LENS, TARGET_SCALE, VIEW, SharedError, of_intrinsics, population_error, the_same, unbound
+from .sizes import CLASSES, ROBOT_ACCURACY, SIZES
+from .view import columns_about, view_scale
+
+DRIFT = "drift of the"
+MODES = 6
+# Poses below which a drift is not told from anything.
+FEWEST = 6
+
+
+def drift_columns(camera: Array, timestamps: Array, target: bool) -> Array:
+    """(n, 6, 6 m) columns at poses (n, 4, 4) camera_T_target, per step of 1 rad and 1 m."""
+    n = len(camera)
+    place = np.empty(n)
+    place[np.argsort(timestamps, kind="stable")] = np.arange(1, n + 1)
+    rate = (np.arange(1, min(MODES, n) + 1) - 0.5) * np.pi
+    walk = np.sqrt(2.0 * n) * np.sin(np.outer(place / n, rate)) / rate
+    walk = walk - walk.mean(axis=0)  # the mean is in X or W
+    E = np.zeros((n, 6, 6))
+    if target:
+        E[:, :3, :3] = E[:, 3:, 3:] = camera[:, :3, :3]
+    else:
+        E[:] = np.eye(6)
+    return np.asarray(np.einsum("nm,nik->nimk", walk, E).reshape(n, 6, -1))
+
+
+def default_errors(intrinsics_known: bool) -> tuple[SharedError, ...]:
+    """Return the errors that camera poses share by default: the size of the target, and for finished poses the effect
+    of the intrinsics and what else follows from the view.
+
+    ``intrinsics_known``: the covariance of the camera poses holds that already, as from corners.
+    """
+    of_size = SIZES[TARGET_SCALE]
+    size = replace(SharedError.target_scale(of_size.median), factor=of_size.factor)
+    errors = (size,) if intrinsics_known else (SharedError.focal_length(), SharedError.principal_point(), size)
+    return tuple(replace(error, default=True) for error in errors)
+
+
+def assumed_view() -> SharedError:
+    """Return errors of finished camera poses that follow from the view (`view`), to be bound to poses."""
+    size = SIZES[VIEW]
+
+    def bind(poses: PosePairs) -> dict[str, Any]:
+        mean, scale = view_scale(poses.camera)
+        parts = tuple(f"{VIEW}: {k + 1}" for k in range(36))
+        return {
+            "parts": parts,
+            "sd": np.full(36, size.median),
+            "effect": lambda at: columns_about(at.camera, mean, scale),
+        }
+
+    return SharedError(
+        VIEW, "", "camera", np.array([size.median]), (VIEW,), unbound, factor=size.factor, bind=bind, default=True
+    )
+
+
+def assumed_lens() -> SharedError:
+    """Return errors of the distortion of the lens that finished camera poses were made with."""
+    size = SIZES[LENS]
+    parts = tuple(f"{LENS}: {name}" for name in ("k1", "k2", "p1", "p2"))
+    sd = size.median * np.array([1.0, 3.0, 0.1, 0.1])
+    return SharedError(
+        LENS,
+        "",
+        "camera",
+        sd,
+        parts,
+        factor=size.factor,
+        default=True,
+        **of_intrinsics(slice(3, 7)),
+    )
+
+
+def assumed_drift(poses: PosePairs) -> tuple[SharedError, ...]:
+    """Return drifts of camera and target over the time of these poses; none without timestamps or in a simulation."""
+    if poses.timestamps is None or poses.truth is not None or poses.n < FEWEST:
+        return ()
+    found = []
+    for of in ("camera", "target"):
+        name = f"{DRIFT} {of}"
+        F, size = drift_columns(poses.camera, poses.timestamps, of == "target"), SIZES[name]
+        parts = tuple(f"{name}: {k + 1}" for k in range(F.shape[-1]))
+        sd = np.full(len(parts), size.median)
+        found.append(SharedError(name, "", "camera", sd, parts, the_same(F), factor=size.factor, default=True))
+    return tuple(found)
+
+
+def error_by_part(name: str) -> tuple[SharedError, int] | None:
+    """The error that a number of this name belongs to and its place there, if poses alone tell its effect."""
+    known = (
+        SharedError.focal_length,
+        SharedError.principal_point,
+        SharedError.target_scale,
+        SharedError.robot_scale,
+        assumed_lens,
+    )
+    for error in (make() for make in known):
+        if name in error.parts:
+            return error, error.parts.index(name)
+    return None
+
+
+def bound_again(name: str, poses: PosePairs, reach: float | None = None) -> SharedError | None:
+    """Return the error of this name whose numbers belong to poses, bound to them; None for others.
+
+    ``reach`` (m) of the robot that it was bound with.
+    """
+    if name == ROBOT_ACCURACY:
+        return population_error(1.0, 0.0, reach).bound(poses)
+    return assumed_view().bound(poses) if name == VIEW else None
+
+
+def assumed_accuracy(of_class: str | None = None) -> SharedError:
+    """Return the accuracy of a robot of which nothing is declared, or its class (`sizes.CLASSES`)."""
+    size = SIZES[ROBOT_ACCURACY] if of_class is None else CLASSES[of_class]
+    return replace(population_error(size.median, 0.0, None), default=True, factor=size.factor)
+
+
+def replace_defaults(declared: Iterable[SharedError], intrinsics_known: bool) -> list[SharedError]:
+    """Return the default errors, those declared in place of the ones of their names, and the other ones declared."""
+    by_name = {
+        error.name: error
+        for error in (
+            *default_errors(intrinsics_known),
+            assumed_accuracy(),
+            *([] if intrinsics_known else [assumed_lens(), assumed_view()]),
+        )
+    }
+    return list((by_name | {error.name: error for error in declared}).values())
