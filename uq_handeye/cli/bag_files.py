@@ -236,10 +236,7 @@ def info_of(text: str) -> "CameraInfo | str":
     if text in CHOICES:
         return text
     camera = camera_of(text)
-    if isinstance(camera, list):
-        return CameraInfo("", (0, 0), "", np.array(camera), np.zeros(0), np.zeros(4))
-    given = getattr(camera, "values", None) or camera.intrinsics
-    values = {name: float(value[0] if isinstance(value, tuple) else value) for name, value in given.items()}
+    values = camera.values
     if missing := [name for name in LINEAR if name not in values]:
         raise InputError(f"--camera-matrix {text}: expected {', '.join(LINEAR)}, got no {missing[0]}.")
     model = camera.model or "pinhole"

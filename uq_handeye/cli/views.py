@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ..core.files.lines import floats
 from ..errors import InputError
@@ -75,7 +75,7 @@ class Views:
         return camera_noise(
             poses,
             self._points(),
-            camera_of(self.options.camera_matrix),
+            camera_of(self.options.camera_matrix).given,
             self.intrinsics,
             pixel_sd=self.options.pixel_noise,
         )
@@ -85,12 +85,8 @@ class Views:
         """Mean focal length of the camera matrix, in pixels."""
         if self.options.camera_matrix is None:
             return None
-        camera = camera_of(self.options.camera_matrix)
-        if isinstance(camera, list):
-            return float(0.5 * (camera[0] + camera[1]))
-        values = getattr(camera, "values", None) or camera.intrinsics
-        fx, fy = (value[0] if isinstance(value, tuple) else value for value in (values["fx"], values["fy"]))
-        return float(0.5 * (fx + fy))
+        values = camera_of(self.options.camera_matrix).values
+        return 0.5 * (values["fx"] + values["fy"])
 
     def _points(self) -> Any:
         tag, board = self.options.tag, self.board
@@ -109,23 +105,39 @@ class Views:
         return board.read().points
 
 
-def camera_of(text: str) -> Any:
+class CameraMatrix(NamedTuple):
+    """Camera of --camera-matrix: as `camera_noise` takes it, and its parameters with the standard deviations given."""
+
+    given: Any
+    values: dict[str, float]
+    sd: dict[str, float]
+    model: str | None
+
+
+def camera_of(text: str) -> CameraMatrix:
     """Read a camera matrix: four numbers, a file or a folder."""
+    from ..model.camera.files.intrinsics_file import read_intrinsics
+    from ..model.camera.models import LINEAR
+
     if (path := Path(text)).is_dir():
         from ..model.camera.files.folder import read_camera
 
-        return read_camera(path)
+        found = read_camera(path)
+        return CameraMatrix(found, found.intrinsics, found.std, found.model)
     numbers = floats(text.split(","))
     if numbers is not None and len(numbers) == 4:
-        return numbers
-    from ..model.camera.files.intrinsics_file import read_intrinsics
-
+        return CameraMatrix(numbers, dict(zip(LINEAR, numbers, strict=True)), {}, "pinhole")
     if not path.exists():
         raise InputError(
             f"Expected --camera-matrix to be FX,FY,CX,CY in pixels, a file or a folder (of a --bag also raw or "
             f"rectified), got {text!r}."
         )
-    return read_intrinsics(path)
+    import numpy as np
+
+    known = read_intrinsics(path)
+    parts = {name: np.ravel(value).tolist() for name, value in known.values.items()}
+    sd = {name: part[1] for name, part in parts.items() if len(part) == 2}
+    return CameraMatrix(known, {name: part[0] for name, part in parts.items()}, sd, known.model)
 
 
 def intrinsics_of(text: str | None) -> str | None:
@@ -182,30 +194,23 @@ def _pictures(images: str, board: BoardOptions, lens: LensOptions, options: View
     return Pictures(images, board, lens, known=_known(camera_of(options.camera_matrix), exact))
 
 
-def _known(camera: Any, exact: bool) -> KnownCamera:
+def _known(camera: CameraMatrix, exact: bool) -> KnownCamera:
     """Return known intrinsics with standard deviations, by default those of finished poses of a tag."""
     from ..model.camera.models import LINEAR, MODELS
     from ..model.shared_errors.shared_error import DEFAULT_SD, FOCAL_LENGTH, PRINCIPAL_POINT
 
-    values: dict[str, Any]
-    if isinstance(camera, list):
-        values, model = dict(zip(LINEAR, camera, strict=True)), "pinhole"
-    elif hasattr(camera, "values"):
-        values = dict(camera.values)
-        model = camera.model or ("brown" if set(values) - set(LINEAR) else "pinhole")
-    else:
-        values, model = {name: (v, camera.std[name]) for name, v in camera.intrinsics.items()}, camera.model
-    if missing := [name for name in LINEAR if name not in values]:
+    if missing := [name for name in LINEAR if name not in camera.values]:
         raise InputError(f"--camera-matrix lacks {', '.join(missing)}. Give fx, fy, cx and cy.")
-    values = {name: values.get(name, 0.0) for name in MODELS[model].names}
-    plain = {name: value[0] if isinstance(value, tuple) else value for name, value in values.items()}
+    model = camera.model or ("brown" if set(camera.values) - set(LINEAR) else "pinhole")
+    values = {name: camera.values.get(name, 0.0) for name in MODELS[model].names}
     if exact:
-        return KnownCamera(model, plain)
-    if any(isinstance(value, tuple) and value[1] > 0 for value in values.values()):
-        return KnownCamera(model, values)
-    f = 0.5 * (plain["fx"] + plain["fy"])
-    of = {"fx": FOCAL_LENGTH, "fy": FOCAL_LENGTH, "cx": PRINCIPAL_POINT, "cy": PRINCIPAL_POINT}
-    return KnownCamera(model, plain | {name: (plain[name], f * DEFAULT_SD[sort]) for name, sort in of.items()})
+        return KnownCamera(model, dict(values))
+    sd = {name: camera.sd[name] for name in values if name in camera.sd}
+    if not any(sd.values()):
+        f = 0.5 * (values["fx"] + values["fy"])
+        of = {"fx": FOCAL_LENGTH, "fy": FOCAL_LENGTH, "cx": PRINCIPAL_POINT, "cy": PRINCIPAL_POINT}
+        sd = {name: f * DEFAULT_SD[sort] for name, sort in of.items()}
+    return KnownCamera(model, {name: (value, sd[name]) if name in sd else value for name, value in values.items()})
 
 
 @made_of(board=BoardOptions, lens=LensOptions, options=ViewOptions)
