@@ -93,10 +93,21 @@ def other_modes(model: LatentModel, mode: Mode) -> list[Mode]:
     better. A search starts there where a size of `TAIL` usual ones, beside the other sizes found or their medians,
     shows a number beyond `SHOWS` of its standard deviations and `FAR` usual sizes; where the mode itself is there, at
     the usual size.
+    Noise of each pose has as many explanations: where a size is in its tail, another search starts with the usual one
+    beside the other noise as large as the residuals.
     Modes that are not apart count once.
     """
     found: list[Mode] = []
     free = model.free.tolist()
+    noise = [place for place, number in enumerate(free) if number in model.blocks]
+    for place in noise:
+        if mode.theta[place] > model.medians[place] + np.log(FAR):
+            start = mode.theta.copy()
+            start[noise] = [np.log(_of_residuals(model, free[k])) for k in noise]
+            start[place] = model.medians[place]
+            other = find_mode(model, start)
+            if other.converged and all(_apart(other, known) for known in (mode, *found)):
+                found.append(other)
     for place, number in enumerate(free):
         if model.components[number].count != 1:
             continue
@@ -122,6 +133,13 @@ def other_modes(model: LatentModel, mode: Mode) -> list[Mode]:
             ):
                 found.append(other)
     return found
+
+
+def _of_residuals(model: LatentModel, number: int) -> float:
+    """Return the size of a noise of each pose at which it is as large as the residuals, where it is the least part."""
+    variance = np.einsum("nii->i", model.blocks[number])
+    rows = variance > 1e-12 * variance.max()
+    return float(np.sqrt(((model.r**2).sum(axis=0)[rows] / variance[rows]).max()))
 
 
 def _apart(other: Mode, known: Mode) -> bool:
