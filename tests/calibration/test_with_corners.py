@@ -14,7 +14,7 @@ from uq_handeye.errors import InputError
 from uq_handeye.fit.likelihood.gauss_helmert import efficient
 from uq_handeye.fit.likelihood.goodness_of_fit import goodness_of_fit
 from uq_handeye.fit.one_model.noise_of_data import estimate_robot_noise
-from uq_handeye.model.noise.estimate import CAMERA_EXCESS, NoisePrior
+from uq_handeye.model.noise.estimate import CAMERA_EXCESS, PICTURE_SHIFT, NoisePrior
 from uq_handeye.model.noise.joint_covariance import JointCovariance
 from uq_handeye.model.noise.models import marginals
 
@@ -45,7 +45,7 @@ def test_nothing_but_poses_from_corners(recording, result):
     assert [name for name in names if not name.startswith("camera beyond its corners")] == ["target scale"]
     found = result.noise_estimate
     assert found.from_corners and found["camera rotation"].status == "from corners"
-    plain = calibrate(poses, shared=[], correlation="none", sizes={CAMERA_EXCESS: "1e-6px"})
+    plain = calibrate(poses, shared=[], correlation="none", sizes={CAMERA_EXCESS: "1e-6px", PICTURE_SHIFT: "1e-6px"})
     beside = calibrate(poses, shared=[], correlation="none")
     alone = estimate_robot_noise(poses, poses.camera_calibration.covariance, start=plain.X)
     for name in ("robot rotation", "robot translation"):  # the same model, but for what corners of a picture share
@@ -98,11 +98,15 @@ def test_bundle(rng, setup):
     poses = poses_of(corners, robot, setup=setup)
     found, beside = calibrate(poses, method="bundle"), calibrate(poses, shared=[])
     assert found.method == "bundle" and found.iterations > 0
-    assert found.agreement.distance < 0.1
-    np.testing.assert_allclose(found.agreement.eigenvalues, 1, atol=0.03)
+    known = calibrate(poses, method="bundle", noise=uq.PoseNoise(found.noise.robot))  # by the same noise one estimate
+    assert known.agreement.distance < 0.05
+    np.testing.assert_allclose(known.agreement.eigenvalues, 1, atol=0.03)
+    # A shift of each picture that the data leave open is in `efficient` and not in the bundle.
+    assert found.agreement.distance < 0.15
+    np.testing.assert_allclose(found.agreement.eigenvalues, 1, atol=0.1)
     off = difference(found.X, beside.X) / beside.std
-    np.testing.assert_allclose(off, found.agreement.by_component, atol=0.02)
-    assert_same_covariance(found.covariance, beside.covariance, 0.03)
+    np.testing.assert_allclose(off, found.agreement.by_component, atol=0.03)
+    assert_same_covariance(found.covariance, beside.covariance, 0.1)
     away = error(found.X, X)
     assert away @ np.linalg.solve(found.covariance, away) < found.quantile(0.9999)
     assert calibrate(poses, method="bundle").to_json() == found.to_json()  # nothing in it is of the run

@@ -24,7 +24,7 @@ from ...errors import InputError, NotConvergedError
 from ...model.kinematics.errors import LENGTHS
 from ...model.kinematics.kinematic_errors import DECLARED, DECLARED_AS, JOINT_NOISE, KinematicColumns
 from ...model.noise.camera_noise import CameraNoise
-from ...model.noise.estimate import CAMERA_EXCESS, NoisePrior
+from ...model.noise.estimate import CAMERA_EXCESS, PICTURE_SHIFT, NoisePrior
 from ...model.noise.joint_covariance import JointCovariance
 from ...model.noise.models import Noise, PairNoise, PoseNoise, marginals
 from ...model.noise.pose_prior import PosePrior
@@ -79,6 +79,7 @@ class JointModel:
     pose_prior: PosePrior | None = None
     arm: KinematicColumns | None = None
     excess: JointCovariance | None = None  # of the camera beside what corners say, per pixel^2
+    shift: Array | None = None  # (n, 6, 2) of the camera where all corners of a picture are shifted, per pixel
     sizes: Mapping[str, Size] = field(default_factory=dict)  # in place of those of the table, by name
     more: tuple[Component, ...] = ()  # of the user's own
     by_view: Array | None = None  # (n, 6, 6) noise of the camera by the view; None: that of the poses
@@ -99,11 +100,12 @@ class JointModel:
 
         Raises `InputError` for a prior of a side that is known.
         """
-        how, excess = "", None
+        how, excess, shift = "", None, None
         if camera is None and poses is not None and poses.known_camera is not None:
             camera = poses.known_camera
             how = "from points" if poses.camera_calibration is None else "from corners"
-            excess = None if poses.camera_calibration is None else poses.camera_calibration.per_pixel
+            if poses.camera_calibration is not None:
+                excess, shift = poses.camera_calibration.per_pixel, poses.camera_calibration.by_shift
         prior = NoisePrior() if prior is None else prior
         if camera is not None and not np.isnan(prior.values[2:]).all():
             known = (
@@ -114,7 +116,7 @@ class JointModel:
                     " .", "."
                 )
             )
-        return cls(constraint, prior, camera, robot, errors, poses, excess=excess, how=how, **others)
+        return cls(constraint, prior, camera, robot, errors, poses, excess=excess, shift=shift, how=how, **others)
 
     @property
     def sides(self) -> tuple[str, str]:
@@ -192,6 +194,8 @@ class JointModel:
             found.append(
                 Component(CAMERA_EXCESS, "camera", SIZES[CAMERA_EXCESS], self.excess.shared, _root(self.excess.own))
             )
+        if self.shift is not None:
+            found.append(Component(PICTURE_SHIFT, "camera", SIZES[PICTURE_SHIFT], block=self.shift))
         return found
 
     def _shared(self) -> list[Component]:

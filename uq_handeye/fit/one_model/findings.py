@@ -11,7 +11,7 @@ from scipy.special import ndtr
 
 from ...core.geometry.se3 import Array
 from ...findings import Finding
-from ...model.noise.estimate import CAMERA_EXCESS, Component, together
+from ...model.noise.estimate import CAMERA_EXCESS, PICTURE_SHIFT, Component, together
 from ...model.shared_errors.sizes import SIZES
 from .sentences import CONTRADICTION
 
@@ -83,13 +83,16 @@ def beside_camera_findings(parts: dict[str, Component], dof: float) -> tuple[Fin
             found.append(unusual_pixels(pixels))
     if robot:
         found.append(_note("robot_shows", components=_plain(robot)))
-    excess = parts.get(CAMERA_EXCESS)
-    if excess is not None and excess.high is not None and 0 < excess.low < excess.high:
+    for name in (CAMERA_EXCESS, PICTURE_SHIFT):
+        excess = parts.get(name)
+        if excess is None or excess.high is None or not 0 < excess.low < excess.high:
+            continue
         sd = float(np.log(excess.high / excess.low)) / (2.0 * REACH)
-        p = float(ndtr((np.log(USUAL * SIZES[CAMERA_EXCESS].median) - np.log(excess.value)) / sd))
+        p = float(ndtr((np.log(USUAL * SIZES[name].median) - np.log(excess.value)) / sd))
         if p < UNLIKELY:
             wrong = p < CONTRADICTION
             values = {"pixels": excess.value, "p_value": p, "dof": dof, "wrong": wrong}
+            values |= {"shifted": True} if name == PICTURE_SHIFT else {}
             found.append(Finding("noise_estimation.camera_excess", "caution" if wrong else "note", values))
     return tuple(found)
 

@@ -172,11 +172,16 @@ def _(factor: float, p_value: float, dof: float) -> str:
     phrase=lambda v: f"corners share {digits(v['pixels'], 2)} px of error, included",
     effect=1.2,
 )
-def _(pixels: float, p_value: float, dof: float, wrong: bool) -> str:
+def _(pixels: float, p_value: float, dof: float, wrong: bool, shifted: bool = False) -> str:
+    how = (
+        f"each picture was shifted by {_digits(pixels)} px"
+        if shifted
+        else f"the corners had {_digits(pixels)} px of additional noise"
+    )
     text = (
         "The camera poses disagree by more than the residuals of their corners explain, given the robot "
-        f"({probability(p_value)}), as if the corners had {_digits(pixels)} px of additional noise: the corners of one "
-        "picture share errors. The covariance of X includes this."
+        f"({probability(p_value)}), as if {how}: the corners of one picture share errors. The covariance of X includes "
+        "this."
     )
     if not wrong:
         return text

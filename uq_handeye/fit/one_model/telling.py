@@ -10,7 +10,7 @@ from ...core.geometry.se3 import Array
 from ...findings import Finding
 from ...model.kinematics.kinematic_errors import DECLARED_AS, JOINT_NOISE
 from ...model.noise.camera_noise import CameraNoise
-from ...model.noise.estimate import CAMERA_EXCESS, Component, FoundComponent, NoiseEstimate, together
+from ...model.noise.estimate import CAMERA_EXCESS, PICTURE_SHIFT, Component, FoundComponent, NoiseEstimate, together
 from ...model.shared_errors.sizes import SIZES
 from .estimation import KINDS, PIXELS, REACH, TOLD, FoundSizes
 from .findings import beside_camera_findings, noise_findings, size_findings
@@ -112,7 +112,7 @@ def _sized(found: FoundSizes) -> list[Component]:
     free = {found.source.components[k].name: j for j, k in enumerate(found.model.free.tolist())}
     for part in found.source.components:
         is_group = part.name in DECLARED_AS
-        if part.name not in (PIXELS, JOINT_NOISE, CAMERA_EXCESS) and not is_group:
+        if part.name not in (PIXELS, JOINT_NOISE, CAMERA_EXCESS, PICTURE_SHIFT) and not is_group:
             continue
         unit = part.size.unit or "rad"
         if part.name not in free:

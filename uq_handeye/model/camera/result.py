@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.files.open import StrPath
-from ...core.geometry.se3 import Array
+from ...core.geometry.se3 import Array, skew
 from ...core.presentation.document import to_text
 from ...core.presentation.notebook import to_html
 from ...errors import InputError
@@ -115,6 +115,17 @@ class CameraCalibration:
         found = self.covariance
         own = found.own * (w / s**2)[:, None, None]
         return JointCovariance(own, found.shared * float(np.sqrt(np.sum(w**2) / np.sum(w)) / s), found.names)
+
+    @property
+    def by_shift(self) -> Array:
+        """(n, 6, 2) errors (theta, tau) of the poses where all corners of a picture are shifted, per pixel.
+
+        To first order a shift turns the pose about the centre of the camera: ``tau = theta x t``.
+        """
+        found = np.zeros((len(self.poses), 6, 2))
+        found[:, 0, 1] = found[:, 1, 0] = 1.0 / self.intrinsics["fx"]
+        found[:, 3:] = -skew(self.poses[:, :3, 3]) @ found[:, :3]
+        return found
 
     def shared_ahead(self, poses: Array, shared: Array) -> Array:
         """(m, 6, q) what errors ``shared`` (n, 6, q) of the poses so far do to ``poses`` (m, 4, 4) yet to be seen.

@@ -25,6 +25,7 @@ SHOWN = {"rad": (180 / np.pi, "deg"), "m": (1e3, "mm"), "px": (1.0, "px")}
 
 # Errors that the corners of a picture share: what residuals indicate beside a known robot (`beside_camera`).
 CAMERA_EXCESS = "camera beyond its corners"
+PICTURE_SHIFT = "shift of each picture"
 
 PartlyKnown = tuple[str | float | None, str | float | None]
 
@@ -225,7 +226,9 @@ class NoiseEstimate(Record):
             if component.status in ("fixed", "prior")
         ):  # what is assumed of an arm beside a camera that the residuals gave
             return False
-        if any(component.name == CAMERA_EXCESS and component.value > 0 for component in self.components):
+        if any(
+            component.name in (CAMERA_EXCESS, PICTURE_SHIFT) and component.value > 0 for component in self.components
+        ):
             return False
         return self.has_prior or (factor is not None and factor.dof > 0.5 * self.dof)
 

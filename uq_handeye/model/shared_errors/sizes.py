@@ -61,6 +61,7 @@ SIZES = {
     "drift of the target": Size(2e-5, 5.0, "", "0.02 mrad and 0.02 mm a step"),
     "pixel noise": Size(0.2, 3.0, "px", "corner detectors, 0.02 to 2 px"),
     "camera beyond its corners": Size(0.05, 3.0, "px", "errors that the corners of one picture share"),
+    "shift of each picture": Size(0.02, 3.0, "px", "all corners of a picture: vibration, exposure while moving"),
 }
 # Absolute accuracy of classes of arms, the size of `robot accuracy`.
 CLASSES = {
