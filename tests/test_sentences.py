@@ -64,7 +64,7 @@ def values_of(words):
 
 
 # Codes are in files of results, and keep the name of the package that was before.
-MOVED = {"noise_estimation": "one_model"}
+MOVED = {"noise_estimation": "one_model", **dict.fromkeys(("monte_carlo", "posterior", "sweep"), "validation")}
 
 
 def of_package(code, of):

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from ..fit.diagnostics.pose_table import PoseTable
     from ..report.comparison.of_result import Compared
     from ..report.comparison.result import Comparison
-    from ..trials.validation.cross_check.result import CrossCheck
+    from ..trials.validation.cross_check.run import CrossCheck
 
 
 # Exit statuses.

@@ -14,11 +14,11 @@ from ..calibration.report.shared_errors import included_words
 from ..calibration.statement.included import not_included
 from ..core.formatting.numbers import concise, fixed
 from ..core.presentation.document import Block, Code, Drawing, Paragraph, Points, Section, Table
-from ..trials.validation.cross_check.text import state, verdict
+from ..trials.validation.cross_check.run import state, verdict
 
 if TYPE_CHECKING:
     from ..calibration.result import Calibration
-    from ..trials.validation.cross_check.result import CrossCheck
+    from ..trials.validation.cross_check.run import CrossCheck
 
 NO_COVARIANCE = "Not known: the noise of the poses was not given, and the residuals show none."
 _AXES = "xyz"

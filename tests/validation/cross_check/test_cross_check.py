@@ -22,10 +22,9 @@ import uq_handeye as uq
 from uq_handeye.core.presentation.document import WIDTH
 from uq_handeye.findings import Finding
 from uq_handeye.trials.validation.cross_check import rows as cross_check_rows
-from uq_handeye.trials.validation.cross_check.run import cross_check
-from uq_handeye.trials.validation.cross_check.text import _figures, _sentence
-from uq_handeye.trials.validation.monte_carlo.sentences import INTERRUPTED
+from uq_handeye.trials.validation.cross_check.run import _figures, _sentence, cross_check
 from uq_handeye.trials.validation.posterior import sample as posterior
+from uq_handeye.trials.validation.sentences import INTERRUPTED
 
 NOISE_70 = uq.PairNoise(*EQUATION_70)
 ON_POSES = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))

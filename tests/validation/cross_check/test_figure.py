@@ -117,5 +117,5 @@ def test_files(check, tmp_path):
     check.figure(tmp_path / "check.svg")
     assert (tmp_path / "check.png").read_bytes().startswith(b"\x89PNG")
     assert b"<svg" in (tmp_path / "check.svg").read_bytes()
-    with pytest.raises(uq.InputError, match="png or svg"):
+    with pytest.raises(uq.InputError, match=r"\.png or \.svg"):
         check.figure(tmp_path / "check.tiff")

@@ -12,8 +12,9 @@ from uq_handeye.core.presentation.document import COLUMNS, to_text
 from uq_handeye.core.presentation.ellipses import render
 from uq_handeye.trials.validation.monte_carlo.consistency import LEVELS, Sums, consistency
 from uq_handeye.trials.validation.monte_carlo.figure import band, validation_figure
+from uq_handeye.trials.validation.monte_carlo.result import monte_carlo_document
 from uq_handeye.trials.validation.monte_carlo.sums import BELOW, COMPONENTS
-from uq_handeye.trials.validation.monte_carlo.text import monte_carlo_document, verdict
+from uq_handeye.trials.validation.monte_carlo.text import verdict
 
 P = np.diag([1e-3, 2e-3, 3e-3, 1e-4, 2e-4, 3e-4]) ** 2
 

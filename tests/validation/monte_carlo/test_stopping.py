@@ -8,8 +8,7 @@ from scipy import stats
 from support import SEED, draw, random_covariance
 
 from uq_handeye.errors import InputError
-from uq_handeye.trials.validation.monte_carlo.sentences import in_digits
-from uq_handeye.trials.validation.monte_carlo.stopping import (
+from uq_handeye.trials.validation.monte_carlo.sums import (
     BLOCK,
     FIRST,
     LEAST,
@@ -17,6 +16,7 @@ from uq_handeye.trials.validation.monte_carlo.stopping import (
     Stability,
     numerical_tolerance,
 )
+from uq_handeye.trials.validation.sentences import in_digits
 
 
 @pytest.fixture

@@ -34,7 +34,7 @@ from uq_handeye.trials.validation.monte_carlo.chunks import (
     versions,
 )
 from uq_handeye.trials.validation.monte_carlo.run import monte_carlo
-from uq_handeye.trials.validation.monte_carlo.sentences import INTERRUPTED, WORKERS_LOST
+from uq_handeye.trials.validation.sentences import INTERRUPTED, WORKERS_LOST
 
 TRIALS = 40_500
 

@@ -18,8 +18,7 @@ from uq_handeye.trials.simulation.run import run
 from uq_handeye.trials.validation.sweep import run as sweep_module
 from uq_handeye.trials.validation.sweep.figure import sweep_figure
 from uq_handeye.trials.validation.sweep.level import KINDS, Level, Limit, MethodSweep, Verdict, coverage_limits, judged
-from uq_handeye.trials.validation.sweep.run import CLOSE, sweep
-from uq_handeye.trials.validation.sweep.text import verdict
+from uq_handeye.trials.validation.sweep.run import CLOSE, sweep, verdict
 
 FAILS = Finding("sweep.no_estimate", "failure", {"failures": 2, "trials": 9})
 

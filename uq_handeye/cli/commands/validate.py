@@ -124,7 +124,7 @@ def validate_command(
         return _sweep(problem, names, factors, options, figure, as_json, output)
 
     from ...read import json_text
-    from ...trials.validation.monte_carlo.sentences import INTERRUPTED as ENDED_BY_HAND
+    from ...trials.validation.sentences import INTERRUPTED as ENDED_BY_HAND
 
     results: list[MonteCarlo] = []
     for result in _simulated(problem, names, asked, workers, resume, output):
@@ -281,7 +281,7 @@ def cross_check_command(
     poses, noise, shared = session.read()
     from ...core.presentation.document import document_of
     from ...trials.validation.cross_check.run import cross_check
-    from ...trials.validation.monte_carlo.sentences import INTERRUPTED as ENDED_BY_HAND
+    from ...trials.validation.sentences import INTERRUPTED as ENDED_BY_HAND
 
     result = calibrated(poses, noise, shared, asked.pairs)
     how = vars(asked) | {"workers": cores() if asked.workers is None else asked.workers}

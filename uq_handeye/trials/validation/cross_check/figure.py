@@ -15,9 +15,7 @@ line style and lightness, not in colour only. This module imports Matplotlib; im
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -25,24 +23,11 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from ....core.files.atomic import write_atomically
 from ....core.geometry.se3 import Array
-from ....core.presentation.ellipses import SYMBOLS, display_unit, limited, render
+from ....core.presentation.ellipses import SYMBOLS, display_unit, limited
 from ....core.presentation.named_figure import settle_layout
-from ..monte_carlo.result import MonteCarlo
-from .rows import Row
-
-
-class Drawn(Protocol):
-    """Interface of a cross-check, as far as the figure needs it."""
-
-    @property
-    def rows(self) -> tuple[Row, ...]: ...
-    @property
-    def runs(self) -> Mapping[str, MonteCarlo]: ...
-    @property
-    def frame(self) -> str: ...
-
+from ..outcome import figure_of
+from .run import CrossCheck
 
 LEVEL = 2
 POINTS = 2000
@@ -70,7 +55,8 @@ _CURVES = (
 )
 
 
-def cross_check_figure(check: Drawn) -> Figure:
+@figure_of.register
+def cross_check_figure(check: CrossCheck) -> Figure:
     """Ellipses of 2 standard deviations in 3 x 5 panels, with up to 2,000 errors of the trials of 4DPA."""
     known = {row.key: row.covariance for row in check.rows if row.covariance is not None}
     drawn = []
@@ -100,12 +86,6 @@ def cross_check_figure(check: Drawn) -> Figure:
     _legend(figure, check, [curve for curve, _ in drawn], len(points))
     settle_layout(figure)
     return figure
-
-
-def save(check: Drawn, path: str | Path) -> None:
-    """Write the figure, whole or not at all; .png or .svg. Raises `InputError` for other endings."""
-    kind = Path(path).suffix.lstrip(".").lower()
-    write_atomically(path, render(cross_check_figure(check), kind))
 
 
 def _reach(covariances: list[Array], points: Array) -> Array:
@@ -139,7 +119,7 @@ def ellipse(S: Array, i: int, j: int) -> Array:
     return LEVEL * np.stack([s[0] * np.cos(angle), s[1] * (rho * np.cos(angle) + np.sqrt(1 - rho**2) * np.sin(angle))])
 
 
-def _legend(figure: Figure, check: Drawn, curves: list[_Curve], points: int) -> None:
+def _legend(figure: Figure, check: CrossCheck, curves: list[_Curve], points: int) -> None:
     handles = [
         Line2D([], [], color=curve.colour, linestyle=curve.line, linewidth=curve.width, label=curve.label)
         for curve in curves

@@ -30,7 +30,7 @@ from ....model.poses.motions import Motions
 from ....model.poses.pose_pairs import PosePairs
 from ...simulation.experiment import Experiment
 from ..monte_carlo.run import MonteCarlo, monte_carlo
-from ..monte_carlo.sentences import INTERRUPTED
+from ..sentences import INTERRUPTED
 
 if TYPE_CHECKING:
     from ..posterior.result import Posterior

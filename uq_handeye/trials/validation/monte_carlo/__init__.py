@@ -1,3 +1,1 @@
 """Check of a covariance by simulation."""
-
-from . import sentences as sentences

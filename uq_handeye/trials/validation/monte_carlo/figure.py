@@ -28,9 +28,11 @@ from scipy.stats import binom
 
 from ....core.formatting.numbers import digits
 from ....core.geometry.se3 import Array
+from ..outcome import figure_of
 from .consistency import HARMLESS, Consistency
+from .result import MonteCarlo, heading
 from .sums import ABOVE, BELOW, COMPONENTS, LEVELS, PARTS, SIZES, edges
-from .text import Run, heading, nees_number, verdict
+from .text import nees_number, verdict
 
 DRAWS = 1_000  # of histograms: the local level to about a third of itself, the band to some 3 %
 COLOURS = ("black", "#D55E00", "#0072B2")  # of the parts, after Okabe and Ito
@@ -42,7 +44,8 @@ _FEWEST = 10  # trials that make a curve
 _SHOWN = (0.5, 0.99, 0.9999, 0.999999)  # quantiles marked in the upper panels
 
 
-def validation_figure(result: Run) -> Figure:
+@figure_of.register
+def validation_figure(result: MonteCarlo) -> Figure:
     """Quantiles of the NEES, standard deviations and coverage of a run, as a Matplotlib figure."""
     c = result.consistency
     # Per cent signs stay with their numbers.

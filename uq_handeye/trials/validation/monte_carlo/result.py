@@ -3,28 +3,26 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from ...._version import __version__
-from ....core.files.atomic import json_text, write_atomically
 from ....core.files.records import attributes, plain
+from ....core.formatting.numbers import digits
 from ....core.geometry.conventions import CONVENTION
 from ....core.geometry.se3 import Array
-from ....core.presentation.document import COLUMNS, WIDTH, Document, to_text
-from ....core.presentation.notebook import to_html
+from ....core.presentation.document import Answer, Block, Document, Paragraph, document_of
 from ....core.runtime.read_only import ReadOnlyArrays
-from ....errors import InputError
 from ....findings import Finding
 from ....model.noise.models import Noise
 from ...simulation.experiment import Experiment
-from ..noise_of_data import NoiseOfData, limit
+from ..noise_of_data import NoiseOfData, limit, limit_blocks
+from ..outcome import Outcome
+from ..sentences import ALL
 from .consistency import LEVELS, PARTS, Consistency
-from .sentences import ALL
-from .stopping import Summary
-from .text import WHO, monte_carlo_document, verdict
+from .sums import Summary
+from .text import WHO, answer, failures, first_table, said, tables, verdict
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -33,8 +31,10 @@ _FORMAT = "uq-handeye monte carlo 1"
 
 
 @dataclass(frozen=True, eq=False)
-class MonteCarlo(ReadOnlyArrays):
+class MonteCarlo(Outcome, ReadOnlyArrays):
     """Errors of many simulated estimates of X, and the covariance that was put to the test; see `monte_carlo`."""
+
+    title: ClassVar[str] = "Monte Carlo"
 
     experiment: Experiment  # true data, noise and method
     frame: str  # of X, e.g. gripper_T_camera
@@ -48,7 +48,7 @@ class MonteCarlo(ReadOnlyArrays):
     errors: Array  # (kept, 6) of the first trials that gave an estimate
     consistency: Consistency
     stability: Summary | None  # where digits were asked for
-    ended: Finding  # how: all trials done, stable, interrupted, or workers lost (`monte_carlo_sentences`)
+    ended: Finding  # how: all trials done, stable, interrupted, or workers lost (`sentences`)
     seconds: float  # of this call
     resumed: int = 0  # trials that were there already
     notes: tuple[str, ...] = field(default=())  # what else happened, e.g. chunks that were damaged
@@ -166,40 +166,9 @@ class MonteCarlo(ReadOnlyArrays):
         with np.errstate(over="ignore"):  # the ratio to a direction without any error is infinite
             return f"{verdict(self.consistency, self.method)} {limit(WHO, self.noise_of_data)}"
 
-    def document(self, verbose: bool = False) -> Document:
-        """Return the verdict, its limits and the table of the axes; ``verbose``: everything that is known."""
-        with np.errstate(over="ignore"):  # as above
-            return monte_carlo_document(self, verbose)
-
     def __repr__(self) -> str:
         what = {True: "consistent", False: "not consistent", None: "undecided"}[self.consistent]
         return f"MonteCarlo({self.method}, {self.trials:,} trials, {what}{'' if self.complete else ', incomplete'})"
-
-    def _repr_html_(self) -> str:
-        """Return the verdict, with everything else folded, for notebooks."""
-        return to_html("Monte Carlo", self.document(True))
-
-    def summary(self, verbose: bool = False) -> str:
-        """Return the verdict and the table of the axes as text of 80 columns; ``verbose``: everything that is known."""
-        return to_text(self.document(verbose), WIDTH if verbose else COLUMNS)
-
-    def __str__(self) -> str:
-        return self.summary()
-
-    def figure(self, path: str | Path) -> None:
-        """Write a figure, .png or .svg: quantiles of the NEES, standard deviations, coverage.
-
-        Raises `InputError` for another kind of file, or one that cannot be written.
-        """
-        kind = Path(path).suffix.lower().removeprefix(".")
-        if kind not in ("png", "svg"):
-            raise InputError(f"Expected a figure to be named .png or .svg, got {str(path)!r}.")
-        from ....core.presentation.ellipses import render  # Matplotlib is slow to import
-        from .figure import validation_figure
-
-        with np.errstate(over="ignore"):  # as above
-            image = render(validation_figure(self), kind)
-        write_atomically(path, image)
 
     def to_dict(self) -> dict[str, Any]:
         """Everything but the single errors as plain numbers, lists and text, with units and convention."""
@@ -226,10 +195,6 @@ class MonteCarlo(ReadOnlyArrays):
             "stability": None if self.stability is None else {**plain(self.stability), "reason": self.stability.reason},
         }
 
-    def to_json(self, path: str | Path | None = None) -> str:
-        """JSON text, also written to ``path`` (whole or not at all)."""
-        return json_text(self.to_dict(), path)
-
     def to_dataframe(self) -> pd.DataFrame:
         """A pandas table, one row per axis, in rad and m: what was predicted and what came."""
         import pandas as pd
@@ -246,3 +211,39 @@ class MonteCarlo(ReadOnlyArrays):
             columns |= {"ratio_low": c.std_ratio_interval[:, 0], "ratio_high": c.std_ratio_interval[:, 1]}
         columns |= {"bias": c.bias, "bias_error": c.bias_error}
         return pd.DataFrame(columns)
+
+
+@document_of.register(MonteCarlo)
+def monte_carlo_document(result: MonteCarlo, verbose: bool = False) -> Document:
+    """Return the verdict, its limits and the table of the axes; ``verbose``: everything that is known."""
+    c = result.consistency
+    start: list[Block] = []
+    if not result.complete:
+        reason = f"NOT COMPLETE: {result.reason}".rstrip(" :")
+        start.append(Paragraph(f"{reason}. The numbers are those of the trials so far."))
+    start.append(Answer(answer(c, result.experiment.method), _status(result)))
+    start += said(c, verbose)
+    start += limit_blocks(WHO, result.noise_of_data, verbose)
+    how = f"{heading(result)}. Noise was drawn around the {result.origin}. {failures(c)} {digits(result.seconds)} s"
+    how += f", {result.rate:,.0f} trials/s." if result.rate else "."
+    how += f" Ended: {result.reason}." if verbose and result.complete and result.reason else ""
+    end: list[Block] = [Paragraph(how), *(Paragraph(f"Note: {note}") for note in result.notes)]
+    if not verbose:
+        table, numbers = first_table(c)
+        return [start, table, [*numbers, *end]]
+    return [start, *tables(c), end]
+
+
+def _status(result: MonteCarlo) -> str:
+    """Return the status of the verdict, for its colour."""
+    c, found = result.consistency, result.noise_of_data
+    if c.rejected and not c.harmless:
+        return "failed"
+    return "caution" if c.consistent is not True or not result.complete or (found and found.doubtful) else "ok"
+
+
+def heading(result: MonteCarlo) -> str:
+    """Describe what was run."""
+    count = result.consistency.trials
+    trials = f"{count:,} {'trial' if count == 1 else 'trials'}"
+    return f"Monte Carlo of {result.frame} by {result.experiment.method}: {trials}, seed {result.seed}"

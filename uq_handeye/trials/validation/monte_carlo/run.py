@@ -39,12 +39,12 @@ from ....model.poses.pose_pairs import PosePairs
 from ....model.poses.timing import warn_left_out
 from ...simulation.experiment import Fitted, experiment, problem_of
 from ..noise_of_data import noise_of_data
+from ..sentences import ALL, INTERRUPTED, STABLE, WORKERS_LOST
 from .chunks import Chunk, Crew, Work, WorkersLostError, chunk_size, from_bytes, to_bytes
 from .consistency import Sums, consistency
 from .result import MonteCarlo
-from .sentences import ALL, INTERRUPTED, STABLE, WORKERS_LOST
-from .stopping import BLOCK, Stability
 from .store import RunFolder
+from .sums import BLOCK, Stability
 
 __all__ = ["MonteCarlo", "monte_carlo"]
 

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ....core.formatting.numbers import digits, fixed, probability
-from ....core.presentation.document import Answer, Block, Document, Paragraph, Table
-from ..noise_of_data import NoiseOfData, limit_blocks
+from ....core.presentation.document import Block, Paragraph, Table
 from .consistency import HARMLESS, LIKELIHOOD_RATIO
 from .sums import COMPONENTS, LEVELS, PARTS, SIZES, in_words
 
@@ -24,74 +23,27 @@ _UNITS = np.array([_DEG] * 3 + [_MM] * 3)
 _CLEAR, _SHIFTED = 4.0, 3.0
 
 
-class Run(Protocol):
-    """Interface of a Monte Carlo run, as far as the text needs it."""
-
-    @property
-    def experiment(self) -> Any: ...  # with `method`
-    @property
-    def frame(self) -> str: ...
-    @property
-    def origin(self) -> str: ...  # what the noise was drawn around
-    @property
-    def notes(self) -> tuple[str, ...]: ...
-    @property
-    def consistency(self) -> Consistency: ...
-    @property
-    def seconds(self) -> float: ...
-    @property
-    def rate(self) -> float: ...
-    @property
-    def seed(self) -> Any: ...
-    @property
-    def complete(self) -> bool: ...
-    @property
-    def reason(self) -> str: ...
-    @property
-    def noise_of_data(self) -> NoiseOfData | None: ...
+def said(c: Consistency, verbose: bool) -> list[Paragraph]:
+    """Return what goes with the verdict; ``verbose``: all of it."""
+    return [Paragraph(text) for text in (_details(c) if verbose else _caveats(c))]
 
 
-def monte_carlo_document(result: Run, verbose: bool = False) -> Document:
-    """Return the verdict, its limits and the table of the axes; ``verbose``: everything that is known."""
-    c = result.consistency
-    start: list[Block] = []
-    if not result.complete:
-        reason = f"NOT COMPLETE: {result.reason}".rstrip(" :")
-        start.append(Paragraph(f"{reason}. The numbers are those of the trials so far."))
-    start.append(Answer(_answer(c, result.experiment.method), _status(result)))
-    start += [Paragraph(text) for text in (_details(c) if verbose else _caveats(c))]
-    start += limit_blocks(WHO, result.noise_of_data, verbose)
-    how = f"{heading(result)}. Noise was drawn around the {result.origin}. {failures(c)} {digits(result.seconds)} s"
-    how += f", {result.rate:,.0f} trials/s." if result.rate else "."
-    how += f" Ended: {result.reason}." if verbose and result.complete and result.reason else ""
-    end: list[Block] = [Paragraph(how), *(Paragraph(f"Note: {note}") for note in result.notes)]
-    if not verbose:
-        return [start, _few_axes(c), [*_few_numbers(c), *end]]
-    sections = (section(c) for section in (_axes, _nees, _coverage, _directions, _tests))
-    return [start, *sections, end]
+def tables(c: Consistency) -> list[list[Block]]:
+    """Return everything that is known as tables."""
+    return [section(c) for section in (_axes, _nees, _coverage, _directions, _tests)]
 
 
-def _status(result: Run) -> str:
-    """Return the status of the verdict, for its colour."""
-    c, found = result.consistency, result.noise_of_data
-    if c.rejected and not c.harmless:
-        return "failed"
-    return "caution" if c.consistent is not True or not result.complete or (found and found.doubtful) else "ok"
-
-
-def heading(result: Run) -> str:
-    """Describe what was run."""
-    count = result.consistency.trials
-    trials = f"{count:,} {'trial' if count == 1 else 'trials'}"
-    return f"Monte Carlo of {result.frame} by {result.experiment.method}: {trials}, seed {result.seed}"
+def first_table(c: Consistency) -> tuple[list[Block], list[Block]]:
+    """Return the table of the axes, and the numbers of its legend."""
+    return _few_axes(c), _few_numbers(c)
 
 
 def verdict(c: Consistency, method: str | None = None) -> str:
     """Return whether the covariance is consistent, too small or too large, by how much, and which tests reject it."""
-    return " ".join([_answer(c, method), *_details(c)])
+    return " ".join([answer(c, method), *_details(c)])
 
 
-def _answer(c: Consistency, method: str | None) -> str:
+def answer(c: Consistency, method: str | None) -> str:
     """Return the verdict, after what limits it."""
     T = c.sums.count
     if T == 0:

@@ -11,7 +11,7 @@ This module imports Matplotlib; import it where it is used.
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -25,25 +25,8 @@ from scipy.ndimage import gaussian_filter
 from ....core.geometry.se3 import Array
 from ....core.presentation.ellipses import LEVELS, SYMBOLS, display_unit
 from ....core.presentation.named_figure import settle_layout
-from .convergence import PosteriorDiagnostics
-
-
-class Drawn(Protocol):
-    """Interface of a posterior, as far as the figure needs it."""
-
-    @property
-    def frame(self) -> str | None: ...
-    @property
-    def samples(self) -> Array: ...
-    @property
-    def mean(self) -> Array: ...
-    @property
-    def std(self) -> Array: ...
-    @property
-    def bound(self) -> Array: ...
-    @property
-    def diagnostics(self) -> PosteriorDiagnostics: ...
-
+from ..outcome import figure_of
+from .result import Posterior
 
 BINS = 60
 REACH = 4.0  # standard deviations to either side
@@ -51,7 +34,8 @@ SMOOTHING = 0.2  # standard deviations
 COLOUR, OVERLAY = "#0072B2", "#D55E00"
 
 
-def corner(posterior: Drawn) -> Figure:
+@figure_of.register
+def corner(posterior: Posterior) -> Figure:
     """The six coordinates of X; raises `NotConvergedError` for a chain that has not converged."""
     x = posterior.samples
     reach = REACH * np.maximum(posterior.std, np.sqrt(np.diag(posterior.bound)))
@@ -126,7 +110,7 @@ def _frame(axis: Axes, label: str | None, diagonal: bool) -> None:
         axis.set_xlabel(label, fontsize=9)
 
 
-def _legend(figure: Figure, posterior: Drawn) -> None:
+def _legend(figure: Figure, posterior: Posterior) -> None:
     contents = ", ".join(f"{100 * (1 - np.exp(-k * k / 2)):.1f} %" for k in LEVELS)
     handles = [
         Patch(facecolor=COLOUR, alpha=0.4, edgecolor=COLOUR, label=f"samples; contours hold {contents}"),

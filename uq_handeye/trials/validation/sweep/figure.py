@@ -12,8 +12,7 @@ from __future__ import annotations
 
 import math
 import textwrap
-from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -21,31 +20,11 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-from ....core.files.atomic import write_files
-from ....core.files.open import StrPath, as_path
 from ....core.formatting.numbers import digits, rough
-from ....core.presentation.ellipses import render
 from ....core.presentation.figure_parts import HALO
-from ....errors import InputError
+from ..outcome import figure_of
 from .level import KINDS, Limit, MethodSweep
-
-
-class Drawn(Protocol):
-    """Interface of a sweep, as far as the figure needs it."""
-
-    @property
-    def methods(self) -> tuple[MethodSweep, ...]: ...
-    @property
-    def frame(self) -> str: ...
-    @property
-    def count(self) -> int: ...
-    @property
-    def item(self) -> str: ...
-    @property
-    def trials(self) -> int: ...
-    @property
-    def tolerance(self) -> float: ...
-
+from .run import Sweep
 
 # Colours of Okabe and Ito, lines and markers apart in greyscale too.
 STYLES: dict[str, tuple[str, Any, str]] = {KINDS[0]: ("#D55E00", "-", "o"), KINDS[1]: ("#0072B2", (0, (4, 1.5)), "s")}
@@ -53,20 +32,8 @@ COLUMNS = 3
 _WIDTH, _HEIGHT = 3.6, 3.0  # inches of a panel
 
 
-def figure(result: Drawn, path: StrPath) -> Path:
-    """Write the figure as ``.png`` or ``.svg``, by the name, whole or not at all; returns the path.
-
-    Raises `InputError` for another ending, and if the file cannot be written.
-    """
-    path = as_path(path)
-    kind = path.suffix.lower().removeprefix(".")
-    if kind not in ("png", "svg"):
-        raise InputError(f"Expected a figure ending in .png or .svg, got {path.name!r}.")
-    write_files(path.parent, {path.name: render(sweep_figure(result), kind)})
-    return path
-
-
-def sweep_figure(result: Drawn) -> Figure:
+@figure_of.register
+def sweep_figure(result: Sweep) -> Figure:
     """The figure, as Matplotlib has it."""
     columns = min(COLUMNS, len(result.methods))
     rows = -(-len(result.methods) // columns)
@@ -121,7 +88,7 @@ def sweep_figure(result: Drawn) -> Figure:
     return drawn
 
 
-def _footer(result: Drawn) -> str:
+def _footer(result: Sweep) -> str:
     """Explain the marks in the figure."""
     limits = [found.limit(kind) for found in result.methods for kind in KINDS]
     text = f"{result.trials:,} trials per level; all levels share their draws."
@@ -135,7 +102,7 @@ def _footer(result: Drawn) -> str:
     return text
 
 
-def _range(result: Drawn) -> tuple[float, float]:
+def _range(result: Sweep) -> tuple[float, float]:
     """Limits of the NEES: all values, and never less than the band of the tolerance with some room."""
     edge = 6 * (1 + result.tolerance) ** 2
     values = [edge * 1.3, 36 / edge / 1.3]
@@ -147,7 +114,7 @@ def _range(result: Drawn) -> tuple[float, float]:
     return low / room, high * room
 
 
-def _panel(axis: Axes, result: Drawn, found: MethodSweep, nees: tuple[float, float]) -> None:
+def _panel(axis: Axes, result: Sweep, found: MethodSweep, nees: tuple[float, float]) -> None:
     axis.set_xscale("log")
     axis.set_yscale("log")
     matters = (1 + result.tolerance) ** 2
@@ -226,5 +193,5 @@ def _mark(axis: Axes, limit: Limit, colour: str, height: float) -> None:
     )
 
 
-def _tolerance(result: Drawn) -> str:
+def _tolerance(result: Sweep) -> str:
     return f"errors as predicted within {100 * result.tolerance:g} %"
