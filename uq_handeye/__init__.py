@@ -380,8 +380,7 @@ _LATER = {
     ),
     "read.synchronisation.result": ("Synchronised",),
     "read.synchronisation.synchronise": ("synchronise",),
-    "trials.validation.cross_check.result": ("CrossCheck",),
-    "trials.validation.cross_check.run": ("cross_check",),
+    "trials.validation.cross_check.run": ("CrossCheck", "cross_check"),
     "trials.validation.monte_carlo.run": (
         "MonteCarlo",
         "monte_carlo",
