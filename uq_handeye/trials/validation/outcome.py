@@ -1,4 +1,4 @@
-"""What results of validations have in common: words, figure and file, made in one way."""
+"""Words, figure and file of the results of validations, made in one way."""
 
 from __future__ import annotations
 
