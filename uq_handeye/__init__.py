@@ -82,10 +82,9 @@ if _typing.TYPE_CHECKING:
     from .report.certificate.certificate import Certificate, make_certificate
     from .report.comparison.compare import compare
     from .report.comparison.result import Comparison
-    from .rig.calibrate import calibrate_rig
+    from .rig.calibrate import calibrate_rig, update_rig
     from .rig.description import ArmPoses, Rig, View
     from .rig.files.rig_file import read_rig
-    from .rig.in_use.update import update_rig
     from .rig.result import EstimatedPose, RigCalibration
     from .rig.simulation import simulate_rig
     from .trials.simulation.rig import simulate
@@ -348,9 +347,8 @@ _LATER = {
     "model.points.files.point_file": ("read_points", "read_target"),
     "model.points.measured": ("PointSet", "Target"),
     "model.points.result": ("PointPoses",),
-    "rig.calibrate": ("calibrate_rig",),
+    "rig.calibrate": ("calibrate_rig", "update_rig"),
     "rig.description": ("ArmPoses", "Rig", "View"),
-    "rig.in_use.update": ("update_rig",),
     "rig.result": ("EstimatedPose", "RigCalibration"),
     "rig.files.rig_file": ("read_rig",),
     "rig.simulation": ("simulate_rig",),

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 import uq_handeye as uq
 from uq_handeye.cli.app import main
-from uq_handeye.rig.output.page import rig_html
+from uq_handeye.rig.page import rig_html
 from uq_handeye.rig.simulation import simulate_rig, with_noise
 
 RIG = """
@@ -147,7 +147,7 @@ def test_one_axis_only_is_an_answer_in_part(tmp_path, capsys):
     write(tmp_path / "left.csv", np.arange(15.0), rig.views[0].poses)
     given = [tmp_path / "robot.csv", f"--camera=left={tmp_path / 'left.csv'}", "--robot-noise=0.5mrad,0.3mm"]
     assert run("calibrate", *given, "--camera-noise=0.5mrad,0.3mm") == 6
-    assert "Not determined: 1 direction, of left, board" in capsys.readouterr().out
+    assert "Not determined: 1 direction, of left, target" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

@@ -137,7 +137,7 @@ def deliver_rig(result: "RigCalibration", wishes: "ReportOptions", wanted: Wante
     written = ""
     page = {"about": wishes.about, "verdicts": verdicts, **wishes.of_report}
     if (output := outputs.output) is not None:
-        from ..rig.output.page import rig_html
+        from ..rig.page import rig_html
 
         html = rig_html(result, **{name: value for name, value in page.items() if name != "paper"})
         files: dict[str, str | bytes] = {"rig.json": json_text(result.to_dict()), "rig.txt": text, "report.html": html}

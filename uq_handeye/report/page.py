@@ -20,11 +20,10 @@ from ..calibration.report.first_screen import data_words
 from ..calibration.result import Calibration
 from ..calibration.statement.tolerance import Verdict
 from ..core.files.about import as_about
-from ..core.files.atomic import require_writable_file, write_atomically
 from ..core.geometry.conventions import CONVENTION
 from ..core.presentation.document import Block, Drawing, Paragraph, Points, Section
 from ..core.presentation.page import Page, drawing
-from ..core.presentation.pdf import PAPERS, to_pdf
+from ..core.presentation.pdf import PAPERS, page_path, write_page
 from ..errors import InputError
 from ..trials.validation.cross_check.run import CrossCheck as CrossCheck
 from .comparison.of_result import Compared, compare_beside
@@ -52,7 +51,6 @@ from .sheets import caution_points, first_sheet, second_sheet, split_cautions, t
 
 # What a report may be given of the methods: a comparison, True for one to be made, False for none.
 Methods = Comparison | Compared | bool
-SUFFIXES = (".html", ".pdf")
 NOT_COMPARED = "Not compared with other methods."
 
 
@@ -84,17 +82,11 @@ def write_report(
     MissingExtraError
         A PDF where neither WeasyPrint nor a Chromium browser is installed.
     """
-    path = Path(path)
-    suffix = path.suffix.lower()
-    if suffix not in SUFFIXES:
-        raise InputError(f"Expected `path` to end in {' or '.join(SUFFIXES)}, got {path.name!r}.")
+    path = page_path(path, paper)  # before the methods are compared
     if not isinstance(comparison, bool | Comparison | Compared):
         raise InputError(f"Expected `comparison` to be True, False or a Comparison, got {type(comparison).__name__}.")
-    if paper not in PAPERS:
-        raise InputError(f"Expected `paper` to be {' or '.join(PAPERS)}, got {paper!r}.")
     result = replace(result, about=as_about({**result.about, **(about or {})}))
-    require_writable_file(path)  # before the methods are compared
-    folded = suffix == ".html" or details
+    folded = path.suffix.lower() == ".html" or details
     if comparison is True:
         comparison = folded and compare_beside(result)
     text = report_html(
@@ -105,8 +97,7 @@ def write_report(
         details=details,
         folded=folded,
     )
-    write_atomically(path, text if suffix == ".html" else to_pdf(text, paper))
-    return path
+    return write_page(path, text, paper)
 
 
 def report_html(

@@ -16,15 +16,16 @@ from ..errors import InputError, NotConvergedError
 from ..model.posterior.posterior import FreshNoise, Posterior
 from .checks.moved import judged_paths, named_error
 from .checks.optimality import Optimality, better_start, prove
-from .connected import require_tied
 from .description import Rig
 from .fit import Prior, RigFit, fit, rig_units
 from .graph import Graph
+from .in_use.check import check_rig
+from .in_use.evidence import joined, like
 from .noise import RigNoise, given_noise, plain_noise
 from .pair import FEWEST_FOR_ROBUST, find_pair, is_pair, weigh_pair
 from .result import RigCalibration
 from .sizes import Found, find_sizes, width_of_targets
-from .start import start_of
+from .start import require_tied, start_of
 from .weights import Distances, distances, fit_robustly
 
 METHODS = ("efficient", "ml")
@@ -238,3 +239,49 @@ def _sizes(S: Array) -> tuple[float, float]:
         return 0.0, 0.0
     mean = np.sqrt(np.diagonal(S, axis1=-2, axis2=-1).mean(axis=0).reshape(2, 3).mean(axis=1))
     return float(mean[0]), float(mean[1])
+
+
+# ------------------------------------------------------------------------------------------- with new views
+
+# Level of the check before an update.
+LEVEL = 1e-3
+
+
+def update_rig(result: RigCalibration, rig: Rig, *, although_changed: bool = False) -> RigCalibration:
+    """Calibrate the old and the new views together.
+
+    Parameters
+    ----------
+    result : RigCalibration
+    rig : Rig
+        New robot poses and views. Poses that the result has too must be the same; their names must else be new.
+    although_changed : bool
+        Update even if the new views contradict the result.
+
+    Raises
+    ------
+    InputError
+        New views that contradict the result, that it has already, or of things that the rig does not have.
+    """
+    new = like(result, rig)
+    have = {(view.camera, view.target, moment) for view in result.rig.views for moment in view.at or ()}
+    for view in new.views:
+        if again := [moment for moment in view.at or () if (view.camera, view.target, moment) in have]:
+            raise InputError(
+                f"{view.words} has the view of {view.target} by {view.camera} at robot pose {again[0]!s}, which the "
+                "calibration has already. Remove it, or rename the pose."
+            )
+    if not although_changed:
+        found = check_rig(result, rig, level=LEVEL)
+        if found.changed:
+            raise InputError(
+                f"The new views contradict the calibration. {found.sentence} To update, give --although-changed."
+            )
+    if result.provenance is None:
+        raise InputError("Expected a result that says how it was calibrated. Calibrate again.")
+    request = dict(result.provenance["request"])
+    noise = request.pop("noise")
+    if noise is not None:
+        noise = {name: np.array(of) if isinstance(of, list) and isinstance(of[0], list) else of
+                 for name, of in noise.items()}  # fmt: skip
+    return calibrate_rig(joined(result.rig, new), noise, **request)

@@ -2,6 +2,7 @@ r"""Result of a rig: every pose by its name, their joint covariance, relative po
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from functools import cached_property
@@ -21,7 +22,8 @@ from ..core.runtime.read_only import ReadOnlyArrays
 from ..errors import InputError
 from ..findings import Finding, texts
 from ..fit.likelihood.goodness_of_fit import Reference
-from ..formats.export.several import write_several
+from ..formats.export.several import Several, write_several
+from ..formats.export.snippets import OPEN_DEVIATION, Transform, with_open
 from ..model.poses.pose_pairs import ranges
 from ..model.posterior.posterior import Posterior
 from .checks.optimality import Optimality
@@ -31,7 +33,6 @@ from .files.result_file import from_dict, to_dict
 from .in_use.check import RigCheck, check_rig
 from .in_use.plan import RigPlan, plan_rig
 from .in_use.predict import RigPoints, predict_points
-from .output.exported import several_of
 from .relative import closed, open_of, relative_pose
 
 # Chi-square over its number from which the residuals say that something is wrong, rather than the size of the noise.
@@ -330,8 +331,8 @@ class RigCalibration(Record):
         return write_several(several_of(self), path, format)
 
     def report(self, path: StrPath, **options: Any) -> Path:
-        """Write the report, .html or .pdf; options as `uq_handeye.rig.output.page.write_rig_report` takes them."""
-        from .output.page import write_rig_report
+        """Write the report, .html or .pdf; options as `uq_handeye.rig.page.write_rig_report` takes them."""
+        from .page import write_rig_report
 
         return write_rig_report(self, Path(path), **options)
 
@@ -369,3 +370,27 @@ class RigCalibration(Record):
 
     def __repr__(self) -> str:
         return f"RigCalibration({', '.join(self.names)}; chi-square {self.chi_square:.0f} of {self.dof:.0f})"
+
+
+def several_of(result: Any) -> Several:
+    """Return the poses of cameras, targets and bases, and the relative poses, of a `RigCalibration`."""
+    singles = [*result.cameras.values(), *result.targets.values(), *list(result.arms.values())[1:]]
+    comments = []
+    if opened := [one.frame for one in (*singles, *result.pairs) if len(one.open)]:
+        comments = [
+            f"Open, not determined by the motions in all directions: {', '.join(opened)}.",
+            f"Along open directions the covariance has a standard deviation of {OPEN_DEVIATION:g} m (angles: times "
+            f"{result.lever:.3g} m), which stands for infinity.",
+        ]
+    first = next(iter(result.rig.arms))
+    if len(result.rig.arms) > 1:
+        comments.append(f"The world is the base of the arm {first}.")
+    return Several(
+        [_transform(one) for one in singles], [_transform(one) for one in result.pairs], comments,
+        json_text(result.to_dict()),
+    )  # fmt: skip
+
+
+def _transform(one: Any) -> Transform:
+    parent, _, child = (re.sub(r"[^A-Za-z0-9_]", "_", part) for part in one.frame.partition("_T_"))
+    return Transform(one.pose + 0.0, with_open(one.covariance, one.open), parent, child)

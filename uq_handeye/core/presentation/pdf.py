@@ -9,12 +9,13 @@ import logging
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from ...errors import InputError, MissingExtraError
+from ..files.atomic import require_writable_file, write_atomically
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome", "microsoft-edge")
 # Nothing from the network, no first-run pages, no state that stays. Without its sandbox it also runs in a container and
@@ -33,6 +34,24 @@ FLAGS = (
 PAPERS = ("a4", "letter")
 # Seconds that a browser may take.
 PATIENCE = 120
+
+
+def page_path(path: str | Path, paper: str, suffixes: Sequence[str] = (".html", ".pdf")) -> Path:
+    """Return the path of a page that can be written; raises `InputError` for another suffix or paper."""
+    found = Path(path)
+    if found.suffix.lower() not in suffixes:
+        listed = (" or " if len(suffixes) == 2 else ", ").join(suffixes)
+        raise InputError(f"Expected `path` to end in {listed}, got {found.name!r}.")
+    if paper not in PAPERS:
+        raise InputError(f"Expected `paper` to be {' or '.join(PAPERS)}, got {paper!r}.")
+    require_writable_file(found)
+    return found
+
+
+def write_page(path: Path, html: str, paper: str) -> Path:
+    """Write a page as its suffix says, whole or not at all."""
+    write_atomically(path, html if path.suffix.lower() == ".html" else to_pdf(html, paper))
+    return path
 
 
 def to_pdf(html: str, paper: str = PAPERS[0]) -> bytes:

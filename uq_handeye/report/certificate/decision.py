@@ -14,10 +14,9 @@ import numpy as np
 from ...calibration.result import Calibration
 from ...calibration.statement.headline import NOT_USABLE
 from ...calibration.statement.tolerance import MET, Tolerance, Verdict, percent, probability_of
-from ...core.files.atomic import json_text, require_writable_file, write_atomically
+from ...core.files.atomic import json_text
 from ...core.formatting.numbers import digits
-from ...core.presentation.pdf import PAPERS, to_pdf
-from ...errors import InputError
+from ...core.presentation.pdf import PAPERS, page_path, write_page
 
 RULE = (
     f"Decision rule (JCGM 106): PASS if the probability of conformity is at least {percent(MET)}, FAIL if it is at "
@@ -119,19 +118,11 @@ class Written:
         MissingExtraError
             A PDF where neither WeasyPrint (extra ``pdf``) nor a Chromium browser is installed.
         """
-        path = Path(path)
-        suffix = path.suffix.lower()
-        if suffix not in SUFFIXES:
-            raise InputError(f"Expected `path` to end in {', '.join(SUFFIXES)}, got {path.name!r}.")
-        if paper not in PAPERS:
-            raise InputError(f"Expected `paper` to be {' or '.join(PAPERS)}, got {paper!r}.")
-        require_writable_file(path)
-        if suffix == ".json":
-            self.to_json(path)
-        else:
-            text = self.to_html()
-            write_atomically(path, text if suffix == ".html" else to_pdf(text, paper))
-        return path
+        target = page_path(path, paper, SUFFIXES)
+        if target.suffix.lower() != ".json":
+            return write_page(target, self.to_html(), paper)
+        self.to_json(target)
+        return target
 
 
 @dataclass(frozen=True, eq=False)

@@ -33,9 +33,9 @@ from ...core.files.records import plain
 from ...core.formatting.numbers import digits, probability
 from ...core.presentation.document import Answer, Badge, Block, Paragraph, Points, Section, Table
 from ...core.presentation.page import Page
-from ...rig.output.page import FRAMES, UNLIKELY, counted, headline, noise_table
-from ...rig.output.sketch import rig_sketch
+from ...rig.page import FRAMES, UNLIKELY, counted, headline, noise_table
 from ...rig.result import EstimatedPose, RigCalibration
+from ...rig.sketch import rig_sketch
 from .decision import RULE, Written
 from .statements import ERROR_MODEL, STANDING, VALIDITY
 

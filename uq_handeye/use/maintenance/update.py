@@ -38,8 +38,8 @@ from ...model.poses.pose_pairs import PosePairs
 from ...model.poses.to_dict import sha256_of
 from ...model.posterior.owners import THINGS, checked_things
 from ...model.posterior.rows import NewRows
+from ...rig.calibrate import update_rig
 from ...rig.description import Rig, require_left_out
-from ...rig.in_use.update import update_rig
 from ...rig.result import RigCalibration
 from .check import check
 from .joined_poses import arguments, holds_request, joined_poses, measured_poses, require_joinable
@@ -68,7 +68,7 @@ def update(
     ----------
     result : Calibration or RigCalibration
         It is asked again with its own options: method, noise as given or estimated, shared errors, priors, arm. That of
-        a rig takes a Rig as ``poses`` (`uq_handeye.rig.in_use.update`).
+        a rig takes a Rig as ``poses`` (`uq_handeye.rig.calibrate`).
     poses : PosePairs
         New poses of the same rig, one or more; with corners where those of the result have them: the camera is then
         adjusted with all pictures.

@@ -13,20 +13,17 @@ from typing import Any
 
 import numpy as np
 
-from ..._version import __version__
-from ...core.files.about import ABOUT, OF_CERTIFICATE, as_about
-from ...core.files.atomic import require_writable_file, write_atomically
-from ...core.formatting.numbers import digits, probability
-from ...core.geometry.conventions import CONVENTION
-from ...core.geometry.se3 import Array
-from ...core.presentation.document import Answer, Badge, Block, Paragraph, Points, Section, Table
-from ...core.presentation.page import Page
-from ...core.presentation.pdf import PAPERS, to_pdf
-from ...errors import InputError
-from ..graph import Graph
+from .._version import __version__
+from ..core.files.about import ABOUT, OF_CERTIFICATE, as_about
+from ..core.formatting.numbers import digits, probability
+from ..core.geometry.conventions import CONVENTION
+from ..core.geometry.se3 import Array
+from ..core.presentation.document import Answer, Badge, Block, Paragraph, Points, Section, Table
+from ..core.presentation.page import Page
+from ..core.presentation.pdf import PAPERS, page_path, write_page
+from .graph import Graph
 from .sketch import rig_sketch
 
-SUFFIXES = (".html", ".pdf")
 # Views that are listed, those with the largest distance first; probability of a chi-square below which it is said;
 # share of the views that are rejected above which it is.
 MOST_VIEWS, UNLIKELY, MANY = 60, 1e-3, 0.1
@@ -61,13 +58,10 @@ def write_rig_report(
     InputError
         Another suffix, or a file that cannot be written.
     """
-    path = Path(path)
-    if path.suffix.lower() not in SUFFIXES:
-        raise InputError(f"Expected `path` to end in {' or '.join(SUFFIXES)}, got {path.name!r}.")
-    require_writable_file(path)
-    text = rig_html(result, about=as_about(about or {}), verdicts=verdicts or {}, details=details)
-    write_atomically(path, text if path.suffix.lower() == ".html" else to_pdf(text, paper))
-    return path
+    target = page_path(path, paper)
+    return write_page(
+        target, rig_html(result, about=as_about(about or {}), verdicts=verdicts or {}, details=details), paper
+    )
 
 
 def rig_html(

@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from ...core.formatting.numbers import digits
-from ...core.presentation.document import Drawing
-from ..description import WORLD
+from ..core.formatting.numbers import digits
+from ..core.presentation.document import Drawing
+from .description import WORLD
 
 WIDTH, ROW, TOP, RADIUS = 440.0, 60.0, 32.0, 18.0
 LEFT, RIGHT = 158.0, 282.0

@@ -1,1 +1,0 @@
-"""The result of a rig for people and for other programs."""
