@@ -96,16 +96,17 @@ def by_likelihood(job: Job) -> tuple[Calibration, list[Finding]]:
     fourdpa: Published | None = None
     with suppress(DegenerateMotionError):
         fourdpa = fit_published(job.motions, noise, "4dpa", None, job.everything)
+    opens = True
     if fourdpa is None:
         at = start_open(constraint, noise, known)
-    elif leaves_open(constraint, noise, at := constraint.complete(fourdpa.X)):
+    elif opens := leaves_open(constraint, noise, at := constraint.complete(fourdpa.X)):
         with suppress(DegenerateMotionError):
             at, fourdpa = start_open(constraint, noise, known), None
-    elif known is None and (noise is None or noise.prior is None):  # half turns whose signs are lost in the noise
-        require_signal(job.motions, noise, residuals(job.motions.A, job.motions.B, fourdpa.X)[0])
     start = fourdpa or Published(job.motions, "4dpa", None, at.X, at.W, 0, job.everything)
     angle, distance = residuals(job.motions.A, job.motions.B, at.X)
-    source = None if noise is not None else joint_model_of(job, constraint)
+    if not opens and known is None and (noise is None or noise.prior is None):
+        require_signal(job.motions, noise, angle)  # half turns whose signs are lost in the noise
+    source = None if noise is not None else replace(joint_model_of(job, constraint), nothing_open=not opens)
     exact = noise is None and max(angle.max(), distance.max() / _longest(job.motions)) < EXACT
     if source is not None and not exact:
         job, source = _in_its_branch(job, source, at)
@@ -113,7 +114,7 @@ def by_likelihood(job: Job) -> tuple[Calibration, list[Finding]]:
     found: FoundSizes | None = None
     if job.robust and not exact:
         if source is None:
-            robust = fit_robustly(constraint, noise, at, job.method, seed=job.request.seed, prior=known)
+            robust = fit_robustly(constraint, noise, at, job.method, seed=job.request.seed)
         else:
             robust, found = weigh_from_two_starts(source, at, job.method, job.request.seed, *_slack(job))
         noise = robust.noise

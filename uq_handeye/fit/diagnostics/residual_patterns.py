@@ -154,10 +154,11 @@ def standardised(r: Array, J: Array) -> tuple[Array, Array]:
 
 
 def _orthonormal(J: Array) -> Array:
-    values, vectors = np.linalg.eigh(_unit(gram(J))[0])
+    information, scale = _unit(gram(J))
+    values, vectors = np.linalg.eigh(information)
     told = values > SINGULAR
     root = vectors * np.where(told, 1.0 / np.sqrt(np.where(told, values, 1.0)), 0.0)[..., None, :]
-    return np.asarray(J @ (_unit(gram(J))[1][..., :, None] * root)[..., None, :, :])
+    return np.asarray(J @ (scale[..., :, None] * root)[..., None, :, :])
 
 
 def _freedom(U: Array) -> Array:

@@ -179,7 +179,8 @@ def robust_fit(
     if constraint.first.ndim != 3:
         raise InputError(f"Expected one data set, got leading axes {constraint.first.shape[:-3]}.")
     require_enough(constraint)
-    return fit_robustly(constraint, noise, sound_start(data, constraint, noise), method, estimate, seed)
+    search = None if estimate is None else NoiseSearch(estimate)
+    return fit_robustly(constraint, noise, sound_start(data, constraint, noise), method, search, seed)
 
 
 def require_enough(constraint: Constraint) -> None:
@@ -190,43 +191,46 @@ def require_enough(constraint: Constraint) -> None:
         )
 
 
+class NoiseSearch(NamedTuple):
+    """Way to noise that is not known."""
+
+    estimate: Estimator
+    prior: PosePrior | None = None  # of X and W
+    slack: float = 1.0  # multiplies the limits of distances
+    all_alike: bool = False  # starts from all rows, not from `consensus`
+
+
 def fit_robustly(
     constraint: Constraint,
     noise: Noise | None,
     start: Unknowns,
     method: str = "efficient",
-    estimate: Estimator | None = None,
+    search: NoiseSearch | None = None,
     seed: int | np.random.Generator = 0,
-    prior: PosePrior | None = None,
-    slack: float = 1.0,
-    all_alike: bool = False,
 ) -> RobustFit:
     """Run `robust_fit` on one constraint, from the unknowns that all rows together give.
 
-    ``all_alike``: noise that is not known starts from all rows, not from `consensus`.
-
-    ``prior`` of X and W is for noise that is not known yet; else that of the noise counts. ``slack`` multiplies the
-    limits of distances where the noise is not known.
+    ``search`` is needed where the noise is not known.
     """
     require_enough(constraint)
     subsets = 0
     if noise is not None:
         settled = _begin_with_all(constraint, noise, start, method)
-    elif all_alike or constraint.n < MANY:
-        settled = None
     else:
-        assert estimate is not None
-        noise, settled = _all_agree(constraint, start, estimate, method)
+        assert search is not None
+        settled = None
+        if not search.all_alike and constraint.n >= MANY:
+            noise, settled = _all_agree(constraint, start, search.estimate, method)
     if settled is None:
-        begun = _from_all(constraint, start) if all_alike else _begin(constraint, noise, start, seed)
-        if noise is None:
-            begun = begun._replace(noise=with_prior(begun.noise, prior))
+        alike = noise is None and search is not None and search.all_alike
+        begun = _from_all(constraint, start) if alike else _begin(constraint, noise, start, seed)
         subsets = begun.subsets
         if noise is not None:
             settled = _settle(constraint, noise, begun.unknowns, begun.inside, method)
         else:
-            assert estimate is not None
-            noise, settled = _alternate(constraint, begun, estimate, method, slack)
+            assert search is not None
+            begun = begun._replace(noise=with_prior(begun.noise, search.prior))
+            noise, settled = _alternate(constraint, begun, search.estimate, method, search.slack)
     fitted, distances, leverage, scale, limit, plain, begun_at = settled
     assert fitted.weights is not None
     weights, n = fitted.weights, constraint.n

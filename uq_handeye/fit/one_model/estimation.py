@@ -83,6 +83,7 @@ class JointModel:
     sizes: Mapping[str, Size] = field(default_factory=dict)  # in place of those of the table, by name
     more: tuple[Component, ...] = ()  # of the user's own
     by_view: Array | None = None  # (n, 6, 6) noise of the camera by the view; None: that of the poses
+    nothing_open: bool = False  # all rows together determine all of X and W: not looked at again
     how: str = ""  # where a known covariance of the camera comes from: "from corners", "from points"
 
     @classmethod
@@ -283,7 +284,7 @@ class JointModel:
         part, kept, used = rows
         every = len(used) == self.constraint.n
         components = self.components if every else tuple(one.rows(kept[used]) for one in self.components)
-        exact, nothing_open = np.zeros(2, dtype=bool), False
+        exact, nothing_open = np.zeros(2, dtype=bool), self.nothing_open and every
         for done in range(MOST_ROUNDS):
             model, reduced = self._model(part, at, kept[used], components, nothing_open)
             if not done:

@@ -29,7 +29,7 @@ from ...model.noise.models import Noise, with_prior
 from ...model.noise.square_roots import own_blocks
 from ..likelihood.constraint import Constraint, Unknowns
 from ..likelihood.gauss_helmert import CLOSED_FORM_STEPS, MOST_STEPS, Fit, fit
-from ..likelihood.robust import RobustFit, fit_robustly
+from ..likelihood.robust import NoiseSearch, RobustFit, fit_robustly
 from .estimation import ROUGH, FoundSizes, JointModel
 
 # Share of rejected poses above which all poses are tried as a start as well; and over how many powers of e the size of
@@ -48,7 +48,7 @@ def weigh(
     slack: float = 1.0,
     all_alike: bool = False,
 ) -> tuple[RobustFit, FoundSizes | None]:
-    """Robust weights, and the sizes of the errors that they go with; ``slack``, ``all_alike`` as of `fit_robustly`."""
+    """Robust weights, and the sizes of the errors that they go with; ``slack``, ``all_alike`` as of `NoiseSearch`."""
     found: FoundSizes | None = None
 
     def estimate_noise(_: Constraint, at: Unknowns, weights: Array) -> Noise | None:
@@ -56,8 +56,8 @@ def weigh(
         found = source.find(at, weights, None if found is None else found.mode.theta, ROUGH)
         return None if found.noise is None else with_prior(found.noise, source.pose_prior)
 
-    options = (method, estimate_noise, seed, source.pose_prior, slack, all_alike)
-    return fit_robustly(source.constraint, None, at, *options), found
+    search = NoiseSearch(estimate_noise, source.pose_prior, slack, all_alike)
+    return fit_robustly(source.constraint, None, at, method, search, seed), found
 
 
 def weigh_from_two_starts(
