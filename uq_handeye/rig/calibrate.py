@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -24,7 +24,7 @@ from .in_use.evidence import joined, like
 from .noise import RigNoise, given_noise, plain_noise
 from .pair import FEWEST_FOR_ROBUST, find_pair, is_pair, weigh_pair
 from .result import RigCalibration
-from .sizes import Found, find_sizes, width_of_targets
+from .sizes import SHARED, Found, Shared, find_sizes, width_of_targets
 from .start import require_tied, start_of
 from .weights import Distances, distances, fit_robustly
 
@@ -43,7 +43,7 @@ def calibrate_rig(
     *,
     method: str = "efficient",
     robust: bool = True,
-    shared: bool = True,
+    shared: bool | Collection[str] = True,
     seed: int = 0,
 ) -> RigCalibration:
     """Estimate all poses of a rig with their joint covariance.
@@ -57,9 +57,10 @@ def calibrate_rig(
     method : "efficient" or "ml"
     robust : bool
         Whether views and robot poses that contradict the others are down-weighted.
-    shared : bool
-        Where the noise is estimated, whether with errors that poses share: accuracy of each arm, focal length and image
-        centre of each camera, scale of each target.
+    shared : bool, or names
+        Where the noise is estimated, whether with errors that poses share, or with which: "accuracy" of each arm,
+        "focal length", "principal point" and, with one camera, "lens distortion" and "view" of each camera, "scale" of
+        each target. What is left out is exact, such as the intrinsics of rendered pictures.
     seed : int
         Of the random starts with several arms.
 
@@ -74,6 +75,9 @@ def calibrate_rig(
         raise InputError(f"Expected `rig` to be a Rig, got {type(rig).__name__}.")
     if method not in METHODS:
         raise InputError(f"Expected `method` to be one of {', '.join(METHODS)}, got {method!r}.")
+    shared = shared if isinstance(shared, bool) else tuple([shared] if isinstance(shared, str) else shared)
+    if not isinstance(shared, bool) and (unknown := [name for name in shared if name not in SHARED]):
+        raise InputError(f"Expected `shared` to be True, False or some of {', '.join(SHARED)}, got {unknown[0]!r}.")
     require_tied(rig)
     request = {"noise": plain_noise(rig, noise), "method": method, "robust": robust, "shared": shared, "seed": seed}
     with one_thread():  # many small matrices
@@ -81,7 +85,7 @@ def calibrate_rig(
     return replace(found, provenance={"request": request, "versions": versions()})
 
 
-def _calibrated(rig: Rig, noise: Any, method: str, robust: bool, shared: bool, seed: int) -> RigCalibration:
+def _calibrated(rig: Rig, noise: Any, method: str, robust: bool, shared: Shared, seed: int) -> RigCalibration:
     graph = Graph.of(rig)
     prior = prior_of(rig, graph)
     start, kept = start_of(graph, seed)
@@ -144,7 +148,7 @@ def _robustly(
 
 
 def _with_sizes(
-    rig: Rig, graph: Graph, start: Array, kept: NDArray[np.bool_], method: str, robust: bool, shared: bool, seed: int
+    rig: Rig, graph: Graph, start: Array, kept: NDArray[np.bool_], method: str, robust: bool, shared: Shared, seed: int
 ) -> Estimated:
     """Sizes of the errors and weights in turn, until the same views count."""
     prior = prior_of(rig, graph)

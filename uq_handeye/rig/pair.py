@@ -30,7 +30,7 @@ from .description import Rig
 from .fit import Prior
 from .graph import Graph
 from .noise import RigNoise
-from .sizes import Found, components_of, found_of, given_roots
+from .sizes import Found, Shared, components_of, found_of, given_roots
 
 # Poses from which on wrong ones can be told from good ones.
 FEWEST_FOR_ROBUST = 5
@@ -53,7 +53,7 @@ def is_pair(rig: Rig, graph: Graph) -> bool:
 
 
 def find_pair(
-    rig: Rig, graph: Graph, start: Array, method: str, robust: bool, shared: bool, prior: Prior, seed: int
+    rig: Rig, graph: Graph, start: Array, method: str, robust: bool, shared: Shared, prior: Prior, seed: int
 ) -> OfPair | None:
     """Find sizes, weights and poses of a pair; None where its data are exact."""
     on_left = bool(graph.side[0][0] < graph.P)
@@ -61,7 +61,7 @@ def find_pair(
     poses = PosePairs(graph.robot[robots], graph.C, "eye-in-hand" if on_left else "eye-to-hand")
     constraint = replace(constraint_of(poses, None), split_known=False)
 
-    drift = _drift(rig, graph, poses) if shared else ()
+    drift = _drift(rig, graph, poses) if shared is True else ()
 
     def all_at(at: Graph) -> tuple[Component, ...]:
         return (*components_of(rig, at, shared, (rig, graph)), *drift)

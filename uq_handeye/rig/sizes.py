@@ -14,7 +14,7 @@ correlation of their residuals.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -46,6 +46,9 @@ WIDTHS, SURE, FEW, WIDTH = tuple(0.5**k for k in range(6)), 3.0, 200, "half widt
 # Views from which the sizes are found at most, whole groups; rounds of linearisation; what a step may still move.
 ENOUGH, ROUNDS, STILL = 600, 6, 2e-2
 
+# What all poses of an arm, a camera or a target share.
+SHARED = ("accuracy", FOCAL_LENGTH, PRINCIPAL_POINT, "scale", LENS, "view")
+Shared = bool | Collection[str]
 OF_EACH_CAMERA = ("rotation", "translation", "by view", "focal length", "principal point")
 _PARTS = (("rotation", np.eye(6)[:, :3]), ("translation", np.eye(6)[:, 3:]))
 
@@ -61,13 +64,13 @@ class Found:
 
 
 def components_of(
-    rig: Rig, graph: Graph, shared: bool, bound: tuple[Rig, Graph] | None = None, width: float = 1.0
+    rig: Rig, graph: Graph, shared: Shared, bound: tuple[Rig, Graph] | None = None, width: float = 1.0
 ) -> tuple[Component, ...]:
     """Return all components of the poses of a graph: columns (P, 6, m) of the robot, (E, 6, m) of the cameras.
 
-    ``shared``: with what all poses of an owner share; without, noise of each pose only. ``bound``: the rig and the
-    graph whose poses the shared errors belong to; None: this one. ``width`` of the targets, in units of the usual one
-    (`view`).
+    ``shared``: with what all poses of an owner share (`SHARED`), or some of it; without, noise of each pose only.
+    ``bound``: the rig and the graph whose poses the shared errors belong to; None: this one. ``width`` of the targets,
+    in units of the usual one (`view`).
     """
     both = ((rig, graph), (rig, graph) if bound is None else bound)
     before = both[1][1]
@@ -88,6 +91,7 @@ def components_of(
               for part in kinematic_components(rig, graph, name)]  # fmt: skip
     if not shared:
         return (*found, *chains)
+    noise, found = found, []
     finished = {name: of for name, of in cameras.items() if name not in calibrated}
     alone, by_intrinsics = len(rig.cameras) == 1, _by_intrinsics(graph, before, width)
     for name, (of, _) in finished.items():
@@ -104,7 +108,8 @@ def components_of(
         lens = _of(of[0], by_intrinsics[..., 3:7] * [1.0, 3.0, 0.1, 0.1])
         found.append(Component(f"{name} {LENS}", "camera", SIZES[LENS], columns=lens))
         found.append(_shared(graph, before, name, of, assumed_view()))
-    return (*found, *chains)
+    asked = SHARED if shared is True else tuple(f" {what}" for what in shared)
+    return (*noise, *(part for part in found if part.name.endswith(asked)), *chains)
 
 
 Owned = tuple[NDArray[np.bool_], ...]  # rows of an owner in the graph, and in the one that is bound
@@ -188,7 +193,7 @@ def width_of_targets(rig: Rig, graph: Graph, at: Array, kept: NDArray[np.bool_],
 
 
 def find_sizes(
-    rig: Rig, graph: Graph, at: Array, kept: NDArray[np.bool_], shared: bool = True, prior: Prior | None = None,
+    rig: Rig, graph: Graph, at: Array, kept: NDArray[np.bool_], shared: Shared = True, prior: Prior | None = None,
     width: float = 1.0,
 ) -> Found:  # fmt: skip
     """Find the sizes near the poses ``at`` (m, 4, 4), from the views ``kept`` (E,).
