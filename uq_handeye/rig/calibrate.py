@@ -17,14 +17,13 @@ from ..model.posterior.posterior import FreshNoise, Posterior
 from .checks.moved import judged_paths, named_error
 from .checks.optimality import Optimality, better_start, prove
 from .description import Rig
-from .fit import Prior, RigFit, fit, rig_units
-from .graph import Graph
+from .fit import RigFit, Task, fit, rig_units
 from .in_use.check import check_rig
 from .in_use.evidence import joined, like
 from .noise import RigNoise, given_noise, plain_noise
 from .pair import FEWEST_FOR_ROBUST, find_pair, is_pair, weigh_pair
 from .result import RigCalibration
-from .sizes import SHARED, Found, Shared, find_sizes, width_of_targets
+from .sizes import SHARED, Found, find_sizes, width_of_targets
 from .start import require_tied, start_of
 from .weights import Distances, distances, fit_robustly
 
@@ -81,26 +80,18 @@ def calibrate_rig(
     require_tied(rig)
     request = {"noise": plain_noise(rig, noise), "method": method, "robust": robust, "shared": shared, "seed": seed}
     with one_thread():  # many small matrices
-        found = _calibrated(rig, noise, method, robust, shared, seed)
+        found = _calibrated(Task.of(rig, method, robust, shared, seed), noise)
     return replace(found, provenance={"request": request, "versions": versions()})
 
 
-def _calibrated(rig: Rig, noise: Any, method: str, robust: bool, shared: Shared, seed: int) -> RigCalibration:
-    graph = Graph.of(rig)
-    prior = prior_of(rig, graph)
-    start, kept = start_of(graph, seed)
-    of_all = None if noise is None else given_noise(rig, graph, noise)
+def _calibrated(task: Task, noise: Any) -> RigCalibration:
+    start, kept = start_of(task.graph, task.seed)
+    of_all = None if noise is None else given_noise(task.rig, task.graph, noise)
 
     def estimated(start: Array, kept: NDArray[np.bool_]) -> Estimated:
-        if of_all is None:
-            return _with_sizes(rig, graph, start, kept, method, robust, shared, seed)
-        if robust:
-            return Estimated(*_robustly(rig, graph, of_all, start, method, prior, kept, seed))
-        found = fit(graph, of_all, start, method, prior=prior)
-        return Estimated(found, distances(found))
+        return _with_sizes(task, start, kept) if of_all is None else Estimated(*_fitted(task, of_all, start, kept))
 
-    one, optimality = _at_global_minimum(rig, graph, estimated, start, kept)
-    return assembled(rig, one, method, prior, robust, optimality)
+    return _assembled(task, *_at_global_minimum(task, estimated, start, kept))
 
 
 class Estimated(NamedTuple):
@@ -114,64 +105,58 @@ class Estimated(NamedTuple):
 
 
 def _at_global_minimum(
-    rig: Rig, graph: Graph, estimated: Callable[[Array, NDArray[np.bool_]], Estimated], start: Array,
-    kept: NDArray[np.bool_],
-) -> tuple[Estimated, Optimality]:  # fmt: skip
+    task: Task, estimated: Callable[[Array, NDArray[np.bool_]], Estimated], start: Array, kept: NDArray[np.bool_]
+) -> tuple[Estimated, Optimality]:
     """Estimate from a start, and from the next one where the dual bound rejects its minimum."""
     for rejected in range(MINIMA):
         try:
             one = estimated(start, kept)
         except (InputError, NotConvergedError):
-            better = better_start(rig, graph, start, kept)
+            better = better_start(task.rig, task.graph, start, kept)
             if better is None or rejected:
                 raise
         else:
-            optimality, better = prove(rig, one.found)
+            optimality, better = prove(task.rig, one.found)
             if better is None or rejected == MINIMA - 1:
                 break
-        start, kept = better, np.ones(graph.E, dtype=bool)
+        start, kept = better, np.ones(task.graph.E, dtype=bool)
     return one, replace(optimality, rejected=rejected)
 
 
-def _robustly(
-    rig: Rig, graph: Graph, noise: RigNoise, at: Array, method: str, prior: Prior, kept: NDArray[np.bool_], seed: int
-) -> tuple[RigFit, Distances]:
-    """Fit with robust weights; its errors name the pose that did not stand still, if one explains them."""
+def _fitted(task: Task, noise: RigNoise, at: Array, kept: NDArray[np.bool_]) -> tuple[RigFit, Distances]:
+    """Fit, with robust weights if asked; its errors name the pose that did not stand still, if one explains them."""
+    graph, weights = task.graph, None
     try:
-        if not is_pair(rig, graph) or graph.E < FEWEST_FOR_ROBUST:
-            return fit_robustly(graph, noise, at, method, prior, kept)
-        at, weights = weigh_pair(graph, noise, at, method, prior, seed)
-        found = fit(graph, noise, at, method, weights, prior=prior)
+        if task.robust and not is_pair(task):
+            return fit_robustly(graph, noise, at, task.method, task.prior, kept)
+        if task.robust and graph.E >= FEWEST_FOR_ROBUST:
+            at, weights = weigh_pair(task, noise, at)
+        found = fit(graph, noise, at, task.method, weights, prior=task.prior)
         return found, distances(found)
     except (InputError, NotConvergedError) as error:
-        raise named_error(rig, graph, noise, at, method, prior, error) from error
+        if not task.robust:
+            raise
+        raise named_error(task, noise, at, error) from error
 
 
-def _with_sizes(
-    rig: Rig, graph: Graph, start: Array, kept: NDArray[np.bool_], method: str, robust: bool, shared: Shared, seed: int
-) -> Estimated:
+def _with_sizes(task: Task, start: Array, kept: NDArray[np.bool_]) -> Estimated:
     """Sizes of the errors and weights in turn, until the same views count."""
-    prior = prior_of(rig, graph)
+    graph, width = task.graph, 1.0
     if 6 * int(kept.sum()) <= graph.p:
         raise InputError(
             f"Expected more views to estimate the noise from, got {graph.E} for {graph.m} unknown poses. Give more, or "
             "the noise."
         )
-    if is_pair(rig, graph) and (pair := find_pair(rig, graph, start, method, robust, shared, prior, seed)) is not None:
-        found = fit(graph, pair.sizes.noise, pair.at, method, pair.weights, prior=prior)
+    if is_pair(task) and (pair := find_pair(task, start)) is not None:
+        found = fit(graph, pair.sizes.noise, pair.at, task.method, pair.weights, prior=task.prior)
         return _estimated(found, distances(found), pair.sizes)
-    at, count = start, kept if robust else np.ones(graph.E, dtype=bool)
-    width = 1.0
+    at, count = start, kept if task.robust else np.ones(graph.E, dtype=bool)
     for done in range(ROUNDS):
-        sizes = find_sizes(rig, graph, at, count, shared, prior, width)
-        if robust:
-            found, far = _robustly(rig, graph, sizes.noise, at, method, prior, count, seed)
-        else:
-            found = fit(graph, sizes.noise, at, method, prior=prior)
-            far = distances(found)
+        sizes = find_sizes(task, at, count, width)
+        found, far = _fitted(task, sizes.noise, at, count)
         # a view at the edge must not come and go: from the third round on none comes back
         at, again = found.at, (found.edge_weights > COUNTS) & (count | (done < 2))
-        before, width = width, width if done else width_of_targets(rig, graph, at, again, prior)
+        before, width = width, width if done else width_of_targets(task, at, again)
         if (again == count).all() and width == before:
             break
         count = again
@@ -184,61 +169,33 @@ def _estimated(found: RigFit, far: Distances, sizes: Found) -> Estimated:
         units = rig_units(graph, found.lever)
         U = found.open * units
         closed = (closed - U.T @ U) / units[:, None] * units
-    spread = _padded(closed @ sizes.spread @ closed.T, len(found.whole))
+    spread = np.pad(closed @ sizes.spread @ closed.T, (0, len(found.whole) - graph.p))
     return Estimated(found, far, spread, sizes.lines, sizes.weights)
 
 
-def _padded(S: Array, size: int) -> Array:
-    return np.pad(S, (0, size - len(S)))
-
-
-def prior_of(rig: Rig, graph: Graph) -> Prior:
-    """Known poses by the number of the unknown."""
-    return {graph.names.index(name): (known.X, known.information_X) for name, known in (rig.known or {}).items()}
-
-
-def assembled(
-    rig: Rig, one: Estimated, method: str, prior: Prior, robust: bool, optimality: Optimality
-) -> RigCalibration:
+def _assembled(task: Task, one: Estimated, optimality: Optimality) -> RigCalibration:
     """Return the result of a fit."""
     found, far, spread, components, weights = one
-    graph = found.graph
-    paths, findings = judged_paths(rig, found, method, prior, robust)
+    rig, graph, noise = task.rig, found.graph, found.noise
+    paths, findings = judged_paths(task, found)
     if spread is not None:
         found = replace(found, whole=found.whole + spread)
-    arms = list(rig.arms)
+    arms, cameras = list(rig.arms), list(rig.cameras)
     names = tuple((arms[a], rig.arms[arms[a]].names[k]) for a, k in zip(graph.arm, graph.pose, strict=True))
+    own = [("robot", name, noise.robot[graph.arm == k]) for k, name in enumerate(arms)]
+    own += [("camera", name, noise.camera[k == graph.X]) for k, name in enumerate(cameras)]
+    fresh = tuple(FreshNoise(name, side, S.mean(axis=0), 1.0, np.zeros(0)) for side, name, S in own if len(S))
     return RigCalibration(
         rig, graph.names, found.at, found.covariance, found.open, found.lever, found.chi_square, float(found.dof),
-        method, found.edge_weights, far.edges, found.pose_weights, names, stated_noise(rig, graph, found.noise),
-        components=components,
+        task.method, found.edge_weights, far.edges, found.pose_weights, names,
+        {name: _sizes(S) for _, name, S in own}, components=components,
         size_weights=np.zeros(0) if weights is None else weights, paths=paths, optimality=optimality, findings=findings,
-        posterior=posterior_of(rig, found),
+        posterior=Posterior(noise.names, -found.z, found.whole, graph.names, noise=fresh),
     )  # fmt: skip
 
 
-def posterior_of(rig: Rig, found: RigFit) -> Posterior:
-    """Return all poses and the errors that measurements share, with the mean noise of new ones by arm and camera."""
-    graph, noise = found.graph, found.noise
-    of_view = np.array([list(rig.cameras).index(view.camera) for view in rig.views])[graph.view]
-    rows = [("robot", name, noise.robot[graph.arm == k]) for k, name in enumerate(rig.arms)]
-    rows += [("camera", name, noise.camera[of_view == k]) for k, name in enumerate(rig.cameras)]
-    fresh = tuple(FreshNoise(name, side, S.mean(axis=0), 1.0, np.zeros(0)) for side, name, S in rows if len(S))
-    return Posterior(noise.names, -found.z, found.whole, graph.names, noise=fresh)
-
-
-def stated_noise(rig: Rig, graph: Graph, noise: RigNoise) -> dict[str, tuple[float, float]]:
-    """Standard deviations per axis (rad, m) by arm and camera, root mean square over the poses."""
-    found = {}
-    of_view = np.array([list(rig.cameras).index(view.camera) for view in rig.views])
-    for k, name in enumerate(rig.arms):
-        found[name] = _sizes(noise.robot[graph.arm == k])
-    for k, name in enumerate(rig.cameras):
-        found[name] = _sizes(noise.camera[of_view[graph.view] == k])
-    return found
-
-
 def _sizes(S: Array) -> tuple[float, float]:
+    """Standard deviations per axis (rad, m), root mean square over the poses."""
     if not len(S):
         return 0.0, 0.0
     mean = np.sqrt(np.diagonal(S, axis1=-2, axis2=-1).mean(axis=0).reshape(2, 3).mean(axis=1))

@@ -19,7 +19,7 @@ of the square roots of the covariances of all poses, I_0 and N weighted by the m
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import NamedTuple
@@ -34,6 +34,7 @@ from ..fit.likelihood.open_directions import SIGNAL, UNDETERMINED
 from ..model.noise.joint_covariance import checked_cholesky
 from ..model.noise.models import factor
 from ..model.noise.square_roots import LEAST_WEIGHT
+from .description import Rig
 from .graph import Batch, Graph, Sides
 from .noise import RigNoise
 
@@ -48,6 +49,26 @@ NOTHING = 1e-11
 LEAST = 1e-6
 
 Prior = dict[int, tuple[Array, Array]]  # mean (4, 4) and information (6, 6) by number of the unknown
+Shared = bool | Collection[str]
+
+
+class Task(NamedTuple):
+    """What is to be estimated, and how."""
+
+    rig: Rig
+    graph: Graph
+    prior: Prior
+    method: str
+    robust: bool
+    shared: Shared
+    seed: int
+
+    @classmethod
+    def of(cls, rig: Rig, method: str, robust: bool, shared: Shared, seed: int) -> Task:
+        """Number what a rig holds."""
+        graph = Graph.of(rig)
+        known = {graph.names.index(name): (of.X, of.information_X) for name, of in (rig.known or {}).items()}
+        return cls(rig, graph, known, method, robust, shared, seed)
 
 
 @dataclass(frozen=True, eq=False)

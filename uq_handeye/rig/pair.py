@@ -27,10 +27,10 @@ from ..model.poses.pose_pairs import PosePairs
 from ..model.shared_errors.assumed import assumed_drift
 from ..model.shared_errors.sizes import Size
 from .description import Rig
-from .fit import Prior
+from .fit import Prior, Task
 from .graph import Graph
 from .noise import RigNoise
-from .sizes import Found, Shared, components_of, found_of, given_roots
+from .sizes import Found, components_of, found_of, given_roots
 
 # Poses from which on wrong ones can be told from good ones.
 FEWEST_FOR_ROBUST = 5
@@ -44,18 +44,18 @@ class OfPair(NamedTuple):
     weights: Array
 
 
-def is_pair(rig: Rig, graph: Graph) -> bool:
+def is_pair(task: Task) -> bool:
     """Return whether the graph has one kind of edge, each with a robot pose of its own, and all covariances or none."""
+    graph = task.graph
     sides = [side < graph.P for side in graph.side]
     one_kind = graph.m == 2 and bool((sides[0] ^ sides[1]).all() and (sides[0] == sides[0][0]).all())
-    given = {view.covariance is None for view in rig.views}
+    given = {view.covariance is None for view in task.rig.views}
     return one_kind and len(given) == 1 and graph.P == graph.E
 
 
-def find_pair(
-    rig: Rig, graph: Graph, start: Array, method: str, robust: bool, shared: Shared, prior: Prior, seed: int
-) -> OfPair | None:
+def find_pair(task: Task, start: Array) -> OfPair | None:
     """Find sizes, weights and poses of a pair; None where its data are exact."""
+    rig, graph, prior, method, robust, shared, seed = task
     on_left = bool(graph.side[0][0] < graph.P)
     robots = graph.side[0 if on_left else 1]
     poses = PosePairs(graph.robot[robots], graph.C, "eye-in-hand" if on_left else "eye-to-hand")
@@ -103,16 +103,14 @@ def find_pair(
     return OfPair(found, np.stack([unknowns.X, unknowns.W]), weights)
 
 
-def weigh_pair(
-    graph: Graph, noise: RigNoise, start: Array, method: str, prior: Prior, seed: int
-) -> tuple[Array, Array]:
+def weigh_pair(task: Task, noise: RigNoise, start: Array) -> tuple[Array, Array]:
     """Poses to fit a pair from, and weights, where the noise is given."""
-    poses, robots = _poses_of(graph)
+    poses, robots = _poses_of(task.graph)
     sides = {"robot": (noise.robot[robots], noise.K_robot[robots]), "camera": (noise.camera, noise.K_camera)}
     of_poses = {side: JointCovariance(own, K) if K.shape[-1] else own for side, (own, K) in sides.items()}
-    given = with_prior(PoseNoise(**of_poses), _known(prior))
+    given = with_prior(PoseNoise(**of_poses), _known(task.prior))
     constraint = constraint_of(poses, given)
-    found = likelihood_robust(constraint, given, Unknowns(start[0], start[1]), method, seed=seed)
+    found = likelihood_robust(constraint, given, Unknowns(start[0], start[1]), task.method, seed=task.seed)
     assert found.begun is not None and found.begun.W is not None
     return np.stack([found.begun.X, found.begun.W]), found.weights
 

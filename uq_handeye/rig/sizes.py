@@ -14,7 +14,7 @@ correlation of their residuals.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -32,7 +32,7 @@ from ..model.shared_errors.shared_error import FOCAL_LENGTH, LENS, PRINCIPAL_POI
 from ..model.shared_errors.sizes import SIZES, Size
 from ..model.shared_errors.view import HALF, intrinsics_columns, median_distance, view_block
 from .description import Rig
-from .fit import Prior, prior_at
+from .fit import Prior, Shared, Task, prior_at
 from .graph import Graph
 from .noise import RigNoise, intrinsics_of, kinematic_components
 
@@ -48,7 +48,6 @@ ENOUGH, ROUNDS, STILL = 600, 6, 2e-2
 
 # What all poses of an arm, a camera or a target share.
 SHARED = ("accuracy", FOCAL_LENGTH, PRINCIPAL_POINT, "scale", LENS, "view")
-Shared = bool | Collection[str]
 OF_EACH_CAMERA = ("rotation", "translation", "by view", "focal length", "principal point")
 _PARTS = (("rotation", np.eye(6)[:, :3]), ("translation", np.eye(6)[:, 3:]))
 
@@ -168,17 +167,18 @@ def _by_intrinsics(graph: Graph, bound: Graph, width: float) -> Array:
     return found
 
 
-def width_of_targets(rig: Rig, graph: Graph, at: Array, kept: NDArray[np.bool_], prior: Prior | None = None) -> float:
+def width_of_targets(task: Task, at: Array, kept: NDArray[np.bool_]) -> float:
     """Return how wide the targets are, in units of the usual width (`view`), by the noise of the views ``kept`` (E,).
 
     Poses of a small target far away are noisy in tilt and distance beside what they are sideways. The width is that of
     the largest evidence, with noise of each pose only, between a few: the top of the parabola through the best three.
     """
+    rig, graph = task.rig, task.graph
     used = graph.of_edges(_spread_over(graph, np.flatnonzero(kept), FEW))
     place, theta, logs = _places(graph, used), None, []
     for width in WIDTHS:
         parts = tuple(_rows_of(part, *place) for part in components_of(rig, graph, False, width=width))
-        mode = find_mode(model_of(rig, used, parts, at, prior), theta, 0.3)
+        mode = find_mode(model_of(rig, used, parts, at, task.prior), theta, 0.3)
         theta = mode.theta
         logs.append(mode.log_evidence)
         if max(logs) > logs[-1] + 2.0 * SURE:
@@ -192,21 +192,19 @@ def width_of_targets(rig: Rig, graph: Graph, at: Array, kept: NDArray[np.bool_],
     return float(WIDTHS[best] * (WIDTHS[1] / WIDTHS[0]) ** (0.5 * (before - after) / (before - 2.0 * top + after)))
 
 
-def find_sizes(
-    rig: Rig, graph: Graph, at: Array, kept: NDArray[np.bool_], shared: Shared = True, prior: Prior | None = None,
-    width: float = 1.0,
-) -> Found:  # fmt: skip
+def find_sizes(task: Task, at: Array, kept: NDArray[np.bool_], width: float = 1.0) -> Found:
     """Find the sizes near the poses ``at`` (m, 4, 4), from the views ``kept`` (E,).
 
     Raises `NotConvergedError` where poses or sizes do not converge.
     """
-    parts = components_of(rig, graph, shared, width=width)
+    rig, graph = task.rig, task.graph
+    parts = components_of(rig, graph, task.shared, width=width)
     used = graph.of_edges(_spread_over(graph, np.flatnonzero(kept), ENOUGH))
     theta = None
     place = _places(graph, used)
     own = tuple(_rows_of(part, *place) for part in parts)
     for done in range(ROUNDS):
-        model = model_of(rig, used, own, at, prior)
+        model = model_of(rig, used, own, at, task.prior)
         mode = find_mode(model, theta, GAIN if done else max(GAIN, 1e-2))
         theta = mode.theta
         found = model.of_poses(theta)

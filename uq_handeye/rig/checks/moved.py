@@ -25,8 +25,7 @@ from ...errors import InputError, NotConvergedError
 from ...findings import Finding, Severity
 from ...fit.likelihood.robust import largest_by_chance
 from ..description import Rig
-from ..fit import Prior, RigFit, fit
-from ..graph import Graph
+from ..fit import RigFit, Task, fit
 from ..noise import RigNoise
 from ..weights import fit_robustly
 from .paths import RigPath, moments_of, paths_of
@@ -51,16 +50,14 @@ class _Copied:
     square: float
 
 
-def judged_paths(
-    rig: Rig, found: RigFit, method: str, prior: Prior | None, robust: bool
-) -> tuple[tuple[RigPath, ...], tuple[Finding, ...]]:
+def judged_paths(task: Task, found: RigFit) -> tuple[tuple[RigPath, ...], tuple[Finding, ...]]:
     """Return all paths of a fit, and what they say about a pose that did not stand still.
 
     Paths are those of the fit as it weighs the views. That of a pose that moved counts the runs of rejected views; one
     that rings although no move explains it is a finding of its own.
     """
-    paths = paths_of(rig, found)
-    if (moved := _moved(rig, found, method, prior, robust, paths)) is not None:
+    paths = paths_of(task.rig, found)
+    if (moved := _moved(task, found, paths)) is not None:
         same = [(one.name, one.by) == (moved[0].name, moved[0].by) for one in paths]
         return tuple(moved[0] if is_it else one for one, is_it in zip(paths, same, strict=True)), (moved[1],)
     return paths, tuple(_unexplained(found, paths))
@@ -76,17 +73,15 @@ def _unexplained(found: RigFit, paths: tuple[RigPath, ...]) -> list[Finding]:
     return [Finding("rig.path_rings", "caution", values)]
 
 
-def _moved(
-    rig: Rig, found: RigFit, method: str, prior: Prior | None, robust: bool, own: tuple[RigPath, ...]
-) -> tuple[RigPath, Finding] | None:
+def _moved(task: Task, found: RigFit, own: tuple[RigPath, ...]) -> tuple[RigPath, Finding] | None:
     """Return the path of a pose that moved, with the finding."""
-    with_runs = _with_runs(rig, found, method, prior) if robust else found
-    paths = own if with_runs is found else paths_of(rig, with_runs)
+    with_runs = _with_runs(task, found) if task.robust else found
+    paths = own if with_runs is found else paths_of(task.rig, with_runs)
     ringing = sorted((path for path in paths if _p(path, found) * len(paths) < LEVEL), key=lambda one: -one.chi_square)
     if not ringing:
         return None
     ringing = [path for path in ringing if path.chi_square > 0.1 * ringing[0].chi_square][:TRIED]
-    copied = [one for path in ringing if (one := _with_copy(found, path, method, prior, robust)) is not None]
+    copied = [one for path in ringing if (one := _with_copy(task, found, path)) is not None]
     if not copied:
         return None
     copied.sort(key=lambda one: one.objective)
@@ -96,16 +91,14 @@ def _moved(
         return None
     others = [one.path for one in copied[1:] if one.objective < best.objective + AS_GOOD and
               (one.path.name, one.path.by) != (best.path.name, best.path.by)]  # fmt: skip
-    return best.path, _finding(rig, found, best, p, others)
+    return best.path, _finding(task.rig, found, best, p, others)
 
 
-def named_error(
-    rig: Rig, graph: Graph, noise: RigNoise, at: Array, method: str, prior: Prior | None, error: Exception
-) -> Exception:
+def named_error(task: Task, noise: RigNoise, at: Array, error: Exception) -> Exception:
     """Return the error of a robust fit that failed, with the pose that did not stand still if one explains it."""
     try:
-        plain = fit(graph, noise, at, "efficient", prior=prior)
-        _, findings = judged_paths(rig, plain, "efficient", prior, True)
+        plain = fit(task.graph, noise, at, "efficient", prior=task.prior)
+        _, findings = judged_paths(task._replace(method="efficient", robust=True), plain)
     except (InputError, NotConvergedError, np.linalg.LinAlgError):
         return error
     return InputError(str(findings[0])) if findings else error
@@ -119,10 +112,10 @@ def _p(path: RigPath, found: RigFit) -> float:
     return path.p if left <= 1 else min(1.0, float(chdtrc(path.dof, square)) * max(1.0, path.p / max(single, 1e-300)))
 
 
-def _with_runs(rig: Rig, found: RigFit, method: str, prior: Prior | None) -> RigFit:
+def _with_runs(task: Task, found: RigFit) -> RigFit:
     """Return the fit in which runs of rejected views of one pose count."""
     graph = found.graph
-    moment, _ = moments_of(rig, graph)
+    moment, _ = moments_of(task.rig, graph)
     poses = np.concatenate([found.pose_weights, [1.0]])
     weak = np.minimum(found.edge_weights, np.minimum(poses[graph.side[0]], poses[graph.side[1]])) < 0.5
     if not weak.any():
@@ -140,7 +133,7 @@ def _with_runs(rig: Rig, found: RigFit, method: str, prior: Prior | None) -> Rig
     for side in graph.side:
         spared[side[again]] = True
     w_k = np.where(spared[:-1], 1.0, found.pose_weights)
-    return fit(graph, found.noise, found.at, "efficient", w_e, w_k, prior)
+    return fit(graph, found.noise, found.at, "efficient", w_e, w_k, task.prior)
 
 
 def _runs(moment: NDArray[np.intp], weak: NDArray[np.bool_]) -> list[NDArray[np.intp]]:
@@ -151,7 +144,7 @@ def _runs(moment: NDArray[np.intp], weak: NDArray[np.bool_]) -> list[NDArray[np.
     return [np.flatnonzero((of >= a) & (of < b)) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a >= RUN]
 
 
-def _with_copy(found: RigFit, path: RigPath, method: str, prior: Prior | None, robust: bool) -> _Copied | None:
+def _with_copy(task: Task, found: RigFit, path: RigPath) -> _Copied | None:
     """Fit the graph with a copy of the pose in the views of the path; None where that has no answer."""
     graph, u, m = found.graph, path.number, found.graph.m
     of = path.edges
@@ -167,10 +160,10 @@ def _with_copy(found: RigFit, path: RigPath, method: str, prior: Prior | None, r
     )  # fmt: skip
     start = np.concatenate([found.at, perturb(found.at[u], path.change)[None]])
     try:
-        if robust:
-            fitted, _ = fit_robustly(other, found.noise, start, method, prior)
+        if task.robust:
+            fitted, _ = fit_robustly(other, found.noise, start, task.method, task.prior)
         else:
-            fitted = fit(other, found.noise, start, method, prior=prior)
+            fitted = fit(other, found.noise, start, task.method, prior=task.prior)
     except (InputError, NotConvergedError, np.linalg.LinAlgError):
         return None
     change = np.concatenate([logarithm(fitted.at[m, :3, :3] @ fitted.at[u, :3, :3].T),
