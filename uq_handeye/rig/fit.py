@@ -53,7 +53,7 @@ Shared = bool | Collection[str]
 
 
 class Task(NamedTuple):
-    """What is to be estimated, and how."""
+    """A rig to be estimated, with the options."""
 
     rig: Rig
     graph: Graph
