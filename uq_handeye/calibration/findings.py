@@ -14,8 +14,8 @@ from ..core.geometry.se3 import Array, difference
 from ..errors import DegenerateMotionError, InputError, NotConvergedError
 from ..findings import GROSS, Finding, Severity
 from ..fit.diagnostics.pose_table import PoseTable, pose_table
-from ..fit.input_checks.alphabetical_rows import alphabetical_rows
 from ..fit.input_checks.checks import check_fit, check_poses, check_rotations
+from ..fit.input_checks.misread_files import alphabetical_rows
 from ..fit.input_checks.pose_ambiguity import CODE as POSE_AMBIGUITY
 from ..fit.input_checks.pose_ambiguity import flipped_rows
 from ..fit.input_checks.shifted_rows import find_shift, shifted_run

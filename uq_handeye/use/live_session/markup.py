@@ -157,9 +157,7 @@ def table(session: Session, selected: int | None, target: str) -> str:
     rows = []
     for k in range(min(answer.n, MOST_ROWS)):
         out = k in answer.left_out
-        size = (
-            ("", "") if found is None else (f"{1e3 * found.translation[k]:.2f}", f"{np.degrees(found.rotation[k]):.3f}")
-        )
+        size = ("", "") if found is None else _residual(found, k)
         state = "left out" if out else "" if found is None or found.flag[k] == "kept" else found.status(k)
         kind = " ".join(filter(None, ["chosen" if k == selected else "", "out" if out else "",
                                       "failed" if state and not out else ""]))  # fmt: skip

@@ -19,8 +19,7 @@ from ...model.poses.pose_pairs import PosePairs
 from ..maintenance.check import check
 from .browser_page import BrowserPage
 from .drawing.nodes import Picture
-from .drawing.scene import Beside, Scene
-from .drawing.touched import touched
+from .drawing.scene import Beside, Scene, touched
 from .folder import board_text
 from .markup import covered, preformatted, summary, table
 from .question import ONE_AT_A_TIME

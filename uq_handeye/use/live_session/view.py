@@ -19,8 +19,7 @@ from ...model.poses.pose_pairs import PosePairs
 from ...rig.result import RigCalibration
 from .browser_page import BrowserPage
 from .drawing.rig_scene import RigScene
-from .drawing.scene import Beside, Scene
-from .drawing.touched import touched
+from .drawing.scene import Beside, Scene, touched
 from .markup import covered, of_point, of_result, of_rig, preformatted
 from .question import Answer
 from .server import HOST, PORT

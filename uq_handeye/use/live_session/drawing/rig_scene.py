@@ -22,13 +22,10 @@ if TYPE_CHECKING:
 
 # Colours of the cameras, one after the other.
 PALETTE: tuple[Colour, ...] = (
-    (0, 114, 178),
-    (230, 159, 0),
-    (0, 158, 115),
-    (204, 121, 167),
-    (86, 180, 233),
-    (213, 94, 0),
-)
+    (0, 114, 178), (230, 159, 0), (0, 158, 115), (204, 121, 167), (86, 180, 233), (213, 94, 0),
+)  # fmt: skip
+# Sides of their labels, so that those of neighbours keep clear.
+ANCHORS = ("center-right", "bottom-center", "center-left")
 
 
 class RigScene:
@@ -73,7 +70,7 @@ class RigScene:
                 )
                 size = one.sizes[1]
                 said = f"{name}: {digits(1e3 * size, 2)} mm" if np.isfinite(size) else f"{name}: not determined"
-                self.nodes.label(f"/cameras/{name}/name", said, np.eye(4))
+                self.nodes.label(f"/cameras/{name}/name", said, np.eye(4), ANCHORS[k % len(ANCHORS)])
                 R, S = at[place][:3, :3], one.covariance[3:, 3:]
                 if np.isfinite(size):
                     self.nodes.ellipsoid(f"/ellipsoids/{name}", T[:3, 3], R @ S @ R.T, factor, OF_X)
@@ -84,7 +81,7 @@ class RigScene:
                 if place in at:
                     T = at[place] @ result.targets[name].W
                     self.nodes.board(f"/targets/{name}", T, 0.4 * distance, DARK)
-                    self.nodes.label(f"/targets/{name}/name", name, np.eye(4))
+                    self.nodes.label(f"/targets/{name}/name", name, np.eye(4), "top-center")
                     points.append(T[:3, 3])
             if not self._placed:
                 self._placed = True

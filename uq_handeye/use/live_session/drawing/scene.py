@@ -10,18 +10,21 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ....calibration.evidence.touches import Touches, evidence_of_touches
 from ....calibration.result import Calibration
 from ....core.formatting.numbers import digits
 from ....core.geometry.se3 import Array, inverse
 from ....model.kinematics.arms.postures import postures_at
+from ...verification.touches_file import read_touches, require_metres
+from ...verification.verify import verify
 from ..guide import starting_views
-from ..question import Answer
+from ..question import ONE_AT_A_TIME, Answer
 from .nodes import DARK, PALE, Colour, Nodes, Picture, nice
-from .touched import Touched
 
 if TYPE_CHECKING:
     import viser
@@ -37,6 +40,29 @@ MOST_DRAWN = 150
 MOST_LABELS = 5
 # Sizes in distances of the target: frustum, ellipsoid, axes, lines.
 FRUSTUM, ELLIPSOID, AXES, LINE = 0.075, 0.07, 0.04, 0.004
+
+
+@dataclass(frozen=True, eq=False)
+class Touched:
+    """m points in the base frame (m): touched, the miss of each (touch minus the point as the calibration has it)."""
+
+    points: Array  # (m, 3)
+    misses: Array  # (m, 3)
+    flagged: Array  # (m,) that differ by more than the calibration says
+    names: tuple[str, ...]
+    words: str
+
+
+def touched(result: Calibration, touches: Touches | Path) -> Touched:
+    """Return touches, or those of a file, against a calibration; raises `InputError` as `verify` does."""
+    if isinstance(touches, Path):
+        touches = read_touches(touches, None if result.kinematics is None else result.kinematics.chain)
+    require_metres(result, touches)
+    with ONE_AT_A_TIME:
+        found, evidence = verify(result, touches), evidence_of_touches(result, touches)
+    difference = found.points.difference
+    first = " ".join(found.summary().partition("\n\n")[0].split())  # paragraph
+    return Touched(evidence.at + evidence.r, difference, found.points.flagged, touches.names, first)
 
 
 @dataclass(frozen=True)
