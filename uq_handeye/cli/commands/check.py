@@ -22,7 +22,7 @@ from ..delivery import (
 )
 from ..messages import quiet, timed, withheld
 from ..new_poses import NewPoses, new_poses_of
-from ..options.common import emit, emit_document, made_of
+from ..options.common import answer_of, emit, emit_document, made_of
 from ..rigs import NEW_VIEWS, deliver_rig, new_views, refuse, stored_rig
 
 if TYPE_CHECKING:
@@ -148,9 +148,10 @@ def check_command(
     if as_json:
         emit(text)
     else:
-        document = list(document_of(found))
-        document = [list(document[0])[:1]] if quiet() else document
-        emit_document([*document, *([] if series is None else series.document(quiet()))])
+        document = document_of(found)
+        emit_document(
+            [*(answer_of(document) if quiet() else document), *([] if series is None else series.document(quiet()))]
+        )
     if output is not None:
         figures = {} if series is None else {"series": series.figure()}
         written = deliver(output, {"check.json": text, "check.txt": found.summary()}, figures)
@@ -212,7 +213,7 @@ def update_command(
         with withheld() as shown:
             try:
                 with timed("updating"):
-                    found = update(stored, poses, although_changed=although_changed, same=names_of(same) or THINGS)
+                    found: Any = update(stored, poses, although_changed=although_changed, same=names_of(same) or THINGS)
                 shown += [] if outputs.as_json else found.warnings
             except (InputError, NotConvergedError) as error:
                 return emit_refusal(error, outputs.as_json, shown)
@@ -270,9 +271,8 @@ def diff_command(
     if as_json:
         emit(found.to_json())
     else:
-        document = list(difference_document(found))
-        first = document[0]
-        emit_document([[first[0]]] if quiet() and isinstance(first, list) else document)
+        document = difference_document(found)
+        emit_document(answer_of(document) if quiet() else document)
     if output is not None:
         written = deliver(output, {"diff.json": found.to_json(), "diff.txt": found.summary()})
         if not as_json:

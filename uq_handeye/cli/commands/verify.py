@@ -7,7 +7,7 @@ from ...core.files.lines import csv_text
 from ...errors import InputError
 from ..delivery import deliver
 from ..messages import quiet
-from ..options.common import UNITS, emit, emit_document, made_of, one_of
+from ..options.common import UNITS, answer_of, emit, emit_document, made_of, one_of
 from ..options.touches import TouchOptions
 
 if TYPE_CHECKING:
@@ -95,9 +95,9 @@ def _emit(found: Any, written: str) -> None:
     """Print the document of a verification; with --quiet the answer only."""
     from ...core.presentation.document import Paragraph, document_of
 
-    document: Any = document_of(found)
+    document = document_of(found)
     if quiet():
-        emit_document([document[0][:1]])
+        emit_document(answer_of(document))
     else:
         emit_document([*document, *([[Paragraph(written.strip(), hang="  ")]] if written else [])])
 

@@ -367,6 +367,13 @@ def require_writable(path: Path | None, option: str, suffixes: Sequence[str] = (
     require_writable_file(path)
 
 
+def answer_of(document: "Document") -> "Document":
+    """Return the first block of a document, which is its answer: what --quiet leaves."""
+    from ...core.presentation.document import groups_of
+
+    return [list(next(iter(groups_of(document)))[:1])]
+
+
 def emit_document(document: "Document") -> None:
     """Print a document, wrapped to the terminal and with its colours."""
     from ...core.presentation.document import to_text
