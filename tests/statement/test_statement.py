@@ -101,10 +101,12 @@ def test_what_cannot_be_used_says_why(wrong, reason):
     else:
         camera = np.linalg.inv(camera)
     poses = uq.PosePairs(robot, camera, setup="eye-in-hand")
-    if noise is None:  # gives no X at all where the noise is estimated: the reason comes with the error
-        with pytest.raises(uq.NotConvergedError) as caught:
-            uq.calibrate(poses)
-        assert reason in failures_in_words(caught.value.findings)[0]
+    if noise is None:  # with estimated noise X is of no use or there is none: the reason comes either way
+        try:
+            reasons = uq.calibrate(poses).reasons
+        except uq.NotConvergedError as error:
+            reasons = failures_in_words(error.findings)
+        assert reason in reasons[0]
         noise = NOISE
     found = uq.calibrate(poses, noise=noise)
     assert not found.usable and reason in found.reasons[0] and found.headline == f"NOT USABLE: {found.reasons[0]}."
