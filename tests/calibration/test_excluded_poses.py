@@ -10,7 +10,7 @@ import uq_handeye as uq
 from uq_handeye.errors import InputError
 from uq_handeye.findings import Finding, renumbered
 from uq_handeye.model.poses.pose_pairs import numbers_of, ranges, select_poses
-from uq_handeye.report.comparison.of_result import compare_beside
+from uq_handeye.report.comparison.compare import compare_beside
 from uq_handeye.report.figures import pictures, small_pictures
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))

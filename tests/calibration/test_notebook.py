@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from support import SEED, moved
 
 import uq_handeye as uq
-from uq_handeye.calibration.report.notebook import calibration_html
+from uq_handeye.calibration.report.text import calibration_html
 from uq_handeye.core.formatting.numbers import concise
 from uq_handeye.core.geometry.pose_numbers import pose_numbers
 from uq_handeye.core.presentation.document import Caution, Code, Heading, Paragraph, Points, Table

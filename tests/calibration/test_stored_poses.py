@@ -16,7 +16,7 @@ from uq_handeye.core.presentation.figure_parts import canvas
 from uq_handeye.errors import InputError
 from uq_handeye.model.camera.files.folder import camera_from_dict, camera_to_dict
 from uq_handeye.model.poses.timing import Timing
-from uq_handeye.report.comparison.of_result import compare_beside
+from uq_handeye.report.comparison.compare import compare_beside
 from uq_handeye.report.page import report_html
 from uq_handeye.use.planning.plan import plan
 
@@ -94,7 +94,8 @@ def test_the_hash_is_that_of_the_poses_given():
 @pytest.mark.parametrize("case", ["outlier", "corners"])
 def test_the_report_of_a_file_is_that_of_the_result(case, from_corners, monkeypatch):
     """Byte by byte, with figures and two methods beside it; ellipses, which need no poses, take longest."""
-    monkeypatch.setattr("uq_handeye.report.comparison.of_result.METHODS", ("park", "tsai"))
+    two = {name: uq.METHODS[name] for name in ("park", "tsai")}
+    monkeypatch.setattr("uq_handeye.report.comparison.compare.METHODS", two)
     monkeypatch.setattr("uq_handeye.report.figures.covariance_ellipses", lambda *_, **__: canvas(1.0))
     result = {
         "outlier": lambda: quietly(with_everything(), prior=uq.NoisePrior(robot=(None, "0.05mm"))),

@@ -5,7 +5,7 @@ import pytest
 from calibration_cases import NOISE, quietly
 
 import uq_handeye as uq
-from uq_handeye.report.comparison.of_result import compare_beside
+from uq_handeye.report.comparison.compare import compare_beside
 
 
 @pytest.fixture(scope="module")

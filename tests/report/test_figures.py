@@ -16,8 +16,8 @@ from support import SEED, moved
 
 import uq_handeye as uq
 from uq_handeye.calibration.estimate.analysis import StoredAnalysis
-from uq_handeye.calibration.points_ahead import ahead
 from uq_handeye.calibration.report.error_figures import budget_figure, shared_figure
+from uq_handeye.calibration.report.facts import ahead
 from uq_handeye.calibration.report.point_figures import task_space_figure
 from uq_handeye.calibration.report.residual_figure import residual_figure
 from uq_handeye.calibration.report.rig_figure import rig, rig_figure, rig_scene
@@ -26,8 +26,8 @@ from uq_handeye.core.presentation.figure_parts import BLUE, GREEN, WIDTH, inline
 from uq_handeye.errors import InputError
 from uq_handeye.fit.diagnostics.pose_table import PoseTable
 from uq_handeye.fit.likelihood.shared_estimates import SharedEstimate, grouped
+from uq_handeye.report.comparison.compare import compare_beside
 from uq_handeye.report.comparison.figure import methods_picture
-from uq_handeye.report.comparison.of_result import compare_beside
 from uq_handeye.report.figures import figures, pictures
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))

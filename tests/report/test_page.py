@@ -21,7 +21,7 @@ from report_cases import Page
 from support import SEED
 
 import uq_handeye as uq
-from uq_handeye.calibration.estimate.provenance import Provenance
+from uq_handeye.calibration.estimate.estimated import Provenance
 from uq_handeye.core.files.about import ABOUT
 from uq_handeye.core.files.source import Source
 from uq_handeye.core.presentation import pdf
@@ -31,7 +31,7 @@ from uq_handeye.errors import InputError, InputWarning, MissingExtraError
 from uq_handeye.findings import Finding
 from uq_handeye.model.poses.timing import TimeOffset, Timing
 from uq_handeye.report import sections_data, sections_origin
-from uq_handeye.report.comparison.of_result import compare_beside
+from uq_handeye.report.comparison.compare import compare_beside
 from uq_handeye.report.page import report_html
 from uq_handeye.report.sections_result import NO_COVARIANCE
 from uq_handeye.report.sheets import colour_of

@@ -1,3 +1,3 @@
 """`calibrate`, `Calibration` and its file."""
 
-from .report import notebook as notebook  # registers the words of a calibration
+from .report import text as text  # registers the words of a calibration

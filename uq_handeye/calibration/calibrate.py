@@ -35,7 +35,7 @@ from .by_bundle import by_bundle
 from .by_likelihood import by_likelihood, poses_about_errors
 from .by_published import by_published
 from .estimate.analysis import Analysis
-from .estimate.provenance import Provenance, provenance
+from .estimate.estimated import Provenance, provenance
 from .findings import flipped_poses, look_at, reasons, require_determined, shifted, why_failed, without_consequences
 from .job import Job, job_of
 from .prediction.excluded import residuals_against

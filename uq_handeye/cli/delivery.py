@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from ..calibration.result import Calibration
     from ..calibration.statement.tolerance import Tolerance, Verdict
     from ..fit.diagnostics.pose_table import PoseTable
-    from ..report.comparison.of_result import Compared
+    from ..report.comparison.compare import Compared
     from ..report.comparison.result import Comparison
     from ..trials.validation.cross_check.run import CrossCheck
 
@@ -277,7 +277,7 @@ class Outputs:
         methods: Compared | bool = comparison
         folded = self.report is not None and (self.report.suffix.lower() != ".pdf" or how.get("details"))
         if comparison and (folded or (self.report is not None and self.figures)):  # two pages have none
-            from ..report.comparison.of_result import compare_beside
+            from ..report.comparison.compare import compare_beside
 
             with timed("comparing the methods"), working("comparing the methods", progress_wanted()):
                 methods = compare_beside(result)

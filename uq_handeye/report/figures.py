@@ -12,10 +12,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.figure import Figure
 
-from ..calibration.points_ahead import ahead, typical_distance
+from ..calibration.estimate.estimated import distance_of
 from ..calibration.report.analysis import budget_shares, shown_budget
 from ..calibration.report.arm import prediction_words, workspace_caption
 from ..calibration.report.error_figures import budget_figure, shared_figure
+from ..calibration.report.facts import ahead
 from ..calibration.report.plotted import FIGURES, figure_names
 from ..calibration.report.point_figures import task_space_figure, workspace_figure
 from ..calibration.report.residual_figure import residual_figure
@@ -29,8 +30,8 @@ from ..errors import InputError
 from ..methods.propagation.published_fit import mean_target
 from ..model.noise.models import PoseNoise
 from ..model.poses.pose_pairs import PosePairs
+from .comparison.compare import compare_beside
 from .comparison.figure import methods_picture
-from .comparison.of_result import compare_beside
 
 if TYPE_CHECKING:
     from ..calibration.result import Calibration
@@ -262,7 +263,7 @@ def _shared(result: Calibration) -> Picture | None:
 def _task_space(result: Calibration) -> Picture | None:
     if result.covariance is None or result.opened is not None:
         return None
-    typical, known = typical_distance(result)
+    typical, known = distance_of(result.analysis)
     at = ahead(result, np.array([typical]))
     alt = (
         f"Standard deviation of a point against its distance from the camera, and a map of the plane in front of the "

@@ -26,7 +26,7 @@ from ..core.presentation.page import Page, drawing
 from ..core.presentation.pdf import PAPERS, page_path, write_page
 from ..errors import InputError
 from ..trials.validation.cross_check.run import CrossCheck as CrossCheck
-from .comparison.of_result import Compared, compare_beside
+from .comparison.compare import Compared, compare_beside
 from .comparison.result import Comparison
 from .figures import pictures, require_same_problem, small_pictures
 from .sections_data import (

@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..calibration.points_ahead import ahead
 from ..calibration.report.arm import arm_sentences
-from ..calibration.report.facts import Number
+from ..calibration.report.facts import Number, ahead
 from ..calibration.report.shared_errors import included_words
 from ..calibration.statement.included import not_included
 from ..core.formatting.numbers import concise, fixed

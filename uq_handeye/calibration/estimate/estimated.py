@@ -1,21 +1,25 @@
-"""X and W with their covariances: frames, standard deviations, other forms of the same pose, points that it carries."""
+"""X and W with their covariances, and where they come from: frames, standard deviations, other forms of the same pose,
+points that it carries; files, numbers, options and versions, enough to repeat the run.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from ...core.files.records import Record
+from ...core.files.source import Source
 from ...core.geometry import conventions
 from ...core.geometry.frames import SETUPS, TARGETS
 from ...core.geometry.principal_axes import principal_axes
 from ...core.geometry.se3 import Array, inverse, inverse_jacobian
+from ...core.runtime.versions import versions
 from ...errors import InputError
 from ...findings import Finding, texts
 from ...fit.diagnostics.budget import Budget, budget_of_posterior
@@ -36,10 +40,10 @@ from ...model.noise.models import Noise
 from ...model.poses.motions import Motions, Residuals
 from ...model.poses.pose_pairs import PosePairs
 from ...model.poses.timing import TimeOffset
+from ...model.poses.to_dict import sha256_of
 from ...model.posterior.posterior import Posterior
 from .analysis import Analysis, StoredAnalysis
 from .fitted_kinematics import FittedKinematics
-from .provenance import Provenance
 
 # Distance taken where that of the target is not known (m).
 USUAL_DISTANCE = 0.5
@@ -459,3 +463,31 @@ def distance_of(analysis: Analysis | StoredAnalysis | None) -> tuple[float, bool
         if spectrum.length_of == "target":
             return float(spectrum.length_m), True
     return USUAL_DISTANCE, False
+
+
+@dataclass(frozen=True)
+class Provenance(Record):
+    """Input, options and versions of a calibration.
+
+    ``data_sha256`` is the SHA-256 of the poses (or motions) as they were used, float64, little-endian, robot first: the
+    same numbers give it whatever file they came from. ``options`` are the arguments of `calibrate`; ``command`` is the
+    command line where there was one. ``request`` holds the arguments as they were given, by which the same can be asked
+    of more poses (`Request.to_dict`); None in files of older versions.
+    """
+
+    _if_any: ClassVar[str] = "request"
+
+    data_sha256: str
+    options: dict[str, Any]
+    versions: dict[str, str]
+    sources: tuple[Source, ...] = field(default=())
+    command: str | None = None
+    request: dict[str, Any] | None = None
+
+
+def provenance(data: PosePairs | Motions, options: dict[str, Any], request: dict[str, Any]) -> Provenance:
+    """Record what `calibrate` was given."""
+    sides = (data.robot, data.camera) if isinstance(data, PosePairs) else (data.A, data.B)
+    poses = data.poses
+    sources = () if poses is None else poses.sources
+    return Provenance(sha256_of(*sides), options, dict(versions()), sources, request=request)

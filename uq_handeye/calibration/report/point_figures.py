@@ -30,8 +30,9 @@ from ...core.presentation.figure_parts import (
     plain,
     plain_numbers,
 )
-from ..points_ahead import ahead, typical_distance, worst_deviation
+from ..estimate.estimated import distance_of
 from ..prediction.workspace import WorkspacePrediction
+from .facts import ahead, worst_deviation
 
 if TYPE_CHECKING:
     from ..result import Calibration
@@ -153,7 +154,7 @@ _HALF_ANGLE = np.tan(np.radians(30.0))
 
 def task_space_figure(result: Calibration) -> Figure:
     """Left the standard deviation over the distance, right a map of the plane in front of the camera."""
-    typical, known = typical_distance(result)
+    typical, known = distance_of(result.analysis)
     reach = 2.0 * typical
     line = ahead(result, np.linspace(0.0, reach, 81))
     figure = canvas(3.3)
