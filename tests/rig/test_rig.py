@@ -201,7 +201,7 @@ def test_open_directions_about_one_axis(cameras, targets, pairs, count, of_pair)
     found = uq.calibrate_rig(with_noise(exact, noise_of(exact), 2), noise_of(exact), robust=False)
     assert len(found.open) == count
     assert len(found.relative("c1", "c2").open) == of_pair
-    assert f"Not determined: {count} direction{"s" * (count > 1)}, of c1" in found.text()
+    assert f"Not determined: {count} direction" + "s" * (count > 1) + ", of c1" in found.text()
 
 
 def test_a_wrong_view_and_a_wrong_robot_pose_are_separated():

@@ -197,7 +197,7 @@ def _factors(budget: Budget | None, result: Estimated, distance: float) -> dict[
 
 def _steady(number: float) -> float:
     """Return the number without the last digits, which differ when it is computed again from a file."""
-    return float(f"{number:.7g}")
+    return float(f"{number:.8g}")
 
 
 def _worst(S: Array) -> float:

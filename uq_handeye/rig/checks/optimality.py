@@ -74,7 +74,11 @@ class Optimality(Record):
     @property
     def words(self) -> str:
         """One sentence."""
-        before = f" {self.rejected} local {"minimum" if self.rejected == 1 else "minima"} left before it." if self.rejected else ""
+        before = (
+            f" {self.rejected} local {'minimum' if self.rejected == 1 else 'minima'} left before it."
+            if self.rejected
+            else ""
+        )
         if not self.proven:
             return f"Global minimum: not proven. {self.reason}{before}"
         return (
