@@ -108,7 +108,7 @@ def test_poses_beside_joints_and_a_model_without_joints(tmp_path):
         ('urdf = "arm.urdf"', 'robot_model = "ur5e"\ntip = "tool0"', r"\[arms\.arm\] has tip beside robot_model"),
         ('joints = "joints.csv"\nurdf', "urdf", r"Expected `poses` \(files\), `joints` .* in \[arms\.arm\]"),
         ('joints = "joints.csv"', 'joints = ["joints.csv", 3]', "Expected `joints` in"),
-        ('joints = "joints.csv"', 'joint = "joints.csv"', r"in \[arms\.arm\], got 'joint'. Near it: joints"),
+        ('joints = "joints.csv"', 'joint = "joints.csv"', r"Unknown name 'joint' in \[arms\.arm\]. Near it: joints"),
         ('urdf = "arm.urdf"', 'urdf = "arm.urdf"\nrobot_class = "large"', "robot_class"),
     ],
 )

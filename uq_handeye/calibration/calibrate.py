@@ -55,7 +55,7 @@ def calibrate(data: Rig, **options: Any) -> RigCalibration: ...
 def calibrate(
     data: PosePairs | Motions | ArrayLike, camera: ArrayLike | None = None, **options: Any
 ) -> Calibration: ...
-def calibrate(
+def calibrate(  # type: ignore[misc]
     data: Any,
     camera: ArrayLike | None = None,
     *,

@@ -49,7 +49,7 @@ class Certificate(Contents, Written):
 def make_certificate(result: RigCalibration, **options: Any) -> RigCertificate: ...
 @overload
 def make_certificate(result: Calibration, **options: Any) -> Certificate: ...
-def make_certificate(
+def make_certificate(  # type: ignore[misc]
     result: Any,
     *,
     tolerance: Any = None,

@@ -126,7 +126,7 @@ class _Read:
                 )
             rows = self.rows[name] = at_views(self.rows[name], [np.asarray(one.times) for one in of], self.chains[name])
             arms[name] = arm_poses(rows, self.chains[name], self.tables["arms"][name].get("robot_class"))
-            seen = [one.some(np.isin(one.times, rows.times)) if name in on else one
+            seen = [one.some(np.isin(np.asarray(one.times), np.asarray(rows.times))) if name in on else one
                     for one, on in zip(seen, carriers, strict=True)]  # fmt: skip
         views = tuple(
             view_of(view["camera"], view["target"], rows, [self.rows[name] for name in on], self.tolerance)

@@ -194,9 +194,7 @@ class Bags:
             named = NamedJoints(f"{topic} in {recording.name}", tuple(track.names), times, np.array(values).T)
             return replace(joint_rows(named, chain, entry.get("joint_units")), stream=True)
         stream = robot_stream(recording, topic, frame=entry.get("frame"))
-        order = np.argsort(stream.timestamps)
-        name = f"{topic} in {recording.name}"
-        return PoseRows(stream.poses[order], name, stream.source, stream.timestamps[order], stream=True)
+        return replace(_rows_of(stream, f"{topic} in {recording.name}"), stream=True)
 
     def camera(self, paths: Sequence[Path], topic: str, view: Mapping[str, Any], intrinsics: Any) -> PoseRows:
         """Return the poses of a target in a bag, by the corners of a tag where its side is given."""
@@ -207,9 +205,13 @@ class Bags:
         if intrinsics not in (None, "raw", "rectified"):
             raise InputError(f"Expected `intrinsics` beside a bag to be raw or rectified, got {intrinsics!r}.")
         found = camera_stream(recording, topic, tag=tag, info=intrinsics, frame=view.get("frame")).stream
-        order = np.argsort(found.timestamps)
-        name = f"{topic} in {recording.name}"
-        return PoseRows(found.poses[order], name, found.source, found.timestamps[order])
+        return _rows_of(found, f"{topic} in {recording.name}")
+
+
+def _rows_of(stream: Stream, name: str) -> PoseRows:
+    assert stream.source is not None  # of a bag
+    order = np.argsort(stream.timestamps)
+    return PoseRows(stream.poses[order], name, stream.source, stream.timestamps[order])
 
 
 def clock_offset(camera: str, given: Any, views: Iterable[tuple[Sequence[PoseRows], PoseRows]], fixed: bool) -> float:

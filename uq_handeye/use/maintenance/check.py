@@ -54,7 +54,7 @@ OVERSTATED = 0.99
 def check(result: RigCalibration, poses: Rig, **options: Any) -> RigCheck: ...
 @overload
 def check(result: Estimated, poses: PosePairs, **options: Any) -> ChangeCheck: ...
-def check(
+def check(  # type: ignore[misc]
     result: Any,
     poses: Any,
     *,

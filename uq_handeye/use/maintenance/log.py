@@ -180,9 +180,12 @@ class CheckSeries:
 
 def hash_of_result(result: Calibration | RigCalibration) -> str:
     """Return 16 hexadecimal digits that identify all poses, their covariance and the setup."""
-    of_rig = isinstance(result, RigCalibration)
-    digest = hashlib.sha256(str(RIG if of_rig else result.setup).encode())
-    parts = (result.poses, result.covariance) if of_rig else (result.X, result.W, result.covariance)
+    parts: tuple[Array | None, ...]
+    if isinstance(result, RigCalibration):
+        kind, parts = RIG, (result.poses, result.covariance)
+    else:
+        kind, parts = str(result.setup), (result.X, result.W, result.covariance)
+    digest = hashlib.sha256(kind.encode())
     for part in parts:
         digest.update(b"-" if part is None else np.ascontiguousarray(part, dtype="<f8").tobytes())
     return digest.hexdigest()[:16]

@@ -169,7 +169,7 @@ def shifts_since(evidence: Sequence[NewRows], columns: Sequence[Array], starts: 
     A = np.concatenate(filter_.whitened(moved))
     found = []
     for part in np.split(A, len(starts), axis=1):
-        covariance, score = np.linalg.pinv(part.T @ part, hermitian=True), part.T @ e
+        covariance, score = np.asarray(np.linalg.pinv(part.T @ part, hermitian=True), dtype=float), part.T @ e
         estimate = covariance @ score
         found.append(Explained(estimate, covariance, float(estimate @ score)))
     return found

@@ -53,7 +53,7 @@ TOGETHER = "together"
 def update(result: RigCalibration, poses: Rig, *, although_changed: bool = False) -> RigCalibration: ...
 @overload
 def update(result: Calibration, poses: PosePairs, **options: Any) -> Calibration: ...
-def update(
+def update(  # type: ignore[misc]
     result: Any,
     poses: Any,
     *,

@@ -66,7 +66,7 @@ GIVE = "Give `noise` (--robot-noise and --camera-noise, or --noise)."
 def plan(data: RigCalibration, candidates: Any = None, k: int = 5, **options: Any) -> RigPlan: ...
 @overload
 def plan(data: PosePairs, candidates: Any = None, k: int = 5, **options: Any) -> Plan: ...
-def plan(
+def plan(  # type: ignore[misc]
     data: Any,
     candidates: Any = None,
     k: int = 5,
