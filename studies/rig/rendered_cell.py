@@ -25,7 +25,8 @@ def run(folder: Path) -> None:
         views.append(uq.View(f"c{k}", "board", seen.poses, tuple(seen.timestamps.tolist())))
         truth[f"c{k}"] = np.asarray(read_pose_file(folder / f"truth_{k}.csv")[1])[0]
     cameras = dict.fromkeys(truth, "world")
-    for shared in (False, True):
+    # all errors that poses share, those of known intrinsics, none
+    for shared in (True, ("accuracy", "scale"), False):
         found = uq.calibrate_rig(uq.Rig({"arm": arm}, cameras, {"board": "arm"}, tuple(views)), shared=shared)
         joint, squares = [], []
         for pair, (one, two) in zip(found.pairs, combinations(truth, 2), strict=True):

@@ -57,6 +57,7 @@ def test_new_views_agree_as_often_as_the_level_says():
 def test_estimated_noise_is_covered():
     p = [uq.calibrate_rig(old).check(new).p_value for old, new, *_ in (drawn(HAND, 40, 30, 100 + k) for k in range(25))]
     assert binom.cdf(sum(value < 0.05 for value in p), 25, 0.05) < 0.999
+    assert abs(np.mean(p) - 0.5) < 4 / np.sqrt(12 * 25)  # nor is it far too careful
 
 
 @pytest.mark.parametrize("name", ["left", "right", "board"])

@@ -11,6 +11,7 @@ import uq_handeye as uq
 from uq_handeye.core.geometry.se3 import logarithm, perturb
 from uq_handeye.fit.likelihood.constraint import Unknowns, constraint_of
 from uq_handeye.fit.one_model.engine import LatentModel
+from uq_handeye.model.shared_errors.view import median_distance, view_block
 from uq_handeye.rig.fit import fit
 from uq_handeye.rig.graph import Graph
 from uq_handeye.rig.noise import RigNoise, given_noise
@@ -172,6 +173,33 @@ def test_noise_of_arm_and_cameras_is_found():
     assert 0.85 < total / (24 * trials) < 1.25
 
 
+def test_the_width_of_the_targets_is_found_by_the_noise_of_the_views():
+    """A target a quarter as wide as assumed: poses are noisy in tilt and distance."""
+    exact, truth = simulate_rig({"c1": "world", "c2": "world"}, {"t": "arm"}, n_poses=60, seed=5)
+    rng = np.random.default_rng([SEED, 5])
+    C = np.concatenate([view.poses for view in exact.views])
+    root = view_block(C, 0.25 * median_distance(C))
+    C = perturb(C, 1e-4 * (root @ rng.normal(size=(len(C), 6, 1)))[..., 0])
+    views = [uq.View(view.camera, view.target, T, view.at) for view, T in zip(exact.views, np.split(C, 2), strict=True)]
+    arms = {"arm": perturb(exact.arms["arm"].poses, rng.normal(size=(60, 6)) * np.repeat([2e-4, 1e-4], 3))}
+    found = uq.calibrate_rig(uq.Rig(arms, exact.cameras, exact.targets, tuple(views)), shared=("accuracy",))
+    width = next(part["size"] for part in found.components if part["name"] == "half width of targets")
+    assert 0.7 < width / (0.25 * 0.15) < 1.4
+    xi = np.concatenate([error(T, truth[name]) for T, name in zip(found.poses, found.names, strict=True)])
+    assert xi @ np.linalg.solve(found.covariance, xi) < chi2.ppf(1 - 1e-4, 18)
+    rig = uq.calibrate_rig(with_noise(exact, noise_of(exact), 1))  # poses of equal noise tell no width
+    assert all(part["name"] != "half width of targets" for part in rig.components)
+
+
+def test_shared_errors_by_name():
+    exact, _ = simulate_rig({"c1": "arm", "c2": "arm"}, {"t": "world"}, n_poses=15, seed=5)
+    rig = with_noise(exact, noise_of(exact), 1)
+    names = {part["name"] for part in uq.calibrate_rig(rig, shared=("accuracy", "scale")).components}
+    assert {"arm accuracy", "t scale"} <= names and not any("focal" in name or "principal" in name for name in names)
+    with pytest.raises(uq.InputError, match="Expected `shared` to be True, False or some of accuracy"):
+        uq.calibrate_rig(rig, shared=("focus",))
+
+
 def test_two_arms_find_their_bases():
     exact, truth = simulate_rig({"c1": "a"}, {"t1": "b"}, arms=("a", "b"), n_poses=30, seed=4)
     found = uq.calibrate_rig(with_noise(exact, noise_of(exact), 1), noise_of(exact))
@@ -233,6 +261,7 @@ def test_a_robot_pose_without_which_views_contradict_each_other_too_is_not_to_bl
     found = uq.calibrate_rig(uq.Rig({"arm": arm}, {"c1": "world", "c2": "world"}, {"board": "arm"}, tuple(views)))
     assert found.rejected_poses == () and ("c2", "board", 245.0) in found.rejected
     assert found.chi_square < 1.3 * found.dof
+    assert found.findings == () and min(path.p for path in found.paths) > 1e-4  # by what was not rejected
 
 
 POSES = np.tile(np.eye(4), (4, 1, 1))
