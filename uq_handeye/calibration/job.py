@@ -85,7 +85,7 @@ class Arm(NamedTuple):
     @property
     def columns(self) -> KinematicColumns:
         """Derivatives of the robot poses by the kinematic errors."""
-        return self.errors.columns(self.kinematics, self.joints, self.at)
+        return self.errors.columns(self.kinematics, self.joints, self.at, self.by_poses)
 
     def linear_about(self, e: Array) -> Array:
         """(n, 4, 4) poses of the robot in place of those measured, for errors e (m,) of the arm.

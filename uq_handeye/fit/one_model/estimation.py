@@ -223,7 +223,8 @@ class JointModel:
             declared = given.how == DECLARED
             size = Size(sd, 1.0 if declared else given.population.factor, "m" if group == LENGTHS else "rad")
             parts = tuple(name for name, is_of in zip(self.arm.names, of, strict=True) if is_of)
-            found.append(Component(group, "robot", size, columns=self.arm.F[..., of], parts=parts))
+            block = None if self.arm.elbow is None else self.arm.elbow[..., of[: self.arm.elbow.shape[-1]]]
+            found.append(Component(group, "robot", size, columns=self.arm.F[..., of], block=block, parts=parts))
         joint_sd = given.joint_sd
         size = SIZES[JOINT_NOISE] if joint_sd is None else Size(float(joint_sd), 1.0, "rad", "declared")
         if size.median > 0:

@@ -41,7 +41,7 @@ def tell(found: FoundSizes) -> NoiseEstimate:
     sizes = np.array([found.model.sizes(theta) for theta in mixture.theta])  # (d, components)
     own = {name: np.zeros(len(sizes)) for side in sides for name in (f"{side} {what}" for what in KINDS)}
     for c, part in enumerate(source.components):
-        if part.block is None or part.name == JOINT_NOISE:
+        if part.block is None or part.name == JOINT_NOISE or part.name in DECLARED_AS:
             continue
         side = sides[("robot", "camera").index(part.side)]
         variance = np.einsum("...ik,...ik->...i", part.block, part.block).reshape(-1, 2, 3).mean(axis=(0, 2))

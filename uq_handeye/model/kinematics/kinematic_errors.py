@@ -66,6 +66,8 @@ POPULATIONS = {
 USUAL = "industrial"
 # Joint noise that is not given is known within this factor.
 JOINT_NOISE_FACTOR = 3.0
+# Standard deviation of the elbow of an arm of seven axes whose joints are found by its poses, rad along the joints.
+ELBOW = 0.5
 
 
 @dataclass(frozen=True)
@@ -154,8 +156,13 @@ class KinematicErrors:
         warnings.warn("KinematicErrors.deviations is now called standard_deviations.", DeprecationWarning, stacklevel=2)
         return self.standard_deviations
 
-    def columns(self, kinematics: Kinematics, q: Array, e: Array | None = None) -> KinematicColumns:
-        """The effects on the poses at joints q (n, L), derived at e (m,) where that is not 0."""
+    def columns(
+        self, kinematics: Kinematics, q: Array, e: Array | None = None, by_poses: bool = False
+    ) -> KinematicColumns:
+        """The effects on the poses at joints q (n, L), derived at e (m,) where that is not 0.
+
+        ``by_poses``: the joints are those that reach the poses; of more than six the elbow may be elsewhere.
+        """
         sd = self.standard_deviations
         if self.flange == WORKSPACE:
             counts, F = counting(kinematics), aligned_columns(kinematics, q, e)
@@ -176,7 +183,20 @@ class KinematicErrors:
             tuple(groups),
             np.array(kept, dtype=np.intp),
             self,
+            self._of_elbow(kinematics, q, kept) if by_poses and q.shape[-1] > 6 else None,
         )
+
+    def _of_elbow(self, kinematics: Kinematics, q: Array, kept: list[int]) -> Array:
+        """(n, 6, m) what the columns change by where the elbow is one standard deviation `ELBOW` from q (n, L).
+
+        Along the motion of the joints that leaves the pose as it is, (L,) of length 1; 0 of the frames.
+        """
+        along = np.linalg.svd(kinematics.jacobian(q))[2][..., -1, :]
+        ends = [
+            aligned_columns(kinematics, at) if self.flange == WORKSPACE else kinematics.columns(at)
+            for at in (q - ELBOW * along, q + ELBOW * along)
+        ]
+        return np.asarray(0.5 * (ends[1] - ends[0])[..., kept])
 
 
 def frame_name(group: str, k: int) -> str:
@@ -205,7 +225,9 @@ class KinematicColumns(NamedTuple):
     groups: tuple[str, ...]  # (m)
     kept: NDArray[np.intp]  # their numbers among all errors of the arm
     given: KinematicErrors
+    elbow: Array | None = None  # (n, 6, of the errors) what F changes by with the elbow of an arm of seven axes
 
     def rows(self, index: NDArray[Any]) -> KinematicColumns:
         """Return the columns at some of the poses."""
-        return self._replace(F=self.F[index], J=self.J[index])
+        elbow = None if self.elbow is None else self.elbow[index]
+        return self._replace(F=self.F[index], J=self.J[index], elbow=elbow)

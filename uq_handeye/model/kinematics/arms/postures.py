@@ -14,7 +14,8 @@ changes signs of the errors of the arm.
 nearest of `STORED` postures of the branch (`WorkPostures`): those that the middle posture reaches along a straight line
 of joint values without a change of the sign of the Jacobian's determinant (with the elbow's roll held, for seven axes).
 The elbow of seven axes has the roll of the middle posture at the start and moves only by the least change of the
-joints. What is left starts from the nearest pose that was reached. `postures_at` does the rest.
+joints; in the end it slides to where the joints are nearest to the middle of their limits (`_relaxed`), as nothing else
+is known of it. What is left starts from the nearest pose that was reached. `postures_at` does the rest.
 
 Chains of other joints start from the middle posture, and then from the nearest pose that was reached.
 
@@ -47,6 +48,8 @@ STEPS, ROUNDS, TRIED = 12, 3, 3
 # Where the data are to tell branches apart: postures of one pose from which they are followed, rounds, and the largest
 # change of a joint (rad) from one pose to its neighbour.
 BRANCHES, WAVES, LEAP = 16, 24, 1.5
+# Steps of the elbow to the middle of the limits: how many, by what share, by how much at most, and when it is there.
+SLIDES, SLIDE, LONGEST_SLIDE, SAME_ELBOW = 6, 0.7, 0.4, 0.05
 # Poses that are solved together.
 BLOCK = 256
 # Postures of one pose that differ less (rad) are the same one.
@@ -105,7 +108,30 @@ def _in_branch(
     parts = [scaled[k : k + BLOCK] for k in range(0, len(poses), BLOCK)]
     q = np.concatenate([_along_the_branch(arm.stack, middle, work, part) for part in parts])
     found = postures_at(kinematics, poses, _unwound(kinematics, arm.own(q)))
-    return found if found.reached.all() or not found.reached.any() else _repaired(kinematics, poses, scaled, found)
+    if not found.reached.all() and found.reached.any():
+        found = _repaired(kinematics, poses, scaled, found)
+    return _relaxed(kinematics, poses, found) if kinematics.n_joints == AXES else found
+
+
+def _relaxed(kinematics: Kinematics, poses: Array, found: Postures) -> Postures:
+    """Postures of seven axes slid along the motion that leaves the pose as it is, to the least sum of squares of the
+    joints about the middle of their limits, in half ranges.
+    """
+    low, high = kinematics.limits.T
+    middle, half = 0.5 * (low + high), 0.5 * (high - low)
+    if not np.isfinite(half).all():
+        return found
+    q = found.q.copy()
+    for _ in range(SLIDES):
+        along = np.linalg.svd(kinematics.jacobian(q))[2][..., -1, :]
+        slope = ((q - middle) / half**2 * along).sum(axis=-1) / (along**2 / half**2).sum(axis=-1)
+        step = np.clip(-SLIDE * slope, -LONGEST_SLIDE, LONGEST_SLIDE)
+        again = postures_at(kinematics, poses, q + step[:, None] * along)
+        good = found.reached & again.reached
+        q[good] = again.q[good]
+        if not good.any() or np.abs(step[good]).max() < SAME_ELBOW:
+            break
+    return Postures(q, found.reached)
 
 
 def _followed(kinematics: Kinematics, poses: Array, scaled: Array, middle: Array) -> Postures:
