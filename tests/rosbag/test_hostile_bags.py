@@ -169,7 +169,7 @@ def test_values_that_are_no_poses(tmp_path):
 def test_a_huge_bag_is_refused_before_it_fills_the_memory(tmp_path, monkeypatch):
     path = cell(tmp_path, "mcap")
     monkeypatch.setattr(track, "MOST", 50)
-    with pytest.raises(InputError, match="expected at most 50 poses, got more"):
+    with pytest.raises(InputError, match="expected at most 50 rows, got more"):
         read_recording(path)
     monkeypatch.setattr(track, "MOST", 1000)
     monkeypatch.setattr(opening, "LONGEST", 10)  # messages that are too long are none of those read here

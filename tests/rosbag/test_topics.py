@@ -128,7 +128,7 @@ def test_joint_values_alone_are_the_robot():
     for names in (["finger"], ["a", "b"], ["b", "a"]):
         recording.joints["/joint_states"].add(1.0, names, [1.0] * len(names))
     assert "--robot /joint_states --urdf robot.urdf --camera OPTICAL_FRAME:TARGET" in command_of(recording, ["cell"])
-    assert [len(track.times) for track in recording.joints["/joint_states"].tracks] == [2, 1]
+    assert [len(track) for track in recording.joints["/joint_states"].tracks] == [2, 1]
 
 
 def test_poses_with_a_receipt_time_and_several_bags(tmp_path, poses):

@@ -116,7 +116,7 @@ class BagGiven:
         if topic not in recording.joints and f"/{topic}" not in recording.joints:
             return arm_of_parts(chain, self.errors)
         track = joint_tracks(recording, topic)[0]  # of an arm; others may be of its gripper
-        times, *values = track.table().T
+        times, *values = track.values.T
         joints: Any = NamedJoints(f"{topic} in {recording.name}", tuple(track.names), times, np.array(values).T)
         return arm_of_parts(replace(chain, joints=joints), self.errors)
 

@@ -23,22 +23,10 @@ from .track import Pair, Tree
 # Names of robots' base and tool frames, the usual ones first; then those of cameras and of what they see.
 BASES = ("base_link", "base", "panda_link0", "fr3_link0", "link_0", "link_base", "robot_base", "world", "map")
 TOOLS = (
-    *("tool0", "flange", "tcp", "tool0_controller", "ee_link", "end_effector", "panda_hand_tcp", "panda_link8"),
-    *(
-        "fr3_hand_tcp",
-        "fr3_link8",
-        "tool_frame",
-        "tool_link",
-        "link_eef",
-        "end_effector_link",
-        "gripper",
-        "hand",
-        "wrist_3_link",
-        "link_ee",
-        "link_7",
-        "link_6",
-    ),
-)
+    "tool0", "flange", "tcp", "tool0_controller", "ee_link", "end_effector", "panda_hand_tcp", "panda_link8",
+    "fr3_hand_tcp", "fr3_link8", "tool_frame", "tool_link", "link_eef", "end_effector_link", "gripper", "hand",
+    "wrist_3_link", "link_ee", "link_7", "link_6",
+)  # fmt: skip
 _CAMERA = re.compile(
     r"cam|optical|rgb|realsense|zed|zivid|phoxi|ensenso|kinect|sensor|tracker|mocap|vicon|vrpn|optitrack|qualisys",
     re.IGNORECASE,
@@ -207,7 +195,7 @@ def dict_of(recording: Recording, files: list[str]) -> dict[str, Any]:
             for name, info in recording.infos.items()
         ],
         "joints": [
-            {"topic": name, "names": track.names, "count": len(track.times)}
+            {"topic": name, "names": track.names, "count": len(track)}
             for name, found in recording.joints.items()
             for track in found.tracks
         ],
@@ -268,7 +256,7 @@ def _cameras(recording: Recording) -> list[str]:
 
 def _joints(recording: Recording) -> list[str]:
     return [
-        f"  {name}  {len(track.times)} rows of {', '.join(track.names[:12])}"
+        f"  {name}  {len(track)} rows of {', '.join(track.names[:12])}"
         for name, found in recording.joints.items()
         for track in found.tracks
     ]
@@ -287,7 +275,7 @@ def joint_tracks(recording: Recording, topic: str) -> list[JointTrack]:
 
 def joints_csv(track: JointTrack) -> str:
     """Return joint values as a table with the header ``timestamp`` and the names of the joints."""
-    return csv_text([["timestamp", *track.names], *track.table().tolist()])
+    return csv_text([["timestamp", *track.names], *track.values.tolist()])
 
 
 def camera_info_yaml(info: CameraInfo) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-from array import array
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,14 +13,13 @@ import numpy as np
 from ...core.files.lines import decoded
 from ...core.files.open import StrPath, as_path, opened, shown
 from ...core.files.source import Source
-from ...core.geometry.se3 import Array
 from ...errors import InputError
 from ...formats.ros.messages import MessageError, Stamped, frame_name, pair_text, part, plain_name, poses_in, stamp_of
 from ...formats.ros.topic import is_ros_topic, records_of
 from .info import CameraInfo, camera_info_of
 from .open import Bag, Message, is_bag, opened_bag
 from .tags import TagTrack, corners_in
-from .track import Pair, Track, Tree
+from .track import Pair, Samples, Track, Tree
 
 FORMAT = "rosbag"
 MAX_TEXT = 200_000_000
@@ -49,24 +47,12 @@ class Topic:
         return max(0.0, self.last - self.first)
 
 
-@dataclass
-class JointTrack:
-    """Joint values of some joints, as they arrive."""
+class JointTrack(Samples):
+    """Values of joints by their names, as they arrive."""
 
-    names: list[str]
-    times: Any = field(default_factory=lambda: array("d"))
-    values: Any = field(default_factory=lambda: array("d"))
-
-    def add(self, time: float, found: dict[str, float]) -> None:
-        """Append one message."""
-        self.times.append(time)
-        self.values.extend(found[name] for name in self.names)
-
-    def table(self) -> Array:
-        """(n, 1 + L) time and values, each time once."""
-        times, values = np.array(self.times), np.array(self.values).reshape(len(self.times), -1)
-        _, first = np.unique(times, return_index=True)
-        return np.concatenate([times[first, None], values[first]], axis=1)
+    def __init__(self, names: list[str]) -> None:
+        super().__init__(f"the joints {', '.join(names[:3])}", len(names))
+        self.names = names
 
 
 @dataclass
@@ -83,12 +69,13 @@ class JointTopic:
         if key not in self.sets and len(self.sets) >= MAX_SETS:
             self.skipped += 1
             return
-        self.sets.setdefault(key, JointTrack(list(found))).add(time, found)
+        track = self.sets.setdefault(key, JointTrack(list(found)))
+        track.add(time, (found[name] for name in track.names))
 
     @property
     def tracks(self) -> list[JointTrack]:
         """Tracks by their joints, those of most joints first."""
-        return sorted(self.sets.values(), key=lambda one: (-len(one.names), -len(one.times)))
+        return sorted(self.sets.values(), key=lambda one: (-len(one.names), -len(one)))
 
 
 @dataclass

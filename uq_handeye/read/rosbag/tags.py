@@ -13,7 +13,6 @@ Second solutions of the poses of a tag in a stream, decided by the robot as thos
 from __future__ import annotations
 
 import re
-from array import array
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -31,42 +30,30 @@ from ...model.camera.corners import Corners
 from ...model.camera.models import rays
 from ...model.poses.pose_pairs import PosePairs, Stream
 from .info import CameraInfo
+from .track import Samples
 
-MOST = 1_000_000
 # Where the AprilTag library has the centre of the first pixel.
 HALF = 0.5
 # Pixels per coordinate beyond which corners are no picture of the tag by this camera.
 SPOILT = 5.0
 
 
-class TagTrack:
-    """Corners of one tag, as they arrive."""
+class TagTrack(Samples):
+    """Corners of one tag, eight coordinates, as they arrive."""
 
     def __init__(self, name: str) -> None:
-        self.name = name
-        self._values = array("d")
-
-    def __len__(self) -> int:
-        return len(self._values) // 9
-
-    def add(self, time: float, pixels: list[float]) -> None:
-        """Append the eight coordinates at a time (s)."""
-        if len(self) >= MOST:
-            raise InputError(f"{self.name}: expected at most {MOST} detections, got more; cut the bag into pieces.")
-        self._values.append(time)
-        self._values.extend(pixels)
+        super().__init__(name, 8)
 
     def corners(self) -> tuple[NDArray[np.float64], Array]:
         """Return times (n,), each once, and pixels (n, 4, 2) in the order of `tag_points`."""
-        table = np.array(self._values).reshape(-1, 9)
-        table = table[np.isfinite(table).all(axis=1)]
-        _, first = np.unique(table[:, 0], return_index=True)
-        pixels = table[first, 1:].reshape(-1, 4, 2)
+        table = self.rows[np.isfinite(self.rows).all(axis=1)]
+        table = table[np.unique(table[:, 0], return_index=True)[1]]
+        pixels = table[:, 1:].reshape(-1, 4, 2)
         x, y = pixels[..., 0], pixels[..., 1]
         area = (x * np.roll(y, -1, axis=1) - np.roll(x, -1, axis=1) * y).sum(axis=1)  # y points down
         pixels = np.where((area > 0)[:, None, None], pixels, pixels[:, ::-1])
         fine = np.abs(area) > 1.0
-        return table[first, 0][fine], pixels[fine]
+        return table[fine, 0], pixels[fine]
 
 
 def corners_in(message: Any) -> list[tuple[str, list[float]]] | None:

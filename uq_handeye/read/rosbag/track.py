@@ -14,6 +14,7 @@ from __future__ import annotations
 import difflib
 from array import array
 from collections import deque
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -25,35 +26,46 @@ from ...formats.contents import FRAMES, Side, finished
 from ...formats.ros.messages import pair_text
 from ..synchronisation.interpolation import at_times
 
-# Poses of one pair of frames.
+# Rows of one pair of frames, tag or set of joints.
 MOST = 5_000_000
 FIELDS = ("stamp", *(f"translation.{a}" for a in "xyz"), *(f"rotation.{a}" for a in "xyzw"))
 
 
-class Track:
-    """Times and poses of one pair of frames, in the order of their arrival."""
+class Samples:
+    """Rows of ``width`` numbers at times (s), in the order of their arrival, at most `MOST`."""
 
-    def __init__(self, name: str) -> None:
-        self.name = name  # for messages
-        self.static = False  # of /tf_static
+    def __init__(self, name: str, width: int) -> None:
+        self.name, self._width = name, 1 + width  # the name is for messages
         self._values = array("d")
 
     def __len__(self) -> int:
-        return len(self._values) // 8
+        return len(self._values) // self._width
 
-    def add(self, time: float, numbers: tuple[float, ...]) -> None:
-        """Append x, y, z, qx, qy, qz, qw at a time (s)."""
+    def add(self, time: float, numbers: Iterable[float]) -> None:
+        """Append one row."""
         if len(self) >= MOST:
-            raise InputError(f"{self.name}: expected at most {MOST} poses, got more; cut the bag into pieces.")
+            raise InputError(f"{self.name}: expected at most {MOST} rows, got more; cut the bag into pieces.")
         self._values.append(time)
         self._values.extend(numbers)
 
     @property
+    def rows(self) -> Array:
+        """(n, 1 + width) time and numbers, as they arrived."""
+        return np.array(self._values).reshape(-1, self._width)
+
+    @property
     def values(self) -> Array:
-        """(n, 8) time, translation and quaternion, sorted by time; each time once."""
-        table = np.array(self._values).reshape(-1, 8)
-        _, first = np.unique(table[:, 0], return_index=True)
-        return table[first]
+        """The same sorted by time; each time once."""
+        table = self.rows
+        return np.asarray(table[np.unique(table[:, 0], return_index=True)[1]])
+
+
+class Track(Samples):
+    """Times and poses of one pair of frames: x, y, z, qx, qy, qz, qw."""
+
+    def __init__(self, name: str) -> None:
+        super().__init__(name, 7)
+        self.static = False  # of /tf_static
 
     @property
     def repeated(self) -> int:
@@ -63,7 +75,7 @@ class Track:
     @property
     def moves(self) -> bool:
         """True if the poses differ: transforms that are always the same are static, too."""
-        table = np.array(self._values).reshape(-1, 8)
+        table = self.rows
         return not self.static and bool((table[:, 1:] != table[0, 1:]).any())
 
     def poses(self) -> tuple[NDArray[np.float64], Array]:

@@ -25,7 +25,7 @@ PALETTE: tuple[Colour, ...] = (
     (0, 114, 178), (230, 159, 0), (0, 158, 115), (204, 121, 167), (86, 180, 233), (213, 94, 0),
 )  # fmt: skip
 # Sides of their labels, so that those of neighbours keep clear.
-ANCHORS = ("center-right", "bottom-center", "center-left")
+ANCHORS = ("center-right", "bottom-center", "top-left")
 
 
 class RigScene:
