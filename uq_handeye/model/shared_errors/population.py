@@ -40,8 +40,7 @@ from numpy.typing import NDArray
 from ...core.geometry.se3 import Array
 from ...core.runtime.read_only import ReadOnlyArrays
 from ..kinematics.arms.known_arms import known_arm
-from ..kinematics.arms.stack import ERRORS, SAGS, SHIFTS, TURNS, WAVES, ArmStack
-from ..kinematics.arms.work_postures import BLOCK, WorkPostures
+from ..kinematics.arms.stack import BLOCK, ERRORS, SAGS, SHIFTS, TURNS, WAVES, ArmStack, WorkPostures
 from ..kinematics.workspace_gauge import twists
 
 ARMS: tuple[str, ...] = (

@@ -40,8 +40,7 @@ from ....core.geometry.se3 import Array
 from ..chain import Kinematics
 from ..forward import fixed_transforms, spread_postures
 from .known_arms import arm_names, known_arm
-from .stack import AXES, ROLL, ArmStack, Frames, spread
-from .work_postures import WorkPostures, descend
+from .stack import AXES, ROLL, ArmStack, Frames, WorkPostures, descend, spread
 
 STARTS, STORED, ALONG = 96, 800, 5
 STEPS, ROUNDS, TRIED = 12, 3, 3
