@@ -60,8 +60,8 @@ FULL = float(chdtri(6, 1e-3))
 STILL, SLOW, STILL_THEN, MOST_REWEIGHTED = 1e-6, 20, 1e-3, 100
 # Steps before the scale is held and the weights are damped.
 FREE = 10
-# Rounds of noise from the residuals and weights from the noise.
-MOST_ROUNDS = 20
+# Rounds of noise from the residuals and weights from the noise; share of the poses that may change sides in the last.
+MOST_ROUNDS, BORDER = 20, 1e-3
 
 # Share of the poses kept from which on the iteration that starts from all poses alike is relied on.
 SURE = 0.8
@@ -352,7 +352,8 @@ def _settle(
         if k < FREE:
             scale2 = _scale_guard(distances)
         wanted = robust_weights(distances / (scale2 * margin))
-        still = bool(np.abs(wanted - weights).max() < (STILL if k < SLOW else STILL_THEN))
+        quick = k >= SLOW or constraint.n * BORDER >= 1.0  # a thousandth of one pose of so many
+        still = bool(np.abs(wanted - weights).max() < (STILL_THEN if quick else STILL))
         if still and (method == "efficient" or steps > CLOSED_FORM_STEPS):
             return _Settled(found, distances, leverage, float(np.sqrt(scale2)), FULL * scale2 * margin, plain, begun)
         if still:
@@ -370,16 +371,17 @@ def _alternate(
     The noise is None where ``estimate`` finds none: the poses kept fit exactly.
     """
     noise, at, weights = begun.noise, begun.unknowns, begun.inside
-    seen: list[bytes] = []
+    seen: list[NDArray[np.bool_]] = []
     margin = slack * _margin(constraint)
     for _ in range(MOST_ROUNDS):
         settled = _settle(constraint, noise, at, weights, "efficient", margin)
         assert settled.fit.weights is not None
         at, weights = settled.fit.unknowns, settled.fit.weights
         good = settled.distances <= settled.limit
-        if good.tobytes() in seen:  # the noise is theirs; or a circle of poses on the border: any of it will do
+        # The noise is theirs; or a circle of poses on the border, or one or two of very many: any of it will do.
+        if any((good != before).sum() <= BORDER * len(good) for before in seen):
             break
-        seen.append(good.tobytes())
+        seen.append(good)
         # Flagged poses would hide themselves in the noise; leaving out a good one in 1000 makes it 0.4 % smaller.
         by_residuals = estimate(constraint, at, good.astype(float))
         if by_residuals is None:  # the poses kept fit exactly: rounding tells them from the others
