@@ -345,24 +345,7 @@ def _assembled(
     wrong_size = _wrong_size(found, result)
     said = said_open(fit.opened, result.setup) + against_prior(fit)
     findings = table.findings if robust else wrong_poses(job, noise, table)
-    if poses is None or isinstance(noise, PairNoise):
-        findings += check_motions(motions, None if estimate else noise, fit.covariance_X, angle, distance, fit.X)
-    else:
-        assert isinstance(noise, PoseNoise)
-        kept = table.weight > 0
-        whole = bool(kept.all())
-        rest, rest_noise = (poses, noise) if whole else (poses.rows(kept), noise.rows(kept))
-        # noise that was estimated explains any residuals, and says only how those of the poses differ
-        known, own = (rest_noise, None) if estimate is None else (None, rest_noise)
-        if own is not None and not (is_of_each(own.robot) or is_of_each(own.camera)):
-            own = None
-        size = next((1.0 / (1.0 + of.estimate) for of in result.shared if of.name == TARGET_SCALE), 1.0)
-        sure = wrong_size is None or wrong_size > SURE
-        looked = check_fit(rest, fit.X, known, fit.covariance_X, own, size, sure)
-        if (~kept).mean() > MISREAD and not any(one.severity == "failure" for one in looked):
-            looked += misread(poses, fit.X)
-        findings += looked
-        findings += closed_forms(job, result, table)
+    findings += _of_fit(job, noise, fit, result, wrong_size, (angle, distance))
     halves = (analysis.split_half.finding, analysis.split_in_time.finding)
     findings += [found for found in (*analysis.diagnostics.findings, *halves) if found.severity != "note"]
     findings += shared_findings(job, result, joint, wrong_size)
@@ -373,6 +356,29 @@ def _assembled(
             values = {"item": table.item, "count": len(data), "needed": FEWEST_FOR_ROBUST}
             findings.append(Finding("calibration.few_for_outliers", "caution", values))
     return result, said + findings
+
+
+def _of_fit(
+    job: Job, noise: Noise, fit: Fit, result: Calibration, wrong_size: float | None, off: tuple[Array, Array]
+) -> list[Finding]:
+    """Return what the residuals say of the files and of X; ``off``: rotations and distances of the motions."""
+    poses, table, estimate = job.poses, result.table, result.noise_estimate
+    assert table is not None
+    if poses is None or isinstance(noise, PairNoise):
+        return check_motions(job.motions, None if estimate else noise, fit.covariance_X, *off, fit.X)
+    assert isinstance(noise, PoseNoise)
+    kept = table.weight > 0
+    rest, rest_noise = (poses, noise) if kept.all() else (poses.rows(kept), noise.rows(kept))
+    # noise that was estimated explains any residuals, and says only how those of the poses differ
+    known, own = (rest_noise, None) if estimate is None else (None, rest_noise)
+    if own is not None and not (is_of_each(own.robot) or is_of_each(own.camera)):
+        own = None
+    size = next((1.0 / (1.0 + of.estimate) for of in result.shared if of.name == TARGET_SCALE), 1.0)
+    sure = wrong_size is None or wrong_size > SURE
+    looked = check_fit(rest, fit.X, known, fit.covariance_X, own, size, sure)
+    if (~kept).mean() > MISREAD and not any(one.severity == "failure" for one in looked):
+        looked += misread(poses, fit.X)
+    return looked + closed_forms(job, result, table)
 
 
 def _wrong_size(found: FoundSizes | None, result: Calibration) -> float | None:

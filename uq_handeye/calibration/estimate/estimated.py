@@ -124,7 +124,7 @@ class Estimated(Record):
             return None
         least, found = np.diag(self.bound), np.full(6, np.inf)  # of a direction that is open the bound may be 0
         np.divide(np.diag(self.fourdpa.covariance), least, out=found, where=least > 0)
-        return np.sqrt(found)
+        return np.asarray(np.sqrt(found))
 
     @property
     def diagnostics(self) -> Diagnostics:
