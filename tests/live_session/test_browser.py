@@ -193,7 +193,7 @@ def test_a_phone_in_the_dark_shows_the_panel_first(driver, page):
 def test_stored_results_are_drawn(driver, kind):
     if kind == "a rig":
         rig, _ = simulate_rig({"left": "arm", "cell": "world"}, {"board": "world", "tag": "arm"}, n_poses=10, seed=1,
-                              pairs=[("left", "board"), ("cell", "tag")])  # fmt: skip
+                              seen=[("left", "board"), ("cell", "tag")])  # fmt: skip
         result = uq.calibrate_rig(rig, noise=dict.fromkeys(("arm", "left", "cell"), ("1mrad", "1mm")))
         texts = ["gripper_T_left", "world_T_cell", "Robot pose 0. Ellipsoids"]
     else:

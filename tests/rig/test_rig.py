@@ -225,7 +225,7 @@ def test_fixed_camera_through_a_board_that_a_camera_on_the_hand_sees():
     ],
 )
 def test_open_directions_about_one_axis(cameras, targets, pairs, count, of_pair):
-    exact, _ = simulate_rig(cameras, targets, n_poses=40, axes=[[0.0, 0.0, 1.0]], pairs=pairs, seed=3)
+    exact, _ = simulate_rig(cameras, targets, n_poses=40, axes=[[0.0, 0.0, 1.0]], seen=pairs or 1.0, seed=3)
     found = uq.calibrate_rig(with_noise(exact, noise_of(exact), 2), noise_of(exact), robust=False)
     assert len(found.open) == count
     assert len(found.relative("c1", "c2").open) == of_pair

@@ -25,9 +25,8 @@ def simulate_rig(
     arms: Sequence[str] = ("arm",),
     n_poses: int = 40,
     noise: Any = None,
-    seen: float = 1.0,
+    seen: float | Sequence[tuple[str, str]] = 1.0,
     axes: Array | None = None,
-    pairs: Sequence[tuple[str, str]] | None = None,
     seed: int | np.random.Generator = 0,
 ) -> tuple[Rig, dict[str, Array]]:
     """Draw a rig, with noise, and its true poses by name.
@@ -38,9 +37,8 @@ def simulate_rig(
     arms : names of the arms; all move to a pose of their own at each moment
     n_poses : number of moments
     noise : as `calibrate_rig` takes it; None: exact poses
-    seen : share of the moments at which a camera sees a target
+    seen : share of the moments at which a camera sees a target, or the pairs of them that see each other at all
     axes : (k, 3) axes of rotation of the arms; None: all
-    pairs : the pairs of camera and target that see each other; None: all
     seed : of the draws
 
     Examples
@@ -68,9 +66,10 @@ def simulate_rig(
     views = []
     for camera in cameras:
         for target in targets:
-            if pairs is not None and (camera, target) not in pairs:
+            share = seen if isinstance(seen, float | int) else float((camera, target) in seen)
+            if not share:
                 continue
-            some = np.flatnonzero(rng.random(n_poses) < seen)
+            some = np.flatnonzero(rng.random(n_poses) < share)
             sides = [_carried(name, place, truth, robots, arms[0], n_poses)[some]
                      for name, place in ((camera, cameras[camera]), (target, targets[target]))]  # fmt: skip
             if len(some):

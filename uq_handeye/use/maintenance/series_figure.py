@@ -47,7 +47,7 @@ def series_figure(series: CheckSeries, found: SeriesAlarm) -> Figure:
         (middle, slice(3, 6), 1e3, "translation (mm)"),
         (below, slice(0, 3), 180 / np.pi, "rotation (deg)"),
     ):
-        what = "X" if {chart.name for chart in found.charts} <= set(_LINES) else "largest move"
+        what = "X" if {chart.name for chart in found.charts} <= set(_LINES) else "move"
         _shifts(axis, series, part, unit, f"{what}, {words}")
     if found.since is not None:
         for axis in (above, middle, below):
