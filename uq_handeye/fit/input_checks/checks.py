@@ -101,10 +101,6 @@ def check_poses(poses: PosePairs) -> list[Finding]:
     return found
 
 
-def _setup_said(poses: PosePairs) -> bool:
-    return all(finding.values.get("said", True) for finding in poses.findings)
-
-
 # --------------------------------------------------------------------------------- what the rotations look like
 
 
@@ -373,7 +369,8 @@ def _check_lengths(poses: PosePairs, X: Array) -> list[Finding]:
     camera poses by the other reading does not, the files are as they should be; then it is the other setup, with the
     robot poses inverted, that gives the same matrix X its other name.
     """
-    if inverted_on_request(poses) == ["camera"] and not _setup_said(poses):
+    said = all(finding.values.get("said", True) for finding in poses.findings)  # the setup
+    if inverted_on_request(poses) == ["camera"] and not said:
         seen, as_given = (direction_spread(T) for T in (poses.camera, inverse(poses.camera)))
         if as_given < STEADY_VIEW * seen:
             values = {"setup": OTHER_SETUP[poses.setup], "seen": seen, "as_given": as_given}

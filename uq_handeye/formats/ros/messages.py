@@ -52,10 +52,10 @@ def pair_text(parent: str, child: str) -> str:
 
 def frame_name(text: Any) -> str:
     """Return the name of a frame; ROS 1 may put a slash before it."""
-    return plain_name(str(text or "").strip().removeprefix("/"))
+    return printed_name(str(text or "").strip().removeprefix("/"))
 
 
-def plain_name(text: str) -> str:
+def printed_name(text: str) -> str:
     """Return a name as people can read and type it: escaped where it does not print, and cut where it is endless."""
     text = text if text.isprintable() else ascii(text)[1:-1]
     return text if len(text) <= LONGEST else f"{text[:LONGEST]}..."

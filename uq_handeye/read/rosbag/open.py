@@ -20,7 +20,7 @@ from typing import Any, BinaryIO, NamedTuple
 from ...core.files.lines import one_line
 from ...core.files.open import reason, require_size, shown
 from ...errors import InputError, InputWarning, MissingExtraError
-from ...formats.ros.messages import plain_name
+from ...formats.ros.messages import printed_name
 from .decompression import LARGEST_CHUNK, bound_the_reader
 from .types import Types, kind_of
 
@@ -174,12 +174,12 @@ class Bag:
                     kind, problem = None, "no definition of its type in the bag"
             except Exception as error:  # of a library, by a file from anywhere
                 kind, problem = None, one_line(f"definition of its type: {error}")
-        return Connection(plain_name(one.topic), one.msgtype, int(one.msgcount), kind, problem)
+        return Connection(printed_name(one.topic), one.msgtype, int(one.msgcount), kind, problem)
 
     def messages(self, cut: Callable[[str], None]) -> Iterator[Message]:
         """Yield the messages that are read; of a bag that is damaged behind some of them, ``cut`` hears why."""
         kinds = {(one.topic, one.msgtype): one.kind for one in self.connections}
-        topics = {one.topic: plain_name(one.topic) for one in self.reader.connections}
+        topics = {one.topic: printed_name(one.topic) for one in self.reader.connections}
         wanted = [one for one in self.reader.connections if kinds[(topics[one.topic], one.msgtype)]]
         if not wanted:
             return

@@ -14,7 +14,7 @@ from ...core.files.lines import decoded
 from ...core.files.open import StrPath, as_path, opened, shown
 from ...core.files.source import Source
 from ...errors import InputError
-from ...formats.ros.messages import MessageError, Stamped, frame_name, pair_text, part, plain_name, poses_in, stamp_of
+from ...formats.ros.messages import MessageError, Stamped, frame_name, pair_text, part, poses_in, printed_name, stamp_of
 from ...formats.ros.topic import is_ros_topic, records_of
 from .info import CameraInfo, camera_info_of
 from .open import Bag, Message, is_bag, opened_bag
@@ -234,7 +234,7 @@ class _Reader:
 
     def _joints(self, message: Message) -> None:
         at = self._at(message, stamp_of(part(message.value, "header")))
-        names = [plain_name(str(name)) for name in part(message.value, "name")]
+        names = [printed_name(str(name)) for name in part(message.value, "name")]
         values = [float(value) for value in part(message.value, "position")]
         if len(names) != len(values) or not names:
             raise MessageError("as many positions as names of joints")

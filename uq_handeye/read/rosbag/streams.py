@@ -210,9 +210,10 @@ def _asked(recording: Recording, spec: str, role: str) -> tuple[str, Pair]:
             f"{_listed(named or tags)}."
         )
     if spec.startswith("/") or not pairs:
+        readable = [name for name, topic in recording.topics.items() if topic.kind]
         raise InputError(
             f"--{role} {spec}: {recording.name} has no topic of this name that is read; there are "
-            f"{_listed(_readable(recording))}. Give a topic of poses, or two frames such as {EXAMPLE[role]}; {HINT}."
+            f"{_listed(readable)}. Give a topic of poses, or two frames such as {EXAMPLE[role]}; {HINT}."
         )
     raise InputError(f"Expected --{role} to be frames such as {EXAMPLE[role]}, or a topic, got {spec!r}.")
 
@@ -227,10 +228,6 @@ def _frame_like(name: str, frames: list[str]) -> str:
     """Return the frame that differs only by marks between its parts, as tag36h11:0 does from tag36h11_0."""
     like = [frame for frame in frames if plain_name(frame) == plain_name(name)]
     return like[0] if len(like) == 1 else name
-
-
-def _readable(recording: Recording) -> list[str]:
-    return [name for name, topic in recording.topics.items() if topic.kind]
 
 
 def _listed(names: list[str]) -> str:

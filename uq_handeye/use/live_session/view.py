@@ -65,12 +65,9 @@ class ViewPage(BrowserPage):
         self._point = self._server.viser.scene.add_transform_controls(
             "/point", scale=0.25 * distance, disable_rotations=True, position=start[:3, 3]
         )
-        self._point.on_update(lambda _: self._dragged())
+        self._point.on_update(lambda _: self.predict())
         self._pose.on_update(lambda _: self._select(int(self._pose.value)))
         self._select(kept[-1])
-
-    def _dragged(self) -> None:
-        self.predict()
 
     def predict(self) -> Array | None:
         """Show how well the point is known, and return its covariance (3, 3) in the base frame; None: not known."""

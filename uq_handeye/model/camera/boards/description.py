@@ -184,12 +184,8 @@ class Board:
     @property
     def text(self) -> str:
         """One line that `board_of` reads: ``kind=chessboard columns=9 rows=6 square=0.02``."""
-        return " ".join(f"{name}={value}" for name, value in vars(self).items() if self._has(name))
-
-    def _has(self, name: str) -> bool:
-        if name == "dictionary":
-            return self.kind != "chessboard"
-        return getattr(self, name) is not None
+        of_markers = "dictionary" if self.kind == "chessboard" else ""  # which a chessboard has not
+        return " ".join(f"{k}={value}" for k, value in vars(self).items() if value is not None and k != of_markers)
 
     @property
     def side(self) -> float:
