@@ -56,11 +56,9 @@ def is_pair(task: Task) -> bool:
 def find_pair(task: Task, start: Array) -> OfPair | None:
     """Find sizes, weights and poses of a pair; None where its data are exact."""
     rig, graph, prior, method, robust, shared, seed = task
-    on_left = bool(graph.side[0][0] < graph.P)
-    robots = graph.side[0 if on_left else 1]
-    poses = PosePairs(graph.robot[robots], graph.C, "eye-in-hand" if on_left else "eye-to-hand")
+    where = graph
+    poses, robots = _poses_of(graph)
     constraint = replace(constraint_of(poses, None), split_known=False)
-
     drift = _drift(rig, graph, poses) if shared is True else ()
 
     def all_at(at: Graph) -> tuple[Component, ...]:
@@ -75,7 +73,7 @@ def find_pair(task: Task, start: Array) -> OfPair | None:
         where = replace(graph, robot=robot[np.argsort(robots)], C=C)
         return replace(source, more=parts_at(where))
 
-    where, roots = graph, given_roots(rig, graph)
+    roots = given_roots(rig, graph)
     known: dict[str, Any] = {"robot": np.zeros((6, 6)), "camera": np.zeros((6, 6))}
     if roots is not None:
         known["camera"] = roots @ roots.mT
@@ -107,7 +105,9 @@ def weigh_pair(task: Task, noise: RigNoise, start: Array) -> tuple[Array, Array]
     """Poses to fit a pair from, and weights, where the noise is given."""
     poses, robots = _poses_of(task.graph)
     sides = {"robot": (noise.robot[robots], noise.K_robot[robots]), "camera": (noise.camera, noise.K_camera)}
-    of_poses = {side: JointCovariance(own, K) if K.shape[-1] else own for side, (own, K) in sides.items()}
+    of_poses: dict[str, Any] = {
+        side: JointCovariance(own, K) if K.shape[-1] else own for side, (own, K) in sides.items()
+    }
     given = with_prior(PoseNoise(**of_poses), _known(task.prior))
     constraint = constraint_of(poses, given)
     found = likelihood_robust(constraint, given, Unknowns(start[0], start[1]), task.method, seed=task.seed)
@@ -130,9 +130,10 @@ def _known(prior: Prior) -> PosePrior | None:
 def _drift(rig: Rig, graph: Graph, poses: PosePairs) -> tuple[Component, ...]:
     """Drifts of camera and target, where the names of the moments are times: numbers that are not all whole."""
     at = [moment for view in rig.views for moment in view.at or ()]
-    if not all(isinstance(moment, float) for moment in at) or all(float(moment).is_integer() for moment in at):
+    times = [moment for moment in at if isinstance(moment, float)]
+    if len(times) < len(at) or all(time.is_integer() for time in times):
         return ()
-    timed = replace(poses, timestamps=np.array(at))
+    timed = replace(poses, timestamps=np.array(times))
     return tuple(
         Component(f"{graph.names[0]} {error.name}", error.side, Size(float(error.sd[0]), error.factor),
                   columns=error.at(timed)) for error in assumed_drift(timed)

@@ -14,7 +14,7 @@ correlation of their residuals.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -73,9 +73,9 @@ def components_of(
     """
     both = ((rig, graph), (rig, graph) if bound is None else bound)
     before = both[1][1]
-    arms = _seen({name: tuple(one.arm == _place(name, list(of.arms)) for of, one in both) for name in rig.arms})
-    cameras = _seen({name: tuple(_place(name, one.names) == one.X for _, one in both) for name in rig.cameras})
-    targets = _seen({name: tuple(_place(name, one.names) == one.W for _, one in both) for name in rig.targets})
+    arms = _seen(rig.arms, lambda name: [one.arm == np.intp(_place(name, list(of.arms))) for of, one in both])
+    cameras = _seen(rig.cameras, lambda name: [np.intp(_place(name, one.names)) == one.X for _, one in both])
+    targets = _seen(rig.targets, lambda name: [np.intp(_place(name, one.names)) == one.W for _, one in both])
     given = np.isin(graph.view, [k for k, view in enumerate(rig.views) if view.covariance is not None])
     by_view, found = _by_view(before if both[1][0] is rig else graph, width), []  # those measured, if corrected
     for name, (of, _) in arms.items():
@@ -98,28 +98,30 @@ def components_of(
             size = SIZES[what] if alone else replace(SIZES[what], factor=OF_CAMERA)
             found.append(Component(f"{name} {what}", "camera", size, columns=_of(of, by_intrinsics[..., columns])))
     of_size = SIZES[TARGET_SCALE]
-    for name, (of, _) in targets.items():
-        scale = _of(of, np.pad(graph.C[:, :3, 3:], [(0, 0), (3, 0), (0, 0)]))
+    for name, seen in targets.items():
+        scale = _of(seen[0], np.pad(graph.C[:, :3, 3:], [(0, 0), (3, 0), (0, 0)]))
         found.append(Component(f"{name} scale", "camera", of_size, columns=scale))
-    found += [_shared(graph, before, name, of, assumed_accuracy()) for name, of in arms.items()
+    found += [_shared(graph, before, name, seen, assumed_accuracy()) for name, seen in arms.items()
               if rig.arms[name].kinematics is None]  # fmt: skip
-    for name, of in finished.items() if alone else ():
-        lens = _of(of[0], by_intrinsics[..., 3:7] * [1.0, 3.0, 0.1, 0.1])
+    for name, both_of in finished.items() if alone else ():
+        lens = _of(both_of[0], by_intrinsics[..., 3:7] * [1.0, 3.0, 0.1, 0.1])
         found.append(Component(f"{name} {LENS}", "camera", SIZES[LENS], columns=lens))
-        found.append(_shared(graph, before, name, of, assumed_view()))
+        found.append(_shared(graph, before, name, both_of, assumed_view()))
     asked = SHARED if shared is True else tuple(f" {what}" for what in shared)
     return (*noise, *(part for part in found if part.name.endswith(asked)), *chains)
 
 
-Owned = tuple[NDArray[np.bool_], ...]  # rows of an owner in the graph, and in the one that is bound
+Owned = list[NDArray[np.bool_]]  # rows of an owner in the graph, and in the one that is bound
 
 
 def _place(name: str, among: Sequence[str]) -> int:
     return among.index(name) if name in among else -1
 
 
-def _seen(owners: dict[str, Owned]) -> dict[str, Owned]:
-    return {name: of for name, of in owners.items() if of[0].any() and of[1].any()}
+def _seen(names: Iterable[str], rows: Callable[[str], Owned]) -> dict[str, Owned]:
+    """Rows of the owners that have some in both graphs."""
+    found = {name: rows(name) for name in names}
+    return {name: of for name, of in found.items() if of[0].any() and of[1].any()}
 
 
 def _of(of: NDArray[np.bool_], B: Array) -> Array:
