@@ -38,8 +38,8 @@ from .description import Rig
 from .graph import Batch, Graph, Sides
 from .noise import RigNoise
 
-# `efficient` goes on while a step moves a pose by more of its standard deviations, to this many steps.
-ENOUGH, MOST_EFFICIENT = 0.1, 8
+# `efficient` goes on while a step moves a pose by more of its standard deviations.
+ENOUGH = 0.1
 # Smallest eigenvalue of the information, scaled to a unit diagonal, from which on nothing is open.
 CLEAR = 1e-2
 # Information that is rounding beside what the components have by themselves.
@@ -141,13 +141,12 @@ def fit(
 
     Raises `NotConvergedError` where `ml` does not converge, `DegenerateMotionError` where nothing is determined.
     """
-    most = MOST_STEPS if method == "ml" else MOST_EFFICIENT
     w_e = np.ones(graph.E) if edge_weights is None else edge_weights
     w_k = np.ones(graph.P) if pose_weights is None else pose_weights
     at, robot, C = start, graph.robot, graph.C
     v: tuple[Array, Array] | None = None
     lever, closed = lever_of(graph, start), False
-    for done in range(1, most + 1):
+    for done in range(1, MOST_STEPS + 1):
         sides = graph.linearise(at, robot, C)
         if v is not None and method == "ml":
             sides = _by_own_errors(sides, graph, v)
