@@ -66,8 +66,8 @@ def alt_text(found: SeriesAlarm) -> str:
     n = len(found.times)
     what = "none above its limit" if found.alarm is None else f"the limit is passed at check {found.alarm + 1}"
     return (
-        f"Above, three CUSUM charts of {n} checks in units of their limits: {what}. Below, the translation and the "
-        "rotation of X that each check asks for, with two standard deviations."
+        f"Above, {len(found.charts)} CUSUM charts of {n} checks in units of their limits: {what}. Below, the "
+        "translation and the rotation that each check asks for, with two standard deviations."
     )
 
 
