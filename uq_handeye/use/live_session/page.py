@@ -74,7 +74,8 @@ class Page(BrowserPage):
         for source in self._sources:
             source.close()
         self._workers[0].join(10.0)
-        super().close()
+        with self._drawing:  # which another worker may still do
+            super().close()
 
     def select(self, pose: int | None) -> None:
         """Light up a pose."""
@@ -205,6 +206,8 @@ class Page(BrowserPage):
     def _show(self, session: Session) -> None:
         """Bring the page up to the answer."""
         with self._drawing, self._server.viser.atomic():
+            if self._stop.is_set():
+                return
             answer = session.answer
             if self.selected is not None and self.selected >= answer.n:
                 self.selected = None
