@@ -188,6 +188,8 @@ def compare_rows(
     rows = [found[name] for name in names]
     base = next((found[name] for name in (reference, *names) if found[name].failure is None), None)
     common, own = _sorted_warnings(rows, base)
+    if base is None and OWN in found:  # what calibrate says of data that no method answers
+        common = tuple(dict.fromkeys((*found[OWN].warnings, *common)))
 
     def judged(row: Row) -> Residuals | None:
         return None if row.X is None else summarise(*residuals(work.seen.A, work.seen.B, row.X))
