@@ -21,20 +21,6 @@ from support import SEED  # noqa: E402
 
 from uq_handeye import findings  # noqa: E402
 
-PENDING = {
-    line
-    for line in (HERE / "pending.txt").read_text(encoding="utf-8").splitlines()
-    if line and not line.startswith("#")
-}
-collect_ignore = [str(HERE.parent / line) for line in PENDING if "::" not in line]
-
-
-def pytest_collection_modifyitems(items):
-    """Tests that are listed in `pending.txt` are expected to fail; one that passes fails the run: its line must go."""
-    for item in items:
-        if item.nodeid in PENDING:
-            item.add_marker(pytest.mark.xfail(reason="listed in tests/pending.txt", strict=True))
-
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_cmdline_main(config):

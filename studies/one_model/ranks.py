@@ -115,9 +115,9 @@ def drawn(cell: Cell, rng: np.random.Generator) -> tuple[uq.PosePairs, Array, di
         if part.block is not None:
             z = rng.standard_normal((cell.n, part.block.shape[-1], 1))
             xi[part.side] += size * (part.block @ z)[..., 0]
-    sides = (perturb(T, xi[side]) for T, side in ((exact.robot, "robot"), (exact.camera, "camera")))
+    robot, camera = perturb(exact.robot, xi["robot"]), perturb(exact.camera, xi["camera"])
     assert truth.truth is not None
-    return uq.PosePairs(*sides, cell.setup, timestamps=exact.timestamps), truth.truth.X, sizes, scale
+    return uq.PosePairs(robot, camera, cell.setup, timestamps=exact.timestamps), truth.truth.X, sizes, scale
 
 
 def ranked(cell: Cell, seed: int, number: int) -> Ranked:
@@ -130,7 +130,7 @@ def ranked(cell: Cell, seed: int, number: int) -> Ranked:
     off = left_errors(np.asarray(result.X), X)
     assert result.covariance is not None
     found = dict(zip(AXES, _of_mixture(result, off), strict=True))
-    found["d²"] = 1.0 - float(result.reference.p_value(off @ np.linalg.solve(result.covariance, off)))
+    found["d²"] = 1.0 - float(result.reference.p_value(float(off @ np.linalg.solve(result.covariance, off))))
     for part in result.components:
         if not part.known:
             spread = np.log(part.high / part.low) / (2 * ndtri(0.975))

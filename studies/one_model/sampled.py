@@ -59,7 +59,7 @@ def density_of(model: LatentModel, sides: dict[str, Array], centre: Array, unit:
     def density(states: Array) -> Array:
         x, theta = centre + unit * states[:, :p], states[:, p:]
         off = (theta - model.medians) / model.spreads
-        inside = (np.abs(off) < REACH).all(axis=1)
+        inside = np.all(np.abs(off) < REACH, axis=1)
         theta = np.where(inside[:, None], theta, model.medians)
         S = (known + np.exp(2.0 * theta) @ of_free).reshape(-1, 6 * n, 6 * n)
         L = np.linalg.cholesky(S + RIDGE * np.diagonal(S, axis1=1, axis2=2)[:, None] * np.eye(6 * n))
@@ -77,7 +77,7 @@ def chain_of(density: Density, first: Array, steps: int, seed: int) -> tuple[Arr
     sampler = emcee.EnsembleSampler(*first.shape, density, moves=moves, vectorize=True)
     sampler.random_state = np.random.RandomState(seed).get_state()
     sampler.run_mcmc(first, steps)
-    chain = sampler.get_chain(discard=steps // 5)
+    chain = np.asarray(sampler.get_chain(discard=steps // 5))
     tau = sampler.get_autocorr_time(discard=steps // 5, quiet=True).max()
     return chain, chain.shape[0] * chain.shape[1] / tau
 
@@ -85,7 +85,7 @@ def chain_of(density: Density, first: Array, steps: int, seed: int) -> tuple[Arr
 def below(mixture: Mixture, at: Array) -> Array:
     """Shares (m, p) of the mixture below errors ``at`` (m, p) of the unknown poses."""
     sd = np.sqrt(np.einsum("dii->di", mixture.covariances))
-    return np.einsum("d,mdj->mj", mixture.weights, ndtr((at[:, None] - mixture.means) / sd))
+    return np.asarray(np.einsum("d,mdj->mj", mixture.weights, ndtr((at[:, None] - mixture.means) / sd)))
 
 
 def figure_of(names: Sequence[str], chain: Array, curves: Sequence[Callable[[Array], Array]]) -> Figure:
@@ -136,14 +136,11 @@ def main(argv: Sequence[str] | None = None) -> None:
     columns = [*range(6), *range(p, p + k)]
     for place, column in enumerate(columns):
         of, mean, sd = flat[:, column], means[place], sds[place]
-        if place < 6:
 
-            def curve(at: Array, j: int = place) -> Array:
+        def curve(at: Array, j: int = place, mean: float = float(mean), sd: float = float(sd)) -> Array:
+            if j < 6:
                 return below(mixture, mixture.mean + unit * np.asarray(at)[:, None])[:, j]
-        else:
-
-            def curve(at: Array, mean: float = float(mean), sd: float = float(sd)) -> Array:
-                return np.asarray(ndtr((at - mean) / sd))
+            return np.asarray(ndtr((at - mean) / sd))
 
         curves.append(curve)
         level = np.array([0.025, 0.16, 0.5, 0.84, 0.975])

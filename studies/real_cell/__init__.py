@@ -56,11 +56,11 @@ def sets(n: int, cell: str, setup: str, count: int) -> Iterator[uq.PosePairs]:
         yield uq.PosePairs(robot_poses, camera_poses, setup, truth=many.truth)
 
 
-def calibrated(poses: uq.PosePairs, **options: object) -> uq.Calibration:
+def calibrated(poses: uq.PosePairs, **options: Any) -> uq.Calibration:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", uq.InputWarning)
-        only_noise = {"shared": [], "correlation": "none"}
-        return uq.calibrate(poses, **(only_noise | options))  # type: ignore[arg-type]
+        only_noise: dict[str, Any] = {"shared": [], "correlation": "none"}
+        return uq.calibrate(poses, **(only_noise | options))
 
 
 def true_components(cell: str) -> dict[str, float]:

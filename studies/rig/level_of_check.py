@@ -18,7 +18,9 @@ CASES = {
 
 def part(rig: uq.Rig, first: int, last: int) -> uq.Rig:
     """Return the views at some of the moments."""
-    views = [uq.View(view.camera, view.target, view.poses[first:last], view.at[first:last]) for view in rig.views]
+    views = [
+        uq.View(view.camera, view.target, view.poses[first:last], (view.at or ())[first:last]) for view in rig.views
+    ]
     return uq.Rig(rig.arms, rig.cameras, rig.targets, tuple(views))
 
 
@@ -28,7 +30,7 @@ def run(draws: int) -> None:
         exact, _ = uq.simulate_rig(cameras, targets, n_poses=40, seed=7)
         noise, p, ratio = dict.fromkeys(("arm", *cameras), ("0.5mrad", "0.3mm")), [], []
         for k in range(draws):
-            rig = with_noise(exact, noise, [7, k])
+            rig = with_noise(exact, noise, np.random.default_rng([7, k]))
             found = uq.calibrate_rig(part(rig, 0, 30), robust=False).check(part(rig, 30, 40))
             p.append(found.p_value)
             ratio.append(found.d2 / found.dof)

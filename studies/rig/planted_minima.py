@@ -30,7 +30,14 @@ def drawn(rng: np.random.Generator) -> Isotropic | None:
     axes = AXES[str(rng.choice(list(AXES)))]
     size = float(2 ** rng.uniform(0, 4))
     seen = float(rng.choice([1.0, 0.5]))
-    exact, _ = simulate_rig(cameras, targets, n_poses=int(rng.integers(6, 20)), axes=axes, seen=seen, seed=rng)
+    exact, _ = simulate_rig(
+        cameras,
+        targets,
+        n_poses=int(rng.integers(6, 20)),
+        axes=None if axes is None else np.array(axes),
+        seen=seen,
+        seed=rng,
+    )
     noise = dict.fromkeys(("arm", *cameras), (f"{0.5 * size}mrad", f"{0.3 * size}mm"))
     rig = with_noise(exact, noise, rng)
     try:

@@ -190,7 +190,7 @@ class Bags:
         recording = self.recording(paths)
         if chain is not None and (topic in recording.joints or f"/{topic}" in recording.joints):
             track = joint_tracks(recording, topic)[0]
-            times, *values = track.table().T
+            times, *values = track.values.T
             named = NamedJoints(f"{topic} in {recording.name}", tuple(track.names), times, np.array(values).T)
             return replace(joint_rows(named, chain, entry.get("joint_units")), stream=True)
         stream = robot_stream(recording, topic, frame=entry.get("frame"))

@@ -65,9 +65,12 @@ class ViewPage(BrowserPage):
         self._point = self._server.viser.scene.add_transform_controls(
             "/point", scale=0.25 * distance, disable_rotations=True, position=start[:3, 3]
         )
-        self._point.on_update(lambda _: self.predict())
+        self._point.on_update(self._moved)
         self._pose.on_update(lambda _: self._select(int(self._pose.value)))
         self._select(kept[-1])
+
+    def _moved(self, _: object) -> None:
+        self.predict()
 
     def predict(self) -> Array | None:
         """Show how well the point is known, and return its covariance (3, 3) in the base frame; None: not known."""
