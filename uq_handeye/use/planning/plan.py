@@ -132,9 +132,8 @@ def plan(  # type: ignore[misc]
     Examples
     --------
     >>> import uq_handeye as uq
-    >>> from uq_handeye.use.planning.plan import plan
     >>> noise = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
-    >>> found = plan(uq.simulate(n_poses=10, noise=noise), k=3, noise=noise)
+    >>> found = uq.plan(uq.simulate(n_poses=10, noise=noise), k=3, noise=noise)
     >>> found.robot.shape, found.covariances.shape
     ((3, 4, 4), (3, 6, 6))
     """
