@@ -14,8 +14,9 @@ changes signs of the errors of the arm.
 nearest of `STORED` postures of the branch (`WorkPostures`): those that the middle posture reaches along a straight line
 of joint values without a change of the sign of the Jacobian's determinant (with the elbow's roll held, for seven axes).
 The elbow of seven axes has the roll of the middle posture at the start and moves only by the least change of the
-joints; in the end it slides to where the joints are nearest to the middle of their limits (`_relaxed`), as nothing else
-is known of it. What is left starts from the nearest pose that was reached. `postures_at` does the rest.
+joints; in the end, where a joint is far from its median over the poses, the pose starts once more from the medians, and
+the elbow slides to where the joints are nearest to the middle of their limits (`_relaxed`), as nothing else is known of
+it. What is left starts from the nearest pose that was reached. `postures_at` does the rest.
 
 Chains of other joints start from the middle posture, and then from the nearest pose that was reached.
 
@@ -121,13 +122,21 @@ def _relaxed(kinematics: Kinematics, poses: Array, found: Postures) -> Postures:
     if not np.isfinite(half).all():
         return found
     q = found.q.copy()
+    usual = np.median(q[found.reached], axis=0) if found.reached.any() else middle
+    folded = np.flatnonzero(np.abs(q - usual).max(axis=1) > LEAP)  # perhaps the other way than the others
+    if folded.size:
+        again = postures_at(kinematics, poses[folded], np.tile(usual, (folded.size, 1)))
+        nearer = again.reached & (np.abs(again.q - usual).max(axis=1) < np.abs(q[folded] - usual).max(axis=1))
+        q[folded[nearer]] = again.q[nearer]
+    far = (((q - middle) / half) ** 2).sum(axis=-1)
     for _ in range(SLIDES):
         along = np.linalg.svd(kinematics.jacobian(q))[2][..., -1, :]
         slope = ((q - middle) / half**2 * along).sum(axis=-1) / (along**2 / half**2).sum(axis=-1)
         step = np.clip(-SLIDE * slope, -LONGEST_SLIDE, LONGEST_SLIDE)
         again = postures_at(kinematics, poses, q + step[:, None] * along)
-        good = found.reached & again.reached
-        q[good] = again.q[good]
+        farther = (((again.q - middle) / half) ** 2).sum(axis=-1)
+        good = found.reached & again.reached & (farther < far)  # a step may end at a posture on another side
+        q[good], far[good] = again.q[good], farther[good]
         if not good.any() or np.abs(step[good]).max() < SAME_ELBOW:
             break
     return Postures(q, found.reached)
