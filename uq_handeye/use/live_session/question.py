@@ -17,6 +17,7 @@ import numpy as np
 from ...calibration.calibrate import calibrate
 from ...calibration.result import Calibration
 from ...calibration.statement.tolerance import Tolerance, Verdict
+from ...core.runtime.threads import one_thread
 from ...errors import InputError, InputWarning, NotConvergedError
 from ...model.poses.pose_pairs import PosePairs
 from ..planning.after_each import NextPose, next_pose, words_after, words_without
@@ -53,7 +54,7 @@ class Question:
 
     def ask(self, n: int, poses: PosePairs | None, left_out: tuple[int, ...] = (), plan: bool = True) -> Answer:
         """Return the answer for ``n`` complete poses; ``poses=None``: too few of them can be read."""
-        with ONE_AT_A_TIME:
+        with ONE_AT_A_TIME, one_thread():
             return self._ask(n, poses, left_out, plan)
 
     def _ask(self, n: int, poses: PosePairs | None, left_out: tuple[int, ...], plan: bool) -> Answer:
