@@ -160,6 +160,8 @@ def parse_yaml(text: str, name: str, several: bool = False, texts: bool = False)
         mark = error.problem_mark or error.context_mark
         at = "" if mark is None else f", line {mark.line + 1}"
         problem = error.problem or error.context or "unknown"
+        if "nesting depth" in problem:  # PyYAML from 6.0.4 on looks ahead, and stops first
+            raise InputError(f"{name}{at}: expected at most {MAX_DEPTH} levels of nesting, got more.") from error
         raise InputError(f"{name}{at}: not YAML: {one_line(problem)}.") from error
     except InputError:
         raise
