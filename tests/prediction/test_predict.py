@@ -237,3 +237,9 @@ def test_a_calibrated_pose_is_never_less_certain_than_one_far_away():
             np.linalg.norm(result.predict_camera(robot=G, new_measurement=False).std[:, 3:], axis=-1) for G in (at, far)
         )
         assert len(far) > 3 and near.max() < other.min()
+
+
+def test_a_calibration_without_covariance_asks_for_the_noise():
+    poses = uq.simulate(n_poses=12, seed=1)
+    with pytest.raises(uq.InputError, match=r"with a covariance, got one without: .* Calibrate with `noise`"):
+        uq.calibrate(poses).predict_camera(poses.robot)

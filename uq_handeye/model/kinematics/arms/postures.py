@@ -115,19 +115,19 @@ def _in_branch(
 
 def _relaxed(kinematics: Kinematics, poses: Array, found: Postures) -> Postures:
     """Postures of seven axes slid along the motion that leaves the pose as it is, to the least sum of squares of the
-    joints about the middle of their limits, in half ranges.
+    joints about the middle of their limits, in half ranges; those far from the medians are solved from there first.
     """
     low, high = kinematics.limits.T
     middle, half = 0.5 * (low + high), 0.5 * (high - low)
     if not np.isfinite(half).all():
         return found
-    q = found.q.copy()
-    usual = np.median(q[found.reached], axis=0) if found.reached.any() else middle
+    q, reached = found.q.copy(), found.reached.copy()
+    usual = np.median(q[reached], axis=0) if reached.any() else middle
     folded = np.flatnonzero(np.abs(q - usual).max(axis=1) > LEAP)  # perhaps the other way than the others
     if folded.size:
         again = postures_at(kinematics, poses[folded], np.tile(usual, (folded.size, 1)))
         nearer = again.reached & (np.abs(again.q - usual).max(axis=1) < np.abs(q[folded] - usual).max(axis=1))
-        q[folded[nearer]] = again.q[nearer]
+        q[folded[nearer]], reached[folded[nearer]] = again.q[nearer], True
     far = (((q - middle) / half) ** 2).sum(axis=-1)
     for _ in range(SLIDES):
         along = np.linalg.svd(kinematics.jacobian(q))[2][..., -1, :]
@@ -135,11 +135,11 @@ def _relaxed(kinematics: Kinematics, poses: Array, found: Postures) -> Postures:
         step = np.clip(-SLIDE * slope, -LONGEST_SLIDE, LONGEST_SLIDE)
         again = postures_at(kinematics, poses, q + step[:, None] * along)
         farther = (((again.q - middle) / half) ** 2).sum(axis=-1)
-        good = found.reached & again.reached & (farther < far)  # a step may end at a posture on another side
+        good = reached & again.reached & (farther < far)  # a step may end at a posture on another side
         q[good], far[good] = again.q[good], farther[good]
         if not good.any() or np.abs(step[good]).max() < SAME_ELBOW:
             break
-    return Postures(q, found.reached)
+    return Postures(q, reached)
 
 
 def _followed(kinematics: Kinematics, poses: Array, scaled: Array, middle: Array) -> Postures:
