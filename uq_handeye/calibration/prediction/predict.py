@@ -56,12 +56,12 @@ def posterior_of(result: Estimated) -> Posterior:
             "Predictions, checks and updates need all of X and W, and the motions leave a part of them open "
             "(`opened`). Close it by a prior (prior_X, prior_W), or calibrate with rotations about another axis."
         )
-    if result.covariance is None:
-        raise InputError(
-            "Expected a calibration with a covariance, got one without: poses that fit exactly, or too few, show no "
-            "noise. Calibrate with `noise`, or with more poses."
-        )
     if result.posterior is None or result.W is None:
+        if result.covariance is None:
+            raise InputError(
+                "Expected a calibration with a covariance, got one without: poses that fit exactly, or too few, show "
+                "no noise. Calibrate with `noise`, or with more poses."
+            )
         what = "of motions without poses" if isinstance(result.counted, Motions) else f"by method {result.method!r}"
         raise InputError(
             f"Expected a calibration with the joint covariance of X and W, got one {what} without it. Calibrate poses "
