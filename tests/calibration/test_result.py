@@ -77,6 +77,7 @@ def test_damaged_parts_are_refused(estimated):
         ("reference", {"kind": "F", "dof": -3}),
         ("reference", "F"),
         ("bound", [[1.0]]),
+        ("W", None),
         ("covariance_kind", 3),
         ("fit", {**data["fit"], "more": 1}),
         ("4dpa", {"X": np.eye(3).tolist(), "covariance": None}),

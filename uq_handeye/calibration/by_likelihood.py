@@ -345,6 +345,12 @@ def _assembled(
     wrong_size = _wrong_size(found, result)
     said = said_open(fit.opened, result.setup) + against_prior(fit)
     findings = table.findings if robust else wrong_poses(job, noise, table)
+    if estimate is not None:
+        of_noise = "diagnostics.noise_too_small"
+        findings = [
+            Finding(of_noise, one.severity, {**one.values, "estimated": True}) if one.code == of_noise else one
+            for one in findings
+        ]
     findings += _of_fit(job, noise, fit, result, wrong_size, (angle, distance))
     halves = (analysis.split_half.finding, analysis.split_in_time.finding)
     findings += [found for found in (*analysis.diagnostics.findings, *halves) if found.severity != "note"]

@@ -105,6 +105,8 @@ def _require_whole(result: Any) -> None:
         data = result.counted
         assert data is not None
         _require_one_data_set(data, result)
+    if result.W is None and (result.covariance_W is not None or (result.table and result.table.item == "pose")):
+        raise ValueError("W is missing")
     if result.table is None:
         return
     of_motions = result.table.item == "motion"

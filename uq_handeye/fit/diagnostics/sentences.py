@@ -414,11 +414,16 @@ def _(item: str, flag: str, n: int, count: int, limit: float, worst: Sequence[Ma
     phrase=lambda v: times_of_noise(v["scale"]),
     effect=lambda v: float(v["scale"]),
     rejects=True,
-    remedy="leave the noise out, it is then estimated; or correct it",
+    remedy=lambda v: (
+        "look at the residuals by pose in the report: --report report.html"
+        if v.get("estimated")
+        else "leave the noise out, it is then estimated; or correct it"
+    ),
 )
-def _(scale: float) -> str:
+def _(scale: float, estimated: bool = False) -> str:
+    what = "The noise estimated does not explain the poses" if estimated else "The noise given is too small"
     return (
-        f"The noise given is too small: most residuals are {multiple(scale)} times as large as it explains. Outliers "
+        f"{what}: most residuals are {multiple(scale)} times as large as it explains. Outliers "
         f"were judged by {multiple(scale)} times the noise. The standard deviations of X are too small by about this "
         "factor."
     )

@@ -348,7 +348,7 @@ def _outliers(
     if not rows.size:
         return []
     rows = rows[np.argsort(-far[rows])]
-    values = {
+    values: dict[str, Any] = {
         "what": what,
         "count": rows.size,
         "n": n,
@@ -356,6 +356,9 @@ def _outliers(
         "translation": median(distance),
         "worst": [{"row": int(k), "rotation": angle[k], "translation": distance[k]} for k in rows[:5]],
     }
+    if explained is not None:  # a small residual may be large beside the noise of its pose
+        for worst, k in zip(values["worst"], rows, strict=False):
+            worst["times"] = far[k]
     return [Finding("input_checks.outliers", "caution", values)]
 
 

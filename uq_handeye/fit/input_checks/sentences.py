@@ -285,12 +285,14 @@ def _(what: str, part: str, rms: float, expected: float) -> str:
 )
 def _(what: str, count: int, n: int, rotation: float, translation: float, worst: Sequence[Mapping[str, Any]]) -> str:
     named = ", ".join(
-        f"{what} {row['row']} ({_DEG * row['rotation']:.2g} degrees, {_MM * row['translation']:.3g} mm)"
+        f"{what} {row['row']} ({_DEG * row['rotation']:.2g} degrees, {_MM * row['translation']:.3g} mm"
+        + (f", {row['times']:.2g} times the usual ratio)" if "times" in row else ")")
         for row in worst
     )
     more = f" and {count - len(worst)} more" if count > len(worst) else ""
+    beside = ", relative to the noise of each" if any("times" in row for row in worst) else ""
     return (
-        f"{count} of {n} {what}s {'fits' if count == 1 else 'fit'} much worse than the others (median "
+        f"{count} of {n} {what}s {'fits' if count == 1 else 'fit'} much worse than the others{beside} (median "
         f"{_DEG * rotation:.2g} degrees, {_MM * translation:.3g} mm): {named}{more}, counted from 0. Look for a wrong "
         "detection or a row that belongs to another moment, and leave it out of both files."
     )
