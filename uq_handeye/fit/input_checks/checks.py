@@ -10,6 +10,7 @@ constancy; G inverted for eye-to-hand): a rotation and a translation per pose, s
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
