@@ -20,7 +20,7 @@ import uq_handeye as uq
 from uq_handeye.core.geometry.conventions import from_convention
 from uq_handeye.formats import export
 from uq_handeye.formats.controllers.forms import SINGLE, WRITTEN, written_poses
-from uq_handeye.formats.export.snippets import fixed_axis_angles
+from uq_handeye.formats.snippets import fixed_axis_angles
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
 FRAMES = {"eye-in-hand": ("gripper", "camera"), "eye-to-hand": ("base", "camera")}
@@ -252,7 +252,7 @@ def test_npz_file(result, unknown, tmp_path):
 
 @holds_for(examples=50, scale=st.floats(1e-12, 1e3))
 def test_any_size_of_covariance_is_read_back(scale):
-    from uq_handeye.formats.export.snippets import yaml_number
+    from uq_handeye.formats.opencv_storage import yaml_number
 
     assert yaml.safe_load(yaml_number(scale)) == scale
     assert isinstance(yaml.safe_load(yaml_number(-0.0)), float)

@@ -354,7 +354,7 @@ def test_everything_to_repeat_the_run(small):
 
 
 def test_x_is_there_to_copy(result, text):
-    from uq_handeye.formats.export import texts
+    from uq_handeye.formats.snippets import texts
 
     for snippet in texts(result):
         assert html.escape(snippet.text, quote=True).replace("&#x27;", "&#39;").replace("&quot;", "&#34;") in text

@@ -11,7 +11,7 @@ from bag_cases import START, Writer
 from rosbags.rosbag2.storage_mcap import zstd
 
 from uq_handeye.errors import InputError
-from uq_handeye.read.rosbag import decompression
+from uq_handeye.read.rosbag import open as decompression
 from uq_handeye.read.rosbag.recording import read_recording
 
 PACKED = {"zstd": lambda data: zstd.compress(data), "lz4": lz4.frame.compress, "bz2": bz2.compress}

@@ -13,10 +13,10 @@ import numpy as np
 
 from ..core.files.about import as_about
 from ..core.files.records import attributes, damaged, not_finite, parts_of, unequal
+from ..core.files.source import versions
 from ..core.geometry.checks import as_covariance, as_pose
 from ..core.geometry.conventions import CONVENTION
 from ..core.geometry.frames import SETUPS
-from ..core.runtime.versions import versions
 from ..errors import InputError
 from ..fit.likelihood.constraint import require_noise_fits
 from ..fit.likelihood.gauss_helmert import ESTIMATORS

@@ -17,8 +17,8 @@ from .views import Views, camera_of
 if TYPE_CHECKING:
     from ..model.camera.adjustment.initial_guess import Minima
     from ..model.poses.pose_pairs import Stream
-    from ..read.rosbag.info import CameraInfo
     from ..read.rosbag.recording import Recording
+    from ..read.rosbag.track import CameraInfo
     from ..read.synchronisation.result import Synchronised
 
 # Names of the pictures of `rosbag.lens`, repeated here so that help loads quickly.
@@ -231,7 +231,7 @@ def info_of(text: str) -> "CameraInfo | str":
     import numpy as np
 
     from ..model.camera.models import LINEAR, MODELS
-    from ..read.rosbag.info import CameraInfo
+    from ..read.rosbag.track import CameraInfo
 
     if text in CHOICES:
         return text

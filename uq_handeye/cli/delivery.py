@@ -358,7 +358,7 @@ def _with_command(result: "Calibration") -> "Calibration":
 
 def _write_result(result: "Calibration", verdict: "Verdict | None", directory: Path, drawn: dict[str, bytes]) -> str:
     """Write the folder of -o with the figures that were drawn, and return what was written."""
-    from ..formats.export.files import exported
+    from ..formats.export import exported
     from ..read import write_files
 
     files: dict[str, Any] = {"result.json": json_of(result, verdict)}

@@ -20,19 +20,18 @@ from typing import Any, BinaryIO, cast
 from ..core.files import lines as _lines
 from ..core.files import trees as _trees
 from ..core.files.lines import is_number, short
-from ..core.files.many import is_many, paths_of
-from ..core.files.open import Hashed, opened, require_size, shown
+from ..core.files.open import Hashed, is_many, opened, paths_of, require_size, shown
 from ..core.files.source import Source
 from ..core.files.trees import fields_of, got, is_list, is_map, items_of, pose_name
 from ..errors import InputError, among
 from .contents import COLUMNS, Contents, conversion, joined_contents
-from .controllers.forms import CONTROLLERS
-from .controllers.readings import in_convention
+from .controllers.forms import CONTROLLERS, in_convention
 from .controllers.records import entries_of, is_records
 from .controllers.registry import ABOUT, NAMES, is_document, kind_of, read_controller
 from .controllers.tables import names_a_pose
 from .csv_poses import OF_POINTS, is_points_header, names_order, read_csv, read_tum
-from .json_poses import ONE_SIDE, is_message, read_json, samples_of
+from .json_poses import NAMES as MOVEIT_NAMES
+from .json_poses import ONE_SIDE, is_message, read_easy_handeye, read_easy_handeye2, read_json, read_moveit, samples_of
 from .matrices.arrays import listed, matrices_of, read_matrix_tree
 from .matrices.makers import is_franka, is_halcon, is_zivid, read_franka, read_halcon, read_zivid
 from .matrices.text import is_matrix_text, is_tree, read_matrix_text
@@ -40,9 +39,7 @@ from .numpy_poses import MAX_BYTES as MAX_ARRAY_BYTES
 from .numpy_poses import START as MAT_START
 from .numpy_poses import read_mat, read_npy, read_npz
 from .opencv_storage import PAIRS, is_of_opencv, is_storage, read_opencv
-from .ros.samples import NAMES as MOVEIT_NAMES
-from .ros.samples import read_easy_handeye, read_easy_handeye2, read_moveit
-from .ros.topic import is_ros_topic, is_tf_echo, read_ros_topic, read_tf_echo
+from .ros_topic import is_ros_topic, is_tf_echo, read_ros_topic, read_tf_echo
 
 
 @dataclass(frozen=True)

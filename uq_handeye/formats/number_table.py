@@ -20,10 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.files.lines import MAX_LINE, MAX_ROWS, short
-from ..core.files.many import numbers_in
+from ..core.files.open import numbers_in
 from ..core.geometry.se3 import Array
 from ..errors import InputError
-from .columns import counts_poses, meaning, seconds_of
+from .csv_poses import counts_poses, meaning, seconds_of
 
 # Lines before the names or the first numbers that may hold a title.
 TITLE_LINES = 30

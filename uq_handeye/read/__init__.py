@@ -3,7 +3,7 @@
 from ..core.files.atomic import json_text, write_atomically, write_files
 from ..formats.csv_poses import pose_text, read_pose_file, write_pose_file
 from ..formats.detect import FORMATS
-from ..formats.prior_file import read_prior
+from ..formats.json_poses import read_prior
 from ..model.noise.noise_toml import read_noise_file
 from ..model.shared_errors.shared_toml import read_shared_errors
 from .poses import read_poses, read_stream

@@ -24,8 +24,7 @@ from ..formats.contents import FRAMES, QUATERNIONS, Contents, Side, finished, ro
 from ..formats.csv_poses import warn_if_back
 from ..formats.detect import read_contents
 from ..model.poses.pose_pairs import PosePairs, Stream
-from .joints import Joints, give_joints, joints_of
-from .known_camera import KnownCamera, known_camera
+from .beside import Joints, KnownCamera, give_joints, joints_of, known_camera
 from .matching import check_rows, match_times, warn_if_swapped
 from .readings import chosen_readings, reading_beside
 

@@ -134,7 +134,7 @@ def task_space_section(result: Calibration, drawings: Mapping[str, Drawing]) -> 
 
 def forms_section(result: Calibration) -> Section:
     """X and its inverse for other programs."""
-    from ..formats.export import texts
+    from ..formats.snippets import texts
 
     blocks: list[Block] = [Paragraph("X and its inverse, ready to copy. Each states its units and convention.")]
     blocks += [Code(snippet.title, snippet.text, snippet.convention) for snippet in texts(result)]

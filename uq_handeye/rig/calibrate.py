@@ -9,9 +9,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.files.source import versions
 from ..core.geometry.se3 import Array
 from ..core.runtime.threads import one_thread
-from ..core.runtime.versions import versions
 from ..errors import InputError, NotConvergedError
 from ..model.posterior.posterior import FreshNoise, Posterior
 from .checks.moved import judged_paths, named_error

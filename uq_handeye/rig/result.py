@@ -22,8 +22,8 @@ from ..core.runtime.read_only import ReadOnlyArrays
 from ..errors import InputError
 from ..findings import Finding, texts
 from ..fit.likelihood.goodness_of_fit import Reference
-from ..formats.export.several import Several, write_several
-from ..formats.export.snippets import OPEN_DEVIATION, Transform, with_open
+from ..formats.export import Several, write_several
+from ..formats.snippets import OPEN_DEVIATION, Transform, with_open
 from ..model.poses.pose_pairs import ranges
 from ..model.posterior.posterior import Posterior
 from .checks.optimality import Optimality
@@ -324,7 +324,7 @@ class RigCalibration(Record):
         json_text(self.to_dict(), path)
 
     def export(self, path: StrPath, format: str | None = None) -> Path:
-        """Write all poses and relative poses for another program; see `uq_handeye.formats.export.several`.
+        """Write all poses and relative poses for another program; see `uq_handeye.formats.export`.
 
         ``format``: json, ros, launch, urdf, opencv, toml or npz; None: by the suffix.
         """

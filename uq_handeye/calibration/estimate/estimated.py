@@ -14,12 +14,11 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from ...core.files.records import Record
-from ...core.files.source import Source
+from ...core.files.source import Source, versions
 from ...core.geometry import conventions
 from ...core.geometry.frames import SETUPS, TARGETS
 from ...core.geometry.principal_axes import principal_axes
 from ...core.geometry.se3 import Array, inverse, inverse_jacobian
-from ...core.runtime.versions import versions
 from ...errors import InputError
 from ...findings import Finding, texts
 from ...fit.diagnostics.budget import Budget, budget_of_posterior

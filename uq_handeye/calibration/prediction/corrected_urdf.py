@@ -22,7 +22,7 @@ from ...core.files.open import StrPath, as_path, shown
 from ...core.geometry.se3 import Array, inverse
 from ...core.runtime.read_only import ReadOnlyArrays
 from ...errors import InputError
-from ...formats.export.snippets import fixed_axis_angles
+from ...formats.snippets import fixed_axis_angles
 from ...model.kinematics.chain import Kinematics
 from ...model.kinematics.descriptions.urdf import origin_of, read_tree
 from ...model.kinematics.errors import LENGTHS, OFFSETS, TILTS

@@ -1,8 +1,10 @@
-"""The file that poses came from."""
+"""What numbers came from: the file of poses, and the versions of what ran."""
 
 from __future__ import annotations
 
+import platform
 from dataclasses import dataclass
+from functools import cache
 
 
 @dataclass(frozen=True)
@@ -14,3 +16,21 @@ class Source:
     size: int  # bytes
     sha256: str
     notes: tuple[str, ...] = ()  # what the reader found out by itself, in words
+
+
+# Packages whose version can change a number of a result.
+PACKAGES = ("uq-handeye", "numpy", "scipy")
+
+
+@cache
+def versions() -> dict[str, str]:
+    """Python's and those of the packages that can change a number."""
+    from importlib import metadata  # slow to import
+
+    found = {"python": platform.python_version()}
+    for name in PACKAGES:
+        try:
+            found[name] = metadata.version(name)
+        except metadata.PackageNotFoundError:  # run from a checkout that is not installed
+            found[name] = "not installed"
+    return found

@@ -8,9 +8,8 @@ from collections.abc import Callable
 from functools import lru_cache
 
 from ...core.files.lines import floats
-from ..columns import seconds_of
 from ..contents import COLUMNS, Contents
-from ..csv_poses import is_csv_header, names_order
+from ..csv_poses import is_csv_header, names_order, seconds_of
 from ..number_table import number_of
 from .forms import CONTROLLERS
 from .programs import (

@@ -21,11 +21,10 @@ from ...core.files.lines import short
 from ...core.formatting.units import LENGTH_UNITS
 from ...core.geometry.se3 import Array
 from ...errors import InputError
-from ..columns import LONGEST, SECONDS, meaning
 from ..contents import NORM_TOLERANCE, Contents, Side
+from ..csv_poses import LONGEST, SECONDS, meaning
 from ..number_table import FEWEST, TITLE_LINES, NumberTable, names_of, read_number_table
-from .forms import CONTROLLERS, PoseForm
-from .readings import interpret
+from .forms import CONTROLLERS, PoseForm, interpret
 
 # Units of angles, as columns name them.
 ANGLES = {"deg": "deg", "degree": "deg", "degrees": "deg", "°": "deg", "rad": "rad", "radian": "rad", "radians": "rad"}

@@ -24,12 +24,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.files.many import natural
+from ...core.files.open import natural
 from ...core.files.trees import got, is_list, is_map, is_plain_number, items_of
 from ...core.geometry.se3 import Array
 from ...errors import InputError
 from ..contents import NORM_TOLERANCE, Contents, Reading, Side, matrices_side
-from ..controllers.readings import interpret
+from ..controllers.forms import interpret
 
 # max |R^T R - I| of numbers that are meant as a rotation, and max deviation of a last row that is meant.
 MEANT, LAST_ROW = 0.05, 1e-3

@@ -48,8 +48,7 @@ from ...errors import InputError
 from ..contents import Contents, Reading, matrices_side
 from ..opencv_storage import stack
 from .arrays import found_in
-from .columns import FRANKA, header_of, read_columns
-from .text import contents_of, number_lines
+from .text import FRANKA, contents_of, header_of, number_lines, read_columns
 
 CODES = {0: "gba", 2: "abg", 4: "rodriguez"}
 ALL_CODES = tuple(sorted(order + first + view for order in CODES for first in (0, 8) for view in (0, 1)))

@@ -19,8 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...core.files.many import natural
-from ...core.files.open import StrPath, as_path, opened, shown
+from ...core.files.open import StrPath, as_path, natural, opened, shown
 from ...core.files.source import Source
 from ...core.runtime.progress import progress_bar
 from ...errors import InputError, InputWarning

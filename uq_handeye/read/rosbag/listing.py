@@ -15,10 +15,9 @@ from typing import Any, NamedTuple
 from ...core.files.lines import csv_text
 from ...core.formatting.numbers import digits
 from ...errors import InputError
-from .info import CameraInfo
 from .open import HINT
 from .recording import JointTrack, Recording, Topic
-from .track import Pair, Tree
+from .track import CameraInfo, Pair, Tree
 
 # Names of robots' base and tool frames, the usual ones first; then those of cameras and of what they see.
 BASES = ("base_link", "base", "panda_link0", "fr3_link0", "link_0", "link_base", "robot_base", "world", "map")

@@ -14,12 +14,11 @@ from ...core.files.lines import decoded
 from ...core.files.open import StrPath, as_path, opened, shown
 from ...core.files.source import Source
 from ...errors import InputError
-from ...formats.ros.messages import MessageError, Stamped, frame_name, pair_text, part, poses_in, printed_name, stamp_of
-from ...formats.ros.topic import is_ros_topic, records_of
-from .info import CameraInfo, camera_info_of
+from ...formats.ros_messages import MessageError, Stamped, frame_name, pair_text, part, poses_in, printed_name, stamp_of
+from ...formats.ros_topic import is_ros_topic, records_of
 from .open import Bag, Message, is_bag, opened_bag
 from .tags import TagTrack, corners_in
-from .track import Pair, Samples, Track, Tree
+from .track import CameraInfo, Pair, Samples, Track, Tree, camera_info_of
 
 FORMAT = "rosbag"
 MAX_TEXT = 200_000_000

@@ -15,15 +15,13 @@ from ...core.formatting.units import parse_length
 from ...core.geometry.se3 import Array, inverse
 from ...errors import InputError, InputWarning
 from ...formats.contents import FRAMES
-from ...formats.ros.messages import frame_name, pair_text
+from ...formats.ros_messages import frame_name, pair_text
 from ...model.camera.adjustment.initial_guess import Minima
 from ...model.poses.pose_pairs import Stream
-from .info import CameraInfo
-from .lens import RAW, RECTIFIED, Lens, lens_of
 from .open import HINT
 from .recording import Recording, read_recording
-from .tags import TagTrack, plain_name, same_tag, tag_poses
-from .track import Pair, Track
+from .tags import RAW, RECTIFIED, Lens, TagTrack, lens_of, plain_name, same_tag, tag_poses
+from .track import CameraInfo, Pair, Track
 
 EXAMPLE = {"robot": "base_link:tool0", "camera": "camera_optical_frame:tag36h11_0"}
 # Names that a message lists.

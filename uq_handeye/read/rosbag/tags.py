@@ -1,4 +1,4 @@
-"""Tags seen by their corners in pixels: poses of each by the intrinsics of the camera and the side of the tag.
+r"""Tags seen by their corners in pixels: poses of each by the intrinsics of the camera and the side of the tag.
 
 ``apriltag_msgs/AprilTagDetection`` has the four corners in the order in which the AprilTag library has them
 (AprilRobotics/apriltag, ``apriltag.h``): counter-clockwise as one sees the tag, its lower left first; ArUco goes
@@ -8,6 +8,16 @@ tags), cameras are calibrated with (0, 0): half a pixel is subtracted. Both orde
 y up, z towards the camera.
 
 Second solutions of the poses of a tag in a stream, decided by the robot as those of pictures are.
+
+Picture in which tags were detected, raw or rectified, where a ``camera_info`` has the intrinsics of both.
+
+With the residuals of the corners r_0 under K and D and r_1 under P, ``g = r_1 - r_0`` is what the wrong lens adds. The
+share of it in r_0,
+
+    a = - sum g r_0 / sum g^2
+
+is 0 for corners of the raw picture and 1 for those of the rectified one, whatever the noise of the corners is. Its
+standard error is that of the sums over groups of neighbouring detections, whose errors are alike.
 """
 
 from __future__ import annotations
@@ -22,15 +32,14 @@ from numpy.typing import NDArray
 from ...core.geometry.se3 import Array
 from ...errors import DegenerateMotionError, InputError, NotConvergedError
 from ...fit.input_checks.pose_ambiguity import FEWEST, decide
-from ...formats.ros.messages import MessageError, number, part
+from ...formats.ros_messages import MessageError, number, part
 from ...model.camera.adjustment.bundle import Bundle, adjust
 from ...model.camera.adjustment.initial_guess import Minima, both_minima, poses_of
 from ...model.camera.board import tag_points
 from ...model.camera.corners import Corners
 from ...model.camera.models import rays
 from ...model.poses.pose_pairs import PosePairs, Stream
-from .info import CameraInfo
-from .track import Samples
+from .track import CameraInfo, Samples
 
 # Where the AprilTag library has the centre of the first pixel.
 HALF = 0.5
@@ -174,3 +183,87 @@ def decide_stream(pairs: PosePairs, stream: Stream, minima: Minima) -> Decided |
     poses[rows] = here.poses[chosen.label, np.arange(len(rows))]
     counts = (int(part.sum()) for part in (chosen.doubtful, chosen.label == 1, chosen.undecided))
     return Decided(replace(stream, poses=poses), *counts)
+
+
+RAW, RECTIFIED = "raw", "rectified"
+WORDS = {RAW: "K and D, of the raw picture", RECTIFIED: "P, of the rectified picture"}
+# Groups of neighbouring detections, and the fewest of them.
+GROUPS, FEWEST_DETECTIONS = 20, 8
+# Standard errors by which the share must differ from one half, the largest one, and how far the share may lie beyond
+# 0 and 1, where neither lens is right.
+CLEAR, LARGEST, BEYOND = 2.0, 0.2, 0.5
+# Difference of the rays of both lenses, in pixels RMS, from which on the wrong one matters.
+MATTERS = 0.3
+
+
+class Lens(NamedTuple):
+    """The intrinsics to use, a note on where they come from, and a warning if they are in doubt."""
+
+    info: CameraInfo
+    note: str
+    warning: str = ""
+
+
+def lens_of(track: TagTrack, info: CameraInfo, side: float, given: str | None = None) -> Lens:
+    """Return the intrinsics of the picture that the corners lie in; ``given`` says which, None: they decide."""
+    of = {RAW: replace(info, P=np.zeros(4)), RECTIFIED: info}
+    source = "intrinsics of camera_info: "
+    if given is not None:
+        if given == RECTIFIED and not info.rectified:
+            raise InputError(
+                "--camera-matrix rectified: the camera_info has no matrix P of a rectified picture. Remove it."
+            )
+        return Lens(of[given], f"{source}{WORDS[given]}, as given")
+    if not info.rectified:
+        return Lens(info, f"{source}{WORDS[RAW]}")
+    if not info.distorted:
+        return Lens(info, f"{source}{WORDS[RECTIFIED]}")
+    corners = corners_of(track, side)[1]
+    seen = {name: rays(*one.lens(), corners.pixels) for name, one in of.items()}
+    if not all(np.isfinite(part).all() for part in seen.values()):  # as those of the rectified one reach farther
+        return Lens(info, f"{source}{WORDS[RECTIFIED]}")
+    off = np.array([_residuals(corners, one) for one in of.values()])  # (2, n, 8)
+    off = off[:, np.abs(off).max(axis=2).min(axis=0) < SPOILT]
+    fits = np.sqrt(np.sum(off**2, axis=(1, 2)) / max(2 * off.shape[1], 1))  # eight coordinates less six
+    fit = dict(zip(of, (f"{value:.2g} px" for value in fits), strict=True))
+    chosen = _decided(off)
+    taken = chosen or RECTIFIED
+    other = RAW if taken == RECTIFIED else RECTIFIED
+    note = f"{source}{WORDS[taken]}; the corners fit to {fit[taken]}, with {WORDS[other]}, to {fit[other]}"
+    if chosen:
+        return Lens(of[taken], note)
+    if _apart(seen[RAW], seen[RECTIFIED]) * info.linear()[0] < MATTERS:
+        return Lens(of[taken], f"{note}, which does not decide; if it was the raw one, give --camera-matrix raw")
+    warning = (
+        f"The camera_info has D and P, and the corners do not decide whether the tag was detected in the raw picture "
+        f"or in the rectified one (they fit to {fit[RAW]} and {fit[RECTIFIED]}). The rectified one was taken (P). If "
+        'it was the raw one, give camera_matrix="raw" (--camera-matrix raw).'
+    )
+    return Lens(of[taken], note, warning)
+
+
+def _residuals(corners: Corners, info: CameraInfo) -> Array:
+    """Return the residuals (n, 8) of the better pose of each detection, pixels."""
+    bundle = adjusted(corners, info)
+    return pixels_off(corners, bundle, both_minima(bundle, corners).poses[0])
+
+
+def _decided(off: Array) -> str | None:
+    """Return the picture that residuals (2, n, 8) of both lenses speak for; None: neither."""
+    raw, difference = off[0], off[1] - off[0]
+    whole = float(np.sum(difference**2))
+    if off.shape[1] < FEWEST_DETECTIONS or not whole > 0.0:
+        return None
+    share = -float(np.sum(difference * raw)) / whole
+    scores = np.sum(difference * (raw + share * difference), axis=1)
+    groups = [part.sum() for part in np.array_split(scores, min(GROUPS, len(scores)))]
+    error = float(np.sqrt(np.sum(np.square(groups)))) / whole
+    if error > LARGEST or abs(share - 0.5) < CLEAR * error or abs(share - 0.5) > 0.5 + BEYOND:
+        return None
+    return RAW if share < 0.5 else RECTIFIED
+
+
+def _apart(one: Array, other: Array) -> float:
+    """Return the RMS angle (rad) between rays (m, 3)."""
+    one, other = (part / np.linalg.norm(part, axis=1, keepdims=True) for part in (one, other))
+    return float(np.sqrt(np.mean(np.sum(np.cross(one, other) ** 2, axis=1))))

@@ -7,6 +7,11 @@ inverted. Edges that never change are static. The times are those of the moving 
 are interpolated at them (`synchronisation.interpolation`), never beyond their ends nor across gaps. tf2 interpolates
 likewise (ros2/geometry2, ``tf2/src/cache.cpp`` and ``buffer_core.cpp``). Of a frame with several parents, of which tf2
 takes the latest, the shortest chain is used, and a note names them.
+
+Intrinsics of a camera as ``sensor_msgs/CameraInfo`` has them.
+
+Fields of ROS 1 (K, D, P) and ROS 2 (k, d, p) as in ``sensor_msgs/msg/CameraInfo.msg`` of ros2/common_interfaces: K and
+D are of the picture as taken, P of the rectified one, in which no distortion is left.
 """
 
 from __future__ import annotations
@@ -16,6 +21,7 @@ from array import array
 from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +29,8 @@ from numpy.typing import NDArray
 from ...core.geometry.se3 import Array, inverse
 from ...errors import InputError
 from ...formats.contents import FRAMES, Side, finished
-from ...formats.ros.messages import pair_text
+from ...formats.ros_messages import MessageError, frame_name, pair_text, part
+from ...model.camera.models import LINEAR, MODELS, CameraModel
 from ..synchronisation.interpolation import at_times
 
 # Rows of one pair of frames, tag or set of joints.
@@ -219,3 +226,80 @@ class Tree:
 def _named(names: list[str]) -> str:
     more = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
     return f"{', '.join(names[:NAMED]) or 'nothing'}{more}"
+
+
+# What ROS calls the models.
+NAMES = {
+    "plumb_bob": "brown",
+    "rational_polynomial": "brown",
+    "fisheye": "fisheye",
+    "equidistant": "fisheye",
+    "": "brown",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class CameraInfo:
+    """Camera matrix and distortion of the picture as taken, and the matrix of the rectified one."""
+
+    frame: str
+    image_size: tuple[int, int]
+    model: str
+    K: Array  # (4,) fx, fy, cx, cy
+    D: Array
+    P: Array  # (4,) fx, fy, cx, cy; 0 where it is not given
+
+    def like(self, other: CameraInfo) -> bool:
+        """Return whether the numbers are the same."""
+        return all(np.array_equal(getattr(self, name), getattr(other, name)) for name in ("K", "D", "P"))
+
+    @property
+    def rectified(self) -> bool:
+        """True if there is a matrix of the rectified picture."""
+        return bool(self.P[0] > 0 and self.P[1] > 0)
+
+    @property
+    def distorted(self) -> bool:
+        """True if the picture as taken has a distortion of a model that is known."""
+        return bool(self.D.any()) and self.model in NAMES
+
+    def linear(self) -> Array:
+        """(4,) fx, fy, cx, cy of the picture in which tags are detected: the rectified one where it is known."""
+        return self.P if self.rectified else self.K
+
+    def lens(self) -> tuple[CameraModel, Array]:
+        """Return the model and its parameters for pixels of that picture."""
+        if self.rectified or not self.D.any():
+            return MODELS["pinhole"], self.linear()
+        if self.model not in NAMES:
+            raise InputError(
+                f"The camera_info of {self.frame} has the distortion model {self.model}; known are "
+                f"{', '.join(filter(None, NAMES))}. Detect in rectified pictures, or give --camera-matrix."
+            )
+        model = MODELS[NAMES[self.model]]
+        parameters = np.zeros(len(model.names))
+        parameters[: len(LINEAR)] = self.K
+        count = min(len(self.D), len(model.names) - len(LINEAR))
+        parameters[len(LINEAR) : len(LINEAR) + count] = self.D[:count]
+        return model, parameters
+
+    def text(self) -> str:
+        """Return the matrix as --camera-matrix takes it: ``fx,fy,cx,cy``."""
+        return ",".join(f"{float(value)!r}" for value in self.linear())
+
+
+def camera_info_of(message: Any) -> CameraInfo:
+    """Return the intrinsics of a message; raises `MessageError` if it has none."""
+
+    def numbers(*names: str) -> Array:
+        value = next((found for name in names if (found := part(message, name)) is not None), ())
+        return np.asarray(value, dtype=float).ravel()
+
+    K, D, P = numbers("k", "K"), numbers("d", "D"), numbers("p", "P")
+    if K.size != 9 or not np.isfinite(K).all() or K[0] <= 0 or K[4] <= 0 or not np.isfinite(D).all():
+        raise MessageError("a camera matrix")
+    P = P if P.size == 12 and np.isfinite(P).all() else np.zeros(12)
+    size = int(part(message, "width") or 0), int(part(message, "height") or 0)
+    frame = frame_name(part(part(message, "header"), "frame_id"))
+    model = str(part(message, "distortion_model") or "")
+    return CameraInfo(frame, size, model, K[[0, 4, 2, 5]], D, P[[0, 5, 2, 6]])

@@ -1,4 +1,4 @@
 """Two streams with unsynchronised clocks."""
 
+from . import result as result  # registers the words of synchronised streams
 from . import sentences as sentences
-from . import text as text  # registers the words of synchronised streams

@@ -21,7 +21,7 @@ from ...errors import InputError
 from ...formats.contents import FRAMES, Side, finished
 from ...formats.detect import read_contents
 from ...model.noise.joint_covariance import JointCovariance
-from ...read.known_camera import known_camera
+from ...read.beside import known_camera
 from ...read.matching import nearest
 from ...read.poses import side_of
 from ..description import WORLD, ArmPoses, Rig, View

@@ -38,7 +38,7 @@ import numpy as np
 from ...core.files.open import StrPath, as_path, opened
 from ...core.files.trees import MAX_BYTES
 from ...errors import InputError
-from ...formats.prior_file import read_prior
+from ...formats.json_poses import read_prior
 from ...model.kinematics.chain import Kinematics
 from ..description import WORLD, ArmPoses, Rig, nearest_names, require_in_rig, require_names
 from ..noise import require_noise

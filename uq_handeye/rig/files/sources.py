@@ -24,7 +24,7 @@ from ...core.geometry.se3 import Array
 from ...errors import DegenerateMotionError, InputError, NotConvergedError
 from ...model.kinematics.chain import Kinematics
 from ...model.poses.pose_pairs import Stream, joint_values_at
-from ...read.joints import read_joint_file
+from ...read.beside import read_joint_file
 from ..description import ArmPoses
 from .pose_rows import PoseRows
 

@@ -29,7 +29,7 @@ from ....core.files.trees import MAX_BYTES, number, parse_tree
 from ....core.formatting.units import LENGTH_UNITS
 from ....core.geometry.se3 import Array
 from ....errors import InputError
-from ....formats.columns import meaning_and_unit
+from ....formats.csv_poses import meaning_and_unit
 from ..board_shape import MEASURED, BoardShape
 from ..boards.description import Board
 from ..measured_board import MeasuredBoard

@@ -9,13 +9,13 @@ from datetime import UTC, datetime
 import numpy as np
 
 from ...._version import __version__
+from ....core.files.source import versions
 from ....core.formatting.numbers import column, fixed
 from ....core.geometry.conventions import CONVENTION
 from ....core.presentation.document import Block, Code, Drawing, Paragraph, Points, Section, Table
 from ....core.presentation.ellipses import render
 from ....core.presentation.figure_parts import Picture
 from ....core.presentation.page import Page, drawing
-from ....core.runtime.versions import versions
 from ..calibrated import Calibrated
 from ..files.snippets import PIXELS, camera_snippets
 from ..what_was_seen import distances, picture_rms, tilts

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from ....core.geometry.se3 import Array
 from ....errors import InputError, MissingExtraError
-from ....formats.ros.messages import MessageError, Stamped, poses_in
+from ....formats.ros_messages import MessageError, Stamped, poses_in
 
 # Largest age (s).
 OLD = 2.0

@@ -19,9 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from ...core.geometry.se3 import Array
-from ...errors import InputError
-from ..contents import Contents, Side
+from ..core.geometry.se3 import Array
+from ..errors import InputError
+from .contents import Contents, Side
 
 # Transforms and poses of one message; characters of a name.
 MOST, LONGEST = 10_000, 120

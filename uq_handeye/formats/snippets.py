@@ -16,11 +16,11 @@ from typing import Protocol
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ...core.formatting.snippets import Snippet, short
-from ...core.geometry.conventions import TOOLKIT, to_convention
-from ...core.geometry.se3 import Array, inverse_jacobian
-from ...core.runtime.read_only import ReadOnlyArrays
-from ..opencv_storage import yaml_number
+from ..core.formatting.snippets import Snippet, short
+from ..core.geometry.conventions import TOOLKIT, to_convention
+from ..core.geometry.se3 import Array, inverse_jacobian
+from ..core.runtime.read_only import ReadOnlyArrays
+from .opencv_storage import yaml_number
 
 # The frames of X for motions that came without poses: those in which A and B are given.
 OF_MOTIONS = ("frame_of_A", "frame_of_B")

@@ -36,12 +36,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from ...core.files.lines import floats, is_number, short
-from ...core.files.trees import fields_of, is_map, parse_yaml
-from ...core.geometry.se3 import Array
-from ...errors import InputError
-from ..contents import Contents
-from .messages import MessageError, Stamped, frame_name, one_side, poses_in, side_of, unit_quaternions
+from ..core.files.lines import floats, is_number, short
+from ..core.files.trees import fields_of, is_map, parse_yaml
+from ..core.geometry.se3 import Array
+from ..errors import InputError
+from .contents import Contents
+from .ros_messages import MessageError, Stamped, frame_name, one_side, poses_in, side_of, unit_quaternions
 
 _AT = re.compile(r"line (\d+):")
 # A field, an item, or a list of numbers over several lines.

@@ -1,0 +1,366 @@
+"""Calibrations as files of other programs: JSON, ROS, URDF, OpenCV, TOML, NPZ, and as robots write poses.
+
+One result (`write_export`), or the poses of a rig with those that follow from them (`write_several`). ROS static
+transforms, launch files and URDF are trees, in which each frame has one parent: they hold the poses of the cameras,
+targets and bases, and the relative poses, which follow from these, as comments.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable, Iterable, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..core.files.atomic import write_atomically
+from ..core.files.open import StrPath, as_path, shown
+from ..core.geometry.conventions import TOOLKIT
+from ..core.geometry.se3 import Array
+from ..errors import InputError, require_one_of
+from .controllers.forms import CONTROLLERS, WRITTEN, written_poses
+from .opencv_storage import matrix_lines, yaml_number
+from .snippets import NOT_DETERMINED, Transform, open_comments, opencv_name, transforms_of, urdf_joint, yaml_fields
+
+# What a ROS file says of its covariance.
+_ROS = "(x, y, z, rotation about x, y, z), translation first, fixed axes of the parent frame; m and rad; 6x6 row by row"
+OWN_FRAMES = "# Put the names of your own frames in; the camera is the frame with z forward, which ROS calls optical."
+
+
+class Several(NamedTuple):
+    """Poses that make trees, further ones that follow from them, and what is to be said of all."""
+
+    poses: Sequence[Transform]
+    relative: Sequence[Transform]
+    comments: Sequence[str] = ()
+    json: str = ""  # of the whole result
+
+    @property
+    def every(self) -> list[Transform]:
+        """All poses, relative ones last."""
+        return [*self.poses, *self.relative]
+
+    @property
+    def said(self) -> list[str]:
+        """Comment lines."""
+        return [f"# {line}" for line in self.comments]
+
+
+# ------------------------------------------------------------------------------------------- ROS
+
+
+def _ros_one(result: Any) -> str:
+    """YAML with a ``TransformStamped`` and, where the covariance is determined, a ``PoseWithCovarianceStamped``.
+
+    The keys below each message are its fields, as ``geometry_msgs`` names them.
+    """
+    X, inverse = transforms_of(result)
+    return _text(
+        f"# {X.name} by uq-handeye: translation first (m), then the unit quaternion (x, y, z, w).",
+        OWN_FRAMES,
+        *_transform_stamped("transform_stamped", X),
+        f"# The inverse, {inverse.name}.",
+        *_transform_stamped("inverse_transform_stamped", inverse),
+        *_pose_with_covariance(X, open_comments(result)),
+    )
+
+
+def _ros_several(of: Several) -> str:
+    head = "# Poses of a rig by uq-handeye: translation first (m), then the unit quaternion (x, y, z, w)."
+    lines = [head, OWN_FRAMES, *of.said]
+    for X in of.every:
+        note = " Follows from the others; do not publish it beside them." if X in of.relative else ""
+        lines += [f"# {X.name}.{note}", f"{X.name}:"]
+        lines += [f"  {line}" for line in (*_transform_stamped("transform_stamped", X), *_pose_with_covariance(X))]
+    return _text(*lines)
+
+
+def _pose_with_covariance(X: Transform, comments: Sequence[str] = ()) -> list[str]:
+    """Lines of a ``PoseWithCovarianceStamped``, or of the reason why there is none."""
+    covariance = X.covariance_in("ros")
+    if covariance is None:
+        return [f"# {NOT_DETERMINED}"]
+    return [
+        f"# Covariance of {_ROS}.",
+        *(f"# {line}" for line in comments),
+        "pose_with_covariance_stamped:",
+        f"  header: {{frame_id: {X.parent}}}",
+        "  pose:",
+        "    pose:",
+        f"      position: {yaml_fields('xyz', X.t)}",
+        f"      orientation: {yaml_fields('xyzw', X.quaternion)}",
+        "    covariance: [",
+        *(f"      {', '.join(map(yaml_number, row))}," for row in covariance),
+        "    ]",
+    ]
+
+
+def _transform_stamped(key: str, X: Transform) -> list[str]:
+    return [
+        f"{key}:",
+        f"  header: {{frame_id: {X.parent}}}",
+        f"  child_frame_id: {X.child}",
+        "  transform:",
+        f"    translation: {yaml_fields('xyz', X.t)}",
+        f"    rotation: {yaml_fields('xyzw', X.quaternion)}",
+    ]
+
+
+def _launch_one(result: Any) -> str:
+    X, _ = transforms_of(result)
+    head = f"# {X.name} by uq-handeye: translation first (m), then the unit quaternion, scalar last."
+    return _launch([head, OWN_FRAMES, *(f"# {line}" for line in open_comments(result))], [X])
+
+
+def _launch_several(of: Several) -> str:
+    followed = [f"# {X.name}, which follows: {' '.join(_node_options(X))}" for X in of.relative]
+    head = "# Poses of a rig by uq-handeye: translation first (m), then the unit quaternion, scalar last."
+    return _launch([head, OWN_FRAMES, *of.said, *followed], of.poses)
+
+
+def _launch(comments: Sequence[str], poses: Sequence[Transform]) -> str:
+    """A launch file of ROS 2, in Python, with a node that publishes each pose as a static transform."""
+    nodes = []
+    for X in poses:
+        given = (f"                    {', '.join(map(repr, option.split()))}," for option in _node_options(X))
+        nodes += [
+            "            Node(",
+            '                package="tf2_ros",',
+            '                executable="static_transform_publisher",',
+            "                arguments=[",
+            *(line.replace("'", '"') for line in given),
+            "                ],",
+            "            )" + "," * (len(poses) > 1),
+        ]
+    return _text(
+        *comments,
+        "from launch import LaunchDescription",
+        "from launch_ros.actions import Node",
+        "",
+        "",
+        "def generate_launch_description():",
+        "    return LaunchDescription(",
+        "        [",
+        *nodes,
+        "        ]",
+        "    )",
+    )
+
+
+def _node_options(X: Transform) -> list[str]:
+    """Arguments of ``static_transform_publisher``."""
+    numbers = zip(("x", "y", "z", "qx", "qy", "qz", "qw"), [*X.t.tolist(), *X.quaternion.tolist()], strict=True)
+    given = [f"--{name} {value!r}" for name, value in numbers]
+    return [*given, f"--frame-id {X.parent}", f"--child-frame-id {X.child}"]
+
+
+# ------------------------------------------------------------------------------------------- other programs
+
+
+def _urdf_one(result: Any) -> str:
+    X, _ = transforms_of(result)
+    no_place = "URDF has no place for the covariance; the JSON and ROS files do."
+    said = " ".join([NOT_DETERMINED if X.covariance is None else no_place, *open_comments(result)[:1]])
+    return _urdf([f"{X.name} by uq-handeye: xyz in metres, rpy in rad about the fixed axes x, y, z. {said}"], [X])
+
+
+def _urdf_several(of: Several) -> str:
+    said = " ".join(["URDF has no place for covariances; the ROS, OpenCV and TOML files do.", *of.comments])
+    followed = [f"{X.name}: xyz {' '.join(f'{v:.9g}' for v in X.t)} m" for X in of.relative]
+    head = (
+        "Poses of a rig by uq-handeye: xyz in metres, rpy in rad about the fixed axes x, y, z. Grippers and world are "
+        f"links of the robot's own model. {said}"
+    )
+    return _urdf([head, *followed], of.poses)
+
+
+def _urdf(comments: Iterable[str], poses: Sequence[Transform]) -> str:
+    """Links and the fixed joints between them, to be included in the model of the robot."""
+    return _text(
+        '<?xml version="1.0"?>',
+        *(f"<!-- {text} -->" for text in comments),
+        '<robot name="uq_handeye">',
+        *(f'  <link name="{name}"/>' for name in dict.fromkeys(name for X in poses for name in (X.parent, X.child))),
+        *(f"  {line}" for X in poses for line in urdf_joint(X, digits=17).splitlines()),
+        "</robot>",
+    )
+
+
+def _opencv_one(result: Any) -> str:
+    said = NOT_DETERMINED if result.covariance is None else f"Covariances of {TOOLKIT}"
+    names = [(X, opencv_name(X)) for X in transforms_of(result)]
+    return _opencv([f"# {line}" for line in open_comments(result)], names, said)
+
+
+def _opencv_several(of: Several) -> str:
+    return _opencv(of.said, [(X, X.name) for X in of.every], f"Covariances of {TOOLKIT}")
+
+
+def _opencv(comments: Sequence[str], poses: Sequence[tuple[Transform, str]], said: str) -> str:
+    """FileStorage YAML: 4x4, R and t and the covariance (6x6) of each pose, with their convention."""
+    lines = ["%YAML:1.0", "---", *comments]
+    for X, name in poses:
+        lines += [*matrix_lines(X.name, X.T), *matrix_lines(f"R_{name}", X.R), *matrix_lines(f"t_{name}", X.t[:, None])]
+        lines += [] if X.covariance is None else matrix_lines(f"covariance_{X.name}", X.covariance)
+    return _text(*lines, 'units: "m"', f'convention: "{said}"')
+
+
+def _toml(of: Several) -> str:
+    """TOML with a table of each pose: matrix, quaternion, covariance."""
+    lines = [*of.said, 'units = "m, rad"', f'convention = "Covariances of {TOOLKIT} the parent"']
+    for X in of.every:
+        lines += [
+            "",
+            f"[{'relative' if X in of.relative else 'poses'}.{X.name}]",
+            f'parent = "{X.parent}"',
+            f'child = "{X.child}"',
+            f"matrix = {X.T.tolist()}",
+            f"translation = {X.t.tolist()}",
+            f"quaternion_xyzw = {X.quaternion.tolist()}",
+            *([] if X.covariance is None else [f"covariance = {X.covariance.tolist()}"]),
+        ]
+    return _text(*lines)
+
+
+def _npz_one(result: Any) -> bytes:
+    return _npz(
+        X=result.X,
+        X_inverse=result.inverse,
+        covariance=result.covariance,
+        covariance_inverse=result.covariance_inverse,
+        W=result.W,
+        covariance_W=result.covariance_W,
+        open_directions=None if result.opened is None else result.opened.basis,
+        frame=result.frame,
+        frame_W=result.frame_W,
+        convention=NOT_DETERMINED if result.covariance is None else f"covariances of {TOOLKIT}",
+    )
+
+
+def _npz_several(of: Several) -> bytes:
+    found: dict[str, Array | None] = {X.name: X.T for X in of.every}
+    found |= {f"covariance_{X.name}": X.covariance for X in of.every}
+    return _npz(**found, convention=f"covariances of {TOOLKIT} the parent")
+
+
+def _npz(**arrays: Any) -> bytes:
+    """Arrays by name; texts are zero-dimensional arrays, so that nothing is pickled."""
+    buffer = io.BytesIO()
+    known = {name: np.asarray(value) for name, value in arrays.items() if value is not None}
+    np.savez(buffer, **known, units=np.asarray("m"))  # type: ignore[arg-type]
+    return buffer.getvalue()
+
+
+def _pose_form(result: Any, format: str) -> str:
+    """X as the controller of a robot, or software of a 3-D camera, writes a pose (`controllers.forms`).
+
+    Comments say what it is, and how well it is known; the full covariance is in the JSON and ROS files.
+    """
+    X, _ = transforms_of(result)
+    form = CONTROLLERS.get(format)
+    by = "" if form is None else f", as {form.maker} writes it ({form.units}, {form.rotation})"
+    said = NOT_DETERMINED
+    if X.covariance is not None:
+        blocks = X.covariance[:3, :3], X.covariance[3:, 3:]
+        angle, distance = (float(np.sqrt(np.linalg.eigvalsh(block)[-1])) for block in blocks)
+        said = f"1 sigma, worst direction: {1e3 * distance:.3g} mm, {np.degrees(angle):.3g} deg."
+    head = f"{X.name}: pose of the {X.child} in the {X.parent} frame{by}; by uq-handeye."
+    return written_poses(X.T[None], format, [X.name], [head, said, *open_comments(result)])
+
+
+def _text(*lines: str) -> str:
+    return "\n".join([*lines, ""])
+
+
+_OF_ONE: dict[str, Callable[[Any], str | bytes]] = {
+    "json": lambda result: str(result.to_json()),
+    "ros": _ros_one,
+    "launch": _launch_one,
+    "urdf": _urdf_one,
+    "opencv": _opencv_one,
+    "npz": _npz_one,
+    **{format: partial(_pose_form, format=format) for format in WRITTEN},
+}
+_OF_SEVERAL: dict[str, Callable[[Several], str | bytes]] = {
+    "json": lambda of: of.json,
+    "ros": _ros_several,
+    "launch": _launch_several,
+    "urdf": _urdf_several,
+    "opencv": _opencv_several,
+    "toml": _toml,
+    "npz": _npz_several,
+}
+FORMATS = tuple(_OF_ONE)
+
+# What a suffix means, the first by itself.
+_SUFFIXES = {
+    ".json": ("json",),
+    ".yaml": ("ros", "opencv", "zivid"),
+    ".yml": ("ros", "opencv", "zivid"),
+    ".py": ("launch",),
+    ".urdf": ("urdf",),
+    ".npz": ("npz",),
+    ".toml": ("toml",),
+}
+
+
+def write_export(result: Any, path: StrPath, format: str | None = None) -> Path:
+    """Write X for another program, whole or not at all.
+
+    Parameters
+    ----------
+    result : Calibration
+    path : path of the file
+    format : one of `FORMATS`, or None
+        None takes it from the suffix: .json, .yaml and .yml (ros), .py (launch), .urdf, .npz. All others must be asked
+        for: the suffix does not tell them.
+
+    Returns
+    -------
+    Path
+        The file written.
+
+    Raises
+    ------
+    InputError
+        An unknown format, a suffix that says none or another one, a file that cannot be written.
+    """
+    target, name = _format_of(path, format, FORMATS)
+    write_atomically(target, exported(result, name))
+    return target
+
+
+def exported(result: Any, format: str) -> str | bytes:
+    """Return the content of a file of one of `FORMATS`."""
+    return _OF_ONE[format](result)
+
+
+def write_several(of: Several, path: StrPath, format: str | None = None) -> Path:
+    """Write the poses as one file and return its path; ``format`` None: by the suffix.
+
+    Raises `InputError` for another format.
+    """
+    target, name = _format_of(path, format, tuple(_OF_SEVERAL))
+    write_atomically(target, _OF_SEVERAL[name](of))
+    return target
+
+
+def _format_of(path: StrPath, format: str | None, known: tuple[str, ...]) -> tuple[Path, str]:
+    """Return path and format of an export, one of ``known``; None: by the suffix. Raises `InputError` for others."""
+    target = as_path(path)
+    suffix = target.suffix.lower()
+    if format is None:
+        suffixes = [end for end, names in _SUFFIXES.items() if names[0] in known]
+        if suffix not in suffixes:
+            raise InputError(
+                f"Expected {shown(target)} to end in {', '.join(suffixes)}, or `format` (--format) to be one of "
+                f"{', '.join(known)}."
+            )
+        format = _SUFFIXES[suffix][0]
+    require_one_of("format", format, known, "--format")
+    if format not in _SUFFIXES.get(suffix, (format,)):
+        ends = " or ".join(end for end, names in _SUFFIXES.items() if format in names)
+        raise InputError(f"Expected a file of the format {format} to end in {ends}, got {shown(target)}.")
+    return target, format

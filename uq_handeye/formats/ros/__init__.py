@@ -1,1 +1,0 @@
-"""Texts that ROS prints: transforms and poses of its messages, and the readers of its texts."""
