@@ -13,7 +13,7 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
-from io import BufferedReader
+from io import BufferedReader, BytesIO
 from pathlib import Path
 from typing import Any, BinaryIO, cast
 
@@ -196,7 +196,9 @@ def _of(format: str, head: bytes = b"") -> str:
 
 
 def _read(file: BufferedReader, kind: str, format: str | None, path: Path, name: str) -> tuple[str, Contents]:
-    if kind in _TABLES:
+    head = file.peek(_HEAD)
+    odd = head.startswith(_UTF16) or any(mark.encode() in head for mark in "\u2212\u2013")
+    if kind in _TABLES and not odd:
         return kind, _TABLES[kind](file, name)
     limit = MAX_ARRAY_BYTES if kind in _ARRAYS else _trees.MAX_BYTES
     pieces: list[bytes] = []
@@ -206,6 +208,8 @@ def _read(file: BufferedReader, kind: str, format: str | None, path: Path, name:
         total += len(piece)
         require_size(total, limit, path)
     data = b"".join(pieces)
+    if kind in _TABLES:
+        return kind, _TABLES[kind](BytesIO(_text(data).encode()), name)
     if kind in _ARRAYS:
         contents = _ARRAYS[kind](data, name)
         return format or kind, contents if format not in CONTROLLERS else in_convention(contents, CONTROLLERS[format])

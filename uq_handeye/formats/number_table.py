@@ -19,7 +19,7 @@ from itertools import islice, pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.files.lines import MAX_LINE, MAX_ROWS, short
+from ..core.files.lines import MAX_LINE, MAX_ROWS, NO_VALUE, short
 from ..core.files.open import numbers_in
 from ..core.geometry.se3 import Array
 from ..errors import InputError
@@ -35,6 +35,7 @@ FEWEST = 6
 NUMBER = r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?"
 _FIELD = re.compile(rf"({NUMBER}|[+-]?(?:nan|inf(?:inity)?))\s*(mm|cm|m|in|deg|rad|°)?", re.IGNORECASE)
 _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?\s*(?:mm|cm|m|in|deg|rad|°)?")
+_THOUSANDS = re.compile(r"[+-]?\d{1,3}(?:,\d{3})+\.\d+")
 _COMMA_NUMBER = re.compile(r"[+-]?\d+,\d+(?:[eE][+-]?\d+)?|[+-]?\d+")
 _NAMED = re.compile(
     rf"""(?<![\w.])["']?([A-Za-z_][\w.]*)["']?\s*(?:[:=]\s*["']?|\s)({NUMBER}|[+-]?nan\b)\s*(mm\b|deg\b|rad\b|m\b|°)?""",
@@ -44,11 +45,13 @@ _ANY_NUMBER = re.compile(NUMBER)
 _COMMENT = re.compile(r"#|%|//|!|;")
 _GROUP = re.compile(r"\[([^\[\]{}()]*)\]")
 _INNER = re.compile(r"[\[({]([^\[\](){}]*)[\])}]")
-_JOINTS = re.compile(r"(?:joints?|angles|positions_rad|\bq)\w*[\"']?\s*[:=]?\s*[\[({]*$", re.IGNORECASE)
+_JOINTS = re.compile(r"(?:joints?|angles|positions_rad|(?<![^\W_])q)\w*[\"']?\s*[:=]?\s*[\[({]*$", re.IGNORECASE)
 _END_COMMENT = re.compile(r"\s(?:#|//|%).*$")
 _MAP = re.compile(r"\{([^{}\[\]]*)\}")
 # What the robot sensor interface of KUKA measured, beside what it commanded (RSol).
 _MEASURED = re.compile(r"<RIst\b[^<>]*>")
+# The first comment of COLMAP's images.txt.
+_COLMAP = "two lines of data per image"
 # Names in the point files of Epson, which say that a number is real.
 _EPSON = {f"r{axis}": axis for axis in "XYZUVW"}
 _SPACED_UNIT = re.compile(r"\s+(?=[\[(][\w°/^ -]*[\])])")
@@ -109,6 +112,8 @@ def read_number_table(
         One line that names the file, the line, and the column.
     """
     text = text.removeprefix("\ufeff").replace("\r\n", "\n").replace("\r", "\n")
+    if _COLMAP in text[:MAX_LINE]:
+        text = _without_points(text)
     if guessed and "\n" in text[1:]:
         text = text[: text.rindex("\n")]
     names, rows, notes = _named_rows(text, name, is_header)
@@ -123,6 +128,14 @@ def read_number_table(
     return _table(name, names, rows, notes, help)
 
 
+def _without_points(text: str) -> str:
+    """Return the pictures of COLMAP: below each stands a line of points, which may be empty."""
+    lines = text.split("\n")
+    first = next((k for k, line in enumerate(lines) if not line.startswith("#")), 0)
+    lines[first + 1 :: 2] = [""] * len(lines[first + 1 :: 2])
+    return "\n".join(lines)
+
+
 def names_of(line: str) -> list[str]:
     """Return the fields of a line that may hold the names of the columns, also in a comment."""
     bare = line.replace("\r", " ").strip().lstrip("#%/!; \t")
@@ -131,7 +144,8 @@ def names_of(line: str) -> list[str]:
 
 def number_of(field: str) -> float | None:
     """Return the number of a field, with a point or, alone, a decimal comma; None for a text."""
-    match = _FIELD.fullmatch(field.strip())
+    field = field.strip()
+    match = _FIELD.fullmatch(field.replace(",", "") if _THOUSANDS.fullmatch(field) else field)
     return None if match is None else float(match[1])
 
 
@@ -143,13 +157,13 @@ def _named_rows(
     rows: list[Row] = []
     notes: list[str] = []
     title = comments = 0
+    before: list[str] = []
     last: list[str] = []  # fields of the line before the numbers
     separator: str | None = None
     in_groups = False
     for number, line in _lines_of(text, name):
         content = line.strip()
-        comment = _COMMENT.match(content)
-        if comment is not None:
+        if _COMMENT.match(content) and not NO_VALUE.match(content.encode()):
             comments += 1
             if names is None and not rows and comments < MOST_COMMENTS:
                 names = tuple(found) if is_header(found := names_of(content)) else None
@@ -183,8 +197,14 @@ def _named_rows(
             if title > TITLE_LINES:
                 break
             continue
+        above, before = before, fields
         if rows and not numbers and is_header(fields):  # files put together repeat the names
             continue
+        if names is None and not numbers and number < TITLE_LINES and len(above) == len(fields):
+            both = [f"{one}_{name}" if one else name for one, name in zip(above, fields, strict=True)]
+            if is_header(both):  # Rotation, Position above X, Y, Z, W, X, Y, Z of Motive
+                names, rows = tuple(both), []
+                continue
         if separator != "," and any("," in field for field in numbers):
             note = "numbers with decimal commas"
             notes += [note] if note not in notes else []

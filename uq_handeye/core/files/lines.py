@@ -24,6 +24,9 @@ MAX_BYTES = 1_000_000_000
 MAX_ROWS = 10_000_000
 MAX_LINE = 10_000
 
+# What spreadsheets write where there is no value: a row of it is no comment.
+NO_VALUE = re.compile(rb"#\s*(?:N/?[AV]\b|[A-Z0-9/]+[!?])")
+
 
 def lines_of(file: BinaryIO, name: str) -> Iterator[bytes]:
     """The lines of a file, none of them longer than `MAX_LINE`, without a byte order mark."""

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from ...errors import InputError
 from ..geometry.se3 import Array
 from . import lines as _lines
-from .lines import decoded, is_number, lines_of, short
+from .lines import NO_VALUE, decoded, is_number, lines_of, short
 
 MARKS = {",": "commas", ";": "semicolons", "\t": "tabs", " ": "spaces"}
 # Comments that are kept.
@@ -150,7 +150,7 @@ def read_table(file: BinaryIO, name: str, schema: Schema) -> Table:
         if not text.strip():
             continue
         where = f"{name}, line {number}"
-        if text.lstrip().startswith(b"#"):
+        if text.lstrip().startswith(b"#") and not NO_VALUE.match(text.lstrip()):
             reader.comment(text.strip(), where, begun=bool(numbers))
             continue
         if (fields := reader.fields(text, where)) is None:

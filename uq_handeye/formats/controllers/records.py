@@ -111,7 +111,7 @@ def _row(entry: dict[str, Any]) -> tuple[tuple[str, ...], list[float]] | None:
     lists: dict[str, Any] = {
         str(key): found.tolist() for key, value in entry.items() if (found := numbers_of(value)) is not None
     }
-    lists |= {key.lower(): value for key, value in lists.items() if key.istitle()}
+    lists |= {key.lower(): value for key, value in lists.items() if key.lower() not in lists and key not in ("R", "T")}
     turned = _axis_and_angle(entry)
     if turned is not None:
         lists["rotvec"] = turned
@@ -147,7 +147,7 @@ def _row(entry: dict[str, Any]) -> tuple[tuple[str, ...], list[float]] | None:
 
 _NUMBERS = re.compile(rf"[\[(\s]*{NUMBER}(?:[\s,;]+{NUMBER}){{2,15}}[\])\s]*,?")
 _LABEL = r"(?<![\w.])([A-Za-z][\w .-]{0,60}(?:\([^()]{0,60}\))?)"
-_PART = re.compile(rf"{_LABEL}\s*[:=]\s*[\[(]?\s*({NUMBER}(?:[\s,;]+{NUMBER}){{2,8}})\s*[\])]?")
+_PART = re.compile(rf"""{_LABEL}\s*[:=]\s*[\[("]?\s*({NUMBER}(?:[\s,;]+{NUMBER}){{2,8}})\s*[\])"]?""")
 _ANY = re.compile(NUMBER)
 _LABELLED_POSITIONS = {"position", "pos", "translation", "trans", "tvec", "xyz", "p", "t"}
 # Words of a rotation, and the name under which `records` takes its numbers.
@@ -163,7 +163,7 @@ LONGEST = 2000
 
 def is_labelled(head: str) -> bool:
     """Return whether a text holds positions and rotations as lists behind their names."""
-    if head.lstrip().startswith(("{", "<")):
+    if head.lstrip().startswith("{") or (head.lstrip().startswith("<") and "<origin" not in head):  # of URDF
         return False
     try:
         first = next(_entries(head, _LOOKED_AT), None)
@@ -191,7 +191,8 @@ def _entries(text: str, most: int | None) -> Iterator[dict[str, Any]]:
     if most is not None:
         text = "\n".join(text.split("\n", 3 * most)[: 3 * most])
     text = re.sub(r"\]\s*\n\s*\[", " ", text).replace("[[", "[").replace("]]", "]") if '"' not in text else text
-    yield from _of_cells(text) if '"' in text.partition("\n")[2][:MAX_LINE] else _of_lines(text)
+    cells = '"' in text.partition("\n")[2][:MAX_LINE] and "<origin" not in text
+    yield from _of_cells(text) if cells else _of_lines(text)
 
 
 def _of_lines(text: str) -> Iterator[dict[str, Any]]:

@@ -75,13 +75,13 @@ def kind_of(head: str) -> str | None:
     if "<RIst" in head:  # what the robot sensor interface of KUKA sends
         return "kuka"
     if head.lstrip().startswith(("<", *_OTHERS)):
-        return None
+        return "table" if is_labelled(head) else None
     for line in head.split("\n", 40)[:40]:
         content = line.strip()
         if not content:
             continue
         if is_csv_header(content.lstrip("# \t")):
-            if _holds_dates(head):  # of which a table makes seconds
+            if _below(content, head):
                 break
             return None
         if content.startswith("#"):
@@ -111,9 +111,11 @@ def is_document(head: str) -> bool:
     return end == len(text)
 
 
-def _holds_dates(head: str) -> bool:
-    """Return whether the line below the names of a table has a time of day among its numbers."""
+def _below(names: str, head: str) -> bool:
+    """Return whether the rows below the names are no CSV: dates, of which a table makes seconds; other separators."""
     lines = [line for line in head.split("\n", 60)[:60] if line.strip() and not line.startswith("#")]
+    if names.startswith("#") and "," in names and lines and not re.search("[,;\t]", lines[0]):
+        return True
     fields = re.split(r"[,;\t]", lines[1] if len(lines) > 1 else "")
     return any(number_of(field) is None and seconds_of(field) is not None for field in fields)
 

@@ -66,7 +66,7 @@ _ALIASES = {
        for letter, axis in zip("xyz012", "xyzxyz", strict=True)},
     **{f"{part}{axis}": f"r{axis}" for part in ("r_", "rot_", "rot", "rotation_", "ori_", "orientation_")
        for axis in "xyz"},
-    **{f"{part}{axis}": f"r{axis}" for part in ("euler_", "euler", "e", "angle_", "ang_") for axis in "xyz"},
+    **{f"{part}{axis}": f"r{axis}" for part in ("euler_", "euler", "e", "angle_", "ang_", "theta_") for axis in "xyz"},
     **{f"{part}{number}": axis for part in ("tvec_", "tvec") for number, axis in zip("012", "xyz", strict=True)},
     **{f"tvec_{axis}": axis for axis in "xyz"},
     **{f"tcp_pose_{k}": axis for k, axis in enumerate(("x", "y", "z"))},
@@ -110,13 +110,14 @@ def name_and_unit(name: str) -> tuple[str, str | None]:
     """
     if len(name) > LONGEST:
         return name, None
-    small = name.strip().strip("\"'").lower()
-    unit = None
-    match = _UNIT.fullmatch(small)
-    if match is not None and _known(match[1]) is not None:
-        small, unit = match[1], match[2] or match[3]
-    known = _known(small)
-    return (small if known is None else known), unit
+    name = name.strip().strip("\"'")
+    for small in (name.lower(), re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name).lower()):  # toolPoseX
+        match = _UNIT.fullmatch(small)
+        if match is not None and (known := _known(match[1])) is not None:
+            return known, match[2] or match[3]
+        if (known := _known(small)) is not None:
+            return known, None
+    return name.lower(), None
 
 
 def _known(small: str) -> str | None:
@@ -167,6 +168,10 @@ def _places(names: Sequence[str]) -> tuple[str, dict[str, int], list[tuple[str, 
         where.setdefault(found[k][0], k)
     if missing := [axis for axis in "xyz" if axis not in where]:
         raise ColumnError(f"no column {', '.join(missing)}")
+    if "qx" not in where and {"rx", "ry", "rz", "qw"} <= set(where):  # ori_x, ori_y, ori_z, ori_w
+        where |= {f"q{axis}": where[f"r{axis}"] for axis in "xyz"}
+    if "qw" not in where and {"q0", "qx", "qy", "qz"} <= set(where):
+        where["qw"] = where["q0"]
     kinds = [kind for kind, parts in QUATERNIONS.items() if all(part in where for part in parts)]
     kinds = kinds or ["axis-angle"] * all(part in where for part in AXIS_ANGLE)
     kinds = kinds or [kind for kind, parts in ROTATIONS.items() if all(part in where for part in parts)]
@@ -352,7 +357,7 @@ def _by_number(table: NumberTable) -> Columns | None:
             kind, _time(values, first), (first + 4, first + 5, first + 6), tuple(range(first, first + 4)),
             units[0] if units else None, None,
         )  # fmt: skip
-    elif rest.shape[1] != 6:
+    elif rest.shape[1] != 6 + _ends_with_codes(rest):
         return None
     lengths, angles = set(table.units[first : first + 3]) - {""}, set(table.units[first + 3 :]) - {""}
     return Columns(
@@ -369,6 +374,11 @@ def _has_whole_numbers_behind(values: Array, rotation: int) -> bool:
     """Return whether only whole numbers follow a pose: configurations, status and turn, external axes at rest."""
     pose, rest = values[:, : 3 + rotation], values[:, 3 + rotation :]
     return bool(rest.size and (rest == np.round(rest)).all() and (pose[:, :3] != np.round(pose[:, :3])).any())
+
+
+def _ends_with_codes(rest: Array) -> bool:
+    """Return whether a figure follows six numbers: P(x, y, z, rx, ry, rz, fig) of Denso."""
+    return rest.shape[1] == 7 and _has_whole_numbers_behind(rest, 3) and not _is_pose(rest)
 
 
 def _is_pose(rest: Array) -> bool:
