@@ -20,7 +20,7 @@ import uq_handeye as uq
 from uq_handeye.core.geometry.conventions import from_convention
 from uq_handeye.formats import export
 from uq_handeye.formats.controllers.forms import SINGLE, WRITTEN, written_poses
-from uq_handeye.formats.snippets import fixed_axis_angles
+from uq_handeye.formats.snippets import fixed_axis_angles, texts
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
 FRAMES = {"eye-in-hand": ("gripper", "camera"), "eye-to-hand": ("base", "camera")}
@@ -64,7 +64,7 @@ def from_origin(element):
 
 
 def snippets(result, start):
-    found = [s for s in export.texts(result) if s.title.startswith(start)]
+    found = [s for s in texts(result) if s.title.startswith(start)]
     assert len(found) == 2
     return list(zip(found, both(result), strict=True))
 
@@ -145,7 +145,7 @@ def test_urdf_joint(result):
 
 
 def test_snippets_say_that_the_covariance_is_not_determined(unknown):
-    for snippet in export.texts(unknown):
+    for snippet in texts(unknown):
         assert snippet.convention
         if "static transform" not in snippet.title and "URDF" not in snippet.title:
             assert "not determined" in snippet.convention
@@ -159,7 +159,7 @@ def test_motions_without_poses():
     motions = uq.Motions(A, B)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", uq.InputWarning)
-        found = export.texts(uq.calibrate(motions, noise=uq.PairNoise.isotropic(A=("0.1deg", "1mm"))))
+        found = texts(uq.calibrate(motions, noise=uq.PairNoise.isotropic(A=("0.1deg", "1mm"))))
     assert found[0].title == "NumPy: frame_of_A_T_frame_of_B"
     for snippet in found:
         if snippet.language == "python" and "gtsam" not in snippet.text:

@@ -67,7 +67,7 @@ def test_files_of_vendors_and_tools(tmp_path, name):
 @pytest.mark.parametrize(("head", "row"), [("x,y,z,qx,qy,qz,qw", "0,0,0,0,0,0,1"), ("x;y;z;a;b;c", "1;2;3;4;5;6")])
 @pytest.mark.parametrize("mark", ["#NV", "#N/A", "#DIV/0!", "#VALUE!"])
 def test_a_row_without_values_is_no_comment(tmp_path, head, row, mark):
-    """What a spreadsheet writes there begins with #; left out, the rows behind it would have wrong partners."""
+    """The marks of spreadsheets begin with #; left out, the rows behind them would have wrong partners."""
     separator = "," if "," in head else ";"
     path = tmp_path / "robot.csv"
     path.write_text("\n".join([head, row, separator.join([mark] * row.count(separator)) + f"{separator}{mark}", row]))

@@ -1,4 +1,4 @@
-"""What may stand beside or in place of files of poses: joint values, and calibrated cameras.
+"""Joint values and calibrated cameras beside files of poses, or in their place.
 
 Joint values are poses of the robot, or stand beside the robot poses of another file.
 

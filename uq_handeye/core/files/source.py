@@ -1,4 +1,4 @@
-"""What numbers came from: the file of poses, and the versions of what ran."""
+"""Origin of numbers: the file of poses, and the versions of what ran."""
 
 from __future__ import annotations
 
