@@ -39,14 +39,12 @@ if _typing.TYPE_CHECKING:
     from .methods.procrustes.so4_covariances import octonion_covariance, paper_covariances, so4_covariance
     from .methods.propagation.propagate import propagate
     from .model.camera.board import Board, detect_board, tag_points
-    from .model.camera.board_shape import BoardShape
+    from .model.camera.board_shape import BoardShape, MeasuredBoard
     from .model.camera.calibrate import calibrate_camera
-    from .model.camera.corners import Corners
+    from .model.camera.corners import Corners, read_corners
     from .model.camera.files.board_file import read_board
-    from .model.camera.files.corner_file import read_corners
     from .model.camera.files.folder import read_camera
     from .model.camera.files.intrinsics_file import read_intrinsics
-    from .model.camera.measured_board import MeasuredBoard
     from .model.camera.result import CameraCalibration
     from .model.kinematics.against_controller import ControllerComparison, compare_with_controller
     from .model.kinematics.chain import Joint, Kinematics
@@ -256,14 +254,12 @@ _LATER = {
         "detect_board",
         "tag_points",
     ),
-    "model.camera.board_shape": ("BoardShape",),
+    "model.camera.board_shape": ("BoardShape", "MeasuredBoard"),
     "model.camera.calibrate": ("calibrate_camera",),
-    "model.camera.corners": ("Corners",),
+    "model.camera.corners": ("Corners", "read_corners"),
     "model.camera.files.board_file": ("read_board",),
-    "model.camera.files.corner_file": ("read_corners",),
     "model.camera.files.folder": ("read_camera",),
     "model.camera.files.intrinsics_file": ("read_intrinsics",),
-    "model.camera.measured_board": ("MeasuredBoard",),
     "model.camera.result": ("CameraCalibration",),
     "report.certificate.certificate": (
         "Certificate",

@@ -16,10 +16,10 @@ from uq_handeye.model.camera.board import board_of
 from uq_handeye.model.camera.board_shape import polynomial_shape
 from uq_handeye.model.camera.calibrate import calibrate_camera
 from uq_handeye.model.camera.files.board_file import board_text, read_board_points
-from uq_handeye.model.camera.files.folder_writer import camera_files
 from uq_handeye.model.camera.report.figures import camera_pictures
 from uq_handeye.model.camera.report.page import camera_report_html
 from uq_handeye.model.camera.residual_pattern import flat_pattern
+from uq_handeye.model.camera.result import camera_files
 
 POINTS = board(9, 7, 0.05)
 LENS = {"model": "brown", "coefficients": ("k1", "k2")}

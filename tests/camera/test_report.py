@@ -18,12 +18,7 @@ from uq_handeye.core.presentation.figure_parts import WIDTH
 from uq_handeye.errors import InputError
 from uq_handeye.model.camera.adjustment.model_choice import Candidate
 from uq_handeye.model.camera.calibrate import calibrate_camera
-from uq_handeye.model.camera.files.snippets import camera_snippets
-from uq_handeye.model.camera.models import MODELS, pixel_deviation, rays
-from uq_handeye.model.camera.report.figures import camera_figures, camera_pictures, outline
-from uq_handeye.model.camera.report.page import camera_report_html, report_files
-from uq_handeye.model.camera.residual_pattern import CELLS
-from uq_handeye.model.camera.what_was_seen import (
+from uq_handeye.model.camera.calibrated import (
     cells_that_matter,
     certainty,
     covered,
@@ -32,6 +27,11 @@ from uq_handeye.model.camera.what_was_seen import (
     radial_means,
     tilts,
 )
+from uq_handeye.model.camera.files.intrinsics_file import camera_snippets
+from uq_handeye.model.camera.models import MODELS, pixel_deviation, rays
+from uq_handeye.model.camera.report.figures import camera_figures, camera_pictures, outline
+from uq_handeye.model.camera.report.page import camera_report_html, report_files
+from uq_handeye.model.camera.residual_pattern import CELLS
 from uq_handeye.report.sections_origin import camera_sections, shares_words
 
 S = 0.1

@@ -12,7 +12,7 @@ from support import SEED
 
 import uq_handeye as uq
 from uq_handeye import InputError, InputWarning
-from uq_handeye.model.points.files.folder_writer import POINTS, SUMMARY
+from uq_handeye.model.points.result import POINTS, SUMMARY
 
 XYZ = np.array([[0.031, -0.028, 0.618], [0.129, -0.030, 0.625], [0.031, -0.128, 0.618], [0.129, -0.131, 0.625]])
 ROWS, NAMES = [0, 0, 1, 1], ["A", "B", "A", "B"]

@@ -365,7 +365,7 @@ def _write_result(result: "Calibration", verdict: "Verdict | None", directory: P
     files |= {name: exported(result, format) for format, name in EXPORTS.items()}
     seen = getattr(result.data, "camera_calibration", None)
     if seen is not None:  # the intrinsics, with the poses and corners that belong to them
-        from ..model.camera.files.folder_writer import camera_files
+        from ..model.camera.result import camera_files
 
         files |= camera_files(seen)
     if result.table is not None:

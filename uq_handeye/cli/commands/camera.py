@@ -55,7 +55,7 @@ def camera_command(
             raise InputError(
                 f"{', '.join(board.given)}: for pictures, but {files[0]} is a table of corners. Remove it."
             )
-        from ...model.camera.files.corner_file import read_corners
+        from ...model.camera.corners import read_corners
 
         size = None if image_size is None else read_two_numbers(image_size, "--image-size", "1920x1080")
         with timed(f"reading {files[0]}"):
@@ -70,7 +70,7 @@ def camera_command(
         with timed("looking for the board"):
             corners = detect_board(files, board.read(), progress=progress_wanted())
     found = lens.calibrate(corners, size, board.shape())
-    from ...model.camera.files.folder_writer import to_dict
+    from ...model.camera.result import to_dict
 
     deliver_camera_poses(found, to_dict, output, as_json, "camera/")
 
@@ -117,8 +117,8 @@ def points_command(
         the other commands.
     """
     from ...model.points.estimate import poses_from_points
-    from ...model.points.files.folder_writer import to_dict
     from ...model.points.files.point_file import read_points, read_target
+    from ...model.points.result import to_dict
 
     if target is None and target_units is not None:
         raise InputError("--target-units needs --target. Give the file of the target, or remove the option.")

@@ -27,14 +27,17 @@ from .adjustment.model_choice import CANDIDATES, USUAL, Known, Lens, search
 from .adjustment.outliers import picture_weights, spoilt, without_outliers
 from .board_shape import BoardShape, polynomial_shape, possible_shapes
 from .corners import Corners, without_pictures
-from .measured_board import measured_board
 from .models import LINEAR, MODELS, rays
 from .residual_pattern import BoardPattern, Pattern, board_pattern_of, pattern_of
-from .result import SMALL, UNCERTAIN, CameraCalibration
+from .result import CameraCalibration
 
 # Pictures that must remain where others are left out as a whole.
 FEWEST_PICTURES = 3
 FEWEST_POINTS = 5  # of a board: the four of a single tag do not calibrate a camera
+# A focal length less certain than this share of it is warned of.
+UNCERTAIN = 0.01
+# Estimates of coefficients within so many standard deviations of 0 are not told apart from it.
+SMALL = 2.0
 TELLING = 0.001  # pixels that corners are moved by without a word
 # Squares wider than high by this share, and by so many standard deviations, are warned of.
 STRETCHED, CERTAIN = 5e-4, 3.0
@@ -198,7 +201,7 @@ def _findings(
     elif board_pattern.found:  # a wrong model makes such a pattern, too
         values = {"share": board_pattern.share, "shape": bundle.shape.name}
         found.append(Finding("camera.board_pattern", "caution", values))
-    stretch, sd = measured_board(bundle).stretch
+    stretch, sd = bundle.board.stretch
     if abs(stretch) > max(STRETCHED, CERTAIN * sd):
         found.append(Finding("camera.squares_stretched", "caution", {"stretch": stretch, "std": sd}))
     return found

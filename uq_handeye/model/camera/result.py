@@ -1,151 +1,47 @@
-"""Result of `calibrate_camera`."""
+"""Result of `calibrate_camera`, and the folder of files that it writes."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from functools import cached_property
+import io
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ...core.files.open import StrPath
-from ...core.geometry.se3 import Array, skew
+from ...core.files.atomic import json_text, write_files
+from ...core.files.open import StrPath, as_path
+from ...core.files.records import attributes
+from ...core.geometry.conventions import TOOLKIT
 from ...core.presentation.document import to_text
 from ...core.presentation.notebook import to_html
-from ...errors import InputError
-from ...findings import Finding, texts
-from ..noise.joint_covariance import JointCovariance
-from .adjustment.bundle import Bundle, response_ahead
-from .adjustment.model_choice import Candidate
-from .corners import Corners, without_pictures
-from .measured_board import MeasuredBoard, measured_board
+from ...formats.csv_poses import pose_text
+from .calibrated import Calibrated
+from .corners import corners_text
+from .files.board_file import board_text
+from .files.intrinsics_file import FORMAT, opencv_text
 from .report.text import camera_document
-from .residual_pattern import BoardPattern, Pattern
 
-# A focal length less certain than this share of it is warned of.
-UNCERTAIN = 0.01
-
-
-# Estimates of coefficients within so many standard deviations of 0 are not told apart from it.
-SMALL = 2.0
+POSES, COVARIANCE, INTRINSICS, CORNERS = "camera.csv", "camera_covariance.npz", "intrinsics.json", "corners.csv"
+BOARD = "board.csv"
+# What a report may come with: `report.camera_figures`.
+FURTHER = {
+    "report.html",
+    *(
+        f"{stem}.{kind}"
+        for stem in ("pattern", "residuals", "pictures", "certainty", "boards", "board", "board_residuals")
+        for kind in ("png", "svg")
+    ),
+}
+CONVENTION = (
+    f"camera_T_target of row k; covariance of all errors = blkdiag(own) + F F^T with F = shared reshaped to (6n, q); "
+    f"{TOOLKIT}; m and rad"
+)
 
 
 @dataclass(frozen=True, eq=False)
-class CameraCalibration:
+class CameraCalibration(Calibrated):
     """A calibrated camera, the poses it saw the board at, and how well all of that is known; see `calibrate_camera`."""
-
-    bundle: Bundle
-    corners: Corners
-    image_size: tuple[int, int]
-    candidates: tuple[Candidate, ...]  # models that were compared; empty if the model was given
-    pattern: Pattern  # residuals over the picture
-    board_pattern: BoardPattern  # residuals over the board
-    findings: tuple[Finding, ...]  # what to know before trusting it
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """The findings that are more than a note, in words."""
-        return texts(self.findings)
-
-    @property
-    def model(self) -> str:
-        """``pinhole``, ``brown`` or ``fisheye``."""
-        return self.bundle.model.name
-
-    @cached_property
-    def intrinsics(self) -> dict[str, float]:
-        """Parameters by name: pixels, coefficients without unit."""
-        return dict(zip(self.bundle.model.names, map(float, self.bundle.intrinsics), strict=True))
-
-    @cached_property
-    def std(self) -> dict[str, float]:
-        """Their standard deviations; 0 where they were not estimated."""
-        deviations = np.sqrt(np.diag(self.bundle.intrinsics_covariance))
-        return dict(zip(self.bundle.model.names, map(float, deviations), strict=True))
-
-    @property
-    def estimated(self) -> tuple[str, ...]:
-        """Names of the parameters that were estimated."""
-        return tuple(name for name, free in zip(self.bundle.model.names, self.bundle.free, strict=False) if free)
-
-    @property
-    def poses(self) -> Array:
-        """(n, 4, 4) camera_T_target."""
-        return self.bundle.poses
-
-    @property
-    def shape(self) -> str:
-        """Name of the shape of the board: ``flat``, ``bow2``, ..., or ``measured`` (before)."""
-        return self.bundle.shape.name
-
-    @cached_property
-    def board(self) -> MeasuredBoard:
-        """The points of the board as measured with their covariance, its bow, and how its squares are stretched."""
-        return measured_board(self.bundle)
-
-    @property
-    def board_points(self) -> Array:
-        """(u, 3) points of the board as measured, in its frame, m; their covariance is that of ``board.factor``."""
-        return self.board.points
-
-    @property
-    def rows(self) -> NDArray[np.intp]:
-        """(n,) rows of the robot poses that these belong to."""
-        return self.corners.rows
-
-    @cached_property
-    def covariance(self) -> JointCovariance:
-        """Joint covariance of the errors (theta, tau) of all poses: left rotation, additive translation, in the camera
-        frame.
-        """
-        free = self.bundle.free
-        factor = np.linalg.cholesky(self.bundle.covariance[np.ix_(free, free)])
-        return JointCovariance(self.bundle.own, self.bundle.by_parameters[..., free] @ factor)
-
-    @property
-    def per_pixel(self) -> JointCovariance:
-        """Covariance of the poses, per pixel^2, for errors that are as large in all pictures, whatever their weights.
-
-        Of each pose by itself ``(B_i^T B_i)^-1``; of the intrinsics ``sum w_i^2 / sum w_i`` times that of the noise,
-        as if all pictures told as much of them.
-        """
-        w, s = self.bundle.weights, self.bundle.pixel_noise
-        found = self.covariance
-        own = found.own * (w / s**2)[:, None, None]
-        return JointCovariance(own, found.shared * float(np.sqrt(np.sum(w**2) / np.sum(w)) / s), found.names)
-
-    @property
-    def by_shift(self) -> Array:
-        """(n, 6, 2) errors (theta, tau) of the poses where all corners of a picture are shifted, per pixel.
-
-        To first order a shift turns the pose about the centre of the camera: ``tau = theta x t``.
-        """
-        found = np.zeros((len(self.poses), 6, 2))
-        found[:, 0, 1] = found[:, 1, 0] = 1.0 / self.intrinsics["fx"]
-        found[:, 3:] = -skew(self.poses[:, :3, 3]) @ found[:, :3]
-        return found
-
-    def shared_ahead(self, poses: Array, shared: Array) -> Array:
-        """(m, 6, q) what errors ``shared`` (n, 6, q) of the poses so far do to ``poses`` (m, 4, 4) yet to be seen.
-
-        They are errors of the parameters that the camera is used with: ``shared_i = G_i T`` gives T, ``G T`` theirs.
-
-        Raises
-        ------
-        InputError
-            Errors of something else.
-        """
-        bundle = self.bundle
-        G = bundle.by_parameters[..., bundle.free].reshape(-1, int(bundle.free.sum()))
-        flat = shared.reshape(len(G), -1)
-        size = np.linalg.norm(G, axis=0)
-        T = np.linalg.lstsq(G / size, flat)[0] / size[:, None]
-        if not np.linalg.norm(flat - G @ T) <= 1e-3 * np.linalg.norm(flat):
-            raise InputError("Expected the errors that the camera poses share to be those of the camera's calibration.")
-        points, _ = self.corners.on_board
-        return np.asarray(response_ahead(bundle, points, poses)[..., bundle.free] @ T)
 
     def summary(self) -> str:
         """Model, intrinsics with their standard deviations, pixel noise, corners that were left out, warnings:
@@ -164,46 +60,90 @@ class CameraCalibration:
         return save_figure(self, path, name)
 
     def write(self, folder: StrPath) -> Path:
-        """Everything as files in a folder, all or none, which `read_camera` and `read_poses` take; see `folder`."""
-        from .files.folder_writer import write_camera
+        """Everything as files in a folder, all or none, which `read_camera` and `read_poses` take."""
         from .report.page import report_files
 
-        return write_camera(self, folder, report_files(self))
+        files = {**camera_files(self), **report_files(self)}
+        write_files(folder, files)
+        path = as_path(folder)
+        for name in FURTHER - set(files):  # those of an earlier run are not of this camera
+            (path / name).unlink(missing_ok=True)
+        return path
 
-    def select(self, index: NDArray[Any]) -> CameraCalibration:
-        """Select pictures by their numbers or a mask: the same camera, nothing is estimated again."""
-        numbers = np.arange(self.corners.n)[index]
-        kept = np.isin(self.corners.picture, numbers)
-        if (np.diff(numbers) <= 0).any():
-            raise InputError("Expected pictures in ascending order, each once.")
-        corners, bundle = self.corners, self.bundle
-        return replace(
-            self,
-            # How many pictures there were is no longer known.
-            corners=replace(
-                without_pictures(corners, ~np.isin(np.arange(corners.n), numbers)), missing=(), image_size=None
-            ),
-            bundle=replace(
-                bundle,
-                poses=bundle.poses[numbers],
-                residuals=bundle.residuals[kept],
-                used=bundle.used[kept],
-                own=bundle.own[numbers],
-                by_parameters=bundle.by_parameters[numbers],
-                weights=bundle.weights[numbers],
-            ),
-        )
 
-    @property
-    def pixel_noise(self) -> float:
-        """Estimated standard deviation of a corner, per coordinate, in pixels."""
-        return self.bundle.pixel_noise
+def bundle_arrays(cam: Calibrated) -> dict[str, Any]:
+    """Parts of the joint covariance of the poses, by name."""
+    bundle = cam.bundle
+    return {
+        "own": bundle.own,
+        "by_parameters": bundle.by_parameters,
+        "parameters": bundle.parameters,
+        "covariance": bundle.covariance,
+        "weights": bundle.weights,
+        **{f"board_{name}": getattr(bundle.shape, name) for name in ("points", "offset", "fields", "sd")},
+    }
 
-    @property
-    def outliers(self) -> list[tuple[str, int, float]]:
-        """Corners that were left out: picture, number of the corner within it, distance in pixels."""
-        distance = np.linalg.norm(self.bundle.residuals, axis=1)
-        return [
-            (self.corners.names[self.corners.picture[j]], int(self.corners.place[j]), float(distance[j]))
-            for j in np.flatnonzero(~self.bundle.used)
-        ]
+
+def camera_files(cam: Calibrated) -> dict[str, str | bytes]:
+    """The files of `write_camera` that are data, by name."""
+    buffer = io.BytesIO()
+    arrays: dict[str, Any] = {
+        "shared": cam.covariance.shared,
+        "rows": cam.rows.astype(np.int64),
+        "poses": cam.poses,
+        "convention": CONVENTION,
+        **bundle_arrays(cam),
+    }
+    np.savez(buffer, **arrays)
+    return {
+        POSES: pose_text(cam.poses, cam.rows),
+        COVARIANCE: buffer.getvalue(),
+        INTRINSICS: json_text(to_dict(cam)),
+        "intrinsics.yaml": opencv_text(cam),
+        CORNERS: corners_text(cam.corners, cam.bundle.used),
+        BOARD: board_text(cam.board, cam.corners.board),
+    }
+
+
+def to_dict(cam: Calibrated) -> dict[str, Any]:
+    """All but poses and corners as plain numbers and text."""
+    return {
+        "format": FORMAT,
+        **attributes(
+            cam,
+            "model image_size parameters=intrinsics std estimated names=bundle.model.names "
+            "covariance=bundle.intrinsics_covariance",
+        ),
+        "board": board_dict(cam),
+        "prior": None if cam.bundle.prior is None else attributes(cam.bundle.prior, "mean covariance"),
+        "units": "pixels; coefficients without unit",
+        "convention": "centre of the first pixel at (0, 0); models and order of the coefficients as in OpenCV",
+        **attributes(
+            cam,
+            "pixel_noise=bundle.pixel_noise pictures=corners.n pictures_without_board=corners.missing "
+            "corners=corners.m",
+        ),
+        "outliers": [dict(zip(("picture", "corner", "distance"), one, strict=True)) for one in cam.outliers],
+        "pattern": attributes(cam.pattern, "p_value share found"),
+        "board_pattern": attributes(cam.board_pattern, "p_value share found"),
+        "candidates": [attributes(one, "model coefficients board=shape bic rms") for one in cam.candidates],
+        **attributes(cam, "converged=bundle.converged iterations=bundle.iterations findings warnings"),
+    }
+
+
+def board_dict(cam: Calibrated) -> dict[str, Any]:
+    """The shape of the board in numbers; lengths in m."""
+    shape, board = cam.bundle.shape, cam.board
+    (bow, bow_std), (stretch, stretch_std) = board.bow, board.stretch
+    return {
+        "shape": shape.name,
+        "names": list(shape.names),
+        "coefficients": cam.bundle.bend.tolist(),
+        "printed": cam.corners.board,
+        "size": board.size,
+        "bow": bow,
+        "bow_std": bow_std,
+        "in_plane_rms": board.in_plane,
+        "stretch": stretch,
+        "stretch_std": stretch_std,
+    }

@@ -13,9 +13,20 @@ from ...errors import InputError, NotConvergedError
 from ...findings import Finding, warn
 from ..noise.joint_covariance import JointCovariance
 from .checks import MOST_ROUNDS, distances, limit_of, next_used, noise_finding, require_scale, target_findings
-from .least_squares import Fit, Sight, fit, refitted, robust_variances, split_squares, with_model
+from .least_squares import (
+    Fit,
+    GivenNoise,
+    NoiseModel,
+    Sight,
+    fit,
+    given_noise,
+    refitted,
+    robust_variances,
+    sight_lines,
+    split_squares,
+    with_model,
+)
 from .measured import PointSet, Target, consensus, placed, sums, unknown_shape
-from .model import GivenNoise, NoiseModel, given_noise, sight_lines
 from .result import PointPoses, shape_names
 
 PAGE = "docs/how-to/points.md"
@@ -38,8 +49,8 @@ def poses_from_points(points: Any, target: Any = None, noise: Any = None) -> Poi
     """Poses ``camera_T_target`` and their joint covariance, from the points of a target measured in 3-D.
 
     Model: ``y_ij = R_i p_j + t_i + e_ij``, e_ij Gaussian with one standard deviation across the line of sight (lateral)
-    and another along it (axial); see `points.model`. Least squares with outlier rejection; variances by restricted
-    maximum likelihood (REML); the covariance to first order in the noise.
+    and another along it (axial); see `points.least_squares`. Least squares with outlier rejection; variances by
+    restricted maximum likelihood (REML); the covariance to first order in the noise.
 
     Parameters
     ----------

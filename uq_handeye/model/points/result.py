@@ -1,27 +1,38 @@
-"""Result of `poses_from_points`."""
+"""Result of `poses_from_points`, and the folder of files that it writes."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from functools import cached_property
+import io
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ...core.files.open import StrPath
-from ...core.geometry.se3 import Array
+from ...core.files.atomic import json_text, write_files
+from ...core.files.lines import csv_text
+from ...core.files.open import StrPath, as_path
+from ...core.geometry.conventions import TOOLKIT
 from ...core.presentation.document import to_text
 from ...core.presentation.notebook import to_html
-from ...core.runtime.read_only import ReadOnlyArrays
-from ...errors import InputError
-from ...findings import Finding, texts
+from ...formats.csv_poses import pose_text
 from ..noise.camera_noise import TARGET_SHAPE
-from ..noise.joint_covariance import JointCovariance
-from .measured import PointSet, Target, placed
-from .model import NoiseModel, sight_lines
+from .posed import Posed
 from .text import points_document
+
+FORMAT = "uq-handeye points 1"
+POSES, COVARIANCE, SUMMARY, POINTS, TARGET = (
+    "camera.csv",
+    "points_covariance.npz",
+    "points.json",
+    "points.csv",
+    "target.csv",
+)
+FIGURE = "residuals.png"
+CONVENTION = (
+    "camera_T_target of row k; covariance of all errors = blkdiag(own) + F F^T with F = shared reshaped to (6n, q); "
+    f"{TOOLKIT}; m and rad"
+)
 
 
 def shape_names(q: int) -> tuple[str, ...]:
@@ -30,92 +41,8 @@ def shape_names(q: int) -> tuple[str, ...]:
 
 
 @dataclass(frozen=True, eq=False)
-class PointPoses(ReadOnlyArrays):
+class PointPoses(Posed):
     """Poses of a target that was measured in 3-D, and how well they are known; see `poses_from_points`."""
-
-    poses: Array  # (n, 4, 4) camera_T_target
-    rows: NDArray[np.int64]  # (n,) numbers of these poses: rows of the robot poses
-    covariance: JointCovariance  # of the errors (theta, tau) of all poses, camera frame: left rotation, additive
-    target: Target  # as given, or as estimated
-    target_factor: Array  # (m, 3, q) F: F F^T, with F as (3m, q), is the covariance of an estimated target, m^2
-    target_known: bool
-    model: NoiseModel
-    sd: Array  # (2,) standard deviations of a point: lateral, axial, m; at ``model.distance`` if they grow
-    dof: Array  # (2,) degrees of freedom that they were estimated with
-    noise_given: bool
-    points: PointSet  # all measured points
-    residuals: Array  # (k, 3) measured minus predicted, camera frame, m; NaN where a point could not be used
-    used: NDArray[np.bool_]  # (k,)
-    refused: tuple[tuple[int, str], ...]  # poses without a result, with the reason
-    findings: tuple[Finding, ...]
-
-    @property
-    def n(self) -> int:
-        """Number of poses."""
-        return len(self.poses)
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """The findings that are more than a note, in words."""
-        return texts(self.findings)
-
-    @property
-    def sigma_lateral(self) -> float:
-        """Standard deviation of a point across the line of sight, per axis, m."""
-        return float(self.sd[0])
-
-    @property
-    def sigma_axial(self) -> float:
-        """Standard deviation of a point along the line of sight, m."""
-        return float(self.sd[1])
-
-    @cached_property
-    def predicted(self) -> Array:
-        """(k, 3) points as poses and target predict them, camera frame, m; NaN where there is no pose."""
-        pose = np.clip(np.searchsorted(self.rows, self.points.row), 0, self.n - 1)
-        point = self.target.find(self.points.point)
-        known = (self.rows[pose] == self.points.row) & (point >= 0)
-        return np.where(known[:, None], placed(self.poses, self.target.xyz[np.maximum(point, 0)], pose), np.nan)
-
-    @property
-    def predicted_residuals(self) -> Array:
-        """(k, 3) residuals computed again from points, poses and target."""
-        return np.asarray(self.points.xyz - self.predicted)
-
-    @cached_property
-    def split_residuals(self) -> tuple[Array, Array, Array]:
-        """(k, 2) residuals across the line of sight, (k,) along it, and (k,) distances, m; NaN as in ``residuals``."""
-        at = self.predicted
-        u = sight_lines(np.where(np.isnan(at), [0.0, 0.0, 1.0], at))
-        x = np.cross([0.0, 1.0, 0.0], u)
-        x /= np.maximum(np.linalg.norm(x, axis=-1, keepdims=True), 1e-300)
-        across = np.stack([np.sum(self.residuals * e, axis=-1) for e in (x, np.cross(u, x))], axis=-1)
-        return across, np.sum(self.residuals * u, axis=-1), np.linalg.norm(at, axis=-1)
-
-    @property
-    def outliers(self) -> list[tuple[int, str, float]]:
-        """Points that were left out of a pose: number of the pose, name of the point, distance in m; farthest first."""
-        distance = np.linalg.norm(self.residuals, axis=-1)
-        out = np.flatnonzero(~self.used & np.isfinite(distance))
-        out = out[np.argsort(-distance[out], kind="stable")]
-        return [(int(self.points.row[k]), str(self.points.point[k]), float(distance[k])) for k in out]
-
-    def select(self, index: NDArray[Any]) -> PointPoses:
-        """Select poses by their numbers or a mask; nothing is estimated again."""
-        numbers = np.arange(self.n)[index]
-        if (np.diff(numbers) <= 0).any():
-            raise InputError("Expected poses in ascending order, each once.")
-        rows = self.rows[numbers]
-        kept = np.isin(self.points.row, rows)
-        return replace(
-            self,
-            poses=self.poses[numbers],
-            rows=rows,
-            covariance=self.covariance.rows(numbers),
-            points=self.points.where(kept),
-            residuals=self.residuals[kept],
-            used=self.used[kept],
-        )
 
     def summary(self) -> str:
         """Noise, poses, target, points that were left out, warnings: as text."""
@@ -130,12 +57,77 @@ class PointPoses(ReadOnlyArrays):
 
     def write(self, folder: StrPath) -> Path:
         """Everything as files in a folder, all or none, which `read_point_poses` and `read_poses` take."""
-        from .files.folder_writer import write_point_poses
+        from .figure import render, residual_figure
 
-        return write_point_poses(self, folder)
+        write_files(folder, {**point_pose_files(self), FIGURE: render(residual_figure(self), "png")})
+        return as_path(folder)
 
     def figure(self, path: StrPath) -> Path:
         """Write the residuals along and across the line of sight as ``.png`` or ``.svg``."""
         from .figure import save_figure
 
         return save_figure(self, path)
+
+
+def point_pose_files(found: Posed) -> dict[str, str | bytes]:
+    """The files of `write_point_poses`, by name, without the figure."""
+    buffer = io.BytesIO()
+    np.savez(
+        buffer,
+        own=found.covariance.own,
+        shared=found.covariance.shared,
+        rows=found.rows,
+        poses=found.poses,
+        target=found.target.xyz,
+        target_factor=found.target_factor,
+        residuals=found.residuals,
+        convention=np.array(CONVENTION),
+    )
+    return {
+        POSES: pose_text(found.poses, found.rows),
+        COVARIANCE: buffer.getvalue(),
+        SUMMARY: json_text(to_dict(found)),
+        POINTS: _rows(
+            ["pose", "point", "x", "y", "z", "used"],
+            found.points.row.tolist(),
+            found.points.point.tolist(),
+            *found.points.xyz.T.tolist(),
+            found.used.astype(int).tolist(),
+        ),
+        TARGET: _rows(
+            ["point", "x", "y", "z", *(() if found.target_known else ("sd_x", "sd_y", "sd_z"))],
+            found.target.names.tolist(),
+            *found.target.xyz.T.tolist(),
+            *([] if found.target_known else np.sqrt((found.target_factor**2).sum(axis=-1)).T.tolist()),
+        ),
+    }
+
+
+def to_dict(found: Posed) -> dict[str, Any]:
+    """All but the points and poses as plain numbers and text."""
+    return {
+        "format": FORMAT,
+        "poses": found.n,
+        "points": int(found.used.sum()),
+        "noise": {
+            "lateral": float(found.sd[0]),
+            "axial": float(found.sd[1]),
+            "unit": "m",
+            "degrees_of_freedom": found.dof.tolist(),
+            "given": found.noise_given,
+            "isotropic": found.model.isotropic,
+            "growing": found.model.growing,
+            "distance": found.model.distance,
+        },
+        "target": {"known": found.target_known, "points": len(found.target.names)},
+        "covariance": np.asarray(found.covariance.blocks).tolist(),
+        "convention": CONVENTION,
+        "outliers": [{"pose": pose, "point": point, "distance": distance} for pose, point, distance in found.outliers],
+        "refused": [{"pose": pose, "why": why} for pose, why in found.refused],
+        "findings": [finding.to_dict() for finding in found.findings],
+        "warnings": list(found.warnings),
+    }
+
+
+def _rows(header: list[str], *columns: list[Any]) -> str:
+    return csv_text([header, *zip(*columns, strict=True)])

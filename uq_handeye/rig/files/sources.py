@@ -89,7 +89,7 @@ def rows_of_corners(path: Path, intrinsics: Any, folder: Path, units: str | None
     from ...model.camera.adjustment.bundle import Sight, adjust
     from ...model.camera.adjustment.initial_guess import better_start, poses_of
     from ...model.camera.board_shape import flat_shape
-    from ...model.camera.files.corner_file import read_corners
+    from ...model.camera.corners import read_corners
     from ...model.camera.models import rays
 
     corners = read_corners(path, units or "m")

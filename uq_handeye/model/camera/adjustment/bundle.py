@@ -24,6 +24,7 @@ number of corners.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -32,7 +33,7 @@ from numpy.typing import NDArray
 from ....core.geometry.se3 import Array, perturb
 from ....core.runtime.read_only import ReadOnlyArrays
 from ....errors import InputError
-from ..board_shape import BoardShape, flat_shape
+from ..board_shape import BoardShape, MeasuredBoard, flat_shape
 from ..corners import Corners
 from ..models import CameraModel, Projected
 from .variable_projection import Minimum, minimised
@@ -102,6 +103,11 @@ class Bundle(ReadOnlyArrays):
         """(q, q)"""
         k = len(self.model.names)
         return self.covariance[k:, k:]
+
+    @cached_property
+    def board(self) -> MeasuredBoard:
+        """The board as measured."""
+        return self.shape.measured(self.bend, self.bend_covariance)
 
     @property
     def picture_noise(self) -> Array:

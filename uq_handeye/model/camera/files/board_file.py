@@ -30,9 +30,8 @@ from ....core.formatting.units import LENGTH_UNITS
 from ....core.geometry.se3 import Array
 from ....errors import InputError
 from ....formats.csv_poses import meaning_and_unit
-from ..board_shape import MEASURED, BoardShape
+from ..board_shape import MEASURED, BoardShape, MeasuredBoard
 from ..boards.description import Board
-from ..measured_board import MeasuredBoard
 
 MAX_BOARD_BYTES = 20_000_000
 HEADER = "x,y,z"

@@ -32,12 +32,10 @@ from ..adjustment.bundle import Bundle, Prior, Sight
 from ..adjustment.model_choice import Candidate
 from ..board_shape import FLAT, BoardShape, flat_shape
 from ..calibrated import Calibrated
-from ..corners import Corners
+from ..corners import Corners, corners_and_used
 from ..models import MODELS
 from ..residual_pattern import board_pattern_of, pattern_of
-from ..result import CameraCalibration
-from .corner_file import corners_and_used
-from .folder_writer import CORNERS, COVARIANCE, INTRINSICS, POSES, bundle_arrays, to_dict
+from ..result import CORNERS, COVARIANCE, INTRINSICS, POSES, CameraCalibration, bundle_arrays, to_dict
 from .intrinsics_file import FORMAT
 
 # Poses of camera.csv, whose quaternions are rounded, are those of the archive within this.
@@ -141,7 +139,7 @@ def _candidate(one: dict[str, Any], name: str) -> Candidate:
 def calibration_from_parts(
     tree: Any, corners: Corners, used: Any, arrays: dict[str, Any], name: str
 ) -> CameraCalibration:
-    """The calibration of what `folder_writer.to_dict` and `bundle_arrays` wrote, its corners and which were used.
+    """The calibration of what `to_dict` and `bundle_arrays` wrote, its corners and which were used.
 
     Raises
     ------

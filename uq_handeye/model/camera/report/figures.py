@@ -55,10 +55,9 @@ from ....core.presentation.figure_parts import (
     round_number,
 )
 from ....errors import InputError
-from ..calibrated import Calibrated
+from ..calibrated import Calibrated, certainty, picture_rms, seen_points
 from ..models import rays
 from ..residual_pattern import LARGE, BoardPattern, flat_pattern
-from ..what_was_seen import certainty, picture_rms, seen_points
 from .residual_figures import MANY, by_picture_figure, over_picture_figure, pattern_figure, picture_canvas
 from .text import board_pattern_words, board_words, boards_words, coverage_words, noise_words, pattern_words
 

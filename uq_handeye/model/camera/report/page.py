@@ -16,9 +16,8 @@ from ....core.presentation.document import Block, Code, Drawing, Paragraph, Poin
 from ....core.presentation.ellipses import render
 from ....core.presentation.figure_parts import Picture
 from ....core.presentation.page import Page, drawing
-from ..calibrated import Calibrated
-from ..files.snippets import PIXELS, camera_snippets
-from ..what_was_seen import distances, picture_rms, tilts
+from ..calibrated import Calibrated, distances, picture_rms, tilts
+from ..files.intrinsics_file import PIXELS, camera_snippets
 from .figures import camera_pictures
 from .text import (
     answer,

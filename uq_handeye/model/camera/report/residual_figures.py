@@ -35,9 +35,8 @@ from ....core.presentation.figure_parts import (
     plain_numbers,
     round_number,
 )
-from ..calibrated import Calibrated
+from ..calibrated import Calibrated, cells_that_matter, picture_rms, radial_means
 from ..residual_pattern import CELLS, LARGE
-from ..what_was_seen import cells_that_matter, picture_rms, radial_means
 from .text import outlier_names, pattern_words
 
 # More arrows are drawn as an image: a drawing of each would make a large file.

@@ -7,10 +7,9 @@ import numpy as np
 from ....core.formatting.numbers import concise, fixed, probability
 from ....core.presentation.document import Block, Caution, Document, Heading, Paragraph, Table
 from ..adjustment.model_choice import best
-from ..calibrated import Calibrated
+from ..calibrated import Calibrated, covered, distances, tilts
 from ..models import LINEAR
 from ..residual_pattern import CELLS, RARE
-from ..what_was_seen import covered, distances, tilts
 
 # Corners left out that the text lists, the farthest first; the files list them all.
 MOST_LISTED = 12

@@ -18,9 +18,8 @@ from ....findings import Finding
 from ....formats.csv_poses import read_pose_file
 from ....formats.numpy_poses import MAX_BYTES, unpacked
 from ...noise.joint_covariance import JointCovariance
-from ..model import NoiseModel
-from ..result import PointPoses, shape_names
-from .folder_writer import COVARIANCE, FORMAT, POINTS, POSES, SUMMARY, TARGET
+from ..least_squares import NoiseModel
+from ..result import COVARIANCE, FORMAT, POINTS, POSES, SUMMARY, TARGET, PointPoses, shape_names
 from .point_file import read_points, read_target
 
 # Poses of camera.csv, whose quaternions are rounded, and residuals are those of the archive within this.
