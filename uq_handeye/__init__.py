@@ -51,10 +51,9 @@ if _typing.TYPE_CHECKING:
     from .model.kinematics.errors import ErrorParameter
     from .model.kinematics.joints_file import read_joints
     from .model.kinematics.kinematic_errors import KinematicErrors
-    from .model.noise.camera_noise import CameraNoise
     from .model.noise.estimate import NoiseEstimate, NoisePrior
     from .model.noise.joint_covariance import JointCovariance
-    from .model.noise.models import PairNoise, PoseNoise
+    from .model.noise.models import CameraNoise, PairNoise, PoseNoise
     from .model.noise.pose_prior import PosePrior, parse_known_values
     from .model.points.estimate import poses_from_points
     from .model.points.files.folder import read_point_poses
@@ -321,13 +320,13 @@ _LATER = {
     "use.maintenance.log": ("CheckSeries", "log_check", "read_checks"),
     "use.maintenance.difference": ("Difference", "difference"),
     "use.maintenance.update": ("include_touches", "update"),
-    "model.noise.camera_noise": ("CameraNoise",),
     "model.noise.estimate": (
         "NoiseEstimate",
         "NoisePrior",
     ),
     "model.noise.joint_covariance": ("JointCovariance",),
     "model.noise.models": (
+        "CameraNoise",
         "PairNoise",
         "PoseNoise",
     ),

@@ -23,9 +23,8 @@ from ..fit.likelihood.gauss_helmert import ESTIMATORS
 from ..fit.one_model.component import Component
 from ..model.kinematics.chain import Kinematics
 from ..model.kinematics.kinematic_errors import KinematicErrors
-from ..model.noise.camera_noise import CameraNoise
 from ..model.noise.estimate import NoisePrior
-from ..model.noise.models import Noise
+from ..model.noise.models import CameraNoise, Noise
 from ..model.poses.motions import Motions, relative_motions
 from ..model.poses.pose_pairs import PosePairs, Selection, pairs_of, ranges, select_poses
 from ..model.shared_errors.shared_error import SharedError

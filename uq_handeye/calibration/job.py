@@ -29,10 +29,9 @@ from ..model.kinematics.kinematic_errors import (
     effects_of_errors,
     poses_with_errors,
 )
-from ..model.noise.camera_noise import CameraNoise
 from ..model.noise.estimate import NoisePrior
 from ..model.noise.joint_covariance import JointCovariance
-from ..model.noise.models import Noise, PairNoise, PoseNoise, require_count, with_prior
+from ..model.noise.models import CameraNoise, Noise, PairNoise, PoseNoise, require_count, with_prior
 from ..model.noise.pose_prior import PosePrior
 from ..model.poses.motions import Motions, relative_motions, spread_pairs
 from ..model.poses.pose_pairs import PosePairs

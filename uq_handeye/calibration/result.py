@@ -20,7 +20,7 @@ from ..core.presentation.document import COLUMNS, document_of, to_text
 from ..core.presentation.notebook import html_of
 from ..errors import InputError
 from ..fit.diagnostics.task_space import PointUncertainty
-from ..model.poses.to_dict import data_to_dict
+from ..model.poses.motions import data_to_dict
 from .estimate.estimated import distance_of
 from .estimate.fitted_kinematics import FittedKinematics
 from .prediction.corrected_urdf import CorrectedUrdf, write_corrected_urdf

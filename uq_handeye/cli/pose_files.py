@@ -13,9 +13,8 @@ from .options.common import CAMERA_FRAMES, PAIRINGS, ROBOT_FRAMES, SETUP_NAMES, 
 from .options.noise import EXACT, Given
 
 if TYPE_CHECKING:
-    from ..model.noise.camera_noise import CameraNoise
     from ..model.noise.estimate import NoisePrior
-    from ..model.noise.models import Noise, PoseNoise
+    from ..model.noise.models import CameraNoise, Noise, PoseNoise
     from ..model.poses.pose_pairs import PosePairs, Selection, Stream
     from ..model.shared_errors.shared_error import SharedError
     from ..read.synchronisation.result import Synchronised

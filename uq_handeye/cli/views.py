@@ -10,9 +10,8 @@ from .options.common import Options, made_of
 from .pictures import BoardOptions, KnownCamera, LensOptions, Pictures, read_length
 
 if TYPE_CHECKING:
-    from ..model.noise.camera_noise import CameraNoise
     from ..model.noise.estimate import NoisePrior
-    from ..model.noise.models import Noise, PoseNoise
+    from ..model.noise.models import CameraNoise, Noise, PoseNoise
     from ..model.poses.pose_pairs import PosePairs
 
 # Names of `shared_errors.camera_noise`, repeated here so that help and completion load quickly.

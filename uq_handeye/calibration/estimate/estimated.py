@@ -36,10 +36,9 @@ from ...methods.procrustes.sensitivity import pose_from_octonion_jacobian
 from ...methods.procrustes.so4_covariances import PAPER_SCALE
 from ...model.noise.estimate import FoundComponent, NoiseEstimate
 from ...model.noise.models import Noise
-from ...model.poses.motions import Motions, Residuals
+from ...model.poses.motions import Motions, Residuals, sha256_of
 from ...model.poses.pose_pairs import PosePairs
 from ...model.poses.timing import TimeOffset
-from ...model.poses.to_dict import sha256_of
 from ...model.posterior.posterior import Posterior
 from .analysis import Analysis, StoredAnalysis
 from .fitted_kinematics import FittedKinematics

@@ -33,9 +33,8 @@ from ...fit.likelihood.constraint import OnPoses, Unknowns
 from ...model.kinematics.errors import GROUPS
 from ...model.kinematics.kinematic_errors import EXACT, JOINT_NOISE, effects_of_errors, frame_name
 from ...model.kinematics.workspace_gauge import frame_columns
-from ...model.noise.camera_noise import INTRINSICS
 from ...model.noise.joint_covariance import JointCovariance, group_of
-from ...model.noise.models import PoseNoise
+from ...model.noise.models import INTRINSICS, PoseNoise
 from ...model.poses.motions import Motions
 from ...model.poses.pose_pairs import PosePairs
 from ...model.posterior.posterior import Posterior

@@ -5,9 +5,8 @@ from __future__ import annotations
 from ...core.formatting.numbers import digits
 from ...fit.likelihood.shared_estimates import SharedGroup, grouped
 from ...model.kinematics.kinematic_errors import DECLARED_AS
-from ...model.noise.camera_noise import INTRINSICS, TARGET_SHAPE
 from ...model.noise.joint_covariance import JointCovariance, group_of
-from ...model.noise.models import PoseNoise, is_joint
+from ...model.noise.models import INTRINSICS, TARGET_SHAPE, PoseNoise, is_joint
 from ...model.shared_errors.shared_error import CLOCK_OFFSET, FOCAL_LENGTH, TARGET_SCALE, VIEW
 from ...model.shared_errors.sizes import ROBOT_ACCURACY
 from ..estimate.estimated import Estimated

@@ -24,9 +24,8 @@ from scipy.special import ndtri, stdtrit
 from ...core.files.records import Record, attributes, parts_of
 from ...core.geometry.se3 import Array
 from ...errors import InputError
-from ...model.noise.camera_noise import INTRINSICS
 from ...model.noise.joint_covariance import JointCovariance, group_of
-from ...model.noise.models import Noise, PairNoise, is_joint, require_count
+from ...model.noise.models import INTRINSICS, Noise, PairNoise, is_joint, require_count
 from ...model.noise.square_roots import pulled, whiten
 from ...model.posterior.posterior import Posterior
 from ..likelihood.constraint import covariances_of

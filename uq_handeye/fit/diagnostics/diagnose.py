@@ -25,9 +25,8 @@ from scipy.special import chdtrc
 from ...core.geometry.principal_axes import principal_axes
 from ...core.geometry.se3 import Array, skew
 from ...errors import InputError
-from ...model.noise.camera_noise import INTRINSICS
 from ...model.noise.joint_covariance import JointCovariance
-from ...model.noise.models import Noise, PairNoise, is_joint
+from ...model.noise.models import INTRINSICS, Noise, PairNoise, is_joint
 from ...model.noise.square_roots import Factor, inverse_blocks, joint_residuals, pulled, whiten
 from ...model.poses.motions import Motions
 from ...model.poses.pose_pairs import PosePairs

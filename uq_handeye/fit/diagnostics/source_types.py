@@ -15,9 +15,8 @@ from dataclasses import replace
 import numpy as np
 
 from ...core.geometry.se3 import Array
-from ...model.noise.camera_noise import INTRINSICS, TARGET_SHAPE
 from ...model.noise.estimate import NoiseEstimate
-from ...model.noise.models import Noise
+from ...model.noise.models import INTRINSICS, TARGET_SHAPE, Noise
 from ...model.shared_errors.shared_error import CLOCK_OFFSET
 from .budget import EACH, SHARED, Budget
 

@@ -19,9 +19,8 @@ from ...errors import DegenerateMotionError
 from ...findings import GROSS, Finding, Severity
 from ...methods.procrustes.degeneracy import DEGENERATE, infinite_directions
 from ...model.noise.models import Noise, PairNoise, PoseNoise, is_joint, marginals
-from ...model.poses.motions import Motions, median, pose_residuals, rotation_angles
+from ...model.poses.motions import STEADY_VIEW, Motions, direction_spread, median, pose_residuals, rotation_angles
 from ...model.poses.pose_pairs import PosePairs
-from ...model.poses.view import STEADY_VIEW, direction_spread
 from .board_rotation import LARGE_ROTATION
 from .misread_files import EXACT, inverted_on_request, other_readings, scaled_reading
 from .remedies import OTHER_SETUP

@@ -19,9 +19,8 @@ from ...core.geometry.se3 import Array, inverse
 from ...errors import DegenerateMotionError
 from ...findings import Finding
 from ...methods.procrustes.limit import solve_limit
-from ...model.poses.motions import rotation_angles
+from ...model.poses.motions import STEADY_VIEW, direction_spread, rotation_angles
 from ...model.poses.pose_pairs import PosePairs
-from ...model.poses.view import STEADY_VIEW, direction_spread
 from .board_rotation import LARGE_ROTATION, consistency
 from .remedies import OTHER_SETUP
 

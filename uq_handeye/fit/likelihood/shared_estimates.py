@@ -30,9 +30,8 @@ from ...core.files.records import Record
 from ...core.formatting.units import small_unit
 from ...core.geometry.se3 import Array
 from ...errors import InputError
-from ...model.noise.camera_noise import INTRINSICS
 from ...model.noise.joint_covariance import JointCovariance, group_of
-from ...model.noise.models import Noise, PoseNoise
+from ...model.noise.models import INTRINSICS, Noise, PoseNoise
 from ...model.noise.square_roots import pulled, whiten
 from ...model.posterior.posterior import Posterior
 from ...model.shared_errors.shared_error import OF_LENGTHS, SharedError

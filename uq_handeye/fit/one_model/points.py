@@ -21,8 +21,8 @@ from scipy.linalg import solve_triangular
 from ...core.geometry.se3 import Array
 from ...core.runtime.read_only import ReadOnlyArrays
 from ...model.kinematics.kinematic_errors import JOINT_NOISE
-from ...model.noise.camera_noise import INTRINSICS
 from ...model.noise.joint_covariance import JointCovariance
+from ...model.noise.models import INTRINSICS
 from ...model.posterior.posterior import FreshNoise, Posterior, SizePoints
 from ...model.posterior.rows import factor_of
 from ...model.shared_errors.view import median_distance

@@ -5,11 +5,21 @@ of each motion or pose is Gaussian with zero mean and the covariance given, 6x6,
 camera. The frames are those of the quantity itself: for ``base_T_gripper`` the base, for
 ``camera_T_target`` the camera, for ``A`` the gripper, for ``B`` the camera.
 
-Noise models as plain numbers, and back.
+The noise of camera poses whose pixel noise is still to be found (`CameraNoise`): they come without corners, and their
+covariance has a known shape (`shared_errors.camera_noise`). With s the standard deviation of the pixels of the corners
+they were made from,
+
+    Sigma(s) = s^2 (blkdiag(own) + F_1 F_1^T) + F_0 F_0^T
+
+F_1 are errors of the intrinsics that come from the same pictures and grow with their noise, F_0 those of another
+calibration, which do not.
+
+Noise models as plain numbers, and back, and in words: standard deviations per axis, in deg and mm.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import Any, ClassVar
@@ -22,9 +32,10 @@ from ...core.formatting.numbers import digits
 from ...core.formatting.units import parse_deviations
 from ...core.geometry.checks import checked_covariance
 from ...core.geometry.se3 import Array
+from ...core.presentation.document import Block, Document, Paragraph, Table, document_of
 from ...core.presentation.notebook import html_of
+from ...core.runtime.read_only import ReadOnlyArrays
 from ...errors import InputError
-from .camera_noise import CameraNoise
 from .joint_covariance import JointCovariance
 from .pose_prior import PosePrior
 from .square_roots import weighted
@@ -33,6 +44,82 @@ Deviations = tuple[str | float, str | float]
 
 # Standard deviations of three axes that differ by less than this share are one number in words.
 _ALIKE = 0.01
+
+
+# The names of the shared columns, in the budget of X: of a camera, and of a target whose shape was estimated.
+INTRINSICS = "intrinsics"
+TARGET_SHAPE = "target shape"
+# Correlations from here on are worth a word.
+_CORRELATED = 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class CameraNoise(ReadOnlyArrays):
+    """Covariance of n camera poses, for a standard deviation of one pixel; `camera_noise` makes it.
+
+    It stands as ``noise`` of `calibrate`, or as ``camera`` of `PoseNoise`. Where ``pixel_sd`` is None, `calibrate`
+    estimates it from the residuals.
+    """
+
+    joint: JointCovariance  # for s = 1 pixel
+    scales: NDArray[np.bool_]  # (q,) the shared columns that grow with s: F_1; the others are F_0
+    pixel_sd: float | None = None  # s in pixels; None: to be estimated
+    square: float | None = None  # m, between neighbouring points of the board; None: they have no one distance
+    views: Mapping[str, Any] | None = None  # plain numbers of the board and the camera, of which it was made
+
+    def __post_init__(self) -> None:
+        if self.scales.shape != self.joint.shared.shape[-1:] or self.joint.own.ndim != 3:
+            raise InputError(f"Expected `scales` to be of the {self.joint.shared.shape[-1]} shared columns of one set.")
+        if self.pixel_sd is not None:
+            object.__setattr__(self, "pixel_sd", checked_pixels(self.pixel_sd))
+        super().__post_init__()
+
+    @property
+    def n(self) -> int:
+        """Number of poses."""
+        return self.joint.n
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape of the covariance, (6n, 6n)."""
+        return self.joint.shape
+
+    def covariance(self, pixel_sd: float | None = None) -> JointCovariance:
+        """Sigma(s); ``pixel_sd`` None is that which is known."""
+        s = self.pixel_sd if pixel_sd is None else pixel_sd
+        if s is None:
+            raise InputError(
+                "The pixel noise of this `camera_noise` is not known: `calibrate` estimates it; elsewhere give "
+                "camera_noise(..., pixel_sd=0.2), or take the `noise` of its result."
+            )
+        shared = self.joint.shared * np.where(self.scales, s, 1.0)
+        return replace(self.joint, own=s * s * self.joint.own, shared=shared)
+
+    def rows(self, index: NDArray[Any]) -> CameraNoise:
+        """Return the noise of some of the poses."""
+        return replace(self, joint=self.joint.rows(index))
+
+    def scaled(self) -> tuple[Array, Array]:
+        """``own`` (n, 6, 6) and F_1 (n, 6, q_1): the part that s^2 multiplies."""
+        return self.joint.own, self.joint.shared[..., self.scales]
+
+    def fixed(self) -> Array:
+        """F_0 (n, 6, q_0)."""
+        return np.asarray(self.joint.shared[..., ~self.scales])
+
+
+def checked_pixels(value: Any) -> float:
+    """A standard deviation in pixels, a number or text such as "0.2px"."""
+    text = value.strip().removesuffix("px") if isinstance(value, str) else value
+    try:
+        s = float("nan") if isinstance(text, bool) else float(text)
+    except (TypeError, ValueError):
+        s = float("nan")
+    if not 1e-6 <= s <= 100.0:
+        raise InputError(
+            f"Expected `pixel_sd` (--pixel-noise) to be a standard deviation in pixels such as 0.2, got {value!r}."
+        )
+    return s
 
 
 def _checked_joint(value: JointCovariance, name: str) -> JointCovariance:
@@ -281,3 +368,59 @@ def noise_from_dict(data: dict[str, Any]) -> Noise:
         return PairNoise(data["A"], data["B"], prior=prior)
     sides = (data[name] for name in ("robot", "camera"))
     return PoseNoise(*(JointCovariance.from_dict(S) if isinstance(S, dict) else S for S in sides), prior=prior)
+
+
+@document_of.register(PoseNoise)
+def pose_noise_document(noise: PoseNoise) -> Document:
+    """Return a table with a row per side, and what all poses share."""
+    return _document({"robot": noise.robot, "camera": noise.camera}, "pose", noise.prior is not None)
+
+
+@document_of.register(PairNoise)
+def pair_noise_document(noise: PairNoise) -> Document:
+    """Return a table with a row for A and one for B."""
+    return _document({"A": noise.A, "B": noise.B}, "motion", noise.prior is not None)
+
+
+def _document(sides: dict[str, Any], item: str, prior: bool) -> Document:
+    rows = [[name, *size_words(side), _extent(side, item)] for name, side in sides.items()]
+    caption = f"Noise of each {item}, 1 sigma per axis"
+    table = Table(caption, ["", "rotation", "translation", "holds for"], rows, frozenset({1, 2, 3}))
+    notes: list[Block] = [Paragraph(text) for name, side in sides.items() for text in _notes(name, side)]
+    if prior:
+        notes.append(Paragraph("A prior of X or W is part of it."))
+    return [[table, *notes]]
+
+
+def _notes(name: str, covariance: Any) -> list[str]:
+    """Return sentences on what is not in the table."""
+    found = []
+    joint = covariance.joint if isinstance(covariance, CameraNoise) else covariance
+    if isinstance(covariance, CameraNoise):
+        found.append(f"{name}: per pixel of corner noise, which `calibrate` estimates.")
+    if isinstance(joint, JointCovariance):
+        names = ", ".join(dict.fromkeys(part for part in joint.names if part))
+        count = joint.shared.shape[-1]
+        if count:
+            found.append(f"{name}: the poses share {count} errors{f' ({names})' if names else ''}.")
+    elif covariance is not None and is_joint(covariance):
+        found.append(f"{name}: one joint covariance of all poses.")
+    elif covariance is not None and _correlation(covariance) > _CORRELATED:
+        found.append(f"{name}: the components are correlated, up to {_correlation(covariance):.2f}.")
+    return found
+
+
+def _extent(covariance: Any, item: str) -> str:
+    """Return what the numbers hold for."""
+    if covariance is None or covariance.shape == (6, 6):
+        return f"every {item}"
+    count = covariance.shape[0] // 6 if covariance.ndim == 2 else covariance.shape[0]
+    return f"{count:,} {item}s, median"
+
+
+def _correlation(covariance: Any) -> float:
+    S = np.asarray(covariance).reshape(-1, 6, 6)
+    std = np.sqrt(np.diagonal(S, axis1=-2, axis2=-1))
+    scale = np.where(std > 0, std, 1.0)
+    rho = np.abs(S) / (scale[:, :, None] * scale[:, None, :]) * (1 - np.eye(6))
+    return float(np.median(rho.max(axis=(1, 2))))

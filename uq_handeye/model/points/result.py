@@ -16,7 +16,7 @@ from ...core.geometry.conventions import TOOLKIT
 from ...core.presentation.document import to_text
 from ...core.presentation.notebook import to_html
 from ...formats.csv_poses import pose_text
-from ..noise.camera_noise import TARGET_SHAPE
+from ..noise.models import TARGET_SHAPE
 from .posed import Posed
 from .text import points_document
 

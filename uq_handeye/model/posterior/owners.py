@@ -7,8 +7,8 @@ from collections.abc import Iterable
 import numpy as np
 
 from ...errors import InputError
-from ..noise.camera_noise import INTRINSICS
 from ..noise.joint_covariance import group_of
+from ..noise.models import INTRINSICS
 from ..poses.pose_pairs import PosePairs
 from ..shared_errors.assumed import DRIFT
 from ..shared_errors.shared_error import FOCAL_LENGTH, LENS, PRINCIPAL_POINT, TARGET_SCALE, VIEW

@@ -41,8 +41,8 @@ from ..camera.board import spacing_of
 from ..camera.files.intrinsics_file import KnownIntrinsics
 from ..camera.models import LINEAR, MODELS, CameraModel
 from ..camera.result import CameraCalibration
-from ..noise.camera_noise import INTRINSICS, CameraNoise, checked_pixels
 from ..noise.joint_covariance import JointCovariance
+from ..noise.models import INTRINSICS, CameraNoise, checked_pixels
 from ..poses.pose_pairs import PosePairs
 from .shared_error import DEFAULT_SD, FOCAL_LENGTH, PRINCIPAL_POINT
 

@@ -44,9 +44,8 @@ from ...core.runtime.read_only import ReadOnlyArrays
 from ...errors import InputError
 from ..kinematics.errors import LENGTHS
 from ..kinematics.kinematic_errors import DECLARED_AS, JOINT_NOISE, KinematicColumns
-from ..noise.camera_noise import INTRINSICS
 from ..noise.joint_covariance import JointCovariance, group_of
-from ..noise.models import PoseNoise, is_joint, require_count
+from ..noise.models import INTRINSICS, PoseNoise, is_joint, require_count
 from ..poses.pose_pairs import PosePairs
 from ..poses.timing import SIDES
 from .sizes import ROBOT_ACCURACY, RobotAccuracy, stated_accuracy

@@ -32,7 +32,7 @@ import functools
 import numpy as np
 
 from ...core.geometry.se3 import Array, skew
-from ..poses.view import pivot_of
+from ..poses.motions import pivot_of
 
 # Standard deviation below which a coordinate of the view is not scaled up.
 LEAST = 0.1

@@ -14,10 +14,9 @@ from ...core.geometry.se3 import Array
 from ...fit.diagnostics.budget import EACH
 from ...fit.diagnostics.budget import SHARED as SHARED_SOURCE
 from ...model.kinematics.kinematic_errors import JOINT_NOISE
-from ...model.noise.camera_noise import INTRINSICS, TARGET_SHAPE
 from ...model.noise.estimate import SHOWN, Component, NoiseEstimate
 from ...model.noise.joint_covariance import JointCovariance, group_of
-from ...model.noise.models import marginals
+from ...model.noise.models import INTRINSICS, TARGET_SHAPE, marginals
 from ...model.shared_errors.shared_error import CLOCK_OFFSET
 from ...model.shared_errors.sizes import ROBOT_ACCURACY
 

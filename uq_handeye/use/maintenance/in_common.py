@@ -29,9 +29,8 @@ from ...calibration.evidence.new_poses import evidence_of_poses
 from ...calibration.prediction.predict import bound_to, errors_of_poses
 from ...calibration.result import Calibration
 from ...core.geometry.se3 import Array
-from ...model.noise.camera_noise import INTRINSICS
 from ...model.noise.joint_covariance import JointCovariance, group_of
-from ...model.noise.models import PoseNoise, is_joint
+from ...model.noise.models import INTRINSICS, PoseNoise, is_joint
 from ...model.noise.square_roots import cholesky_of, whiten
 from ...model.poses.pose_pairs import PosePairs
 from ...model.posterior.owners import CAMERA, owner_of

@@ -34,8 +34,8 @@ from ...core.geometry.se3 import perturb
 from ...errors import InputError
 from ...findings import Finding
 from ...model.noise.models import PoseNoise
+from ...model.poses.motions import sha256_of
 from ...model.poses.pose_pairs import PosePairs
-from ...model.poses.to_dict import sha256_of
 from ...model.posterior.owners import THINGS, checked_things
 from ...model.posterior.rows import NewRows
 from ...rig.calibrate import update_rig
