@@ -14,7 +14,12 @@ from sphinx.application import Sphinx
 
 
 def fields_of(cls: type) -> list[tuple[str, str, str]]:
-    """Name, type and comment of each field that the class itself declares and that is no private one."""
+    """Name, type and comment of each field that is no private one, those of the bases in the package first."""
+    bases = [base for base in reversed(cls.__mro__) if base.__module__.partition(".")[0] == "uq_handeye"]
+    return list({field[0]: field for base in bases for field in _own_fields(base)}.values())
+
+
+def _own_fields(cls: type) -> list[tuple[str, str, str]]:
     source = textwrap.dedent(inspect.getsource(cls))
     comments = {
         token.start[0]: token.string.lstrip("# ").rstrip()

@@ -57,7 +57,8 @@ class PointPoses(Posed):
 
     def write(self, folder: StrPath) -> Path:
         """Everything as files in a folder, all or none, which `read_point_poses` and `read_poses` take."""
-        from .figure import render, residual_figure
+        from ...core.presentation.named_figure import render
+        from .figure import residual_figure
 
         write_files(folder, {**point_pose_files(self), FIGURE: render(residual_figure(self), "png")})
         return as_path(folder)
