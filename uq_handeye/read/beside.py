@@ -241,11 +241,9 @@ def known_camera(camera: Any) -> KnownCamera | None:
     if camera is None or (isinstance(camera, str | PathLike) and not as_path(camera).is_dir()):
         return None  # poses of a file, or none: what follows is slow to import
     from ..model.camera.files.folder import is_camera_folder, read_camera
-    from ..model.camera.result import CORNERS
-    from ..model.camera.result import CameraCalibration
+    from ..model.camera.result import CORNERS, CameraCalibration
     from ..model.points.files.folder import is_points_folder, read_point_poses
-    from ..model.points.result import POINTS
-    from ..model.points.result import PointPoses
+    from ..model.points.result import POINTS, PointPoses
 
     if isinstance(camera, CameraCalibration):
         return KnownCamera(camera, None, "the pictures", ())
