@@ -3,6 +3,7 @@
 import json
 
 import numpy as np
+import pandas as pd
 import pytest
 from arm_cases import SIX_AXES, random_transform
 from bag_cases import START, Writer
@@ -171,6 +172,21 @@ def test_corners_by_known_intrinsics_carry_their_errors(tmp_path):
         squares.append(square(result.cameras["eye"], truth["eye"]) / 6)
     assert 0.6 < np.mean(squares) < 1.5, np.mean(squares)  # without the intrinsics' errors: 5 and more
     assert result.rig.views[0].intrinsics.shape[2] == 4
+
+
+def test_wrong_corners_and_pictures_are_left_out(tmp_path):
+    with_corners(tmp_path, 3)
+    before = uq.calibrate_rig(*read_rig(tmp_path / "rig.toml")).cameras["eye"]
+    seen = pd.read_csv(tmp_path / "board.csv")
+    seen.loc[seen["row"] == 2, ["u", "v"]] = seen.loc[seen["row"] == 2, ["u", "v"]].to_numpy()[::-1] * [1.0, 1.2]
+    seen.loc[5, "u"] += 30.0
+    seen.to_csv(tmp_path / "board.csv", index=False)
+    rig, _ = read_rig(tmp_path / "rig.toml")
+    assert 2 not in rig.views[0].at and len(rig.views[0].poses) == 14
+    after = uq.calibrate_rig(*read_rig(tmp_path / "rig.toml")).cameras["eye"]
+    sd = np.sqrt(np.diag(before.covariance))
+    assert (np.sqrt(np.diag(after.covariance)) < 1.3 * sd).all()
+    assert square(after, before.pose) < 3.0
 
 
 def test_corners_need_intrinsics(tmp_path):

@@ -15,7 +15,7 @@ import logging
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -27,6 +27,10 @@ from ...model.poses.pose_pairs import Stream, joint_values_at
 from ...read.beside import read_joint_file
 from ..description import ArmPoses
 from .pose_rows import PoseRows
+
+if TYPE_CHECKING:
+    from ...model.camera.adjustment.bundle import Bundle
+    from ...model.camera.corners import Corners
 
 MODELS = ("robot_model", "urdf", "dh", "ur_calibration")
 # Samples of a bag that are farther apart, in median intervals, are not interpolated between.
@@ -84,36 +88,63 @@ def arm_poses(rows: PoseRows, chain: Kinematics | None, robot_class: str | None)
 
 
 def rows_of_corners(path: Path, intrinsics: Any, folder: Path, units: str | None) -> PoseRows:
-    """Return the poses of a board from its corners by known intrinsics: a folder, a file, or fx, fy, cx, cy."""
-    from ...core.files.source import Source
-    from ...model.camera.adjustment.bundle import Sight, adjust
-    from ...model.camera.adjustment.initial_guess import better_start, poses_of
-    from ...model.camera.board_shape import flat_shape
-    from ...model.camera.corners import read_corners
-    from ...model.camera.models import rays
+    """Return the poses of a board from its corners by known intrinsics: a folder, a file, or fx, fy, cx, cy.
 
-    corners = read_corners(path, units or "m")
+    Corners that were detected in the wrong place are left out, pictures of which most are as a whole; each picture
+    has noise of its own (`model.camera.adjustment.outliers`).
+    """
+    from ...core.files.source import Source
+    from ...model.camera.adjustment.bundle import Sight
+    from ...model.camera.corners import read_corners
+
+    given = read_corners(path, units or "m")
     model, values, root = _intrinsics(intrinsics, folder)
-    seen = rays(model, values, corners.pixels)
-    start = poses_of(corners, np.ascontiguousarray(seen[:, :2] / seen[:, 2:]))
-    shape = flat_shape(corners.on_board[0])
-    start = better_start(model, values, shape, corners, start)
-    found = adjust(model, corners, (values, start), free=np.zeros(len(values), dtype=bool), shape=shape)
+    corners, found = _adjusted(model, values, given)
     if not found.converged:
         raise NotConvergedError(f"The poses of {path.name} do not converge with the intrinsics given.", found)
+    said = [f"{corners.n} poses by known intrinsics"]
+    if out := [row for row in given.rows.tolist() if row not in corners.rows]:
+        said.append(f"pictures left out, whose corners fit no pose of the board: {', '.join(map(str, out))}")
+        _log.warning("%s: %s", path.name, said[-1])
     shared = None
     if root.shape[1]:
-        _, A, B = Sight.of(model, shape, corners, np.ones(corners.m)).rows(values, found.poses)
+        counts = found.used * np.sqrt(found.weights)[corners.picture]
+        _, A, B = Sight.of(model, found.shape, corners, counts).rows(values, found.poses)
         shared = -np.linalg.solve(B.mT @ B, B.mT @ A) @ root
-    source = Source(path.name, "corners", path.stat().st_size, "", (f"{corners.n} poses by known intrinsics",))
     return PoseRows(
-        found.poses, path.name, source, rows=tuple(corners.rows.tolist()), covariance=found.own, intrinsics=shared,
+        found.poses, path.name, Source(path.name, "corners", path.stat().st_size, "", tuple(said)),
+        rows=tuple(corners.rows.tolist()), covariance=found.own, intrinsics=shared,
         calibration=values.tobytes() + root.tobytes(),
     )  # fmt: skip
 
 
+def _adjusted(model: Any, values: Array, corners: Corners) -> tuple[Corners, Bundle]:
+    """Poses by the good corners of the good pictures, with the noise of each picture, and the corners of these."""
+    from ...model.camera.adjustment.bundle import adjust
+    from ...model.camera.adjustment.initial_guess import better_start, poses_of
+    from ...model.camera.adjustment.outliers import picture_weights, spoilt, without_outliers
+    from ...model.camera.board_shape import flat_shape
+    from ...model.camera.corners import without_pictures
+    from ...model.camera.models import rays
+
+    shape, fixed = flat_shape(corners.on_board[0]), np.zeros(len(values), dtype=bool)
+    seen = rays(model, values, corners.pixels)
+    start = poses_of(corners, np.ascontiguousarray(seen[:, :2] / seen[:, 2:]))
+    start = better_start(model, values, shape, corners, start)
+    found, good = without_outliers(
+        corners,
+        lambda used, before: adjust(
+            model, corners, (values, start if before is None else before.poses), free=fixed, shape=shape, used=used
+        ),
+    )
+    if found.converged and (bad := spoilt(corners, found)).any() and not bad.all():
+        return _adjusted(model, values, without_pictures(corners, bad))
+    weights = picture_weights(found, corners)
+    return corners, adjust(model, corners, (values, found.poses), free=fixed, shape=shape, used=good, weights=weights)
+
+
 def _intrinsics(given: Any, folder: Path) -> tuple[Any, Array, Array]:
-    """Model, parameters (p,) and a root T (p, q) of their covariance; (p, 0) where they are exact."""
+    """Model, parameters (p,) and a root T (p, q) of their covariance; (p, 0) where none is said."""
     from ...model.camera.files.folder import is_camera_folder, read_camera
     from ...model.camera.files.intrinsics_file import read_intrinsics
     from ...model.camera.models import LINEAR, MODELS
