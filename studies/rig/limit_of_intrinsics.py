@@ -1,4 +1,4 @@
-r"""What four rendered cameras can tell of their relative poses at best, by how well their intrinsics are known.
+r"""Bound of what four rendered cameras can tell of their relative poses, by how well their intrinsics are known.
 
 Bound of Cramer and Rao, of everything that the pictures hold: an exact robot, an exact board, all corners with Gaussian
 noise as large as it is, and nothing else unknown than the poses of the cameras, that of the board, and focal length
