@@ -2,9 +2,11 @@
 
 Whoever finds something makes a `Finding`; whoever decides looks at its code, severity and values. A package words the
 codes that begin with its name in its module ``sentences``, by functions that take the values by name, and says there
-all else of the code (`Record`):
+all else of the code (`Record`); or, where a template says it all (`Template`), by that:
 
-    @sentence("input_checks.repeated_rows", check=INPUT, phrase="{count} repeated {file} rows")
+    sentence("input_checks.half_turns", "{share:pct.0f} % of the motions rotate by more than 150 degrees.")
+
+    @sentence("input_checks.repeated_rows", check=INPUT, phrase="{count} repeated {file} row{count:?|s}")
     def _(file: str, count: int, n: int) -> str:
         return f"{count} of {n} {file} poses repeat the row before exactly: they add no information."
 """
@@ -18,12 +20,13 @@ from dataclasses import dataclass, field
 from functools import cache
 from importlib import import_module
 from pathlib import Path
-from typing import Any, Literal, TypeVar, get_args
+from string import Formatter
+from typing import Any, ClassVar, Literal, TypeVar, get_args
 
 from .errors import InputError, InputWarning
 
 Severity = Literal["note", "caution", "failure"]
-Words = TypeVar("Words", bound=Callable[..., str])
+Words = TypeVar("Words", str, Callable[..., str])
 
 # Residuals that are so many times as large as the noise explains make a failure of a caution.
 GROSS = 5.0
@@ -33,8 +36,55 @@ INPUT, OUTLIERS, NOISE, NEIGHBOURS = "input", "outliers", "noise level", "neighb
 RESIDUALS, HALVES, MOTION, SHARED, CAMERA = "residuals", "two halves", "motion", "shared errors", "camera"
 CHECKS = (INPUT, OUTLIERS, NOISE, NEIGHBOURS, RESIDUALS, HALVES, MOTION, SHARED)
 
-# Text with the values in braces, or a function of the values.
+# A template (`Template`), or a function of the values.
 Said = str | Callable[[Mapping[str, Any]], str]
+
+
+# Smaller p-values are not told apart.
+SMALLEST_P = 1e-15
+
+
+def digits(value: float, significant: int = 3) -> str:
+    """Format a number with the given significant digits, without an exponent where that is short."""
+    value = float(value)
+    if value == 0 or 1e-4 <= abs(value) < 1e6:
+        whole = value != 0 and abs(value) >= 10 ** (significant - 1)
+        return f"{value:.0f}" if whole else f"{value:.{significant}g}"
+    return f"{value:.{significant - 1}e}"
+
+
+def probability(p: float, significant: int = 1) -> str:
+    """``p = 0.02``, or a bound where it is all but 0."""
+    return f"p < {SMALLEST_P:g}" if p < SMALLEST_P else f"p = {p:.{significant}g}"
+
+
+class Template(Formatter):
+    """Text with values in braces, as `str.format` writes them, and with three more kinds of format.
+
+    ``{x:deg.2g}``: in degrees where x is in rad (``mm``: of metres, ``pct``: of a share), then as usual.
+    ``{x:~2}``, ``{x:mm~2}``: with so many significant digits (`digits`); ``{p:p}``: a probability. Of a list each
+    number, with ", " or as ``{x:,}`` with ",". ``{x:?one|many}``: the first where x is 1, True or a list of one.
+    """
+
+    UNITS: ClassVar[dict[str, float]] = {"deg": 180.0 / math.pi, "mm": 1e3, "pct": 100.0}
+
+    def format_field(self, value: Any, spec: str) -> str:
+        if spec.startswith("?"):
+            one = len(value) == 1 if isinstance(value, list) else value == 1
+            return spec[1:].split("|")[0 if one else 1]
+        if isinstance(value, list):
+            return (
+                ",".join(map(str, value)) if spec == "," else ", ".join(self.format_field(part, spec) for part in value)
+            )
+        unit = next((unit for unit in self.UNITS if spec.startswith(unit)), "")
+        if unit:
+            value, spec = self.UNITS[unit] * value, spec.removeprefix(unit)
+        if spec == "p":
+            return probability(value)
+        return digits(value, int(spec[1:])) if spec.startswith("~") else format(value, spec)
+
+
+_TEMPLATE = Template()
 
 
 # Rank of failures that explain no other ones.
@@ -54,7 +104,7 @@ class Record:
     then left out.
     """
 
-    words: Callable[..., str]
+    words: str | Callable[..., str]
     check: str = INPUT
     phrase: Said = ""
     effect: float | Callable[[Mapping[str, Any]], float] = 1.0
@@ -69,7 +119,7 @@ class Record:
 
 def _said(what: Said, values: Mapping[str, Any]) -> str:
     try:
-        return what(values) if callable(what) else what.format(**values)
+        return what(values) if callable(what) else _TEMPLATE.vformat(what, (), values)
     except _OF_ANOTHER_VERSION:
         return ""
 
@@ -104,8 +154,9 @@ class Finding:
 
     def __str__(self) -> str:
         """The sentence; where this version has none for the code with these values, both as they are."""
+        words = self.record.words
         try:
-            return self.record.words(**self.values)
+            return words(**self.values) if callable(words) else _TEMPLATE.vformat(words, (), self.values)
         except _OF_ANOTHER_VERSION:
             return _unworded(self)
 
@@ -166,8 +217,11 @@ class Finding:
             raise InputError(f"Expected plain finite values in finding {data['code']!r}: {error}.") from error
 
 
-def sentence(code: str, **about: Any) -> Callable[[Words], Words]:
-    """Register the record of a code with the function that words it; ``about``: the other fields of `Record`."""
+def sentence(code: str, template: str | None = None, /, **about: Any) -> Callable[[Words], Words]:
+    """Register the record of a code with its template, or as a decorator with the function that words it.
+
+    ``about``: the other fields of `Record`.
+    """
 
     def register(words: Words) -> Words:
         if code in _RECORDS:
@@ -175,6 +229,8 @@ def sentence(code: str, **about: Any) -> Callable[[Words], Words]:
         _RECORDS[code] = Record(words, **about)
         return words
 
+    if template is not None:
+        register(template)
     return register
 
 

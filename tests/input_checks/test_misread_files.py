@@ -237,10 +237,17 @@ def test_every_option_named_exists():
     """Against typing errors in the texts: the arguments of read_poses."""
     import inspect
 
-    from uq_handeye.fit.input_checks import sentences
+    from uq_handeye.fit.input_checks import readings, sentences
 
-    named = set(re.findall(r'(\w+)="', inspect.getsource(sentences))) - {"phrase", "remedy"}  # of the records
-    assert {"setup", "robot_frame", "camera_frame", "quaternion"} <= named
+    source = inspect.getsource(sentences) + inspect.getsource(readings)
+    named = set(re.findall(r"(?<!\})\b(\w+)=\"", source)) - {
+        "phrase",
+        "remedy",
+        "cause",
+        "option",
+        "text",
+    }
+    assert {"setup", "robot_frame", "camera_frame"} <= named | {f"{side}_frame" for side, _ in readings.FRAMES.values()}
     assert named <= set(inspect.signature(uq.read_poses).parameters)
 
 

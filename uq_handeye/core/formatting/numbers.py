@@ -10,19 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ...errors import InputError
+from ...findings import digits as digits
+from ...findings import probability as probability
 from ..geometry.se3 import Array
-
-# Smaller p-values are not told apart.
-SMALLEST_P = 1e-15
-
-
-def digits(value: float | np.floating[Any], significant: int = 3) -> str:
-    """Format a number with the given significant digits, without an exponent where that is short."""
-    value = float(value)
-    if value == 0 or 1e-4 <= abs(value) < 1e6:
-        whole = value != 0 and abs(value) >= 10 ** (significant - 1)
-        return f"{value:.0f}" if whole else f"{value:.{significant}g}"
-    return f"{value:.{significant - 1}e}"
 
 
 def multiple(ratio: float) -> str:
@@ -75,11 +65,6 @@ def column(values: ArrayLike, significant: int = 3) -> list[str]:
         ):
             return [f"{x:.{decimals}f}" if np.isfinite(x) and x != 0 else digits(x) for x in numbers]
     return [fixed(x, significant) for x in numbers]
-
-
-def probability(p: float, significant: int = 1) -> str:
-    """``p = 0.02``, or a bound where it is all but 0."""
-    return f"p < {SMALLEST_P:g}" if p < SMALLEST_P else f"p = {p:.{significant}g}"
 
 
 def concise(value: float, std: float | None, unit: str = "") -> str:

@@ -51,10 +51,6 @@ def _shape_in_short(v: Mapping[str, Any]) -> str:
     return f"not Gaussian ({probability(v['p_value'])}): {', '.join(says)}"
 
 
-def _moves_in_short(v: Mapping[str, Any]) -> str:
-    return f"without {v['item']} {v['row']} X moves by {digits(v['shift_sd'], 2)} standard deviations"
-
-
 # How data are split into two, for people.
 _SPLITS = {"contiguous": "first and second half", "interleaved": "even and odd rows"}
 
@@ -62,11 +58,6 @@ _SPLITS = {"contiguous": "first and second half", "interleaved": "even and odd r
 def _halves_in_short(v: Mapping[str, Any]) -> str:
     state = "agree" if v["agree"] else "differ"
     return f"{_SPLITS.get(v['split'], v['split'])} {state} ({probability(v['p_value'])})"
-
-
-def _asked_in_short(v: Mapping[str, Any]) -> str:
-    one = v["errors"][0]
-    return f"the residuals indicate a {one['name']} error of {digits(100 * one['estimate'], 2)} %"
 
 
 @sentence("diagnostics.direction")
@@ -125,18 +116,17 @@ def along(axis: Sequence[float], frame: str) -> str:
 # --------------------------------------------------------------------------------------------------- influence
 
 
-@sentence("diagnostics.information")
-def _(item: str, n: int, effective: float, row: int, share: float) -> str:
-    return (
-        f"The information about X is that of {effective:.1f} equally informative {item}s of {n}; {item} {row} "
-        f"contributes {digits(100 * share, 2)} % of it."
-    )
+sentence(
+    "diagnostics.information",
+    "The information about X is that of {effective:.1f} equally informative {item}s of {n}; {item} {row} contributes "
+    "{share:pct~2} % of it.",
+)
 
 
 @sentence(
     "diagnostics.needed_rows",
     check=MOTION,
-    phrase=lambda v: f"without {v['item']} {v['rows'][0]} the data do not determine X",
+    phrase="without {item} {rows[0]} the data do not determine X",
     effect=2,
     remedy="add poses that rotate about another axis: uq-handeye plan chooses them",
     rows=("rows",),
@@ -147,27 +137,18 @@ def _(item: str, rows: Sequence[int]) -> str:
     return f"Without {which} the data do not determine X."
 
 
-@sentence(
+_MOVES = (
+    "Without {item} {row} X would move by {shift_sd:~2} standard deviations ({rotation:deg~2} deg, "
+    "{translation:mm~2} mm), "
+)
+sentence(
     "diagnostics.wrong_row",
+    _MOVES + "more than its noise explains ({p_value:p}).",
     check=RESIDUALS,
-    phrase=_moves_in_short,
+    phrase="without {item} {row} X moves by {shift_sd:~2} standard deviations",
     effect=lambda v: float(v["shift_sd"]),
 )
-def _(item: str, row: int, shift_sd: float, rotation: float, translation: float, p_value: float) -> str:
-    verdict = f"more than its noise explains ({probability(p_value)})"
-    return f"{_moves(item, row, shift_sd, rotation, translation)}, {verdict}."
-
-
-@sentence("diagnostics.strong_row")
-def _(item: str, row: int, shift_sd: float, rotation: float, translation: float, p_value: float) -> str:
-    return f"{_moves(item, row, shift_sd, rotation, translation)}, as its noise and weight allow."
-
-
-def _moves(item: str, row: int, shift_sd: float, rotation: float, translation: float) -> str:
-    return (
-        f"Without {item} {row} X would move by {digits(shift_sd, 2)} standard deviations "
-        f"({digits(_DEG * rotation, 2)} deg, {digits(_MM * translation, 2)} mm)"
-    )
+sentence("diagnostics.strong_row", _MOVES + "as its noise and weight allow.")
 
 
 # ----------------------------------------------------------------------------------------- tests of the residuals
@@ -220,13 +201,12 @@ def _(item: str, n: int, lag_1: float, p_value: float, growth: float) -> str:
     )
 
 
-@sentence(
+sentence(
     "diagnostics.uncorrelated",
+    "Neighbouring residuals show no significant correlation (lag 1: {lag_1:.2f} +- {standard_error:.2f}).",
     check=NEIGHBOURS,
     phrase="residuals of neighbouring poses uncorrelated",
 )
-def _(lag_1: float, standard_error: float) -> str:
-    return f"Neighbouring residuals show no significant correlation (lag 1: {lag_1:.2f} +- {standard_error:.2f})."
 
 
 @sentence(
@@ -248,15 +228,13 @@ def _(p_value: float, excess_kurtosis: float | None, skewness: float | None) -> 
     )
 
 
-@sentence("diagnostics.gaussian")
-def _(p_value: float) -> str:
-    return f"The residuals are consistent with a Gaussian distribution (p = {p_value:.2g})."
+sentence("diagnostics.gaussian", "The residuals are consistent with a Gaussian distribution (p = {p_value:.2g}).")
 
 
 @sentence(
     "diagnostics.pattern",
     check=RESIDUALS,
-    phrase=lambda v: f"follow the {v['item']}s ({digits(100 * v['r_squared'], 2)} % explained)",
+    phrase="follow the {item}s ({r_squared:pct~2} % explained)",
     effect=lambda v: 1.0 / math.sqrt(max(1.0 - v["r_squared"], 0.01)),
     rejects=True,
     remedy="look at the residuals by pose in the report: --report report.html",
@@ -271,17 +249,15 @@ def _(item: str, r_squared: float, chance: float, p_value: float, correlated: bo
     )
 
 
-@sentence("diagnostics.no_pattern")
-def _(item: str) -> str:
-    return f"The residuals show no linear pattern over the {item}s."
+sentence("diagnostics.no_pattern", "The residuals show no linear pattern over the {item}s.")
 
 
 # -------------------------------------------------------------------------------------- errors that all rows share
 
-
-@sentence("diagnostics.scale_unknown")
-def _(name: str) -> str:
-    return f"The effect of the {name} is not known, because the distances from camera to target are not known."
+sentence(
+    "diagnostics.scale_unknown",
+    "The effect of the {name} is not known, because the distances from camera to target are not known.",
+)
 
 
 # Options that declare an error, and a value that takes a measurement: better than what is assumed.
@@ -304,7 +280,7 @@ def _declare(values: Mapping[str, Any]) -> str:
 @sentence(
     "diagnostics.undeclared",
     check=SHARED,
-    phrase=_asked_in_short,
+    phrase="the residuals indicate a {errors[0][name]} error of {errors[0][estimate]:pct~2} %",
     effect=2,
     rejects=True,
     remedy=_declare,

@@ -23,7 +23,7 @@ from ...model.poses.motions import STEADY_VIEW, Motions, direction_spread, media
 from ...model.poses.pose_pairs import PosePairs
 from .board_rotation import LARGE_ROTATION
 from .misread_files import EXACT, inverted_on_request, other_readings, scaled_reading
-from .remedies import OTHER_SETUP
+from .readings import OTHER_SETUP
 from .repeated_rows import rows_again, said_again
 
 # Robot and camera see the same rotation angle; beyond this RMS difference (rad) the rows are not the same moments,

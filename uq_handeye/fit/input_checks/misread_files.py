@@ -22,7 +22,7 @@ from ...methods.procrustes.limit import solve_limit
 from ...model.poses.motions import STEADY_VIEW, direction_spread, rotation_angles
 from ...model.poses.pose_pairs import PosePairs
 from .board_rotation import LARGE_ROTATION, consistency
-from .remedies import OTHER_SETUP
+from .readings import OTHER_SETUP
 
 # Data without noise, from a simulation, say nothing about noise (rad, or share of the travel).
 EXACT = 1e-7
