@@ -36,7 +36,8 @@ from numpy.typing import ArrayLike
 from ...core.geometry.checks import CHUNK, as_numbers, as_transforms, entry_rows, is_number, surely_transforms
 from ...core.geometry.nearest_rotation import nearest_rotation, orthonormalise
 from ...core.geometry.se3 import Array
-from ...core.runtime.threads import cores, scratch
+from ...core.runtime.read_only import scratch
+from ...core.runtime.threads import cores
 from ...errors import DegenerateMotionError, InputError
 from .. import _closed_form
 from .degeneracy import DEGENERATE, are_determined, raise_undetermined

@@ -29,7 +29,7 @@ import numpy as np
 
 from ...core.geometry.checks import entry_rows, surely_transforms
 from ...core.geometry.se3 import Array, skew
-from ...core.runtime.threads import scratch
+from ...core.runtime.read_only import scratch
 from ...errors import DegenerateMotionError
 from .. import _closed_form
 from .degeneracy import DEGENERATE, NO_ROTATION, are_determined, infinite_directions, name_axis

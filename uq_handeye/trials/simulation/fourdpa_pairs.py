@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from ...core.geometry.se3 import Array, block, logarithm, skew
-from ...core.runtime.threads import scratch
+from ...core.runtime.read_only import scratch
 from ...errors import InputError
 from ...methods.procrustes.limit import solve_moments
 from ...model.noise.models import PairNoise
