@@ -319,8 +319,8 @@ def _assembled(
     posterior: Posterior | OpenSizes | None = None
     if fit.W is not None and fit.open is None:
         posterior = joint
-        if poses is not None and not OF_POSES.isdisjoint(map(group_of, joint.names)):
-            posterior = replace(joint, bound=(poses.robot, poses.camera))
+        if poses is not None and (found is not None or not OF_POSES.isdisjoint(map(group_of, joint.names))):
+            posterior = replace(joint, bound=(poses.robot, poses.camera), times=poses.timestamps)
         if found is not None:
             posterior = with_open_sizes(posterior, fit.covariance, found)
     result = replace(

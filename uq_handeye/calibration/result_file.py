@@ -20,6 +20,7 @@ from ..core.geometry.frames import SETUPS
 from ..errors import InputError
 from ..fit.likelihood.constraint import require_noise_fits
 from ..fit.likelihood.gauss_helmert import ESTIMATORS
+from ..fit.one_model.points import OpenSizes
 from ..methods.estimators.registry import METHODS, ROBOT_WORLD_METHODS
 from ..model.noise.models import noise_from_dict
 from ..model.poses.motions import Motions, data_from_dict, relative_motions
@@ -149,7 +150,7 @@ def _parts_of(data: dict[str, Any], kind: Any) -> dict[str, Any]:
         noise=None if noise is None else noise_from_dict(noise),
         analysis=None if analysis is None else StoredAnalysis.of(analysis, X),
         about=as_about(data.get("about", {})),
-        joint_posterior=None if posterior is None else Posterior.from_dict(posterior),
+        joint_posterior=None if posterior is None else _posterior_of(posterior),
         data=None,
     )
     if once:
@@ -160,3 +161,8 @@ def _parts_of(data: dict[str, Any], kind: Any) -> dict[str, Any]:
         origin = found["provenance"]
         found["data"] = data_from_dict(data["data"], data["setup"], () if origin is None else origin.sources)
     return found
+
+
+def _posterior_of(data: dict[str, Any]) -> Posterior:
+    """The posterior: with open sizes by the rows that it is made of, of older files by points of the sizes."""
+    return OpenSizes.from_dict(data).posterior if "open" in data else Posterior.from_dict(data)

@@ -23,7 +23,7 @@ from ...model.noise.joint_covariance import JointCovariance
 from ...model.noise.models import PoseNoise, is_joint, require_count
 from ...model.poses.pose_pairs import PosePairs
 from ...model.posterior.owners import THINGS, checked_things, require_same
-from ...model.posterior.rows import NewRows
+from ...model.posterior.rows import NewRows, at_points
 from ...model.shared_errors.sizes import ROBOT_ACCURACY
 from ..estimate.estimated import Estimated
 from ..prediction.predict import (
@@ -56,7 +56,7 @@ class PoseEvidence(NewRows):
         some = super().rows(index)
         by_state, robot, camera = self.by_state[index], self.robot[index], self.camera[index]
         parts = some.r, some.by_unit, some.own, self.posterior, by_state, linear, robot, camera
-        return PoseEvidence(*parts, own_at=some.own_at)
+        return PoseEvidence(*parts, own_at=some.own_at, parts=some.parts)
 
 
 def evidence_of_poses(
@@ -119,17 +119,15 @@ def evidence_of_poses(
     carried += [(one, D_C @ one.covariance @ D_C.mT) for one in camera_noise]
     arm = next((one for one in posterior.noise if one.name == ROBOT_ACCURACY), None)
     unseen = D_G @ ahead.unseen @ D_G.mT
+    if arm is not None:
+        carried.append((Fresh(arm.name, NONE, arm.size, arm.by_point), unseen / arm.size**2))
+        unseen = 0.0 * unseen
     own = sum((one.size**2 * S for one, S in carried), unseen)
-    own_at = np.zeros(0)
-    if posterior.points is not None:
-        d = len(posterior.points.weights)
-        size = np.ones(d) if arm is None else (arm.by_point / arm.size) ** 2
-        own_at = size[:, None, None, None] * unseen
-        for one, S in carried:
-            own_at += (one.by_point if len(one.by_point) else np.full(d, one.size))[:, None, None, None] ** 2 * S
+    parts = tuple((one.name, S) for one, S in carried if len(one.by_point) and one.name != "given")
+    own_at = at_points(posterior, own, parts)
     by_unit = np.concatenate([by_unit, anew, D_G @ more_G, D_C @ more_C], axis=-1)
     robot, at = ahead.poses, (r, by_unit, own, posterior)
-    return PoseEvidence(*at, by_state, linear, robot, camera, own_at=own_at)
+    return PoseEvidence(*at, by_state, linear, robot, camera, own_at=own_at, parts=parts)
 
 
 def poses_less_shared_errors(result: Estimated, poses: PosePairs) -> PosePairs:

@@ -32,7 +32,7 @@ from ...errors import InputError
 from ...fit.diagnostics.task_space import by_pose
 from ...model.noise.joint_covariance import group_of
 from ...model.noise.models import INTRINSICS
-from ...model.posterior.rows import NewRows, factor_of
+from ...model.posterior.rows import NewRows, at_points, factor_of
 from ...model.shared_errors.shared_error import TARGET_SCALE
 from ...model.shared_errors.sizes import ROBOT_ACCURACY
 from ..estimate.estimated import Estimated
@@ -203,13 +203,15 @@ class TouchEvidence(NewRows):
         by_unit = np.array(self.by_unit)
         if self.fresh:
             by_unit[..., -self.fresh :] /= np.sqrt(times)
-        return replace(self, own=self.own / times, own_at=self.own_at / times, by_unit=by_unit)
+        parts = tuple((name, S / times) for name, S in self.parts)
+        return replace(self, own=self.own / times, own_at=self.own_at / times, by_unit=by_unit, parts=parts)
 
     def rows(self, index: Any) -> TouchEvidence:
         """Some of the touches, by their numbers."""
         names = ("r", "by_unit", "own", "at", "by_tool", "estimated")
         own_at = self.own_at[:, index] if len(self.own_at) else self.own_at
-        return replace(self, own_at=own_at, **{name: getattr(self, name)[index] for name in names})
+        parts = tuple((name, S[index]) for name, S in self.parts)
+        return replace(self, own_at=own_at, parts=parts, **{name: getattr(self, name)[index] for name in names})
 
 
 def evidence_of_touches(result: Estimated, touches: Touches) -> TouchEvidence:
@@ -268,25 +270,28 @@ def evidence_of_touches(result: Estimated, touches: Touches) -> TouchEvidence:
     given = touches.touch_noise
     if touches.seen_covariance is not None:
         given = given + point_noise
-    own_at = np.zeros(0)
-    if posterior.points is not None:
-        own_at = given + _sizes_at(posterior)[:, None, None, None] * (own - given)
+    parts = tuple((name, share * (own - given)) for name, share in _estimated(posterior))
     return TouchEvidence(
         b - seen.at, np.concatenate([by_unit, fresh], axis=-1), own, posterior, seen.at, np.asarray(by_tool),
-        fresh.shape[-1], own - given, own_at=own_at,
+        fresh.shape[-1], own - given, own_at=at_points(posterior, own, parts), parts=parts,
     )  # fmt: skip
+
+
+def _estimated(posterior: Any) -> list[tuple[str, float]]:
+    """Noises of poses that the calibration estimated, as shares of their sum where their size is 1."""
+    if posterior.points is None:
+        return []
+    noise = [one for one in posterior.noise if one.name != ROBOT_ACCURACY and len(one.by_point)]
+    weight = [float(np.trace(one.covariance)) for one in noise]
+    stated = sum(w * one.size**2 for w, one in zip(weight, noise, strict=True))
+    named = zip(weight, noise, strict=True)
+    return [(one.name, w / stated) for w, one in named if one.name != "given"] if stated > 0 else []
 
 
 def _sizes_at(posterior: Any) -> Array:
     """(d,) variance of the noise that the calibration estimated at each point of the sizes, over that stated."""
-    if posterior.points is None:
-        return np.ones(1)
-    noise = [one for one in posterior.noise if one.name != ROBOT_ACCURACY and len(one.by_point)]
-    weight = np.array([np.trace(one.covariance) for one in noise])
-    stated = float(sum(w * one.size**2 for w, one in zip(weight, noise, strict=True)))
-    if stated == 0.0:
-        return np.ones(len(posterior.points.weights))
-    return np.asarray(sum(w * one.by_point**2 for w, one in zip(weight, noise, strict=True)) / stated)
+    parts = [(name, np.full((1, 1, 1), share)) for name, share in _estimated(posterior)]
+    return at_points(posterior, np.ones((1, 1, 1)), parts).reshape(-1) if posterior.points is not None else np.ones(1)
 
 
 def with_tool(evidence: TouchEvidence) -> TouchEvidence:

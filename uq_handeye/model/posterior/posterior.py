@@ -18,9 +18,9 @@ poses that they were bound to, which are kept as well (`bound`).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Annotated, Any, ClassVar, NamedTuple
+from typing import Annotated, Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,9 +34,6 @@ from ..noise.joint_covariance import group_of
 from .owners import owner_of
 from .rows import NewRows, Test, factor_of
 from .selection import Selection, covariance_of, select
-
-# Entries of the relative covariances are stored so exactly, and with so many digits.
-STORED, DIGITS = 2e-3, 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,28 +71,13 @@ class SizePoints(ReadOnlyArrays):
     stored: tuple[Array, Array, Array] | None = None  # as the file that it comes from has them: mean, along, shares
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain numbers and text; the covariances as their mean and what differs along a few matrices."""
-        mean, along, shares = self._compact() if self.stored is None else self.stored
-        return {
-            "names": list(self.names),
-            "theta": self.theta.tolist(),
-            "weights": self.weights.tolist(),
-            "means": _rounded(self.means),
-            "covariance": _rounded(mean),
-            "along": _rounded(along),
-            "shares": _rounded(shares),
-        }
-
-    def _compact(self) -> tuple[Array, Array, Array]:
-        """Lower triangles of the covariances: their mean (t,), and (r, t) along which they differ by shares (d, r)."""
-        rows, columns = np.tril_indices(self.covariances.shape[-1])
-        flat = self.covariances[:, rows, columns]
-        mean = flat.mean(axis=0)
-        U, sizes, V = np.linalg.svd(flat - mean, full_matrices=False)
-        count = next(
-            (k for k in range(len(sizes)) if np.abs((U[:, k:] * sizes[k:]) @ V[k:]).max() < STORED), len(sizes)
-        )
-        return mean, V[:count] * sizes[:count, None], U[:, :count]
+        """Plain numbers and text, as older versions wrote them; the lower triangles of the covariances."""
+        d, N = self.means.shape
+        flat = self.covariances[(slice(None), *np.tril_indices(N))]
+        mean, along, shares = self.stored or (np.zeros(flat.shape[1]), flat, np.eye(d))
+        arrays = {"theta": self.theta, "weights": self.weights, "means": self.means}
+        arrays |= {"covariance": mean, "along": along, "shares": shares}
+        return {"names": list(self.names)} | {name: values.tolist() for name, values in arrays.items()}
 
     @classmethod
     def from_dict(cls, data: dict[str, Any], N: int) -> SizePoints:
@@ -114,6 +96,16 @@ class SizePoints(ReadOnlyArrays):
         theta, means = (array_of(data[name], shape, f"posterior.{name}")
                         for name, shape in (("theta", (d, k)), ("means", (d, N))))  # fmt: skip
         return cls(tuple(map(str, data["names"])), theta, weights, means, covariances, (mean, along, shares))
+
+
+class OpenSource(Protocol):
+    """Interface of the rows of a posterior with open sizes (`one_model.points.OpenSizes`)."""
+
+    @property
+    def posterior(self) -> Posterior: ...
+    def absorbed(self, new: NewRows) -> Absorbed: ...
+    def at(self, theta: Array, weights: Array) -> OpenSource: ...
+    def to_dict(self) -> dict[str, Any]: ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,6 +128,8 @@ class Posterior(ReadOnlyArrays):
     points: SizePoints | None = None
     noise: tuple[FreshNoise, ...] = ()
     bound: tuple[Array, Array] | None = None  # robot and camera poses (n, 4, 4) that errors of poses were bound to
+    times: Array | None = None  # (n,) s, of these poses
+    source: OpenSource | None = field(default=None, repr=False)  # the rows that it is made of, where sizes are open
 
     @property
     def p(self) -> int:
@@ -203,9 +197,11 @@ class Posterior(ReadOnlyArrays):
         """Take measurements in: the posterior after them, and the move of the estimates."""
         if rows.posterior is not self:
             raise InputError("Expected measurements that were held against this posterior.")
+        if self.source is not None:
+            return self.source.absorbed(rows)
         move, covariance = rows.absorbed()
         points = self.points
-        if points is not None:
+        if points is not None:  # of an older file, which has the points only
             move, covariance, points = _refined(self, points, rows)
         estimate = self.estimate + move[self.p :]
         return Absorbed(replace(self, estimate=estimate, covariance=covariance, points=points), move)
@@ -223,6 +219,8 @@ class Posterior(ReadOnlyArrays):
 
     def to_dict(self) -> dict[str, Any]:
         """Plain numbers and text."""
+        if self.source is not None:
+            return self.source.to_dict()
         more: dict[str, Any] = {} if self.blocks == ("X", "W") else {"blocks": list(self.blocks)}
         if self.points is not None:
             more["points"] = self.points.to_dict()
@@ -230,6 +228,8 @@ class Posterior(ReadOnlyArrays):
             more["noise"] = [one.to_dict() for one in self.noise]
         if self.bound is not None:
             more["bound"] = [poses[:, :3].tolist() for poses in self.bound]
+        if self.times is not None:
+            more["times"] = self.times.tolist()
         covariance = self.covariance.tolist()
         return {"names": list(self.names), "estimate": self.estimate.tolist(), "covariance": covariance} | more
 
@@ -241,16 +241,20 @@ class Posterior(ReadOnlyArrays):
         covariance = array_of(data["covariance"], (N, N), "posterior.covariance")
         points = None if data.get("points") is None else SizePoints.from_dict(data["points"], N)
         noise = tuple(map(FreshNoise.from_dict, data.get("noise", ())))
-        if any(len(one.by_point) != (0 if points is None else len(points.weights)) for one in noise):
+        count = 0 if points is None else len(points.weights)
+        if (of := data.get("open")) is not None:
+            count = len(of["weights"])
+        if any(len(one.by_point) != count for one in noise):
             raise ValueError("the noise of the posterior has sizes of other points")
-        bound = None
+        bound, times = None, data.get("times")
         if data.get("bound") is not None:
             robot, camera = (_poses(part) for part in data["bound"])
             if len(robot) != len(camera):
                 raise ValueError("the poses of the posterior are not pairs")
             bound = robot, camera
+            times = None if times is None else array_of(times, (len(robot),), "posterior.times")
         estimate = array_of(data["estimate"], (q,), "posterior.estimate")
-        return cls(tuple(map(str, data["names"])), estimate, covariance, blocks, points, noise, bound)
+        return cls(tuple(map(str, data["names"])), estimate, covariance, blocks, points, noise, bound, times)
 
 
 class Absorbed(NamedTuple):
@@ -278,12 +282,6 @@ def _refined(before: Posterior, points: SizePoints, rows: NewRows) -> tuple[Arra
     each = inverse @ covariances @ inverse.T
     found = replace(points, weights=weights, means=means @ inverse.T, covariances=0.5 * (each + each.mT), stored=None)
     return move, P, found
-
-
-def _rounded(values: Array) -> Any:
-    with np.errstate(divide="ignore"):
-        scale = 10.0 ** (DIGITS - 1 - np.floor(np.log10(np.maximum(np.abs(values), 1e-300))))
-    return np.where(np.abs(values) > 1e-12, np.rint(values * scale) / scale, 0.0).tolist()
 
 
 def _poses(rows: Any) -> Array:

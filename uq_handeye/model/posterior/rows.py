@@ -29,13 +29,14 @@ noncentrality of each of them.
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import cho_factor, cho_solve, solve_triangular
 from scipy.optimize import brentq
 from scipy.special import chdtrc, chdtri, chndtr
 
@@ -65,6 +66,8 @@ class Joint(Protocol):
     def covariance(self) -> Array: ...
     @property
     def points(self) -> Points | None: ...
+    @property
+    def noise(self) -> Any: ...
 
 
 class Test(NamedTuple):
@@ -104,6 +107,8 @@ class NewRows(ReadOnlyArrays):
     own: Array  # (m, k, k) covariance of each measurement's own noise
     posterior: Joint
     own_at: Array = field(default_factory=lambda: np.zeros(0), kw_only=True)  # (d, m, k, k) own at each point, or none
+    # of `own`: noise of open sizes by their names, (m, k, k) where the size is 1
+    parts: tuple[tuple[str, Array], ...] = field(default=(), kw_only=True)
 
     @property
     def dof(self) -> int:
@@ -114,6 +119,19 @@ class NewRows(ReadOnlyArrays):
     def factor(self) -> JointFactor:
         """L with ``Sigma = L L^T``; raises `SingularNoiseError` where a measurement has no noise of its own."""
         return JointFactor.of(self.own, self.by_unit)
+
+    @property
+    def by_errors(self) -> Array:
+        """(m, k, N) by the errors s of the posterior."""
+        A = self.posterior.A
+        flat = self.by_unit[..., : len(A)].reshape(-1, len(A))
+        return np.asarray(solve_triangular(A, flat.T, lower=True, trans="T").T.reshape(*self.r.shape, -1))
+
+    def own_of(self, sizes: Mapping[str, float]) -> Array:
+        """(m, k, k) own, with `parts` of other sizes, by their names."""
+        stated = {one.name: one.size for one in self.posterior.noise} if self.parts else {}
+        more = ((sizes.get(name, stated[name]) ** 2 - stated[name] ** 2) * S for name, S in self.parts)
+        return np.asarray(sum(more, np.asarray(self.own)))
 
     def whitened(self, columns: Array) -> Array:
         """``L^-1 C`` (mk, c) of columns (m, k, c)."""
@@ -255,7 +273,8 @@ class NewRows(ReadOnlyArrays):
     def rows(self, index: NDArray[Any]) -> NewRows:
         """Some of the measurements, by their numbers or a mask."""
         own_at = self.own_at[:, index] if len(self.own_at) else self.own_at
-        return NewRows(self.r[index], self.by_unit[index], self.own[index], self.posterior, own_at=own_at)
+        parts = tuple((name, S[index]) for name, S in self.parts)
+        return NewRows(self.r[index], self.by_unit[index], self.own[index], self.posterior, own_at=own_at, parts=parts)
 
     def joined(self, other: NewRows) -> NewRows:
         """The measurements of both, each by itself made of uncorrelated numbers of variance 1.
@@ -373,3 +392,14 @@ def factor_of(P: Array) -> Array:
         values, vectors = np.linalg.eigh(scaled)
         R = np.linalg.qr((vectors * np.sqrt(np.maximum(values, RIDGE))).T)[1]
         return np.asarray(scale[:, None] * (R.T * np.where(np.diag(R) < 0, -1.0, 1.0)))
+
+
+def at_points(posterior: Joint, own: Array, parts: Sequence[tuple[str, Array]]) -> Array:
+    """(d, m, k, k) own noise at each point of open sizes, of `NewRows` with these parts; none where all are known."""
+    if posterior.points is None:
+        return np.zeros(0)
+    of = {one.name: one for one in posterior.noise}
+    found = np.repeat(own[None], len(posterior.points.weights), axis=0)
+    for name, S in parts:
+        found += (of[name].by_point ** 2 - of[name].size ** 2)[:, None, None, None] * S
+    return found

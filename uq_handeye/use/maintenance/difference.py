@@ -298,7 +298,11 @@ def _innovation(part: Calibration, whole: Calibration, more: Array) -> Array:
     points = [None if of is None else of.points for of in (before, after)]
     if before is None or after is None or points[0] is None or points[1] is None:
         return positive(more)
-    if len(more) < 12 or not np.array_equal(points[0].theta, points[1].theta):
+    if before.source is not None and points[0].names == points[1].names:
+        before = before.source.at(points[1].theta, points[1].weights).posterior
+    elif not np.array_equal(points[0].theta, points[1].theta):
+        return positive(more)
+    if len(more) < 12:
         return positive(more)
     weights, means, C_part = before.mixture_of("X", "W")
     _, _, C_whole = after.mixture_of("X", "W")

@@ -12,6 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ...calibration.job import job_of
+from ...calibration.request import Request
 from ...calibration.result import Calibration
 from ...core.geometry.frames import SETUPS
 from ...core.geometry.se3 import Array, logarithm, perturb
@@ -286,6 +288,27 @@ def holds_request(result: Calibration) -> bool:
     return (
         isinstance(result.data, PosePairs) and result.provenance is not None and result.provenance.request is not None
     )
+
+
+def with_bound_poses(result: Calibration) -> Calibration:
+    """Return a result whose file lacks its poses or what was asked with the poses that its posterior is bound to.
+
+    As it is where these are not all that the fit had: corners or points, clocks, joints, more than the defaults.
+    """
+    posterior, origin, estimate = result.posterior, result.provenance, result.noise_estimate
+    if holds_request(result) or posterior is None or posterior.bound is None or origin is None or estimate is None:
+        return result
+    if estimate.camera_known or result.time_offset is not None or result.kinematics is not None:
+        return result
+    assert result.setup is not None
+    data = PosePairs(*posterior.bound, result.setup, posterior.times)
+    request = origin.request
+    if request is None:
+        request = {"noise": None, "robust": origin.options["robust"], "shared": None, "arm": None, "simulated": False}
+        assumed = Request(method=result.method, correlation=origin.options["correlation"])
+        if [line for error in job_of(assumed, data).shared for line in error.described] != origin.options["shared"]:
+            return result
+    return replace(result, data=data, excluded=(), provenance=replace(origin, request=request))
 
 
 def _options(result: Calibration) -> dict[str, Any]:

@@ -4,8 +4,12 @@ A result that holds its poses is updated by the fit of all poses with the option
 update then equals the calibration of all poses, and the order of updates does not matter, but for what the estimate
 itself makes of the order of poses (neighbours of a drift).
 
-A result without poses (an older file), or with touches, is updated by its joint posterior (`absorbed_into`), which is
-the same to first order: old poses that are not there cannot be weighted or linearised again. With the errors
+The same holds of a file whose poses were left out where its posterior is bound to them: with open sizes it keeps the
+poses that it is made of. A result with touches, of another robot, camera or target (``same``), or without these poses
+is updated by its joint posterior (`absorbed_into`), which is the same to first order: old poses cannot be weighted or
+linearised again, and errors of poses keep the columns that they had. With open sizes rows of the old poses are kept,
+and sizes are found again (`one_model.points`); X is then within 0.04 standard deviations of the fit of all in the
+median of 40 simulated sets, 0.12 at most. With the errors
 ``s = (xi_X, xi_W, e - estimate)`` and their mean and covariance given the measurements (`Posterior.absorb`), X and W
 become ``perturb(X, -mean)``, e becomes ``estimate + mean``, and the joint posterior has the covariance of s. What was
 found about the poses (residuals of the pose table, diagnostics, budget) stays that of the poses.
@@ -42,7 +46,7 @@ from ...rig.calibrate import update_rig
 from ...rig.description import Rig, require_left_out
 from ...rig.result import RigCalibration
 from .check import check
-from .joined_poses import arguments, holds_request, joined_poses, measured_poses, require_joinable
+from .joined_poses import arguments, holds_request, joined_poses, measured_poses, require_joinable, with_bound_poses
 from .misread import MISREAD
 
 # Name, among the options of a provenance, of what was put together: hash and number of poses of each part.
@@ -117,12 +121,13 @@ def update(  # type: ignore[misc]
         raise InputError("The result knows no joints: leave out those of the new poses, or calibrate with kinematics.")
     if joints is not None:
         poses = replace(poses, joints=as_numbers(joints, "joints"))
-    parts = parts_of(result)
+    parts, whole = parts_of(result), with_bound_poses(result)
     new = part_of(poses)
     if any(part["sha256"] == new["sha256"] for part in parts):
         raise InputError("The result was made with these poses already: a pose counts once.")
-    if not holds_request(result) or touches_taken(result) or checked_things(same) != frozenset(THINGS):
+    if not holds_request(whole) or touches_taken(result) or checked_things(same) != frozenset(THINGS):
         return _by_posterior(result, poses, noise, although_changed, [*parts, new], same)
+    result = whole
     old = measured_poses(result)
     require_joinable(old, poses)
     if result.kinematics is not None and poses.joints is None:
