@@ -62,13 +62,7 @@ class NoiseOfData:
     @property
     def part(self) -> str:
         """Return which part of what calibrate states a validation speaks of, as a sentence; empty where it is all."""
-        if self.stated is None:
-            return ""
-        move, turn = digits(1e3 * self.stated[0], 2), digits(float(np.degrees(self.stated[1])), 2)
-        return (
-            f" It speaks of noise of known sizes; calibrate, which does not know them, states {move} mm and {turn} deg "
-            "in all (1 sigma, worst direction)."
-        )
+        return part_of("noise of known sizes", self.stated)
 
     @property
     def doubtful(self) -> tuple[NoiseCheck, ...]:
@@ -98,6 +92,17 @@ class NoiseOfData:
         return {"by": self.by, "sentence": str(self), "checks": [asdict(check) for check in self.checks]} | stated
 
 
+def part_of(what: str, stated: tuple[float, float] | None) -> str:
+    """Return a sentence with what is spoken of, beside what a calibration with open sizes states; empty without it."""
+    if stated is None:
+        return ""
+    move, turn = digits(1e3 * stated[0], 2), digits(float(np.degrees(stated[1])), 2)
+    return (
+        f" It speaks of {what}; calibrate, which does not know them, states {move} mm and {turn} deg in all (1 sigma, "
+        "worst direction)."
+    )
+
+
 def noise_of_data(data: object, used: PosePairs | Motions, noise: Noise | None, estimated: bool) -> NoiseOfData:
     """Return what the data say about the noise.
 
@@ -115,13 +120,15 @@ def noise_of_data(data: object, used: PosePairs | Motions, noise: Noise | None, 
     found: Iterable[AnyCheck] | None = getattr(data, "checks", None)
     if found is not None:
         checks = tuple(NoiseCheck(check.name, check.status, check.text) for check in found)
-        return NoiseOfData(checks, "calibrate", _stated(data) if estimated else None)
+        return NoiseOfData(checks, "calibrate", stated_of(data) if estimated else None)
     return NoiseOfData((_level(used, None if estimated else noise),), "residuals")
 
 
-def _stated(result: Any) -> tuple[float, float] | None:
-    """Return what a calibration with open sizes states of X, where that is more than noise of known sizes makes."""
-    S, known = result.covariance, result.bound
+def stated_of(result: Any) -> tuple[float, float] | None:
+    """Return what a calibration with open sizes states of X (m, rad), where that is more than noise of known sizes
+    makes; None also for data without one.
+    """
+    S, known = getattr(result, "covariance", None), getattr(result, "bound", None)
     if S is None or known is None or np.allclose(S, known, rtol=1e-6):
         return None
     turn, move = (float(np.sqrt(np.linalg.eigvalsh(S[part, part])[-1])) for part in (slice(0, 3), slice(3, 6)))

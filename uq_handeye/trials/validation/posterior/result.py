@@ -23,6 +23,7 @@ from ....core.runtime.read_only import ReadOnlyArrays
 from ....errors import InputError, NotConvergedError
 from ....model.noise.models import Noise
 from ..monte_carlo.sums import LEVELS
+from ..noise_of_data import part_of
 from ..outcome import figure_of
 from .convergence import PosteriorDiagnostics, inference_data
 from .density import ScalePrior
@@ -72,6 +73,7 @@ class Posterior(ReadOnlyArrays):
     seed: int
     seconds: float
     maxima: int = 1  # of the density, as the chain's proposal has them; above 1 only where `student_t` is set
+    stated: tuple[float, float] | None = None  # m, rad: sd in the worst direction by the calibration that gave the data
 
     def __repr__(self) -> str:
         kept = f"{self.chain.shape[0] * self.chain.shape[1]:,} samples"
@@ -233,7 +235,10 @@ UNITS = np.array([180 / np.pi] * 3 + [1e3] * 3)
 @document_of.register(Posterior)
 def posterior_document(posterior: Posterior) -> Document:
     """A headline, a table of the six axes, the shape, the scales and the diagnostics; or what is missing."""
-    start: list[Block | list[Block]] = [Paragraph(f"Posterior of {posterior.frame or 'X'}, {_model(posterior)}.")]
+    part = part_of("noise whose sizes are known but for these scales" if posterior.scales else "noise of known sizes",
+                   posterior.stated)  # fmt: skip
+    about = f"Posterior of {posterior.frame or 'X'}, {_model(posterior)}.{part}"
+    start: list[Block | list[Block]] = [Paragraph(about)]
     diagnostics = Paragraph(_diagnostics(posterior))
     if not posterior.converged:
         faults = "; ".join(posterior.diagnostics.faults)

@@ -37,6 +37,7 @@ from ....model.poses.pose_pairs import PosePairs
 from ....model.poses.timing import warn_left_out
 from ...simulation.experiment import Fitted, problem_of
 from ..monte_carlo.store import sha256, sha256_of_noise
+from ..noise_of_data import stated_of
 from .convergence import LENGTHS, LONGEST_R_HAT, PosteriorDiagnostics, autocorrelation_time, diagnose
 from .density import Density, ScalePrior, density_of
 from .file import Chain, ChainFile
@@ -307,7 +308,7 @@ def sample_posterior(
     >>> bool(np.all(np.abs(posterior.std / np.sqrt(np.diag(uq.bound(poses, noise))) - 1) < 0.1))
     True
     """
-    begun = time.perf_counter()
+    begun, given = time.perf_counter(), data
     data, noise, estimated = problem_of(data, noise)
     _require_one_problem(data)
     warn_left_out("sample_posterior()", data)
@@ -336,7 +337,8 @@ def sample_posterior(
     draws = density.coordinates(chain.y[dropped:]), chain.log_density[dropped:]
     degrees = None if student_t is None else float(student_t)
     about = frame, *draws, found, model, estimated, free, degrees, int(seed), time.perf_counter() - begun
-    result = Posterior(density.fit.X, density.fit.covariance_X, *about, len(chain.proposal.weight))
+    stated = stated_of(given) if estimated else None
+    result = Posterior(density.fit.X, density.fit.covariance_X, *about, len(chain.proposal.weight), stated)
     result.require_converged()
     return result
 
