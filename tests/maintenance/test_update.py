@@ -255,7 +255,7 @@ def test_a_file_without_poses_is_updated_as_one_with_them(times, lacks, tmp_path
 
 @pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
 def test_open_sizes_are_found_again_beside_touches(setup):
-    """By the rows that the posterior is made of, also from a file; the columns of old poses are not taken again."""
+    """The rows that the posterior is made of tell them, also from a file; columns of old poses are not taken again."""
     off = []
     for seed in range(4):
         poses = uq.simulate(24, setup=setup, noise=NOISE, seed=seed)

@@ -13,6 +13,7 @@ from ..core.geometry.se3 import Array, difference
 from ..core.runtime.read_only import read_only
 from ..errors import DegenerateMotionError, InputError, NotConvergedError
 from ..findings import Finding
+from ..fit.diagnostics.budget import SIZES_OPEN
 from ..fit.diagnostics.pose_table import pose_table
 from ..fit.empirical_covariance.resampled import resampled
 from ..fit.input_checks.checks import check_fit, check_motions, misread, require_signal
@@ -86,8 +87,6 @@ SURE, UNLIKELY = 0.99, 0.05
 OF_POSES = frozenset({ROBOT_ACCURACY, VIEW, LENS, FOCAL_LENGTH, f"{PRINCIPAL_POINT} x"})
 # Another branch of the inverse kinematics is taken where its evidence is better by so much.
 BETTER = 1.0
-# The source of a budget for what the open sizes of all errors leave.
-SIZES_OPEN = "sizes of the errors"
 
 
 def by_likelihood(job: Job) -> tuple[Calibration, list[Finding]]:
@@ -323,6 +322,9 @@ def _assembled(
             posterior = replace(joint, bound=(poses.robot, poses.camera), times=poses.timestamps)
         if found is not None:
             posterior = with_open_sizes(posterior, fit.covariance, found)
+    shared = estimates_of(joint, job.shared, fit)
+    if isinstance(posterior, OpenSizes):
+        analysis = replace(analysis, joint=posterior, prior_sd={error.name: error.prior_sd for error in shared})
     result = replace(
         bare_result(job, fit.X, fit.W, summarise(angle, distance), noise),
         covariance=covariance,
@@ -336,7 +338,7 @@ def _assembled(
         fit=judged,
         table=table,
         time_offset=time_offset,
-        shared=estimates_of(joint, job.shared, fit),
+        shared_at_sizes=shared,
         analysis=analysis,
         opened=fit.opened,
         joint_posterior=posterior,
@@ -379,7 +381,7 @@ def _of_fit(
     known, own = (rest_noise, None) if estimate is None else (None, rest_noise)
     if own is not None and not (is_of_each(own.robot) or is_of_each(own.camera)):
         own = None
-    size = next((1.0 / (1.0 + of.estimate) for of in result.shared if of.name == TARGET_SCALE), 1.0)
+    size = next((1.0 / (1.0 + of.estimate) for of in result.shared_at_sizes if of.name == TARGET_SCALE), 1.0)
     sure = wrong_size is None or wrong_size > SURE
     looked = check_fit(rest, fit.X, known, fit.covariance_X, own, size, sure)
     if (~kept).mean() > MISREAD and not any(one.severity == "failure" for one in looked):
@@ -389,7 +391,7 @@ def _of_fit(
 
 def _wrong_size(found: FoundSizes | None, result: Calibration) -> float | None:
     """Return the probability that the target has another size, sizes of errors integrated over; None: not asked."""
-    scale = next((error for error in result.shared if error.name == TARGET_SCALE), None)
+    scale = next((error for error in result.shared_at_sizes if error.name == TARGET_SCALE), None)
     if found is None or scale is None:
         return None
     likely = scale.beyond(WRONG_SIZE)

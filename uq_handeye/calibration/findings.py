@@ -128,7 +128,7 @@ def shared_findings(job: Job, result: Calibration, joint: Posterior, wrong_size:
     """
     found = []
     by_name: dict[str, list[SharedEstimate]] = {}
-    for error in result.shared:
+    for error in result.shared_at_sizes:
         by_name.setdefault(group_of(error.name), []).append(error)
     for name, errors in by_name.items():
         declared = len(errors) > 1 and not errors[0].default  # sizes that are assumed were found by these data

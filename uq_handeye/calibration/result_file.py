@@ -39,7 +39,7 @@ AS_NOISE = "as noise"
 # Parts that follow from other parts of the file.
 DERIVED = "frame std correlation quaternion_xyzw=quaternion inverse covariance_inverse frame_W std_W efficiency"
 # Parts that are named otherwise in the file, covariances (6, 6), and what some parts may be.
-_KEYS = {"fourdpa": "4dpa", "table": "poses", "opened": "open"}
+_KEYS = {"fourdpa": "4dpa", "shared_at_sizes": "shared", "table": "poses", "opened": "open"}
 _COVARIANCES = ("covariance", "covariance_W", "bound")
 _KNOWN = {
     "method": (*ESTIMATORS, BUNDLE, *METHODS, *ROBOT_WORLD_METHODS),

@@ -17,7 +17,7 @@ from ...core.geometry.checks import checked_covariance
 from ...core.geometry.se3 import Array
 from ...core.runtime.read_only import read_only
 from ...errors import DegenerateMotionError, InputError
-from ...fit.diagnostics.budget import Budget, budget
+from ...fit.diagnostics.budget import Budget, budget, by_posterior
 from ...fit.diagnostics.diagnose import diagnose
 from ...fit.diagnostics.result import Diagnostics
 from ...fit.diagnostics.source_types import with_types
@@ -25,6 +25,7 @@ from ...fit.diagnostics.split_half import SplitHalf, split_fit
 from ...fit.empirical_covariance.resampled import KINDS, resampled
 from ...fit.likelihood.gauss_helmert import Fit
 from ...fit.likelihood.shared_estimates import of_moves
+from ...fit.one_model.points import OpenSizes
 from ...model.noise.estimate import NoiseEstimate
 from ...model.noise.joint_covariance import JointCovariance, group_of
 from ...model.noise.models import Noise, PoseNoise
@@ -50,6 +51,9 @@ class Analysis(Record):
     beside: dict[str, Array] = field(default_factory=dict, repr=False)
     # Covariances (n, 6, 6) within what each robot pose has by itself, by name: of joint noise.
     within: dict[str, Array] = field(default_factory=dict, repr=False)
+    # The posterior over open sizes, and the deviations of its errors before the data, by name: for the budget.
+    joint: OpenSizes | None = field(default=None, repr=False)
+    prior_sd: dict[str, float] = field(default_factory=dict, repr=False)
     numbers: tuple[int, ...] | None = None  # of the rows in the data set, where some of it is excluded
 
     @cached_property
@@ -103,6 +107,8 @@ class Analysis(Record):
         """Shares of the variance by source, with their types; sources that the data cannot separate are one."""
         corners = isinstance(self.data, PosePairs) and self.data.camera_known
         found = budget(self.fit, self.noise, beside=self.beside, within=self.within)
+        if self.joint is not None:
+            found = by_posterior(found, self.joint.posterior, self.prior_sd)
         found = with_types(found, self.noise, self.estimate, corners)
         return found if self.estimate is None else found.merged(*_not_told_apart(self.estimate))
 

@@ -6,7 +6,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -83,7 +84,7 @@ class Estimated(Record):
     fit: GoodnessOfFit | None = None  # chi-square test of the residuals against the noise
     table: PoseTable | None = None  # residual, leverage and flag of each pose
     time_offset: TimeOffset | None = None  # of interpolated poses: its share of the covariance
-    shared: tuple[SharedEstimate, ...] = ()  # errors that all poses share
+    shared_at_sizes: tuple[SharedEstimate, ...] = ()  # what `shared` is made of: for the mean sizes of the errors
     agreement: Agreement | None = None  # of method "bundle" with `efficient`
     opened: OpenDirections | None = None  # what of X and W the motions leave open
     kinematics: FittedKinematics | None = None  # the arm, where its joints were given
@@ -109,6 +110,15 @@ class Estimated(Record):
         """
         held = self.joint_posterior
         return held.posterior if isinstance(held, OpenSizes) else held
+
+    @cached_property
+    def shared(self) -> tuple[SharedEstimate, ...]:
+        """Errors that all poses share, with the standard deviations of the posterior: over the sizes that are open."""
+        if not isinstance(self.joint_posterior, OpenSizes):
+            return self.shared_at_sizes
+        of = self.joint_posterior.posterior
+        sd = dict(zip(of.names, np.sqrt(np.maximum(np.diag(of.covariance)[of.p :], 0.0)).tolist(), strict=True))
+        return tuple(replace(error, sd=sd.get(error.name, error.sd)) for error in self.shared_at_sizes)
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -146,7 +156,7 @@ class Estimated(Record):
 
     @property
     def budget(self) -> Budget:
-        """Shares of the variance by source; where further measurements were taken in, by the posterior with them."""
+        """Shares of the variance by source, by the posterior; where measurements were taken in, with those."""
         if not (self._taken_in and self.has_budget):
             return self._analysed().budget
         assert self.posterior is not None
@@ -157,9 +167,9 @@ class Estimated(Record):
 
     @property
     def has_budget(self) -> bool:
-        """True if it is known what the covariance is made of; with measurements taken in where sizes are known."""
+        """True if it is known what the covariance is made of."""
         if self._taken_in:
-            return self.posterior is not None and self.posterior.points is None
+            return self.posterior is not None
         return self.analysis is not None
 
     @property

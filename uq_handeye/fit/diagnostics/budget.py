@@ -28,6 +28,8 @@ from ...model.noise.joint_covariance import JointCovariance, group_of
 from ...model.noise.models import INTRINSICS, Noise, PairNoise, is_joint, require_count
 from ...model.noise.square_roots import pulled, whiten
 from ...model.posterior.posterior import Posterior
+from ...model.posterior.rows import factor_of
+from ...model.shared_errors.shared_error import CLOCK_OFFSET
 from ..likelihood.constraint import covariances_of
 from ..likelihood.gauss_helmert import Fit
 from ..likelihood.shared_estimates import of_moves
@@ -39,6 +41,8 @@ EACH, SHARED = "(each pose)", "(shared)"
 ROUNDED = 1e-9
 
 
+# The source of a budget for what open sizes of the errors move X and W by.
+SIZES_OPEN = "sizes of the errors"
 _COMPONENTS = ("theta_x", "theta_y", "theta_z", "tau_x", "tau_y", "tau_z")
 
 
@@ -289,20 +293,59 @@ def budget(
 def budget_of_posterior(
     posterior: Posterior, prior_sd: Mapping[str, float], X: Array, noise: str, dof: float
 ) -> Budget:
-    """Return the budget of X and W by their posterior: ``P_xe diag(sd^-2) P_ex`` of errors e that had the deviations sd
-    beforehand, and the rest, of the noise of all measurements (named ``noise``; ``dof``: infinite where it was given).
-    For known sizes of the errors.
+    """Return the budget of X and W by their posterior: errors and sizes as `parts_of_posterior` has them, and the rest,
+    of the noise of all measurements (named ``noise``; ``dof``: infinite where it was given).
     """
-    p, P = posterior.p, posterior.covariance
-    effects = [P[:p, p + np.array(one.numbers)] / [prior_sd.get(posterior.names[k], 1.0) for k in one.numbers]
-               for one in posterior.components]  # fmt: skip
-    parts = [effect @ effect.T for effect in effects]
-    rest = P[:p, :p] - sum(parts, np.zeros((p, p)))
-    sources = (noise, *(one.name for one in posterior.components))
+    p = posterior.p
+    parts = parts_of_posterior(posterior, prior_sd)
+    rest = posterior.covariance[:p, :p] - sum(parts.values(), np.zeros((p, p)))
+    sources = (noise, *parts)
     relative = np.zeros((len(sources), len(sources)))
     relative[0, 0] = 2.0 / dof
     types = ("A" if np.isfinite(dof) else "B", *("B" for _ in parts))
-    return Budget(sources, np.array([rest, *parts]), np.zeros((0, p, p)), X, types, relative)
+    return Budget(sources, np.array([rest, *parts.values()]), np.zeros((0, p, p)), X, types, relative)
+
+
+def parts_of_posterior(posterior: Posterior, prior_sd: Mapping[str, float]) -> dict[str, Array]:
+    """Return the covariance (p, p) of X and W by each error of the posterior, and by sizes that are open, by name.
+
+    Errors e that had the deviations sd beforehand make ``P_xe diag(sd^-2) P_ex``. With open sizes that is the mean over
+    their points, with the deviations of each, and what the points move X and W by is a source of its own.
+    """
+    p, points, found = posterior.p, posterior.points, dict[str, Array]()
+    weights, A = (np.ones(1), posterior.A) if points is None else (points.weights, posterior.A)
+    C = posterior.covariance[None] if points is None else A @ points.covariances @ A.T
+    for one in posterior.components:
+        sd = np.array([prior_sd.get(posterior.names[k], 1.0) for k in one.numbers]) * np.ones((len(weights), 1))
+        if points is not None and one.name in points.names:
+            theta = points.theta[:, points.names.index(one.name)]
+            sd = sd * np.exp(theta - weights @ theta)[:, None]
+        effect = C[:, :p, p + np.array(one.numbers)] / sd[:, None]
+        found[one.name] = np.einsum("d,dik,djk->ij", weights, effect, effect)
+    if points is not None:
+        moves = points.means @ A[:p].T
+        found[SIZES_OPEN] = (weights * moves.T) @ moves
+    return found
+
+
+def by_posterior(found: Budget, posterior: Posterior, prior_sd: Mapping[str, float]) -> Budget:
+    """Return the budget of a fit with what its posterior says of errors and of open sizes.
+
+    The noise of the poses has the rest, in the proportions of the fit: ``T N_k T^T``, with T from their sum to it.
+    """
+    parts, p = parts_of_posterior(posterior, prior_sd), len(found.covariance)
+    if posterior.points is None or p != posterior.p:
+        return found
+    own = [name not in parts and not name.startswith("prior of ") and name != CLOCK_OFFSET for name in found.sources]
+    noise = np.array(own, dtype=bool)
+    kept = [parts.get(name, S) for name, S in zip(found.sources, found.covariances, strict=True)]
+    covariances = np.array(kept)
+    rest = posterior.covariance[:p, :p] - covariances[~noise].sum(axis=0)
+    if not noise.any() or np.linalg.eigvalsh(rest / np.outer(*[np.sqrt(np.maximum(np.diag(rest), 1e-300))] * 2))[0] < 0:
+        return found
+    T = factor_of(rest) @ np.linalg.inv(factor_of(covariances[noise].sum(axis=0)))
+    covariances[noise] = T @ covariances[noise] @ T.T
+    return replace(found, covariances=covariances)
 
 
 def budget_of_sensitivities(

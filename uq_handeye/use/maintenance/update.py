@@ -270,7 +270,7 @@ def absorbed_into(result: Calibration, evidence: NewRows, finding: Finding, opti
         "covariance": posterior.covariance[:6, :6],
         "covariance_W": posterior.covariance[6:12, 6:12],
         "joint_posterior": posterior,
-        "shared": shared,
+        "shared_at_sizes": shared,
         "kinematics": fitted,
         "findings": (*result.findings, finding),
         "provenance": None if origin is None else replace(origin, options=origin.options | dict(options)),
