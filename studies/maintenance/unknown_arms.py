@@ -1,6 +1,6 @@
 """Checks of rigs whose arm nobody knows: p-values and power where nothing or little changed, and a shift of X of 2 mm.
 
-    python -m studies.maintenance.unknown_arms [--draws 2000] [--leave-out] [--keep FILE.npz]
+    python -m studies.maintenance.unknown_arms [--draws 2000] [--leave-out] [--left 0.35] [--keep FILE.npz]
 
 Sets of `studies.one_model.rigs`, local poses, in random order: 30 are calibrated with default settings (noise and sizes
 of all errors estimated), 8 checked. Draws go round the arms, the accuracies and both setups.
@@ -10,8 +10,9 @@ of all errors estimated), 8 checked. Draws go round the arms, the accuracies and
   (`NewRows`), moves the residuals; the share that is found.
 - *2 mm*: every `MOVED`-th draw, the camera moves in a random direction before the 8 are taken; found, cause named.
 
-``--leave-out``: the geometry of the arm is not in the population. With ``--keep`` draws are added to those of a file,
-so that the study can run in pieces; ``--draws 0`` with several files prints the table of all.
+``--leave-out``: the geometry of the arm is not in the population. ``--left``: another `population.LEFT_BESIDE`.
+With ``--keep`` draws are added to those of a file, so that the study can run in pieces; ``--draws 0`` with several
+files prints the table of all.
 """
 
 from __future__ import annotations
@@ -81,9 +82,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--draws", type=int, default=120)
     parser.add_argument("--leave-out", action="store_true", help="the geometry of the arm is not in the population")
+    parser.add_argument("--left", type=float, help="share of what the population leaves of new poses that counts")
     parser.add_argument("--first", type=int, default=0, help="number of the first draw")
     parser.add_argument("--keep", type=Path, nargs="+", help="files of draws so far; to the first these are added")
     options = parser.parse_args(arguments)
+    if options.left is not None:
+        population.LEFT_BESIDE = options.left
     files = [path for path in options.keep or () if path.exists()]
     kept = [np.load(path)["draws"] for path in files]
     first = options.first + (len(kept[0]) if files and files[0] == options.keep[0] else 0)

@@ -35,9 +35,9 @@ from .by_likelihood import by_likelihood, poses_about_errors
 from .by_published import by_published
 from .estimate.analysis import Analysis
 from .estimate.estimated import Provenance, provenance
+from .evidence.new_poses import residuals_against
 from .findings import flipped_poses, look_at, reasons, require_determined, shifted, why_failed, without_consequences
 from .job import Job, job_of
-from .prediction.excluded import residuals_against
 from .request import BUNDLE, Request
 from .result import Calibration
 

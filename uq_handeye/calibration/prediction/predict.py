@@ -30,6 +30,7 @@ from ...core.geometry.se3 import Array, inverse, perturb
 from ...errors import InputError
 from ...fit.diagnostics.task_space import PointUncertainty, by_pose, point_noise
 from ...fit.likelihood.constraint import OnPoses, Unknowns
+from ...fit.likelihood.gauss_helmert import ESTIMATORS
 from ...model.kinematics.errors import GROUPS
 from ...model.kinematics.kinematic_errors import EXACT, JOINT_NOISE, effects_of_errors, frame_name
 from ...model.kinematics.workspace_gauge import frame_columns
@@ -61,10 +62,13 @@ def posterior_of(result: Estimated) -> Posterior:
                 "Expected a calibration with a covariance, got one without: poses that fit exactly, or too few, show "
                 "no noise. Calibrate with `noise`, or with more poses."
             )
-        what = "of motions without poses" if isinstance(result.counted, Motions) else f"by method {result.method!r}"
+        what, do = f"by method {result.method!r}", "Calibrate poses by method efficient or ml."
+        if isinstance(result.counted, Motions):
+            what = "of motions without poses"
+        elif result.method in ESTIMATORS:
+            what, do = "of a file", "Calibrate again; uq.update does it where the file has its poses."
         raise InputError(
-            f"Expected a calibration with the joint covariance of X and W, got one {what} without it. Calibrate poses "
-            "by method efficient or ml."
+            f"Expected a calibration with the joint covariance of X and W, got one {what} without it. {do}"
         )
     return result.posterior
 

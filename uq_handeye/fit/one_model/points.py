@@ -199,7 +199,15 @@ class OpenSizes(ReadOnlyArrays):
         found["order"] = found["order"].astype(np.intp)
         if not (found["weights"] >= 0).all() or not np.isclose(found["weights"].sum(), 1.0):
             raise ValueError("the weights of the posterior are no probabilities")
-        return cls(base, model=model, names=tuple(components[k].name for k in model.free), **found)
+        result = cls(base, model=model, names=tuple(components[k].name for k in model.free), **found)
+        with np.errstate(all="ignore"):
+            try:
+                parts = result.posterior.covariance, *result._mixture
+            except np.linalg.LinAlgError as error:
+                raise ValueError("the rows of the posterior leave numbers open") from error
+        if not all(np.isfinite(part).all() for part in parts):
+            raise ValueError("the rows of the posterior make no covariance")
+        return result
 
 
 _ARRAYS = ("of_poses", "theta", "weights", "mean_theta", "order", "unit")

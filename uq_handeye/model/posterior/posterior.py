@@ -24,7 +24,6 @@ from typing import Annotated, Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
 
 from ...core.files.records import Record, array_of
 from ...core.geometry.se3 import Array
@@ -199,12 +198,10 @@ class Posterior(ReadOnlyArrays):
             raise InputError("Expected measurements that were held against this posterior.")
         if self.source is not None:
             return self.source.absorbed(rows)
-        move, covariance = rows.absorbed()
-        points = self.points
-        if points is not None:  # of an older file, which has the points only
-            move, covariance, points = _refined(self, points, rows)
+        move, covariance = rows.absorbed()  # points of an older file stay behind: its sizes count as known from here on
+        noise = tuple(replace(one, by_point=np.zeros(0)) for one in self.noise)
         estimate = self.estimate + move[self.p :]
-        return Absorbed(replace(self, estimate=estimate, covariance=covariance, points=points), move)
+        return Absorbed(replace(self, estimate=estimate, covariance=covariance, points=None, noise=noise), move)
 
     def choose(self, candidates: Array, k: int, Q: Array | None = None, *, repeat: bool = False) -> Selection:
         """The k of m measurements that tell most, by their rows (m, 6, N) whitened by their noise.
@@ -239,6 +236,8 @@ class Posterior(ReadOnlyArrays):
         q, blocks = len(data["names"]), tuple(map(str, data.get("blocks", ("X", "W"))))
         N = 6 * len(blocks) + q
         covariance = array_of(data["covariance"], (N, N), "posterior.covariance")
+        if (np.diag(covariance) < 0).any():
+            raise ValueError("the posterior has a variance below 0")
         points = None if data.get("points") is None else SizePoints.from_dict(data["points"], N)
         noise = tuple(map(FreshNoise.from_dict, data.get("noise", ())))
         count = 0 if points is None else len(points.weights)
@@ -246,13 +245,14 @@ class Posterior(ReadOnlyArrays):
             count = len(of["weights"])
         if any(len(one.by_point) != count for one in noise):
             raise ValueError("the noise of the posterior has sizes of other points")
-        bound, times = None, data.get("times")
+        bound, times = None, None
         if data.get("bound") is not None:
             robot, camera = (_poses(part) for part in data["bound"])
             if len(robot) != len(camera):
                 raise ValueError("the poses of the posterior are not pairs")
             bound = robot, camera
-            times = None if times is None else array_of(times, (len(robot),), "posterior.times")
+            if data.get("times") is not None:
+                times = array_of(data["times"], (len(robot),), "posterior.times")
         estimate = array_of(data["estimate"], (q,), "posterior.estimate")
         return cls(tuple(map(str, data["names"])), estimate, covariance, blocks, points, noise, bound, times)
 
@@ -262,26 +262,6 @@ class Absorbed(NamedTuple):
 
     posterior: Posterior
     move: Array  # (N,) of s: the new estimate of a pose is the old one less its move, of an error the old one plus it
-
-
-def _refined(before: Posterior, points: SizePoints, rows: NewRows) -> tuple[Array, Array, SizePoints]:
-    """Move, covariance and points once measurements are in.
-
-    Each point is updated by itself, and weighs as much more as it gave them density.
-    """
-    means, covariances, logs = rows.absorbed_at_points()
-    with np.errstate(divide="ignore"):
-        logs = logs + np.log(points.weights)
-    weights = np.exp(logs - logs.max())
-    weights /= weights.sum()
-    move = weights @ means - before.mean
-    means = means - move
-    P = np.tensordot(weights, covariances, axes=1) + (weights * means.T) @ means
-    L = factor_of(P)
-    inverse = solve_triangular(L, np.eye(len(L)), lower=True)
-    each = inverse @ covariances @ inverse.T
-    found = replace(points, weights=weights, means=means @ inverse.T, covariances=0.5 * (each + each.mT), stored=None)
-    return move, P, found
 
 
 def _poses(rows: Any) -> Array:

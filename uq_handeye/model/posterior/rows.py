@@ -14,8 +14,7 @@ and takes ``a^T Cov(a)^-1 a`` away from d^2. The errors s given r are
 
     E s = L V^T Sigma^-1 r,      Cov s = L (1 - V^T Sigma^-1 V) L^T
 
-the update of a Kalman filter, and the fit of all data together to first order. With open sizes each point is updated by
-itself, with its own noise, and its weight by the density that it gave to r.
+the update of a Kalman filter, and the fit of all data together to first order, for known sizes.
 
 *Distribution of d^2 if nothing has changed.* At known sizes d^2 is chi-square. Where sizes are open, r is a mixture of
 ``N(mu_d, Sigma_d)`` (`posterior`), and at each point d^2 has the cumulants
@@ -242,33 +241,6 @@ class NewRows(ReadOnlyArrays):
     def _own_units_at(self, V: Array) -> Array:
         """(d or 1, t, t) covariance by the errors that these measurements share by themselves, at each point."""
         return np.asarray((V @ V.T)[None])
-
-    def absorbed_at_points(self) -> tuple[Array, Array, Array]:
-        """Means (d, N) and covariances (d, N, N) of s at each point, given these, and logarithms (d,) of the densities
-        of these up to a constant.
-        """
-        points, L = self.posterior.points, self.posterior.A
-        assert points is not None
-        N, K = len(L), self.by_unit.shape[-1]
-        means, covariances, logs = [], [], []
-        for d in range(len(points.weights)):
-            B = checked_cholesky(self.own_at[d] if len(self.own_at) else self.own)
-            R = np.eye(K)
-            R[:N, :N] = factor_of(points.covariances[d])
-            mu = np.zeros(K)
-            mu[:N] = points.means[d]
-            white = substitute(B, np.concatenate([self.by_unit @ R, (self.r - self.by_unit @ mu)[..., None]], axis=-1))
-            flat = white.reshape(self.dof, K + 1)
-            V, rest = flat[:, :-1], flat[:, -1]
-            inner = cho_factor(np.eye(K) + V.T @ V)
-            pull = V.T @ rest
-            back = cho_solve(inner, pull)
-            half = L @ R[:N]
-            means.append(L @ mu[:N] + half @ back)
-            covariances.append(half @ cho_solve(inner, half.T))
-            sizes = np.log(np.diagonal(B, axis1=-2, axis2=-1)).sum() + np.log(np.diag(inner[0])).sum()
-            logs.append(-sizes - 0.5 * (rest @ rest - pull @ back))
-        return np.array(means), np.array(covariances), np.array(logs)
 
     def rows(self, index: NDArray[Any]) -> NewRows:
         """Some of the measurements, by their numbers or a mask."""

@@ -29,17 +29,20 @@ from ...rig.result import RigCalibration
 from .causes import (
     CAMERA_MOVED,
     FOCAL_LENGTH,
+    LENS,
     ONE_POSE,
+    SMALL_FACTOR,
     TARGET_MOVED,
     TARGET_SIZE,
     Causes,
     columns_of_causes,
     compare_causes,
     distances,
+    misread,
+    scale_finding,
 )
 from .check_result import CANNOT_TELL, CHANGED, UNCHANGED, ChangeCheck, Detectable, detectable_changes
 from .joined_poses import common_poses
-from .misread import LENS, SMALL_FACTOR, misread, scale_finding
 
 # Level of the test: the share of false alarms.
 LEVEL = 0.05

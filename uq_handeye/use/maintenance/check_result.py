@@ -20,8 +20,17 @@ from ...core.geometry.se3 import Array
 from ...core.presentation.document import COLUMNS, Answer, Block, Paragraph, document_of, to_text
 from ...findings import Finding
 from ...model.posterior.rows import PredictiveReference, smallest_change
-from .causes import CAMERA_MOVED, FOCAL_LENGTH, IMAGE_CENTRE, ONE_POSE, TARGET_MOVED, TARGET_SIZE, Cause, Causes
-from .misread import MISREAD
+from .causes import (
+    CAMERA_MOVED,
+    FOCAL_LENGTH,
+    IMAGE_CENTRE,
+    MISREAD,
+    ONE_POSE,
+    TARGET_MOVED,
+    TARGET_SIZE,
+    Cause,
+    Causes,
+)
 
 UNCHANGED, CHANGED, CANNOT_TELL = "unchanged", "changed", "cannot tell"
 

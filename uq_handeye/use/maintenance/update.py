@@ -45,9 +45,9 @@ from ...model.posterior.rows import NewRows
 from ...rig.calibrate import update_rig
 from ...rig.description import Rig, require_left_out
 from ...rig.result import RigCalibration
+from .causes import MISREAD
 from .check import check
 from .joined_poses import arguments, holds_request, joined_poses, measured_poses, require_joinable, with_bound_poses
-from .misread import MISREAD
 
 # Name, among the options of a provenance, of what was put together: hash and number of poses of each part.
 TOGETHER = "together"

@@ -24,8 +24,7 @@ from ...fit.likelihood.goodness_of_fit import Reference
 from ...model.noise.models import Noise, PoseNoise
 from ...model.poses.pose_pairs import PosePairs
 from ...model.shared_errors.shared_error import OF_ANY_POSES, SharedError
-from .by_joints import plan_within_reach
-from .by_posterior import Known, Offered, Wanted
+from .by_posterior import Known, Offered, Wanted, plan_within_reach
 from .plan import mean_distance, plan, plan_from
 
 # Share of the variance of X from which on the errors that all poses share are what limits it.

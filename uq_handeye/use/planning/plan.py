@@ -52,8 +52,7 @@ from ...model.shared_errors.shared_error import OF_ANY_POSES, SharedError, check
 from ...rig.description import require_left_out
 from ...rig.in_use.plan import RigPlan, plan_rig
 from ...rig.result import RigCalibration
-from .by_joints import plan_by_joints
-from .by_posterior import PREDICTION, Known, Offered, Wanted, planned
+from .by_posterior import PREDICTION, Known, Offered, Wanted, plan_by_joints, planned
 from .candidates import sample_candidates
 from .result import Plan
 from .weak_prior import OPEN, WeaklyKnown
@@ -117,7 +116,7 @@ def plan(  # type: ignore[misc]
         has none: the robot is taken to stand still.
     joints, kinematics, kinematic_errors
         As in `calibrate`: the errors of the arm are unknowns beside X and W, and the plan is one of joints, inside
-        their limits (`planning.by_joints`).
+        their limits (`planning.by_posterior`).
     task : (t, L) or None
         Joints (rad, m) at which predictions are to be good; None: postures spread over the joint limits.
     prior : NoisePrior or None

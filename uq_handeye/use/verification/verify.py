@@ -29,7 +29,7 @@ from ...findings import Finding
 from ...fit.diagnostics.task_space import by_pose
 from ...model.camera.files.intrinsics_file import camera_matrix
 from ...model.poses.pose_pairs import PosePairs
-from ..maintenance.misread import misread
+from ..maintenance.causes import misread
 from ..maintenance.update import require_other_touches
 from .power import Bias, assess, detectable, limit, next_touches, touches_needed
 from .result import LEVEL, Needed, PointTable, Verification
