@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Container
+from collections.abc import Collection, Container, Iterable
 from numbers import Integral
 from typing import TYPE_CHECKING, Any
 
@@ -60,6 +60,12 @@ class MissingExtraError(InputError):
 
 class SingularNoiseError(InputError):
     """The noise model leaves a part of the residuals exact, so that nothing can be weighted by its inverse."""
+
+
+def require_known(function: str, given: Iterable[str], known: type) -> None:
+    """Raise `TypeError`, as Python does, for names of arguments that are not among the fields of ``known``."""
+    if unknown := set(given) - set(known.__annotations__):
+        raise TypeError(f"{function}() got an unexpected keyword argument {min(unknown)!r}")
 
 
 def require_integer(name: str, value: Any, least: int) -> None:

@@ -29,7 +29,7 @@ from selenium.webdriver.chrome.service import Service
 import uq_handeye as uq
 from uq_handeye.calibration.evidence.touches import Touches
 from uq_handeye.core.geometry.se3 import Array, inverse
-from uq_handeye.core.presentation.pdf import FLAGS, found_browser
+from uq_handeye.core.presentation.page import FLAGS, found_browser
 from uq_handeye.use.live_session.api import live
 from uq_handeye.use.live_session.view import view_page
 

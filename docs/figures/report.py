@@ -24,7 +24,7 @@ from selenium import webdriver
 from selenium.webdriver.chrome.service import Service
 
 import uq_handeye as uq
-from uq_handeye.core.presentation.pdf import FLAGS, found_browser, to_pdf
+from uq_handeye.core.presentation.page import FLAGS, found_browser, to_pdf
 from uq_handeye.read import write_files
 from uq_handeye.report.comparison.compare import compare_beside
 from uq_handeye.report.page import report_html

@@ -12,8 +12,7 @@ from support import SEED
 
 import uq_handeye as uq
 from studies.camera_covariance import poses_of, recorded
-from uq_handeye.calibration.report.first_screen import LINES, first_screen, title_of
-from uq_handeye.calibration.report.next_step import next_step
+from uq_handeye.calibration.report.first_screen import LINES, first_screen, next_step, title_of
 from uq_handeye.core.files.source import Source
 from uq_handeye.core.presentation.document import COLUMNS, to_text
 

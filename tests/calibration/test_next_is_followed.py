@@ -11,7 +11,7 @@ from cli_cases import MODEL, NOISE, run
 from support import moved
 
 import uq_handeye as uq
-from uq_handeye.calibration.report.next_step import DECLARE, _about_largest
+from uq_handeye.calibration.report.first_screen import DECLARE, _about_largest
 from uq_handeye.calibration.statement.accuracy import Part
 from uq_handeye.model.shared_errors.shared_error import DEFAULT_SD
 from uq_handeye.read import write_pose_file

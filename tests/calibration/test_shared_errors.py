@@ -9,7 +9,7 @@ from calibration_cases import quietly
 from support import SEED
 
 import uq_handeye as uq
-from uq_handeye.calibration.report.shared_errors import included_words, shared_groups, shared_table
+from uq_handeye.calibration.report.text import included_words, shared_groups, shared_table
 from uq_handeye.findings import Finding
 from uq_handeye.model.shared_errors.shared_error import WRONG_SIZE
 

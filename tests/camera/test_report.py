@@ -32,7 +32,7 @@ from uq_handeye.model.camera.models import MODELS, pixel_deviation, rays
 from uq_handeye.model.camera.report.figures import camera_figures, camera_pictures, outline
 from uq_handeye.model.camera.report.page import camera_report_html, report_files
 from uq_handeye.model.camera.residual_pattern import CELLS
-from uq_handeye.report.sections_origin import camera_sections, shares_words
+from uq_handeye.report.sections import camera_sections, shares_words
 
 S = 0.1
 DISTORTION = (-0.3, 0.1, 0.0, 0.0)

@@ -17,12 +17,12 @@ from uq_handeye.core.files.about import ABOUT
 from uq_handeye.core.formatting.numbers import digits
 from uq_handeye.core.geometry.pose_numbers import pose_numbers
 from uq_handeye.core.geometry.se3 import perturb
-from uq_handeye.core.presentation import pdf
+from uq_handeye.core.presentation import page as pdf
 from uq_handeye.errors import InputError
 from uq_handeye.findings import Finding
 from uq_handeye.report.certificate.budget import budget_rows, components_of, correlation_of, worst_of
-from uq_handeye.report.certificate.iso_9283 import RP_PER_SD, robot_words
 from uq_handeye.report.certificate.page import MOST_SOURCES
+from uq_handeye.report.certificate.statements import RP_PER_SD, robot_words
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
 ISSUED = "some day"

@@ -12,8 +12,8 @@ from scipy import stats
 from support import CONFIDENCE, SEED, difference, moved, random_transforms
 
 import uq_handeye as uq
-from uq_handeye.cli.options import arm as arm_options
-from uq_handeye.cli.options import common as cli_options
+from uq_handeye.cli import arm as arm_options
+from uq_handeye.cli import options as cli_options
 from uq_handeye.model.kinematics import kinematic_errors
 from uq_handeye.model.kinematics.chain import Kinematics
 from uq_handeye.model.kinematics.workspace_gauge import aligned_poses

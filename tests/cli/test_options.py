@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 import pytest
@@ -16,9 +17,9 @@ from cli_cases import NOISE, run, write_session
 import uq_handeye as uq
 from uq_handeye.calibration.request import BUNDLE, COVARIANCES
 from uq_handeye.cli import app as cli
-from uq_handeye.cli.commands import files as cli_files
-from uq_handeye.cli.options import common as cli_options
-from uq_handeye.cli.options.common import choices, made_of, methods_of, one_of, parameters_of, without_options
+from uq_handeye.cli import options as cli_options
+from uq_handeye.cli.commands import predict as cli_files
+from uq_handeye.cli.options import choices, methods_of, one_of, parameters_of, with_messages, without_options
 from uq_handeye.core.formatting.units import LENGTH_UNITS
 from uq_handeye.core.geometry.frames import SETUPS
 from uq_handeye.fit.likelihood.gauss_helmert import ESTIMATORS
@@ -104,16 +105,17 @@ def test_help_and_completion_load_nothing_that_takes_long():
 # -------------------------------------------------------------------------------------------- groups of options
 
 
-def test_made_of_spreads_and_makes():
+def test_parameters_that_are_made_of_others_spread():
     def pair(first: int, second: int = 2) -> tuple[int, int]:
         return first, second
 
-    @made_of(both=pair)
-    def command(both: "tuple[int, int]", third: int = 3) -> tuple[int, ...]:
+    @with_messages
+    def command(both: Annotated["tuple[int, int]", pair], third: int = 3) -> tuple[int, ...]:
         """Help."""
         return (*both, third)
 
-    assert command(first=1, second=5, third=7) == (1, 5, 7)
+    given = {"quiet": False, "verbose": False, "log_file": None, "no_color": False}
+    assert command(first=1, second=5, third=7, **given) == (1, 5, 7)
     assert command.__doc__ == "Help."
     app = typer.Typer()
     app.command()(command)

@@ -17,7 +17,7 @@ import uq_handeye as uq
 from uq_handeye.errors import InputError
 from uq_handeye.report.comparison import compare as module
 from uq_handeye.report.comparison.compare import Row, against
-from uq_handeye.report.comparison.row import apart, digits
+from uq_handeye.report.comparison.result import apart, digits
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
 FEW = ("tsai", "park", "gwak", "4dpa")

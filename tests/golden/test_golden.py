@@ -15,7 +15,7 @@ import pytest
 from calibration_cases import NOISE, PAIR_NOISE, motions_alone, quietly, with_wrong
 
 import uq_handeye as uq
-from uq_handeye.calibration.report.next_step import step_after
+from uq_handeye.calibration.report.first_screen import step_after
 from uq_handeye.findings import Finding
 
 HERE = Path(__file__).parent

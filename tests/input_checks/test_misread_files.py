@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import uq_handeye as uq
-from uq_handeye.calibration.report.next_step import next_step, step_after
+from uq_handeye.calibration.report.first_screen import next_step, step_after
 from uq_handeye.core.files.source import Source
 from uq_handeye.fit.input_checks.checks import check_fit
 from uq_handeye.fit.input_checks.misread_files import other_readings

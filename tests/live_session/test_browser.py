@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import uq_handeye as uq
-from uq_handeye.core.presentation import pdf
+from uq_handeye.core.presentation import page as pdf
 from uq_handeye.rig.simulation import simulate_rig
 from uq_handeye.use.live_session.folder import Folder
 from uq_handeye.use.live_session.session import Session

@@ -10,7 +10,7 @@ from support import SEED
 
 import uq_handeye as uq
 from uq_handeye.core.presentation.document import Answer, Checks
-from uq_handeye.core.presentation.notebook import to_html
+from uq_handeye.core.presentation.html import to_html
 from uq_handeye.fit.diagnostics.pose_table import PoseTable
 from uq_handeye.fit.diagnostics.task_space import PointUncertainty
 

@@ -9,7 +9,7 @@ import pytest
 from support import SEED
 
 import uq_handeye as uq
-from uq_handeye.core.presentation import pdf
+from uq_handeye.core.presentation import page as pdf
 
 webdriver = pytest.importorskip("selenium.webdriver", reason="selenium (extra test) is not installed")
 WebDriverWait = pytest.importorskip("selenium.webdriver.support.ui").WebDriverWait

@@ -24,17 +24,16 @@ import uq_handeye as uq
 from uq_handeye.calibration.estimate.estimated import Provenance
 from uq_handeye.core.files.about import ABOUT
 from uq_handeye.core.files.source import Source
-from uq_handeye.core.presentation import pdf
+from uq_handeye.core.presentation import page as pdf
 from uq_handeye.core.presentation.figure_parts import canvas
 from uq_handeye.core.presentation.html import pretty
 from uq_handeye.errors import InputError, InputWarning, MissingExtraError
 from uq_handeye.findings import Finding
 from uq_handeye.model.poses.timing import TimeOffset, Timing
-from uq_handeye.report import sections_data, sections_origin
+from uq_handeye.report import sections
 from uq_handeye.report.comparison.compare import compare_beside
-from uq_handeye.report.page import report_html
-from uq_handeye.report.sections_result import NO_COVARIANCE
-from uq_handeye.report.sheets import colour_of
+from uq_handeye.report.page import colour_of, report_html
+from uq_handeye.report.sections import NO_COVARIANCE
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
 FOLDED = [
@@ -490,21 +489,21 @@ def test_the_package_stays_light():
 
 
 def test_the_noise_that_was_given_can_be_given_again(result):
-    words = " ".join(t for row in sections_origin._noise(result) for t in row)
+    words = " ".join(t for row in sections._noise(result) for t in row)
     for name, rotation, translation in (("robot", 0.02, 5e-5), ("camera", 0.1, 5e-4)):
         found = re.search(rf"noise of {name} (\S+) rad, (\S+) m", words)
         assert np.allclose([float(x) for x in found.groups()], [np.radians(rotation), translation], rtol=1e-12)
     several = uq.PoseNoise(None, np.stack([NOISE.camera] * 12))
-    facts = sections_origin._noise(replace(result, noise=several))
+    facts = sections._noise(replace(result, noise=several))
     assert facts[0] == ["noise of robot", "exact"]
     assert re.fullmatch(r"12 x 6 x 6, SHA-256 [0-9a-f]{64}", facts[1][1])
     other = several.camera.copy()
     other[3, 2, 2] *= 1.001
-    assert sections_origin._noise(replace(result, noise=uq.PoseNoise(None, other)))[1] != facts[1]
+    assert sections._noise(replace(result, noise=uq.PoseNoise(None, other)))[1] != facts[1]
     diagonal = np.diag([1e-6, 2e-6, 1e-6, 1e-8, 1e-8, 1e-8])  # axes that differ are not two numbers
-    assert "SHA-256" in sections_origin._noise(replace(result, noise=uq.PoseNoise(diagonal)))[0][1]
+    assert "SHA-256" in sections._noise(replace(result, noise=uq.PoseNoise(diagonal)))[0][1]
     pairs = uq.PairNoise(B=1e-6 * np.eye(6))
-    assert [fact[0] for fact in sections_origin._noise(replace(result, noise=pairs))] == ["noise of A", "noise of B"]
+    assert [fact[0] for fact in sections._noise(replace(result, noise=pairs))] == ["noise of A", "noise of B"]
 
 
 def test_the_section_on_the_run_has_noise_and_time_offset(result, page, quick):
@@ -523,7 +522,7 @@ def test_what_many_methods_say_is_said_once(result):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", InputWarning)
         compared = uq.compare(poses, noise=NOISE)
-    said = [text for text in sections_data._gathered(compared) if "time offset" in text]
+    said = [text for text in sections._gathered(compared) if "time offset" in text]
     assert len(said) == 1 and said[0].startswith("tsai, shiu, ") and "the method takes it as exact" in said[0]
 
 

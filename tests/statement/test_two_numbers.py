@@ -5,7 +5,7 @@ import pytest
 from calibration_cases import NOISE, quietly
 
 import uq_handeye as uq
-from uq_handeye.calibration.statement.headline import two_numbers
+from uq_handeye.calibration.statement.accuracy import two_numbers
 
 
 @pytest.fixture(scope="module")

@@ -1,4 +1,4 @@
-"""X by `efficient` or `ml`, with its covariance, at the Cramer-Rao bound."""
+"""X by `efficient` or `ml`, with its covariance, at the Cramer-Rao bound; bundle adjustment, which starts there."""
 
 from __future__ import annotations
 
@@ -28,6 +28,7 @@ from ..fit.likelihood.gauss_helmert import (
     without_shared_errors,
 )
 from ..fit.likelihood.goodness_of_fit import goodness_of_fit
+from ..fit.likelihood.rig_bundle import Agreement, adjust_rig
 from ..fit.likelihood.robust import RobustFit, fit_robustly
 from ..fit.likelihood.shared_estimates import estimates_of, of_moves, posterior_of_fit
 from ..fit.likelihood.starts import leaves_open, start_open
@@ -37,6 +38,7 @@ from ..fit.one_model.telling import tell
 from ..fit.one_model.weights import TAILS, fitted_again, settle, weigh, weigh_from_two_starts
 from ..methods.propagation.published_fit import Published, fit_published
 from ..model.kinematics.kinematic_errors import DECLARED_AS, JOINT_NOISE
+from ..model.noise.estimate import CAMERA_EXCESS, PICTURE_SHIFT
 from ..model.noise.joint_covariance import group_of
 from ..model.noise.models import Noise, PairNoise, PoseNoise, is_of_each, with_prior
 from ..model.poses.motions import Motions, relative_motions, residuals, summarise
@@ -58,9 +60,8 @@ from ..model.shared_errors.shared_error import (
 )
 from ..model.shared_errors.sizes import ROBOT_ACCURACY
 from .by_published import bare_result, by_sigma_points, estimate_unweighted, reference_for, reference_of
-from .estimate.analysis import Analysis
+from .estimate.analysis import Analysis, FittedKinematics
 from .estimate.estimated import FourDPA
-from .estimate.fitted_kinematics import FittedKinematics
 from .findings import (
     against_corners,
     against_data_sheet,
@@ -72,7 +73,7 @@ from .findings import (
 )
 from .job import FEWEST_FOR_ROBUST, Job
 from .prediction.workspace import local_findings
-from .request import OF_NOISE
+from .request import BUNDLE, OF_NOISE
 from .result import Calibration
 
 # Data whose residuals (rad, and relative to the longest translation) are smaller come from a simulation without noise.
@@ -410,3 +411,47 @@ def _time_offset(poses: PosePairs | None, fit: Fit, covariance: Array) -> tuple[
     added = float(move[:6] @ np.linalg.pinv(covariance, rcond=SINGULAR, hermitian=True) @ move[:6])
     sensitivity = tuple(float(value) for value in g[:6])
     return TimeOffset(timing.offset, timing.std, timing.side, sensitivity, added / (1.0 + added)), move
+
+
+# Difference of bundle adjustment and `efficient`, in standard deviations, or ratio of variances, that is warned of.
+APART = 1.5
+
+
+def by_bundle(job: Job) -> tuple[Calibration, list[Finding]]:
+    """`efficient`, which finds noise and outliers, and the bundle adjustment from there: of independent poses."""
+    result, findings = by_likelihood(replace(job, method="efficient", request=replace(job.request, correlation="none")))
+    analysis, poses = result.analysis, job.poses
+    assert isinstance(analysis, Analysis) and isinstance(analysis.noise, PoseNoise) and poses is not None
+    assert result.covariance is not None
+    fit, robot = analysis.fit, analysis.noise.robot
+    components = () if result.noise_estimate is None else result.noise_estimate.components
+    calibration = poses.camera_calibration
+    corners = 0.0 if calibration is None else float(np.median(np.bincount(calibration.corners.picture)))
+    # A shift of a picture that the data tell is noise of its corners that moves their mean by as much.
+    times = {CAMERA_EXCESS: 1.0, PICTURE_SHIFT: corners}
+    told = [part for part in components if part.name == CAMERA_EXCESS or part.status == "estimated"]
+    excess = float(np.sqrt(sum(times.get(part.name, 0.0) * part.value**2 for part in told)))
+    found = adjust_rig(poses, robot, fit.unknowns, fit.weights, excess)
+    agreement = Agreement.of(found.X, found.covariance_X, fit.X, fit.covariance_X)
+    of_offset = result.covariance - fit.covariance_X
+    angle, distance = residuals(job.motions.A, job.motions.B, found.X)
+    result = replace(
+        result,
+        X=found.X,
+        W=found.W,
+        covariance=found.covariance_X + of_offset,
+        covariance_W=found.covariance_W,
+        method=BUNDLE,
+        iterations=found.iterations,
+        residuals=summarise(angle, distance),
+        agreement=agreement,
+    )
+    if agreement.distance > APART or not 1 / APART < agreement.eigenvalues[0] <= agreement.eigenvalues[-1] < APART:
+        values = {
+            "distance": agreement.distance,
+            "largest": np.abs(agreement.by_component).max(),
+            "variance_low": agreement.eigenvalues[0],
+            "variance_high": agreement.eigenvalues[-1],
+        }
+        findings.append(Finding("calibration.bundle_differs", "caution", values))
+    return result, findings

@@ -7,7 +7,7 @@ are down-weighted (`robust`). What looks wrong is said (`input_checks`, `diagnos
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Any, cast, overload
 
@@ -16,22 +16,15 @@ from numpy.typing import ArrayLike
 
 from ..core.files.records import plain
 from ..core.runtime.threads import one_thread
-from ..errors import DegenerateMotionError, InputError, NotConvergedError, SingularNoiseError
+from ..errors import DegenerateMotionError, InputError, NotConvergedError, SingularNoiseError, require_known
 from ..findings import Finding, renumbered, warn
 from ..fit.input_checks.repeated_rows import counted_once
 from ..fit.likelihood.gauss_helmert import ESTIMATORS
-from ..fit.one_model.component import Component
-from ..model.kinematics.chain import Kinematics
-from ..model.kinematics.kinematic_errors import KinematicErrors
-from ..model.noise.estimate import NoisePrior
-from ..model.noise.models import CameraNoise, Noise
 from ..model.poses.motions import Motions, relative_motions
 from ..model.poses.pose_pairs import PosePairs, Selection, pairs_of, ranges, select_poses
-from ..model.shared_errors.shared_error import SharedError
-from ..model.shared_errors.sizes import Size, SizeLike
+from ..model.shared_errors.sizes import Size
 from ..rig.description import Rig, require_left_out
-from .by_bundle import by_bundle
-from .by_likelihood import by_likelihood, poses_about_errors
+from .by_likelihood import by_bundle, by_likelihood, poses_about_errors
 from .by_published import by_published
 from .estimate.analysis import Analysis
 from .estimate.estimated import Provenance, provenance
@@ -54,31 +47,14 @@ def calibrate(data: Rig, **options: Any) -> RigCalibration: ...
 def calibrate(
     data: PosePairs | Motions | ArrayLike, camera: ArrayLike | None = None, **options: Any
 ) -> Calibration: ...
-def calibrate(  # type: ignore[misc]
+def calibrate(
     data: Any,
     camera: ArrayLike | None = None,
     *,
     setup: str | None = None,
-    noise: Noise | CameraNoise | None = None,
-    method: str | None = None,
-    pairs: str | ArrayLike = "all",
-    scale: float | None = None,
-    kind: str | None = None,
-    covariance: str = "model",
-    robust: bool | None = None,
-    prior: NoisePrior | None = None,
-    prior_X: tuple[ArrayLike, ArrayLike] | None = None,
-    prior_W: tuple[ArrayLike, ArrayLike] | None = None,
-    seed: int = 0,
-    shared: Sequence[SharedError] | None = None,
-    correlation: str = "auto",
-    joints: ArrayLike | None = None,
-    kinematics: Kinematics | None = None,
-    kinematic_errors: KinematicErrors | None = None,
-    sizes: Mapping[str, SizeLike] | None = None,
-    components: Sequence[Component] = (),
     exclude: Sequence[int] | str | None = None,
     only: Sequence[int] | str | None = None,
+    **asked: Any,
 ) -> Any:
     """X with its covariance, residuals and warnings.
 
@@ -190,31 +166,44 @@ def calibrate(  # type: ignore[misc]
     >>> (result.std[3:] * 1e3).round(2)  # mm
     array([0.34, 0.34, 0.28])
     """
+    require_known("calibrate", asked, Request)
     if isinstance(data, Rig):
-        from ..rig.calibrate import calibrate_rig
-
-        require_left_out(
-            "of a rig", camera=camera, setup=setup, scale=scale, kind=kind, prior=prior, prior_X=prior_X,
-            prior_W=prior_W, joints=joints, kinematics=kinematics, kinematic_errors=kinematic_errors, sizes=sizes,
-            components=components or None, exclude=exclude, only=only,
-        )  # fmt: skip
-        own = {} if method is None else {"method": method}
-        return calibrate_rig(data, noise, robust=robust is not False, shared=shared is None, seed=seed, **own)
+        require_left_out("of a rig", camera=camera, setup=setup, exclude=exclude, only=only)
+        return _calibrate_rig(data, **asked)
     taken: Any = pairs_of(data, camera, setup)
-    request = Request(
-        noise, method, pairs, scale, kind, covariance, robust, prior, prior_X, prior_W, seed, shared, correlation,
-        joints, kinematics, kinematic_errors, sizes, components,
-    )  # fmt: skip
+    request = Request(**asked)
     if not isinstance(taken, PosePairs) or taken.robot.ndim != 3:
         if exclude is not None or only is not None:
             raise InputError("Expected PosePairs of one data set beside `exclude` or `only`: they count its poses.")
         return _answer(request, taken)
-    asked = select_poses(taken.n, exclude, only)
-    selection, said = counted_once(taken, asked)
+    chosen = select_poses(taken.n, exclude, only)
+    selection, said = counted_once(taken, chosen)
     if selection is None:
         return _answer(request, taken)
     result = _answer(request.rows(taken, selection), taken.rows(selection.kept), selection, said)
-    return _with_excluded(result, taken, selection, () if asked is None else tuple(asked.excluded.tolist()))
+    return _with_excluded(result, taken, selection, () if chosen is None else tuple(chosen.excluded.tolist()))
+
+
+calibrate.__signature__ = Request.in_place_of_keywords(calibrate)  # type: ignore[attr-defined]
+
+
+def _calibrate_rig(
+    data: Rig,
+    noise: Any = None,
+    method: str | None = None,
+    robust: bool | None = None,
+    seed: int = 0,
+    shared: Any = None,
+    **others: Any,
+) -> RigCalibration:
+    """See `calibrate`; ``others`` are arguments that a rig does not take, unless they say nothing."""
+    from ..rig.calibrate import calibrate_rig
+
+    defaults = {name: field.default for name, field in Request.__dataclass_fields__.items()}
+    left = {name: np.ndim(value) == 0 and value == defaults[name] for name, value in others.items() if np.size(value)}
+    require_left_out("of a rig", **{name: others[name] for name, silent in left.items() if not silent})
+    own = {} if method is None else {"method": method}
+    return calibrate_rig(data, noise, robust=robust is not False, shared=shared is None, seed=seed, **own)
 
 
 def _with_excluded(result: Calibration, data: PosePairs, selection: Selection, asked: tuple[int, ...]) -> Calibration:

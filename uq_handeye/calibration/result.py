@@ -17,19 +17,18 @@ from ..core.files.records import parsed
 from ..core.formatting.numbers import digits
 from ..core.geometry import conventions
 from ..core.presentation.document import COLUMNS, document_of, to_text
-from ..core.presentation.notebook import html_of
+from ..core.presentation.html import html_of
 from ..errors import InputError
 from ..fit.diagnostics.task_space import PointUncertainty
 from ..model.poses.motions import data_to_dict
+from .estimate.analysis import FittedKinematics
 from .estimate.estimated import distance_of
-from .estimate.fitted_kinematics import FittedKinematics
 from .prediction.corrected_urdf import CorrectedUrdf, write_corrected_urdf
 from .prediction.predict import CameraPrediction, predict_camera, predict_points
 from .prediction.workspace import WorkspacePrediction, over_workspace
-from .report.facts import Facts, facts_of
-from .report.plotted import Plotted
+from .report.facts import Facts, Plotted, facts_of
 from .result_file import AS_NOISE, DERIVED, FORMAT, UNITS, from_dict
-from .statement.headline import Statement
+from .statement.accuracy import Statement
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -19,20 +19,17 @@ from typing import Any
 import typer
 
 from ..errors import InputError, NotConvergedError
-from .commands.bag import bag_command, sync_command
 from .commands.calibrate import calibrate_command, demo_command
-from .commands.camera import camera_command, points_command
-from .commands.check import check_command, diff_command, update_command
-from .commands.files import certificate_command, export_command, report_command
+from .commands.camera import bag_command, camera_command, points_command, sync_command
+from .commands.check import check_command, diff_command, update_command, verify_command
 from .commands.live import live_command, view_command
 from .commands.plan import compare_command, plan_command
-from .commands.predict import predict_command
+from .commands.predict import certificate_command, export_command, predict_command, report_command
 from .commands.simulate import codegen_command, simulate_command
 from .commands.validate import INTERRUPTED, cross_check_command, posterior_command, validate_command
-from .commands.verify import verify_command
 from .help import Command, Program, with_help_all
 from .messages import LOG, fail, fail_internally, messages
-from .options.common import with_messages
+from .options import with_messages
 
 # Commands with --time-tolerance.
 _PAIRING = {"calibrate", "compare", "plan", "validate", "posterior", "cross-check"}

@@ -7,12 +7,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError, NotConvergedError
+from .arm import Arm, ChainOptions, ErrorOptions, arm_of
 from .messages import LOG, timed
-from .options.arm import Arm, ChainOptions, ErrorOptions, arm_of_parts
-from .options.common import CAMERA_FRAMES, ROBOT_FRAMES, SETUP_NAMES, made_of
-from .pictures import Pictures, read_length
+from .options import SETUP_NAMES
+from .pictures import Pictures, Views, camera_of, read_length
 from .pose_files import PoseFiles
-from .views import Views, camera_of
 
 if TYPE_CHECKING:
     from ..model.camera.adjustment.initial_guess import Minima
@@ -114,11 +113,11 @@ class BagGiven:
 
         topic = self.robot or ""
         if topic not in recording.joints and f"/{topic}" not in recording.joints:
-            return arm_of_parts(chain, self.errors)
+            return arm_of(chain, self.errors)
         track = joint_tracks(recording, topic)[0]  # of an arm; others may be of its gripper
         times, *values = track.values.T
         joints: Any = NamedJoints(f"{topic} in {recording.name}", tuple(track.names), times, np.array(values).T)
-        return arm_of_parts(replace(chain, joints=joints), self.errors)
+        return arm_of(replace(chain, joints=joints), self.errors)
 
     def _streams(
         self, recording: "Recording", robot: str | None, files: PoseFiles, seen: Views | None
@@ -126,15 +125,10 @@ class BagGiven:
         from ..read.rosbag.streams import camera_stream, robot_stream
 
         sides: dict[str, Any] = {}
-        for role, frame, frames in (
-            ("robot", files.robot_frame, ROBOT_FRAMES),
-            ("camera", files.camera_frame, CAMERA_FRAMES),
-        ):
-            of_file = ("format", "units", "quaternion", "rotation")
-            wrong = [f"--{role}-{name}" for name in of_file if getattr(files, f"{role}_{name}", None) is not None]
+        for role in ("robot", "camera"):
+            wrong = [name for name in files.given_of(role) if not name.endswith("-frame")]
             if wrong and getattr(self, role):
                 raise InputError(f"{', '.join(wrong)}: for pose files, not for --bag. Remove the option.")
-            assert frame in frames
         if robot:
             sides["robot"] = robot_stream(recording, robot, frame=files.robot_frame)
         if not self.camera:
@@ -245,8 +239,7 @@ def info_of(text: str) -> "CameraInfo | str":
     return CameraInfo("", (0, 0), known, np.array([values[name] for name in LINEAR]), D, np.zeros(4))
 
 
-@made_of(chain=ChainOptions, options=ErrorOptions, bag=BagOptions)
-def given_of_robot(chain: "ChainOptions", options: "ErrorOptions", bag: "BagOptions") -> RobotGiven:
+def given_of_robot(chain: ChainOptions, options: ErrorOptions, bag: BagOptions) -> RobotGiven:
     """Return the arm and the bag of the options; --robot names the robot in a bag if there is one."""
     if not bag.bag:
         cameras = tuple(bag.bag_camera or ())
@@ -257,7 +250,7 @@ def given_of_robot(chain: "ChainOptions", options: "ErrorOptions", bag: "BagOpti
         file = options.robot_file
         if file is not None and chain.joints is None and not file.exists():
             raise InputError(f"--robot {file}: names the robot in a bag, or poses beside --joints. Add --bag FILE.")
-        return RobotGiven(arm_of_parts(chain, options), None, cameras)
+        return RobotGiven(arm_of(chain, options), None, cameras)
     robot = None if options.robot_file is None else str(options.robot_file)
     if chain.given and chain.joints is None and robot is None:
         raise InputError(
@@ -269,4 +262,4 @@ def given_of_robot(chain: "ChainOptions", options: "ErrorOptions", bag: "BagOpti
     given = BagGiven(bag.bag, robot, next(iter(bag.bag_camera or ()), None), bag.still)
     if (chain.given or options.given) and chain.joints is None and robot is not None:
         return RobotGiven(None, replace(given, chain=chain, errors=options))
-    return RobotGiven(arm_of_parts(chain, options), given)
+    return RobotGiven(arm_of(chain, options), given)

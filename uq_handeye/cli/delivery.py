@@ -9,17 +9,17 @@ from typing import TYPE_CHECKING, Any
 from ..core.files.about import read_about
 from ..core.runtime.progress import working
 from ..errors import DegenerateMotionError, InputError, NotConvergedError
-from .messages import LOG, command_line, fail, progress_wanted, quiet, styled, terminal_width, timed, verbose
-from .options.common import PAPERS, emit, emit_document, one_of, require_writable
+from .messages import LOG, command_line, fail, progress_wanted, quiet, terminal_width, timed, verbose
+from .options import PAPERS, emit, emit_document, is_csv, one_of, require_writable
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from ..calibration.result import Calibration
     from ..calibration.statement.tolerance import Tolerance, Verdict
+    from ..core.presentation.document import Document
     from ..fit.diagnostics.pose_table import PoseTable
     from ..report.comparison.compare import Compared
-    from ..report.comparison.result import Comparison
     from ..trials.validation.cross_check.run import CrossCheck
 
 
@@ -73,7 +73,15 @@ def emit_result(
     elif quiet():
         emit("".join(" ".join(map(repr, row)) + "\n" for row in result.X.tolist()))
     else:
-        _emit_text(result, verdict, last, threshold)
+        from ..calibration.report.first_screen import first_screen
+        from ..calibration.report.text import long_document
+        from ..core.presentation.document import Paragraph
+
+        if verbose():
+            below = [Paragraph(text, hang="  ") for text in last]
+            emit_document([*long_document(result, threshold, verdict), below])
+        else:
+            emit_document(first_screen(result, verdict=verdict, last=last, width=terminal_width()))
     if quiet() and not result.usable:
         LOG.error("%s", result.headline)
     return status_of(result, verdict)
@@ -95,9 +103,9 @@ def emit_refusal(error: InputError | NotConvergedError, as_json: bool, shown: li
 
     Otherwise raise the error. Sentences that are printed are added to ``shown``.
     """
-    from ..calibration.report.next_step import step_after
+    from ..calibration.report.first_screen import step_after
+    from ..calibration.statement.accuracy import NOT_USABLE as HEADLINE
     from ..calibration.statement.checks import failures_in_words
-    from ..calibration.statement.headline import NOT_USABLE as HEADLINE
     from ..core.files.atomic import json_text
     from ..core.presentation.document import Answer, Paragraph
 
@@ -124,20 +132,6 @@ def emit_refusal(error: InputError | NotConvergedError, as_json: bool, shown: li
     return NOT_USABLE
 
 
-def _emit_text(result: "Calibration", verdict: "Verdict | None", last: tuple[str, ...], threshold: float) -> None:
-    from ..calibration.report.first_screen import first_screen
-    from ..calibration.report.text import long_document
-    from ..core.presentation.document import Document, Paragraph, to_text
-
-    width = terminal_width()
-    document: Document
-    if verbose():
-        document = [*long_document(result, threshold, verdict), [Paragraph(text, hang="  ") for text in last]]
-    else:
-        document = first_screen(result, verdict=verdict, last=last, width=width)
-    emit(to_text(document, width, styled))
-
-
 def json_of(result: "Calibration", verdict: "Verdict | None") -> str:
     """Return the result as JSON text, with the verdict on the tolerance."""
     from ..core.files.atomic import json_text
@@ -155,17 +149,49 @@ def status_of(result: "Calibration", verdict: "Verdict | None") -> int:
     return 0 if result.usable else IN_PART
 
 
-def deliver(directory: Path, files: Mapping[str, str | bytes], figures: "Mapping[str, Figure] | None" = None) -> str:
+def deliver(directory: Path, files: "Mapping[str, str | bytes | Figure]") -> str:
     """Write files, and each figure by its stem as PNG and SVG, into a folder; return the line that says so."""
     from ..read import write_files
 
-    written = dict(files)
-    for stem, figure in (figures or {}).items():
-        from ..core.presentation.ellipses import render  # Matplotlib is slow to import
-
-        written |= {f"{stem}.{kind}": render(figure, kind) for kind in ("png", "svg")}
+    written = rendered(files)
     write_files(directory, written)
     return wrote(directory, written)
+
+
+def rendered(files: "Mapping[str, str | bytes | Figure]") -> dict[str, str | bytes]:
+    """Return files by their names, figures as PNG and SVG."""
+    found: dict[str, str | bytes] = {}
+    for name, content in files.items():
+        if isinstance(content, str | bytes):
+            found[name] = content
+        else:
+            from ..core.presentation.ellipses import render  # Matplotlib is slow to import
+
+            found |= {f"{name}.{kind}": render(content, kind) for kind in ("png", "svg")}
+    return found
+
+
+def deliver_answer(
+    text: str,
+    said: "str | Document",
+    as_json: bool,
+    output: Path | None,
+    files: "Callable[[], Mapping[str, str | bytes | Figure]]",
+) -> None:
+    """Print a result, as JSON ``text`` or as what is ``said``; then write its files, and say so.
+
+    A FILE.csv in place of the folder, as some commands took it before, gets the first of the files.
+    """
+    if as_json:
+        emit(text)
+    elif isinstance(said, str):
+        emit(said)
+    else:
+        emit_document(said)
+    if output is not None:
+        written = files()
+        line = deliver_csv(output, str(next(iter(written.values())))) if is_csv(output) else deliver(output, written)
+        emit("" if as_json or quiet() else line)
 
 
 def wrote(directory: Path, names: Iterable[str]) -> str:
@@ -285,7 +311,11 @@ class Outputs:
         if self.output is not None:
             compared = None if isinstance(methods, bool) else methods.comparison
             with timed(f"writing {self.output}"), working(f"writing {self.output}", progress_wanted()):
-                drawn = _drawn(result, check, compared) if self.figures else {}
+                drawn: dict[str, Figure] = {}
+                if self.figures:
+                    from ..report.figures import figures
+
+                    drawn = figures(result, check, compared)
                 names.append(_write_result(result, verdict, self.output, drawn))
         if self.report is not None:
             write_report(result, self.report, methods, check, verdict=verdict, **how)
@@ -313,15 +343,6 @@ class DemoOutputs(Outputs):
     no_compare: bool = field(default=False, init=False)
 
 
-def _drawn(result: "Calibration", check: "CrossCheck | None", compared: "Comparison | None") -> dict[str, bytes]:
-    """Draw all figures, each as PNG and SVG."""
-    from ..core.presentation.ellipses import render  # Matplotlib is slow to import
-    from ..report.figures import figures
-
-    drawn = figures(result, check, compared)
-    return {f"{stem}.{kind}": render(figure, kind) for stem, figure in drawn.items() for kind in ("png", "svg")}
-
-
 def deliver_result(
     result: "Calibration",
     outputs: Outputs,
@@ -333,7 +354,7 @@ def deliver_result(
     more: str = "",
 ) -> int:
     """Write the files, then print, with a paragraph ``more``: if a file cannot be written, nothing is printed."""
-    from ..calibration.report.next_step import next_step
+    from ..calibration.report.first_screen import next_step
 
     result = _with_command(result)
     verdict = wanted.verdict(result)
@@ -356,7 +377,9 @@ def _with_command(result: "Calibration") -> "Calibration":
     return replace(result, provenance=replace(result.provenance, command=command_line()))
 
 
-def _write_result(result: "Calibration", verdict: "Verdict | None", directory: Path, drawn: dict[str, bytes]) -> str:
+def _write_result(
+    result: "Calibration", verdict: "Verdict | None", directory: Path, drawn: "Mapping[str, Figure]"
+) -> str:
     """Write the folder of -o with the figures that were drawn, and return what was written."""
     from ..formats.export import exported
     from ..read import write_files
@@ -370,7 +393,7 @@ def _write_result(result: "Calibration", verdict: "Verdict | None", directory: P
         files |= camera_files(seen)
     if result.table is not None:
         files["poses.csv"] = _poses_csv(result.table)
-    files |= drawn
+    files |= rendered(drawn)
     write_files(directory, files)
     possible = {"poses.csv", *EXPORTS.values(), *(f"{stem}.{kind}" for stem in FIGURES for kind in ("png", "svg"))}
     for name in possible - set(files):  # those of an earlier run are not of this result

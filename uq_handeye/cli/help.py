@@ -16,7 +16,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from .messages import coloured, note_options, terminal_width
-from .options.common import ARGUMENTS, MESSAGES, OPTIONS, SHOWN_UNDER, position, with_parameters
+from .options import ARGUMENTS, MESSAGES, OPTIONS, SHOWN_UNDER, position, with_parameters
 
 # Largest width of a page and of a name, in columns.
 WIDE, NAME = 100, 28

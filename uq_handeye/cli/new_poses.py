@@ -6,24 +6,20 @@ New poses come in the setup of the stored calibration, with its arm and its came
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from ..errors import InputError, NotConvergedError
+from .arm import Arm, ChainOptions, ErrorOptions, TouchesToUse, arm_of
 from .bag_files import RobotGiven, given_of_robot
-from .messages import progress_wanted, timed, verbose, withheld
-from .options.arm import Arm, ChainOptions, ErrorOptions, arm_of
-from .options.common import AT_THE_BOUND, BUNDLE, COVARIANCE_NAMES, PUBLISHED, ROBOT_WORLD, made_of, one_of, said_of
-from .options.noise import Given, given_of, noise_of
-from .options.touches import TouchesToUse
+from .messages import timed, verbose, withheld
+from .noise import Given, given_of, noise_of
+from .options import AT_THE_BOUND, BUNDLE, COVARIANCE_NAMES, PUBLISHED, ROBOT_WORLD, one_of, said_of
 from .pictures import KINDS as BOARDS
-from .pictures import BoardOptions, LensOptions, Pictures
+from .pictures import BoardOptions, LensOptions, Pictures, Views, pictures_of, views_of
 from .pose_files import PoseFiles
-from .views import Views, pictures_of, views_of
 
 if TYPE_CHECKING:
     from ..calibration.result import Calibration
-    from ..model.camera.result import CameraCalibration
-    from ..model.kinematics.chain import Kinematics
     from ..model.noise.models import Noise
     from ..model.poses.pose_pairs import PosePairs
     from ..model.shared_errors.shared_error import SharedError
@@ -31,46 +27,33 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class StoredArm(Arm):
-    """The arm of a calibration, at new joint values."""
-
-    chain_of_result: "Kinematics"
-
-    @property
-    def kinematics(self) -> "Kinematics":
-        """Kinematic chain."""
-        return self.chain_of_result
-
-
-@dataclass(frozen=True)
-class NewPictures(Pictures):
-    """New pictures by the camera of a calibration."""
-
-    camera: "CameraCalibration"
-
-    def poses(self, robot: Path | None, **how: Any) -> "PosePairs":
-        """Return robot poses with the camera poses of the pictures."""
-        from ..model.camera.board import find_corners, source_of
-        from ..model.camera.calibrate import poses_by_known_camera
-        from ..read import read_poses
-
-        board = self.board.read()
-        with timed(f"looking for the board in {self.images}"):
-            corners = find_corners(self.images, board, progress_wanted())
-        poses = read_poses(robot, poses_by_known_camera(self.camera, corners), **how)
-        return replace(poses, sources=(*poses.sources, source_of(self.images, board)))
-
-
-@dataclass(frozen=True)
 class NewPoses:
-    """Options of the files of new poses."""
+    """Options of the files of new poses.
+
+    Options (Pose files):
+      bag_camera = --camera NAME=FILE: Poses by one of the cameras of a rig, NAME:TARGET=FILE of one of its targets.
+        Repeat it for each.
+
+    Options (Pictures of a board):
+      * --images 'PATTERN': New pictures in place of CAMERA, e.g. 'img/*.png'. One per row of ROBOT, by the camera of
+        the calibration; for a calibration from pictures.
+
+    Options (Robot joints):
+      * --joints FILE.csv: Joint values at the new poses, for a calibration with --joints. In place of ROBOT, or with
+        it.
+    """
 
     files: PoseFiles
-    images: str | None
     board: BoardOptions
-    joints: Path | None
-    joint_units: str | None
-    cameras: tuple[str, ...] = ()  # NAME=FILE of several cameras
+    images: str | None = None
+    joints: Path | None = None
+    joint_units: str | None = None
+    bag_camera: list[str] | None = None
+
+    @property
+    def cameras(self) -> tuple[str, ...]:
+        """NAME=FILE of several cameras."""
+        return tuple(self.bag_camera or ())
 
     def read(self, stored: "Calibration", name: str) -> "PosePairs":
         """Return the poses; the setup is that of the calibration of the file ``name`` unless one is given."""
@@ -89,7 +72,7 @@ class NewPoses:
         if stored.kinematics is None:
             raise InputError(f"{name} holds no joints: it was not calibrated with --joints. Remove --joints.")
         chain = ChainOptions(joints=self.joints, joint_units=self.joint_units)
-        return StoredArm(chain, ErrorOptions(), stored.kinematics.chain)
+        return Arm(chain, ErrorOptions(), stored.kinematics.chain)
 
     def _pictures(self, stored: "Calibration", name: str) -> Pictures | None:
         if self.images is None:
@@ -102,58 +85,44 @@ class NewPoses:
                 f"{name} holds no camera: it was not calibrated from pictures. Give camera poses by the same "
                 "intrinsics as then."
             )
-        return NewPictures(self.images, self.board, LensOptions(), camera)
+        return Pictures(self.images, self.board, LensOptions(), of_result=camera)
 
 
-@made_of(files=PoseFiles, board=BoardOptions)
-def new_poses_of(
-    files: "PoseFiles",
-    board: "BoardOptions",
-    images: str | None = None,
-    joints: Path | None = None,
-    joint_units: str | None = None,
-    bag_camera: list[str] | None = None,
-) -> NewPoses:
-    """Return the files of the options.
+@dataclass(frozen=True)
+class Session:
+    """The poses of a command that starts from a calibration, and what is known of their errors."""
 
-    Options (Pose files):
-      bag_camera = --camera NAME=FILE: Poses by one of the cameras of a rig, NAME:TARGET=FILE of one of its targets.
-        Repeat it for each.
+    files: PoseFiles
+    given: Annotated[Given, given_of]
+    views: Annotated[Views | None, views_of]
+    arm: Annotated[Arm | None, arm_of]
 
-    Options (Pictures of a board):
-      * --images 'PATTERN': New pictures in place of CAMERA, e.g. 'img/*.png'. One per row of ROBOT, by the camera of
-        the calibration; for a calibration from pictures.
+    def read(self) -> "tuple[PosePairs, Noise | None, list[SharedError] | None]":
+        """Return poses, noise and shared errors."""
+        return self.files.read(self.given, self.views, self.arm)
 
-    Options (Robot joints):
-      * --joints FILE.csv: Joint values at the new poses, for a calibration with --joints. In place of ROBOT, or with
-        it.
-    """
-    return NewPoses(files, images, board, joints, joint_units, tuple(bag_camera or ()))
+    def calibrated(
+        self, pairs: str, of_motions: str | None = None, *, shows_checks: bool = True, **beforehand: Any
+    ) -> "tuple[Calibration | None, dict[str, Any]]":
+        """Calibrate, with its warnings; return the result, and the arguments of a question about X (`problem_for`).
 
+        ``shows_checks``: the text of the command has the checks of the calibration, in place of warnings;
+        ``of_motions``: the pairs where the noise is that of motions.
 
-def calibrated(
-    poses: "PosePairs",
-    noise: "Noise | None",
-    shared: "list[SharedError] | None",
-    pairs: str = "all",
-    *,
-    shows_checks: bool = True,
-    **beforehand: Any,
-) -> "Calibration | None":
-    """Calibrate, with its warnings: every other command starts from its poses, noise and X.
+        The result is None if `calibrate` refuses the data, unless X or W are known ``beforehand``: then its error.
+        """
+        from ..calibration.calibrate import calibrate
+        from ..model.noise.models import PairNoise
 
-    ``shows_checks``: the text of the command has the checks of the calibration, in place of warnings.
-
-    Return None if `calibrate` refuses the data, unless X or W are known ``beforehand``: then raise its error.
-    """
-    from ..calibration.calibrate import calibrate
-
-    with timed("calibrating"), suppress(*(() if beforehand else (InputError, NotConvergedError))), withheld() as shown:
-        result = calibrate(poses, noise=noise, pairs=pairs, shared=shared, **beforehand)
-        if result.noise is not None and shows_checks and not verbose():
-            shown += result.warnings
-        return result
-    return None
+        poses, noise, shared = self.read()
+        pairs = of_motions if of_motions is not None and isinstance(noise, PairNoise) else pairs
+        result: Calibration | None = None
+        refused = () if beforehand else (InputError, NotConvergedError)
+        with timed("calibrating"), suppress(*refused), withheld() as shown:
+            result = calibrate(poses, noise=noise, pairs=pairs, shared=shared, **beforehand)
+            if result.noise is not None and shows_checks and not verbose():
+                shown += result.warnings
+        return result, problem_for(result, poses, noise, shared, pairs)
 
 
 def problem_for(
@@ -175,59 +144,26 @@ def problem_for(
     return {"data": relative_motions(poses, pairs) if isinstance(noise, PairNoise) else poses, "noise": noise}
 
 
-@dataclass(frozen=True)
-class Session:
-    """The poses of a command, and what is known of their errors."""
-
-    files: PoseFiles
-    given: "Given"
-    views: "Views | None"
-    arm: "Arm | None"
-
-    def read(self) -> "tuple[PosePairs, Noise | None, list[SharedError] | None]":
-        """Return poses, noise and shared errors."""
-        return self.files.read(self.given, self.views, self.arm)
-
-
-@made_of(files=PoseFiles, given=given_of, views=views_of, arm=arm_of)
-def session_of(files: "PoseFiles", given: "Given", views: "Views | None", arm: "Arm | None") -> Session:
-    """Return the session of the options."""
-    return Session(files, given, views, arm)
-
-
 METHODS = (*AT_THE_BOUND, BUNDLE, *PUBLISHED, *ROBOT_WORLD)
 OF_DATA = COVARIANCE_NAMES[2:]
 
 
 @dataclass(frozen=True)
 class Data:
-    """Data of a calibration, as they are given."""
-
-    files: PoseFiles
-    pictures: "Pictures | Views | None"
-    given: Given
-    robot: RobotGiven
-    touched: TouchesToUse
-    watch: Path | None
-
-
-@made_of(files=PoseFiles, pictures=pictures_of, given=noise_of, robot=given_of_robot, touched=TouchesToUse)
-def data_of(
-    files: "PoseFiles",
-    pictures: "Pictures | Views | None",
-    given: "Given",
-    robot: "RobotGiven",
-    touched: "TouchesToUse",
-    watch: Path | None = None,
-) -> Data:
-    """Return the data of the options.
+    """Data of a calibration, as they are given.
 
     Options (Pose files):
       --watch DIR: Folder in which poses arrive one by one: an answer after each, with the pose to take next. Growing
         files robot.csv and camera.csv, or files robot* and camera* with a pose each, or files that hold both sides
         (JSON); with --images 'DIR/*.png' robot* alone. Ends at PASS of --tolerance, or with Ctrl-C.
     """
-    return Data(files, pictures, given, robot, touched, watch)
+
+    files: PoseFiles
+    pictures: Annotated[Pictures | Views | None, pictures_of]
+    given: Annotated[Given, noise_of]
+    robot: Annotated[RobotGiven, given_of_robot]
+    touched: TouchesToUse
+    watch: Path | None = None
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,9 @@
-"""Options of pictures of a board: board, camera model, and the camera poses computed from them."""
+"""Options of pictures of a board: board, camera model, and the camera poses computed from them.
 
-from dataclasses import dataclass, field
+Options of finished camera poses: target and camera matrix, from which the camera noise is computed.
+"""
+
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -8,13 +11,15 @@ from ..core.files.lines import floats
 from ..core.runtime.progress import working
 from ..errors import InputError
 from .messages import LOG, progress_wanted, timed
-from .options.common import Options, metres, one_of
+from .options import Options, metres, one_of
 
 if TYPE_CHECKING:
     from ..model.camera.board import Board
     from ..model.camera.board_shape import BoardShape
     from ..model.camera.corners import Corners
     from ..model.camera.result import CameraCalibration
+    from ..model.noise.estimate import NoisePrior
+    from ..model.noise.models import CameraNoise, Noise, PoseNoise
     from ..model.poses.pose_pairs import PosePairs
 
 
@@ -227,6 +232,7 @@ class Pictures:
     board: BoardOptions
     lens: LensOptions
     known: KnownCamera | None = field(default=None, kw_only=True)  # for a single tag
+    of_result: "CameraCalibration | None" = field(default=None, kw_only=True)  # that of a calibration, for new pictures
 
     def read_board(self) -> "Board":
         """Return the board to look for."""
@@ -248,6 +254,11 @@ class Pictures:
         board = self.board.read()
         with timed(f"looking for the board in {self.images}"):
             corners = find_corners(self.images, board, progress_wanted())
+        if self.of_result is not None:
+            from ..model.camera.calibrate import poses_by_known_camera
+
+            poses = read_poses(robot, poses_by_known_camera(self.of_result, corners), **how)
+            return replace(poses, sources=(*poses.sources, source_of(self.images, board)))
         seen = self.calibrate(corners)
         LOG.info("the camera: %s, pixel noise %.3g pixels", model_name(seen), seen.pixel_noise)
         poses = resolve_board_rotation(read_poses(robot, seen, **how), board)
@@ -267,3 +278,221 @@ def read_length(text: str, name: str) -> float:
     if (value := metres(text, name)) > 1.0:
         raise InputError(f"{name} {text} is {value:g} m, larger than any board. Write the unit, e.g. {name} {text}mm.")
     return value
+
+
+# Names of `shared_errors.camera_noise`, repeated here so that help and completion load quickly.
+INTRINSICS = ("estimated", "pinhole", "exact")
+
+
+@dataclass(frozen=True)
+class ViewOptions(Options):
+    """Options of the camera that finished poses come from.
+
+    Options (Camera poses from other programs):
+      * --camera-matrix MATRIX: Camera matrix fx,fy,cx,cy (px), for finished poses. Also for pictures of a single tag.
+        With --board and --square, or --tag, the camera noise follows from the view of each pose. Or a file: camera_info
+        of ROS, OpenCV, JSON with standard deviations, or the folder of camera -o. For tags of --bag also raw or
+        rectified, the picture in which they were detected. Default there: as the corners fit.
+      --tag LENGTH: Side of a single tag, e.g. 40mm, in place of --board; with --images that of the tag to look for.
+      --pixel-noise PIXELS: Standard deviation of the corners, e.g. 0.2px. Default: estimated.
+    """
+
+    camera_matrix: str | None = None
+    tag: str | None = None
+    pixel_noise: str | None = None
+
+
+@dataclass(frozen=True)
+class Views:
+    """Target and camera of finished camera poses."""
+
+    board: BoardOptions
+    options: ViewOptions
+    intrinsics: str | None  # estimated, exact, or None: as the camera says
+
+    def beside(
+        self, poses: "PosePairs", noise: "Noise | None", prior: "NoisePrior | None"
+    ) -> "CameraNoise | PoseNoise":
+        """Return the noise of the poses, with the robot noise if it is given."""
+        from ..model.noise.models import PoseNoise
+
+        if prior is not None and prior.camera is not None:
+            raise InputError(
+                "The camera noise follows from --camera-matrix. Remove --camera-noise, or --camera-matrix."
+            )
+        if noise is not None and (not isinstance(noise, PoseNoise) or noise.camera is not None):
+            raise InputError(
+                "With --camera-matrix, give the noise of the robot only (--robot-noise or [robot]): the camera noise "
+                "follows from the camera matrix."
+            )
+        if poses.camera_calibration is not None:
+            raise InputError("The folder of uq-handeye camera holds the camera noise. Remove --camera-matrix.")
+        camera = self.noise(poses)
+        return camera if noise is None else PoseNoise(noise.robot, camera)
+
+    def noise(self, poses: "PosePairs") -> "CameraNoise":
+        """Compute the camera noise from the views."""
+        from ..model.shared_errors.camera_noise import camera_noise
+
+        if self.options.camera_matrix is None:
+            given = ", ".join([*self.board.given, *self.options.given]) or "--intrinsics"
+            raise InputError(f"{given}: these options need --camera-matrix. Add it.")
+        return camera_noise(
+            poses,
+            self._points(),
+            camera_of(self.options.camera_matrix).given,
+            self.intrinsics,
+            pixel_sd=self.options.pixel_noise,
+        )
+
+    @property
+    def focal_length_px(self) -> float | None:
+        """Mean focal length of the camera matrix, in pixels."""
+        if self.options.camera_matrix is None:
+            return None
+        values = camera_of(self.options.camera_matrix).values
+        return 0.5 * (values["fx"] + values["fy"])
+
+    def _points(self) -> Any:
+        tag, board = self.options.tag, self.board
+        if tag is not None:
+            if board.given:
+                raise InputError(f"Give either --tag or {', '.join(board.given)}: not both.")
+            from ..model.camera.board import tag_points
+
+            return tag_points(read_length(tag, "--tag"))
+        if board.file is not None and not board.of_kalibr:
+            from ..model.camera.files.board_file import read_board_points
+
+            return read_board_points(board.file)
+        if board.pattern is None and not board.of_kalibr and (board.board is None or board.square is None):
+            raise InputError("--camera-matrix needs the target: add --board 9x6 --square 20mm, or --tag 40mm.")
+        return board.read().points
+
+
+class CameraMatrix(NamedTuple):
+    """Camera of --camera-matrix: as `camera_noise` takes it, and its parameters with the standard deviations given."""
+
+    given: Any
+    values: dict[str, float]
+    sd: dict[str, float]
+    model: str | None
+
+
+def camera_of(text: str) -> CameraMatrix:
+    """Read a camera matrix: four numbers, a file or a folder."""
+    from ..model.camera.files.intrinsics_file import read_intrinsics
+    from ..model.camera.models import LINEAR
+
+    if (path := Path(text)).is_dir():
+        from ..model.camera.files.folder import read_camera
+
+        found = read_camera(path)
+        return CameraMatrix(found, found.intrinsics, found.std, found.model)
+    numbers = floats(text.split(","))
+    if numbers is not None and len(numbers) == 4:
+        return CameraMatrix(numbers, dict(zip(LINEAR, numbers, strict=True)), {}, "pinhole")
+    if not path.exists():
+        raise InputError(
+            f"Expected --camera-matrix to be FX,FY,CX,CY in pixels, a file or a folder (of a --bag also raw or "
+            f"rectified), got {text!r}."
+        )
+    import numpy as np
+
+    known = read_intrinsics(path)
+    parts = {name: np.ravel(value).tolist() for name, value in known.values.items()}
+    sd = {name: part[1] for name, part in parts.items() if len(part) == 2}
+    return CameraMatrix(known, {name: part[0] for name, part in parts.items()}, sd, known.model)
+
+
+def intrinsics_of(text: str | None) -> str | None:
+    """Return one of `INTRINSICS`, or raise `InputError`."""
+    if text is not None and text not in INTRINSICS:
+        raise InputError(
+            f"With --camera-matrix, expected --intrinsics to be one of {', '.join(INTRINSICS)}, got {text!r}. Give a "
+            "file of intrinsics to --camera-matrix itself."
+        )
+    return text
+
+
+def views_of(board: BoardOptions, options: ViewOptions, intrinsics: str | None = None) -> Views | None:
+    """Return target and camera of the options, or None.
+
+    Options (Camera model):
+      --intrinsics NAME <INTRINSICS>: Origin of --camera-matrix: estimated (from the same pictures), pinhole (the same,
+        without distortion) or exact. Default: the standard deviations of its file, else estimated.
+    """
+    if not board.given and not options.given and intrinsics is None:
+        return None
+    return Views(board, options, intrinsics_of(intrinsics))
+
+
+def _pictures(images: str, board: BoardOptions, lens: LensOptions, options: ViewOptions) -> Pictures:
+    """Return pictures; those of a single tag are of a known camera."""
+    if options.pixel_noise is not None:
+        raise InputError("--pixel-noise: for finished camera poses, not for --images. Remove the option.")
+    if options.tag is not None:
+        kinds = ("--pattern",) if board.pattern in ("apriltag", "aruco") and board.board is None else ()
+        if given := [name for name in board.given if name not in ("--dictionary", "--first-id", *kinds)]:
+            raise InputError(f"Give either --tag or {', '.join(given)}: not both.")
+        from ..model.camera.boards.description import APRILTAGS, dictionary_name
+
+        april = board.pattern != "aruco" if board.dictionary is None else dictionary_name(board.dictionary) in APRILTAGS
+        board = replace(board, square=options.tag, pattern="apriltag" if april else "aruco")
+    single = board.file is None and board.pattern in ("apriltag", "aruco") and board.board in (None, "1x1")
+    if options.camera_matrix is None:
+        if single and lens.intrinsics is None:
+            raise InputError(
+                "The four corners of a single tag do not calibrate the camera. Add --camera-matrix, e.g. "
+                "1080,1080,960,540 or a file of its intrinsics."
+            )
+        return Pictures(images, board, lens)
+    if not single:
+        raise InputError(
+            "--camera-matrix: for finished camera poses and single tags, not for --images of a board, which calibrate "
+            "the camera. Remove it. Known intrinsics: --intrinsics FILE."
+        )
+    if wrong := [name for name in lens.given if name != "--intrinsics"]:
+        raise InputError(f"{', '.join(wrong)}: not used with --camera-matrix. Remove the option.")
+    exact = intrinsics_of(lens.intrinsics) == "exact"
+    return Pictures(images, board, lens, known=_known(camera_of(options.camera_matrix), exact))
+
+
+def _known(camera: CameraMatrix, exact: bool) -> KnownCamera:
+    """Return known intrinsics with standard deviations, by default those of finished poses of a tag."""
+    from ..model.camera.models import LINEAR, MODELS
+    from ..model.shared_errors.shared_error import DEFAULT_SD, FOCAL_LENGTH, PRINCIPAL_POINT
+
+    if missing := [name for name in LINEAR if name not in camera.values]:
+        raise InputError(f"--camera-matrix lacks {', '.join(missing)}. Give fx, fy, cx and cy.")
+    model = camera.model or ("brown" if set(camera.values) - set(LINEAR) else "pinhole")
+    values = {name: camera.values.get(name, 0.0) for name in MODELS[model].names}
+    if exact:
+        return KnownCamera(model, dict(values))
+    sd = {name: camera.sd[name] for name in values if name in camera.sd}
+    if not any(sd.values()):
+        f = 0.5 * (values["fx"] + values["fy"])
+        of = {"fx": FOCAL_LENGTH, "fy": FOCAL_LENGTH, "cx": PRINCIPAL_POINT, "cy": PRINCIPAL_POINT}
+        sd = {name: f * DEFAULT_SD[sort] for name, sort in of.items()}
+    return KnownCamera(model, {name: (value, sd[name]) if name in sd else value for name, value in values.items()})
+
+
+def pictures_of(
+    *, images: str | None = None, board: BoardOptions, lens: LensOptions, options: ViewOptions
+) -> Pictures | Views | None:
+    """Return the pictures of the options, or the views of finished camera poses, or None if neither is given.
+
+    Options (Pictures of a board):
+      * --images 'PATTERN': Pictures in place of CAMERA, e.g. 'img/*.png'. One per row of ROBOT, in the order of their
+        names (img2 before img10).
+    """
+    if images is not None:
+        return _pictures(images, board, lens, options)
+    if options.given:
+        if wrong := [name for name in lens.given if name != "--intrinsics"]:
+            raise InputError(f"{', '.join(wrong)}: for pictures, not for --camera-matrix. Remove the option.")
+        return Views(board, options, intrinsics_of(lens.intrinsics))
+    if given := board.given + lens.given:
+        these = ", ".join(given)
+        raise InputError(f"{these}: needs pictures or a camera matrix. Add --images 'PATTERN' or --camera-matrix.")
+    return None

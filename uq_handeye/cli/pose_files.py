@@ -7,19 +7,21 @@ from typing import TYPE_CHECKING, Any
 
 from ..core.files.lines import floats
 from ..errors import InputError, InputWarning
+from .arm import Arm
 from .messages import LOG, command_line, timed
-from .options.arm import Arm
-from .options.common import CAMERA_FRAMES, PAIRINGS, ROBOT_FRAMES, SETUP_NAMES, one_of
-from .options.noise import EXACT, Given
+from .noise import EXACT, Given
+from .options import CAMERA_FRAMES, PAIRINGS, ROBOT_FRAMES, SETUP_NAMES, one_of
 
 if TYPE_CHECKING:
-    from ..model.noise.estimate import NoisePrior
-    from ..model.noise.models import CameraNoise, Noise, PoseNoise
+    from ..model.noise.models import Noise
     from ..model.poses.pose_pairs import PosePairs, Selection, Stream
     from ..model.shared_errors.shared_error import SharedError
     from ..read.synchronisation.result import Synchronised
-    from .pictures import Pictures
-    from .views import Views
+    from .pictures import Pictures, Views
+
+
+# Options of each of both files.
+OF_FILE = ("format", "units", "rotation", "quaternion")
 
 
 @dataclass(frozen=True)
@@ -154,6 +156,12 @@ class StreamFiles:
             raise InputError("--rotation and --quaternion are both given. Remove one of them.")
         return form or order or self.rotation or self.quaternion
 
+    def given_of(self, role: str) -> list[str]:
+        """Return the options about the file of one side that were given."""
+        given = [f"--{role}-{what}" for what in OF_FILE if getattr(self, f"{role}_{what}") is not None]
+        usual = {"robot": ROBOT_FRAMES, "camera": CAMERA_FRAMES}[role][0]
+        return given + [f"--{role}-frame"] * (getattr(self, f"{role}_frame") != usual)
+
     def _shown(self, arm: Arm | None = None) -> str:
         robot = arm.shown if self.robot is None and arm is not None else str(self.robot)
         return robot if self.camera is None else f"{robot} and {self.camera}"
@@ -193,11 +201,32 @@ class PoseFiles(StreamFiles):
         includes its kinematic errors. Poses of --exclude are left out.
         """
         poses, noise, shared = self.read_kept(given, views, arm)
-        if arm is not None:
-            return poses, _noise_of_arm(poses, given.prior, noise, shared, arm), []
-        if given.prior is None and views is None:
+        if arm is None and given.prior is None and views is None:
             return poses, noise, shared
-        return poses, *_complete_noise(poses, given.prior, noise, shared)
+        from ..calibration.calibrate import calibrate
+        from ..findings import warn
+        from ..model.noise.models import PoseNoise
+        from ..model.shared_errors.assumed import replace_defaults
+        from ..model.shared_errors.shared_error import settled_errors, without_shared
+
+        of_arm = {} if arm is None else arm.of_calibrate
+        what = "the other noise" if arm is None else "the errors of the arm"
+        with timed(f"estimating {what}"), warnings.catch_warnings():
+            warnings.simplefilter("ignore", InputWarning)  # they are raised again where the noise is used
+            found = calibrate(poses, noise=noise, prior=given.prior, shared=shared, **of_arm)
+        exact = "The residuals are at rounding level, so"
+        if arm is not None:
+            warn(finding for finding in found.findings if finding.code.startswith("kinematics."))  # but for these
+            if found.noise is None:
+                raise InputError(f"{exact} no noise can be estimated. Give --robot-noise and --camera-noise.")
+            return poses, found.noise, []
+        if not isinstance(found.noise, PoseNoise):
+            side = "--robot-noise" if given.prior is not None and given.prior.camera is not None else "--camera-noise"
+            raise InputError(f"{exact} the other noise cannot be estimated. Give {side}, or {side} {EXACT}.")
+        known = noise is not None or poses.camera_known
+        listed = replace_defaults((), known) if shared is None else shared
+        errors = settled_errors(listed, {error.name: error.prior_sd for error in found.shared}, poses)
+        return poses, without_shared(found.noise, errors), list(errors)
 
     def read_kept(
         self, given: Given, views: "Views | None" = None, arm: Arm | None = None
@@ -214,7 +243,7 @@ class PoseFiles(StreamFiles):
         self, given: Given, seen: "Pictures | Views | None", arm: Arm | None = None
     ) -> "tuple[PosePairs, Any, list[SharedError] | None]":
         """Return poses, noise and shared errors as `calibrate` takes them."""
-        from .views import Views
+        from .pictures import Views
 
         of_all = given.shared if arm is None else replace(given.shared, robot_class=None)  # it is that of the arm
         files = self if arm is None else self._beside_arm(arm, seen is not None and not isinstance(seen, Views))
@@ -272,11 +301,8 @@ class PoseFiles(StreamFiles):
             if first is None:
                 raise InputError("--joints needs camera poses. Add their file, or the folder of uq-handeye camera.")
             files = replace(self, robot=None, camera=first)
-        if files.robot is None:
-            of_robot = ("robot_format", "robot_units", "robot_rotation", "robot_quaternion")
-            wrong = [f"--{name.replace('_', '-')}" for name in of_robot if getattr(files, name) is not None]
-            if wrong := wrong + ["--robot-frame"] * (files.robot_frame != ROBOT_FRAMES[0]):
-                raise InputError(f"{', '.join(wrong)}: for a file of robot poses, not for --joints. Remove the option.")
+        if files.robot is None and (wrong := files.given_of("robot")):
+            raise InputError(f"{', '.join(wrong)}: for a file of robot poses, not for --joints. Remove the option.")
         return files
 
     def _poses_and_noise(
@@ -324,15 +350,8 @@ class PoseFiles(StreamFiles):
 
     def _refuse_of_files(self, what: str, how: str | None) -> None:
         """Raise `InputError` if options of a file of camera poses are given for something else."""
-        given = {
-            "--pair": how not in (None, "rows"),
-            "--camera-format": self.camera_format is not None,
-            "--camera-units": self.camera_units is not None,
-            "--camera-rotation": self.camera_rotation is not None,
-            "--camera-quaternion": self.camera_quaternion is not None,
-            "--camera-frame": self.camera_frame != CAMERA_FRAMES[0],
-        }
-        if wrong := [name for name, value in given.items() if value]:
+        wrong = [*(["--pair"] if how not in (None, "rows") else []), *self.given_of("camera")]
+        if wrong:
             raise InputError(f"{', '.join(wrong)}: for files of camera poses, not for {what}. Remove the option.")
 
     def _read(self, how: str | None, pictures: "Pictures | None", arm: Arm | None) -> "PosePairs":
@@ -354,52 +373,3 @@ def _is_camera_folder(path: Path) -> bool:
     from ..read.beside import is_folder_of_poses
 
     return is_folder_of_poses(path)
-
-
-def _complete_noise(
-    poses: "PosePairs",
-    prior: "NoisePrior | None",
-    given: "CameraNoise | PoseNoise | None",
-    shared: "list[SharedError] | None",
-) -> "tuple[Noise, list[SharedError]]":
-    """Return the noise with its unknown part estimated as `calibrate` does, and the shared errors."""
-    from ..calibration.calibrate import calibrate
-    from ..model.noise.models import PoseNoise
-    from ..model.shared_errors.assumed import replace_defaults
-    from ..model.shared_errors.shared_error import settled_errors, without_shared
-
-    with timed("estimating the other noise"), warnings.catch_warnings():
-        warnings.simplefilter("ignore", InputWarning)  # they are raised again where the noise is used
-        found = calibrate(poses, noise=given, prior=prior, shared=shared)
-    if not isinstance(found.noise, PoseNoise):
-        open_side = "--robot-noise" if prior is not None and prior.camera is not None else "--camera-noise"
-        raise InputError(
-            f"The residuals are at rounding level, so the other noise cannot be estimated. Give {open_side}, or "
-            f"{open_side} {EXACT}."
-        )
-    known = given is not None or poses.camera_known
-    listed = replace_defaults((), known) if shared is None else shared
-    errors = settled_errors(listed, {error.name: error.prior_sd for error in found.shared}, poses)
-    return without_shared(found.noise, errors), list(errors)
-
-
-def _noise_of_arm(
-    poses: "PosePairs",
-    prior: "NoisePrior | None",
-    given: "CameraNoise | PoseNoise | None",
-    shared: "list[SharedError] | None",
-    arm: Arm,
-) -> "Noise":
-    """Return the noise as `calibrate` estimates it, with kinematic and other shared errors."""
-    from ..calibration.calibrate import calibrate
-    from ..findings import warn
-
-    with timed("estimating the errors of the arm"), warnings.catch_warnings():
-        warnings.simplefilter("ignore", InputWarning)  # they are raised again where the noise is used
-        found = calibrate(poses, noise=given, prior=prior, shared=shared, **arm.of_calibrate)
-    warn(finding for finding in found.findings if finding.code.startswith("kinematics."))  # but for these
-    if found.noise is None:
-        raise InputError(
-            "The residuals are at rounding level, so no noise can be estimated. Give --robot-noise and --camera-noise."
-        )
-    return found.noise

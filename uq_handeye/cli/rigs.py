@@ -6,17 +6,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
-from .delivery import IN_PART, NOT_PASSED, NOT_USABLE, Wanted, deliver
+from .arm import coordinates
+from .delivery import IN_PART, NOT_PASSED, NOT_USABLE, Wanted, deliver, deliver_answer
 from .messages import given_options, quiet, timed, withheld
-from .options.common import AT_THE_BOUND, PAIRINGS, SETUP_NAMES, emit, one_of
-from .options.touches import coordinates
+from .options import AT_THE_BOUND, PAIRINGS, SETUP_NAMES, emit, one_of
 
 if TYPE_CHECKING:
     from ..rig.description import Rig
     from ..rig.result import RigCalibration
     from .delivery import Outputs, ReportOptions
     from .new_poses import Data, Estimation, NewPoses
-    from .options.noise import Given
+    from .noise import Given
     from .pose_files import PoseFiles
 
 
@@ -129,7 +129,6 @@ def deliver_rig(result: "RigCalibration", wishes: "ReportOptions", wanted: Wante
     """Print the result of a rig, write its files, and return the exit status."""
     from ..read import json_text
     from ..report.certificate.of_rig import verdicts_of_rig
-    from .delivery import deliver
 
     verdicts = verdicts_of_rig(result, wanted.tolerance)
     said = [f"{name}: {verdict}" for name, verdict in verdicts.items()]
@@ -234,21 +233,16 @@ def new_views(stored: "RigCalibration", new: "NewPoses") -> "Rig":
 
 
 def predict_stored_rig(
-    stored: "RigCalibration",
-    camera: str | None,
-    into: str | None,
-    point: list[str] | None,
-    robot: Path | None,
-    as_json: bool,
-    output: Path | None,
+    stored: "RigCalibration", asked: Any, robot: Path | None, as_json: bool, output: Path | None
 ) -> None:
-    """Predict points of a camera of a rig at robot poses of its arm, or where it stands still."""
+    """Predict points of a camera of a rig, as ``predict`` asks, at robot poses of its arm or where it stands still."""
     import numpy as np
 
     from ..read import json_text
     from ..rig.files.pose_rows import read_rows
 
     refuse("--of", "--into", "--point", "--robot", "--robot-units", "--robot-format")
+    camera, point = asked.of, asked.point
     if camera is None or not point:
         raise InputError("A rig needs --of CAMERA and --point X,Y,Z in the frame of that camera. Add them.")
     arms = list(stored.rig.arms)
@@ -256,7 +250,7 @@ def predict_stored_rig(
         raise InputError("--robot: the rig has several arms; predict in Python with the poses of each.")
     at = None if robot is None else {arms[0]: read_rows(robot, "robot").poses}
     points = np.array([coordinates(text, "--point") for text in point])
-    found = stored.predict(camera, points, at, into or "world")
+    found = stored.predict(camera, points, at, asked.into or "world")
     data = json_text(found.to_dict())
     head = " ".join([*(f"{name:>11}" for name in "xyz"), *(f"{f'sd {name}':>8}" for name in "xyz")])
     lines = [f"Points of {camera} in the frame {found.frame}", f"{'row':>4} {'point':>5} {head}  (mm)"]
@@ -264,37 +258,26 @@ def predict_stored_rig(
         for j, (x, sd) in enumerate(zip(1e3 * found.points[i], 1e3 * found.std[i], strict=True)):
             numbers = " ".join([*(f"{value:>11.3f}" for value in x), *(f"{value:>8.3f}" for value in sd)])
             lines.append(f"{i:>4} {j:>5} {numbers}")
-    written = "" if output is None else deliver(output, {"predictions.json": data})
-    emit(data if as_json else "\n".join(lines) + "\n" + written)
+    deliver_answer(data, "\n".join(lines) + "\n", as_json, output, lambda: {"predictions.json": data})
 
 
-def plan_stored_rig(
-    stored: "RigCalibration",
-    k: int,
-    candidates: Path | None,
-    sample: int,
-    seed: int,
-    as_json: bool,
-    output: Path | None,
-) -> None:
-    """Choose the views of a rig to take next."""
+def plan_stored_rig(stored: "RigCalibration", asked: Any, as_json: bool, output: Path | None) -> None:
+    """Choose the views of a rig to take next, as ``plan`` is asked."""
+    import numpy as np
+
     from ..read import pose_text
     from ..rig.files.pose_rows import read_rows
 
     refuse("ROBOT", "--count", "--candidates", "--sample", "--seed")
     arms = list(stored.rig.arms)
+    candidates = asked.candidates
     if candidates is not None and len(arms) > 1:
         raise InputError("--candidates: the rig has several arms; plan in Python with the candidates of each.")
     rows = None if candidates is None else {arms[0]: read_rows(candidates, "robot").poses}
-    found = stored.plan(rows, k, sample=sample, seed=seed)
-    written = ""
-    if output is not None:
-        import numpy as np
-
-        chosen = list(dict.fromkeys(step.candidate for step in found.steps))
-        files: dict[str, str | bytes] = {"plan.json": found.to_json()}
-        for name, T in found.robot.items():
-            stem = "next.csv" if len(arms) == 1 else f"next_{name}.csv"
-            files[stem] = pose_text(np.asarray(T, dtype=float)[chosen], [float(number) for number in chosen])
-        written = deliver(output, files)
-    emit(found.to_json() if as_json else found.text() + written)
+    found = stored.plan(rows, asked.k, sample=asked.sample, seed=asked.seed)
+    chosen = list(dict.fromkeys(step.candidate for step in found.steps))
+    files = {"plan.json": found.to_json()}
+    for name, T in found.robot.items():
+        stem = "next.csv" if len(arms) == 1 else f"next_{name}.csv"
+        files[stem] = pose_text(np.asarray(T, dtype=float)[chosen], [float(number) for number in chosen])
+    deliver_answer(found.to_json(), found.text(), as_json, output, lambda: files)

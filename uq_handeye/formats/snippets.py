@@ -16,7 +16,7 @@ from typing import Protocol
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ..core.formatting.snippets import Snippet, short
+from ..core.formatting.numbers import Snippet, short
 from ..core.geometry.conventions import TOOLKIT, to_convention
 from ..core.geometry.se3 import Array, inverse_jacobian
 from ..core.runtime.read_only import ReadOnlyArrays

@@ -9,7 +9,7 @@ import logging
 import warnings
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,7 @@ from ..core.files.open import StrPath, as_path, shown
 from ..core.files.source import Source
 from ..core.geometry.frames import SETUPS
 from ..core.geometry.se3 import Array
-from ..errors import InputError, InputWarning, among, require_one_of
+from ..errors import InputError, InputWarning, among, require_known, require_one_of
 from ..findings import Finding
 from ..formats.contents import FRAMES, QUATERNIONS, Contents, Side, finished, rotation_form
 from ..formats.csv_poses import warn_if_back
@@ -32,6 +32,15 @@ if TYPE_CHECKING:
     from ..model.camera.result import CameraCalibration
     from ..model.kinematics.chain import Kinematics
     from ..model.points.result import PointPoses
+
+
+class OfArm(TypedDict, total=False):
+    """Arguments of `read_stream` about the joints of the robot."""
+
+    joints: StrPath | None
+    kinematics: Kinematics | None
+    joint_units: str | None
+
 
 _PAIRINGS = ("rows", "time")
 
@@ -289,9 +298,7 @@ def read_stream(
     rotation: str | None = None,
     quaternion: str | None = None,
     frame: str | None = None,
-    joints: StrPath | None = None,
-    kinematics: Kinematics | None = None,
-    joint_units: str | None = None,
+    **of_arm: Unpack[OfArm],
 ) -> Stream:
     """The time-stamped poses of one sensor.
 
@@ -316,7 +323,8 @@ def read_stream(
     """
     if not among(side, FRAMES):
         raise InputError(f"Expected `side` to be robot or camera, got {side!r}.")
-    arm = joints_of(joints, kinematics, joint_units)
+    require_known("read_stream", of_arm, OfArm)
+    arm = joints_of(of_arm.get("joints"), of_arm.get("kinematics"), of_arm.get("joint_units"))
     if arm is not None and side != "robot":
         raise InputError("Expected `joints` of the robot, not of the camera.")
     if path is None:

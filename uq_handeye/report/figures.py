@@ -14,18 +14,20 @@ from matplotlib.figure import Figure
 
 from ..calibration.estimate.estimated import distance_of
 from ..calibration.report.analysis import budget_shares, shown_budget
-from ..calibration.report.arm import prediction_words, workspace_caption
-from ..calibration.report.error_figures import budget_figure, shared_figure
-from ..calibration.report.facts import ahead
-from ..calibration.report.plotted import FIGURES, figure_names
-from ..calibration.report.point_figures import task_space_figure, workspace_figure
-from ..calibration.report.residual_figure import residual_figure
+from ..calibration.report.facts import FIGURES, ahead, figure_names
+from ..calibration.report.figures import (
+    budget_figure,
+    residual_figure,
+    shared_figure,
+    task_space_figure,
+    workspace_figure,
+)
 from ..calibration.report.rig_figure import MOST_FRAMES, rig, rig_figure, rig_scene
-from ..calibration.statement.included import shared_groups
+from ..calibration.report.text import prediction_words, workspace_caption
+from ..calibration.statement.checks import shared_groups
 from ..core.formatting.numbers import digits
 from ..core.presentation.ellipses import LEVELS, covariance_ellipses, small_ellipses
-from ..core.presentation.figure_parts import Picture
-from ..core.presentation.named_figure import NamedFigure
+from ..core.presentation.figure_parts import NamedFigure, Picture
 from ..errors import InputError
 from ..methods.propagation.published_fit import mean_target
 from ..model.noise.models import PoseNoise

@@ -19,8 +19,7 @@ from ..core.formatting.numbers import digits, probability
 from ..core.geometry.conventions import CONVENTION
 from ..core.geometry.se3 import Array
 from ..core.presentation.document import Answer, Badge, Block, Paragraph, Points, Section, Table
-from ..core.presentation.page import Page
-from ..core.presentation.pdf import PAPERS, page_path, write_page
+from ..core.presentation.page import PAPERS, Page, page_path, write_page
 from .graph import Graph
 from .sketch import rig_sketch
 

@@ -41,8 +41,7 @@ from ...model.poses.motions import Motions, Residuals, sha256_of
 from ...model.poses.pose_pairs import PosePairs
 from ...model.poses.timing import TimeOffset
 from ...model.posterior.posterior import Posterior
-from .analysis import Analysis, StoredAnalysis
-from .fitted_kinematics import FittedKinematics
+from .analysis import Analysis, FittedKinematics, StoredAnalysis
 
 # Distance taken where that of the target is not known (m).
 USUAL_DISTANCE = 0.5

@@ -27,7 +27,7 @@ from ...model.kinematics.chain import Kinematics
 from ...model.kinematics.descriptions.urdf import origin_of, read_tree
 from ...model.kinematics.errors import LENGTHS, OFFSETS, TILTS
 from ...model.kinematics.forward import align, spread_postures
-from ..estimate.fitted_kinematics import ErrorEstimate, FittedKinematics
+from ..estimate.analysis import ErrorEstimate, FittedKinematics
 
 if TYPE_CHECKING:
     from ...model.kinematics.descriptions.urdf import Placed

@@ -31,8 +31,8 @@ from ...model.kinematics.forward import spread_postures
 from ...model.kinematics.kinematic_errors import EXACT
 from ...model.noise.joint_covariance import JointCovariance
 from ...model.noise.models import PoseNoise, is_joint
+from ..estimate.analysis import FittedKinematics
 from ..estimate.estimated import Estimated
-from ..estimate.fitted_kinematics import FittedKinematics
 from .predict import camera_ahead, robot_ahead, seen_at, tip_at
 
 POSTURES = 1500

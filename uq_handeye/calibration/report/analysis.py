@@ -22,7 +22,7 @@ from ...model.shared_errors.assumed import DRIFT
 from ...model.shared_errors.shared_error import VIEW
 from ..estimate.estimated import deviations_of
 from ..result import Calibration
-from ..statement.included import PLAIN
+from ..statement.checks import PLAIN
 
 KINDS = ("rotation", "translation")
 # Poses that a text lists; the table of the result has them all.

@@ -24,8 +24,19 @@ from scipy.special import chdtri
 
 from ...core.formatting.numbers import digits
 from ...core.geometry.se3 import Array
-from ...core.presentation.figure_parts import BLUE, GREEN, INK, ORANGE, QUIET, SMALL, TEXT, WIDTH, plain, round_number
-from ...core.presentation.named_figure import NamedFigure
+from ...core.presentation.figure_parts import (
+    BLUE,
+    GREEN,
+    INK,
+    ORANGE,
+    QUIET,
+    SMALL,
+    TEXT,
+    WIDTH,
+    NamedFigure,
+    plain,
+    round_number,
+)
 from ...fit.diagnostics.pose_table import PoseTable
 from ...model.poses.pose_pairs import PosePairs
 

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from ...core.runtime.threads import cores
 from ...errors import InputError, NotConvergedError
@@ -18,9 +18,9 @@ from ..delivery import (
     wanted_of,
 )
 from ..messages import LOG, fail, progress_wanted, quiet, timed, withheld
-from ..new_poses import Data, Estimation, data_of, problem_for
-from ..options.common import made_of, require_writable
-from ..options.noise import pose_prior_of
+from ..new_poses import Data, Estimation, problem_for
+from ..noise import pose_prior_of
+from ..options import require_writable
 from ..rigs import calibrate_rig_files, is_rig
 from .live import Watch, question_of, watched
 
@@ -31,21 +31,13 @@ if TYPE_CHECKING:
 DEMO_REPORT = Path("demo_report.html")
 
 
-@made_of(
-    data=data_of,
-    asked=Estimation,
-    beforehand=pose_prior_of,
-    wishes=report_options_of,
-    wanted=wanted_of,
-    outputs=AllOutputs,
-)
 def calibrate_command(
-    data: "Data",
-    asked: "Estimation",
-    beforehand: "dict[str, Any]",
-    wishes: "ReportOptions",
-    wanted: "Wanted",
-    outputs: "AllOutputs",
+    data: Data,
+    asked: Estimation,
+    beforehand: Annotated["dict[str, Any]", pose_prior_of],
+    wishes: Annotated["ReportOptions", report_options_of],
+    wanted: Annotated["Wanted", wanted_of],
+    outputs: AllOutputs,
 ) -> int:
     r"""Estimate the camera pose X and its uncertainty.
 
@@ -126,8 +118,7 @@ def _watch(data: Data, options: dict[str, Any], wishes: ReportOptions, wanted: W
     return deliver_result(found, outputs, wanted, wishes, threshold=outputs.threshold)
 
 
-@made_of(outputs=DemoOutputs)
-def demo_command(outputs: "DemoOutputs") -> int:
+def demo_command(outputs: DemoOutputs) -> int:
     """Calibrate an embedded data set whose true X is known.
 
     Examples:

@@ -1,4 +1,4 @@
-"""A stored result later on: ``check`` by new poses, ``update`` with them, and ``diff`` of two results.
+"""A stored result later on: ``check`` and ``update`` by new poses, ``verify`` by touches, ``diff`` of two results.
 
 Behind ``check --log`` is the log of checks: one more line, and the alarm of the series.
 """
@@ -6,33 +6,37 @@ Behind ``check --log`` is the log of checks: one more line, and the alarm of the
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from ...core.files.atomic import held, json_text
+from ...core.files.lines import csv_text
 from ...errors import InputError, NotConvergedError
+from ..arm import TouchOptions
 from ..delivery import (
     Outputs,
     ReportOptions,
     Wanted,
-    deliver,
+    deliver_answer,
     deliver_result,
     emit_refusal,
     report_options_of,
     wanted_of,
 )
 from ..messages import quiet, timed, withheld
-from ..new_poses import NewPoses, new_poses_of
-from ..options.common import answer_of, emit, emit_document, made_of
+from ..new_poses import NewPoses
+from ..options import UNITS, one_of, shown
 from ..rigs import NEW_VIEWS, deliver_rig, new_views, refuse, stored_rig
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from ...core.geometry.se3 import Array
     from ...core.presentation.document import Block
     from ...rig.in_use.check import RigCheck
     from ...use.maintenance.check_result import ChangeCheck
     from ...use.maintenance.log import CheckSeries
     from ...use.maintenance.series_alarm import SeriesAlarm
+    from ...use.verification.result import Verification
 
 
 @dataclass(frozen=True)
@@ -96,9 +100,12 @@ class Asked:
     every: float | None = None
 
 
-@made_of(files=new_poses_of, asked=Asked)
 def check_command(
-    result: Path, files: "NewPoses", asked: "Asked", as_json: bool = False, output: Path | None = None
+    result: Path,
+    files: NewPoses,
+    asked: Asked,
+    as_json: bool = False,
+    output: Path | None = None,
 ) -> int:
     """Check whether a stored calibration still holds, by new poses.
 
@@ -145,18 +152,13 @@ def check_command(
         found = check(stored, poses, tolerance=asked.tolerance, level=asked.level, same=names)
         series = None if asked.log is None else logged(asked.log, stored, poses, found, asked.every)
     text = found.to_json() if series is None else json_text({**found.to_dict(), "series": series.alarm.to_dict()})
-    if as_json:
-        emit(text)
-    else:
-        document = document_of(found)
-        emit_document(
-            [*(answer_of(document) if quiet() else document), *([] if series is None else series.document(quiet()))]
-        )
-    if output is not None:
-        figures = {} if series is None else {"series": series.figure()}
-        written = deliver(output, {"check.json": text, "check.txt": found.summary()}, figures)
-        if not as_json:
-            emit(written)
+    said = [*shown(document_of(found)), *([] if series is None else series.document(quiet()))]
+
+    def written() -> dict[str, Any]:
+        drawn = {} if series is None else {"series": series.figure()}
+        return {"check.json": text, "check.txt": found.summary(), **drawn}
+
+    deliver_answer(text, said, as_json, output, written)
     alarm = series is not None and series.alarm.alarm is not None
     return CHANGED_STATUS if alarm else status_of(found)
 
@@ -170,13 +172,12 @@ def status_of(found: "ChangeCheck | RigCheck") -> int:
     return 0 if found.status == UNCHANGED else CANNOT_TELL_STATUS
 
 
-@made_of(files=new_poses_of, wishes=report_options_of, wanted=wanted_of, outputs=Outputs)
 def update_command(
     result: Path,
-    files: "NewPoses",
-    wishes: "ReportOptions",
-    wanted: "Wanted",
-    outputs: "Outputs",
+    files: NewPoses,
+    wishes: Annotated["ReportOptions", report_options_of],
+    wanted: Annotated["Wanted", wanted_of],
+    outputs: Outputs,
     although_changed: bool = False,
     same: str | None = None,
 ) -> int:
@@ -210,13 +211,13 @@ def update_command(
     with _held_if_replaced(result, outputs.output):
         stored: Any = rig or Calibration.from_json(result)
         poses: Any = files.read(stored, str(result)) if rig is None else new_views(rig, files)
-        with withheld() as shown:
+        with withheld() as said:
             try:
                 with timed("updating"):
                     found: Any = update(stored, poses, although_changed=although_changed, same=names_of(same) or THINGS)
-                shown += [] if outputs.as_json else found.warnings
+                said += [] if outputs.as_json else found.warnings
             except (InputError, NotConvergedError) as error:
-                return emit_refusal(error, outputs.as_json, shown)
+                return emit_refusal(error, outputs.as_json, said)
         if rig is not None:
             return deliver_rig(found, wishes, wanted, outputs)
         found = replace(found, about=found.about | wishes.about)
@@ -268,12 +269,116 @@ def diff_command(
     from ...use.maintenance.difference import difference, difference_document
 
     found = difference(Calibration.from_json(old), Calibration.from_json(new), same=names_of(same))
-    if as_json:
-        emit(found.to_json())
-    else:
-        document = difference_document(found)
-        emit_document(answer_of(document) if quiet() else document)
-    if output is not None:
-        written = deliver(output, {"diff.json": found.to_json(), "diff.txt": found.summary()})
-        if not as_json:
-            emit(written)
+    text = found.to_json()
+    deliver_answer(text, shown(difference_document(found)), as_json, output, lambda: {
+        "diff.json": text, "diff.txt": found.summary()
+    })  # fmt: skip
+
+
+# Exit status of a calibration that the data contradict.
+CONTRADICTED = 4
+
+
+def verify_command(
+    result: Path,
+    touching: TouchOptions,
+    touches: Path | None = None,
+    show: str = "0.5mm",
+    candidates: Path | None = None,
+    poses: tuple[Path, Path] | None = None,
+    as_json: bool = False,
+    output: Path | None = None,
+) -> int:
+    """Test a stored result by touching points that the camera saw.
+
+    Examples:
+      uq-handeye verify result/result.json touches.csv --tcp-sd 0.2mm
+      # Touched with a tool whose offset is unknown; noise of the seen points
+      uq-handeye verify result/result.json touches.csv --tcp-sd 0.2mm \\
+          --point-sd 0.3mm --tool-sd unknown
+      # How many touches until a bias of 1 mm would show
+      uq-handeye verify result/result.json touches.csv --tcp-sd 0.2mm --show 1mm
+
+    Exit status 4 if the touches contradict the result.
+
+    Arguments:
+      touches = TOUCHES.csv: Points seen and touched, one row each. Columns: see the page.
+
+    Options (Touches):
+      --poses ROBOT.csv CAMERA.csv: New poses in place of touches: an independent data set of the same cell.
+
+    Options (Output):
+      * -o, --output DIR <named_folder>: Folder for verification.json and points.csv (m).
+      * --show LENGTH: Bias that should show, e.g. 0.5mm. The answer says how many touches it takes.
+      --candidates FILE.csv: Points that could be touched next, x,y,z in the camera frame (m). Default: the region seen
+        so far.
+    """
+    from ...calibration.result import Calibration
+    from ...use.verification.verify import verify
+
+    stored = Calibration.from_json(result)
+    if (touches is None) == (poses is None):
+        raise InputError("Give either TOUCHES.csv, points seen and touched, or --poses ROBOT.csv CAMERA.csv.")
+    if poses is not None:
+        return _by_poses(stored, poses, touching, as_json, output)
+    assert touches is not None
+    given = touching.read(touches, stored.kinematics)
+    found = verify(stored, given, show=show, candidates=None if candidates is None else _points(candidates))
+    return _deliver(found, as_json, output, {"points.csv": _csv(found)})
+
+
+def _by_poses(stored: Any, poses: tuple[Path, Path], touching: TouchOptions, as_json: bool, output: Path | None) -> int:
+    from ...read import read_poses
+    from ...use.verification.verify import verify_poses
+
+    data = read_poses(*poses, setup=stored.setup, units=one_of(touching.units, "--units", UNITS))
+    found = verify_poses(stored, data)
+    return _deliver(found, as_json, output, {})
+
+
+def _deliver(found: Any, as_json: bool, output: Path | None, tables: dict[str, str]) -> int:
+    """Print a verification, write its files, and return the exit status."""
+    from ...core.presentation.document import document_of
+
+    text = json_text(found.to_dict())
+    deliver_answer(text, shown(document_of(found)), as_json, output, lambda: {"verification.json": text, **tables})
+    return CONTRADICTED if found.contradicted else 0
+
+
+def _points(path: Path) -> "Array":
+    """Read points x, y, z (m, or the unit that the names say) of a table with a header, or of an array of NumPy."""
+    import numpy as np
+
+    from ...core.files.lines import short
+    from ...core.files.open import opened, shown
+    from ...core.files.table import Places, Schema, read_table
+    from ...core.formatting.units import LENGTH_UNITS
+    from ...formats.csv_poses import meaning_and_unit
+    from ...formats.numpy_poses import read_one_array
+
+    def places(names: list[str], line: str, where: str) -> Places:
+        meant = [meaning_and_unit(name)[0] for name in names]
+        if missing := [axis for axis in "xyz" if axis not in meant]:
+            raise InputError(f"{where}: expected the header x,y,z (m), got {short(line)}: no {', '.join(missing)}.")
+        return Places([meant.index(axis) for axis in "xyz"])
+
+    with opened(path, 10_000_000) as file:
+        if path.suffix == ".npy":
+            return read_one_array(file.read(), shown(path))
+        table = read_table(file, shown(path), Schema("the header x,y,z", "point", places))
+    table.require_finite()
+    units = (meaning_and_unit(table.column(k))[1] for k in range(3))
+    return np.asarray(table.values * [LENGTH_UNITS[unit or "m"] for unit in units])
+
+
+def _csv(found: "Verification") -> str:
+    table = found.points
+    head = "point,difference_x,difference_y,difference_z,distance,sd_x,sd_y,sd_z,p_value,differs"
+    rows = [
+        [name, *d, length, *sd, p, str(flag).lower()]
+        for name, d, length, sd, p, flag in zip(
+            table.names, table.difference.tolist(), table.distance.tolist(), table.std.tolist(),
+            table.p_value.tolist(), table.flagged.tolist(), strict=True,
+        )
+    ]  # fmt: skip
+    return csv_text([head.split(","), *rows])

@@ -5,18 +5,16 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from ...errors import InputError
+from ..arm import TouchesToUse, arm_of
 from ..delivery import Outputs, Wanted, wanted_of
 from ..messages import LOG, quiet
-from ..options.arm import arm_of
-from ..options.common import emit, made_of
-from ..options.noise import Given, noise_of
-from ..options.touches import TouchesToUse
-from ..pictures import Pictures
+from ..noise import Given, noise_of
+from ..options import emit
+from ..pictures import Pictures, pictures_of
 from ..pose_files import PoseFiles, StreamFiles
-from ..views import pictures_of
 
 if TYPE_CHECKING:
     from ...calibration.result import Calibration
@@ -26,9 +24,8 @@ if TYPE_CHECKING:
     from ...use.live_session.folder import Folder
     from ...use.live_session.question import Answer, Question
     from ...use.live_session.sources.source import Side, Source
-    from ..options.arm import Arm
-    from ..pictures import Pictures
-    from ..views import Views
+    from ..arm import Arm
+    from ..pictures import Pictures, Views
 
 
 @dataclass(frozen=True)
@@ -86,25 +83,15 @@ class SourceOptions:
     frames: str | None = None
 
 
-@made_of(
-    files=SessionFiles,
-    arm=arm_of,
-    pictures=pictures_of,
-    given=noise_of,
-    wanted=wanted_of,
-    page=PageOptions,
-    come=SourceOptions,
-    touched=TouchesToUse,
-)
 def live_command(
-    files: "SessionFiles",
-    arm: "Arm | None",
-    pictures: "Pictures | Views | None",
-    given: "Given",
-    wanted: "Wanted",
-    page: "PageOptions",
-    come: "SourceOptions",
-    touched: "TouchesToUse",
+    files: SessionFiles,
+    arm: Annotated["Arm | None", arm_of],
+    pictures: Annotated["Pictures | Views | None", pictures_of],
+    given: Annotated["Given", noise_of],
+    wanted: Annotated["Wanted", wanted_of],
+    page: PageOptions,
+    come: SourceOptions,
+    touched: TouchesToUse,
 ) -> int:
     r"""Calibrate in the browser, pose by pose.
 
@@ -185,8 +172,7 @@ def _arm(host: str | None) -> "Side | None":
     return None if host is None else Ur(host)
 
 
-@made_of(page=PageOptions, touched=TouchesToUse)
-def view_command(result: Path, page: "PageOptions", touched: "TouchesToUse") -> int:
+def view_command(result: Path, page: PageOptions, touched: TouchesToUse) -> int:
     """Show a stored calibration in the browser.
 
     Examples:
@@ -257,7 +243,7 @@ def question_of(
 ) -> "Question":
     """Return what is asked after each pose, with the noise and the shared errors as given."""
     from ...use.live_session.question import Question
-    from ..views import Views
+    from ..pictures import Views
 
     def beside(poses: "PosePairs") -> tuple[Any, Any]:
         if isinstance(seen, Views):

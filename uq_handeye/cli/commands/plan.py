@@ -3,15 +3,15 @@
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from ...errors import InputError
-from ..delivery import deliver, deliver_csv
+from ..arm import Arm, arm_of
+from ..delivery import deliver_answer
 from ..messages import fail, progress_wanted, timed, verbose, withheld
-from ..new_poses import Session, session_of
-from ..options.arm import Arm, arm_of
-from ..options.common import CONTROLLER_NAMES, EVERY_METHOD, emit, emit_document, is_csv, made_of, methods_of, one_of
-from ..options.noise import Given, given_of
+from ..new_poses import Session
+from ..noise import Given, given_of
+from ..options import CONTROLLER_NAMES, EVERY_METHOD, methods_of, one_of
 from ..pose_files import PoseFiles
 from ..rigs import plan_stored_rig, stored_rig
 
@@ -80,12 +80,11 @@ class Planning:
             raise InputError("--task and --criterion prediction need --joints and --urdf.")
 
 
-@made_of(given=given_of, files=PoseFiles, arm=arm_of, asked=Planning)
 def plan_command(
-    files: "PoseFiles",
-    given: "Given",
-    arm: "Arm | None",
-    asked: "Planning",
+    files: PoseFiles,
+    given: Annotated["Given", given_of],
+    arm: Annotated["Arm | None", arm_of],
+    asked: Planning,
     form: str | None = None,
     as_json: bool = False,
     output: Path | None = None,
@@ -116,7 +115,7 @@ def plan_command(
         names one.
     """
     if (rig := stored_rig(files.robot)) is not None:
-        return plan_stored_rig(rig, asked.k, asked.candidates, asked.sample, asked.seed, as_json, output)
+        return plan_stored_rig(rig, asked, as_json, output)
     from ...calibration.findings import check_input
     from ...findings import warn
     from ...model.kinematics.joints_file import read_joints
@@ -159,20 +158,16 @@ def plan_command(
         if arm is not None:
             raise InputError("--as applies to poses, not to joints. Remove it.")
         found = replace(found, form=one_of(form, "--as", FORMS))
-    said = ""
-    if output is not None and is_csv(output):
-        said = deliver_csv(output, found.to_csv())
-    elif output is not None:
-        files_out = {NEXT: found.to_csv(), "plan.json": found.to_json()}
-        if found.form is not None:
-            files_out[NEXT_AS] = found.to_controller()
-        said = deliver(output, files_out)
-    emit(found.to_json() if as_json else found.to_text() + said)
+
+    def written() -> dict[str, str]:
+        more = {} if found.form is None else {NEXT_AS: found.to_controller()}
+        return {NEXT: found.to_csv(), "plan.json": found.to_json(), **more}
+
+    deliver_answer(found.to_json(), found.to_text(), as_json, output, written)
 
 
-@made_of(session=session_of)
 def compare_command(
-    session: "Session",
+    session: Session,
     methods: str | None = None,
     reference: str = "efficient",
     pairs: str = "all",
@@ -218,14 +213,9 @@ def compare_command(
                 *result.own_warnings,
                 *(str(f) for check in result.checks for f in check.findings),
             ]
-    if as_json or as_csv:
-        emit(result.to_json() if as_json else result.to_csv())
-    else:
-        emit_document(document_of(result, verbose=verbose()))
-    if output is not None:  # after the table, which is not to be lost if this fails
-        said = _write_comparison(result, output)
-        if not (as_json or as_csv):
-            emit(said)
+    text = result.to_json() if as_json or not as_csv else result.to_csv()
+    said = document_of(result, verbose=verbose())
+    deliver_answer(text, said, as_json or as_csv, output, lambda: _files_of(result))
     if result.reference is None:
         some = any(row.X is not None for row in result.rows)
         what = "No method gave a usable result" if some else "Every method failed"
@@ -233,10 +223,10 @@ def compare_command(
     return 0
 
 
-def _write_comparison(result: "Comparison", directory: Path) -> str:
+def _files_of(result: "Comparison") -> dict[str, str | bytes]:
     from ...core.presentation.ellipses import render
     from ...report.comparison.figure import comparison_figure, png  # Matplotlib is slow to import
 
     figure = comparison_figure(result)
-    files: dict[str, str | bytes] = {"comparison.json": result.to_json(), "comparison.csv": result.to_csv()}
-    return deliver(directory, files | {"comparison.png": png(figure), "comparison.svg": render(figure, "svg")})
+    drawn = {"comparison.png": png(figure), "comparison.svg": render(figure, "svg")}
+    return {"comparison.json": result.to_json(), "comparison.csv": result.to_csv(), **drawn}

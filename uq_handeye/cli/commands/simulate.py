@@ -8,8 +8,8 @@ from typing import Any
 
 from ...errors import InputError
 from ..messages import LOG
-from ..options.common import SETUP_NAMES, emit, made_of, one_of
-from ..options.noise import NoiseOptions, exact_beside
+from ..noise import NoiseOptions, exact_beside
+from ..options import SETUP_NAMES, emit, one_of
 
 MAX_POSES = 1_000_000  # about 1 GB of memory
 
@@ -29,9 +29,8 @@ class SimulatedNoise(NoiseOptions):
     camera_noise: str | None = None
 
 
-@made_of(options=SimulatedNoise)
 def simulate_command(
-    options: "SimulatedNoise",
+    options: SimulatedNoise,
     output: Path,
     n_poses: int = 20,
     setup: str = SETUP_NAMES[0],

@@ -3,16 +3,16 @@
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from ...core.files.lines import floats, frame_text
 from ...core.runtime.threads import cores
 from ...errors import InputError
-from ..delivery import REPORTS, deliver, write_report, wrote
+from ..delivery import REPORTS, deliver, deliver_answer, write_report, wrote
 from ..messages import LOG, progress_wanted, timed, verbose
-from ..new_poses import Session, calibrated, problem_for, session_of
-from ..options.common import EVERY_METHOD, emit, emit_document, made_of, methods_of, require_writable
-from ..options.noise import pose_prior_of
+from ..new_poses import Session
+from ..noise import pose_prior_of
+from ..options import EVERY_METHOD, emit, emit_document, methods_of, require_writable
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -72,11 +72,10 @@ class Simulation:
         return found
 
 
-@made_of(session=session_of, beforehand=pose_prior_of, asked=Simulation)
 def validate_command(
-    session: "Session",
-    beforehand: "dict[str, Any]",
-    asked: "Simulation",
+    session: Session,
+    beforehand: Annotated["dict[str, Any]", pose_prior_of],
+    asked: Simulation,
     figure: Path | None = None,
     as_json: bool = False,
     output: Path | None = None,
@@ -116,8 +115,7 @@ def validate_command(
     require_writable(figure, "--figure", (".png", ".svg"))
     if output is not None and len(names) > 1 and (output / "manifest.json").exists():
         raise InputError(f"{output} holds the run of one method. Give its --method alone, or name a new folder.")
-    poses, noise, shared = session.read()
-    problem = problem_for(calibrated(poses, noise, shared, pairs, **beforehand), poses, noise, shared, pairs)
+    _, problem = session.calibrated(pairs, **beforehand)
     workers = cores() if asked.workers is None else asked.workers
     if (factors := asked.factors(resume)) is not None:
         options = {"seed": asked.seed, "pairs": pairs, **({} if asked.trials is None else {"trials": asked.trials})}
@@ -200,32 +198,26 @@ def _sweep(
     from ...trials.validation.sweep.run import sweep
 
     result = sweep(**problem, methods=methods, factors=factors, progress=progress_wanted(), **options)
-    if as_json:
-        emit(result.to_json())
-    else:
-        emit_document(document_of(result, verbose=verbose()))
-    if output is not None:
-        from ...trials.validation.sweep.figure import sweep_figure  # Matplotlib is slow to import
-
-        table = frame_text(result.to_dataframe())
-        files = {"sweep.json": result.to_json(), "sweep.csv": table}
-        said = deliver(output, files, {"sweep": sweep_figure(result)})
-        if not as_json:
-            emit(said)
+    said = document_of(result, verbose=verbose())
+    deliver_answer(result.to_json(), said, as_json, output, lambda: _files_of(result, "sweep"))
     if figure is not None:
         result.figure(figure)
     return 0
+
+
+def _files_of(result: Any, stem: str) -> dict[str, Any]:
+    """Return a result as data, table and figure, by the names of their files."""
+    table = frame_text(result.to_dataframe())
+    return {f"{stem}.json": result.to_json(), f"{stem}.csv": table, stem: result.drawn()}
 
 
 def _deliver(result: "MonteCarlo", folder: Path) -> str:
     """Write table and figure into the folder that holds ``result.json`` and the trials already."""
     import numpy as np
 
-    from ...trials.validation.monte_carlo.figure import validation_figure  # Matplotlib is slow to import
-
     table = frame_text(result.to_dataframe())
     with np.errstate(over="ignore"):  # the ratio to a direction without any error is infinite
-        deliver(folder, {"validation.csv": table}, {"validation": validation_figure(result)})
+        deliver(folder, {"validation.csv": table, "validation": result.drawn()})
     return wrote(folder, ["result.json", "validation.csv", "validation.png", "validation.svg", "chunks/"])
 
 
@@ -251,10 +243,9 @@ class Work:
     workers: int | None = None
 
 
-@made_of(session=session_of, asked=Work)
 def cross_check_command(
-    session: "Session",
-    asked: "Work",
+    session: Session,
+    asked: Work,
     as_json: bool = False,
     output: Path | None = None,
     report: Path | None = None,
@@ -278,30 +269,18 @@ def cross_check_command(
       * -o, --output DIR <named_folder>: Folder for cross_check.json, .csv, .png and .svg.
     """
     require_writable(report, "--report", REPORTS)
-    poses, noise, shared = session.read()
     from ...core.presentation.document import document_of
     from ...trials.validation.cross_check.run import cross_check
     from ...trials.validation.sentences import INTERRUPTED as ENDED_BY_HAND
 
-    result = calibrated(poses, noise, shared, asked.pairs)
+    result, problem = session.calibrated(asked.pairs)
     how = vars(asked) | {"workers": cores() if asked.workers is None else asked.workers}
     with timed("cross-check"):
-        problem = problem_for(result, poses, noise, shared, asked.pairs)
         check = cross_check(**problem, **how, progress=progress_wanted())
-    said = ""
-    if output is not None:
-        from ...trials.validation.cross_check.figure import cross_check_figure  # Matplotlib is slow to import
-
-        table = frame_text(check.to_dataframe())
-        written = {"cross_check.json": check.to_json(), "cross_check.csv": table}
-        said = deliver(output, written, {"cross_check": cross_check_figure(check)})
+    said = document_of(check, verbose=verbose())
+    deliver_answer(check.to_json(), said, as_json, output, lambda: _files_of(check, "cross_check"))
     if report is not None and result is not None and check.complete:
         write_report(result, report, True, check)
-    if as_json:
-        emit(check.to_json())
-    else:
-        emit_document(document_of(check, verbose=verbose()))
-        emit(said)
     if check.ended is None:
         return 0
     return INTERRUPTED if check.ended.code == ENDED_BY_HAND else NOT_COMPLETE
@@ -332,11 +311,10 @@ class Sampling:
     seed: int = 0
 
 
-@made_of(session=session_of, beforehand=pose_prior_of, sampling=Sampling)
 def posterior_command(
-    session: "Session",
-    beforehand: "dict[str, Any]",
-    sampling: "Sampling",
+    session: Session,
+    beforehand: Annotated["dict[str, Any]", pose_prior_of],
+    sampling: Sampling,
     pairs: str = "disjoint",
     as_json: bool = False,
     output: Path | None = None,
@@ -368,15 +346,10 @@ def posterior_command(
     """
     if resume and output is None:
         raise InputError("--resume needs the folder of the run. Add -o DIR.")
-    poses, noise, shared = session.read()
-    from ...model.noise.models import PairNoise
     from ...read import write_files
     from ...trials.validation.posterior.sample import sample_posterior
 
-    pairs = pairs if isinstance(noise, PairNoise) else "all"
-    problem = problem_for(
-        calibrated(poses, noise, shared, pairs, shows_checks=False, **beforehand), poses, noise, shared, pairs
-    )
+    _, problem = session.calibrated("all", pairs, shows_checks=False, **beforehand)
     if output is not None:
         write_files(output, {})  # makes the folder, or says why not
         output.mkdir(parents=True, exist_ok=True)
@@ -392,6 +365,6 @@ def posterior_command(
     if output is not None:
         from ...trials.validation.posterior.figure import corner  # Matplotlib is slow to import
 
-        deliver(output, {"posterior.json": result.to_json()}, {"corner": corner(result)})
+        deliver(output, {"posterior.json": result.to_json(), "corner": corner(result)})
         if not as_json:
             emit(wrote(output, ["posterior.json", "corner.png", "corner.svg", CHAIN]))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from decimal import Decimal
 from math import isfinite, isinf
 from typing import Any
@@ -147,3 +148,22 @@ def pose_rows(values: Array, std: Array | None) -> list[str]:
 def times_of_noise(ratio: float) -> str:
     """Return how residuals compare with the noise given."""
     return f"residuals {digits(max(ratio, 1 / ratio), 2)} times {'larger' if ratio > 1 else 'smaller'} than this noise"
+
+
+@dataclass(frozen=True)
+class Snippet:
+    """One text to copy."""
+
+    title: str  # e.g. "ROS 2 static transform: gripper_T_camera"
+    convention: str  # one or two sentences: units, order, frames
+    text: str
+    language: str  # for highlighting: python, bash, yaml or xml
+
+
+def short(value: float) -> str:
+    """Twelve significant digits; never ``-0``.
+
+    >>> short(0.1 + 0.2), short(-0.0)
+    ('0.3', '0')
+    """
+    return f"{value + 0.0:.12g}"

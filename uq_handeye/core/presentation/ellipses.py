@@ -29,8 +29,8 @@ from scipy.spatial.transform import Rotation
 from ...errors import InputError
 from ..geometry.checks import as_covariance, as_pose
 from ..geometry.se3 import Array, difference
-from .named_figure import NamedFigure, settle_layout
-from .named_figure import render as render
+from .figure_parts import NamedFigure, settle_layout
+from .figure_parts import render as render
 
 LEVELS = (1, 2, 3)
 SYMBOLS = (r"\theta_x", r"\theta_y", r"\theta_z", r"\tau_x", r"\tau_y", r"\tau_z")

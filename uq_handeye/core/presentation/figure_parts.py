@@ -1,5 +1,5 @@
-"""Common parts of the figures of the report: their width, colours, canvas, and SVG that stands beside others in one
-page.
+"""Common parts of figures: names and texts for those who do not see them, width, colours, canvas, and SVG that stands
+beside others in one page.
 
 All are drawn on white, 6.9 inches wide, the width of an A4 page between its margins, with text of 7.5 points or more.
 Colours are those of Okabe and Ito; hatches, markers or line styles say the same once more, for greyscale and
@@ -8,17 +8,20 @@ colour-blind readers. This module imports Matplotlib; import it where it is used
 
 from __future__ import annotations
 
+import io
 import re
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-from .named_figure import NamedFigure, render, settle_layout
+from ...errors import InputError
 
 WIDTH = 6.9
 ROOM = 0.015  # share of the width at both sides
@@ -102,3 +105,48 @@ def plain_numbers(axis: Axes) -> None:
     axis.yaxis.set_minor_formatter(NullFormatter())
     if low >= 1e-4 and high < 1e6:
         axis.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:,.10g}"))
+
+
+class NamedFigure(Figure):
+    """A Matplotlib figure that notebooks show, with its alt text, also where pyplot was never imported."""
+
+    name = ""
+    title = ""
+    alt = ""
+
+    def __init__(self, *args: Any, **options: Any) -> None:
+        super().__init__(*args, **options)
+        FigureCanvasAgg(self)
+
+    def __repr__(self) -> str:
+        return f"<Figure {self.name!r}: {self.title}>" if self.name else super().__repr__()
+
+    def _repr_png_(self) -> tuple[bytes, dict[str, str]]:
+        return render(self, "png", 110), {"alt": self.alt}
+
+    def named(self, name: str, title: str, alt: str) -> NamedFigure:
+        """Set what the figure is called; return the figure itself."""
+        self.name, self.title, self.alt = name, title, alt
+        self.set_label(name)
+        return self
+
+
+def settle_layout(figure: Figure) -> None:
+    """Arrange the panels once and for all: every further pass of the layout would shift them a little."""
+    engine = figure.get_layout_engine()
+    if engine is not None:
+        engine.execute(figure)
+    figure.set_layout_engine("none")
+
+
+def render(figure: Figure, kind: str, dpi: int = 200) -> bytes:
+    """The figure as a ``png`` or ``svg`` file, with title and alt text inside; the same figure gives the same bytes."""
+    if kind not in ("png", "svg"):
+        raise InputError(f"Expected `kind` to be png or svg, got {kind!r}.")
+    buffer = io.BytesIO()
+    metadata: dict[str, Any] = {"Date": None} if kind == "svg" else {"Software": None}
+    if isinstance(figure, NamedFigure) and figure.title:
+        metadata |= {"Title": figure.title, "Description": figure.alt}
+    with matplotlib.rc_context({"svg.hashsalt": "uq-handeye", "svg.fonttype": "path"}):
+        figure.savefig(buffer, format=kind, dpi=dpi, metadata=metadata)
+    return buffer.getvalue()

@@ -11,7 +11,7 @@ import numpy as np
 from ...core.files.records import Record
 from ...core.geometry.se3 import Array
 from ...core.presentation.document import document_of, to_text
-from ...core.presentation.notebook import html_of
+from ...core.presentation.html import html_of
 from ...errors import InputError
 from ...findings import GROSS, Finding, Severity
 from ...model.noise.joint_covariance import JointCovariance

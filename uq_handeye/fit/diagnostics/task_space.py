@@ -30,7 +30,7 @@ from ...core.geometry.checks import as_numbers, as_transforms, checked_covarianc
 from ...core.geometry.frames import SETUPS
 from ...core.geometry.se3 import Array, inverse, inverse_jacobian, skew
 from ...core.presentation.document import document_of, to_text
-from ...core.presentation.notebook import html_of
+from ...core.presentation.html import html_of
 from ...errors import InputError
 from ..likelihood.open_directions import NEGLIGIBLE
 

@@ -31,7 +31,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -221,9 +221,7 @@ def resampled(
     X: Array | None = None,
     fit: Fit | None = None,
     noise: Noise | None = None,
-    lags: int | None = None,
-    replicates: int = 2000,
-    seed: int | np.random.Generator = 0,
+    **how: Any,
 ) -> Resampled:
     """The covariance of any method's X and W from the data only, clustered by pose.
 
@@ -277,21 +275,22 @@ def resampled(
     if first.ndim != 3:
         raise InputError("Expected one data set; for a batch call sandwich(), hac(), jackknife() or bootstrap().")
     if method in ESTIMATORS:
-        return _of_fit(data, method, kind, fit, noise, lags, replicates, seed)
+        return _of_fit(data, method, fit, noise, How(kind, **how))
     at = None if X is None else as_transforms(X, "X", stack=False)
-    return _of_method(Problem(data, method, at, noise), kind, lags, replicates, seed)
+    return _of_method(Problem(data, method, at, noise), How(kind, **how))
 
 
-def _of_fit(
-    data: PosePairs | Motions,
-    method: str,
-    kind: str,
-    fit: Fit | None,
-    noise: Noise | None,
-    lags: int | None,
-    replicates: int,
-    seed: int | np.random.Generator,
-) -> Resampled:
+class How(NamedTuple):
+    """Kind of a covariance, and how it is found."""
+
+    kind: str
+    lags: int | None = None  # of "hac"; None takes the automatic ones
+    replicates: int = 2000  # of "bootstrap"
+    seed: int | np.random.Generator = 0
+
+
+def _of_fit(data: PosePairs | Motions, method: str, fit: Fit | None, noise: Noise | None, how: How) -> Resampled:
+    kind = how.kind
     if fit is None:
         if noise is None:
             raise InputError(f"Method {method!r} weights by the noise: give `noise`, or the `fit`.")
@@ -304,24 +303,23 @@ def _of_fit(
     cluster = "motions" if fit.W is None else "poses"
     influence = influence_of(fit)
     if kind in ("sandwich", "hac"):
-        result = _by_influence(influence, kind, lags, cluster)
+        result = _by_influence(influence, how, cluster)
     elif kind == "jackknife":
         freedom = float(influence.freedom)
         result = Resampled(kind, spread_of_deletions(deletions(influence)), influence.n, cluster, freedom)
     else:
-        found = bootstrap(fit, replicates, seed)
-        details = {"replicates": replicates, "singular": int(found.singular)}
+        found = bootstrap(fit, how.replicates, how.seed)
+        details = {"replicates": how.replicates, "singular": int(found.singular)}
         result = Resampled(kind, found.covariance, influence.n, cluster, float(influence.freedom), details)
     p = fit.covariance.shape[-1]
     return replace(result, covariance=result.covariance[:p, :p] + of_declared(fit))
 
 
-def _of_method(
-    problem: Problem, kind: str, lags: int | None, replicates: int, seed: int | np.random.Generator
-) -> Resampled:
+def _of_method(problem: Problem, how: How) -> Resampled:
+    kind, replicates = how.kind, how.replicates
     cluster = "motions" if problem.poses is None else "poses"
     if kind in ("sandwich", "hac"):
-        return _by_influence(problem.influence(), kind, lags, cluster)
+        return _by_influence(problem.influence(), how, cluster)
     unknown_weights = problem.both is None and METHODS[problem.method].weighted and problem.noise is None
     freedom = None if unknown_weights else float(problem.influence().freedom)
     n = problem.n
@@ -331,19 +329,19 @@ def _of_method(
         require_dispensable(ok)
         return Resampled(kind, spread_of_deletions(moves), n, cluster, freedom)
     problem.require_repeatable()
-    moves, ok = _solved(problem, draws(n, replicates, seed, problem.rows_at_once))
+    moves, ok = _solved(problem, draws(n, replicates, how.seed, problem.rows_at_once))
     moves = moves[ok]
     _require_most(np.asarray(len(moves)), replicates)
     details = {"replicates": replicates, "singular": replicates - len(moves)}
     return Resampled(kind, np.cov(moves.T), n, cluster, freedom, details)
 
 
-def _by_influence(influence: Influence, kind: str, lags: int | None, cluster: str) -> Resampled:
-    if kind == "sandwich":
-        return Resampled(kind, influence.sandwich(), influence.n, cluster, float(influence.freedom))
-    used = given_lags(influence, lags)
+def _by_influence(influence: Influence, how: How, cluster: str) -> Resampled:
+    if how.kind == "sandwich":
+        return Resampled(how.kind, influence.sandwich(), influence.n, cluster, float(influence.freedom))
+    used = given_lags(influence, how.lags)
     freedom = float(hac_freedom(influence.freedom, used))
-    return Resampled(kind, influence.hac(used), influence.n, cluster, freedom, {"lags": int(used)})
+    return Resampled(how.kind, influence.hac(used), influence.n, cluster, freedom, {"lags": int(used)})
 
 
 def _solved(problem: Problem, resampled_counts: Iterator[Counts]) -> tuple[Array, NDArray[np.bool_]]:

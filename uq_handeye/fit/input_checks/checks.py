@@ -357,8 +357,8 @@ def _outliers(
         "worst": [{"row": int(k), "rotation": angle[k], "translation": distance[k]} for k in rows[:5]],
     }
     if explained is not None:  # a small residual may be large beside the noise of its pose
-        for worst, k in zip(values["worst"], rows, strict=False):
-            worst["times"] = far[k]
+        for worst, row in zip(values["worst"], rows, strict=False):
+            worst["times"] = far[row]
     return [Finding("input_checks.outliers", "caution", values)]
 
 

@@ -14,7 +14,7 @@ from ...core.files.open import StrPath, as_path
 from ...core.files.records import attributes
 from ...core.geometry.conventions import TOOLKIT
 from ...core.presentation.document import to_text
-from ...core.presentation.notebook import to_html
+from ...core.presentation.html import to_html
 from ...formats.csv_poses import pose_text
 from .calibrated import Calibrated
 from .corners import corners_text

@@ -23,7 +23,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any, Literal, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -33,7 +33,7 @@ from ...core.formatting.units import parse_angle, parse_length
 from ...core.geometry.checks import as_numbers
 from ...core.geometry.se3 import Array, left_jacobian
 from ...core.runtime.read_only import ReadOnlyArrays
-from ...errors import InputError
+from ...errors import InputError, require_known
 from ..noise.joint_covariance import JointCovariance
 from .arms.known_arms import arm_names, known_arm
 from .descriptions.dh import read_dh
@@ -71,6 +71,15 @@ BLOCK = 256
 UNLOADED = 1e-9
 
 Flange = Literal["controller", "physical"]
+
+
+class MoreDeviations(TypedDict, total=False):
+    """Standard deviations that `Kinematics.covariance` takes by name."""
+
+    offset_sd: float | str | None
+    tilt_sd: float | str | None
+    transmission_sd: float | str
+    sag_sd: float | str
 
 
 @dataclass(frozen=True, eq=False)
@@ -327,11 +336,8 @@ class Kinematics(ReadOnlyArrays):
         angle_sd: float | str = 0.0,
         length_sd: float | str = 0.0,
         *,
-        offset_sd: float | str | None = None,
-        tilt_sd: float | str | None = None,
-        transmission_sd: float | str = 0.0,
-        sag_sd: float | str = 0.0,
         flange: Flange = "controller",
+        **more: Unpack[MoreDeviations],
     ) -> JointCovariance:
         """Return the joint covariance of n poses that were computed from joints q (n, L) by the nominal chain.
 
@@ -364,12 +370,14 @@ class Kinematics(ReadOnlyArrays):
         if flange not in ("controller", "physical"):
             raise InputError(f"Expected `flange` to be controller or physical, got {flange!r}.")
         angle = _sd(angle_sd, "angle_sd", parse_angle)
+        require_known("covariance", more, MoreDeviations)
+        of: dict[str, Any] = {name: _sd(value, name, parse_angle) for name, value in more.items() if value is not None}
         sds = {
-            OFFSETS: angle if offset_sd is None else _sd(offset_sd, "offset_sd", parse_angle),
-            TILTS: angle if tilt_sd is None else _sd(tilt_sd, "tilt_sd", parse_angle),
+            OFFSETS: of.get("offset_sd", angle),
+            TILTS: of.get("tilt_sd", angle),
             LENGTHS: _sd(length_sd, "length_sd", parse_length),
-            TRANSMISSION: _sd(transmission_sd, "transmission_sd", parse_angle),
-            SAG: _sd(sag_sd, "sag_sd", parse_angle),
+            TRANSMISSION: of.get("transmission_sd", 0.0),
+            SAG: of.get("sag_sd", 0.0),
         }
         sd = np.array([sds[error.group] * (flange == "physical" or not error.gauge) for error in self.errors])
         noise = np.array(as_numbers(_sd(joint_sd, "joint_sd", parse_angle), "joint_sd"))

@@ -33,7 +33,7 @@ from ...core.formatting.units import parse_deviations
 from ...core.geometry.checks import checked_covariance
 from ...core.geometry.se3 import Array
 from ...core.presentation.document import Block, Document, Paragraph, Table, document_of
-from ...core.presentation.notebook import html_of
+from ...core.presentation.html import html_of
 from ...core.runtime.read_only import ReadOnlyArrays
 from ...errors import InputError
 from .joint_covariance import JointCovariance

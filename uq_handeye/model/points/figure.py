@@ -16,8 +16,19 @@ from ...core.files.atomic import write_files
 from ...core.files.open import StrPath, as_path
 from ...core.formatting.numbers import fixed
 from ...core.geometry.se3 import Array
-from ...core.presentation.figure_parts import BLUE, GRID, INK, ORANGE, SMALL, TEXT, canvas, finished, plain
-from ...core.presentation.named_figure import NamedFigure, render
+from ...core.presentation.figure_parts import (
+    BLUE,
+    GRID,
+    INK,
+    ORANGE,
+    SMALL,
+    TEXT,
+    NamedFigure,
+    canvas,
+    finished,
+    plain,
+    render,
+)
 from ...errors import InputError
 from .posed import Posed
 

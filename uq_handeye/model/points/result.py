@@ -14,7 +14,7 @@ from ...core.files.lines import csv_text
 from ...core.files.open import StrPath, as_path
 from ...core.geometry.conventions import TOOLKIT
 from ...core.presentation.document import to_text
-from ...core.presentation.notebook import to_html
+from ...core.presentation.html import to_html
 from ...formats.csv_poses import pose_text
 from ..noise.models import TARGET_SHAPE
 from .posed import Posed
@@ -57,7 +57,7 @@ class PointPoses(Posed):
 
     def write(self, folder: StrPath) -> Path:
         """Everything as files in a folder, all or none, which `read_point_poses` and `read_poses` take."""
-        from ...core.presentation.named_figure import render
+        from ...core.presentation.figure_parts import render
         from .figure import residual_figure
 
         write_files(folder, {**point_pose_files(self), FIGURE: render(residual_figure(self), "png")})

@@ -17,7 +17,7 @@ from ...core.files.records import attributes
 from ...core.formatting.numbers import concise, digits
 from ...core.geometry.se3 import Array
 from ...core.presentation.document import Block, Caution, Document, Heading, Paragraph, document_of, to_text
-from ...core.presentation.notebook import to_html
+from ...core.presentation.html import to_html
 from ...findings import Finding, texts
 from ...model.noise.models import PoseNoise
 from ...model.poses.pose_pairs import PosePairs

@@ -1,4 +1,4 @@
-"""The certificate of a stored calibration, as a page for people and as data for programs."""
+"""The certificate of a stored calibration or rig, as a page for people and as data for programs."""
 
 from __future__ import annotations
 
@@ -12,13 +12,12 @@ from ...calibration.statement.tolerance import Tolerance
 from ...core.files.about import as_about
 from ...errors import InputError
 from ...rig.result import RigCalibration
-from .data import certificate_data, identifier_of
-from .decision import Contents, Written, decide
+from .contents import Contents, decide
 from .of_rig import RigCertificate, certificate_of_rig
 from .page import certificate_html
 
 
-class Certificate(Contents, Written):
+class Certificate(Contents):
     """The statement of a calibration for the file: see `make_certificate`.
 
     Attributes
@@ -30,15 +29,6 @@ class Certificate(Contents, Written):
     issued : str
         Date and time, UTC.
     """
-
-    @property
-    def identifier(self) -> str:
-        """Identifier of the contents, without the date: the same result and title block give the same."""
-        return identifier_of(self)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the certificate as plain numbers and text: SI units with the names of D-SI."""
-        return certificate_data(self)
 
     def to_html(self) -> str:
         """Return the page as one self-contained HTML text."""

@@ -7,17 +7,14 @@ all directions is not certified: the page states no pose.
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 from scipy.special import ndtri, stdtrit
 
-from ..._version import __version__
 from ...calibration.statement.tolerance import (
     FAIL,
     MET,
@@ -36,10 +33,9 @@ from ...core.presentation.page import Page
 from ...rig.page import FRAMES, UNLIKELY, counted, headline, noise_table
 from ...rig.result import EstimatedPose, RigCalibration
 from ...rig.sketch import rig_sketch
-from .decision import RULE, Written
-from .statements import ERROR_MODEL, STANDING, VALIDITY
+from .contents import RULE, Written
+from .statements import ERROR_MODEL, VALIDITY
 
-FORMAT = "uq-handeye rig certificate 1"
 LEVEL = 0.95
 COLOURS = {PASS: "ok", NOT_SHOWN: "caution", FAIL: "failed"}
 
@@ -61,6 +57,8 @@ def verdicts_of_rig(result: RigCalibration, tolerance: Tolerance | None) -> dict
 class RigCertificate(Written):
     """The statement of a rig for the file: see `make_certificate`."""
 
+    _format: ClassVar[str] = "uq-handeye rig certificate 1"
+
     result: RigCalibration
     verdicts: Mapping[str, Verdict]
     about: Mapping[str, str]
@@ -77,22 +75,6 @@ class RigCertificate(Written):
         if result.p_value < UNLIKELY:
             found.append(f"the residuals are larger than the noise says ({probability(result.p_value)})")
         return tuple(found)
-
-    @property
-    def certified(self) -> bool:
-        """True if the poses are stated."""
-        return not self.refusals
-
-    @property
-    def identifier(self) -> str:
-        """Identifier of the contents, without the date."""
-        return f"UQ-{hashlib.sha256(json.dumps(self._contents(), sort_keys=True).encode()).hexdigest()[:16].upper()}"
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the certificate as plain numbers and text, in m and rad."""
-        head = {"format": FORMAT, "identifier": self.identifier, "issued": self.issued,
-                "issued_by": f"uq-handeye {__version__}"}  # fmt: skip
-        return head | self._contents()
 
     def _contents(self) -> dict[str, Any]:
         result = self.result
@@ -133,9 +115,8 @@ class RigCertificate(Written):
         name = "Rig calibration certificate" if self.certified else "NOT CERTIFIED: rig calibration"
         sheets = [self._first(), self._second()] if self.certified else [self._refused()]
         facts = [counted(self.result.rig), f"No. {self.identifier}", f"issued {self.issued}"]
-        foot = f"{self.identifier}, issued {self.issued} by uq-handeye {__version__}. {STANDING}"
         fields = [(ABOUT[key], self.about.get(key, "")) for key in ABOUT if key != "note" or key in self.about]
-        page = Page(name, ", ".join(self.result.rig.cameras), facts, [], sheets, fields, foot,
+        page = Page(name, ", ".join(self.result.rig.cameras), facts, [], sheets, fields, self.foot,
                     len(sheets) if self.certified else 0, kind="certificate")  # fmt: skip
         return page.html()
 

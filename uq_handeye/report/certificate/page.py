@@ -4,20 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..._version import __version__
 from ...calibration.report.analysis import freedom
 from ...calibration.statement.checks import lower_limit_of
 from ...calibration.statement.tolerance import percent
 from ...core.formatting.numbers import digits, fixed
 from ...core.presentation.document import Answer, Badge, Block, Cell, Checks, Paragraph, Points, Section, Table
 from ...core.presentation.page import Page
-from ..sheets import colour_of
+from ..page import colour_of
 from .budget import LEVEL, OTHERS, BudgetRow, Stated, budget_rows, components_of, correlation_of, worst_of
-from .data import identifier_of
-from .decision import RULE, Contents
-from .iso_9283 import robot_words
+from .contents import RULE, Contents
 from .statements import (
-    STANDING,
     VALIDITY,
     conditions_of,
     coverage_of,
@@ -27,6 +23,7 @@ from .statements import (
     measurand_of,
     method_of,
     noise_source,
+    robot_words,
     versions_of,
 )
 
@@ -43,7 +40,7 @@ def certificate_html(of: Contents) -> str:
     """
     sheets = [_first(of), _second(of)] if of.certified else [[*_refused(of), *_origin(of)]]
     result = of.result
-    facts = [result.setup or "motions without poses", f"method {result.method}", f"No. {identifier_of(of)}"]
+    facts = [result.setup or "motions without poses", f"method {result.method}", f"No. {of.identifier}"]
     return Page(
         "Hand-eye calibration certificate" if of.certified else f"{NOT_CERTIFIED}: hand-eye calibration",
         result.frame,
@@ -51,7 +48,7 @@ def certificate_html(of: Contents) -> str:
         [],
         sheets=sheets,
         fields=fields_of(result),
-        foot=f"{identifier_of(of)}, issued {of.issued} by uq-handeye {__version__}. {STANDING}",
+        foot=of.foot,
         signed=len(sheets) if of.certified else 0,
         kind="certificate",
     ).html()

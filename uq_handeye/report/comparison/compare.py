@@ -20,7 +20,7 @@ import warnings
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -31,7 +31,14 @@ from ...calibration.result import Calibration
 from ...calibration.statement.checks import Check
 from ...core.geometry.frames import SETUPS
 from ...core.runtime.progress import progress_bar
-from ...errors import DegenerateMotionError, InputError, InputWarning, MissingExtraError, NotConvergedError
+from ...errors import (
+    DegenerateMotionError,
+    InputError,
+    InputWarning,
+    MissingExtraError,
+    NotConvergedError,
+    require_known,
+)
 from ...fit.likelihood.constraint import require_noise_fits
 from ...fit.likelihood.gauss_helmert import ESTIMATORS
 from ...fit.one_model.noise_of_data import estimate_noise
@@ -44,8 +51,7 @@ from ...model.noise.models import Noise, PairNoise
 from ...model.poses.motions import Motions, Residuals, relative_motions, residuals, spread_pairs, summarise
 from ...model.poses.pose_pairs import PosePairs, pairs_of
 from ...model.shared_errors.shared_error import SharedError
-from .result import Comparison
-from .row import CHI2_95, Row, against, squared_distance, without_numbers
+from .result import CHI2_95, Comparison, Row, against, squared_distance, without_numbers
 
 if TYPE_CHECKING:
     from ...calibration.result import Calibration
@@ -71,9 +77,8 @@ def compare(
     methods: Sequence[str] | None = None,
     pairs: str | ArrayLike = "all",
     reference: str = OWN,
-    timed: bool = True,
-    progress: bool = False,
     shared: Sequence[SharedError] | None = None,
+    **run: bool,
 ) -> Comparison:
     """Every method on the same pairs, each with its own covariance, beside the answer of `calibrate`.
 
@@ -94,12 +99,12 @@ def compare(
         Pairs to make of the poses (`relative_motions`); Motions come with theirs.
     reference : str
         The method from which differences are taken; if it fails, the first that does not.
-    timed : bool
-        Measure the time of each method; False leaves it out and is about twice as fast.
-    progress : bool
-        Show a bar on stderr if that is a terminal.
     shared : sequence of SharedError or None
         As in `calibrate`.
+    timed : bool
+        Measure the time of each method (default); False leaves it out and is about twice as fast.
+    progress : bool
+        Show a bar on stderr if that is a terminal. Default: False.
 
     Raises
     ------
@@ -120,7 +125,8 @@ def compare(
     >>> [(row.method, row.agrees) for row in comparison.rows]
     [('efficient', True), ('park', True)]
     """
-    taken: Any = pairs_of(data, camera, setup)
+    require_known("compare", run, Running)
+    how, taken = Running(**run), cast(Any, pairs_of(data, camera, setup))
     names = _names(methods, reference)
     motions, available = _motions(taken, pairs)
     require_noise_fits(noise, motions)
@@ -146,7 +152,7 @@ def compare(
         own = replace(own, residuals=answers[0].residuals)
     estimated = noise is None and used is not None
     work = Work(motions, used, estimated, available, seen, checks)
-    return compare_rows(names, work, {OWN: own}, reference, timed, progress)
+    return compare_rows(names, work, {OWN: own}, reference, how)
 
 
 def explained_motions(result: Calibration, motions: Motions) -> Motions:
@@ -160,6 +166,13 @@ def explained_motions(result: Calibration, motions: Motions) -> Motions:
     return relative_motions(poses_less_shared_errors(result, poses), motions.pairs)
 
 
+class Running(NamedTuple):
+    """Whether methods are timed, and whether a bar is shown."""
+
+    timed: bool = True
+    progress: bool = False
+
+
 class Work(NamedTuple):
     """Data that all methods of a comparison are given; their residuals are those of the motions ``seen``."""
 
@@ -171,19 +184,17 @@ class Work(NamedTuple):
     checks: tuple[Check, ...] = ()
 
 
-def compare_rows(
-    names: Sequence[str], work: Work, found: dict[str, Row], reference: str, timed: bool = False, progress: bool = False
-) -> Comparison:
+def compare_rows(names: Sequence[str], work: Work, found: dict[str, Row], reference: str, run: Running) -> Comparison:
     """The comparison of these methods; the rows that are ``found`` already are taken as they are."""
     motions, noise = work.motions, work.noise
     poses = motions.poses
     found = dict(found)
     with warnings.catch_warnings(record=True) as others:  # of progress itself, and what numpy says
         warnings.simplefilter("always")
-        with progress_bar("compare", len(names), "methods", progress) as advance:
+        with progress_bar("compare", len(names), "methods", run.progress) as advance:
             for name in sorted(names, key=lambda name: name != reference):
                 if name not in found:
-                    found[name] = _row_of(name, motions, noise, timed)
+                    found[name] = _row_of(name, motions, noise, run.timed)
                 advance(1)
     rows = [found[name] for name in names]
     base = next((found[name] for name in (reference, *names) if found[name].failure is None), None)
@@ -466,5 +477,5 @@ def compare_beside(result: Calibration) -> Compared:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # those that matter are in the table
         work = Work(motions, noise, estimated, available, explained_motions(result, motions))
-        found = compare_rows(names, work, {base.method: base}, base.method)
+        found = compare_rows(names, work, {base.method: base}, base.method, Running(timed=False))
     return Compared(found, "", note)

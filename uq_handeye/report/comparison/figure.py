@@ -30,8 +30,7 @@ from ...core.geometry.se3 import Array
 from ...core.presentation.ellipses import PAIRS_WITHIN, SYMBOLS, render
 from ...core.presentation.figure_parts import BLUE, HALO, ORANGE, SMALL, Picture, canvas, finished, plain
 from .compare import CHI2_95
-from .result import Comparison
-from .row import apart, digits, without_numbers
+from .result import Comparison, apart, digits, without_numbers
 from .text import notes
 
 MINUS = "\N{MINUS SIGN}"

@@ -23,8 +23,7 @@ from ...core.presentation.document import (
     document_of,
     to_text,
 )
-from .result import Comparison
-from .row import Row, apart, digits, to_rely_on, verdict, without_numbers
+from .result import Comparison, Row, apart, digits, to_rely_on, verdict, without_numbers
 
 _MM, _DEG, _MS = 1e3, 180 / np.pi, 1e3
 

@@ -12,7 +12,7 @@ import numpy as np
 from ...core.files.atomic import json_text, write_atomically
 from ...core.files.open import StrPath, as_path
 from ...core.presentation.document import COLUMNS, WIDTH, Document, document_of, to_text
-from ...core.presentation.notebook import to_html
+from ...core.presentation.html import to_html
 from ...errors import InputError
 
 if TYPE_CHECKING:

@@ -26,8 +26,8 @@ from numpy.typing import ArrayLike
 from scipy.special import chdtrc
 
 from ...calibration.calibrate import calibrate
+from ...calibration.estimate.analysis import FittedKinematics
 from ...calibration.estimate.estimated import Estimated
-from ...calibration.estimate.fitted_kinematics import FittedKinematics
 from ...calibration.evidence.new_poses import evidence_of_poses
 from ...calibration.evidence.touches import Touches, TouchEvidence, evidence_of_touches, with_tool
 from ...calibration.prediction.predict import posterior_of

@@ -27,8 +27,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...calibration.calibrate import calibrate
+from ...calibration.estimate.analysis import FittedKinematics
 from ...calibration.estimate.estimated import Estimated
-from ...calibration.estimate.fitted_kinematics import FittedKinematics
 from ...calibration.job import joints_by_poses
 from ...calibration.prediction.predict import CameraAhead, camera_ahead, camera_at, own_noise
 from ...calibration.result import Calibration

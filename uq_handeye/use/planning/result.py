@@ -16,7 +16,7 @@ from ...core.geometry.conventions import CONVENTION
 from ...core.geometry.frames import SETUPS
 from ...core.geometry.se3 import Array
 from ...core.presentation.document import Document, Paragraph, Table, document_of, to_text
-from ...core.presentation.notebook import to_html
+from ...core.presentation.html import to_html
 from ...core.runtime.read_only import ReadOnlyArrays
 from ...errors import InputError
 from ...formats.controllers.forms import CONTROLLERS, SINGLE, WRITTEN, columns, in_form, written_poses

@@ -12,7 +12,7 @@ from ...core.files.records import Record
 from ...core.formatting.numbers import digits, plus_minus, probability
 from ...core.geometry.se3 import Array
 from ...core.presentation.document import COLUMNS, Answer, Document, Paragraph, Points, Table, document_of, to_text
-from ...core.presentation.notebook import html_of
+from ...core.presentation.html import html_of
 from ...findings import Finding
 
 LEVEL = 0.05

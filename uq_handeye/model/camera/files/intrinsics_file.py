@@ -16,8 +16,8 @@ from ....core.files import trees as _trees
 from ....core.files.lines import short
 from ....core.files.open import StrPath, as_path, opened, shown
 from ....core.files.trees import got, number, parse_tree
-from ....core.formatting.snippets import Snippet
-from ....core.formatting.snippets import short as short_number
+from ....core.formatting.numbers import Snippet
+from ....core.formatting.numbers import short as short_number
 from ....core.geometry.se3 import Array
 from ....errors import InputError
 from ....formats.opencv_storage import matrix_lines, stack, yaml_number

@@ -25,7 +25,7 @@ from matplotlib.lines import Line2D
 
 from ....core.geometry.se3 import Array
 from ....core.presentation.ellipses import SYMBOLS, display_unit, limited
-from ....core.presentation.named_figure import settle_layout
+from ....core.presentation.figure_parts import settle_layout
 from ..outcome import figure_of
 from .run import CrossCheck
 

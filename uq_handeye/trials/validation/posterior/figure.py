@@ -24,7 +24,7 @@ from scipy.ndimage import gaussian_filter
 
 from ....core.geometry.se3 import Array
 from ....core.presentation.ellipses import LEVELS, SYMBOLS, display_unit
-from ....core.presentation.named_figure import settle_layout
+from ....core.presentation.figure_parts import settle_layout
 from ..outcome import figure_of
 from .result import Posterior
 

@@ -18,7 +18,7 @@ from ....core.geometry.checks import is_number
 from ....core.geometry.conventions import CONVENTION
 from ....core.geometry.se3 import Array
 from ....core.presentation.document import Block, Document, Paragraph, Table, document_of, to_text
-from ....core.presentation.notebook import to_html
+from ....core.presentation.html import to_html
 from ....core.runtime.read_only import ReadOnlyArrays
 from ....errors import InputError, NotConvergedError
 from ....model.noise.models import Noise

@@ -5,17 +5,17 @@ Options of the errors that all poses share.
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-from ...errors import InputError
-from .common import ACCURACY_CLASSES, made_of, one_of, said_of
+from ..errors import InputError
+from .options import ACCURACY_CLASSES, one_of, said_of
 
 if TYPE_CHECKING:
-    from ...model.noise.estimate import NoisePrior
-    from ...model.noise.models import Noise
-    from ...model.poses.pose_pairs import PosePairs
-    from ...model.shared_errors.shared_error import SharedError
-    from ..views import Views
+    from ..model.noise.estimate import NoisePrior
+    from ..model.noise.models import Noise
+    from ..model.poses.pose_pairs import PosePairs
+    from ..model.shared_errors.shared_error import SharedError
+    from .pictures import Views
 
 # Values of --shared.
 DEFAULTS = ("defaults", "none")
@@ -53,10 +53,10 @@ class SharedOptions:
         self, poses: "PosePairs", noise: "Noise | None", file: Path | None = None, views: "Views | None" = None
     ) -> "list[SharedError] | None":
         """Return the declared errors of options and noise file with the remaining defaults, or None."""
-        from ...model.noise.models import PairNoise
-        from ...model.shared_errors.assumed import assumed_accuracy, replace_defaults
-        from ...model.shared_errors.shared_error import SharedError, checked_errors
-        from ...read import read_shared_errors
+        from ..model.noise.models import PairNoise
+        from ..model.shared_errors.assumed import assumed_accuracy, replace_defaults
+        from ..model.shared_errors.shared_error import SharedError, checked_errors
+        from ..read import read_shared_errors
 
         focal_length_px = None if views is None else views.focal_length_px
         if poses.camera_calibration is not None:
@@ -121,9 +121,9 @@ class NoiseOptions:
 
     def read(self) -> "Noise | NoisePrior | None":
         """Return the noise of the options, a prior if they name one side only, None if they name none."""
-        from ...model.noise.estimate import NoisePrior
-        from ...model.noise.models import PoseNoise
-        from ...read import read_noise_file
+        from ..model.noise.estimate import NoisePrior
+        from ..model.noise.models import PoseNoise
+        from ..read import read_noise_file
 
         if self.noise is not None:
             noise = read_noise_file(self.noise)
@@ -158,10 +158,9 @@ class Given:
     file: Path | None  # noise file, which may hold shared errors too
 
 
-@made_of(options=NoiseOptions, shared=SharedOptions)
-def given_of(options: "NoiseOptions", shared: "SharedOptions") -> Given:
+def given_of(options: NoiseOptions, shared: SharedOptions) -> Given:
     """Return noise and shared errors of the options."""
-    from ...model.noise.estimate import NoisePrior
+    from ..model.noise.estimate import NoisePrior
 
     noise = options.read()
     if isinstance(noise, NoisePrior):
@@ -171,7 +170,7 @@ def given_of(options: "NoiseOptions", shared: "SharedOptions") -> Given:
 
 def exact_beside(known: "NoisePrior") -> "Noise":
     """Return the noise with the side that is not given taken as exact."""
-    from ...model.noise.models import PoseNoise
+    from ..model.noise.models import PoseNoise
 
     rotation, translation, *camera = known.values.tolist()
     if not any(value > 0 for value in known.values.tolist()):
@@ -191,7 +190,7 @@ def prior_of(
       --camera-prior ROT,TRANS: Camera noise by its data sheet, as a prior of the estimate, e.g. '0.1deg,?'.
       --prior-factor FACTOR: Uncertainty of --robot-prior and --camera-prior as a factor (1 sigma). 1: exact.
     """
-    from ...model.noise.estimate import NoisePrior
+    from ..model.noise.estimate import NoisePrior
 
     if robot_prior is None and camera_prior is None:
         return None
@@ -199,8 +198,7 @@ def prior_of(
     return NoisePrior(robot, camera, prior_factor)
 
 
-@made_of(given=given_of, prior=prior_of)
-def noise_of(given: "Given", prior: "NoisePrior | None") -> Given:
+def noise_of(given: Annotated["Given", given_of], prior: Annotated["NoisePrior | None", prior_of]) -> Given:
     """Return noise and shared errors of the options, with the prior of the data sheets."""
     if prior is None:
         return given
@@ -219,8 +217,8 @@ def pose_prior_of(
       --prior-w FILE: Prior of the target pose W, likewise.
       --known TEXT: Measured coordinate of camera or target, e.g. 'target z = 120mm +- 1mm'. Repeatable.
     """
-    from ...model.noise.pose_prior import parse_known_values as known_values
-    from ...read import read_prior
+    from ..model.noise.pose_prior import parse_known_values as known_values
+    from ..read import read_prior
 
     found: dict[str, Any] = dict(known_values(*known)) if known else {}
     for path, name, of in ((prior_x, "prior_X", "X"), (prior_w, "prior_W", "W")):
@@ -234,7 +232,7 @@ def pose_prior_of(
 
 def _deviations(value: str, name: str) -> tuple[float, float]:
     """Return the standard deviations (rad, m) of an option ROTATION,TRANSLATION."""
-    from ...core.formatting.units import parse_deviations
+    from ..core.formatting.units import parse_deviations
 
     rotation, comma, translation = value.partition(",")
     if not comma or "," in translation:

@@ -18,6 +18,9 @@ of the module or of this one, or words with ``|`` between them) or the function 
 ``{PAIRINGS}`` in the text lists a constant. The parameter of an option is the one of its name, or the one in front of
 ``=``. What several commands take is declared once, in `Common`, and found there by the name of the parameter.
 
+A parameter whose type is a dataclass with options, or ``Annotated[T, maker]``, is made of further options: those of the
+fields, or of the parameters of ``maker``, which may be made of others in turn.
+
 Nothing heavy is imported here, so that help and completion load quickly: the names that options complete are repeated,
 and a test holds them against the registries.
 """
@@ -35,13 +38,13 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import typer
 
-from ...core.files.about import ABOUT
-from ...core.files.lines import floats, printable
-from ...errors import InputError
-from ..messages import Messages, styled, terminal_width
+from ..core.files.about import ABOUT
+from ..core.files.lines import floats, printable
+from ..errors import InputError
+from .messages import Messages, quiet, styled, terminal_width
 
 if TYPE_CHECKING:
-    from ...core.presentation.document import Document
+    from ..core.presentation.document import Document
 
 # Names of likelihood.ESTIMATORS, METHODS, ROBOT_WORLD_METHODS, SETUPS, request.COVARIANCES, FORMATS and CONTROLLERS.
 AT_THE_BOUND = ("efficient", "ml")
@@ -96,28 +99,18 @@ SHOWN_UNDER = {
 # ------------------------------------------------------------------------------------------- groups of options
 
 
-def made_of(**makers: Callable[..., Any]) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
-    """Replace parameters of a command by the options that they are made of.
+def maker_of(parameter: inspect.Parameter) -> Callable[..., Any] | None:
+    """Return what makes a parameter of further options: a group of them, or what ``Annotated[T, maker]`` names."""
+    annotation = parameter.annotation
+    if hasattr(annotation, "__dataclass_fields__"):
+        return annotation  # type: ignore[no-any-return]
+    return next((one for one in getattr(annotation, "__metadata__", ()) if callable(one)), None)
 
-    ``@made_of(noise=noise_of)`` gives ``command(noise, seed)`` the options of ``noise_of`` and ``seed``: the values of
-    the former go to ``noise_of``, and what it returns to the command. A maker is a function or a class; an option that
-    two of them have is one. The parameters made are annotated in quotes, so that Typer does not see them.
-    """
 
-    def decorate(command: Callable[..., Any]) -> Callable[..., Any]:
-        parts = {
-            parameter.name: parameters_of(makers[parameter.name]) if parameter.name in makers else [parameter]
-            for parameter in parameters_of(command)
-        }
-
-        def run(**given: Any) -> Any:
-            made = {name: maker(**{p.name: given[p.name] for p in parts[name]}) for name, maker in makers.items()}
-            return command(**made, **{name: given[name] for name in parts if name not in makers})
-
-        by_name = {parameter.name: parameter for part in parts.values() for parameter in part}
-        return with_parameters(run, command, list(by_name.values()))
-
-    return decorate
+def made(maker: Callable[..., Any], given: dict[str, Any]) -> Any:
+    """Call a command, or make a group of options, with the values of all its options; see `parameters_of`."""
+    own = inspect.signature(maker).parameters.values()
+    return maker(**{p.name: made(of, given) if (of := maker_of(p)) else given[p.name] for p in own})
 
 
 def with_messages(command: Callable[..., Any]) -> Callable[..., Any]:
@@ -126,7 +119,7 @@ def with_messages(command: Callable[..., Any]) -> Callable[..., Any]:
 
     def run(**given: Any) -> Any:
         Messages(**{name: given.pop(name) for name in parameters}).apply()
-        return command(**given)
+        return made(command, given)
 
     return with_parameters(run, command, [*parameters_of(command), *parameters.values()])
 
@@ -207,7 +200,10 @@ _ENTRY = re.compile(
 
 
 def parameters_of(maker: Callable[..., Any]) -> list[inspect.Parameter]:
-    """Return the parameters of a function or class, each with its option where a docstring declares it."""
+    """Return the parameters of a command or a group, each with its option where a docstring declares it.
+
+    A parameter that is made of others (`maker_of`) stands for these; an option that two of them have is one.
+    """
     docs = [base.__doc__ for base in reversed(maker.__mro__)] if isinstance(maker, type) else [maker.__doc__]
     names = {**globals(), **vars(sys.modules[maker.__module__])}
     declared = {key: made for doc in docs for key, made in _declared(doc or "", names)}
@@ -215,12 +211,14 @@ def parameters_of(maker: Callable[..., Any]) -> list[inspect.Parameter]:
     fields = getattr(maker, "__dataclass_fields__", {})  # with those that a group derived from another does not take
     if unknown := declared.keys() - {parameter.name for parameter in found} - fields.keys():
         raise TypeError(f"{maker.__name__} has no parameter {', '.join(sorted(unknown))}, which its docstring declares")
-    taken = {
-        p.name: declared.get(p.name) or _common().get(p.name)
-        for p in found
-        if not hasattr(p.annotation, "__metadata__")
-    }
-    return [p.replace(annotation=Annotated[p.annotation, taken[p.name]]) if taken.get(p.name) else p for p in found]
+    parameters: dict[str, inspect.Parameter] = {}
+    for p in found:
+        if (of := maker_of(p)) is not None:
+            parameters |= {part.name: part for part in parameters_of(of)}
+            continue
+        option = None if hasattr(p.annotation, "__metadata__") else declared.get(p.name) or _common().get(p.name)
+        parameters[p.name] = p.replace(annotation=Annotated[p.annotation, option]) if option else p
+    return list(parameters.values())
 
 
 def without_options(doc: str | None) -> str:
@@ -313,7 +311,7 @@ def named_folder(directory: Path | None) -> Path | None:
         return None
     if str(directory) == ".":
         raise InputError("Expected -o to name a folder, got an empty name or '.'. Write, for example, -o result.")
-    from ...core.files.atomic import require_writable_folder
+    from ..core.files.atomic import require_writable_folder
 
     require_writable_folder(directory)
     return directory
@@ -343,7 +341,7 @@ def said_of(option: str) -> Iterator[None]:
 
 def metres(text: str, option: str) -> float:
     """Return a length in metres, of a number with or without a unit."""
-    from ...core.formatting.units import parse_length
+    from ..core.formatting.units import parse_length
 
     found = floats([text])
     return parse_length(text, option) if found is None else found[0]
@@ -362,21 +360,21 @@ def require_writable(path: Path | None, option: str, suffixes: Sequence[str] = (
         return
     if suffixes and path.suffix.lower() not in suffixes:
         raise InputError(f"Expected {option} to be named {' or '.join(suffixes)}, got {str(path)!r}.")
-    from ...core.files.atomic import require_writable_file
+    from ..core.files.atomic import require_writable_file
 
     require_writable_file(path)
 
 
-def answer_of(document: "Document") -> "Document":
-    """Return the first block of a document, which is its answer: what --quiet leaves."""
-    from ...core.presentation.document import groups_of
+def shown(document: "Document") -> "Document":
+    """Return a document; with --quiet its first block, which is its answer."""
+    from ..core.presentation.document import groups_of
 
-    return [list(next(iter(groups_of(document)))[:1])]
+    return [list(next(iter(groups_of(document)))[:1])] if quiet() else document
 
 
 def emit_document(document: "Document") -> None:
     """Print a document, wrapped to the terminal and with its colours."""
-    from ...core.presentation.document import to_text
+    from ..core.presentation.document import to_text
 
     emit(to_text(document, terminal_width(), styled))
 

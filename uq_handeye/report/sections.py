@@ -1,0 +1,397 @@
+"""Sections of the report: about X (ellipses, points in task space, forms to copy, what it covers), about the data
+(residuals, budget, methods, observability, noise, other covariances), and about their origin (camera, how to repeat).
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..calibration.report.analysis import (
+    KINDS,
+    budget_table,
+    covariance_table,
+    noise_blocks,
+    pair_table,
+    pose_table,
+    tests_not_run,
+    worst_words,
+)
+from ..calibration.report.facts import Number, ahead
+from ..calibration.report.text import arm_sentences, included_words, shared_blocks
+from ..calibration.statement.checks import not_included
+from ..core.formatting.numbers import concise, fixed
+from ..core.presentation.document import Block, Code, Drawing, Paragraph, Points, Section, Table
+from ..fit.diagnostics.budget import EACH, SHARED
+from ..model.camera.report.text import answer, boards_words, coverage_words, model_name, noise_words, parameter_rows
+from ..trials.validation.cross_check.run import state, verdict
+from .comparison.text import methods_table
+from .figures import poses_of
+
+if TYPE_CHECKING:
+    from ..calibration.result import Calibration
+    from ..trials.validation.cross_check.run import CrossCheck
+    from .comparison.result import Comparison
+
+_NOT_CONTAINED = "The numbers do not contain:"
+NO_COVARIANCE = "Not known: the noise of the poses was not given, and the residuals show none."
+_AXES = "xyz"
+# Correlations from here up are listed, at most so many.
+STRONG, MOST_CORRELATIONS = 0.5, 5
+
+
+def folded(anchor: str, title: str, *blocks: Block | str | None) -> Section:
+    """Return a section that is closed on the screen; a text says why something is missing, None is left out."""
+    shown = [Paragraph(block, empty=True) if isinstance(block, str) else block for block in blocks if block is not None]
+    return Section(anchor, title, shown, folded=True)
+
+
+def full_section(result: Calibration) -> Section:
+    """X and W with their standard deviations, and the directions in which X is known least."""
+    facts = result.facts
+    blocks: list[Block] = [Paragraph(text) for text in facts.directions]
+    if result.agreement is not None:
+        blocks.append(Paragraph(result.agreement.sentence))
+    head = ["", result.frame, *([result.frame_W] if facts.W else [])]
+    poses = [facts.X, *([facts.W] if facts.W else [])]
+    rows = [[numbers[0].name, *map(_cell, numbers)] for numbers in zip(*poses, strict=True)]
+    about = f"{result.frame} is the pose of the {_of(result.frame)}"
+    if result.W is not None:
+        about += f"; {result.frame_W} that of the target, as all poses see it"
+    if result.covariance is None:
+        caption = f"X; (?) says that its standard deviations are not determined. {about}."
+    else:
+        caption = (
+            "X, with one standard deviation in brackets: 12.345(67) means 12.345 with a standard deviation of 0.067. "
+            f"{about}."
+        )
+    blocks.append(Table(caption, head, rows))
+    if result.covariance is not None and result.std is not None:
+        lines = []
+        for name, factor, std, weakest in (
+            ("translation (mm)", 1e3, result.std[3:], result.weakest_translation),
+            ("rotation (deg)", 180 / np.pi, result.std[:3], result.weakest_rotation),
+        ):
+            assert weakest is not None  # it is where there is a covariance
+            lines.append([name, *(fixed(factor * x) for x in (*std, weakest[1]))])
+        blocks.append(
+            Table(
+                f"Standard deviations of X, along and about the axes of the {facts.parent}",
+                ["1 sigma", "x", "y", "z", "worst direction"],
+                lines,
+            )
+        )
+    return folded("full", "X and the target", *blocks)
+
+
+def _of(frame: str) -> str:
+    """``camera in the gripper frame`` for gripper_T_camera."""
+    if "_T_" not in frame:
+        return "camera side in the frame of the robot side (AX = XB)"
+    parent, child = frame.split("_T_")
+    return f"{child} in the {parent} frame"
+
+
+def _cell(one: Number) -> str:
+    """A number with its standard deviation; what is exact ends in rounding errors."""
+    return concise(round(one.value, 9) if one.sd is None else one.value, one.sd, one.unit)
+
+
+def arm_sections(result: Calibration, drawings: Mapping[str, Drawing]) -> list[Section]:
+    """The arm, and how far the tool misses over the workspace; none where the calibration knows no joints."""
+    sentences = arm_sentences(result)
+    if not sentences:
+        return []
+    beside_joints = [str(found) for found in result.findings if found.code == "kinematics.against_controller"]
+    return [folded("arm", "The arm", *map(Paragraph, [*sentences, *beside_joints]), drawings.get("workspace"))]
+
+
+def ellipses_section(result: Calibration, drawings: Mapping[str, Drawing], cross_check: CrossCheck | None) -> Section:
+    """Ellipses, correlations, and the relations of a cross-check."""
+    title = "All ellipses of the error of X"
+    if result.covariance is None:
+        return folded("ellipses", title, NO_COVARIANCE)
+    blocks: list[Block | str] = [drawings["ellipses"], _correlations(result)]
+    if cross_check is None:
+        blocks.append("No cross-check was run.")
+    else:
+        blocks.append(Paragraph(f"Cross-check, {cross_check.trials:,} trials: {verdict(cross_check)}"))
+        rows = [[r.statement, state(r), r.text + (f" {r.advice}" if r.advice else "")] for r in cross_check.relations]
+        caption = "Relations of the cross-check: what must hold between the covariances, and whether it does"
+        blocks.append(Table(caption, ["relation", "found", "in numbers"], rows, frozenset({1, 2})))
+    return folded("ellipses", title, *blocks)
+
+
+def _correlations(result: Calibration) -> Block:
+    named = [f"{i} with {j} {x:+.2f}" for x, i, j in result.facts.correlations if abs(x) >= STRONG]
+    if not named:
+        return Paragraph(f"No two components are correlated by {STRONG:g} or more.")
+    more = f", and {len(named) - MOST_CORRELATIONS} more from {STRONG:g} up" if len(named) > MOST_CORRELATIONS else ""
+    return Paragraph(f"Strongest correlations: {'; '.join(named[:MOST_CORRELATIONS])}{more}.")
+
+
+def task_space_section(result: Calibration, drawings: Mapping[str, Drawing]) -> Section:
+    """The uncertainty of points in front of the camera."""
+    title = "Points in front of the camera, in full"
+    if result.covariance is None:
+        return folded("task-space", title, NO_COVARIANCE)
+    if result.opened is not None:
+        said = f"Points move without limit along what is open: {'; '.join(result.open_words)}."
+        return folded("task-space", title, Paragraph(said))
+    points = ahead(result)
+    rows = [[f"{z:g}", *(fixed(1e3 * x) for x in numbers)] for z, *numbers in zip(*points, strict=True)]
+    table = Table(
+        f"Uncertainty of a point on the optical axis, in the {result.facts.parent} (mm, 1 sigma; last column: radius "
+        "of a sphere that holds 95 %)",
+        ["distance (m)", "worst direction", "across the line of sight", "along it", "95 % radius"],
+        rows,
+    )
+    return folded("task-space", title, drawings["task_space"], table)
+
+
+def forms_section(result: Calibration) -> Section:
+    """X and its inverse for other programs."""
+    from ..formats.snippets import texts
+
+    said = Paragraph("X and its inverse, ready to copy. Each states its units and convention.")
+    codes = (Code(snippet.title, snippet.text, snippet.convention) for snippet in texts(result))
+    return folded("forms", "X for other software", said, *codes)
+
+
+def scope_section(result: Calibration, convention: str) -> Section:
+    """Section of what the numbers mean, and what they do not contain."""
+    facts = result.facts
+    meaning = f"All standard deviations are 1 sigma, {facts.order}, of {facts.source}. {included_words(result)}"
+    known = [] if result.std is None else [Paragraph(meaning), Paragraph(facts.ellipsoid)]
+    missing: Sequence[str] = (
+        f"Systematic errors: {', '.join(not_included(result))}. All poses share them, they do not average out, and "
+        "residuals hardly show them.",
+        "Errors that are common to many poses but not to all, such as those of one part of the workspace.",
+        "What changed during or after the recording: a camera or target that was moved, temperature, a wrong time.",
+        "Residuals are no accuracy: they say how well the data fit together, not how near X is to the truth.",
+    )
+    last = Paragraph(f"Convention of every covariance: {convention}.")
+    return folded("scope", "What the numbers cover", *known, Paragraph(_NOT_CONTAINED), Points(missing), last)
+
+
+# A table lists all poses up to so many; of more those that are flagged, and the worst.
+MOST_LISTED, MOST_FLAGGED, WORST = 40, 30, 12
+_DEG, _MM = 180 / np.pi, 1e3
+
+
+def needs(what: str, result: Calibration) -> str:
+    """Say why ``what``, e.g. "Diagnostics are known", is missing from a result without analysis."""
+    if result.covariance is None:
+        return f"{what} where the noise of the poses is given or can be estimated; here it is not."
+    return f"{what} by the methods efficient and ml, not by {result.method}."
+
+
+def residuals_section(result: Calibration, drawings: Mapping[str, Drawing]) -> Section:
+    """Residuals of the poses and of the pairs."""
+    blocks: list[Block | str] = []
+    table = result.table
+    if table is None or "residuals" not in drawings:
+        item = "motion" if result.setup is None else "pose"
+        blocks.append(needs(f"Residuals of each {item} are found", result))
+    else:
+        blocks.append(drawings["residuals"])
+        if not table.flagged:
+            blocks.append(Paragraph(f"No {table.item} is flagged: none of the {len(table.counted):,} stands out."))
+        blocks += [Paragraph(str(one)) for one in result.findings if one.code == "calibration.excluded"]
+        order = np.argsort(-table.distance2, kind="stable").tolist()
+        if len(table) <= MOST_LISTED:
+            shown, which = list(range(len(table))), f"All {len(table)} {table.item}s"
+        else:
+            flagged = [k for k in order if table.flag[k] not in ("kept", "excluded")][:MOST_FLAGGED]
+            excluded = [k for k in order if table.flag[k] == "excluded"][:MOST_FLAGGED]
+            shown = sorted({*flagged, *excluded, *order[:WORST]}, key=order.index)
+            also = "flagged ones, excluded ones" if excluded else "flagged ones"
+            which = f"{len(shown)} of {len(table):,} {table.item}s: {also} and those of largest d², worst first"
+            if len(flagged) < len(table.flagged):
+                which += f" ({len(table.flagged) - len(flagged)} more are flagged)"
+        blocks.append(pose_table(table, shown, f"{which}. Numbers count from 0."))
+    return folded("residuals", "Residuals in full", *blocks, pair_table(result))
+
+
+def budget_section(result: Calibration, drawings: Mapping[str, Drawing]) -> Section:
+    """Section of the shares of the variance by noise."""
+    title = "Uncertainty budget in full"
+    table = budget_table(result)
+    if table is None or "budget" not in drawings:
+        return folded("full-budget", title, needs("The budget is computed", result))
+    return folded("full-budget", title, drawings["budget"], table, Paragraph(worst_words(result)))
+
+
+def shared_section(result: Calibration, drawings: Mapping[str, Drawing]) -> Section:
+    """Errors that all poses share: what was assumed, what was found."""
+    said = Paragraph(included_words(result))
+    return folded("shared", "Errors that all poses share", said, drawings.get("shared"), *shared_blocks(result))
+
+
+def methods_section(comparison: Comparison | None, reason: str, note: str, drawing: Drawing | None) -> Section:
+    """The published methods on the same data; ``reason`` says why there is none."""
+    title = "Other methods on the same data"
+    if comparison is None:
+        return folded("methods", title, reason)
+    text = f"{comparison.verdict} All on the same {comparison.origin}.{note} Methods that agree may be wrong together."
+    more = Points(_gathered(comparison)) if comparison.own_warnings else None
+    return folded("methods", title, Paragraph(text), drawing, methods_table(comparison), more)
+
+
+def _gathered(comparison: Comparison) -> list[str]:
+    """The warnings of single methods; what several say is said once."""
+    said: dict[str, list[str]] = {}
+    for line in comparison.own_warnings:
+        method, _, text = line.partition(": ")  # or methods, which then say the same
+        said.setdefault(text.replace(f"method '{method}'", "the method"), []).append(method)
+    return [f"{', '.join(methods)}: {text}" for text, methods in said.items()]
+
+
+def observability_section(result: Calibration) -> Section:
+    """Section of what the data can tell about X, in numbers and in words."""
+    title = "Observability and tests of the residuals"
+    not_run = tests_not_run(result)
+    skipped: list[Block] = [Paragraph("Tests that were not run:"), Points(not_run)] if not_run else []
+    if result.analysis is None:
+        text = needs("Observability, influence and tests of the residuals are computed", result)
+        return folded("observability", title, text, *skipped)
+    found = result.analysis.diagnostics
+    s = found.spectrum
+    rows = [
+        [f"{name}, {word}", f"{fixed(sd[k])} {unit}", f"({', '.join(f'{x:+.2f}' for x in axes[k])})"]
+        for name, unit, sd, axes in (
+            ("translation", "mm", s.sd_translation_mm, s.axes_translation),
+            ("rotation", "deg", s.sd_rotation_deg, s.axes_rotation),
+        )
+        for k, word in enumerate(("least certain", "middle", "most certain"))
+    ]
+    frame = s.frame if "frame" in s.frame else f"{s.frame} frame"
+    table = Table(
+        f"Principal directions of X, in the {frame}{_of_noise_alone(result)}",
+        ["direction", "1 sigma", "unit vector"],
+        rows,
+    )
+    return folded("observability", title, table, Points.of_findings(found.findings), *skipped)
+
+
+def _of_noise_alone(result: Calibration) -> str:
+    """Say what the covariance of the result includes and the diagnostics, which are those of the noise model, do
+    not.
+    """
+    offset = result.time_offset
+    if offset is not None and offset.share > 0:
+        return (
+            f"; by the noise alone: the time offset, which the answer contains, adds to it (share {offset.share:.0%})"
+        )
+    if result.covariance_kind not in ("model", "sigma-points"):
+        return "; by the model of the noise, not by the covariance of the answer"
+    return ""
+
+
+def noise_section(result: Calibration) -> Section:
+    """The noise given or estimated, and what the residuals say of it."""
+    untested = result.fit is None and result.noise is not None
+    why = needs("The chi-square test of the residuals is made", result) if untested else None
+    return folded("noise", "The noise", *noise_blocks(result), why)
+
+
+def covariances_section(result: Calibration) -> Section:
+    """The covariances that need no noise model, and X of two halves of the data."""
+    title = "Covariances without a noise model, and two halves of the data"
+    analysis, table = result.analysis, covariance_table(result)
+    if analysis is None or table is None:
+        return folded("covariances", title, needs("Other covariances and tests of two halves are computed", result))
+    halves = (analysis.split_half.finding, analysis.split_in_time.finding)
+    return folded("covariances", title, table, Points.of_findings(halves))
+
+
+def camera_sections(result: Calibration) -> list[Section]:
+    """One section, or none where the camera poses came without corners."""
+    poses = poses_of(result)
+    cam = None if poses is None else poses.camera_calibration
+    if cam is None:
+        return []
+    rows = [[name, f"{value} {unit}".rstrip() + said] for name, value, unit, said in parameter_rows(cam)]
+    caption = (
+        f"Intrinsics of the model {model_name(cam)}, with one standard deviation in brackets (pixels; the centre "
+        "of the first pixel is at (0, 0))"
+    )
+    said = Paragraph(f"{answer(cam)} {noise_words(cam)} {boards_words(cam)} {coverage_words(cam)}")
+    shares = Paragraph(words) if (words := shares_words(result)) else None
+    warned = Points(cam.warnings, frozenset(range(len(cam.warnings)))) if cam.warnings else None
+    return [folded("camera", "The camera", said, Table(caption, ["parameter", "value"], rows), shares, warned)]
+
+
+def shares_words(result: Calibration) -> str:
+    """Say which share of the variance of X the intrinsics have, and which the corners; empty where it is not known."""
+    if not result.has_budget or f"camera {SHARED}" not in result.budget.sources:
+        return ""
+    budget = result.budget
+    shared, each = (
+        [fixed(100 * budget.group_shares[f"X {kind}"][budget.sources.index(f"camera {name}")], 2) for kind in KINDS]
+        for name in (SHARED, EACH)
+    )
+    return (
+        f"The errors of the intrinsics, which all camera poses share, make {shared[0]} % of the variance of X's "
+        f"rotation and {shared[1]} % of that of its translation; the noise of the corners, of each picture by itself, "
+        f"{each[0]} % and {each[1]} %. As the joint covariance says what the intrinsics move, X is estimated from what "
+        "they move least."
+    )
+
+
+# Sides of the noise, of poses and of motions.
+NAMES = ("robot", "camera", "A", "B")
+
+
+def repeat_section(result: Calibration, date: str, version: str) -> Section:
+    """Files with their hashes, command, options, versions, hash of the data."""
+    title = "To repeat this run"
+    written = Paragraph(f"Report written on {date} by uq-handeye {version}.")
+    found = result.provenance
+    if found is None:
+        text = "Not known where this result comes from: it was not made by calibrate(), or by an older version."
+        return folded("repeat", title, text, written)
+    blocks: list[Block | str] = []
+    if found.sources:
+        rows = [[s.name, s.format, f"{s.size:,}", s.sha256] for s in found.sources]
+        caption = "Files that were read, in the order robot, camera"
+        blocks.append(Table(caption, ["file", "format", "bytes", "SHA-256"], rows, frozenset({1, 3}), verbatim=True))
+        if notes := [f"{source.name}: {note}" for source in found.sources for note in source.notes]:
+            blocks += [Paragraph("What the readers found out by themselves:"), Points(notes)]
+    else:
+        blocks.append("The poses came from arrays, not from files; their hash is below.")
+    if found.command is not None:
+        blocks.append(Code("Command line", found.command, "Run it in the folder of the files."))
+    facts: list[list[str]] = [["data, SHA-256", found.data_sha256]]
+    facts += [[f"option {name}", "not given" if value is None else str(value)] for name, value in found.options.items()]
+    facts += _noise(result)
+    if (offset := result.time_offset) is not None:
+        facts += [["time offset (s)", repr(offset.offset)], ["its standard deviation (s)", repr(offset.std)]]
+    facts += [[f"version of {name}", value] for name, value in found.versions.items()]
+    caption = "Data as used (float64, little-endian, robot first), arguments of calibrate(), versions"
+    blocks.append(Table(caption, ["what", "value"], facts, frozenset({1}), verbatim=True))
+    return folded("repeat", title, *blocks, written)
+
+
+def _noise(result: Calibration) -> list[list[str]]:
+    """The noise that was given: its standard deviations where they are all there is to it, else a hash."""
+    if result.noise is None or result.noise_estimate is not None:
+        return [["noise", "not given"]]
+    facts = []
+    for name in NAMES:
+        S = getattr(result.noise, name, None)
+        if S is None:
+            if hasattr(result.noise, name):
+                facts.append([f"noise of {name}", "exact"])
+            continue
+        S = np.ascontiguousarray(S, dtype="<f8")
+        sizes = np.sqrt([S[..., 0, 0].flat[0], S[..., 3, 3].flat[0]]) if S.shape[-1] == 6 else np.zeros(2)
+        if S.shape == (6, 6) and np.allclose(S, np.diag(np.repeat(sizes**2, 3)), rtol=1e-14, atol=0):
+            text = f"{float(sizes[0])!r} rad, {float(sizes[1])!r} m, 1 sigma per axis"
+        else:
+            text = f"{' x '.join(map(str, S.shape))}, SHA-256 {hashlib.sha256(S.tobytes()).hexdigest()}"
+        facts.append([f"noise of {name}", text])
+    return facts
