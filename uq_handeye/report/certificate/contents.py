@@ -23,7 +23,8 @@ from ...core.files.atomic import json_text
 from ...core.files.records import plain
 from ...core.formatting.numbers import digits
 from ...core.geometry.conventions import CONVENTION
-from ...core.presentation.page import PAPERS, page_path, write_page
+from ...core.presentation.document import Block, Paragraph, Section
+from ...core.presentation.page import PAPERS, Page, page_path, write_page
 from .budget import LEVEL, BudgetRow, Stated, budget_rows, components_of, worst_of
 from .statements import (
     STANDING,
@@ -105,6 +106,7 @@ def decide(result: Calibration, verdict: Verdict) -> Decision:
     return Decision(verdict, scaled(float(np.power(10.0, high))))
 
 
+NOT_CERTIFIED = "NOT CERTIFIED"
 SUFFIXES = (".html", ".pdf", ".json")
 
 
@@ -129,10 +131,18 @@ class Written:
         """Identifier of the contents, without the date: the same result and title block give the same."""
         return f"UQ-{hashlib.sha256(json.dumps(self._contents(), sort_keys=True).encode()).hexdigest()[:16].upper()}"
 
-    @property
-    def foot(self) -> str:
-        """Last line of the page."""
-        return f"{self.identifier}, issued {self.issued} by uq-handeye {__version__}. {STANDING}"
+    def page(self, of: str, subject: str, facts: Sequence[str], sheets: Sequence[Any], fields: Any) -> str:
+        """Return the page of its sheets; nothing in it looks like a result where none is certified."""
+        name = f"{of} certificate" if self.certified else f"{NOT_CERTIFIED}: {of[0].lower()}{of[1:]}"
+        foot = f"{self.identifier}, issued {self.issued} by uq-handeye {__version__}. {STANDING}"
+        signed = len(sheets) if self.certified else 0
+        numbered = [*facts, f"No. {self.identifier}", f"issued {self.issued}"]
+        return Page(name, subject, numbered, [], sheets, fields, foot, signed, kind="certificate").html()
+
+    def refused(self, *why: Block) -> Section:
+        """Return the section that says that nothing is certified, and why."""
+        last = Paragraph("This page states no result. It must not be used as evidence of a calibration.")
+        return Section("answer", NOT_CERTIFIED, [*why, last], wide=True)
 
     def _contents(self) -> dict[str, Any]:
         raise NotImplementedError

@@ -29,7 +29,6 @@ from ...core.files.about import ABOUT, as_about
 from ...core.files.records import plain
 from ...core.formatting.numbers import digits, probability
 from ...core.presentation.document import Answer, Badge, Block, Paragraph, Points, Section, Table
-from ...core.presentation.page import Page
 from ...rig.page import FRAMES, UNLIKELY, counted, headline, noise_table
 from ...rig.result import EstimatedPose, RigCalibration
 from ...rig.sketch import rig_sketch
@@ -112,18 +111,13 @@ class RigCertificate(Written):
 
     def to_html(self) -> str:
         """Return the page as one self-contained HTML text."""
-        name = "Rig calibration certificate" if self.certified else "NOT CERTIFIED: rig calibration"
         sheets = [self._first(), self._second()] if self.certified else [self._refused()]
-        facts = [counted(self.result.rig), f"No. {self.identifier}", f"issued {self.issued}"]
         fields = [(ABOUT[key], self.about.get(key, "")) for key in ABOUT if key != "note" or key in self.about]
-        page = Page(name, ", ".join(self.result.rig.cameras), facts, [], sheets, fields, self.foot,
-                    len(sheets) if self.certified else 0, kind="certificate")  # fmt: skip
-        return page.html()
+        rig = self.result.rig
+        return self.page("Rig calibration", ", ".join(rig.cameras), [counted(rig)], sheets, fields)
 
     def _refused(self) -> list[Section]:
-        blocks: list[Block] = [Answer("NOT CERTIFIED.", "failed"), Points(self.refusals),
-                               Paragraph("This page states no result. It must not be used as evidence.")]  # fmt: skip
-        return [Section("answer", "NOT CERTIFIED", blocks, wide=True), self._measured()]
+        return [self.refused(Answer("NOT CERTIFIED.", "failed"), Points(self.refusals)), self._measured()]
 
     def _first(self) -> list[Section]:
         said: list[Block] = [Answer(*headline(self.result))]

@@ -9,10 +9,9 @@ from ...calibration.statement.checks import lower_limit_of
 from ...calibration.statement.tolerance import percent
 from ...core.formatting.numbers import digits, fixed
 from ...core.presentation.document import Answer, Badge, Block, Cell, Checks, Paragraph, Points, Section, Table
-from ...core.presentation.page import Page
 from ..page import colour_of
 from .budget import LEVEL, OTHERS, BudgetRow, Stated, budget_rows, components_of, correlation_of, worst_of
-from .contents import RULE, Contents
+from .contents import NOT_CERTIFIED, RULE, Contents
 from .statements import (
     VALIDITY,
     conditions_of,
@@ -27,7 +26,6 @@ from .statements import (
     versions_of,
 )
 
-NOT_CERTIFIED = "NOT CERTIFIED"
 LOWER_LIMIT = "LOWER LIMIT"
 # Rows of the budget on the page; the data have all of them.
 MOST_SOURCES = 12
@@ -40,18 +38,8 @@ def certificate_html(of: Contents) -> str:
     """
     sheets = [_first(of), _second(of)] if of.certified else [[*_refused(of), *_origin(of)]]
     result = of.result
-    facts = [result.setup or "motions without poses", f"method {result.method}", f"No. {of.identifier}"]
-    return Page(
-        "Hand-eye calibration certificate" if of.certified else f"{NOT_CERTIFIED}: hand-eye calibration",
-        result.frame,
-        [*facts, f"issued {of.issued}"],
-        [],
-        sheets=sheets,
-        fields=fields_of(result),
-        foot=of.foot,
-        signed=len(sheets) if of.certified else 0,
-        kind="certificate",
-    ).html()
+    facts = [result.setup or "motions without poses", f"method {result.method}"]
+    return of.page("Hand-eye calibration", result.frame, facts, sheets, fields_of(result))
 
 
 # -------------------------------------------------------------------------------------------------------- page one
@@ -59,11 +47,9 @@ def certificate_html(of: Contents) -> str:
 
 def _refused(of: Contents) -> list[Section]:
     """Return why nothing is certified; no X, no uncertainty."""
-    blocks: list[Block] = [Answer(f"{NOT_CERTIFIED}. {of.result.headline}", "failed")]
-    if len(of.refusals) > 1:
-        blocks.append(Points(of.refusals[1:]))
-    blocks.append(Paragraph("This page states no result. It must not be used as evidence of a calibration."))
-    return [Section("answer", NOT_CERTIFIED, blocks, wide=True), *_measured(of)]
+    more = [Points(of.refusals[1:])] if len(of.refusals) > 1 else []
+    answer = Answer(f"{NOT_CERTIFIED}. {of.result.headline}", "failed")
+    return [of.refused(answer, *more), *_measured(of)]
 
 
 def _first(of: Contents) -> list[Section]:
