@@ -167,7 +167,7 @@ def explained_motions(result: Calibration, motions: Motions) -> Motions:
 
 
 class Running(NamedTuple):
-    """Whether methods are timed, and whether a bar is shown."""
+    """Timing of the methods, and a bar on stderr."""
 
     timed: bool = True
     progress: bool = False
