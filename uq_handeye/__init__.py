@@ -36,7 +36,7 @@ if _typing.TYPE_CHECKING:
     from .methods.estimators import METHODS, ROBOT_WORLD_METHODS, Method, solve
     from .methods.estimators.nguyen import nguyen
     from .methods.procrustes.limit import register, se3_from_so4, so4_from_se3
-    from .methods.procrustes.so4_covariances import octonion_covariance, paper_covariances, so4_covariance
+    from .methods.procrustes.sensitivity import octonion_covariance, paper_covariances, so4_covariance
     from .methods.propagation.propagate import propagate
     from .model.camera.board import Board, detect_board, tag_points
     from .model.camera.board_shape import BoardShape, MeasuredBoard
@@ -359,7 +359,7 @@ _LATER = {
         "se3_from_so4",
         "so4_from_se3",
     ),
-    "methods.procrustes.so4_covariances": (
+    "methods.procrustes.sensitivity": (
         "octonion_covariance",
         "paper_covariances",
         "so4_covariance",

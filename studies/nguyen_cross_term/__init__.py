@@ -26,9 +26,8 @@ from studies.common.scores import errors, nees, true_means
 from studies.common.study import Study, Tables, markdown
 from uq_handeye.core.geometry.se3 import Array, inverse, perturb
 from uq_handeye.core.presentation.figure_parts import BLUE, GRID, ORANGE, SMALL, TEXT, canvas, finished, plain
-from uq_handeye.methods.estimators.nguyen import nguyen
-from uq_handeye.methods.estimators.nguyen.derivatives import NguyenDerivatives
-from uq_handeye.methods.estimators.nguyen.stages import CrossTerm, NguyenResult, Stop
+from uq_handeye.methods.estimators.nguyen import NguyenDerivatives, nguyen
+from uq_handeye.methods.estimators.nguyen_stages import CrossTerm, NguyenResult, Stop
 
 SEED = 2018
 KINDS: tuple[CrossTerm, ...] = ("derived", "published")

@@ -1,4 +1,4 @@
-"""Moves of an ensemble sampler by effective samples per second: basis of the mix of `validation.posterior.moves`.
+"""Moves of an ensemble sampler by effective samples per second: basis of the mix of `validation.posterior.chain`.
 
 Posteriors: 60 pairs with the noise (70) of the paper's section IV-C in the geometry of `studies.likelihood`, and 20
 simulated poses whose noise is estimated, so that the data do not tell robot from camera: the hardest of the usual ones.
@@ -41,10 +41,10 @@ from uq_handeye.core.presentation.figure_parts import (
 )
 from uq_handeye.core.runtime.progress import progress_bar
 from uq_handeye.fit.one_model.noise_of_data import estimate_noise
-from uq_handeye.trials.validation.posterior import moves as posterior_moves
-from uq_handeye.trials.validation.posterior.convergence import autocorrelation_time, by_arviz
+from uq_handeye.trials.validation.posterior import chain as posterior_moves
+from uq_handeye.trials.validation.posterior.chain import Proposal, moves_of
 from uq_handeye.trials.validation.posterior.density import Density, ScalePrior, density_of
-from uq_handeye.trials.validation.posterior.moves import Proposal, moves_of
+from uq_handeye.trials.validation.posterior.result import autocorrelation_time, by_arviz
 from uq_handeye.trials.validation.posterior.sample import ROUND, burn_in, sample_steps, sampler_of
 
 WALKERS = 128

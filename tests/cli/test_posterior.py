@@ -71,7 +71,7 @@ def test_stopped_and_resumed(run, expected, tmp_path):
     status, out, err = run(*NOISE, *SHORT, "--seed", 2, "-o", folder)
     assert status == 2 and "exists" in err and "--resume" in err
     status, out, err = run(*NOISE, *SHORT, "--seed", 1, "-o", folder, "--resume")
-    assert status == 2 and "another run: its seed differs" in err
+    assert status == 2 and "another run, which differs in seed (2, now 1)" in err
     status, out, err = run(*NOISE, *SHORT, "--seed", 2, "-o", folder, "--resume", "--json")
     assert (status, err) == (0, "")
     assert sorted(path.name for path in folder.iterdir()) == FILES

@@ -18,9 +18,9 @@ from support import (
 )
 
 from uq_handeye.errors import DegenerateMotionError, MissingExtraError, NotConvergedError
-from uq_handeye.methods.estimators import heller
+from uq_handeye.methods.estimators import certified as heller
 
-METHOD = heller.METHOD
+METHOD = heller.HELLER
 WIDE = {"smallest": np.deg2rad(1.0), "largest": np.deg2rad(179.0)}
 
 

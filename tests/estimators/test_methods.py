@@ -18,9 +18,8 @@ from support import (
 )
 
 import uq_handeye as uq
-from uq_handeye.methods.estimators.common.axes import axis_signs, quaternions
-from uq_handeye.methods.estimators.common.axes import rotation_vectors as from_quaternions
-from uq_handeye.methods.estimators.common.moments import MomentSolver
+from uq_handeye.methods.estimators.moments import MomentSolver, axis_signs, quaternions
+from uq_handeye.methods.estimators.moments import rotation_vectors as from_quaternions
 from uq_handeye.methods.propagation.noise_transport import noise_of_pairs
 
 NAMES = [
@@ -248,9 +247,9 @@ def test_gwak_minimises_the_error_metric(rng):
 
 
 def test_an_iteration_that_does_not_end_is_flagged(rng, monkeypatch):
-    from uq_handeye.methods.estimators import gwak
+    from uq_handeye.methods.estimators import linear
 
-    monkeypatch.setattr(gwak, "ITERATIONS", 1)
+    monkeypatch.setattr(linear, "ITERATIONS", 1)
     _, A, B = noisy_motions(rng, 6, 0.05, (3,))
     estimate = uq.METHODS["gwak"].estimate(A, B)
     assert not estimate.converged.any() and estimate.X.shape == (3, 4, 4)

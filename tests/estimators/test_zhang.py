@@ -17,9 +17,9 @@ from support import (
 )
 
 from uq_handeye.errors import DegenerateMotionError, NotConvergedError
-from uq_handeye.methods.estimators import heller, zhang
+from uq_handeye.methods.estimators import certified as zhang
 
-METHOD = zhang.METHOD
+METHOD = zhang.ZHANG
 WIDE = {"smallest": np.deg2rad(1.0), "largest": np.deg2rad(179.0)}
 
 
@@ -72,7 +72,7 @@ def test_agrees_with_heller(rng, unit):
     _, A, B = noisy_motions(rng, 8, sd=0.02, shape=(50,))
     for T in (A, B):
         T[..., :3, 3] *= unit
-    xi = difference(METHOD(A, B), heller.METHOD(A, B)) / np.repeat([1.0, unit], 3)
+    xi = difference(METHOD(A, B), zhang.HELLER(A, B)) / np.repeat([1.0, unit], 3)
     np.testing.assert_allclose(xi, 0.0, atol=1e-10)
 
 
@@ -110,7 +110,7 @@ def test_batch_equals_loop(rng):
 
 
 def test_no_iterations_no_answer(rng, monkeypatch):
-    monkeypatch.setattr(zhang, "ITERATIONS", 2)
+    monkeypatch.setattr(zhang, "STEPS_IN_TURN", 2)
     _, A, B = noisy_motions(rng, 5, sd=0.05, shape=(3,))
     estimate = METHOD.estimate(A, B)
     assert not estimate.converged.any() and (estimate.iterations == 2).all()

@@ -8,8 +8,9 @@ from matplotlib.colors import to_rgb
 from support import SEED
 
 import uq_handeye as uq
-from uq_handeye.trials.validation.cross_check.figure import LEVEL, PAIRS, cross_check_figure, ellipse
 from uq_handeye.trials.validation.cross_check.run import cross_check
+from uq_handeye.trials.validation.figures_of_covariances import DRAWN as LEVEL
+from uq_handeye.trials.validation.figures_of_covariances import PAIRS, cross_check_figure, ellipse
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
 

@@ -10,8 +10,8 @@ from support import SEED, draw
 
 from uq_handeye.core.presentation.document import COLUMNS, to_text
 from uq_handeye.core.presentation.ellipses import render
+from uq_handeye.trials.validation.figures_of_trials import band, validation_figure
 from uq_handeye.trials.validation.monte_carlo.consistency import LEVELS, Sums, consistency
-from uq_handeye.trials.validation.monte_carlo.figure import band, validation_figure
 from uq_handeye.trials.validation.monte_carlo.result import monte_carlo_document
 from uq_handeye.trials.validation.monte_carlo.sums import BELOW, COMPONENTS
 from uq_handeye.trials.validation.monte_carlo.text import verdict

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from uq_handeye.trials.validation.posterior.convergence import (
+from uq_handeye.trials.validation.posterior.result import (
     PosteriorDiagnostics,
     autocorrelation_time,
     by_arviz,

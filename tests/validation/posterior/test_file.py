@@ -15,9 +15,8 @@ import pytest
 import uq_handeye as uq
 from uq_handeye.errors import InputError, NotConvergedError
 from uq_handeye.trials.validation.posterior import sample as posterior_run
+from uq_handeye.trials.validation.posterior.chain import FORMAT, ChainFile, single
 from uq_handeye.trials.validation.posterior.density import ScalePrior
-from uq_handeye.trials.validation.posterior.file import FORMAT, ChainFile
-from uq_handeye.trials.validation.posterior.moves import single
 from uq_handeye.trials.validation.posterior.sample import sample_posterior
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("1mrad", "1mm"))
@@ -259,7 +258,7 @@ def test_one_process_at_a_time(rng, tmp_path):
 
 HOLDER = """
 import sys, time
-from uq_handeye.trials.validation.posterior.file import ChainFile
+from uq_handeye.trials.validation.posterior.chain import ChainFile
 file = ChainFile(sys.argv[1], {}, resume=True)
 print("held", flush=True)
 time.sleep(60)

@@ -6,8 +6,8 @@ import pytest
 from scipy import stats
 from support import SEED, random_covariance
 
-from uq_handeye.trials.validation.posterior import moves as posterior_moves
-from uq_handeye.trials.validation.posterior.moves import (
+from uq_handeye.trials.validation.posterior import chain as posterior_moves
+from uq_handeye.trials.validation.posterior.chain import (
     DOF,
     SHARES,
     around_maxima,

@@ -15,8 +15,8 @@ from uq_handeye.errors import InputError
 from uq_handeye.findings import Finding
 from uq_handeye.trials.simulation.experiment import experiment
 from uq_handeye.trials.simulation.run import run
+from uq_handeye.trials.validation.figures_of_trials import sweep_figure
 from uq_handeye.trials.validation.sweep import run as sweep_module
-from uq_handeye.trials.validation.sweep.figure import sweep_figure
 from uq_handeye.trials.validation.sweep.level import KINDS, Level, Limit, MethodSweep, Verdict, coverage_limits, judged
 from uq_handeye.trials.validation.sweep.run import CLOSE, sweep, verdict
 

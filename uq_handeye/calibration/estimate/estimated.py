@@ -33,8 +33,7 @@ from ...fit.likelihood.rig_bundle import Agreement
 from ...fit.likelihood.shared_estimates import SharedEstimate
 from ...fit.one_model.points import OpenSizes
 from ...methods.procrustes.limit import octonion
-from ...methods.procrustes.sensitivity import pose_from_octonion_jacobian
-from ...methods.procrustes.so4_covariances import PAPER_SCALE
+from ...methods.procrustes.sensitivity import PAPER_SCALE, pose_from_octonion_jacobian
 from ...model.noise.estimate import FoundComponent, NoiseEstimate
 from ...model.noise.models import Noise
 from ...model.poses.motions import Motions, Residuals, sha256_of

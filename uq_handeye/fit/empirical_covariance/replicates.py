@@ -21,13 +21,12 @@ from numpy.typing import NDArray
 from ...core.geometry.nearest_rotation import orthonormalise
 from ...core.geometry.se3 import Array
 from ...errors import DegenerateMotionError, InputError
-from ...methods.estimators.common.method import require_converged
+from ...methods.estimators.method import require_converged
 from ...methods.estimators.registry import METHODS, ROBOT_WORLD_METHODS, find
 from ...methods.procrustes.limit import pair_blocks
-from ...methods.propagation.all_pairs import AllPairs, solve_all_pairs
 from ...methods.propagation.noise_transport import noise_of_pairs
 from ...methods.propagation.propagate import pose_sensitivities
-from ...methods.propagation.published_fit import mean_target, target_by_X
+from ...methods.propagation.published_fit import AllPairs, mean_target, solve_all_pairs, target_by_X
 from ...model.noise.models import Noise, PairNoise, PoseNoise, is_joint
 from ...model.poses.motions import Motions, relative_motions
 from ...model.poses.pose_pairs import PosePairs

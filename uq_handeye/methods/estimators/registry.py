@@ -7,51 +7,20 @@ from typing import Any
 from ...core.geometry.se3 import Array
 from ...errors import InputError, among
 from ..procrustes.limit import solve_4dpa
-from . import (
-    andreff,
-    chou,
-    condurache,
-    daniilidis,
-    fourdpa,
-    gwak,
-    heller,
-    horaud,
-    li,
-    lu,
-    nguyen,
-    park,
-    shah,
-    shiu,
-    tsai,
-    zhang,
-    zhao,
-)
-from .common.method import Method
-from .common.robot_world import RobotWorldMethod
+from .certified import HELLER, ZHANG
+from .dual_quaternions import CONDURACHE, DANIILIDIS, FOURDPA, LU
+from .linear import ANDREFF, GWAK
+from .method import Method
+from .nguyen import METHOD as NGUYEN
+from .robot_world import LI, SHAH, RobotWorldMethod
+from .separated import CHOU, HORAUD, PARK, SHIU, TSAI
+from .zhao import METHOD as ZHAO
 
-METHODS: dict[str, Method] = {
-    module.METHOD.name: module.METHOD
-    for module in (
-        tsai,
-        shiu,
-        chou,
-        park,
-        horaud,
-        daniilidis,
-        andreff,
-        lu,
-        gwak,
-        heller,
-        condurache,
-        zhang,
-        zhao,
-        nguyen,
-        fourdpa,
-    )
-}
+_PUBLISHED = (TSAI, SHIU, CHOU, PARK, HORAUD, DANIILIDIS, ANDREFF, LU, GWAK, HELLER, CONDURACHE)
+METHODS: dict[str, Method] = {method.name: method for method in (*_PUBLISHED, ZHANG, ZHAO, NGUYEN, FOURDPA)}
 
 # Estimators of X and W together from poses; `calibrate` knows them too, `solve` does not.
-ROBOT_WORLD_METHODS: dict[str, RobotWorldMethod] = {module.METHOD.name: module.METHOD for module in (li, shah)}
+ROBOT_WORLD_METHODS: dict[str, RobotWorldMethod] = {method.name: method for method in (LI, SHAH)}
 
 
 def find(name: Any) -> Method:

@@ -45,10 +45,9 @@ from scipy.spatial.transform import Rotation
 from ...core.geometry.se3 import Array
 from ...errors import InputError, NotConvergedError
 from ...model.noise.models import PairNoise
-from . import lu
-from .common.axes import Signs, axis_signs, dual_quaternions, left_matrix, quaternions, right_matrix
-from .common.method import Derivatives, ErrorFactors, Estimate, Method, PoseFactors
-from .common.moments import MomentSolver
+from .dual_quaternions import LU
+from .method import Derivatives, ErrorFactors, Estimate, Method, PoseFactors
+from .moments import MomentSolver, Signs, axis_signs, dual_quaternions, left_matrix, quaternions, right_matrix
 
 ITERATIONS = 100
 STEP = 1e-12
@@ -122,7 +121,7 @@ class LinearPrograms:
                 f"Expected at most {MOST_PAIRS} motions with method 'zhao', whose linear programs grow with them; got "
                 f"{A.shape[1]}. Leave some out, or use another method."
             )
-        solver = lu.METHOD.solver
+        solver = LU.solver
         assert isinstance(solver, MomentSolver)
         start = solver.estimate(A, B, None).X
         found = [_descend(Residuals(A[t], B[t], signs), start[t]) for t, signs in enumerate(_references(A, B))]
@@ -369,5 +368,6 @@ METHOD = Method(
     "quaternions",
     singular="motions of 180 degrees, unless others fix the sign of their axes",
     solver=LinearPrograms(),
+    mathematics=__doc__,
     smooth=False,
 )

@@ -1,4 +1,11 @@
-"""4D Procrustes analysis (4DPA): registration, orthonormalisation, and X from AX = XB.
+"""Degeneracy of motions that do not determine X: the limits, the directions that stay open, and the reason, reported
+once.
+
+Model: the rotation is that of ``H = sum u v^T = U S V^T`` (or of rotation vectors in place of u, v), S with the sign of
+``det(U V^T)`` in its last value; ``M = tr(H R^T) I - H R^T`` has the eigenvalues ``(s2 + s3, s1 + s3, s1 + s2)``,
+ascending, in the basis U. X is determined where M is regular.
+
+4D Procrustes analysis (4DPA): registration, orthonormalisation, and X from AX = XB.
 
 Equations (n) are those of J. Wu, Y. Sun, M. Wang, M. Liu, "Hand-eye Calibration: 4D Procrustes Analysis
 Approach", 2019. Model: ``A_i X = X B_i`` with ``X = gripper_T_camera`` for eye-in-hand
@@ -28,10 +35,10 @@ import math
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from itertools import islice, product
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, NoReturn
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from ...core.geometry.checks import CHUNK, as_numbers, as_transforms, entry_rows, is_number, surely_transforms
 from ...core.geometry.nearest_rotation import nearest_rotation, orthonormalise
@@ -40,7 +47,72 @@ from ...core.runtime.read_only import scratch
 from ...core.runtime.threads import cores
 from ...errors import DegenerateMotionError, InputError
 from .. import _closed_form
-from .degeneracy import DEGENERATE, are_determined, raise_undetermined
+
+# Below this ratio of the eigenvalues of M (squared spread of the rotation axes, rad^2) the smallest one is
+# rounding of the input: 1e-10 is a spread of 1e-5 rad.
+DEGENERATE = 1e-10
+# Total weight 4 sum |u| |v| below which there is no rotation at all (rad^2 per pair).
+NO_ROTATION = 1e-14
+
+
+def are_determined(smallest: Array, largest: Array, N: int) -> NDArray[np.bool_]:
+    """Return whether M of N pairs is regular, from its smallest and largest eigenvalue (...)."""
+    return np.asarray((largest > NO_ROTATION * N) & (smallest > DEGENERATE * largest))
+
+
+def raise_undetermined(
+    U: Array, s: Array, eigenvalues: Array, N: int, index: tuple[int, ...], half_turns_count: bool
+) -> NoReturn:
+    """Raise the `DegenerateMotionError` of one problem that says why, and which directions of X stay open.
+
+    Parameters
+    ----------
+    U, s, eigenvalues : (3, 3), (3,), (3,)
+        Of the module.
+    N : int
+        Number of pairs.
+    index : tuple
+        Of the problem among several; empty for one alone.
+    half_turns_count : bool
+        Whether a motion by 180 degrees tells something, up to the sign of its axis.
+    """
+    start = f"The motions do not determine X{f' (problem {index})' if index else ''}: "
+    largest = eigenvalues[2]
+    if not largest > NO_ROTATION * N:
+        raise DegenerateMotionError(
+            f"{start}none of them rotates{'' if half_turns_count else ' by an angle other than 0 or 180 degrees'}. "
+            "Neither the rotation nor the translation of X is observable. Move the robot so that it rotates about at "
+            "least two different axes, by 30 to 150 degrees.",
+            np.eye(6),
+        )
+    lost = U.T[eigenvalues <= DEGENERATE * largest]
+    axes = " and ".join(name_axis(axis) for axis in lost)
+    if s[1] <= DEGENERATE * s[0]:
+        reason = (
+            f"all rotation axes are parallel to {axes} in the frame of `A`. They show neither the rotation of X about "
+            "this axis nor its translation along it, and the rest of the translation follows that rotation. Add "
+            "motions that rotate about another axis."
+        )
+    else:
+        half_turns = ", or the signs of the axes of half turns are lost" if half_turns_count else ""
+        reason = (
+            f"the rotation axes of `A` are those of `B` mirrored{half_turns}: no rotation about {axes} fits better "
+            "than another. One of the two is left-handed or inverted."
+        )
+    raise DegenerateMotionError(start + reason, infinite_directions(lost))
+
+
+def infinite_directions(axes: Array) -> Array:
+    """Rotation about and translation along each axis (k, 3), as unit vectors (2k, 6) of (theta, tau)."""
+    zero = np.zeros_like(axes)
+    return np.vstack([np.hstack([axes, zero]), np.hstack([zero, axes])])
+
+
+def name_axis(axis: Array) -> str:
+    """An axis (3,) as text, of the sign that makes its largest component positive."""
+    sign = -1.0 if axis[np.argmax(np.abs(axis))] < 0 else 1.0
+    return "(" + ", ".join(f"{x:.3f}" for x in np.round(sign * axis, 3) + 0.0) + ")"
+
 
 # Pairs from which on a second thread pays for itself.
 PARALLEL_PAIRS = 50_000

@@ -22,7 +22,7 @@ from ...errors import InputError
 from ...model.noise.models import Noise, PairNoise, PoseNoise, factor, is_joint, marginals, require_count
 from ...model.poses.motions import Motions
 from ...model.poses.pose_pairs import PosePairs
-from ..estimators.common.method import ErrorFactors
+from ..estimators.method import ErrorFactors
 from ..procrustes.sensitivity import cross_rows, trials_first
 
 _EYE = np.eye(3)

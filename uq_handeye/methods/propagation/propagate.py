@@ -1,4 +1,4 @@
-r"""First-order covariance of X: per pair (T3), pose-aware (T4), literal (45).
+"""First-order covariance of X: per pair (T3), pose-aware (T4), literal (45).
 
 Model: the data carry Gaussian errors ``xi = (theta, tau)`` (left rotation, additive translation, rad and m);
 X carries ``xi_X`` in the same convention, in the frame of ``A`` (gripper for eye-in-hand). To first order
@@ -26,7 +26,7 @@ Conditions under which a propagated covariance is not valid: findings from quant
 Two kinds of methods have a covariance that may be off by factors though that of every other is exact to first order:
 
 - One whose X is no smooth function of the data has a covariance in the limit of many data
-  (`estimators.common.method.SolverWithCovariance`), and says which share of the information that limit does not cover.
+  (`estimators.method.SolverWithCovariance`), and says which share of the information that limit does not cover.
 - One that weights by the noise is differentiated with its weights held fixed, as their derivatives multiply residuals.
   These terms count where the error of X is curved, `bend`.
 """
@@ -45,7 +45,7 @@ from ...errors import InputError, InputWarning
 from ...findings import Finding
 from ...model.noise.models import Noise, PairNoise, PoseNoise
 from ...model.poses.motions import Motions
-from ..estimators.common.method import (
+from ..estimators.method import (
     Derivatives,
     ErrorFactors,
     Method,
@@ -64,8 +64,7 @@ from ..procrustes.limit import (
     solve_scaled,
     trial_blocks,
 )
-from ..procrustes.sensitivity import LimitDerivatives, ScaledDerivatives, linearised
-from ..procrustes.so4_covariances import PAPER_SCALE, literal_covariance
+from ..procrustes.sensitivity import PAPER_SCALE, LimitDerivatives, ScaledDerivatives, linearised, literal_covariance
 from . import sentences  # noqa: F401  (registers the words)
 from .noise_transport import DataSide, Shared, Start, data_side, made_from_poses, noise_of_pairs
 

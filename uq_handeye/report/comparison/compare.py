@@ -43,8 +43,8 @@ from ...fit.likelihood.constraint import require_noise_fits
 from ...fit.likelihood.gauss_helmert import ESTIMATORS
 from ...fit.one_model.noise_of_data import estimate_noise
 from ...methods.estimators import METHODS, ROBOT_WORLD_METHODS
-from ...methods.estimators.common.method import Estimate, Method
-from ...methods.estimators.common.robot_world import RobotWorldMethod
+from ...methods.estimators.method import Estimate, Method
+from ...methods.estimators.robot_world import RobotWorldMethod
 from ...methods.propagation.noise_transport import noise_of_pairs
 from ...methods.propagation.published_fit import fit_published
 from ...model.noise.models import Noise, PairNoise

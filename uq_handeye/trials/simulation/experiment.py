@@ -25,9 +25,8 @@ from ...fit.likelihood.gauss_helmert import ESTIMATORS, Fit, bound, corrected, m
 from ...fit.one_model.noise_of_data import estimate_noise
 from ...methods.estimators.registry import METHODS, ROBOT_WORLD_METHODS
 from ...methods.procrustes.limit import solve_limit
-from ...methods.propagation.all_pairs import AllPairs, solve_all_pairs
 from ...methods.propagation.noise_transport import noise_of_pairs
-from ...methods.propagation.published_fit import Published, mean_target
+from ...methods.propagation.published_fit import AllPairs, Published, mean_target, solve_all_pairs
 from ...model.noise.models import Noise, PairNoise, PoseNoise
 from ...model.poses.motions import Motions, pair_indices, relative_motions
 from ...model.poses.pose_pairs import PosePairs, Truth
@@ -53,25 +52,50 @@ class Experiment:
         object.__setattr__(self, "W", None if self.W is None else np.ascontiguousarray(self.W))
 
     @property
+    def on_poses(self) -> bool:
+        """True if errors are those of poses, rather than of motions."""
+        return self.truth.poses is self.truth
+
+    @property
+    def plain_motions(self) -> bool:
+        """True if it is 4DPA in its limit on motions, which has an engine of its own."""
+        return not self.on_poses and self.method == "4dpa" and self.scale is None
+
+    @property
     def count(self) -> int:
         """Number of poses, or of motions."""
-        return self.truth.n if isinstance(self.truth, PosePairs) else self.truth.N
+        return len(self.truth)
+
+    @property
+    def sides(self) -> tuple[Array, Array]:
+        """True poses or motions (n, 4, 4) of robot and camera."""
+        return sides_of(self.truth)
+
+    def measured(self, first: Array, second: Array) -> PosePairs | Motions:
+        """Poses or motions (..., n, 4, 4) of robot and camera as data of the same kind."""
+        poses = self.truth.poses
+        return Motions(first, second) if poses is None or not self.on_poses else PosePairs(first, second, poses.setup)
+
+    @property
+    def choice(self) -> Any:
+        """Pairs to make of the poses, as `relative_motions` takes them."""
+        return "all" if self.pairs is None else self.pairs
 
     @cached_property
     def everything(self) -> AllPairs | None:
         """4DPA of all pairs of the true poses without forming them, where that is asked for and keeps enough digits."""
-        if not isinstance(self.truth, PosePairs) or self.method != "4dpa":
+        poses = self.truth.poses
+        if poses is not self.truth or self.method != "4dpa" or self.pairs is not None or self.scale is not None:
             return None
-        if self.pairs is not None or self.scale is not None:
-            return None
-        return everything if (everything := AllPairs(self.truth)).precise else None
+        assert poses is not None
+        return everything if (everything := AllPairs(poses)).precise else None
 
     @property
     def number_of_pairs(self) -> int:
         """Number of the motions, without forming them."""
-        if isinstance(self.truth, Motions):
-            return self.truth.N
-        return self.truth.n * (self.truth.n - 1) // 2 if self.pairs is None else len(self.pairs)
+        if not self.on_poses:
+            return self.count
+        return self.count * (self.count - 1) // 2 if self.pairs is None else len(self.pairs)
 
     @property
     def forms_pairs(self) -> bool:
@@ -86,9 +110,7 @@ class Experiment:
     @cached_property
     def motions(self) -> Motions:
         """The true motions: those given, or of the pairs of the true poses."""
-        if isinstance(self.truth, Motions):
-            return self.truth
-        return relative_motions(self.truth, "all" if self.pairs is None else self.pairs)
+        return relative_motions(self.truth, self.choice) if isinstance(self.truth, PosePairs) else self.truth
 
     @cached_property
     def weights(self) -> PairNoise | None:
@@ -103,9 +125,9 @@ class Experiment:
         Raises `InputError` where the method has none for this noise.
         """
         if self.method in ESTIMATORS:
-            if kind not in (None, "pairs" if isinstance(self.noise, PairNoise) else "poses"):
+            if kind not in (None, "poses" if self.on_poses else "pairs"):
                 raise InputError(f"Expected no kind={kind!r} with method {self.method!r}: it is for published methods.")
-            found = bound(self.truth, self.noise, None if isinstance(self.truth, PosePairs) else self.X)
+            found = bound(self.truth, self.noise, None if self.on_poses else self.X)
             _require_rank(found)
             return found
         everything = self.everything if kind in (None, "poses") else None
@@ -114,6 +136,11 @@ class Experiment:
             return everything.propagate(self.noise, self.X)
         published = Published(self.motions, self.method, self.scale, self.X, self.W, 0, None)
         return published.covariances(self.noise, kind)[0]
+
+
+def sides_of(data: PosePairs | Motions) -> tuple[Array, Array]:
+    """Poses or motions (..., n, 4, 4) of robot and camera."""
+    return (data.robot, data.camera) if isinstance(data, PosePairs) else (data.A, data.B)
 
 
 class Fitted(Protocol):
@@ -183,7 +210,7 @@ def experiment(
     if noise is not None and noise.prior is not None and method not in ESTIMATORS:
         raise InputError(f"Method {method!r} takes no prior of X or W, which the noise has; use efficient or ml.")
     poses = data.poses
-    if (data.A if isinstance(data, Motions) else data.robot).ndim != 3:
+    if sides_of(data)[0].ndim != 3:
         raise InputError("Expected one data set, got a batch.")
     if poses is not None and poses.n < 3:
         raise InputError(f"Expected at least 3 poses, which make 2 motions, got {poses.n}.")

@@ -225,8 +225,7 @@ def cubature(
 
 def _function(problem: Experiment) -> Function:
     """f(z) of the module, on blocks of points so that memory stays bounded."""
-    truth, n = problem.truth, problem.count
-    exact = (truth.robot, truth.camera) if isinstance(truth, PosePairs) else (truth.A, truth.B)
+    n = problem.count
     factors = [None if S is None else factor(S) for S in covariances_of(problem.noise)]
     block, prior = max(1, BLOCK // problem.size), problem.noise.prior
 
@@ -236,7 +235,7 @@ def _function(problem: Experiment) -> Function:
 
     def part(z: Array) -> tuple[Array, NDArray[np.bool_]]:
         sides, start = [], 0
-        for T, L in zip(exact, factors, strict=True):
+        for T, L in zip(problem.sides, factors, strict=True):
             if L is None:
                 sides.append(np.array(np.broadcast_to(T, (len(z), *T.shape))))
             else:

@@ -1,22 +1,199 @@
-"""Words, figure and file of the results of validations, made in one way."""
+"""Checks of the noise that a validation draws, against its data.
+
+A validation draws the noise that is given or estimated and tests whether a covariance follows from it. It cannot tell
+whether that noise is the noise of these data; their residuals can. A calibration has tested them (its ``checks``). For
+poses or motions alone, the residuals of maximum likelihood are compared with the noise (`goodness_of_fit`).
+
+Words, figure and file of the results of validations, made in one way.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
+from contextlib import suppress
+from dataclasses import asdict, dataclass
 from functools import singledispatch
 from importlib import import_module
+from math import log
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
 import numpy as np
 
+from ..._version import __version__
 from ...core.files.atomic import json_text, write_atomically
 from ...core.files.open import StrPath, as_path
-from ...core.presentation.document import COLUMNS, WIDTH, Document, document_of, to_text
+from ...core.formatting.numbers import digits, probability
+from ...core.geometry.conventions import CONVENTION
+from ...core.geometry.frames import SETUPS
+from ...core.presentation.document import COLUMNS, WIDTH, Block, Checks, Document, Paragraph, document_of, to_text
 from ...core.presentation.html import to_html
-from ...errors import InputError
+from ...errors import InputError, NotConvergedError
+from ...findings import GROSS
+from ...fit.likelihood.gauss_helmert import maximum_likelihood
+from ...fit.likelihood.goodness_of_fit import GoodnessOfFit, goodness_of_fit
+from ...model.noise.models import Noise
+from ...model.poses.motions import Motions
+from ...model.poses.pose_pairs import PosePairs
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+
+T = TypeVar("T")
+
+# A ratio of residuals to noise that chance hardly ever makes, and one that matters.
+UNLIKELY, MATTERS = 1e-3, 1.1
+# Ratio below which the residuals are rounding.
+EXACT = 1e-6
+
+
+@dataclass(frozen=True)
+class NoiseCheck:
+    """One check of data and noise: name, status ("ok", "caution", "failed", "not run"), short phrase."""
+
+    name: str
+    status: str
+    text: str
+
+
+@dataclass(frozen=True)
+class NoiseOfData:
+    """Checks of the data of a validation, and of the noise against them."""
+
+    checks: tuple[NoiseCheck, ...]
+    by: str  # "calibrate", or "residuals" where there is no calibration
+    stated: tuple[float, float] | None = None  # m, rad: sd in the worst direction by a calibration with open sizes
+
+    @property
+    def part(self) -> str:
+        """Return which part of what calibrate states a validation speaks of, as a sentence; empty where it is all."""
+        return part_of("noise of known sizes", self.stated)
+
+    @property
+    def doubtful(self) -> tuple[NoiseCheck, ...]:
+        """Checks that contradict the noise, failed ones first."""
+        return tuple(check for status in ("failed", "caution") for check in self.checks if check.status == status)
+
+    def __str__(self) -> str:
+        """Return one sentence: what contradicts the noise on these data, or that nothing does."""
+        doubtful = self.doubtful
+        if doubtful:
+            listed = "; ".join(f"{check.text} ({check.name}: {check.status})" for check in doubtful[:2])
+            more = f"; and {len(doubtful) - 2} more" if len(doubtful) > 2 else ""
+            return f"{self.warns} {listed}{more}."
+        if any(check.status == "ok" for check in self.checks):
+            whose = "calibrate found nothing against it" if self.by == "calibrate" else "the residuals agree with it"
+            return f"On these data {whose}."
+        return f"On these data it was not checked: {self.checks[0].text}."
+
+    @property
+    def warns(self) -> str:
+        """Words before the checks that warn."""
+        return f"On these data {'calibrate warns' if self.by == 'calibrate' else 'the residuals contradict it'}:"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values for JSON."""
+        stated = {} if self.stated is None else {"stated": list(self.stated)}
+        return {"by": self.by, "sentence": str(self), "checks": [asdict(check) for check in self.checks]} | stated
+
+
+def part_of(what: str, stated: tuple[float, float] | None) -> str:
+    """Return a sentence with what is spoken of, beside what a calibration with open sizes states; empty without it."""
+    if stated is None:
+        return ""
+    move, turn = digits(1e3 * stated[0], 2), digits(float(np.degrees(stated[1])), 2)
+    return (
+        f" It speaks of {what}; calibrate, which does not know them, states {move} mm and {turn} deg in all (1 sigma, "
+        "worst direction)."
+    )
+
+
+def noise_of_data(data: object, used: PosePairs | Motions, noise: Noise | None, estimated: bool) -> NoiseOfData:
+    """Return what the data say about the noise.
+
+    Parameters
+    ----------
+    data : PosePairs, Motions or Calibration
+        As the validation was given it; a calibration brings its own checks.
+    used : PosePairs or Motions
+        The data themselves.
+    noise : PoseNoise, PairNoise or None
+        The noise that is drawn; None is not checked.
+    estimated : bool
+        Whether it was estimated from the same data.
+    """
+    found: Iterable[Any] | None = getattr(data, "checks", None)  # of a calibration, which stands above this package
+    if found is not None:
+        checks = tuple(NoiseCheck(check.name, check.status, check.text) for check in found)
+        return NoiseOfData(checks, "calibrate", stated_of(data) if estimated else None)
+    return NoiseOfData((_level(used, None if estimated else noise),), "residuals")
+
+
+def stated_of(result: Any) -> tuple[float, float] | None:
+    """Return what a calibration with open sizes states of X (m, rad), where that is more than noise of known sizes
+    makes; None also for data without one.
+    """
+    S, known = getattr(result, "covariance", None), getattr(result, "bound", None)
+    if S is None or known is None or np.allclose(S, known, rtol=1e-6):
+        return None
+    turn, move = (float(np.sqrt(np.linalg.eigvalsh(S[part, part])[-1])) for part in (slice(0, 3), slice(3, 6)))
+    return move, turn
+
+
+def _level(data: PosePairs | Motions, noise: Noise | None) -> NoiseCheck:
+    """Return whether the residuals have the size that the noise explains."""
+    fit: GoodnessOfFit | None = None
+    if noise is None:
+        return NoiseCheck("noise level", "not run", "the noise was estimated from the same residuals")
+    with suppress(InputError, NotConvergedError, np.linalg.LinAlgError):
+        fit = goodness_of_fit(maximum_likelihood(data, noise))
+    if fit is None:
+        return NoiseCheck("noise level", "not run", "these data have no residuals to compare it with")
+    if fit.sigma0 < EXACT:
+        return NoiseCheck("noise level", "not run", "the data are exact, simulated without noise")
+    p = 1.0 if fit.p_value is None else fit.p_value
+    if p > UNLIKELY or abs(log(fit.sigma0)) < log(MATTERS):
+        return NoiseCheck("noise level", "ok", f"the residuals agree with it ({probability(p, 2)})")
+    larger = fit.sigma0 > 1
+    ratio = digits(fit.sigma0 if larger else 1 / fit.sigma0, 2)
+    text = f"residuals {ratio} times {'larger' if larger else 'smaller'} than this noise"
+    return NoiseCheck("noise level", "failed" if fit.sigma0 > GROSS else "caution", text)
+
+
+def limit(who: str, found: NoiseOfData | None) -> str:
+    """Return what a validation cannot tell, and what the data say about it, in one paragraph."""
+    text = f"{who} cannot tell whether the noise is right."
+    return text if found is None else f"{text}{found.part} {found}"
+
+
+def limit_blocks(who: str, found: NoiseOfData | None, verbose: bool) -> list[Block]:
+    """Return the same with one line for each check that warns; ``verbose``: for each check."""
+    if found is None or not (verbose or found.doubtful):
+        return [Paragraph(limit(who, found))]
+    shown = found.checks if verbose else found.doubtful
+    said = found.warns if found.doubtful else str(found)
+    return [
+        Paragraph(f"{who} cannot tell whether the noise is right.{found.part} {said}"),
+        Checks([(check.status, check.name, check.text) for check in shown]),
+    ]
+
+
+def one_of(known: Mapping[str, T], name: str, what: str) -> T:
+    """Return the value of a name; raises the `InputError` that lists the names there are."""
+    if name not in known:
+        raise InputError(f"Expected {what} {', '.join(known)}, got {name!r}.")
+    return known[name]
+
+
+def place_of(data: PosePairs | Motions) -> dict[str, Any]:
+    """Return what X is called, the setup (None for motions), and around what noise is drawn."""
+    poses = data.poses
+    return {
+        "frame": "X" if poses is None else SETUPS[poses.setup],
+        "setup": None if poses is None else poses.setup,
+        "origin": "fit to the data" if poses is None or poses.truth is None else "truth of the simulation",
+    }
 
 
 @singledispatch
@@ -29,6 +206,13 @@ class Outcome:
     """A result with a document (`document_of`), a figure and a file."""
 
     title: ClassVar[str]  # in notebooks
+    kind: ClassVar[str]  # in files
+
+    def head(self, **units: str) -> dict[str, Any]:
+        """Return the beginning of the file: its format, the version that wrote it, convention and units."""
+        units = {"rotation": "rad", "translation": "m", **units}
+        form = f"uq-handeye {self.kind} 1"
+        return {"format": form, "version": __version__, "convention": CONVENTION, "units": units}
 
     def document(self, verbose: bool = False) -> Document:
         """Return the verdict with its limits and the first table; ``verbose``: everything that is known."""
@@ -52,8 +236,9 @@ class Outcome:
         return self.summary()
 
     def drawn(self) -> Figure:
-        """Return the figure as Matplotlib has it: by the module ``figure`` beside that of the result."""
-        import_module(".figure", type(self).__module__.rpartition(".")[0])  # Matplotlib is slow to import
+        """Return the figure as Matplotlib has it, which is slow to import."""
+        for name in ("figures_of_trials", "figures_of_covariances"):
+            import_module(f"{__package__}.{name}")
         return figure_of(self)
 
     def figure(self, path: StrPath) -> Path:

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from scipy.linalg import block_diag
 from scipy.special import gammainccinv, gammaincinv
 
 from ....core.files.records import attributes
@@ -21,9 +21,9 @@ from ....core.geometry.se3 import Array
 from ....core.runtime.read_only import ReadOnlyArrays
 from ....errors import InputError, NotConvergedError
 from ....findings import Finding
-from ....fit.likelihood.gauss_helmert import ESTIMATORS, Fit
+from ....fit.likelihood.gauss_helmert import ESTIMATORS
 from ....methods.estimators.nguyen import nguyen
-from ....methods.procrustes.so4_covariances import PAPER_SCALE, literal_covariance
+from ....methods.procrustes.sensitivity import PAPER_SCALE, literal_covariance
 from ....methods.propagation.noise_transport import noise_of_pairs
 from ....model.noise.models import Noise, PairNoise, PoseNoise
 from ....model.poses.motions import Motions
@@ -35,14 +35,13 @@ from ..sentences import INTERRUPTED
 if TYPE_CHECKING:
     from ..posterior.result import Posterior
 
-METHODS = ("4dpa", "nguyen", "efficient", "ml")
 NAMES = {"4dpa": "4DPA", "nguyen": "Nguyen and Pham", "efficient": "efficient", "ml": "ml"}
+METHODS = tuple(NAMES)
 # Poses or pairs of all trials of one method together: about a minute; beyond it there are fewer trials.
 MOST = 5_000_000
 # Pairs beyond which there are no trials of Nguyen and Pham, who take all of them in each; and beyond which no pairs are
 # formed at all.
 MOST_PAIRS, MOST_PAIRS_ONCE = 20_000, 200_000
-_POSTERIOR = "posterior (emcee)"
 TOO_MANY = "{:,} pairs are too many for it: give Motions of fewer."
 FEWEST_TRIALS = 100
 NEES_CONFIDENCE = 0.99
@@ -117,47 +116,35 @@ class Row(ReadOnlyArrays):
 
 def formulas(data: PosePairs | Motions, problem: Experiment) -> list[Row]:
     """Return the formulas at the truth, and of `efficient` and `ml` at the data."""
-    noise, on_poses = problem.noise, isinstance(problem.noise, PoseNoise)
-    theirs = replace(problem, method="nguyen")
+    noise, theirs = problem.noise, replace(problem, method="nguyen")
     N = problem.number_of_pairs
     too_many = TOO_MANY.format(N) if N > MOST_PAIRS_ONCE else ""
     rows = [_row("4dpa-pairs", "4DPA, pairs independent", "4dpa", lambda: problem.predicted("pairs"), too_many)]
-    if on_poses:
+    if isinstance(noise, PoseNoise):
         rows.append(_row("4dpa-poses", "4DPA, pose-aware", "4dpa", lambda: problem.predicted("poses")))
+    own = "Sigma_R and Sigma_t as they give them: no cross-covariance, pairs taken as independent."
     rows += [
         _row("4dpa-literal", "4DPA, (45) as printed", "4dpa", lambda: _literal(problem), too_many),
-        _row(
-            "nguyen-own",
-            "Nguyen and Pham, own",
-            "nguyen",
-            lambda: _own(theirs),
-            too_many,
-            "Sigma_R and Sigma_t as they give them: no cross-covariance, pairs taken as independent.",
-        ),
+        _row("nguyen-own", "Nguyen and Pham, own", "nguyen", lambda: _own(theirs), too_many, own),
         _row("nguyen-first-order", "Nguyen and Pham, first order", "nguyen", theirs.predicted, too_many),
     ]
     for name, estimator in ESTIMATORS.items():
-        rows.append(_row(name, f"{name}, at the data", name, partial(_at_data, estimator, data, noise)))
-    rows.append(_row("bound", "Cramer-Rao bound", "ml", replace(problem, method="ml").predicted))
-    return rows
+        fit = partial(lambda of: of(data, noise).covariance_X, estimator)
+        rows.append(_row(name, f"{name}, at the data", name, fit))
+    return [*rows, _row("bound", "Cramer-Rao bound", "ml", replace(problem, method="ml").predicted)]
 
 
-def _row(key: str, label: str, method: str, work: Callable[[], Array], too_many: str = "", note: str = "") -> Row:
+def _row(
+    key: str, label: str, method: str, work: Callable[[], Array | None], too_many: str = "", note: str = ""
+) -> Row:
     """Return the row of the work's result, or of the reason why there is none."""
     started = time.perf_counter()
     covariance: Array | None = None
-    if too_many:
-        note = too_many
-    else:
-        try:
-            covariance = work()
-        except (InputError, NotConvergedError, np.linalg.LinAlgError) as error:
-            note = str(error)
+    try:
+        covariance, note = (None, too_many) if too_many else (work(), note)
+    except (InputError, NotConvergedError, np.linalg.LinAlgError) as error:
+        note = str(error)
     return Row(key, label, "analytic", method, covariance, time.perf_counter() - started, note=note)
-
-
-def _at_data(estimator: Callable[[PosePairs | Motions, Noise], Fit], data: PosePairs | Motions, noise: Noise) -> Array:
-    return estimator(data, noise).covariance_X
 
 
 def _literal(problem: Experiment) -> Array:
@@ -173,32 +160,24 @@ def _own(problem: Experiment) -> Array:
     found = nguyen(problem.motions.A, problem.motions.B, problem.weights)
     if not found.converged:
         raise NotConvergedError("Nguyen and Pham's iteration did not converge on the true motions.", found)
-    covariance = np.zeros((6, 6))
-    covariance[:3, :3], covariance[3:, 3:] = found.Sigma_R, found.Sigma_t
-    return covariance
+    return block_diag(found.Sigma_R, found.Sigma_t)
 
 
 def all_sampled(
-    data: PosePairs | Motions,
-    problem: Experiment,
-    trials: int,
-    seed: int,
-    workers: int,
-    executor: Executor | None,
-    progress: bool,
+    data: PosePairs | Motions, problem: Experiment, trials: int, **options: Any
 ) -> tuple[list[Row], dict[str, MonteCarlo], Finding | None]:
-    """A row of trials of each method, the runs, and how they ended if that was early.
+    """A row of trials of each method, the runs, and how they ended if that was early; ``options`` of `monte_carlo`.
 
     Ctrl-C leaves out what comes after it; before the first trial it passes through.
     """
     rows: list[Row] = []
     runs: dict[str, MonteCarlo] = {}
     ended: Finding | None = None
-    for method in METHODS:
+    for method, name in NAMES.items():
+        empty = Row(f"{method}-sampled", f"{name}, Monte Carlo", "sampled", method, None, 0.0)
         if ended is None:
-            of_method = replace(problem, method=method)
             try:
-                rows.append(sampled(data, of_method, trials, seed, workers, executor, progress, runs))
+                rows.append(_sampled(data, replace(problem, method=method), trials, empty, runs, options))
             except KeyboardInterrupt:
                 if not runs:
                     raise
@@ -206,60 +185,44 @@ def all_sampled(
             else:
                 ended = next((run.ended for run in runs.values() if not run.complete), None)
                 continue
-        rows.append(Row(*_sampled_names(method), "sampled", method, None, 0.0, note=_not_run(ended)))
+        rows.append(replace(empty, note=_NOT_RUN.format(ended)))
     return rows, runs, ended
 
 
-def _sampled_names(method: str) -> tuple[str, str]:
-    """Key and label."""
-    return f"{method}-sampled", f"{NAMES[method]}, Monte Carlo"
+_NOT_RUN = "Not run: the trials ended before ({})."
 
 
-def _not_run(ended: Finding) -> str:
-    return f"Not run: the trials ended before ({ended})."
-
-
-def sampled(
+def _sampled(
     data: PosePairs | Motions,
     problem: Experiment,
     trials: int,
-    seed: int,
-    workers: int,
-    executor: Executor | None,
-    progress: bool,
+    empty: Row,
     runs: dict[str, MonteCarlo],
+    options: dict[str, Any],
 ) -> Row:
     """Trials of one method, which are kept in ``runs``."""
-    method = problem.method
-    key, label = _sampled_names(method)
-    size = problem.size
+    method, size = problem.method, problem.size
     if method == "nguyen" and size > MOST_PAIRS:
-        return Row(key, label, "sampled", method, None, 0.0, note=TOO_MANY.format(size))
+        return replace(empty, note=TOO_MANY.format(size))
     affordable = min(trials, max(FEWEST_TRIALS, MOST // size))
-    what = "pairs" if problem.forms_pairs else "poses" if isinstance(problem.truth, PosePairs) else "motions"
-    note = f"{affordable:,} trials in place of {trials:,}, as there are {size:,} {what} in each."
-    started = time.perf_counter()
-    try:
-        run = monte_carlo(
-            data,
-            noise=problem.noise,
-            method=method,
-            trials=affordable,
-            seed=seed,
-            workers=workers,
-            executor=executor,
-            progress=progress,
-        )
-    except (InputError, NotConvergedError, np.linalg.LinAlgError) as error:
-        return Row(key, label, "sampled", method, None, time.perf_counter() - started, note=str(error))
-    runs[method] = run
+
+    def work() -> Array | None:
+        runs[method] = monte_carlo(data, noise=problem.noise, method=method, trials=affordable, **options)
+        covariance: Array | None = runs[method].covariance
+        return covariance
+
+    row = replace(_row(empty.key, empty.label, method, work), kind="sampled")
+    if (run := runs.get(method)) is None:
+        return row
+    note = ""
     if not run.complete:
         note = f"Ended early: {run.reason}."
-    elif affordable == trials:
-        note = ""
+    elif affordable < trials:
+        what = "pairs" if problem.forms_pairs else "poses" if problem.truth.poses is problem.truth else "motions"
+        note = f"{affordable:,} trials in place of {trials:,}, as there are {size:,} {what} in each."
     if run.covariance is None:
         note = f"{note} Fewer than two trials gave an estimate.".strip()
-    return Row(key, label, "sampled", method, run.covariance, run.seconds, run.trials, run.failures, note=note)
+    return replace(row, seconds=run.seconds, trials=run.trials, failures=run.failures, note=note)
 
 
 def of_posterior(
@@ -268,24 +231,23 @@ def of_posterior(
     """Sample the posterior of the measured data; return also how the whole ended if that was early; ``ended``: before
     this.
     """
+    empty = Row("posterior", "posterior (emcee)", "posterior", "ml", None, 0.0)
     if ended is not None:
-        return Row("posterior", _POSTERIOR, "posterior", "ml", None, 0.0, note=_not_run(ended)), None, ended
+        return replace(empty, note=_NOT_RUN.format(ended)), None, ended
     from ..posterior.sample import sample_posterior
 
-    started = time.perf_counter()
-    chain: Posterior | None = None
-    covariance: Array | None = None
-    note = "Of the measured data; flat prior on X."
+    chains: list[Posterior] = []
+
+    def work() -> Array:
+        chains.append(sample_posterior(data, noise=noise, seed=seed, progress=progress))
+        return chains[0].covariance
+
     try:
-        chain = sample_posterior(data, noise=noise, seed=seed, progress=progress)
-        covariance = chain.covariance
-    except (InputError, NotConvergedError, np.linalg.LinAlgError) as error:
-        note = str(error)
+        row = _row(empty.key, empty.label, "ml", work, note="Of the measured data; flat prior on X.")
     except KeyboardInterrupt:
         ended = Finding(INTERRUPTED, "caution")
-        note = f"Ended early: {ended}."
-    seconds = time.perf_counter() - started
-    return Row("posterior", _POSTERIOR, "posterior", "ml", covariance, seconds, note=note), chain, ended
+        row = replace(empty, note=f"Ended early: {ended}.")
+    return replace(row, kind="posterior"), chains[0] if chains else None, ended
 
 
 def effective_samples(chain: Posterior) -> int:

@@ -28,11 +28,8 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...._version import __version__
 from ....core.files.records import attributes
 from ....core.formatting.numbers import digits
-from ....core.geometry.conventions import CONVENTION
-from ....core.geometry.frames import SETUPS
 from ....core.presentation.document import (
     Answer,
     Block,
@@ -50,25 +47,14 @@ from ....model.poses.motions import Motions, relative_motions
 from ....model.poses.pose_pairs import PosePairs
 from ...simulation.experiment import Experiment, Fitted, experiment, problem_of
 from ..monte_carlo.run import MonteCarlo
-from ..noise_of_data import NoiseOfData, limit, limit_blocks, noise_of_data
-from ..outcome import Outcome
+from ..outcome import NoiseOfData, Outcome, limit, limit_blocks, noise_of_data, one_of, place_of
 from .relations import TOLERANCE, Evidence, Relation, relations
 from .rows import FEWEST_TRIALS, METHODS, Row, all_sampled, effective_samples, formulas, judged, of_posterior
-
-if TYPE_CHECKING:
-    from ..posterior.result import Posterior
 
 if TYPE_CHECKING:
     import pandas as pd
 
     from ..posterior.result import Posterior
-
-if TYPE_CHECKING:
-    from .relations import Relation
-    from .rows import Row
-
-
-_FORMAT = "uq-handeye cross-check 1"
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,6 +62,7 @@ class CrossCheck(Outcome):
     """Every covariance of one problem and what they have to do with each other; see `cross_check`."""
 
     title: ClassVar[str] = "Cross-check"
+    kind: ClassVar[str] = "cross-check"
 
     rows: tuple[Row, ...]
     relations: tuple[Relation, ...]
@@ -111,18 +98,11 @@ class CrossCheck(Outcome):
 
     def row(self, key: str) -> Row:
         """Return a row by its key. Raises `InputError` with the keys there are."""
-        for row in self.rows:
-            if row.key == key:
-                return row
-        raise InputError(f"Expected the key of a row, one of {', '.join(row.key for row in self.rows)}, got {key!r}.")
+        return one_of({row.key: row for row in self.rows}, key, "the key of a row, one of")
 
     def relation(self, name: str) -> Relation:
         """Return a relation by its name. Raises `InputError` with the names there are."""
-        for relation in self.relations:
-            if relation.name == name:
-                return relation
-        names = ", ".join(relation.name for relation in self.relations)
-        raise InputError(f"Expected the name of a relation, one of {names}, got {name!r}.")
+        return one_of({relation.name: relation for relation in self.relations}, name, "the name of a relation, one of")
 
     def __repr__(self) -> str:
         state = f"broken: {', '.join(self.broken)}" if self.broken else "no relation broken"
@@ -135,17 +115,11 @@ class CrossCheck(Outcome):
 
     def to_dict(self) -> dict[str, Any]:
         """Everything but single trials and samples as plain numbers, lists and text, with units and convention."""
-        return {
-            "format": _FORMAT,
-            "version": __version__,
-            "convention": CONVENTION,
-            "units": {"rotation": "rad", "translation": "m", "time": "s"},
-            **attributes(
-                self,
-                "frame setup origin noise noise_estimated noise_of_data n pairs trials seed seconds complete reason "
-                "ended broken rows relations",
-            ),
-        }
+        return self.head(time="s") | attributes(
+            self,
+            "frame setup origin noise noise_estimated noise_of_data n pairs trials seed seconds complete reason ended "
+            "broken rows relations",
+        )
 
     def to_dataframe(self) -> pd.DataFrame:
         """A pandas table, one line per row, in rad, m and s; what there is not is missing."""
@@ -428,11 +402,12 @@ def cross_check(
     if isinstance(data, PosePairs) and (isinstance(noise, PairNoise) or not isinstance(pairs, str) or pairs != "all"):
         data = relative_motions(data, pairs)
     problem = _problem(data, noise)
-    noise, poses = problem.noise, data.poses
+    noise = problem.noise
     problem.predicted()  # raises where the data do not determine X
     checked = noise_of_data(given, measured, noise, estimated)
     rows = formulas(data, problem)
-    trial_rows, runs, ended = all_sampled(data, problem, int(trials), int(seed), int(workers), executor, progress)
+    options = {"seed": int(seed), "workers": int(workers), "executor": executor, "progress": progress}
+    trial_rows, runs, ended = all_sampled(data, problem, int(trials), **options)
     rows += trial_rows
     chain: Posterior | None = None
     if posterior:
@@ -445,9 +420,7 @@ def cross_check(
         relations=relations(_evidence(problem, rows_judged, runs, effective)),
         runs=runs,
         posterior=chain,
-        frame="X" if poses is None else SETUPS[poses.setup],
-        setup=None if poses is None else poses.setup,
-        origin="fit to the data" if poses is None or poses.truth is None else "truth of the simulation",
+        **place_of(data),
         noise=noise,
         noise_estimated=estimated,
         n=problem.count,

@@ -3,31 +3,32 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from operator import attrgetter
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from ...._version import __version__
 from ....core.files.records import attributes, plain
 from ....core.formatting.numbers import digits
-from ....core.geometry.conventions import CONVENTION
 from ....core.geometry.se3 import Array
 from ....core.presentation.document import Answer, Block, Document, Paragraph, document_of
 from ....core.runtime.read_only import ReadOnlyArrays
 from ....findings import Finding
 from ....model.noise.models import Noise
 from ...simulation.experiment import Experiment
-from ..noise_of_data import NoiseOfData, limit, limit_blocks
-from ..outcome import Outcome
+from ..outcome import NoiseOfData, Outcome, limit, limit_blocks
 from ..sentences import ALL
 from .consistency import LEVELS, PARTS, Consistency
 from .sums import Summary
-from .text import WHO, answer, failures, first_table, said, tables, verdict
+from .text import SECTIONS, WHO, answer, details, failures, few_axes, few_numbers, verdict
 
 if TYPE_CHECKING:
     import pandas as pd
 
-_FORMAT = "uq-handeye monte carlo 1"
+
+def _statistic(name: str, text: str) -> Any:
+    """Return the property of a run that is one of its `Consistency`."""
+    return property(attrgetter(f"consistency.{name}"), doc=text)
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,6 +36,7 @@ class MonteCarlo(Outcome, ReadOnlyArrays):
     """Errors of many simulated estimates of X, and the covariance that was put to the test; see `monte_carlo`."""
 
     title: ClassVar[str] = "Monte Carlo"
+    kind: ClassVar[str] = "monte carlo"
 
     experiment: Experiment  # true data, noise and method
     frame: str  # of X, e.g. gripper_T_camera
@@ -84,47 +86,22 @@ class MonteCarlo(Outcome, ReadOnlyArrays):
     @property
     def rate(self) -> float:
         """Trials per second of this call."""
-        return (self.trials - self.resumed) / max(self.seconds, 1e-9)
+        return float((self.trials - self.resumed) / max(self.seconds, 1e-9))
 
-    @property
-    def trials(self) -> int:
-        """Trials done, with those that failed."""
-        return self.consistency.trials
-
-    @property
-    def failures(self) -> int:
-        """Trials without an estimate: not converged, or degenerate."""
-        return self.consistency.failures
+    trials = _statistic("trials", "Trials done, with those that failed.")
+    failures = _statistic("failures", "Trials without an estimate: not converged, or degenerate.")
+    covariance = _statistic("covariance", "Sampling covariance (6, 6) of xi, of all trials; None with fewer than two.")
+    std = _statistic("std", "Sampled standard deviations (6,), rad and m.")
+    predicted = _statistic("predicted", "Covariance (6, 6) tested; the mean over the trials where each had its own.")
+    bias = _statistic("bias", "Mean error (6,), of second order in the noise.")
+    bias_error = _statistic("bias_error", "Standard error (6,) of the bias.")
+    eigenvalues = _statistic("eigenvalues", "(6,) of sampled against predicted covariance, ascending: variance ratios.")
+    consistent = _statistic("consistent", "True if the covariance passes all tests; None if no trial gave an estimate.")
 
     @property
     def kept(self) -> int:
         """Rows of `errors`: all trials with an estimate up to 1,000,000 trials, whatever the number of trials."""
         return len(self.errors)
-
-    @property
-    def covariance(self) -> Array | None:
-        """The sampling covariance (6, 6) of xi, from all trials; None with fewer than two."""
-        return self.consistency.covariance
-
-    @property
-    def std(self) -> Array | None:
-        """Sampled standard deviations (6,), rad and m."""
-        return self.consistency.std
-
-    @property
-    def predicted(self) -> Array | None:
-        """The covariance (6, 6) that was tested; the mean over the trials where each had its own."""
-        return self.consistency.predicted
-
-    @property
-    def bias(self) -> Array | None:
-        """Mean error (6,), of second order in the noise."""
-        return self.consistency.bias
-
-    @property
-    def bias_error(self) -> Array | None:
-        """Its standard error (6,)."""
-        return self.consistency.bias_error
 
     @property
     def mean_nees(self) -> float | None:
@@ -151,16 +128,6 @@ class MonteCarlo(Outcome, ReadOnlyArrays):
         return {} if shares is None else dict(zip(LEVELS, map(float, shares[0]), strict=True))
 
     @property
-    def eigenvalues(self) -> Array | None:
-        """(6,) of sampled against predicted covariance, ascending: ratios of variances."""
-        return self.consistency.eigenvalues
-
-    @property
-    def consistent(self) -> bool | None:
-        """True if the covariance passes all tests; None if no trial gave an estimate."""
-        return self.consistency.consistent
-
-    @property
     def verdict(self) -> str:
         """Verdict: consistency of the covariance with the noise, by how much it is wrong, and the limits of the run."""
         with np.errstate(over="ignore"):  # the ratio to a direction without any error is infinite
@@ -174,10 +141,7 @@ class MonteCarlo(Outcome, ReadOnlyArrays):
         """Everything but the single errors as plain numbers, lists and text, with units and convention."""
         c = self.consistency
         return {
-            "format": _FORMAT,
-            "version": __version__,
-            "convention": CONVENTION,
-            "units": {"rotation": "rad", "translation": "m", "time": "s"},
+            **self.head(time="s"),
             **attributes(
                 self,
                 "method frame setup origin noise noise_estimated n=experiment.count seed chunk asked trials failures "
@@ -222,16 +186,15 @@ def monte_carlo_document(result: MonteCarlo, verbose: bool = False) -> Document:
         reason = f"NOT COMPLETE: {result.reason}".rstrip(" :")
         start.append(Paragraph(f"{reason}. The numbers are those of the trials so far."))
     start.append(Answer(answer(c, result.experiment.method), _status(result)))
-    start += said(c, verbose)
+    start += [Paragraph(text) for text in details(c, verbose)]
     start += limit_blocks(WHO, result.noise_of_data, verbose)
     how = f"{heading(result)}. Noise was drawn around the {result.origin}. {failures(c)} {digits(result.seconds)} s"
     how += f", {result.rate:,.0f} trials/s." if result.rate else "."
     how += f" Ended: {result.reason}." if verbose and result.complete and result.reason else ""
     end: list[Block] = [Paragraph(how), *(Paragraph(f"Note: {note}") for note in result.notes)]
     if not verbose:
-        table, numbers = first_table(c)
-        return [start, table, [*numbers, *end]]
-    return [start, *tables(c), end]
+        return [start, few_axes(c), [*few_numbers(c), *end]]
+    return [start, *(section(c) for section in SECTIONS), end]
 
 
 def _status(result: MonteCarlo) -> str:

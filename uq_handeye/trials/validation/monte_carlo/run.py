@@ -27,7 +27,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ....core.geometry.checks import checked_covariance
-from ....core.geometry.frames import SETUPS
 from ....core.geometry.se3 import Array
 from ....core.runtime.progress import progress_bar
 from ....core.runtime.threads import one_thread
@@ -38,7 +37,7 @@ from ....model.poses.motions import Motions
 from ....model.poses.pose_pairs import PosePairs
 from ....model.poses.timing import warn_left_out
 from ...simulation.experiment import Fitted, experiment, problem_of
-from ..noise_of_data import noise_of_data
+from ..outcome import noise_of_data, place_of
 from ..sentences import ALL, INTERRUPTED, STABLE, WORKERS_LOST
 from .chunks import Chunk, Crew, Work, WorkersLostError, chunk_size, from_bytes, to_bytes
 from .consistency import Sums, consistency
@@ -152,7 +151,7 @@ def monte_carlo(
         said = {"noise_estimated": estimated, "noise_of_data": checked, "tested": kind, "seconds": seconds}
         result = _result(data, tally, folder, total, ended, **said)
         if folder is not None:
-            folder.write_result(result.to_json())
+            folder.write("result.json", result.to_json().encode())
     for note in result.notes:
         warnings.warn(note, InputWarning, stacklevel=2)
     return result
@@ -168,7 +167,6 @@ def _result(
     own_mean = tally.own / sums.count if work.tested is None and sums.count else None
     judged = consistency(sums, own_mean if work.tested is None else work.tested, own=work.tested is None)
     stability = None if tally.stability is None else tally.stability.summary()
-    poses = data.poses
     notes: list[str] = []
     damaged = [] if folder is None else folder.damaged
     if damaged:
@@ -176,9 +174,7 @@ def _result(
         notes.append(f"Chunks that were damaged or of another run were computed again: {names}.")
     return MonteCarlo(
         experiment=work.experiment,
-        frame="X" if poses is None else SETUPS[poses.setup],
-        setup=None if poses is None else poses.setup,
-        origin="fit to the data" if poses is None or poses.truth is None else "truth of the simulation",
+        **place_of(data),
         seed=work.seed,
         chunk=work.chunk,
         asked=total,

@@ -23,24 +23,9 @@ _UNITS = np.array([_DEG] * 3 + [_MM] * 3)
 _CLEAR, _SHIFTED = 4.0, 3.0
 
 
-def said(c: Consistency, verbose: bool) -> list[Paragraph]:
-    """Return what goes with the verdict; ``verbose``: all of it."""
-    return [Paragraph(text) for text in (_details(c) if verbose else _caveats(c))]
-
-
-def tables(c: Consistency) -> list[list[Block]]:
-    """Return everything that is known as tables."""
-    return [section(c) for section in (_axes, _nees, _coverage, _directions, _tests)]
-
-
-def first_table(c: Consistency) -> tuple[list[Block], list[Block]]:
-    """Return the table of the axes, and the numbers of its legend."""
-    return _few_axes(c), _few_numbers(c)
-
-
 def verdict(c: Consistency, method: str | None = None) -> str:
     """Return whether the covariance is consistent, too small or too large, by how much, and which tests reject it."""
-    return " ".join([answer(c, method), *_details(c)])
+    return " ".join([answer(c, method), *details(c)])
 
 
 def answer(c: Consistency, method: str | None) -> str:
@@ -56,18 +41,17 @@ def answer(c: Consistency, method: str | None) -> str:
             f"does not describe the other {c.failures:,} ({digits(100 * c.failures / c.trials, 2)} %)."
         )
     if T < FEW:
-        parts.append(_few(c))
+        few = "the spread in single directions cannot be judged, only the NEES and the shares in ellipsoids."
+        if c.size_by_chance is not None:
+            few = f"standard deviations that are wrong by less than {digits(100 * c.size_by_chance, 2)} % may not show."
+        parts.append(f"Only {T} {'estimate' if T == 1 else 'estimates'}: {few}")
     return " ".join([*parts, (_inconsistent if c.rejected else _consistent)(c, method)])
 
 
-def _details(c: Consistency) -> list[str]:
-    """Return which tests reject, and how many trials failed."""
-    rejected = [f"Rejected at {_percent(c.confidence)} over all tests by {_listed(c.rejected)}."] if c.rejected else []
-    return rejected + _caveats(c)
-
-
-def _caveats(c: Consistency) -> list[str]:
-    return [failures(c)] if c.failures and not c.many_failed and c.sums.count else []
+def details(c: Consistency, verbose: bool = True) -> list[str]:
+    """Return which tests reject (if ``verbose``), and how many trials failed."""
+    said = [f"Rejected at {_percent(c.confidence)} over all tests by {_listed(c.rejected)}."] if c.rejected else []
+    return said * verbose + [failures(c)] * bool(c.failures and not c.many_failed and c.sums.count)
 
 
 def failures(c: Consistency) -> str:
@@ -81,23 +65,12 @@ def failures(c: Consistency) -> str:
     )
 
 
-def _few(c: Consistency) -> str:
-    """Say what so few trials cannot tell."""
-    T = c.sums.count
-    start = f"Only {T} {'estimate' if T == 1 else 'estimates'}:"
-    if c.size_by_chance is None:
-        return f"{start} the spread in single directions cannot be judged, only the NEES and the shares in ellipsoids."
-    return (
-        f"{start} standard deviations that are wrong by less than {digits(100 * c.size_by_chance, 2)} % may not show."
-    )
-
-
 def _subject(c: Consistency, method: str | None) -> str:
     of = "" if method is None else f" of {method}"
     return f"The covariances that the trials{of} report are" if c.own else f"The covariance{of} is"
 
 
-def _few_axes(c: Consistency) -> list[Block]:
+def few_axes(c: Consistency) -> list[Block]:
     """Return the standard deviations per axis, predicted and sampled."""
     if c.std is None or c.predicted_std is None or c.std_ratio_interval is None:
         return []
@@ -112,7 +85,7 @@ def _few_axes(c: Consistency) -> list[Block]:
     return [Table("", head, rows, frozenset({1}))]
 
 
-def _few_numbers(c: Consistency) -> list[Block]:
+def few_numbers(c: Consistency) -> list[Block]:
     """Return the share of the errors in the 95 % ellipsoid, and whether X is biased."""
     if c.coverage is None or c.coverage_interval is None:
         return []
@@ -202,13 +175,15 @@ def _axes_off(c: Consistency) -> str:
     """Single axes whose standard deviation is clearly off, unless all are."""
     assert c.std is not None and c.predicted_std is not None and c.kurtosis is not None
     ratio = np.maximum(c.std / c.predicted_std, np.finfo(float).tiny)
+    per_cent = 100 * (ratio - 1)
     error = 0.5 * np.sqrt((2 + 3 * max(c.kurtosis, 0.0)) / c.sums.count)
     off = np.flatnonzero(np.abs(np.log(ratio)) > _CLEAR * error)
     if len(off) == 6:
         return ""
     if len(off) == 0:
         return "; no single axis shows it"
-    return f"; single axes off: {_joined([f'{COMPONENTS[k]} ({_signed(100 * (ratio[k] - 1))} %)' for k in off])}"
+    said = [f"{COMPONENTS[k]} ({'+' * int(per_cent[k] > 0)}{digits(per_cent[k], 2)} %)" for k in off]
+    return f"; single axes off: {_joined(said)}"
 
 
 def _expected(c: Consistency) -> str:
@@ -309,14 +284,14 @@ def _tests(c: Consistency) -> list[Block]:
     return [Paragraph(text)]
 
 
+# Everything that is known, as tables.
+SECTIONS = (_axes, _nees, _coverage, _directions, _tests)
+
+
 def _change(x: float, than: str | None = None) -> str:
     """``10 %``; with ``than`` ``10 % larger`` or ``smaller`` and that text."""
     text = f"{digits(100 * abs(x), 2)} %"
     return text if than is None else f"{text} {'larger' if x > 0 else 'smaller'} {than}".rstrip()
-
-
-def _signed(x: float) -> str:
-    return f"{'+' if x > 0 else ''}{digits(x, 2)}"
 
 
 def _percent(level: float) -> str:

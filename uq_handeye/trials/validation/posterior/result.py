@@ -1,32 +1,159 @@
-"""The sampled posterior."""
+"""Convergence of a chain: autocorrelation time, split R-hat and effective sample size, all of them.
+
+For each coordinate, over the walkers and the steps kept:
+
+- *autocorrelation time* tau (steps): emcee's estimate, averaged over walkers (Goodman and Weare 2010); the chain must
+  be 50 tau long for it to be trusted;
+- *split R-hat*, rank-normalised, bulk and folded (Vehtari et al. 2021, doi:10.1214/20-BA1221), by ArviZ: below 1.01;
+- *effective sample size*, bulk and tail (the smaller of the 5 % and the 95 % quantile), by ArviZ: at least as many as
+  asked.
+
+The walkers of an ensemble move depend on each other through it; that they are taken as chains is customary, and tau is
+the check that does not need it.
+
+The sampled posterior.
+"""
 
 from __future__ import annotations
 
 import os
+import warnings
 from dataclasses import dataclass
 from functools import cached_property
-from importlib import import_module
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from ....core.files.atomic import json_text, write_atomically
+from ....core.files.atomic import write_atomically
 from ....core.files.records import attributes
 from ....core.formatting.numbers import digits
 from ....core.geometry.checks import is_number
 from ....core.geometry.conventions import CONVENTION
 from ....core.geometry.se3 import Array
 from ....core.presentation.document import Block, Document, Paragraph, Table, document_of, to_text
-from ....core.presentation.html import to_html
 from ....core.runtime.read_only import ReadOnlyArrays
-from ....errors import InputError, NotConvergedError
+from ....errors import InputError, MissingExtraError, NotConvergedError
+from ....findings import Finding
 from ....model.noise.models import Noise
 from ..monte_carlo.sums import LEVELS
-from ..noise_of_data import part_of
-from ..outcome import figure_of
-from .convergence import PosteriorDiagnostics, inference_data
+from ..outcome import Outcome, part_of
 from .density import ScalePrior
+
+LONGEST_R_HAT = 1.01
+LENGTHS = 50  # of the autocorrelation time
+
+
+@dataclass(frozen=True, eq=False)
+class PosteriorDiagnostics(ReadOnlyArrays):
+    """Diagnostics of how well a chain represents its posterior; arrays (d,) follow ``names``. NaN is "not known"."""
+
+    names: tuple[str, ...]
+    autocorrelation_time: Array  # steps
+    r_hat: Array
+    ess_bulk: Array
+    ess_tail: Array
+    acceptance: float  # share of proposals accepted
+    walkers: int
+    steps: int  # kept, of each walker
+    burn_in: int  # steps before
+    asked: int  # effective samples
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """Criteria that are not fulfilled; empty if the chain has converged."""
+        found = []
+        values: dict[str, Any]
+        longest = float(self.autocorrelation_time.max())  # NaN if any is
+        if not self.steps >= LENGTHS * longest:
+            values = {"steps": self.steps, "lengths": LENGTHS, "autocorrelation_time": _known(longest)}
+            found.append(Finding("posterior.short_chain", "failure", values))
+        if not (self.r_hat < LONGEST_R_HAT).all():
+            k = int(np.argmax(self.r_hat))  # that of a NaN if there is one
+            values = {"name": self.names[k], "r_hat": _known(self.r_hat[k]), "limit": LONGEST_R_HAT}
+            found.append(Finding("posterior.r_hat", "failure", values))
+        for effective, part in ((self.ess_bulk, "bulk"), (self.ess_tail, "tail")):
+            if not (effective >= self.asked).all():
+                k = int(np.argmin(effective))
+                values = {"part": part, "name": self.names[k], "effective": _known(effective[k]), "asked": self.asked}
+                found.append(Finding("posterior.few_samples", "failure", values))
+        return tuple(found)
+
+    @property
+    def faults(self) -> tuple[str, ...]:
+        """The same in words."""
+        return tuple(map(str, self.findings))
+
+    @property
+    def converged(self) -> bool:
+        return not self.findings
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values for JSON; None for what is not known."""
+        return attributes(
+            self,
+            "names autocorrelation_time r_hat ess_bulk ess_tail acceptance walkers steps burn_in asked converged "
+            "faults findings",
+        )
+
+
+def _known(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+def autocorrelation_time(chain: Array) -> Array:
+    """tau (d,) in steps of a chain (steps, walkers, d); NaN where a walker never moved or there are too few steps."""
+    from emcee.autocorr import integrated_time
+
+    if len(chain) < 4 or (np.ptp(chain, axis=0) == 0).any():
+        return np.full(chain.shape[-1], np.nan)
+    return np.asarray(integrated_time(chain, tol=0, quiet=True))
+
+
+def diagnose(chain: Array, names: tuple[str, ...], acceptance: float, burn_in: int, asked: int) -> PosteriorDiagnostics:
+    """All of them, of a chain (steps, walkers, d)."""
+    steps, walkers, d = chain.shape
+    tau = autocorrelation_time(chain)
+    r_hat, bulk, tail = (np.full(d, np.nan) for _ in range(3))
+    if steps >= 4:
+        r_hat, bulk, tail = by_arviz(chain)
+    return PosteriorDiagnostics(names, tau, r_hat, bulk, tail, acceptance, walkers, steps, burn_in, asked)
+
+
+def by_arviz(chain: Array) -> tuple[Array, Array, Array]:
+    """Split R-hat, bulk and tail ESS (d,)."""
+    from arviz_stats import base
+
+    stats: Any = base.array_stats  # type: ignore[attr-defined]
+    of_walkers = {"chain_axis": 1, "draw_axis": 0}
+    return (
+        stats.rhat(chain, method="rank", **of_walkers),
+        stats.ess(chain, method="bulk", **of_walkers),
+        stats.ess(chain, method="tail", prob=(0.05, 0.95), **of_walkers),
+    )
+
+
+def inference_data(chain: Array, names: tuple[str, ...], log_density: Array | None = None) -> Any:
+    """ArviZ's ``InferenceData`` (before 1.0) or ``DataTree``: a variable per coordinate, a chain per walker."""
+    az = arviz()
+    by_walker = np.swapaxes(chain, 0, 1)
+    groups: dict[str, Any] = {"posterior": {name: by_walker[..., k] for k, name in enumerate(names)}}
+    if log_density is not None:
+        groups["sample_stats"] = {"lp": log_density.T}
+    with warnings.catch_warnings():  # more chains than draws: so it is with many walkers
+        warnings.simplefilter("ignore", UserWarning)
+        return az.from_dict(**groups) if int(az.__version__.partition(".")[0]) < 1 else az.from_dict(groups)
+
+
+def arviz() -> Any:
+    """ArviZ, or `MissingExtraError`."""
+    try:
+        with warnings.catch_warnings():  # it announces its next major version
+            warnings.simplefilter("ignore")
+            import arviz as az
+    except ImportError as error:
+        raise MissingExtraError("ArviZ is not installed; to_arviz() needs it: pip install arviz.") from error
+    return az
 
 
 class HighestDensity(NamedTuple):
@@ -52,13 +179,15 @@ class HighestDensity(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Posterior(ReadOnlyArrays):
+class Posterior(Outcome, ReadOnlyArrays):
     """Samples of the posterior of X.
 
     The samples are errors ``xi = (theta, tau)`` about ``X``, the estimate of `ml`: left rotation, additive translation,
     rad and m, parent frame of X. What is made of them (`samples`, `mean`, `covariance`, `hpd`, `figure`, ...) raises
     `NotConvergedError` where the chain has not converged; ``chain`` and ``diagnostics`` are there to see why.
     """
+
+    title: ClassVar[str] = "Posterior"
 
     X: Array  # (4, 4), by maximum likelihood
     bound: Array  # (6, 6): covariance of X by `ml`
@@ -170,20 +299,15 @@ class Posterior(ReadOnlyArrays):
         data["posterior"].attrs.update(attributes)
         return data
 
-    def _repr_html_(self) -> str:
-        """For notebooks."""
-        return to_html("Posterior", document_of(self))
-
-    def summary(self) -> str:
-        """The result as text, with units on every number."""
-        return to_text(document_of(self))
+    def summary(self, verbose: bool = False) -> str:
+        """Return the result as text, with units on every number."""
+        return to_text(self.document())
 
     def figure(self, path: str | os.PathLike[str] | None = None) -> Any:
         """The corner plot as a Matplotlib figure; written to ``path`` (.png or .svg) if given."""
         from ....core.presentation.ellipses import render  # Matplotlib is slow to import
 
-        import_module(".figure", __package__)
-        figure = figure_of(self)
+        figure = self.drawn()
         if path is not None:
             write_atomically(path, render(figure, Path(path).suffix.lstrip(".").lower()))
         return figure
@@ -213,10 +337,6 @@ class Posterior(ReadOnlyArrays):
             }
         return result
 
-    def to_json(self, path: str | os.PathLike[str] | None = None) -> str:
-        """JSON text, also written to ``path`` (whole or not at all)."""
-        return json_text(self.to_dict(), path)
-
 
 def shortest(samples: Array, level: float) -> Array:
     """The shortest interval (d, 2) that holds ``level`` of the samples (S, d), of each coordinate by itself."""
@@ -233,7 +353,7 @@ UNITS = np.array([180 / np.pi] * 3 + [1e3] * 3)
 
 
 @document_of.register(Posterior)
-def posterior_document(posterior: Posterior) -> Document:
+def posterior_document(posterior: Posterior, verbose: bool = False) -> Document:
     """A headline, a table of the six axes, the shape, the scales and the diagnostics; or what is missing."""
     part = part_of("noise whose sizes are known but for these scales" if posterior.scales else "noise of known sizes",
                    posterior.stated)  # fmt: skip

@@ -36,13 +36,11 @@ from ....model.poses.motions import Motions
 from ....model.poses.pose_pairs import PosePairs
 from ....model.poses.timing import warn_left_out
 from ...simulation.experiment import Fitted, problem_of
-from ..monte_carlo.store import sha256, sha256_of_noise
-from ..noise_of_data import stated_of
-from .convergence import LENGTHS, LONGEST_R_HAT, PosteriorDiagnostics, autocorrelation_time, diagnose
+from ..monte_carlo.store import sha256_of_data, sha256_of_noise
+from ..outcome import stated_of
+from .chain import Chain, ChainFile, Proposal, around_maxima, fitted, moves_of, starts_of
 from .density import Density, ScalePrior, density_of
-from .file import Chain, ChainFile
-from .moves import Proposal, around_maxima, fitted, moves_of, starts_of
-from .result import Posterior
+from .result import LENGTHS, LONGEST_R_HAT, Posterior, PosteriorDiagnostics, autocorrelation_time, diagnose
 
 # Steps between two possible ends, and how much longer the chain becomes between two looks at its convergence.
 ROUND, GROWTH = 20, 1.15
@@ -354,13 +352,8 @@ def _identity(
     """Return what the chain depends on, except for its length."""
     import emcee
 
-    poses = data.poses
-    arrays = {"A": data.A, "B": data.B} if isinstance(data, Motions) else {}
-    if poses is not None:
-        arrays |= {"robot": poses.robot, "camera": poses.camera}
-    setup = None if poses is None else poses.setup
     return {
-        "data": [type(data).__name__, setup, sha256(arrays)],
+        "data": [type(data).__name__, None if data.poses is None else data.poses.setup, sha256_of_data(data)],
         "noise": "estimated" if noise is None else [type(noise).__name__, sha256_of_noise(noise)],
         "scale prior": None if scales is None else [scales.robot, scales.camera],
         "Student-t": None if student_t is None else float(student_t),

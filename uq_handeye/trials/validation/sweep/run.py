@@ -39,11 +39,8 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...._version import __version__
 from ....core.files.records import attributes
 from ....core.formatting.numbers import digits, rough
-from ....core.geometry.conventions import CONVENTION
-from ....core.geometry.frames import SETUPS
 from ....core.presentation.document import (
     Answer,
     Block,
@@ -62,15 +59,11 @@ from ....model.poses.pose_pairs import PosePairs
 from ....model.poses.timing import warn_left_out
 from ...simulation.experiment import Experiment, Fitted, experiment, problem_of
 from ..monte_carlo.consistency import PARTS
-from ..noise_of_data import NoiseOfData, limit_blocks, noise_of_data
-from ..outcome import Outcome
+from ..outcome import NoiseOfData, Outcome, limit_blocks, noise_of_data, one_of, place_of
 from .level import CONFIDENCE, KINDS, Level, Limit, MethodSweep, Task, Verdict, _ends, level_at, level_dict, limit_of
 
 if TYPE_CHECKING:
     import pandas as pd
-
-
-_FORMAT = "uq-handeye sweep 1"
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,6 +71,7 @@ class Sweep(Outcome):
     """Limits of first order and sigma points for some methods; see `sweep`."""
 
     title: ClassVar[str] = "Sweep of the noise"
+    kind: ClassVar[str] = "sweep"
 
     methods: tuple[MethodSweep, ...]
     factors: tuple[float, ...]  # as asked for, and 1
@@ -93,11 +87,7 @@ class Sweep(Outcome):
     noise_of_data: NoiseOfData | None = None  # checks of the noise against the data
 
     def __getitem__(self, method: str) -> MethodSweep:
-        for found in self.methods:
-            if found.method == method:
-                return found
-        known = ", ".join(found.method for found in self.methods)
-        raise InputError(f"Expected `method` to be one of {known}, got {method!r}.")
+        return one_of({found.method: found for found in self.methods}, method, "`method` to be one of")
 
     def __repr__(self) -> str:
         ends = ", ".join(f"{found.method} {_ends(found.limit(KINDS[0]))}" for found in self.methods)
@@ -110,25 +100,22 @@ class Sweep(Outcome):
 
     def to_dict(self) -> dict[str, Any]:
         """Everything as plain numbers, lists and text, with units and convention."""
-        return {
-            "format": _FORMAT,
-            "version": __version__,
-            "convention": CONVENTION,
-            "units": {"rotation": "rad", "translation": "m"},
-            **attributes(self, "frame around count item noise noise_estimated factors trials seed tolerance"),
-            "confidence": CONFIDENCE,
-            **attributes(self, "noise_of_data"),
+        found = self.head() | attributes(
+            self, "frame around count item noise noise_estimated factors trials seed tolerance"
+        )
+        found |= {"confidence": CONFIDENCE, **attributes(self, "noise_of_data")}
+        return found | {
             "methods": [
                 {
-                    "method": found.method,
+                    "method": of.method,
                     "limits": {
-                        kind: {"holds": (end := found.limit(kind)).holds, "fails": end.fails, "heavy_tails": end.heavy}
+                        kind: {"holds": (end := of.limit(kind)).holds, "fails": end.fails, "heavy_tails": end.heavy}
                         for kind in KINDS
                     },
-                    "levels": [level_dict(level) for level in found.levels],
+                    "levels": [level_dict(level) for level in of.levels],
                 }
-                for found in self.methods
-            ],
+                for of in self.methods
+            ]
         }
 
     def to_dataframe(self) -> pd.DataFrame:
@@ -241,17 +228,16 @@ def sweep(
                 levels[name][factor] = level_at(Task(problems[name], factor, trials, seed, tolerance))
                 advance(1)
             wanted = [(name, factor) for name in names for factor in _next(levels[name])]
-    poses = data.poses
-    problem = problems[names[0]]
+    problem, place = problems[names[0]], place_of(data)
     return Sweep(
         methods=tuple(MethodSweep(name, _ordered(levels[name])) for name in names),
         factors=grid,
         noise=problem.noise,
         noise_estimated=estimated,
-        frame="X" if poses is None else SETUPS[poses.setup],
+        frame=place["frame"],
         count=problem.count,
         item="poses" if isinstance(problem.truth, PosePairs) else "motions",
-        around="fit to the data" if poses is None or poses.truth is None else "truth of the simulation",
+        around=place["origin"],
         trials=trials,
         seed=seed,
         tolerance=tolerance,

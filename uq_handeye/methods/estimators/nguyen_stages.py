@@ -20,8 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from ....core.geometry.nearest_rotation import orthonormalise
-from ....core.geometry.packed3x3 import (
+from ...core.geometry.nearest_rotation import orthonormalise
+from ...core.geometry.packed3x3 import (
     EYE,
     NotDefinite,
     carried,
@@ -39,11 +39,11 @@ from ....core.geometry.packed3x3 import (
     times,
     unpack,
 )
-from ....core.geometry.se3 import Array, vee
-from ....errors import InputError
-from ....model.noise.models import PairNoise
-from ...procrustes.degeneracy import are_determined, raise_undetermined
-from ..common.method import require
+from ...core.geometry.se3 import Array, vee
+from ...errors import InputError
+from ...model.noise.models import PairNoise
+from ..procrustes.limit import are_determined, raise_undetermined
+from .method import require
 
 Stop = Literal["scaled", "published"]
 

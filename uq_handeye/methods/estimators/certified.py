@@ -1,27 +1,4 @@
-r"""Heller, Henrion and Pajdla (2014): global polynomial optimisation by linear matrix inequalities.
-
-With dual quaternions, ``s = (q, q')`` and the Gram matrix ``G = sum M^T M`` of the 8x8 equations of `lu`,
-
-    minimise  s^T G s   subject to  s^T E1 s = |q|^2 = 1,   s^T E2 s = q . q' = 0
-
-The publication relaxes this to a semidefinite program. Of lowest order, that is Shor's relaxation, ``min tr(G W)`` with
-W (8x8, positive semidefinite) for ``s s^T``, and its dual
-
-    maximise  lambda  subject to  G - lambda E1 - mu E2  positive semidefinite
-
-With two quadratic equations it is exact: some optimal W has rank r with r (r + 1) / 2 <= 2, hence rank 1.
-
-Chosen here are the unit and the way back from W. Lengths are measured such that both diagonal blocks of G have the same
-trace. Without noise ``(0, q)`` is an unbounded direction of W, and close minima share W: so it is cut to its two
-largest eigenvalues and split, ``W = s1 s1^T + s2 s2^T``, such that each part has ``q . q' = 0`` (the quadratic equation
-of `daniilidis`). Newton's method on the conditions of stationarity
-
-    (G - lambda E1 - mu E2) s = 0,   |q|^2 = 1,   q . q' = 0
-
-takes both from the tolerance of the solver to rounding, and the lower one is X. Converged means that the solver reports
-an optimum, that Newton's method has ended, and that ``G - lambda E1 - mu E2`` is positive semidefinite to rounding: so
-lambda is a lower bound of the minimum, and as s attains it, X is the global one. It depends on the unit of length.
-"""
+r"""Constrained minima of the dual-quaternion equations: certified (`heller`), and by two steps in turn (`zhang`)."""
 
 from __future__ import annotations
 
@@ -37,11 +14,10 @@ from scipy.spatial.transform import Rotation
 
 from ...core.geometry.se3 import Array
 from ...errors import MissingExtraError
-from ..procrustes.degeneracy import DEGENERATE
-from .common.axes import dual_quaternions, left_matrix, pose_of
-from .common.method import Estimate, Method, require
-from .common.moments import Moments, MomentSolver
-from .lu import dual_factors, dual_gram
+from ..procrustes.limit import DEGENERATE
+from .dual_quaternions import dual_factors, dual_gram
+from .method import Estimate, Method, require
+from .moments import Moments, MomentSolver, dual_quaternions, left_matrix, pose_of
 
 ITERATIONS = 50
 # Steps of Newton's method in rad and in typical lengths: converged below STEP, or where rounding stops it.
@@ -54,7 +30,32 @@ E1 = np.diag([1.0] * 4 + [0.0] * 4)
 E2 = 0.5 * np.eye(8)[[4, 5, 6, 7, 0, 1, 2, 3]]
 
 
-def _solution(moments: Moments, N: int) -> Estimate:
+def _heller(moments: Moments, N: int) -> Estimate:
+    r"""Heller, Henrion and Pajdla (2014): global polynomial optimisation by linear matrix inequalities.
+
+    With dual quaternions, ``s = (q, q')`` and the Gram matrix ``G = sum M^T M`` of the 8x8 equations of `lu`,
+
+        minimise  s^T G s   subject to  s^T E1 s = |q|^2 = 1,   s^T E2 s = q . q' = 0
+
+    The publication relaxes this to a semidefinite program. Of lowest order, that is Shor's relaxation, ``min tr(G W)``
+    with W (8x8, positive semidefinite) for ``s s^T``, and its dual
+
+        maximise  lambda  subject to  G - lambda E1 - mu E2  positive semidefinite
+
+    With two quadratic equations it is exact: some optimal W has rank r with r (r + 1) / 2 <= 2, hence rank 1.
+
+    Chosen here are the unit and the way back from W. Lengths are measured such that both diagonal blocks of G have the
+    same trace. Without noise ``(0, q)`` is an unbounded direction of W, and close minima share W: so it is cut to its
+    two largest eigenvalues and split, ``W = s1 s1^T + s2 s2^T``, such that each part has ``q . q' = 0`` (the quadratic
+    equation of `daniilidis`). Newton's method on the conditions of stationarity
+
+        (G - lambda E1 - mu E2) s = 0,   |q|^2 = 1,   q . q' = 0
+
+    takes both from the tolerance of the solver to rounding, and the lower one is X. Converged means that the solver
+    reports an optimum, that Newton's method has ended, and that ``G - lambda E1 - mu E2`` is positive semidefinite to
+    rounding: so lambda is a lower bound of the minimum, and as s attains it, X is the global one. It depends on the
+    unit of length.
+    """
     G, unit = scaled_gram(moments[0], N)
     T = len(G)
     program, lock = _program()
@@ -190,7 +191,7 @@ def _relaxed(program: Any, G: Array) -> tuple[Array, bool]:
     return roots, program.status in (cp.OPTIMAL, cp.OPTIMAL_INACCURATE)
 
 
-METHOD = Method(
+HELLER = Method(
     name="heller",
     authors="J. Heller, D. Henrion and T. Pajdla",
     year=2014,
@@ -202,6 +203,93 @@ METHOD = Method(
     minimises="sum |E q|^2 + |F q + E q'|^2, the dual-quaternion equations, over unit dual quaternions; globally, with "
     "a certificate",
     singular="motions of 180 degrees, unless others fix the sign of their axes",
-    solver=MomentSolver(dual_factors, _solution, nearby),
+    solver=MomentSolver(dual_factors, _heller, nearby),
+    mathematics=_heller.__doc__,
     extra="sdp",
+)
+
+
+STEPS_IN_TURN = 500
+
+
+def _zhang(moments: Moments, N: int) -> Estimate:
+    r"""Zhang, Zhang and Yang (2017): dual quaternions, their real and dual parts by two steps in turn.
+
+    With the equations of `lu`, ``E q = 0`` and ``F q + E q' = 0``, and the blocks ``N = sum E^T E``, ``K = sum E^T F``
+    and ``C = sum (E^T E + F^T F)`` of their Gram matrix, stationary points of
+
+        q^T C q + 2 q'^T K q + q'^T N q'    subject to  |q| = 1,  q . q' = 0
+
+    satisfy, with multipliers lambda and mu,
+
+        (i)   N q' + K q + mu q = 0,  q . q' = 0         (ii)  C q + K^T q' + mu q' = lambda q
+
+    The publication recovers the two parts by iteration, in two steps and with a pseudo-inverse. Chosen here, as one
+    reading of that:
+
+    (i)  q' given q, by the pseudo-inverse of ``P N P``, ``P = I - q q^T``:  ``q' = H q``,  ``H = -(P N P)^+ K``, and
+         ``mu = -q . (N q' + K q)``.
+    (ii) q given H and mu: the eigenvector of the smallest eigenvalue of ``C + K^T H + mu (H + H^T)``, which is (ii)
+         because ``H^T q = 0``.
+
+    It starts from the rotation only, the eigenvector of the smallest eigenvalue of N. Without noise one iteration ends
+    it, as mu is 0 whatever q; else the error shrinks by a constant factor that grows with the noise. (Minimising over
+    q' and then over q for fixed q' would not do: the constraint joins them, and the steps would rest where (i) and (ii)
+    hold with different mu.) The fixed point is a constrained minimum of the sum of squares, the one that `heller`
+    certifies on all but wild data: the two then agree. Converged means that a step is below 1e-14, or below 1e-8 where
+    rounding keeps it from shrinking further. The result depends on the unit of length.
+    """
+    G, unit = scaled_gram(moments[0], N)
+    T = len(G)
+    q = np.linalg.eigh(G[:, 4:, 4:])[1][..., 0]
+    dual = np.empty((T, 4))
+    gap, previous = np.empty(T), np.full(T, np.inf)
+    converged, iterations, active = np.zeros(T, dtype=bool), np.zeros(T, dtype=np.intp), np.arange(T)
+    for count in range(1, STEPS_IN_TURN + 1):
+        g, at = G[active], q[active]
+        H, mu = _dual_step(g, at)
+        spectrum, axes = np.linalg.eigh(_reduced(g, H, mu))
+        found = axes[..., 0] * np.where(np.einsum("ti,ti->t", axes[..., 0], at) < 0, -1.0, 1.0)[:, None]
+        length = np.abs(found - at).max(axis=1)
+        q[active], gap[active] = found, (spectrum[:, 1] - spectrum[:, 0]) / spectrum[:, -1]
+        ends = (length < STEP) | ((length < ROUNDED_STEP) & (length >= previous[active]))
+        previous[active], iterations[active] = length, count
+        converged[active[ends]] = True
+        active = active[~ends]
+        if not active.size:
+            break
+    require(~converged | (gap > DEGENERATE), "two rotations fit equally well.")
+    dual = (_dual_step(G, q)[0] @ q[..., None])[..., 0]
+    return Estimate(in_units(np.concatenate([q, dual], axis=1), unit), converged, iterations)
+
+
+def _dual_step(G: Array, q: Array) -> tuple[Array, Array]:
+    """H (T, 4, 4) with ``q' = H q``, and mu (T,)."""
+    N, K = G[:, 4:, 4:], G[:, 4:, :4]
+    P = np.eye(4) - q[:, :, None] * q[:, None, :]
+    # P N P has the eigenvalue 0 along q; with one there instead, the pseudo-inverse is an inverse
+    size = np.trace(N, axis1=1, axis2=2)[:, None, None]
+    H = -P @ np.linalg.solve(P @ N @ P + size * (np.eye(4) - P), P @ K)
+    mu = -np.einsum("ti,tij,tj->t", q, N @ H + K, q)
+    return H, mu
+
+
+def _reduced(G: Array, H: Array, mu: Array) -> Array:
+    S = G[:, :4, :4] + G[:, :4, 4:] @ H + mu[:, None, None] * (H + H.mT)
+    return np.asarray(0.5 * (S + S.mT))
+
+
+ZHANG = Method(
+    name="zhang",
+    authors="Z. Zhang, L. Zhang and G.-Z. Yang",
+    year=2017,
+    title="A computationally efficient method for hand-eye calibration. Int. J. Computer Assisted Radiology and "
+    "Surgery 12(10), 1775-1787",
+    doi="10.1007/s11548-017-1646-x",
+    structure="simultaneous",
+    form="iterative",
+    minimises="sum |E q|^2 + |F q + E q'|^2, the dual-quaternion equations, over unit dual quaternions",
+    singular="motions of 180 degrees, unless others fix the sign of their axes",
+    solver=MomentSolver(dual_factors, _zhang, nearby),
+    mathematics=_zhang.__doc__,
 )

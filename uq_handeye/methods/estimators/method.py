@@ -7,7 +7,6 @@ motions of the robot, B of the camera (`motions`). Angles in rad, lengths in the
 from __future__ import annotations
 
 import inspect
-import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -16,11 +15,11 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ....core.geometry.checks import as_transforms
-from ....core.geometry.se3 import Array
-from ....errors import DegenerateMotionError, InputError, NotConvergedError
-from ....model.noise.models import PairNoise
-from ...procrustes.limit import as_pairs, solve_limit
+from ...core.geometry.checks import as_transforms
+from ...core.geometry.se3 import Array
+from ...errors import DegenerateMotionError, InputError, NotConvergedError
+from ...model.noise.models import PairNoise
+from ..procrustes.limit import as_pairs, solve_limit
 
 
 class Estimate(NamedTuple):
@@ -137,6 +136,7 @@ class Method:
     minimises: str
     singular: str  # when it has no answer, beyond what AX = XB itself leaves open
     solver: Solver = field(repr=False)
+    mathematics: str | None = field(repr=False)  # the model, and what was chosen where the publication leaves it open
     extra: str | None = None  # the optional extra of the package that it needs
     weighted: bool = False  # whether X depends on the noise model
     smooth: bool = True  # X is differentiable; else the solver has a `covariance`, and derivatives in the mean alone
@@ -147,8 +147,7 @@ class Method:
     @property
     def description(self) -> str:
         """The mathematics of the method, and what was chosen where the publication leaves something open."""
-        function = getattr(self.solver, "solution", type(self.solver))
-        return inspect.cleandoc(sys.modules[function.__module__].__doc__ or "")
+        return inspect.cleandoc(self.mathematics or "")
 
     @property
     def reference(self) -> str:
