@@ -430,8 +430,7 @@ def certificate_command(
     from ...calibration.result import load
     from ...core.presentation.document import Answer, Paragraph
     from ...core.presentation.page import to_pdf
-    from ...report.certificate.certificate import make_certificate
-    from ...report.certificate.of_rig import RigCertificate
+    from ...report.certificate.certificate import RigCertificate, make_certificate
 
     one_of(paper, "--paper", PAPERS)
     require_writable(file, "FILE", CERTIFICATES)

@@ -1,20 +1,44 @@
-"""The certificate of a stored calibration or rig, as a page for people and as data for programs."""
+"""The certificate of a stored calibration or rig, as a page for people and as data for programs.
+
+Of a rig: all poses with expanded uncertainties, relative poses, decision on each camera, conditions. Uncertainties are
+those of the joint covariance, in the direction in which a pose is least certain, expanded for 95 %. A rig in which
+something moved, whose residuals are larger than the noise says, or whose cameras are not determined in all directions
+is not certified: the page states no pose.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
-from typing import Any, overload
+from typing import Any, ClassVar, overload
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+from scipy.special import ndtri, stdtrit
 
 from ...calibration.result import Calibration
-from ...calibration.statement.tolerance import Tolerance
-from ...core.files.about import as_about
+from ...calibration.statement.tolerance import (
+    FAIL,
+    MET,
+    MISSED,
+    NOT_SHOWN,
+    PASS,
+    Tolerance,
+    Verdict,
+    probability_within,
+)
+from ...core.files.about import ABOUT, as_about
+from ...core.files.records import plain
+from ...core.formatting.numbers import digits, probability
+from ...core.presentation.document import Answer, Badge, Block, Paragraph, Points, Section, Table
 from ...errors import InputError
-from ...rig.result import RigCalibration
-from .contents import Contents, decide
-from .of_rig import RigCertificate, certificate_of_rig
+from ...rig.page import FRAMES, UNLIKELY, counted, headline, noise_table
+from ...rig.result import EstimatedPose, RigCalibration
+from ...rig.sketch import rig_sketch
+from .contents import RULE, Contents, Written, decide
 from .page import certificate_html
+from .statements import ERROR_MODEL, VALIDITY
 
 
 class Certificate(Contents):
@@ -83,11 +107,151 @@ def make_certificate(  # type: ignore[misc]
         raise InputError("Expected a `tolerance` beside `at`, which is the distance that it applies to; got none.")
     now = datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC") if issued is None else issued
     if isinstance(result, RigCalibration):
-        return certificate_of_rig(
-            result, None if tolerance is None else Tolerance.read(tolerance, at), about or {}, now
-        )
+        wanted = None if tolerance is None else Tolerance.read(tolerance, at)
+        return RigCertificate(result, verdicts_of_rig(result, wanted), as_about(about or {}), now)
     if not isinstance(result, Calibration):
         raise InputError(f"Expected `result` to be a Calibration, got {type(result).__name__}.")
     of = replace(result, about=as_about({**result.about, **(about or {})}))
     decision = None if tolerance is None else decide(of, of.verdict(tolerance, at))
     return Certificate(of, decision, now)
+
+
+LEVEL = 0.95
+COLOURS = {PASS: "ok", NOT_SHOWN: "caution", FAIL: "failed"}
+
+
+def verdicts_of_rig(result: RigCalibration, tolerance: Tolerance | None) -> dict[str, Verdict]:
+    """Return whether the pose of each camera meets the tolerance; none without one."""
+    found: dict[str, Verdict] = {}
+    for name, camera in result.cameras.items() if tolerance is not None else ():
+        assert tolerance is not None
+        if len(camera.open):
+            found[name] = Verdict(NOT_SHOWN, None, tolerance, (f"{name} is not determined in all directions",))
+            continue
+        p = probability_within(camera.covariance, result.reference, tolerance, camera.pose[:3, :3])
+        found[name] = Verdict(PASS if p >= MET else FAIL if p <= MISSED else NOT_SHOWN, p, tolerance)
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class RigCertificate(Written):
+    """The statement of a rig for the file: see `make_certificate`."""
+
+    _format: ClassVar[str] = "uq-handeye rig certificate 1"
+
+    result: RigCalibration
+    verdicts: Mapping[str, Verdict]
+    about: Mapping[str, str]
+    issued: str
+
+    @property
+    def refusals(self) -> tuple[str, ...]:
+        """Reasons why nothing is certified; empty where the rig is."""
+        result = self.result
+        found = [*result.reasons]
+        found += [text for text in result.warnings if text not in found]
+        if opened := [name for name, one in result.cameras.items() if len(one.open)]:
+            found.append(f"not determined in all directions: {', '.join(opened)}")
+        if result.p_value < UNLIKELY:
+            found.append(f"the residuals are larger than the noise says ({probability(result.p_value)})")
+        return tuple(found)
+
+    def _contents(self) -> dict[str, Any]:
+        result = self.result
+        found: dict[str, Any] = {
+            "certified": self.certified, "refusals": list(self.refusals), "about": dict(self.about),
+            "decision": {name: one.to_dict() for name, one in self.verdicts.items()},
+            "conditions": dict(self._conditions()), "noise": plain(result.noise),
+            "chi_square": result.chi_square, "dof": result.dof, "p_value": result.p_value,
+            "optimality": result.optimality.to_dict(), "error_model": ERROR_MODEL, "validity": VALIDITY,
+        }  # fmt: skip
+        if self.certified:
+            found["poses"] = {one.name: self._stated(one) for one in self._poses()}
+            found["relative"] = {one.frame: self._stated(one) for one in result.pairs}
+        return found
+
+    def _stated(self, one: EstimatedPose) -> dict[str, Any]:
+        shift, turn = expanded(self.result, one)
+        return one.to_dict() | {"expanded": {"level": LEVEL, "translation": plain(shift), "rotation": plain(turn)}}
+
+    def _poses(self) -> list[EstimatedPose]:
+        return [*self.result.cameras.values(), *self.result.targets.values(), *list(self.result.arms.values())[1:]]
+
+    def _conditions(self) -> list[tuple[str, str]]:
+        result, rig = self.result, self.result.rig
+        sources = dict.fromkeys([*(arm.source for arm in rig.arms.values()), *(view.source for view in rig.views)])
+        away = np.concatenate([np.linalg.norm(view.poses[:, :3, 3], axis=1) for view in rig.views])
+        rejected = f"{len(result.rejected)} views and {len(result.rejected_poses)} robot poses rejected"
+        return [
+            ("Rig", counted(rig)), ("Data", ", ".join(name for name in sources if name) or "not recorded"),
+            ("Used", f"{len(result.weights)} views at {len(result.pose_names)} robot poses; {rejected}"),
+            ("Camera to target", f"{digits(float(away.min()), 3)} m to {digits(float(away.max()), 3)} m"),
+            ("Method", f"{result.method}, one estimate of all poses with their joint covariance"),
+            ("Environment", self.about.get("environment", "not recorded")),
+        ]  # fmt: skip
+
+    def to_html(self) -> str:
+        """Return the page as one self-contained HTML text."""
+        sheets = [self._first(), self._second()] if self.certified else [self._refused()]
+        fields = [(ABOUT[key], self.about.get(key, "")) for key in ABOUT if key != "note" or key in self.about]
+        rig = self.result.rig
+        return self.page("Rig calibration", ", ".join(rig.cameras), [counted(rig)], sheets, fields)
+
+    def _refused(self) -> list[Section]:
+        return [self.refused(Answer("NOT CERTIFIED.", "failed"), Points(self.refusals)), self._measured()]
+
+    def _first(self) -> list[Section]:
+        said: list[Block] = [Answer(*headline(self.result))]
+        said += [Badge(f"{name}: {one.word}", one.sentence, COLOURS[one.word]) for name, one in self.verdicts.items()]
+        said += [Paragraph(RULE)] if self.verdicts else []
+        caption = (
+            f"Position, quaternion, and expanded uncertainty ({100 * LEVEL:.0f} %) in the least certain direction."
+        )
+        return [
+            Section("answer", "Result", [*said, Paragraph(f"Measurand: the poses below. {ERROR_MODEL}")], wide=True),
+            Section("rig", "The rig", [rig_sketch(self.result)], wide=True),
+            Section("poses", "Poses", [self._table(caption, self._poses())], wide=True),
+        ]
+
+    def _second(self) -> list[Section]:
+        result = self.result
+        pairs = self._table("From the joint covariance.", result.pairs) if result.pairs else Paragraph("None.")
+        checks = [f"Residuals: chi-square {result.chi_square:.0f} of {result.dof:.0f}, {probability(result.p_value)}."]
+        if result.paths:
+            least = min(result.paths, key=lambda path: path.p)
+            checks.append(f"{len(result.paths)} paths; the least likely: {least.words}, {probability(least.p)}.")
+        return [
+            Section("pairs", "Relative poses of the cameras", [pairs], wide=True),
+            self._measured(),
+            Section("checks", "Checks", [Points([*checks, result.optimality.words])]),
+            Section("noise", "Noise", noise_table(result)),
+            Section("validity", "Validity", [Paragraph(VALIDITY), Paragraph(FRAMES)], wide=True),
+        ]
+
+    def _measured(self) -> Section:
+        rows = [[name, text] for name, text in self._conditions()]
+        return Section("conditions", "Conditions", [Table("", ["", ""], rows, frozenset({1}))])
+
+    def _table(self, caption: str, poses: Any) -> Table:
+        rows = []
+        for one in poses:
+            q = Rotation.from_matrix(one.pose[:3, :3]).as_quat()
+            shift, turn = expanded(self.result, one)
+            sizes = [digits(1e3 * shift, 2) if np.isfinite(shift) else "open",
+                     digits(float(np.degrees(turn)), 2) if np.isfinite(turn) else "open"]  # fmt: skip
+            rows.append([one.frame, *(f"{1e3 * x:.3f}" for x in one.pose[:3, 3]), *(f"{x:.6f}" for x in q), *sizes])
+        return Table(caption, ["pose", "x (mm)", "y (mm)", "z (mm)", "qx", "qy", "qz", "qw", "U (mm)", "U (deg)"], rows)
+
+
+def expanded(result: RigCalibration, one: EstimatedPose) -> tuple[float, float]:
+    """Expanded uncertainty of position (m) and rotation (rad), 95 %, in the worst direction; infinite where open."""
+    dof = result.reference.dof
+    k = float(ndtri(0.5 + LEVEL / 2) if dof is None else stdtrit(dof, 0.5 + LEVEL / 2))
+    if len(one.open):
+        opened = [float(np.abs(one.open[:, part]).max()) > 1e-9 for part in (slice(3, 6), slice(0, 3))]
+    else:
+        opened = [False, False]
+    S = one.covariance
+    sizes = [k * float(np.sqrt(np.linalg.eigvalsh(part)[-1])) for part in (S[3:, 3:], S[:3, :3])]
+    shift, turn = (float("inf") if is_open else size for size, is_open in zip(sizes, opened, strict=True))
+    return shift, turn
