@@ -1,5 +1,6 @@
 """calibrate() and its result: numbers that belong together, lossless JSON, honest failures."""
 
+import inspect
 import json
 import warnings
 
@@ -119,6 +120,13 @@ def test_json_round_trip_without_loss(noise, scale, tmp_path):
         np.testing.assert_array_equal(again.noise.camera, noise.camera)
     data = json.loads(text)
     assert {"X", "covariance", "method", "convention", "units"} <= set(data)
+
+
+def test_the_signature_names_every_argument():
+    names = inspect.signature(uq.calibrate).parameters
+    assert {"data", "camera", "exclude", "noise", "method", "kinematic_errors", "components"} <= set(names)
+    with pytest.raises(TypeError, match="unexpected keyword argument 'nose'"):
+        uq.calibrate(uq.simulate(5, seed=1), nose=NOISE)
 
 
 @pytest.mark.parametrize(

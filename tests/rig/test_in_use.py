@@ -214,6 +214,8 @@ def test_the_public_functions_take_rigs():
         lambda: uq.check(result, new, noise=uq.PoseNoise.isotropic(camera=("1mrad", "1mm"))),
         lambda: uq.plan(result, criterion="trace"),
         lambda: uq.calibrate(old, setup="eye-in-hand"),
+        lambda: uq.calibrate(old, pairs="consecutive"),
+        lambda: uq.calibrate(old, covariance="sandwich"),
         lambda: uq.update(result, new, same="robot"),
     ):
         with pytest.raises(uq.InputError, match="is not an argument for the result of a rig"):
