@@ -27,7 +27,7 @@ from ..errors import InputError, among
 from .contents import COLUMNS, Contents, conversion, joined_contents
 from .controllers.forms import CONTROLLERS, in_convention
 from .controllers.records import entries_of, is_records
-from .controllers.registry import ABOUT, NAMES, is_document, kind_of, read_controller
+from .controllers.registry import ABOUT, NAMES, kind_of, read_controller
 from .controllers.tables import names_a_pose
 from .csv_poses import OF_POINTS, is_points_header, names_order, read_csv, read_tum
 from .json_poses import NAMES as MOVEIT_NAMES
@@ -188,7 +188,7 @@ def _of_file(path: Path, format: str | None) -> tuple[Contents, Source]:
 def _of(format: str, head: bytes = b"") -> str:
     if format == "matrix" and b"\0" not in head and is_tree(_text(head)):
         return "tree"
-    if format in CONTROLLERS and head.lstrip().startswith(b"{") and is_document(_text(head)):
+    if format in CONTROLLERS and head.lstrip().startswith(b"{") and _trees.is_json(_text(head)):
         return "tree"
     if head.startswith(tuple(_BINARY)) and (format in ("franka", "matrix") or format in CONTROLLERS):
         return next(kind for start, kind in _BINARY.items() if head.startswith(start))

@@ -21,6 +21,8 @@ import io
 import math
 import zipfile
 import zlib
+from collections.abc import Callable
+from dataclasses import replace
 from typing import Any, BinaryIO
 
 import numpy as np
@@ -35,7 +37,7 @@ from ..errors import InputError
 from .contents import Contents, Side, conversion
 from .controllers.records import records_side
 from .matrices.arrays import is_poses, side_of_array
-from .opencv_storage import joined_pairs
+from .opencv_storage import Joined, joined_pairs
 
 MAX_BYTES = 500_000_000  # of all arrays of a file, unpacked
 MAX_ARRAYS = 100
@@ -48,7 +50,7 @@ _ALIASES = {"rvec": "rvecs", "tvec": "tvecs", "rotations": "R", "translations": 
 
 def read_npy(data: bytes, name: str) -> Contents:
     """One array (n, 4, 4)."""
-    side, notes = _side(_array(io.BytesIO(data), len(data), name), name, None, None)
+    side, notes = side_of_array(_numbers(_array(io.BytesIO(data), len(data), name), name), name)
     return Contents(only=side, notes=tuple(notes))
 
 
@@ -75,61 +77,70 @@ def read_npz(data: bytes, name: str) -> Contents:
     arrays = unpacked(data, name)
     if not arrays.keys() & _ALIASES.values():
         arrays = {_ALIASES.get(key, key): array for key, array in arrays.items()}
-    keys = short(", ".join(arrays))
-    setup, notes = None, []
-    if "setup" in arrays:
-        setup = str(arrays["setup"])
-        if setup not in SETUPS:
-            raise InputError(f"{name}, setup: expected {' or '.join(SETUPS)}, got {short(setup)}.")
-        notes.append(f"{setup}, as the file says")
-    common = next((key for key in TIMES if key in arrays), None)
-    if common == "t" and "R" in arrays:  # translations
-        common = None
-    sides: dict[str, Side] = {}
-    found = [(key, *known, array) for key, array in arrays.items() if (known := pose_name(key)) is not None]
+    setup = str(arrays["setup"]) if "setup" in arrays else None
+    if setup not in (None, *SETUPS):
+        raise InputError(f"{name}, setup: expected {' or '.join(SETUPS)}, got {short(setup)}.")
     numbers = {key: array.astype(float) for key, array in arrays.items() if array.dtype.kind in "fiu"}
-    pairs, either = joined_pairs(numbers, name)
+
+    def times_of(key: str) -> Array | None:
+        if (times := arrays.get(key)) is None:
+            return None
+        if times.ndim != 1 or times.dtype.kind not in "fiu":
+            raise InputError(
+                f"{name}, {key}: expected times (n,) in seconds, got {times.dtype} of shape {times.shape}."
+            )
+        return times.astype(float)
+
+    for key, array in arrays.items():
+        if key not in numbers and "time" in key:
+            times_of(key)
+        elif key not in numbers and pose_name(key) is not None:
+            _numbers(array, f"{name}, {key}")
+    if FRANKA in numbers and not any(map(pose_name, numbers)):
+        numbers = {key: array for key, array in numbers.items() if key == FRANKA or not is_poses(array.shape)}
+    contents = _of_arrays(numbers, joined_pairs(numbers, name), times_of, name)
+    if contents is None:
+        raise InputError(
+            f"{name}: expected the arrays robot and camera, each (n, 4, 4), or a single one of that shape, or "
+            "rotations and translations as R_gripper2base and t_gripper2base, got the arrays "
+            f"{short(', '.join(arrays))}."
+        )
+    said = () if setup is None else (f"{setup}, as the file says",)
+    return replace(contents, setup=setup, notes=(*said, *contents.notes))
+
+
+def _of_arrays(
+    arrays: dict[str, Array], joined: Joined, times_of: Callable[[str], Array | None], name: str
+) -> Contents | None:
+    """Return both sides of arrays by name, or the only poses that there are; None for none, or several.
+
+    ``joined`` are poses of rotations and translations, which stand apart, and those that may be of either side.
+    """
+    pairs, either = joined
+    common = next((key for key in TIMES if key in arrays and not (key == "t" and (pairs or either))), "")
+    found = [(key, *known, values) for key, values in arrays.items() if (known := pose_name(key)) is not None]
     found += pairs
     if either is not None and found:
         found.append((either[0], "camera", "camera_T_target", either[1]))
-    for key, role, frame, array in found:
+    sides: dict[str, Side] = {}
+    notes: list[str] = []
+    for key, role, frame, values in found:
         if role in sides:
-            raise InputError(f"{name}: expected the {role} poses once, got the arrays {keys}.")
+            raise InputError(f"{name}: expected the {role} poses once, got the arrays {short(', '.join(arrays))}.")
         if key != role:
             notes.append(f"{role} poses from {key}")
-        times = next((k for k in (f"{role}_timestamps", f"{role}_times") if k in arrays), common)
-        stamps = _times(arrays, times, name)
-        sides[role], said = _side(array, f"{name}, {key}", None if key == role else frame, stamps)
+        own = next((k for k in (f"{role}_timestamps", f"{role}_times") if k in arrays), common)
+        frame_said = None if key == role else frame
+        sides[role], said = side_of_array(values, f"{name}, {key}", frame_said, times_of(own))
         notes += said
     if sides:
-        return Contents(sides.get("robot"), sides.get("camera"), setup=setup, notes=tuple(notes))
-    if either is not None:
-        side, said = _side(either[1], f"{name}, {either[0]}", None, _times(arrays, common, name))
-        return Contents(only=side, setup=setup, notes=(*notes, f"poses from {either[0]}", *said))
-    stacks = [key for key, array in arrays.items() if is_poses(array.shape) and array.dtype.kind in "fiu"]
-    if FRANKA in stacks:
-        stacks = [FRANKA]
+        return Contents(sides.get("robot"), sides.get("camera"), notes=tuple(notes))
+    stacks = [either] if either else [one for one in arrays.items() if one[0] not in TIMES and is_poses(one[1].shape)]
     if len(stacks) != 1:
-        raise InputError(
-            f"{name}: expected the arrays robot and camera, each (n, 4, 4), or a single one of that shape, or "
-            f"rotations and translations as R_gripper2base and t_gripper2base, got the arrays {keys}."
-        )
-    notes.append(f"poses from {short(stacks[0])}")
-    side, said = _side(arrays[stacks[0]], f"{name}, {short(stacks[0])}", None, _times(arrays, common, name))
-    return Contents(only=side, setup=setup, notes=(*notes, *said))
-
-
-def _times(arrays: dict[str, NDArray[Any]], key: str | None, name: str) -> Array | None:
-    if key is None:
         return None
-    times = arrays[key]
-    if times.ndim != 1 or times.dtype.kind not in "fiu":
-        raise InputError(f"{name}, {key}: expected times (n,) in seconds, got {times.dtype} of shape {times.shape}.")
-    return times.astype(float)
-
-
-def _side(array: NDArray[Any], where: str, frame: str | None, times: Array | None) -> tuple[Side, list[str]]:
-    return side_of_array(_numbers(array, where), where, frame, times)
+    ((key, values),) = stacks
+    side, said = side_of_array(values, f"{name}, {short(key)}", None, times_of(common))
+    return Contents(only=side, notes=(f"poses from {short(key)}", *said))
 
 
 def _numbers(array: NDArray[Any], where: str) -> Array:
@@ -196,36 +207,19 @@ _HEADER, _COMPRESSED, _PIECE = 128, 15, 1 << 20
 def read_mat(data: bytes, name: str) -> Contents:
     """Return the poses of a file."""
     arrays = _arrays(data, name)
-    pairs, either = joined_pairs({key: _by_first_axis(values) for key, values in arrays.items()}, name)
-    named = TIMES[:-1] if either is not None else TIMES  # t: translations
-    times = next((arrays[key].reshape(-1) for key in named if key in arrays), None)
-    arrays |= {key: T for key, _, _, T in pairs}
-    of = {key: (role, frame) for key, role, frame, _ in pairs}
-    sides: dict[str, Side] = {}
-    notes: list[str] = []
-    for key, values in arrays.items():
-        if (known := of.get(key) or pose_name(key)) is None:
-            continue
-        role, frame = known
-        if role in sides:
-            raise InputError(f"{name}: expected the {role} poses once, got the arrays {short(', '.join(arrays))}.")
-        sides[role], said = side_of_array(values, f"{name}, {key}", None if key == role else frame, times)
-        notes += said
-    if sides:
-        return Contents(sides.get("robot"), sides.get("camera"), notes=tuple(notes))
-    if either is not None:
-        side, said = side_of_array(either[1], f"{name}, {either[0]}", None, times)
-        return Contents(only=side, notes=(f"poses from {either[0]}", *said))
-    found = [key for key, values in arrays.items() if key not in TIMES and is_poses(values.shape)]
-    if len(found) != 1 and (vectors := _of_vectors(arrays, name)) is not None:
+    joined = joined_pairs({key: _by_first_axis(values) for key, values in arrays.items()}, name)
+
+    def times_of(key: str) -> Array | None:
+        return arrays[key].reshape(-1) if key in arrays else None
+
+    if (contents := _of_arrays(arrays, joined, times_of, name)) is not None:
+        return contents
+    if (vectors := _of_vectors(arrays, name)) is not None:
         return Contents(only=vectors)
-    if len(found) != 1:
-        raise InputError(
-            f"{name}: expected the arrays robot and camera, each 4 x 4 x n, or a single one, got "
-            f"{short(', '.join(f'{key} {values.shape}' for key, values in arrays.items()) or 'none')} ({HELP})."
-        )
-    side, said = side_of_array(arrays[found[0]], f"{name}, {short(found[0])}", None, times)
-    return Contents(only=side, notes=(f"poses from {short(found[0])}", *said))
+    found = short(", ".join(f"{key} {values.shape}" for key, values in arrays.items()) or "none")
+    raise InputError(
+        f"{name}: expected the arrays robot and camera, each 4 x 4 x n, or a single one, got {found} ({HELP})."
+    )
 
 
 def _by_first_axis(values: Array) -> Array:

@@ -125,9 +125,11 @@ def joined(rotations: Array, translations: Array, R_where: str, t_where: str) ->
     return T
 
 
-def joined_pairs(
-    arrays: dict[str, Array], name: str
-) -> tuple[list[tuple[str, str, str, Array]], tuple[str, Array] | None]:
+# Poses by the name of their rotations, with side and frame; and those that may be of either side.
+Joined = tuple[list[tuple[str, str, str, Array]], tuple[str, Array] | None]
+
+
+def joined_pairs(arrays: dict[str, Array], name: str) -> Joined:
     """Return poses of arrays of rotations and translations by name, and those that may be of either side.
 
     Each of the first is name of the rotations, side, frame, poses (n, 4, 4); of quaternions the poses are (n, 7).

@@ -84,6 +84,18 @@ def _json(text: str, name: str, several: bool) -> Any:
         raise InputError(f"{name}: not JSON: {one_line(str(error))}.") from error
 
 
+def is_json(head: str) -> bool:
+    """Return whether the beginning of a text (of 64 kB) is one value of JSON, not one in each line."""
+    text = head.strip()
+    try:
+        _, end = json.JSONDecoder().raw_decode(text)
+    except json.JSONDecodeError as error:
+        return len(head) >= 60_000 and error.pos > len(text) - 1000  # cut off
+    except (ValueError, RecursionError):  # which its reader says
+        return True
+    return end == len(text)
+
+
 def _after(text: str, end: int) -> int:
     """Return where the next document begins."""
     between = _BETWEEN.match(text, end)

@@ -1,6 +1,4 @@
-"""Poses that stand in a robot's program, as one side of a pose file.
-
-Poses that stand in the programs and data files of controllers, maker by maker.
+"""Poses that stand in the programs and data files of controllers, maker by maker, as one side of a pose file.
 
 Poses of ABB: robtargets in modules (``.mod``, ``.sys``, ``.prg``) and in logs of CRobT.
 
@@ -51,8 +49,9 @@ import re
 import warnings
 from bisect import bisect_right
 from collections import Counter
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -72,91 +71,86 @@ JOINTS = (
 )
 
 
-@dataclass
 class Found:
-    """Poses of a program in their order.
+    """Poses of a program, in their order: line, name or "", numbers as texts; and what was met beside them."""
 
-    Parameters
-    ----------
-    lines : line of each
-    labels : name of each, or ""
-    numbers : x, y, z and the rotation of each
-    joints : joint targets that were met
-    tools : tool and frame of each, where the program names them
-    notes : what was found out
-    """
+    def __init__(self, text: str, name: str) -> None:
+        self.text, self.name = text, name
+        self.poses: list[tuple[int, str, list[float]]] = []
+        self.joints = 0  # joint targets that were met
+        self.tools: list[str] = []  # tool and frame of each pose, where the program names them
+        self.notes: list[str] = []
 
-    lines: list[int] = field(default_factory=list)
-    labels: list[str] = field(default_factory=list)
-    numbers: list[Sequence[float]] = field(default_factory=list)
-    joints: int = 0
-    tools: list[str] = field(default_factory=list)
-    notes: list[str] = field(default_factory=list)
+    @cached_property
+    def _ends(self) -> list[int]:
+        return [match.start() for match in re.finditer("\n", self.text)]
 
-    def add(self, line: int, label: str, values: Sequence[str], name: str) -> None:
+    def line(self, place: int) -> int:
+        """Return the number of the line of a place in the text, from 1."""
+        return bisect_right(self._ends, place - 1) + 1
+
+    def before(self, match: re.Match[str], most: int = 100) -> str:
+        """Return what stands before a match in its line."""
+        start = self.text.rfind("\n", 0, match.start()) + 1
+        return self.text[max(start, match.start() - most) : match.start()]
+
+    def add(self, line: int, label: re.Match[str] | str | None, values: Sequence[str]) -> None:
         """Add a pose; raises `InputError` for a value that is no number."""
+        named = label if isinstance(label, str) else "" if label is None else label[1]
         if (numbers := floats(values)) is None:
             wrong = next(value for value in values if floats([value]) is None)
             raise InputError(
-                f"{name}, line {line}: expected a number in the pose {label}, got {wrong[:20]!r}; leave out poses "
+                f"{self.name}, line {line}: expected a number in the pose {named}, got {wrong[:20]!r}; leave out poses "
                 "that were not taught, on both sides."
             )
-        if len(self.lines) >= MAX_ROWS:
-            raise InputError(f"{name}, line {line}: expected at most {MAX_ROWS} poses; split the file.")
-        self.lines.append(line)
-        self.labels.append(label)
-        self.numbers.append(numbers)
+        if len(self.poses) >= MAX_ROWS:
+            raise InputError(f"{self.name}, line {line}: expected at most {MAX_ROWS} poses; split the file.")
+        self.poses.append((line, named, numbers))
+
+    def note(self, count: int, words: str) -> None:
+        """Say what was left out, if something was."""
+        if count:
+            self.notes.append(f"{count} {words}")
+
+    def contents(self, form: PoseForm, length: str | None, sure: bool) -> Contents:
+        """Return the poses in the convention of their maker, or, unless ``sure``, of those that it may have.
+
+        Raises `InputError` where there are none, and says so where there are joint targets instead.
+        """
+        name = self.name
+        if not self.poses:
+            if self.joints:
+                raise InputError(f"{name}: got joint targets ({self.joints}) and no positions; {JOINTS}.")
+            raise InputError(f"{name}: expected poses as {form.maker} writes them, got none; {HELP}.")
+        used = Counter(self.tools)
+        if len(used) > 1:
+            warnings.warn(
+                f"{name}: the poses are of several tools or frames: "
+                f"{', '.join(f'{tool} ({count} poses)' for tool, count in used.most_common(6))}. Give poses of one "
+                f"tool in one frame ({HELP}).",
+                InputWarning,
+                stacklevel=2,
+            )
+        lines, names, rows = zip(*self.poses, strict=True)
+        numbers = np.array(rows, dtype=float)
+        translation, rotation = numbers[:, :3], numbers[:, 3:]
+        angle = form.rotation[-3:] if form.rotation.endswith("-deg") else None
+        read = interpret("unsaid", translation, rotation, form if sure else None, length, angle)
+        notes = [*self.notes, *read.notes]
+        if self.joints:
+            notes.append(f"joint targets left out: {self.joints}")
+        labels = [f"line {line}" + (f" ({one})" if one else "") for line, one in zip(lines, names, strict=True)]
+        if any(names):
+            notes.append(f"{len(labels)} poses, {names[0] or labels[0]} to {names[-1] or labels[-1]}")
+        side = Side(
+            name, translation, rotation, None, np.array(lines, dtype=np.int64), "line", "xyzw",
+            ("timestamp", "x", "y", "z", *form.columns), units=length, readings=read.readings, labels=tuple(labels),
+        )  # fmt: skip
+        return Contents(only=side, notes=tuple(notes))
 
 
-class Lines:
-    """Line numbers of places in a text."""
-
-    def __init__(self, text: str) -> None:
-        self.ends = [match.start() for match in re.finditer("\n", text)]
-
-    def at(self, place: int) -> int:
-        """Return the number of the line, from 1."""
-        return bisect_right(self.ends, place - 1) + 1
-
-
-def contents_of(found: Found, name: str, form: PoseForm, length: str | None = None, sure: bool = True) -> Contents:
-    """Return the poses of a program in the convention of its maker, or, unless ``sure``, of those that it may have.
-
-    Raises `InputError` where there are none, and says so where there are joint targets instead.
-    """
-    if not found.lines:
-        if found.joints:
-            raise InputError(f"{name}: got joint targets ({found.joints}) and no positions; {JOINTS}.")
-        raise InputError(f"{name}: expected poses as {form.maker} writes them, got none; {HELP}.")
-    used = Counter(found.tools)
-    if len(used) > 1:
-        warnings.warn(
-            f"{name}: the poses are of several tools or frames: "
-            f"{', '.join(f'{tool} ({count} poses)' for tool, count in used.most_common(6))}. Give poses of one tool in "
-            f"one frame ({HELP}).",
-            InputWarning,
-            stacklevel=2,
-        )
-    numbers = np.array(found.numbers, dtype=float)
-    translation, rotation = numbers[:, :3], numbers[:, 3:]
-    angle = form.rotation[-3:] if form.rotation[-3:] in ("deg", "rad") else None
-    known = form if sure else None
-    read = interpret("unsaid", translation, rotation, known, length, None if form.name == "ur" else angle)
-    notes = [*found.notes, *read.notes]
-    if found.joints:
-        notes.append(f"joint targets left out: {found.joints}")
-    labels = tuple(
-        f"line {line}" + (f" ({label})" if label else "") for line, label in zip(found.lines, found.labels, strict=True)
-    )
-    if any(found.labels):
-        notes.append(f"{len(labels)} poses, {found.labels[0] or labels[0]} to {found.labels[-1] or labels[-1]}")
-    columns = ("timestamp", "x", "y", "z", *form.columns)
-    rows = np.array(found.lines, dtype=np.int64)
-    side = Side(
-        name, translation, rotation, None, rows, "line", "xyzw", columns, units=length, readings=read.readings,
-        labels=labels,
-    )  # fmt: skip
-    return Contents(only=side, notes=tuple(notes))
+def _fields(text: str) -> list[str]:
+    return [value.strip() for value in re.split("[,;]", text)]
 
 
 _THREE = rf"\[\s*({VALUE}(?:\s*,\s*{VALUE}){{2}})\s*\]"
@@ -171,12 +165,7 @@ _ABB_COMMENT = re.compile(r"^[^\"!\n]*(?:\"[^\"\n]*\"[^\"!\n]*)*!(.*)$", re.MULT
 # Tool and work object at the end of a movement, and a movement to a named position.
 _END = re.compile(r",\s*([A-Za-z]\w*)\s*(?:\\\s*WObj\s*:=\s*(\w+))?\s*;", re.IGNORECASE)
 _MOVE = re.compile(rf"\bMove[LJC]\s+([A-Za-z]\w*)\s*,[^;\n]{{0,400}}?{_END.pattern}", re.IGNORECASE)
-_DECLARED = re.compile(r"\brobtarget\b|\bCRobT\b|\bMove[LJC]\s+\[\s*\[", re.IGNORECASE)
-
-
-def is_abb(head: str) -> bool:
-    """Return whether a text declares robtargets or joint targets, or is a log of CRobT."""
-    return bool(_DECLARED.search(head) or _ABB_JOINTS.search(head))
+_IS_ABB = re.compile(rf"\brobtarget\b|\bCRobT\b|\bMove[LJC]\s+\[\s*\[|{_ABB_JOINTS.pattern}", re.IGNORECASE)
 
 
 def has_lists(head: str) -> bool:
@@ -184,11 +173,9 @@ def has_lists(head: str) -> bool:
     return not head.lstrip().startswith(("{", "<")) and bool(_ABB_POSE.search(head))
 
 
-def read_abb(text: str, name: str, sure: bool = True) -> Contents:
-    """Return the poses of a text; unless ``sure``, the order of the quaternion is open."""
-    lines = Lines(text)
-    found = Found(joints=len(_ABB_JOINTS.findall(text)))
-    text = _ABB_COMMENT.sub(lambda match: match[0][: match.start(1) - match.start(0)] + " " * len(match[1]), text)
+def _abb(found: Found) -> None:
+    found.joints = len(_ABB_JOINTS.findall(found.text))
+    text = _ABB_COMMENT.sub(lambda one: one[0][: one.start(1) - one.start(0)] + " " * len(one[1]), found.text)
     moved = {match[1]: match.group(0, 2, 3) for match in _MOVE.finditer(text)}
     others = 0
     for match in _ABB_POSE.finditer(text):
@@ -198,17 +185,11 @@ def read_abb(text: str, name: str, sure: bool = True) -> Contents:
             others += 1
             continue
         label = _ABB_LABEL.search(before.rstrip("[:= \t\n")[-80:])
-        values = [value.strip() for value in f"{match[1]},{match[2]}".split(",")]
-        end = _END.search(text, match.end(), match.end() + 400)
-        tool = moved.get("" if label is None else label[1]) or (
-            None if end is None or "move" not in before.lower() else end
-        )
-        if tool is not None:
+        end = _END.search(text, match.end(), match.end() + 400) if "move" in before.lower() else None
+        if (tool := moved.get("" if label is None else label[1]) or end) is not None:
             found.tools.append(f"{tool[1]}, {tool[2] or 'wobj0'}")
-        found.add(lines.at(match.start()), "" if label is None else label[1], values, name)
-    if others:
-        found.notes.append(f"{others} frames of tools and work objects are left out")
-    return contents_of(found, name, CONTROLLERS["abb"], sure=sure)
+        found.add(found.line(match.start()), label, _fields(f"{match[1]},{match[2]}"))
+    found.note(others, "frames of tools and work objects are left out")
 
 
 _START = re.compile(r"\bP(?:R)?\s*\[\s*(\d+)[^\]\n]{0,80}\]\s*\{|^[ \t]*\[\s*\d+\s*,\s*(\d+)\s*\]\s*=", re.MULTILINE)
@@ -216,64 +197,50 @@ _FANUC_PAIR = re.compile(rf"\b([XYZWPR])\s*[=:]\s*({VALUE})\s*(mm|cm|m|deg|rad|i
 _GROUP = re.compile(r"\bGP[2-9]\s*:", re.IGNORECASE)
 _TOOL = re.compile(r"\bUF\s*:\s*(\w+)\s*,\s*UT\s*:\s*(\w+)", re.IGNORECASE)
 _JOINT = re.compile(r"\bJ1\s*[=:]", re.IGNORECASE)
-_FANUC_NUMBERS = ("X", "Y", "Z", "W", "P", "R")
 _IS_FANUC = re.compile(r"^[ \t]*/(?:PROG|POS)\b|\*POSREG\*|\bP(?:R)?\s*\[\s*\d+[^\]\n]{0,80}\]\s*\{", re.MULTILINE)
 _FANUC_COMMENT = re.compile(r"^[ \t]*(?:\d+[ \t]*:)?[ \t]*!.*$", re.MULTILINE)
-_UNITS = {"mm": "mm", "cm": "cm", "m": "m", "inch": "in", "in": "in"}
 
 
-def is_fanuc(head: str) -> bool:
-    """Return whether a text is a TP program or a listing of position registers."""
-    return bool(_IS_FANUC.search(head))
-
-
-def read_fanuc(text: str, name: str) -> Contents:
-    """Return the poses of a text."""
-    lines = Lines(text)
-    text = _FANUC_COMMENT.sub(lambda match: " " * len(match[0]), text)
-    found = Found()
+def _fanuc(found: Found) -> str | None:
+    """Return the length unit that the positions say."""
+    text = _FANUC_COMMENT.sub(lambda match: " " * len(match[0]), found.text)
     section = re.search(r"^[ \t]*/POS\b", text, re.MULTILINE)
     starts = list(_START.finditer(text, 0 if section is None else section.end()))
     lengths: set[str] = set()
     empty = groups = 0
     for k, start in enumerate(starts):
-        end = starts[k + 1].start() if k + 1 < len(starts) else len(text)
-        block = text[start.end() : end]
+        block = text[start.end() : starts[k + 1].start() if k + 1 < len(starts) else len(text)]
         if (further := _GROUP.search(block)) is not None:
             groups += 1
             block = block[: further.start()]
-        label = f"P[{start[1]}]" if start[1] else f"PR[{start[2]}]"
-        line = lines.at(start.start())
         if _JOINT.search(block):
             found.joints += 1
             continue
-        pairs = _FANUC_PAIR.findall(block)
-        values = {key.upper(): value for key, value, _ in pairs[:6]}
-        if all(value.startswith("*") for value in values.values()):
+        label = f"P[{start[1]}]" if start[1] else f"PR[{start[2]}]"
+        line = found.line(start.start())
+        pairs = {key.upper(): (value, unit.lower()) for key, value, unit in _FANUC_PAIR.findall(block)[:6]}
+        if all(value.startswith("*") for value, _ in pairs.values()):
             empty += 1
             continue
-        if set(values) != set(_FANUC_NUMBERS):
-            missing = ", ".join(key for key in _FANUC_NUMBERS if key not in values)
+        if missing := [key for key in "XYZWPR" if key not in pairs]:
             raise InputError(
-                f"{name}, line {line}: expected X, Y, Z, W, P, R of {label}, {missing} is missing; {HELP}."
+                f"{found.name}, line {line}: expected X, Y, Z, W, P, R of {label}, {', '.join(missing)} is missing; "
+                f"{HELP}."
             )
-        units = {key.upper(): unit.lower() for key, _, unit in pairs[:6]}
-        if any(units[key] not in ("", "deg") for key in "WPR"):
-            raise InputError(f"{name}, line {line}: expected W, P, R of {label} in deg, got {units['W']}; {HELP}.")
-        lengths |= {units[key] for key in "XYZ"}
+        if any(pairs[key][1] not in ("", "deg") for key in "WPR"):
+            got = pairs["W"][1]
+            raise InputError(f"{found.name}, line {line}: expected W, P, R of {label} in deg, got {got}; {HELP}.")
+        lengths |= {pairs[key][1] for key in "XYZ"}
         if (frame := _TOOL.search(block)) is not None:
             found.tools.append(f"UF {frame[1]}, UT {frame[2]}")
-        found.add(line, label, [values[key] for key in _FANUC_NUMBERS], name)
+        found.add(line, label, [pairs[key][0] for key in "XYZWPR"])
     if groups:
         found.notes.append(f"further motion groups (GP2 ...) of {groups} positions are not used")
-    if empty:
-        were = "1 position that was" if empty == 1 else f"{empty} positions that were"
-        found.notes.append(f"{were} not taught left out")
+    found.note(empty, f"position{' that was' if empty == 1 else 's that were'} not taught left out")
     if len(lengths) > 1:
-        got = ", ".join(unit or "none" for unit in sorted(lengths))
-        raise InputError(f"{name}: expected one unit for all positions, got {got}; {HELP}.")
-    length = _UNITS.get(lengths.pop()) if lengths else None
-    return contents_of(found, name, CONTROLLERS["fanuc"], length)
+        units = ", ".join(unit or "none" for unit in sorted(lengths))
+        raise InputError(f"{found.name}: expected one unit for all positions, got {units}; {HELP}.")
+    return {"mm": "mm", "cm": "cm", "m": "m", "inch": "in", "in": "in"}.get(lengths.pop()) if lengths else None
 
 
 _LINE = re.compile(rf"\s*([#A-Za-z][\w.\[\],]*)\s+({VALUE}(?:[\s,]+{VALUE})*)\s*")
@@ -281,17 +248,9 @@ _TRANS = re.compile(rf"\b(\w+)\s*=\s*TRANS\s*\(\s*({VALUE}(?:\s*,\s*{VALUE}){{5}
 _IS_KAWASAKI = re.compile(r"^[ \t]*\.(?:TRANS|JOINTS|PROGRAM)\b|=\s*TRANS\s*\(", re.MULTILINE | re.IGNORECASE)
 
 
-def is_kawasaki(head: str) -> bool:
-    """Return whether a text has sections of transformation values or joints, or calls TRANS()."""
-    return bool(_IS_KAWASAKI.search(head))
-
-
-def read_kawasaki(text: str, name: str) -> Contents:
-    """Return the poses of a text."""
-    found = Found()
-    lines = Lines(text)
+def _kawasaki(found: Found) -> None:
     section = ""
-    for number, line in enumerate(text.splitlines(), start=1):
+    for number, line in enumerate(found.text.splitlines(), start=1):
         content = line.partition(";")[0].rstrip()
         if content.lstrip().startswith("."):
             section = content.strip().split()[0].split("(")[0].upper()
@@ -303,73 +262,58 @@ def read_kawasaki(text: str, name: str) -> Contents:
             found.joints += 1
             continue
         values = [] if match is None else re.split(r"[\s,]+", match[2])
-        if match is None or len(values) < 6:
+        if len(values) < 6:
             raise InputError(
-                f"{name}, line {number}: expected a name and x y z o a t in the section .TRANS, got "
+                f"{found.name}, line {number}: expected a name and x y z o a t in the section .TRANS, got "
                 f"{content.strip()[:60]!r}; {HELP}."
             )
-        found.add(number, match[1], values[:6], name)
-    for match in _TRANS.finditer(text):
-        values = [value.strip() for value in match[2].split(",")]
-        found.add(lines.at(match.start()), match[1], values, name)
-    return contents_of(found, name, CONTROLLERS["kawasaki"])
+        found.add(number, match, values[:6])
+    for match in _TRANS.finditer(found.text):
+        found.add(found.line(match.start()), match, _fields(match[2]))
 
 
 _STRUCTURE = re.compile(r"\{([^{}]*)\}")
 _KUKA_PAIR = re.compile(rf"\b([A-Z]\w*)(?:\s*[:=]\s*|\s+)({VALUE})", re.IGNORECASE)
 _NAME = re.compile(r"([$\w]+)(?:\s*\[[\d,\s]*\])?\s*=\s*(?:E6POS|POS|FRAME)?\s*:?\s*$", re.IGNORECASE)
-_KUKA_NUMBERS = ("X", "Y", "Z", "A", "B", "C")
 _FRAMES = re.compile(r"\bFDAT\s+F(\w+)\s*=\s*\{TOOL_NO\s+(\d+)\s*,\s*BASE_NO\s+(\d+)", re.IGNORECASE)
 _NO_POSES = re.compile(r"^\$(?!POS_|AXIS_|TCP)|TOOL|BASE(?!_T_)|LOAD|WORLD|^ROBROOT", re.IGNORECASE)
 
 
-def is_kuka(head: str) -> bool:
+def _is_kuka(head: str) -> bool:
     """Return whether a text holds structures of poses or joints in KRL."""
     if re.search(r"\bE6AXIS\b", head, re.IGNORECASE):
         return True
     if head.lstrip().startswith(("{", "[")) and ":" in head[:200] and '"' in head[:200]:
         return False  # JSON
-    for match in _STRUCTURE.finditer(head):
-        keys = {key.upper() for key, _ in _KUKA_PAIR.findall(match[1])}
-        if {"X", "A"} <= keys or {"A1", "A2"} <= keys:
-            return True
-    return False
+    structures = ({key.upper() for key, _ in _KUKA_PAIR.findall(one[1])} for one in _STRUCTURE.finditer(head))
+    return any({"X", "A"} <= keys or {"A1", "A2"} <= keys for keys in structures)
 
 
-def read_kuka(text: str, name: str) -> Contents:
-    """Return the poses of a text."""
-    lines = Lines(text)
-    found = Found()
-    frames = {label.upper(): f"TOOL_NO {tool}, BASE_NO {base}" for label, tool, base in _FRAMES.findall(text)}
+def _kuka(found: Found) -> None:
+    frames = {label.upper(): f"TOOL_NO {tool}, BASE_NO {base}" for label, tool, base in _FRAMES.findall(found.text)}
     parts = others = 0
-    for match in _STRUCTURE.finditer(text):
-        line_start = text.rfind("\n", 0, match.start()) + 1
-        before = text[max(line_start, match.start() - 100) : match.start()]
+    for match in _STRUCTURE.finditer(found.text):
+        before = found.before(match)
+        values = {key.upper(): value for key, value in _KUKA_PAIR.findall(match[1])}
         if before.lstrip().startswith(";"):
             continue
-        values = {key.upper(): value for key, value in _KUKA_PAIR.findall(match[1])}
         if {"A1", "A2"} <= values.keys():
             found.joints += 1
             continue
-        if not {"X", "Y", "Z", "A", "B", "C"} & values.keys():
+        if not set("XYZABC") & values.keys():
             continue
         label = _NAME.search(before)
         taught = re.search(r"\b(?:E6)?POS\s+\S*\s*=?\s*$", before, re.IGNORECASE) is not None
         if label is not None and not taught and _NO_POSES.search(label[1]):
             others += 1
-        elif not set(_KUKA_NUMBERS) <= values.keys() or "_REL" in before.upper():
+        elif not set("XYZABC") <= values.keys() or "_REL" in before.upper():
             parts += 1
         else:
             if label is not None and (frame := frames.get(label[1][1:].upper())) is not None:  # XP1 and FP1
                 found.tools.append(frame)
-            found.add(
-                lines.at(match.start()), "" if label is None else label[1], [values[key] for key in _KUKA_NUMBERS], name
-            )
-    if parts:
-        found.notes.append(f"{parts} relative or incomplete frames (not all of X, Y, Z, A, B, C) are left out")
-    if others:
-        found.notes.append(f"{others} frames of tools and bases are left out")
-    return contents_of(found, name, CONTROLLERS["kuka"])
+            found.add(found.line(match.start()), label, [values[key] for key in "XYZABC"])
+    found.note(parts, "relative or incomplete frames (not all of X, Y, Z, A, B, C) are left out")
+    found.note(others, "frames of tools and bases are left out")
 
 
 _STAUBLI_NUMBERS = ("x", "y", "z", "rx", "ry", "rz")
@@ -384,7 +328,7 @@ _STAUBLI_LABEL = re.compile(r"([A-Za-z]\w*)(?:\[\d*\])?(?:\.trsf)?\s*=?\s*\{?\s*
 _FIELDS = re.compile(r"""<[^<>]*\brx\s*=\s*["'][^<>]*\bry\s*=|<[^<>]*\bx\s*=\s*["'][^<>]*\brz?\s*=""")
 
 
-def is_staubli(head: str) -> bool:
+def _is_staubli(head: str) -> bool:
     """Return whether a text is data of VAL 3, or holds poses in braces."""
     if head.lstrip().startswith("<"):
         small = head[:4096].lower()
@@ -392,140 +336,127 @@ def is_staubli(head: str) -> bool:
     return bool(_BRACES.search(head) and _WORDS.search(head))
 
 
-def has_braces(head: str) -> bool:
-    """Return whether a text holds six numbers in braces, whoever wrote them."""
-    return bool(_BRACES.search(head))
+def _staubli(found: Found) -> None:
+    if found.text.lstrip().startswith("<"):
+        return _staubli_data(found)
+    for match in _BRACES.finditer(found.text):
+        before = found.before(match, 80)
+        if not before.lstrip().startswith("//"):
+            found.add(found.line(match.start()), _STAUBLI_LABEL.search(before), _fields(match[1]))
 
 
-def read_staubli(text: str, name: str) -> Contents:
-    """Return the poses of a text."""
-    found = Found()
-    lines = Lines(text)
-    if text.lstrip().startswith("<"):
-        _read_data(text, name, lines, found)
-    else:
-        for match in _BRACES.finditer(text):
-            before = text[text.rfind("\n", 0, match.start()) + 1 : match.start()][-80:]
-            if before.lstrip().startswith("//"):
-                continue
-            label = _STAUBLI_LABEL.search(before)
-            values = [value.strip() for value in re.split("[,;]", match[1])]
-            found.add(lines.at(match.start()), "" if label is None else label[1], values, name)
-    return contents_of(found, name, CONTROLLERS["staubli"])
-
-
-def _read_data(text: str, name: str, lines: Lines, found: Found) -> None:
+def _staubli_data(found: Found) -> None:
     """Add the values of the points of a ``.dtx``."""
     label, kind = "", ""
     others = completed = 0
-    for match in _TAG.finditer(text):
+    for match in _TAG.finditer(found.text):
         if match[1]:
             continue
         fields = {key.lower().removeprefix("xsi:"): a or b for key, a, b in _ATTRIBUTE.findall(match[3])}
         tag = match[2].lower()
-        if "name" in fields:
-            label = fields["name"]
+        label = fields.get("name", label)
         if tag == "data":
             kind = fields.get("type", "").lower()
             kind = fields.get("datatype", kind).lower() if kind in ("array", "element", "collection") else kind
             types = re.findall(r"""\btype\s*=\s*["']([\w:]+)["']""", match[3])
             kind = next((one.lower() for one in types if one.lower() not in ("array", "element", "collection")), kind)
-            continue
-        if "j1" in fields and "j2" in fields:
+        elif "j1" in fields and "j2" in fields:
             found.joints += 1
-            continue
-        if not set(_STAUBLI_NUMBERS) & fields.keys() and not (tag == "value" and kind in _POINTS):
-            continue
-        if kind and kind not in _POINTS:
-            others += 1
-            continue
-        completed += not set(_STAUBLI_NUMBERS) <= fields.keys()
-        where = f"{label}[{fields['key']}]" if "key" in fields else label
-        found.add(lines.at(match.start()), where, [fields.get(key, "0").strip() for key in _STAUBLI_NUMBERS], name)
-    if others:
-        found.notes.append(f"{others} values of tools, frames and others are left out")
-    if completed:
-        found.notes.append(f"{completed} points lack fields, which are 0")
+        elif set(_STAUBLI_NUMBERS) & fields.keys() or (tag == "value" and kind in _POINTS):
+            if kind and kind not in _POINTS:
+                others += 1
+                continue
+            completed += not set(_STAUBLI_NUMBERS) <= fields.keys()
+            where = f"{label}[{fields['key']}]" if "key" in fields else label
+            found.add(found.line(match.start()), where, [fields.get(key, "0").strip() for key in _STAUBLI_NUMBERS])
+    found.note(others, "values of tools, frames and others are left out")
+    found.note(completed, "points lack fields, which are 0")
 
 
 _UR_POSE = re.compile(rf"\bp\s*\[\s*({VALUE}(?:\s*,\s*{VALUE}){{5}})\s*\]")
-_BEGUN = re.compile(r"\bp\s*\[")
 _UR_LABEL = re.compile(r"(\w+)\s*=\s*$")
 # Frames that each program of PolyScope declares.
 _FEATURE = re.compile(r"(?:Base|Tool)(?:_\d+)?")
 _UR_JOINTS = re.compile(r"\b(?:movej|servoj)\s*\(\s*\[")
+_IS_UR = re.compile(rf"{_UR_POSE.pattern}|{_UR_JOINTS.pattern}")
 
 
-def is_ur(head: str) -> bool:
-    """Return whether a text holds poses of URScript, or is a program of joint targets."""
-    return bool(_UR_POSE.search(head) or _UR_JOINTS.search(head))
-
-
-def read_ur(text: str, name: str) -> Contents:
-    """Return the poses of a text."""
-    lines = Lines(text)
-    found = Found(joints=len(_UR_JOINTS.findall(text)))
-    features = 0
-    for match in _UR_POSE.finditer(text):
-        before = text[max(0, match.start() - 80) : match.start()]
-        if before.rpartition("\n")[2].lstrip().startswith("#") or re.search(r"set_tcp\s*\(\s*$", before):
+def _ur(found: Found) -> None:
+    found.joints = len(_UR_JOINTS.findall(found.text))
+    features = whole = 0
+    for match in _UR_POSE.finditer(found.text):
+        whole += 1
+        before = found.before(match, 80)
+        if before.lstrip().startswith("#") or re.search(r"set_tcp\s*\(\s*$", before):
             continue
         label = _UR_LABEL.search(before)
         if label is not None and _FEATURE.fullmatch(label[1]):
             features += 1
             continue
-        values = [value.strip() for value in match[1].split(",")]
-        found.add(lines.at(match.start()), "" if label is None else label[1], values, name)
-    if features:
-        found.notes.append(f"{features} features (Base, Tool) are left out")
-    left = len(_BEGUN.findall(text)) - len(_UR_POSE.findall(text))
-    if left:
-        found.notes.append(f"{left} times p[ without six numbers is left out")
-    return contents_of(found, name, CONTROLLERS["ur"])
+        found.add(found.line(match.start()), label, _fields(match[1]))
+    found.note(features, "features (Base, Tool) are left out")
+    found.note(len(re.findall(r"\bp\s*\[", found.text)) - whole, "times p[ without six numbers is left out")
 
 
 _POSITION = re.compile(r"\s*((?:BC|EC|BP|EX|[CP])\d+)\s*=\s*([^=]*)", re.IGNORECASE)
-_IS_JOB = re.compile(r"^[ \t]*(?:/JOB\b|///RECTAN|///PULSE|///POSTYPE|[CP]\d{4,5}\s*=)", re.MULTILINE)
+_IS_YASKAWA = re.compile(r"^[ \t]*(?:/JOB\b|///RECTAN|///PULSE|///POSTYPE|[CP]\d{4,5}\s*=)", re.MULTILINE)
 
 
-def is_yaskawa(head: str) -> bool:
-    """Return whether a text is a job or its position data."""
-    return bool(_IS_JOB.search(head))
-
-
-def read_yaskawa(text: str, name: str) -> Contents:
-    """Return the poses of a text."""
-    found = Found()
+def _yaskawa(found: Found) -> None:
     kind = ""  # pulses are whole numbers, positions have decimals
-    frames = []
+    frames = set()
     tool = frame = ""
-    for number, line in enumerate(text.splitlines(), start=1):
+    for number, line in enumerate(found.text.splitlines(), start=1):
         small = line.strip().lower()
         if small.startswith("//inst"):
             break
         if small.startswith(("///rectan", "///pulse")):
             kind = small[3:]
-        elif small.startswith(("///tool", "///user")):
-            tool, frame = (small[3:], frame) if small.startswith("///tool") else (tool, small[3:])
+        elif small.startswith("///tool"):
+            tool = small[3:]
+        elif small.startswith("///user"):
+            frame = small[3:]
         elif small.startswith("///postype"):
-            frames.append(line.strip()[10:].strip())
+            frames.add(line.strip()[10:].strip())
             kind = "pulse" if "pulse" in small else "rectan"
-        elif (match := _POSITION.fullmatch(line.rstrip())) is not None:
-            if match[1][0].upper() in "BE":
-                continue
+        elif (match := _POSITION.fullmatch(line.rstrip())) is not None and match[1][0].upper() not in "BE":
             if kind.startswith("pulse") or (not kind and "." not in match[2]):
                 found.joints += 1
                 continue
-            values = [value.strip() for value in match[2].split(",")]
+            values = _fields(match[2])
             if len(values) not in (6, 7, 8):
                 raise InputError(
-                    f"{name}, line {number}: expected x, y, z, Rx, Ry, Rz of {match[1]}, got {len(values)} numbers; "
-                    f"{HELP}."
+                    f"{found.name}, line {number}: expected x, y, z, Rx, Ry, Rz of {match[1]}, got {len(values)} "
+                    f"numbers; {HELP}."
                 )
             if tool or frame:
                 found.tools.append(" ".join(f"{tool} {frame}".upper().split()))
-            found.add(number, match[1], values[:6], name)
-    others = sorted({frame for frame in frames if frame.upper() not in ("ROBOT", "BASE", "PULSE")})
-    if others:
+            found.add(number, match, values[:6])
+    if others := sorted(frame for frame in frames if frame.upper() not in ("ROBOT", "BASE", "PULSE")):
         found.notes.append(f"positions in the frame {', '.join(others)} of the job, not in the base of the robot")
-    return contents_of(found, name, CONTROLLERS["yaskawa"])
+
+
+class Program(NamedTuple):
+    """The language of a maker: what its texts look like, and what adds their poses and returns their length unit."""
+
+    told: Callable[[str], object]
+    read: Callable[[Found], str | None]
+    loose: Callable[[str], object] = lambda head: False  # what is theirs only if the format is asked for
+
+
+# In this order a text is asked.
+PROGRAMS = {
+    "yaskawa": Program(_IS_YASKAWA.search, _yaskawa),
+    "fanuc": Program(_IS_FANUC.search, _fanuc),
+    "kawasaki": Program(_IS_KAWASAKI.search, _kawasaki),
+    "kuka": Program(_is_kuka, _kuka),
+    "ur": Program(_IS_UR.search, _ur),
+    "staubli": Program(_is_staubli, _staubli, _BRACES.search),
+    "abb": Program(_IS_ABB.search, _abb, has_lists),
+}
+
+
+def read_program(maker: str, text: str, name: str, sure: bool = True) -> Contents:
+    """Return the poses of a text; unless ``sure``, the convention of their rotations is open."""
+    found = Found(text, name)
+    return found.contents(CONTROLLERS[maker], PROGRAMS[maker].read(found), sure)

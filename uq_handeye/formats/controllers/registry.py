@@ -2,34 +2,16 @@
 
 from __future__ import annotations
 
-import json
 import re
-from collections.abc import Callable
 from functools import lru_cache
 
 from ...core.files.lines import floats
+from ...core.files.trees import is_json
 from ..contents import COLUMNS, Contents
 from ..csv_poses import is_csv_header, names_order, seconds_of
 from ..number_table import number_of
 from .forms import CONTROLLERS
-from .programs import (
-    has_braces,
-    has_lists,
-    is_abb,
-    is_fanuc,
-    is_kawasaki,
-    is_kuka,
-    is_staubli,
-    is_ur,
-    is_yaskawa,
-    read_abb,
-    read_fanuc,
-    read_kawasaki,
-    read_kuka,
-    read_staubli,
-    read_ur,
-    read_yaskawa,
-)
+from .programs import PROGRAMS, has_lists, read_program
 from .records import is_labelled, read_labelled
 from .tables import read_pose_table, table_kind
 
@@ -37,21 +19,7 @@ from .tables import read_pose_table, table_kind
 HEAD = 65_536
 # The comment above what `export` and `plan` write.
 _WRITTEN = re.compile(r"# .{0,100}, as (.{1,40}?) writes (?:it|them)\b")
-_Test = Callable[[str], bool]
-_Reader = Callable[[str, str], Contents]
 
-# Programs of the makers; in this order a text is asked.
-PROGRAMS: dict[str, tuple[_Test, _Reader]] = {
-    "yaskawa": (is_yaskawa, read_yaskawa),
-    "fanuc": (is_fanuc, read_fanuc),
-    "kawasaki": (is_kawasaki, read_kawasaki),
-    "kuka": (is_kuka, read_kuka),
-    "ur": (is_ur, read_ur),
-    "staubli": (is_staubli, read_staubli),
-    "abb": (is_abb, read_abb),
-}
-# What is theirs only if the format is asked for.
-_LOOSE: dict[str, _Test] = {"abb": has_lists, "staubli": has_braces}
 NAMES = (*CONTROLLERS, "table")
 ABOUT = {
     **{name: f"{form.maker}: x, y, z, {', '.join(form.columns)}" for name, form in CONTROLLERS.items()},
@@ -64,11 +32,11 @@ _OTHERS = ("%YAML", "---", '<?xml version="1.0"?>\n<opencv')
 @lru_cache(maxsize=4)
 def kind_of(head: str) -> str | None:
     """Return the format of a text by its beginning, or None."""
-    for name, (is_it, _) in PROGRAMS.items():
-        if is_it(head):
+    for name, program in PROGRAMS.items():
+        if program.told(head):
             return name
     first = head.lstrip().partition("\n")[0].rstrip()
-    if first.startswith("{") and (not first.endswith("}") or is_document(head)):  # JSON
+    if first.startswith("{") and (not first.endswith("}") or is_json(head)):  # JSON
         return None
     if has_lists(head):
         return "table"
@@ -99,18 +67,6 @@ def _own(head: str) -> str | None:
     return None if said is None else next((form.name for form in CONTROLLERS.values() if form.maker == said[1]), None)
 
 
-def is_document(head: str) -> bool:
-    """Return whether a text is one value of JSON, not one in each line."""
-    text = head.strip()
-    try:
-        _, end = json.JSONDecoder().raw_decode(text)
-    except json.JSONDecodeError as error:
-        return len(head) >= HEAD - 4 and error.pos > len(text) - 1000  # cut off
-    except (ValueError, RecursionError):
-        return False
-    return end == len(text)
-
-
 def _below(names: str, head: str) -> bool:
     """Return whether the rows below the names are no CSV: dates, of which a table makes seconds; other separators."""
     lines = [line for line in head.split("\n", 60)[:60] if line.strip() and not line.startswith("#")]
@@ -122,12 +78,10 @@ def _below(names: str, head: str) -> bool:
 
 def read_controller(format: str, text: str, name: str) -> Contents:
     """Return the poses of a text in the format of a maker: a program of theirs, or a table of numbers."""
-    if format in PROGRAMS:
-        is_it, read = PROGRAMS[format]
-        if is_it(text) or (format in _LOOSE and _LOOSE[format](text)):
-            return read(text, name)
+    if format in PROGRAMS and (PROGRAMS[format].told(text) or PROGRAMS[format].loose(text)):
+        return read_program(format, text, name)
     if format == "table" and has_lists(text):
-        return read_abb(text, name, sure=False)
+        return read_program("abb", text, name, sure=False)
     if table_kind(text[:HEAD]) is None and is_labelled(text[:HEAD]):
         return read_labelled(text, name)
     return read_pose_table(text, name, CONTROLLERS.get(format))

@@ -17,18 +17,18 @@ Lines of a text as numbers: without comments, brackets, names and the words of N
 
 from __future__ import annotations
 
-import json
 import re
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
 from io import BytesIO
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.files.lines import short
+from ...core.files.lines import floats, short
 from ...core.files.table import Places, Schema, name_and_unit, read_table, split_names
+from ...core.files.trees import is_json
 from ...core.formatting.units import LENGTH_UNITS
 from ...core.geometry.se3 import Array
 from ...errors import InputError
@@ -41,28 +41,16 @@ _ONE = re.compile(r"(.*?)[\[(_. ]*(\d{1,2})[\])]*")
 FRANKA = "o_t_ee"
 
 
-@dataclass(frozen=True)
-class Header:
-    """Places of the numbers in a table.
+class Header(NamedTuple):
+    """Places of the numbers in a table."""
 
-    Parameters
-    ----------
-    line : line of the names, counted from 1
-    matrix : columns of the numbers of the matrix, row by row or as they are counted
-    names : of all columns
-    translation : columns of x, y, z; empty: in the matrix
-    units : of the translation, or None
-    time : column and its unit
-    counted : whether the nine numbers of a rotation are only counted
-    """
-
-    line: int
-    matrix: list[int]
-    names: list[str]
-    translation: list[int] = field(default_factory=list)
-    units: str | None = None
-    time: tuple[int, str] | None = None
-    counted: bool = False
+    line: int  # of the names, counted from 1
+    matrix: list[int]  # columns of the numbers of the matrix, row by row or as they are counted
+    names: list[str]  # of all columns
+    translation: list[int]  # columns of x, y, z; empty: in the matrix
+    units: str | None  # of the translation
+    time: tuple[int, str] | None  # column and its unit
+    counted: bool  # whether the nine numbers of a rotation are only counted
 
 
 def header_of(text: str) -> Header | None:
@@ -104,13 +92,10 @@ def _header(number: int, names: list[str]) -> Header | None:
     matrix = found[0][1]
     translation: list[int] = []
     if len(matrix) == 9:
-        axes = [[k for k, (column, _) in enumerate(meant) if column == axis] for axis in "xyz"]
-        by_number = [at for at in one.values() if sorted(at) in ([0, 1, 2], [1, 2, 3])]
-        if all(axes):
-            translation = [columns[0] for columns in axes]
-        elif by_number:
-            translation = [by_number[0][index] for index in sorted(by_number[0])]
-        else:
+        where = {column: k for k, (column, _) in reversed(list(enumerate(meant)))}
+        axes = [where[axis] for axis in "xyz" if axis in where]
+        by_number = [[at[k] for k in sorted(at)] for at in one.values() if sorted(at) in ([0, 1, 2], [1, 2, 3])]
+        if not (translation := axes if len(axes) == 3 else next(iter(by_number), [])):
             return None
     of = translation or [matrix[k] for k in (3, 7, 11)]
     said_units = {units.get(k) or meant[k][1] for k in of}
@@ -197,8 +182,7 @@ MOST_WORDS = 3
 LONG = 12
 
 
-@dataclass(frozen=True)
-class NumberLine:
+class NumberLine(NamedTuple):
     """Numbers of a line, and its number in the file."""
 
     line: int
@@ -229,7 +213,9 @@ def number_lines(text: str, name: str) -> Iterator[NumberLine]:
         content = _content(raw)
         if not content:
             continue
-        words = _words(content, commas)
+        if commas:
+            content = content.replace(", ", " ").rstrip(",").replace(",", ".")
+        words = content.replace(",", " ").split()
         values = tuple(map(_value, words))
         known = [value is not None for value in values]
         if not any(known):
@@ -258,24 +244,12 @@ def _content(raw: str) -> str:
     return content.translate(_MARKS).strip()
 
 
-def _words(content: str, commas: bool) -> list[str]:
-    if commas:
-        return content.replace(", ", " ").rstrip(",").replace(",", ".").split()
-    return content.replace(",", " ").split()
-
-
 def _value(word: str) -> float | None:
+    """Return a number, also of Fortran (1.0D+00) and C (1.0f); None for anything else."""
     if _NUMBER.fullmatch(word) is None:
         return None
-    try:
-        return float(re.sub("[dD](?=[-+]?[0-9])", "e", word) if word[-1].lower() != "f" else _c_number(word))
-    except ValueError:
-        return None
-
-
-def _c_number(word: str) -> str:
-    """A number of C without its suffix; ``inf`` stays."""
-    return word if word.lower().endswith("inf") else word[:-1]
+    plain = word if word.lower().endswith("inf") else re.sub("[dD](?=[-+]?[0-9])", "e", word).rstrip("fF")
+    return next(iter(floats([plain]) or []), None)
 
 
 def _decimal_commas(text: str) -> bool:
@@ -343,9 +317,8 @@ def _begins(lines: Sequence[NumberLine]) -> bool:
     """Return whether a text that is damaged further on begins with matrices."""
     if not lines:
         return False
-    first = np.array([lines[0].values])
-    if first.shape[1] in _PER_LINE:
-        return fitting(first)
+    if len(lines[0].values) in _PER_LINE:
+        return fitting(np.array([lines[0].values]))
     rows = [line.values for line in lines[:5] if len(line.values) == 4][:4]
     flat = np.array(rows).reshape(1, -1)
     return len(lines[0].values) <= 4 and any(flat.shape[1] >= count and fitting(flat[:, :count]) for count in COUNTS)
@@ -362,16 +335,7 @@ def is_tree(head: str) -> bool:
     first = next((line for line in head.split("\n", 200) if line.strip() and not line.lstrip().startswith("#")), "")
     if _YAML.match(first) or _ENTRY.search(head):
         return True
-    if not head.lstrip().startswith("["):
-        return False
-    try:
-        json.JSONDecoder().raw_decode(head.lstrip())
-    except json.JSONDecodeError as error:
-        return len(head) >= _CUT and error.pos > len(head) - 1000
-    except (ValueError, RecursionError):
-        return True
-    _, end = json.JSONDecoder().raw_decode(head.lstrip())
-    return not head.lstrip()[end:].strip()
+    return head.lstrip().startswith("[") and is_json(head)
 
 
 def read_matrix_text(text: str, name: str) -> Contents:

@@ -16,7 +16,7 @@ from ...core.files.lines import csv_text
 from ...core.formatting.numbers import digits
 from ...errors import InputError
 from .open import HINT
-from .recording import JointTrack, Recording, Topic
+from .recording import JointTrack, Recording
 from .track import CameraInfo, Pair, Tree
 
 # Names of robots' base and tool frames, the usual ones first; then those of cameras and of what they see.
@@ -138,19 +138,19 @@ def command_of(recording: Recording, files: list[str]) -> str:
 
 def text_of(recording: Recording, files: list[str]) -> str:
     """Return the listing as lines."""
-    count = sum(topic.count for topic in recording.topics.values())
-    lines = [f"{recording.name}: {digits(recording.duration)} s, {count} messages", ""]
-    lines += _columns([["topic", "type", "messages", "read as"], *(_row(topic) for topic in recording.topics.values())])
-    for heading, part in (
-        ("Transforms", _transforms(recording)),
-        ("Poses", _poses(recording)),
-        ("Tags with corners", _tags(recording)),
-        ("Cameras", _cameras(recording)),
-        ("Joints", _joints(recording)),
-    ):
+    topics = recording.topics.values()
+    head = f"{recording.name}: {digits(recording.duration)} s, {sum(topic.count for topic in topics)} messages"
+    rows = [["topic", "type", "messages", "read as"]]
+    for topic in topics:
+        short = topic.msgtype.replace("/msg/", "/")
+        rows.append([topic.name, short, str(topic.count), topic.kind or topic.problem or "-"])
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    aligned = [f"{a:<{widths[0]}}  {b:<{widths[1]}}  {c:>{widths[2]}}  {d}" for a, b, c, d in rows]
+    lines = [head, "", *aligned]
+    for heading, part in _parts(recording).items():
         if part:
             more = [] if len(part) <= MOST else [f"  and {len(part) - MOST} more"]
-            lines += ["", f"{heading}:", *part[:MOST], *more]
+            lines += ["", f"{heading}:", *(f"  {line}" for line in part[:MOST]), *more]
     lines += [f"\nNote: {note}." for note in recording.notes]
     found = guess(recording)
     if (found.robot, found.camera) == (ROBOT, CAMERA) and not (recording.poses or recording.tree.edges):
@@ -158,6 +158,38 @@ def text_of(recording: Recording, files: list[str]) -> str:
     else:
         lines += ["", "Next:", f"  {command_of(recording, files)}"]
     return "\n".join(lines) + "\n"
+
+
+def _parts(recording: Recording) -> dict[str, list[str]]:
+    """Return the lines below each heading."""
+    cameras = []
+    for name, info in recording.infos.items():
+        fx, fy, cx, cy = (digits(value, 6) for value in info.linear())
+        what = "rectified" if info.rectified else f"distortion {info.model or 'none'}"
+        size = "{} x {}".format(*info.image_size)
+        cameras.append(f"{name}  {info.frame or 'no frame'}, {size} px, fx {fx}, fy {fy}, cx {cx}, cy {cy}, {what}")
+    return {
+        "Transforms": [
+            f"{parent}:{child}  {f'{len(track)} poses' if track.moves else 'static'}"
+            for (parent, child), track in sorted(recording.tree.edges.items())
+        ],
+        "Poses": [
+            f"{name if len(tracks) == 1 else f'{name}:{child}'}  {len(track)} poses{f' in {parent}' if parent else ''}"
+            for name, tracks in recording.poses.items()
+            for (parent, child), track in tracks.items()
+        ],
+        "Tags with corners": [
+            f"{frame or name}:{tag}  {len(track)} detections in {name}"
+            for name, tracks in recording.tags.items()
+            for (frame, tag), track in sorted(tracks.items())
+        ],
+        "Cameras": cameras,
+        "Joints": [
+            f"{name}  {len(track)} rows of {', '.join(track.names[:12])}"
+            for name, found in recording.joints.items()
+            for track in found.tracks
+        ],
+    }
 
 
 def dict_of(recording: Recording, files: list[str]) -> dict[str, Any]:
@@ -173,16 +205,8 @@ def dict_of(recording: Recording, files: list[str]) -> dict[str, Any]:
             {"parent": parent, "child": child, "count": len(track), "moves": track.moves}
             for (parent, child), track in recording.tree.edges.items()
         ],
-        "poses": [
-            {"topic": name, "parent": parent, "child": child, "count": len(track)}
-            for name, tracks in recording.poses.items()
-            for (parent, child), track in tracks.items()
-        ],
-        "tags": [
-            {"topic": name, "camera": frame, "tag": tag, "count": len(track)}
-            for name, tracks in recording.tags.items()
-            for (frame, tag), track in tracks.items()
-        ],
+        "poses": _counts(recording.poses, "parent", "child"),
+        "tags": _counts(recording.tags, "camera", "tag"),
         "cameras": [
             {
                 "topic": name,
@@ -203,61 +227,11 @@ def dict_of(recording: Recording, files: list[str]) -> dict[str, Any]:
     }
 
 
-def _row(topic: Topic) -> list[str]:
-    short = topic.msgtype.replace("/msg/", "/")
-    return [topic.name, short, str(topic.count), topic.kind or topic.problem or "-"]
-
-
-def _columns(rows: list[list[str]]) -> list[str]:
-    widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
+def _counts(topics: Any, first: str, second: str) -> list[dict[str, Any]]:
     return [
-        "  ".join(
-            cell.rjust(width) if k == 2 else cell.ljust(width)
-            for k, (cell, width) in enumerate(zip(row, widths, strict=True))
-        ).rstrip()
-        for row in rows
-    ]
-
-
-def _transforms(recording: Recording) -> list[str]:
-    return [
-        f"  {parent}:{child}  {f'{len(track)} poses' if track.moves else 'static'}"
-        for (parent, child), track in sorted(recording.tree.edges.items())
-    ]
-
-
-def _poses(recording: Recording) -> list[str]:
-    found = []
-    for name, tracks in recording.poses.items():
-        for (parent, child), track in tracks.items():
-            named = name if len(tracks) == 1 else f"{name}:{child}"
-            found.append(f"  {named}  {len(track)} poses{f' in {parent}' if parent else ''}")
-    return found
-
-
-def _tags(recording: Recording) -> list[str]:
-    return [
-        f"  {frame or name}:{tag}  {len(track)} detections in {name}"
-        for name, tracks in recording.tags.items()
-        for (frame, tag), track in sorted(tracks.items())
-    ]
-
-
-def _cameras(recording: Recording) -> list[str]:
-    found = []
-    for name, info in recording.infos.items():
-        fx, fy, cx, cy = (digits(value, 6) for value in info.linear())
-        what = "rectified" if info.rectified else f"distortion {info.model or 'none'}"
-        size = "{} x {}".format(*info.image_size)
-        found.append(f"  {name}  {info.frame or 'no frame'}, {size} px, fx {fx}, fy {fy}, cx {cx}, cy {cy}, {what}")
-    return found
-
-
-def _joints(recording: Recording) -> list[str]:
-    return [
-        f"  {name}  {len(track)} rows of {', '.join(track.names[:12])}"
-        for name, found in recording.joints.items()
-        for track in found.tracks
+        {"topic": name, first: a, second: b, "count": len(track)}
+        for name, tracks in topics.items()
+        for (a, b), track in tracks.items()
     ]
 
 
