@@ -134,7 +134,7 @@ def correlate(robot: Speeds, camera: Speeds, low: float, high: float) -> Correla
     lags, values, number = lags[inside], values[inside], number[inside]
     if not np.isfinite(values).any():
         return nothing
-    spread = 1 + 2 * float((_autocorrelation(a, known_a) * _autocorrelation(b, known_b)).sum())
+    spread = 1 + 2 * float((_positive_autocorrelation(a) * _positive_autocorrelation(b)).sum())
     effective = max(float(np.nanmax(number)) / max(spread, 1.0), 4.0)
     trials = max(1.0, len(values) / max(spread, 1.0))
     needed = float(np.tanh(-ndtri(CHANCE / trials) / np.sqrt(max(effective - 3.0, 1.0))))
@@ -158,14 +158,15 @@ def _coefficients(a: Array, b: Array, known_a: Array, known_b: Array) -> tuple[A
     return np.where((va > floor) & (vb > floor), (sab - sa * sb / n) / np.where(scale > 0, scale, 1.0), 0.0), n
 
 
-def _autocorrelation(x: Array, known: NDArray[np.bool_]) -> Array:
-    """Return the autocorrelation at lag 1, 2, ... up to where it first is below 0; zeros behind, up to a common
-    length.
-    """
-    n = 2048
-    size = 1 << (2 * len(x) - 1).bit_length()
-    both = np.fft.irfft(np.abs(np.fft.rfft(x, size)) ** 2, size)[: min(n, len(x))]
-    rho = both / both[0]
+def autocorrelation(x: Array) -> Array:
+    """Return the autocorrelation (n,) of a series (n,) at lag 0, 1, ...; zeros of one that is 0."""
+    both = np.fft.irfft(np.abs(np.fft.rfft(x, 2 * len(x))) ** 2)[: len(x)]
+    return both / both[0] if both[0] > 0 else np.zeros(len(x))
+
+
+def _positive_autocorrelation(x: Array, n: int = 2048) -> Array:
+    """Return the autocorrelation at lag 1, 2, ... n up to where it first is below 0, and zeros behind."""
+    rho = autocorrelation(x)[:n]
     if (rho <= 0).any():
         rho[int(np.argmax(rho <= 0)) :] = 0.0
     result = np.zeros(n)
@@ -275,22 +276,20 @@ def left_out(
 ) -> tuple[LeftOut, ...]:
     """Report the poses of the ``base`` stream at whose times the other ``side`` has no pose."""
     parts: list[LeftOut] = []
+
+    def part(rows: NDArray[np.intp], what: str, gap: bool = True, **values: Any) -> None:
+        why = Finding(f"synchronisation.{what}", "note", {"other": side, **values})
+        parts.append(LeftOut(base, tuple(base_times[rows].tolist()), why, gap))
+
     for code, what in ((BEFORE, "before_other"), (AFTER, "after_other")):
-        rows = np.flatnonzero(found.problem == code)
-        if rows.size:
-            why = Finding(f"synchronisation.{what}", "note", {"other": side})
-            parts.append(_part(base, base_times, rows, why, gap=False))
+        if (rows := np.flatnonzero(found.problem == code)).size:
+            part(rows, what, gap=False)
     rows = np.flatnonzero(found.problem >= GAP)
     for left in np.unique(found.left[rows]):
         inside = rows[found.left[rows] == left]
-        values = {"other": side, "begin": side_times[left], "end": side_times[left + 1]}
+        ends = {"begin": side_times[left], "end": side_times[left + 1]}
         if found.problem[inside[0]] == GAP:
-            why = Finding("synchronisation.in_gap", "note", values | {"max_gap": max_gap})
+            part(inside, "in_gap", **ends, max_gap=max_gap)
         else:
-            why = Finding("synchronisation.in_half_turn", "note", values)
-        parts.append(_part(base, base_times, inside, why, gap=True))
+            part(inside, "in_half_turn", **ends)
     return tuple(parts)
-
-
-def _part(side: str, times: Array, rows: NDArray[np.intp], why: Finding, gap: bool) -> LeftOut:
-    return LeftOut(side, tuple(float(t) for t in times[rows]), why, gap)

@@ -134,11 +134,10 @@ def _so4_limit(first: Array, second: Array, step: Array, angle: Array, w: Array)
 
 def _geodesic(first: Array, second: Array, step: Array, w: Array) -> Array:
     share = (1.0 - w)[..., None]
-    along = (first[..., :3, :3].mT @ (second[..., :3, 3] - first[..., :3, 3])[..., None])[..., 0]
-    rate = np.linalg.solve(left_jacobian(step), along[..., None])
-    move = left_jacobian(share * step) @ (share[..., None] * rate)
+    along = first[..., :3, :3].mT @ (second[..., :3, 3:] - first[..., :3, 3:])
+    move = left_jacobian(share * step) @ (share[..., None] * np.linalg.solve(left_jacobian(step), along))
     result = _turned(first, share * step)
-    result[..., :3, 3] = first[..., :3, 3] + (first[..., :3, :3] @ move)[..., 0]
+    result[..., :3, 3:] = first[..., :3, 3:] + first[..., :3, :3] @ move
     return result
 
 
@@ -163,9 +162,7 @@ class Interpolated(NamedTuple):
 
     def rows(self, index: NDArray[np.intp]) -> Interpolated:
         """Return the poses at some of the times."""
-        return Interpolated(
-            self.poses[index], self.rate[index], self.weight[index], self.left[index], self.problem[index]
-        )
+        return Interpolated(*(part[index] for part in self))
 
 
 def at_times(times: Array, poses: Array, wanted: Array, kind: str = "so4", max_gap: float = np.inf) -> Interpolated:

@@ -41,6 +41,7 @@ from ...fit.one_model.noise_of_data import estimate_noise
 from ...model.noise.models import PoseNoise, marginals
 from ...model.noise.square_roots import gram, whiten
 from ...model.poses.pose_pairs import PosePairs
+from .correlation import autocorrelation
 from .interpolation import Interpolated, at_times
 
 # Rows that the start, the first rounds and the noise are found from, evenly spread.
@@ -134,7 +135,6 @@ def start(pairing: Pairing, offset: float, seed: int) -> Refined:
     rows = thinned(pairing.rows_at(offset), FOR_START)
     found = pairing.interpolated(offset, rows)
     constraint = OnPoses(*pairing.poses(found, rows), pairing.inverted)
-    agreed = consensus(constraint, None, seed)
     agreed = consensus(constraint, None, seed)
     noise = residual_noise(constraint, agreed.unknowns)
     assert isinstance(noise, PoseNoise)
@@ -276,12 +276,7 @@ def honest(c: Array, model_std: float) -> tuple[float, float]:
 
 def _growth2(c: Array) -> float:
     """``1 + 2 sum rho`` over the initial positive sequence, at least 1; 1 where chance explains the correlation."""
-    n = len(c)
-    size = 1 << (2 * n - 1).bit_length()
-    products = np.fft.irfft(np.abs(np.fft.rfft(c, size)) ** 2, size)[:n]
-    if not products[0] > 0:
-        return 1.0
-    rho = products / products[0]
+    n, rho = len(c), autocorrelation(c)
     falling = 1.0 - np.arange(1, 6) / 6.0
     z = np.sqrt(n) * max(float(rho[1]), float(falling @ rho[1:6]) / float(np.sqrt(falling @ falling)))
     if 2 * float(ndtr(-z)) > RARE:

@@ -140,9 +140,9 @@ def synchronise(
     """
     given = _Given(robot, camera, setup, _prior(offset), still, noise)
     _check(given, interpolation, max_offset, max_gap, seed)
-    prior = given.prior
-
-    (r_times, r_poses), (c_times, c_poses) = _sorted(robot), _sorted(camera)
+    prior, robot, camera = given.prior, _by_time(robot), _by_time(camera)
+    given = given._replace(robot=robot, camera=camera)
+    r_times, c_times = robot.timestamps, camera.timestamps
     intervals = float(np.median(np.diff(r_times))), float(np.median(np.diff(c_times)))
     check_units(*intervals)
     side = "robot" if intervals[0] <= DENSER * intervals[1] else "camera"
@@ -150,9 +150,8 @@ def synchronise(
     # Times count from the beginning of each stream: those of an epoch have few digits left below 1 us.
     origins = float(r_times[0]), float(c_times[0])
     shift = origins[0] - origins[1]
-    pairing = Pairing(
-        r_times - origins[0], r_poses, c_times - origins[1], c_poses, side, interpolation, gap, setup == "eye-to-hand"
-    )
+    parts = r_times - origins[0], robot.poses, c_times - origins[1], camera.poses
+    pairing = Pairing(*parts, side, interpolation, gap, setup == "eye-to-hand")
     centre = 0.0 if prior is None else prior[0]
     reach = max_offset
     if prior is not None and not given.exact and reach is None:
@@ -349,8 +348,7 @@ def _assembled(
         timing = Timing(offset, std, fine.rate, pairing.side)
         poses = PosePairs(*pair, setup, times + origins[1], None, sources, timing)
         if robot.joints is not None:
-            joints = _sorted_by_time(robot, robot.joints)
-            poses = replace(poses, joints=joint_values_at(pairing.robot_times, joints, times + at))
+            poses = replace(poses, joints=joint_values_at(pairing.robot_times, robot.joints, times + at))
     refined = None if estimate is None else estimate.refined
     findings = _against_streams(pairing, gone, len(rows), shift, offset, prior, estimate)
     side_times, side_poses = (
@@ -359,7 +357,10 @@ def _assembled(
     missed = misses(side_times, side_poses, pairing.kind, pairing.max_gap)
     error = error_of_interpolation(side_poses, missed)
     if refined is not None and not still:
-        findings += _coarse(error, bias_of_interpolation(pairing, refined, missed), pairing.side)
+        bias = bias_of_interpolation(pairing, refined, missed)
+        if bias >= COARSE:
+            values = {"side": pairing.side, "rotation": error[0], "translation": error[1], "bias": bias}
+            findings.append(Finding("synchronisation.coarse_interpolation", "caution", values))
     result = Synchronised(
         poses=poses,
         offset=offset,
@@ -432,43 +433,31 @@ def _against_streams(
     return found
 
 
-def _coarse(error: tuple[float, float], bias: float, side: str) -> list[Finding]:
-    """Report an error of interpolation that shows in X."""
-    if bias < COARSE:
-        return []
-    values = {"side": side, "rotation": error[0], "translation": error[1], "bias": bias}
-    return [Finding("synchronisation.coarse_interpolation", "caution", values)]
-
-
 def _of_streams(robot: Stream, camera: Stream, stops: list[Stop], still: bool) -> list[Finding]:
     """Notes: coarse clocks, and stops that could be averaged."""
     found = []
     for stream, name in ((robot, "robot"), (camera, "camera")):
-        if (q := coarse_clock(np.sort(stream.timestamps))) is not None:
+        if (q := coarse_clock(stream.timestamps)) is not None:
             found.append(Finding("synchronisation.coarse_clock", "note", {"side": name, "resolution": q}))
     if stops and not still:
         found.append(Finding("synchronisation.stops", "note", {"count": len(stops)}))
     return found
 
 
-def _sorted(stream: Stream) -> tuple[Array, Array]:
+def _by_time(stream: Stream) -> Stream:
+    """Return a stream in the order of its times."""
     if (np.diff(stream.timestamps) > 0).all():
-        return stream.timestamps, stream.poses
+        return stream
     order = np.argsort(stream.timestamps, kind="stable")
-    return stream.timestamps[order], stream.poses[order]
-
-
-def _sorted_by_time(stream: Stream, values: Array) -> Array:
-    """Return what a stream has for each pose in the order of time."""
-    return values[np.argsort(stream.timestamps, kind="stable")]
+    joints = None if stream.joints is None else stream.joints[order]
+    return replace(stream, timestamps=stream.timestamps[order], poses=stream.poses[order], joints=joints)
 
 
 def _joints_of_stops(robot: Stream, stops: list[Stop], shift: float) -> Array:
     """Return the mean joint values (k, L) of the samples at each stop; robot time is stop time plus ``shift``."""
     assert robot.joints is not None
-    times, joints = np.sort(robot.timestamps), _sorted_by_time(robot, robot.joints)
-    ends = np.searchsorted(times, [[stop.begin + shift, stop.end + shift] for stop in stops])
-    return np.stack([joints[first : max(behind, first + 1)].mean(axis=0) for first, behind in ends])
+    ends = np.searchsorted(robot.timestamps, [[stop.begin + shift, stop.end + shift] for stop in stops])
+    return np.stack([robot.joints[first : max(behind, first + 1)].mean(axis=0) for first, behind in ends])
 
 
 def _prior(offset: object) -> tuple[float, float] | None:
