@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from ..core.files.about import as_about
-from ..core.files.records import attributes, damaged, not_finite, parts_of, unequal
+from ..core.files.records import attributes, damaged, parts_of, unequal, wrong_number
 from ..core.files.source import versions
 from ..core.geometry.checks import as_covariance, as_pose
 from ..core.geometry.conventions import CONVENTION
@@ -62,8 +62,8 @@ def from_dict(kind: type[C], data: dict[str, Any]) -> C:
             "Calibrate again to have one of an older format in this one."
         )
     with damaged("The calibration"):
-        if (where := not_finite(data, "calibration")) is not None:
-            raise ValueError(f"{where} is not finite")
+        if (where := wrong_number(data, "calibration")) is not None:
+            raise ValueError(where)
         _require_stated(data)
         result: C = kind(**_parts_of(data, kind))
         _require_whole(result)

@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 from ...errors import InputError
 from ..runtime.read_only import ReadOnlyArrays
 from .open import StrPath, as_path, opened
-from .trees import is_plain_number
+from .trees import is_list, is_map, is_plain_number, items_of
 
 T = TypeVar("T")
 
@@ -48,29 +48,21 @@ def unequal(again: Any, data: Any, path: str) -> str | None:
 
     More names in ``data`` do not matter.
     """
-    if isinstance(again, dict):
-        if not isinstance(data, dict):
-            return path
-        for name, part in again.items():
-            if name not in data:
-                return f"{path}.{name}"
-            if (found := unequal(part, data[name], f"{path}.{name}")) is not None:
-                return found
-        return None
-    if isinstance(again, list):
-        if not isinstance(data, list) or len(data) != len(again):
-            return path
-        if all(map(is_plain_number, again)) and all(map(is_plain_number, data)):
-            return (
-                None
-                if again == data or np.allclose(again, data, rtol=0.0, atol=ROUNDING * float(np.abs(again).max()))
-                else path
-            )
-        parts = ((unequal(a, b, f"{path}[{k}]")) for k, (a, b) in enumerate(zip(again, data, strict=True)))
-        return next((found for found in parts if found is not None), None)
+    kind = type(again)
     if is_plain_number(again) and is_plain_number(data):
         return None if abs(again - data) <= ROUNDING * abs(again) else path
-    return None if type(again) is type(data) and again == data else path
+    if kind is not type(data) or (kind is list and len(again) != len(data)):
+        return path
+    if kind is dict:
+        parts = ((part, data.get(name, MISSING), f"{path}.{name}") for name, part in again.items())
+    elif kind is list:
+        if again and all(map(is_plain_number, again)) and all(map(is_plain_number, data)):
+            alike = again == data or np.allclose(again, data, rtol=0.0, atol=ROUNDING * float(np.abs(again).max()))
+            return None if alike else path
+        parts = ((part, other, f"{path}[{k}]") for k, (part, other) in enumerate(zip(again, data, strict=True)))
+    else:
+        return None if again == data else path
+    return next((found for part in parts if (found := unequal(*part)) is not None), None)
 
 
 def array_of(data: Any, shape: tuple[int, ...], path: str, infinite: bool = False) -> NDArray[np.float64]:
@@ -79,43 +71,40 @@ def array_of(data: Any, shape: tuple[int, ...], path: str, infinite: bool = Fals
     ``infinite``: None stands for an infinite number, which JSON has not.
     """
     try:
-        array = np.array(_infinite(data) if infinite else data, dtype=float)
+        array = np.array(data, dtype=float)
     except (TypeError, ValueError, OverflowError) as error:
         raise InputError(f"Expected {path} to be numbers of shape {shape}, got {data!r:.40}.") from error
     if array.shape != shape:
         raise InputError(f"Expected {path} to be numbers of shape {shape}, got shape {array.shape}.")
-    if not (infinite or np.isfinite(array).all()):
+    if infinite:
+        array[np.isnan(array)] = np.inf
+    elif not np.isfinite(array).all():
         raise InputError(f"Expected {path} to be finite numbers of shape {shape}.")
     return array
 
 
-def _infinite(data: Any) -> Any:
-    if isinstance(data, list):
-        return [_infinite(part) for part in data]
-    return np.inf if data is None else data
+def wrong_number(data: Any, path: str) -> str | None:
+    """Return what is wrong with a number of plain values, with its path, in words; None if nothing is.
 
-
-def not_finite(data: Any, path: str) -> str | None:
-    """Return the path where the data hold NaN, infinity, an integer beyond any float, or a truth value in a list; None
-    if nowhere.
+    NaN, infinity and an integer beyond any float are not finite; true and false in a list are no numbers.
     """
-    where = _not_finite(data)
+    where = _wrong_number(data, True)
     return None if where is None else path + where
 
 
-def _not_finite(data: Any) -> str | None:
-    """Return the end of the path: files hold many numbers, and few of them are wrong."""
-    if not isinstance(data, dict | list | tuple):
-        if isinstance(data, int):
-            return "" if abs(data) > _LARGEST else None
-        return "" if isinstance(data, float) and not math.isfinite(data) else None
-    named = isinstance(data, dict)
-    for name, part in data.items() if isinstance(data, dict) else enumerate(data):
-        if type(part) is float and math.isfinite(part):
-            continue
-        found = "" if isinstance(part, bool) and not named else _not_finite(part)
-        if found is not None:
-            return f".{name}{found}"
+def _wrong_number(data: Any, named: bool) -> str | None:
+    """Return the end of the path and the words: files hold many numbers, and few of them are wrong."""
+    kind = type(data)
+    if kind in (dict, list, tuple):
+        for name, part in data.items() if kind is dict else enumerate(data):
+            if type(part) is float and math.isfinite(part):
+                continue
+            if (found := _wrong_number(part, kind is dict)) is not None:
+                return f".{name}{found}"
+    elif kind is bool and not named:
+        return f" is {str(data).lower()}, expected a number"
+    elif (kind is int and abs(data) > _LARGEST) or (kind is float and not math.isfinite(data)):
+        return " is not finite"
     return None
 
 
@@ -185,11 +174,12 @@ def attributes(value: Any, names: str) -> dict[str, Any]:
 
 def plain(value: Any) -> Any:
     """Return plain values: dictionaries of records and named tuples, lists of arrays; None for what is not finite."""
-    if isinstance(value, float):
+    kind = type(value)
+    if kind in (float, np.float64):
         return float(value) if math.isfinite(value) else None
-    if value is None or isinstance(value, str | bool | int):
+    if value is None or kind in (str, bool, int):
         return value
-    if isinstance(value, np.ndarray | np.generic):
+    if hasattr(value, "dtype"):
         whole = value.dtype.kind != "f" or bool(np.isfinite(value).all())
         return value.tolist() if whole else plain(value.tolist())
     if hasattr(value, "to_dict"):
@@ -198,7 +188,7 @@ def plain(value: Any) -> Any:
         value = value._asdict()
     elif is_dataclass(value):
         value = {field.name: getattr(value, field.name) for field in fields(value)}
-    if isinstance(value, Mapping):
+    if hasattr(value, "items"):
         return {name: plain(part) for name, part in value.items()}
     return [plain(part) for part in value]
 
@@ -213,9 +203,9 @@ def parts_of(
     ``sizes``: those of arrays by letter, of the record that this one is a part of.
     """
     names = [field.name for field in fields(kind)] if is_dataclass(kind) else kind._fields
-    if isinstance(data, list) and not is_dataclass(kind):
+    if is_list(data) and not is_dataclass(kind):
         data = dict(zip(names, data, strict=False))
-    if not isinstance(data, Mapping):
+    if not is_map(data):
         raise InputError(f"Expected {path} with {', '.join(names)}, got {data!r:.40}.")
     if not issubclass(kind, Record) and (more := [name for name in data if name not in names]):
         raise InputError(f"Expected {path} with {', '.join(names)}, got also {more[0]!r:.40}.")
@@ -243,8 +233,7 @@ def read(hint: Any, data: Any, path: str, sizes: dict[str, int] | None = None) -
             return None
         return read(next(arg for arg in args if arg is not NoneType), data, path, sizes)
     if kind in _PLAIN:
-        good = isinstance(data, kind) or (kind is float and isinstance(data, int))
-        if not good or (isinstance(data, bool) and kind is not bool):
+        if type(data) is not kind and not (kind is float and type(data) is int):
             raise InputError(f"Expected {path} to be {_PLAIN[kind]}, got {data!r:.40}.")
         return data
     if kind is Literal:
@@ -264,10 +253,10 @@ def read(hint: Any, data: Any, path: str, sizes: dict[str, int] | None = None) -
 def _many(kind: type[Any], args: tuple[Any, ...], data: Any, path: str, sizes: dict[str, int]) -> Any:
     """Return a tuple from a list, or a dictionary of names."""
     if kind is dict:
-        if not isinstance(data, Mapping):
+        if not is_map(data):
             raise InputError(f"Expected {path} to be a dictionary, got {data!r:.40}.")
         return {name: read(args[1], value, f"{path}.{name}", sizes) for name, value in data.items()}
-    if not isinstance(data, list):
+    if not is_list(data):
         raise InputError(f"Expected {path} to be a list, got {data!r:.40}.")
     kinds = args[:1] * len(data) if args[1:] == (Ellipsis,) else args
     if len(kinds) != len(data):
@@ -280,9 +269,8 @@ def _array(data: Any, shape: tuple[Any, ...], path: str, sizes: dict[str, int], 
     at, wanted = data, []
     for size in shape:
         if size not in (INFINITE, NUMBER):
-            count = len(at) if isinstance(at, list) else 0
-            wanted.append(sizes.setdefault(size, count) if isinstance(size, str) else size)
-            at = at[0] if isinstance(at, list) and at else []
+            wanted.append(sizes.setdefault(size, len(items_of(at))) if type(size) is str else size)
+            at = next(iter(items_of(at)), [])
     if 0 in wanted and data == []:  # lists do not say how many columns no row has
         return np.zeros(wanted)
     found = array_of(data, tuple(wanted), path, INFINITE in shape)

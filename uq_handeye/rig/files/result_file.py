@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from ...core.files.records import attributes, damaged, not_finite, parts_of, plain, unequal
+from ...core.files.records import attributes, damaged, parts_of, plain, unequal, wrong_number
 from ...core.geometry.se3 import Array
 from ...errors import InputError
 from ...model.kinematics.chain import Kinematics
@@ -52,8 +52,8 @@ def from_dict(kind: type[C], data: Any) -> C:
             "older format in this one."
         )
     with damaged("The result"):
-        if (where := not_finite(data, "rig")) is not None:
-            raise ValueError(f"{where} is not finite")
+        if (where := wrong_number(data, "rig")) is not None:
+            raise ValueError(where)
         result: Any = kind(**parts_of(kind, data, "rig result", rig=rig_from_dict(data[_NAME])))
         _require_whole(result)
         if (where := unequal(attributes(result, DERIVED), data, "rig")) is not None:
