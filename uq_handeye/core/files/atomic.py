@@ -91,10 +91,10 @@ def json_text(data: Any, path: StrPath | None = None) -> str:
 def _indented(data: Any, start: str) -> str:
     """JSON text whose lines begin with ``start``."""
     inside = f"{start}  "
-    if isinstance(data, dict) and data:
+    if type(data) is dict and data:
         parts = [f"{json.dumps({name: 0})[1:-4]}: {_indented(part, inside)}" for name, part in data.items()]
         return f"{{{inside}{f',{inside}'.join(parts)}{start}}}"
-    if isinstance(data, list | tuple) and any(isinstance(part, dict | list | tuple) for part in data):
+    if type(data) in (list, tuple) and any(type(part) in (dict, list, tuple) for part in data):
         return f"[{inside}{f',{inside}'.join(_indented(part, inside) for part in data)}{start}]"
     return json.dumps(data, allow_nan=False)
 
@@ -119,7 +119,7 @@ def _make_folder(folder: Path, cleaning: ExitStack) -> None:
     require_writable_folder(folder)
     try:
         for missing in [part for part in reversed((folder, *folder.parents)) if not part.exists()]:
-            cleaning.callback(_remove_if_empty, missing)  # in the end it is empty only if the writing failed
+            cleaning.callback(_try_to, missing.rmdir)  # in the end it is empty only if the writing failed
             missing.mkdir(exist_ok=True)
     except OSError as error:
         raise InputError(f"Cannot make the folder {shown(folder)}: {reason(error)}.") from error
@@ -127,17 +127,23 @@ def _make_folder(folder: Path, cleaning: ExitStack) -> None:
 
 def _prepare(target: Path, content: Content, cleaning: ExitStack) -> tuple[Path | None, Path]:
     """The temporary file that is to replace ``target``, complete and on disk; ``cleaning`` removes it."""
+
+    def write(file: BinaryIO) -> object:
+        if callable(content):
+            return content(file)
+        return file.write(content.encode("utf-8") if isinstance(content, str) else content)
+
     with _refusals(target):
         mode = _require_place(target)
         if mode is not None and not stat.S_ISREG(mode):  # nothing to keep whole, and never to be replaced
             with open(target, "wb", opener=_open_at_once) as file:
-                _write(file, content)
+                write(file)
             return None, target
         real = Path(os.path.realpath(target))
         temporary = real.with_name(f".uq-handeye-{secrets.token_hex(8)}.tmp")
-        cleaning.callback(_remove, temporary)  # before it exists: no interrupt slips between
+        cleaning.callback(_try_to, temporary.unlink)  # before it exists: no interrupt slips between
         with open(temporary, "xb") as file:
-            _write(file, content)
+            write(file)
             file.flush()
             os.fsync(file.fileno())
         if mode is not None:
@@ -184,13 +190,6 @@ def _open_at_once(path: str, flags: int) -> int:
     return descriptor
 
 
-def _write(file: BinaryIO, content: Content) -> None:
-    if callable(content):
-        content(file)
-    else:
-        file.write(content.encode("utf-8") if isinstance(content, str) else content)
-
-
 def _replace(prepared: list[tuple[Path | None, Path]]) -> None:
     for temporary, target in prepared:
         if temporary is not None:
@@ -198,17 +197,12 @@ def _replace(prepared: list[tuple[Path | None, Path]]) -> None:
                 os.replace(temporary, target)
 
 
-def _remove(temporary: Path) -> None:
-    """Remove the temporary file, if that is possible: the cause that stopped the writing, such as a read-only file
+def _try_to(remove: Callable[[], object]) -> None:
+    """Remove a file or folder, if that is possible: the cause that stopped the writing, such as a read-only file
     system, may also prevent the removal.
     """
     with suppress(OSError):
-        temporary.unlink()
-
-
-def _remove_if_empty(folder: Path) -> None:
-    with suppress(OSError):
-        folder.rmdir()
+        remove()
 
 
 PATIENCE, PAUSE = 60.0, 0.05  # seconds: of `held`, and between two looks
@@ -282,13 +276,11 @@ class FileLock:
         """Remove the lock file, and only then let go of it."""
         if self._descriptor is None:
             return
-        with suppress(OSError):
-            self._lock.unlink()
+        _try_to(self._lock.unlink)
         os.close(self._descriptor)
         self._descriptor = None
         if os.name == "nt":  # which removes no open file, and none that another one holds by now
-            with suppress(OSError):
-                self._lock.unlink()
+            _try_to(self._lock.unlink)
 
 
 @contextmanager
@@ -303,10 +295,8 @@ def held(path: StrPath, patience: float = PATIENCE) -> Iterator[None]:
     if target.exists() and not target.is_file():
         yield
         return
-    try:
+    with _refusals(target):
         lock = FileLock(os.path.realpath(target), patience)
-    except OSError as error:
-        raise InputError(f"Cannot write {shown(target)}: {reason(error)}.") from error
     try:
         yield
     finally:

@@ -12,7 +12,9 @@ from __future__ import annotations
 
 import json
 import re
+import sys
 import tomllib
+from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, TypeGuard
@@ -27,6 +29,7 @@ from .open import opened, shown
 MAX_BYTES = 20_000_000  # lists and texts take up to twenty times their size in memory
 MAX_DEPTH = 30
 MAX_TOML = 50_000_000
+_DEEP = f"at most {MAX_DEPTH} levels of nesting, got more"
 
 # What stands between two documents of JSON.
 _BETWEEN = re.compile(r"[\s,]*")
@@ -103,37 +106,55 @@ def _after(text: str, end: int) -> int:
 
 
 class _Builder:
-    """Lists and dicts from the events of a parser."""
+    """Lists and dicts from the events of PyYAML."""
 
-    def __init__(self, name: str) -> None:
-        self.name = name
+    def __init__(self, name: str, several: bool, scalar: Callable[[str], Any]) -> None:
+        self.name, self.several, self.scalar = name, several, scalar
+        self.documents: list[Any] = []
         self.root: Any = None
         self.stack: list[tuple[Any, list[str]]] = []  # a container and, of a dict, the key that waits for its value
 
-    def add(self, value: Any, line: int) -> None:
+    def take(self, event: Any) -> None:
+        """Take one event; raises `InputError` with its line for what is refused."""
+        line = 0 if event.start_mark is None else event.start_mark.line + 1
+        kind = type(event).__name__.removesuffix("Event")
+        if kind == "Alias" or getattr(event, "anchor", None) is not None:
+            raise self._error(line, "YAML without anchors and aliases (& and *); write the values out")
+        if kind == "Scalar":
+            self._add(self.scalar(event.value) if event.implicit[0] else event.value, line)
+        elif kind in ("SequenceStart", "MappingStart"):
+            if len(self.stack) >= MAX_DEPTH:
+                raise self._error(line, _DEEP)
+            container: Any = [] if kind == "SequenceStart" else {}
+            self._add(container, line)
+            self.stack.append((container, []))
+        elif kind in ("SequenceEnd", "MappingEnd"):
+            self.stack.pop()
+        elif kind == "DocumentStart":
+            self.root = None
+        elif kind == "DocumentEnd":
+            self.documents.append(self.root)
+            if len(self.documents) > 1 and not self.several:
+                raise self._error(line, "one YAML document, got a second one")
+
+    def _add(self, value: Any, line: int) -> None:
         if not self.stack:
             self.root = value
             return
         container, key = self.stack[-1]
         if is_list(container):
             container.append(value)
-        elif not key:
-            if is_list(value) or is_map(value):
-                raise InputError(f"{self.name}, line {line}: expected a name as key, got a list or a map.")
-            if str(value) in container:
-                raise InputError(f"{self.name}, line {line}: the key {short(str(value))} is given twice.")
-            key.append(str(value))
-        else:
+        elif key:
             container[key.pop()] = value
+        elif is_list(value) or is_map(value):
+            raise self._error(line, "a name as key, got a list or a map")
+        elif str(value) in container:
+            raise InputError(f"{self.name}, line {line}: the key {short(str(value))} is given twice.")
+        else:
+            key.append(str(value))
 
-    def open(self, container: Any, line: int) -> None:
-        if len(self.stack) >= MAX_DEPTH:
-            raise InputError(f"{self.name}, line {line}: expected at most {MAX_DEPTH} levels of nesting, got more.")
-        self.add(container, line)
-        self.stack.append((container, []))
-
-    def close(self) -> None:
-        self.stack.pop()
+    def _error(self, line: int, words: str) -> InputError:
+        return InputError(f"{self.name}, line {line}: expected {words}.")
 
 
 def parse_yaml(text: str, name: str, several: bool = False, texts: bool = False) -> Any:
@@ -144,42 +165,20 @@ def parse_yaml(text: str, name: str, several: bool = False, texts: bool = False)
     if first.startswith("%YAML"):  # OpenCV writes %YAML:1.0, which YAML does not know
         text = newline + rest
     text = text.rstrip().removesuffix("\n---")  # the separator that ROS prints after a message
-    loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-    builder, found = _Builder(name), []
-    scalar = (lambda value: value or None) if texts else _scalar
+    builder = _Builder(name, several, (lambda value: value or None) if texts else _scalar)
     try:
-        for event in yaml.parse(text, Loader=loader):
-            line = 0 if event.start_mark is None else event.start_mark.line + 1
-            if isinstance(event, yaml.AliasEvent) or getattr(event, "anchor", None) is not None:
-                raise InputError(
-                    f"{name}, line {line}: expected YAML without anchors and aliases (& and *); write the values out."
-                )
-            if isinstance(event, yaml.DocumentStartEvent):
-                builder = _Builder(name)
-            elif isinstance(event, yaml.DocumentEndEvent):
-                found.append(builder.root)
-                if len(found) > 1 and not several:
-                    raise InputError(f"{name}, line {line}: expected one YAML document, got a second one.")
-            elif isinstance(event, yaml.ScalarEvent):
-                builder.add(scalar(event.value) if event.implicit[0] else event.value, line)
-            elif isinstance(event, yaml.SequenceStartEvent):
-                builder.open([], line)
-            elif isinstance(event, yaml.MappingStartEvent):
-                builder.open({}, line)
-            elif isinstance(event, yaml.CollectionEndEvent):
-                builder.close()
-    except yaml.MarkedYAMLError as error:
-        mark = error.problem_mark or error.context_mark
-        at = "" if mark is None else f", line {mark.line + 1}"
-        problem = error.problem or error.context or "unknown"
-        if "nesting depth" in problem:  # PyYAML from 6.0.4 on looks ahead, and stops first
-            raise InputError(f"{name}{at}: expected at most {MAX_DEPTH} levels of nesting, got more.") from error
-        raise InputError(f"{name}{at}: not YAML: {one_line(problem)}.") from error
+        for event in yaml.parse(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader)):
+            builder.take(event)
     except InputError:
         raise
     except (yaml.YAMLError, RecursionError, ValueError) as error:
-        raise InputError(f"{name}: not YAML: {one_line(str(error))}.") from error
-    found = [root for root in found if root is not None] or [None]  # an empty one between two separators
+        mark = getattr(error, "problem_mark", None) or getattr(error, "context_mark", None)
+        at = "" if mark is None else f", line {mark.line + 1}"
+        problem = getattr(error, "problem", None) or getattr(error, "context", None) or str(error)
+        if "nesting depth" in problem:  # PyYAML from 6.0.4 on looks ahead, and stops first
+            raise InputError(f"{name}{at}: expected {_DEEP}.") from error
+        raise InputError(f"{name}{at}: not YAML: {one_line(problem)}.") from error
+    found = [root for root in builder.documents if root is not None] or [None]  # an empty one between two separators
     return found if len(found) > 1 else found[0]
 
 
@@ -244,9 +243,8 @@ def _xml(text: str, name: str) -> Any:
 def _words(text: str) -> Any:
     """The numbers of an element, or its text."""
     words = text.split()
-    numbers = [_scalar(word) for word in words]
-    if words and all(isinstance(number, float) for number in numbers):
-        return numbers if len(numbers) > 1 else numbers[0]
+    if words and all(map(_NUMBER.fullmatch, words)):
+        return [_scalar(word) for word in words] if len(words) > 1 else _scalar(words[0])
     return text.strip().removeprefix('"').removesuffix('"')
 
 
@@ -272,7 +270,7 @@ def is_list(value: Any) -> TypeGuard[list[Any]]:
 
 def is_plain_number(value: Any) -> TypeGuard[float]:
     """Return whether a value is a number, and not true or false."""
-    return isinstance(value, int | float) and not isinstance(value, bool)
+    return isinstance(value, int | float) and value is not True and value is not False
 
 
 def parse_toml(path: Path, most: int | None = None) -> dict[str, Any]:
@@ -295,7 +293,7 @@ def got(value: Any) -> str:
     """Describe the value that was received, in few words."""
     if is_map(value):
         return f"the keys {short(', '.join(map(str, value)))}"
-    if isinstance(value, list | tuple):
+    if type(value) in (list, tuple):
         return f"a list of {len(value)}"
     return "nothing" if value is None else short(str(value))
 
@@ -304,15 +302,13 @@ def number(value: Any, where: str) -> float:
     """A finite number."""
     if not is_plain_number(value):
         raise InputError(f"{where}: expected a number, got {got(value)}.")
-    try:
-        result = float(value)
-    except OverflowError:
-        result = np.inf
-    if not np.isfinite(result):
+    if not abs(value) <= sys.float_info.max:
+        got_number = value if type(value) is float else np.inf
         raise InputError(
-            f"{where}: expected a finite number, got {result}; leave out poses that were not measured, on both sides."
+            f"{where}: expected a finite number, got {got_number}; leave out poses that were not measured, on both "
+            "sides."
         )
-    return result
+    return float(value)
 
 
 def item(value: Any, key: str, where: str) -> Any:
@@ -391,7 +387,7 @@ def pose_name(key: str) -> tuple[str, str] | None:
     >>> pose_name("T_base_ee"), pose_name("target2cam"), pose_name("marker_pose"), pose_name("camera_matrix")
     (('robot', 'base_T_gripper'), ('camera', 'camera_T_target'), ('camera', 'camera_T_target'), None)
     """
-    if not isinstance(key, str) or not 0 < len(key) <= _LONGEST:
+    if not 0 < len(key) <= _LONGEST:
         return None
     parts = _WORDS.findall(key.replace("tool0", "tool"))
     if "t" in parts:  # a translation; T is a pose
