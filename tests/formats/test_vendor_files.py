@@ -42,6 +42,7 @@ FILES = {
     "ndi.csv": lines(["Frame,Q0,Qx,Qy,Qz,Tx,Ty,Tz,Error"], np.arange(8), W_FIRST, 1e3 * T, np.full(8, 0.1)),
     "names.csv": lines(["pos_x,pos_y,pos_z,ori_x,ori_y,ori_z,ori_w"], T, Q),
     "excel.txt": lines(["x\ty\tz\tqx\tqy\tqz\tqw"], T, Q, mark="\t").replace(".", ",").encode("utf-16"),
+    "latin.csv": lines(["Gr\u00f6\u00dfe;x;y;z;qx;qy;qz;qw"], T, Q, mark=";", row="\u00e4;{}").encode("latin-1"),
     "minus.csv": lines(["x,y,z,qx,qy,qz,qw"], T, Q).replace("-", "\u2212"),
     "urdf.xml": "\n".join(
         f'<origin xyz="{" ".join(map(repr, t))}" rpy="{" ".join(map(repr, a))}"/>'

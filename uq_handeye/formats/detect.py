@@ -196,9 +196,7 @@ def _of(format: str, head: bytes = b"") -> str:
 
 
 def _read(file: BufferedReader, kind: str, format: str | None, path: Path, name: str) -> tuple[str, Contents]:
-    head = file.peek(_HEAD)
-    odd = head.startswith(_UTF16) or any(mark.encode() in head for mark in "\u2212\u2013")
-    if kind in _TABLES and not odd:
+    if kind in _TABLES and _is_plain(file.peek(_HEAD)):
         return kind, _TABLES[kind](file, name)
     limit = MAX_ARRAY_BYTES if kind in _ARRAYS else _trees.MAX_BYTES
     pieces: list[bytes] = []
@@ -237,6 +235,14 @@ def _read(file: BufferedReader, kind: str, format: str | None, path: Path, name:
         if found in others or not others:
             raise
         raise InputError(f"{error} It looks like {' or '.join(others)}.") from error
+
+
+def _is_plain(head: bytes) -> bool:
+    """Return whether the beginning of a table is UTF-8 without what word processors write for a minus."""
+    try:
+        return not set(head.decode()) & {"\u2212", "\u2013"}
+    except UnicodeDecodeError as error:
+        return b"\0" in head[: error.end] and not head.startswith(_UTF16) or error.start > len(head) - 4
 
 
 def _text(data: bytes) -> str:
