@@ -242,7 +242,7 @@ def _is_plain(head: bytes) -> bool:
     try:
         return not set(head.decode()) & {"\u2212", "\u2013"}
     except UnicodeDecodeError as error:
-        return b"\0" in head[: error.end] and not head.startswith(_UTF16) or error.start > len(head) - 4
+        return (b"\0" in head[: error.end] and not head.startswith(_UTF16)) or error.start > len(head) - 4
 
 
 def _text(data: bytes) -> str:
