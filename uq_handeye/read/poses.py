@@ -7,9 +7,10 @@ from __future__ import annotations
 
 import logging
 import warnings
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypedDict, Unpack
+from typing import TYPE_CHECKING, Any, NamedTuple, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
@@ -168,22 +169,17 @@ def _require_known(pair: Any, setup: Any) -> None:
 
 def _of_files(asked: _Asked, camera: Any) -> PosePairs:
     """The poses of two files, or of one that holds both sides (``camera`` is None)."""
-    robot, arm = asked.robot, asked.arm
-    first, first_source = _robot_contents(robot, arm, asked.formats[0])
-    if camera is None:
-        assert robot is not None
-        sources: tuple[Source, ...] = (first_source,)
-        contents = (first, first)
-        if first.robot is None or first.camera is None:
-            raise InputError(
-                f"{shown(as_path(robot))} holds poses of one side only ({first_source.format}); give the file of the "
-                "other side as well, the robot's first."
-            )
-    else:
-        second, second_source = read_contents(as_path(camera), asked.formats[1])
-        sources, contents = (first_source, second_source), (first, second)
-    robot_path = _robot_path(robot, arm)
-    paths = (robot_path, robot_path if camera is None else as_path(camera))
+    robot = _robot_of(asked.robot, asked.arm, asked.formats[0])
+    first, sources = robot.contents, (robot.source,)
+    contents, paths = (first, first), (robot.path, robot.path)
+    if camera is not None:
+        second, source = read_contents(as_path(camera), asked.formats[1])
+        sources, contents, paths = (*sources, source), (first, second), (robot.path, as_path(camera))
+    elif first.robot is None or first.camera is None:
+        raise InputError(
+            f"{shown(robot.path)} holds poses of one side only ({robot.source.format}); give the file of the other "
+            "side as well, the robot's first."
+        )
     said = asked.setup is not None or any(one.setup is not None for one in contents)
     setup = _setup(asked.setup, contents, paths)
     if setup == "eye-to-hand":  # with a camera on the hand the length of X shows it
@@ -205,14 +201,13 @@ def _of_files(asked: _Asked, camera: Any) -> PosePairs:
     chosen = chosen_readings(sides, asked.units, asked.forms, frames, rows, setup)
     for k, note in enumerate(chosen.notes):
         if note:
-            sources = _noted(sources, min(k, len(sources) - 1), paths[k], [note])
-            sources = _called(sources, min(k, len(sources) - 1), chosen.sides[k])
+            sources = _noted(sources, min(k, len(sources) - 1), paths[k], [note], chosen.sides[k].readings[0].format)
     sides = chosen.sides
     robot_poses, camera_poses = (
         finished(side, role, units, form, frame)
         for side, role, units, form, frame in zip(sides, FRAMES, asked.units, asked.forms, frames, strict=True)
     )
-    values = _joint_values(arm, robot, sides[0], asked.tolerance)
+    values = robot.joints_at(sides[0], asked.tolerance)
     if match is not None:
         robot_poses, camera_poses = robot_poses[match.robot], camera_poses[match.camera]
         assert robot_times is not None
@@ -224,37 +219,39 @@ def _of_files(asked: _Asked, camera: Any) -> PosePairs:
             warn_if_back(side)
         sources = _noted(sources, 0, paths[0], check_rows(sides[0], sides[1], asked.pair == "rows"))
         robot_times = camera_times if robot_times is None else robot_times
-    sources = (*sources, *_joint_source(arm, robot))
+    sources = (*sources, *robot.joint_source)
     findings = (*chosen.findings, *inverted)
     poses = PosePairs(robot_poses, camera_poses, setup, robot_times, sources=sources, findings=findings)
-    return poses if values is None or arm is None else give_joints(poses, values, arm.name)
+    return poses if values is None or robot.arm is None else give_joints(poses, values, robot.arm.name)
 
 
-def _robot_contents(robot: StrPath | None, arm: Joints | None, format: str | None) -> tuple[Contents, Source]:
-    """Return the content of the robot's file, or poses computed from the joints."""
+class _Robot(NamedTuple):
+    """Robot poses of a file, or of joint values by forward kinematics."""
+
+    path: Path
+    contents: Contents
+    source: Source
+    file: bool  # whether a file holds the poses
+    arm: Joints | None
+
+    def joints_at(self, side: Side, tolerance: float) -> Array | None:
+        """Return the joint values at the rows of the robot."""
+        if self.arm is None:
+            return None
+        return self.arm.beside(side, tolerance) if self.file else self.arm.values
+
+    @property
+    def joint_source(self) -> tuple[Source, ...]:
+        """The source of joints beside a file of robot poses; without one they are the robot's source."""
+        return () if self.arm is None or not self.file else (self.arm.source,)
+
+
+def _robot_of(robot: StrPath | None, arm: Joints | None, format: str | None) -> _Robot:
     if robot is not None:
-        return read_contents(as_path(robot), format)
+        path = as_path(robot)
+        return _Robot(path, *read_contents(path, format), True, arm)
     assert arm is not None
-    return Contents(robot=arm.side), arm.source
-
-
-def _robot_path(robot: StrPath | None, arm: Joints | None) -> Path:
-    if robot is not None:
-        return as_path(robot)
-    assert arm is not None
-    return Path(arm.name)
-
-
-def _joint_values(arm: Joints | None, robot: StrPath | None, side: Side, tolerance: float) -> Array | None:
-    """Joint values at the rows of the robot."""
-    if arm is None:
-        return None
-    return arm.values if robot is None else arm.beside(side, tolerance)
-
-
-def _joint_source(arm: Joints | None, robot: StrPath | None) -> tuple[Source, ...]:
-    """Return the source of joints beside a file of robot poses; without one they are the robot's source."""
-    return () if arm is None or robot is None else (arm.source,)
+    return _Robot(Path(arm.name), Contents(robot=arm.side), arm.source, False, arm)
 
 
 def _with_calibrated(asked: _Asked, seen: KnownCamera) -> PosePairs:
@@ -264,29 +261,28 @@ def _with_calibrated(asked: _Asked, seen: KnownCamera) -> PosePairs:
             "A calibrated camera goes with its rows and as camera_T_target: leave `pair` (--pair) and "
             "`camera_frame` (--camera-frame) out."
         )
-    robot, arm, frame = asked.robot, asked.arm, asked.frames[0]
-    units, rotation = asked.units[0], asked.forms[0]
-    path = _robot_path(robot, arm)
-    contents, source = _robot_contents(robot, arm, asked.formats[0])
+    frame, units, rotation = asked.frames[0], asked.units[0], asked.forms[0]
+    robot = _robot_of(asked.robot, asked.arm, asked.formats[0])
+    path, contents, source, *_ = robot
     setup = _setup(asked.setup, (contents, contents), (path, path))
     side = side_of(contents, "robot", shown(path))
     sources: tuple[Source, ...] = (source,)
     if contents.robot_enters and setup == "eye-to-hand":
         frame = FRAMES["robot"][1]
         sources = _noted(sources, 0, path, ["robot poses are gripper_T_base in this format, and inverted"])
-    rows, notes = seen.rows_of(len(side), side.name, "rows" if robot is None else "poses")
+    rows, notes = seen.rows_of(len(side), side.name, "poses" if robot.file else "rows")
     chosen = reading_beside(side, seen.poses, rows, units, rotation, frame, setup)
     side = chosen.sides[0]
     sources = _noted(sources, 0, path, [note for note in chosen.notes if note])
     poses = finished(side, "robot", units, rotation, frame)
     warn_if_back(side)
-    values = _joint_values(arm, robot, side, asked.tolerance)
+    values = robot.joints_at(side, asked.tolerance)
     sources = _noted(sources, 0, path, notes)
     times = None if side.timestamps is None else side.timestamps[rows]
-    sources = (*sources, *_joint_source(arm, robot), *seen.source)
+    sources = (*sources, *robot.joint_source, *seen.source)
     findings = (*chosen.findings, *_inverted(asked.frames, True))
     pairs = PosePairs(poses[rows], seen.poses, setup, times, sources=sources, findings=findings, **seen.of_pairs)
-    return pairs if values is None or arm is None else give_joints(pairs, values[rows], arm.name)
+    return pairs if values is None or robot.arm is None else give_joints(pairs, values[rows], robot.arm.name)
 
 
 def read_stream(
@@ -331,8 +327,7 @@ def read_stream(
         if arm is None:
             raise InputError("Expected a file of poses, or joints and kinematics.")
         units, format, rotation, quaternion, frame = "m", None, None, None, None
-    location = _robot_path(path, arm)
-    contents, source = _robot_contents(path, arm, format)
+    location, contents, source, *_ = _robot_of(path, arm, format)
     found = side_of(contents, side, shown(location))
     form = _rotations(rotation, quaternion)[0]
     poses = finished(found, side, units, form, FRAMES[side][0] if frame is None else frame)
@@ -415,18 +410,15 @@ def _inverted(asked: tuple[str, str], said: bool) -> tuple[Finding, ...]:
     return (Finding("poses.inverted", "note", {"sides": sides, "said": said}),) if sides else ()
 
 
-def _called(sources: tuple[Source, ...], k: int, side: Side) -> tuple[Source, ...]:
-    """Return the sources with the format of the reading that was taken."""
-    format = side.readings[0].format
-    return tuple(replace(source, format=format) if i == k else source for i, source in enumerate(sources))
-
-
-def _noted(sources: tuple[Source, ...], k: int, path: Any, notes: Any) -> tuple[Source, ...]:
+def _noted(
+    sources: tuple[Source, ...], k: int, path: Any, notes: Iterable[str], format: str | None = None
+) -> tuple[Source, ...]:
+    """Return the sources with notes of one of them, which are logged, and the format of the reading that was taken."""
+    source = sources[k]
     for note in notes:
         _log.info("%s: %s", shown(path), note)
-    return tuple(
-        replace(source, notes=(*source.notes, *notes)) if i == k else source for i, source in enumerate(sources)
-    )
+    new = replace(source, notes=(*source.notes, *notes), format=format or source.format)
+    return (*sources[:k], new, *sources[k + 1 :])
 
 
 def read_robot_poses(

@@ -10,7 +10,7 @@ This module imports Matplotlib; import it where it is used.
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -18,29 +18,9 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from ...core.formatting.numbers import concise, digits
-from ...core.geometry.se3 import Array
-from ...model.poses.pose_pairs import PosePairs
-from .correlation import Correlation
 
-
-class Drawn(Protocol):
-    """Interface of synchronised streams, as far as the figure needs it."""
-
-    @property
-    def offset(self) -> float: ...
-    @property
-    def offset_std(self) -> float: ...
-    @property
-    def shift(self) -> float: ...
-    @property
-    def origin(self) -> str: ...
-    @property
-    def correlation(self) -> Correlation | None: ...
-    @property
-    def poses(self) -> PosePairs: ...
-    @property
-    def residual_curve(self) -> tuple[Array, Array, Array] | None: ...
-
+# Synchronised streams; their class imports this module.
+Drawn = Any
 
 ROBOT, CAMERA, OFFSET = "#0072B2", "#D55E00", "black"
 # Points of a curve beyond which only their extremes can be seen.
