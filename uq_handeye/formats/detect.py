@@ -26,8 +26,7 @@ from ..core.files.trees import fields_of, got, is_list, is_map, items_of, pose_n
 from ..errors import InputError, among
 from .contents import COLUMNS, Contents, conversion, joined_contents
 from .controllers.forms import CONTROLLERS, in_convention
-from .controllers.records import entries_of, is_records
-from .controllers.registry import ABOUT, NAMES, kind_of, read_controller
+from .controllers.registry import ABOUT, NAMES, entries_of, is_records, kind_of, read_controller
 from .controllers.tables import names_a_pose
 from .csv_poses import OF_POINTS, is_points_header, names_order, read_csv, read_tum
 from .json_poses import NAMES as MOVEIT_NAMES

@@ -62,7 +62,7 @@ from ..core.geometry.frames import SETUPS
 from ..core.geometry.se3 import Array
 from ..errors import InputError
 from .contents import Contents, Side, matrices_side
-from .controllers.records import records_side
+from .controllers.registry import records_side
 from .matrices.arrays import is_poses, matrices_of, numbers_of, side_of_array
 
 QUATERNIONS = {"quaternion_xyzw": "xyzw", "quaternion_wxyz": "wxyz"}

@@ -35,7 +35,7 @@ from ..core.geometry.frames import SETUPS
 from ..core.geometry.se3 import Array
 from ..errors import InputError
 from .contents import Contents, Side, conversion
-from .controllers.records import records_side
+from .controllers.registry import records_side
 from .matrices.arrays import is_poses, side_of_array
 from .opencv_storage import Joined, joined_pairs
 
