@@ -20,11 +20,13 @@ from __future__ import annotations
 
 import bz2
 import io
+import math
 import os
 import re
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from functools import cache, partial
 from pathlib import Path
 from types import SimpleNamespace
@@ -74,28 +76,32 @@ DEFINITIONS = {
 _NAME, _TYPE = re.compile(r"[A-Za-z]\w*"), re.compile(r"[A-Za-z]\w*(/msg/[A-Za-z]\w*)?")
 
 
+# What a topic is read as, by its type; tags and markers also by the last part of the type.
+_KINDS = {
+    **dict.fromkeys(POSES, "poses"),
+    **dict.fromkeys(TRANSFORMS, "transforms"),
+    **dict.fromkeys((*MARKERS, *TAGS), "tags"),
+    JOINTS: "joints",
+    INFO: "info",
+}
+
+
 def kind_of(msgtype: str) -> str | None:
     """Return what a topic of this type is read as: poses, transforms, joints, info or tags; None: it is not read."""
-    if msgtype in POSES:
-        return "poses"
-    if msgtype in TRANSFORMS:
-        return "transforms"
-    if msgtype in MARKERS or msgtype.rpartition("/")[2] in TAGS:
-        return "tags"
-    return {JOINTS: "joints", INFO: "info"}.get(msgtype)
+    return _KINDS.get(msgtype) or _KINDS.get(msgtype.rpartition("/")[2])
 
 
 class Types:
     """Types of the messages of one bag, registered when they are asked for."""
 
     def __init__(self, ros2: bool) -> None:
-        from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+        from rosbags import typesys
 
-        self.ros2 = ros2
-        self.known = get_typestore(Stores.ROS2_HUMBLE if ros2 else Stores.ROS1_NOETIC)
+        self.ros2, self.typesys = ros2, typesys
+        self.known = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE if ros2 else typesys.Stores.ROS1_NOETIC)
         for name, text in DEFINITIONS.items():
             if name not in self.known.fielddefs:
-                self.known.register(get_types_from_msg(text, name))
+                self.known.register(typesys.get_types_from_msg(text, name))
         self.stores: dict[str, Any] = {}
 
     def decode(self, data: bytes, msgtype: str) -> Any:
@@ -105,24 +111,20 @@ class Types:
 
     def require(self, msgtype: str, definition: Any) -> bool:
         """Make a type known, by the definition in the bag if there is one; False: there is none anywhere."""
+        form, text = definition.format.name, definition.data
         if msgtype in self.stores:
             return True
-        from rosbags.interfaces import MessageDefinitionFormat
-        from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
-
-        text = definition.data
-        if definition.format == MessageDefinitionFormat.NONE or not text:
-            if msgtype not in self.known.fielddefs:
-                return False
-            self.stores[msgtype] = self.known
-            return True
-        if definition.format == MessageDefinitionFormat.MSG:
-            found = get_types_from_msg(text, msgtype)
+        if form == "NONE" or not text:
+            if msgtype in self.known.fielddefs:
+                self.stores[msgtype] = self.known
+            return msgtype in self.stores
+        found: dict[str, Any] = {}
+        if form == "MSG":
+            found = dict(self.typesys.get_types_from_msg(text, msgtype))
         else:
-            found = {}
             for part in re.split(r"^=+\nIDL: .*\n", text, flags=re.MULTILINE):
-                found |= get_types_from_idl(part) if part.strip() else {}
-        store = get_typestore(Stores.EMPTY)
+                found |= self.typesys.get_types_from_idl(part) if part.strip() else {}
+        store = self.typesys.get_typestore(self.typesys.Stores.EMPTY)
         store.register({name: ([], _checked(name, fields)) for name, (_, fields) in found.items()})
         self.stores[msgtype] = store
         return True
@@ -130,24 +132,26 @@ class Types:
 
 def _checked(name: str, fields: Any) -> Any:
     """Return the fields of a definition if all names and types in it are names; raises `ValueError` otherwise."""
-
-    def require(value: Any, depth: int = 0) -> None:
-        if isinstance(value, str):
-            if value and not _TYPE.fullmatch(value):
-                raise ValueError(f"definition of {name[:60]}: {value[:60]!r} is no name")
-        elif isinstance(value, tuple | list) and depth < 8:
-            for part in value:
-                require(part, depth + 1)
-        elif not isinstance(value, int) or depth >= 8:
-            raise ValueError(f"definition of {name[:60]}: {type(value).__name__} in place of a type")
-
     if not _TYPE.fullmatch(name):
         raise ValueError(f"definition of {name[:60]!r}: no name of a type")
     for field, kind in fields:
         if not _NAME.fullmatch(field):
             raise ValueError(f"definition of {name}: {field[:60]!r} is no name")
-        require(kind)
+        for value in _leaves(kind):
+            if isinstance(value, str):
+                if value and not _TYPE.fullmatch(value):
+                    raise ValueError(f"definition of {name[:60]}: {value[:60]!r} is no name")
+            elif not isinstance(value, int):
+                raise ValueError(f"definition of {name[:60]}: {type(value).__name__} in place of a type")
     return fields
+
+
+def _leaves(value: Any, depth: int = 0) -> Iterator[Any]:
+    if isinstance(value, tuple | list) and depth < 8:
+        for part in value:
+            yield from _leaves(part, depth + 1)
+    else:
+        yield value
 
 
 LARGEST_CHUNK = 100_000_000
@@ -220,30 +224,11 @@ TAIL = bytes([DATA_END]) + (4).to_bytes(8, "little") + bytes(4) + bytes([FOOTER]
 TAIL += bytes(20) + MCAP_MAGIC
 
 
-class CutOff:
-    """Path of an MCAP file without end, which opens as one that ends behind its last complete record."""
+def cut_off(path: Path) -> SimpleNamespace | None:
+    """Return a file without end as a path that opens as far as it is complete, with an end behind its last record.
 
-    def __init__(self, path: Path, end: int, more: bytes) -> None:
-        self.path, self.end, self.more, self.suffix = path, end, more, path.suffix
-
-    def __str__(self) -> str:
-        return str(self.path)
-
-    def exists(self) -> bool:
-        """Return whether there is such a file."""
-        return self.path.exists()
-
-    def is_dir(self) -> bool:
-        """Return False."""
-        return False
-
-    def open(self, mode: str = "rb") -> Any:
-        """Open the complete records and an end behind them."""
-        return io.BufferedReader(_Ended(self.path.open("rb"), self.end, self.more + TAIL))
-
-
-def cut_off(path: Path) -> CutOff | None:
-    """Return the file as far as it is complete; None: it has its end, or not even a first record."""
+    None: it has its end, or not even a first record.
+    """
     size = os.path.getsize(path)
     with path.open("rb") as file:
         file.seek(max(0, size - len(MCAP_MAGIC)))
@@ -253,7 +238,12 @@ def cut_off(path: Path) -> CutOff | None:
         if end == len(MCAP_MAGIC):
             return None
         file.seek(end)
-        return CutOff(path, end, _inside(file.read(LARGEST_CHUNK)))
+        more = _inside(file.read(LARGEST_CHUNK)) + TAIL
+
+    def opened(mode: str = "rb") -> io.BufferedReader:
+        return io.BufferedReader(_Ended(path.open("rb"), end, more))
+
+    return SimpleNamespace(open=opened, suffix=path.suffix, exists=path.exists, is_dir=path.is_dir)
 
 
 def _complete(file: BinaryIO, place: int, size: int) -> int:
@@ -335,14 +325,22 @@ class Message(NamedTuple):
     data: bytes
 
 
-class Connection(NamedTuple):
-    """One topic of a bag."""
+@dataclass
+class Topic:
+    """One topic: how much there is, and of what."""
 
-    topic: str
+    name: str
     msgtype: str
-    messages: int
-    kind: str | None  # what it is read as
-    problem: str  # why it is not, though it would be
+    count: int
+    kind: str | None = None  # what it is read as
+    problem: str = ""  # why it is not, though it would be
+    first: float = math.inf
+    last: float = -math.inf
+
+    @property
+    def duration(self) -> float:
+        """Seconds between its first and last message, of those that were read."""
+        return max(0.0, self.last - self.first)
 
 
 class Bag:
@@ -353,9 +351,9 @@ class Bag:
         self.types = Types(ros2)
         self.read = reader.messages
         self.duration = max(0.0, 1e-9 * (reader.end_time - reader.start_time)) if reader.message_count else 0.0
-        self.connections = [self._connection(one) for one in reader.connections]
+        self.topics = [self._topic(one) for one in reader.connections]
 
-    def _connection(self, one: Any) -> Connection:
+    def _topic(self, one: Any) -> Topic:
         kind, problem = kind_of(one.msgtype), ""
         if kind is not None:
             try:
@@ -363,11 +361,11 @@ class Bag:
                     kind, problem = None, "no definition of its type in the bag"
             except Exception as error:  # of a library, by a file from anywhere
                 kind, problem = None, one_line(f"definition of its type: {error}")
-        return Connection(printed_name(one.topic), one.msgtype, int(one.msgcount), kind, problem)
+        return Topic(printed_name(one.topic), one.msgtype, int(one.msgcount), kind, problem)
 
     def messages(self, cut: Callable[[str], None]) -> Iterator[Message]:
         """Yield the messages that are read; of a bag that is damaged behind some of them, ``cut`` hears why."""
-        kinds = {(one.topic, one.msgtype): one.kind for one in self.connections}
+        kinds = {(one.name, one.msgtype): one.kind for one in self.topics}
         topics = {one.topic: printed_name(one.topic) for one in self.reader.connections}
         wanted = [one for one in self.reader.connections if kinds[(topics[one.topic], one.msgtype)]]
         if not wanted:

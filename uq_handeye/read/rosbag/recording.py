@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 import hashlib
+import os
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from ...core.files.lines import decoded
 from ...core.files.open import StrPath, as_path, opened, shown
 from ...core.files.source import Source
 from ...errors import InputError
-from ...formats.ros_messages import MessageError, Stamped, frame_name, pair_text, part, poses_in, printed_name, stamp_of
+from ...formats.ros_messages import MessageError, frame_name, pair_text, part, poses_in, printed_name, stamp_of
 from ...formats.ros_topic import is_ros_topic, records_of
-from .open import Bag, Message, is_bag, opened_bag
+from .open import Bag, Message, Topic, is_bag, opened_bag
 from .tags import TagTrack, corners_in
 from .track import CameraInfo, Pair, Samples, Track, Tree, camera_info_of
 
@@ -26,24 +25,6 @@ MAX_TEXT = 200_000_000
 MAX_SETS = 20
 # Topic that a text of TFMessage is shown as.
 TEXT_TOPIC = "/tf"
-
-
-@dataclass
-class Topic:
-    """One topic: how much there is, and of what."""
-
-    name: str
-    msgtype: str
-    count: int
-    kind: str | None = None
-    problem: str = ""
-    first: float = np.inf
-    last: float = -np.inf
-
-    @property
-    def duration(self) -> float:
-        """Seconds between its first and last message, of those that were read."""
-        return max(0.0, self.last - self.first)
 
 
 class JointTrack(Samples):
@@ -113,7 +94,7 @@ def read_recording(paths: StrPath | Iterable[StrPath]) -> Recording:
     MissingExtraError
         rosbags is not installed.
     """
-    files = [as_path(paths)] if isinstance(paths, str | Path) or hasattr(paths, "__fspath__") else _several(paths)
+    files = [as_path(paths)] if isinstance(paths, str | os.PathLike) else _several(paths)
     reader = _Reader(Recording(", ".join(shown(Path(file.name)) for file in files)))
     for file in files:
         if is_bag(file) or not _text(reader, file):
@@ -174,9 +155,9 @@ class _Reader:
     def read(self, bag: Bag) -> None:
         found = self.found
         found.duration = max(found.duration, bag.duration)
-        for one in bag.connections:
-            topic = found.topics.setdefault(one.topic, Topic(one.topic, one.msgtype, 0, one.kind, one.problem))
-            topic.count += one.messages
+        for one in bag.topics:
+            topic = found.topics.setdefault(one.name, one)
+            topic.count += one.count if topic is not one else 0
         take = {"transforms": self._transforms, "poses": self._poses, "tags": self._tags}
         take |= {"joints": self._joints, "info": self._info}
         for message in bag.messages(found.notes.append):
@@ -208,21 +189,17 @@ class _Reader:
 
     def _poses(self, message: Message) -> None:
         for record in poses_in(message.value):
-            self._pose(message, record)
-
-    def _pose(self, message: Message, record: Stamped) -> None:
-        tracks = self.found.poses.setdefault(message.topic, {})
-        pair = (record.parent, record.child)
-        track = tracks.setdefault(pair, Track(f"{message.topic} ({pair_text(*pair)})"))
-        track.add(self._at(message, record.time), record.numbers)
+            tracks = self.found.poses.setdefault(message.topic, {})
+            pair = (record.parent, record.child)
+            track = tracks.setdefault(pair, Track(f"{message.topic} ({pair_text(*pair)})"))
+            track.add(self._at(message, record.time), record.numbers)
 
     def _tags(self, message: Message) -> None:
         header = part(message.value, "header")
         time, frame = stamp_of(header), frame_name(part(header, "frame_id"))
         corners = corners_in(message.value)
         if corners is None:
-            for record in poses_in(message.value):
-                self._pose(message, record)
+            self._poses(message)
             if (topic := self.found.topics[message.topic]).last < topic.first:
                 self._at(message, time)
             return
