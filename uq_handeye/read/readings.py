@@ -75,8 +75,14 @@ def chosen_readings(
     InputWarning
         The rotations of one side do not agree with those of the other, and would in another order of the angles.
     """
-    pair = _Pair(tuple(sides), tuple(units), tuple(forms), tuple(frames), rows, setup)
-    chosen = pair.thinned().chosen(tuple(_of_file(side, form) for side, form in zip(sides, forms, strict=True)))
+    of = [np.arange(len(side))[one] for side, one in zip(sides, rows, strict=True)]
+    pair = _Pair(tuple(sides), tuple(units), tuple(forms), tuple(frames), (of[0], of[1]), setup)
+    # The readings of each side that are open.
+    open_readings = (
+        side.readings if form is None and len(side.readings) > 1 else (None,)
+        for side, form in zip(sides, forms, strict=True)
+    )
+    chosen = pair.thinned().chosen(tuple(open_readings))
     warn(chosen.findings, 3)
     readings = (side.readings for side in chosen.sides)  # of some of the poses
     return replace(chosen, sides=[replace(side, readings=of) for side, of in zip(sides, readings, strict=True)])
@@ -92,27 +98,13 @@ def reading_beside(
     )
 
 
-def _of_file(side: Side, form: str | None) -> tuple[Reading | None, ...]:
-    """The readings of a side that are open."""
-    return side.readings if form is None and len(side.readings) > 1 else (None,)
-
-
-@dataclass(frozen=True)
-class _Form:
-    """A form of rotations by which robot and camera agree; ``units``: its length unit where that is open."""
-
-    form: str
-    units: str | None
-    distance: float
-
-
 @dataclass(frozen=True)
 class _Pair:
     sides: tuple[Side, ...]
     units: tuple[str | None, ...]
     forms: tuple[str | None, ...]
     frames: tuple[str, ...]
-    rows: tuple[Rows, Rows]
+    rows: tuple[NDArray[np.intp], NDArray[np.intp]]
     setup: str
 
     def chosen(self, open_readings: Open) -> Chosen:
@@ -141,10 +133,7 @@ class _Pair:
         """Return the error that no reading is taken, with the form by which robot and camera would agree if one is."""
         k = next(k for k, readings in enumerate(open_readings) if readings != (None,))
         side, role = self.sides[k], tuple(FRAMES)[k]
-        n, m = (
-            len(side) if isinstance(rows, slice) else len(rows)
-            for side, rows in zip(self.sides, self.rows, strict=True)
-        )
+        n, m = map(len, self.rows)
         if n != m:
             files = " and ".join(
                 f"{count} poses in {side.name}" for count, side in zip((n, m), self.sides, strict=True)
@@ -161,12 +150,13 @@ class _Pair:
         names = ", ".join(map(str, self.sides[k].readings))
         for other, role in enumerate(FRAMES):
             if found := self._form_that_fits(other, open_readings):
-                units = "" if found.units is None else f" --{role}-units {found.units}"
+                form, unit, _ = found
+                units = "" if unit is None else f" --{role}-units {unit}"
                 whose = "" if other == k else f"of {self.sides[other].name} "
                 return InputError(
                     f"{self.sides[k].name}: the rotations may be {names}, and with none of these robot and camera "
-                    f"agree; with rotations {whose}as {found.form} they agree. Give --{role}-rotation "
-                    f"{found.form}{units} (docs/how-to/controller.md)."
+                    f"agree; with rotations {whose}as {form} they agree. Give --{role}-rotation "
+                    f"{form}{units} (docs/how-to/controller.md)."
                 )
         return None
 
@@ -183,7 +173,7 @@ class _Pair:
 
         Two files in the same wrong order agree in rotation, so translations decide as well.
         """
-        if self._n() < FEWEST:
+        if len(self.rows[0]) < FEWEST:
             return None
         for (angle, distance, _), pair in fits:
             if angle > LARGE_ROTATION:
@@ -217,12 +207,12 @@ class _Pair:
 
     def thinned(self) -> _Pair:
         """Return some of many poses, evenly: all are the same files."""
-        rows = [np.arange(len(side))[of] for side, of in zip(self.sides, self.rows, strict=True)]
-        if len(rows[0]) != len(rows[1]) or len(rows[0]) < 2 * MOST:
+        n, m = map(len, self.rows)
+        if n != m or n < 2 * MOST:
             return self
-        step = len(rows[0]) // MOST
-        sides = tuple(_some(side, of[::step]) for side, of in zip(self.sides, rows, strict=True))
-        return replace(self, sides=sides, rows=(slice(None), slice(None)))
+        sides = tuple(_some(side, of[:: n // MOST]) for side, of in zip(self.sides, self.rows, strict=True))
+        every = np.arange(len(sides[0]))
+        return replace(self, sides=sides, rows=(every, every))
 
     def poses(self, pair: tuple[Reading | None, ...]) -> tuple[Array, Array]:
         """Return both sides as matrices, under the readings of a pair."""
@@ -234,14 +224,10 @@ class _Pair:
         )
         return G, C
 
-    def _n(self) -> int:
-        rows = self.rows[0]
-        return len(self.sides[0]) if isinstance(rows, slice) else len(rows)
-
     def _another_form(self) -> Finding | None:
         """Return a finding if angles or rotation vectors are of another order or unit by far."""
         angles = [side.rotation.ndim == 2 and side.rotation.shape[1] == 3 for side in self.sides]
-        if not any(angles) or self._n() < FEWEST:
+        if not any(angles) or len(self.rows[0]) < FEWEST:
             return None
         decided: tuple[Reading | None, ...] = (None, None)
         now = self.fit(decided)
@@ -251,20 +237,22 @@ class _Pair:
         for k, role in enumerate(FRAMES):
             side = self.sides[k]
             found = self._form_that_fits(k, ((None,), (None,)))
-            if found is not None and (now is None or now[1] > DECIDED * found.distance):
+            if found is not None and (now is None or now[1] > DECIDED * found[2]):
                 values = {
                     "name": PurePath(side.name).name,
                     "side": role,
                     "used": self.forms[k] or side.readings[0].rotation,
-                    "form": found.form,
+                    "form": found[0],
                     "rotation": None if now is None else now[0],
                     "translation": None if now is None else now[1],
                 }
                 return Finding("poses.another_rotation", "failure", values)
         return None
 
-    def _form_that_fits(self, k: int, open_readings: Open) -> _Form | None:
-        """Return the form of the three numbers of one side that fits best, if one does; the setup may be the other."""
+    def _form_that_fits(self, k: int, open_readings: Open) -> tuple[str, str | None, float] | None:
+        """Return the form of the three numbers of one side that fits best, its length unit where that is open, and the
+        distance; None if none does. The setup may be the other.
+        """
         side = self.sides[k]
         if side.rotation.ndim != 2 or side.rotation.shape[1] != 3:
             return None
@@ -281,8 +269,8 @@ class _Pair:
                 fit = setup.fit(pair)
                 # Rotations about x, y, z renamed in a circle fit as well; only the translations tell.
                 if fit is not None and fit[0] < LARGE_ROTATION and fit[1] < FITS * trial._travel(pair):
-                    found.append(_Form(form, unit if len(units) > 1 else None, fit[1]))
-        return min(found, key=lambda one: one.distance, default=None)
+                    found.append((form, unit if len(units) > 1 else None, fit[1]))
+        return min(found, key=lambda one: one[2], default=None)
 
     def _turns_alike(self, pair: tuple[Reading | None, ...]) -> bool:
         """Return whether robot and camera rotate by the same angles from each pose to the next, whatever the setup."""
