@@ -134,25 +134,14 @@ def _of_controller(T: Array, form: PoseForm, names: Sequence[str]) -> list[str]:
     return [",".join(head), *(",".join(map(repr, row)) for row in numbers.tolist())]
 
 
-def _kuka(name: str, numbers: list[str]) -> str:
-    fields = zip("XYZABC", numbers, strict=True)
-    return f"DECL FRAME {name}={{{','.join(f'{axis} {number}' for axis, number in fields)}}}"
-
-
-def _abb(name: str, numbers: list[str]) -> str:
-    return f"CONST pose {name}:=[[{','.join(numbers[:3])}],[{','.join(numbers[3:])}]];"
-
-
 _LITERALS: dict[str, Callable[[str, list[str]], str]] = {
     "ur": lambda name, numbers: f"{name} = p[{', '.join(numbers)}]",
-    "kuka": _kuka,
-    "abb": _abb,
+    "kuka": lambda name, numbers: (
+        f"DECL FRAME {name}={{{','.join(map(' '.join, zip('XYZABC', numbers, strict=True)))}}}"
+    ),
+    "abb": lambda name, numbers: f"CONST pose {name}:=[[{','.join(numbers[:3])}],[{','.join(numbers[3:])}]];",
     "staubli": lambda name, numbers: f"{{{','.join(numbers)}}}",
 }
-
-
-def _rows(T: Array) -> list[str]:
-    return [" ".join(map(repr, row)) for row in T.tolist()]
 
 
 def _franka(T: Array, names: Sequence[str]) -> list[str]:
@@ -184,7 +173,7 @@ def _halcon(T: Array, names: Sequence[str]) -> list[str]:
 
 
 _LINES: dict[str, Callable[[Array, Sequence[str]], list[str]]] = {
-    "matrix": lambda T, names: [" ".join(_rows(pose)) for pose in T],
+    "matrix": lambda T, names: [" ".join(map(repr, pose.ravel().tolist())) for pose in T],
     "franka": _franka,
     "zivid": _zivid,
     "halcon": _halcon,
@@ -223,18 +212,10 @@ _BY_KIND: dict[str, tuple[tuple[str, str], ...]] = {
 }
 
 
-@dataclass(frozen=True)
-class Interpretation:
-    """The readings of a file, and what is to be said of them."""
-
-    readings: tuple[Reading, ...]
-    notes: tuple[str, ...]
-
-
 def interpret(
     kind: str, translation: Array, rotation: Array, form: PoseForm | None, length: str | None, angle: str | None
-) -> Interpretation:
-    """Return the readings of poses.
+) -> tuple[tuple[Reading, ...], list[str]]:
+    """Return the readings of poses, and what is to be said of them.
 
     Parameters
     ----------
@@ -255,7 +236,8 @@ def interpret(
     for reading in readings:
         distinct.setdefault((reading.rotation, reading.units), reading)
     found = tuple(distinct.values())
-    return Interpretation(found, tuple(_contradictions(found, form or _maker(found))))
+    makers = {reading.format for reading in found}
+    return found, _contradictions(found, form or (CONTROLLERS.get(makers.pop()) if len(makers) == 1 else None))
 
 
 def in_convention(contents: Contents, form: PoseForm) -> Contents:
@@ -275,9 +257,9 @@ def in_convention(contents: Contents, form: PoseForm) -> Contents:
                 "and --robot-format out; see docs/how-to/controller.md."
             )
         angle = "deg" if form.rotation.endswith("-deg") else None
-        found = interpret("unsaid", side.translation, side.rotation, form, side.units, angle)
-        sides[role] = replace(side, readings=found.readings)
-        notes += found.notes
+        readings, said = interpret("unsaid", side.translation, side.rotation, form, side.units, angle)
+        sides[role] = replace(side, readings=readings)
+        notes += said
     return replace(contents, notes=(*contents.notes, *notes), **sides)
 
 
@@ -339,11 +321,6 @@ def _lengths(translation: Array, usual: str | None) -> tuple[str, ...]:
 def _largest(numbers: Array) -> float:
     finite = np.abs(numbers[np.isfinite(numbers)])
     return float(finite.max()) if finite.size else 0.0
-
-
-def _maker(readings: Sequence[Reading]) -> PoseForm | None:
-    names = {reading.format for reading in readings}
-    return CONTROLLERS.get(names.pop()) if len(names) == 1 else None
 
 
 def _contradictions(readings: Sequence[Reading], form: PoseForm | None) -> list[str]:

@@ -135,8 +135,8 @@ class Found:
         numbers = np.array(rows, dtype=float)
         translation, rotation = numbers[:, :3], numbers[:, 3:]
         angle = form.rotation[-3:] if form.rotation.endswith("-deg") else None
-        read = interpret("unsaid", translation, rotation, form if sure else None, length, angle)
-        notes = [*self.notes, *read.notes]
+        readings, said = interpret("unsaid", translation, rotation, form if sure else None, length, angle)
+        notes = [*self.notes, *said]
         if self.joints:
             notes.append(f"joint targets left out: {self.joints}")
         labels = [f"line {line}" + (f" ({one})" if one else "") for line, one in zip(lines, names, strict=True)]
@@ -144,7 +144,7 @@ class Found:
             notes.append(f"{len(labels)} poses, {names[0] or labels[0]} to {names[-1] or labels[-1]}")
         side = Side(
             name, translation, rotation, None, np.array(lines, dtype=np.int64), "line", "xyzw",
-            ("timestamp", "x", "y", "z", *form.columns), units=length, readings=read.readings, labels=tuple(labels),
+            ("timestamp", "x", "y", "z", *form.columns), units=length, readings=readings, labels=tuple(labels),
         )  # fmt: skip
         return Contents(only=side, notes=tuple(notes))
 

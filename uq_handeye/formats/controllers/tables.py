@@ -343,7 +343,7 @@ def _by_number(table: NumberTable) -> Columns | None:
     values = table.values
     n = values.shape[1]
     first = 0
-    while n - first > 6 and first < 2 and not _is_pose(values[:, first:]) and _counts(values[:, first]):
+    while n - first > 6 and first < 2 and not _is_pose(values[:, first:]) and (np.diff(values[:, first]) > 0).all():
         first += 1
     rest = values[:, first:]
     kind, rotation = "unsaid", 3
@@ -390,11 +390,6 @@ def _unit(numbers: Array) -> bool:
         return bool((np.abs(np.linalg.norm(numbers, axis=1) - 1.0) <= NORM_TOLERANCE).all())
 
 
-def _counts(column: Array) -> bool:
-    """Return whether a column numbers or times the rows: it grows."""
-    return bool((np.diff(column) > 0).all())
-
-
 def _time(values: Array, first: int) -> int | None:
     """Return the column of times among the first; row numbers are none."""
     for k in range(first):
@@ -421,17 +416,17 @@ def _contents(table: NumberTable, columns: Columns, form: PoseForm | None) -> Co
         notes.append("axis and angle read as a rotation vector")
     times, note = _times(values, columns)
     notes += [note] if note else []
-    found = interpret(kind, position, rotation, form, columns.length, columns.angle)
-    notes += found.notes
-    if len(found.readings) == 1:
-        reading = found.readings[0]
+    readings, said = interpret(kind, position, rotation, form, columns.length, columns.angle)
+    notes += said
+    if len(readings) == 1:
+        reading = readings[0]
         maker = CONTROLLERS.get(reading.format)
         what = "a table" if maker is None else maker.maker
         by = "" if form is not None else ", by the names of the columns"
         notes.append(f"{', '.join(names[4:])} read as {reading.rotation} ({what}{by}), lengths in {reading.units}")
     side = Side(
         table.name, position, rotation, times, table.lines, "line", "xyzw", names,
-        units=columns.length, readings=found.readings, numbers=table.numbers,
+        units=columns.length, readings=readings, numbers=table.numbers,
     )  # fmt: skip
     return Contents(only=side, notes=tuple(notes))
 

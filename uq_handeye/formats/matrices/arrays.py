@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -177,9 +177,9 @@ def side_of_array(
         flat = flat[:, :6]
         notes.append("the last number of each pose is a code, and not used")
     if flat.shape[1] == 6:
-        meant = interpret("unsaid", flat[:, :3], flat[:, 3:], None, units, None)
-        side = Side(name, flat[:, :3], flat[:, 3:], readings=meant.readings, **options)
-        notes += meant.notes
+        readings, said = interpret("unsaid", flat[:, :3], flat[:, 3:], None, units, None)
+        side = Side(name, flat[:, :3], flat[:, 3:], readings=readings, **options)
+        notes += said
     elif flat.shape[1] in (7, 8):
         side = _quaternions(flat, name, options)
     else:
@@ -198,7 +198,7 @@ def side_of_array(
         side = matrices_side(name, T, timestamps=_times(times, len(T), name), **options)
         return side, notes
     if times is not None:
-        side = Side(name, side.translation, side.rotation, _times(times, len(side), name), **_of(side))
+        side = replace(side, timestamps=_times(times, len(side), name))
     return side, notes
 
 
@@ -208,10 +208,6 @@ def _ends_with_a_code(rows: Array) -> bool:
     with np.errstate(all="ignore"):
         unit = min(np.abs(np.linalg.norm(q, axis=1) - 1.0).max() for q in (rows[:, :4], rows[:, 3:]))
     return bool(unit > 0.1 and (code == code[0]).all() and code[0] in range(14))
-
-
-def _of(side: Side) -> dict[str, Any]:
-    return {"frame": side.frame, "units": side.units, "readings": side.readings}
 
 
 def _times(times: Array | None, n: int, name: str) -> NDArray[np.float64] | None:
