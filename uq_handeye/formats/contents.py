@@ -121,15 +121,11 @@ def matrices_side(name: str, T: Array, **options: Any) -> Side:
     side = Side(name, T[:, :3, 3], T[:, :3, :3], **options)
     with np.errstate(all="ignore"):  # huge numbers overflow before they are refused
         try:
-            as_transforms(T, "matrix")
-        except InputError:
-            for k in range(len(T)):
-                try:
-                    as_transforms(T[k : k + 1], "the matrix")
-                except InputError as error:
-                    text = str(error).replace("`the matrix`[0]", "the matrix")
-                    raise InputError(f"{side.at(k)}: {text[0].lower()}{text[1:]}") from error
-            raise
+            as_transforms(T, "the matrix")
+        except InputError as error:
+            found = re.search(r"`the matrix`\[(\d+)\]", str(error))
+            text = re.sub(r"`the matrix`\[\d+\]", "the matrix", str(error))
+            raise InputError(f"{side.at(int(found[1]) if found else 0)}: {text[0].lower()}{text[1:]}") from error
     return side
 
 
@@ -258,7 +254,12 @@ SEQUENCES = tuple(
     if axes[0] != axes[1] and axes[1] != axes[2]
 )
 
-_EULER = re.compile(r"([xyzXYZ]{3})-(deg|rad)")
+# How many numbers each form has.
+_NUMBERS = {
+    **dict.fromkeys(QUATERNIONS, 4),
+    **dict.fromkeys(MATRICES, 9),
+    **dict.fromkeys((*VECTORS, *(f"{order}-{unit}" for order in SEQUENCES for unit in ("deg", "rad"))), 3),
+}
 
 
 @dataclass(frozen=True)
@@ -270,13 +271,15 @@ class RotationForm:
 
     def decode(self, values: Array) -> Array:
         """Rotation matrices (n, 3, 3) of numbers (n, k), or of matrices (n, 3, 3)."""
-        if self.text in QUATERNIONS:
-            return _matrices(Rotation.from_quat(values, scalar_first=self.text == "wxyz"))
         if self.text in MATRICES:
             return values if self.text == "matrix" else np.swapaxes(values, -1, -2)
-        if self.text in VECTORS:
-            return _matrices(Rotation.from_rotvec(values, degrees=self.degrees))
-        return _matrices(Rotation.from_euler(cast(Any, self.sequence), values, degrees=self.degrees))
+        if self.text in QUATERNIONS:
+            rotation = Rotation.from_quat(values, scalar_first=self.text == "wxyz")
+        elif self.text in VECTORS:
+            rotation = Rotation.from_rotvec(values, degrees=self.degrees)
+        else:
+            rotation = Rotation.from_euler(cast(Any, self.text[:3]), values, degrees=self.degrees)
+        return np.asarray(rotation.as_matrix())
 
     def encode(self, R: Array) -> Array:
         """Numbers (n, k) of rotation matrices (n, 3, 3), or matrices; a quaternion has a scalar of at least 0."""
@@ -289,43 +292,27 @@ class RotationForm:
             return np.asarray(rotation.as_rotvec(degrees=self.degrees))
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)  # gimbal lock: SciPy sets the third angle to 0, which is right
-            return np.asarray(rotation.as_euler(cast(Any, self.sequence), degrees=self.degrees))
+            return np.asarray(rotation.as_euler(cast(Any, self.text[:3]), degrees=self.degrees))
 
     @property
     def degrees(self) -> bool:
         """True for angles and rotation vectors in degrees."""
         return self.text.endswith("-deg")
 
-    @property
-    def sequence(self) -> str:
-        """The order of the axes of Euler angles; empty for other forms."""
-        match = _EULER.fullmatch(self.text)
-        return "" if match is None else match[1]
-
 
 def rotation_form(text: Any) -> RotationForm:
     """Return the form of a text; raises `InputError` for any other text."""
-    if isinstance(text, str):
-        if text in QUATERNIONS:
-            return RotationForm(text, 4)
-        if text in MATRICES:
-            return RotationForm(text, 9)
-        if text in VECTORS or ((match := _EULER.fullmatch(text)) is not None and match[1] in SEQUENCES):
-            return RotationForm(text, 3)
+    if among(text, _NUMBERS):
+        return RotationForm(text, _NUMBERS[text])
     hint = ""
-    if isinstance(text, str):
-        if text in SEQUENCES or text == "rotvec":
-            hint = f"; add the unit of the angles: {text}-deg or {text}-rad"
-        elif text.lower() in ("rpy-deg", "rpy-rad"):
-            hint = f"; roll, pitch, yaw are xyz{text[3:].lower()}"
+    if among(text, (*SEQUENCES, "rotvec")):
+        hint = f"; add the unit of the angles: {text}-deg or {text}-rad"
+    elif str(text).lower() in ("rpy-deg", "rpy-rad"):
+        hint = f"; roll, pitch, yaw are xyz{text[3:].lower()}"
     raise InputError(
         "Expected `rotation` (--rotation) to be an order of Euler angles with its unit (ZYX-deg: rotated "
         f"axes; xyz-rad: fixed axes), rotvec-rad, rotvec-deg, xyzw, wxyz, matrix or transposed, got {text!r}{hint}."
     )
-
-
-def _matrices(rotation: Any) -> Array:
-    return np.asarray(rotation.as_matrix())
 
 
 def joined_contents(
@@ -355,13 +342,8 @@ def joined_contents(
     notes = list(dict.fromkeys(note for source in sources for note in source.notes))[:5]
     notes += left
     notes.append(f"{len(paths)} files, {shown(Path(paths[0].name))} to {shown(Path(paths[-1].name))}, by their names")
-    source = Source(
-        shown(Path(Path(name).name)),
-        sources[0].format,
-        sum(source.size for source in sources),
-        total.hexdigest(),
-        tuple(notes),
-    )
+    size = sum(source.size for source in sources)
+    source = Source(shown(Path(Path(name).name)), sources[0].format, size, total.hexdigest(), tuple(notes))
     joined = {role: _joined(name, paths, [getattr(one, role) for one in contents]) for role in _sides_of(contents[0])}
     return replace(contents[0], **joined, notes=tuple(notes)), source
 
@@ -373,11 +355,8 @@ def _sides_of(contents: Contents) -> list[str]:
 def _joined(name: str, paths: Sequence[Path], sides: Sequence[Side]) -> Side:
     first = sides[0]
     for path, side in zip(paths, sides, strict=True):
-        if side.rotation.shape[1:] != first.rotation.shape[1:] or (side.order, side.units, side.frame) != (
-            first.order,
-            first.units,
-            first.frame,
-        ):
+        kinds = [(one.rotation.shape[1:], one.order, one.units, one.frame) for one in (first, side)]
+        if kinds[0] != kinds[1]:
             raise InputError(
                 f"{shown(path)} is not like {shown(paths[0])}: other units, frames or numbers of rotations."
             )
