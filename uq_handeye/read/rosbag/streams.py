@@ -5,14 +5,10 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import NamedTuple
-
-import numpy as np
-from numpy.typing import NDArray
 
 from ...core.files.open import StrPath
 from ...core.formatting.units import parse_length
-from ...core.geometry.se3 import Array, inverse
+from ...core.geometry.se3 import inverse
 from ...errors import InputError, InputWarning
 from ...formats.contents import FRAMES
 from ...formats.ros_messages import frame_name, pair_text
@@ -21,11 +17,9 @@ from ...model.poses.pose_pairs import Stream
 from .open import HINT
 from .recording import Recording, read_recording
 from .tags import RAW, RECTIFIED, Lens, TagTrack, lens_of, plain_name, same_tag, tag_poses
-from .track import CameraInfo, Pair, Track
+from .track import CameraInfo, Found, Pair, Track, listed
 
 EXAMPLE = {"robot": "base_link:tool0", "camera": "camera_optical_frame:tag36h11_0"}
-# Names that a message lists.
-NAMED = 12
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,14 +31,6 @@ class BagStream:
     tag: float | None = None
     hint: str = ""  # what the bag holds beyond that
     minima: Minima | None = None  # both solutions of the poses of a tag
-
-
-class _Found(NamedTuple):
-    """Times, poses and notes of one side."""
-
-    times: NDArray[np.float64]
-    poses: Array
-    notes: list[str]
 
 
 def read_bag(
@@ -146,7 +132,7 @@ def camera_stream(
             if lens.warning:
                 warnings.warn(lens.warning, InputWarning, stacklevel=2)
             seen_tag = tag_poses(track[1], lens.info, tag)
-            found = _Found(seen_tag.times, seen_tag.poses, [*seen_tag.notes, lens.note])
+            found = Found(seen_tag.times, seen_tag.poses, [*seen_tag.notes, lens.note])
             minima = seen_tag.minima if frame in (None, FRAMES["camera"][0]) else None
             return BagStream(_stream(recording, found, "camera", frame), lens.info, tag, minima=minima)
         if not connected:
@@ -168,7 +154,7 @@ def camera_stream(
     return BagStream(_stream(recording, found, "camera", frame), own, tag, hint)
 
 
-def _stream(recording: Recording, found: _Found, role: str, frame: str | None) -> Stream:
+def _stream(recording: Recording, found: Found, role: str, frame: str | None) -> Stream:
     usual, inverted = FRAMES[role]
     if frame not in (None, usual, inverted):
         raise InputError(f"Expected `{role}_frame` (--{role}-frame) to be {usual} or {inverted}, got {frame!r}.")
@@ -187,31 +173,31 @@ def _asked(recording: Recording, spec: str, role: str) -> tuple[str, Pair]:
     for name in (spec, f"/{spec}"):
         if name in recording.topics:
             return name, ("", "")
-    for k in (k for k, letter in enumerate(spec) if letter == ":"):
-        before, after = spec[:k], frame_name(spec[k + 1 :])
+    frames = recording.tree.frames
+    parts = [(spec[:k], frame_name(spec[k + 1 :])) for k, letter in enumerate(spec) if letter == ":"]
+    for before, after in parts:
         for name in (before, f"/{before}"):
-            if name in recording.topics and frame_name(before) not in recording.tree.frames:
+            if name in recording.topics and frame_name(before) not in frames:
                 return name, ("", after)
-    places = [k for k, letter in enumerate(spec) if letter == ":"]
-    pairs = [(frame_name(spec[:k]), frame_name(spec[k + 1 :])) for k in places]
-    frames = set(recording.tree.frames)
+    pairs = [(frame_name(before), after) for before, after in parts]
     for pair in pairs:
-        if set(pair) <= frames:
+        if set(pair) <= set(frames):
             return "", pair
-    if pairs and all(pairs[0]):
-        return "", (pairs[0][0], _frame_like(pairs[0][1], recording.tree.frames))
+    if pairs and all(pairs[0]):  # tag36h11:0 as tag36h11_0
+        like = [frame for frame in frames if plain_name(frame) == plain_name(pairs[0][1])]
+        return "", (pairs[0][0], like[0] if len(like) == 1 else pairs[0][1])
     tags = [one for one in tag_specs(recording) if role == "camera"]
     if not pairs and tags and not spec.startswith("/"):
         named = [one for one in tags if same_tag(one.rpartition(":")[2], spec)]
         raise InputError(
             f"--camera {spec}: name the tag with the frame of its camera. The tags that were detected are "
-            f"{_listed(named or tags)}."
+            f"{listed(named or tags)}."
         )
     if spec.startswith("/") or not pairs:
         readable = [name for name, topic in recording.topics.items() if topic.kind]
         raise InputError(
             f"--{role} {spec}: {recording.name} has no topic of this name that is read; there are "
-            f"{_listed(readable)}. Give a topic of poses, or two frames such as {EXAMPLE[role]}; {HINT}."
+            f"{listed(readable)}. Give a topic of poses, or two frames such as {EXAMPLE[role]}; {HINT}."
         )
     raise InputError(f"Expected --{role} to be frames such as {EXAMPLE[role]}, or a topic, got {spec!r}.")
 
@@ -222,18 +208,7 @@ def tag_specs(recording: Recording) -> list[str]:
     return [f"{first}:{tag}" for first, tag in found]
 
 
-def _frame_like(name: str, frames: list[str]) -> str:
-    """Return the frame that differs only by marks between its parts, as tag36h11:0 does from tag36h11_0."""
-    like = [frame for frame in frames if plain_name(frame) == plain_name(name)]
-    return like[0] if len(like) == 1 else name
-
-
-def _listed(names: list[str]) -> str:
-    more = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
-    return (", ".join(names[:NAMED]) or "none") + more
-
-
-def _of_frames(recording: Recording, pair: Pair, role: str, spec: str) -> _Found:
+def _of_frames(recording: Recording, pair: Pair, role: str, spec: str) -> Found:
     """Return the poses of one frame in another, by transforms, or by messages that name both frames."""
     tree = recording.tree
     connected = tree.chain(*pair) is not None
@@ -243,25 +218,25 @@ def _of_frames(recording: Recording, pair: Pair, role: str, spec: str) -> _Found
                 return _of_track(name, own, track)
             if all(pair) and own == pair[::-1]:
                 turned = _of_track(name, own, track)
-                return _Found(turned.times, inverse(turned.poses), [*turned.notes, "inverted"])
+                return Found(turned.times, inverse(turned.poses), [*turned.notes, "inverted"])
     tags = tag_specs(recording)
     if not tree.edges and not (role == "camera" and tags):
         raise InputError(
             f"--{role} {spec}: {recording.name} has no transforms (/tf). Give a topic of poses: "
-            f"{_listed(list(recording.poses))}; {HINT}."
+            f"{listed(list(recording.poses))}; {HINT}."
         )
     if role == "camera" and not connected and tags:
         raise InputError(
             f"--camera {spec}: {recording.name} has no such frames or tag. The tags that were detected are "
-            f"{_listed(tags)}; {HINT}."
+            f"{listed(tags)}; {HINT}."
         )
     try:
-        return _Found(*tree.poses(*pair))
+        return tree.poses(*pair)
     except InputError as error:
         raise InputError(f"--{role} {spec}: {error} ({HINT})") from None
 
 
-def _of_topic(recording: Recording, name: str, pair: Pair, role: str) -> _Found:
+def _of_topic(recording: Recording, name: str, pair: Pair, role: str) -> Found:
     """Return the poses of a topic: of its only pair of frames, or of the child that is named."""
     topic = recording.topics[name]
     tracks = recording.poses.get(name, {})
@@ -277,17 +252,17 @@ def _of_topic(recording: Recording, name: str, pair: Pair, role: str) -> _Found:
     if len(tracks) > 1:
         children = sorted({own[1] for own in tracks})
         named = [f"{name}:{child}" for child in children] if len(children) > 1 else [pair_text(*own) for own in tracks]
-        raise InputError(f"--{role} {name}: the topic has poses of several frames. Choose one: {_listed(named)}.")
+        raise InputError(f"--{role} {name}: the topic has poses of several frames. Choose one: {listed(named)}.")
     (own, track), *_ = tracks.items()
     return _of_track(name, own, track)
 
 
-def _of_track(name: str, pair: Pair, track: Track) -> _Found:
+def _of_track(name: str, pair: Pair, track: Track) -> Found:
     times, poses = track.poses()
     notes = [f"{len(times)} poses of {name} ({pair_text(*pair)})"]
     if track.repeated:
         notes.append(f"{track.repeated} poses that repeat a time are left out")
-    return _Found(times, poses, notes)
+    return Found(times, poses, notes)
 
 
 def _detected(recording: Recording, name: str, pair: Pair) -> tuple[str, tuple[Pair, TagTrack]] | None:
@@ -301,7 +276,7 @@ def _detected(recording: Recording, name: str, pair: Pair) -> tuple[str, tuple[P
                 return topic, (own, track)
         if name:
             named = [f"{name}:{own[1]}" for own in tags]
-            raise InputError(f"--camera {name}: several tags were detected. Choose one: {_listed(named)}.")
+            raise InputError(f"--camera {name}: several tags were detected. Choose one: {listed(named)}.")
     return None
 
 
@@ -316,7 +291,7 @@ def _info_beside(recording: Recording, topic: str, pair: Pair) -> CameraInfo | N
         same = list(infos.values())
     if len(same) > 1 and not all(same[0].like(other) for other in same[1:]):
         raise InputError(
-            f"{recording.name}: several camera_info belong to {topic}, with different numbers: {_listed(list(infos))}. "
+            f"{recording.name}: several camera_info belong to {topic}, with different numbers: {listed(list(infos))}. "
             "Give the camera matrix: --camera-matrix FX,FY,CX,CY."
         )
     return same[0] if same else None

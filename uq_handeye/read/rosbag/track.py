@@ -21,7 +21,8 @@ from array import array
 from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from typing import Any
+from functools import reduce
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -91,9 +92,13 @@ class Track(Samples):
         side = Side(self.name, table[:, 1:4], table[:, 4:], table[:, 0], None, "pose", "xyzw", FIELDS)
         return table[:, 0].copy(), finished(side, "robot", "m", None, FRAMES["robot"][0])
 
-    def last(self) -> Array:
-        """Return the last pose (4, 4)."""
-        return np.array(self.poses()[1][-1])
+
+class Found(NamedTuple):
+    """Times, poses and notes of one side."""
+
+    times: NDArray[np.float64]
+    poses: Array
+    notes: list[str]
 
 
 Pair = tuple[str, str]
@@ -155,7 +160,7 @@ class Tree:
         """Return whether any edge between two frames moves."""
         return any(self.edges[pair].moves for pair, _ in self.chain(base, tip) or [])
 
-    def poses(self, base: str, tip: str) -> tuple[NDArray[np.float64], Array, list[str]]:
+    def poses(self, base: str, tip: str) -> Found:
         """Return times (n,), poses (n, 4, 4) ``base_T_tip``, and notes."""
         chain = self._require_chain(base, tip)
         moving = [pair for pair, _ in chain if self.edges[pair].moves]
@@ -173,36 +178,31 @@ class Tree:
             steps[pair] = found.poses
             fine &= found.fine
         if not fine.any():
-            raise InputError(
-                f"The transforms between {base} and {tip} have no time in common: "
-                f"{', '.join(self._span(pair, tracks[pair][0]) for pair in moving[:NAMED])}."
-            )
-        T = np.broadcast_to(np.eye(4), (int(fine.sum()), 4, 4))
-        for pair, down in chain:
-            step = steps[pair][fine] if pair in steps else self.edges[pair].last()
-            T = T @ (step if down else inverse(step)) if len(chain) > 1 else (step if down else inverse(step))
+            ends = [(pair, tracks[pair][0][[0, -1]]) for pair in moving[:NAMED]]
+            spans = ", ".join(f"{pair_text(*pair)} from {first:.3f} to {last:.3f} s" for pair, (first, last) in ends)
+            raise InputError(f"The transforms between {base} and {tip} have no time in common: {spans}.")
+        parts = [
+            (steps[pair][fine] if pair in steps else self.edges[pair].poses()[1][-1], down) for pair, down in chain
+        ]
+        T = reduce(np.matmul, [step if down else inverse(step) for step, down in parts])
         notes = self._notes(base, tip, chain, moving, leading, len(fine) - int(fine.sum()))
-        return times[fine], np.array(T), notes
+        return Found(times[fine], np.array(T), notes)
 
     def _require_chain(self, base: str, tip: str) -> list[tuple[Pair, bool]]:
         for frame in (base, tip):
             if frame not in self.frames:
-                raise InputError(f"There is no frame {frame} in the transforms.{self._meant(frame)}")
+                close = difflib.get_close_matches(frame, self.frames, n=1)
+                hint = f"Did you mean {close[0]}?" if close else f"There are: {listed(self.frames, 'nothing')}."
+                raise InputError(f"There is no frame {frame} in the transforms. {hint}")
         if base == tip:
             raise InputError(f"Expected two frames, got {base} twice.")
         if (chain := self.chain(base, tip)) is None:
             raise InputError(
                 f"The frames {base} and {tip} are not connected by transforms: {base} is connected to "
-                f"{_named(sorted(self._reached(base)))}, {tip} to {_named(sorted(self._reached(tip)))}."
+                f"{listed(sorted(self._reached(base)), 'nothing')}, {tip} to "
+                f"{listed(sorted(self._reached(tip)), 'nothing')}."
             )
         return chain
-
-    def _meant(self, frame: str) -> str:
-        close = difflib.get_close_matches(frame, self.frames, n=1)
-        return f" Did you mean {close[0]}?" if close else f" There are: {_named(self.frames)}."
-
-    def _span(self, pair: Pair, times: Array) -> str:
-        return f"{pair_text(*pair)} from {times[0]:.3f} to {times[-1]:.3f} s"
 
     def _notes(
         self, base: str, tip: str, chain: list[tuple[Pair, bool]], moving: list[Pair], leading: Pair, left: int
@@ -223,9 +223,10 @@ class Tree:
         return notes
 
 
-def _named(names: list[str]) -> str:
+def listed(names: list[str], nothing: str = "none") -> str:
+    """Return the names that a message lists."""
     more = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
-    return f"{', '.join(names[:NAMED]) or 'nothing'}{more}"
+    return f"{', '.join(names[:NAMED]) or nothing}{more}"
 
 
 # What ROS calls the models.
