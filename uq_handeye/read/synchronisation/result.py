@@ -1,6 +1,13 @@
 """Synchronised: what `synchronise` returns, the pose pairs with their time offset and how it was found.
 
 Two synchronised streams in words, and what the summary of a calibration says of their time offset.
+
+Two synchronised streams as a figure: the angular speeds on one clock, their correlation, residuals by offset.
+
+Above, the angular speeds (deg/s) of robot and camera on the clock of the camera, the robot's moved by the offset: the
+two curves lie on each other if the offset is right. Below left, the correlation coefficient of both at each lag (s)
+that was looked at. Below right the residuals (per axis, root mean square) of the best X and W at each offset near the
+estimate, rotation and translation each by its smallest value; the band is the offset with two standard deviations.
 """
 
 from __future__ import annotations
@@ -25,6 +32,7 @@ from .correlation import Correlation, LeftOut
 from .refinement import Pairing, Refined, residual_scale
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 
@@ -90,8 +98,6 @@ class Synchronised:
 
     def figure(self) -> Figure:
         """Angular speeds, their correlation, residuals against the offset, as a Matplotlib figure."""
-        from .figure import sync_figure
-
         return sync_figure(self)
 
     def to_dict(self) -> dict[str, Any]:
@@ -210,3 +216,94 @@ def _scope(sync: Synchronised) -> str:
         f"{carried}Not covered: clocks that run at different rates, delays that change while recording. A delay that "
         "is constant is part of the offset."
     )
+
+
+ROBOT, CAMERA, OFFSET = "#0072B2", "#D55E00", "black"
+# Points of a curve beyond which only their extremes can be seen.
+MOST_POINTS = 4000
+
+
+def sync_figure(sync: Synchronised) -> Figure:
+    """The three panels; a panel of what is not known says so."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9.5, 6.6), layout="constrained")
+    FigureCanvasAgg(figure)
+    grid = figure.add_gridspec(2, 2, height_ratios=(1.0, 1.1))
+    _speeds(figure.add_subplot(grid[0, :]), sync)
+    _correlation(figure.add_subplot(grid[1, 0]), sync)
+    _residuals(figure.add_subplot(grid[1, 1]), sync)
+    how = "as given" if sync.origin == "given" else "1 standard deviation in parentheses"
+    value = (
+        f"{1e3 * sync.offset:.6g} ms"
+        if sync.origin == "given"
+        else concise(1e3 * sync.offset, 1e3 * sync.offset_std, "ms")
+    )
+    figure.suptitle(f"Time offset {value} ({how}): robot_time = camera_time + offset", fontsize=11)
+    return figure
+
+
+def _speeds(axis: Axes, sync: Synchronised) -> None:
+    found = sync.correlation
+    if found is None or not len(found.robot.speed) or sync.poses.timestamps is None:
+        _nothing(axis, "no angular speeds")
+        return
+    at = sync.offset - sync.shift
+    parts = (
+        ("robot", found.robot.times - at, found.robot.speed, ROBOT, "-", 1.8),
+        ("camera", found.camera.times, found.camera.speed, CAMERA, "--", 1.0),
+    )
+    highest = 0.0
+    for name, times, speed, colour, line, width in parts:
+        step = max(1, len(times) // MOST_POINTS)
+        axis.plot(times[::step], np.degrees(speed[::step]), line, color=colour, linewidth=width, label=name)
+        if np.isfinite(speed).any():
+            highest = max(highest, float(np.degrees(np.nanquantile(speed, 0.995))))
+    axis.set_ylim(0, 1.15 * highest or 1.0)
+    axis.set_xlabel("time since the first camera pose (s)")
+    axis.set_ylabel("angular speed (deg/s)")
+    axis.legend(loc="upper right", ncols=2, frameon=False, fontsize=9)
+
+
+def _correlation(axis: Axes, sync: Synchronised) -> None:
+    found = sync.correlation
+    if found is None or not len(found.lags):
+        _nothing(axis, "the speeds were not correlated")
+        return
+    axis.plot(found.lags + sync.shift, found.values, color=ROBOT, linewidth=1.2)
+    axis.axhline(found.needed, color="0.4", linestyle=":", linewidth=1.0)
+    axis.annotate(
+        "chance stays below", (0.02, found.needed), xycoords=("axes fraction", "data"), xytext=(0, 2),
+        textcoords="offset points", fontsize=8, color="0.3",
+    )  # fmt: skip
+    axis.axvline(sync.offset, color=OFFSET, linewidth=0.9, linestyle="--")
+    axis.set_xlabel("offset (s)")
+    axis.set_ylabel("correlation of angular speeds")
+
+
+def _residuals(axis: Axes, sync: Synchronised) -> None:
+    curve = sync.residual_curve
+    if curve is None:
+        _nothing(axis, "residuals are not known")
+        return
+    offsets, rotation, translation = curve
+    if sync.offset_std > 0:
+        low, high = (1e3 * (sync.offset + sign * 2 * sync.offset_std) for sign in (-1, 1))
+        axis.axvspan(low, high, color="0.85", label="offset, 2 standard deviations")
+    axis.axvline(1e3 * sync.offset, color=OFFSET, linewidth=0.9, linestyle="--")
+    for values, name, unit, factor, colour, line in (
+        (rotation, "rotation", "deg", 180 / np.pi, ROBOT, "-"),
+        (translation, "translation", "mm", 1e3, CAMERA, "-."),
+    ):
+        least = max(float(values.min()), 1e-300)
+        label = f"{name}, smallest {digits(factor * least, 2)} {unit}"
+        axis.plot(1e3 * offsets, values / least, line, color=colour, linewidth=1.5, label=label)
+    axis.set_xlabel("offset (ms)")
+    axis.set_ylabel("residual, by its smallest value")
+    axis.legend(fontsize=8, loc="upper center", framealpha=0.9)
+
+
+def _nothing(axis: Axes, text: str) -> None:
+    axis.set_axis_off()
+    axis.text(0.5, 0.5, text, ha="center", va="center", transform=axis.transAxes)
