@@ -263,8 +263,7 @@ def _setup(parameters: Any, name: str) -> tuple[str | None, list[str]]:
     if says is None or says == "":
         return None, notes
     known = {"eye_in_hand": "eye-in-hand", "eye_on_base": "eye-to-hand", True: "eye-in-hand", False: "eye-to-hand"}
-    setup = known.get(says) if isinstance(says, str | bool) else None
-    if setup is None:
+    if (setup := None if is_map(says) or is_list(says) else known.get(says)) is None:
         raise InputError(f"{name}, parameters.{key}: expected eye_in_hand or eye_on_base, got {got(says)}.")
     return setup, [*notes, f"{setup}, from {key}: {says}"]
 
@@ -322,10 +321,12 @@ def read_prior(path: StrPath, of: str = "X") -> tuple[Array, Array]:
     target = as_path(path)
     with opened(target, MAX_BYTES) as file:
         tree = parse_tree(file.read(), str(target))
-    if not isinstance(tree, dict):
+    if not is_map(tree):
         raise InputError(f"{target}: expected {_FORM}, or an earlier result.")
     if str(tree.get("format", "")).startswith("uq-handeye calibration"):
         return _of_result(tree, of, str(target))
+    if ("covariance" in tree) == ("std" in tree):
+        raise InputError(f"{target}: expected either 'covariance' or 'std', {_FORM}.")
     try:
         if "pose" in tree:
             pose = np.array(tree["pose"], dtype=float)
@@ -333,15 +334,11 @@ def read_prior(path: StrPath, of: str = "X") -> tuple[Array, Array]:
             pose = np.eye(4)
             pose[:3, :3] = Rotation.from_quat(np.array(tree["quaternion"], dtype=float)).as_matrix()
             pose[:3, 3] = tree["translation"]
-        if ("covariance" in tree) == ("std" in tree):
-            raise InputError(f"{target}: expected either 'covariance' or 'std', {_FORM}.")
         if "std" in tree:
             covariance = np.diag(_numbers(tree["std"], (6,)) ** 2)
         else:
             covariance = _numbers(tree["covariance"], (6, 6))
     except (KeyError, TypeError, ValueError) as error:
-        if isinstance(error, InputError):
-            raise
         raise InputError(f"{target}: expected {_FORM}, got {error}.") from error
     return as_transforms(pose, str(target), stack=False), covariance
 

@@ -263,14 +263,14 @@ def _arrays(data: bytes, name: str) -> dict[str, Array]:
 
 def _numbers_of(values: Any) -> Array | None:
     """An array of numbers, or the matrices of a cell; None for anything else."""
-    if not isinstance(values, np.ndarray):
+    if values is None:
         return None
     if values.dtype.kind in "fiu":
         return np.asarray(values, dtype=float)
     if values.dtype != object or not 0 < values.size <= MAX_CELLS:
         return None
     cells: list[NDArray[Any]] = list(values.reshape(-1, order="F"))
-    alike = all(isinstance(cell, np.ndarray) and cell.dtype.kind in "fiu" and cell.shape == (4, 4) for cell in cells)
+    alike = all(cell.dtype.kind in "fiu" and cell.shape == (4, 4) for cell in map(np.asarray, cells))
     return np.stack(cells).astype(float) if alike else None
 
 

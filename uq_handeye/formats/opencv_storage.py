@@ -207,7 +207,7 @@ def is_storage(tree: Any) -> bool:
 def _matrix(value: dict[str, Any], where: str) -> Array:
     """The numbers of an ``opencv-matrix`` or ``opencv-nd-matrix``."""
     dt = value.get("dt", "d")
-    kind = re.fullmatch(r"(\d*)([ucwsifdh])", dt) if isinstance(dt, str) else None
+    kind = re.fullmatch(r"(\d*)([ucwsifdh])", str(dt))
     if kind is None:
         raise InputError(f"{where}, dt: expected a type of numbers such as d, got {got(dt)}.")
     sizes = value["sizes"] if "sizes" in value else [value["rows"], value["cols"]]
@@ -215,8 +215,7 @@ def _matrix(value: dict[str, Any], where: str) -> Array:
     data = value["data"] if is_list(value["data"]) else [value["data"]]
     expected = math.prod(shape) * int(kind[1] or 1)
     if len(data) != expected:
-        text = isinstance(value["data"], str)
-        hint = " (base64: write the storage as text)" if text else ""
+        hint = " (base64: write the storage as text)" if type(value["data"]) is str else ""
         shown = " x ".join(f"{size:g}" for size in shape)
         raise InputError(f"{where}: expected {expected:g} numbers for {shown}, got {got(value['data'])}{hint}.")
     numbers = np.array([number(entry, f"{where}, data[{k}]") for k, entry in enumerate(data)])

@@ -5,6 +5,7 @@ Several files that people name at once: a folder, or a pattern such as ``poses/*
 
 from __future__ import annotations
 
+import errno
 import glob
 import hashlib
 import io
@@ -73,8 +74,7 @@ def opened(path: Path, max_bytes: int) -> Iterator[BinaryIO]:
             require_size(os.fstat(file.fileno()).st_size, max_bytes, path)
             yield file
     except OSError as error:
-        missing = isinstance(error, FileNotFoundError)
-        why = "there is no such file; check the path" if missing else reason(error)
+        why = "there is no such file; check the path" if error.errno == errno.ENOENT else reason(error)
         raise InputError(f"Cannot read {shown(path)}: {why}.") from error
 
 

@@ -94,9 +94,9 @@ class Found:
         start = self.text.rfind("\n", 0, match.start()) + 1
         return self.text[max(start, match.start() - most) : match.start()]
 
-    def add(self, line: int, label: re.Match[str] | str | None, values: Sequence[str]) -> None:
+    def add(self, line: int, label: re.Match[str] | None, values: Sequence[str], named: str = "") -> None:
         """Add a pose; raises `InputError` for a value that is no number."""
-        named = label if isinstance(label, str) else "" if label is None else label[1]
+        named = named if label is None else label[1]
         if (numbers := floats(values)) is None:
             wrong = next(value for value in values if floats([value]) is None)
             raise InputError(
@@ -233,7 +233,7 @@ def _fanuc(found: Found) -> str | None:
         lengths |= {pairs[key][1] for key in "XYZ"}
         if (frame := _TOOL.search(block)) is not None:
             found.tools.append(f"UF {frame[1]}, UT {frame[2]}")
-        found.add(line, label, [pairs[key][0] for key in "XYZWPR"])
+        found.add(line, None, [pairs[key][0] for key in "XYZWPR"], label)
     if groups:
         found.notes.append(f"further motion groups (GP2 ...) of {groups} positions are not used")
     found.note(empty, f"position{' that was' if empty == 1 else 's that were'} not taught left out")
@@ -368,7 +368,8 @@ def _staubli_data(found: Found) -> None:
                 continue
             completed += not set(_STAUBLI_NUMBERS) <= fields.keys()
             where = f"{label}[{fields['key']}]" if "key" in fields else label
-            found.add(found.line(match.start()), where, [fields.get(key, "0").strip() for key in _STAUBLI_NUMBERS])
+            values = [fields.get(key, "0").strip() for key in _STAUBLI_NUMBERS]
+            found.add(found.line(match.start()), None, values, where)
     found.note(others, "values of tools, frames and others are left out")
     found.note(completed, "points lack fields, which are 0")
 
