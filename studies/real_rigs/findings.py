@@ -15,7 +15,7 @@ def findings(tables: Tables) -> str:
         "ellipsoids hold X. Each cell is eye-in-hand, eye-to-hand.",
         _of_poses(poses),
         _price(poses),
-        _correlation(poses),
+        _motion(poses),
         f"{int(views['sets'].sum()):,} calibrated cameras whose corners were thrown away: median error of X, mean d², "
         "share of 95 % ellipsoids that hold it.",
         _of_views(views),
@@ -34,10 +34,10 @@ def _pair(lines: pd.DataFrame, way: str) -> str:
 def _of_poses(table: pd.DataFrame) -> str:
     rows = []
     for (case, n), lines in table.groupby(["error", "poses"], sort=False):
-        found = ", ".join(f"{100 * value:.0f}" for value in lines["correlation found"])
+        found = ", ".join(f"{value:.2f}" for value in lines["motion mm"])
         one = "" if len(lines) > 1 else f" ({lines['setup'].iloc[0]})"
-        rows.append([f"{case}{one}", f"{n:,}", _pair(lines, "alone"), _pair(lines, "default"), f"{found} %"])
-    head = ["error beside the noise", "poses", "independent, nothing shared", "by default", "correlation found"]
+        rows.append([f"{case}{one}", f"{n:,}", _pair(lines, "alone"), _pair(lines, "default"), f"{found} mm"])
+    head = ["error beside the noise", "poses", "independent, nothing shared", "by default", "motion stated"]
     return markdown(head, rows)
 
 
@@ -54,13 +54,10 @@ def _price(table: pd.DataFrame) -> str:
     )
 
 
-def _correlation(table: pd.DataFrame) -> str:
+def _motion(table: pd.DataFrame) -> str:
     clean = table[table["error"] == "nothing"]
-    shares = ", ".join(
-        f"{100 * lines['correlation found'].mean():.0f} % of the sets of {n} poses"
-        for n, lines in clean.groupby("poses")
-    )
-    return f"Correlation is found where there is none in {shares}: the price of finding a drift in few poses."
+    stated = ", ".join(f"{lines['motion mm'].mean():.2f} mm of {n} poses" for n, lines in clean.groupby("poses"))
+    return f"Where nothing moves, the motion of X during the session is stated as {stated} (medians)."
 
 
 def _of_views(table: pd.DataFrame) -> str:
