@@ -13,7 +13,7 @@ from ..core.geometry.se3 import Array, difference
 from ..core.runtime.read_only import read_only
 from ..errors import DegenerateMotionError, InputError, NotConvergedError
 from ..findings import Finding
-from ..fit.diagnostics.budget import SIZES_OPEN
+from ..fit.diagnostics.budget import MOTION, SIZES_OPEN
 from ..fit.diagnostics.pose_table import pose_table
 from ..fit.empirical_covariance.resampled import resampled
 from ..fit.input_checks.checks import check_fit, check_motions, misread, require_signal
@@ -88,8 +88,6 @@ SURE, UNLIKELY = 0.99, 0.05
 OF_POSES = frozenset({ROBOT_ACCURACY, VIEW, LENS, FOCAL_LENGTH, f"{PRINCIPAL_POINT} x"})
 # Another branch of the inverse kinematics is taken where its evidence is better by so much.
 BETTER = 1.0
-# Source of a budget: how far X and W were from their means over the session.
-MOTION = "motion in the session"
 
 
 def by_likelihood(job: Job) -> tuple[Calibration, list[Finding]]:
@@ -325,7 +323,9 @@ def _assembled(
         if poses is not None and (found is not None or not OF_POSES.isdisjoint(map(group_of, joint.names))):
             posterior = replace(joint, bound=(poses.robot, poses.camera), times=poses.timestamps)
         if found is not None:
-            posterior = with_open_sizes(posterior, fit.covariance, found)
+            more = [of_moves(move) for name, move in beside.items() if name != SIZES_OPEN]
+            of_rest = sum(more, np.zeros_like(fit.covariance))
+            posterior = with_open_sizes(posterior, fit.covariance, of_rest, found)
     shared = estimates_of(joint, job.shared, fit)
     if isinstance(posterior, OpenSizes):
         analysis = replace(analysis, joint=posterior, prior_sd={error.name: error.prior_sd for error in shared})

@@ -43,6 +43,8 @@ ROUNDED = 1e-9
 
 # The source of a budget for what open sizes of the errors move X and W by.
 SIZES_OPEN = "sizes of the errors"
+# How far X and W were from their means over the session (`assumed`: drift).
+MOTION = "motion in the session"
 _COMPONENTS = ("theta_x", "theta_y", "theta_z", "tau_x", "tau_y", "tau_z")
 
 
@@ -336,7 +338,10 @@ def by_posterior(found: Budget, posterior: Posterior, prior_sd: Mapping[str, flo
     parts, p = parts_of_posterior(posterior, prior_sd), len(found.covariance)
     if posterior.points is None or p != posterior.p:
         return found
-    own = [name not in parts and not name.startswith("prior of ") and name != CLOCK_OFFSET for name in found.sources]
+    own = [
+        name not in parts and not name.startswith("prior of ") and name not in (CLOCK_OFFSET, MOTION)
+        for name in found.sources
+    ]
     noise = np.array(own, dtype=bool)
     kept = [parts.get(name, S) for name, S in zip(found.sources, found.covariances, strict=True)]
     covariances = np.array(kept)

@@ -55,6 +55,7 @@ class OpenSizes(ReadOnlyArrays):
     names: tuple[str, ...]  # (k,)
     order: NDArray[np.intp]  # (q,) columns of the model in the order of the names of `base`
     unit: Array  # (q,) of each, in place of that of the model
+    beside: Array  # (p, p) of X and W by what the model does not hold, independent of the rest; in `base`
 
     @cached_property
     def _index(self) -> NDArray[np.intp]:
@@ -88,7 +89,7 @@ class OpenSizes(ReadOnlyArrays):
         covariances = M @ np.array([S for _, S in found]) @ M.T
         P = np.tensordot(self.weights, covariances, axes=1) + (self.weights * means.T) @ means
         to_stated = np.eye(len(P))
-        to_stated[:p, :p] = _carrying(P[:p, :p], self.base.covariance[:p, :p])
+        to_stated[:p, :p] = _carrying(P[:p, :p], self.base.covariance[:p, :p] - self.beside)
         return means, covariances, P, to_stated
 
     @cached_property
@@ -96,10 +97,11 @@ class OpenSizes(ReadOnlyArrays):
         """The mixture."""
         p = self.model.p
         means, covariances, P, to_stated = self._mixture
-        P = to_stated @ P @ to_stated.T
+        P, covariances = to_stated @ P @ to_stated.T, to_stated @ covariances @ to_stated.T
         P[:p, :p] = self.base.covariance[:p, :p]
-        back = solve_triangular(factor_of(P), to_stated, lower=True)
-        each = back @ covariances @ back.T
+        covariances[:, :p, :p] += self.beside
+        back = solve_triangular(factor_of(P), np.eye(len(P)), lower=True)
+        means, each = means @ to_stated.T, back @ covariances @ back.T
         points = SizePoints(self.names, self.theta, self.weights, means @ back.T, 0.5 * (each + each.mT))
         return replace(self.base, covariance=0.5 * (P + P.T), points=points, source=self)
 
@@ -136,7 +138,7 @@ class OpenSizes(ReadOnlyArrays):
         )  # fmt: skip
         to_stated = self._mixture[3] @ after._mixture[2] @ self._mixture[3].T
         stated = told.covariance.copy()
-        stated[:p, :p] = to_stated[:p, :p]
+        stated[:p, :p] = to_stated[:p, :p] + self.beside
         return Absorbed(replace(after, base=replace(base, covariance=stated)).posterior, move)
 
     def _number(self, name: str) -> int:
@@ -194,7 +196,16 @@ class OpenSizes(ReadOnlyArrays):
         model = LatentModel(
             first.J, first.r, components, first.shared, first.blocks, first.known, prior, tuple(rows[1:])
         )
-        shapes = {"of_poses": (p, p), "theta": (d, k), "weights": (d,), "mean_theta": (k,), "order": (q,), "unit": (q,)}
+        given.setdefault("beside", np.zeros((p, p)).tolist())
+        shapes = {
+            "of_poses": (p, p),
+            "beside": (p, p),
+            "theta": (d, k),
+            "weights": (d,),
+            "mean_theta": (k,),
+            "order": (q,),
+            "unit": (q,),
+        }
         found: dict[str, Any] = {name: array_of(given[name], shapes[name], f"posterior.{name}") for name in _ARRAYS}
         found["order"] = found["order"].astype(np.intp)
         if not (found["weights"] >= 0).all() or not np.isclose(found["weights"].sum(), 1.0):
@@ -210,7 +221,7 @@ class OpenSizes(ReadOnlyArrays):
         return result
 
 
-_ARRAYS = ("of_poses", "theta", "weights", "mean_theta", "order", "unit")
+_ARRAYS = ("of_poses", "theta", "weights", "mean_theta", "order", "unit", "beside")
 
 
 @dataclass(frozen=True, eq=False)
@@ -236,10 +247,10 @@ def _rows_of(data: dict[str, Any], p: int, m: int, components: int) -> Rows:
     return Rows(J, r, shared, blocks, None if data["known"] is None else array_of(data["known"], (n, d, d), "known"))
 
 
-def with_open_sizes(base: Posterior, of_poses: Array, found: FoundSizes) -> Posterior | OpenSizes:
+def with_open_sizes(base: Posterior, of_poses: Array, beside: Array, found: FoundSizes) -> Posterior | OpenSizes:
     """Return the posterior over the sizes that were found; ``of_poses`` (12, 12) is the block of X and W at their mean.
 
-    ``base`` is the posterior at the mean sizes.
+    ``base`` is the posterior at the mean sizes, with ``beside`` (12, 12), what the model does not hold, in that block.
     """
     model, mixture, source = found.model, found.mixture, found.source
     sizes = np.array([model.sizes(theta) for theta in mixture.theta])  # (d, components)
@@ -264,8 +275,9 @@ def with_open_sizes(base: Posterior, of_poses: Array, found: FoundSizes) -> Post
     order = np.array([place[name][0] for name in base.names], dtype=np.intp)
     unit = np.array([place[name][1] for name in base.names])
     return OpenSizes(
-        base, of_poses, model, mixture.theta, mixture.weights, mixture.mean_theta, tuple(free), order, unit
-    )
+        base, of_poses, model, mixture.theta, mixture.weights, mixture.mean_theta, tuple(free), order, unit,
+        beside,
+    )  # fmt: skip
 
 
 def _fresh(found: FoundSizes, sizes: Array) -> tuple[FreshNoise, ...]:
