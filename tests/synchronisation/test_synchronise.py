@@ -37,9 +37,9 @@ def again(stream, scale=1.0, shift=0.0):
 
 
 def of_sizes(result):
-    """Covariance that the open sizes of errors add."""
-    moves = result.analysis.beside["sizes of the errors"][:6]
-    return moves @ moves.T
+    """Covariance that the open sizes of errors and the motion of the camera in the session add."""
+    beside = (move[:6].reshape(6, -1) for name, move in result.analysis.beside.items() if name != "clock offset")
+    return sum(moves @ moves.T for moves in beside)
 
 
 def calibrated(poses, **kwargs):
