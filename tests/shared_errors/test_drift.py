@@ -45,7 +45,7 @@ def of_motion(result):
 @pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
 @pytest.mark.parametrize("what", ["camera", "target"])
 def test_the_motion_stated_is_that_of_the_data(setup, what):
-    """With little noise it is the mean square of the motion about its mean, along each axis that it has; and of the
+    """The mean square of the motion about its mean, along each axis that it has, where the noise is small; and of the
     camera alone, or of the target.
     """
     poses, X, W = session(setup, what, np.random.default_rng([SEED, 1]), crept, noise=0.02)
