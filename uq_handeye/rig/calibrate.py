@@ -24,14 +24,14 @@ from .noise import RigNoise, given_noise, plain_noise
 from .pair import FEWEST_FOR_ROBUST, find_pair, is_pair, weigh_pair
 from .result import RigCalibration
 from .sizes import SHARED, Found, find_sizes, width_of_targets
-from .start import require_tied, start_of
+from .start import agreeing, require_tied, start_of
 from .weights import Distances, distances, fit_robustly
 
 METHODS = ("efficient", "ml")
 # Rounds of sizes and weights.
 ROUNDS = 6
-# Weight above which a view counts for the sizes.
-COUNTS = 0.5
+# Weight above which a view counts for the sizes; share of the views that may change sides in the last round.
+COUNTS, FLICKER = 0.5, 1e-2
 # Minima that are tried.
 MINIMA = 3
 
@@ -116,15 +116,18 @@ def _at_global_minimum(
             if better is None or rejected:
                 raise
         else:
-            optimality, better = prove(task.rig, one.found)
+            optimality, better = prove(task.rig, one.found, task.prior)
             if better is None or rejected == MINIMA - 1:
                 break
-        start, kept = better, np.ones(task.graph.E, dtype=bool)
+        start, kept = better, agreeing(task.graph, better)
     return one, replace(optimality, rejected=rejected)
 
 
-def _fitted(task: Task, noise: RigNoise, at: Array, kept: NDArray[np.bool_]) -> tuple[RigFit, Distances]:
-    """Fit, with robust weights if asked; its errors name the pose that did not stand still, if one explains them."""
+def _fitted(task: Task, noise: RigNoise, at: Array, kept: NDArray[np.bool_] | RigFit) -> tuple[RigFit, Distances]:
+    """Fit, with robust weights if asked that begin with the views ``kept`` or as in a fit.
+
+    Its errors name the pose that did not stand still, if one explains them.
+    """
     graph, weights = task.graph, None
     try:
         if task.robust and not is_pair(task):
@@ -150,17 +153,20 @@ def _with_sizes(task: Task, start: Array, kept: NDArray[np.bool_]) -> Estimated:
     if is_pair(task) and (pair := find_pair(task, start)) is not None:
         found = fit(graph, pair.sizes.noise, pair.at, task.method, pair.weights, prior=task.prior)
         return _estimated(found, distances(found), pair.sizes)
-    at, count = start, kept if task.robust else np.ones(graph.E, dtype=bool)
+    at, count, theta = start, kept if task.robust else np.ones(graph.E, dtype=bool), None
+    begin: NDArray[np.bool_] | RigFit = count
     for done in range(ROUNDS):
-        sizes = find_sizes(task, at, count, width)
-        found, far = _fitted(task, sizes.noise, at, count)
+        sizes = find_sizes(task, at, count, width, theta, whole=False)
+        begin = found = _fitted(task, sizes.noise, at, begin)[0]
         # a view at the edge must not come and go: from the third round on none comes back
-        at, again = found.at, (found.edge_weights > COUNTS) & (count | (done < 2))
+        at, theta, again = found.at, sizes.theta, (found.edge_weights > COUNTS) & (count | (done < 2))
         before, width = width, width if done else width_of_targets(task, at, again)
-        if (again == count).all() and width == before:
-            break
+        settled = int((again != count).sum()) <= FLICKER * graph.E and width == before
         count = again
-    return _estimated(found, far, sizes)
+        if settled:
+            break
+    sizes = find_sizes(task, at, count, width, theta)
+    return _estimated(*_fitted(task, sizes.noise, at, begin), sizes)
 
 
 def _estimated(found: RigFit, far: Distances, sizes: Found) -> Estimated:

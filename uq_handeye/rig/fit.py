@@ -40,8 +40,9 @@ from .noise import RigNoise
 
 # `efficient` goes on while a step moves a pose by more of its standard deviations.
 ENOUGH = 0.1
-# Smallest eigenvalue of the information, scaled to a unit diagonal, from which on nothing is open.
-CLEAR = 1e-2
+# Smallest eigenvalue of the information, scaled to a unit diagonal, from which on nothing is open; share of one at
+# which nothing was that is enough at other weights.
+CLEAR, STILL_CLEAR = 1e-2, 0.5
 # Information that is rounding beside what the components have by themselves.
 NOTHING = 1e-11
 
@@ -109,6 +110,8 @@ class RigFit:
     converged: bool
     prior_square: float = 0.0
     prior_rank: int = 0
+    clear: float = CLEAR  # scaled eigenvalue of the information above which nothing is open, as was seen here
+    v: tuple[Array, Array] | None = None  # errors of robot poses (P, 6) and camera poses (E, 6)
 
     @property
     def covariance(self) -> Array:
@@ -136,15 +139,18 @@ def fit(
     edge_weights: Array | None = None,
     pose_weights: Array | None = None,
     prior: Prior | None = None,
+    after: RigFit | None = None,
 ) -> RigFit:
-    """Estimate all poses from ``start`` (m, 4, 4).
+    """Estimate all poses from ``start`` (m, 4, 4); ``after``: a fit near by to go on from, with other weights.
 
     Raises `NotConvergedError` where `ml` does not converge, `DegenerateMotionError` where nothing is determined.
     """
     w_e = np.ones(graph.E) if edge_weights is None else edge_weights
     w_k = np.ones(graph.P) if pose_weights is None else pose_weights
     at, robot, C = start, graph.robot, graph.C
-    v: tuple[Array, Array] | None = None
+    v, clear = (None, CLEAR) if after is None else (after.v, after.clear)
+    if v is not None:
+        robot, C = perturb(graph.robot, -v[0]), perturb(graph.C, -v[1])
     lever, closed = lever_of(graph, start), False
     for done in range(1, MOST_STEPS + 1):
         sides = graph.linearise(at, robot, C)
@@ -156,8 +162,10 @@ def fit(
         H[: graph.p, : graph.p] += known.information
         pull[: graph.p] += known.gradient
         opened = None if closed else partial(_open, graph, noise, sides, at, known.information, lever)
-        whole, open_ = _inverse(graph, H, opened, lever)
+        whole, open_, smallest = _inverse(graph, H, opened, lever, clear)
         closed = not len(open_)
+        if closed:
+            clear = min(clear, STILL_CLEAR * smallest)
         step = -whole @ pull
         x, z = step[: graph.p], step[graph.p :]
         rows = [_after(part, step) for part in rows]
@@ -178,7 +186,7 @@ def fit(
     known = prior_at(graph, at, prior)
     found = RigFit(
         graph, noise, at, whole, z, open_, lever, sides, tuple(rows), w_e, w_k, done, converged, known.square,
-        known.rank,
+        known.rank, clear, v,
     )  # fmt: skip
     if not converged and method == "ml":
         raise NotConvergedError(
@@ -286,8 +294,10 @@ def _information_of(H: Array, p: int) -> Array:
     return np.asarray(H[:p, :p] - H[:p, p:] @ np.linalg.solve(H[p:, p:], H[p:, :p]))
 
 
-def _inverse(graph: Graph, H: Array, opened: Callable[[], Array | None] | None, lever: float) -> tuple[Array, Array]:
-    """Return the joint covariance, 0 along the open directions, and a basis of these.
+def _inverse(
+    graph: Graph, H: Array, opened: Callable[[], Array | None] | None, lever: float, clear: float
+) -> tuple[Array, Array, float]:
+    """Return the joint covariance, 0 along the open directions, a basis of these, and the smallest scaled eigenvalue.
 
     ``opened`` finds them (`_open`); None: nothing is open.
     """
@@ -295,9 +305,9 @@ def _inverse(graph: Graph, H: Array, opened: Callable[[], Array | None] | None, 
     diagonal = np.maximum(np.diag(H), 1e-300 + 1e-24 * float(np.diag(H).max()))
     unit = 1.0 / np.sqrt(diagonal)
     smallest = float(np.linalg.eigvalsh(_information_of(H, p) * np.outer(unit[:p], unit[:p]))[0])
-    if opened is None or smallest > CLEAR or (U := opened()) is None:
+    if opened is None or smallest > clear or (U := opened()) is None:
         factored = cho_factor(H * np.outer(unit, unit))
-        return np.asarray(cho_solve(factored, np.diag(unit)) * unit[:, None]), np.zeros((0, p))
+        return np.asarray(cho_solve(factored, np.diag(unit)) * unit[:, None]), np.zeros((0, p)), smallest
     rig = rig_units(graph, lever)
     if len(U) == p:
         raise DegenerateMotionError("The data determine nothing: the robot did not move.", np.eye(6))
@@ -307,7 +317,7 @@ def _inverse(graph: Graph, H: Array, opened: Callable[[], Array | None] | None, 
     inner = Q.T @ H @ Q
     scale = 1.0 / np.sqrt(np.diag(inner))
     half = Q * scale
-    return np.asarray(half @ np.linalg.solve(inner * np.outer(scale, scale), half.T)), U
+    return np.asarray(half @ np.linalg.solve(inner * np.outer(scale, scale), half.T)), U, 0.0
 
 
 def _open(graph: Graph, noise: RigNoise, sides: Sides, at: Array, known: Array, lever: float) -> Array | None:

@@ -60,6 +60,7 @@ class Found:
     spread: Array  # (p, p)
     lines: tuple[dict[str, object], ...]
     weights: Array  # (d,) of the points of the sizes
+    theta: Array | None = None  # (k,) the most probable ones, to go on from
 
 
 def components_of(
@@ -194,15 +195,19 @@ def width_of_targets(task: Task, at: Array, kept: NDArray[np.bool_]) -> float:
     return float(WIDTHS[best] * (WIDTHS[1] / WIDTHS[0]) ** (0.5 * (before - after) / (before - 2.0 * top + after)))
 
 
-def find_sizes(task: Task, at: Array, kept: NDArray[np.bool_], width: float = 1.0) -> Found:
+def find_sizes(
+    task: Task, at: Array, kept: NDArray[np.bool_], width: float = 1.0, theta: Array | None = None, whole: bool = True
+) -> Found:
     """Find the sizes near the poses ``at`` (m, 4, 4), from the views ``kept`` (E,).
+
+    ``theta`` (k,): logarithms to begin with. ``whole``: integrated over what the data leave open, not the most probable
+    ones alone.
 
     Raises `NotConvergedError` where poses or sizes do not converge.
     """
     rig, graph = task.rig, task.graph
     parts = components_of(rig, graph, task.shared, width=width)
-    used = graph.of_edges(_spread_over(graph, np.flatnonzero(kept), ENOUGH))
-    theta = None
+    used = graph.of_edges(_spread_over(graph, np.flatnonzero(kept), ENOUGH if whole else ENOUGH // 2))
     place = _places(graph, used)
     own = tuple(_rows_of(part, *place) for part in parts)
     for done in range(ROUNDS):
@@ -216,6 +221,9 @@ def find_sizes(task: Task, at: Array, kept: NDArray[np.bool_], width: float = 1.
         at = perturb(at, found.mean.reshape(-1, 6))
     else:
         raise NotConvergedError("Noise estimation of the rig did not converge. Give the noise, or look for outliers.")
+    if not whole:
+        one = Mixture(np.ones(1), theta[None], found.mean[None], found.covariance[None], np.ones(1), np.zeros(1))
+        return replace(found_of(rig, graph, parts, one, np.zeros_like(found.covariance), width), theta=theta)
     mixture = integrate(model, [mode])
     centre = model.of_poses(mixture.mean_theta)
     spread = mixture.about(centre.mean) - centre.covariance

@@ -53,7 +53,7 @@ def start_of(graph: Graph, seed: int = 0) -> tuple[Array, NDArray[np.bool_]]:
     for _ in range(ROUNDS):
         some = graph if kept.all() else graph.of_edges(np.flatnonzero(kept))
         at = _solved(some, seed)
-        again = _agreeing(graph, at)
+        again = agreeing(graph, at)
         if (again == kept).all() or not _all_seen(graph, again):
             break
         kept = again
@@ -66,7 +66,7 @@ def _all_seen(graph: Graph, kept: NDArray[np.bool_]) -> bool:
     )
 
 
-def _agreeing(graph: Graph, at: Array) -> NDArray[np.bool_]:
+def agreeing(graph: Graph, at: Array) -> NDArray[np.bool_]:
     """Return the edges whose misfit is not far above the median, of rotation and of translation."""
     r = graph.linearise(at).r.reshape(-1, 2, 3)
     size = np.linalg.norm(r, axis=-1)

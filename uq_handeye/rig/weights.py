@@ -21,15 +21,15 @@ from numpy.typing import NDArray
 
 from ..core.geometry.se3 import Array
 from ..errors import InputError, NotConvergedError
-from ..fit.likelihood.robust import FREE, STILL, largest_by_chance, robust_weights
+from ..fit.likelihood.robust import FREE, largest_by_chance, robust_weights
 from ..model.noise.models import factor
 from ..model.noise.square_roots import LEAST_WEIGHT
 from .fit import LEAST, Prior, RigFit, fit
 from .graph import Graph
 from .noise import RigNoise
 
-# Steps, and from which on weights only fall.
-MOST, LATE = 40, 20
+# Steps, and from which on weights only fall; change of the weights at which they stand still.
+MOST, LATE, ALIKE = 40, 20, 1e-2
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,24 +93,28 @@ def fit_robustly(
     start: Array,
     method: str = "efficient",
     prior: Prior | None = None,
-    begin: NDArray[np.bool_] | None = None,
+    begin: NDArray[np.bool_] | RigFit | None = None,
     margin: float = 1.0,
 ) -> tuple[RigFit, Distances]:
     """Fit with weights of the views and of the robot poses; all 1 where the largest distance is no surprise.
 
-    ``begin`` (E,): the edges that count at first; ``margin`` multiplies the limits, for noise that is estimated.
+    ``begin`` (E,): the edges that count at first, or a fit whose weights are those to begin with; ``margin`` multiplies
+    the limits, for noise that is estimated.
     Raises `InputError` where less than half of the views agree.
     """
-    limit = largest_by_chance(graph.E + graph.P)
-    if begin is None or begin.all():
-        found = fit(graph, noise, start, method, prior=prior)
+    limit, found = largest_by_chance(graph.E + graph.P), None
+    if isinstance(begin, RigFit):
+        w_e, w_k, found = begin.edge_weights, begin.pose_weights, begin
+    else:
+        w_e, w_k = _first(graph, np.ones(graph.E, dtype=bool) if begin is None else begin)
+    if w_e.all() and w_k.all():
+        found = fit(graph, noise, start, method, prior=prior, after=found)
         far = distances(found)
         if max(far.edges.max(initial=0.0), far.poses.max(initial=0.0)) <= limit * margin:
             return found, far
-    w_e, w_k = _first(graph, np.ones(graph.E, dtype=bool) if begin is None else begin)
     at, cleared = start, np.zeros(graph.P, dtype=bool)
     for k in range(MOST):
-        found = fit(graph, noise, at, method, w_e, w_k, prior)
+        found = fit(graph, noise, at, method, w_e, w_k, prior, found)
         at, far = found.at, distances(found)
         worst = _worst(graph, far)
         cleared |= (w_k == 0) & (worst > limit * margin)  # its views contradict each other without it, too
@@ -118,7 +122,7 @@ def fit_robustly(
         if k >= LATE:  # those that take turns would never end: weights only fall
             wanted = np.minimum(wanted[0], w_e), np.minimum(wanted[1], w_k)
         change = max(np.abs(wanted[0] - w_e).max(), np.abs(wanted[1] - w_k).max(initial=0.0))
-        if change < max(STILL, 1e-3):
+        if change < ALIKE:
             break
         w_e, w_k = wanted if k < FREE or k >= LATE else (0.5 * (wanted[0] + w_e), 0.5 * (wanted[1] + w_k))
     else:

@@ -44,7 +44,7 @@ from scipy.linalg.lapack import dpotrf, dtrtri, dtrtrs
 
 from ...core.geometry.se3 import Array
 from ...core.runtime.read_only import ReadOnlyArrays
-from ...model.noise.joint_covariance import inverse_factor
+from ...model.noise.joint_covariance import checked_cholesky, inverse_factor
 from ..likelihood.constraint import Linearised
 from .component import SIDES, Component
 
@@ -114,8 +114,13 @@ class _Prepared(NamedTuple):
         if len(self.numbers):
             parts = (s[:, self.numbers] ** 2) @ self.blocks.reshape(len(self.numbers), -1)
             V += parts.reshape(-1, d, d, n).transpose(1, 2, 0, 3)
-        half = inverse_factor(V)
         white = np.empty((len(s), q, d, n))
+        if n < d:  # few large groups: LAPACK and BLAS group by group
+            L_inv = np.linalg.inv(checked_cholesky(V.transpose(2, 3, 0, 1)))
+            white[:] = (L_inv @ self.columns.transpose(2, 1, 0)).transpose(0, 3, 2, 1)
+            logs = -np.log(np.diagonal(L_inv, axis1=-2, axis2=-1)).sum(axis=(1, 2))
+            return L_inv.transpose(2, 3, 0, 1), white.reshape(len(s), q, -1), logs
+        half = inverse_factor(V)
         for i in range(d):
             white[:, :, i] = np.einsum("ktn,qkn->tqn", half[i, : i + 1], self.columns[:, : i + 1])
         logs = -np.log(np.einsum("iitn->itn", half)).sum(axis=(0, 2))
