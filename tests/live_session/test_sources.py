@@ -13,16 +13,11 @@ from scipy.spatial.transform import Rotation
 import uq_handeye as uq
 from uq_handeye.calibration.statement.tolerance import Tolerance
 from uq_handeye.core.geometry.se3 import inverse
-from uq_handeye.use.live_session.drawing.nodes import ellipsoid, nice
 from uq_handeye.use.live_session.folder import Folder
-from uq_handeye.use.live_session.guide import enough, starting_views, words
-from uq_handeye.use.live_session.question import Answer, Question
+from uq_handeye.use.live_session.question import Answer, Question, enough, starting_views, words
+from uq_handeye.use.live_session.scene import ellipsoid, nice
 from uq_handeye.use.live_session.session import Session
-from uq_handeye.use.live_session.sources.bag import Playback
-from uq_handeye.use.live_session.sources.lines import Lines
-from uq_handeye.use.live_session.sources.ros import OLD, Node, Tf, Topic
-from uq_handeye.use.live_session.sources.source import Function, Taken, feed
-from uq_handeye.use.live_session.sources.ur import Ur
+from uq_handeye.use.live_session.sources import OLD, Function, Lines, Node, Playback, Taken, Tf, Topic, Ur, feed
 from uq_handeye.use.planning.after_each import NextPose
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))

@@ -14,9 +14,9 @@ import uq_handeye as uq
 from uq_handeye.core.geometry.se3 import inverse, logarithm, perturb
 from uq_handeye.model.camera.corners import corners_text
 from uq_handeye.read import write_pose_file
+from uq_handeye.rig.check import new_noise
 from uq_handeye.rig.files.rig_file import read_rig
 from uq_handeye.rig.graph import Graph
-from uq_handeye.rig.in_use.evidence import new_noise
 
 NOISE = '["0.3mrad", "0.1mm"]'
 

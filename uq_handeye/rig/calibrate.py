@@ -14,18 +14,16 @@ from ..core.geometry.se3 import Array
 from ..core.runtime.threads import one_thread
 from ..errors import InputError, NotConvergedError
 from ..model.posterior.posterior import FreshNoise, Posterior
-from .checks.moved import judged_paths, named_error
-from .checks.optimality import Optimality, better_start, prove
+from .check import check_rig, joined, like
 from .description import Rig
 from .fit import RigFit, Task, fit, rig_units
-from .in_use.check import check_rig
-from .in_use.evidence import joined, like
 from .noise import RigNoise, given_noise, plain_noise
-from .pair import FEWEST_FOR_ROBUST, find_pair, is_pair, weigh_pair
+from .optimality import Optimality, better_start, prove
+from .paths import judged_paths, named_error
 from .result import RigCalibration
 from .sizes import SHARED, Found, find_sizes, width_of_targets
 from .start import agreeing, require_tied, start_of
-from .weights import Distances, distances, fit_robustly
+from .weights import FEWEST_FOR_ROBUST, Distances, distances, find_pair, fit_robustly, is_pair, weigh_pair
 
 METHODS = ("efficient", "ml")
 # Rounds of sizes and weights.

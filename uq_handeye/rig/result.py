@@ -1,4 +1,13 @@
-r"""Result of a rig: every pose by its name, their joint covariance, relative poses."""
+r"""Result of a rig: every pose by its name, their joint covariance, relative poses.
+
+Functions of several poses of a rig: relative poses, with what they are known to and what stays open of them.
+
+``T_ij = T_i^-1 T_j`` of two poses on one carrier has the error, in the frame of i,
+
+    xi = -R_i^T (theta_i, tau_i - [t_j - t_i]x theta_i) + R_i^T (theta_j, tau_j)                        (T18)
+
+so that its covariance needs the block between i and j of the joint covariance.
+"""
 
 from __future__ import annotations
 
@@ -11,13 +20,14 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
+from scipy.linalg import svd
 from scipy.special import chdtrc
 
 from ..core.files.atomic import json_text
 from ..core.files.open import StrPath
 from ..core.files.records import Record, parsed
 from ..core.formatting.numbers import probability
-from ..core.geometry.se3 import Array
+from ..core.geometry.se3 import Array, block, inverse, skew
 from ..core.runtime.read_only import ReadOnlyArrays
 from ..errors import InputError
 from ..findings import Finding, texts
@@ -26,14 +36,12 @@ from ..formats.export import Several, write_several
 from ..formats.snippets import OPEN_DEVIATION, Transform, with_open
 from ..model.poses.pose_pairs import ranges
 from ..model.posterior.posterior import Posterior
-from .checks.optimality import Optimality
-from .checks.paths import RigPath
+from .check import RigCheck, check_rig
 from .description import WORLD, Rig
 from .files.result_file import from_dict, to_dict
-from .in_use.check import RigCheck, check_rig
-from .in_use.plan import RigPlan, plan_rig
-from .in_use.predict import RigPoints, predict_points
-from .relative import closed, open_of, relative_pose
+from .optimality import Optimality
+from .paths import RigPath
+from .plan import RigPlan, RigPoints, plan_rig, predict_points
 
 # Chi-square over its number from which the residuals say that something is wrong, rather than the size of the noise.
 UNUSABLE = 10.0
@@ -394,3 +402,37 @@ def several_of(result: Any) -> Several:
 def _transform(one: Any) -> Transform:
     parent, _, child = (re.sub(r"[^A-Za-z0-9_]", "_", part) for part in one.frame.partition("_T_"))
     return Transform(one.pose + 0.0, with_open(one.covariance, one.open), parent, child)
+
+
+# Part of a direction, in units of the rig, that counts as none.
+NEGLIGIBLE = 1e-6
+
+
+def relative_pose(T_i: Array, T_j: Array) -> tuple[Array, Array, Array]:
+    """Return ``T_i^-1 T_j`` and its derivatives (6, 6) by the errors of both."""
+    R = T_i[:3, :3].T
+    by_i = -block(R, 0.0, -R @ skew(T_j[:3, 3] - T_i[:3, 3]), R)
+    return inverse(T_i) @ T_j, by_i, block(R, 0.0, 0.0, R)
+
+
+def open_of(by: Array, U: Array, lever: float) -> Array:
+    """(j, 6) directions of a function, whose derivatives are ``by`` (6, p), that the open ones U (k, p) move.
+
+    In rad and m, orthonormal in units of the rig.
+    """
+    if not len(U):
+        return np.zeros((0, 6))
+    units = np.repeat([lever, 1.0], 3)
+    moved = (U @ by.T) * units
+    _, s, V = svd(moved, full_matrices=False)
+    return np.asarray(V[s > NEGLIGIBLE] / units)
+
+
+def closed(covariance: Array, opened: Array, lever: float) -> Array:
+    """(6, 6) covariance on the directions that are not open: 0 along the others."""
+    if not len(opened):
+        return covariance
+    units = np.repeat([lever, 1.0], 3)
+    U = opened * units
+    P = (np.eye(6) - U.T @ U) / units[:, None] * units
+    return np.asarray(P @ covariance @ P.T)

@@ -20,10 +20,10 @@ if TYPE_CHECKING:
     from ...calibration.result import Calibration
     from ...calibration.statement.tolerance import Tolerance
     from ...model.poses.pose_pairs import PosePairs
-    from ...use.live_session.browser_page import BrowserPage
     from ...use.live_session.folder import Folder
     from ...use.live_session.question import Answer, Question
-    from ...use.live_session.sources.source import Side, Source
+    from ...use.live_session.server import BrowserPage
+    from ...use.live_session.sources import Side, Source
     from ..arm import Arm
     from ..pictures import Pictures, Views
 
@@ -141,7 +141,7 @@ def _sources(files: SessionFiles, given: SourceOptions) -> "tuple[Source, ...]":
     if (bag is not None or ros) != (frames is not None):
         raise InputError("--bag and --ros need --frames ROBOT,CAMERA, e.g. base:tool0,camera:tag0, and only these.")
     if stdin:
-        from ...use.live_session.sources.lines import Lines
+        from ...use.live_session.sources import Lines
 
         return (Lines(sys.stdin, files.reading, robot=_arm(rtde)),)
     if frames is None:
@@ -153,13 +153,12 @@ def _sources(files: SessionFiles, given: SourceOptions) -> "tuple[Source, ...]":
         wanted = "ROBOT,CAMERA, e.g. base:tool0,camera:tag0" if rtde is None else "CAMERA, e.g. camera:tag0"
         raise InputError(f"Expected --frames as {wanted}, got {frames!r}.")
     if ros:
-        from ...use.live_session.sources.ros import Node
-        from ...use.live_session.sources.source import Taken
+        from ...use.live_session.sources import Node, Taken
 
         node = Node()
         return (Taken("ROS" if rtde is None else "RTDE, ROS", _arm(rtde) or node.side(robot), node.side(camera)),)
     from ...read.rosbag.streams import read_bag
-    from ...use.live_session.sources.bag import Playback
+    from ...use.live_session.sources import Playback
 
     assert bag is not None
     how = {} if files.setup is None else {"setup": files.setup}
@@ -167,7 +166,7 @@ def _sources(files: SessionFiles, given: SourceOptions) -> "tuple[Source, ...]":
 
 
 def _arm(host: str | None) -> "Side | None":
-    from ...use.live_session.sources.ur import Ur
+    from ...use.live_session.sources import Ur
 
     return None if host is None else Ur(host)
 

@@ -17,7 +17,7 @@ from .page import Page
 from .question import Answer, Question
 from .server import HOST, PORT
 from .session import Session, setup_of
-from .sources.source import Source
+from .sources import Source
 
 
 class Live:

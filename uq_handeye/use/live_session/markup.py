@@ -16,8 +16,7 @@ from ...core.formatting.numbers import digits
 from ...core.geometry.se3 import Array
 from ...fit.diagnostics.pose_table import PoseTable
 from ...rig.result import RigCalibration
-from .guide import words
-from .question import FEWEST, Answer
+from .question import FEWEST, Answer, words
 from .session import Session
 
 # Rows of the table that are sent: the first of so many.

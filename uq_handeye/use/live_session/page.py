@@ -17,16 +17,13 @@ from ...errors import InputError, InputWarning
 from ...model.camera.boards.description import KINDS
 from ...model.poses.pose_pairs import PosePairs
 from ..maintenance.check import check
-from .browser_page import BrowserPage
-from .drawing.nodes import Picture
-from .drawing.scene import Beside, Scene, touched
 from .folder import board_text
 from .markup import covered, preformatted, summary, table
 from .question import ONE_AT_A_TIME
-from .server import HOST, PORT
+from .scene import Beside, Picture, Scene, touched
+from .server import HOST, PORT, BrowserPage
 from .session import Session
-from .sources.bag import Playback
-from .sources.source import Source, feed
+from .sources import Playback, Source, feed
 from .uploads import keep_bag, keep_other, keep_picture, keep_upload, thumbnail
 
 

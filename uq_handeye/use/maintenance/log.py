@@ -35,9 +35,9 @@ from ...errors import InputError
 from ...model.noise.joint_covariance import JointCovariance
 from ...model.noise.models import PoseNoise
 from ...model.poses.pose_pairs import PosePairs
+from ...rig.check import RigCheck
 from ...rig.description import Rig
 from ...rig.files.result_file import rig_from_dict, rig_to_dict
-from ...rig.in_use.check import RigCheck
 from ...rig.result import RigCalibration
 from .check_result import ChangeCheck
 

@@ -50,7 +50,7 @@ from ...model.poses.pose_pairs import PosePairs
 from ...model.poses.timing import warn_left_out
 from ...model.shared_errors.shared_error import OF_ANY_POSES, SharedError, checked_errors
 from ...rig.description import require_left_out
-from ...rig.in_use.plan import RigPlan, plan_rig
+from ...rig.plan import RigPlan, plan_rig
 from ...rig.result import RigCalibration
 from .by_posterior import PREDICTION, Known, Offered, Wanted, plan_by_joints, planned
 from .candidates import sample_candidates
@@ -90,7 +90,7 @@ def plan(  # type: ignore[misc]
     ----------
     data : PosePairs
         The poses so far, at least 3, without batch axes. They need not determine X yet. Or the result of a rig, of
-        which the views to take next are planned, and by which camera (`uq_handeye.rig.in_use.plan`).
+        which the views to take next are planned, and by which camera (`uq_handeye.rig.plan`).
     candidates : (m, 4, 4) or None; (m, L) with ``kinematics``
         Robot poses ``base_T_gripper``, or joints, to choose from; None draws ``sample`` of them by `sample_candidates`,
         or inside the joint limits by `sample_joints`.

@@ -1,4 +1,14 @@
-"""Test of whether the result of a rig still holds, by new views: p-value, and what moved if something did.
+r"""New views against the result of a rig: residuals with their covariance if nothing has changed.
+
+At the estimates, with poses corrected by the estimates of the shared errors, the rows of a group (`graph`) are
+
+    rho = J xi + D K (e - estimate) + D eta
+
+xi and e those of the posterior, eta the noise of the new poses, correlated within a group by its robot poses. Rows are
+whitened by ``Cov(D eta) = L L^T`` of their group, so that they stand alone (`posterior.rows.NewRows`). Directions that
+the calibration left open take part as free parameters: their columns are projected out.
+
+Test of whether the result of a rig still holds, by new views: p-value, and what moved if something did.
 
 All new rows together are tested (`posterior.rows`). Where they contradict the result, each camera and each target is
 tried as the one that moved: the move that explains most, if it explains what is there, is named with its size.
@@ -11,19 +21,204 @@ distribution is a mixture over their posterior (`evidence`), with 2 / nu the var
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ...core.files.atomic import json_text
-from ...core.files.records import Record
-from ...core.formatting.numbers import digits, probability
-from ...core.presentation.document import Answer, Document, Paragraph, Table, document_of, to_text
-from ...errors import InputError
-from ...model.posterior.rows import PredictiveReference, smallest_change
-from ..description import Rig
-from .evidence import RigEvidence, evidence_of_views
+from ..core.files.atomic import json_text
+from ..core.files.records import Record
+from ..core.formatting.numbers import digits, probability
+from ..core.geometry.se3 import Array, perturb
+from ..core.presentation.document import Answer, Document, Paragraph, Table, document_of, to_text
+from ..core.runtime.read_only import ReadOnlyArrays
+from ..errors import InputError
+from ..fit.one_model.component import Component
+from ..model.posterior.rows import NewRows, PredictiveReference, smallest_change
+from ..model.shared_errors.sizes import Size
+from ..model.shared_errors.view import HALF
+from .description import ArmPoses, Rig
+from .fit import whitened
+from .graph import Graph
+from .noise import RigNoise
+from .sizes import WIDTH, components_of, model_of
+
+
+@dataclass(frozen=True, eq=False)
+class RigEvidence(ReadOnlyArrays):
+    """New views against a calibrated rig: whitened rows, and what causes are made of."""
+
+    graph: Graph
+    rows: NewRows  # (M, 1): one number each, of variance 1
+    J: Array  # (M, p) whitened derivatives by the errors of the poses
+    edges: NDArray[np.intp]  # (M,) view of each row
+    free: Array  # (M, k) whitened columns of what the calibration left open
+    weights: Array  # (t,) of points of the open sizes
+    scales: Array  # (t,) of d^2 at them
+
+    @property
+    def dof(self) -> int:
+        """Numbers less those that open directions take."""
+        return int(len(self.J) - np.linalg.matrix_rank(self.free)) if self.free.size else len(self.J)
+
+    def moved(self, name: str, of: NDArray[np.bool_] | None = None) -> Array:
+        """(M, 1, 6) columns of a move of one unknown pose, in the views ``of`` (E,)."""
+        u = self.graph.names.index(name)
+        columns = -self.J[:, 6 * u : 6 * u + 6]
+        if of is not None:
+            columns = columns * of[self.edges][:, None]
+        return _without(columns, self.free)[:, None, :]
+
+
+def like(result: Any, rig: Rig) -> Rig:
+    """Return new poses and views as those of the calibrated rig; raises `InputError` for what it does not have."""
+    if not isinstance(rig, Rig):
+        raise InputError(f"Expected new views of a rig as a Rig (uq.Rig, uq.read_rig), got {type(rig).__name__}.")
+    old = result.rig
+    for what in ("cameras", "targets"):
+        for name, place in getattr(rig, what).items():
+            has = getattr(old, what)
+            if name not in has:
+                raise InputError(f"The new views name {name!r}; the calibrated rig has {', '.join(has)}.")
+            if has[name] != place:
+                raise InputError(f"{name!r} is on {place!r} in the new views and was on {has[name]!r} before.")
+    if unknown := [name for name in rig.arms if name not in old.arms]:
+        raise InputError(f"The new poses are of the arm {unknown[0]!r}; the rig has {', '.join(old.arms)}.")
+    arms = {name: arm.like(rig.arms[name]) if name in rig.arms else arm for name, arm in old.arms.items()}
+    return Rig(arms, old.cameras, old.targets, rig.views)
+
+
+def new_noise(result: Any, rig: Rig, graph: Graph) -> RigNoise:
+    """Return the noise of new poses and the columns of the shared errors.
+
+    By the components that were found, at each new pose; where the noise was given, the mean of each arm and camera.
+    """
+    posterior = result.posterior
+    if posterior is None:
+        raise InputError("Expected the result of a rig with its posterior. Calibrate again.")
+    mean = {one.name: one.covariance for one in posterior.noise}
+    own = {"robot": np.zeros((graph.P, 6, 6)), "camera": np.zeros((graph.E, 6, 6))}
+    K = {side: np.zeros((*S.shape[:2], len(posterior.names))) for side, S in own.items()}
+    for part in parts_of(result, rig, graph):
+        if part.columns is not None and set(part.parts) <= set(posterior.names):
+            K[part.side][:, :, [posterior.names.index(one) for one in part.parts]] = part.size.median * part.columns
+        if part.block is not None and result.components:
+            own[part.side] += part.size.median**2 * part.block @ part.block.mT
+    for k, name in enumerate([] if result.components else rig.arms):
+        own["robot"][graph.arm == k] = mean.get(name, np.zeros((6, 6)))
+    for k, view in enumerate(rig.views):
+        of, S = graph.view == k, view.covariance
+        if S is not None:
+            own["camera"][of] = S if S.ndim == 2 else S[graph.row[of]]
+        elif not result.components:
+            own["camera"][of] = mean.get(view.camera, 0.0)
+    return RigNoise(own["robot"], own["camera"], K["robot"], K["camera"], posterior.names)
+
+
+def parts_of(result: Any, rig: Rig, graph: Graph) -> tuple[Component, ...]:
+    """Return the components of new poses, with the sizes that were found as known ones."""
+    lines = {part["name"]: part["size"] for part in result.components}
+    if not (lines or result.posterior.names):
+        return ()
+    before = result.rig, Graph.of(result.rig)
+    found = components_of(rig, graph, True, before, lines.get(WIDTH, HALF) / HALF)
+    known = [one for one in found if one.name in lines or set(one.parts) <= set(result.posterior.names)]
+    return tuple(replace(one, size=Size(lines.get(one.name, one.size.median))) for one in known)
+
+
+def others_of(result: Any, same: Iterable[str] | str | None) -> NDArray[np.bool_]:
+    """(q,) shared errors of things that are not ``same``: names in the rig, or robot, camera, target, or none."""
+    rig, names = result.rig, result.posterior.names
+    kinds = {"robot": list(rig.arms), "camera": list(rig.cameras), "target": list(rig.targets)}
+    things = [name for of in kinds.values() for name in of]
+    if same is None:
+        return np.zeros(len(names), dtype=bool)
+    given = [part.strip() for part in same.split(",")] if isinstance(same, str) else list(same)
+    if given == ["none"]:
+        given = []
+    kept = {name for part in given for name in kinds.get(part, [part])}
+    if unknown := sorted(kept - set(things)):
+        listed = ", ".join([*kinds, *things])
+        raise InputError(f"Expected `same` (--same) to be names out of {listed}, got {unknown[0]!r}.")
+    owners = [max((thing for thing in things if name.startswith(f"{thing} ")), key=len, default="") for name in names]
+    return np.array([owner not in kept for owner in owners], dtype=bool)
+
+
+def evidence_of_views(result: Any, rig: Rig, same: Iterable[str] | str | None = None) -> RigEvidence:
+    """Hold new views against the result of a rig; raises `InputError` for views of something else.
+
+    Errors of things that are not the ``same`` are drawn again, as large as they were found to be.
+    """
+    rig = like(result, rig)
+    graph = Graph.of(rig)
+    noise = new_noise(result, rig, graph)
+    posterior = result.posterior
+    others = others_of(result, same)
+    e = np.where(others, 0.0, posterior.estimate)[:, None]
+    robot, C = perturb(graph.robot, -(noise.K_robot @ e)[..., 0]), perturb(graph.C, -(noise.K_camera @ e)[..., 0])
+    sides = graph.linearise(result.poses, robot, C)
+    ones = np.ones(graph.E), np.ones(graph.P)
+    white, edges, halves = [], [], []
+    for batch in graph.batches:
+        part = whitened(graph, batch, sides, noise, *ones, None)
+        halves.append(part.half)
+        white.append(part.white.reshape(-1, part.white.shape[-1]))
+        edges.append(np.repeat(batch.edges.reshape(-1), 6))
+    flat = np.concatenate(white)
+    J = flat[:, : graph.p]
+    free = J @ result.open.T
+    kept = _without(flat, free)
+    by_state = kept[:, :-1]
+    anew = by_state[:, graph.p :][:, others]
+    by_state[:, graph.p + np.flatnonzero(others)] = 0.0
+    by_unit = np.concatenate([by_state @ posterior.A, anew], axis=1)
+    rows = NewRows(kept[:, -1:], by_unit[:, None], np.ones((len(kept), 1, 1)), posterior)
+    scales = _scales(result, rig, graph, halves, by_unit)
+    weights = result.size_weights if len(scales) > 1 else np.ones(1)
+    return RigEvidence(graph, rows, J, np.concatenate(edges), free, weights, scales)
+
+
+def _scales(result: Any, rig: Rig, graph: Graph, halves: list[Array], V: Array) -> Array:
+    """Mean of d^2 over its k numbers at each point of the open sizes, 1 at those that the noise was made with.
+
+    With ``Sigma = 1 + V V^T`` of the whitened rows and T_c what component c adds to the 1: ``1 + sum_c
+    (exp(2 delta_c) - 1) tr(Sigma^-1 T_c) / k``, delta_c the logarithm of the size of c at the point less the one used.
+    """
+    lines = {part["name"]: part["logs"] for part in result.components if "logs" in part}
+    parts = tuple(one for one in parts_of(result, rig, graph) if one.block is not None and one.name in lines)
+    if not parts:
+        return np.ones(1)
+    M = np.linalg.inv(np.eye(V.shape[1]) + V.T @ V)
+    g, start = np.zeros(len(parts)), 0
+    for rows, half in zip(model_of(rig, graph, parts, result.poses, None).groups, halves, strict=True):
+        b, d = rows.r.shape
+        V_i = V[start : start + b * d].reshape(b, d, -1)
+        start += b * d
+        for c, B in rows.blocks.items():
+            T = parts[c].size.median ** 2 * (half @ B @ half.mT)
+            g[c] += float(np.einsum("bii->", T) - np.einsum("bki,ij,bkj->", T @ V_i, M, V_i, optimize=True))
+    return np.asarray(1.0 + g / len(V) @ np.expm1(2.0 * np.array([lines[one.name] for one in parts])))
+
+
+def joined(old: Rig, new: Rig) -> Rig:
+    """Return a rig with the views of both; robot poses of one name must be the same."""
+    arms = {name: _joined(arm, new.arms[name]) for name, arm in old.arms.items()}
+    return replace(old, arms=arms, views=(*old.views, *new.views))
+
+
+def _joined(one: ArmPoses, two: ArmPoses) -> ArmPoses:
+    return one if two is one else one.joined(two)
+
+
+def _without(columns: Array, free: Array) -> Array:
+    """Columns (M, c) with what lies in the span of others (M, k) taken away."""
+    if not free.shape[1]:
+        return columns
+    Q, R = np.linalg.qr(free)
+    Q = Q[:, np.abs(np.diag(R)) > 1e-9 * max(float(np.abs(R).max(initial=0.0)), 1e-300)]
+    return np.asarray(columns - Q @ (Q.T @ columns))
+
 
 # A second cause that explains nearly as much: difference of chi-square.
 AS_GOOD = 6.0

@@ -1,1 +1,0 @@
-"""Checks of a rig's estimate: paths that should agree, proof of the minimum."""

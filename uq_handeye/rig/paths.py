@@ -1,0 +1,378 @@
+r"""Paths that should agree: every unknown pose against a copy of itself for some of its views (T18).
+
+With whitened rows ``rho + A (x, z) + B d = 0``, B the columns of one unknown pose in some of its views and 0 in the
+others, d (6,) is by how much the pose in these views differs from that in the rest. Beside the fit, ``H = A^T A + P_0``
+and ``e`` its residual,
+
+    d = -M^-1 B^T e,      Cov d = M^-1,      M = B^T B - B^T A H^-1 A^T B,      d^T M d ~ chi^2_6
+
+the difference of the chi-square with the copy and without it, with all errors of the joint model (A holds those that
+poses share, the rows of one robot pose are whitened together). Two kinds of copies:
+
+- a camera in its views of one target, or a target in the views by one camera: the cycle through the two closes or not;
+- a pose from one moment on: it stood still or did not. Of all moments the one with the largest chi-square is kept; its
+  p allows for the choice (DeLong 1981 for the maximum over all moments, or the number of moments if that says less).
+
+Directions of d that the other views do not tell (share of M in B^T B below `TOLD`) do not count: 6 less their number.
+Reference: D. W. K. Andrews (1993), Econometrica 61, 821; A. Estrella (2003), Econometric Theory 19, 1128.
+
+Name the pose of a rig that did not stand still: paths that ring are fitted with a copy of their pose.
+
+Paths are tested as the fit weighs the views, but for runs of rejected ones: a camera that was knocked spoils all later
+views, and robust weights that reject them would hide it. Single outliers stay rejected. Every path that rings is then
+a fit of its own, robust, with the copy of its pose as one more unknown; the one with the least
+
+    chi-square of the views that count + PENALTY * limit * (views that are rejected)
+
+is named, with those that explain the views nearly as well. Where the residuals are larger than the noise says even with
+the copy, chi-squares are divided by that (chi-square over degrees of freedom), so that a noise that was given too small
+does not make a move.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Annotated, Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import chdtrc, gammaln
+
+from ..core.files.records import Record
+from ..core.geometry.se3 import Array, logarithm, perturb
+from ..errors import InputError, NotConvergedError
+from ..findings import Finding, Severity
+from ..fit.likelihood.robust import largest_by_chance
+from .description import Rig
+from .fit import RigFit, Task, fit
+from .graph import Graph
+from .noise import RigNoise
+from .weights import fit_robustly
+
+# Share of the information of the views alone below which a direction of the change is not told by the others.
+TOLD = 1e-5
+# Moments on either side of a change, at least.
+LEAST = 3
+
+
+@dataclass(frozen=True, eq=False)
+class RigPath(Record):
+    """Two ways to one pose, and how far they differ.
+
+    Attributes
+    ----------
+    name : str
+        Camera, target or arm whose pose has two estimates.
+    by : str or None
+        Target, or camera, whose views give the one; None: a change in time.
+    since : moment or None
+        Name of the first robot pose of the other, for a change in time.
+    chi_square, dof, p : float
+        Of the difference; p of a change allows for the choice of the moment.
+    change : (6,)
+        ``(theta, tau)`` of the one minus the other, rad and m.
+    covariance : (6, 6)
+        Of the change; 0 along directions that are not told.
+    count : int
+        Views that belong to the one, or come after the change.
+    """
+
+    _in_file: ClassVar[str] = "name by since chi_square dof p change covariance count"
+
+    name: str
+    by: str | None
+    since: Any
+    chi_square: float
+    dof: int
+    p: float
+    change: Annotated[Array, 6]
+    covariance: Annotated[Array, 6, 6]
+    count: int
+    number: int = -1  # of the unknown
+    edges: NDArray[np.bool_] | None = None  # (E,) of the copy
+
+    @property
+    def words(self) -> str:
+        """Name of the pose and of the views."""
+        return f"{self.name}, by {self.by}" if self.by is not None else f"{self.name}, from robot pose {self.since} on"
+
+
+def paths_of(rig: Rig, found: RigFit) -> tuple[RigPath, ...]:
+    """Return every path of a fit: those through pairs of camera and target, then those in time."""
+    graph = found.graph
+    white = [
+        np.concatenate([part.white[..., :-1], part.half @ part.residual[..., None]], axis=-1) for part in found.rows
+    ]
+    return (*_through_pairs(found, white), *_in_time(found, white, *moments_of(rig, graph)))
+
+
+def moments_of(rig: Rig, graph: Graph) -> tuple[NDArray[np.intp], tuple[Any, ...]]:
+    """(E,) place in time of each view, and the names of all moments: sorted if numbers, else as they come."""
+    names = dict.fromkeys(name for arm in rig.arms.values() for name in arm.names)
+    names |= dict.fromkeys(name for view in rig.views for name in view.at or ())
+    listed = list(names)
+    if all(isinstance(name, int | float) for name in listed):
+        listed.sort()
+    place = {name: k for k, name in enumerate(listed)}
+    at = [[place[name] for name in view.at or ()] for view in rig.views]
+    return np.array([at[v][k] for v, k in zip(graph.view.tolist(), graph.row.tolist(), strict=True)]), tuple(listed)
+
+
+def _columns(found: RigFit, k: int, u: int, of: NDArray[np.bool_]) -> tuple[Array, NDArray[np.intp]]:
+    """B (g, d, 6) of batch k by the unknown u, in the edges ``of`` (E,), and the groups that have any."""
+    part = found.rows[k]
+    J = part.A[..., 6 * u : 6 * u + 6] * np.repeat(of[part.batch.edges], 6, axis=-1)[..., None]
+    some = np.flatnonzero(np.abs(J).max(axis=(-2, -1)) > 0)
+    return np.asarray(part.half[some] @ J[some]), some
+
+
+def _sums(B: Array, white: Array) -> Array:
+    """(g, 6, 6 + p + m + 1) of each group: B^T [B, A, e]."""
+    return np.asarray(B.mT @ np.concatenate([B, white], axis=-1))
+
+
+def _differences(whole: Array, sums: Array) -> tuple[Array, NDArray[np.intp], Array, Array]:
+    """Chi-squares (k,), degrees of freedom (k,), d (k, 6) and covariances (k, 6, 6) of sums (k, 6, 6 + p + m + 1)."""
+    G, C, g = sums[..., :6], sums[..., 6:-1], sums[..., -1:]
+    root = np.linalg.inv(np.linalg.cholesky(G))
+    share, vectors = np.linalg.eigh(root @ (G - C @ whole @ C.mT) @ root.mT)
+    told = share > TOLD
+    inverse = np.where(told, 1.0 / np.where(told, share, 1.0), 0.0)
+    D = root.mT @ vectors
+    along = (D.mT @ g)[..., 0]
+    d = -(D @ (inverse * along)[..., None])[..., 0]
+    return (inverse * along**2).sum(axis=-1), told.sum(axis=-1), d, (D * inverse[..., None, :]) @ D.mT
+
+
+def _through_pairs(found: RigFit, white: list[Array]) -> list[RigPath]:
+    """Cameras by each of their targets, and targets by each of their cameras, where there are several."""
+    graph, paths = found.graph, []
+    for u, partners in [(u, graph.W[u == graph.X]) for u in np.unique(graph.X).tolist()] + [
+        (u, graph.X[u == graph.W]) for u in np.unique(graph.W).tolist()
+    ]:
+        of_all = (u == graph.X) | (u == graph.W)
+        listed = np.unique(partners).tolist()
+        # of two ways to one pose each is the other's other: one of them says it
+        for v in listed if len(listed) > 2 else listed[1:]:
+            of = of_all & ((v == graph.X) | (v == graph.W))
+            total = np.zeros((6, 6 + white[0].shape[-1]))
+            for k, rows in enumerate(white):
+                B, some = _columns(found, k, u, of)
+                total += _sums(B, rows[some]).sum(axis=0)
+            square, dof, d, S = (one[0] for one in _differences(found.whole, total[None]))
+            if dof:
+                paths.append(
+                    RigPath(graph.names[u], graph.names[v], None, float(square), int(dof), float(chdtrc(dof, square)),
+                            d, S, int(of.sum()), u, of)
+                )  # fmt: skip
+    return paths
+
+
+def _in_time(found: RigFit, white: list[Array], moment: NDArray[np.intp], names: tuple[Any, ...]) -> list[RigPath]:
+    """Each pose from one moment on, the one of the largest chi-square."""
+    graph, paths = found.graph, []
+    for u in range(graph.m):
+        sums, first, of_u = [], [], np.zeros(graph.E, dtype=bool)
+        for part, rows in zip(found.rows, white, strict=True):
+            some = np.flatnonzero(np.abs(part.A[..., 6 * u : 6 * u + 6]).max(axis=(-2, -1)) > 0)
+            B = rows[some, :, 6 * u : 6 * u + 6]
+            sums.append(_sums(B, rows[some]))
+            first.append(moment[part.batch.edges[some]].min(axis=-1))
+            of_u[part.batch.edges[some]] = True
+        at = np.concatenate(first)
+        order = np.argsort(at, kind="stable")
+        after = np.cumsum(np.concatenate(sums)[order][::-1], axis=0)[::-1]  # from each group on
+        begins = np.flatnonzero(np.diff(at[order])) + 1
+        begins = begins[(begins >= LEAST) & (begins <= len(at) - LEAST)]
+        if not len(begins):
+            continue
+        square, dof, d, S = _differences(found.whole, after[begins])
+        square = np.where(dof == dof.max(), square, 0.0)
+        best = int(np.argmax(square))
+        since = int(at[order][begins[best]])
+        of = of_u & (moment >= since)
+        p = _largest_by_chance(float(square[best]), int(dof[best]), begins / len(at))
+        paths.append(
+            RigPath(graph.names[u], None, names[since], float(square[best]), int(dof[best]), p, d[best], S[best],
+                    int(of.sum()), u, of)
+        )  # fmt: skip
+    return paths
+
+
+def _largest_by_chance(square: float, dof: int, shares: Array) -> float:
+    """Probability that the largest chi-square of all moments, at these shares of the views, is as large."""
+    each = float(chdtrc(dof, square)) * len(shares)
+    if square <= dof:
+        return min(1.0, each)
+    odds = np.log(shares[-1] / (1.0 - shares[-1])) - np.log(shares[0] / (1.0 - shares[0]))
+    density = np.exp(0.5 * dof * np.log(0.5 * square) - 0.5 * square - gammaln(0.5 * dof))
+    return float(min(1.0, each, density * ((1.0 - dof / square) * odds + 2.0 / square)))
+
+
+# Probability of a false finding in one rig; of one that fails it.
+LEVEL, SURE = 5e-3, 1e-8
+# Paths that are fitted with their copy; difference of chi-square within which another one explains as much.
+TRIED, AS_GOOD = 4, 6.0
+# Moments of a run of rejected views, at least.
+RUN = 5
+# A rejected view counts as so many times the largest distance that chance makes.
+PENALTY = 3.0
+
+
+@dataclass(frozen=True, eq=False)
+class _Copied:
+    """A path, fitted with the copy of its pose."""
+
+    path: RigPath
+    objective: float
+    change: Array
+    square: float
+
+
+def judged_paths(task: Task, found: RigFit) -> tuple[tuple[RigPath, ...], tuple[Finding, ...]]:
+    """Return all paths of a fit, and what they say about a pose that did not stand still.
+
+    Paths are those of the fit as it weighs the views. That of a pose that moved counts the runs of rejected views; one
+    that rings although no move explains it is a finding of its own.
+    """
+    paths = paths_of(task.rig, found)
+    if (moved := _moved(task, found, paths)) is not None:
+        same = [(one.name, one.by) == (moved[0].name, moved[0].by) for one in paths]
+        return tuple(moved[0] if is_it else one for one, is_it in zip(paths, same, strict=True)), (moved[1],)
+    return paths, tuple(_unexplained(found, paths))
+
+
+def _unexplained(found: RigFit, paths: tuple[RigPath, ...]) -> list[Finding]:
+    """Return the least likely path, if that is no chance."""
+    least = min(paths, key=lambda one: one.p, default=None)
+    if least is None or (p := min(1.0, _p(least, found) * len(paths))) > LEVEL:
+        return []
+    values = {"path": least.words, "angle": float(np.linalg.norm(least.change[:3])),
+              "shift": float(np.linalg.norm(least.change[3:])), "chi_square": least.chi_square, "p": p}  # fmt: skip
+    return [Finding("rig.path_rings", "caution", values)]
+
+
+def _moved(task: Task, found: RigFit, own: tuple[RigPath, ...]) -> tuple[RigPath, Finding] | None:
+    """Return the path of a pose that moved, with the finding."""
+    with_runs = _with_runs(task, found) if task.robust else found
+    paths = own if with_runs is found else paths_of(task.rig, with_runs)
+    ringing = sorted((path for path in paths if _p(path, found) * len(paths) < LEVEL), key=lambda one: -one.chi_square)
+    if not ringing:
+        return None
+    ringing = [path for path in ringing if path.chi_square > 0.1 * ringing[0].chi_square][:TRIED]
+    copied = [one for path in ringing if (one := _with_copy(task, found, path)) is not None]
+    if not copied:
+        return None
+    copied.sort(key=lambda one: one.objective)
+    best = copied[0]
+    p = float(chdtrc(6, best.square)) * len(paths)
+    if p > LEVEL:
+        return None
+    others = [one.path for one in copied[1:] if one.objective < best.objective + AS_GOOD and
+              (one.path.name, one.path.by) != (best.path.name, best.path.by)]  # fmt: skip
+    return best.path, _finding(task.rig, found, best, p, others)
+
+
+def named_error(task: Task, noise: RigNoise, at: Array, error: Exception) -> Exception:
+    """Return the error of a robust fit that failed, with the pose that did not stand still if one explains it."""
+    try:
+        plain = fit(task.graph, noise, at, "efficient", prior=task.prior)
+        _, findings = judged_paths(task._replace(method="efficient", robust=True), plain)
+    except (InputError, NotConvergedError, np.linalg.LinAlgError):
+        return error
+    return InputError(str(findings[0])) if findings else error
+
+
+def _p(path: RigPath, found: RigFit) -> float:
+    """p of a path, its chi-square divided by that per degree of freedom which the copy leaves."""
+    left = (found.chi_square - path.chi_square) / max(found.dof - path.dof, 1)
+    square = path.chi_square / max(1.0, left)
+    single = float(chdtrc(path.dof, path.chi_square))
+    return path.p if left <= 1 else min(1.0, float(chdtrc(path.dof, square)) * max(1.0, path.p / max(single, 1e-300)))
+
+
+def _with_runs(task: Task, found: RigFit) -> RigFit:
+    """Return the fit in which runs of rejected views of one pose count."""
+    graph = found.graph
+    moment, _ = moments_of(task.rig, graph)
+    poses = np.concatenate([found.pose_weights, [1.0]])
+    weak = np.minimum(found.edge_weights, np.minimum(poses[graph.side[0]], poses[graph.side[1]])) < 0.5
+    if not weak.any():
+        return found
+    again = np.zeros(graph.E, dtype=bool)
+    for u in range(graph.m):
+        of_u = (u == graph.X) | (u == graph.W) | (graph.base[0] == u) | (graph.base[1] == u)
+        of = np.flatnonzero(of_u)
+        for run in _runs(moment[of], weak[of]):
+            again[of[run]] = True
+    if not again.any():
+        return found
+    w_e, w_k = np.where(again, 1.0, found.edge_weights), np.ones(graph.P)
+    spared = np.zeros(graph.P + 1, dtype=bool)
+    for side in graph.side:
+        spared[side[again]] = True
+    w_k = np.where(spared[:-1], 1.0, found.pose_weights)
+    return fit(graph, found.noise, found.at, "efficient", w_e, w_k, task.prior)
+
+
+def _runs(moment: NDArray[np.intp], weak: NDArray[np.bool_]) -> list[NDArray[np.intp]]:
+    """Views of `RUN` or more moments in a row of which most views are rejected."""
+    of = np.unique(moment, return_inverse=True)[1]
+    bad = np.bincount(of, weak) > 0.5 * np.bincount(of)
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], bad.astype(int), [0]])))
+    return [np.flatnonzero((of >= a) & (of < b)) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a >= RUN]
+
+
+def _with_copy(task: Task, found: RigFit, path: RigPath) -> _Copied | None:
+    """Fit the graph with a copy of the pose in the views of the path; None where that has no answer."""
+    graph, u, m = found.graph, path.number, found.graph.m
+    of = path.edges
+    assert of is not None
+
+    def of_copy(base: NDArray[np.intp]) -> NDArray[np.intp]:
+        return np.where(base == m, m + 1, np.where(of & (base == u), m, base))
+
+    other = replace(
+        graph, names=(*graph.names, f"{graph.names[u]} (copy)"), X=np.where(of & (u == graph.X), m, graph.X),
+        W=np.where(of & (u == graph.W), m, graph.W),
+        base=(of_copy(graph.base[0]), of_copy(graph.base[1])),
+    )  # fmt: skip
+    start = np.concatenate([found.at, perturb(found.at[u], path.change)[None]])
+    try:
+        if task.robust:
+            fitted, _ = fit_robustly(other, found.noise, start, task.method, task.prior)
+        else:
+            fitted = fit(other, found.noise, start, task.method, prior=task.prior)
+    except (InputError, NotConvergedError, np.linalg.LinAlgError):
+        return None
+    change = np.concatenate([logarithm(fitted.at[m, :3, :3] @ fitted.at[u, :3, :3].T),
+                             fitted.at[m, :3, 3] - fitted.at[u, :3, 3]])  # fmt: skip
+    D = np.zeros((6, len(fitted.covariance)))
+    D[:, 6 * m :], D[:, 6 * u : 6 * u + 6] = np.eye(6), -np.eye(6)
+    S = D @ fitted.covariance @ D.T
+    square = float(change @ np.linalg.lstsq(S, change, rcond=None)[0])
+    poses = np.concatenate([fitted.pose_weights, [1.0]])
+    weight = np.minimum(fitted.edge_weights, np.minimum(poses[graph.side[0]], poses[graph.side[1]]))
+    if weight[path.edges].mean() < 0.5:  # they do not agree on another place either
+        return None
+    rejected = float((1.0 - weight).sum())
+    scale = max(1.0, fitted.chi_square / max(fitted.dof, 1))
+    limit = largest_by_chance(graph.E + graph.P)
+    return _Copied(path, fitted.chi_square + PENALTY * limit * rejected, change, square / scale)
+
+
+def _finding(rig: Rig, found: RigFit, best: _Copied, p: float, others: list[RigPath]) -> Finding:
+    path = best.path
+    kind = "camera" if path.name in rig.cameras else "target" if path.name in rig.targets else "base of the arm"
+    values: dict[str, Any] = {
+        "kind": kind, "name": path.name, "angle": float(np.linalg.norm(best.change[:3])),
+        "shift": float(np.linalg.norm(best.change[3:])), "chi_square": best.square, "p": p,
+        "others": [one.words for one in others],
+    }  # fmt: skip
+    assert path.edges is not None
+    counts = found.edge_weights > 0.5
+    mixed = bool((counts & path.edges).any())
+    severity: Severity = "failure" if mixed and p < SURE else "caution"
+    if path.by is None:
+        return Finding("rig.moved", severity, values | {"since": str(path.since)})
+    return Finding("rig.paths_disagree", "caution", values | {"by": path.by})
