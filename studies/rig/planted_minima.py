@@ -12,10 +12,10 @@ import numpy as np
 
 from uq_handeye.core.geometry.nearest_rotation import nearest_rotation
 from uq_handeye.errors import DegenerateMotionError, InputError
+from uq_handeye.rig.checks.optimality import PROVEN, Isotropic
 from uq_handeye.rig.fit import fit
 from uq_handeye.rig.graph import Graph
 from uq_handeye.rig.noise import given_noise
-from uq_handeye.rig.optimality import PROVEN, Isotropic
 from uq_handeye.rig.simulation import simulate_rig, with_noise
 from uq_handeye.rig.start import require_tied, start_of
 

@@ -11,8 +11,7 @@ import pytest
 import uq_handeye as uq
 from uq_handeye.use.live_session.folder import Folder
 from uq_handeye.use.live_session.markup import summary
-from uq_handeye.use.live_session.session import Session
-from uq_handeye.use.live_session.uploads import MOST_BYTES, keep_bag, keep_picture, keep_upload, thumbnail
+from uq_handeye.use.live_session.session import MOST_BYTES, Session, keep_bag, keep_picture, keep_upload, thumbnail
 
 pytest.importorskip("viser", reason="viser (extra live) is not installed")
 from uq_handeye.use.live_session.server import Server

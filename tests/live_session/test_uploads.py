@@ -12,10 +12,9 @@ import uq_handeye as uq
 from uq_handeye.core.geometry.se3 import inverse
 from uq_handeye.model.camera import board
 from uq_handeye.read import write_pose_file
-from uq_handeye.use.live_session import uploads
+from uq_handeye.use.live_session import session as uploads
 from uq_handeye.use.live_session.folder import Folder, board_text
-from uq_handeye.use.live_session.session import CHOICE, Session
-from uq_handeye.use.live_session.uploads import keep_bag, keep_picture, keep_upload
+from uq_handeye.use.live_session.session import CHOICE, Session, keep_bag, keep_picture, keep_upload
 
 pytest.importorskip("viser", reason="viser (extra live) is not installed")
 from uq_handeye.use.live_session.page import Page

@@ -83,7 +83,7 @@ def test_the_pose_that_moved_is_named(name):
     assert found.moves[0].angle == pytest.approx(4e-3, abs=1.5e-3)
     assert found.moves[0].shift == pytest.approx(3e-3, abs=1.5e-3)
     assert (
-        name in found.sentence and uq.rig.in_use.check.RigCheck.from_dict(found.to_dict()).summary() == found.summary()
+        name in found.sentence and uq.rig.checks.check.RigCheck.from_dict(found.to_dict()).summary() == found.summary()
     )
 
 
@@ -191,7 +191,7 @@ def test_planned_views_help_as_predicted_and_more_than_others():
     errors = [found.error, *(step.error for step in found.steps)]
     assert all(a > b for a, b in itertools.pairwise(errors))
     assert {step.camera for step in found.steps} <= {"left", "right"}
-    again = uq.rig.in_use.plan.RigPlan.from_dict(found.to_dict())
+    again = uq.rig.plan.RigPlan.from_dict(found.to_dict())
     assert again.text() == found.text() and len(found.steps) == 4
     worst = result.plan({"arm": np.tile(old.arms["arm"].poses[:1], (5, 1, 1))}, k=4)
     assert found.steps[-1].error < worst.steps[-1].error

@@ -8,10 +8,10 @@ import pytest
 import uq_handeye as uq
 from uq_handeye.core.geometry.nearest_rotation import nearest_rotation
 from uq_handeye.core.geometry.se3 import inverse
+from uq_handeye.rig.checks.optimality import PROVEN, Isotropic, _constraints, prove
 from uq_handeye.rig.fit import fit
 from uq_handeye.rig.graph import Graph
 from uq_handeye.rig.noise import given_noise
-from uq_handeye.rig.optimality import PROVEN, Isotropic, _constraints, prove
 from uq_handeye.rig.simulation import simulate_rig, with_noise
 from uq_handeye.rig.start import start_of
 

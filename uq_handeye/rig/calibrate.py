@@ -14,12 +14,12 @@ from ..core.geometry.se3 import Array
 from ..core.runtime.threads import one_thread
 from ..errors import InputError, NotConvergedError
 from ..model.posterior.posterior import FreshNoise, Posterior
-from .check import check_rig, joined, like
+from .checks.check import check_rig, joined, like
+from .checks.optimality import Optimality, better_start, prove
+from .checks.paths import judged_paths, named_error
 from .description import Rig
 from .fit import RigFit, Task, fit, rig_units
 from .noise import RigNoise, given_noise, plain_noise
-from .optimality import Optimality, better_start, prove
-from .paths import judged_paths, named_error
 from .result import RigCalibration
 from .sizes import SHARED, Found, find_sizes, width_of_targets
 from .start import agreeing, require_tied, start_of

@@ -33,7 +33,7 @@ from ..core.geometry.checks import as_transforms
 from ..core.geometry.se3 import Array, inverse, perturb, skew
 from ..errors import InputError
 from ..model.noise.joint_covariance import checked_cholesky, substitute
-from .check import new_noise
+from .checks.check import new_noise
 from .description import WORLD, ArmPoses, Rig, View
 from .graph import Graph, Sides
 from .noise import RigNoise

@@ -36,11 +36,11 @@ from ..formats.export import Several, write_several
 from ..formats.snippets import OPEN_DEVIATION, Transform, with_open
 from ..model.poses.pose_pairs import ranges
 from ..model.posterior.posterior import Posterior
-from .check import RigCheck, check_rig
+from .checks.check import RigCheck, check_rig
+from .checks.optimality import Optimality
+from .checks.paths import RigPath
 from .description import WORLD, Rig
 from .files.result_file import from_dict, to_dict
-from .optimality import Optimality
-from .paths import RigPath
 from .plan import RigPlan, RigPoints, plan_rig, predict_points
 
 # Chi-square over its number from which the residuals say that something is wrong, rather than the size of the noise.
@@ -347,15 +347,15 @@ class RigCalibration(Record):
     # ------------------------------------------------------------------------------------------- in use
 
     def check(self, rig: Rig, **options: Any) -> RigCheck:
-        """Test whether the result still holds, by new views; see `uq_handeye.rig.in_use.check.check_rig`."""
+        """Test whether the result still holds, by new views; see `uq_handeye.rig.checks.check.check_rig`."""
         return check_rig(self, rig, **options)
 
     def predict(self, camera: str, points: Any, robot: Mapping[str, Any] | None = None, into: str = WORLD) -> RigPoints:
-        """Predict where points that a camera sees are; see `uq_handeye.rig.in_use.predict`."""
+        """Predict where points that a camera sees are; see `uq_handeye.rig.plan`."""
         return predict_points(self, camera, points, robot, into)
 
     def plan(self, candidates: Mapping[str, Any] | None = None, k: int = 5, **options: Any) -> RigPlan:
-        """Choose the views to take next, and by which camera; see `uq_handeye.rig.in_use.plan`."""
+        """Choose the views to take next, and by which camera; see `uq_handeye.rig.plan`."""
         return plan_rig(self, candidates, k, **options)
 
     @classmethod

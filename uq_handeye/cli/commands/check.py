@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
     from ...core.geometry.se3 import Array
     from ...core.presentation.document import Block
-    from ...rig.check import RigCheck
+    from ...rig.checks.check import RigCheck
     from ...use.maintenance.check_result import ChangeCheck
     from ...use.maintenance.log import CheckSeries
     from ...use.maintenance.series_alarm import SeriesAlarm

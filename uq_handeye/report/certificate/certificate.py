@@ -33,9 +33,8 @@ from ...core.files.records import plain
 from ...core.formatting.numbers import digits, probability
 from ...core.presentation.document import Answer, Badge, Block, Paragraph, Points, Section, Table
 from ...errors import InputError
-from ...rig.page import FRAMES, UNLIKELY, counted, headline, noise_table
+from ...rig.page import FRAMES, UNLIKELY, counted, headline, noise_table, rig_sketch
 from ...rig.result import EstimatedPose, RigCalibration
-from ...rig.sketch import rig_sketch
 from .contents import RULE, Contents, Written, decide
 from .page import certificate_html
 from .statements import ERROR_MODEL, VALIDITY

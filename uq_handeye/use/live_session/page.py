@@ -22,9 +22,8 @@ from .markup import covered, preformatted, summary, table
 from .question import ONE_AT_A_TIME
 from .scene import Beside, Picture, Scene, touched
 from .server import HOST, PORT, BrowserPage
-from .session import Session
+from .session import Session, keep_bag, keep_other, keep_picture, keep_upload, thumbnail
 from .sources import Playback, Source, feed
-from .uploads import keep_bag, keep_other, keep_picture, keep_upload, thumbnail
 
 
 class Page(BrowserPage):

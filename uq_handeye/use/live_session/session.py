@@ -3,14 +3,19 @@
 Everything that a session knows is on disk when it says so: poses in the files of the folder (those that come one by one
 in ``poses.jsonl``, a line each, matrices to the last bit), what is left out in `CHOICE`, written whole. A session that
 was killed goes on with the same folder, and a second program that reads the files gets the same X.
+
+Files that are uploaded in the page: kept in the session's folder under a name of ours, and read like any other.
 """
 
 from __future__ import annotations
 
+import io
 import json
 import os
+import re
 import threading
 import warnings
+import zipfile
 from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
@@ -21,12 +26,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...core.files.atomic import json_text, write_atomically
+from ...core.files.atomic import json_text, write_atomically, write_files
+from ...core.files.lines import refused
 from ...core.geometry.checks import as_transforms
 from ...core.geometry.frames import SETUPS
 from ...errors import InputError, InputWarning, NotConvergedError
+from ...model.camera.board import SUFFIXES
 from ...model.poses.pose_pairs import PosePairs
-from .folder import Folder, SeenBoard, settled
+from .folder import POSE_FILES, Folder, SeenBoard, settled
 from .question import FEWEST, ONE_AT_A_TIME, Answer, Question
 
 # Poses that came one by one; poses left out, with the steps that can be undone.
@@ -309,3 +316,98 @@ def _read_choice(path: Path) -> Choice:
         return Choice(tuple(sorted(int(k) for k in tree["left_out"])), earlier, board)
     except (ValueError, LookupError, TypeError, AttributeError) as error:
         raise InputError(f"{path} is not the file of a session. Remove it: no pose is then left out.") from error
+
+
+# Largest file (bytes); files of one side; largest picture (pixels), and the width at which it is shown.
+MOST_BYTES, MOST_FILES, MOST_PIXELS, SHOWN = 50_000_000, 1000, 100_000_000, 240
+BAGS = (".bag", ".mcap", ".db3")
+# Files of a bag that is a folder, in it or at its top; bytes of all of them.
+_BAG_FILE = re.compile(r"(?:\w[\w. -]{0,150}/)?(?:metadata\.yaml|\w[\w.-]{0,150}\.(?:mcap|db3)(?:\.zstd)?)")
+MOST_UNPACKED = 500_000_000
+
+
+def keep_upload(folder: Path, side: str, name: str, content: bytes) -> Path:
+    """Write an uploaded file of poses of one side, ``robot`` or ``camera``, into the folder, and return its path.
+
+    Raises `InputError` for a suffix that no reader has, a file that is empty or too large, or a session whose poses
+    came one by one.
+    """
+    if (folder / OWN).exists():
+        raise InputError(f"The poses of this session came one by one ({OWN}). Start with another folder for files.")
+    return _keep(folder, side, POSE_FILES, "a file of poses", name, content)
+
+
+def keep_picture(folder: Path, name: str, content: bytes) -> Path:
+    """Write an uploaded picture of the board into the folder, and return its path."""
+    if content:
+        thumbnail(io.BytesIO(content), name)  # it can be read, and is not too large
+    return _keep(folder, "picture", SUFFIXES, "a picture", name, content)
+
+
+def keep_bag(folder: Path, name: str, content: bytes) -> Path:
+    """Write an uploaded bag of ROS, one file or a folder as .zip, into a folder of its own, and return its path."""
+    path = _keep(folder / "bags", "bag", (*BAGS, ".zip"), "a bag of ROS, one file or its folder", name, content)
+    return path if path.suffix != ".zip" else _unpacked(path, name)
+
+
+def _unpacked(path: Path, name: str) -> Path:
+    """Unpack the folder of a bag beside its .zip, which is removed: its files alone, and no more than they may hold."""
+    contents, left = {}, MOST_UNPACKED
+    try:
+        with refused(f"{name!a}: not a .zip that can be read"), zipfile.ZipFile(path) as packed:
+            files = [one for one in packed.infolist() if _BAG_FILE.fullmatch(one.filename)]
+            if not files or len({one.filename.rpartition("/")[0] for one in files}) > 1:
+                raise InputError(f"{name!a}: expected the folder of one bag, metadata.yaml and files .mcap or .db3.")
+            for one in files:
+                with packed.open(one) as file:
+                    content = file.read(left + 1)
+                if (left := left - len(content)) < 0:
+                    raise InputError(f"{name!a} unpacks to more than {MOST_UNPACKED / 1e6:.0f} MB.")
+                contents[one.filename.rpartition("/")[2]] = content
+    finally:
+        path.unlink()
+    write_files(path.with_suffix(""), contents)
+    return path.with_suffix("")
+
+
+def keep_other(folder: Path, stem: str, suffix: str, what: str, name: str, content: bytes) -> Path:
+    """Write a file that is not one of poses into a folder of its own, in place of the one before; return its path."""
+    return _keep(folder / stem, stem, (suffix,), what, name, content, again=True)
+
+
+def _keep(
+    folder: Path, stem: str, suffixes: tuple[str, ...], what: str, name: str, content: bytes, again: bool = False
+) -> Path:
+    """Write a file under a name of ours: only its suffix is taken, so that no name leads out of the folder."""
+    suffix = Path(name.replace("\\", "/")).suffix.lower()
+    if suffix not in suffixes:
+        raise InputError(f"Expected {what} ({', '.join(suffixes)}), got {name!a}.")
+    if not content:
+        raise InputError(f"{name!a} is empty.")
+    if len(content) > MOST_BYTES:
+        raise InputError(f"{name!a} has {len(content) / 1e6:.0f} MB; at most {MOST_BYTES / 1e6:.0f} MB are read.")
+    folder.mkdir(exist_ok=True)
+    for number in range(1, MOST_FILES):
+        path = folder / (f"{stem}{suffix}" if number == 1 else f"{stem}_{number}{suffix}")
+        if again or not path.exists():
+            write_atomically(path, content)
+            return path
+    raise InputError(f"{folder} holds {MOST_FILES} files of this kind ({stem}) already.")
+
+
+def thumbnail(file: Path | io.BytesIO, name: str = "") -> Any:
+    """Return a picture (h, w, 3), at most `SHOWN` pixels wide; raises `InputError` for one that cannot be read."""
+    from PIL import Image
+
+    try:
+        with ONE_AT_A_TIME, warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            with Image.open(file) as picture:
+                if picture.width * picture.height > MOST_PIXELS:
+                    raise InputError(f"{name!a} has more than {MOST_PIXELS / 1e6:.0f} million pixels.")
+                picture.thumbnail((SHOWN, SHOWN))
+                return np.asarray(picture.convert("RGB"))
+    except InputError:
+        raise
+    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError):
+        raise InputError(f"{name!a}: expected a picture ({', '.join(SUFFIXES)}).") from None

@@ -23,7 +23,7 @@ from ...findings import Finding
 from ...model.noise.models import PoseNoise
 from ...model.poses.pose_pairs import PosePairs
 from ...model.posterior.owners import THINGS
-from ...rig.check import RigCheck, check_rig
+from ...rig.checks.check import RigCheck, check_rig
 from ...rig.description import Rig, require_left_out
 from ...rig.result import RigCalibration
 from .causes import (
@@ -73,7 +73,7 @@ def check(  # type: ignore[misc]
     ----------
     result : Calibration or RigCalibration
         With the joint covariance of X and W: of poses, by ``efficient``, ``ml`` or ``bundle``. Of several cameras,
-        targets and arms: ``poses`` is a Rig, and ``same`` are names in it (`uq_handeye.rig.check`).
+        targets and arms: ``poses`` is a Rig, and ``same`` are names in it (`uq_handeye.rig.checks.check`).
     poses : PosePairs
         One or more new poses, of the same robot, camera and target. Three or more can separate a change from one
         wrong pose, and X from the target.

@@ -35,7 +35,7 @@ from ...errors import InputError
 from ...model.noise.joint_covariance import JointCovariance
 from ...model.noise.models import PoseNoise
 from ...model.poses.pose_pairs import PosePairs
-from ...rig.check import RigCheck
+from ...rig.checks.check import RigCheck
 from ...rig.description import Rig
 from ...rig.files.result_file import rig_from_dict, rig_to_dict
 from ...rig.result import RigCalibration

@@ -27,7 +27,7 @@ from ...core.runtime.read_only import ReadOnlyArrays
 from ...errors import InputError
 from ...model.poses.pose_pairs import PosePairs
 from ...model.posterior.rows import Explained, NewRows
-from ...rig.check import evidence_of_views
+from ...rig.checks.check import evidence_of_views
 from ...rig.description import Rig
 from ...rig.result import RigCalibration
 from .check_result import move_in_words

@@ -27,22 +27,22 @@ from typing import Annotated, Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.files.atomic import json_text
-from ..core.files.records import Record
-from ..core.formatting.numbers import digits, probability
-from ..core.geometry.se3 import Array, perturb
-from ..core.presentation.document import Answer, Document, Paragraph, Table, document_of, to_text
-from ..core.runtime.read_only import ReadOnlyArrays
-from ..errors import InputError
-from ..fit.one_model.component import Component
-from ..model.posterior.rows import NewRows, PredictiveReference, smallest_change
-from ..model.shared_errors.sizes import Size
-from ..model.shared_errors.view import HALF
-from .description import ArmPoses, Rig
-from .fit import whitened
-from .graph import Graph
-from .noise import RigNoise
-from .sizes import WIDTH, components_of, model_of
+from ...core.files.atomic import json_text
+from ...core.files.records import Record
+from ...core.formatting.numbers import digits, probability
+from ...core.geometry.se3 import Array, perturb
+from ...core.presentation.document import Answer, Document, Paragraph, Table, document_of, to_text
+from ...core.runtime.read_only import ReadOnlyArrays
+from ...errors import InputError
+from ...fit.one_model.component import Component
+from ...model.posterior.rows import NewRows, PredictiveReference, smallest_change
+from ...model.shared_errors.sizes import Size
+from ...model.shared_errors.view import HALF
+from ..description import ArmPoses, Rig
+from ..fit import whitened
+from ..graph import Graph
+from ..noise import RigNoise
+from ..sizes import WIDTH, components_of, model_of
 
 
 @dataclass(frozen=True, eq=False)

@@ -38,16 +38,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc, gammaln
 
-from ..core.files.records import Record
-from ..core.geometry.se3 import Array, logarithm, perturb
-from ..errors import InputError, NotConvergedError
-from ..findings import Finding, Severity
-from ..fit.likelihood.robust import largest_by_chance
-from .description import Rig
-from .fit import RigFit, Task, fit
-from .graph import Graph
-from .noise import RigNoise
-from .weights import fit_robustly
+from ...core.files.records import Record
+from ...core.geometry.se3 import Array, logarithm, perturb
+from ...errors import InputError, NotConvergedError
+from ...findings import Finding, Severity
+from ...fit.likelihood.robust import largest_by_chance
+from ..description import Rig
+from ..fit import RigFit, Task, fit
+from ..graph import Graph
+from ..noise import RigNoise
+from ..weights import fit_robustly
 
 # Share of the information of the views alone below which a direction of the change is not told by the others.
 TOLD = 1e-5

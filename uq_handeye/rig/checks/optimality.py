@@ -32,12 +32,12 @@ from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, cho_factor, cho_solve, cholesky
 from scipy.spatial.transform import Rotation
 
-from ..core.files.records import Record
-from ..core.geometry.nearest_rotation import nearest_rotation
-from ..core.geometry.se3 import Array, logarithm
-from .description import Rig
-from .fit import Prior, RigFit, fit
-from .graph import Graph
+from ...core.files.records import Record
+from ...core.geometry.nearest_rotation import nearest_rotation
+from ...core.geometry.se3 import Array, logarithm
+from ..description import Rig
+from ..fit import Prior, RigFit, fit
+from ..graph import Graph
 
 # Relative gap up to which the minimum is proven; gap at which the barrier ends; growth of t; Newton steps at most.
 PROVEN, GAP, GROWTH, MOST = 1e-5, 1e-7, 10.0, 400

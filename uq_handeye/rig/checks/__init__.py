@@ -1,0 +1,1 @@
+"""Checks of a rig: by new views, by paths that should agree, proof of the minimum."""
