@@ -1,6 +1,7 @@
 """Rigs: derivatives, the one camera of `calibrate`, consistency of the joint covariance, what is open, bad input."""
 
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -357,3 +358,18 @@ def test_a_calibrated_camera_has_no_intrinsics_of_the_table_beside_its_own(tmp_p
     np.testing.assert_array_equal(stored.intrinsics, rig.views[0].intrinsics)
     with pytest.raises(uq.InputError, match=r"intrinsics .* \(m, 6, q\)"):
         uq.View("c", "t", POSES, None, np.eye(6), "", np.zeros((3, 6, 2)))
+
+
+def test_a_wrong_robot_pose_does_not_make_the_noise_of_the_arm():
+    """It takes the blame for its views, whose weights stay 1: they say nothing of the noise."""
+    noise = dict.fromkeys(("arm", "one", "two"), ("0.5mrad", "0.3mm"))
+    rig, truth = simulate_rig({"one": "world", "two": "world"}, {"board": "arm"}, n_poses=30, noise=noise, seed=11)
+    poses = rig.arms["arm"].poses.copy()
+    poses[[4, 17]] = perturb(poses[[4, 17]], np.array([0.2, 0.0, 0.1, 0.05, 0.0, 0.05]))
+    result = uq.calibrate_rig(replace(rig, arms={"arm": poses}))
+    assert {at for _, at in result.rejected_poses} == {4, 17}
+    sizes = {line["name"]: line["size"] for line in result.components}
+    assert sizes["arm rotation"] < 1e-3 and sizes["arm translation"] < 6e-4
+    pair = result.relative("one", "two")
+    e = error(pair.pose, np.linalg.inv(truth["one"]) @ truth["two"])
+    assert e @ np.linalg.solve(pair.covariance, e) < 16.8

@@ -86,7 +86,7 @@ def test_nearest_times_need_a_tolerance(folder):
     [
         ('camera = "front"', 'camera = "back"', r"rig\.toml: front\.csv names the camera 'back'"),
         ('on = "world"\n[[views]]', 'on = ["arm", "world"]\n[[views]]', "'board' is on two things"),
-        ("[cameras.front]", "[cameras.left]", r"rig\.toml: expected TOML"),
+        ("[cameras.front]", "[cameras.left]", r"rig\.toml: \[cameras\.left\] is there twice"),
         ("noise", "nose", r"Unknown name 'nose' in \[arms\.arm\]\. Near it: noise"),
         ("[targets.board]", "[target.board]", "Unknown name 'target' at the top of the file. Near it: targets"),
         ('file = "left.csv"', 'file = "left.csv"\nunit = "mm"', r"Unknown name 'unit' in view 1\. Near it: units"),

@@ -157,7 +157,7 @@ def _with_sizes(task: Task, start: Array, kept: NDArray[np.bool_]) -> Estimated:
         sizes = find_sizes(task, at, count, width, theta, whole=False)
         begin = found = _fitted(task, sizes.noise, at, begin)[0]
         # a view at the edge must not come and go: from the third round on none comes back
-        at, theta, again = found.at, sizes.theta, (found.edge_weights > COUNTS) & (count | (done < 2))
+        at, theta, again = found.at, sizes.theta, (found.view_weights > COUNTS) & (count | (done < 2))
         before, width = width, width if done else width_of_targets(task, at, again)
         settled = int((again != count).sum()) <= FLICKER * graph.E and width == before
         count = again

@@ -118,6 +118,12 @@ class RigFit:
         """(p, p) of the unknown poses."""
         return self.whole[: self.graph.p, : self.graph.p]
 
+    @property
+    def view_weights(self) -> Array:
+        """(E,) weights of the views, or of their robot poses where these are smaller."""
+        of_poses = np.append(self.pose_weights, 1.0)
+        return np.minimum(self.edge_weights, np.minimum(*(of_poses[side] for side in self.graph.side)))
+
     @cached_property
     def chi_square(self) -> float:
         """Square of the residuals over their covariance, with the priors."""

@@ -44,7 +44,7 @@ OF_CAMERA = 3.0
 # it; the line of the width: half of it over the distance.
 WIDTHS, SURE, FEW, WIDTH = tuple(0.5**k for k in range(6)), 3.0, 200, "half width of targets"
 # Views from which the sizes are found at most, whole groups; rounds of linearisation; what a step may still move.
-ENOUGH, ROUNDS, STILL = 600, 6, 2e-2
+ENOUGH, ROUNDS, STILL = 600, 10, 2e-2
 
 # What all poses of an arm, a camera or a target share.
 SHARED = ("accuracy", FOCAL_LENGTH, PRINCIPAL_POINT, "scale", LENS, "view")
@@ -218,7 +218,7 @@ def find_sizes(
         square = float(found.mean @ np.linalg.lstsq(found.covariance, found.mean, rcond=None)[0])
         if done and square < STILL**2 * len(found.mean):
             break
-        at = perturb(at, found.mean.reshape(-1, 6))
+        at = perturb(at, (found.mean if done < 2 else 0.5 * found.mean).reshape(-1, 6))  # some go to and fro
     else:
         raise NotConvergedError("Noise estimation of the rig did not converge. Give the noise, or look for outliers.")
     if not whole:

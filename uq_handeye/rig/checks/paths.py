@@ -295,8 +295,7 @@ def _with_runs(task: Task, found: RigFit) -> RigFit:
     """Return the fit in which runs of rejected views of one pose count."""
     graph = found.graph
     moment, _ = moments_of(task.rig, graph)
-    poses = np.concatenate([found.pose_weights, [1.0]])
-    weak = np.minimum(found.edge_weights, np.minimum(poses[graph.side[0]], poses[graph.side[1]])) < 0.5
+    weak = found.view_weights < 0.5
     if not weak.any():
         return found
     again = np.zeros(graph.E, dtype=bool)
@@ -351,8 +350,7 @@ def _with_copy(task: Task, found: RigFit, path: RigPath) -> _Copied | None:
     D[:, 6 * m :], D[:, 6 * u : 6 * u + 6] = np.eye(6), -np.eye(6)
     S = D @ fitted.covariance @ D.T
     square = float(change @ np.linalg.lstsq(S, change, rcond=None)[0])
-    poses = np.concatenate([fitted.pose_weights, [1.0]])
-    weight = np.minimum(fitted.edge_weights, np.minimum(poses[graph.side[0]], poses[graph.side[1]]))
+    weight = fitted.view_weights
     if weight[path.edges].mean() < 0.5:  # they do not agree on another place either
         return None
     rejected = float((1.0 - weight).sum())

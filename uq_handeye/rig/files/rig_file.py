@@ -27,6 +27,7 @@ behind that of the robot; beside a bag it is estimated (`synchronise`) where it 
 
 from __future__ import annotations
 
+import re
 import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
@@ -77,6 +78,9 @@ def read_rig(path: StrPath) -> tuple[Rig, dict[str, Any] | None]:
     try:
         tree = tomllib.loads(data.decode("utf-8-sig"))
     except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        if twice := re.search(r"Cannot declare \((.*)\) twice \(at line (\d+)", str(error)):
+            table = ".".join(part.strip(" '") for part in twice[1].split(","))
+            raise InputError(f"{target}: [{table}] is there twice, again in line {twice[2]}. Rename one.") from None
         raise InputError(f"{target}: expected TOML, {error}.") from None
     try:
         return _Read(tree, target.parent).rig()
