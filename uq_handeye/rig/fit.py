@@ -122,7 +122,8 @@ class RigFit:
     def view_weights(self) -> Array:
         """(E,) weights of the views, or of their robot poses where these are smaller."""
         of_poses = np.append(self.pose_weights, 1.0)
-        return np.minimum(self.edge_weights, np.minimum(*(of_poses[side] for side in self.graph.side)))
+        left, right = self.graph.side
+        return np.asarray(np.minimum(self.edge_weights, np.minimum(of_poses[left], of_poses[right])))
 
     @cached_property
     def chi_square(self) -> float:

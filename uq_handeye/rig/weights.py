@@ -122,7 +122,8 @@ def fit_robustly(
     the limits, for noise that is estimated.
     Raises `InputError` where less than half of the views agree.
     """
-    limit, found = largest_by_chance(graph.E + graph.P), None
+    limit = largest_by_chance(graph.E + graph.P)
+    found: RigFit | None = None
     if isinstance(begin, RigFit):
         w_e, w_k, found = begin.edge_weights, begin.pose_weights, begin
     else:
@@ -153,6 +154,7 @@ def fit_robustly(
             f"Only {int((w_e > 0).sum())} of {graph.E} views agree with one rig within the noise; at least half of "
             "them must. Look at the names of the poses, what cameras and targets are on, the units and the noise given."
         )
+    assert found is not None
     return found, far
 
 

@@ -118,8 +118,8 @@ class _Prepared(NamedTuple):
         if n < d:  # few large groups: LAPACK and BLAS group by group
             L_inv = np.linalg.inv(checked_cholesky(V.transpose(2, 3, 0, 1)))
             white[:] = (L_inv @ self.columns.transpose(2, 1, 0)).transpose(0, 3, 2, 1)
-            logs = -np.log(np.diagonal(L_inv, axis1=-2, axis2=-1)).sum(axis=(1, 2))
-            return L_inv.transpose(2, 3, 0, 1), white.reshape(len(s), q, -1), logs
+            half = np.asarray(L_inv, dtype=float).transpose(2, 3, 0, 1)
+            return half, white.reshape(len(s), q, -1), -np.log(np.einsum("iitn->tin", half)).sum(axis=(1, 2))
         half = inverse_factor(V)
         for i in range(d):
             white[:, :, i] = np.einsum("ktn,qkn->tqn", half[i, : i + 1], self.columns[:, : i + 1])
