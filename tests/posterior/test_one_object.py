@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import uq_handeye as uq
+from uq_handeye.fit.diagnostics.budget import parts_of_posterior
 from uq_handeye.report.certificate.budget import worst_of
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
@@ -61,6 +62,33 @@ def test_estimates_of_errors_are_those_of_the_posterior(result):
     assert {error.name for error in result.shared} <= of.keys()
     for error in result.shared:
         assert error.estimate == pytest.approx(float(result.posterior.estimate[of[error.name]]), abs=1e-12)
+
+
+def test_deviations_of_errors_are_those_of_the_posterior(result):
+    """Over the sizes that are open: not less certain than the sizes leave them."""
+    sd = dict(zip(result.posterior.names, np.sqrt(np.diag(result.posterior.covariance)[12:]), strict=True))
+    for error, settled in zip(result.shared, result.shared_at_sizes, strict=True):
+        assert error.sd == pytest.approx(sd[error.name], rel=1e-9)
+        assert error.resolved == settled.resolved
+    if result.posterior.points is not None:
+        more = [e.sd / s.sd for e, s in zip(result.shared, result.shared_at_sizes, strict=True)]
+        assert min(more) > 0.99 and max(more) > 1.2
+
+
+def test_the_budget_is_that_of_the_posterior(result):
+    """Errors with what the mixture makes of them, sizes by what they move X, the noise of the poses the rest."""
+    P, of = result.posterior, result.budget
+    parts = parts_of_posterior(P, {error.name: error.prior_sd for error in result.shared})
+    unit = np.sqrt(np.outer(*[np.diag(P.covariance)[:12]] * 2))
+    for name, S in parts.items():
+        np.testing.assert_allclose(of.covariances[of.sources.index(name)] / unit, S / unit, atol=1e-6)
+    if P.points is not None:
+        w, m, C = P.mixture_of("X", "W")
+        effect = sum(w[:, None, None] * C) + (w * m.T) @ m
+        np.testing.assert_allclose(effect / unit, of.covariance / unit, atol=1e-6)
+        assert np.abs(np.diag(parts["sizes of the errors"]) / np.diag(of.covariance)).max() < 0.3
+    noise = of.covariance - sum(parts.values(), np.zeros((12, 12)))
+    assert np.linalg.eigvalsh(noise / unit)[0] > -1e-9
 
 
 def test_a_plan_starts_from_it():

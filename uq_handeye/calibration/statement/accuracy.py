@@ -133,7 +133,7 @@ def _from_poses(result: Estimated) -> FromPoses | None:
     place = {name: len(posterior.covariance) - len(posterior.names) + k for k, name in enumerate(posterior.names)}
     of: dict[str, list[int]] = {}
     for error in result.shared:
-        if error.default and error.name in place and error.sd**2 > BY_PRIOR * error.prior_sd**2:
+        if error.default and error.name in place and error.resolved < 1.0 - BY_PRIOR:
             of.setdefault(error.error, []).append(place[error.name])
 
     def known(index: list[int]) -> Array:

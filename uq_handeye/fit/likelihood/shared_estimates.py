@@ -56,7 +56,7 @@ class SharedEstimate(Record):
     ``estimate`` is the error of the value that was used (``used / true - 1`` for lengths, else ``used - true``).
     """
 
-    _if_any: ClassVar[str] = "accuracy"
+    _if_any: ClassVar[str] = "accuracy told"
 
     name: str
     error: str  # the name of the `SharedError` that it is a part of
@@ -75,6 +75,12 @@ class SharedEstimate(Record):
     focal_length_px: float | None = None  # of a principal point, where it is known
     stated: str = ""  # the prior in words, where the number is in units of it
     accuracy: RobotAccuracy | None = None  # of a robot: the prior in numbers
+    told: float | None = None  # share of the prior variance that the data took away, for the sizes they settle on
+
+    @property
+    def resolved(self) -> float:
+        """`told`, or by the standard deviations where sizes are known."""
+        return float(np.clip(1.0 - (self.sd / self.prior_sd) ** 2, 0.0, 1.0)) if self.told is None else self.told
 
     @property
     def shown(self) -> tuple[float, str]:
@@ -99,7 +105,8 @@ class SharedEstimate(Record):
     def _possible(self) -> SharedEstimate:
         known = (self.alone is None) == (self.alone_sd is None) and (self.alone_sd is None or self.alone_sd > 0)
         focal = self.focal_length_px is None or self.focal_length_px > 0
-        if not (known and focal and self.prior_sd > 0 and self.sd >= 0 and 0 <= self.share <= 1):
+        told = self.told is None or 0 <= self.told <= 1
+        if not (known and focal and told and self.prior_sd > 0 and self.sd >= 0 and 0 <= self.share <= 1):
             raise InputError(f"Expected numbers of the shared error {self.name!r} that can be.")
         return self
 
@@ -190,7 +197,7 @@ def estimates_of(posterior: Posterior, errors: Sequence[SharedError], fit: Fit) 
                 sd * float(np.sqrt(left)),
                 value / told if says else None, sd * float(np.sqrt(left / told)) if says else None,
                 effect, float(min(np.sum((to_unit @ effect) ** 2), 1.0)),
-                error.default, error.focal_length_px, error.stated, error.accuracy,
+                error.default, error.focal_length_px, error.stated, error.accuracy, told,
             )
         )  # fmt: skip
     return tuple(found)
@@ -227,8 +234,7 @@ class SharedGroup:
     @property
     def told(self) -> float:
         """Mean share of the prior variances that the data took away: 0 nothing, 1 everything."""
-        left = [(part.sd / part.prior_sd) ** 2 for part in self.parts]
-        return float(np.clip(1.0 - np.mean(left), 0.0, 1.0))
+        return float(np.mean([part.resolved for part in self.parts]))
 
     @property
     def units(self) -> tuple[str, ...]:

@@ -253,7 +253,7 @@ def absorbed_into(result: Calibration, evidence: NewRows, finding: Finding, opti
     sd = np.sqrt(np.maximum(np.diag(posterior.covariance)[12:], 0.0))
     place = {name: k for k, name in enumerate(before.names)}
     shared = tuple(
-        replace(error, estimate=float(posterior.estimate[k]), sd=float(sd[k]))
+        replace(error, estimate=float(posterior.estimate[k]), sd=float(sd[k]), told=None)
         if (k := place.get(error.name)) is not None
         else error
         for error in result.shared
