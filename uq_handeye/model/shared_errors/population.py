@@ -70,10 +70,11 @@ FEWEST = 3
 # Between arms: frames of base and of flange are so many times as uncertain as by the sample of the workspace, and this
 # share of its errors far from the poses of the data is unknown again (`unseen`). Found by leaving families of arms out.
 UNLIKE_BASE, UNLIKE_FLANGE, UNSEEN = 10.0, 5.0, 0.5
-# Part of what z leaves of further poses that counts beside noise estimated from the data: of a mixture of arms more is
-# left than of one. Of 160 unchanged rigs of 0.6 mm, as in `studies.maintenance.unknown_arms`, the p-values have the
-# mean 0.60 at 0.7, 0.57 at 0.5, 0.54 here and 0.52 at 0.25, and 4, 6, 6 and 7 % of them are below 0.05. Without the
-# family of the arm in the population they are the same.
+# Part of what z leaves of further poses that counts beside noise estimated from the data. What is left is the mean over
+# the arms, and a few of them have most of it: of translations one arm has 0.29 of that variance, 0.13 to 0.24 with six
+# axes and 0.5 to 0.8 with seven (`studies.maintenance.what_is_left`, 70 sets of 0.6 mm, no noise; 0.22 without the
+# family of the arm in the population). Squared distances by it are 0.88 of what they should be, since small directions
+# hold more. How far p-values of unchanged rigs depend on it: `studies/maintenance/unknown_arms.md`.
 LEFT_BESIDE = 0.35
 # A pose is near another one if their tips are within this share of the reach, and their orientations within this angle
 # (rad); how steeply the share rises beyond.
@@ -187,14 +188,21 @@ class BoundPopulation(ReadOnlyArrays):
         others as the poses of the data are from each other; only what is above that of nine of ten is left, and
         `LEFT_BESIDE` of what z leaves.
         """
-        rows = self._rows_at(robot)
-        whole, known = self._unscaled(rows), self._unscaled(rows @ self.basis)
+        whole, known = self._at(robot)
         share = self._unknown_again(self._apart(robot))[:, None, None]
         if not measured:
             return _left(whole, known, 1.0 + share)
         others = [self._unknown_again(self._apart(self.robot[[k]], k)) for k in range(len(self.robot))]
         more = np.maximum(share - np.quantile(others, 0.9), 0.0)
         return LEFT_BESIDE * _left(whole, known, 1.0) + more * whole @ whole.mT
+
+    def left_at(self, robot: Array) -> Array:
+        """(n, 6, 6) covariance that z leaves of other poses, the mean over the arms."""
+        return _left(*self._at(robot), 1.0)
+
+    def _at(self, robot: Array) -> tuple[Array, Array]:
+        rows = self._rows_at(robot)
+        return self._unscaled(rows), self._unscaled(rows @ self.basis)
 
     @staticmethod
     def _unknown_again(apart: Array) -> Array:
