@@ -395,13 +395,9 @@ def errors_of_poses(result: Estimated) -> list[SharedError]:
     if poses is None:
         return []
     groups = dict.fromkeys(map(group_of, posterior.names))
-    found = [bound_again(name, poses, reach_stated(result)) for name in groups]
+    reach = next((error.accuracy.reach for error in result.shared if error.accuracy is not None), None)
+    found = [bound_again(name, poses, reach) for name in groups]
     return [error for error in found if error is not None and set(error.parts) <= set(posterior.names)]
-
-
-def reach_stated(result: Estimated) -> float | None:
-    """Return the reach (m) of the robot whose accuracy the calibration declares or assumes; None without one."""
-    return next((error.accuracy.reach for error in result.shared if error.accuracy is not None), None)
 
 
 def rest_of_robot(result: Estimated, robot: Array, measured: bool = False) -> Array:

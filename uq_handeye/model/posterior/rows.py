@@ -45,17 +45,6 @@ from ...errors import InputError
 from ..noise.joint_covariance import JointFactor, checked_cholesky, substitute
 
 
-class Points(Protocol):
-    """Interface of the points of open sizes."""
-
-    @property
-    def weights(self) -> Array: ...
-    @property
-    def means(self) -> Array: ...
-    @property
-    def covariances(self) -> Array: ...
-
-
 class Joint(Protocol):
     """Interface of a posterior."""
 
@@ -64,9 +53,9 @@ class Joint(Protocol):
     @property
     def covariance(self) -> Array: ...
     @property
-    def points(self) -> Points | None: ...
+    def points(self) -> Any: ...  # `SizePoints`, or None
     @property
-    def noise(self) -> Any: ...
+    def noise(self) -> Any: ...  # of `FreshNoise`
 
 
 class Test(NamedTuple):

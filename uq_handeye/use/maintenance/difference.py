@@ -24,7 +24,7 @@ from ...errors import InputError
 from ...fit.diagnostics.task_space import by_pose
 from ...fit.likelihood.goodness_of_fit import Reference
 from ...model.poses.pose_pairs import PosePairs
-from ...model.posterior.owners import CAMERA, ROBOT, TARGET, THINGS, checked_things, require_same
+from ...model.posterior.owners import CAMERA, ROBOT, THINGS, checked_things, require_same
 from .in_common import difference_covariance, positive
 from .joined_poses import common_poses, counted, holds_request, measured_poses
 from .update import parts_of, touches_taken
@@ -314,9 +314,6 @@ def _dof(old: Reference, new: Reference, inside: bool) -> float | None:
     """Degrees of freedom of the noise: of the new result where it holds all poses of the old, else of the fewer."""
     found = [reference.dof for reference in ((new,) if inside else (old, new)) if reference.dof is not None]
     return min(found) if found else None
-
-
-__all__ = ["CAMERA", "ROBOT", "TARGET", "Difference", "difference"]
 
 
 # p-values below which a difference is said to be one, and to be clear.

@@ -258,7 +258,8 @@ def arguments(
     ``numbers`` of these poses among those of the result, which come first, and the new ones. ``noise``: that of the new
     poses, where it is not that of the old ones. Raises `InputError` that names what the result does not hold.
     """
-    options, request = _options(result), _request(result)
+    assert result.provenance is not None
+    options, request = result.provenance.options, _request(result)
     shared = None if request["shared"] is None else [SharedError.from_dict(error) for error in request["shared"]]
     noise_of_all = _noise(request["noise"], poses, _Rows(result, numbers), noise)
     if shared is None and noise_of_all is None and request["simulated"]:
@@ -309,11 +310,6 @@ def with_bound_poses(result: Calibration) -> Calibration:
         if [line for error in job_of(assumed, data).shared for line in error.described] != origin.options["shared"]:
             return result
     return replace(result, data=data, excluded=(), provenance=replace(origin, request=request))
-
-
-def _options(result: Calibration) -> dict[str, Any]:
-    assert result.provenance is not None
-    return result.provenance.options
 
 
 def _request(result: Calibration) -> dict[str, Any]:
