@@ -1,4 +1,4 @@
-r"""What a population of arms leaves unexplained at new poses, against what arms have there: `population.LEFT_BESIDE`.
+r"""Errors that a population of arms leaves unexplained at new poses, against those of arms: `population.LEFT_BESIDE`.
 
     python -m studies.maintenance.what_is_left [--sets 70] [--leave-out]
 
