@@ -47,7 +47,7 @@ from ...errors import InputError, NotConvergedError
 from ...model.noise.models import PairNoise
 from .dual_quaternions import LU
 from .method import Derivatives, ErrorFactors, Estimate, Method, PoseFactors
-from .moments import MomentSolver, Signs, axis_signs, dual_quaternions, left_matrix, quaternions, right_matrix
+from .moments import Signs, axis_signs, dual_quaternions, left_matrix, quaternions, right_matrix
 
 ITERATIONS = 100
 STEP = 1e-12
@@ -121,9 +121,7 @@ class LinearPrograms:
                 f"Expected at most {MOST_PAIRS} motions with method 'zhao', whose linear programs grow with them; got "
                 f"{A.shape[1]}. Leave some out, or use another method."
             )
-        solver = LU.solver
-        assert isinstance(solver, MomentSolver)
-        start = solver.estimate(A, B, None).X
+        start = LU.solver.estimate(A, B, None).X
         found = [_descend(Residuals(A[t], B[t], signs), start[t]) for t, signs in enumerate(_references(A, B))]
         X, converged, iterations = zip(*found, strict=True) if found else ((), (), ())
         return Estimate(

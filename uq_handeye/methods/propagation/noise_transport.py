@@ -67,8 +67,14 @@ def made_from_poses(motions: Motions | None) -> Motions:
     return motions
 
 
-def noise_of_pairs(motions: Motions, noise: PoseNoise) -> PairNoise:
-    """The covariance of each pair (N, 6, 6) that PoseNoise makes, to first order: what pairs share is lost."""
+def noise_of_pairs(motions: Motions | None, noise: Noise) -> PairNoise:
+    """The covariance of each pair (N, 6, 6) that PoseNoise makes, to first order: what pairs share is lost.
+
+    Noise of pairs is returned as it is. Raises `InputError` for PoseNoise of motions without poses.
+    """
+    if isinstance(noise, PairNoise):
+        return noise
+    motions = made_from_poses(motions)
     poses, index = motions.poses, motions.pairs
     assert poses is not None and index is not None
     side = Unshared(poses, index, noise, slice(0, 1))

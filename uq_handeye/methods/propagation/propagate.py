@@ -66,7 +66,7 @@ from ..procrustes.limit import (
 )
 from ..procrustes.sensitivity import PAPER_SCALE, LimitDerivatives, ScaledDerivatives, linearised, literal_covariance
 from . import sentences  # noqa: F401  (registers the words)
-from .noise_transport import DataSide, Shared, Start, data_side, made_from_poses, noise_of_pairs
+from .noise_transport import DataSide, Shared, Start, data_side, noise_of_pairs
 
 # Independent pairs or poses below which the covariance of a method that is not smooth is not to be trusted.
 FEW = 10
@@ -227,8 +227,8 @@ def propagate_and_check(
     problem = _problem(A, B, noise, X, method, scale, kind)
     findings: list[Finding] = []
     if kind == "literal":
-        assert isinstance(problem.noise, PairNoise)  # data_side has seen to it
-        S = literal_covariance(problem.A, problem.B, problem.noise, problem.X, PAPER_SCALE if scale is None else scale)
+        of_pairs = cast(PairNoise, problem.noise)  # data_side has seen to it
+        S = literal_covariance(problem.A, problem.B, of_pairs, problem.X, PAPER_SCALE if scale is None else scale)
     elif not find(method).smooth:
         S, findings = _beyond_derivatives(problem, find(method), kind)
     else:
@@ -244,8 +244,7 @@ def pose_sensitivities(
     """``d xi_X / d xi_k`` (n, 6, 6) by the error of every pose k, robot and camera (T4); None where it is exact."""
 
     def weighted(side: DataSide, Q: Array) -> list[Array | None]:
-        assert isinstance(side, Shared)
-        return [None if D is None else Q[0] @ D[0] for D in side.by_error()]
+        return [None if D is None else Q[0] @ D[0] for D in cast(Shared, side).by_error()]
 
     return _problem(motions, noise, None, X, method, scale, "poses").each(weighted)[0]
 
@@ -320,7 +319,7 @@ def _problem(
         as_transforms(A, "A")
         as_transforms(B, "B")
         if found.weighted or not found.smooth:
-            weights = noise if isinstance(noise, PairNoise) else noise_of_pairs(made_from_poses(motions), noise)
+            weights = noise_of_pairs(motions, noise)
         if X is None:
             X = require_converged(found, found.estimate(flat_A, flat_B, weights if found.weighted else None)).X
         with explained(method):
@@ -343,15 +342,13 @@ def _beyond_derivatives(problem: _Problem, method: Method, kind: str | None) -> 
     pairs_share = isinstance(problem.noise, PoseNoise) and kind != "pairs"
     count, item = problem.A.shape[1], "pairs"
     if pairs_share:
-        side = problem.start(slice(0, 1))
-        assert isinstance(side, Shared)
+        side = cast(Shared, problem.start(slice(0, 1)))
         count, item = side.sums[0].shape[1], "poses"
     found = []
     for t, (A, B, X) in enumerate(zip(problem.A, problem.B, problem.X, strict=True)):
         noise: PairNoise | ErrorFactors | PoseFactors = problem.weights
         if pairs_share:
-            side = problem.start(slice(t, t + 1))
-            assert isinstance(side, Shared)
+            side = cast(Shared, problem.start(slice(t, t + 1)))
             if side.joint or side.twice:  # any two pairs may be correlated
                 if len(A) * side.count > MOST_SHARED:
                     raise InputError(

@@ -32,7 +32,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 
@@ -40,7 +40,7 @@ from ...core.geometry.nearest_rotation import orthonormalise
 from ...core.geometry.se3 import Array, block, inverse_jacobian, skew
 from ...errors import InputError
 from ...findings import Finding
-from ...model.noise.models import Noise, PairNoise, PoseNoise, require_count
+from ...model.noise.models import Noise, PoseNoise, require_count
 from ...model.poses.motions import Motions
 from ...model.poses.pose_pairs import PosePairs
 from ..estimators import solve
@@ -247,14 +247,15 @@ class Published:
     def covariances(self, noise: Noise, kind: str | None = None) -> Covariances:
         """The covariances of X and, for noise on poses, of W (6, 6), to first order; ``kind`` as in `propagate`."""
         motions, method, poses = self.motions, self.method, self.motions.poses
-        if method in ROBOT_WORLD_METHODS and not (isinstance(noise, PoseNoise) and kind in (None, "poses")):
+        of_poses = isinstance(noise, PoseNoise) and kind in (None, "poses")
+        if method in ROBOT_WORLD_METHODS and not of_poses:
             raise InputError(f"Method {method!r} works on poses: its covariance needs PoseNoise and kind 'poses'.")
-        if poses is None or not isinstance(noise, PoseNoise) or kind not in (None, "poses"):
+        if poses is None or not of_poses:
             S, findings = propagate_and_check(
                 motions, noise=noise, X=self.X, method=method, scale=self.scale, kind=kind
             )
             return Covariances(S, None, findings)
-        findings = []
+        noise, findings = cast(PoseNoise, noise), []
         by_error: Sequence[Array | None]
         by_error_W: Sequence[Array | None]
         if method in ROBOT_WORLD_METHODS:
@@ -297,7 +298,7 @@ def fit_published(
         found = find(method)
         weights = None
         if found.weighted and noise is not None:
-            weights = noise if isinstance(noise, PairNoise) else noise_of_pairs(motions, noise)
+            weights = noise_of_pairs(motions, noise)
         estimate = require_converged(found, found.estimate(motions.A, motions.B, weights))
         X, iterations = np.asarray(estimate.X), int(estimate.iterations)
     W = None if poses is None else mean_target(poses, X)

@@ -13,13 +13,13 @@ from __future__ import annotations
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Any, Protocol, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...core.geometry.se3 import Array, inverse
-from ...errors import DegenerateMotionError, InputError, NotConvergedError, SingularNoiseError
+from ...errors import DegenerateMotionError, InputError, NotConvergedError, SingularNoiseError, among
 from ...fit.likelihood.constraint import constraint_of, require_noise_fits
 from ...fit.likelihood.gauss_helmert import ESTIMATORS, Fit, bound, corrected, maximum_likelihood
 from ...fit.one_model.noise_of_data import estimate_noise
@@ -117,7 +117,7 @@ class Experiment:
         """The noise of each pair for a method that weights by it, to first order at the true data."""
         if self.method not in METHODS or not METHODS[self.method].weighted:
             return None
-        return self.noise if isinstance(self.noise, PairNoise) else noise_of_pairs(self.motions, self.noise)
+        return noise_of_pairs(self.motions, self.noise)
 
     def predicted(self, kind: str | None = None) -> Array:
         """The first-order covariance (6, 6) of X by the method, at the true data; ``kind`` as in `propagate`.
@@ -132,8 +132,7 @@ class Experiment:
             return found
         everything = self.everything if kind in (None, "poses") else None
         if everything is not None:
-            assert isinstance(self.noise, PoseNoise)
-            return everything.propagate(self.noise, self.X)
+            return everything.propagate(cast(PoseNoise, self.noise), self.X)
         published = Published(self.motions, self.method, self.scale, self.X, self.W, 0, None)
         return published.covariances(self.noise, kind)[0]
 
@@ -141,6 +140,12 @@ class Experiment:
 def sides_of(data: PosePairs | Motions) -> tuple[Array, Array]:
     """Poses or motions (..., n, 4, 4) of robot and camera."""
     return (data.robot, data.camera) if isinstance(data, PosePairs) else (data.A, data.B)
+
+
+def require_data(data: Any) -> None:
+    """Raise `InputError` for what is neither poses nor motions."""
+    if not isinstance(data, PosePairs | Motions):
+        raise InputError(f"Expected `data` to be PosePairs or Motions, got {type(data).__name__}.")
 
 
 class Fitted(Protocol):
@@ -159,12 +164,13 @@ def problem_of(
 
     Raises `InputError` for a calibration beside other noise, or one without poses or noise.
     """
-    if isinstance(data, PosePairs | Motions) or not hasattr(data, "used"):
-        return data, noise, noise is None  # type: ignore[return-value]  # what is neither is refused where it is used
+    fitted: Any = data
+    if not hasattr(fitted, "used"):
+        return fitted, noise, noise is None  # what is neither is refused where it is used
     if noise is not None:
         raise InputError("Expected no `noise` beside a calibration, which brings the noise that it used.")
-    used, of_used = data.used
-    return used, of_used, data.noise_estimate is not None
+    used, of_used = fitted.used
+    return used, of_used, fitted.noise_estimate is not None
 
 
 def experiment(
@@ -200,10 +206,9 @@ def experiment(
     NotConvergedError
         The fit around which the noise would be drawn did not converge.
     """
-    if not isinstance(data, PosePairs | Motions):
-        raise InputError(f"Expected `data` to be PosePairs or Motions, got {type(data).__name__}.")
+    require_data(data)
     known = [*ESTIMATORS, *METHODS, *ROBOT_WORLD_METHODS]
-    if not isinstance(method, str) or method not in known:
+    if not among(method, known):
         raise InputError(f"Expected `method` to be one of {', '.join(known)}, got {method!r}.")
     if scale is not None and method != "4dpa":
         raise InputError(f"Expected no `scale` with method {method!r}: it is the scaling factor of 4dpa.")
@@ -218,11 +223,12 @@ def experiment(
         noise = estimate_noise(data if poses is None else poses).noise
         if noise is None:
             raise InputError("The data fit exactly, so that they show no noise to draw: give `noise`.")
-    if isinstance(noise, PairNoise) and method in ROBOT_WORLD_METHODS:
+    of_pairs = isinstance(noise, PairNoise)
+    if of_pairs and method in ROBOT_WORLD_METHODS:
         raise InputError(f"Method {method!r} solves G X C = W on poses: it needs PoseNoise, got PairNoise.")
-    index = data.pairs if isinstance(data, Motions) else None
-    if poses is not None and not isinstance(noise, PairNoise):
-        if index is None and not (isinstance(pairs, str) and pairs == "all"):
+    index = getattr(data, "pairs", None)  # poses have none
+    if poses is not None and not of_pairs:
+        if index is None and not np.array_equal(pairs, "all"):
             index = pair_indices(poses.n, pairs)
         require_noise_fits(noise, Motions(poses.robot[:2], poses.camera[:2], pair_indices(poses.n)[:2], poses))
         exact = poses if poses.truth is not None else _exact_poses(poses, noise)
@@ -232,17 +238,16 @@ def experiment(
         true_poses = PosePairs(truth.robot, truth.camera, poses.setup, poses.timestamps, truth)
         _require_closed(true_poses, noise)
         return Experiment(true_poses, truth.X, truth.W, noise, method, scale, index)
-    motions = data if isinstance(data, Motions) else relative_motions(data, pairs)
+    motions = relative_motions(data, pairs) if isinstance(data, PosePairs) else data
     if motions.N < 2:
         raise InputError(f"Expected at least 2 motions to determine X, got {motions.N}.")
     require_noise_fits(noise, motions)
-    assert isinstance(noise, PairNoise)  # motions without poses take no other
     if poses is not None and poses.truth is not None:
         true_poses = PosePairs(poses.truth.robot, poses.truth.camera, poses.setup)
         of_truth = relative_motions(true_poses, "all" if motions.pairs is None else motions.pairs)
         _require_closed(Motions(of_truth.A, of_truth.B), noise, poses.truth.X)
         return Experiment(Motions(of_truth.A, of_truth.B), poses.truth.X, None, noise, method, scale)
-    A, B, X = _exact_motions(motions, noise)
+    A, B, X = _exact_motions(motions, cast(PairNoise, noise))  # motions without poses take no other
     _require_closed(Motions(A, B), noise, X)
     return Experiment(Motions(A, B), X, None, noise, method, scale)
 
@@ -296,8 +301,7 @@ def _exact_poses(poses: PosePairs, noise: Noise) -> PosePairs:
         assert fit.W is not None
         X, W = fit.X, fit.W
         robot, camera = corrected(fit, noise, robot, camera)
-    assert isinstance(noise, PoseNoise)
-    if noise.camera is not None:
+    if cast(PoseNoise, noise).camera is not None:
         G = robot if poses.setup == "eye-in-hand" else inverse(robot)
         camera = inverse(G @ X) @ W
     else:

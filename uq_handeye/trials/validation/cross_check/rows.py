@@ -25,7 +25,7 @@ from ....fit.likelihood.gauss_helmert import ESTIMATORS
 from ....methods.estimators.nguyen import nguyen
 from ....methods.procrustes.sensitivity import PAPER_SCALE, literal_covariance
 from ....methods.propagation.noise_transport import noise_of_pairs
-from ....model.noise.models import Noise, PairNoise, PoseNoise
+from ....model.noise.models import Noise
 from ....model.poses.motions import Motions
 from ....model.poses.pose_pairs import PosePairs
 from ...simulation.experiment import Experiment
@@ -120,7 +120,7 @@ def formulas(data: PosePairs | Motions, problem: Experiment) -> list[Row]:
     N = problem.number_of_pairs
     too_many = TOO_MANY.format(N) if N > MOST_PAIRS_ONCE else ""
     rows = [_row("4dpa-pairs", "4DPA, pairs independent", "4dpa", lambda: problem.predicted("pairs"), too_many)]
-    if isinstance(noise, PoseNoise):
+    if problem.on_poses:
         rows.append(_row("4dpa-poses", "4DPA, pose-aware", "4dpa", lambda: problem.predicted("poses")))
     own = "Sigma_R and Sigma_t as they give them: no cross-covariance, pairs taken as independent."
     rows += [
@@ -150,7 +150,7 @@ def _row(
 def _literal(problem: Experiment) -> Array:
     """(45) needs the noise of each pair; at the true X."""
     motions = problem.motions
-    noise = problem.noise if isinstance(problem.noise, PairNoise) else noise_of_pairs(motions, problem.noise)
+    noise = noise_of_pairs(motions, problem.noise)
     S = literal_covariance(motions.A, motions.B, noise, problem.X[None], PAPER_SCALE)[0]
     return np.asarray(0.5 * (S + S.T))
 

@@ -445,7 +445,7 @@ def _problem(data: PosePairs | Motions, noise: Noise | None) -> Experiment:
 
 def _evidence(problem: Experiment, rows: tuple[Row, ...], runs: Any, effective: Any) -> Evidence:
     """Return what the relations are judged by."""
-    of_poses = isinstance(problem.noise, PoseNoise)
+    of_poses = problem.on_poses
     return Evidence(
         covariances={row.key: row.covariance for row in rows if row.covariance is not None},
         missing={row.key: f"{row.label}: none. {row.note}" for row in rows if row.covariance is None},

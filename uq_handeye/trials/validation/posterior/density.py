@@ -42,6 +42,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import solve_triangular
 
+from ....core.geometry.checks import is_number
 from ....core.geometry.se3 import Array
 from ....errors import DegenerateMotionError, InputError
 from ....fit.likelihood.constraint import Constraint, block_diagonal, constraint_of, covariances_of, residual_covariance
@@ -79,8 +80,7 @@ class ScalePrior:
 
     def __post_init__(self) -> None:
         for name, value in (("robot", self.robot), ("camera", self.camera)):
-            number = isinstance(value, int | float | np.number) and not isinstance(value, bool | np.bool_)
-            if value is not None and not (number and 1 < value <= 1e3):
+            if value is not None and not (is_number(value) and 1 < value <= 1e3):
                 raise InputError(
                     f"Expected `{name}` of ScalePrior to be None or a factor above 1 and at most 1000, got {value!r}."
                 )

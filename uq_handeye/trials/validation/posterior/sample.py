@@ -35,7 +35,7 @@ from ....model.noise.models import Noise, PairNoise, PoseNoise
 from ....model.poses.motions import Motions
 from ....model.poses.pose_pairs import PosePairs
 from ....model.poses.timing import warn_left_out
-from ...simulation.experiment import Fitted, problem_of
+from ...simulation.experiment import Fitted, problem_of, require_data, sides_of
 from ..monte_carlo.store import sha256_of_data, sha256_of_noise
 from ..outcome import stated_of
 from .chain import Chain, ChainFile, Proposal, around_maxima, fitted, moves_of, starts_of
@@ -220,9 +220,8 @@ WALKERS, MAX_STEPS = 128, 10_000
 
 def _require_one_problem(data: PosePairs | Motions) -> None:
     """Raise `InputError` for other data, and for a batch."""
-    if not isinstance(data, PosePairs | Motions):
-        raise InputError(f"Expected `data` to be PosePairs or Motions, got {type(data).__name__}.")
-    if (data.robot if isinstance(data, PosePairs) else data.A).ndim != 3:
+    require_data(data)
+    if sides_of(data)[0].ndim != 3:
         raise InputError("Expected one data set; sample the posterior of each problem of a batch by itself.")
 
 

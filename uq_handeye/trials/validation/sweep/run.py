@@ -41,6 +41,7 @@ from numpy.typing import ArrayLike
 
 from ....core.files.records import attributes
 from ....core.formatting.numbers import digits, rough
+from ....core.geometry.checks import is_number
 from ....core.presentation.document import (
     Answer,
     Block,
@@ -236,7 +237,7 @@ def sweep(
         noise_estimated=estimated,
         frame=place["frame"],
         count=problem.count,
-        item="poses" if isinstance(problem.truth, PosePairs) else "motions",
+        item="poses" if problem.on_poses else "motions",
         around=place["origin"],
         trials=trials,
         seed=seed,
@@ -260,8 +261,7 @@ def _checked(methods: Any, factors: Any, trials: Any, seed: Any, tolerance: Any)
         raise InputError(f"Expected `factors` to be numbers, got {factors!r}.") from None
     if not (np.isfinite(grid).all() and grid[0] > 0):
         raise InputError(f"Expected `factors` to be finite and above 0, got {factors!r}.")
-    number = isinstance(tolerance, float | int | np.floating) and not isinstance(tolerance, bool)
-    if not (number and 0 < tolerance < 1):
+    if not (is_number(tolerance) and 0 < tolerance < 1):
         raise InputError(f"Expected `tolerance` to be a number between 0 and 1 such as 0.1, got {tolerance!r}.")
     return names, tuple(grid.tolist())
 
