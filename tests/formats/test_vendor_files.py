@@ -34,11 +34,11 @@ FILES = {
         ["# Image list with two lines of data per image:", "#   IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME"],
         np.arange(8), W_FIRST, T, mark=" ", row="{} 1 a.png\n100.5 200.25 -1 340.5 222.1 17",
     ),
-    "motive.csv": lines(
-        ["Format Version,1.23,Take Name,Take1,Rotation Type,Quaternion", ",Name" + ",Tool" * 7, ",ID" + ",1" * 7,
+    **{f"motive_{one}.csv": lines(
+        ["Format Version,1.23,Take Name,Take1,Rotation Type,Quaternion", ",Name" + ",Tool" * 7, ",ID" + f",{one}" * 7,
          ",," + ",".join(["Rotation"] * 4 + ["Position"] * 3), "Frame,Time (Seconds),X,Y,Z,W,X,Y,Z"],
-        np.arange(8), np.arange(8), Q, T,
-    ),
+        np.arange(8), 0.1 * np.arange(8), Q, T,
+    ) for one in ("1", "8A41F2")},
     "ndi.csv": lines(["Frame,Q0,Qx,Qy,Qz,Tx,Ty,Tz,Error"], np.arange(8), W_FIRST, 1e3 * T, np.full(8, 0.1)),
     "names.csv": lines(["pos_x,pos_y,pos_z,ori_x,ori_y,ori_z,ori_w"], T, Q),
     "excel.txt": lines(["x\ty\tz\tqx\tqy\tqz\tqw"], T, Q, mark="\t").replace(".", ",").encode("utf-16"),
@@ -59,8 +59,10 @@ FILES = {
 def test_files_of_vendors_and_tools(tmp_path, name):
     content = FILES[name]
     (tmp_path / name).write_bytes(content if isinstance(content, bytes) else content.encode())
-    write_pose_file(tmp_path / "camera.csv", PAIRS.camera)
-    found = np.array(read_poses(tmp_path / name, tmp_path / "camera.csv", pair="rows").robot)
+    write_pose_file(tmp_path / "camera.csv", PAIRS.camera, 0.1 * np.arange(8))
+    poses = read_poses(tmp_path / name, tmp_path / "camera.csv", pair="rows")
+    assert name != "motive_1.csv" or np.array_equal(poses.timestamps, 0.1 * np.arange(8))
+    found = np.array(poses.robot)
     found[:, :3, 3] /= 10.0 if name == "thousands.csv" else 1.0
     assert np.allclose(found, G, atol=1e-6)
 

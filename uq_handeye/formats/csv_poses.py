@@ -51,7 +51,7 @@ ALIASES = {
 }
 # Longest name of a column.
 LONGEST = 200
-SECONDS = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+SECONDS = {"s": 1.0, "sec": 1.0, "seconds": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 _UNITS = {*LENGTH_UNITS, *SECONDS, "1"}
 
 _CLOCK = re.compile(r"([01]?\d|2[0-3]):([0-5]\d):([0-5]?\d(?:[.,]\d+)?)")
@@ -160,7 +160,7 @@ def read_csv(file: BinaryIO, name: str) -> Contents:
     if "timestamp" in meant:
         unit = unit_of["timestamp"] or "s"
         times = table.values[:, meant.index("timestamp")] * SECONDS[unit]
-        if unit not in ("s", "sec"):
+        if SECONDS[unit] != 1.0:
             notes.append(f"timestamps in {unit}, as the column is named")
     else:
         notes.append("no timestamp column: rows are numbered 0, 1, 2, ...")

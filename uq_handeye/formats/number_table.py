@@ -190,8 +190,8 @@ def _named_rows(
         numbers = [field for field in fields if number_of(_point(field, separator)) is not None]
         if not rows and len(numbers) < (FEWEST if names is None else 1):
             found = _split(content, _separator(content))
-            if is_header(found):
-                names = tuple(found)
+            if is_header(both := found) or is_header(both := _with_above(last, found)):
+                names = tuple(both)
                 continue
             title, last = title + 1, found
             if title > TITLE_LINES:
@@ -200,11 +200,9 @@ def _named_rows(
         above, before = before, fields
         if rows and not numbers and is_header(fields):  # files put together repeat the names
             continue
-        if names is None and not numbers and number < TITLE_LINES and len(above) == len(fields):
-            both = [f"{one}_{name}" if one else name for one, name in zip(above, fields, strict=True)]
-            if is_header(both):  # Rotation, Position above X, Y, Z, W, X, Y, Z of Motive
-                names, rows = tuple(both), []
-                continue
+        if names is None and not numbers and number < TITLE_LINES and is_header(both := _with_above(above, fields)):
+            names, rows = tuple(both), []  # what came before was no pose
+            continue
         if separator != "," and any("," in field for field in numbers):
             note = "numbers with decimal commas"
             notes += [note] if note not in notes else []
@@ -359,6 +357,13 @@ def _is_unit_row(content: str) -> bool:
     words = [word.strip("[]()\"' ") for word in re.split(r"[,;\t]|\s{1,}", content)]
     known = {"mm", "cm", "m", "in", "deg", "rad", "°", "s", "ms", "ns", "-", "", "degree", "degrees"}
     return len(set(words) & {"mm", "cm", "m", "deg", "rad", "°"}) > 0 and set(words) <= known
+
+
+def _with_above(above: Sequence[str], names: Sequence[str]) -> list[str]:
+    """Return names with those of the line above: Rotation, Position above X, Y, Z, W, X, Y, Z of Motive."""
+    if len(above) != len(names):
+        return list(names)
+    return [f"{one}_{name}" if one else name for one, name in zip(above, names, strict=True)]
 
 
 def _with_units(names: Sequence[str], units: Sequence[str]) -> tuple[str, ...]:

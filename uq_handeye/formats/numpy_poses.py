@@ -78,7 +78,7 @@ def read_npz(data: bytes, name: str) -> Contents:
     if not arrays.keys() & _ALIASES.values():
         arrays = {_ALIASES.get(key, key): array for key, array in arrays.items()}
     setup = str(arrays["setup"]) if "setup" in arrays else None
-    if setup not in (None, *SETUPS):
+    if setup is not None and setup not in SETUPS:
         raise InputError(f"{name}, setup: expected {' or '.join(SETUPS)}, got {short(setup)}.")
     numbers = {key: array.astype(float) for key, array in arrays.items() if array.dtype.kind in "fiu"}
 

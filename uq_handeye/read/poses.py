@@ -170,7 +170,8 @@ def _require_known(pair: Any, setup: Any) -> None:
 def _of_files(asked: _Asked, camera: Any) -> PosePairs:
     """The poses of two files, or of one that holds both sides (``camera`` is None)."""
     robot = _robot_of(asked.robot, asked.arm, asked.formats[0])
-    first, sources = robot.contents, (robot.source,)
+    first = robot.contents
+    sources: tuple[Source, ...] = (robot.source,)
     contents, paths = (first, first), (robot.path, robot.path)
     if camera is not None:
         second, source = read_contents(as_path(camera), asked.formats[1])

@@ -473,7 +473,7 @@ def _times(values: Array, columns: Columns) -> tuple[NDArray[np.float64] | None,
     if columns.time is None:
         return None, ""
     times = values[:, columns.time] * SECONDS[columns.time_unit]
-    if columns.time_unit in ("s", "sec"):
+    if SECONDS[columns.time_unit] == 1.0:
         largest = np.nanmax(np.abs(times)) if len(times) else 0.0
         for limit, unit in ((1e17, "ns"), (1e14, "us"), (1e11, "ms")):  # seconds since 1970 are 1.7e9
             if largest > limit:

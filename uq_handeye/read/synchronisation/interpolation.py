@@ -162,7 +162,7 @@ class Interpolated(NamedTuple):
 
     def rows(self, index: NDArray[np.intp]) -> Interpolated:
         """Return the poses at some of the times."""
-        return Interpolated(*(part[index] for part in self))
+        return Interpolated._make(part[index] for part in self)
 
 
 def at_times(times: Array, poses: Array, wanted: Array, kind: str = "so4", max_gap: float = np.inf) -> Interpolated:
