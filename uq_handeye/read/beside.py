@@ -70,7 +70,8 @@ class Joints:
                     "each pose. Leave out rows that the other file lacks, or add timestamps to both."
                 )
             return self.values
-        if len(robot) == len(self) and (late := float(np.abs(r - q).max())) <= _patience(r, tolerance):
+        half = 0.5 * float(np.median(np.abs(np.diff(r)))) if len(r) > 1 else tolerance  # the interval between rows
+        if len(robot) == len(self) and (late := float(np.abs(r - q).max())) <= min(tolerance, half):
             if late > SYNCHRONOUS:
                 warnings.warn(
                     f"Rows of {robot.name} and {self.name} are paired by their order although their timestamps differ "
@@ -143,83 +144,70 @@ def give_joints(poses: PosePairs, values: Array, name: str) -> PosePairs:
             "timestamps of both files of one clock, in seconds? Rows that belong together may have row numbers."
         )
     rows = np.flatnonzero(~have)
-    which = ", ".join(map(str, rows[:20])) + (", ..." if len(rows) > 20 else "")
     first, *others = poses.sources
-    note = f"{len(rows)} pairs without joints in {name} are left out: {which}"
+    note = f"{len(rows)} pairs without joints in {name} are left out: {_listed(rows)}"
     left = replace(poses.rows(np.flatnonzero(have)), joints=values[have])
     return replace(left, sources=(replace(first, notes=(*first.notes, note)), *others))
 
 
-def _patience(times: Array, tolerance: float) -> float:
-    """Return how far timestamps of a row may differ: half the interval between rows, or the tolerance if that is
-    smaller.
-    """
-    return min(tolerance, 0.5 * float(np.median(np.abs(np.diff(times))))) if len(times) > 1 else tolerance
-
-
 class KnownCamera(NamedTuple):
-    """Camera poses with their covariance, the rows of the robot that they belong to, and where they come from."""
+    """Camera poses with their covariance, of pictures or of points; their file; where they come from."""
 
-    camera: CameraCalibration | None
-    points: PointPoses | None
+    seen: CameraCalibration | PointPoses
     name: str
     source: tuple[Source, ...]
+    of_points: bool
 
     @property
     def poses(self) -> Any:
         """(n, 4, 4)."""
-        found = self.points if self.camera is None else self.camera
-        assert found is not None
-        return found.poses
+        return self.seen.poses
 
     @property
     def of_pairs(self) -> dict[str, Any]:
         """The fields of `PosePairs` that say how well the poses are known."""
-        if self.points is not None:
-            return {"camera_covariance": self.points.covariance}
-        return {"camera_calibration": self.camera}
+        return {"camera_covariance": self.seen.covariance} if self.of_points else {"camera_calibration": self.seen}
 
     def rows_of(self, n: int, name: str, what: str) -> tuple[NDArray[Any], list[str]]:
         """Rows of the n robot poses of file ``name``, and notes; raises `InputError` where they do not belong."""
-        return self._rows_of_points(n, name, what) if self.camera is None else self._rows_of_pictures(n, name, what)
-
-    def _rows_of_points(self, n: int, name: str, what: str) -> tuple[NDArray[Any], list[str]]:
-        assert self.points is not None
-        rows = np.asarray(self.points.rows)
-        all_rows = np.union1d(rows, self.points.points.row)
-        notes = []
-        if all_rows[-1] == n and all_rows[0] >= 1:
-            rows = rows - 1
-            notes.append("poses of the points are numbered from 1")
-        elif all_rows[-1] >= n:
-            raise InputError(
-                f"{name} has {n} {what} and {self.name} points of pose {all_rows[-1]}: pose k of the points, counted "
-                "from 0, belongs to row k of the robot. Leave out what the other side lacks, or number the poses by "
-                "the rows of the robot (docs/how-to/points.md)."
-            )
+        rows, notes = (_rows_of_points if self.of_points else _rows_of_pictures)(self, n, f"{name} has {n} {what}")
         if len(left := np.setdiff1d(np.arange(n), rows)):
-            notes.append(f"rows without a pose from points are left out: {_listed(left)}")
+            source = "pose from points" if self.of_points else "picture of the board"
+            notes.append(f"rows without a {source} are left out: {_listed(left)}")
         return rows, notes
 
-    def _rows_of_pictures(self, n: int, name: str, what: str) -> tuple[NDArray[Any], list[str]]:
-        assert self.camera is not None
-        rows, corners = self.camera.rows, self.camera.corners
-        taken = corners.n + len(corners.missing)
-        # Of pictures it is known how many there were; a table of corners may leave out some.
-        counted = bool(corners.missing) or (corners.image_size is not None and not self.source)
-        if (counted and taken != n) or rows[-1] >= n:
-            count = (
-                f"{taken} pictures, {len(corners.missing) or 'none'} of them without a board"
-                if counted
-                else (f"{corners.n} pictures, the last of row {rows[-1]}")
-            )
-            raise InputError(
-                f"{name} has {n} {what} and {self.name} {count}: picture k, counted from 0 in the order of the names "
-                "(the column row of corners), belongs to row k of the robot. Leave out what the other side lacks; a "
-                "picture without a board stays."
-            )
-        left = np.setdiff1d(np.arange(n), rows)
-        return rows, [f"rows without a picture of the board are left out: {_listed(left)}"] if len(left) else []
+
+def _rows_of_points(known: KnownCamera, n: int, has: str) -> tuple[NDArray[Any], list[str]]:
+    seen: Any = known.seen
+    rows = np.asarray(seen.rows)
+    every = np.union1d(rows, seen.points.row)
+    if every[-1] == n and every[0] >= 1:
+        return rows - 1, ["poses of the points are numbered from 1"]
+    if every[-1] >= n:
+        raise InputError(
+            f"{has} and {known.name} points of pose {every[-1]}: pose k of the points, counted from 0, belongs to row "
+            "k of the robot. Leave out what the other side lacks, or number the poses by the rows of the robot "
+            "(docs/how-to/points.md)."
+        )
+    return rows, []
+
+
+def _rows_of_pictures(known: KnownCamera, n: int, has: str) -> tuple[NDArray[Any], list[str]]:
+    seen: Any = known.seen
+    rows, corners = seen.rows, seen.corners
+    taken, without = corners.n + len(corners.missing), len(corners.missing) or "none"
+    # Of pictures it is known how many there were; a table of corners may leave out some.
+    counted = bool(corners.missing) or (corners.image_size is not None and not known.source)
+    if (counted and taken != n) or rows[-1] >= n:
+        count = f"{corners.n} pictures, the last of row {rows[-1]}"
+        if counted:
+            count = f"{taken} pictures, {without} of them without a board"
+        raise InputError(
+            f"{has} and {known.name} {count}: picture k, counted from 0 in the order of the names (the column row of "
+            "corners), belongs to row k of the robot. Leave out what the other side lacks; a picture without a board "
+            "stays."
+        )
+    return rows, []
 
 
 def _listed(rows: NDArray[Any]) -> str:
@@ -246,19 +234,19 @@ def known_camera(camera: Any) -> KnownCamera | None:
     from ..model.points.result import POINTS, PointPoses
 
     if isinstance(camera, CameraCalibration):
-        return KnownCamera(camera, None, "the pictures", ())
+        return KnownCamera(camera, "the pictures", (), False)
     if isinstance(camera, PointPoses):
-        return KnownCamera(None, camera, "the points", ())
+        return KnownCamera(camera, "the points", (), True)
     folder = as_path(camera)
     if is_points_folder(folder):
         found = read_point_poses(folder)
         note = f"{found.n} poses from {int(found.used.sum())} points with their joint covariance"
-        return KnownCamera(None, found, shown(folder), (_source(folder, POINTS, "points", note),))
+        return KnownCamera(found, shown(folder), (_source(folder, POINTS, "points", note),), True)
     if not is_camera_folder(folder):
         return None
     seen = read_camera(folder)
     note = f"{seen.corners.n} poses of the model {seen.model} with their joint covariance"
-    return KnownCamera(seen, None, shown(folder), (_source(folder, CORNERS, "corners", note),))
+    return KnownCamera(seen, shown(folder), (_source(folder, CORNERS, "corners", note),), False)
 
 
 def _source(folder: Path, file: str, format: str, note: str) -> Source:
