@@ -95,9 +95,7 @@ def nearest(times: NDArray[np.float64], others: NDArray[np.float64]) -> NDArray[
     return np.asarray(order[nearer])
 
 
-def _too_few(
-    robot: Side, camera: Side, r: NDArray[np.float64], c: NDArray[np.float64], tolerance: float, n: int
-) -> str:
+def _too_few(robot: Side, camera: Side, r: Array, c: Array, tolerance: float, n: int) -> str:
     start = (
         f"Pairing by time leaves {n} of {len(r)} robot and {len(c)} camera poses, and at least {FEWEST} are needed: "
     )
@@ -106,37 +104,34 @@ def _too_few(
             f"the times of {robot.name} ({r.min():.10g} to {r.max():.10g} s) and of {camera.name} ({c.min():.10g} to "
             f"{c.max():.10g} s) have nothing in common. "
         )
-        unit, which = _other_unit(robot, camera, r, c)
-        if unit:
-            return f"{start}{text}{which} seems to count {unit}; timestamps are in seconds."
+        if counting := _other_unit(robot, camera, r, c):
+            return f"{start}{text}{counting}; timestamps are in seconds."
         return (
             f"{start}{text}If the clocks are apart, use --pair async, which estimates the offset; if the rows belong "
             "together, --pair rows and the same timestamps in both."
         )
-    if n:
-        return (
-            f"{start}no others are within {tolerance:g} s of each other. Raise --time-tolerance if the rig stood "
-            "still; if it moved, use --pair async, which interpolates."
-        )
-    closest = float(np.min(np.abs(r - c[nearest(r, c)])))
+    what = f"no others are within {tolerance:g} s of each other"
+    if not n:
+        closest = float(np.min(np.abs(r - c[nearest(r, c)])))
+        what = f"the closest two are {closest:.3g} s apart, and the tolerance is {tolerance:g} s"
     return (
-        f"{start}the closest two are {closest:.3g} s apart, and the tolerance is {tolerance:g} s. Raise "
-        "--time-tolerance if the rig stood still; if it moved, use --pair async, which interpolates."
+        f"{start}{what}. Raise --time-tolerance if the rig stood still; if it moved, use --pair async, which "
+        "interpolates."
     )
 
 
-def _other_unit(robot: Side, camera: Side, r: NDArray[np.float64], c: NDArray[np.float64]) -> tuple[str, str]:
-    """A unit in which one file seems to count, by its times and by the steps between them, and its name; or empty."""
-    ratios = []
-    for a, b in ((r, c), (np.diff(np.sort(r)), np.diff(np.sort(c)))):
-        sizes = (float(np.median(np.abs(x))) if len(x) else 0.0 for x in (a, b))
-        ratios.append(np.log10([max(size, 1e-300) for size in sizes]))
-    magnitude, step = (float(x[0] - x[1]) for x in ratios)
+def _other_unit(robot: Side, camera: Side, r: Array, c: Array) -> str:
+    """Say in which unit one file seems to count, by its times and by the steps between them; or nothing."""
+
+    def size(times: Array) -> float:
+        return float(np.log10(max(np.median(np.abs(times)) if len(times) else 0.0, 1e-300)))
+
+    magnitude, step = size(r) - size(c), size(np.diff(np.sort(r))) - size(np.diff(np.sort(c)))
     for unit, power in (("ms", 3.0), ("us", 6.0), ("ns", 9.0)):
         for sign, name in ((1.0, robot.name), (-1.0, camera.name)):
             if abs(sign * magnitude - power) < 0.3 and abs(sign * step - power) < 1.0:
-                return unit, name
-    return "", ""
+                return f"{name} seems to count {unit}"
+    return ""
 
 
 # Timestamps of a row that differ by this share of the interval between rows may be of other moments.
@@ -306,11 +301,8 @@ def read_arrived(
 
 def count_arrived(files: Sequence[Path], format: str | None = None, role: str = "robot") -> int:
     """Return how many poses of one side have arrived."""
-    counts = []
-    for path in files:
-        contents, _ = read_contents(path, format)
-        counts.append(len(getattr(contents, role) or contents.only or ()))
-    return sum(counts)
+    every = (read_contents(path, format)[0] for path in files)
+    return sum(len(getattr(contents, role) or contents.only or ()) for contents in every)
 
 
 def _stacked(parts: list[Array]) -> Array:
