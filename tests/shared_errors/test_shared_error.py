@@ -14,7 +14,7 @@ from uq_handeye.model.poses.timing import Timing
 from uq_handeye.model.shared_errors.assumed import default_errors, replace_defaults
 from uq_handeye.model.shared_errors.shared_error import shared_columns, with_shared, without_shared
 from uq_handeye.model.shared_errors.sizes import SIZES
-from uq_handeye.model.shared_errors.view import HALF, POINTS, median_distance
+from uq_handeye.model.shared_errors.view import HALF, POINTS, median_distance, target_centre
 
 NOISE = PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
 SETUPS = ("eye-in-hand", "eye-to-hand")
@@ -78,9 +78,9 @@ def test_focal_length_and_principal_point_of_a_target_that_is_fitted(setup):
     """A camera taken as too long in focus, or centred elsewhere: the pose that is found anew, of the target assumed."""
     T = facing()
     poses = poses_of(T, setup)
-    side = HALF * median_distance(T) * np.linspace(0.0, 2.0, POINTS)
+    side = HALF * median_distance(T) * np.linspace(-1.0, 1.0, POINTS)
     x, y = np.meshgrid(side, side)
-    P = np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1)
+    P = np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1) + target_centre(T, median_distance(T))
     of_focal, of_centre = (error.bound(poses).at(poses) for error in (SharedError.focal_length(), CENTRE))
     for i, pose in enumerate(T):
         seen = pixels(pose, P)

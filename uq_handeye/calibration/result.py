@@ -191,7 +191,8 @@ class Calibration(Statement, Plotted):
         robot : (..., 4, 4) or None
             Another name of `poses`.
         new_measurement : bool
-            With the noise of one new measurement, of joints, robot and camera: what a measured pose differs by.
+            With the noise of one new measurement, of joints, robot and camera: what a measured pose differs by. Without
+            it noise of the robot that was found from the data still counts: it is where the arm itself is not known.
 
         Raises
         ------

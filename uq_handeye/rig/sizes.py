@@ -30,7 +30,7 @@ from ..model.poses.pose_pairs import PosePairs
 from ..model.shared_errors.assumed import assumed_accuracy, assumed_view
 from ..model.shared_errors.shared_error import FOCAL_LENGTH, LENS, PRINCIPAL_POINT, TARGET_SCALE, SharedError
 from ..model.shared_errors.sizes import SIZES, Size
-from ..model.shared_errors.view import HALF, intrinsics_columns, median_distance, view_block
+from ..model.shared_errors.view import HALF, LENS_SHARES, intrinsics_columns, median_distance, target_centre, view_block
 from .description import Rig
 from .fit import Prior, Shared, Task, prior_at
 from .graph import Graph
@@ -105,7 +105,7 @@ def components_of(
     found += [_shared(graph, before, name, seen, assumed_accuracy()) for name, seen in arms.items()
               if rig.arms[name].kinematics is None]  # fmt: skip
     for name, both_of in finished.items() if alone else ():
-        lens = _of(both_of[0], by_intrinsics[..., 3:7] * [1.0, 3.0, 0.1, 0.1])
+        lens = _of(both_of[0], by_intrinsics[..., 3:] * LENS_SHARES)
         found.append(Component(f"{name} {LENS}", "camera", SIZES[LENS], columns=lens))
         found.append(_shared(graph, before, name, both_of, assumed_view()))
     asked = SHARED if shared is True else tuple(f" {what}" for what in shared)
@@ -161,12 +161,14 @@ def _by_view(graph: Graph, width: float) -> Array:
 
 
 def _by_intrinsics(graph: Graph, bound: Graph, width: float) -> Array:
-    """(E, 6, 7) effects of the intrinsics, with targets as wide as the poses of ``bound`` say."""
-    found = np.zeros((graph.E, 6, 7))
+    """(E, 6, 8) effects of the intrinsics, with targets as wide as the poses of ``bound`` say."""
+    found = np.zeros((graph.E, 6, 8))
     for target in np.unique(graph.W).tolist():
         C = graph.C[of := target == graph.W]
         seen = bound.C[_place(graph.names[target], bound.names) == bound.W]
-        found[of] = intrinsics_columns(C, width * median_distance(seen if len(seen) else C))
+        so_far = seen if len(seen) else C
+        distance = width * median_distance(so_far)
+        found[of] = intrinsics_columns(C, distance, target_centre(so_far, distance))
     return found
 
 

@@ -14,7 +14,9 @@ columns there, to first order
   ``theta_G' x R_G' tau + tau_G'`` less d b; errors that move both, such as those of the base, cancel.
 
 X, W and e are correlated: near the poses of the calibration much of their errors cancels. One new measurement adds the
-noise of its own: of the joints, of the robot pose, of the camera.
+noise of its own: of the joints, of the robot pose, of the camera. Noise of the robot that was found from the data is
+no matter of measuring: beside repeatability it holds what no model explains of where an arm is (the elbow of one of
+seven axes, its gears), and at another pose that is there again. It counts without a measurement, too.
 """
 
 from __future__ import annotations
@@ -126,6 +128,7 @@ class CameraAhead:
     poses: Array  # (..., 4, 4) camera_T_target that will be measured
     columns: Array  # (..., 6, 12 + q) error of the pose by those of the posterior
     noise: Array  # (..., 6, 6) of joints, robot pose and camera pose, drawn again
+    of_robot: Array  # (..., 6, 6) that of joints and robot pose alone, where it was found from the data
     robot: Array  # (..., 4, 4) base_T_gripper, corrected by the estimates
     unseen: Array  # (..., 6, 6) of errors of the robot there of which its poses so far say nothing
 
@@ -144,8 +147,7 @@ def predict_camera(
         )
     ahead = camera_ahead(result, joints, robot)
     S = ahead.columns @ posterior.covariance @ ahead.columns.mT + ahead.unseen
-    if new_measurement:
-        S = S + ahead.noise
+    S = S + (ahead.noise if new_measurement else ahead.of_robot)
     return CameraPrediction(ahead.poses, _symmetric(S), new_measurement)
 
 
@@ -165,13 +167,16 @@ def camera_ahead(result: Estimated, joints: Any = None, robot: Any = None) -> Ca
     by_all = np.concatenate(
         [-np.linalg.solve(D_C, linear.J), by_robot @ ahead.columns.reshape(F_C.shape) - F_C], axis=-1
     )
-    noise = by_robot @ ahead.noise.reshape(-1, 6, 6) @ by_robot.mT
-    noise = noise + total_of(fresh_of_camera(result, flat), flat.shape[:1])
+    all_of_robot, of_robot = (
+        by_robot @ total_of(fresh, shape).reshape(-1, 6, 6) @ by_robot.mT
+        for fresh in (ahead.fresh, tuple(one for one in ahead.fresh if posterior.noise and one.name != "given"))
+    )
+    noise = all_of_robot + total_of(fresh_of_camera(result, flat), flat.shape[:1])
     unseen = (by_robot @ ahead.unseen.reshape(-1, 6, 6) @ by_robot.mT).reshape(*shape, 6, 6)
     seen = perturb(flat, (F_C @ posterior.estimate[:, None])[..., 0])
     return CameraAhead(
-        seen.reshape(*shape, 4, 4), by_all.reshape(*shape, *by_all.shape[1:]), noise.reshape(*shape, 6, 6), ahead.poses,
-        unseen,
+        seen.reshape(*shape, 4, 4), by_all.reshape(*shape, *by_all.shape[1:]), noise.reshape(*shape, 6, 6),
+        of_robot.reshape(*shape, 6, 6), ahead.poses, unseen,
     )  # fmt: skip
 
 

@@ -7,8 +7,10 @@ joint limits, the flange above the floor, rotations weighted by `LEVER`, the mot
 
     g = argmin sum_i |w (F_i - B_i g)|^2        (12 numbers for each error)
 
-A workspace is no sharp set: another sample of as many postures would give other frames, and X is uncertain by that, too
-(`frames_of`). The errors that count are ``F - B g`` at any posture, the poses ``FK(q; e)`` less ``B g e``.
+A joint that turns more than once passes the same postures again: its range is one turn. A workspace is no sharp set:
+whoever states an accuracy has taken some postures, of the order of `SAMPLE`, and others would give other frames. X is
+uncertain by that, too (`frames_of`). The errors that count are ``F - B g`` at any posture, the poses ``FK(q; e)`` less
+``B g e``.
 """
 
 from __future__ import annotations
@@ -21,7 +23,7 @@ from ...core.geometry.se3 import Array, perturb, skew
 from .chain import Kinematics
 from .forward import spread_postures
 
-POSTURES = 400
+POSTURES, SAMPLE = 1600, 400
 LEVER = 0.3  # m
 # Share of the largest singular value below which base and flange do the same, such as turns about a single axis.
 SAME = 1e-9
@@ -43,7 +45,10 @@ def workspace_postures(chain: Kinematics) -> Array:
 
     The origin of the base counts for nothing: controllers may have theirs on the floor.
     """
-    q = spread_postures(chain.limits, np.array([joint.is_revolute for joint in chain.joints]), 3 * POSTURES)
+    revolute = np.array([joint.is_revolute for joint in chain.joints])
+    limits = chain.limits.copy()
+    limits[revolute & (np.ptp(limits, axis=1) > 2.0 * np.pi)] = [-np.pi, np.pi]
+    q = spread_postures(limits, revolute, 3 * POSTURES)
     above = (chain.poses(q)[:, :3, 3] - chain.frames(q)[:, 0, :3, 3]) @ chain.up > 0
     return np.asarray(q[above][:POSTURES] if above.sum() > POSTURES // 4 else q[:POSTURES])
 
@@ -66,27 +71,30 @@ def counting(chain: Kinematics) -> Array:
     return np.asarray(left > 1e-6 * np.maximum(whole, VANISHES))
 
 
-@lru_cache(maxsize=64)
-def frames_of(chain: Kinematics, group: str) -> Array:
-    """(12, 12) motions of base and flange that another sample of the workspace would give, by errors of a group.
+@lru_cache(maxsize=16)
+def frames_of(chain: Kinematics) -> dict[str, Array]:
+    """(12, 12) motions of base and flange that a sample of the workspace would give, by errors of each group.
 
-    The frames are a least squares fit to `POSTURES` postures: each contributes ``(sum B^T w^2 B)^-1 B_i^T w^2 f_i`` to
-    them, f_i what is left of the errors there, of standard deviation 1 each. The columns are a root of the sum of the
-    squares of these contributions, the variance of the fit over samples.
+    The frames are a least squares fit to n postures: each contributes ``(sum B^T w^2 B)^-1 B_i^T w^2 f_i`` to them, f_i
+    what is left of the errors there, of standard deviation 1 each. The columns are a root of the sum of the squares of
+    these contributions, the variance of the fit over samples, times ``n / SAMPLE``.
     """
     q = workspace_postures(chain)
-    of = np.array([error.group == group for error in chain.errors])
-    left, B = aligned_columns(chain, q)[..., of], twists(chain.poses(q))
+    left, B = aligned_columns(chain, q), twists(chain.poses(q))
     weight = np.repeat([LEVER, 1.0], 3)[:, None]
     gain = np.linalg.pinv((weight * B).reshape(-1, 12), SAME).reshape(12, len(q), 6)
-    moves = np.einsum("gik,ike->gie", gain, weight * left).reshape(12, -1)
-    values, vectors = np.linalg.eigh(moves @ moves.T)
-    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
+    moves = gain.transpose(1, 0, 2) @ (weight * left)  # (n, 12, m)
+    found = {}
+    for group in dict.fromkeys(error.group for error in chain.errors):
+        of = moves[..., [error.group == group for error in chain.errors]].transpose(1, 0, 2).reshape(12, -1)
+        values, vectors = np.linalg.eigh(of @ of.T)
+        found[group] = np.asarray(vectors * np.sqrt(np.maximum(values, 0.0) * len(q) / SAMPLE))
+    return found
 
 
 def frame_columns(chain: Kinematics, q: Array, group: str) -> Array:
     """(..., 6, 12) effects of `frames_of` on poses at joints q (..., L)."""
-    return np.asarray(twists(chain.poses(q)) @ frames_of(chain, group))
+    return np.asarray(twists(chain.poses(q)) @ frames_of(chain)[group])
 
 
 def aligned_columns(chain: Kinematics, q: Array, e: Array | None = None) -> Array:

@@ -23,7 +23,7 @@ from ...core.geometry.se3 import Array
 from ..poses.pose_pairs import PosePairs
 from .shared_error import LENS, TARGET_SCALE, VIEW, SharedError, of_intrinsics, population_error, the_same, unbound
 from .sizes import CLASSES, ROBOT_ACCURACY, SIZES
-from .view import columns_about, view_scale
+from .view import LENS_SHARES, columns_about, view_scale
 
 DRIFT = "drift of the"
 MODES = 6
@@ -80,8 +80,8 @@ def assumed_view() -> SharedError:
 def assumed_lens() -> SharedError:
     """Return errors of the distortion of the lens that finished camera poses were made with."""
     size = SIZES[LENS]
-    parts = tuple(f"{LENS}: {name}" for name in ("k1", "k2", "p1", "p2"))
-    sd = size.median * np.array([1.0, 3.0, 0.1, 0.1])
+    parts = tuple(f"{LENS}: {name}" for name in ("k1", "k2", "p1", "p2", "fx/fy"))
+    sd = size.median * LENS_SHARES
     return SharedError(
         LENS,
         "",
@@ -90,7 +90,7 @@ def assumed_lens() -> SharedError:
         parts,
         factor=size.factor,
         default=True,
-        **of_intrinsics(slice(3, 7)),
+        **of_intrinsics(slice(3, None)),
     )
 
 

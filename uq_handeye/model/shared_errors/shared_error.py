@@ -49,7 +49,7 @@ from ..noise.models import INTRINSICS, PoseNoise, is_joint, require_count
 from ..poses.pose_pairs import PosePairs
 from ..poses.timing import SIDES
 from .sizes import ROBOT_ACCURACY, RobotAccuracy, stated_accuracy
-from .view import intrinsics_columns, median_distance
+from .view import intrinsics_columns, median_distance, target_centre
 
 FOCAL_LENGTH = "focal length"
 PRINCIPAL_POINT = "principal point"
@@ -437,12 +437,16 @@ def unbound(poses: PosePairs) -> Array:
 
 
 def of_intrinsics(some: slice) -> dict[str, Any]:
-    """Effect of some of the intrinsics, and its change once the width of the target follows from poses."""
+    """Effect of some of the intrinsics, and its change once width and place of the target follow from poses."""
 
-    def of_width(distance: float | None = None) -> Callable[[PosePairs], Array]:
-        return lambda poses: intrinsics_columns(poses.camera, distance)[..., some]
+    def of_target(distance: float | None = None, centre: Array | None = None) -> Callable[[PosePairs], Array]:
+        return lambda poses: intrinsics_columns(poses.camera, distance, centre)[..., some]
 
-    return {"effect": of_width(), "bind": lambda poses: {"effect": of_width(median_distance(poses.camera))}}
+    def bind(poses: PosePairs) -> dict[str, Any]:
+        distance = median_distance(poses.camera)
+        return {"effect": of_target(distance, target_centre(poses.camera, distance))}
+
+    return {"effect": of_target(), "bind": bind}
 
 
 def _scale(side: str) -> Callable[[PosePairs], Array]:

@@ -12,17 +12,17 @@ standard deviation where that is above `LEAST`. Each of them moves each of the s
 *Noise by the view.* The noise of a pose that was fitted to the corners of a flat target has a shape that its distance
 and tilt decide (T11): with the derivatives B of the lines of sight u (unit vectors) by the pose the covariance is
 ``(B^T B)^-1`` per square of their noise. Target and lens are not known here: the target is taken as a ring of points
-about where the cameras look (the point that moves least in their frame, brought into its plane), as wide as `HALF`
-times the median distance says, so that only the size of the noise is left open. Lines of sight have no axes and a ring
-has none but its normal: how the camera's frame is turned changes nothing, nor how the target's is turned about its
-normal. That the normal is z is a convention, of boards and tags, and data confirm it: against the mean direction of the
-views, up to 18 degrees away, by 10 to 140 units of log probability. A frame with another axis as the normal is other
-knowledge of the target, not another choice of frame. Where the views contradict it, that is stand
-further than `FRONT` from z and -z on average, their mean direction is the normal.
+about where the cameras look (`target_centre`), as wide as `HALF` times the median distance says, so that only the size
+of the noise is left open. Lines of sight have no axes and a ring has none but its normal: how the camera's frame is
+turned changes nothing, nor how the target's is turned about its normal. That the normal is z is a convention, of boards
+and tags, and data confirm it: against the mean direction of the views, up to 18 degrees away, by 10 to 140 units of log
+probability. A frame with another axis as the normal is other knowledge of the target, not another choice of frame.
+Where the views contradict it, that is stand further than `FRONT` from z and -z on average, their mean direction is the
+normal.
 
-*Intrinsics.* Focal length, centre and distortion that are wrong by dk move the directions by A dk (Brown's model, about
-none), and the poses that were fitted to them by ``-(B^T B)^-1 B^T A dk``. A wrong centre does not turn such a pose
-about the camera: a frontal target takes it as a shift.
+*Intrinsics.* Focal length, centre, distortion and the ratio of the two focal lengths that are wrong by dk move the
+directions by A dk (Brown's model, about none), and the poses that were fitted to them by ``-(B^T B)^-1 B^T A dk``. A
+wrong centre does not turn such a pose about the camera: a frontal target takes it as a shift.
 """
 
 from __future__ import annotations
@@ -32,7 +32,6 @@ import functools
 import numpy as np
 
 from ...core.geometry.se3 import Array, skew
-from ..poses.motions import pivot_of
 
 # Standard deviation below which a coordinate of the view is not scaled up.
 LEAST = 0.1
@@ -46,6 +45,10 @@ FRONT, ALL_AROUND = 1.05, 0.3
 # A target seen edge-on counts as if it were tilted by this cosine, and one that is not in front of the camera as if its
 # points told their distance as little.
 EDGE_ON = 0.05
+# Standard deviations of k1, k2, p1, p2 and f_x / f_y over the first.
+LENS_SHARES = np.array([1.0, 3.0, 0.1, 0.1, 0.05])
+# Of the place of the target in its frame.
+STEPS = 4
 
 
 def view_columns(camera: Array) -> Array:
@@ -86,7 +89,7 @@ def view_block(camera: Array, distance: float | None = None, centre: Array | Non
     about = R @ centre + t
     own = np.maximum(np.linalg.norm(about, axis=-1), 0.05 * distance)
     angle = 2.0 * np.pi * np.arange(RING) / RING
-    across = np.linalg.svd(_normal(camera)[None])[2][1:]  # (2, 3)
+    across = _across(camera)  # (2, 3)
     turned = HALF * distance * RADIUS * np.stack([np.cos(angle), np.sin(angle)], axis=-1) @ across @ R.mT  # (n, k, 3)
     at = turned + about[:, None]
     away = np.maximum(np.linalg.norm(at, axis=-1), 0.05 * distance)[..., None]
@@ -100,10 +103,31 @@ def view_block(camera: Array, distance: float | None = None, centre: Array | Non
 
 
 def target_centre(camera: Array, distance: float) -> Array:
-    """(3,) about where cameras look at a target, in its frame: `pivot_of` brought into its plane, not far away."""
-    normal, centre = _normal(camera), pivot_of(camera)
-    centre = centre - normal * (normal @ centre)
-    return np.asarray(centre * min(1.0, 2.0 * HALF * distance / max(float(np.linalg.norm(centre)), 1e-12)))
+    """(3,) about where cameras look at a target, in its frame: the point c of its plane seen in the same direction.
+
+    Least squares over the views, ``u_i(c) = (R_i c + t_i) / |R_i c + t_i|`` against their mean, with c known to be
+    within `HALF` of the distance of the origin (one standard deviation): distances that differ do not move it.
+    """
+    R, t = camera[:, :3, :3], camera[:, :3, 3]
+    across = _across(camera)  # (2, 3)
+    by_c, c, width = R @ across.T, np.zeros(2), HALF * distance
+    for _ in range(STEPS):
+        at = by_c @ c + t
+        length = np.maximum(np.linalg.norm(at, axis=-1), 0.05 * distance)[:, None]
+        u = at / length
+        D = (by_c - u[:, :, None] * (u[:, None] @ by_c)) / length[:, :, None]
+        off, D = u - u.mean(axis=0), D - D.mean(axis=0)
+        prior = max(0.5 * float((off * off).sum()) / len(t), 1e-12) / width**2
+        c = c - np.linalg.solve(
+            np.einsum("nij,nik->jk", D, D) + prior * np.eye(2), np.einsum("nij,ni->j", D, off) + prior * c
+        )
+        c *= min(1.0, 2.0 * width / max(float(np.linalg.norm(c)), 1e-12))
+    return np.asarray(c @ across)
+
+
+def _across(camera: Array) -> Array:
+    """(2, 3) axes in the plane of the target."""
+    return np.asarray(np.linalg.svd(_normal(camera)[None])[2][1:])
 
 
 def _normal(camera: Array) -> Array:
@@ -124,28 +148,31 @@ def _bounded(information: Array, count: int, distance: float, own: Array) -> Arr
     return information
 
 
-def intrinsics_columns(camera: Array, distance: float | None = None) -> Array:
-    """(n, 6, 7) errors of poses (n, 4, 4) by those of the intrinsics with which they were fitted, per unit.
+def intrinsics_columns(camera: Array, distance: float | None = None, centre: Array | None = None) -> Array:
+    """(n, 6, 8) errors of poses (n, 4, 4) by those of the intrinsics with which they were fitted, per unit.
 
-    Of the focal length (relative), the image centre x and y (over the focal length, rad), k1, k2, p1 and p2.
-    ``distance`` (m) that gives the target its width; None: the median one of these poses.
+    Of the focal length (relative), the image centre x and y (over the focal length, rad), k1, k2, p1, p2 and f_x / f_y.
+    ``distance`` (m) that gives the target its width and ``centre`` (3,) of its points; None: those of these poses.
     """
     camera = np.asarray(camera, dtype=float)
-    return _by_intrinsics(camera.tobytes(), median_distance(camera) if distance is None else distance)
+    distance = median_distance(camera) if distance is None else distance
+    centre = target_centre(camera, distance) if centre is None else centre
+    return _by_intrinsics(camera.tobytes(), distance, tuple(centre.tolist()))
 
 
 @functools.lru_cache(maxsize=4)  # focal length, principal point and lens ask for the same poses one after the other
-def _by_intrinsics(of_poses: bytes, distance: float) -> Array:
+def _by_intrinsics(of_poses: bytes, distance: float, centre: tuple[float, ...]) -> Array:
     camera = np.frombuffer(of_poses).reshape(-1, 4, 4)
-    x, by_pose, information = _fitted(camera, distance)
+    x, by_pose, information = _fitted(camera, distance, np.array(centre))
     r2 = (x * x).sum(axis=-1)
     u, v = x[..., 0], x[..., 1]
     radial = x * r2[..., None]
     by_p1 = np.stack([2 * u * v, r2 + 2 * v * v], axis=-1)
     by_p2 = np.stack([r2 + 2 * u * u, 2 * u * v], axis=-1)
     one = np.broadcast_to(np.eye(2), (*u.shape, 2, 2))
-    by_lens = np.stack([x, one[..., 0], one[..., 1], radial, radial * r2[..., None], by_p1, by_p2], axis=-1)
-    found = np.asarray(-np.linalg.solve(information, by_pose.mT @ by_lens.reshape(len(camera), -1, 7)))
+    aspect = 0.5 * x * np.array([1.0, -1.0])
+    by_lens = np.stack([x, one[..., 0], one[..., 1], radial, radial * r2[..., None], by_p1, by_p2, aspect], axis=-1)
+    found = np.asarray(-np.linalg.solve(information, by_pose.mT @ by_lens.reshape(len(camera), -1, 8)))
     found.flags.writeable = False
     return found
 
@@ -155,11 +182,11 @@ def median_distance(camera: Array) -> float:
     return float(np.median(np.linalg.norm(camera[:, :3, 3], axis=-1)))
 
 
-def _fitted(camera: Array, distance: float) -> tuple[Array, Array, Array]:
+def _fitted(camera: Array, distance: float, centre: Array) -> tuple[Array, Array, Array]:
     """Directions (n, k, 2) of the points of the target, their derivatives (n, 2k, 6) by the poses, and B^T B."""
-    side = HALF * np.linspace(0.0, 2.0, POINTS)
+    side = HALF * np.linspace(-1.0, 1.0, POINTS)
     grid = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
-    P = np.pad(max(distance, 1e-6) * grid, [(0, 0), (0, 1)])
+    P = centre + np.pad(max(distance, 1e-6) * grid, [(0, 0), (0, 1)])
     turned = P @ camera[:, :3, :3].mT  # (n, k, 3)
     at = turned + camera[:, None, :3, 3]
     near = 0.05 * max(distance, 1e-6)
