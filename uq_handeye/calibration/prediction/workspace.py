@@ -33,7 +33,7 @@ from ...model.noise.joint_covariance import JointCovariance
 from ...model.noise.models import PoseNoise, is_joint
 from ..estimate.analysis import FittedKinematics
 from ..estimate.estimated import Estimated
-from .predict import camera_ahead, robot_ahead, seen_at, tip_at
+from .predict import predict_camera, robot_ahead, seen_at, tip_at
 
 POSTURES = 1500
 # The search of q': steps, damping (m), and where it has arrived (m).
@@ -215,6 +215,5 @@ def range_shares(chain: Kinematics, q: Array) -> Array:
 
 def _spread(result: Estimated, q: Array) -> float:
     """RMS error (m) expected of where the camera sees the target at joints (t, L)."""
-    assert result.posterior is not None
-    A = camera_ahead(result, q).columns[:, 3:]
-    return float(np.sqrt(np.mean(np.einsum("tij,jk,tik->t", A, result.posterior.covariance, A))))
+    S = predict_camera(result, q, new_measurement=False).covariance[:, 3:, 3:]
+    return float(np.sqrt(np.trace(S, axis1=1, axis2=2).mean()))
