@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from rig_of_arm import ARM, rig
+from scipy.stats import binom
 
 import uq_handeye as uq
 from uq_handeye.calibration.evidence.new_poses import evidence_of_poses
@@ -206,8 +207,13 @@ def test_refused(results):
 
 @pytest.mark.parametrize("setup", SETUPS)
 def test_causes_at_three_times_what_shows(results, setup):
-    """Named right in most, and never a wrong one; the image centre never without X."""
-    rng, m, found = np.random.default_rng(11), 8, []
+    """Named right in most; the image centre never without X.
+
+    Never a wrong one, but for focal length and target size, which do nearly the same to a target in the middle of the
+    picture: one of them is named where it has 95 %, so that one in twenty may be the other.
+    """
+    rng, m, found, mistaken = np.random.default_rng(11), 8, [], 0
+    alike = {"focal length", "target size"}
     reference = PredictiveReference.given(6 * m)
     size = 3 * np.sqrt(reference.noncentrality(0.95))
     for _ in range(12):
@@ -220,11 +226,15 @@ def test_causes_at_three_times_what_shows(results, setup):
             delta[part] = size / np.sqrt(values[0]) * vectors[:, 0]
             causes = compare_causes(replace(evidence, r=evidence.r + C @ delta), columns, reference)
             named = causes.named
+            if named is not None and named.name != name and {named.name, name} == alike:
+                mistaken += 1
+                continue
             assert named is None or named.name == name != "image centre"
             assert name in [cause.name for cause in causes.candidates]
-            sizes = {cause.name for cause in causes.candidates} == {"focal length", "target size"}  # nearly the same
+            sizes = {cause.name for cause in causes.candidates} == alike
             found.append(named is not None or name == "image centre" or sizes)
     assert np.mean(found) > 0.85
+    assert mistaken <= binom.ppf(0.999, 24, 0.05)
 
 
 def test_an_assumed_accuracy_that_hides_changes_is_said():

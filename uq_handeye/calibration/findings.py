@@ -138,10 +138,12 @@ def shared_findings(job: Job, result: Calibration, joint: Posterior, wrong_size:
             found.append(Finding("calibration.group_contradicted", "caution", of_group))
     single = [errors[0] for errors in by_name.values() if len(errors) == 1]
     for error in single:
-        if error.alone is not None and error.alone_sd is not None and (error.p_value or 0) < CONTRADICTED:
+        alone, sd = error.alone, error.alone_sd
+        told = alone is not None and sd is not None and LITTLE_FROM_DATA * sd**2 < error.prior_sd**2
+        if told and (error.p_value or 0) < CONTRADICTED:
             factor, unit = error.shown
-            numbers = {"estimate": error.alone, "sd": error.alone_sd, "assumed": error.prior_sd}
-            shown = {name: factor * number for name, number in numbers.items()}
+            numbers = {"estimate": alone, "sd": sd, "assumed": error.prior_sd}
+            shown = {name: factor * number for name, number in numbers.items() if number is not None}
             values = {"name": error.name, "unit": unit, "p_value": error.p_value} | shown
             found.append(Finding("calibration.shared_contradicted", "caution", values))
         probability = error.beyond(WRONG_SIZE) if wrong_size is None else wrong_size

@@ -78,13 +78,17 @@ SizeLike = Size | tuple[float | str, float] | float | str
 def checked_sizes(given: Mapping[str, SizeLike] | None) -> dict[str, Size]:
     """Return sizes by name; raises `InputError` for what is none."""
     found = {}
+    if given is not None and not (isinstance(given, Mapping) and all(isinstance(name, str) for name in given)):
+        raise InputError(
+            f"Expected sizes by the names of errors, such as {{'robot accuracy': '0.3mm'}}, got {given!r}."
+        )
     for name, value in (given or {}).items():
         parts = tuple(value) if isinstance(value, tuple | list) else (value,)
         if isinstance(value, Size):
             if value.median == 0:
                 raise _no_size(name, 0.0)
             found[name] = value
-        elif 1 <= len(parts) <= 2 and isinstance(parts[0], int | float | str):
+        elif 1 <= len(parts) <= 2 and isinstance(parts[0], int | float | str) and parts[0] is not True:
             unit = SIZES[name].unit if name in SIZES else ""
             median, factor = (*parts, 1.0)[:2]
             if isinstance(median, str):
@@ -121,12 +125,11 @@ def parse_size(text: str) -> tuple[str, Size]:
     if name not in SIZES:
         near = get_close_matches(name, SIZES, 3, 0.4) or SIZES
         raise InputError(f"No error of the name {name!r:.60} has a size. Near it: {', '.join(near)}.")
-    of = SIZES[name]
     try:
         number = float(factor) if comma else 1.0
     except ValueError:
         raise InputError(f"Expected the factor of {name!r} to be a number >= 1, got {factor!r}.") from None
-    return name, Size(PARSERS[of.unit](median, f"the size of {name!r}"), number, of.unit, "declared")
+    return name, checked_sizes({name: (median, number)})[name]
 
 
 ROBOT_ACCURACY = "robot accuracy"
