@@ -61,6 +61,10 @@ class ErrorEstimate(NamedTuple):
     told: float  # share of the prior variance that the data took away, 0 to 1
 
 
+# Postures of the calibration, the nearest first, from which a further pose is looked for.
+TRIED = 10
+
+
 @dataclass(frozen=True, eq=False)
 class FittedKinematics(Record):
     """An arm with the estimates of its kinematic errors, ``true = FK(q; e)``.
@@ -147,13 +151,17 @@ class FittedKinematics(Record):
         reach = max(self.chain.reach, 1e-3)
         apart = np.linalg.norm(flat[:, None, :3, 3] - at[:, :3, 3], axis=-1) / reach
         apart = apart + np.linalg.norm(flat[:, None, :3, :3] - at[:, :3, :3], axis=(-2, -1))
-        found = postures_at(self.chain, flat, self.joints[apart.argmin(axis=1)])
-        if not found.reached.all():
-            raise InputError(
-                f"The arm {self.chain.name} does not reach {int((~found.reached).sum())} of {len(flat)} robot poses "
-                "near the postures of the calibration: give `joints` (--joints FILE.csv)."
-            )
-        return found.q.reshape(*robot.shape[:-2], -1)
+        q, left = np.empty((len(flat), self.chain.n_joints)), np.arange(len(flat))
+        for of in apart.argsort(axis=1, kind="stable").T[:TRIED]:
+            found = postures_at(self.chain, flat[left], self.joints[of[left]])
+            q[left[found.reached]] = found.q[found.reached]
+            left = left[~found.reached]
+            if not len(left):
+                return q.reshape(*robot.shape[:-2], -1)
+        raise InputError(
+            f"The arm {self.chain.name} does not reach {len(left)} of {len(flat)} robot poses near the postures of the "
+            "calibration: give `joints` (--joints FILE.csv)."
+        )
 
     def checked(self, q: Any) -> Array:
         """Joints (..., L), rad (prismatic: m); raises `InputError`."""
