@@ -155,21 +155,27 @@ def _by_view(graph: Graph, width: float) -> Array:
     """(E, 6, 6) square roots of the shape that the corners of each target give (`shared_errors.view`)."""
     found = np.zeros((graph.E, 6, 6))
     for target in np.unique(graph.W):
-        C = graph.C[of := target == graph.W]
-        found[of] = view_block(C, width * median_distance(C))
+        of = target == graph.W
+        found[of] = view_block(graph.C[of], *_place_of(graph.C[of], graph.X[of], width))
     return found
 
 
 def _by_intrinsics(graph: Graph, bound: Graph, width: float) -> Array:
-    """(E, 6, 8) effects of the intrinsics, with targets as wide as the poses of ``bound`` say."""
+    """(E, 6, 8) effects of the intrinsics, with targets as the poses of ``bound`` say."""
     found = np.zeros((graph.E, 6, 8))
     for target in np.unique(graph.W).tolist():
-        C = graph.C[of := target == graph.W]
-        seen = bound.C[_place(graph.names[target], bound.names) == bound.W]
-        so_far = seen if len(seen) else C
-        distance = width * median_distance(so_far)
-        found[of] = intrinsics_columns(C, distance, target_centre(so_far, distance))
+        of = target == graph.W
+        seen = _place(graph.names[target], bound.names) == bound.W
+        known, by = (bound, seen) if seen.any() else (graph, of)
+        found[of] = intrinsics_columns(graph.C[of], *_place_of(known.C[by], known.X[by], width))
     return found
+
+
+def _place_of(C: Array, cameras: Array, width: float) -> tuple[float, Array]:
+    """Distance of a target at poses C (n, 4, 4) that gives its width, and its centre (3,): the mean by the cameras."""
+    distance = width * median_distance(C)
+    centres = [target_centre(C[cameras == one], distance) * np.mean(cameras == one) for one in np.unique(cameras)]
+    return distance, np.sum(centres, axis=0)
 
 
 def width_of_targets(task: Task, at: Array, kept: NDArray[np.bool_]) -> float:

@@ -47,8 +47,8 @@ FRONT, ALL_AROUND = 1.05, 0.3
 EDGE_ON = 0.05
 # Standard deviations of k1, k2, p1, p2 and f_x / f_y over the first.
 LENS_SHARES = np.array([1.0, 3.0, 0.1, 0.1, 0.05])
-# Of the place of the target in its frame.
-STEPS = 4
+# Place of the target in its frame: steps of the search, and how far behind it the point may be, of the distance.
+STEPS, BEHIND = 6, 0.3
 
 
 def view_columns(camera: Array) -> Array:
@@ -103,26 +103,28 @@ def view_block(camera: Array, distance: float | None = None, centre: Array | Non
 
 
 def target_centre(camera: Array, distance: float) -> Array:
-    """(3,) about where cameras look at a target, in its frame: the point c of its plane seen in the same direction.
+    """(3,) about where cameras look at a target, in its frame: the point c seen in the same direction, in its plane.
 
-    Least squares over the views, ``u_i(c) = (R_i c + t_i) / |R_i c + t_i|`` against their mean, with c known to be
-    within `HALF` of the distance of the origin (one standard deviation): distances that differ do not move it.
+    Least squares over the views, ``u_i(c) = (R_i c + t_i) / |R_i c + t_i|`` against their mean, distances that differ
+    do not move it. A target that an arm turns about its wrist has c behind it: what is known of c beforehand is `HALF`
+    of the distance from the origin in the plane, and `BEHIND` of it along the normal (standard deviations).
     """
     R, t = camera[:, :3, :3], camera[:, :3, 3]
-    across = _across(camera)  # (2, 3)
-    by_c, c, width = R @ across.T, np.zeros(2), HALF * distance
+    axes = np.concatenate([_across(camera), _normal(camera)[None]])  # (3, 3)
+    by_c, c, sd = R @ axes.T, np.zeros(3), distance * np.array([HALF, HALF, BEHIND])
     for _ in range(STEPS):
         at = by_c @ c + t
         length = np.maximum(np.linalg.norm(at, axis=-1), 0.05 * distance)[:, None]
         u = at / length
         D = (by_c - u[:, :, None] * (u[:, None] @ by_c)) / length[:, :, None]
         off, D = u - u.mean(axis=0), D - D.mean(axis=0)
-        prior = max(0.5 * float((off * off).sum()) / len(t), 1e-12) / width**2
+        prior = max(0.5 * float((off * off).sum()) / len(t), 1e-12) / sd**2
         c = c - np.linalg.solve(
-            np.einsum("nij,nik->jk", D, D) + prior * np.eye(2), np.einsum("nij,ni->j", D, off) + prior * c
+            np.einsum("nij,nik->jk", D, D) + np.diag(prior), np.einsum("nij,ni->j", D, off) + prior * c
         )
-        c *= min(1.0, 2.0 * width / max(float(np.linalg.norm(c)), 1e-12))
-    return np.asarray(c @ across)
+        c *= min(1.0, 1.0 / float(np.abs(c / (2.0 * sd)).max()))
+    c = c[:2] * min(1.0, 2.0 * HALF * distance / max(float(np.linalg.norm(c[:2])), 1e-12))
+    return np.asarray(c @ axes[:2])
 
 
 def _across(camera: Array) -> Array:
