@@ -12,7 +12,7 @@ import uq_handeye as uq
 from uq_handeye.core.geometry.se3 import logarithm, perturb
 from uq_handeye.fit.likelihood.constraint import Unknowns, constraint_of
 from uq_handeye.fit.one_model.engine import LatentModel
-from uq_handeye.model.shared_errors.view import median_distance, view_block
+from uq_handeye.model.shared_errors.view import median_distance, target_centre, view_block
 from uq_handeye.rig.fit import fit
 from uq_handeye.rig.graph import Graph
 from uq_handeye.rig.noise import RigNoise, given_noise
@@ -175,11 +175,12 @@ def test_noise_of_arm_and_cameras_is_found():
 
 
 def test_the_width_of_the_targets_is_found_by_the_noise_of_the_views():
-    """A target a quarter as wide as assumed: poses are noisy in tilt and distance."""
+    """A target a quarter as wide as assumed, where cameras look: poses are noisy in tilt and distance."""
     exact, truth = simulate_rig({"c1": "world", "c2": "world"}, {"t": "arm"}, n_poses=60, seed=5)
     rng = np.random.default_rng([SEED, 5])
     C = np.concatenate([view.poses for view in exact.views])
-    root = view_block(C, 0.25 * median_distance(C))
+    distance = 0.25 * median_distance(C)
+    root = view_block(C, distance, np.mean([target_centre(view.poses, distance) for view in exact.views], axis=0))
     C = perturb(C, 1e-4 * (root @ rng.normal(size=(len(C), 6, 1)))[..., 0])
     views = [uq.View(view.camera, view.target, T, view.at) for view, T in zip(exact.views, np.split(C, 2), strict=True)]
     arms = {"arm": perturb(exact.arms["arm"].poses, rng.normal(size=(60, 6)) * np.repeat([2e-4, 1e-4], 3))}

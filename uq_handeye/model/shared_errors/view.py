@@ -122,7 +122,7 @@ def target_centre(camera: Array, distance: float) -> Array:
         c = c - np.linalg.solve(
             np.einsum("nij,nik->jk", D, D) + np.diag(prior), np.einsum("nij,ni->j", D, off) + prior * c
         )
-        c *= min(1.0, 1.0 / float(np.abs(c / (2.0 * sd)).max()))
+        c /= max(1.0, float(np.abs(c / (2.0 * sd)).max()))
     c = c[:2] * min(1.0, 2.0 * HALF * distance / max(float(np.linalg.norm(c[:2])), 1e-12))
     return np.asarray(c @ axes[:2])
 
