@@ -49,8 +49,8 @@ def left_of(number: int, leave_out: bool = False) -> tuple[float, float, float, 
     size = float(np.mean(z[:-12] ** 2))
     left = size * ACCURACY**2 * of.left_at(nominal[new])
     square = np.einsum("ni,nij,nj->n", d, np.linalg.inv(left + 1e-16 * np.eye(6)), d) / 6
-    rms = [1e3 * float(np.sqrt(x)) for x in ((d[:, 3:] ** 2).sum(axis=1).mean(), np.trace(left.mean(axis=0)[3:, 3:]))]
-    return float(square.mean()), *rms, size
+    off, all_left = ((d[:, 3:] ** 2).sum(axis=1).mean(), np.trace(left.mean(axis=0)[3:, 3:]))
+    return float(square.mean()), 1e3 * float(np.sqrt(off)), 1e3 * float(np.sqrt(all_left)), size
 
 
 def main() -> None:
