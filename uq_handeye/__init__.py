@@ -39,13 +39,12 @@ if _typing.TYPE_CHECKING:
     from .methods.procrustes.sensitivity import octonion_covariance, paper_covariances, so4_covariance
     from .methods.propagation.propagate import propagate
     from .model.camera.board import Board, detect_board, tag_points
+    from .model.camera.board_file import read_board
     from .model.camera.board_shape import BoardShape, MeasuredBoard
     from .model.camera.calibrate import calibrate_camera
     from .model.camera.corners import Corners, read_corners
-    from .model.camera.files.board_file import read_board
-    from .model.camera.files.folder import read_camera
-    from .model.camera.files.intrinsics_file import read_intrinsics
-    from .model.camera.result import CameraCalibration
+    from .model.camera.intrinsics_file import read_intrinsics
+    from .model.camera.result import CameraCalibration, read_camera
     from .model.kinematics.against_controller import ControllerComparison, compare_with_controller
     from .model.kinematics.chain import Joint, Kinematics
     from .model.kinematics.errors import ErrorParameter
@@ -56,10 +55,9 @@ if _typing.TYPE_CHECKING:
     from .model.noise.models import CameraNoise, PairNoise, PoseNoise
     from .model.noise.pose_prior import PosePrior, parse_known_values
     from .model.points.estimate import poses_from_points
-    from .model.points.files.folder import read_point_poses
-    from .model.points.files.point_file import read_points, read_target
     from .model.points.measured import PointSet, Target
-    from .model.points.result import PointPoses
+    from .model.points.point_file import read_points, read_target
+    from .model.points.result import PointPoses, read_point_poses
     from .model.poses.motions import Motions, relative_motions
     from .model.poses.pose_pairs import PosePairs, Stream
     from .model.shared_errors.camera_noise import camera_noise
@@ -256,10 +254,9 @@ _LATER = {
     "model.camera.board_shape": ("BoardShape", "MeasuredBoard"),
     "model.camera.calibrate": ("calibrate_camera",),
     "model.camera.corners": ("Corners", "read_corners"),
-    "model.camera.files.board_file": ("read_board",),
-    "model.camera.files.folder": ("read_camera",),
-    "model.camera.files.intrinsics_file": ("read_intrinsics",),
-    "model.camera.result": ("CameraCalibration",),
+    "model.camera.board_file": ("read_board",),
+    "model.camera.intrinsics_file": ("read_intrinsics",),
+    "model.camera.result": ("CameraCalibration", "read_camera"),
     "report.certificate.certificate": (
         "Certificate",
         "make_certificate",
@@ -338,10 +335,9 @@ _LATER = {
     "fit.input_checks.board_rotation": ("resolve_board_rotation",),
     "fit.input_checks.pose_ambiguity": ("resolve_pose_ambiguity",),
     "model.points.estimate": ("poses_from_points",),
-    "model.points.files.folder": ("read_point_poses",),
-    "model.points.files.point_file": ("read_points", "read_target"),
+    "model.points.result": ("PointPoses", "read_point_poses"),
+    "model.points.point_file": ("read_points", "read_target"),
     "model.points.measured": ("PointSet", "Target"),
-    "model.points.result": ("PointPoses",),
     "rig.calibrate": ("calibrate_rig", "update_rig"),
     "rig.description": ("ArmPoses", "Rig", "View"),
     "rig.result": ("EstimatedPose", "RigCalibration"),

@@ -19,9 +19,9 @@ from scipy.interpolate import RectBivariateSpline
 
 from uq_handeye.core.geometry.se3 import Array
 from uq_handeye.model.camera.adjustment.initial_guess import opencv
-from uq_handeye.model.camera.boards.description import TAGS, Board, bits_of, dictionary_of, drawn_upside_down
-from uq_handeye.model.camera.boards.tags import layout_of
+from uq_handeye.model.camera.description import TAGS, Board, bits_of, dictionary_of, drawn_upside_down
 from uq_handeye.model.camera.models import MODELS, rays
+from uq_handeye.model.camera.tags import layout_of
 
 COUNT, TURN = 89, 55  # of a Fibonacci lattice
 PLACES = ((np.arange(COUNT)[:, None] * [1, TURN] % COUNT + 0.5) / COUNT - 0.5).astype(np.float32)  # of (u, v)

@@ -9,8 +9,8 @@ import uq_handeye as uq
 from uq_handeye.errors import InputError, InputWarning
 from uq_handeye.model.camera.adjustment.initial_guess import unlike_a_board
 from uq_handeye.model.camera.board import picture_paths
-from uq_handeye.model.camera.boards.squares import chessboard_finder
 from uq_handeye.model.camera.corners import without_pictures
+from uq_handeye.model.camera.squares import chessboard_finder
 
 cv2 = pytest.importorskip("cv2")
 SQUARE = 0.02

@@ -13,7 +13,7 @@ import uq_handeye as uq
 from uq_handeye.errors import InputError, InputWarning
 from uq_handeye.model.camera.adjustment.model_choice import Candidate
 from uq_handeye.model.camera.corners import corners_text
-from uq_handeye.model.camera.report.figures import camera_figures
+from uq_handeye.model.camera.report.figures import camera_pictures
 from uq_handeye.model.camera.result import FURTHER, camera_files
 from uq_handeye.read import write_files, write_pose_file
 
@@ -88,7 +88,7 @@ def test_figures_of_an_earlier_run_are_taken_away(rng, tmp_path, without_renderi
     exact.write(tmp_path)  # of exact intrinsics there is no map of how certain they are
     assert not (tmp_path / "certainty.png").exists() and not (tmp_path / "certainty.svg").exists()
     assert (tmp_path / "mine.png").exists() and (tmp_path / "report.html").exists()
-    assert {f"{name}.{kind}" for name in camera_figures(cam) for kind in ("png", "svg")} <= FURTHER
+    assert {f"{name}.{kind}" for name in camera_pictures(cam) for kind in ("png", "svg")} <= FURTHER
 
 
 def test_intrinsics_of_another_run_are_refused(rng, tmp_path):
@@ -191,8 +191,12 @@ def folder(tmp_path_factory):
         ("intrinsics.json", of_json(estimated=None), "not what uq-handeye camera writes|exact|positive|expected"),
         ("intrinsics.json", of_json(pixel_noise=None), "expected a number, got nothing"),
         ("camera_covariance.npz", lambda data: data[:200], "archive is damaged"),
-        ("camera_covariance.npz", of_archive(own=None), r"own: expected finite numbers \(13, 6, 6\), got none"),
-        ("camera_covariance.npz", of_archive(own=np.full((13, 6, 6), np.nan)), "own: expected finite numbers"),
+        (
+            "camera_covariance.npz",
+            of_archive(own=None),
+            r"own of camera_covariance\.npz to be numbers of shape \(13",
+        ),
+        ("camera_covariance.npz", of_archive(own=np.full((13, 6, 6), np.nan)), "own of .* to be finite numbers"),
         ("camera_covariance.npz", of_archive(own=-np.tile(np.eye(6), (13, 1, 1))), "own: expected covariances"),
         ("camera_covariance.npz", of_archive(poses=np.zeros((13, 4, 4))), "poses"),
         ("camera_covariance.npz", of_archive(rows=np.arange(13)), "not of the same run"),
@@ -240,6 +244,13 @@ def test_corners_of_any_order_of_columns_with_names_and_units(rng, tmp_path, cap
     order = np.argsort(row, kind="stable")
     np.testing.assert_allclose(found.points, points[order], atol=1e-12)
     np.testing.assert_array_equal(found.pixels, pixels[order])
+    file.write_text("\n".join(["u;v;row;name;X [mm];Y [mm];Z [mm];score", *lines]))
+    np.testing.assert_array_equal(uq.read_corners(file).points, found.points)
+    with pytest.raises(InputError, match="names its points in mm, and `units` says cm"):
+        uq.read_corners(file, units="cm")
+    file.write_text("\n".join(["u;v;row;name;X [mm];Y [mm];Z;score", *lines]))
+    with pytest.raises(InputError, match="expected one unit for x, y and z"):
+        uq.read_corners(file)
     assert found.names == tuple(f"picture {r}; left.png" for r in (0, 2, 7))
     file.write_text(corners_text(found, np.ones(found.m, dtype=bool)))
     again = uq.read_corners(file)

@@ -13,9 +13,9 @@ from studies.camera_covariance import SIZE, board, recorded
 from uq_handeye.core.files.atomic import write_files
 from uq_handeye.errors import InputError
 from uq_handeye.model.camera.board import board_of
+from uq_handeye.model.camera.board_file import board_text, read_board_points
 from uq_handeye.model.camera.board_shape import polynomial_shape
 from uq_handeye.model.camera.calibrate import calibrate_camera
-from uq_handeye.model.camera.files.board_file import board_text, read_board_points
 from uq_handeye.model.camera.report.figures import camera_pictures
 from uq_handeye.model.camera.report.page import camera_report_html
 from uq_handeye.model.camera.residual_pattern import flat_pattern

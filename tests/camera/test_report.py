@@ -27,9 +27,9 @@ from uq_handeye.model.camera.calibrated import (
     radial_means,
     tilts,
 )
-from uq_handeye.model.camera.files.intrinsics_file import camera_snippets
+from uq_handeye.model.camera.intrinsics_file import camera_snippets
 from uq_handeye.model.camera.models import MODELS, pixel_deviation, rays
-from uq_handeye.model.camera.report.figures import camera_figures, camera_pictures, outline
+from uq_handeye.model.camera.report.figures import camera_pictures, outline
 from uq_handeye.model.camera.report.page import camera_report_html, report_files
 from uq_handeye.model.camera.residual_pattern import CELLS
 from uq_handeye.report.sections import camera_sections, shares_words
@@ -226,7 +226,7 @@ def test_the_map_is_the_deviation_of_where_a_point_is_seen(right):
 
 def test_exact_intrinsics_have_no_map(right):
     cam = calibrate_camera(right.corners, SIZE, "brown", coefficients=[], intrinsics=right.intrinsics)
-    assert list(camera_figures(cam)) == [stem for stem in STEMS if stem != "certainty"]
+    assert list(camera_pictures(cam)) == [stem for stem in STEMS if stem != "certainty"]
     assert "given, exact" in cam.summary() and "taken as exact" in cam.summary()
     assert "no uncertainty to draw" in camera_report_html(cam)
 

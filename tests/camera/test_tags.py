@@ -14,8 +14,8 @@ from studies.common.pictures import Camera
 from studies.common.pictures import picture as taken
 from uq_handeye.errors import InputError, InputWarning
 from uq_handeye.model.camera.board import board_of
-from uq_handeye.model.camera.boards.description import bits_of, dictionary_of, drawn_upside_down
-from uq_handeye.model.camera.boards.tags import layout_of, tag_finder
+from uq_handeye.model.camera.description import bits_of, dictionary_of, drawn_upside_down
+from uq_handeye.model.camera.tags import layout_of, tag_finder
 
 cv2 = pytest.importorskip("cv2")
 APRILGRID = uq.Board(4, 3, 0.04, "aprilgrid", spacing=0.3)
@@ -150,17 +150,30 @@ def test_of_several_tags_the_commonest_is_taken_and_they_are_named(rng, tmp_path
     shifted = np.full_like(middle, 255)
     shifted[:, :320], shifted[:, 320:] = middle[:, 160:480], middle[:, 160:480]
     (tmp_path / "twice").mkdir()
-    with pytest.warns(InputWarning, match="Tag 5 is more than once in 1 pictures"):
+    with pytest.warns(InputWarning, match="Tag 5 is more than once in 1 picture,"):
         uq.detect_board(save(tmp_path / "twice", shifted), any_tag)
 
 
 def test_a_board_that_is_not_found_names_the_tags_that_are(rng, tmp_path):
     images = save(tmp_path, picture(GRID, facing(GRID, 7, distance=0.45), rng))
-    with pytest.raises(InputError, match=r"tags of 5X5_50: 8, 9, 10, 11, 12, 13, ... \(--dictionary 5X5_50\)\.$"):
+    with pytest.raises(InputError, match=r"tags of 5X5_50: 8, 9, 10, 11, 12, 13 and more \(--dictionary 5X5_50\)\.$"):
         uq.detect_board(images, replace(GRID, dictionary="4X4_50"))
     images = save(tmp_path, picture(TAG, facing(TAG, 7, distance=0.4), rng))
     with pytest.raises(InputError, match=r"tags of APRILTAG_36H11: 5 \(--dictionary APRILTAG_36H11\)\.$"):
         uq.detect_board(images, replace(TAG, dictionary="25h9"))
+
+
+def test_other_boards_and_mirror_images_are_named(rng, tmp_path):
+    board = uq.Board(9, 6, 0.015, "charuco", marker=0.011)
+    seen = picture(board, facing(board, 7, distance=0.45), rng)
+    images = save(tmp_path, seen)
+    with pytest.raises(InputError, match=r"tags of 4X4_50: 0, 1.*name its kind \(--pattern charuco"):
+        uq.detect_board(images, uq.Board(9, 6, 0.015))
+    with pytest.raises(InputError, match=r"of the dictionary that was looked for: check columns, rows and kind"):
+        uq.detect_board(images, replace(board, columns=6, rows=9))
+    save(tmp_path, np.ascontiguousarray(seen[:, ::-1]))
+    with pytest.raises(InputError, match=r"mirror images: mirrored, they show tags of 4X4_50\. Flip them\.$"):
+        uq.detect_board(images, board)
 
 
 def test_an_aprilgrid_with_one_cell_of_border_and_without_squares_is_found_too(rng):

@@ -72,6 +72,8 @@ def test_from_pictures_to_x_in_two_commands(rig):
     cam = uq.read_camera(folder / "camera")
     assert cam.image_size == SIZE and cam.pixel_noise < 0.1
     assert abs(cam.intrinsics["fx"] - 750) < 4 * cam.std["fx"] + 0.5
+    brief = run("camera", "camera/corners.csv", "--image-size", "640x480", "-q", cwd=folder).stdout
+    assert brief.startswith("Camera, model") and "Intrinsics" not in brief and brief.count("\n") < 7
     done = run("calibrate", "robot.csv", "camera", "--json", cwd=folder)
     assert done.returncode == 0, done.stderr
     assert "rows without a picture of the board are left out: 4" in done.stderr

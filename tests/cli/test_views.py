@@ -12,7 +12,7 @@ import uq_handeye as uq
 from studies.camera_covariance import board, poses_of, recorded
 from uq_handeye.cli.pictures import INTRINSICS
 from uq_handeye.errors import InputError
-from uq_handeye.model.camera.files.board_file import read_board_points
+from uq_handeye.model.camera.board_file import read_board_points
 from uq_handeye.model.shared_errors import camera_noise
 from uq_handeye.read import write_pose_file
 

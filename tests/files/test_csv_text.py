@@ -10,7 +10,7 @@ from pages import ROOT
 
 from uq_handeye.core.files.lines import csv_text, frame_text, plain_text, safe_text
 from uq_handeye.model.camera.corners import Corners, corners_text, read_corners
-from uq_handeye.model.points.files.point_file import read_points, read_target
+from uq_handeye.model.points.point_file import read_points, read_target
 from uq_handeye.model.points.result import _rows as _table
 
 NAMES = (
@@ -67,4 +67,4 @@ def test_every_table_with_texts_is_written_in_one_place():
         for path in (ROOT / "uq_handeye").rglob("*.py")
         if writes.search(path.read_text(encoding="utf-8"))
     }
-    assert found == {"core/files/lines.py", "model/points/files/point_file.py"}  # the latter is read at once
+    assert found == {"core/files/lines.py"}

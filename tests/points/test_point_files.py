@@ -62,8 +62,8 @@ def test_wide_tables_by_numbers_and_their_faults(tmp_path):
     assert found.row.tolist() == ROWS and found.point.tolist() == ["1", "2", "1", "2"]
     np.testing.assert_array_equal(found.xyz.ravel(), [1, 2, 3, 4, 5, 6, 7, 8, 9, 1, 2, 3])
     for rows, words in (
-        ("1,2,3,4,5\n", "line 2: expected 6 fields, got 5"),
-        ("1,2,3,4,5,b\n", "line 2, point 2: expec"),
+        ("1,2,3,4,5\n", "line 2: expected 6 fields separated by commas, got 5"),
+        ("1,2,3,4,5,b\n", "line 2, column z2: expec"),
     ):
         path.write_text("x1,y1,z1,x2,y2,z2\n" + rows)
         with pytest.raises(InputError, match=words):

@@ -15,7 +15,7 @@ from studies.camera_covariance import PIXEL, ROBOT, board, error, poses_of, reco
 from uq_handeye.core.geometry.se3 import inverse, perturb
 from uq_handeye.errors import InputError
 from uq_handeye.fit.likelihood.gauss_helmert import efficient
-from uq_handeye.model.camera.files.intrinsics_file import KnownIntrinsics
+from uq_handeye.model.camera.intrinsics_file import KnownIntrinsics
 from uq_handeye.model.shared_errors.assumed import default_errors
 from uq_handeye.model.shared_errors.camera_noise import _derivatives, _lens_of
 

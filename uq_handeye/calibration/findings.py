@@ -27,7 +27,7 @@ from ..fit.likelihood.robust import robust_fit
 from ..fit.likelihood.shared_estimates import SharedEstimate, group_test
 from ..methods.estimators.registry import solve
 from ..methods.propagation.published_fit import fit_published
-from ..model.camera.boards.description import spacing_of
+from ..model.camera.description import spacing_of
 from ..model.noise.estimate import NoiseEstimate
 from ..model.noise.joint_covariance import group_of
 from ..model.noise.models import Noise, PoseNoise

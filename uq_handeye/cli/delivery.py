@@ -219,7 +219,9 @@ def deliver_camera_poses(
         emit(json_text(to_dict(found)))
         return
     go_on = "uq-handeye calibrate robot.csv"
-    if output is None:
+    if quiet():
+        emit(found.summary().partition("\n\n")[0] + "\n")
+    elif output is None:
         emit(f"{found.summary()}\nNothing was written: give -o {example} to go on with {go_on} {example}\n")
     else:
         emit(f"{found.summary()}\nWrote {output}. Next: {go_on} {output}\n")

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 MODEL_NAMES = ("auto", "pinhole", "brown", "fisheye")
 
 
-# Names of camera.boards.description.KINDS.
+# Names of camera.description.KINDS.
 KINDS = ("chessboard", "charuco", "aprilgrid", "aruco", "apriltag")
 TAGS = KINDS[2:]
 
@@ -75,7 +75,7 @@ class BoardOptions(Options):
         """Return the measured board if ``--board`` names a file of points."""
         if self.file is None or self.of_kalibr:
             return None
-        from ..model.camera.files.board_file import read_board
+        from ..model.camera.board_file import read_board
 
         return read_board(self.file)
 
@@ -84,11 +84,11 @@ class BoardOptions(Options):
         from ..model.camera.board import Board, board_of
 
         if self.of_kalibr:
-            from ..model.camera.files.board_file import read_target
+            from ..model.camera.board_file import read_target
 
             return read_target(str(self.file))
         if self.file is not None:
-            from ..model.camera.files.board_file import read_board_table
+            from ..model.camera.board_file import read_board_table
 
             if not (text := read_board_table(self.file).board):
                 raise InputError(
@@ -194,7 +194,7 @@ class LensOptions(Options):
         model = None if self.model is None else one_of(self.model, "--model", MODEL_NAMES)
         values: Any = None
         if self.intrinsics is not None:
-            from ..model.camera.files.intrinsics_file import read_intrinsics
+            from ..model.camera.intrinsics_file import read_intrinsics
 
             known = read_intrinsics(self.intrinsics, model)
             values, model = known.values, known.model if model in (None, "auto") else model
@@ -362,7 +362,7 @@ class Views:
 
             return tag_points(read_length(tag, "--tag"))
         if board.file is not None and not board.of_kalibr:
-            from ..model.camera.files.board_file import read_board_points
+            from ..model.camera.board_file import read_board_points
 
             return read_board_points(board.file)
         if board.pattern is None and not board.of_kalibr and (board.board is None or board.square is None):
@@ -381,11 +381,11 @@ class CameraMatrix(NamedTuple):
 
 def camera_of(text: str) -> CameraMatrix:
     """Read a camera matrix: four numbers, a file or a folder."""
-    from ..model.camera.files.intrinsics_file import read_intrinsics
+    from ..model.camera.intrinsics_file import read_intrinsics
     from ..model.camera.models import LINEAR
 
     if (path := Path(text)).is_dir():
-        from ..model.camera.files.folder import read_camera
+        from ..model.camera.result import read_camera
 
         found = read_camera(path)
         return CameraMatrix(found, found.intrinsics, found.std, found.model)
@@ -435,7 +435,7 @@ def _pictures(images: str, board: BoardOptions, lens: LensOptions, options: View
         kinds = ("--pattern",) if board.pattern in ("apriltag", "aruco") and board.board is None else ()
         if given := [name for name in board.given if name not in ("--dictionary", "--first-id", *kinds)]:
             raise InputError(f"Give either --tag or {', '.join(given)}: not both.")
-        from ..model.camera.boards.description import APRILTAGS, dictionary_name
+        from ..model.camera.description import APRILTAGS, dictionary_name
 
         april = board.pattern != "aruco" if board.dictionary is None else dictionary_name(board.dictionary) in APRILTAGS
         board = replace(board, square=options.tag, pattern="apriltag" if april else "aruco")

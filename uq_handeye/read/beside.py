@@ -218,8 +218,8 @@ def is_folder_of_poses(path: Path) -> bool:
     """Return whether a folder is one of ``uq-handeye camera`` or ``uq-handeye points``."""
     if not path.is_dir():
         return False
-    from ..model.camera.files.folder import is_camera_folder
-    from ..model.points.files.folder import is_points_folder
+    from ..model.camera.result import is_camera_folder
+    from ..model.points.result import is_points_folder
 
     return is_points_folder(path) or is_camera_folder(path)
 
@@ -228,10 +228,8 @@ def known_camera(camera: Any) -> KnownCamera | None:
     """The camera poses with their covariance that are meant, if some are."""
     if camera is None or (isinstance(camera, str | PathLike) and not as_path(camera).is_dir()):
         return None  # poses of a file, or none: what follows is slow to import
-    from ..model.camera.files.folder import is_camera_folder, read_camera
-    from ..model.camera.result import CORNERS, CameraCalibration
-    from ..model.points.files.folder import is_points_folder, read_point_poses
-    from ..model.points.result import POINTS, PointPoses
+    from ..model.camera.result import CORNERS, CameraCalibration, is_camera_folder, read_camera
+    from ..model.points.result import POINTS, PointPoses, is_points_folder, read_point_poses
 
     if isinstance(camera, CameraCalibration):
         return KnownCamera(camera, "the pictures", (), False)

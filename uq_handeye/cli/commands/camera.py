@@ -78,7 +78,10 @@ def camera_command(
         size = None
         with timed("looking for the board"):
             corners = detect_board(files, board.read(), progress=progress_wanted())
-    found = lens.calibrate(corners, size, board.shape())
+    with warnings.catch_warnings():
+        if not as_json:
+            warnings.simplefilter("ignore", InputWarning)  # the summary has them
+        found = lens.calibrate(corners, size, board.shape())
     from ...model.camera.result import to_dict
 
     deliver_camera_poses(found, to_dict, output, as_json, "camera/")
@@ -126,7 +129,7 @@ def points_command(
         the other commands.
     """
     from ...model.points.estimate import poses_from_points
-    from ...model.points.files.point_file import read_points, read_target
+    from ...model.points.point_file import read_points, read_target
     from ...model.points.result import to_dict
 
     if target is None and target_units is not None:

@@ -10,6 +10,8 @@ from __future__ import annotations
 
 import io
 import re
+from collections.abc import Callable
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import matplotlib
@@ -22,6 +24,8 @@ from matplotlib.patheffects import withStroke
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from ...errors import InputError
+from ..files.atomic import write_files
+from ..files.open import StrPath, as_path
 
 WIDTH = 6.9
 ROOM = 0.015  # share of the width at both sides
@@ -44,7 +48,7 @@ class Picture(NamedTuple):
     scene: str = ""  # JSON that `turn.js` draws in its place, where it can be turned
 
 
-def canvas(height: float, width: float = WIDTH) -> Figure:
+def canvas(height: float, width: float = WIDTH) -> NamedFigure:
     """An empty figure, ``height`` and ``width`` in inches."""
     # Hinting makes text a little wider at the resolution of a picture than where the layout is settled: leave it room.
     return NamedFigure(figsize=(width, height), layout=ConstrainedLayoutEngine(rect=(ROOM, 0.0, 1.0 - 2 * ROOM, 1.0)))
@@ -150,3 +154,16 @@ def render(figure: Figure, kind: str, dpi: int = 200) -> bytes:
     with matplotlib.rc_context({"svg.hashsalt": "uq-handeye", "svg.fonttype": "path"}):
         figure.savefig(buffer, format=kind, dpi=dpi, metadata=metadata)
     return buffer.getvalue()
+
+
+def save_figure(path: StrPath, drawn: Callable[[], Figure]) -> Path:
+    """Draw a figure and write it as ``.png`` or ``.svg``, by the ending of the path, whole or not at all.
+
+    Raises `InputError` for another ending, and if the file cannot be written.
+    """
+    path = as_path(path)
+    kind = path.suffix.lower().removeprefix(".")
+    if kind not in ("png", "svg"):
+        raise InputError(f"Expected a figure ending in .png or .svg, got {path.name!r}.")
+    write_files(path.parent, {path.name: render(drawn(), kind)})
+    return path

@@ -1,6 +1,6 @@
 """Pictures of boards: the files, and the corners of the board in each.
 
-Boards and their frames: `boards.description`; how each kind is found: the other modules of `boards`.
+Boards and their frames: `description`; how each kind is found: `squares`, `tags`.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ from ...core.files.source import Source
 from ...core.runtime.progress import progress_bar
 from ...errors import InputError, InputWarning
 from .adjustment.initial_guess import opencv
-from .boards.description import SQUARES, TAGS
-from .boards.description import Board as Board
-from .boards.description import board_of as board_of
-from .boards.description import spacing_of as spacing_of
-from .boards.description import tag_points as tag_points
-from .boards.squares import Picture, Seen, charuco_finder, chessboard_finder
-from .boards.tags import Tags, contradiction, other_tags, tag_finder
 from .corners import Corners
+from .description import SQUARES, TAGS
+from .description import Board as Board
+from .description import board_of as board_of
+from .description import spacing_of as spacing_of
+from .description import tag_points as tag_points
+from .squares import Picture, Seen, charuco_finder, chessboard_finder
+from .tags import Tags, contradiction, other_tags, tag_finder
 
 FINDERS = {
     "chessboard": chessboard_finder, "charuco": charuco_finder,
@@ -125,7 +125,7 @@ def find_corners(images: str | Iterable[StrPath], board: Board, progress: bool) 
         kind = "single" if board.single else board.kind
         raise InputError(
             f"No {board} was found in any of {len(paths)} pictures, the first {names[0]}: is it that board? "
-            f"{COUNTED[kind]}{'' if board.kind == 'chessboard' else other_tags(map(_picture, paths[:LOOKED_AT]))}"
+            f"{COUNTED[kind]}{other_tags(board, map(_picture, paths[:LOOKED_AT]))}"
         )
     if missing:
         warnings.warn(
@@ -201,7 +201,8 @@ def _warn_of_copies(board: Board, ids: list[list[int]]) -> None:
     number = board.first_id if board.first_id is not None else next(iter(counts), None)
     if number is not None and counts[number]:
         warnings.warn(
-            f"Tag {number} is more than once in {counts[number]} pictures, of which the largest is taken in each: "
+            f"Tag {number} is more than once in {counts[number]} picture{'s' * (counts[number] > 1)}, of which the "
+            "largest is taken in each: "
             "the poses may be of different tags. Cover the others.",
             InputWarning,
             stacklevel=4,

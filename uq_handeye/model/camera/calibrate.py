@@ -21,7 +21,7 @@ from ...core.geometry.se3 import Array
 from ...errors import InputError, NotConvergedError
 from ...findings import Finding, warn
 from .adjustment.bent_edges import bias
-from .adjustment.bundle import Bundle, adjust
+from .adjustment.bundle import Bundle, poses_only
 from .adjustment.initial_guess import AMBIGUOUS, better_start, poses_of, unlike_a_board
 from .adjustment.model_choice import CANDIDATES, USUAL, Known, Lens, search
 from .adjustment.outliers import picture_weights, spoilt, without_outliers
@@ -249,25 +249,14 @@ def poses_by_known_camera(seen: CameraCalibration, corners: Corners) -> CameraCa
             f"Picture {corners.names[int(few[0])]} shows fewer than {FEWEST_CORNERS} corners: leave it out."
         )
     before = seen.bundle
-    bundle = _adjusted(before, corners, _start(before, corners))
+    seen_at = rays(before.model, before.intrinsics, corners.pixels)
+    poses = poses_of(corners, np.ascontiguousarray(seen_at[:, :2] / seen_at[:, 2:]))
+    if len(before.shape.points) < AMBIGUOUS:
+        poses = better_start(before.model, before.parameters, before.shape, corners, poses)
+    bundle = poses_only(before, corners, poses)
     if corners.window is not None:
         corners = replace(corners, pixels=corners.pixels - bias(bundle, corners), window=None)
-        bundle = _adjusted(before, corners, bundle.poses)
+        bundle = poses_only(before, corners, bundle.poses)
     if not bundle.converged:
         raise NotConvergedError("The poses of the new pictures do not converge with the intrinsics given.", bundle)
     return replace(seen, bundle=bundle, corners=corners, findings=())
-
-
-def _adjusted(before: Bundle, corners: Corners, poses: Array) -> Bundle:
-    fixed = np.zeros(len(before.parameters), dtype=bool)
-    start = np.array(before.parameters), poses
-    return adjust(before.model, corners, start, free=fixed, shape=before.shape, pixel_noise=before.pixel_noise)
-
-
-def _start(before: Bundle, corners: Corners) -> Array:
-    """Poses (n, 4, 4) by OpenCV, of pixels without the lens."""
-    seen = rays(before.model, before.intrinsics, corners.pixels)
-    poses = poses_of(corners, np.ascontiguousarray(seen[:, :2] / seen[:, 2:]))
-    if len(before.shape.points) >= AMBIGUOUS:
-        return poses
-    return better_start(before.model, before.parameters, before.shape, corners, poses)

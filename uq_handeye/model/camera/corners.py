@@ -1,8 +1,8 @@
 """Corners: where the points of a board were seen, picture by picture; and their files.
 
 In CSV: ``row,x,y,z,u,v`` with a header line, one corner per line. ``row`` is the number of the robot pose that the
-picture was taken at, ``x, y, z`` the point on the board, ``u, v`` the pixel. A column ``name`` has the picture's file,
-``used`` (of our own files) 1 or 0; others are not used.
+picture was taken at, ``x, y, z`` the point on the board (m, or as the header says: ``x_mm``), ``u, v`` the pixel. A
+column ``name`` has the picture's file, ``used`` (of our own files) 1 or 0; others are not used.
 """
 
 from __future__ import annotations
@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 
 from ...core.files.lines import MAX_BYTES, csv_text, plain_text, short
 from ...core.files.open import StrPath, as_path, opened, shown
-from ...core.files.table import Places, Schema, Table, in_order, read_table, rows_are_numbers
+from ...core.files.table import Places, Schema, Table, in_order, name_and_unit, read_table, rows_are_numbers
+from ...core.formatting.units import LENGTH_UNITS
 from ...core.geometry.checks import as_numbers
 from ...core.geometry.se3 import Array
 from ...errors import InputError, InputWarning
@@ -192,7 +193,8 @@ def read_corners(path: StrPath, units: str = "m") -> Corners:
     ----------
     path : path of the file
     units : str
-        Length unit of ``x, y, z``: m, mm, ...; those returned are in metres.
+        Length unit of ``x, y, z``: m, mm, ..., where the header does not say it (``x_mm``, ``x [mm]``); those returned
+        are in metres.
 
     Raises
     ------
@@ -212,9 +214,15 @@ def corners_and_used(path: StrPath, units: str = "m") -> tuple[Corners, NDArray[
     name = shown(location)
     with opened(location, MAX_BYTES) as file:
         table = read_table(file, name, SCHEMA)
-    meant = [table.column(k).lower() for k in range(table.values.shape[1])]
-    if left := [one for one in table.names if one.lower() not in (*meant, "name")]:
+    meant, said = zip(*(_name_and_unit(table.column(k)) for k in range(table.values.shape[1])), strict=True)
+    if left := [one for one in table.names if _name_and_unit(one)[0] not in (*meant, "name")]:
         _log.info("%s: not used: the columns %s", name, short(", ".join(left)))
+    if len(set(said[1:4])) > 1:
+        raise InputError(f"{name}: expected one unit for x, y and z, got {short(', '.join(table.names))}.")
+    if said[1] is not None:
+        if units not in ("m", said[1]):
+            raise InputError(f"{name} names its points in {said[1]}, and `units` says {units}. Leave `units` out.")
+        factor = require_units(said[1])
     table.require_finite("; leave out corners that were not seen")
     value = dict(zip(meant, table.values.T, strict=True))
     points = np.stack([value[axis] for axis in "xyz"], axis=-1) * factor
@@ -239,8 +247,14 @@ def corners_and_used(path: StrPath, units: str = "m") -> tuple[Corners, NDArray[
     return corners, used[np.argsort(value["row"], kind="stable")]
 
 
+def _name_and_unit(name: str) -> tuple[str, str | None]:
+    """A name in small letters, of coordinates of the board without their unit, and that: ``x_mm``, ``x [mm]``."""
+    bare, unit = name_and_unit(name.lower(), LENGTH_UNITS)
+    return (bare, unit) if bare in ("x", "y", "z") else (name.lower(), None)
+
+
 def _places(names: list[str], line: str, where: str) -> Places:
-    small = [name.lower() for name in names]
+    small = [_name_and_unit(name)[0] for name in names]
     missing = [column for column in COLUMNS if column not in small]
     _, twice = in_order(small, (*COLUMNS, "name", "used"))
     if missing or twice:

@@ -235,8 +235,7 @@ class NoiseEstimate(Record):
     @property
     def is_joint(self) -> bool:
         """True if the covariance of a side is joint: it has a row for each pose."""
-        noise = self.noise
-        return noise is not None and any(isinstance(getattr(noise, n), JointCovariance) for n in _sides_of(noise))
+        return self.noise is not None and any(isinstance(S, JointCovariance) for S in self.noise.sides.values())
 
     def __getitem__(self, name: str) -> Component:
         for component in self.components:
@@ -249,8 +248,7 @@ class NoiseEstimate(Record):
         """Noise of each side that has one, as plain values."""
         if self.noise is None:
             return None
-        given = {name: getattr(self.noise, name) for name in _sides_of(self.noise)}
-        return {name: _side_to_dict(S) for name, S in given.items() if S is not None}
+        return {name: _side_to_dict(S) for name, S in self.noise.sides.items() if S is not None}
 
     @classmethod
     def from_dict(cls, data: Any) -> NoiseEstimate:
@@ -284,7 +282,3 @@ def _side_from_dict(values: Any) -> Any:
 def together(what: str, sides: tuple[str, str]) -> str:
     """The name of a sum."""
     return f"{what}, {sides[0]} and {sides[1]} together"
-
-
-def _sides_of(noise: Noise) -> tuple[str, str]:
-    return ("A", "B") if isinstance(noise, PairNoise) else ("robot", "camera")

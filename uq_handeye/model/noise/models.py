@@ -19,10 +19,10 @@ Noise models as plain numbers, and back, and in words: standard deviations per a
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -122,8 +122,12 @@ def checked_pixels(value: Any) -> float:
     return s
 
 
-def _checked_joint(value: JointCovariance, name: str) -> JointCovariance:
-    """Check as `checked_covariance`."""
+def _checked_side(value: Any, name: str) -> Any:
+    """Check as `checked_covariance`, also a joint one, and the noise of a camera, which only the camera may have."""
+    if isinstance(value, CameraNoise) and name == "camera":
+        return value
+    if not isinstance(value, JointCovariance):
+        return checked_covariance(value, name, joint=True)
     if value.own.ndim != 3 or value.shared.ndim != 3:
         raise InputError(f"Expected the covariance `{name}` to be that of one set of poses, got {value.shape}.")
     if not np.isfinite(value.shared).all():
@@ -131,27 +135,73 @@ def _checked_joint(value: JointCovariance, name: str) -> JointCovariance:
     return replace(value, own=checked_covariance(value.own, name, joint=False))
 
 
+class _TwoSides(Record):
+    """Common part of noise on motions and on poses: a covariance for each of two ``SIDES``, and a prior."""
+
+    SIDES: ClassVar[tuple[str, str]]
+    ITEM: ClassVar[str]
+    _if_any: ClassVar[str] = "prior"
+
+    prior: PosePrior | None
+
+    @property
+    def sides(self) -> dict[str, Any]:
+        """Covariances by name."""
+        return {name: getattr(self, name) for name in self.SIDES}
+
+    def _checked(self, check: Callable[[Any, str], Any]) -> None:
+        for name, value in self.sides.items():
+            if value is not None:
+                object.__setattr__(self, name, check(value, name))
+        if all(value is None for value in self.sides.values()):
+            first, second = self.SIDES
+            raise InputError(f"Expected {type(self).__name__} to be given at least one of `{first}` and `{second}`.")
+        if self.prior is not None and not isinstance(self.prior, PosePrior):
+            got = type(self.prior).__name__
+            raise InputError(f"Expected `prior` of the noise to be a PosePrior or None, got {got}.")
+
+    def _with(self, sides: dict[str, Any]) -> Self:
+        return cast(Any, type(self))(**sides, prior=self.prior)
+
+    def rows(self, index: NDArray[Any]) -> Self:
+        """Return the noise of some of the poses or motions, by their numbers or a mask; of a joint covariance its
+        marginal.
+        """
+        return self._with({name: rows_of(S, index) for name, S in self.sides.items()})
+
+    def weighted(self, weights: Array) -> Self:
+        """Return the noise with the covariance of each pose or motion, of a joint one its own part, divided by its
+        weight (n,).
+        """
+        return self._with({name: None if S is None else weighted(S, weights) for name, S in self.sides.items()})
+
+    def __repr__(self) -> str:
+        sizes = {name: dict.fromkeys(size_words(S)) for name, S in self.sides.items()}
+        text = "; ".join(f"{name}: {', '.join(size)}" for name, size in sizes.items())
+        return f"{type(self).__name__}({text}{'' if self.prior is None else '; with a prior'})"
+
+    def _repr_html_(self) -> str:
+        """Return the noise as a table, for notebooks."""
+        return html_of(self)
+
+
 @dataclass(frozen=True, eq=False, repr=False)
-class PairNoise(Record):
+class PairNoise(_TwoSides):
     """Independent noise on each motion: covariances of ``A`` and ``B``, 6x6 or (N, 6, 6); None is exact.
 
     ``prior``: what is known of X beforehand, which is a measurement beside the motions (`PosePrior`).
     """
 
+    SIDES: ClassVar[tuple[str, str]] = ("A", "B")
+    ITEM: ClassVar[str] = "motion"
     _in_file: ClassVar[str] = "type=__class__.__name__ A B prior"
-    _if_any: ClassVar[str] = "prior"
 
     A: Array | None = None
     B: Array | None = None
     prior: PosePrior | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
-        for name in ("A", "B"):
-            if getattr(self, name) is not None:
-                object.__setattr__(self, name, checked_covariance(getattr(self, name), name, joint=False))
-        if self.A is None and self.B is None:
-            raise InputError("Expected PairNoise to be given at least one of `A` and `B`.")
-        _require_prior(self.prior)
+        self._checked(partial(checked_covariance, joint=False))
         if self.prior is not None and self.prior.W is not None:
             raise InputError("Expected PairNoise to have no prior of W: motions know nothing of W.")
 
@@ -160,30 +210,14 @@ class PairNoise(Record):
         """L with ``A = L L^T`` and the same for B."""
         return (None if self.A is None else factor(self.A), None if self.B is None else factor(self.B))
 
-    def rows(self, index: NDArray[Any]) -> PairNoise:
-        """Return the noise of some of the motions, by their numbers or a mask."""
-        return replace(self, A=rows_of(self.A, index), B=rows_of(self.B, index))
-
-    def weighted(self, weights: Array) -> PairNoise:
-        """Return the noise with the covariance of each motion divided by its weight (N,)."""
-        A, B = (None if S is None else np.asarray(weighted(S, weights)) for S in (self.A, self.B))
-        return replace(self, A=A, B=B)
-
     @classmethod
     def isotropic(cls, A: Deviations | None = None, B: Deviations | None = None) -> PairNoise:
         """Build noise from standard deviations (rotation, translation) per axis, e.g. ``A=("0.02deg", "0.05mm")``."""
         return cls(_isotropic(A, "A"), _isotropic(B, "B"))
 
-    def __repr__(self) -> str:
-        return f"PairNoise({_sides(self, ('A', 'B'))})"
-
-    def _repr_html_(self) -> str:
-        """Return the noise as a table, for notebooks."""
-        return html_of(self)
-
 
 @dataclass(frozen=True, eq=False, repr=False)
-class PoseNoise(Record):
+class PoseNoise(_TwoSides):
     """Noise on the absolute poses ``robot = base_T_gripper`` and ``camera = camera_T_target``.
 
     Either is 6x6 (the same for every pose), (n, 6, 6) (per pose), or (6n, 6n): the joint covariance of all
@@ -194,8 +228,9 @@ class PoseNoise(Record):
     ``prior``: what is known of X and W beforehand, which is a measurement beside the poses (`PosePrior`).
     """
 
+    SIDES: ClassVar[tuple[str, str]] = ("robot", "camera")
+    ITEM: ClassVar[str] = "pose"
     _in_file: ClassVar[str] = "type=__class__.__name__ robot camera prior"
-    _if_any: ClassVar[str] = "prior"
 
     robot: Any = None  # array or JointCovariance
     camera: Any = None  # also CameraNoise, of unknown pixel noise
@@ -204,27 +239,7 @@ class PoseNoise(Record):
     def __post_init__(self) -> None:
         if isinstance(self.camera, CameraNoise) and self.camera.pixel_sd is not None:
             object.__setattr__(self, "camera", self.camera.covariance())
-        for name in ("robot", "camera"):
-            value = getattr(self, name)
-            if value is not None and not (name == "camera" and isinstance(value, CameraNoise)):
-                checked = (
-                    _checked_joint if isinstance(value, JointCovariance) else partial(checked_covariance, joint=True)
-                )
-                object.__setattr__(self, name, checked(value, name))
-        if self.robot is None and self.camera is None:
-            raise InputError("Expected PoseNoise to be given at least one of `robot` and `camera`.")
-        _require_prior(self.prior)
-
-    def rows(self, index: NDArray[Any]) -> PoseNoise:
-        """Return the noise of some of the poses, by their numbers or a mask; of a joint covariance its marginal."""
-        return replace(self, robot=rows_of(self.robot, index), camera=rows_of(self.camera, index))
-
-    def weighted(self, weights: Array) -> PoseNoise:
-        """Return the noise with the covariance of each pose, of a joint one its own part, divided by its weight
-        (n,).
-        """
-        robot, camera = (None if S is None else weighted(S, weights) for S in (self.robot, self.camera))
-        return replace(self, robot=robot, camera=camera)
+        self._checked(_checked_side)
 
     def dense(self) -> PoseNoise:
         """The same with arrays in place of `JointCovariance`: where all of (6n, 6n) is needed."""
@@ -241,20 +256,8 @@ class PoseNoise(Record):
         """
         return cls(_isotropic(robot, "robot"), _isotropic(camera, "camera"))
 
-    def __repr__(self) -> str:
-        return f"PoseNoise({_sides(self, ('robot', 'camera'))})"
-
-    def _repr_html_(self) -> str:
-        """Return the noise as a table, for notebooks."""
-        return html_of(self)
-
 
 Noise = PairNoise | PoseNoise
-
-
-def _require_prior(prior: Any) -> None:
-    if prior is not None and not isinstance(prior, PosePrior):
-        raise InputError(f"Expected `prior` of the noise to be a PosePrior or None, got {type(prior).__name__}.")
 
 
 def with_prior(noise: Noise, prior: PosePrior | None) -> Noise:
@@ -313,14 +316,6 @@ def _axes(std: Array, unit: str) -> str:
     return f"{', '.join(f'{name} {digits(float(value), 2)}' for name, value in zip('xyz', std, strict=True))} {unit}"
 
 
-def _sides(noise: PairNoise | PoseNoise, names: tuple[str, str]) -> str:
-    """Return the sides and their sizes: "robot: 0.02 deg, 0.05 mm; camera: exact"."""
-    sizes = {name: dict.fromkeys(size_words(getattr(noise, name))) for name in names}
-    return "; ".join(f"{name}: {', '.join(size)}" for name, size in sizes.items()) + (
-        "" if noise.prior is None else "; with a prior"
-    )
-
-
 def rows_of(covariance: Any, index: NDArray[Any]) -> Any:
     """The covariance of some poses or motions: their own, or their part of a joint one."""
     if covariance is None or covariance.shape == (6, 6):
@@ -370,24 +365,14 @@ def noise_from_dict(data: dict[str, Any]) -> Noise:
     return PoseNoise(*(JointCovariance.from_dict(S) if isinstance(S, dict) else S for S in sides), prior=prior)
 
 
-@document_of.register(PoseNoise)
-def pose_noise_document(noise: PoseNoise) -> Document:
+@document_of.register(_TwoSides)
+def noise_document(noise: _TwoSides) -> Document:
     """Return a table with a row per side, and what all poses share."""
-    return _document({"robot": noise.robot, "camera": noise.camera}, "pose", noise.prior is not None)
-
-
-@document_of.register(PairNoise)
-def pair_noise_document(noise: PairNoise) -> Document:
-    """Return a table with a row for A and one for B."""
-    return _document({"A": noise.A, "B": noise.B}, "motion", noise.prior is not None)
-
-
-def _document(sides: dict[str, Any], item: str, prior: bool) -> Document:
-    rows = [[name, *size_words(side), _extent(side, item)] for name, side in sides.items()]
-    caption = f"Noise of each {item}, 1 sigma per axis"
+    rows = [[name, *size_words(side), _extent(side, noise.ITEM)] for name, side in noise.sides.items()]
+    caption = f"Noise of each {noise.ITEM}, 1 sigma per axis"
     table = Table(caption, ["", "rotation", "translation", "holds for"], rows, frozenset({1, 2, 3}))
-    notes: list[Block] = [Paragraph(text) for name, side in sides.items() for text in _notes(name, side)]
-    if prior:
+    notes: list[Block] = [Paragraph(text) for name, side in noise.sides.items() for text in _notes(name, side)]
+    if noise.prior is not None:
         notes.append(Paragraph("A prior of X or W is part of it."))
     return [[table, *notes]]
 

@@ -77,18 +77,16 @@ def _spread(sight: Sight, values: Array) -> float:
     return float(np.median(np.linalg.norm(values[1:] - values[:-1], axis=-1)[same]))
 
 
-def noise_finding(found: Fit, given: bool) -> Finding | None:
+def noise_findings(found: Fit, given: bool) -> list[Finding]:
     """Return a finding if the residuals contradict the noise that was given, or are few to estimate it from."""
     if not given:
         fewest = float(found.dof.sum() if found.model.isotropic else found.dof.min())
-        return Finding("points.few_residuals", "caution", {"dof": fewest}) if fewest < FEW_DOF else None
-    value, dof = float((found.squares / found.phi).sum()), found.total_dof
-    if dof < 1:
-        return None
-    p = 2.0 * min(float(chi2.cdf(value, dof)), float(chi2.sf(value, dof)))
+        return [Finding("points.few_residuals", "caution", {"dof": fewest})] if fewest < FEW_DOF else []
+    value, dof = float((found.squares / found.phi).sum()), float(found.dof.sum())
+    p = 2.0 * min(float(chi2.cdf(value, dof)), float(chi2.sf(value, dof))) if dof >= 1 else 1.0
     if p >= RARE:
-        return None
-    return Finding("points.noise_differs", "caution", {"ratio": float(np.sqrt(value / dof)), "p_value": p})
+        return []
+    return [Finding("points.noise_differs", "caution", {"ratio": float(np.sqrt(value / dof)), "p_value": p})]
 
 
 def target_findings(found: Fit, names: NDArray[np.str_]) -> list[Finding]:
@@ -141,11 +139,6 @@ ALPHA = 1e-3
 MOST_ROUNDS = 40
 # A residual that has less than this share of its variance left cannot be tested.
 TESTABLE = 1e-3
-
-
-def limit_of(k: int) -> float:
-    """Limit of the test of each of k points."""
-    return float(chi2.isf(ALPHA / k, 3))
 
 
 def distances(found: Fit, sight: Sight, used: NDArray[np.bool_]) -> Array:

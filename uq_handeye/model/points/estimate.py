@@ -7,12 +7,13 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import chi2
 
 from ...core.geometry.se3 import Array
 from ...errors import InputError, NotConvergedError
 from ...findings import Finding, warn
 from ..noise.joint_covariance import JointCovariance
-from .checks import MOST_ROUNDS, distances, limit_of, next_used, noise_finding, require_scale, target_findings
+from .checks import ALPHA, MOST_ROUNDS, distances, next_used, noise_findings, require_scale, target_findings
 from .least_squares import (
     Fit,
     GivenNoise,
@@ -103,18 +104,15 @@ def poses_from_points(points: Any, target: Any = None, noise: Any = None) -> Poi
             findings.append(Finding("points.not_in_target", "caution", {"points": unknown_points}))
     names = measured.names if known is None else known.names
     place = Target(names, np.zeros((len(names), 3))).find(measured.point)
-    usable = place >= 0
-    usable, refused = _usable(measured, place, usable, known)
+    usable, refused = _usable(measured, place, known)
     if not usable.any():
         raise InputError(_no_pose(measured, known))
-    solved = _solve(measured, place, usable, known, names, given, refused)
-    found, rows, sight, used, pose_of, kept_points = solved
-    findings += _refusals(refused)
-    shape_open = known is None
+    found, rows, sight, used, pose_of, kept_points = _solve(measured, place, usable, known, names, given, refused)
+    for why in sorted(set(refused.values())):
+        poses = sorted(row for row, reason in refused.items() if reason == why)
+        findings.append(Finding("points.poses_left_out", "caution", {"poses": poses, "why": why}))
     F = found.normal.shared
     covariance = JointCovariance(found.normal.own, F, shape_names(F.shape[-1]))
-    everywhere = np.full(len(measured), -1, dtype=np.intp)
-    everywhere[pose_of] = np.arange(len(sight.y))
     whole = np.zeros(len(measured), dtype=bool)
     whole[pose_of] = used
     residuals = np.full((len(measured), 3), np.nan)
@@ -124,17 +122,16 @@ def poses_from_points(points: Any, target: Any = None, noise: Any = None) -> Poi
         findings.append(_left_out(measured, pose_of[out], residuals, len(sight.y)))
     if known is not None:
         findings += target_findings(found, names[kept_points])
-    if (finding := noise_finding(found, given.phi is not None)) is not None:
-        findings.append(finding)
+    findings += noise_findings(found, given.phi is not None)
     warn(findings)
-    L = found.normal.L if shape_open else np.zeros((3 * len(kept_points), 0))
+    L = found.normal.L if known is None else np.zeros((3 * len(kept_points), 0))
     return PointPoses(
         poses=found.normal.T,
         rows=rows,
         covariance=covariance,
         target=Target(names[kept_points], found.normal.p),
         target_factor=L.reshape(len(kept_points), 3, -1),
-        target_known=not shape_open,
+        target_known=known is not None,
         model=found.model,
         sd=np.sqrt(found.phi),
         dof=found.dof,
@@ -186,7 +183,12 @@ def _solve(
             kept_points, point = np.arange(len(names)), place[index]
         sight = Sight(measured.xyz[index], pose, point, len(rows), len(kept_points))
         if known is None:
-            _require_shape(sight, measured)
+            if sight.m > MOST_POINTS or sight.n * sight.m > MOST_CELLS:
+                raise InputError(
+                    f"Expected at most {MOST_POINTS} points of an unknown target, and at most {MOST_CELLS:,} poses "
+                    f"times points, got {sight.m} points in {sight.n} poses. Give the target (--target), or some of "
+                    "its points."
+                )
             largest = int(np.argmax(np.bincount(pose)))
             p, T = unknown_shape(sight.y, pose, point, sight.n, sight.m, largest)
         else:
@@ -223,7 +225,7 @@ def _rounds(sight: Sight, T: Array, p: Array, shape_open: bool, given: GivenNois
     r = sight.y - at
     share = 1.0 - unknowns / (3 * len(sight.y))
     phi = robust_variances(r, u, growth, given.isotropic, share) if given.phi is None else given.phi
-    limit = limit_of(len(sight.y))
+    limit = float(chi2.isf(ALPHA / len(sight.y), 3))
     if estimate:
         # The first fit leaves out what is far off by the medians: it would make the variances too large.
         d2 = (split_squares(r, u, growth) / np.maximum(phi, 1e-300)).sum(axis=-1)
@@ -278,10 +280,10 @@ def _converged(found: Fit) -> Fit:
 
 
 def _usable(
-    measured: PointSet, place: NDArray[np.intp], usable: NDArray[np.bool_], known: Target | None
+    measured: PointSet, place: NDArray[np.intp], known: Target | None
 ) -> tuple[NDArray[np.bool_], dict[int, str]]:
     """Points of poses that three points that are not in a line determine; the other poses with the reason."""
-    refused: dict[int, str] = {}
+    usable = place >= 0
     if known is None:
         usable = _twice_seen(measured, place, usable)
     rows, pose = np.unique(measured.row, return_inverse=True)
@@ -291,8 +293,7 @@ def _usable(
         of_target = Sight(measured.xyz[usable], pose[usable], place[usable], len(rows), 0)
         line |= _in_line(known.xyz, of_target, NEARLY_IN_LINE)
     bad = (count < FEWEST) | line
-    for i in np.flatnonzero(bad):
-        refused[int(rows[i])] = "few points" if count[i] < FEWEST else "in line"
+    refused = {int(rows[i]): "few points" if count[i] < FEWEST else "in line" for i in np.flatnonzero(bad)}
     usable = usable & ~bad[pose]
     return (_twice_seen(measured, place, usable) if known is None else usable), refused
 
@@ -318,14 +319,6 @@ def _in_line(points: Array, sight: Sight, limit: float = IN_LINE) -> NDArray[np.
     return np.asarray(extent[:, 1] <= limit**2 * extent[:, 2])
 
 
-def _require_shape(sight: Sight, measured: PointSet) -> None:
-    if sight.m > MOST_POINTS or sight.n * sight.m > MOST_CELLS:
-        raise InputError(
-            f"Expected at most {MOST_POINTS} points of an unknown target, and at most {MOST_CELLS:,} poses times "
-            f"points, got {sight.m} points in {sight.n} poses. Give the target (--target), or some of its points."
-        )
-
-
 def _no_pose(measured: PointSet, known: Target | None, refused: dict[int, str] | None = None) -> str:
     """Describe why there is no pose at all, and what to do."""
     most = int(np.unique(measured.row, return_counts=True)[1].max())
@@ -349,11 +342,3 @@ def _no_pose(measured: PointSet, known: Target | None, refused: dict[int, str] |
         f"No pose can be computed: expected at least three points that are not in a line in every pose, got {few}. "
         f"Measure more points of the target ({PAGE})."
     )
-
-
-def _refusals(refused: dict[int, str]) -> list[Finding]:
-    found = []
-    for why in sorted(set(refused.values())):
-        poses = sorted(row for row, reason in refused.items() if reason == why)
-        found.append(Finding("points.poses_left_out", "caution", {"poses": poses, "why": why}))
-    return found

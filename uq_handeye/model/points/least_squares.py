@@ -153,11 +153,12 @@ class Normal:
     @cached_property
     def J(self) -> Array:
         """(k, 3, 6)."""
-        R = self.T[self.sight.pose, :3, :3]
-        a = (R @ self.p[self.sight.point][..., None])[..., 0]
-        J = np.zeros((len(a), 3, 6))
-        J[:, :, :3], J[:, :, 3:] = -skew(a), np.eye(3)
-        return J
+        return self._by_pose(self.sight)
+
+    def _by_pose(self, sight: Sight) -> Array:
+        """J (k, 3, 6) of measurements."""
+        a = (self.T[sight.pose, :3, :3] @ self.p[sight.point][..., None])[..., 0]
+        return np.concatenate([-skew(a), np.broadcast_to(np.eye(3), (len(a), 3, 3))], axis=-1)
 
     @cached_property
     def _weighted(self) -> Array:
@@ -272,9 +273,7 @@ class Normal:
 
     def predicted_covariance(self, sight: Sight) -> Array:
         """Q (k, 3, 3) of predicted points, those of the fit or others."""
-        R = self.T[sight.pose, :3, :3]
-        J = np.zeros((len(R), 3, 6))
-        J[:, :, :3], J[:, :, 3:] = -skew((R @ self.p[sight.point][..., None])[..., 0]), np.eye(3)
+        R, J = self.T[sight.pose, :3, :3], self._by_pose(sight)
         S = self.own[sight.pose]
         if not self.shape_open:
             return np.asarray(J @ S @ J.mT)
@@ -312,11 +311,6 @@ class Fit:
     u: Array  # (k, 3) lines of sight
     growth: Array  # (k, 2)
     converged: bool
-
-    @property
-    def total_dof(self) -> float:
-        """Degrees of freedom of all residuals."""
-        return float(self.dof.sum())
 
     @property
     def squares(self) -> Array:

@@ -26,7 +26,6 @@ LARGEST, LONGEST = 1e4, 200
 
 
 def _require_names(names: NDArray[np.str_]) -> None:
-    """Raise `InputError` for names of points that are not read by people."""
     for name in np.unique(names).tolist():
         if not name.isprintable() or len(name) > LONGEST:
             raise InputError(
@@ -277,17 +276,11 @@ def unknown_shape(
         weight = joined * (1.0 + (r / max(2.0 * float(np.median(r)), 1e-12)) ** 2) ** -2.0
         total = np.bincount(point, weight, m)
         shape = sums(weight[:, None] * back, point, m) / np.maximum(total, 1e-300)[:, None]
-        shape = anchored(shape, before)
+        one = np.zeros(m, dtype=np.intp)
+        shape = placed(kabsch(before, shape, one, 1, np.ones(m)), shape, one)  # anchored
         if np.abs(shape - before).max() < STILL * max(float(np.abs(shape).max()), 1e-9):
             break
     T = consensus(y, shape[point], pose, n)
     centre = shape.mean(axis=0)
     T[:, :3, 3] += (T[:, :3, :3] @ centre[:, None])[..., 0]
     return shape - centre, T
-
-
-def anchored(shape: Array, reference: Array) -> Array:
-    """The shape carried onto a reference, both (m, 3), by a rotation and translation."""
-    zeros = np.zeros(len(shape), dtype=np.intp)
-    T = kabsch(reference, shape, zeros, 1, np.ones(len(shape)))
-    return placed(T, shape, zeros)

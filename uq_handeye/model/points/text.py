@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...core.formatting.numbers import concise, digits, fixed
-from ...core.geometry.se3 import Array
+from ...core.geometry.se3 import Array, skew
 from ...core.presentation.document import Block, Caution, Document, Heading, Paragraph, Table
 from ..noise.models import marginals
 from .posed import Posed
@@ -39,11 +39,7 @@ def pose_deviations(found: Posed) -> tuple[Array, Array]:
     """(n,) standard deviations of rotation (rad) and translation (m, of the points' centroid), the worst direction."""
     S = marginals(found.covariance)
     R, centre = found.poses[:, :3, :3], found.target.xyz.mean(axis=0)
-    a = (R @ centre[:, None])[..., 0]
-    D = np.zeros((len(S), 3, 6))
-    D[:, 0, 1], D[:, 0, 2], D[:, 1, 0] = a[:, 2], -a[:, 1], -a[:, 2]
-    D[:, 1, 2], D[:, 2, 0], D[:, 2, 1] = a[:, 0], a[:, 1], -a[:, 0]
-    D[:, :, 3:] = np.eye(3)
+    D = np.concatenate([-skew((R @ centre[:, None])[..., 0]), np.broadcast_to(np.eye(3), (len(S), 3, 3))], axis=-1)
     turn, move = (np.sqrt(np.linalg.eigvalsh(M)[:, -1]) for M in (S[:, :3, :3], D @ S @ D.mT))
     return turn, move
 

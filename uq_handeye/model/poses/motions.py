@@ -327,12 +327,12 @@ def _stack(value: Any, name: str) -> Array:
 
 
 def _camera_to_dict(camera: Any) -> dict[str, Any]:
-    from ..camera.files.folder import camera_to_dict  # slow to import, and of few results
+    from ..camera.result import camera_to_dict  # slow to import, and of few results
 
     return camera_to_dict(camera)
 
 
 def _camera_from_dict(data: dict[str, Any], poses: Array) -> CameraCalibration:
-    from ..camera.files.folder import camera_from_dict
+    from ..camera.result import camera_from_dict
 
     return camera_from_dict(data, poses)

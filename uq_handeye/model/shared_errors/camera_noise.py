@@ -38,7 +38,7 @@ from ...core.geometry.checks import as_transforms
 from ...core.geometry.se3 import Array, skew
 from ...errors import InputError
 from ..camera.board import spacing_of
-from ..camera.files.intrinsics_file import KnownIntrinsics
+from ..camera.intrinsics_file import KnownIntrinsics
 from ..camera.models import LINEAR, MODELS, CameraModel
 from ..camera.result import CameraCalibration
 from ..noise.joint_covariance import JointCovariance

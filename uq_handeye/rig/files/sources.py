@@ -145,9 +145,9 @@ def _adjusted(model: Any, values: Array, corners: Corners) -> tuple[Corners, Bun
 
 def _intrinsics(given: Any, folder: Path) -> tuple[Any, Array, Array]:
     """Model, parameters (p,) and a root T (p, q) of their covariance; (p, 0) where none is said."""
-    from ...model.camera.files.folder import is_camera_folder, read_camera
-    from ...model.camera.files.intrinsics_file import read_intrinsics
+    from ...model.camera.intrinsics_file import read_intrinsics
     from ...model.camera.models import LINEAR, MODELS
+    from ...model.camera.result import is_camera_folder, read_camera
 
     numbers = given.split(",") if isinstance(given, str) else given
     try:

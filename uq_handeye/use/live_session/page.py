@@ -14,7 +14,7 @@ import numpy as np
 from ...calibration.evidence.touches import Touches
 from ...calibration.result import Calibration
 from ...errors import InputError, InputWarning
-from ...model.camera.boards.description import KINDS
+from ...model.camera.description import KINDS
 from ...model.poses.pose_pairs import PosePairs
 from ..maintenance.check import check
 from .folder import board_text

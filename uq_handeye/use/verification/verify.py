@@ -27,7 +27,7 @@ from ...core.presentation.document import COLUMNS, Answer, Document, Paragraph, 
 from ...errors import InputError
 from ...findings import Finding
 from ...fit.diagnostics.task_space import by_pose
-from ...model.camera.files.intrinsics_file import camera_matrix
+from ...model.camera.intrinsics_file import camera_matrix
 from ...model.poses.pose_pairs import PosePairs
 from ..maintenance.causes import misread
 from ..maintenance.update import require_other_touches

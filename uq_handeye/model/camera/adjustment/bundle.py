@@ -90,8 +90,7 @@ class Bundle(ReadOnlyArrays):
     @property
     def intrinsics_covariance(self) -> Array:
         """(k, k)"""
-        k = len(self.model.names)
-        return self.covariance[:k, :k]
+        return self.covariance[: len(self.model.names), : len(self.model.names)]
 
     @property
     def bend(self) -> Array:
@@ -101,8 +100,7 @@ class Bundle(ReadOnlyArrays):
     @property
     def bend_covariance(self) -> Array:
         """(q, q)"""
-        k = len(self.model.names)
-        return self.covariance[k:, k:]
+        return self.covariance[len(self.model.names) :, len(self.model.names) :]
 
     @cached_property
     def board(self) -> MeasuredBoard:
@@ -251,6 +249,13 @@ def adjust(
             break
         s = bundle.pixel_noise
     return bundle
+
+
+def poses_only(bundle: Bundle, corners: Corners, poses: Array, **how: Any) -> Bundle:
+    """Return the poses of least squares from these on, with the parameters of a bundle; ``how`` as in `adjust`."""
+    start = np.array(bundle.parameters), poses
+    free = np.zeros(len(bundle.parameters), dtype=bool)
+    return adjust(bundle.model, corners, start, free=free, shape=bundle.shape, pixel_noise=bundle.pixel_noise, **how)
 
 
 def response_ahead(bundle: Bundle, points: Array, poses: Array) -> Array:

@@ -24,7 +24,7 @@ from ....errors import InputError, MissingExtraError
 from ..board_shape import BoardShape
 from ..corners import Corners, picked
 from ..models import CameraModel
-from .bundle import Bundle, Sight, adjust
+from .bundle import Bundle, Sight, adjust, poses_only
 
 # Focal lengths of a fisheye that are tried, as multiples of half the picture's width per radian.
 FISHEYE_FOCAL = np.geomspace(0.3, 3.0, 16)
@@ -227,8 +227,9 @@ def may_be_ambiguous(bundle: Bundle, corners: Corners) -> bool:
 
 def both_minima(bundle: Bundle, corners: Corners) -> Minima:
     """Return both minima of the pictures of a camera, its intrinsics as they are; see the module."""
-    first = _fixed(bundle, corners, bundle.poses)
-    second = _fixed(bundle, corners, flipped(first.poses, corners.on_board[0].mean(axis=0)))
+    how = {"used": bundle.used, "weights": bundle.weights}
+    first = poses_only(bundle, corners, bundle.poses, **how)
+    second = poses_only(bundle, corners, flipped(first.poses, corners.on_board[0].mean(axis=0)), **how)
     pair = (first, second)
     squares = np.array([_squares(one, corners) for one in pair]) / bundle.pixel_noise**2
     stay = ~np.isfinite(squares[1]) | (second.poses[:, 2, 3] <= 0)
@@ -237,16 +238,6 @@ def both_minima(bundle: Bundle, corners: Corners) -> Minima:
     better = squares.argmin(axis=0)
     order, every = np.stack([better, 1 - better]), np.arange(corners.n)
     return Minima(poses[order, every], own[order, every], squares[order, every])
-
-
-def _fixed(bundle: Bundle, corners: Corners, poses: Array) -> Bundle:
-    """Return the poses of least squares with the parameters of a bundle, from these on."""
-    free = np.zeros(len(bundle.parameters), dtype=bool)
-    start = np.array(bundle.parameters), poses
-    return adjust(
-        bundle.model, corners, start, free=free, shape=bundle.shape, used=bundle.used, weights=bundle.weights,
-        pixel_noise=bundle.pixel_noise,
-    )  # fmt: skip
 
 
 def _squares(bundle: Bundle, corners: Corners) -> Array:

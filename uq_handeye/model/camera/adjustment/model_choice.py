@@ -97,6 +97,11 @@ class Setting:
         prior = Prior(mean, np.diag(np.where(np.isfinite(deviation), deviation, wide) ** 2))
         return cls(model, shape, free, values, prior)
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """(p,) of the parameters."""
+        return (*self.model.names, *self.shape.names)
+
     def start(self, corners: Corners, size: tuple[int, int]) -> tuple[Array, Array]:
         """Parameters and poses."""
         if np.isnan(self.values).any():
@@ -115,7 +120,7 @@ class Setting:
     def after(self, found: Bundle) -> tuple[Array, Array]:
         """Parameters and poses to start from once others were fitted, both of a fisheye or neither."""
         before = dict(zip(found.names, found.parameters, strict=True))
-        values = np.array([before.get(name, 0.0) for name in (*self.model.names, *self.shape.names)])
+        values = np.array([before.get(name, 0.0) for name in self.names])
         return np.where(self.free, values, self.values), found.poses
 
     def fit(
@@ -364,8 +369,8 @@ class _Linearised(NamedTuple):
 
     def predicted(self, setting: Setting) -> tuple[float, float]:
         """BIC and RMS of a candidate to first order; infinite where its parameters are not determined."""
-        held = dict(zip((*setting.model.names, *setting.shape.names), setting.values.tolist(), strict=True))
-        names = np.array((*setting.model.names, *setting.shape.names))[setting.free]
+        held = dict(zip(setting.names, setting.values.tolist(), strict=True))
+        names = np.array(setting.names)[setting.free]
         free = np.isin(list(self.values), names)
         off = np.array([0.0 if name in names else held.get(name, 0.0) - x for name, x in self.values.items()])
         J, r = self.R[:, free], self.e + self.R @ off

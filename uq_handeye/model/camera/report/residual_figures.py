@@ -15,20 +15,25 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
+from matplotlib.text import Text
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
+from ....core.formatting.numbers import digits
 from ....core.geometry.se3 import Array
 from ....core.presentation.figure_parts import (
     BLUE,
     GRID,
     HALO,
     INK,
+    MAP_HALO,
+    ON_MAP,
     ORANGE,
     QUIET,
     SMALL,
     TEXT,
     WIDTH,
+    Picture,
     canvas,
     finished,
     plain,
@@ -37,7 +42,7 @@ from ....core.presentation.figure_parts import (
 )
 from ..calibrated import Calibrated, cells_that_matter, picture_rms, radial_means
 from ..residual_pattern import CELLS, LARGE
-from .text import outlier_names, pattern_words
+from .text import coverage_words, noise_words, outlier_names, pattern_words
 
 # More arrows are drawn as an image: a drawing of each would make a large file.
 MANY = 2500
@@ -55,7 +60,7 @@ _CROSS: dict[str, Any] = {
 }  # fmt: skip
 
 
-def by_picture_figure(cam: Calibrated) -> Figure:
+def by_picture(cam: Calibrated) -> Picture:
     """RMS of the residuals of every picture, the corners left out of it, and the pixel noise."""
     corners, used = cam.corners, cam.bundle.used
     distance = np.linalg.norm(cam.bundle.residuals, axis=1)
@@ -84,16 +89,24 @@ def by_picture_figure(cam: Calibrated) -> Figure:
     margin = 0.02 * max(float(np.ptp(number)), 1.0) + 0.4
     axis.set_xlim(number[0] - margin, number[-1] + margin)
     axis.xaxis.set_major_locator(MaxNLocator(nbins=12, integer=True, min_n_ticks=1))
-    axis.set_xlabel("row of the picture, counted from 0", fontsize=TEXT)
-    axis.set_ylabel("residual (pixels)", fontsize=TEXT)
+    named_axes(axis, "row of the picture, counted from 0", "residual (pixels)")
     places = np.stack([number[corners.picture], distance], axis=-1)
     figure.legend(loc="outside upper right", ncols=2, frameon=False, fontsize=SMALL, columnspacing=1.2)
     _labelled(figure, axis, outlier_names(cam, MOST_NAMED), places, ~used)
-    return finished(figure)
+    worst = corners.names[int(np.argmax(rms))]
+    alt = (
+        f"Root mean square of the residuals of each of {corners.n} pictures, {digits(rms.min())} to "
+        f"{digits(rms.max())} pixels; the largest is that of {worst}."
+    )
+    caption = (
+        f"Residuals of every picture. {noise_words(cam)} A picture far above the line was blurred, or its corners were "
+        "found badly."
+    )
+    return Picture(finished(figure), alt, caption)
 
 
-def over_picture_figure(cam: Calibrated) -> tuple[Figure, float]:
-    """All residuals as arrows at their corners, and the factor by which they are enlarged."""
+def over_picture(cam: Calibrated) -> Picture:
+    """All residuals as arrows at their corners."""
     corners, used, residuals = cam.corners, cam.bundle.used, cam.bundle.residuals
     width, height = cam.image_size
     figure, axis = picture_canvas(cam.image_size, 0.8)
@@ -111,10 +124,18 @@ def over_picture_figure(cam: Calibrated) -> tuple[Figure, float]:
         handles += axis.plot(*out.T, **_CROSS, label=label, zorder=5)
     figure.legend(handles=handles, loc="outside upper right", ncols=2, frameon=False, fontsize=SMALL)
     _labelled(figure, axis, outlier_names(cam, MOST_NAMED), corners.pixels, ~used)
-    return finished(figure), factor
+    left = int((~used).sum())
+    alt = f"Residuals of all corners over the picture, in true proportions; {left} corners were left out."
+    caption = (
+        f"Residuals (measured less predicted) of the {int(used.sum()):,} corners used, enlarged {factor:,g} times, at "
+        f"their places in the picture, u to the right and v down. {coverage_words(cam)}"
+    )
+    if left:
+        caption += " Crosses: corners left out, named by picture and number; the farthest only where they are many."
+    return Picture(finished(figure), alt, caption)
 
 
-def pattern_figure(cam: Calibrated) -> tuple[Figure, float]:
+def over_cells(cam: Calibrated) -> Picture:
     """The mean residual of each cell of the picture, and the radial part by the distance from the centre."""
     width, height = cam.image_size
     half = 0.55 * WIDTH
@@ -131,7 +152,14 @@ def pattern_figure(cam: Calibrated) -> tuple[Figure, float]:
     factor = _cells(axes[0], cam)
     _radial(axes[1], cam)
     figure.legend(loc="outside lower center", ncols=3, frameon=False, fontsize=SMALL, columnspacing=1.4)
-    return finished(figure), factor
+    alt = f"Mean residuals over the picture by cell, and by the distance from the centre. {pattern_words(cam)}"
+    caption = (
+        f"{pattern_words(cam)} Left: the mean residual (measured less predicted) of each cell, enlarged {factor:,g} "
+        f"times; orange ones are beyond chance and larger than {LARGE:g} of the pixel noise. Right: its part away from "
+        f"the centre, with bars of 2 sigma, and grey where it is below {LARGE:g} of the noise. A right model leaves "
+        "short arrows without order, and a curve about 0."
+    )
+    return Picture(finished(figure), alt, caption)
 
 
 def _cells(axis: Axes, cam: Calibrated) -> float:
@@ -187,9 +215,47 @@ def _radial(axis: Axes, cam: Calibrated) -> None:
     axis.set_xlim(0.0, 1.06 * float(radius.max()))
     axis.xaxis.set_major_locator(MaxNLocator(nbins=4, integer=True))
     axis.yaxis.set_major_locator(MaxNLocator(nbins=6, symmetric=True))
-    axis.set_xlabel("distance from the centre (pixels)", fontsize=TEXT)
-    axis.set_ylabel("outward, mean (pixels)", fontsize=TEXT)
-    axis.set_title("by the distance from the centre", fontsize=TEXT, loc="left")
+    named_axes(axis, "distance from the centre (pixels)", "outward, mean (pixels)", "by the distance from the centre")
+
+
+def framed(ratio: float, beside: float, tallest: float, more: float) -> tuple[Figure, Axes]:
+    """A figure with one frame, height over width ``ratio``, ``beside`` inches left free for labels, ``more`` above."""
+    wide = min(WIDTH - beside, tallest / ratio)
+    figure = canvas(more + wide * ratio)
+    side = 0.5 * max(WIDTH - beside - wide, 0.0)
+    return figure, figure.add_subplot(
+        figure.add_gridspec(1, 3, width_ratios=[side, wide, side])[1] if side > 0 else 111
+    )
+
+
+def named_axes(axis: Axes, x: str, y: str, title: str = "", ticks: tuple[int, int] = (0, 0), **how: Any) -> None:
+    """Names of both axes, a title, and at most so many ticks along each where they are given."""
+    axis.set_xlabel(x, fontsize=TEXT)
+    axis.set_ylabel(y, fontsize=TEXT)
+    if title:
+        axis.set_title(title, fontsize=TEXT, loc="left")
+    for line, most in zip((axis.xaxis, axis.yaxis), ticks, strict=True):
+        if most:
+            line.set_major_locator(MaxNLocator(nbins=most, **how))
+
+
+def scale_beside(figure: Figure, axis: Axes, drawn: Any, name: str, wide: float = 0.028) -> Any:
+    """The colours of a map beside it, with the name of what they mean."""
+    bar = figure.colorbar(drawn, cax=axis.inset_axes((1.02, 0.0, wide, 1.0)))
+    bar.ax.tick_params(labelsize=SMALL, length=2.5, color=QUIET)
+    bar.outline.set_visible(False)
+    bar.set_label(name, fontsize=TEXT)
+    return bar
+
+
+def marked(axis: Axes, at: Array, name: str, middle: Array) -> Text:
+    """A cross on a map with a name, written towards the ``middle``; rows count downwards."""
+    axis.plot(*at, "+", color=ON_MAP, markersize=8, clip_on=False, zorder=6)
+    left, above = at < middle
+    return axis.annotate(
+        name, (float(at[0]), float(at[1])), xytext=(6 if left else -6, -8 if above else 8), color=ON_MAP, zorder=7,
+        textcoords="offset points", fontsize=SMALL, path_effects=MAP_HALO, va="center", ha="left" if left else "right",
+    )  # fmt: skip
 
 
 def picture_canvas(image_size: tuple[int, int], beside: float) -> tuple[Figure, Axes]:
@@ -197,11 +263,7 @@ def picture_canvas(image_size: tuple[int, int], beside: float) -> tuple[Figure, 
 
     The frame stands at the bottom of its place: where it floats, the layout takes too little room for the labels below.
     """
-    ratio = image_size[1] / image_size[0]
-    wide = min(WIDTH - beside, TALLEST / ratio)
-    figure = canvas(0.9 + wide * ratio)
-    side = 0.5 * max(WIDTH - beside - wide, 0.0)
-    axis = figure.add_subplot(figure.add_gridspec(1, 3, width_ratios=[side, wide, side])[1] if side > 0 else 111)
+    figure, axis = framed(image_size[1] / image_size[0], beside, TALLEST, 0.9)
     picture_axes(axis, image_size)
     axis.set_anchor("S")
     return figure, axis
@@ -215,10 +277,7 @@ def picture_axes(axis: Axes, image_size: tuple[int, int]) -> None:
         side.set_visible(True)
         side.set_color(QUIET)
     axis.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5), aspect="equal")
-    axis.xaxis.set_major_locator(MaxNLocator(nbins=6, integer=True))
-    axis.yaxis.set_major_locator(MaxNLocator(nbins=5, integer=True))
-    axis.set_xlabel("u (pixels)", fontsize=TEXT)
-    axis.set_ylabel("v (pixels)", fontsize=TEXT)
+    named_axes(axis, "u (pixels)", "v (pixels)", ticks=(6, 5), integer=True)
 
 
 def _labelled(

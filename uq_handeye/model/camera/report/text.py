@@ -101,11 +101,9 @@ def _length(value: float) -> str:
 
 def title(cam: Calibrated) -> str:
     """Return the title: what it is and what it was made of."""
-    used = int(cam.bundle.used.sum())
-    width, height = cam.image_size
-    return (
-        f"Camera, model {model_name(cam)}, {width} x {height} pixels, from {cam.corners.n} pictures, {used:,} corners"
-    )
+    used, n = int(cam.bundle.used.sum()), cam.corners.n
+    size = "{} x {} pixels".format(*cam.image_size)
+    return f"Camera, model {model_name(cam)}, {size}, from {n} picture{'s' * (n > 1)}, {used:,} corners"
 
 
 def model_name(cam: Calibrated) -> str:

@@ -12,17 +12,17 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ....core.files import trees as _trees
-from ....core.files.lines import short
-from ....core.files.open import StrPath, as_path, opened, shown
-from ....core.files.trees import got, number, parse_tree
-from ....core.formatting.numbers import Snippet
-from ....core.formatting.numbers import short as short_number
-from ....core.geometry.se3 import Array
-from ....errors import InputError
-from ....formats.opencv_storage import matrix_lines, stack, yaml_number
-from ..calibrated import Calibrated
-from ..models import LINEAR, MODELS
+from ...core.files import trees as _trees
+from ...core.files.lines import short
+from ...core.files.open import StrPath, as_path, opened, shown
+from ...core.files.trees import got, number, parse_tree
+from ...core.formatting.numbers import Snippet
+from ...core.formatting.numbers import short as short_number
+from ...core.geometry.se3 import Array
+from ...errors import InputError
+from ...formats.opencv_storage import matrix_lines, stack, yaml_number
+from .calibrated import Calibrated
+from .models import LINEAR, MODELS
 
 FORMAT = "uq-handeye camera 1"
 

@@ -4,66 +4,41 @@
 name or a number. Other names of both columns are taken as well (`POSE`, `POINT`), with units behind x, y and z:
 ``x_mm``, ``x [mm]``. Fields are separated by commas, semicolons (numbers then may have decimal commas) or tabs. A point
 with an empty coordinate or NaN was not seen. Further columns are not used. Without a header five fields a line are
-pose, point and coordinates, and four those of a target. Tables with one row per pose: `wide_table`.
+pose, point and coordinates, and four those of a target.
 
-Tables with one row per pose, as trackers write them (``pose,A_x,A_y,A_z,B_x,...``), as tables of one point per line.
-
-The axis stands behind the name of the point (``A_x``, ``A x [mm]``, ``A.x_mm``) or before its number (``x1``).
+Trackers write tables with one row per pose (``pose,A_x,A_y,A_z,B_x,...``). The axis stands behind the name
+of the point (``A_x``, ``A x [mm]``, ``A.x_mm``) or before its number (``x1``).
 """
 
 from __future__ import annotations
 
-import csv
-import io
 import logging
 import math
 import re
 import warnings
-from collections.abc import Callable, Iterator
-from typing import BinaryIO
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ....core.files.lines import decoded, is_number, short
-from ....core.files.open import StrPath, as_path, opened, shown
-from ....core.files.table import Places, Schema, Table, read_table
-from ....core.geometry.se3 import Array
-from ....errors import InputError, InputWarning
-from ....formats.contents import require_units
-from ....formats.csv_poses import meaning_and_unit
-from ..measured import PointSet, Target
+from ...core.files.lines import is_number, short
+from ...core.files.open import StrPath, as_path, opened, shown
+from ...core.files.table import Places, Schema, Table, read_table
+from ...core.geometry.se3 import Array
+from ...errors import InputError, InputWarning
+from ...formats.contents import require_units
+from ...formats.csv_poses import meaning_and_unit
+from .measured import PointSet, Target
 
 _UNIT = r"(?P<unit>[ _]?(?:\[\w+\]|\(\w+\)|(?<=[ _])(?:m|mm|cm|in)))?"
 _BEHIND = re.compile(rf"(?P<name>.*\w)[ _.:/-](?P<axis>[xyz]){_UNIT}", re.IGNORECASE)
 _BEFORE = re.compile(rf"(?P<axis>[xyz])[ _]?(?P<name>\d+){_UNIT}", re.IGNORECASE)
 # Points of a row.
 FEWEST, MOST = 2, 10_000
-LONGEST = 1_000_000  # bytes of the header
 
 
-def long_table(file: BinaryIO, name: str, is_long: Callable[[list[str]], bool]) -> BinaryIO:
-    """Return a wide table as one with a point per line; another table as it is, which ``is_long`` says of a header."""
-    first = file.readline(LONGEST)
-    found = None
-    try:
-        line = decoded(first.removeprefix(b"\xef\xbb\xbf"), name).strip()
-        mark = next((mark for mark in (";", "\t", ",") if mark in line), " ")
-        header = [cell.strip(" \t\"'") for cell in line.split(mark)]
-        found = None if is_long([cell.lower() for cell in header]) else _columns(header)
-    except InputError:
-        pass
-    if found is None:
-        file.seek(0)
-        return file
-    points, unit = found
-    other = [k for k in range(len(header)) if all(k not in axes for axes in points.values())]
-    first_line = ["pose" if not other else header[other[0]], "point", *(f"{axis}{unit}" for axis in "xyz")]
-    return io.BytesIO(b"".join([_line(first_line), *_rows(file, mark, len(header), other[:1], points, name)]))
-
-
-def _columns(header: list[str]) -> tuple[dict[str, list[int]], str] | None:
-    """Return the columns x, y, z of each point and their unit; None: the table is not wide."""
+def _wide(header: list[str]) -> tuple[dict[str, list[int]], str]:
+    """Return the columns x, y, z of each point of a table with a row per pose, and their unit; none: it is another."""
     for pattern in (_BEHIND, _BEFORE):
         places: dict[str, dict[str, int]] = {}
         units = set()
@@ -73,36 +48,24 @@ def _columns(header: list[str]) -> tuple[dict[str, list[int]], str] | None:
                 units.add((match["unit"] or "").lower())
         points = {name: [axes[a] for a in "xyz"] for name, axes in places.items() if len(axes) == 3}
         if FEWEST <= len(points) <= MOST and len(units) == 1:
-            unit = units.pop().strip(" _[]()")
-            return points, f"_{unit}" if unit else ""
-    return None
+            return points, units.pop().strip(" _[]()")
+    return {}, ""
 
 
-def _rows(
-    file: BinaryIO, mark: str, count: int, other: list[int], points: dict[str, list[int]], name: str
-) -> Iterator[bytes]:
-    row = 0
-    for number, raw in enumerate(file, start=2):
-        where = f"{name}, line {number}"
-        line = decoded(raw, where).strip("\r\n ")
-        if not line or line.startswith("#"):
-            continue
-        cells = [cell.strip(" \t\"'") for cell in (line.split() if mark == " " else line.split(mark))]
-        if len(cells) != count:
-            raise InputError(f"{where}: expected {count} fields, got {len(cells)} ({short(line)}).")
-        for point, places in points.items():
-            values = [cells[k].replace(",", ".") for k in places]
-            for value in values:
-                if value and not is_number(value.encode()):
-                    raise InputError(f"{where}, point {point}: expected a number, got {short(value)}.")
-            yield _line([cells[other[0]] if other else str(row), point, *values])
-        row += 1
-
-
-def _line(cells: list[str]) -> bytes:
-    text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerow(cells)
-    return text.getvalue().encode()
+def _unfolded(table: Table) -> Table:
+    """A table with a row per pose as one with a row per point."""
+    points, unit = _wide(table.names)
+    n, m = len(table.values), len(points)
+    poses = [text for (text,) in table.texts] or list(map(str, range(n)))
+    first = table.names[table.places.texts[0]] if table.texts else "pose"
+    return replace(
+        table,
+        names=[first, "point", *(f"{axis}_{unit}" if unit else axis for axis in "xyz")],
+        places=Places((2, 3, 4), (0, 1)),
+        values=table.values.reshape(n * m, 3),
+        lines=np.repeat(table.lines, m),
+        texts=[(pose, point) for pose in poses for point in points],
+    )
 
 
 MAX_BYTES = 200_000_000
@@ -170,8 +133,8 @@ def _seen(path: StrPath, units: str | None, schema: Schema) -> tuple[Table, NDAr
     location = as_path(path)
     name = shown(location)
     with opened(location, MAX_BYTES) as file:
-        text = long_table(file, name, lambda names: _place(names, POINT) is not None) if schema is POSES else file
-        table = read_table(text, name, schema)
+        table = read_table(file, name, schema)
+    table = _unfolded(table) if len(table.places.numbers) > 3 else table
     unit = meaning_and_unit(table.column(0).lower())[1]
     if unit is not None and units not in (None, "m", unit):
         raise InputError(f"{name} names its coordinates in {unit}, and `units` says {units}. Leave `units` out.")
@@ -234,20 +197,23 @@ def _places(names: list[str], line: str, where: str, usual: tuple[str, ...]) -> 
         _log.info("%s: no header; the columns are taken as %s", where.rpartition(",")[0], ",".join(usual))
         return Places(range(len(usual) - 3, len(usual)), range(len(usual) - 3), usual)
     small = [name.lower() for name in names]
+    point, texts = _place(small, POINT), []
+    if "pose" in usual:
+        pose = _place(small, POSE)
+        pose = next((k for k, name in enumerate(small) if _is_time(name)), None) if pose is None else pose
+        texts = [] if pose is None else [pose]
+        if point is None and (wide := _wide(names)[0]):
+            columns = [k for axes in wide.values() for k in axes]
+            if texts or len(columns) == len(names):
+                return Places(columns, texts)
     meant = [meaning_and_unit(name) for name in small]
-    missing, axes = [], []
+    missing, axes = ["pose"] if "pose" in usual and not texts else [], []
     for axis in "xyz":
         places = [k for k, (column, _) in enumerate(meant) if column == axis]
         if len(places) > 1:
             raise InputError(f"{where}: expected one column {axis}, got {len(places)} in {short(line)}.")
         missing += [] if places else [axis]
         axes += places
-    texts: list[int] = []
-    if "pose" in usual:
-        pose = _place(small, POSE)
-        pose = next((k for k, name in enumerate(small) if _is_time(name)), None) if pose is None else pose
-        texts, missing = ([], ["pose", *missing]) if pose is None else ([pose], missing)
-    point = _place(small, POINT)
     if point is None:
         point = next((k for k, name in enumerate(small) if name in ("id", "no", "nr", "#", "number")), None)
     if missing:

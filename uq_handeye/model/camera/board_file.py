@@ -22,16 +22,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ....core.files.lines import short
-from ....core.files.open import StrPath, as_path, opened, shown
-from ....core.files.table import Places, Schema, read_table
-from ....core.files.trees import MAX_BYTES, number, parse_tree
-from ....core.formatting.units import LENGTH_UNITS
-from ....core.geometry.se3 import Array
-from ....errors import InputError
-from ....formats.csv_poses import meaning_and_unit
-from ..board_shape import MEASURED, BoardShape, MeasuredBoard
-from ..boards.description import Board
+from ...core.files.lines import short
+from ...core.files.open import StrPath, as_path, opened, shown
+from ...core.files.table import Places, Schema, read_table
+from ...core.files.trees import MAX_BYTES, number, parse_tree
+from ...core.formatting.units import LENGTH_UNITS
+from ...core.geometry.se3 import Array
+from ...errors import InputError
+from ...formats.csv_poses import meaning_and_unit
+from .board_shape import MEASURED, BoardShape, MeasuredBoard
+from .description import Board
 
 MAX_BOARD_BYTES = 20_000_000
 HEADER = "x,y,z"

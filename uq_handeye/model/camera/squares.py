@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ....core.geometry.se3 import Array
-from ....errors import InputError
-from ..adjustment.initial_guess import opencv
-from ..corners import smoothing
+from ...core.geometry.se3 import Array
+from ...errors import InputError
+from .adjustment.initial_guess import opencv
+from .corners import smoothing
 from .description import Board, dictionary_of
 
 WINDOW = (2, 30)  # bounds of half the side of the window in which a corner is refined, pixels

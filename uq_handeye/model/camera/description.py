@@ -34,11 +34,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from ....core.files.lines import short
-from ....core.formatting.units import parse_length
-from ....core.geometry.se3 import Array
-from ....errors import InputError, require_integer
-from ..adjustment.initial_guess import opencv
+from ...core.files.lines import short
+from ...core.formatting.units import parse_length
+from ...core.geometry.se3 import Array
+from ...errors import InputError, require_integer
+from .adjustment.initial_guess import opencv
 
 # Code of the first tag of each family, row by row from its upper left, white 1, as AprilTag defines it.
 APRILTAGS = {"APRILTAG_16H5": 0x231B, "APRILTAG_25H9": 0x155CBF1, "APRILTAG_36H10": 0x1CA92A687}
@@ -87,7 +87,7 @@ WIDEST = 3.0  # gap between tags, in sides of a tag
 
 @dataclass(frozen=True)
 class Board:
-    """A flat board of squares or of tags, or a single tag; see `camera.boards.description` for the frames.
+    """A flat board of squares or of tags, or a single tag; see `camera.description` for the frames.
 
     Parameters
     ----------

@@ -1,1 +1,0 @@
-"""Kinds of boards: their points, and how each is found in a picture."""

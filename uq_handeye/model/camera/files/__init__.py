@@ -1,1 +1,0 @@
-"""Corner files, camera folders and intrinsics on disk."""
