@@ -161,7 +161,7 @@ class _TwoSides(Record):
             raise InputError(f"Expected `prior` of the noise to be a PosePrior or None, got {got}.")
 
     def _with(self, sides: dict[str, Any]) -> Self:
-        return cast(Any, type(self))(**sides, prior=self.prior)
+        return cast(Self, cast(Any, type(self))(**sides, prior=self.prior))
 
     def rows(self, index: NDArray[Any]) -> Self:
         """Return the noise of some of the poses or motions, by their numbers or a mask; of a joint covariance its
