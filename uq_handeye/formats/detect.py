@@ -121,7 +121,7 @@ _SUFFIXES = {
 }
 
 # Beginnings of arrays.
-_BINARY = {b"PK": "npz", b"\x93NUMPY": "npy", MAT_START: "mat"}
+_BINARY = {b"PK\x03\x04": "npz", b"PK\x05\x06": "npz", b"\x93NUMPY": "npy", MAT_START: "mat"}
 
 # Marks of text in UTF-16, which spreadsheets write.
 _UTF16 = (b"\xff\xfe", b"\xfe\xff")
@@ -273,12 +273,8 @@ def _looks_like(head: bytes, name: str, format: str) -> str | None:
 
 def _kind(head: bytes, name: str, suffix: str) -> str:
     """csv, tum, npz, npy, or "tree" for YAML, JSON and XML; by the first bytes, and the suffix if these say nothing."""
-    if head.startswith((b"PK\x03\x04", b"PK\x05\x06")):
-        return "npz"
-    if head.startswith(b"\x93NUMPY"):
-        return "npy"
-    if head.startswith(MAT_START):
-        return "mat"
+    if (binary := next((kind for start, kind in _BINARY.items() if head.startswith(start)), None)) is not None:
+        return binary
     if head.startswith(b"\x1f\x8b"):
         raise InputError(f"{name} is compressed by gzip; unpack it first.")
     first_line = head.partition(b"\n")[0].decode(errors="replace")
@@ -428,14 +424,12 @@ def refuse_foreign(head: bytes, name: str, suffix: str) -> None:
     for start, what in _STARTS:
         if head.startswith(start):
             raise InputError(f"{name} {what}")
+    if suffix.lower() == ".zdf":
+        raise InputError(f"{name} is a frame of Zivid, and {_CLOUD.removeprefix('is ')}")
     if head.startswith(_HDF):
-        if suffix.lower() == ".zdf":
-            raise InputError(f"{name} is a frame of Zivid, and {_CLOUD.removeprefix('is ')}")
         raise InputError(
             f"{name} is an HDF5 file: write the poses (n, 4, 4) by numpy.save (docs/formats.md, NPZ and NPY)."
         )
-    if suffix.lower() == ".zdf":
-        raise InputError(f"{name} is a frame of Zivid, and {_CLOUD.removeprefix('is ')}")
     pickled = head[:1] == b"\x80" and head[1:2] in (b"\x02", b"\x03", b"\x04", b"\x05")
     if pickled or (suffix.lower() in _PICKLED and not head.startswith((b"\x93NUMPY", _ZIP))):
         module = "joblib" if suffix.lower() == ".joblib" else "pickle"
@@ -445,11 +439,8 @@ def refuse_foreign(head: bytes, name: str, suffix: str) -> None:
         )
     if head.startswith(_ZIP):
         member = head[30 : 30 + int.from_bytes(head[26:28], "little")]
-        if (
-            b"[Content_Types].xml" in head[:4096]
-            or member.startswith((b"xl/", b"docProps/"))
-            or suffix.lower() == ".ods"
-        ):
+        office = b"[Content_Types].xml" in head[:4096] or member.startswith((b"xl/", b"docProps/"))
+        if office or suffix.lower() == ".ods":
             raise InputError(f"{name} {_SHEET}")
         if member and not member.endswith(b".npy") and suffix.lower() != ".npz":
             raise InputError(f"{name} is a ZIP archive: unpack it, and give the file or the folder of the poses.")

@@ -252,7 +252,8 @@ def matrices_of(tree: Any) -> tuple[Array, str] | None:
     """Return the matrices of a tree, and under which names they stood; None if they are not told without doubt."""
     values = numbers_of(tree)
     if values is not None:
-        return (values, "") if _are_matrices(values) else None
+        rows_of_poses = values.shape[-1] in (6, 7, 8)
+        return (values, "") if is_poses(values.shape) and not rows_of_poses else None
     if is_map(tree):
         found = {str(key): one for key, value in tree.items() if (one := matrices_of(value)) is not None}
         if len(found) == 1:
@@ -291,20 +292,11 @@ def listed(tree: Any) -> Any:
         for stem, keys in stems.items()
         if len(keys) > 1 and stem not in tree
     }
-    if len(lists) == 1 and len(tree) == len(next(iter(lists.values()))) and not _is_storage(next(iter(tree.values()))):
-        return next(iter(lists.values()))
+    every = next(iter(lists.values()), [])
+    if len(lists) == 1 and len(tree) == len(every) and not {"rows", "cols", "data"} <= set(every[0]):  # of OpenCV
+        return every
     taken = {key for stem in lists for key in stems[stem]}
     return {**{key: listed(value) for key, value in tree.items() if key not in taken}, **lists}
-
-
-def _is_storage(value: dict[str, Any]) -> bool:
-    """Return whether a map is a matrix of OpenCV."""
-    return {"rows", "cols", "data"} <= set(value)
-
-
-def _are_matrices(values: Array) -> bool:
-    """Return whether an array holds matrices, and not rows of six to eight numbers."""
-    return is_poses(values.shape) and values.shape[-1] not in (6, 7, 8)
 
 
 def _stacked(parts: list[Array], name: str) -> tuple[Array, str] | None:
