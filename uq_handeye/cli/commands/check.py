@@ -28,8 +28,6 @@ from ..options import UNITS, one_of, shown
 from ..rigs import NEW_VIEWS, deliver_rig, new_views, refuse, stored_rig
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from ...core.geometry.se3 import Array
     from ...core.presentation.document import Block
     from ...rig.checks.check import RigCheck
@@ -39,37 +37,13 @@ if TYPE_CHECKING:
     from ...use.verification.result import Verification
 
 
-@dataclass(frozen=True)
-class Logged:
-    """The series with the check that was added, and its alarm."""
+def _blocks_of(series: "CheckSeries", alarm: "SeriesAlarm") -> "list[list[Block]]":
+    """Return the answer of the series of checks, which stands below that of the last one."""
+    from ...core.presentation.document import Paragraph, groups_of
+    from ...use.maintenance.series_alarm import alarm_document, series_sentences
 
-    series: "CheckSeries"
-    alarm: "SeriesAlarm"
-
-    def document(self, short: bool) -> "list[list[Block]]":
-        """Return the answer of the series, below that of the check."""
-        from ...core.presentation.document import Paragraph, groups_of
-        from ...use.maintenance.series_alarm import alarm_document, series_sentences
-
-        blocks = [block for part in groups_of(alarm_document(self.alarm)) for block in part]
-        if short:
-            return [blocks[:1]]
-        return [[*blocks, *(Paragraph(text, hang="  ") for text in series_sentences(self.series))]]
-
-    def figure(self) -> "Figure":
-        """Return the figure of the series."""
-        from ...use.maintenance.series_figure import series_figure
-
-        return series_figure(self.series, self.alarm)
-
-
-def logged(path: Path, result: Any, poses: Any, check: Any, every: float | None) -> Logged:
-    """Add a check to the log, and evaluate the series."""
-    from ...use.maintenance.log import log_check
-    from ...use.maintenance.series_alarm import EVERY, series_alarm
-
-    series = log_check(path, result, poses, check)
-    return Logged(series, series_alarm(result, series, EVERY if every is None else every))
+    blocks = [block for part in groups_of(alarm_document(alarm)) for block in part]
+    return [blocks[:1] if quiet() else [*blocks, *(Paragraph(text, hang="  ") for text in series_sentences(series))]]
 
 
 # Exit statuses.
@@ -137,6 +111,8 @@ def check_command(
     from ...model.posterior.owners import THINGS
     from ...use.maintenance.check import check
     from ...use.maintenance.cusum import limit_for
+    from ...use.maintenance.log import log_check
+    from ...use.maintenance.series_alarm import EVERY, series_alarm
 
     if (rig := stored_rig(result)) is not None:
         refuse(*NEW_VIEWS, "--tolerance", "--level", "--same", "--log", "--every")
@@ -150,17 +126,23 @@ def check_command(
     with timed("checking"):
         names = names_of(asked.same) or THINGS
         found = check(stored, poses, tolerance=asked.tolerance, level=asked.level, same=names)
-        series = None if asked.log is None else logged(asked.log, stored, poses, found, asked.every)
-    text = found.to_json() if series is None else json_text({**found.to_dict(), "series": series.alarm.to_dict()})
-    said = [*shown(document_of(found)), *([] if series is None else series.document(quiet()))]
+        series = None if asked.log is None else log_check(asked.log, stored, poses, found)
+        alarm = None if series is None else series_alarm(stored, series, asked.every or EVERY)
+    text, said = found.to_json(), [*shown(document_of(found))]
+    if series is not None and alarm is not None:
+        text = json_text({**found.to_dict(), "series": alarm.to_dict()})
+        said += _blocks_of(series, alarm)
 
     def written() -> dict[str, Any]:
-        drawn = {} if series is None else {"series": series.figure()}
-        return {"check.json": text, "check.txt": found.summary(), **drawn}
+        files: dict[str, Any] = {"check.json": text, "check.txt": found.summary()}
+        if series is not None and alarm is not None:
+            from ...use.maintenance.series_figure import series_figure  # Matplotlib is slow to import
+
+            files["series"] = series_figure(series, alarm)
+        return files
 
     deliver_answer(text, said, as_json, output, written)
-    alarm = series is not None and series.alarm.alarm is not None
-    return CHANGED_STATUS if alarm else status_of(found)
+    return CHANGED_STATUS if alarm is not None and alarm.alarm is not None else status_of(found)
 
 
 def status_of(found: "ChangeCheck | RigCheck") -> int:
