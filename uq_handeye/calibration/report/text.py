@@ -320,7 +320,7 @@ def offset_sentence(result: Calibration) -> str:
     return (
         f"Time offset: {concise(1e3 * found.offset, 1e3 * found.std, 'ms')} (robot_time = camera_time + offset; the "
         f"{found.side} was interpolated). One standard deviation of it moves X by {digits(turn, 2)} deg and "
-        f"{digits(shift, 2)} mm; this is in the covariance of X, where it makes up "
+        f"{digits(float(shift), 2)} mm; this is in the covariance of X, where it makes up "
         f"{100 * found.share:.2g} % of the variance in the direction in which it counts most."
     )
 
