@@ -101,6 +101,8 @@ class Calibration(Statement, Plotted):
     shared : tuple of SharedEstimate
         Errors that all poses share: assumed standard deviation, estimate and standard deviation after the fit, share
         of the variance of X.
+    shared_at_sizes : tuple of SharedEstimate
+        What `shared` is made of: the same for the mean sizes of the errors, as the numbers of `kinematics` are.
     agreement : Agreement or None
         Of method "bundle": how far it is from `efficient`, and the time of each.
     provenance : Provenance or None
