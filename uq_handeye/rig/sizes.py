@@ -165,7 +165,7 @@ def _by_intrinsics(graph: Graph, bound: Graph, width: float) -> Array:
     found = np.zeros((graph.E, 6, 8))
     for target in np.unique(graph.W).tolist():
         of = target == graph.W
-        seen = _place(graph.names[target], bound.names) == bound.W
+        seen = np.asarray(_place(graph.names[target], bound.names) == bound.W)
         known, by = (bound, seen) if seen.any() else (graph, of)
         found[of] = intrinsics_columns(graph.C[of], *_place_of(known.C[by], known.X[by], width))
     return found
