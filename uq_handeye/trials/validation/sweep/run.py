@@ -307,7 +307,10 @@ def sweep_document(result: Sweep, verbose: bool = False) -> Document:
     if not verbose:
         said = [Paragraph(verdict(found)) for found in result.methods] if len(result.methods) <= FEW else []
         end = f"{how} A covariance is valid while it describes the errors to within {percent}."
-        return [start, said, _limits(result), Paragraph(end)]
+        limits: list[list[Cell]] = [
+            [of.method, *(_short_limit(of.limit(kind)) for kind in KINDS)] for of in result.methods
+        ]
+        return [start, said, Table("", ["valid up to, times your sd", *KINDS], limits), Paragraph(end)]
     return [
         start,
         Paragraph(how),
@@ -340,7 +343,9 @@ def verdict(found: MethodSweep) -> str:
     first, second = (found.limit(kind) for kind in KINDS)
     own = found.own
     if own.first_order.holds:
-        said = [f"{found.method}: first order is valid {_reach(found, first)}; {_margin(first)}."]
+        inside = "well inside" if math.sqrt(first.holds or 0.0) >= WELL else "inside"
+        inside += ", but near the end" if inside == "inside" and first.fails is not None else ""
+        said = [f"{found.method}: first order is valid {_reach(found, first)}; your own noise is {inside}."]
         if first.fails is not None:
             said.append(f"Beyond, it fails. {found.at(first.fails).first_order.failure}")
     else:
@@ -367,14 +372,6 @@ def verdict(found: MethodSweep) -> str:
             f"At your noise X is biased by {own.bias:.2f} standard deviations; a mean square error includes that."
         )
     return " ".join(said)
-
-
-def _limits(result: Sweep) -> Table:
-    """Return per method how many times the standard deviations of the noise may grow."""
-    rows: list[list[Cell]] = [
-        [found.method, *(_short_limit(found.limit(kind)) for kind in KINDS)] for found in result.methods
-    ]
-    return Table("", ["valid up to, times your sd", *KINDS], rows)
 
 
 def _short_limit(limit: Limit) -> str:
@@ -407,13 +404,6 @@ def _times(factor: float, number: Callable[[float], str] | None = None) -> str:
         else (number(math.sqrt(factor)), number(factor))
     )
     return f"{deviations} times your standard deviations ({covariances} times your covariances)"
-
-
-def _margin(limit: Limit) -> str:
-    assert limit.holds is not None
-    if math.sqrt(limit.holds) >= WELL:
-        return "your own noise is well inside"
-    return "your own noise is inside" if limit.fails is None else "your own noise is inside, but near the end"
 
 
 def _why(level: Level) -> str:
