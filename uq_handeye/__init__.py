@@ -26,8 +26,7 @@ if _typing.TYPE_CHECKING:
         NotConvergedError,
         SingularNoiseError,
     )
-    from .fit.input_checks.board_rotation import resolve_board_rotation
-    from .fit.input_checks.pose_ambiguity import resolve_pose_ambiguity
+    from .fit.input_checks.pose_ambiguity import resolve_board_rotation, resolve_pose_ambiguity
     from .fit.likelihood.gauss_helmert import bound, efficient, maximum_likelihood
     from .fit.likelihood.rig_bundle import Agreement
     from .fit.likelihood.shared_estimates import SharedEstimate
@@ -332,8 +331,7 @@ _LATER = {
     "fit.one_model.noise_of_data": ("estimate_noise", "estimate_robot_noise"),
     "use.planning.plan": ("plan",),
     "use.planning.result": ("Plan",),
-    "fit.input_checks.board_rotation": ("resolve_board_rotation",),
-    "fit.input_checks.pose_ambiguity": ("resolve_pose_ambiguity",),
+    "fit.input_checks.pose_ambiguity": ("resolve_board_rotation", "resolve_pose_ambiguity"),
     "model.points.estimate": ("poses_from_points",),
     "model.points.result": ("PointPoses", "read_point_poses"),
     "model.points.point_file": ("read_points", "read_target"),

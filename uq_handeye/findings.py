@@ -87,6 +87,11 @@ class Template(Formatter):
 _TEMPLATE = Template()
 
 
+def filled(template: str, values: Mapping[str, Any]) -> str:
+    """Return a template with its values."""
+    return _TEMPLATE.vformat(template, (), values)
+
+
 # Rank of failures that explain no other ones.
 LAST = 99
 
@@ -100,8 +105,8 @@ class Record:
     covariance contains it. It only orders findings. ``rejects``: a test says that the covariance of X is too small.
     ``remedy``: what to do; with ``first`` it is said before those of findings of more effect, which it may explain.
     ``rank``: place among failures, the decisive one first. ``rows``: values that are numbers of rows, or lists of
-    these; a "row" is one in every finding. ``explains``: it is the cause of those that are ``explained``, which are
-    then left out.
+    these; a "row" is one in every finding. ``explains``: it is the cause of what the fit shows, which is then left out,
+    and of other findings of the input that are ``explained`` (`without_consequences`).
     """
 
     words: str | Callable[..., str]
@@ -111,7 +116,7 @@ class Record:
     rejects: bool = False
     remedy: Said = ""
     rows: Sequence[str] = ()
-    explains: bool = False
+    explains: bool | Callable[[Mapping[str, Any]], bool] = False
     explained: bool = False
     first: bool = False
     rank: int = LAST
@@ -119,7 +124,7 @@ class Record:
 
 def _said(what: Said, values: Mapping[str, Any]) -> str:
     try:
-        return what(values) if callable(what) else _TEMPLATE.vformat(what, (), values)
+        return what(values) if callable(what) else filled(what, values)
     except _OF_ANOTHER_VERSION:
         return ""
 
@@ -156,7 +161,7 @@ class Finding:
         """The sentence; where this version has none for the code with these values, both as they are."""
         words = self.record.words
         try:
-            return words(**self.values) if callable(words) else _TEMPLATE.vformat(words, (), self.values)
+            return words(**self.values) if callable(words) else filled(words, self.values)
         except _OF_ANOTHER_VERSION:
             return _unworded(self)
 
@@ -187,6 +192,12 @@ class Finding:
             return float(effect(self.values) if callable(effect) else effect)
         except _OF_ANOTHER_VERSION:
             return 1.0
+
+    @property
+    def explains(self) -> bool:
+        """True if it is the cause of what the fit shows."""
+        explains = self.record.explains
+        return bool(explains(self.values) if callable(explains) else explains)
 
     @property
     def rejects(self) -> bool:

@@ -17,9 +17,8 @@ from uq_handeye.core.geometry.se3 import perturb
 from uq_handeye.fit.diagnostics import diagnose as module
 from uq_handeye.fit.diagnostics import residual_patterns
 from uq_handeye.fit.diagnostics import sentences as diagnosis_words
-from uq_handeye.fit.diagnostics.diagnose import diagnose
+from uq_handeye.fit.diagnostics.diagnose import diagnose, scale_errors, shared_lengths
 from uq_handeye.fit.diagnostics.result import Diagnostics
-from uq_handeye.fit.diagnostics.scale_errors import scale_errors, shared_lengths
 from uq_handeye.fit.likelihood.gauss_helmert import corrected, efficient, maximum_likelihood
 from uq_handeye.fit.likelihood.goodness_of_fit import goodness_of_fit, own_residuals
 from uq_handeye.fit.likelihood.robust import robust_fit

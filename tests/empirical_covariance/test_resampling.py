@@ -26,15 +26,8 @@ import uq_handeye as uq
 from uq_handeye.fit.empirical_covariance import replicates
 from uq_handeye.fit.empirical_covariance import resampled as resampling
 from uq_handeye.fit.empirical_covariance.replicates import Problem
-from uq_handeye.fit.empirical_covariance.resampled import bootstrap, jackknife, resampled
-from uq_handeye.fit.empirical_covariance.sandwich import (
-    automatic_lags,
-    degrees_of_freedom,
-    hac,
-    hac_freedom,
-    influence_of,
-    sandwich,
-)
+from uq_handeye.fit.empirical_covariance.resampled import bootstrap, deletions, resampled, spread_of_deletions
+from uq_handeye.fit.empirical_covariance.sandwich import hac_freedom, influence_of
 from uq_handeye.fit.likelihood.constraint import OnMotions, OnPoses
 from uq_handeye.fit.likelihood.gauss_helmert import efficient, fit
 from uq_handeye.fit.likelihood.goodness_of_fit import Reference
@@ -44,6 +37,19 @@ from uq_handeye.methods.propagation.published_fit import mean_target, solve_all_
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.2mrad", "0.1mm"), camera=("1mrad", "1mm"))
 SMOOTH = [name for name, method in METHODS.items() if method.smooth]
+
+
+def sandwich(found):
+    return influence_of(found).sandwich()
+
+
+def hac(found, lags=None):
+    at = influence_of(found)
+    return at.hac(at.automatic_lags() if lags is None else np.asarray(lags))
+
+
+def jackknife(found):
+    return spread_of_deletions(deletions(influence_of(found)))
 
 
 @cache
@@ -67,7 +73,7 @@ def some(poses, trials):
 
 @cache
 def freedom_of_simulated():
-    return float(degrees_of_freedom(efficient(some(simulated()[0], 20), NOISE)).mean())
+    return float(influence_of(efficient(some(simulated()[0], 20), NOISE)).freedom.mean())
 
 
 def edge(freedom, p):
@@ -126,7 +132,7 @@ def test_hac_is_the_double_sum_and_its_lag_that_of_newey_and_west():
     sigma = [sum(c[k] @ M_inverse @ c[k - j] for k in range(j, n)) / n for j in range(q + 1)]
     s0, s1 = sigma[0] + 2 * sum(sigma[1:]), 2 * sum(j * sigma[j] for j in range(q + 1))
     lag = int(1.1447 * ((s1 / s0) ** 2) ** (1 / 3) * n ** (1 / 3))
-    assert automatic_lags(found) == min(lag, n // 4)
+    assert influence_of(found).automatic_lags() == min(lag, n // 4)
     same_up_to(hac(found), hac(found, min(lag, n // 4)))
 
 
@@ -138,7 +144,7 @@ def test_degrees_of_freedom_are_those_of_the_double_sum():
     c = np.linalg.solve(np.linalg.cholesky(found.covariance_X), c)
     T = np.einsum("kax,lbx->klab", c, c)
     double = (np.einsum("klaa->kl", T) ** 2 + np.einsum("klab,klba->kl", T, T)).sum()
-    assert degrees_of_freedom(found) == pytest.approx(42 / double, rel=1e-8)
+    assert at.freedom == pytest.approx(42 / double, rel=1e-8)
 
 
 @pytest.mark.parametrize("weighted", [False, True])
@@ -396,7 +402,7 @@ def test_on_motions_the_clusters_are_motions(rng):
         moved(np.broadcast_to(T, (trials, N, 4, 4)), draw(rng, S, (trials, N))) for T, S in ((A, noise.A), (B, noise.B))
     )
     found = efficient(uq.Motions(A, B), noise)
-    freedom = trials * degrees_of_freedom(efficient(uq.Motions(A[:20], B[:20]), noise)).mean()
+    freedom = trials * influence_of(efficient(uq.Motions(A[:20], B[:20]), noise)).freedom.mean()
     assert_same_covariance(sandwich(found).mean(axis=0), found.covariance.mean(axis=0), edge(freedom, 6) + 0.02)
     one = uq.Motions(A[0], B[0])
     for method in ("efficient", "4dpa", "park"):
@@ -461,7 +467,6 @@ def test_what_a_method_does_not_allow_is_said():
         ((poses, "4dpa", "other"), {}, "Expected `kind`"),
         ((poses, "other", "hac"), {}, "Expected `method`"),
         (("poses", "4dpa", "hac"), {}, "Expected `data`"),
-        ((poses, "4dpa", "hac"), {"lags": 16}, "Expected `lags`"),
         ((poses, "4dpa", "bootstrap"), {"replicates": 1}, "Expected `replicates`"),
         ((simulated()[0], "4dpa", "hac"), {}, "one data set"),
     ):

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from calibration_cases import quietly
 from scipy.spatial.transform import Rotation
 from support import difference, moved
 
@@ -77,8 +78,48 @@ def test_swapped_files(good):
 def test_wrong_pairing(good):
     for shift in (1, 5):
         text = said(changed(good, camera=np.roll(good.camera, shift, axis=0)))
-        assert "disagree on the rotation angles" in text
-        assert "do not belong together" in text
+        assert f"robot row i belongs to camera row i + {shift}" in text
+        assert "halves" not in text and "contradict" not in text  # which the shift explains
+    text = said(changed(good, camera=good.camera[np.random.default_rng(1).permutation(good.n)]))
+    assert "disagree on the rotation angles" in text and "do not belong together" in text
+
+
+@pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
+def test_large_noise_is_no_wrong_pairing(setup):
+    """Rows belong together whose rotations differ by far less than rotations do by chance."""
+    large = uq.PoseNoise.isotropic(robot=("1deg", "5mm"), camera=("3deg", "20mm"))
+    found = quietly(uq.simulate(15, noise=large, seed=4, setup=setup)).findings
+    angles = [one for one in found if one.code == "input_checks.angles_disagree"]
+    assert angles and angles[0].severity == "caution" and "Noise of that size can be the cause" in str(angles[0])
+
+
+def test_a_row_in_another_unit_leaves_the_lengths():
+    poses = uq.simulate(20, noise=NOISE, seed=3, setup="eye-to-hand")
+    camera = poses.camera.copy()
+    camera[7, :3, 3] *= 1000
+    codes = {one.code for one in quietly(changed(poses, camera=camera)).findings}
+    assert "input_checks.far" in codes and "input_checks.setup_by_lengths" not in codes
+
+
+@pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
+def test_what_is_not_larger_than_others_is_no_outlier(setup):
+    """Of swapped files one pose that should have been exact was called much worse, and had less than the median."""
+    noise = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
+    poses = uq.simulate(20, noise=noise, seed=3, setup=setup)
+    result = quietly(uq.PosePairs(poses.camera, poses.robot, setup))
+    assert "input_checks.outliers" not in {one.code for one in result.findings}
+
+
+@pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
+def test_the_noise_given_is_only_blamed_where_it_was_given(setup):
+    poses = uq.simulate(20, noise=NOISE, seed=3, setup=setup)
+    for index in (sorted(range(20), key=str), np.arange(20)[::-1]):
+        try:
+            found = quietly(changed(poses, camera=poses.camera[index])).findings
+        except (uq.InputError, uq.NotConvergedError) as error:
+            found, text = error.findings, str(error)
+            assert "noise given" not in text
+        assert not any("noise_too_small" in one.code for one in found)
 
 
 def test_one_wrong_detection():
@@ -208,7 +249,7 @@ def test_units_of_one_file(good, factor, noise):
 
 def test_size_of_the_target_with_noise(good):
     text = said(changed(good, camera=rescaled(good.camera, 0.9)))
-    assert "translation residuals of the poses" in text
+    assert "The translations of robot and camera do not match" in text
 
 
 @pytest.mark.parametrize("millimetres", [10, 30, 300])

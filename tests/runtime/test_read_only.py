@@ -8,7 +8,7 @@ from support import writable
 
 import uq_handeye as uq
 from uq_handeye.core.runtime.read_only import read_only
-from uq_handeye.fit.diagnostics.split_half import split_half
+from uq_handeye.fit.diagnostics.split_half import split_fit
 from uq_handeye.fit.input_checks.shifted_rows import find_shift
 from uq_handeye.fit.likelihood.robust import robust_fit
 from uq_handeye.trials.simulation.sigma_points import sigma_points
@@ -56,7 +56,7 @@ def test_other_results(poses):
         "sigma_points": sigma_points(poses, noise=MODEL),
         "efficient": uq.efficient(poses, MODEL),
         "robust": robust_fit(poses, MODEL),
-        "split": split_half(poses, MODEL),
+        "split": split_fit(uq.efficient(poses, MODEL), poses, "interleaved"),
         "estimate": uq.estimate_noise(poses),
         "motions": uq.relative_motions(poses),
         "poses": poses,

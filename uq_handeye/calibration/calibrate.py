@@ -18,7 +18,7 @@ from ..core.files.records import plain
 from ..core.runtime.threads import one_thread
 from ..errors import DegenerateMotionError, InputError, NotConvergedError, SingularNoiseError, require_known
 from ..findings import Finding, renumbered, warn
-from ..fit.input_checks.repeated_rows import counted_once
+from ..fit.input_checks.shifted_rows import counted_once
 from ..fit.likelihood.gauss_helmert import ESTIMATORS
 from ..model.poses.motions import Motions, relative_motions
 from ..model.poses.pose_pairs import PosePairs, Selection, pairs_of, ranges, select_poses

@@ -12,7 +12,7 @@ from scipy.special import chdtr, chdtrc, chdtri
 
 from ..core.geometry.se3 import Array, difference
 from ..errors import DegenerateMotionError, InputError, NotConvergedError
-from ..findings import GROSS, Finding, Severity
+from ..findings import GROSS, INPUT, Finding, Severity
 from ..fit.diagnostics.pose_table import PoseTable, pose_table
 from ..fit.input_checks.checks import check_fit, check_poses, check_rotations
 from ..fit.input_checks.misread_files import alphabetical_rows
@@ -256,16 +256,22 @@ def look_at(job: Job) -> list[Finding]:
 
 
 def without_consequences(findings: Sequence[Finding]) -> list[Finding]:
-    """Return findings without those that are explained by rotations read in a wrong form or by a wrong file or row."""
-    if not any(finding.record.explains for finding in findings):
+    """Return findings without those that are explained by a wrong reading of the files, a wrong file or wrong rows.
+
+    Where one `explains` them all that is left out which the fit shows, such as the sizes of errors.
+    """
+    causes = [finding for finding in findings if finding.explains]
+    causes = [finding for finding in causes if not finding.record.explained] or causes
+    if not causes:
         return list(findings)
-    return [finding for finding in findings if not finding.record.explained]
+    of_input = [finding for finding in findings if finding.record.check == INPUT and not finding.record.explained]
+    return [finding for finding in findings if any(finding is one for one in (*causes, *of_input))]
 
 
 def why_failed(findings: Sequence[Finding]) -> list[Finding]:
     """Return the failures among findings; those that explain the others alone, where there are some."""
     failures = [finding for finding in findings if finding.severity == "failure"]
-    return [finding for finding in failures if finding.record.explains] or failures
+    return [finding for finding in failures if finding.explains] or failures
 
 
 def _known_noise(job: Job) -> Noise | None:

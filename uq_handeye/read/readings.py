@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from ..core.geometry.se3 import Array, inverse
 from ..errors import InputError
 from ..findings import Finding, warn
-from ..fit.input_checks.board_rotation import LARGE_ROTATION, consistency
+from ..fit.input_checks.misread_files import LARGE_ROTATION, consistency
 from ..formats.contents import FRAMES, SEQUENCES, VECTORS, Reading, Side, doubtful, finished, rotation_form
 from ..model.poses.motions import rotation_angles
 

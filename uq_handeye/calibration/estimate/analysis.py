@@ -19,10 +19,9 @@ from ...core.geometry.checks import as_numbers, checked_covariance
 from ...core.geometry.se3 import Array, difference, perturb
 from ...core.runtime.read_only import read_only
 from ...errors import DegenerateMotionError, InputError
-from ...fit.diagnostics.budget import Budget, budget, by_posterior
+from ...fit.diagnostics.budget import Budget, budget, by_posterior, with_types
 from ...fit.diagnostics.diagnose import diagnose
 from ...fit.diagnostics.result import Diagnostics
-from ...fit.diagnostics.source_types import with_types
 from ...fit.diagnostics.split_half import SplitHalf, split_fit
 from ...fit.empirical_covariance.resampled import KINDS, resampled
 from ...fit.likelihood.gauss_helmert import Fit
@@ -291,7 +290,7 @@ class Analysis(Record):
         found = budget(self.fit, self.noise, beside=self.beside, within=self.within)
         if self.joint is not None:
             found = by_posterior(found, self.joint.posterior, self.prior_sd)
-        found = with_types(found, self.noise, self.estimate, corners)
+        found = with_types(found, self.estimate, corners)
         return found if self.estimate is None else found.merged(*_not_told_apart(self.estimate))
 
 

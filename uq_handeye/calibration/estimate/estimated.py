@@ -18,7 +18,7 @@ from ...core.files.records import Record
 from ...core.files.source import Source, versions
 from ...core.geometry import conventions
 from ...core.geometry.frames import SETUPS, TARGETS
-from ...core.geometry.principal_axes import principal_axes
+from ...core.geometry.pose_numbers import principal_axes
 from ...core.geometry.se3 import Array, inverse, inverse_jacobian
 from ...errors import InputError
 from ...findings import Finding, texts

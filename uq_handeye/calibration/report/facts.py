@@ -14,8 +14,7 @@ import numpy as np
 
 from ...core.formatting.numbers import concise, plus_minus
 from ...core.geometry.conventions import COMPONENTS
-from ...core.geometry.pose_numbers import POSE_NUMBERS, pose_numbers
-from ...core.geometry.principal_axes import principal_axes
+from ...core.geometry.pose_numbers import POSE_NUMBERS, pose_numbers, principal_axes
 from ...core.geometry.se3 import Array
 from ...fit.diagnostics.result import UNKNOWN_FRAME
 from ...fit.diagnostics.sentences import direction_words

@@ -27,7 +27,7 @@ from ...core.presentation.document import (
     document_of,
 )
 from ...core.presentation.html import blocks_html, heat_html, html_of, matrix_html, to_html
-from ...fit.diagnostics.scale_errors import ScaleError
+from ...fit.diagnostics.result import ScaleError
 from ...fit.diagnostics.sentences import relative
 from ...fit.likelihood.shared_estimates import SharedEstimate, SharedGroup
 from ...model.kinematics.kinematic_errors import DECLARED, ESTIMATE, EXACT, PHYSICAL

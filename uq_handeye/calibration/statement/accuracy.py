@@ -24,7 +24,7 @@ from scipy.special import ndtri, stdtrit
 
 from ...core.files.records import Record
 from ...core.formatting.numbers import digits
-from ...core.geometry.principal_axes import principal_axes
+from ...core.geometry.pose_numbers import principal_axes
 from ...core.geometry.se3 import Array
 from ...findings import Finding
 from ...fit.diagnostics.budget import EACH, SHARED, Budget, Expanded

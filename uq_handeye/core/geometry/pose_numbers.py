@@ -1,4 +1,4 @@
-"""A pose as the six numbers that people read: translation in mm and rotation vector in deg."""
+"""A pose as the six numbers that people read: translation in mm and rotation vector in deg; principal axes."""
 
 from __future__ import annotations
 
@@ -53,3 +53,14 @@ def quaternion_deviations(quaternion: Array, covariance: Array) -> Array:
     """Standard deviations (4,) of a unit quaternion (x, y, z, w): ``dq = (theta, 0) q / 2``, theta of the (6, 6)."""
     J = 0.5 * np.vstack([quaternion[3] * np.eye(3) - skew(quaternion[:3]), -quaternion[:3]])
     return np.asarray(np.sqrt(np.clip(np.diag(J @ covariance[:3, :3] @ J.T), 0.0, None)))
+
+
+def principal_axes(covariance: Array) -> tuple[Array, Array]:
+    """Standard deviations (..., k), the largest first, and their axes as rows (..., k, k), the largest entry positive.
+
+    ``covariance = axes^T diag(deviations^2) axes``; eigenvalues below 0, which are rounding, count as 0.
+    """
+    values, vectors = np.linalg.eigh(covariance)
+    axes = vectors.mT[..., ::-1, :]
+    largest = np.take_along_axis(axes, np.abs(axes).argmax(axis=-1)[..., None], axis=-1)
+    return np.sqrt(np.maximum(values[..., ::-1], 0.0)), axes * np.where(largest < 0, -1.0, 1.0)

@@ -10,6 +10,12 @@ combined one and R_kl the covariance of the estimated variances k and l relative
 
 which is Welch and Satterthwaite's formula (JCGM 100, G.2b) where the estimates are independent, and that of
 `likelihood.goodness_of_fit` for one component. The coverage factor is k = t_p(nu_eff), ``U = k u_c``.
+
+Type A: noise that was estimated from residuals or corners, with the correlation of neighbouring poses, and a clock
+offset that two streams gave. Type B: noise as given or fixed by a data sheet, shared errors with what is assumed of
+them. Type A, B: errors of an arm whose standard deviation comes from both, that of the population of such arms and the
+residuals. Degrees of freedom are known where the noise was estimated; elsewhere they count as infinite: the variance of
+an arm's errors is its mean over what remains open of it, and needs no wider factor (JCGM 101, 6.4.9).
 """
 
 from __future__ import annotations
@@ -24,8 +30,9 @@ from scipy.special import ndtri, stdtrit
 from ...core.files.records import Record, attributes, parts_of
 from ...core.geometry.se3 import Array
 from ...errors import InputError
+from ...model.noise.estimate import NoiseEstimate
 from ...model.noise.joint_covariance import JointCovariance, group_of
-from ...model.noise.models import INTRINSICS, Noise, PairNoise, is_joint, require_count
+from ...model.noise.models import INTRINSICS, TARGET_SHAPE, Noise, PairNoise, is_joint, require_count
 from ...model.noise.square_roots import pulled, whiten
 from ...model.posterior.posterior import Posterior
 from ...model.posterior.rows import factor_of
@@ -59,17 +66,16 @@ class Expanded(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Budget(Record):
-    """The covariance of an estimate as a sum over noise sources, and over the poses that the noise is on.
+    """The covariance of an estimate as a sum over noise sources.
 
     p components: 6 of X, then 6 of W where there is one; or 3 of a task point.
     """
 
     _stored: ClassVar[str] = "sources types relative dof components covariances group_shares combined expanded_95"
-    _in_file: ClassVar[str] = f"{_stored} shares pose_shares"
+    _in_file: ClassVar[str] = f"{_stored} shares"
 
     sources: tuple[str, ...]
     covariances: Annotated[Array, "sources", "p", "p"]  # (sources, p, p), in rad and m
-    by_pose: Array  # (n, p, p); of a joint noise each pose gets half of what it shares with another
     X: Array  # (4, 4)
     types: tuple[str, ...] = ()  # "A" or "B" of each source, "A, B" of some together; empty: all "B"
     relative: Annotated[Array, "sources", "sources"] | None = None  # (sources, sources) R of the module; None: 0
@@ -170,11 +176,6 @@ class Budget(Record):
         return _shares(np.diagonal(self.covariances, axis1=1, axis2=2))
 
     @property
-    def pose_shares(self) -> Array:
-        """(n, p) of the variance of each component that comes with each pose; each column sums to 1."""
-        return _shares(np.diagonal(self.by_pose, axis1=1, axis2=2))
-
-    @property
     def group_shares(self) -> dict[str, Array]:
         """For each group the shares (sources,) of its trace."""
         variances = np.diagonal(self.covariances, axis1=1, axis2=2)
@@ -186,8 +187,7 @@ class Budget(Record):
         if p.shape != (3,) or len(self.covariance) == 3:
             raise InputError(f"Expected one `point` (3,) and the budget of X, got shape {p.shape}.")
         J = by_pose(self.X[:3, :3] @ p)
-        carried = [J @ of[:, :6, :6] @ J.T for of in (self.covariances, self.by_pose)]
-        return Budget(self.sources, carried[0], carried[1], self.X, self.types, self.relative)
+        return replace(self, covariances=J @ self.covariances[:, :6, :6] @ J.T)
 
     def merged(self, *groups: Sequence[str]) -> Budget:
         """Merge the sources of each group into one, such as those that cannot be separated by the data.
@@ -202,11 +202,9 @@ class Budget(Record):
                 f"{', '.join(wanted)}."
             )
         labels = [" + ".join(next((group for group in groups if name in group), (name,))) for name in self.sources]
-        return self._gathered(labels, self.covariances, self.types, self._relative, self.by_pose)
+        return self._gathered(labels, self.covariances, self.types, self._relative)
 
-    def _gathered(
-        self, labels: Sequence[str], covariances: Array, types: Sequence[str], relative: Array, by_pose: Array
-    ) -> Budget:
+    def _gathered(self, labels: Sequence[str], covariances: Array, types: Sequence[str], relative: Array) -> Budget:
         """Merge the covariances of one label into one source; R is that of the sums, each weighted by its mean
         share.
         """
@@ -218,16 +216,13 @@ class Budget(Record):
         kinds = [{kind for label, kind in zip(labels, types, strict=True) if label == name} for name in names]
         mixed = tuple(kind.pop() if len(kind) == 1 else "A, B" for kind in kinds)
         merged = np.einsum("ms,sij->mij", of, covariances)
-        return Budget(names, merged, by_pose, self.X, mixed, weight @ relative @ weight.T)
+        return Budget(names, merged, self.X, mixed, weight @ relative @ weight.T)
 
     def plus(self, name: str, covariance: Array) -> Budget:
-        """Add the covariance (p, p) of one more source, or to one that is there; each pose gets its n-th part."""
-        by_pose = self.by_pose + covariance / max(len(self.by_pose), 1)
+        """Add the covariance (p, p) of one more source, or to one that is there."""
         parts = np.concatenate([self.covariances, [covariance]])
         kind = self.types[self.sources.index(name)] if name in self.sources else "B"
-        return self._gathered(
-            (*self.sources, name), parts, (*self.types, kind), np.pad(self._relative, (0, 1)), by_pose
-        )
+        return self._gathered((*self.sources, name), parts, (*self.types, kind), np.pad(self._relative, (0, 1)))
 
     def table(self) -> str:
         """Shares in percent, one row per source with its type and one column per group, as text."""
@@ -241,7 +236,7 @@ class Budget(Record):
 
     @property
     def in_file(self) -> dict[str, Any]:
-        """Parts that a result file holds: all but those by pose."""
+        """Parts that a result file holds."""
         return attributes(self, self._stored)
 
     @property
@@ -251,8 +246,8 @@ class Budget(Record):
 
     @classmethod
     def of(cls, data: Any, X: Array) -> Budget:
-        """Return the budget that `to_dict` wrote, for the X that it belongs to; it is not divided by pose."""
-        found = cls(**parts_of(cls, data, "analysis.budget", by_pose=np.zeros((0, 0, 0)), X=X))
+        """Return the budget that `to_dict` wrote, for the X that it belongs to."""
+        found = cls(**parts_of(cls, data, "analysis.budget", X=X))
         R, size = found._relative, found.covariances.shape[-1]
         if (np.diag(R) < 0).any() or not np.allclose(R, R.T):
             raise InputError("Expected relative covariances of the variances of the budget, symmetric and >= 0.")
@@ -260,7 +255,7 @@ class Budget(Record):
             raise InputError("Expected the variances of the budget to add up to 0 or more.")
         if size not in (6, 12):
             raise InputError(f"Expected the budget of X, or of X and W, got one of {size} numbers.")
-        return replace(found, by_pose=np.zeros((0, size, size)))
+        return found
 
 
 def budget(
@@ -305,7 +300,7 @@ def budget_of_posterior(
     relative = np.zeros((len(sources), len(sources)))
     relative[0, 0] = 2.0 / dof
     types = ("A" if np.isfinite(dof) else "B", *("B" for _ in parts))
-    return Budget(sources, np.array([rest, *parts.values()]), np.zeros((0, p, p)), X, types, relative)
+    return Budget(sources, np.array([rest, *parts.values()]), X, types, relative)
 
 
 def parts_of_posterior(posterior: Posterior, prior_sd: Mapping[str, float]) -> dict[str, Array]:
@@ -384,52 +379,28 @@ def budget_of_sensitivities(
         Derivatives missing for a side with noise, noise of another number of poses, unknown names.
     """
     names = ("A", "B") if isinstance(noise, PairNoise) else ("robot", "camera")
-    sources: list[str] = []
-    parts: list[Array] = []
-    by_pose: Array | float = 0.0
+    parts: list[tuple[str, Array]] = []
     for name, D, S in zip(names, (D_robot, D_camera), covariances_of(noise), strict=True):
         if S is None:
             continue
         if D is None:
             raise InputError(f"Expected derivatives for `{name}`, which has noise, got None.")
-        n = len(D)
-        require_count(S, n, name, "rows of the derivatives")
-        named = within if within and name == "robot" else {}
-        if named:
-            rest = _without(S.own if isinstance(S, JointCovariance) else S, list(named.values()))
-            if rest.any():
-                names_of, parts_of = _by_kind(name, D, rest)
-                sources += names_of
-                parts += parts_of
-            sources += named
-            parts += [_summed(D, D @ part) for part in named.values()]
-        if isinstance(S, JointCovariance):
-            together = D @ S.shared  # of the errors that all poses share
-            whole = together.sum(axis=0)
-            if named:
-                pass
-            elif all(S.names) and INTRINSICS not in S.names:  # declared errors beside a noise of its own
-                own_names, own_parts = _by_kind(name, D, S.own)
-                sources += own_names
-                parts += own_parts
-            else:
-                sources.append(f"{name} {EACH}")
-                parts.append(_summed(D, D @ S.own))
-            groups = list(map(group_of, S.names))
+        require_count(S, len(D), name, "rows of the derivatives")
+        joint = S if isinstance(S, JointCovariance) else None
+        own, named = S if joint is None else joint.own, within if within and name == "robot" else {}
+        rest = _without(own, list(named.values())) if named else own
+        if joint is None or named or (all(joint.names) and INTRINSICS not in joint.names):
+            parts += _by_kind(name, D, rest) if not named or rest.any() else []
+        else:  # errors of the intrinsics, beside which each pose has no noise of its own by rotation and translation
+            parts.append((f"{name} {EACH}", _summed(D, D @ own)))
+        parts += [(part, _summed(D, D @ covariance)) for part, covariance in named.items()]
+        if joint is not None:
+            whole, groups = (D @ joint.shared).sum(axis=0), list(map(group_of, joint.names))
             for label in dict.fromkeys(groups):  # the columns of each error that has a name, and the others
                 of_error = whole[:, [known == label for known in groups]]
-                sources.append(label or f"{name} {SHARED}")
-                parts.append(of_error @ of_error.T)
-            of_pose = together @ whole.T
-            by_pose = by_pose + D @ S.own @ D.mT + 0.5 * (of_pose + of_pose.mT)
-            continue
-        if not named:
-            names_of, parts_of = _by_kind(name, D, S)
-            sources += names_of
-            parts += parts_of
-        own = D @ _pulled(D, S).mT
-        by_pose = by_pose + 0.5 * (own + own.mT)
-    result = Budget(tuple(sources), np.stack(parts), np.asarray(by_pose), np.asarray(X, dtype=float))
+                parts.append((label or f"{name} {SHARED}", of_error @ of_error.T))
+    sources, covariances = zip(*parts, strict=True)
+    result = Budget(sources, np.stack(covariances), np.asarray(X, dtype=float))
     return result.merged(*merged) if merged else result
 
 
@@ -440,30 +411,21 @@ def _without(own: Array, parts: Sequence[Array]) -> Array:
     return np.where(np.abs(rest) > ROUNDED * size[..., :, None] * size[..., None, :], rest, 0.0)
 
 
-def _by_kind(name: str, D: Array, S: Any) -> tuple[list[str], list[Array]]:
+def _by_kind(name: str, D: Array, S: Any) -> list[tuple[str, Array]]:
     """Sources and covariances of rotation, translation and, where there is one, their coupling."""
-    halves = []
-    for rows in (slice(0, 3), slice(3, 6)):
-        E = np.zeros_like(D)
-        E[..., rows] = D[..., rows]
-        halves.append(E)
-    turn, shift = halves
+    turn, shift = D.copy(), D.copy()
+    turn[..., 3:], shift[..., :3] = 0.0, 0.0
     of_shift = _pulled(shift, S)
-    sources, parts = (
-        [f"{name} rotation", f"{name} translation"],
-        [_summed(turn, _pulled(turn, S)), _summed(shift, of_shift)],
-    )
-    if _has_coupling(S):
-        cross = _summed(turn, of_shift)
-        sources.append(f"{name} coupling")
-        parts.append(cross + cross.T)
-    return sources, parts
+    cross = _summed(turn, of_shift)
+    found = [("rotation", _summed(turn, _pulled(turn, S))), ("translation", _summed(shift, of_shift))]
+    blocks = S.reshape(len(S) // 6, 6, -1, 6).swapaxes(1, 2) if is_joint(S) else S
+    found += [("coupling", cross + cross.T)] if blocks[..., :3, 3:].any() else []
+    return [(f"{name} {kind}", covariance) for kind, covariance in found]
 
 
 def _summed(D: Array, E: Array) -> Array:
     """``sum_k D_k E_k^T`` (p, p)."""
-    left, right = (of.swapaxes(0, 1).reshape(of.shape[1], -1) for of in (D, E))
-    return np.asarray(left @ right.T)
+    return np.asarray(np.einsum("kpi,kqi->pq", D, E, optimize=True))
 
 
 def _pulled(D: Array, S: Array) -> Array:
@@ -474,14 +436,60 @@ def _pulled(D: Array, S: Array) -> Array:
     return np.asarray((D.swapaxes(0, 1).reshape(p, 6 * n) @ S).reshape(p, n, 6).swapaxes(0, 1))
 
 
-def _has_coupling(S: Array) -> bool:
-    if not is_joint(S):
-        return bool(S[..., :3, 3:].any())
-    n = len(S) // 6
-    return bool(S.reshape(n, 6, n, 6)[:, :3, :, 3:].any())
-
-
 def _shares(variances: Array) -> Array:
     """Return shares of the sum over the first axis; 0 where it is 0."""
     total = variances.sum(axis=0)
     return np.asarray(variances / np.where(total > 0, total, 1.0))
+
+
+_PIXELS = "pixel noise"
+
+
+def with_types(budget: Budget, estimate: NoiseEstimate | None, from_corners: bool) -> Budget:
+    """The budget of a fit with the types of its sources; ``from_corners``: they gave the covariance of camera poses."""
+    index: dict[str, int] = {}  # of the variance of a source, among those of the estimate
+    data = {CLOCK_OFFSET}
+    views = {*_of_side("camera"), f"camera {EACH}", f"camera {SHARED}", INTRINSICS, TARGET_SHAPE}
+    if from_corners:
+        data |= views
+    if estimate is not None:
+        given = {part.name for part in estimate.components if part.status in ("fixed", "given")}
+        for k, names in enumerate(_variances_of(estimate)):
+            index |= {name: k for name in names if name not in given}
+        if _PIXELS in index:
+            index |= dict.fromkeys(views, index[_PIXELS])
+        data |= set(index)
+    both = set()
+    if estimate is not None:
+        both = {part.name for part in estimate.components if part.status == "population"}
+    types = tuple("A" if name in data else "A, B" if name in both else "B" for name in budget.sources)
+    return replace(budget, types=types, relative=_relative(budget.sources, index, estimate))
+
+
+def _of_side(side: str) -> list[str]:
+    return [f"{side} rotation", f"{side} translation", f"{side} coupling"]
+
+
+def _variances_of(estimate: NoiseEstimate) -> list[list[str]]:
+    """The sources that each of the estimated variances is that of."""
+    if estimate.names:
+        return [[name] for name in estimate.names]
+    if estimate.camera_known or estimate.by_geometry:
+        own = ("robot rotation", "robot translation", _PIXELS)
+        return [[part.name] for part in estimate.components if part.name in own][: len(estimate.variances)]
+    first, second = (part.name.removesuffix(" rotation") for part in estimate.components[1:3])
+    return [[f"{first} rotation"], [f"{second} rotation"], [f"{first} translation", f"{second} translation"]]
+
+
+def _relative(sources: tuple[str, ...], index: dict[str, int], estimate: NoiseEstimate | None) -> Array:
+    """Covariances of the variances of the sources, relative to them."""
+    R = np.zeros((len(sources), len(sources)))
+    if estimate is None:
+        return R
+    rows_of = [(k, index[name]) for k, name in enumerate(sources) if name in index]
+    known = [(k, of) for k, of in rows_of if estimate.variances[of] > 0]
+    if known:
+        rows, of = np.array(known).T
+        v = estimate.variances[of]
+        R[np.ix_(rows, rows)] = estimate.covariance[np.ix_(of, of)] / np.outer(v, v)
+    return R

@@ -12,29 +12,37 @@ information that row i brings to X alone is ``tr(C_XX^-1 C_X B_i^T B_i C_X^T) / 
 
 A shift d of X is stated "in standard deviations" as its length ``sqrt(d^T C_XX^-1 d)`` over all six directions.
 
-The tests of the residuals are in `residual_patterns`, errors that all rows share in `scale_errors`, what all of it
-comes to in `result`.
+*Errors that all rows share* (focal length, target scale, robot scale): the relative error s of a length that all rows
+share adds ``k s`` to r. It moves X by ``-C J^T S^-1 k s``; as one more unknown it is estimated by ``s = k' . r' /
+|k'|^2`` with the standard deviation ``1 / |k'|``, where k' is the whitened k less what X and W can explain of it (a
+score test). The lengths are those of the poses as the fit corrects them, whose noise is independent of r. Columns of
+errors that were declared are in S: the score of another is beside theirs.
+
+The tests of the residuals are in `residual_patterns`, what all of it comes to in `result`.
 """
 
 from __future__ import annotations
+
+from collections.abc import Collection
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 from scipy.special import chdtrc
 
-from ...core.geometry.principal_axes import principal_axes
+from ...core.geometry.pose_numbers import principal_axes
 from ...core.geometry.se3 import Array, skew
 from ...errors import InputError
+from ...findings import Finding
 from ...model.noise.joint_covariance import JointCovariance
 from ...model.noise.models import INTRINSICS, Noise, PairNoise, is_joint
 from ...model.noise.square_roots import Factor, inverse_blocks, joint_residuals, pulled, whiten
 from ...model.poses.motions import Motions
 from ...model.poses.pose_pairs import PosePairs
-from ...model.shared_errors.shared_error import FOCAL_LENGTH
+from ...model.shared_errors.shared_error import FOCAL_LENGTH, ROBOT_SCALE, TARGET_SCALE
 from ..likelihood.gauss_helmert import Fit, corrected
-from .residual_patterns import residual_tests
-from .result import UNKNOWN_FRAME, Diagnostics, Diversity, Influence, Spectrum
-from .scale_errors import PROBED, inflation, scale_errors, shared_lengths
+from ..likelihood.shared_estimates import SIGNAL
+from .residual_patterns import RARE, Autocorrelation, residual_tests
+from .result import PROBED, UNKNOWN_FRAME, Diagnostics, Diversity, Influence, ScaleError, Spectrum
 
 _MM, _DEG = 1e3, 180.0 / np.pi
 
@@ -191,3 +199,70 @@ def _turns() -> Array:
 
 
 _TURNS = _turns()
+
+
+# -------------------------------------------------------------------------------------- errors that all rows share
+
+# The error whose effect is stated.
+SCALE = 1e-3
+
+
+def inflation(found: Autocorrelation) -> float:
+    """Factor on the standard deviations of the estimates below; 1 where no correlation was found."""
+    if found.p_value is None or found.factor is None or found.p_value >= RARE:
+        return 1.0
+    return float(np.sqrt(max(found.factor, 1.0)))
+
+
+def shared_lengths(
+    first: Array, second: Array, data: PosePairs | Motions, poses: PosePairs | None, on_poses: bool
+) -> dict[str, tuple[int, Array] | None]:
+    """Side and change of its translations (n, 3) for a relative error 1; None where it is not known.
+
+    ``first`` and ``second`` are the poses (motions) of robot and camera, corrected by the fit.
+    """
+    depth: Array | None = None
+    if on_poses:
+        depth = second[:, :3, 3] * np.array([0.0, 0.0, 1.0])
+    elif poses is not None and isinstance(data, Motions) and data.pairs is not None:
+        along = poses.camera[:, :3, 3] * np.array([0.0, 0.0, 1.0])
+        i, j = data.pairs.T
+        depth = along[j] - (second[:, :3, :3] @ along[i, :, None])[..., 0]
+    return {
+        FOCAL_LENGTH: None if depth is None else (1, depth),  # the distances from camera to target
+        TARGET_SCALE: (1, second[:, :3, 3]),
+        ROBOT_SCALE: (0, first[:, :3, 3]),
+    }
+
+
+def scale_errors(
+    fit: Fit,
+    factor: Factor,
+    white: Array,
+    lengths: dict[str, tuple[int, Array] | None],
+    inflation: float,
+    covered: Collection[str] = (),
+) -> tuple[ScaleError, ...]:
+    """Return the effect and the visibility of each of the ``lengths``; ``covered`` are those that the noise holds."""
+    C, J, r = fit.covariance, white[..., :-1], white[..., -1]
+    known = {name: value for name, value in lengths.items() if value is not None}
+    changes = [(fit.linear.sides[side][..., 3:] @ change[..., None]) for side, change in known.values()]
+    k = whiten(factor, np.concatenate(changes, axis=-1))  # (n, 6, probes)
+    response = -C @ (J.reshape(-1, len(C)).T @ k.reshape(J.shape[0] * 6, -1))
+    rest = k + J @ response
+    before, after = (np.sum(x**2, axis=(0, 1)) for x in (k, rest))
+    to_unit = np.linalg.inv(np.linalg.cholesky(C[:6, :6]))
+    found: list[ScaleError] = []
+    for name, value in lengths.items():
+        reason, shift, size, visible, estimate, sd = None, np.zeros(6), 0.0, False, 0.0, 0.0
+        if value is None:
+            reason = Finding("diagnostics.scale_unknown", "note", {"name": name})
+        else:
+            m = list(known).index(name)
+            shift = SCALE * response[:6, m]
+            size = float(np.linalg.norm(to_unit @ shift))
+            if visible := bool(after[m] > max(1e-9 * before[m], SIGNAL * 3 * len(r))):
+                estimate, sd = float(np.sum(rest[..., m] * r) / after[m]), inflation / float(np.sqrt(after[m]))
+        z = estimate / sd if visible else 0.0
+        found.append(ScaleError(name, reason, shift, size, visible, estimate, sd, z, name in covered))
+    return tuple(found)

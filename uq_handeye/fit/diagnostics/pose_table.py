@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 import numpy as np
 
 from ...core.files.records import Record
+from ...core.formatting.numbers import column
 from ...core.geometry.se3 import Array
-from ...core.presentation.document import document_of, to_text
+from ...core.presentation.document import Document, Paragraph, Table, document_of, to_text
 from ...core.presentation.html import html_of
 from ...errors import InputError
 from ...findings import GROSS, Finding, Severity
@@ -198,3 +199,39 @@ def _of_each(fit: Fit) -> Array:
     factor, F = fit.weighted_factor, fit.S.shared
     back = pulled(factor, whiten(factor, fit.residual[..., None]))[..., 0]
     return np.asarray(fit.residual - F @ np.einsum("niq,ni->q", F, back))
+
+
+# Rows that are shown at first; of more, those with the largest d^2.
+FIRST, MOST = 12, 100
+
+
+@document_of.register(PoseTable)
+def pose_table_document(table: PoseTable) -> Document:
+    """Return a sentence, the rows with the largest d^2, and all rows."""
+    if not len(table):
+        return [[Paragraph(f"No {table.item}s.")]]
+    rows = _rows(table)
+    few = len(table) <= FIRST
+    worst = np.argsort(-table.distance2, kind="stable")[:FIRST].tolist() if not few else range(len(table))
+    caption = "" if few else f"The {FIRST} with the largest d^2"
+    what = f"d^2: squared distance from the prediction of the other {table.item}s, in standard deviations"
+    shown = [_table(table, caption, [rows[k] for k in worst])]
+    first = [Paragraph(f"{table.counts}. {what}; limit {table.limit:.3g}."), *shown]
+    if few:
+        return [first]
+    more = f" (the first {MOST})" if len(table) > MOST else ""
+    return [first, [_table(table, f"All {len(table):,} {table.item}s{more}", rows[:MOST])]]
+
+
+def _rows(table: PoseTable) -> list[list[str]]:
+    columns = [np.degrees(table.rotation), 1e3 * table.translation, table.distance2]
+    return [
+        [str(k), *numbers, f"{100 * table.leverage[k]:.1f}", table.status(k)]
+        for k, numbers in enumerate(zip(*map(column, columns), strict=True))
+    ]
+
+
+def _table(table: PoseTable, caption: str, rows: list[list[str]]) -> Table:
+    head = [table.item, "rotation", "translation", "d^2", "leverage", "status"]
+    marked = frozenset(k for k, row in enumerate(rows) if row[-1] != "kept")
+    return Table(caption, head, rows, frozenset({5}), marked, units=["", "deg", "mm", "", "%", ""])

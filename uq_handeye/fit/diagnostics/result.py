@@ -15,10 +15,12 @@ from ...core.files.records import INFINITE, Record
 from ...core.geometry.se3 import Array
 from ...errors import InputError
 from ...findings import Finding, renumbered, texts
+from ...model.shared_errors.shared_error import FOCAL_LENGTH, ROBOT_SCALE, TARGET_SCALE
 from .residual_patterns import RARE, RARE_PATTERN, Autocorrelation, Normality, Regression
-from .scale_errors import PROBED, ScaleError
 
-_MM, _DEG = 1e3, 180.0 / np.pi
+# Estimates of a scale error beyond so many standard deviations are findings.
+SCORE = 4.0
+PROBED = (FOCAL_LENGTH, TARGET_SCALE, ROBOT_SCALE)
 # Of motions that come without poses.
 UNKNOWN_FRAME = "parent frame of X"
 # Poses that move X by more, in standard deviations, are named.
@@ -108,6 +110,26 @@ class Diversity(Record):
 
     share: Annotated[Array, 3]  # (3,) largest first
     axes: Annotated[Array, 3, 3]  # (3, 3)
+
+
+@dataclass(frozen=True, eq=False)
+class ScaleError(Record):
+    """A relative error that all rows share: what 0.1 % of it does to X, and what the residuals say about it."""
+
+    name: str
+    reason: Finding | None  # why its effect is not known
+    shift: Annotated[Array, 6]  # (6,) of X for 0.1 %, rad and m
+    shift_sd: float  # sqrt(shift^T C_XX^-1 shift): in standard deviations of X
+    visible: bool  # whether residuals can show it at all
+    estimate: float  # relative error of the lengths as given
+    sd: float
+    z: float
+    covered: bool  # the noise holds it: declared, or the focal length estimated with the camera poses
+
+    @property
+    def asked_for(self) -> bool:
+        """True if the residuals indicate it beyond chance."""
+        return not self.covered and self.visible and abs(self.z) > SCORE
 
 
 @dataclass(frozen=True, eq=False)

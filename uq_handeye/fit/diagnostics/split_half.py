@@ -30,16 +30,16 @@ from ...core.files.records import NUMBER, Record
 from ...core.geometry.se3 import Array, logarithm
 from ...errors import DegenerateMotionError, InputError
 from ...findings import Finding
-from ...model.noise.models import Noise
 from ...model.noise.square_roots import Covariance, cholesky_of, gram, joint_residuals, pulled, select_rows, whiten
 from ...model.poses.motions import Motions
 from ...model.poses.pose_pairs import PosePairs
-from ..likelihood.gauss_helmert import ESTIMATORS, Fit, inverse_information
+from ..likelihood.gauss_helmert import Fit, inverse_information
 from .sentences import CONTRADICTION
 
-SPLITS = ("interleaved", "contiguous", "random", "angles")
 LEVEL = 0.95
-FEWEST = 3
+# Rows of a half, and degrees of freedom of estimated noise, below which there is no test: with fewer of these most of
+# what is known of the noise is its prior, and the difference of the halves is no part of that.
+FEWEST, FREEDOM = 3, 12.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,58 +112,30 @@ class SplitHalf(Record):
         return self
 
 
-def split_half(
-    data: PosePairs | Motions,
-    noise: Noise,
-    *,
-    method: str = "efficient",
-    split: str = "interleaved",
-    seed: int = 0,
-    dof: float | None = None,
-) -> SplitHalf:
-    """X from two halves of the data, and whether they agree within their covariances.
+def split_fit(fit: Fit, data: PosePairs | Motions, split: str, dof: float | None = None) -> SplitHalf:
+    """X from two halves of the rows of a fit of the data, and whether they agree within their covariances.
+
+    Rows of a robust weight below 1 are left out. Each half moves X from that of all rows by one Gauss-Newton step on
+    its own rows. Halves that are too small or do not determine X are no error: the result says so.
 
     Parameters
     ----------
-    data : PosePairs or Motions
-        Leading axes are independent problems.
-    noise : PoseNoise or PairNoise
-    method : "efficient" or "ml"
-        Of the fit of all data.
-    split : "interleaved", "contiguous", "random" or "angles"
-        Even and odd rows (both halves see the whole path, so that both determine X); first and last rows (finds drift
-        over time); drawn by ``seed``; or alternating in the order of the rotation angle from the first robot pose.
-        Choose one before the result is known: that one decides.
+    fit : Fit
+        Of `data`; leading axes are independent problems.
+    split : "interleaved" or "contiguous"
+        Even and odd rows (both halves see the whole path, so that both determine X); or first and last rows (finds
+        drift over time).
     dof : float or None
         Degrees of freedom with which the scale of the noise was estimated; None if the noise is known.
-
-    Raises
-    ------
-    InputError
-        An unknown method or split, a dof that is not positive, noise that does not fit the data. Halves that are
-        too small or do not determine X are no error: the result says so.
 
     Examples
     --------
     >>> import uq_handeye as uq
-    >>> from uq_handeye.fit.diagnostics.split_half import split_half
+    >>> from uq_handeye.fit.diagnostics.split_half import split_fit
     >>> noise = uq.PoseNoise.isotropic(camera=("1mrad", "1mm"))
-    >>> split_half(uq.simulate(n_poses=20, noise=noise, seed=3), noise).possible
+    >>> poses = uq.simulate(n_poses=20, noise=noise, seed=3)
+    >>> split_fit(uq.efficient(poses, noise), poses, "interleaved").possible
     True
-    """
-    if method not in ESTIMATORS:
-        raise InputError(f"Expected `method` to be one of {', '.join(ESTIMATORS)}, got {method!r}.")
-    if split not in SPLITS:
-        raise InputError(f"Expected `split` to be one of {', '.join(SPLITS)}, got {split!r}.")
-    if dof is not None and not (np.isfinite(dof) and dof > 0):
-        raise InputError(f"Expected `dof` to be a positive number or None, got {dof!r}.")
-    return split_fit(ESTIMATORS[method](data, noise), data, split, seed, dof)
-
-
-def split_fit(fit: Fit, data: PosePairs | Motions, split: str, seed: int = 0, dof: float | None = None) -> SplitHalf:
-    """Run `split_half` on the rows of a fit of the data; those of a robust weight below 1 are left out.
-
-    Each half moves X from that of all rows by one Gauss-Newton step on its own rows.
     """
     if fit.W is not None and isinstance(data, Motions):
         assert data.poses is not None
@@ -172,7 +144,7 @@ def split_fit(fit: Fit, data: PosePairs | Motions, split: str, seed: int = 0, do
     if fit.weights is not None and (fit.weights < 1).any():  # halves know no weights
         rows = np.flatnonzero(fit.weights == 1)
         data = data.rows(rows)
-    first, second = _halves(data, split, seed)
+    first, second = _halves(data, split)
     halves = rows[first], rows[second]
 
     def without(why: str, **values: object) -> SplitHalf:
@@ -182,7 +154,7 @@ def split_fit(fit: Fit, data: PosePairs | Motions, split: str, seed: int = 0, do
     if fewest < FEWEST:
         item = "pose" if isinstance(data, PosePairs) else "motion"
         return without("halves_too_small", item=item, rows=fewest, needed=FEWEST)
-    if dof is not None and dof <= 6:
+    if dof is not None and dof < FREEDOM:
         return without("halves_without_freedom", dof=dof)
     joint = joint_residuals(fit.S)
     stacked = np.concatenate([fit.linear.J, fit.residual[..., None]], axis=-1)
@@ -204,35 +176,19 @@ def split_fit(fit: Fit, data: PosePairs | Motions, split: str, seed: int = 0, do
     unit = 1.0 / np.sqrt(np.diagonal(V, axis1=-2, axis2=-1))
     scaled = V * unit[..., :, None] * unit[..., None, :]
     d2 = np.sum(d * unit * np.linalg.solve(scaled, (d * unit)[..., None])[..., 0], axis=-1)
-    p = chdtrc(6, d2) if dof is None else _p_value_of_estimated(d2, dof)
+    p = chdtrc(6, d2)
+    if dof is not None:  # 0 from ``d^2 = dof`` on, which it cannot exceed
+        p = np.where(d2 < dof, fdtrc(6, dof - 6, d2 / 6 * (dof - 6) / np.maximum(dof - d2, 1e-300)), 0.0)
     return SplitHalf(split, halves, None, X1, X2, d, V, np.asarray(d2), dof, np.asarray(p))
 
 
-def _p_value_of_estimated(d2: Array, dof: float) -> Array:
-    """Return the p-value of d^2 (...) with noise from the same data; 0 from ``d^2 = dof`` on, which it cannot
-    exceed.
-    """
-    left = np.maximum(dof - d2, 1e-300)
-    return np.where(d2 < dof, fdtrc(6, dof - 6, d2 / 6 * (dof - 6) / left), 0.0)
-
-
-def _halves(data: PosePairs | Motions, split: str, seed: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    n = len(data)
-    if split == "contiguous":
-        order = np.arange(n)
-        if isinstance(data, PosePairs) and data.timestamps is not None:
-            order = np.argsort(data.timestamps, kind="stable")
-        return order[: n // 2], order[n // 2 :]
-    if split == "random":
-        order = np.random.default_rng(seed).permutation(n)
-        return np.sort(order[: n // 2]), np.sort(order[n // 2 :])
-    order = np.arange(n)
-    if split == "angles" and n:
-        R = (data.robot if isinstance(data, PosePairs) else data.A)[..., :3, :3].reshape(-1, n, 3, 3)[0]
-        if isinstance(data, PosePairs):
-            R = R[0].T @ R
-        order = np.argsort(np.trace(R, axis1=-2, axis2=-1), kind="stable")
-    return order[::2], order[1::2]
+def _halves(data: PosePairs | Motions, split: str) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    order = np.arange(len(data))
+    if split == "interleaved":
+        return order[::2], order[1::2]
+    if isinstance(data, PosePairs) and data.timestamps is not None:
+        order = np.argsort(data.timestamps, kind="stable")
+    return order[: len(data) // 2], order[len(data) // 2 :]
 
 
 def _between(S: Covariance, halves: tuple[NDArray[np.intp], ...], C: list[Array], back: list[Array]) -> Array:

@@ -25,14 +25,15 @@ import numpy as np
 from scipy.special import chdtri
 
 from ...core.files.records import Record
-from ...core.formatting.numbers import digits
+from ...core.formatting.numbers import concise, digits
 from ...core.geometry.checks import as_numbers, as_transforms, checked_covariance
 from ...core.geometry.frames import SETUPS
 from ...core.geometry.se3 import Array, inverse, inverse_jacobian, skew
-from ...core.presentation.document import document_of, to_text
+from ...core.presentation.document import Document, Table, document_of, to_text
 from ...core.presentation.html import html_of
 from ...errors import InputError
 from ..likelihood.open_directions import NEGLIGIBLE
+from .pose_table import FIRST, MOST
 
 # Squared Mahalanobis distance that holds 95 % of a Gaussian in three dimensions.
 _WITHIN_95 = float(chdtri(3, 0.05))
@@ -95,14 +96,6 @@ class PointUncertainty(Record):
         index = np.arange(3)
         S[..., index, index] = np.where(moved, np.inf, S[..., index, index])
         return PointUncertainty(self.points, S, self.frame, moves)
-
-
-def points_covariance(X: Any, covariance: Any, points: Any) -> Array:
-    """Covariances (..., 3, 3) of ``X p`` for exact points p (..., 3), from the covariance (6, 6) of X.
-
-    Raises `InputError` for wrong shapes.
-    """
-    return _carried(*_pose(X, covariance, "X"), _points(points), None)[1]
 
 
 def through_X(
@@ -247,4 +240,24 @@ def point_noise(covariance: Any, points: Array) -> Array | None:
     return S
 
 
-# --------------------------------------------------------------------------------------------------------- budget
+@document_of.register(PointUncertainty)
+def points_document(found: PointUncertainty) -> Document:
+    """Return a row per point: coordinates with standard deviations, and the radius that holds 95 %."""
+    points, std, radius = found.points.reshape(-1, 3), found.std.reshape(-1, 3), found.radius_95.reshape(-1)
+    shown = range(min(len(points), MOST))
+    rows = [
+        [
+            str(k),
+            *(concise(1e3 * x, 1e3 * s) for x, s in zip(points[k].tolist(), std[k].tolist(), strict=True)),
+            digits(1e3 * radius[k], 2) if np.isfinite(radius[k]) else "open",
+        ]
+        for k in shown
+    ]
+    many = len(points) != 1
+    caption = f"{len(points):,} point{'s' if many else ''} in the {found.frame_words}, with 1 sigma"
+    head, units = ["point", "x", "y", "z", "95 % radius"], ["", "mm", "mm", "mm", "mm"]
+    first = Table(caption, head, rows[:FIRST], units=units)
+    if len(rows) <= FIRST:
+        return [[first]]
+    more = f"the first {MOST}" if len(points) > MOST else "all"
+    return [[first], [Table(f"Points, {more}", head, rows, units=units)]]

@@ -31,7 +31,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,7 +50,6 @@ from .replicates import Counts, Problem, Solved
 from .sandwich import (
     DISPENSABLE,
     Influence,
-    given_lags,
     hac_freedom,
     influence_of,
     of_declared,
@@ -82,8 +81,8 @@ class Resampled(ReadOnlyArrays):
     # (p, p) of (xi_X, xi_W), p = 12; of xi_X, p = 6, where there is no W. Regular on the whole if clusters > p.
     covariance: Array
     clusters: int
-    cluster: str  # "poses" or "motions": what was taken as independent
-    freedom: float | None  # nu of `reference`, Hotelling; None: not known
+    cluster: str = "poses"  # or "motions": what was taken as independent
+    freedom: float | None = None  # nu of `reference`, Hotelling; None: not known
     details: dict[str, int] = field(default_factory=dict)  # "lags", or "replicates" and "singular" ones among them
 
     @property
@@ -97,17 +96,8 @@ class Resampled(ReadOnlyArrays):
         return None if len(self.covariance) == 6 else self.covariance[6:, 6:]
 
 
-def jackknife(fit: Fit) -> Array:
-    """The covariance (..., p, p) by leaving out one pose after the other, in closed form.
-
-    On motions it leaves out motions, which must not share poses. Errors as for `sandwich`.
-    """
-    influence = influence_of(fit)
-    return spread_of_deletions(deletions(influence), None if fit.weights is None else _active(fit, influence))
-
-
 def deletions(influence: Influence) -> Array:
-    """``x_(i) - x`` (..., n, p) of weighted least squares."""
+    """``x_(i) - x`` (..., n, p) of weighted least squares. Of motions, which must not share poses, one is left out."""
     kept = influence.J @ influence.B
     kept += np.eye(6)
     try:
@@ -119,22 +109,11 @@ def deletions(influence: Influence) -> Array:
     return np.asarray(-(influence.B @ (inverse @ influence.residual[..., None]))[..., 0])
 
 
-def _active(fit: Fit, influence: Influence) -> NDArray[np.bool_]:
-    """Return which poses (..., n) of the influence carry weight."""
-    assert fit.weights is not None
-    return fit.weights > 0 if fit.weights.ndim > 1 else np.ones(influence.n, dtype=bool)
-
-
-def spread_of_deletions(moves: Array, active: NDArray[np.bool_] | None = None) -> Array:
-    """``(n - 1)/n`` times the sum of squares about the mean, moves (..., n, p); of the active ones only."""
-    if active is None:
-        n = np.asarray(moves.shape[-2])
-        about = moves - moves.mean(axis=-2, keepdims=True)
-    else:
-        n = active.sum(axis=-1)
-        moves = moves * active[..., None]
-        about = (moves - moves.sum(axis=-2, keepdims=True) / n[..., None, None]) * active[..., None]
-    return np.asarray((about.mT @ about) * ((n - 1) / n)[..., None, None])
+def spread_of_deletions(moves: Array) -> Array:
+    """``(n - 1)/n`` times the sum of squares about the mean, moves (..., n, p)."""
+    n = moves.shape[-2]
+    about = moves - moves.mean(axis=-2, keepdims=True)
+    return np.asarray((about.mT @ about) * ((n - 1) / n))
 
 
 def bootstrap(fit: Fit, replicates: int = 2000, seed: int | np.random.Generator = 0) -> Bootstrap:
@@ -151,7 +130,10 @@ def bootstrap(fit: Fit, replicates: int = 2000, seed: int | np.random.Generator 
     """
     influence = influence_of(fit)
     n, p = influence.n, influence.J.shape[-1]
-    bread = influence.covariance if influence.known is None else _bread(influence)
+    bread = influence.covariance
+    if influence.known is not None:  # a part of the unknowns is known beforehand: M
+        flat = influence.J.reshape(-1, p)
+        bread = np.linalg.inv(flat.T @ flat + influence.known)
     # in these units the information of all poses, and of what is known, is 1
     half = np.asarray(np.linalg.cholesky(bread), dtype=float)
     J = times(influence.J, half)
@@ -189,13 +171,6 @@ def bootstrap(fit: Fit, replicates: int = 2000, seed: int | np.random.Generator 
     return Bootstrap(0.5 * (covariance + covariance.mT), replicates, np.asarray(replicates - used, dtype=np.intp))
 
 
-def _bread(influence: Influence) -> Array:
-    """M (p, p) where a part of the unknowns is known beforehand."""
-    assert influence.known is not None
-    flat = influence.J.reshape(-1, influence.J.shape[-1])
-    return np.asarray(np.linalg.inv(flat.T @ flat + influence.known))
-
-
 def draws(n: int, replicates: int, seed: int | np.random.Generator, size: int) -> Iterator[Counts]:
     """Multinomial counts (at most ``size``, n); the same numbers whatever the size."""
     require_integer("replicates", replicates, 2)
@@ -221,7 +196,8 @@ def resampled(
     X: Array | None = None,
     fit: Fit | None = None,
     noise: Noise | None = None,
-    **how: Any,
+    replicates: int = 2000,
+    seed: int | np.random.Generator = 0,
 ) -> Resampled:
     """The covariance of any method's X and W from the data only, clustered by pose.
 
@@ -240,8 +216,6 @@ def resampled(
         Of "efficient" and "ml", where it is at hand; None makes it with ``noise``.
     noise : PoseNoise, PairNoise or None
         What "efficient", "ml" and ``nguyen`` weight by.
-    lags : int or None
-        Of "hac"; None takes the automatic ones.
     replicates, seed
         Of "bootstrap".
 
@@ -273,75 +247,64 @@ def resampled(
         raise InputError(f"Expected `data` to be PosePairs or Motions, got {type(data).__name__}.")
     first = data.robot if isinstance(data, PosePairs) else data.A
     if first.ndim != 3:
-        raise InputError("Expected one data set; for a batch call sandwich(), hac(), jackknife() or bootstrap().")
+        raise InputError(f"Expected one data set, got leading axes {first.shape[:-3]}.")
     if method in ESTIMATORS:
-        return _of_fit(data, method, fit, noise, How(kind, **how))
-    at = None if X is None else as_transforms(X, "X", stack=False)
-    return _of_method(Problem(data, method, at, noise), How(kind, **how))
-
-
-class How(NamedTuple):
-    """Kind of a covariance, and how it is found."""
-
-    kind: str
-    lags: int | None = None  # of "hac"; None takes the automatic ones
-    replicates: int = 2000  # of "bootstrap"
-    seed: int | np.random.Generator = 0
-
-
-def _of_fit(data: PosePairs | Motions, method: str, fit: Fit | None, noise: Noise | None, how: How) -> Resampled:
-    kind = how.kind
-    if fit is None:
-        if noise is None:
+        if fit is None and noise is None:
             raise InputError(f"Method {method!r} weights by the noise: give `noise`, or the `fit`.")
-        fit = ESTIMATORS[method](data, noise)
+        return _of_fit(data, ESTIMATORS[method](data, noise) if fit is None else fit, kind, replicates, seed)
+    at = None if X is None else as_transforms(X, "X", stack=False)
+    return _of_method(Problem(data, method, at, noise), kind, replicates, seed)
+
+
+def _of_fit(
+    data: PosePairs | Motions, fit: Fit, kind: str, replicates: int, seed: int | np.random.Generator
+) -> Resampled:
     if fit.W is None and isinstance(data, Motions) and data.poses is not None:
         raise InputError(
             "The fit was made on motions that share poses, so that no two of them are independent. Fit on the poses: "
             "give PoseNoise."
         )
-    cluster = "motions" if fit.W is None else "poses"
     influence = influence_of(fit)
     if kind in ("sandwich", "hac"):
-        result = _by_influence(influence, how, cluster)
+        result = _by_influence(influence, kind)
     elif kind == "jackknife":
-        freedom = float(influence.freedom)
-        result = Resampled(kind, spread_of_deletions(deletions(influence)), influence.n, cluster, freedom)
+        result = Resampled(
+            kind, spread_of_deletions(deletions(influence)), influence.n, freedom=float(influence.freedom)
+        )
     else:
-        found = bootstrap(fit, how.replicates, how.seed)
-        details = {"replicates": how.replicates, "singular": int(found.singular)}
-        result = Resampled(kind, found.covariance, influence.n, cluster, float(influence.freedom), details)
+        found = bootstrap(fit, replicates, seed)
+        details = {"replicates": replicates, "singular": int(found.singular)}
+        result = Resampled(kind, found.covariance, influence.n, freedom=float(influence.freedom), details=details)
     p = fit.covariance.shape[-1]
-    return replace(result, covariance=result.covariance[:p, :p] + of_declared(fit))
+    cluster = "motions" if fit.W is None else "poses"
+    return replace(result, cluster=cluster, covariance=result.covariance[:p, :p] + of_declared(fit))
 
 
-def _of_method(problem: Problem, how: How) -> Resampled:
-    kind, replicates = how.kind, how.replicates
+def _of_method(problem: Problem, kind: str, replicates: int, seed: int | np.random.Generator) -> Resampled:
     cluster = "motions" if problem.poses is None else "poses"
     if kind in ("sandwich", "hac"):
-        return _by_influence(problem.influence(), how, cluster)
+        return replace(_by_influence(problem.influence(), kind), cluster=cluster)
     unknown_weights = problem.both is None and METHODS[problem.method].weighted and problem.noise is None
     freedom = None if unknown_weights else float(problem.influence().freedom)
-    n = problem.n
     if kind == "jackknife":
         problem.require_all_pairs()
         moves, ok = _solved(problem, problem.deletions())
         require_dispensable(ok)
-        return Resampled(kind, spread_of_deletions(moves), n, cluster, freedom)
+        return Resampled(kind, spread_of_deletions(moves), problem.n, cluster, freedom)
     problem.require_repeatable()
-    moves, ok = _solved(problem, draws(n, replicates, how.seed, problem.rows_at_once))
+    moves, ok = _solved(problem, draws(problem.n, replicates, seed, problem.rows_at_once))
     moves = moves[ok]
     _require_most(np.asarray(len(moves)), replicates)
     details = {"replicates": replicates, "singular": replicates - len(moves)}
-    return Resampled(kind, np.cov(moves.T), n, cluster, freedom, details)
+    return Resampled(kind, np.cov(moves.T), problem.n, cluster, freedom, details)
 
 
-def _by_influence(influence: Influence, how: How, cluster: str) -> Resampled:
-    if how.kind == "sandwich":
-        return Resampled(how.kind, influence.sandwich(), influence.n, cluster, float(influence.freedom))
-    used = given_lags(influence, how.lags)
-    freedom = float(hac_freedom(influence.freedom, used))
-    return Resampled(how.kind, influence.hac(used), influence.n, cluster, freedom, {"lags": int(used)})
+def _by_influence(influence: Influence, kind: str) -> Resampled:
+    if kind == "sandwich":
+        return Resampled(kind, influence.sandwich(), influence.n, freedom=float(influence.freedom))
+    lags = influence.automatic_lags()
+    freedom = float(hac_freedom(influence.freedom, lags))
+    return Resampled(kind, influence.hac(lags), influence.n, freedom=freedom, details={"lags": int(lags)})
 
 
 def _solved(problem: Problem, resampled_counts: Iterator[Counts]) -> tuple[Array, NDArray[np.bool_]]:

@@ -53,7 +53,7 @@ from ...errors import DegenerateMotionError, InputError
 from ...model.noise.joint_covariance import JointCovariance
 from ...model.noise.square_roots import cholesky_of, gram, joint_residuals, whiten
 from ..likelihood.gauss_helmert import Fit
-from ..likelihood.goodness_of_fit import has_own_residuals, own_residuals
+from ..likelihood.goodness_of_fit import own_residuals
 
 # Clusters without which no 6x6 covariance can have full rank: the c_k of n clusters add up to about 0.
 FEWEST = 7
@@ -109,11 +109,16 @@ class Influence:
         return np.asarray((self.B @ (self.adjustment @ self.residual[..., None]))[..., 0])
 
     def sandwich(self) -> Array:
-        """(..., p, p)"""
+        """The covariance (..., p, p) from the residuals, cluster-robust by pose (CR2): no noise model is trusted."""
         return np.asarray(self.contributions.mT @ self.contributions)
 
     def automatic_lags(self) -> NDArray[np.intp]:
-        """(...) numbers of lags; see the function of that name."""
+        """Number of lags (...) of the Bartlett kernel by the rule of Newey and West (1994), without prewhitening.
+
+        ``L = 1.1447 (s1/s0)^(2/3) n^(1/3)``, with ``s0 = sigma_0 + 2 sum sigma_j`` and ``s1 = 2 sum j sigma_j`` over
+        ``4 (n/100)^(2/9)`` lags; here ``sigma_j = sum_k c_k^T Cov^-1 c_(k-j)`` with the model covariance, which is free
+        of units. At most n/4.
+        """
         n, c = self.n, self.contributions
         looked_at = min(int(4 * (n / 100) ** (2 / 9)), n - 1)
         scaled = np.linalg.solve(self.covariance, c.mT).mT
@@ -124,7 +129,12 @@ class Influence:
         return np.asarray(np.minimum(1.1447 * np.cbrt(steepness**2 * n), n // 4), dtype=np.intp)
 
     def hac(self, lags: NDArray[np.intp]) -> Array:
-        """(..., p, p) with the Bartlett kernel over so many (...) lags."""
+        """The covariance (..., p, p) with the Bartlett kernel over so many (...) lags.
+
+        It cures a part of the error only: of a video of 200 frames with errors of correlation 0.8 from frame to frame,
+        the sandwich shows less than 0.3 of the true variance of X; hac shows at least 0.25 of it more, but not all
+        (tests/empirical_covariance/test_resampling.py). Every n-th frame is the better cure.
+        """
         c = self.contributions
         result = self.sandwich()
         for lag in range(1, int(lags.max(initial=0)) + 1):
@@ -135,8 +145,9 @@ class Influence:
 
     @cached_property
     def freedom(self) -> Array:
-        """nu (...) of the 6x6 covariance of X: see `degrees_of_freedom`.
+        """nu (...) of the sandwich of X, for ``Reference("Hotelling", nu)``; that of jackknife and bootstrap is near.
 
+        Fewer than poses, and still fewer where a few poses carry the estimate; 5 or less bounds no ellipsoid.
         With ``D = sum_k c_k c_k^T`` whitened to the mean 1 and ``T_kl = Cov(c_k, c_l)``,
         ``nu = 6 (6 + 1) / sum_kl [tr(T_kl)^2 + tr(T_kl T_kl)]``. For k != l, T_kl is of rank 2 p in factors of k and of
         l, so that the double sum is one of products of two single sums.
@@ -191,6 +202,8 @@ def influence_of(fit: Fit) -> Influence:
 
     Poses with the robust weight 0 are left out where there is one data set; weights are taken as given numbers.
     Declared errors that all poses share follow X and W among the unknowns, as far as the data tell anything of them.
+    On motions the clusters are motions, which must not share poses. Raises `InputError` for fewer than 7 clusters and
+    for noise that is joint over the poses, which then are no independent clusters.
     """
     known: Array | None = None
     if not joint_residuals(fit.S):
@@ -211,8 +224,9 @@ def influence_of(fit: Fit) -> Influence:
 def of_declared(fit: Fit) -> Array | float:
     """``M Lambda M`` (p, p) of X and W: what declared errors that all poses share add; 0 where there are none."""
     S = fit.S
-    if not isinstance(S, JointCovariance) or not _declared(fit):
+    if not _declared(fit):
         return 0.0
+    assert isinstance(S, JointCovariance)
     f = whiten(fit.weighted_factor, np.concatenate([fit.linear.J, S.shared], axis=-1))
     p = fit.covariance.shape[-1]
     response = fit.covariance @ gram(f)[..., :p, p:]
@@ -221,7 +235,7 @@ def of_declared(fit: Fit) -> Array | float:
 
 def _declared(fit: Fit) -> bool:
     """Return whether all that the poses share are errors with a name."""
-    return isinstance(fit.S, JointCovariance) and has_own_residuals(fit) and all(fit.S.names)
+    return isinstance(fit.S, JointCovariance) and all(fit.S.names)
 
 
 def pooled_influence(residual: Array, J: Array, B: Array) -> Influence:
@@ -241,63 +255,6 @@ def pooled_influence(residual: Array, J: Array, B: Array) -> Influence:
     L = np.asarray(cholesky_of(S))
     white = whiten(L, np.concatenate([J, residual[..., None]], axis=-1))
     return Influence(white[..., -1], white[..., :-1], B @ L)
-
-
-def sandwich(fit: Fit) -> Array:
-    """The covariance (..., p, p) from the residuals, cluster-robust by pose (CR2): no noise model is trusted.
-
-    The noise of the fit weights the poses and is the working model, no more. On motions the clusters are motions, which
-    must not share poses.
-
-    Raises
-    ------
-    InputError
-        Fewer than 7 clusters; noise that is joint over the poses, which then are no independent clusters.
-    DegenerateMotionError
-        A pose without which X or W is not determined.
-    """
-    return influence_of(fit).sandwich()
-
-
-def hac(fit: Fit, lags: int | None = None) -> Array:
-    """Return a covariance as `sandwich` does, robust also to errors that neighbouring poses (in the order given)
-    share.
-
-    ``lags`` is the number of neighbours with a weight above 0; None takes `automatic_lags`, 0 is the sandwich. It cures
-    a part of the error only: of a video of 200 frames with errors of correlation 0.8 from frame to frame, the sandwich
-    shows less than 0.3 of the true variance of X; hac shows at least 0.25 of it more, but not all
-    (tests/empirical_covariance/test_resampling.py). Every n-th frame is the better cure.
-    """
-    influence = influence_of(fit)
-    return influence.hac(given_lags(influence, lags))
-
-
-def automatic_lags(fit: Fit) -> NDArray[np.intp]:
-    """Number of lags (...) of the Bartlett kernel by the rule of Newey and West (1994), without prewhitening.
-
-    ``L = 1.1447 (s1/s0)^(2/3) n^(1/3)``, with ``s0 = sigma_0 + 2 sum sigma_j`` and ``s1 = 2 sum j sigma_j`` over
-    ``4 (n/100)^(2/9)`` lags; here ``sigma_j = sum_k c_k^T Cov^-1 c_(k-j)`` with the model covariance, which is free of
-    units. At most n/4.
-    """
-    return influence_of(fit).automatic_lags()
-
-
-def given_lags(influence: Influence, lags: int | None) -> NDArray[np.intp]:
-    """``lags`` checked, or the automatic ones."""
-    if lags is None:
-        return influence.automatic_lags()
-    if isinstance(lags, bool) or not isinstance(lags, int | np.integer) or not 0 <= lags < influence.n:
-        raise InputError(f"Expected `lags` to be an integer from 0 to {influence.n - 1} or None, got {lags!r}.")
-    return np.asarray(lags, dtype=np.intp)
-
-
-def degrees_of_freedom(fit: Fit) -> Array:
-    """nu (...) of the sandwich of X, for ``Reference("Hotelling", nu)``; jackknife and bootstrap have nearly the same.
-
-    Fewer than poses, and still fewer where a few poses carry the estimate; 5 or less bounds no ellipsoid. `hac`
-    with L lags has about ``nu / sum_(|l| <= L) w_l^2``, w the weights of its kernel (`hac_freedom`).
-    """
-    return influence_of(fit).freedom
 
 
 def hac_freedom(freedom: Array, lags: NDArray[np.intp]) -> Array:

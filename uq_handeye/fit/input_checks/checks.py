@@ -21,14 +21,15 @@ from ...methods.procrustes.limit import DEGENERATE, infinite_directions
 from ...model.noise.models import Noise, PairNoise, PoseNoise, is_joint, marginals
 from ...model.poses.motions import STEADY_VIEW, Motions, direction_spread, median, pose_residuals, rotation_angles
 from ...model.poses.pose_pairs import PosePairs
-from .board_rotation import LARGE_ROTATION
-from .misread_files import EXACT, inverted_on_request, other_readings, scaled_reading
+from .misread_files import EXACT, LARGE_ROTATION, inverted_on_request, other_readings, scaled_reading
 from .readings import OTHER_SETUP
-from .repeated_rows import rows_again, said_again
+from .shifted_rows import rows_again, said_again
 
 # Robot and camera see the same rotation angle; beyond this RMS difference (rad) the rows are not the same moments,
 # unless the noise explains it.
 ANGLE_DISAGREEMENT = np.radians(2.5)
+# ... but noise may be the cause where it is below this share of what rows give that have nothing to do with each other.
+RELATED = 0.15
 # Translation residual, as a share of the robot's travel, beyond which another reading of the files is looked for; the
 # rotation residual is LARGE_ROTATION.
 LARGE_TRANSLATION = 0.1
@@ -60,6 +61,8 @@ UNLIKELY_BRACKET = 0.7
 IMPOSSIBLE_BRACKET = 1.0
 # A pose whose residual exceeds the median by this factor is no chance: Gaussian noise reaches 3 in 1000 poses.
 OUTLIER = 6.0
+# ... and if it is so many times the median itself, whatever its noise explains.
+LARGER = 3.0
 
 
 # ------------------------------------------------------------------------------------ what the columns look like
@@ -116,8 +119,11 @@ def check_rotations(motions: Motions, noise: Noise | None, method: str) -> list[
     if rms > max(ANGLE_DISAGREEMENT, 2.0 * explained):
         worst = int(np.argmax(difference))
         few = median(difference) < 0.25 * ANGLE_DISAGREEMENT
+        by_chance = float(np.hypot(np.std(angle), np.std(angle_B)))  # of rows that have nothing to do with each other
         values = {"rms": rms, "largest": difference[worst], "where": _pair(motions, worst), "few": few}
-        found.append(Finding("input_checks.angles_disagree", "caution" if few else "failure", values))
+        if noisy := rms < RELATED * by_chance and not few:
+            values["noisy"] = True
+        found.append(Finding("input_checks.angles_disagree", "caution" if few or noisy else "failure", values))
     half = float(np.mean(angle > NEAR_HALF_TURN))
     if half > 0.25 and method == "4dpa":
         found.append(Finding("input_checks.half_turns", "caution", {"share": half}))
@@ -339,11 +345,12 @@ def _outliers(
         return []  # their mean is not sharp enough to tell
     far = np.zeros(n)
     for k, (residual, least) in enumerate(((angle, EXACT), (distance, EXACT * size))):
+        large = residual > max(LARGER * median(residual), least)  # one that is expected to be exact may be small
         unit = np.ones(n) if explained is None else np.sqrt(np.maximum(explained[k], least**2))
         relative = np.where(residual > least, residual, 0.0) / unit
         typical = max(median(relative), least / float(unit.max()))
         if typical > 0:
-            far = np.maximum(far, relative / typical)
+            far = np.maximum(far, np.where(large, relative / typical, 0.0))
     rows = np.flatnonzero(far > OUTLIER * (1.0 + 4.0 / n))
     if not rows.size:
         return []
@@ -380,7 +387,7 @@ def _check_lengths(poses: PosePairs, X: Array) -> list[Finding]:
             return [Finding("input_checks.setup_not_said", "caution", values)]
     W = poses.effective_robot @ X @ poses.camera
     long_X = float(np.linalg.norm(X[:3, 3]))
-    long_W = float(np.linalg.norm(np.mean(W[:, :3, 3], axis=0)))
+    long_W = float(np.linalg.norm(np.median(W[:, :3, 3], axis=0)))  # whatever single rows are in another unit
     in_hand = poses.setup == "eye-in-hand"
     on_gripper, fixed = (long_X, long_W) if in_hand else (long_W, long_X)
     if on_gripper < LONG_BRACKET or on_gripper < 2.0 * fixed:

@@ -19,11 +19,14 @@ from ...core.geometry.se3 import Array, inverse
 from ...errors import DegenerateMotionError
 from ...findings import Finding
 from ...methods.procrustes.limit import solve_limit
-from ...model.poses.motions import STEADY_VIEW, direction_spread, rotation_angles
+from ...model.poses.motions import STEADY_VIEW, direction_spread, pose_residuals, rotation_angles
 from ...model.poses.pose_pairs import PosePairs
-from .board_rotation import LARGE_ROTATION, consistency
 from .readings import OTHER_SETUP
 
+# Rotation residual (rad) beyond which another reading of the files is looked for.
+LARGE_ROTATION = np.radians(2.0)
+# Pairs of poses that are looked at.
+SEARCH_PAIRS = 2000
 # Data without noise, from a simulation, say nothing about noise (rad, or share of the travel).
 EXACT = 1e-7
 # Of two readings that fit, the worse is named if its translation residuals are below so many times those of the better.
@@ -77,6 +80,21 @@ def other_readings(poses: PosePairs, turn: float, shift: float) -> list[dict[str
         found = [*_inversions(poses, twins["inverse robot"], twins["inverse camera"]), *found[:1]]
     scaled = scaled_reading(G, C, shift, poses.sources)
     return found if scaled is None else [*found, scaled]
+
+
+def consistency(G: Array, C: Array) -> tuple[float, float, float] | None:
+    """Return RMS rotation and translation of W about its mean, and |t_X|, of X fitted to some of the pairs."""
+    n = len(G)
+    lag = np.unique(np.linspace(1, n - 1, max(1, SEARCH_PAIRS // n)).astype(int))
+    i = np.concatenate([np.arange(n - k) for k in lag])
+    j = np.concatenate([np.arange(k, n) for k in lag])
+    A, B = inverse(G)[j] @ G[i], C[j] @ inverse(C)[i]
+    try:
+        X = solve_limit(A, B)
+    except DegenerateMotionError:
+        return None
+    angle, distance = pose_residuals(G, C, X)
+    return float(np.sqrt(np.mean(angle**2))), float(np.sqrt(np.mean(distance**2))), float(np.linalg.norm(X[:3, 3]))
 
 
 def rotation_readings(robot: Array, camera: Array) -> list[tuple[dict[str, Any], Array, Array]]:

@@ -11,7 +11,7 @@ from itertools import pairwise
 from typing import Any
 
 from ...core.formatting.numbers import digits, times_of_noise
-from ...findings import MOTION, NOISE, OUTLIERS, sentence
+from ...findings import MOTION, NOISE, OUTLIERS, filled, sentence
 from .readings import CAMERA, in_short, in_words, of_lengths, of_readings, option_of
 
 _DEG, _MM = 180.0 / math.pi, 1e3
@@ -105,19 +105,48 @@ def _(file: str, count: int, n: int, runs: Sequence[Sequence[int]] = ()) -> str:
 
 # --------------------------------------------------------------------------------- what the rotations look like
 
-sentence(
+# Cause, phrase and remedy where robot and camera rotate by different angles: in few pairs (the outliers say which), by
+# little beside the rotations, or altogether.
+_ANGLES = {
+    "few": (
+        "Only few pairs differ: look for wrong detections.",
+        "a few pairs rotate by different angles",
+        "",
+    ),
+    "noisy": (
+        "Noise of that size can be the cause (a small or distant target), or a time offset, as the rotations are much "
+        "larger.",
+        "rotations of robot and camera are {rms:deg~2} deg apart",
+        "give the noise if it is that large; else see the target from nearer, or pair by timestamps (--pair time)",
+    ),
+    "": (
+        "The rows of the two files do not belong together (wrong pairing, a shift, a time offset). If both have "
+        'timestamps, try pair="time" (--pair time) or --pair async.',
+        "the rows of the two files do not belong together",
+        "pair by timestamps: --pair time, or --pair async for unsynchronised clocks",
+    ),
+}
+
+
+def _of_angles(v: Mapping[str, Any]) -> tuple[str, str, str]:
+    return _ANGLES["few" if v["few"] else "noisy" if v.get("noisy") else ""]
+
+
+@sentence(
     "input_checks.angles_disagree",
-    "Robot and camera disagree on the rotation angles: they differ by {rms:deg.1f} degrees RMS, {largest:deg.1f} at "
-    "most ({where}). {few:?Only few pairs differ: look for wrong detections.|The rows of the two files do not belong "
-    "together "
-    '(wrong pairing, a shift, a time offset). If both have timestamps, try pair="time" (--pair time) or --pair async.}',
     rank=8,
     explained=True,
-    phrase="{few:?a few pairs rotate by different angles|the rows of the two files do not belong together}",
+    phrase=lambda v: filled(_of_angles(v)[1], v),
     effect=1.2,
-    # of few the outliers say which
-    remedy="{few:?|pair by timestamps: --pair time, or --pair async for unsynchronised clocks}",
+    remedy=lambda v: _of_angles(v)[2],
 )
+def _(rms: float, largest: float, where: str, few: bool, noisy: bool = False) -> str:
+    return (
+        f"Robot and camera disagree on the rotation angles: they differ by {_DEG * rms:.1f} degrees RMS, "
+        f"{_DEG * largest:.1f} at most ({where}). {_of_angles({'few': few, 'noisy': noisy})[0]}"
+    )
+
+
 sentence(
     "input_checks.half_turns",
     "{share:pct.0f} % of the motions rotate by more than 150 degrees. 4DPA weights a motion by sin^2(angle), so these "
@@ -215,7 +244,14 @@ def _unexplained_in_short(v: Mapping[str, Any]) -> str:
     return f"X does not explain the {what} ({both} RMS)"
 
 
-@sentence("input_checks.poses_unexplained", rank=5, explained=True, phrase=_unexplained_in_short, remedy=of_readings)
+@sentence(
+    "input_checks.poses_unexplained",
+    rank=5,
+    explains=lambda v: bool(v["readings"]),
+    explained=True,
+    phrase=_unexplained_in_short,
+    remedy=of_readings,
+)
 def _(rotation: float, translation: float, readings: Sequence[Mapping[str, Any]]) -> str:
     start = (
         f"X does not explain the poses: the target seems to move by {_DEG * rotation:.2g} degrees and "
@@ -242,6 +278,7 @@ sentence(
 @sentence(
     "input_checks.wrong_scale",
     rank=7,
+    explains=True,
     explained=True,
     phrase=lambda v: in_short(v["reading"]),
     remedy=of_readings,
@@ -307,6 +344,7 @@ def _(what: str, length: float, fixed: float, setup: str, inverted: bool) -> str
 @sentence(
     "input_checks.shifted_rows",
     rank=6,
+    explains=True,
     explained=True,
     phrase="rows are missing in one file: the pairing is shifted",
     remedy="leave out the rows named above, or pair by timestamps: --pair time",

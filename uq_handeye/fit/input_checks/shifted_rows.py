@@ -1,4 +1,4 @@
-r"""Rows of two pose files that were paired with a shift: found by rotation angles, confirmed by a fit.
+r"""Rows of two pose files that were paired with a shift: found by rotation angles, confirmed by a fit; repeated rows.
 
 Model: robot row i was taken at the moment of camera row ``i + k(i)``, k constant over long stretches of the file. A
 detection that failed and was left out moves all later camera rows up by one (k falls by 1), a camera row without a
@@ -18,6 +18,8 @@ What the angles suggest is told only if a fit confirms it. X and W are fitted ro
 as paired again; their residuals take the place of the angles as the cost, which gives the rows of the changes. Over the
 rows that moved, the median residuals of rotation and of translation must both fall below 0.3 of what they are in a
 robust fit to the rows as given, and must be like those of the rows that did not move.
+
+Poses that were given more than once, wherever they stand (files put together twice, rows copied), count once.
 """
 
 from __future__ import annotations
@@ -27,13 +29,17 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import KDTree
 
 from ...core.geometry.se3 import Array
 from ...core.runtime.read_only import ReadOnlyArrays
 from ...errors import DegenerateMotionError, InputError
 from ...findings import Finding
 from ...model.poses.motions import rotation_angles
-from ...model.poses.pose_pairs import PosePairs
+from ...model.poses.pose_pairs import FEWEST as FEWEST_POSES
+from ...model.poses.pose_pairs import PosePairs, Selection
 from ..likelihood.consensus import consensus, misfit
 from ..likelihood.constraint import OnPoses, Unknowns
 
@@ -314,3 +320,79 @@ def _refined(
         edge = first + int(begins[np.argmin(total)])
         found[s], found[s + 1] = (first, edge, old), (edge, after, new)
     return found
+
+
+# -------------------------------------------------------------------------------------- rows given more than once
+
+# Largest difference (rad, m) of numbers that are the same but for rounding; no camera measures so well.
+SAME = 1e-6
+# Runs of repeated rows that are named.
+MOST_RUNS = 4
+
+
+def repeated_rows(poses: PosePairs) -> tuple[tuple[int, ...], ...]:
+    """Return groups of poses that are equal within rounding, of robot and camera together.
+
+    Each group holds the numbers of two or more equal pairs, ascending: the first is the original, the others add no
+    information and are to count once with it. Groups are in the order of their first pose; poses without an equal are
+    in none. A robot that stood still while the camera measured again gives no group: its camera poses differ.
+
+    >>> import uq_handeye as uq
+    >>> poses = uq.simulate(4, noise=uq.PoseNoise.isotropic(camera=("0.1deg", "0.5mm")), seed=1)
+    >>> rows = [0, 1, 2, 3, 1, 0]
+    >>> repeated_rows(uq.PosePairs(poses.robot[rows], poses.camera[rows]))
+    ((0, 5), (1, 4))
+    """
+    if poses.robot.ndim != 3:
+        return ()
+    numbers = np.concatenate([T[:, :3].reshape(poses.n, 12) for T in (poses.robot, poses.camera)], axis=1)
+    if np.diff(np.sort(numbers.sum(axis=1))).min(initial=np.inf) > 24 * SAME:  # as those of equal poses are not
+        return ()
+    single, where = np.unique(numbers + 0.0, axis=0, return_inverse=True)
+    near = KDTree(single).query_pairs(SAME * np.sqrt(24), output_type="ndarray")
+    near = near[np.abs(single[near[:, 0]] - single[near[:, 1]]).max(axis=1, initial=0.0) <= SAME]
+    links = coo_array((np.ones(len(near)), (near[:, 0], near[:, 1])), shape=(len(single), len(single)))
+    label = connected_components(links, directed=False)[1][where.reshape(-1)]
+    order = np.argsort(label, kind="stable")
+    groups = np.split(order, np.flatnonzero(np.diff(label[order])) + 1)
+    return tuple(sorted(tuple(group.tolist()) for group in groups if len(group) > 1))
+
+
+def rows_again(poses: PosePairs) -> list[tuple[int, int]]:
+    """Return each row that repeats an earlier one, with the first that it repeats, ascending."""
+    return sorted((row, group[0]) for group in repeated_rows(poses) for row in group[1:])
+
+
+def said_again(again: list[tuple[int, int]], n: int) -> Finding:
+    """Return the finding about rows of n poses that repeat earlier ones."""
+    values = {"file": "pose", "count": len(again), "n": n, "runs": runs_of(again)[:MOST_RUNS]}
+    return Finding("input_checks.repeated_rows", "caution", values)
+
+
+def counted_once(poses: PosePairs, asked: Selection | None) -> tuple[Selection | None, list[Finding]]:
+    """Return which poses count where those that repeat an earlier one count once with it, and what is said of that.
+
+    ``asked``: those that were selected before. Nothing is left out where fewer than `FEWEST_POSES` poses would remain.
+    """
+    kept = np.arange(poses.n) if asked is None else asked.kept
+    again = rows_again(poses if asked is None else poses.rows(kept))
+    if not again or len(kept) - len(again) < FEWEST_POSES:
+        return asked, []
+    again = [(int(kept[row]), int(kept[first])) for row, first in again]
+    left = np.setdiff1d(kept, [row for row, _ in again])
+    return Selection(left, np.setdiff1d(np.arange(poses.n), left)), [said_again(again, poses.n)]
+
+
+def runs_of(again: list[tuple[int, int]]) -> list[list[int]]:
+    """Return runs ``[first, last, first of the originals]`` of repeated rows and their originals, both ascending.
+
+    >>> runs_of([(3, 0), (4, 1), (7, 1)])
+    [[3, 4, 0], [7, 7, 1]]
+    """
+    runs: list[list[int]] = []
+    for row, original in again:
+        if runs and row == runs[-1][1] + 1 and original == runs[-1][2] + row - runs[-1][0]:
+            runs[-1][1] = row
+        else:
+            runs.append([row, row, original])
+    return runs

@@ -27,7 +27,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -69,12 +69,51 @@ class Linearised(NamedTuple):
     sides: tuple[Array, Array]  # (..., n, 6, 6) by the errors of robot and of camera
 
 
+# Rows whose motions tell how many axes there are, and the mean square of sin(angle) across the main axis below which
+# there may be but one.
+FEW, ONE_AXIS = 40, 0.03
+
+
 @dataclass(frozen=True, eq=False)
-class OnPoses:
-    """``G X C = W``: measured robot poses (not inverted, whatever the setup) and camera poses."""
+class _Rows:
+    """Measured data of both sides: n rows (..., n, 4, 4) each."""
 
     first: Array
     second: Array
+
+    @property
+    def n(self) -> int:
+        """Number of rows."""
+        return int(self.first.shape[-3])
+
+    def rows(self, index: NDArray[Any]) -> Self:
+        """Some of the rows."""
+        return replace(self, first=self.first[..., index, :, :], second=self.second[..., index, :, :])
+
+    @cached_property
+    def one_axis(self) -> NDArray[np.bool_]:
+        """True where the robot rotates about one axis at most (...), whatever the camera says."""
+        few = self.rows(np.unique(np.linspace(0, self.n - 1, min(self.n, FEW)).astype(np.intp)))
+        u = 0.5 * vee(few.motions()[0][..., :3, :3])
+        across = np.linalg.eigvalsh(u.mT @ u / max(1, u.shape[-2]))[..., :2].sum(axis=-1)
+        return np.asarray(across < ONE_AXIS)
+
+    def motions(self) -> tuple[Array, Array]:
+        """A and B (..., m, 4, 4): of poses those between all pairs of rows, m = n (n - 1) / 2."""
+        return self.first, self.second
+
+    def residual(self, at: Unknowns, first: Array, second: Array) -> Array:
+        """r (..., n, 6) at the unknowns and the (measured or corrected) data."""
+        return self._closed(at, first, second)[0]
+
+    def _closed(self, at: Unknowns, first: Array, second: Array) -> tuple[Array, ...]:
+        raise NotImplementedError
+
+
+@dataclass(frozen=True, eq=False)
+class OnPoses(_Rows):
+    """``G X C = W``: measured robot poses (not inverted, whatever the setup) and camera poses."""
+
     inverted: bool  # eye-to-hand: G is the inverse of the robot pose
     split_known: bool = True  # how the noise of rotations is split between robot and camera (`open_directions`)
 
@@ -84,18 +123,9 @@ class OnPoses:
     p: ClassVar[int] = 12  # unknowns
 
     @property
-    def n(self) -> int:
-        """Number of rows."""
-        return int(self.first.shape[-3])
-
-    @property
     def robot(self) -> Array:
         """G (..., n, 4, 4)."""
         return inverse(self.first) if self.inverted else self.first
-
-    def rows(self, index: NDArray[Any]) -> OnPoses:
-        """Some of the rows."""
-        return replace(self, first=self.first[..., index, :, :], second=self.second[..., index, :, :])
 
     def complete(self, X: Array) -> Unknowns:
         """X (..., 4, 4) with the mean of ``G X C`` as W."""
@@ -105,15 +135,9 @@ class OnPoses:
         return Unknowns(X, W)
 
     def motions(self) -> tuple[Array, Array]:
-        """A and B (..., n (n - 1) / 2, 4, 4) between all pairs of rows."""
         i, j = np.triu_indices(self.n, 1)
         G, C = self.robot, self.second
         return inverse(G[..., j, :, :]) @ G[..., i, :, :], C[..., j, :, :] @ inverse(C[..., i, :, :])
-
-    @cached_property
-    def one_axis(self) -> NDArray[np.bool_]:
-        """True where the robot rotates about one axis at most (...), whatever the camera says."""
-        return _one_axis(self)
 
     def closure(self) -> tuple[Array, Array]:
         """K (n, 3, 4, 12) and k (n, 3, 4) with ``G X C = K vec(X) + k``, vec the first three rows, of one data set."""
@@ -122,10 +146,6 @@ class OnPoses:
         constant = np.zeros((self.n, 3, 4))
         constant[..., 3] = G[:, :3, 3]
         return by_X.reshape(self.n, 3, 4, 12), constant
-
-    def residual(self, at: Unknowns, first: Array, second: Array) -> Array:
-        """r (..., n, 6) at the unknowns and the (measured or corrected) poses."""
-        return self._closed(at, first, second)[0]
 
     def _closed(self, at: Unknowns, first: Array, second: Array) -> tuple[Array, Array, Array, Array]:
         """r, and of what it is made: R_G, R_X t_C and R_G (R_X t_C + t_X)."""
@@ -150,11 +170,9 @@ class OnPoses:
 
 
 @dataclass(frozen=True, eq=False)
-class OnMotions:
+class OnMotions(_Rows):
     """``A X = X B``: measured motions of robot and camera, each with noise of its own."""
 
-    first: Array
-    second: Array
     split_known: bool = True
 
     item: ClassVar[str] = "motion"
@@ -162,27 +180,9 @@ class OnMotions:
     fewest: ClassVar[int] = 2
     p: ClassVar[int] = 6
 
-    @property
-    def n(self) -> int:
-        """Number of rows."""
-        return int(self.first.shape[-3])
-
-    def rows(self, index: NDArray[Any]) -> OnMotions:
-        """Some of the rows."""
-        return replace(self, first=self.first[..., index, :, :], second=self.second[..., index, :, :])
-
     def complete(self, X: Array) -> Unknowns:
         """X (..., 4, 4); there is no W."""
         return Unknowns(X, None)
-
-    def motions(self) -> tuple[Array, Array]:
-        """A and B (..., n, 4, 4)."""
-        return self.first, self.second
-
-    @cached_property
-    def one_axis(self) -> NDArray[np.bool_]:
-        """True where the robot rotates about one axis at most (...), whatever the camera says."""
-        return _one_axis(self)
 
     def closure(self) -> tuple[Array, Array]:
         """K (n, 3, 4, 12) and k (n, 3, 4) with ``A X - X B = K vec(X) + k``, vec the first three rows."""
@@ -191,10 +191,6 @@ class OnMotions:
         constant = np.zeros((self.n, 3, 4))
         constant[..., 3] = self.first[:, :3, 3]
         return (by_A - by_B).reshape(self.n, 3, 4, 12), constant
-
-    def residual(self, at: Unknowns, first: Array, second: Array) -> Array:
-        """r (..., n, 6) at X and the (measured or corrected) motions."""
-        return self._closed(at, first, second)[0]
 
     def _closed(self, at: Unknowns, first: Array, second: Array) -> tuple[Array, Array, Array]:
         """r, and of what it is made: R_X t_B and R_A t_X."""
@@ -218,36 +214,16 @@ class OnMotions:
 
 Constraint = OnPoses | OnMotions
 
-# Rows whose motions tell how many axes there are, and the mean square of sin(angle) across the main axis below which
-# there may be but one.
-FEW, ONE_AXIS = 40, 0.03
-
-
-def _one_axis(constraint: Constraint) -> NDArray[np.bool_]:
-    n = constraint.n
-    few = constraint.rows(np.unique(np.linspace(0, n - 1, min(n, FEW)).astype(np.intp)))
-    u = 0.5 * vee(few.motions()[0][..., :3, :3])
-    across = np.linalg.eigvalsh(u.mT @ u / max(1, u.shape[-2]))[..., :2].sum(axis=-1)
-    return np.asarray(across < ONE_AXIS)
-
 
 def constraint_of(data: PosePairs | Motions, noise: Noise | None) -> Constraint:
     """On poses if there are any and the noise is not that of motions; raises if noise and data do not fit."""
     poses = data.poses
-    if isinstance(noise, PairNoise):
-        if isinstance(data, PosePairs):
-            raise InputError("PairNoise is noise of motions: give the Motions (relative_motions), not poses.")
-        require_count(noise.A, data.N, "A", "motions")
-        require_count(noise.B, data.N, "B", "motions")
-        return OnMotions(data.A, data.B)
-    if poses is None:
-        if isinstance(noise, PoseNoise):
-            raise InputError("PoseNoise needs poses; for motions that come without poses use PairNoise.")
+    if isinstance(noise, PairNoise) and isinstance(data, PosePairs):
+        raise InputError("PairNoise is noise of motions: give the Motions (relative_motions), not poses.")
+    require_noise_fits(noise, data)
+    if isinstance(noise, PairNoise) or poses is None:
         assert isinstance(data, Motions)
         return OnMotions(data.A, data.B)
-    if noise is not None:
-        require_count(noise.robot, poses.n, "robot", "poses")
-        require_count(noise.camera, poses.n, "camera", "poses")
     return OnPoses(poses.robot, poses.camera, poses.setup == "eye-to-hand")
 
 
@@ -307,15 +283,17 @@ def block_diagonal(blocks: Array) -> Array:
     return result.reshape(*blocks.shape[:-3], 6 * n, 6 * n)
 
 
-def require_noise_fits(noise: Noise | None, motions: Motions) -> None:
+def require_noise_fits(noise: Noise | None, data: PosePairs | Motions) -> None:
     """Raise `InputError` unless the noise is one, of as many motions or poses."""
-    if isinstance(noise, PairNoise):
-        require_count(noise.A, motions.N, "A", "motions")
-        require_count(noise.B, motions.N, "B", "motions")
-    elif isinstance(noise, PoseNoise):
-        if motions.poses is None:
-            raise InputError("PoseNoise needs poses; for motions that come without poses use PairNoise.")
-        require_count(noise.robot, motions.poses.n, "robot", "poses")
-        require_count(noise.camera, motions.poses.n, "camera", "poses")
-    elif noise is not None:
+    if noise is None:
+        return
+    if not isinstance(noise, PoseNoise | PairNoise):
         raise InputError(f"Expected `noise` to be PoseNoise, PairNoise or None, got {type(noise).__name__}.")
+    of_pairs = isinstance(noise, PairNoise)
+    if not of_pairs and data.poses is None:
+        raise InputError("PoseNoise needs poses; for motions that come without poses use PairNoise.")
+    count, what, names = len(data), "motions", ("A", "B")
+    if not of_pairs and data.poses is not None:
+        count, what, names = data.poses.n, "poses", ("robot", "camera")
+    for name, S in zip(names, covariances_of(noise), strict=True):
+        require_count(S, count, name, what)

@@ -1,5 +1,4 @@
-r"""Goodness of fit: test whether the noise explains the residuals, and the degrees of freedom of a covariance that was
-estimated from them.
+r"""Goodness of fit: test whether the noise explains the residuals; residuals of single poses; reference distributions.
 
 Goodness of fit. With residuals e after the fit, their covariance S from the noise and p unknowns
 
@@ -16,18 +15,6 @@ Rotation and translation only: ``sum e_i^T S_i^-1 e_i`` over that part, over its
 are shared by the poses (T4b) those residuals are all alike; there ``g = S^-1 e`` takes their place, what of each pose
 the others do not predict, with the covariance ``P = S^-1 - S^-1 J C J^T S^-1``: ``sum g_i^T P_ii^-1 g_i`` over that
 part, over the number of its components.
-
-Degrees of freedom. Where the noise was estimated, ``e^T Sigma_X^-1 e`` is not chi-square: Sigma_X itself is uncertain.
-``F = e^T Sigma_X^-1 e / 6`` is about F(6, nu). To second order in the error of the variances phi, with covariance V,
-
-    E F = 1 + A / 6,    A = sum_kl V_kl tr(Sigma^-1 Sigma_k Sigma^-1 Sigma_l),    Sigma_k = d Sigma_X / d phi_k
-    nu = 12 / A
-
-which is exact where all variances have one unknown factor (nu is then the degrees of freedom of its estimate), and for
-6 = 1 is Satterthwaite's rule (Fai and Cornelius 1996; Kenward and Roger 1997).
-The 95 % ellipsoids by F hold the truth as often as they say with 30 and with 8 poses; with 8, those by chi-square too
-seldom (tests/one_model/test_noise_of_data.py, 1,000 sets each, one noise each). Not accounted for, and felt with
-few poses: weights from estimated noise are not the best ones (Kackar and Harville 1984).
 
 *Own residuals* are those after the errors that all poses share are taken out of them. With ``S = blkdiag(S_i) + F F^T``
 and r the residuals after the fit, ``z = (F^T S_i^-1 F + 1)^-1 F^T S_i^-1 r`` is the estimate of the shared errors, and
@@ -51,7 +38,6 @@ from ...core.geometry.se3 import Array
 from ...errors import InputError
 from ...model.noise.joint_covariance import JointCovariance
 from ...model.noise.square_roots import (
-    LEAST_WEIGHT,
     cholesky_of,
     gram,
     inverse_blocks,
@@ -61,7 +47,7 @@ from ...model.noise.square_roots import (
     weighed_blocks,
     whiten,
 )
-from .gauss_helmert import SINGULAR, Fit
+from .gauss_helmert import Fit
 
 if TYPE_CHECKING:
     from ...model.noise.estimate import NoiseEstimate
@@ -130,48 +116,14 @@ def _parts_of_joint(fit: Fit, w: Array) -> list[float]:
 
 
 def effective_dof(fit: Fit, estimate: NoiseEstimate) -> float:
-    """nu, for a fit with the noise of the estimate: ``e^T Sigma_X^-1 e / 6`` is about F(6, nu); infinite if fixed.
-
-    Beside a camera covariance from corners, which counts as known, the robot's variances alone are uncertain: nu grows
-    without bound as their share of Sigma_X falls.
-    """
+    """nu of the multivariate t that X follows where the sizes of its errors are open (`one_model`); else infinite."""
     _require_one(fit)
     return float("inf") if estimate.shape is None else estimate.shape
-
-
-def spread_of(fit: Fit, covariance: Array) -> Array:
-    """A (...) of the module, for the covariance (..., 3, 3) of the variances."""
-    derivatives = covariance_derivatives(fit)
-    S = fit.covariance_X[..., None, :, :]
-    whole = np.linalg.inv(S) if fit.open is None else np.linalg.pinv(S, rcond=SINGULAR, hermitian=True)
-    relative = whole @ derivatives
-    return np.asarray(np.einsum("...kl,...kij,...lji->...", covariance, relative, relative))
 
 
 def components_of(fit: Fit) -> int:
     """Number of components of X that are determined, of one fit."""
     return 6 - len(fit.open_directions_X)
-
-
-def covariance_derivatives(fit: Fit) -> Array:
-    """``d Sigma_X / d phi_k`` (..., 3, 6, 6) = ``C J^T S^-1 V_k S^-1 J C`` by the variances of `NoiseEstimate`."""
-    J, C = fit.linear.J, fit.covariance[..., None, :, :6]
-    if joint_residuals(fit.S):  # S has V_k divided by the weight of each pose in it
-        factor = fit.weighted_factor
-        pull = pulled(factor, whiten(factor, J)) @ C
-        if fit.weights is not None:
-            pull = pull / np.sqrt(np.maximum(fit.weights, LEAST_WEIGHT))[..., None, None]
-    else:
-        pull = pulled(fit.factor, fit.white[1]) @ C
-        if fit.weights is not None:
-            pull = np.sqrt(fit.weights)[..., None, None] * pull
-    first, second = fit.linear.sides
-    found = []
-    for U in (first[..., :3], second[..., :3], second[..., 3:]):
-        part = U.mT @ pull
-        flat = part.reshape(*part.shape[:-3], -1, 6)
-        found.append(flat.mT @ flat)
-    return np.stack(found, axis=-3)
 
 
 def _require_one(fit: Fit) -> None:
@@ -190,11 +142,6 @@ class OwnResiduals(NamedTuple):
     J: Array  # (n, 6, p + q), q combinations of shared errors of which the data tell something
     M: Array  # (p + q, p + q) covariance of the unknowns, with weights and priors
     known: Array  # (p + q, p + q) information of the priors
-
-
-def has_own_residuals(fit: Fit) -> bool:
-    """Return whether the poses have errors in common of this kind."""
-    return isinstance(fit.S, JointCovariance)
 
 
 def own_residuals(fit: Fit) -> OwnResiduals:

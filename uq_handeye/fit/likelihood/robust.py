@@ -213,7 +213,7 @@ def fit_robustly(
     ``search`` is needed where the noise is not known.
     """
     require_enough(constraint)
-    subsets = 0
+    subsets, given = 0, noise is not None
     if noise is not None:
         settled = _begin_with_all(constraint, noise, start, method)
     else:
@@ -238,8 +238,9 @@ def fit_robustly(
     if kept < constraint.fewest or 2 * kept < n:
         raise InputError(
             f"Only {kept} of {n} {constraint.item}s agree with one X within the noise; at least half of them must. "
-            "Look at the pairing of the rows, the setup (eye-in-hand or eye-to-hand), the units and the noise given; "
-            "if the robot moved and the clocks differ, synchronise the streams (--pair async)."
+            "Look at the pairing of the rows, the setup (eye-in-hand or eye-to-hand) and the units"
+            f"{', and at the noise given' if given else ''}; if the robot moved and the clocks differ, "
+            "synchronise the streams (--pair async)."
         )
     flags = tuple(
         "kept" if d <= limit else "rejected" if w == 0 else "downweighted"
@@ -248,7 +249,9 @@ def fit_robustly(
     if noise is not None and (weights == 1).all():  # the plain fit, to the last digit
         steps = CLOSED_FORM_STEPS if method == "efficient" else MOST_STEPS
         fitted, begun_at = replace(fitted, weights=None) if plain else fit(constraint, noise, start, steps), start
-    return RobustFit(fitted, noise, weights, distances, leverage, flags, scale, limit, subsets, begun_at)
+    return RobustFit(
+        fitted, noise, weights, distances, leverage, flags, scale if given else 1.0, limit, subsets, begun_at
+    )
 
 
 def _begin(constraint: Constraint, noise: Noise | None, start: Unknowns, seed: int | np.random.Generator) -> Consensus:

@@ -27,10 +27,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 from scipy.special import chdtri
 
 from ...core.geometry.nearest_rotation import orthonormalise
-from ...core.geometry.se3 import Array, skew, vee
+from ...core.geometry.se3 import Array, vee
 from ...errors import DegenerateMotionError
 from ...methods.procrustes.limit import solve_limit
 from ...methods.propagation.published_fit import mean_target, solve_all_pairs
@@ -210,7 +211,7 @@ def _candidates(constraint: Constraint, prior: PosePrior | None) -> Array:
     of_turns, of_moves = u.T @ v, t_A.T @ t_B / length**2
     U, _, Vt = np.linalg.svd(of_turns)
     a, b = U[:, 0], Vt[0]
-    R_0 = _between(b, a)
+    R_0 = Rotation.align_vectors(a, b)[0].as_matrix()  # the shortest one
     q = t_B @ R_0.T
     along = np.outer(q @ a, a)
     rows = np.concatenate(
@@ -219,8 +220,7 @@ def _candidates(constraint: Constraint, prior: PosePrior | None) -> Array:
     rows[:, :3] *= length
     solved = np.linalg.pinv(rows, rcond=OPEN) @ (along - t_A).ravel()
     angles = np.append(2.0 * np.pi * np.arange(ANGLES) / ANGLES, np.arctan2(solved[4], solved[3]))
-    c, s, cross = np.cos(angles)[:, None, None], np.sin(angles)[:, None, None], skew(a)
-    about = np.eye(3) + s * cross + (1.0 - c) * (cross @ cross)
+    about = Rotation.from_rotvec(angles[:, None] * a).as_matrix()
     rotations = [*(about @ R_0), *orthonormalise(np.stack([of_moves + 1e-12 * of_turns, of_moves + of_turns]))]
     if prior is not None and prior.X is not None:
         rotations.append(prior.X[:3, :3])
@@ -232,17 +232,6 @@ def _candidates(constraint: Constraint, prior: PosePrior | None) -> Array:
     X[:, :3, :3], X[:, 3, 3] = R, 1.0
     X[:, :3, 3] = right @ np.linalg.pinv(left, rcond=OPEN).T
     return X
-
-
-def _between(b: Array, a: Array) -> Array:
-    """The shortest rotation with ``R b = a`` of unit vectors."""
-    axis, cosine = np.cross(b, a), float(a @ b)
-    if cosine < -1.0 + 1e-9:  # half a turn about any axis across
-        across = np.cross(b, np.eye(3)[np.argmin(np.abs(b))])
-        across /= np.linalg.norm(across)
-        return np.asarray(2.0 * np.outer(across, across) - np.eye(3))
-    K = skew(axis)
-    return np.asarray(np.eye(3) + K + K @ K / (1.0 + cosine))
 
 
 def _isotropic(noise: Noise) -> Noise:

@@ -17,8 +17,7 @@ from ...core.files.atomic import json_text, write_atomically
 from ...core.files.lines import frame_text
 from ...core.files.records import Record, attributes
 from ...core.geometry.conventions import CONVENTION
-from ...core.geometry.pose_numbers import pose_numbers
-from ...core.geometry.principal_axes import principal_axes
+from ...core.geometry.pose_numbers import pose_numbers, principal_axes
 from ...core.geometry.se3 import Array, difference
 from ...core.presentation.document import COLUMNS, WIDTH, document_of, to_text
 from ...core.presentation.html import to_html
