@@ -27,7 +27,7 @@ def made(variances, relative, types=None):
     """A budget of X whose sources have these variances in every component."""
     parts = np.stack([v * np.eye(6) for v in variances])
     types = ("A",) * len(parts) if types is None else types
-    return Budget(tuple("abc"[: len(parts)]), parts, np.zeros((0, 6, 6)), np.eye(4), types, np.array(relative))
+    return Budget(tuple("abc"[: len(parts)]), parts, np.eye(4), types, np.array(relative))
 
 
 def test_what_is_declared_is_of_type_B_and_what_is_estimated_of_type_A(poses, by_default):

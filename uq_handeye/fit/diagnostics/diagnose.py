@@ -34,11 +34,12 @@ from ...core.geometry.se3 import Array, skew
 from ...errors import InputError
 from ...findings import Finding
 from ...model.noise.joint_covariance import JointCovariance
-from ...model.noise.models import INTRINSICS, Noise, PairNoise, is_joint
+from ...model.noise.models import INTRINSICS, Noise, is_joint
 from ...model.noise.square_roots import Factor, inverse_blocks, joint_residuals, pulled, whiten
 from ...model.poses.motions import Motions
 from ...model.poses.pose_pairs import PosePairs
 from ...model.shared_errors.shared_error import FOCAL_LENGTH, ROBOT_SCALE, TARGET_SCALE
+from ..likelihood.constraint import covariances_of
 from ..likelihood.gauss_helmert import Fit, corrected
 from ..likelihood.shared_estimates import SIGNAL
 from .residual_patterns import RARE, Autocorrelation, residual_tests
@@ -122,14 +123,11 @@ def diagnose(fit: Fit, data: PosePairs | Motions, noise: Noise, correlation_esti
 
 def _covered(noise: Noise, poses: PosePairs | None) -> set[str]:
     """Return those of `PROBED` that the noise holds: columns of that name, or of all intrinsics."""
-    if isinstance(noise, PairNoise):
-        return set()
-    joint = [S for S in (noise.robot, noise.camera) if isinstance(S, JointCovariance)]
-    found = {name for S in joint for name in S.names} & set(PROBED)
-    seen = None if poses is None else poses.camera_calibration
-    by_views = isinstance(noise.camera, JointCovariance) and INTRINSICS in noise.camera.names
-    joint_camera = noise.camera is not None and is_joint(noise.camera)
-    by_corners = joint_camera and seen is not None and "fx" in seen.estimated
+    joint = [S if isinstance(S, JointCovariance) else None for S in covariances_of(noise)]
+    found = {name for S in joint if S is not None for name in S.names} & set(PROBED)
+    seen, camera = None if poses is None else poses.camera_calibration, covariances_of(noise)[1]
+    by_views = joint[1] is not None and INTRINSICS in joint[1].names
+    by_corners = camera is not None and is_joint(camera) and seen is not None and "fx" in seen.estimated
     return found | {FOCAL_LENGTH} if by_views or by_corners else found
 
 

@@ -14,13 +14,14 @@ from typing import Any
 
 import numpy as np
 
-from ...core.geometry.se3 import Array, block, inverse, inverse_jacobian, skew
+from ...core.geometry.se3 import Array, inverse, vee
 from ...errors import DegenerateMotionError
 from ...findings import GROSS, Finding, Severity
 from ...methods.procrustes.limit import DEGENERATE, infinite_directions
 from ...model.noise.models import Noise, PairNoise, PoseNoise, is_joint, marginals
 from ...model.poses.motions import STEADY_VIEW, Motions, direction_spread, median, pose_residuals, rotation_angles
 from ...model.poses.pose_pairs import PosePairs
+from ..likelihood.constraint import Constraint, OnMotions, OnPoses, covariances_of
 from .misread_files import EXACT, LARGE_ROTATION, inverted_on_request, other_readings, scaled_reading
 from .readings import OTHER_SETUP
 from .shifted_rows import rows_again, said_again
@@ -155,7 +156,7 @@ def require_signal(motions: Motions, noise: Noise | None, angle: Array) -> None:
         if noise is None or shown > 9.0 * variance:
             variance = shown
     independent = motions.N if motions.poses is None else min(motions.N, motions.poses.n - 1)
-    u, v = _axes(motions.A[..., :3, :3]), _axes(motions.B[..., :3, :3])
+    u, v = (0.5 * vee(T[..., :3, :3]).T for T in (motions.A, motions.B))
     H = u @ v.T / motions.N
     s = np.linalg.svd(H, compute_uv=False)
     across = float(s[1] + np.sign(np.linalg.det(H)) * s[2])
@@ -171,14 +172,9 @@ def require_signal(motions: Motions, noise: Noise | None, angle: Array) -> None:
     )
 
 
-def _axes(R: Array) -> Array:
-    """``sin(angle) axis`` of rotations (N, 3, 3), as columns (3, N)."""
-    return 0.5 * np.stack([R[:, 2, 1] - R[:, 1, 2], R[:, 0, 2] - R[:, 2, 0], R[:, 1, 0] - R[:, 0, 1]])
-
-
 def _axis_spread(R: Array) -> tuple[Array, Array]:
     """Eigenvalues of ``sum u u^T / N``, ascending, and the main axis; below rounding they are 0."""
-    u = _axes(R)
+    u = 0.5 * vee(R).T  # sin(angle) axis, as columns
     values, vectors = np.linalg.eigh(u @ u.T / max(1, u.shape[1]))
     axis = vectors[:, 2] if vectors[np.argmax(np.abs(vectors[:, 2])), 2] > 0 else -vectors[:, 2]
     return np.where(values > DEGENERATE * values[2], values, 0.0), np.round(axis, 12) + 0.0
@@ -190,16 +186,12 @@ def _rotation_variance(motions: Motions, noise: Noise) -> float:
     To first order it is ``theta_A - R_X theta_B``, and theta of a motion is the difference of those of its two
     poses (up to rotations): the traces add.
     """
+    sides = [np.trace(marginals(S)[..., :3, :3], axis1=-2, axis2=-1) for S in covariances_of(noise) if S is not None]
     if isinstance(noise, PairNoise):
-        return sum(
-            float(np.mean(np.trace(S[..., :3, :3], axis1=-2, axis2=-1))) for S in (noise.A, noise.B) if S is not None
-        )
+        return float(sum(np.mean(side) for side in sides))
     if motions.pairs is None or motions.poses is None:
         return 0.0  # PoseNoise without poses: propagate() refuses it
-    traces = np.zeros(motions.poses.n)
-    for S in (noise.robot, noise.camera):
-        if S is not None:
-            traces += np.trace(marginals(S)[..., :3, :3], axis1=-2, axis2=-1)
+    traces = np.zeros(motions.poses.n) + sum(sides, np.zeros(()))
     return float(np.mean(traces[motions.pairs].sum(axis=1)))
 
 
@@ -231,6 +223,7 @@ def check_fit(
         camera[:, :3, 3] *= size
         poses = replace(poses, camera=camera, camera_calibration=None)
     G, C = poses.effective_robot, poses.camera
+    constraint = OnPoses(poses.robot, C, poses.setup == "eye-to-hand")
     angle, distance = pose_residuals(G, C, X)
     travel = float(np.sqrt(np.mean(np.sum((G[:, :3, 3] - G[:, :3, 3].mean(axis=0)) ** 2, axis=1))))
     reach = float(np.sqrt(np.mean(np.sum(C[:, :3, 3] ** 2, axis=1))))
@@ -238,7 +231,7 @@ def check_fit(
     found: list[Finding] = []
     most = None
     if noise is not None and covariance is not None:
-        least, most = _explained(poses, X, noise, covariance)
+        least, most = _explained(constraint, X, noise, covariance)
         joint = any(S is not None and is_joint(S) for S in (noise.robot, noise.camera))
         found = _against_noise("poses", poses.n - 1, (angle, distance), None if joint else least, most)
     # Noise turns about all three axes and so makes the residual sqrt(3) times the difference of the angles, which a
@@ -251,7 +244,7 @@ def check_fit(
     most_fit = median(angle) < LARGE_ROTATION and median(distance) < max(LARGE_TRANSLATION * travel, 0.02 * reach)
     each = most
     if most is None and own is not None and covariance is not None:
-        each = _explained(poses, X, own, covariance)[1]
+        each = _explained(constraint, X, own, covariance)[1]
     outliers = _outliers("pose", angle, distance, travel + reach, each) if most_fit else []
     if misfit and not outliers:
         values = {"rotation": turn, "translation": shift, "readings": other_readings(poses, turn, shift)}
@@ -273,7 +266,7 @@ def misread(poses: PosePairs, X: Array) -> list[Finding]:
     return [Finding("input_checks.poses_unexplained", "failure", values)] if readings else []
 
 
-def _rms(squares: tuple[Array, Array] | None, k: int) -> float:
+def _rms(squares: Array | None, k: int) -> float:
     return 0.0 if squares is None else float(np.sqrt(np.mean(squares[k])))
 
 
@@ -282,9 +275,7 @@ def _turns(T: Array) -> Array:
     return rotation_angles(T[:-1, :3, :3].mT @ T[1:, :3, :3])
 
 
-def _against_noise(
-    what: str, n: int, rows: tuple[Array, Array], least: tuple[Array, Array] | None, most: tuple[Array, Array]
-) -> list[Finding]:
+def _against_noise(what: str, n: int, rows: tuple[Array, Array], least: Array | None, most: Array) -> list[Finding]:
     """RMS rotation and translation residuals of n things against the mean squares that the noise explains.
 
     ``most`` counts what the error of X adds in full, though the residuals share part of it; ``least`` leaves it
@@ -304,24 +295,15 @@ def _against_noise(
     return found
 
 
-def _explained(
-    poses: PosePairs, X: Array, noise: PoseNoise, covariance: Array
-) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
-    """Mean squares (n,) of the rotation and translation of W_k: from the noise, and with the error of X added (T5)."""
-    G, C = poses.effective_robot, poses.camera
-    R_G, lever = G[:, :3, :3], C[:, :3, 3] @ X[:3, :3].T
-    point = np.einsum("nij,nj->ni", R_G, lever + X[:3, 3])
-    eye, turn = np.eye(3), R_G @ X[:3, :3]
-    J_robot, J_camera = block(eye, 0.0, -skew(point), eye), block(turn, 0.0, 0.0, turn)
-    if poses.setup == "eye-to-hand":
-        J_robot = J_robot @ inverse_jacobian(poses.robot)
-    squares = np.zeros((2, poses.n))
-    for J, S in ((J_robot, noise.robot), (J_camera, noise.camera)):
+def _explained(constraint: Constraint, X: Array, noise: Noise, covariance: Array) -> tuple[Array, Array]:
+    """Mean squares (2, n) of the rotation and translation residuals: from the noise, and with the error of X (T5)."""
+    linear = constraint.linearise(constraint.complete(X), constraint.first, constraint.second)
+    squares = np.zeros((2, constraint.n))
+    for D, S in zip(linear.sides, covariances_of(noise), strict=True):
         if S is not None:
-            squares += _traces(J @ marginals(S) @ J.mT)
-    J_X = block(R_G, 0.0, -R_G @ skew(lever), R_G)
-    with_X = squares + _traces(J_X @ covariance @ J_X.mT)
-    return (squares[0], squares[1]), (with_X[0], with_X[1])
+            squares += _traces(D @ marginals(S) @ D.mT)
+    J = linear.J[..., :6]
+    return squares, squares + _traces(J @ covariance @ J.mT)
 
 
 def _traces(S: Array) -> Array:
@@ -336,9 +318,7 @@ def _chance(degrees_of_freedom: int) -> tuple[float, float]:
     return float(low), float(high)
 
 
-def _outliers(
-    what: str, angle: Array, distance: Array, size: float, explained: tuple[Array, Array] | None
-) -> list[Finding]:
+def _outliers(what: str, angle: Array, distance: Array, size: float, explained: Array | None) -> list[Finding]:
     """Poses or motions whose residual, in units of what its noise explains, stands out of the others."""
     n = len(angle)
     if n < 6:
@@ -414,19 +394,10 @@ def check_motions(
 ) -> list[Finding]:
     """Residuals (N,) of motions that come without poses: against the noise, their size and each other."""
     found: list[Finding] = []
-    A, B = motions.A, motions.B
-    most = None
-    if isinstance(noise, PairNoise) and covariance is not None:
-        # the translation residual is tau_A - [R_A t_X]x theta_A - R_X tau_B
-        J_A = block(np.eye(3), 0.0, -skew(A[:, :3, :3] @ X[:3, 3]), np.eye(3))
-        least = np.zeros((2, motions.N))
-        for S, J in ((noise.A, J_A), (noise.B, np.eye(6))):
-            if S is not None:
-                least += _traces(np.broadcast_to(J @ S @ J.mT, (motions.N, 6, 6)))
-        J_X = block(A[:, :3, :3] - np.eye(3), 0.0, skew(B[:, :3, 3] @ X[:3, :3].T), A[:, :3, :3] - np.eye(3))
-        with_X = least + _traces(J_X @ covariance @ J_X.mT)
-        most = (with_X[0], with_X[1])
-        found = _against_noise("motions", motions.N, (angle, distance), (least[0], least[1]), most)
+    A, most = motions.A, None
+    if noise is not None and covariance is not None:
+        least, most = _explained(OnMotions(A, motions.B), X, noise, covariance)
+        found = _against_noise("motions", motions.N, (angle, distance), least, most)
     travel = float(np.sqrt(3.0 * np.mean(A[:, :3, 3] ** 2)))
     turn, shift = float(np.sqrt(np.mean(angle**2))), float(np.sqrt(np.mean(distance**2)))
     if turn > max(LARGE_ROTATION, 3.0 * _rms(most, 0)) or shift > max(LARGE_TRANSLATION * travel, 3.0 * _rms(most, 1)):

@@ -30,10 +30,10 @@ from ...core.geometry.checks import CHUNK
 from ...core.geometry.se3 import Array, skew, vee
 from ...errors import DegenerateMotionError
 from ...methods.procrustes.limit import solve_limit
-from ...model.noise.models import Noise, PairNoise, PoseNoise, marginals
+from ...model.noise.models import Noise, PoseNoise, marginals
 from ...model.noise.square_roots import cholesky_of, gram, whiten
 from ...model.poses.motions import pivot_of
-from .constraint import Constraint, OnPoses, Unknowns, residual_covariance
+from .constraint import Constraint, OnPoses, Unknowns, covariances_of, residual_covariance
 from .gauss_helmert import SINGULAR
 
 # The 1 - 1e-6 quantile of chi-square(6).
@@ -88,10 +88,9 @@ def consensus(constraint: Constraint, noise: Noise | None, seed: int | np.random
     noise = _isotropic(_variances(misfit(pivoted, at)), pivoted)
     if pivot is None:
         return Consensus(at, kept, noise, len(hypotheses.X))
-    assert isinstance(noise, PoseNoise)
     lever = np.broadcast_to(np.eye(6), (constraint.n, 6, 6)).copy()  # of errors about the pivot to those at the origin
     lever[:, 3:, :3] = skew(constraint.second[:, :3, :3] @ pivot)
-    noise = PoseNoise(camera=lever @ noise.camera @ lever.mT)
+    noise = PoseNoise(camera=lever @ covariances_of(noise)[1] @ lever.mT)
     return Consensus(_back_to_origin(at, pivot), kept, noise, len(hypotheses.X))
 
 
@@ -254,15 +253,13 @@ def _concentrate(constraint: Constraint, noise: Noise, at: Unknowns, inside: Arr
 def _isotropic(variances: Array, constraint: Constraint) -> Noise:
     """Noise (rotation, translation) of the residuals, put on the camera; below 1e-12 rad or m nothing is separated."""
     S = np.diag(np.repeat(np.maximum(variances, 1e-24), 3))
-    return PoseNoise(camera=S) if isinstance(constraint, OnPoses) else PairNoise(B=S)
+    return constraint.noise(None, S)
 
 
 def _drop_joint(noise: Noise) -> Noise:
     """Without correlations between poses."""
-    if isinstance(noise, PairNoise):
-        return noise
-    robot, camera = (None if S is None else marginals(S) for S in (noise.robot, noise.camera))
-    return PoseNoise(robot, camera)
+    first, second = (None if S is None else marginals(S) for S in covariances_of(noise))
+    return type(noise)(first, second)
 
 
 def _variances(squares: Array) -> Array:

@@ -119,6 +119,7 @@ class OnPoses(_Rows):
 
     item: ClassVar[str] = "pose"
     sides: ClassVar[tuple[str, str]] = ("robot", "camera")
+    noise: ClassVar[type[PoseNoise]] = PoseNoise
     fewest: ClassVar[int] = 3  # rows that determine the unknowns
     p: ClassVar[int] = 12  # unknowns
 
@@ -177,6 +178,7 @@ class OnMotions(_Rows):
 
     item: ClassVar[str] = "motion"
     sides: ClassVar[tuple[str, str]] = ("A", "B")
+    noise: ClassVar[type[PairNoise]] = PairNoise
     fewest: ClassVar[int] = 2
     p: ClassVar[int] = 6
 

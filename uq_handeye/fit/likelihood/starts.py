@@ -35,21 +35,20 @@ from ...core.geometry.se3 import Array, vee
 from ...errors import DegenerateMotionError
 from ...methods.procrustes.limit import solve_limit
 from ...methods.propagation.published_fit import mean_target, solve_all_pairs
-from ...model.noise.models import Noise, PairNoise, PoseNoise, with_prior, without_prior
+from ...model.noise.models import Noise, with_prior, without_prior
 from ...model.noise.pose_prior import PosePrior
 from ...model.noise.square_roots import cholesky_of, gram, weighted, whiten
 from ...model.poses.motions import Motions
 from ...model.poses.pose_pairs import PosePairs
-from .constraint import FEW, Constraint, Linearised, OnMotions, OnPoses, Unknowns, residual_covariance
+from .constraint import FEW, Constraint, Linearised, Unknowns, residual_covariance
 from .open_directions import closed_basis, lever_of, own_covariances, rig_units, solve_information
 
 
 def start_of(data: PosePairs | Motions, constraint: Constraint, X: Array | None) -> Unknowns:
     """X by 4DPA where it is not given, and W as the mean of G X C."""
-    if isinstance(constraint, OnMotions):
-        return Unknowns(solve_limit(constraint.first, constraint.second) if X is None else X, None)
     poses = data.poses
-    assert poses is not None
+    if poses is None or constraint.p == 6:
+        return Unknowns(solve_limit(constraint.first, constraint.second) if X is None else X, None)
     X = solve_all_pairs(poses) if X is None else X
     return Unknowns(X, mean_target(poses, X))
 
@@ -85,7 +84,7 @@ def sound_start(
         X[k] = at.X
         if at.W is not None:
             W[k] = at.W
-    return Unknowns(X, W if isinstance(constraint, OnPoses) else None)
+    return Unknowns(X, W if constraint.p == 12 else None)
 
 
 def leaves_open(constraint: Constraint, noise: Noise | None, at: Unknowns) -> bool:
@@ -159,7 +158,7 @@ def start_open(constraint: Constraint, noise: Noise | None, prior: PosePrior | N
 def isotropic_residuals(constraint: Constraint, at: Unknowns) -> Noise:
     """Isotropic noise with robust scales of the residuals, half of its variance on either side."""
     S = 0.5 * np.diag(np.repeat(_variances(constraint, at), 3))
-    return PoseNoise(S, S) if isinstance(constraint, OnPoses) else PairNoise(S, S)
+    return constraint.noise(S, S)
 
 
 def _variances(constraint: Constraint, at: Unknowns) -> Array:
@@ -191,7 +190,7 @@ def descend(constraint: Constraint, noise: Noise, at: Unknowns) -> Unknowns:
 
 def _rough(constraint: Constraint, prior: PosePrior | None) -> Noise:
     S = ROUGH**2 * np.diag(np.repeat([1.0, float(lever_of(constraint)) ** 2], 3))
-    return with_prior(PoseNoise(S, S) if isinstance(constraint, OnPoses) else PairNoise(S, S), prior)
+    return with_prior(constraint.noise(S, S), prior)
 
 
 def _cost(constraint: Constraint, noise: Noise, at: Unknowns) -> Array:
@@ -244,7 +243,7 @@ def _isotropic(noise: Noise) -> Noise:
             variances = np.diagonal(S.reshape(-1, 6, 6).mean(axis=0)).reshape(2, 3).mean(axis=1)
             S = np.diag(np.repeat(variances, 3))
         parts.append(S)
-    return with_prior(PairNoise(*parts) if isinstance(noise, PairNoise) else PoseNoise(*parts), noise.prior)
+    return with_prior(type(noise)(*parts), noise.prior)
 
 
 class Reduced(NamedTuple):
