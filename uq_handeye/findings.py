@@ -288,6 +288,20 @@ def renumbered(finding: Finding, numbers: Sequence[int]) -> Finding:
     return Finding(finding.code, finding.severity, values)
 
 
+def without_consequences(findings: Iterable[Finding]) -> list[Finding]:
+    """Return findings without those that are explained by a wrong reading of the files, a wrong file or wrong rows.
+
+    Where one `explains` them all that is left out which the fit shows, such as the sizes of errors.
+    """
+    found = list(findings)
+    causes = [finding for finding in found if finding.explains]
+    causes = [finding for finding in causes if not finding.record.explained] or causes
+    if not causes:
+        return found
+    of_input = [finding for finding in found if finding.record.check == INPUT and not finding.record.explained]
+    return [finding for finding in found if any(finding is one for one in (*causes, *of_input))]
+
+
 def texts(findings: Iterable[Finding]) -> tuple[str, ...]:
     """The sentences of those that are more than a note."""
     return tuple(str(finding) for finding in findings if finding.severity != "note")

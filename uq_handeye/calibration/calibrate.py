@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from ..core.files.records import plain
 from ..core.runtime.threads import one_thread
 from ..errors import DegenerateMotionError, InputError, NotConvergedError, SingularNoiseError, require_known
-from ..findings import Finding, renumbered, warn
+from ..findings import Finding, renumbered, warn, without_consequences
 from ..fit.input_checks.shifted_rows import counted_once
 from ..fit.likelihood.gauss_helmert import ESTIMATORS
 from ..model.poses.motions import Motions, relative_motions
@@ -29,7 +29,7 @@ from .by_published import by_published
 from .estimate.analysis import Analysis
 from .estimate.estimated import Provenance, provenance
 from .evidence.new_poses import residuals_against
-from .findings import flipped_poses, look_at, reasons, require_determined, shifted, why_failed, without_consequences
+from .findings import flipped_poses, look_at, reasons, require_determined, shifted, why_failed
 from .job import Job, job_of
 from .request import BUNDLE, Request
 from .result import Calibration

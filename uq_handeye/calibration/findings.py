@@ -12,7 +12,7 @@ from scipy.special import chdtr, chdtrc, chdtri
 
 from ..core.geometry.se3 import Array, difference
 from ..errors import DegenerateMotionError, InputError, NotConvergedError
-from ..findings import GROSS, INPUT, Finding, Severity
+from ..findings import GROSS, Finding, Severity, without_consequences
 from ..fit.diagnostics.pose_table import PoseTable, pose_table
 from ..fit.input_checks.checks import check_fit, check_poses, check_rotations
 from ..fit.input_checks.misread_files import alphabetical_rows
@@ -253,19 +253,6 @@ def look_at(job: Job) -> list[Finding]:
     seen = None if job.poses is None else job.poses.camera_calibration
     found += [] if seen is None else [finding for finding in seen.findings if finding.code == POSE_AMBIGUITY]
     return found + (check_rotations(job.motions, _known_noise(job), job.method) if job.motions.N >= 2 else [])
-
-
-def without_consequences(findings: Sequence[Finding]) -> list[Finding]:
-    """Return findings without those that are explained by a wrong reading of the files, a wrong file or wrong rows.
-
-    Where one `explains` them all that is left out which the fit shows, such as the sizes of errors.
-    """
-    causes = [finding for finding in findings if finding.explains]
-    causes = [finding for finding in causes if not finding.record.explained] or causes
-    if not causes:
-        return list(findings)
-    of_input = [finding for finding in findings if finding.record.check == INPUT and not finding.record.explained]
-    return [finding for finding in findings if any(finding is one for one in (*causes, *of_input))]
 
 
 def why_failed(findings: Sequence[Finding]) -> list[Finding]:

@@ -13,7 +13,19 @@ import numpy as np
 
 from ...core.files.records import Record
 from ...core.formatting.numbers import digits, probability, times_of_noise
-from ...findings import CHECKS, HALVES, INPUT, MOTION, NEIGHBOURS, NOISE, OUTLIERS, RESIDUALS, SHARED, Finding
+from ...findings import (
+    CHECKS,
+    HALVES,
+    INPUT,
+    MOTION,
+    NEIGHBOURS,
+    NOISE,
+    OUTLIERS,
+    RESIDUALS,
+    SHARED,
+    Finding,
+    without_consequences,
+)
 from ...fit.likelihood.shared_estimates import SharedGroup, grouped
 from ...model.kinematics.kinematic_errors import DECLARED_AS
 from ...model.noise.estimate import NoiseEstimate
@@ -94,7 +106,9 @@ def lower_limit_of(result: Estimated) -> bool:
 def checks_of(result: Estimated) -> tuple[Check, ...]:
     """Return the checks of a calibration in a fixed order; that of the camera only where it found something."""
     found: dict[str, list[Finding]] = {name: [] for name in CHECKS}
-    for finding in cautions_of(result):
+    cautions = cautions_of(result)
+    misread = any(finding.explains for finding in cautions)  # then the fit says nothing of the rest
+    for finding in cautions:
         found.setdefault(finding.record.check, []).append(finding)
     checks = []
     for name, findings in found.items():
@@ -103,17 +117,20 @@ def checks_of(result: Estimated) -> tuple[Check, ...]:
             failed = any(one.rejects for one in findings)
             checks.append(Check(name, "failed" if failed else "caution", findings[0].phrase + more, tuple(findings)))
         else:
-            checks.append(_without_findings(name, result))
+            checks.append(Check(name, "not run", "after the input") if misread else _without_findings(name, result))
     return tuple(checks)
 
 
 def _all_findings(result: Estimated) -> Iterable[Finding]:
-    """Return the findings of the result, and those of its diagnostics and halves that are not among them."""
+    """Return the findings of the result, and those of its diagnostics and halves that are not among them.
+
+    Those that other findings explain are left out.
+    """
     found = list(result.findings)
     if result.analysis is not None:
         halves = (result.analysis.split_half.finding, result.analysis.split_in_time.finding)
         found += [one for one in (*result.analysis.diagnostics.findings, *halves) if one not in found]
-    return found
+    return without_consequences(found)
 
 
 def _without_findings(name: str, result: Estimated) -> Check:
