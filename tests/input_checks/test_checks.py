@@ -456,3 +456,8 @@ def test_the_unit_that_is_named_is_the_right_one(good, factor, unit):
     texts = [str(found) for found in check_poses(uq.PosePairs(robot, camera))]
     assert any(f"--robot-units {unit}" in text for text in texts)
     assert any(f"--camera-units {unit}" in text for text in texts)
+
+
+def test_noise_in_a_wrong_unit_is_named(good):
+    with pytest.raises(uq.DegenerateMotionError, match=r"The noise given hides the motions: .* Check its units"):
+        quietly(good, noise=uq.PoseNoise.isotropic(robot=(20.0, 0.05), camera=(100.0, 0.5)))

@@ -139,3 +139,17 @@ def test_a_result_with_a_prior_is_tested_and_one_with_open_directions_is_not():
     assert tested.consistent and tested.failures == 0
     with pytest.raises(uq.InputError, match="take no prior"):
         uq.cross_check(closed, trials=100, posterior=False)
+
+
+@pytest.mark.parametrize("setup", SETUPS)
+@pytest.mark.parametrize("noise", [NOISE, None])
+def test_a_robot_that_keeps_its_orientation_exactly(rng, setup, noise):
+    """The rounding of equal rotations was taken for a motion, and the start was light years away."""
+    data = rig("gantry", 15, rng, setup)
+    robot = data.robot.copy()
+    robot[:, :3, :3] = robot[0, :3, :3]
+    with pytest.warns(uq.InputWarning):
+        found = uq.calibrate(uq.PosePairs(robot, data.camera, setup), noise=noise)
+    assert found.opened is not None and len(found.opened.basis) == 3
+    assert {one.severity for one in found.findings} == {"caution"}  # a length that is open is not judged
+    assert squared(found, data.truth, CLOSED["gantry"]) < stats.chi2.ppf(0.9999, 3)

@@ -150,11 +150,10 @@ def require_signal(motions: Motions, noise: Noise | None, angle: Array) -> None:
     """
     spread, axis = _axis_spread(motions.A[..., :3, :3])
     variance = 0.0 if noise is None else _rotation_variance(motions, noise) / 3.0
-    if spread[0] + spread[1] < POOR:
-        # the median length of a Gaussian vector with three components is 1.54 of their standard deviation
-        shown = (median(angle) / 1.54) ** 2
-        if noise is None or shown > 9.0 * variance:
-            variance = shown
+    shown = (median(angle) / 1.54) ** 2  # 1.54: median length of a Gaussian vector of three standard deviations 1
+    given = noise is not None
+    if spread[0] + spread[1] < POOR and (noise is None or shown > 9.0 * variance):
+        variance, given = shown, False
     independent = motions.N if motions.poses is None else min(motions.N, motions.poses.n - 1)
     u, v = (0.5 * vee(T[..., :3, :3]).T for T in (motions.A, motions.B))
     H = u @ v.T / motions.N
@@ -163,6 +162,13 @@ def require_signal(motions: Motions, noise: Noise | None, angle: Array) -> None:
     level = variance / np.sqrt(independent)
     if across > SIGNAL_TO_NOISE * level:
         return
+    if given and variance > 9.0 * shown:
+        raise DegenerateMotionError(
+            f"The noise given hides the motions: {np.degrees(np.sqrt(variance)):.3g} degrees per axis of a motion, "
+            f"where the residuals show {np.degrees(np.sqrt(shown)):.2g}. Check its units (numbers are rad and m, or write "
+            '"0.1deg"), or leave it out: it is then estimated.',
+            infinite_directions(axis[None]),
+        )
     raise DegenerateMotionError(
         f"The motions do not determine X: across their main rotation axis, ({', '.join(f'{x:.3f}' for x in axis)}) in "
         f"the frame of `A`, the mean of sin(angle)^2 is {across:.2g}, and noise by itself gives {level:.2g}. The "
@@ -254,7 +260,9 @@ def check_fit(
     scaled = scaled_reading(G, C, shift, poses.sources) if typical > shows else None
     if scaled is not None and (sure or not scaled.get("target")):
         return [*found, Finding("input_checks.wrong_scale", "failure", {"reading": scaled}), *outliers]
-    return [*found, *outliers, *_check_lengths(poses, X)]
+    S = np.eye(3) if covariance is None else covariance[3:, 3:]
+    known = float(np.linalg.eigvalsh(S)[0]) > 1e-9 * float(np.trace(S))  # else X is one of many, and has no length
+    return [*found, *outliers, *(_check_lengths(poses, X) if known else [])]
 
 
 def misread(poses: PosePairs, X: Array) -> list[Finding]:

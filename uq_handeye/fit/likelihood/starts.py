@@ -114,8 +114,8 @@ def _of_problem(noise: Noise, k: tuple[int, ...]) -> Noise:
 
 # Angles about a parallel axis, candidates that are iterated.
 ANGLES, BEST = 8, 2
-# Singular values below this share of the largest are open.
-OPEN = 1e-2
+# Singular values below this share of the largest, or this size (rounding of rotations that are equal), are open.
+OPEN, NOTHING = 1e-2, 1e-9
 # Steps, their end in standard deviations, the longest turn of one (rad).
 STEPS, STILL, LONGEST = 30, 0.1, 0.5
 # Noise to begin with where none is known: rad, and per metre from camera to target.
@@ -217,7 +217,7 @@ def _candidates(constraint: Constraint, prior: PosePrior | None) -> Array:
         [A[:, :3, :3] - np.eye(3), -(q - along)[..., None], -np.cross(a, q)[..., None]], axis=-1
     ).reshape(-1, 5)
     rows[:, :3] *= length
-    solved = np.linalg.pinv(rows, rcond=OPEN) @ (along - t_A).ravel()
+    solved = _pseudoinverse(rows) @ (along - t_A).ravel()
     angles = np.append(2.0 * np.pi * np.arange(ANGLES) / ANGLES, np.arctan2(solved[4], solved[3]))
     about = Rotation.from_rotvec(angles[:, None] * a).as_matrix()
     rotations = [*(about @ R_0), *orthonormalise(np.stack([of_moves + 1e-12 * of_turns, of_moves + of_turns]))]
@@ -229,8 +229,14 @@ def _candidates(constraint: Constraint, prior: PosePrior | None) -> Array:
     right = (t_B @ R.mT - t_A).reshape(len(R), -1)
     X = np.zeros((len(R), 4, 4))
     X[:, :3, :3], X[:, 3, 3] = R, 1.0
-    X[:, :3, 3] = right @ np.linalg.pinv(left, rcond=OPEN).T
+    X[:, :3, 3] = right @ _pseudoinverse(left).T
     return X
+
+
+def _pseudoinverse(M: Array) -> Array:
+    """Pseudoinverse without what is open."""
+    largest = max(float(np.linalg.norm(M, 2)), 1e-300)
+    return np.linalg.pinv(M, rcond=max(OPEN, NOTHING / largest))
 
 
 def _isotropic(noise: Noise) -> Noise:
