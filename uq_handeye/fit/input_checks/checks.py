@@ -165,8 +165,8 @@ def require_signal(motions: Motions, noise: Noise | None, angle: Array) -> None:
     if given and variance > 9.0 * shown:
         raise DegenerateMotionError(
             f"The noise given hides the motions: {np.degrees(np.sqrt(variance)):.3g} degrees per axis of a motion, "
-            f"where the residuals show {np.degrees(np.sqrt(shown)):.2g}. Check its units (numbers are rad and m, or write "
-            '"0.1deg"), or leave it out: it is then estimated.',
+            f"where the residuals show {np.degrees(np.sqrt(shown)):.2g}. Check its units (numbers are rad and m, or "
+            'write "0.1deg"), or leave it out: it is then estimated.',
             infinite_directions(axis[None]),
         )
     raise DegenerateMotionError(
