@@ -461,3 +461,14 @@ def test_the_unit_that_is_named_is_the_right_one(good, factor, unit):
 def test_noise_in_a_wrong_unit_is_named(good):
     with pytest.raises(uq.DegenerateMotionError, match=r"The noise given hides the motions: .* Check its units"):
         quietly(good, noise=uq.PoseNoise.isotropic(robot=(20.0, 0.05), camera=(100.0, 0.5)))
+
+
+@pytest.mark.parametrize("side", ["robot", "camera"])
+def test_a_side_that_did_not_move_is_the_cause_that_is_named(good, side):
+    poses = changed(good, **{side: np.repeat(getattr(good, side)[:1], good.n, axis=0)})
+    try:
+        found = quietly(poses).findings
+    except (uq.InputError, uq.NotConvergedError) as error:
+        found = error.findings
+    assert f"All 25 {side} poses are the same" in " ".join(map(str, found))
+    assert {one.code for one in found if one.severity == "failure"} == {"input_checks.still"}

@@ -89,6 +89,9 @@ def check_poses(poses: PosePairs) -> list[Finding]:
             unit = "mm" if far > IN_MILLIMETRES else "cm"
             note("far", file=name, reach=far, unit=unit, from_corners=from_corners, **few)
         span = np.ptp(t, axis=0)
+        if len(t) > 2 and float(np.ptp(T, axis=0).max()) <= 1e-9 * max(far, 1e-3):
+            found.append(Finding("input_checks.still", "failure", {"file": name, "n": len(t)}))
+            continue
         for axis in range(3):
             if len(t) > 1 and span[axis] <= 1e-9 * max(far, 1e-3):
                 note("constant_column", file=name, column="xyz"[axis], value=t[0, axis] + 0.0)

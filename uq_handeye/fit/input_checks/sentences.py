@@ -85,6 +85,16 @@ sentence(
 )
 
 
+sentence(
+    "input_checks.still",
+    "All {n} {file} poses are the same: the {file} did not move, or one pose was written again and again.",
+    rank=2,
+    explains=True,
+    phrase="the {file} poses are all the same",
+    remedy="move the robot between the poses, and check how the {file} file was written",
+)
+
+
 def _repeated_in_short(v: Mapping[str, Any]) -> str:
     rows = f"{v['count']} {v.get('file', '')} row{'' if v['count'] == 1 else 's'}"
     return f"{rows} given again, counted once" if v.get("runs") else f"{rows} like the row before"
