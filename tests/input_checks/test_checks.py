@@ -102,15 +102,6 @@ def test_a_row_in_another_unit_leaves_the_lengths():
 
 
 @pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
-def test_what_is_not_larger_than_others_is_no_outlier(setup):
-    """Of swapped files one pose that should have been exact was called much worse, and had less than the median."""
-    noise = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
-    poses = uq.simulate(20, noise=noise, seed=3, setup=setup)
-    result = quietly(uq.PosePairs(poses.camera, poses.robot, setup))
-    assert "input_checks.outliers" not in {one.code for one in result.findings}
-
-
-@pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
 def test_the_noise_given_is_only_blamed_where_it_was_given(setup):
     poses = uq.simulate(20, noise=NOISE, seed=3, setup=setup)
     for index in (sorted(range(20), key=str), np.arange(20)[::-1]):
@@ -119,7 +110,7 @@ def test_the_noise_given_is_only_blamed_where_it_was_given(setup):
         except (uq.InputError, uq.NotConvergedError) as error:
             found, text = error.findings, str(error)
             assert "noise given" not in text
-        assert not any("noise_too_small" in one.code for one in found)
+        assert "noise given" not in " ".join(map(str, found))
 
 
 def test_one_wrong_detection():

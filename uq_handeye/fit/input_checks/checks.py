@@ -62,8 +62,6 @@ UNLIKELY_BRACKET = 0.7
 IMPOSSIBLE_BRACKET = 1.0
 # A pose whose residual exceeds the median by this factor is no chance: Gaussian noise reaches 3 in 1000 poses.
 OUTLIER = 6.0
-# ... and if it is so many times the median itself, whatever its noise explains.
-LARGER = 3.0
 
 
 # ------------------------------------------------------------------------------------ what the columns look like
@@ -336,12 +334,11 @@ def _outliers(what: str, angle: Array, distance: Array, size: float, explained: 
         return []  # their mean is not sharp enough to tell
     far = np.zeros(n)
     for k, (residual, least) in enumerate(((angle, EXACT), (distance, EXACT * size))):
-        large = residual > max(LARGER * median(residual), least)  # one that is expected to be exact may be small
         unit = np.ones(n) if explained is None else np.sqrt(np.maximum(explained[k], least**2))
         relative = np.where(residual > least, residual, 0.0) / unit
         typical = max(median(relative), least / float(unit.max()))
         if typical > 0:
-            far = np.maximum(far, np.where(large, relative / typical, 0.0))
+            far = np.maximum(far, relative / typical)
     rows = np.flatnonzero(far > OUTLIER * (1.0 + 4.0 / n))
     if not rows.size:
         return []

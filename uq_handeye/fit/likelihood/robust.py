@@ -249,9 +249,7 @@ def fit_robustly(
     if noise is not None and (weights == 1).all():  # the plain fit, to the last digit
         steps = CLOSED_FORM_STEPS if method == "efficient" else MOST_STEPS
         fitted, begun_at = replace(fitted, weights=None) if plain else fit(constraint, noise, start, steps), start
-    return RobustFit(
-        fitted, noise, weights, distances, leverage, flags, scale if given else 1.0, limit, subsets, begun_at
-    )
+    return RobustFit(fitted, noise, weights, distances, leverage, flags, scale, limit, subsets, begun_at)
 
 
 def _begin(constraint: Constraint, noise: Noise | None, start: Unknowns, seed: int | np.random.Generator) -> Consensus:
