@@ -295,9 +295,10 @@ def without_consequences(findings: Iterable[Finding]) -> list[Finding]:
     """
     found = list(findings)
     causes = [finding for finding in found if finding.explains]
-    causes = [finding for finding in causes if not finding.record.explained] or causes
     if not causes:
         return found
+    first = min(finding.record.rank for finding in causes)
+    causes = [finding for finding in causes if finding.record.rank == first]
     of_input = [finding for finding in found if finding.record.check == INPUT and not finding.record.explained]
     return [finding for finding in found if any(finding is one for one in (*causes, *of_input))]
 

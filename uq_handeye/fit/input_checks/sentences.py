@@ -257,7 +257,7 @@ def _unexplained_in_short(v: Mapping[str, Any]) -> str:
 @sentence(
     "input_checks.poses_unexplained",
     rank=5,
-    explains=lambda v: bool(v["readings"]),
+    explains=lambda v: bool(v.get("readings")),
     explained=True,
     phrase=_unexplained_in_short,
     remedy=of_readings,
@@ -353,7 +353,7 @@ def _(what: str, length: float, fixed: float, setup: str, inverted: bool) -> str
 
 @sentence(
     "input_checks.shifted_rows",
-    rank=6,
+    rank=3,
     explains=True,
     explained=True,
     phrase="rows are missing in one file: the pairing is shifted",
