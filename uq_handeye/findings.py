@@ -21,7 +21,7 @@ from functools import cache
 from importlib import import_module
 from pathlib import Path
 from string import Formatter
-from typing import Any, ClassVar, Literal, TypeVar, get_args
+from typing import Any, ClassVar, Literal, SupportsFloat, TypeVar, get_args
 
 from .errors import InputError, InputWarning
 
@@ -44,13 +44,13 @@ Said = str | Callable[[Mapping[str, Any]], str]
 SMALLEST_P = 1e-15
 
 
-def digits(value: float, significant: int = 3) -> str:
+def digits(value: SupportsFloat, significant: int = 3) -> str:
     """Format a number with the given significant digits, without an exponent where that is short."""
-    value = float(value)
-    if value == 0 or 1e-4 <= abs(value) < 1e6:
-        whole = value != 0 and abs(value) >= 10 ** (significant - 1)
-        return f"{value:.0f}" if whole else f"{value:.{significant}g}"
-    return f"{value:.{significant - 1}e}"
+    x = float(value)
+    if x == 0 or 1e-4 <= abs(x) < 1e6:
+        whole = x != 0 and abs(x) >= 10 ** (significant - 1)
+        return f"{x:.0f}" if whole else f"{x:.{significant}g}"
+    return f"{x:.{significant - 1}e}"
 
 
 def probability(p: float, significant: int = 1) -> str:

@@ -133,7 +133,7 @@ def bootstrap(fit: Fit, replicates: int = 2000, seed: int | np.random.Generator 
     bread = influence.covariance
     if influence.known is not None:  # a part of the unknowns is known beforehand: M
         flat = influence.J.reshape(-1, p)
-        bread = np.linalg.inv(flat.T @ flat + influence.known)
+        bread = np.asarray(np.linalg.inv(flat.T @ flat + influence.known), dtype=float)
     # in these units the information of all poses, and of what is known, is 1
     half = np.asarray(np.linalg.cholesky(bread), dtype=float)
     J = times(influence.J, half)
@@ -249,9 +249,11 @@ def resampled(
     if first.ndim != 3:
         raise InputError(f"Expected one data set, got leading axes {first.shape[:-3]}.")
     if method in ESTIMATORS:
-        if fit is None and noise is None:
-            raise InputError(f"Method {method!r} weights by the noise: give `noise`, or the `fit`.")
-        return _of_fit(data, ESTIMATORS[method](data, noise) if fit is None else fit, kind, replicates, seed)
+        if fit is None:
+            if noise is None:
+                raise InputError(f"Method {method!r} weights by the noise: give `noise`, or the `fit`.")
+            fit = ESTIMATORS[method](data, noise)
+        return _of_fit(data, fit, kind, replicates, seed)
     at = None if X is None else as_transforms(X, "X", stack=False)
     return _of_method(Problem(data, method, at, noise), kind, replicates, seed)
 

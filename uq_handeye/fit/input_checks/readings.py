@@ -104,7 +104,7 @@ def _cause_of_scale(reading: Reading) -> str:
         )
     cause = "one file is in another unit (--robot-units, --camera-units)"
     if told:
-        cause = f"the {file} file is in {unit}, {option_of(str(file), 'units', unit, 'm')}"
+        cause = f"the {file} file is in {unit}, {option_of(str(file), 'units', str(unit), 'm')}"
     if unit == "m":
         cause += ", or its lengths were divided once too often where it was written"
     return f"{cause}, or the size of the target is wrong"

@@ -236,7 +236,7 @@ def _candidates(constraint: Constraint, prior: PosePrior | None) -> Array:
 def _pseudoinverse(M: Array) -> Array:
     """Pseudoinverse without what is open."""
     largest = max(float(np.linalg.norm(M, 2)), 1e-300)
-    return np.linalg.pinv(M, rcond=max(OPEN, NOTHING / largest))
+    return np.asarray(np.linalg.pinv(M, rcond=max(OPEN, NOTHING / largest)), dtype=float)
 
 
 def _isotropic(noise: Noise) -> Noise:
