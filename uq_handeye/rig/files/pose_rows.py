@@ -148,10 +148,10 @@ def read_rows(
     Raises `InputError` for a file that cannot be read, holds the other side only, or leaves several readings.
     """
     if role == "camera" and (seen := known_camera(path)) is not None:
-        rows = tuple(np.asarray((seen.camera or seen.points).rows).tolist())  # type: ignore[union-attr]
-        S = seen.of_pairs.get("camera_covariance") or seen.of_pairs["camera_calibration"].covariance
+        found: Any = seen.seen
+        rows, S = tuple(np.asarray(found.rows).tolist()), found.covariance
         own, shared = (S.own, S.shared) if isinstance(S, JointCovariance) else (S.blocks, None)
-        root = b"" if seen.camera is None else seen.camera.bundle.parameters.tobytes()
+        root = b"" if seen.of_points else found.bundle.parameters.tobytes()
         return PoseRows(
             np.asarray(seen.poses), seen.name, seen.source[0], rows=rows, covariance=own, intrinsics=shared,
             calibration=root,
