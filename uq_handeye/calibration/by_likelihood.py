@@ -30,7 +30,7 @@ from ..fit.likelihood.gauss_helmert import (
 from ..fit.likelihood.goodness_of_fit import goodness_of_fit
 from ..fit.likelihood.rig_bundle import Agreement, adjust_rig
 from ..fit.likelihood.robust import RobustFit, fit_robustly
-from ..fit.likelihood.shared_estimates import estimates_of, of_moves, posterior_of_fit
+from ..fit.likelihood.shared_estimates import estimates_of, motion_in_session, of_moves, posterior_of_fit
 from ..fit.likelihood.starts import leaves_open, start_open
 from ..fit.one_model.estimation import BY_VIEW, ROUGH, FoundSizes, JointModel
 from ..fit.one_model.points import OpenSizes, with_open_sizes
@@ -39,13 +39,13 @@ from ..fit.one_model.weights import TAILS, fitted_again, settle, weigh, weigh_fr
 from ..methods.propagation.published_fit import Published, fit_published
 from ..model.kinematics.kinematic_errors import DECLARED_AS, JOINT_NOISE
 from ..model.noise.estimate import CAMERA_EXCESS, PICTURE_SHIFT
-from ..model.noise.joint_covariance import JointCovariance, group_of
+from ..model.noise.joint_covariance import group_of
 from ..model.noise.models import Noise, PairNoise, PoseNoise, is_of_each, with_prior
 from ..model.poses.motions import Motions, relative_motions, residuals, summarise
 from ..model.poses.pose_pairs import PosePairs
 from ..model.poses.timing import TimeOffset
 from ..model.posterior.posterior import Posterior
-from ..model.shared_errors.assumed import DRIFT, assumed_drift
+from ..model.shared_errors.assumed import assumed_drift
 from ..model.shared_errors.shared_error import (
     CLOCK_OFFSET,
     FOCAL_LENGTH,
@@ -297,7 +297,8 @@ def _assembled(
     beside: dict[str, Array] = {}
     if found is not None and job.request.covariance in OF_NOISE:
         beside[SIZES_OPEN] = found.spread
-        beside |= _motion(job, noise, fit)
+        if (motion := motion_in_session(fit, noise)) is not None:
+            beside[MOTION] = motion
     without = covariance + sum((of_moves(move[:6]) for move in beside.values()), np.zeros((6, 6)))
     time_offset, by_offset = _time_offset(poses, fit, without)
     if by_offset is not None:
@@ -400,32 +401,6 @@ def _wrong_size(found: FoundSizes | None, result: Calibration) -> float | None:
         return None
     likely = scale.beyond(WRONG_SIZE)
     return likely if likely < UNLIKELY else found.probability_of(TARGET_SCALE, WRONG_SIZE)
-
-
-def _motion(job: Job, noise: Noise, fit: Fit) -> dict[str, Array]:
-    r"""Return moves (p, 12) of X and W from their means over the session to where they were at any of its poses.
-
-    With the numbers z of a drift, ``M = E z z^T`` by their posterior, and its columns F_i at the n poses, X (of a
-    camera that drifts; W of a target) is off its mean by ``xi_i = J_i^-1 D_i F_i z``, J_i the derivative by X: as of a
-    pose drawn from the session it has ``n^-1 sum_i E xi_i xi_i^T`` more. Nothing where no drift is in the noise.
-    """
-    joint = posterior_of_fit(fit, noise, job.shared)
-    sd = {name: float(s) for error in job.shared for name, s in zip(error.parts, error.sd, strict=True)}
-    p, found = fit.linear.J.shape[-1], np.zeros((fit.linear.J.shape[-1],) * 2)
-    for place, name in ((slice(0, 6), f"{DRIFT} camera"), (slice(6, 12), f"{DRIFT} target")):
-        parts = [part for part in joint.names if group_of(part) == name]
-        if not parts or place.stop > p or not isinstance(noise, PoseNoise):
-            continue
-        assert isinstance(noise.camera, JointCovariance)
-        at = p + np.array([joint.names.index(part) for part in parts])
-        unit = np.array([sd[part] for part in parts])
-        z = joint.estimate[at - p] / unit
-        moment = np.outer(z, z) + joint.covariance[np.ix_(at, at)] / np.outer(unit, unit)
-        F = noise.camera.shared[..., [noise.camera.names.index(part) for part in parts]]
-        xi = np.linalg.solve(fit.linear.J[..., place], fit.linear.sides[1] @ F)
-        found[place, place] = np.mean(xi @ moment @ xi.mT, axis=0)
-    values, vectors = np.linalg.eigh(found)
-    return {MOTION: vectors * np.sqrt(np.maximum(values, 0.0))} if found.any() else {}
 
 
 def _time_offset(poses: PosePairs | None, fit: Fit, covariance: Array) -> tuple[TimeOffset | None, Array | None]:

@@ -32,6 +32,7 @@ from ..fit.likelihood.constraint import Unknowns, constraint_of
 from ..fit.likelihood.gauss_helmert import FITS, Fit, corrected
 from ..fit.likelihood.robust import FREE, largest_by_chance, robust_weights
 from ..fit.likelihood.robust import fit_robustly as likelihood_robust
+from ..fit.likelihood.shared_estimates import motion_in_session
 from ..fit.one_model.component import Component
 from ..fit.one_model.estimation import JointModel
 from ..fit.one_model.weights import TAILS, settle, weigh_from_two_starts
@@ -256,9 +257,12 @@ def find_pair(task: Task, start: Array) -> OfPair | None:
         fitted = FITS[method](constraint, noise, at)
     assert isinstance(noise, PoseNoise)
     unknowns = fitted.unknowns
-    sizes, *_ = settle(source, noise, fitted, weighed, sizes, method, at_corrected)
+    sizes, noise, fitted = settle(source, noise, fitted, weighed, sizes, method, at_corrected)
     assert unknowns.W is not None
-    found = found_of(rig, graph, all_at(where), sizes.mixture, sizes.spread @ sizes.spread.T)
+    spread = sizes.spread @ sizes.spread.T
+    if (motion := motion_in_session(fitted, noise)) is not None:
+        spread = spread + motion @ motion.T
+    found = found_of(rig, graph, all_at(where), sizes.mixture, spread)
     weights = np.ones(graph.E) if fitted.weights is None else fitted.weights
     return OfPair(found, np.stack([unknowns.X, unknowns.W]), weights)
 

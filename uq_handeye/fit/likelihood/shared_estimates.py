@@ -34,6 +34,7 @@ from ...model.noise.joint_covariance import JointCovariance, group_of
 from ...model.noise.models import INTRINSICS, Noise, PoseNoise
 from ...model.noise.square_roots import pulled, whiten
 from ...model.posterior.posterior import Posterior
+from ...model.shared_errors.assumed import DRIFT
 from ...model.shared_errors.shared_error import OF_LENGTHS, SharedError
 from ...model.shared_errors.sizes import RobotAccuracy
 from .gauss_helmert import Fit
@@ -128,8 +129,7 @@ def posterior_of_fit(
 
     ``beside`` are moves (p,) or (p, r) of the poses by errors that the noise does not hold.
     """
-    J, C = fit.linear.J, fit.covariance
-    p, n = J.shape[-1], len(J)
+    C, p, n = fit.covariance, fit.linear.J.shape[-1], len(fit.linear.J)
     columns: dict[str, Array] = {}
     sd: dict[str, float] = {}
     if isinstance(noise, PoseNoise):
@@ -142,15 +142,45 @@ def posterior_of_fit(
         of_errors = {name: float(s) for error in errors for name, s in zip(error.parts, error.sd, strict=True)}
         sd = {name: s for name, s in (of_errors | sd).items() if name in columns}
     f = np.stack([columns[name] for name in sd], axis=-1) if sd else np.zeros((n, 6, 0))
-    factor = fit.weighted_factor
-    back = pulled(factor, whiten(factor, np.concatenate([J, fit.residual[..., None], f], axis=-1)))
-    by = f.reshape(6 * n, len(sd)).T @ back.reshape(6 * n, -1)  # f^T S^-1 (J, r, f)
-    response, unit = -C @ by[:, :p].T, np.array(list(sd.values()))
-    explained = by[:, p + 1 :] + by[:, :p] @ response
-    left = (np.eye(len(unit)) - 0.5 * (explained + explained.T)) * np.outer(unit, unit)
+    unit = np.array(list(sd.values()))
+    z, response, left = _told(fit, f)
+    left = left * np.outer(unit, unit)
     C = C + sum(map(of_moves, (beside or {}).values()), np.zeros(()))
     joint = np.block([[C, response * unit], [(response * unit).T, left]])
-    return Posterior(tuple(sd), unit * by[:, p], joint, ("X", "W")[: p // 6])
+    return Posterior(tuple(sd), unit * z, joint, ("X", "W")[: p // 6])
+
+
+def _told(fit: Fit, f: Array) -> tuple[Array, Array, Array]:
+    """z, d x for z = 1 and Cov(z) of columns f (n, 6, q) that the noise has, by the residuals; see the module."""
+    J, C, factor = fit.linear.J, fit.covariance, fit.weighted_factor
+    p = J.shape[-1]
+    back = pulled(factor, whiten(factor, np.concatenate([J, fit.residual[..., None], f], axis=-1)))
+    by = f.reshape(6 * len(f), -1).T @ back.reshape(6 * len(f), -1)  # f^T S^-1 (J, r, f)
+    response = -C @ by[:, :p].T
+    explained = by[:, p + 1 :] + by[:, :p] @ response
+    return by[:, p], response, np.eye(len(by)) - 0.5 * (explained + explained.T)
+
+
+def motion_in_session(fit: Fit, noise: Noise) -> Array | None:
+    r"""Return moves (p, p) of X and W from their means over the session to where they were at any of its poses.
+
+    With the numbers z of a drift, ``M = E z z^T`` by their posterior, and its columns F_i at the n poses, X (of a
+    camera that drifts; W of a target) is off its mean by ``xi_i = J_i^-1 D_i F_i z``, J_i the derivative by X: as of a
+    pose drawn from the session it has ``n^-1 sum_i E xi_i xi_i^T`` more. None where no drift is in the noise.
+    """
+    p, S = fit.linear.J.shape[-1], noise.camera if isinstance(noise, PoseNoise) else None
+    if not isinstance(S, JointCovariance) or p < 12:
+        return None
+    found = np.zeros((p, p))
+    for place, name in ((slice(0, 6), f"{DRIFT} camera"), (slice(6, 12), f"{DRIFT} target")):
+        of = [j for j, part in enumerate(S.names) if group_of(part).endswith(name)]
+        if of:
+            f = fit.linear.sides[1] @ S.shared[..., of]
+            z, _, left = _told(fit, f)
+            xi = np.linalg.solve(fit.linear.J[..., place], f)
+            found[place, place] = np.mean(xi @ (np.outer(z, z) + left) @ xi.mT, axis=0)
+    values, vectors = np.linalg.eigh(found)
+    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0))) if found.any() else None
 
 
 def group_test(posterior: Posterior, errors: Sequence[SharedError], group: str) -> GroupTest | None:
