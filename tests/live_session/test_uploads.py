@@ -163,6 +163,7 @@ def test_the_folder_of_a_bag_as_zip(page, tmp_path):
         (zipped({"a/x.mcap": b"abc" * 100})[:-40], "not a .zip"),
         (zipped({"a/x.mcap": b"no bag"}), "not a bag that can be read"),
     ],
+    ids=["no zip", "empty", "two bags", "paths", "large", "cut off", "no bag"],  # the bytes hold the time of day
 )
 def test_hostile_bags_through_the_page(page, monkeypatch, content, words):
     monkeypatch.setattr(uploads, "MOST_UNPACKED", 2_000_000)
