@@ -5,9 +5,10 @@ import pandas as pd
 import pytest
 
 from studies.common.scores import errors
+from studies.kinematics.aligned import aligned
 from studies.kinematics.arms import Rig, arm, workspace_joints
 from studies.robot_accuracy import WAYS, findings
-from studies.robot_accuracy.rigs import PLACES, aligned, session
+from studies.robot_accuracy.rigs import PLACES, session
 from uq_handeye.core.geometry.se3 import inverse, perturb
 
 
