@@ -23,8 +23,8 @@ def findings(tables: Tables) -> str:
     sets = simulated[simulated["way"] == "declared"]["sets"].sum()
     parts = [
         f"**Simulated arms**, {int(sets):,} sets of 30 poses in one region. Predictions of what the camera measures at "
-        "other joints: share inside their 95 % ellipsoid, RMS distance from the truth; X in the controller's flange "
-        "(base, eye-to-hand): mean d² (6 is right) and share inside.",
+        "other joints: share inside their 95 % ellipsoid, RMS distance from the truth; X in the frames aligned "
+        "over the workspace: mean d² (6 is right) and share inside.",
         _of_simulated(simulated),
         _against_today(simulated),
         "**Physical flange.** Mean d² of X, the errors declared as they were drawn.",
