@@ -91,7 +91,7 @@ def findings(tables: Tables) -> str:
     sums = {way: (int(part["inside"].sum()), int(part["sets"].sum())) for way, part in of.items()}
     (declared, tried), (today, tried_today) = (sums[way] for way in WAYS)
     enough = declared >= 0.88 * tried
-    gain = (of["declared"]["mm"] / of["nothing declared"]["mm"]).mean()
+    gain = np.mean(of["declared"]["mm"].to_numpy() / of["nothing declared"]["mm"].to_numpy())
     ratio = of["declared"]["seconds"].mean() / of["nothing declared"]["seconds"].mean()
     return "\n\n".join(
         [

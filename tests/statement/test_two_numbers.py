@@ -20,7 +20,7 @@ def test_the_poses_alone_give_the_covariance_for_known_errors(result):
     own, posterior = result.accuracy.from_poses, result.posterior
     first = len(posterior.covariance) - len(posterior.names)
     known = {
-        error.name for error in result.shared if error.default and error.sd**2 > 0.5 * error.prior_sd**2
+        error.name for error in result.shared if error.default and error.resolved < 0.5
     }  # fmt: skip
     kept = [k for k in range(len(posterior.covariance)) if k < first or posterior.names[k - first] not in known]
     S = np.linalg.inv(np.linalg.inv(posterior.covariance)[np.ix_(kept, kept)])[:6, :6]

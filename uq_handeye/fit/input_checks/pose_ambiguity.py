@@ -253,7 +253,7 @@ def _turned(seen: CameraCalibration, board: Board, angle: Array) -> CameraCalibr
     """
     corners, bundle = seen.corners, seen.bundle
     D = np.zeros((len(angle), 4, 4))
-    D[:, :3, :3], D[:, 3, 3] = Rotation.from_euler("z", angle).as_matrix(), 1.0
+    D[:, :3, :3], D[:, 3, 3] = Rotation.from_euler("z", angle[:, None]).as_matrix(), 1.0
     middle = board.points.mean(axis=0)
     D[:, :3, 3] = middle - D[:, :3, :3] @ middle
     back = inverse(D)
