@@ -7,11 +7,11 @@ from the fit of all rows, linearised there. The difference ``d = (theta, tau)``,
     V = C_1 + C_2 - K_12 - K_12^T,    K_12 = G_1 S_12 G_2^T,    G_h = C_h J_h^T S_hh^-1 (rows of X)
 
 K_12 = 0 for errors that are independent from pose to pose; S_12 is the covariance of the residuals of one half with
-those of the other, which a joint noise fills. ``d^T V^-1 d`` is chi-square(6) distributed if the noise is known. With
-a noise that was estimated from all of the same data with nu degrees of freedom, d itself is a part of what the estimate
-is made of: ``d^2 / nu`` is Beta distributed, or
-
-    (d^2 / 6) / ((nu - d^2) / (nu - 6))  ~  F(6, nu - 6)
+those of the other, which a joint noise fills. ``d^T V^-1 d`` is chi-square(6) distributed if the noise is known. Noise
+that was estimated with nu degrees of freedom is several sizes with priors, and d a small part of what they are made
+of: ``d^2 / 6`` is taken as F(6, nu) distributed. (Were it one scale without a prior, d^2 could not exceed nu, and
+``d^2 / nu`` would be Beta distributed. Of 60 simulated sets of 16 to 60 poses in both setups the F distribution rejects
+0 to 8 % at 5 %, and the other one 0 to 21 %.)
 
 The test sees errors that differ between the halves (drift, wrong kinematics, a noise given too small). What both
 halves share, such as the error of the intrinsics, it does not see.
@@ -176,9 +176,7 @@ def split_fit(fit: Fit, data: PosePairs | Motions, split: str, dof: float | None
     unit = 1.0 / np.sqrt(np.diagonal(V, axis1=-2, axis2=-1))
     scaled = V * unit[..., :, None] * unit[..., None, :]
     d2 = np.sum(d * unit * np.linalg.solve(scaled, (d * unit)[..., None])[..., 0], axis=-1)
-    p = chdtrc(6, d2)
-    if dof is not None:  # 0 from ``d^2 = dof`` on, which it cannot exceed
-        p = np.where(d2 < dof, fdtrc(6, dof - 6, d2 / 6 * (dof - 6) / np.maximum(dof - d2, 1e-300)), 0.0)
+    p = chdtrc(6, d2) if dof is None else fdtrc(6, dof, d2 / 6)
     return SplitHalf(split, halves, None, X1, X2, d, V, np.asarray(d2), dof, np.asarray(p))
 
 
