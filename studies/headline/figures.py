@@ -26,8 +26,11 @@ def figures(tables: Tables) -> dict[str, Figure]:
             )  # fmt: skip
     axes.axvline(BEYOND, color="0.4", linewidth=1)
     axes.set_xscale("log")
+    ticks = (0.1, 0.3, 1, 3, 10, 30)
+    axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
+    axes.minorticks_off()
     axes.set_yticks(range(len(groups)), [str(kind) for kind, _ in groups])
     axes.set_ylim(len(groups) - 0.5, -0.5)
     axes.set_xlabel("largest error / accuracy stated; line: 3")
-    axes.legend(loc="upper right")
+    figure.legend(loc="outside upper center", ncols=2, frameon=False)
     return {"ratios": figure}
