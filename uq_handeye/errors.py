@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Container, Iterable
+from collections.abc import Callable, Collection, Container, Iterable
+from inspect import Parameter, Signature, signature
 from numbers import Integral
 from typing import TYPE_CHECKING, Any
 
@@ -66,6 +67,19 @@ def require_known(function: str, given: Iterable[str], known: type) -> None:
     """Raise `TypeError`, as Python does, for names of arguments that are not among the fields of ``known``."""
     if unknown := set(given) - set(known.__annotations__):
         raise TypeError(f"{function}() got an unexpected keyword argument {min(unknown)!r}")
+
+
+def keywords_of(function: Callable[..., Any], known: type) -> Signature:
+    """Return the signature of a function whose further keywords are the fields of ``known``."""
+    own = [one for one in signature(function).parameters.values() if one.kind is not Parameter.VAR_KEYWORD]
+    fields = signature(known).parameters.values()
+    return Signature([*own, *(one.replace(kind=Parameter.KEYWORD_ONLY) for one in fields)])
+
+
+def require_type(name: str, value: Any, kinds: type | tuple[type, ...], wanted: str) -> None:
+    """Raise `InputError` unless ``value`` is of one of ``kinds``, which are ``wanted`` in words."""
+    if not isinstance(value, kinds):
+        raise InputError(f"Expected `{name}` to be {wanted}, got {type(value).__name__}.")
 
 
 def require_integer(name: str, value: Any, least: int) -> None:

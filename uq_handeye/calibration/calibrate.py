@@ -16,7 +16,14 @@ from numpy.typing import ArrayLike
 
 from ..core.files.records import plain
 from ..core.runtime.threads import one_thread
-from ..errors import DegenerateMotionError, InputError, NotConvergedError, SingularNoiseError, require_known
+from ..errors import (
+    DegenerateMotionError,
+    InputError,
+    NotConvergedError,
+    SingularNoiseError,
+    keywords_of,
+    require_known,
+)
 from ..findings import Finding, renumbered, warn, without_consequences
 from ..fit.input_checks.shifted_rows import counted_once
 from ..fit.likelihood.gauss_helmert import ESTIMATORS
@@ -184,7 +191,7 @@ def calibrate(
     return _with_excluded(result, taken, selection, () if chosen is None else tuple(chosen.excluded.tolist()))
 
 
-calibrate.__signature__ = Request.in_place_of_keywords(calibrate)  # type: ignore[attr-defined]
+calibrate.__signature__ = keywords_of(calibrate, Request)  # type: ignore[attr-defined]
 
 
 def _calibrate_rig(

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from inspect import Parameter, Signature, signature
 from typing import Any
 
 import numpy as np
@@ -95,13 +94,6 @@ class Request:
         }
         for name, value in values.items():
             object.__setattr__(self, name, value)
-
-    @classmethod
-    def in_place_of_keywords(cls, function: Callable[..., Any]) -> Signature:
-        """Return the signature of a function whose further keywords are these arguments."""
-        own = [one for one in signature(function).parameters.values() if one.kind is not Parameter.VAR_KEYWORD]
-        fields = list(signature(cls).parameters.values())
-        return Signature([*own, *(one.replace(kind=Parameter.KEYWORD_ONLY) for one in fields)])
 
     @property
     def taken_method(self) -> str:

@@ -1,24 +1,20 @@
 """Options of a ROS bag, and its streams in the place of pose files."""
 
-import logging
-import math
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..errors import InputError, NotConvergedError
+from ..errors import InputError
 from .arm import Arm, ChainOptions, ErrorOptions, arm_of
 from .messages import LOG, timed
-from .options import SETUP_NAMES
-from .pictures import Pictures, Views, camera_of, read_length
+from .pictures import Pictures, Views, camera_of, either, read_length
 from .pose_files import PoseFiles
 
 if TYPE_CHECKING:
     from ..model.camera.adjustment.initial_guess import Minima
-    from ..model.poses.pose_pairs import Stream
     from ..read.rosbag.recording import Recording
+    from ..read.rosbag.sensors import Sensors
     from ..read.rosbag.track import CameraInfo
-    from ..read.synchronisation.result import Synchronised
 
 # Names of the pictures of `rosbag.lens`, repeated here so that help loads quickly.
 CHOICES = ("raw", "rectified")
@@ -63,9 +59,13 @@ class BagGiven:
 
     def beside(
         self, files: PoseFiles, seen: "Pictures | Views | None", arm: Arm | None
-    ) -> "tuple[BagFiles, Any, Arm | None]":
-        """Return the streams in the place of ``files``, the views of tags seen by their corners, and the arm."""
-        if isinstance(seen, Pictures):
+    ) -> "tuple[Sensors, Any, Arm | None]":
+        """Return the streams of the bag, and of ``files`` for the side that it does not give.
+
+        And the views of tags seen by their corners, and the arm.
+        """
+        pictures, views = either(seen)
+        if pictures is not None:
             raise InputError(
                 "--images with --bag: pictures have no times. Write robot poses with uq-handeye bag -o DIR."
             )
@@ -85,6 +85,7 @@ class BagGiven:
             lacks = lacks if self.robot or self.camera else "--robot BASE:TOOL and --camera OPTICAL_FRAME:TARGET"
             raise InputError(f"--bag needs {lacks}. uq-handeye bag {self.paths[0]} lists what there is.")
         from ..read.rosbag.recording import read_recording
+        from ..read.rosbag.sensors import Sensors
 
         with timed(f"reading {self.paths[0]}"):
             recording = read_recording(self.paths)
@@ -96,13 +97,14 @@ class BagGiven:
         if self.chain is not None:
             arm = self._arm_of_topic(recording, self.chain)
         of_robot = None if arm is not None and arm.by_joints else self.robot
-        sides, views, minima = self._streams(recording, of_robot, files, seen if isinstance(seen, Views) else None)
+        sides, views, minima = self._streams(recording, of_robot, files, views)
         for role, stream in sides.items():
             for note in () if stream.source is None else stream.source.notes:
                 LOG.info("%s, %s: %s", recording.name, role, note)
-        options = {"pair": "async", "robot": Path(recording.name), "camera": None}
-        own = {name: getattr(files, name) for name in files.__dataclass_fields__} | options
-        return BagFiles(**own, sides=sides, spare=spare, still=self.still, minima=minima), views, arm
+        recorded = tuple(sides)
+        for role in {"robot", "camera"} - sides.keys():
+            sides[role] = files.stream(role, spare, arm if role == "robot" else None)
+        return Sensors(recording.name, **sides, recorded=recorded, minima=minima, still=self.still), views, arm
 
     def _arm_of_topic(self, recording: "Recording", chain: ChainOptions) -> Arm | None:
         """Return the arm that a topic of joint values moves; that of the kinematics alone where --robot names poses."""
@@ -141,83 +143,9 @@ class BagGiven:
         sides["camera"] = found.stream
         if found.hint:
             LOG.info("%s: %s", recording.name, found.hint)
-        if seen is not None and (matrix is None or isinstance(info, str)) and found.info is not None:
+        if seen is not None and (matrix is None or matrix in CHOICES) and found.info is not None:
             seen = replace(seen, options=replace(seen.options, camera_matrix=found.info.text()))
         return sides, seen, found.minima
-
-
-@dataclass(frozen=True)
-class BagFiles(PoseFiles):
-    """Streams of a bag in the place of pose files; ``spare`` is a file of the side that the bag does not give."""
-
-    sides: dict[str, Any] = field(default_factory=dict)
-    spare: Path | None = None
-    still: bool = False
-    minima: "Minima | None" = None  # both solutions of the poses of a tag, as the stream has them
-
-    def synchronised(self, arm: Arm | None = None, **options: Any) -> "Synchronised":
-        """Return both sides as streams on one clock."""
-        streams = self.streams(arm)
-        how = {"setup": SETUP_NAMES[0] if self.setup is None else self.setup, "still": self.still, **options}
-        found = self._on_one_clock(streams, how)
-        if self.minima is None or self.still:
-            return found
-        from ..read.rosbag.tags import decide_stream
-
-        decided = decide_stream(found.poses, streams["camera"], self.minima)
-        if decided is None:
-            return found
-        LOG.info(
-            "%s: %d of %d poses of the tag have two solutions that its corners do not decide between; %d were changed "
-            "to agree with the robot, %d remain undecided",
-            self.robot,
-            decided.doubtful,
-            found.poses.n,
-            decided.changed,
-            decided.undecided,
-        )
-        return self._on_one_clock(streams | {"camera": decided.stream}, how, True) if decided.changed else found
-
-    def streams(self, arm: Arm | None = None) -> "dict[str, Stream]":
-        """Return the streams of the bag, and that of a file or of joint values for the side that it does not give."""
-        found = dict(self.sides)
-        for role in ("robot", "camera"):
-            if role not in found:
-                found[role] = self.stream(role, self.spare, arm if role == "robot" else None)
-        return found
-
-    def _on_one_clock(self, streams: dict[str, Any], how: dict[str, Any], again: bool = False) -> "Synchronised":
-        level = logging.DEBUG if again else logging.INFO
-        from ..read.synchronisation.synchronise import synchronise
-
-        spans = [(stream.timestamps[0], stream.timestamps[-1]) for stream in (streams["robot"], streams["camera"])]
-        apart = max(first for first, _ in spans) > min(last for _, last in spans)
-        if apart and self.offset is None and how.get("max_offset") is None:
-            words = "the stamps of robot and camera have no time in common; any clock offset is tried"
-            LOG.log(level, "%s: %s", self.robot, words)
-            how = how | {"max_offset": math.inf}
-        try:
-            return synchronise(streams["robot"], streams["camera"], offset=self._offset(), **how)
-        except (InputError, NotConvergedError) as error:
-            if apart or self.offset is not None or self.spare is not None:
-                raise
-            try:  # both have stamps of the computer that recorded them
-                found = synchronise(streams["robot"], streams["camera"], offset=0.0, **how)
-            except (InputError, NotConvergedError):
-                raise error from None
-            LOG.log(
-                logging.DEBUG if again else logging.WARNING,
-                "The clock offset was not estimated: %s The stamps of the bag are taken as those of one clock, as with "
-                "--offset 0. A delay of the camera is not covered.",
-                error,
-            )
-            return found
-
-    def _beside_arm(self, arm: Arm, pictures: bool) -> "BagFiles":
-        return self
-
-    def _shown(self, arm: Arm | None = None) -> str:
-        return str(self.robot)
 
 
 def info_of(text: str) -> "CameraInfo | str":

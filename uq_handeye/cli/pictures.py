@@ -370,6 +370,11 @@ class Views:
         return board.read().points
 
 
+def either(seen: "Pictures | Views | None") -> tuple[Pictures | None, Views | None]:
+    """Return what is seen as pictures, or as views of finished camera poses."""
+    return (seen, None) if isinstance(seen, Pictures) else (None, seen)
+
+
 class CameraMatrix(NamedTuple):
     """Camera of --camera-matrix: as `camera_noise` takes it, and its parameters with the standard deviations given."""
 

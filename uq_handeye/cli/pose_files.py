@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from ..model.noise.models import Noise
     from ..model.poses.pose_pairs import PosePairs, Selection, Stream
     from ..model.shared_errors.shared_error import SharedError
+    from ..read.rosbag.sensors import Sensors
     from ..read.synchronisation.result import Synchronised
     from .pictures import Pictures, Views
 
@@ -78,22 +79,23 @@ class StreamFiles:
     camera_frame: str = CAMERA_FRAMES[0]
     offset: str | None = None
 
-    def synchronised(self, arm: Arm | None = None, **options: Any) -> "Synchronised":
-        """Return both sides as streams on one clock; ``options`` are further arguments of `synchronise`."""
-        from ..read.synchronisation.synchronise import synchronise
-
-        streams = self.streams(arm)
-        LOG.debug("%d poses of the robot, %d of the camera", len(streams["robot"]), len(streams["camera"]))
+    def synchronised(self, sensors: "Sensors | None" = None, **options: Any) -> "Synchronised":
+        """Return both sides, by default those of the files, on one clock; ``options`` are those of `synchronise`."""
+        sensors = sensors or self.sensors()
+        LOG.debug("%d poses of the robot, %d of the camera", len(sensors.robot), len(sensors.camera))
         setup = SETUP_NAMES[0] if self.setup is None else self.setup
-        return synchronise(streams["robot"], streams["camera"], setup=setup, offset=self._offset(), **options)
+        return sensors.synchronised(setup=setup, offset=self._offset(), **options)
 
-    def streams(self, arm: Arm | None = None) -> "dict[str, Stream]":
+    def sensors(self, arm: Arm | None = None) -> "Sensors":
         """Return the streams of robot and camera."""
+        from ..read.rosbag.sensors import Sensors
+
         if self.robot is None and arm is None:
             raise missing_robot("")
         if self.camera is None:
             raise InputError("Synchronisation needs two streams. Give the robot file and the camera file.")
-        return {"robot": self.stream("robot", self.robot, arm), "camera": self.stream("camera", self.camera)}
+        streams = self.stream("robot", self.robot, arm), self.stream("camera", self.camera)
+        return Sensors(self._shown(arm), *streams)
 
     def stream(self, role: str, file: Path | None, arm: Arm | None = None) -> "Stream":
         """Return the stream of one side from a file, or the joint values of ``arm``."""
@@ -240,27 +242,34 @@ class PoseFiles(StreamFiles):
         return poses, noise, shared
 
     def read_open(
-        self, given: Given, seen: "Pictures | Views | None", arm: Arm | None = None
+        self,
+        given: Given,
+        seen: "Pictures | Views | None",
+        arm: Arm | None = None,
+        sensors: "Sensors | None" = None,
     ) -> "tuple[PosePairs, Any, list[SharedError] | None]":
-        """Return poses, noise and shared errors as `calibrate` takes them."""
-        from .pictures import Views
+        """Return poses, noise and shared errors as `calibrate` takes them; ``sensors`` in place of the files."""
+        from .pictures import either
 
         of_all = given.shared if arm is None else replace(given.shared, robot_class=None)  # it is that of the arm
-        files = self if arm is None else self._beside_arm(arm, seen is not None and not isinstance(seen, Views))
-        if files.robot is None and (arm is None or not arm.by_joints):
-            raise missing_robot()
+        pictures, views = either(seen)
+        files = self
+        if sensors is None:
+            files = self if arm is None else self._beside_arm(arm, pictures is not None)
+            if files.robot is None and (arm is None or not arm.by_joints):
+                raise missing_robot()
         if self.offset is not None and "," in self.offset and given.shared.offset_sd is not None:
             raise InputError(
                 f"The standard deviation of the offset is given twice, by --offset {self.offset} and --offset-sd. Give "
                 "one of them."
             )
         noise: Any
-        if isinstance(seen, Views):
-            poses, _ = files._poses_and_noise(None, None, arm)
-            noise = seen.beside(poses, given.noise, given.prior)
-            shared = of_all.errors(poses, None, given.file, seen)
+        if views is not None:
+            poses, _ = files._poses_and_noise(None, None, arm, sensors)
+            noise = views.beside(poses, given.noise, given.prior)
+            shared = of_all.errors(poses, None, given.file, views)
         else:
-            poses, noise = files._poses_and_noise(given.noise, seen, arm)
+            poses, noise = files._poses_and_noise(given.noise, pictures, arm, sensors)
             if poses.camera_calibration is not None:
                 from ..fit.input_checks.pose_ambiguity import CODE, resolve_pose_ambiguity
 
@@ -306,11 +315,18 @@ class PoseFiles(StreamFiles):
         return files
 
     def _poses_and_noise(
-        self, noise: "Noise | None", pictures: "Pictures | None", arm: Arm | None, fewest: int = 3
+        self,
+        noise: "Noise | None",
+        pictures: "Pictures | None",
+        arm: Arm | None,
+        sensors: "Sensors | None" = None,
+        fewest: int = 3,
     ) -> "tuple[PosePairs, Noise | None]":
         """Return the poses, and their noise if that of the samples is given."""
         how = None if self.pair is None else one_of(self.pair, "--pair", PAIRINGS)
-        if pictures is not None or (self.camera is not None and _is_camera_folder(self.camera)):
+        how, shown = (how, self._shown(arm)) if sensors is None else ("async", sensors.name)
+        seen = self.camera if sensors is None else None
+        if pictures is not None or (seen is not None and _is_camera_folder(seen)):
             self._refuse_of_files("--images" if pictures is not None else f"the folder {self.camera}", how)
         if pictures is not None and self.camera is not None:
             raise InputError(
@@ -323,24 +339,23 @@ class PoseFiles(StreamFiles):
         ):
             if value is not None and how != needed:
                 raise InputError(f"{name} needs --pair {needed}, got --pair {how or PAIRINGS[0]}.")
-        with timed(f"reading {self._shown(arm)}"):
+        with timed(f"reading {shown}"):
             if how == "async":
-                poses, noise = self._synchronised_poses(noise, arm)
+                poses, noise = self._synchronised_poses(noise, sensors or self.sensors(arm))
             else:
                 poses = self._read(how, pictures, arm)
         LOG.debug("%d pairs of poses, %s", poses.n, poses.setup)
         if poses.n < fewest:
             raise InputError(
-                f"{self._shown(arm)} hold{'s' if self.camera is None else ''} {poses.n} poses. At least 3 are needed "
-                "(2 motions)."
+                f"{shown} hold{'s' if seen is None else ''} {poses.n} poses. At least 3 are needed (2 motions)."
             )
         return poses, noise
 
-    def _synchronised_poses(self, noise: "Noise | None", arm: Arm | None) -> "tuple[PosePairs, Noise | None]":
+    def _synchronised_poses(self, noise: "Noise | None", sensors: "Sensors") -> "tuple[PosePairs, Noise | None]":
         """Return interpolated poses with their noise, which is less than that of the samples."""
         from ..core.formatting.numbers import concise
 
-        found = self.synchronised(arm, noise=noise)
+        found = self.synchronised(sensors, noise=noise)
         if found.offset_std > 0.0:
             offset = concise(1e3 * found.offset, 1e3 * found.offset_std, "ms")
         else:

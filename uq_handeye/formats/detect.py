@@ -23,7 +23,7 @@ from ..core.files.lines import is_number, short
 from ..core.files.open import Hashed, is_many, opened, paths_of, require_size, shown
 from ..core.files.source import Source
 from ..core.files.trees import fields_of, got, is_list, is_map, items_of, pose_name
-from ..errors import InputError, among
+from ..errors import InputError
 from .contents import COLUMNS, Contents, conversion, joined_contents
 from .controllers.forms import CONTROLLERS, in_convention
 from .controllers.registry import ABOUT, NAMES, entries_of, is_records, kind_of, read_controller
@@ -141,12 +141,12 @@ def read_contents(path: Path, format: str | None) -> tuple[Contents, Source]:
     Raises `InputError` for what cannot be read, in the words of the reader of the format; and for a content that is of
     no format or of several.
     """
-    format = format.lower() if isinstance(format, str) else format  # makers write their names in capitals
-    if format is not None and not among(format, FORMATS):
-        near = difflib.get_close_matches(str(format), FORMATS, n=1)
+    asked, format = format, None if format is None else str(format).lower()  # makers write their names in capitals
+    if format is not None and format not in FORMATS:
+        near = difflib.get_close_matches(format, FORMATS, n=1)
         hint = f" Did you mean {near[0]}?" if near else ""
         raise InputError(
-            f"Expected `format` (--format) to be one of {', '.join(FORMATS)} (docs/formats.md), got {format!r}.{hint}"
+            f"Expected `format` (--format) to be one of {', '.join(FORMATS)} (docs/formats.md), got {asked!r}.{hint}"
         )
     if is_many(path):
         paths, left = paths_of(path)

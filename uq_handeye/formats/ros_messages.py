@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from ..core.files.trees import is_map
 from ..core.geometry.se3 import Array
 from ..errors import InputError
 from .contents import Contents, Side
@@ -63,7 +64,7 @@ def printed_name(text: str) -> str:
 
 def part(value: Any, name: str) -> Any:
     """Return a field of a message, or None."""
-    return value.get(name) if isinstance(value, dict) else getattr(value, name, None)
+    return value.get(name) if is_map(value) else getattr(value, name, None)
 
 
 def stamp_of(header: Any) -> float | None:
@@ -139,9 +140,10 @@ def _marker(item: Any) -> str:
     ids = part(item, "marker_id") if ids is None else ids
     if ids is None:
         return frame_name(part(item, "board_name"))
-    if part(item, "size") is not None or not isinstance(ids, int | float):
+    alone = not hasattr(ids, "__iter__")  # a text or a list of one or more is of apriltag_ros
+    if part(item, "size") is not None or not alone:
         name = "tag_"
-    values = _listed(ids, "id") if not isinstance(ids, int | float | str) else [ids]
+    values = [ids] if alone or type(ids) is str else _listed(ids, "id")
     return name + "_".join(f"{number(k, 'id'):.0f}" for k in values)
 
 

@@ -172,8 +172,8 @@ def records_of(text: str, name: str, notes: list[str]) -> Iterator[tuple[int, li
             if begun and not ended:
                 notes.append("the last message is cut off, and left out")
                 return
-            if isinstance(problem, EchoError):
-                raise InputError(f"{name}, line {problem.line}: {problem}.") from None
+            if error is not None:
+                raise InputError(f"{name}, line {error.line}: {error}.") from None
             raise InputError(
                 f"{name}, the message at line {line}: expected {problem}, got the fields "
                 f"{', '.join(list(fields)[:NAMED]) or 'none'}; echo a topic of poses or /tf (docs/how-to/ros.md)."

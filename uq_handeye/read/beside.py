@@ -21,7 +21,7 @@ from ..core.files import lines as _lines
 from ..core.files.open import StrPath, as_path, opened, shown
 from ..core.files.source import Source
 from ..core.geometry.se3 import Array
-from ..errors import InputError, InputWarning
+from ..errors import InputError, InputWarning, require_type
 from ..formats.contents import FRAMES, Side
 from ..model.poses.pose_pairs import PosePairs, joint_values_at
 from .matching import FEWEST, SYNCHRONOUS, check_tolerance, nearest
@@ -120,8 +120,7 @@ def read_joint_file(path: StrPath | NamedJoints, kinematics: Kinematics, units: 
     from ..model.kinematics.chain import Kinematics
     from ..model.kinematics.joints_file import NamedJoints, read_joints
 
-    if not isinstance(kinematics, Kinematics):
-        raise InputError(f"Expected `kinematics` to be Kinematics, got {type(kinematics).__name__}.")
+    require_type("kinematics", kinematics, Kinematics, "Kinematics")
     if isinstance(path, NamedJoints):
         found, name, short, data = read_joints(path, kinematics, units), path.name, path.name, path.values.tobytes()
     else:
@@ -231,10 +230,9 @@ def known_camera(camera: Any) -> KnownCamera | None:
     from ..model.camera.result import CORNERS, CameraCalibration, is_camera_folder, read_camera
     from ..model.points.result import POINTS, PointPoses, is_points_folder, read_point_poses
 
-    if isinstance(camera, CameraCalibration):
-        return KnownCamera(camera, "the pictures", (), False)
-    if isinstance(camera, PointPoses):
-        return KnownCamera(camera, "the points", (), True)
+    kinds = {CameraCalibration: ("the pictures", (), False), PointPoses: ("the points", (), True)}
+    if (of := kinds.get(type(camera))) is not None:
+        return KnownCamera(camera, *of)
     folder = as_path(camera)
     if is_points_folder(folder):
         found = read_point_poses(folder)

@@ -259,13 +259,15 @@ def read_arrived(
         A file that cannot be read, or holds the poses of one side where both are expected.
     """
     said = {setup} - {None}
+    seen = camera if isinstance(camera, CameraCalibration) else None
+    of_camera = camera if seen is None else ()
     sides: list[tuple[list[Array], list[Array | None]]] = []
     sources: list[Source] = []
     for role, paths, form, unit, numbers, frame in zip(
-        FRAMES, (robot, camera), format, units, rotation, (robot_frame, camera_frame), strict=True
+        FRAMES, (robot, of_camera), format, units, rotation, (robot_frame, camera_frame), strict=True
     ):
         poses, times = [], []
-        for path in robot if paths is None else () if isinstance(paths, CameraCalibration) else paths:
+        for path in robot if paths is None else paths:
             contents, source = read_contents(path, form)
             said |= {contents.setup} - {None}
             side = getattr(contents, role) or (None if camera is None else contents.only)
@@ -284,10 +286,10 @@ def read_arrived(
     if chosen not in SETUPS:
         raise InputError(f"Expected `setup` (--setup) to be one of {', '.join(SETUPS)}, got {chosen!r}.")
     G = _stacked(sides[0][0])
-    if isinstance(camera, CameraCalibration):
-        if camera.rows[-1] >= len(G):
-            raise InputError(f"Picture {camera.rows[-1]} has no robot pose yet: there are {len(G)}.")
-        return PosePairs(G[camera.rows], camera.poses, chosen, sources=tuple(sources), camera_calibration=camera)
+    if seen is not None:
+        if seen.rows[-1] >= len(G):
+            raise InputError(f"Picture {seen.rows[-1]} has no robot pose yet: there are {len(G)}.")
+        return PosePairs(G[seen.rows], seen.poses, chosen, sources=tuple(sources), camera_calibration=seen)
     C = _stacked(sides[1][0])
     n = min(len(G), len(C))
     if n == 0:

@@ -9,6 +9,7 @@ import logging
 import warnings
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypedDict, Unpack
 
@@ -19,7 +20,7 @@ from ..core.files.open import StrPath, as_path, shown
 from ..core.files.source import Source
 from ..core.geometry.frames import SETUPS
 from ..core.geometry.se3 import Array
-from ..errors import InputError, InputWarning, among, require_known, require_one_of
+from ..errors import InputError, InputWarning, among, keywords_of, require_known, require_one_of
 from ..findings import Finding
 from ..formats.contents import FRAMES, QUATERNIONS, Contents, Side, finished, rotation_form
 from ..formats.csv_poses import warn_if_back
@@ -44,6 +45,8 @@ class OfArm(TypedDict, total=False):
 
 
 _PAIRINGS = ("rows", "time")
+# Something of the robot's side and of the camera's.
+Two = tuple[str | None, str | None]
 
 _log = logging.getLogger("uq_handeye")
 
@@ -51,19 +54,7 @@ _log = logging.getLogger("uq_handeye")
 def read_poses(
     robot: StrPath | None,
     camera: StrPath | CameraCalibration | PointPoses | None = None,
-    *,
-    setup: str | None = None,
-    units: str | tuple[str | None, str | None] | None = None,
-    format: str | tuple[str | None, str | None] | None = None,
-    rotation: str | tuple[str | None, str | None] | None = None,
-    quaternion: str | tuple[str | None, str | None] | None = None,
-    robot_frame: str = "base_T_gripper",
-    camera_frame: str = "camera_T_target",
-    pair: str | None = None,
-    tolerance: float = 0.02,
-    joints: StrPath | None = None,
-    kinematics: Kinematics | None = None,
-    joint_units: str | None = None,
+    **asked: Any,
 ) -> PosePairs:
     """Robot and camera poses from one or two files, paired.
 
@@ -127,54 +118,76 @@ def read_poses(
         Timestamps of a row that differ by more than 1e-6 s but less than that, or that go back; samples of easy_handeye
         that do not say the setup; angles with which robot and camera do not agree, where another order of axes fits.
     """
-    _require_known(pair, setup)
-    both_units, formats = (_two(value, name) for value, name in ((units, "units"), (format, "format")))
-    forms = _rotations(rotation, quaternion)
-    arm = joints_of(joints, kinematics, joint_units)
+    require_known("read_poses", asked, Asked)
+    request = Asked(**asked)
     if robot is None:
-        if arm is None or camera is None:
-            missing = "joints and kinematics" if arm is None else "a camera"
+        if request.arm is None or camera is None:
+            missing = "joints and kinematics" if request.arm is None else "a camera"
             raise InputError(f"Expected {missing}, or a file of robot poses.")
-        both_units, formats, forms = ("m", both_units[1]), (None, formats[1]), (None, forms[1])
-        robot_frame = FRAMES["robot"][0]
-    frames = (robot_frame, camera_frame)
-    asked = _Asked(robot, arm, setup, both_units, formats, forms, frames, pair, tolerance)
+        request = request.of_camera()
     seen = known_camera(camera)
-    return _of_files(asked, camera) if seen is None else _with_calibrated(asked, seen)
+    return _of_files(robot, camera, request) if seen is None else _with_calibrated(robot, seen, request)
 
 
 @dataclass(frozen=True, eq=False)
-class _Asked:
-    """Request to the files; pairs are of robot and camera."""
+class Asked:
+    """Keywords of `read_poses`, checked."""
 
-    robot: StrPath | None
-    arm: Joints | None
-    setup: str | None
-    units: tuple[str | None, str | None]
-    formats: tuple[str | None, str | None]
-    forms: tuple[str | None, str | None]
-    frames: tuple[str, str]
-    pair: str | None
-    tolerance: float
+    setup: str | None = None
+    units: str | Two | None = None
+    format: str | Two | None = None
+    rotation: str | Two | None = None
+    quaternion: str | Two | None = None
+    robot_frame: str = FRAMES["robot"][0]
+    camera_frame: str = FRAMES["camera"][0]
+    pair: str | None = None
+    tolerance: float = 0.02
+    joints: StrPath | None = None
+    kinematics: Kinematics | None = None
+    joint_units: str | None = None
+
+    def __post_init__(self) -> None:
+        if self.pair is not None and not among(self.pair, _PAIRINGS):
+            hint = "; async is `uq_handeye.synchronise` of two `read_stream`" if self.pair == "async" else ""
+            raise InputError(f"Expected `pair` (--pair) to be {' or '.join(_PAIRINGS)}, got {self.pair!r}{hint}.")
+        if self.setup is not None:
+            require_one_of("setup", self.setup, SETUPS, "--setup")
+        _ = self.sides, self.arm
+
+    @cached_property
+    def sides(self) -> tuple[Two, Two, Two]:
+        """Units, formats and forms of the rotations, each of robot and camera."""
+        return _two(self.units, "units"), _two(self.format, "format"), _rotations(self.rotation, self.quaternion)
+
+    @cached_property
+    def arm(self) -> Joints | None:
+        """The joint values and the chain that they move."""
+        return joints_of(self.joints, self.kinematics, self.joint_units)
+
+    @property
+    def frames(self) -> tuple[str, str]:
+        """Frames of robot and camera poses."""
+        return self.robot_frame, self.camera_frame
+
+    def of_camera(self) -> Asked:
+        """Return the request where the poses of the robot are those of joint values."""
+        units, formats, forms = ((None, of_camera) for _, of_camera in self.sides)
+        own: dict[str, Any] = {"units": ("m", units[1]), "format": formats, "rotation": forms, "quaternion": None}
+        return replace(self, **own, robot_frame=FRAMES["robot"][0])
 
 
-def _require_known(pair: Any, setup: Any) -> None:
-    """Raise `InputError` for a way of pairing or a setup that is none."""
-    if pair is not None and not among(pair, _PAIRINGS):
-        hint = "; async is `uq_handeye.synchronise` of two `read_stream`" if pair == "async" else ""
-        raise InputError(f"Expected `pair` (--pair) to be {' or '.join(_PAIRINGS)}, got {pair!r}{hint}.")
-    if setup is not None:
-        require_one_of("setup", setup, SETUPS, "--setup")
+read_poses.__signature__ = keywords_of(read_poses, Asked)  # type: ignore[attr-defined]
 
 
-def _of_files(asked: _Asked, camera: Any) -> PosePairs:
+def _of_files(robot_file: StrPath | None, camera: Any, asked: Asked) -> PosePairs:
     """The poses of two files, or of one that holds both sides (``camera`` is None)."""
-    robot = _robot_of(asked.robot, asked.arm, asked.formats[0])
+    units, formats, forms = asked.sides
+    robot = _robot_of(robot_file, asked.arm, formats[0])
     first = robot.contents
     sources: tuple[Source, ...] = (robot.source,)
     contents, paths = (first, first), (robot.path, robot.path)
     if camera is not None:
-        second, source = read_contents(as_path(camera), asked.formats[1])
+        second, source = read_contents(as_path(camera), formats[1])
         sources, contents, paths = (*sources, source), (first, second), (robot.path, as_path(camera))
     elif first.robot is None or first.camera is None:
         raise InputError(
@@ -199,15 +212,12 @@ def _of_files(asked: _Asked, camera: Any) -> PosePairs:
     robot_times, camera_times = sides[0].timestamps, sides[1].timestamps
     match = match_times(sides[0], sides[1], asked.tolerance) if asked.pair == "time" else None
     rows = (slice(None), slice(None)) if match is None else (match.robot, match.camera)
-    chosen = chosen_readings(sides, asked.units, asked.forms, frames, rows, setup)
+    chosen = chosen_readings(sides, units, forms, frames, rows, setup)
     for k, note in enumerate(chosen.notes):
         if note:
             sources = _noted(sources, min(k, len(sources) - 1), paths[k], [note], chosen.sides[k].readings[0].format)
     sides = chosen.sides
-    robot_poses, camera_poses = (
-        finished(side, role, units, form, frame)
-        for side, role, units, form, frame in zip(sides, FRAMES, asked.units, asked.forms, frames, strict=True)
-    )
+    robot_poses, camera_poses = (finished(*side) for side in zip(sides, FRAMES, units, forms, frames, strict=True))
     values = robot.joints_at(sides[0], asked.tolerance)
     if match is not None:
         robot_poses, camera_poses = robot_poses[match.robot], camera_poses[match.camera]
@@ -255,15 +265,15 @@ def _robot_of(robot: StrPath | None, arm: Joints | None, format: str | None) -> 
     return _Robot(Path(arm.name), Contents(robot=arm.side), arm.source, False, arm)
 
 
-def _with_calibrated(asked: _Asked, seen: KnownCamera) -> PosePairs:
+def _with_calibrated(robot_file: StrPath | None, seen: KnownCamera, asked: Asked) -> PosePairs:
     """The robot poses of a file that the pictures or points were taken at, and the camera poses."""
     if asked.pair == "time" or asked.frames[1] != FRAMES["camera"][0]:
         raise InputError(
             "A calibrated camera goes with its rows and as camera_T_target: leave `pair` (--pair) and "
             "`camera_frame` (--camera-frame) out."
         )
-    frame, units, rotation = asked.frames[0], asked.units[0], asked.forms[0]
-    robot = _robot_of(asked.robot, asked.arm, asked.formats[0])
+    frame, (units, format, rotation) = asked.robot_frame, (pair[0] for pair in asked.sides)
+    robot = _robot_of(robot_file, asked.arm, format)
     path, contents, source, *_ = robot
     setup = _setup(asked.setup, (contents, contents), (path, path))
     side = side_of(contents, "robot", shown(path))
@@ -350,7 +360,7 @@ def read_stream(
     return Stream(found.timestamps[rows], poses[rows], source, values[rows])
 
 
-def _two(value: Any, name: str) -> tuple[Any, Any]:
+def _two(value: Any, name: str) -> Two:
     """One value for both sides, or a pair."""
     if isinstance(value, tuple | list):
         if len(value) != 2:
@@ -359,7 +369,7 @@ def _two(value: Any, name: str) -> tuple[Any, Any]:
     return value, value
 
 
-def _rotations(rotation: Any, quaternion: Any) -> tuple[str | None, str | None]:
+def _rotations(rotation: Any, quaternion: Any) -> Two:
     """Return the forms of the rotations of both sides, by either name of the argument."""
     forms = []
     for form, order in zip(_two(rotation, "rotation"), _two(quaternion, "quaternion"), strict=True):

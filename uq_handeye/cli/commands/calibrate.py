@@ -70,14 +70,14 @@ def calibrate_command(
     outputs.require_possible()
     if data.watch is not None:
         return _watch(data, asked.options() | beforehand, wishes, wanted, outputs)
-    files, pictures, arm = data.files, data.pictures, robot.arm
+    files, pictures, arm, sensors = data.files, data.pictures, robot.arm, None
     if robot.bag is not None:
-        files, pictures, arm = robot.bag.beside(files, pictures, arm)
+        sensors, pictures, arm = robot.bag.beside(files, pictures, arm)
     options = asked.options() | beforehand | {"prior": given.prior}
     from ...calibration.calibrate import calibrate
 
     with withheld() as shown:
-        poses, noise, shared = files.read_open(given, pictures, arm)
+        poses, noise, shared = files.read_open(given, pictures, arm, sensors)
         selection = files.selection(poses)
         try:
             with timed("calibrating"):

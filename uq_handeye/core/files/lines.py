@@ -10,8 +10,7 @@ not. `plain_text` takes it off again.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 from ...errors import InputError
@@ -89,18 +88,35 @@ def one_line(text: str) -> str:
     return (text if len(text) <= 160 else f"{text[:157]}...").rstrip(".")
 
 
-@contextmanager
-def refused(what: str, kinds: tuple[type[Exception], ...] = (Exception,)) -> Iterator[None]:
-    """Make what a library raises on a damaged file an `InputError`: ``what``, and the words of the library.
+def words_of(error: BaseException) -> str:
+    """Return what a library says, or, as its messages may be empty, the kind of its error."""
+    return f": {one_line(str(error)) or type(error).__name__}"
 
-    Libraries raise many kinds, and their messages may be empty; an `InputError` passes as it is.
+
+# Kinds of exceptions, and what follows the beginning of the message; None: they pass as they are.
+Words = Sequence[tuple[type[Exception] | tuple[type[Exception], ...], Callable[[Any], str] | None]]
+# Any exception of a library; and those of data that are not what they should be.
+ANY: Words = ((InputError, None), (Exception, words_of))
+OF_DATA: Words = ((InputError, None), ((KeyError, TypeError, ValueError, IndexError), words_of))
+
+
+class refused:
+    """Context in which what is raised on a damaged file becomes an `InputError` in one line.
+
+    Parameters
+    ----------
+    what : the beginning of the message
+    words : a table of kinds of exceptions and of the words that follow; the first kind that fits says them
     """
-    try:
-        yield
-    except InputError:
-        raise
-    except kinds as error:
-        raise InputError(f"{what}: {one_line(str(error) or type(error).__name__)}.") from error
+
+    def __init__(self, what: str, words: Words = ANY) -> None:
+        self.what, self.words = what, words
+
+    def __enter__(self) -> None: ...
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: Any) -> None:
+        if kind is not None and (said := next((one for of, one in self.words if issubclass(kind, of)), None)):
+            raise InputError(f"{self.what}{said(error)}.") from error
 
 
 # The wide forms are signs of a formula in Japanese and Chinese editions.

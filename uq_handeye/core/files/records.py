@@ -19,8 +19,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import MISSING, fields, is_dataclass
 from functools import cache
 from operator import attrgetter
@@ -32,6 +31,7 @@ from numpy.typing import NDArray
 
 from ...errors import InputError
 from ..runtime.read_only import ReadOnlyArrays
+from .lines import refused
 from .open import StrPath, as_path, opened
 from .trees import is_list, is_map, is_plain_number, items_of
 
@@ -112,15 +112,13 @@ INFINITE, NUMBER = "infinite", "number"  # NUMBER: an array without axes
 _PLAIN = {float: "a number", int: "a whole number", str: "text", bool: "true or false"}
 
 
-@contextmanager
-def damaged(what: str) -> Iterator[None]:
+def damaged(what: str) -> refused:
     """Say in one line of `InputError` what is wrong with a file whose parts are missing or do not belong together."""
-    try:
-        yield
-    except KeyError as error:
-        raise InputError(f"{what} is damaged: {error} is missing.") from error
-    except (TypeError, ValueError, AttributeError, LookupError, ArithmeticError) as error:
-        raise InputError(f"{what} is damaged: {str(error).rstrip('.')}.") from error
+    wrong = (TypeError, ValueError, AttributeError, LookupError, ArithmeticError)
+    return refused(
+        f"{what} is damaged: ",
+        ((KeyError, lambda error: f"{error} is missing"), (wrong, lambda error: str(error).rstrip("."))),
+    )
 
 
 class Record(ReadOnlyArrays):
@@ -247,7 +245,7 @@ def read(hint: Any, data: Any, path: str, sizes: dict[str, int] | None = None) -
     if hasattr(kind, "from_dict") and getattr(kind.from_dict, "__func__", None) is not Record.from_dict.__func__:  # type: ignore[attr-defined]
         return kind.from_dict(data)
     found = kind(**parts_of(kind, data, getattr(kind, "_where", "") or path, sizes))
-    return found._possible() if isinstance(found, Record) else found
+    return found._possible() if hasattr(found, "_possible") else found
 
 
 def _many(kind: type[Any], args: tuple[Any, ...], data: Any, path: str, sizes: dict[str, int]) -> Any:

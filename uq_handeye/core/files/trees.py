@@ -11,6 +11,7 @@ Names of poses in files of several arrays or entries: which side they are, and i
 from __future__ import annotations
 
 import json
+import math
 import re
 import sys
 import tomllib
@@ -23,7 +24,7 @@ import numpy as np
 
 from ...errors import InputError
 from ..geometry.se3 import Array
-from .lines import decoded, one_line, short
+from .lines import Words, decoded, one_line, refused, short
 from .open import opened, shown
 
 MAX_BYTES = 20_000_000  # lists and texts take up to twenty times their size in memory
@@ -47,15 +48,22 @@ def parse_tree(data: bytes, name: str, several: bool = False) -> Any:
     start = text.lstrip()[:1]
     if start == "<":
         return _xml(text, name)
-    if start in ("{", "["):
+    # YAML may stand in braces; OpenCV before 4.6 wrote `1.` for 1.0 in its JSON.
+    failures: list[InputError] = []
+    for parse in (_json, parse_yaml) if start in ("{", "[") else (parse_yaml,):
         try:
-            return _json(text, name, several)
+            return parse(text, name, several)
         except InputError as error:
-            try:  # YAML in braces; OpenCV before 4.6 wrote `1.` for 1.0 in its JSON
-                return parse_yaml(text, name, several)
-            except InputError:
-                raise error from None
-    return parse_yaml(text, name, several)
+            failures.append(error)
+    raise failures[0] from failures[0].__cause__
+
+
+_OF_JSON: Words = (
+    (InputError, None),
+    (json.JSONDecodeError, lambda error: f", line {error.lineno}: not JSON: {one_line(error.msg)}"),
+    (RecursionError, lambda error: f": expected JSON nested at most {MAX_DEPTH} deep, got deeper"),
+    (ValueError, lambda error: f": not JSON: {one_line(str(error))}"),  # an integer of thousands of digits
+)
 
 
 def _json(text: str, name: str, several: bool) -> Any:
@@ -67,24 +75,16 @@ def _json(text: str, name: str, several: bool) -> Any:
         return found
 
     decoder = json.JSONDecoder(object_pairs_hook=once)
-    try:
+    found: list[Any] = []
+    end = _after(text, 0)
+    with refused(name, _OF_JSON):
         if not several:
             return decoder.decode(text)
-        found: list[Any] = []
-        end = _after(text, 0)
         while end < len(text) or not found:
             value, end = decoder.raw_decode(text, end)
             found.append(value)
             end = _after(text, end)
-        return found if len(found) > 1 else found[0]
-    except InputError:
-        raise
-    except json.JSONDecodeError as error:
-        raise InputError(f"{name}, line {error.lineno}: not JSON: {one_line(error.msg)}.") from error
-    except RecursionError as error:
-        raise InputError(f"{name}: expected JSON nested at most {MAX_DEPTH} deep, got deeper.") from error
-    except ValueError as error:  # an integer of thousands of digits
-        raise InputError(f"{name}: not JSON: {one_line(str(error))}.") from error
+    return found if len(found) > 1 else found[0]
 
 
 def is_json(head: str) -> bool:
@@ -92,10 +92,9 @@ def is_json(head: str) -> bool:
     text = head.strip()
     try:
         _, end = json.JSONDecoder().raw_decode(text)
-    except json.JSONDecodeError as error:
-        return len(head) >= 60_000 and error.pos > len(text) - 1000  # cut off
-    except (ValueError, RecursionError):  # which its reader says
-        return True
+    except (ValueError, RecursionError) as error:
+        place = getattr(error, "pos", math.inf)  # unless it is no error of JSON, which its reader says
+        return place == math.inf or (len(head) >= 60_000 and place > len(text) - 1000)  # cut off
     return end == len(text)
 
 
@@ -166,20 +165,20 @@ def parse_yaml(text: str, name: str, several: bool = False, texts: bool = False)
         text = newline + rest
     text = text.rstrip().removesuffix("\n---")  # the separator that ROS prints after a message
     builder = _Builder(name, several, (lambda value: value or None) if texts else _scalar)
-    try:
+    with refused(name, ((InputError, None), ((yaml.YAMLError, RecursionError, ValueError), _of_yaml))):
         for event in yaml.parse(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader)):
             builder.take(event)
-    except InputError:
-        raise
-    except (yaml.YAMLError, RecursionError, ValueError) as error:
-        mark = getattr(error, "problem_mark", None) or getattr(error, "context_mark", None)
-        at = "" if mark is None else f", line {mark.line + 1}"
-        problem = getattr(error, "problem", None) or getattr(error, "context", None) or str(error)
-        if "nesting depth" in problem:  # PyYAML from 6.0.4 on looks ahead, and stops first
-            raise InputError(f"{name}{at}: expected {_DEEP}.") from error
-        raise InputError(f"{name}{at}: not YAML: {one_line(problem)}.") from error
     found = [root for root in builder.documents if root is not None] or [None]  # an empty one between two separators
     return found if len(found) > 1 else found[0]
+
+
+def _of_yaml(error: Exception) -> str:
+    """Return where YAML is damaged, and how."""
+    mark = getattr(error, "problem_mark", None) or getattr(error, "context_mark", None)
+    at = "" if mark is None else f", line {mark.line + 1}"
+    problem = getattr(error, "problem", None) or getattr(error, "context", None) or str(error)
+    # PyYAML from 6.0.4 on looks ahead, and stops first where it is nested too deeply.
+    return f"{at}: expected {_DEEP}" if "nesting depth" in problem else f"{at}: not YAML: {one_line(problem)}"
 
 
 def _scalar(text: str) -> Any:
@@ -277,16 +276,20 @@ def parse_toml(path: Path, most: int | None = None) -> dict[str, Any]:
     """All of a TOML file of at most ``most`` bytes, by default `MAX_TOML`; raises `InputError`."""
     with opened(path, MAX_TOML if most is None else most) as file:
         data = file.read()
-    try:
+    with refused(shown(path), _OF_TOML):
         return tomllib.loads(data.decode("utf-8-sig"))
-    except UnicodeDecodeError as error:
-        line = data.count(b"\n", 0, error.start) + 1
-        raise InputError(f"{shown(path)}, line {line}: expected UTF-8 text, got other bytes.") from error
-    except RecursionError as error:
-        raise InputError(f"{shown(path)}: expected a TOML file, got arrays nested too deeply.") from error
-    except ValueError as error:  # TOMLDecodeError, or a number with thousands of digits
-        message = " ".join(str(error).split())
-        raise InputError(f"{shown(path)}: expected a TOML file, got an error: {message}.") from error
+
+
+def _line_of(error: UnicodeDecodeError) -> int:
+    return error.object.count(b"\n", 0, error.start) + 1
+
+
+_OF_TOML: Words = (
+    (UnicodeDecodeError, lambda error: f", line {_line_of(error)}: expected UTF-8 text, got other bytes"),
+    (RecursionError, lambda error: ": expected a TOML file, got arrays nested too deeply"),
+    # TOMLDecodeError, or a number with thousands of digits.
+    (ValueError, lambda error: f": expected a TOML file, got an error: {' '.join(str(error).split())}"),
+)
 
 
 def got(value: Any) -> str:

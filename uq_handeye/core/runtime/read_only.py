@@ -7,13 +7,11 @@ from __future__ import annotations
 
 import math
 import threading
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-
-# What arrays are in.
-HOLDERS = (np.ndarray, tuple, dict)
 
 
 class ReadOnlyArrays:
@@ -23,25 +21,34 @@ class ReadOnlyArrays:
     """
 
     def __post_init__(self) -> None:
-        held = vars(self)  # its fields, no more
-        for name, value in held.items():
-            if isinstance(value, HOLDERS):
-                held[name] = read_only(value)
+        vars(self).update({name: read_only(value) for name, value in vars(self).items()})  # its fields, no more
 
 
 def read_only(value: Any) -> Any:
     """An array as a read-only view; a tuple or dict with its arrays so; anything else as it is."""
-    if isinstance(value, np.ndarray):
-        if value.flags.writeable:
-            value = value.view()
-            value.flags.writeable = False
-    elif isinstance(value, tuple):
-        if any(isinstance(item, HOLDERS) for item in value):
-            items = [read_only(item) for item in value]
-            value = value._make(items) if hasattr(value, "_make") else tuple(items)
-    elif isinstance(value, dict):
-        value = {key: read_only(item) for key, item in value.items()}
+    kind: Any = next((kind for kind in _READ_ONLY if isinstance(value, kind)), None)
+    return value if kind is None else _READ_ONLY[kind](value)
+
+
+def _array(value: NDArray[Any]) -> NDArray[Any]:
+    if value.flags.writeable:
+        value = value.view()
+        value.flags.writeable = False
     return value
+
+
+def _tuple(value: Any) -> Any:
+    items = [read_only(item) for item in value]
+    if all(new is old for new, old in zip(items, value, strict=True)):
+        return value
+    return value._make(items) if hasattr(value, "_make") else tuple(items)
+
+
+_READ_ONLY: dict[type, Callable[[Any], Any]] = {
+    np.ndarray: _array,
+    tuple: _tuple,
+    dict: lambda value: {key: read_only(item) for key, item in value.items()},
+}
 
 
 Array = NDArray[np.float64]

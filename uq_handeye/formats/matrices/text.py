@@ -190,11 +190,9 @@ class NumberLine(NamedTuple):
 
 
 class NotNumbersError(InputError):
-    """A line that holds something else."""
+    """A line that holds something else; ``printed_once``: a factor that MATLAB printed once for all numbers."""
 
-
-class CommonFactorError(NotNumbersError):
-    """A factor that MATLAB printed once for all numbers."""
+    printed_once = False
 
 
 def number_lines(text: str, name: str) -> Iterator[NumberLine]:
@@ -206,10 +204,12 @@ def number_lines(text: str, name: str) -> Iterator[NumberLine]:
     for line, raw in enumerate(text.splitlines(), start=1):
         where = f"{name}, line {line}"
         if _FACTOR.match(raw):
-            raise CommonFactorError(
+            factor = NotNumbersError(
                 f"{where}: the numbers are printed with a common factor ({raw.strip()}), which leaves too few digits "
                 "for a rotation; write them with more (MATLAB: format long g, or writematrix)."
             )
+            factor.printed_once = True
+            raise factor
         content = _content(raw)
         if not content:
             continue
@@ -290,10 +290,8 @@ def is_matrix_text(head: str) -> bool:
     try:
         for line in number_lines(head[: head.rfind("\n")] if cut and "\n" in head else head, ""):
             lines.append(line)
-    except CommonFactorError:
-        return True
-    except NotNumbersError:
-        return _begins(lines)
+    except NotNumbersError as error:
+        return error.printed_once or _begins(lines)
     lines = _without_names(lines)
     if not lines:
         return False

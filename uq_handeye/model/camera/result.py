@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from ...core.files import trees as _trees
 from ...core.files.atomic import json_text, write_files
-from ...core.files.lines import refused, short
+from ...core.files.lines import OF_DATA, refused, short
 from ...core.files.open import StrPath, as_path, opened, shown
 from ...core.files.records import array_of, attributes, plain
 from ...core.files.trees import got, item, number, parse_tree, vector
@@ -210,7 +210,7 @@ def read_camera(folder: StrPath) -> CameraCalibration:
     corners, used = corners_and_used(path / CORNERS)
     with opened(path / COVARIANCE, MAX_BYTES) as file:
         arrays = unpacked(file.read(), shown(path / COVARIANCE))
-    with refused(f"{name}: not what uq-handeye camera writes", (KeyError, TypeError, ValueError, IndexError)):
+    with refused(f"{name}: not what uq-handeye camera writes", OF_DATA):
         found = calibration_from_parts(tree, corners, used, arrays, shown(path / INTRINSICS))
         _numbers(arrays, "shared", found.covariance.shared.shape)
     rows, poses = read_pose_file(path / POSES)

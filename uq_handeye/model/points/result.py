@@ -11,7 +11,7 @@ import numpy as np
 
 from ...core.files import trees as _trees
 from ...core.files.atomic import json_text, write_files
-from ...core.files.lines import csv_text, refused, short
+from ...core.files.lines import OF_DATA, csv_text, refused, short
 from ...core.files.open import StrPath, as_path, opened, shown
 from ...core.files.records import array_of
 from ...core.files.trees import parse_tree
@@ -178,7 +178,7 @@ def read_point_poses(folder: StrPath) -> PointPoses:
         raise InputError(f"{shown(path / SUMMARY)}: expected the format {FORMAT!r}, got {came}.")
     with opened(path / COVARIANCE, MAX_BYTES) as file:
         arrays = unpacked(file.read(), shown(path / COVARIANCE))
-    with refused(f"{name}: not what uq-handeye points writes", (KeyError, TypeError, ValueError, IndexError)):
+    with refused(f"{name}: not what uq-handeye points writes", OF_DATA):
         found = _point_poses(path, tree, arrays)
     rows, poses = read_pose_file(path / POSES)
     if (

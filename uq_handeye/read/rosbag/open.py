@@ -32,7 +32,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, BinaryIO, NamedTuple
 
-from ...core.files.lines import one_line
+from ...core.files.lines import one_line, refused
 from ...core.files.open import reason, require_size, shown
 from ...errors import InputError, InputWarning, MissingExtraError
 from ...formats.ros_messages import printed_name
@@ -138,20 +138,19 @@ def _checked(name: str, fields: Any) -> Any:
         if not _NAME.fullmatch(field):
             raise ValueError(f"definition of {name}: {field[:60]!r} is no name")
         for value in _leaves(kind):
-            if isinstance(value, str):
-                if value and not _TYPE.fullmatch(value):
-                    raise ValueError(f"definition of {name[:60]}: {value[:60]!r} is no name")
-            elif not isinstance(value, int):
+            if type(value) is str and value and not _TYPE.fullmatch(value):
+                raise ValueError(f"definition of {name[:60]}: {value[:60]!r} is no name")
+            if not isinstance(value, str | int):
                 raise ValueError(f"definition of {name[:60]}: {type(value).__name__} in place of a type")
     return fields
 
 
 def _leaves(value: Any, depth: int = 0) -> Iterator[Any]:
-    if isinstance(value, tuple | list) and depth < 8:
-        for part in value:
-            yield from _leaves(part, depth + 1)
-    else:
+    if type(value) not in (tuple, list) or depth == 8:
         yield value
+        return
+    for part in value:
+        yield from _leaves(part, depth + 1)
 
 
 LARGEST_CHUNK = 100_000_000
@@ -381,7 +380,7 @@ class Bag:
                 value = self.types.decode(data, one.msgtype)
             except Exception as error:  # of a library, by a file from anywhere
                 if not count:
-                    raise _unreadable(self.name, error, self.beside) from error
+                    raise InputError(f"{_unreadable(self.name, self.beside, error)}.") from error
                 cut(f"the bag is damaged behind {count} messages, and the rest is left out ({_words(error)})")
                 return
             count += 1
@@ -411,7 +410,8 @@ def opened_bag(path: Path) -> Iterator[Bag]:
     ros2 = path.suffix.lower() != ".bag"
     beside = path.is_file() and (path.parent / "metadata.yaml").exists()
     reader: Any = None
-    try:
+    system = (OSError, lambda error: f"Cannot read {name}: {reason(error)}")
+    with refused("", (system, (Exception, partial(_unreadable, name, beside)))):
         part: Any = cut_off(path) if path.is_file() and path.suffix.lower() == ".mcap" else None
         reader = (rosbags.rosbag2.Reader if ros2 else rosbags.rosbag1.Reader)(part or path)
         reader.open()
@@ -419,10 +419,6 @@ def opened_bag(path: Path) -> Iterator[Bag]:
         if part is not None:
             bag.read = reader.storage.messages_scan  # in any order, without index
             warnings.warn(f"{name}: the file was cut off; what is complete before the cut is read.", InputWarning, 3)
-    except OSError as error:
-        raise InputError(f"Cannot read {name}: {reason(error)}.") from error
-    except Exception as error:  # of a library, by a file from anywhere
-        raise _unreadable(name, error, beside) from error
     try:
         yield bag
     finally:
@@ -474,11 +470,11 @@ def _require_bag(path: Path, name: str) -> None:
         raise InputError(f"{name}: no ROS bag; expected a file {', '.join(SUFFIXES)}, or the folder of ros2 bag.")
 
 
-def _unreadable(name: str, error: BaseException, beside: bool = False) -> InputError:
+def _unreadable(name: str, beside: bool, error: BaseException) -> str:
     hint = "a bag that was cut off is mended by rosbag reindex, ros2 bag reindex or mcap recover"
     if beside:
         hint = f"a compressed bag is read by its folder, which has metadata.yaml; {hint}"
-    return InputError(f"{name}: not a bag that can be read ({_words(error)}); {hint}.")
+    return f"{name}: not a bag that can be read ({_words(error)}); {hint}"
 
 
 def _words(error: BaseException) -> str:

@@ -41,6 +41,7 @@ from ...fit.one_model.noise_of_data import estimate_noise
 from ...model.noise.models import PoseNoise, marginals
 from ...model.noise.square_roots import gram, whiten
 from ...model.poses.pose_pairs import PosePairs
+from ...model.poses.timing import SIDES
 from .correlation import autocorrelation
 from .interpolation import Interpolated, at_times
 
@@ -298,10 +299,10 @@ def with_noise(pairing: Pairing, begun: Refined, rows: NDArray[np.intp]) -> Pose
         estimate = estimate_noise(poses, start=done.fit.X, weights=(done.weights > 0.5).astype(float))
     except (InputError, NotConvergedError, DegenerateMotionError):
         return begun.noise
-    if not isinstance(estimate.noise, PoseNoise):
+    if estimate.noise is None:
         return begun.noise
     # Other offsets have other rows: the noise of a usual one is that of all.
-    sides = (estimate.noise.robot, estimate.noise.camera)
+    sides = [getattr(estimate.noise, side) for side in SIDES]
     return PoseNoise(*(None if S is None else marginals(S).reshape(-1, 6, 6).mean(axis=0) for S in sides))
 
 

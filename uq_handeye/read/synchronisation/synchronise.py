@@ -21,7 +21,8 @@ What is not covered: clocks that drift against each other, delays that change, a
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -30,7 +31,15 @@ from ...core.files.source import Source
 from ...core.geometry.checks import is_number
 from ...core.geometry.frames import SETUPS
 from ...core.geometry.se3 import Array
-from ...errors import InputError, NotConvergedError, require_integer, require_one_of
+from ...errors import (
+    InputError,
+    NotConvergedError,
+    keywords_of,
+    require_integer,
+    require_known,
+    require_one_of,
+    require_type,
+)
 from ...findings import Finding, warn
 from ...model.noise.models import PoseNoise, is_joint
 from ...model.poses.pose_pairs import PosePairs, Stream, joint_values_at
@@ -72,19 +81,7 @@ UNKNOWN = 0.25
 NAMED = 5
 
 
-def synchronise(
-    robot: Stream,
-    camera: Stream,
-    *,
-    setup: str = "eye-in-hand",
-    offset: float | tuple[float, float] | None = None,
-    max_offset: float | None = None,
-    interpolation: str = "so4",
-    max_gap: float | None = None,
-    still: bool = False,
-    noise: PoseNoise | None = None,
-    seed: int = 0,
-) -> Synchronised:
+def synchronise(robot: Stream, camera: Stream, **asked: Any) -> Synchronised:
     """Pose pairs of two time-stamped streams, with the offset between their clocks and its uncertainty.
 
     Parameters
@@ -138,22 +135,24 @@ def synchronise(
     >>> sync = uq.synchronise(robot, camera)                 # doctest: +SKIP
     >>> result = uq.calibrate(sync.poses)                    # doctest: +SKIP
     """
-    given = _Given(robot, camera, setup, _prior(offset), still, noise)
-    _check(given, interpolation, max_offset, max_gap, seed)
-    prior, robot, camera = given.prior, _by_time(robot), _by_time(camera)
-    given = given._replace(robot=robot, camera=camera)
+    require_known("synchronise", asked, Asked)
+    given = Asked(**asked)
+    for name, stream in (("robot", robot), ("camera", camera)):
+        require_type(name, stream, Stream, "a Stream (read_stream, or Stream(timestamps, poses))")
+        if len(stream) < 3:
+            raise InputError(f"Expected at least 3 poses in `{name}`, got {len(stream)}.")
+    robot, camera, prior, reach = _by_time(robot), _by_time(camera), given.prior, given.max_offset
     r_times, c_times = robot.timestamps, camera.timestamps
     intervals = float(np.median(np.diff(r_times))), float(np.median(np.diff(c_times)))
     check_units(*intervals)
     side = "robot" if intervals[0] <= DENSER * intervals[1] else "camera"
-    gap = GAPS * intervals[SIDES.index(side)] if max_gap is None else float(max_gap)
+    gap = GAPS * intervals[SIDES.index(side)] if given.max_gap is None else float(given.max_gap)
     # Times count from the beginning of each stream: those of an epoch have few digits left below 1 us.
     origins = float(r_times[0]), float(c_times[0])
     shift = origins[0] - origins[1]
     parts = r_times - origins[0], robot.poses, c_times - origins[1], camera.poses
-    pairing = Pairing(*parts, side, interpolation, gap, setup == "eye-to-hand")
+    pairing = Pairing(*parts, side, given.interpolation, gap, given.setup == "eye-to-hand")
     centre = 0.0 if prior is None else prior[0]
-    reach = max_offset
     if prior is not None and not given.exact and reach is None:
         reach = 4 * prior[1] + 2 * max(intervals)
     common = common_time(r_times, c_times, 0.0 if given.exact or reach is None else reach, centre)
@@ -163,23 +162,54 @@ def synchronise(
     found: _Estimate | None = None
     try:
         local = None if prior is None else (prior[0] - shift, prior[1])
-        found = _estimate(pairing, (centre - shift - reach, centre - shift + reach), local, noise, seed)
+        found = _estimate(pairing, (centre - shift - reach, centre - shift + reach), local, given)
     except (InputError, NotConvergedError):
         if not given.exact:
             raise  # else the offset is known, and whether the poses agree with it is not
     at = centre - shift if found is None or given.exact else found.refined.offset
-    return _assembled(given, pairing, origins, at, found)
+    return _assembled((robot, camera), given, pairing, origins, at, found)
 
 
-class _Given(NamedTuple):
-    """Streams, and what is known and wanted of them."""
+@dataclass(frozen=True, eq=False)
+class Asked:
+    """Keywords of `synchronise`, checked."""
 
-    robot: Stream
-    camera: Stream
-    setup: str
-    prior: tuple[float, float] | None  # offset and its standard deviation
-    still: bool
-    noise: PoseNoise | None
+    setup: str = "eye-in-hand"
+    offset: float | tuple[float, float] | None = None
+    max_offset: float | None = None
+    interpolation: str = "so4"
+    max_gap: float | None = None
+    still: bool = False
+    noise: PoseNoise | None = None
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        _ = self.prior
+        check_kind(self.interpolation)
+        for name in ("max_offset", "max_gap"):
+            if (number := getattr(self, name)) is not None and not (is_number(number) and number > 0):
+                raise InputError(f"Expected `{name}` to be a number of seconds above 0 or None, got {number!r}.")
+        if type(self.still) not in (bool, np.bool_):
+            raise InputError(f"Expected `still` to be True or False, got {self.still!r}.")
+        if self.noise is not None:
+            require_type("noise", self.noise, PoseNoise, "PoseNoise or None")
+            _require_one(self.noise)
+        require_one_of("setup", self.setup, SETUPS)
+        require_integer("seed", self.seed, 0)
+
+    @cached_property
+    def prior(self) -> tuple[float, float] | None:
+        """Offset and its standard deviation (s; 0: exact), as far as they are given."""
+        if self.offset is None:
+            return None
+        pair: Any = (self.offset, 0.0) if is_number(self.offset) else self.offset
+        right = type(pair) in (tuple, list) and len(pair) == 2 and all(map(is_number, pair))
+        if not right or not np.isfinite(pair).all() or pair[1] < 0:
+            raise InputError(
+                "Expected `offset` to be None, a number of seconds, or (value, standard deviation >= 0), got "
+                f"{self.offset!r}."
+            )
+        return float(pair[0]), float(pair[1])
 
     @property
     def exact(self) -> bool:
@@ -187,25 +217,17 @@ class _Given(NamedTuple):
         return self.prior is not None and self.prior[1] == 0
 
 
-def _check(given: _Given, interpolation: str, max_offset: Any, max_gap: Any, seed: int) -> None:
-    """Raise `InputError` for arguments that cannot be used."""
-    for value, name in ((given.robot, "robot"), (given.camera, "camera")):
-        if not isinstance(value, Stream):
+synchronise.__signature__ = keywords_of(synchronise, Asked)  # type: ignore[attr-defined]
+
+
+def _require_one(noise: PoseNoise) -> None:
+    """Raise `InputError` unless one covariance is that of all samples of a stream."""
+    for name in SIDES:
+        S = getattr(noise, name)
+        if S is not None and (is_joint(S) or S.ndim != 2):
             raise InputError(
-                f"Expected `{name}` to be a Stream (read_stream, or Stream(timestamps, poses)), got "
-                f"{type(value).__name__}."
+                f"Expected the covariance `{name}` of the samples of a stream to be (6, 6), got {S.shape}."
             )
-        if len(value) < 3:
-            raise InputError(f"Expected at least 3 poses in `{name}`, got {len(value)}.")
-    check_kind(interpolation)
-    for number, name in ((max_offset, "max_offset"), (max_gap, "max_gap")):
-        if number is not None and not (is_number(number) and number > 0):
-            raise InputError(f"Expected `{name}` to be a number of seconds above 0 or None, got {number!r}.")
-    if not isinstance(given.still, bool | np.bool_):
-        raise InputError(f"Expected `still` to be True or False, got {given.still!r}.")
-    _check_noise(given.noise)
-    require_one_of("setup", given.setup, SETUPS)
-    require_integer("seed", seed, 0)
 
 
 class _Estimate(NamedTuple):
@@ -217,12 +239,13 @@ class _Estimate(NamedTuple):
 
 
 def _estimate(
-    pairing: Pairing, ends: tuple[float, float], prior: tuple[float, float] | None, noise: PoseNoise | None, seed: int
+    pairing: Pairing, ends: tuple[float, float], prior: tuple[float, float] | None, asked: Asked
 ) -> _Estimate:
     """The offset between the ``ends``, from correlation and Gauss-Newton; times from the origins of the streams.
 
     A prior of standard deviation 0 is only where to start.
     """
+    noise = asked.noise
     step = max(float(np.median(np.diff(times))) for times in (pairing.robot_times, pairing.camera_times))
     correlation = best_correlation(
         (pairing.robot_times, pairing.robot), (pairing.camera_times, pairing.camera), *ends, pairing.max_gap
@@ -241,7 +264,7 @@ def _estimate(
     for candidate in candidates:
         try:
             _require_rows(pairing, candidate, FEWEST)
-            tried.append(start(pairing, candidate, seed))
+            tried.append(start(pairing, candidate, asked.seed))
         except (InputError, NotConvergedError) as error:
             failure = failure or error
     if not tried:
@@ -321,9 +344,14 @@ def _too_few(pairing: Pairing, origins: tuple[float, float], found: Interpolated
 
 
 def _assembled(
-    given: _Given, pairing: Pairing, origins: tuple[float, float], at: float, estimate: _Estimate | None
+    streams: tuple[Stream, Stream],
+    given: Asked,
+    pairing: Pairing,
+    origins: tuple[float, float],
+    at: float,
+    estimate: _Estimate | None,
 ) -> Synchronised:
-    robot, camera, setup, prior, still, noise = given
+    (robot, camera), setup, prior, still, noise = streams, given.setup, given.prior, given.still, given.noise
     shift = origins[0] - origins[1]
     std = 0.0 if given.exact or estimate is None else estimate.refined.std
     offset = prior[0] if prior is not None and given.exact else at + shift
@@ -458,29 +486,3 @@ def _joints_of_stops(robot: Stream, stops: list[Stop], shift: float) -> Array:
     assert robot.joints is not None
     ends = np.searchsorted(robot.timestamps, [[stop.begin + shift, stop.end + shift] for stop in stops])
     return np.stack([robot.joints[first : max(behind, first + 1)].mean(axis=0) for first, behind in ends])
-
-
-def _prior(offset: object) -> tuple[float, float] | None:
-    """Value and standard deviation (0: exact)."""
-    if offset is None:
-        return None
-    pair: Any = (offset, 0.0) if is_number(offset) else offset
-    right = isinstance(pair, tuple | list) and len(pair) == 2 and all(map(is_number, pair))
-    if not right or not np.isfinite(pair).all() or pair[1] < 0:
-        raise InputError(
-            f"Expected `offset` to be None, a number of seconds, or (value, standard deviation >= 0), got {offset!r}."
-        )
-    return float(pair[0]), float(pair[1])
-
-
-def _check_noise(noise: object) -> None:
-    if noise is None:
-        return
-    if not isinstance(noise, PoseNoise):
-        raise InputError(f"Expected `noise` to be PoseNoise or None, got {type(noise).__name__}.")
-    for name in SIDES:
-        S = getattr(noise, name)
-        if S is not None and (is_joint(S) or S.ndim != 2):
-            raise InputError(
-                f"Expected the covariance `{name}` of the samples of a stream to be (6, 6), got {S.shape}."
-            )
