@@ -140,4 +140,4 @@ def reference_for(fit: Fit, estimate: NoiseEstimate | None) -> Reference:
 
 def reference_of(resample: Resampled) -> Reference:
     """The distribution that goes with a covariance from residuals."""
-    return Reference() if resample.freedom is None else Reference("Hotelling", resample.freedom)
+    return Reference("Hotelling", resample.freedom)

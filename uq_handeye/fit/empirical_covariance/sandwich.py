@@ -1,4 +1,4 @@
-r"""Covariances of X and W from the residuals only, clustered by pose: the sandwich, and that of neighbouring frames.
+r"""Covariances of X and W from the residuals only, by pose: sandwich, neighbouring frames, jackknife and bootstrap.
 
 Model: to first order the estimate errs by ``xi = (xi_X, xi_W) = sum_k B_k r_k``, with the residual r_k (6) of pose k at
 true X and W (`constraint`; rad and m, left rotation, additive translation), r_k of mean zero. Nothing else is asked of
@@ -24,6 +24,27 @@ Neighbouring frames of a video share errors. `hac` adds the products of neighbou
 (W. K. Newey and K. D. West, Econometrica 55 (1987) 703-708), always positive semidefinite. `automatic_lags` is their
 rule of 1994 (Review of Economic Studies 61, 631-653).
 
+*Jackknife and bootstrap.* To first order the estimate of poses that count m_k times solves
+
+    sum_k m_k B_k (e_k + J_k (x* - x)) - M Lambda (x* - x) = const,      x for m_k = 1
+
+(Lambda: what is known of the unknowns beforehand, below). Pose i left out, and n poses drawn with replacement, m
+multinomial, move it by
+
+    x_(i) - x = -B_i V_i^-1 e_i,      x* - x = (M Lambda - sum_k m_k B_k J_k)^-1 sum_k (m_k - 1) B_k e_k
+
+For linearised weighted least squares that is exact (``V_i = 1 + J_i B_i``, which is taken where something is known
+beforehand). Of published methods it is what solving again gives but for shares of the order of 1/n
+(tests/empirical_covariance); where the poses' shares ``-B_k J_k`` are no weights (`li`, few poses), there is no
+bootstrap.
+
+The jackknife is ``(n - 1)/n sum_i (x_(i) - mean)(x_(i) - mean)^T`` (J. W. Tukey, Ann. Math. Stat. 29 (1958) 614; B.
+Efron and C. Stein, Ann. Statist. 9 (1981) 586-596: it errs on the safe side, by the leverage of the poses); the
+bootstrap is the covariance of the draws that determine X (B. Efron, Ann. Statist. 7 (1979) 1-26). On 30 simulated poses
+with the true noise model (tests/empirical_covariance) the sandwich is on average the sampling covariance, the variances
+of the jackknife are 2 to 10 % larger, those of the bootstrap between 8 % smaller and 2 % larger, each on average over
+all directions. With fewer poses, of more leverage each, the jackknife's are larger still.
+
 Errors that all poses share and that were declared with a standard deviation (`SharedError`) are further unknowns z with
 the prior N(0, 1), ``M = (J^T J + Lambda)^-1``: residuals tell the covariance of the poses' own errors; what the prior
 adds, ``M Lambda M`` (`of_declared`), is that of the model.
@@ -42,14 +63,16 @@ with 30 poses, 0.996 with 15: on the safe side with few poses.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...core.geometry.se3 import Array
-from ...errors import DegenerateMotionError, InputError
+from ...errors import DegenerateMotionError, InputError, require_integer
 from ...model.noise.joint_covariance import JointCovariance
 from ...model.noise.square_roots import cholesky_of, gram, joint_residuals, whiten
 from ..likelihood.gauss_helmert import Fit
@@ -59,12 +82,26 @@ from ..likelihood.goodness_of_fit import own_residuals
 FEWEST = 7
 # Share of the variance of a residual that the fit must leave, in every direction of every pose.
 DISPENSABLE = 1e-4
+# Eigenvalue of the share ``-B_k J_k`` of a pose in the estimate, all of which add up to 1, below which it is none.
+NO_SHARE = -0.05
+# A draw whose information is below this share of that of all poses, in some direction, is near singular.
+NEAR_SINGULAR = 1e-6
+# Numbers held at once while draws are solved.
+AT_ONCE = 1_000_000
 
 # Why there is no such covariance under joint noise.
 JOINT = (
     "The noise is joint over the poses: they share errors, so that no two of them are independent, and clustering by "
     "pose would miss what they share. Use the covariance of that noise, or noise that is independent per pose."
 )
+
+
+class Bootstrap(NamedTuple):
+    """The covariance, and how many draws it is made of."""
+
+    covariance: Array  # (..., p, p)
+    replicates: int
+    singular: NDArray[np.intp]  # (...) of the replicates that determined no X and are not in the covariance
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,11 +132,16 @@ class Influence:
         return np.asarray(rows @ rows.mT)
 
     @cached_property
-    def adjustment(self) -> Array:
-        """``V_k^(-1/2)`` (..., n, 6, 6)."""
+    def _variance(self) -> Array:
+        """V (..., n, 6, 6)."""
         V = self.J @ self.B + (self.B.mT + times(self.J, self.covariance)) @ self.J.mT
         V += np.eye(6)
-        values, vectors = np.linalg.eigh(V)
+        return np.asarray(V)
+
+    @cached_property
+    def adjustment(self) -> Array:
+        """``V_k^(-1/2)`` (..., n, 6, 6)."""
+        values, vectors = np.linalg.eigh(self._variance)
         require_dispensable(values[..., 0] > DISPENSABLE)
         return np.asarray((vectors / np.sqrt(values)[..., None, :]) @ vectors.mT)
 
@@ -142,6 +184,82 @@ class Influence:
             weight = np.maximum(1 - lag / (lags + 1), 0.0)[..., None, None]
             result = result + weight * (product + product.mT)
         return result
+
+    def deletions(self) -> Array:
+        """``x_(i) - x`` (..., n, p) of each pose left out. Of motions, which must not share poses, one is left out."""
+        kept = self._variance if self.known is None else self.J @ self.B + np.eye(6)
+        try:
+            inverse = np.linalg.inv(kept)
+        except np.linalg.LinAlgError:  # say which one is exactly singular
+            require_dispensable(np.linalg.matrix_rank(kept) == 6)
+            raise
+        require_dispensable(np.abs(inverse).max(axis=(-2, -1)) < 1.0 / DISPENSABLE)
+        return np.asarray(-(self.B @ (inverse @ self.residual[..., None]))[..., 0])
+
+    def jackknife(self) -> Array:
+        """The covariance (..., p, p) from the estimates without one pose each."""
+        moves = self.deletions()
+        about = moves - moves.mean(axis=-2, keepdims=True)
+        return np.asarray((about.mT @ about) * ((self.n - 1) / self.n))
+
+    def bootstrap(self, replicates: int = 2000, seed: int | np.random.Generator = 0) -> Bootstrap:
+        """The covariance (..., p, p) over poses drawn with replacement; all leading axes see the same draws.
+
+        Raises `InputError` for fewer than 2 replicates and where the shares of the poses are no weights (`NO_SHARE`),
+        `DegenerateMotionError` where more than half of the draws do not determine X and W.
+        """
+        require_integer("replicates", replicates, 2)
+        n, p, rng = self.n, self.J.shape[-1], np.random.default_rng(seed)
+        half = np.asarray(np.linalg.cholesky(self._bread), dtype=float)  # information of all, and what is known, is 1
+        J, B = times(self.J, half), times(self.B.mT, np.linalg.inv(half).mT).mT
+        known, free = np.zeros((p, p)), np.eye(p)
+        if self.known is not None:
+            # Only where the data say more than half, no prior keeps a draw from being singular: its inverse is large.
+            known = half.T @ self.known @ half
+            share, directions = np.linalg.eigh(known)
+            free = directions[:, share < 0.5]
+        own, shares = (B @ self.residual[..., None])[..., 0], -(B @ J)
+        if self.known is None and np.linalg.eigvalsh(0.5 * (shares + shares.mT)).min() < NO_SHARE:
+            raise InputError(
+                "Bootstrap over poses is not available for this method on these poses: to draw one more often would "
+                "make X less certain in some direction. Choose 'jackknife' or 'sandwich', or give more poses."
+            )
+        shares = shares.reshape(*own.shape[:-1], p * p)
+        batch = own.shape[:-2]
+        total, square = np.zeros((*batch, p)), np.zeros((*batch, p, p))
+        used = np.zeros(batch, dtype=np.intp)
+        size = max(1, AT_ONCE // (math.prod(batch) * 3 * p * p + n))
+        for start in range(0, replicates, size):
+            counts = rng.multinomial(n, np.full(n, 1.0 / n), size=min(size, replicates - start)).astype(float)
+            information = (counts @ shares).reshape(*batch, -1, p, p)
+            # far below what counts as singular, and enough for a singular matrix to have an inverse
+            information = information + known + 1e-6 * NEAR_SINGULAR * np.eye(p)
+            right = ((counts - 1.0) @ own)[..., None]
+            right = np.concatenate([right, np.broadcast_to(free, (*right.shape[:-2], *free.shape))], axis=-1)
+            solved = np.linalg.solve(information, right)
+            ok = np.linalg.norm(solved[..., 1:], axis=(-2, -1)) < 1.0 / NEAR_SINGULAR
+            moves = np.where(ok[..., None], solved[..., 0], 0.0)
+            total += moves.sum(axis=-2)
+            square += moves.mT @ moves
+            used += ok.sum(axis=-1)
+        if (fewest := int(used.min())) <= replicates // 2:
+            raise DegenerateMotionError(
+                f"Only {fewest} of {replicates} draws from the poses determine X and W: there are too few poses to "
+                "draw from. Use the jackknife, the sandwich or a noise model.",
+                np.eye(6),
+            )
+        mean = total / used[..., None]
+        about = (square - used[..., None, None] * mean[..., :, None] * mean[..., None, :]) / (used - 1)[..., None, None]
+        covariance = half @ about @ half.mT
+        return Bootstrap(0.5 * (covariance + covariance.mT), replicates, np.asarray(replicates - used, dtype=np.intp))
+
+    @property
+    def _bread(self) -> Array:
+        """M (p, p), of all that is known."""
+        if self.known is None:
+            return self.covariance
+        flat = self.J.reshape(-1, self.J.shape[-1])
+        return np.asarray(np.linalg.inv(flat.T @ flat + self.known), dtype=float)
 
     @cached_property
     def freedom(self) -> Array:
