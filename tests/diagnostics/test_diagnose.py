@@ -405,9 +405,7 @@ def test_residuals_that_follow_each_other_widen_the_deviation_of_a_scale_error(r
     assert found.autocorrelation.p_value < 1e-3 and found.autocorrelation.factor > 2
     sides = corrected(fit, NOISE, poses.robot, poses.camera)
     lengths = shared_lengths(*sides, poses, poses, True)
-    factor = cholesky_of(fit.S)
-    white = whiten(factor, np.concatenate([fit.linear.J, fit.residual[..., None]], axis=-1))
-    plain = scale_errors(fit, factor, white, lengths, max(1.0, found.sigma_0))
+    plain = scale_errors(fit, lengths, max(1.0, found.sigma_0))
     widened = inflation(found.autocorrelation)
     for probe, other in zip(found.probes, plain, strict=True):
         assert probe.estimate == pytest.approx(other.estimate) and probe.sd == pytest.approx(widened * other.sd)

@@ -16,7 +16,7 @@ from studies.camera_covariance import ROBOT, SIZE, poses_of, recorded
 from uq_handeye.errors import InputError
 from uq_handeye.fit.likelihood.constraint import Unknowns
 from uq_handeye.fit.likelihood.gauss_helmert import efficient
-from uq_handeye.fit.likelihood.rig_bundle import Agreement, _problem, adjust_rig
+from uq_handeye.fit.likelihood.rig_bundle import Agreement, adjust_rig
 from uq_handeye.fit.likelihood.robust import robust_fit
 from uq_handeye.model.camera.calibrate import calibrate_camera
 from uq_handeye.model.camera.corners import Corners
@@ -73,25 +73,6 @@ def test_errors_that_all_robot_poses_share_are_unknowns(rng, setup):
     assert len(bundle.covariance) == 12 + poses.camera_calibration.bundle.free.sum() + 1
     found = uq.calibrate(poses, method="bundle", noise=uq.PoseNoise(robot), robust=False)
     np.testing.assert_allclose(found.agreement.eigenvalues, 1, atol=0.05)
-
-
-@pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
-def test_derivatives(rng, setup):
-    poses, _ = rig(rng, 5, "brown", setup)
-    fit = joint_fit(poses, ROBOT)
-    robot = uq.JointCovariance(np.tile(1e4 * ROBOT, (5, 1, 1)), 0.01 * rng.normal(size=(5, 6, 2)))
-    problem = _problem(poses, poses.camera_calibration, robot, fit.unknowns, np.array([1, 1, 0.5, 1, 0]))
-    values = np.concatenate([0.02 * rng.normal(size=12), problem.parameters[problem.free], rng.normal(size=2)])
-    blocks = rng.normal(size=(5, 6)) * np.where(np.arange(5) == 4, 1e-4, 1.0)[:, None]
-    whole = slice(None)
-    _, A, B = problem.rows(values, blocks, whole)
-    for _ in range(5):
-        dv = 1e-6 * rng.normal(size=values.size) * np.maximum(1e-2, np.abs(values))
-        du = 1e-5 * rng.normal(size=(5, 6)) * np.where(np.arange(5) == 4, 1e-4, 1.0)[:, None]
-        moved_to = [problem.rows(values + sign * dv, blocks + sign * du, whole)[0] for sign in (1, -1)]
-        numeric = 0.5 * (moved_to[0] - moved_to[1])
-        analytic = A @ dv + (B @ du[..., None])[..., 0]
-        np.testing.assert_allclose(numeric, analytic, atol=1e-5 * np.abs(analytic).max())
 
 
 def test_it_is_the_minimum_over_everything_at_once(rng):

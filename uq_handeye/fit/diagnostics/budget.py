@@ -31,13 +31,12 @@ from ...core.files.records import Record, attributes, parts_of
 from ...core.geometry.se3 import Array
 from ...errors import InputError
 from ...model.noise.estimate import NoiseEstimate
-from ...model.noise.joint_covariance import JointCovariance, group_of
-from ...model.noise.models import INTRINSICS, TARGET_SHAPE, Noise, PairNoise, is_joint, require_count
+from ...model.noise.joint_covariance import group_of, joint_of
+from ...model.noise.models import INTRINSICS, TARGET_SHAPE, Noise, is_joint, require_count
 from ...model.noise.square_roots import pulled, whiten
 from ...model.posterior.posterior import Posterior
 from ...model.posterior.rows import factor_of
 from ...model.shared_errors.shared_error import CLOCK_OFFSET
-from ..likelihood.constraint import covariances_of
 from ..likelihood.gauss_helmert import Fit
 from ..likelihood.shared_estimates import of_moves
 from .task_space import _points, by_pose
@@ -378,15 +377,14 @@ def budget_of_sensitivities(
     InputError
         Derivatives missing for a side with noise, noise of another number of poses, unknown names.
     """
-    names = ("A", "B") if isinstance(noise, PairNoise) else ("robot", "camera")
     parts: list[tuple[str, Array]] = []
-    for name, D, S in zip(names, (D_robot, D_camera), covariances_of(noise), strict=True):
+    for (name, S), D in zip(noise.sides.items(), (D_robot, D_camera), strict=True):
         if S is None:
             continue
         if D is None:
             raise InputError(f"Expected derivatives for `{name}`, which has noise, got None.")
         require_count(S, len(D), name, "rows of the derivatives")
-        joint = S if isinstance(S, JointCovariance) else None
+        joint = joint_of(S)
         own, named = S if joint is None else joint.own, within if within and name == "robot" else {}
         rest = _without(own, list(named.values())) if named else own
         if joint is None or named or (all(joint.names) and INTRINSICS not in joint.names):

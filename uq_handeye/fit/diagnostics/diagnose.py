@@ -33,7 +33,7 @@ from ...core.geometry.pose_numbers import principal_axes
 from ...core.geometry.se3 import Array, skew
 from ...errors import InputError
 from ...findings import Finding
-from ...model.noise.joint_covariance import JointCovariance
+from ...model.noise.joint_covariance import joint_of
 from ...model.noise.models import INTRINSICS, Noise, is_joint
 from ...model.noise.square_roots import Factor, inverse_blocks, joint_residuals, pulled, whiten
 from ...model.poses.motions import Motions
@@ -111,19 +111,17 @@ def diagnose(fit: Fit, data: PosePairs | Motions, noise: Noise, correlation_esti
         sigma_0=sigma_0,
         spectrum=_spectrum(fit.covariance_X, frame, distance, on_poses),
         influence=_influence(fit.covariance, *_own_parts(white, factor, joint)),
-        diversity=_diversity(data, poses),
+        diversity=_diversity(measured[0], poses),
         autocorrelation=tests[0],
         normality=tests[1],
         regression=tests[2],
-        probes=scale_errors(
-            fit, factor, white, lengths, max(1.0, sigma_0) * inflation(tests[0]), _covered(noise, poses)
-        ),
+        probes=scale_errors(fit, lengths, max(1.0, sigma_0) * inflation(tests[0]), _covered(noise, poses)),
     )
 
 
 def _covered(noise: Noise, poses: PosePairs | None) -> set[str]:
     """Return those of `PROBED` that the noise holds: columns of that name, or of all intrinsics."""
-    joint = [S if isinstance(S, JointCovariance) else None for S in covariances_of(noise)]
+    joint = [joint_of(S) for S in covariances_of(noise)]
     found = {name for S in joint if S is not None for name in S.names} & set(PROBED)
     seen, camera = None if poses is None else poses.camera_calibration, covariances_of(noise)[1]
     by_views = joint[1] is not None and INTRINSICS in joint[1].names
@@ -173,10 +171,9 @@ def _influence(C: Array, B: Array, e: Array) -> Influence:
     return Influence(share, float(1.0 / np.sum(share**2)), shift, shift_sd, cook, p_value)
 
 
-def _diversity(data: PosePairs | Motions, poses: PosePairs | None) -> Diversity:
+def _diversity(A: Array, poses: PosePairs | None) -> Diversity:
     if poses is None:
-        assert isinstance(data, Motions)
-        u = Rotation.from_matrix(data.A[:, :3, :3]).as_quat()[:, :3]
+        u = Rotation.from_matrix(A[:, :3, :3]).as_quat()[:, :3]
         total = u.T @ u
     else:
         # u = vec(conj(q_j) q_i) is bilinear, u_a = q_j^T E_a q_i: the sum over all pairs is tr(Q E_a Q E_b^T).
@@ -222,9 +219,9 @@ def shared_lengths(
     depth: Array | None = None
     if on_poses:
         depth = second[:, :3, 3] * np.array([0.0, 0.0, 1.0])
-    elif poses is not None and isinstance(data, Motions) and data.pairs is not None:
+    elif poses is not None and (pairs := getattr(data, "pairs", None)) is not None:
         along = poses.camera[:, :3, 3] * np.array([0.0, 0.0, 1.0])
-        i, j = data.pairs.T
+        i, j = pairs.T
         depth = along[j] - (second[:, :3, :3] @ along[i, :, None])[..., 0]
     return {
         FOCAL_LENGTH: None if depth is None else (1, depth),  # the distances from camera to target
@@ -235,21 +232,17 @@ def shared_lengths(
 
 def scale_errors(
     fit: Fit,
-    factor: Factor,
-    white: Array,
     lengths: dict[str, tuple[int, Array] | None],
     inflation: float,
     covered: Collection[str] = (),
 ) -> tuple[ScaleError, ...]:
     """Return the effect and the visibility of each of the ``lengths``; ``covered`` are those that the noise holds."""
-    C, J, r = fit.covariance, white[..., :-1], white[..., -1]
     known = {name: value for name, value in lengths.items() if value is not None}
     changes = [(fit.linear.sides[side][..., 3:] @ change[..., None]) for side, change in known.values()]
-    k = whiten(factor, np.concatenate(changes, axis=-1))  # (n, 6, probes)
-    response = -C @ (J.reshape(-1, len(C)).T @ k.reshape(J.shape[0] * 6, -1))
-    rest = k + J @ response
-    before, after = (np.sum(x**2, axis=(0, 1)) for x in (k, rest))
-    to_unit = np.linalg.inv(np.linalg.cholesky(C[:6, :6]))
+    k = np.concatenate(changes, axis=-1)  # (n, 6, probes)
+    score, response, left = fit.told(k)
+    before, after = np.sum(whiten(fit.weighted_factor, k) ** 2, axis=(0, 1)), 1.0 - np.diag(left)
+    to_unit = np.linalg.inv(np.linalg.cholesky(fit.covariance[:6, :6]))
     found: list[ScaleError] = []
     for name, value in lengths.items():
         reason, shift, size, visible, estimate, sd = None, np.zeros(6), 0.0, False, 0.0, 0.0
@@ -259,8 +252,8 @@ def scale_errors(
             m = list(known).index(name)
             shift = SCALE * response[:6, m]
             size = float(np.linalg.norm(to_unit @ shift))
-            if visible := bool(after[m] > max(1e-9 * before[m], SIGNAL * 3 * len(r))):
-                estimate, sd = float(np.sum(rest[..., m] * r) / after[m]), inflation / float(np.sqrt(after[m]))
+            if visible := bool(after[m] > max(1e-9 * before[m], SIGNAL * 3 * len(k))):
+                estimate, sd = float(score[m] / after[m]), inflation / float(np.sqrt(after[m]))
         z = estimate / sd if visible else 0.0
         found.append(ScaleError(name, reason, shift, size, visible, estimate, sd, z, name in covered))
     return tuple(found)

@@ -15,8 +15,7 @@ from ...core.presentation.document import Document, Paragraph, Table, document_o
 from ...core.presentation.html import html_of
 from ...errors import InputError
 from ...findings import GROSS, Finding, Severity
-from ...model.noise.joint_covariance import JointCovariance
-from ...model.noise.square_roots import pulled, whiten
+from ...model.noise.joint_covariance import joint_of
 from ..likelihood.gauss_helmert import Fit
 from ..likelihood.robust import FULL, RobustFit, largest_by_chance, pose_distances
 
@@ -193,12 +192,9 @@ def pose_table(fit: Fit, robust: RobustFit | None) -> PoseTable:
 
 
 def _of_each(fit: Fit) -> Array:
-    """Residuals (n, 6) that the errors which poses share do not explain: ``r - F z``, ``z = F^T S^-1 r``."""
-    if not isinstance(fit.S, JointCovariance):
-        return fit.residual
-    factor, F = fit.weighted_factor, fit.S.shared
-    back = pulled(factor, whiten(factor, fit.residual[..., None]))[..., 0]
-    return np.asarray(fit.residual - F @ np.einsum("niq,ni->q", F, back))
+    """Residuals (n, 6) that the errors which poses share do not explain: ``r - F z``."""
+    S = joint_of(fit.S)
+    return fit.residual if S is None else np.asarray(fit.residual - S.shared @ fit.told(S.shared).z)
 
 
 # Rows that are shown at first; of more, those with the largest d^2.

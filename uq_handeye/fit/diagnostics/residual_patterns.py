@@ -28,7 +28,7 @@ from scipy.special import betainc, chdtrc, ndtr
 from ...core.files.records import Record
 from ...core.geometry.se3 import Array
 from ...findings import Finding
-from ...model.noise.joint_covariance import JointCovariance
+from ...model.noise.joint_covariance import joint_of
 from ...model.noise.square_roots import gram, joint_residuals, whiten
 from ...model.poses.pose_pairs import PosePairs
 from ..likelihood.gauss_helmert import SINGULAR, Fit
@@ -89,7 +89,7 @@ def residual_tests(
     The autocorrelation is not tested on the residuals that it was estimated from.
     """
     known: Array | float = 0.0
-    if isinstance(fit.S, JointCovariance):
+    if joint_of(fit.S) is not None:
         white, J, _, known = own_residuals(fit)
     elif joint_residuals(fit.S):  # a joint S would carry a rejected pose into the rows behind it: weights in the factor
         stacked = whiten(fit.weighted_factor, np.concatenate([fit.linear.J, fit.residual[..., None]], axis=-1))

@@ -136,7 +136,7 @@ def split_fit(fit: Fit, data: PosePairs | Motions, split: str, dof: float | None
     >>> split_fit(uq.efficient(poses, noise), poses, "interleaved").possible
     True
     """
-    if fit.W is not None and isinstance(data, Motions):
+    if fit.W is not None:
         assert data.poses is not None
         data = data.poses
     rows = np.arange(fit.residual.shape[-2])
@@ -151,7 +151,7 @@ def split_fit(fit: Fit, data: PosePairs | Motions, split: str, dof: float | None
 
     fewest = min(len(half) for half in halves)
     if fewest < FEWEST:
-        item = "pose" if isinstance(data, PosePairs) else "motion"
+        item = "motion" if fit.W is None else "pose"
         return without("halves_too_small", item=item, rows=fewest, needed=FEWEST)
     if dof is not None and dof < FREEDOM:
         return without("halves_without_freedom", dof=dof)
@@ -183,8 +183,8 @@ def _halves(data: PosePairs | Motions, split: str) -> tuple[NDArray[np.intp], ND
     order = np.arange(len(data))
     if split == "interleaved":
         return order[::2], order[1::2]
-    if isinstance(data, PosePairs) and data.timestamps is not None:
-        order = np.argsort(data.timestamps, kind="stable")
+    if (times := getattr(data, "timestamps", None)) is not None:
+        order = np.argsort(times, kind="stable")
     return order[: len(data) // 2], order[len(data) // 2 :]
 
 

@@ -73,8 +73,8 @@ from numpy.typing import NDArray
 
 from ...core.geometry.se3 import Array
 from ...errors import DegenerateMotionError, InputError, require_integer
-from ...model.noise.joint_covariance import JointCovariance
-from ...model.noise.square_roots import cholesky_of, gram, joint_residuals, whiten
+from ...model.noise.joint_covariance import joint_of
+from ...model.noise.square_roots import cholesky_of, joint_residuals, whiten
 from ..likelihood.gauss_helmert import Fit
 from ..likelihood.goodness_of_fit import own_residuals
 
@@ -341,19 +341,17 @@ def influence_of(fit: Fit) -> Influence:
 
 def of_declared(fit: Fit) -> Array | float:
     """``M Lambda M`` (p, p) of X and W: what declared errors that all poses share add; 0 where there are none."""
-    S = fit.S
-    if not _declared(fit):
+    S = joint_of(fit.S)
+    if S is None or not _declared(fit):
         return 0.0
-    assert isinstance(S, JointCovariance)
-    f = whiten(fit.weighted_factor, np.concatenate([fit.linear.J, S.shared], axis=-1))
-    p = fit.covariance.shape[-1]
-    response = fit.covariance @ gram(f)[..., :p, p:]
+    response = fit.told(S.shared).response
     return np.asarray(response @ response.mT)
 
 
 def _declared(fit: Fit) -> bool:
     """Return whether all that the poses share are errors with a name."""
-    return isinstance(fit.S, JointCovariance) and all(fit.S.names)
+    S = joint_of(fit.S)
+    return S is not None and all(S.names)
 
 
 def pooled_influence(residual: Array, J: Array, B: Array) -> Influence:

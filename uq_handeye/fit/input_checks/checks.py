@@ -18,10 +18,10 @@ from ...core.geometry.se3 import Array, inverse, vee
 from ...errors import DegenerateMotionError
 from ...findings import GROSS, Finding, Severity
 from ...methods.procrustes.limit import DEGENERATE, infinite_directions
-from ...model.noise.models import Noise, PairNoise, PoseNoise, is_joint, marginals
+from ...model.noise.models import Noise, PoseNoise, is_joint, marginals
 from ...model.poses.motions import STEADY_VIEW, Motions, direction_spread, median, pose_residuals, rotation_angles
 from ...model.poses.pose_pairs import PosePairs
-from ..likelihood.constraint import Constraint, OnMotions, OnPoses, covariances_of
+from ..likelihood.constraint import Constraint, OnMotions, OnPoses, covariances_of, of_motions
 from .misread_files import EXACT, LARGE_ROTATION, inverted_on_request, other_readings, scaled_reading
 from .readings import OTHER_SETUP
 from .shifted_rows import rows_again, said_again
@@ -194,7 +194,7 @@ def _rotation_variance(motions: Motions, noise: Noise) -> float:
     poses (up to rotations): the traces add.
     """
     sides = [np.trace(marginals(S)[..., :3, :3], axis1=-2, axis2=-1) for S in covariances_of(noise) if S is not None]
-    if isinstance(noise, PairNoise):
+    if of_motions(noise):
         return float(sum(np.mean(side) for side in sides))
     if motions.pairs is None or motions.poses is None:
         return 0.0  # PoseNoise without poses: propagate() refuses it

@@ -33,7 +33,7 @@ from ...methods.procrustes.limit import solve_limit
 from ...model.noise.models import Noise, PoseNoise, marginals
 from ...model.noise.square_roots import cholesky_of, gram, whiten
 from ...model.poses.motions import pivot_of
-from .constraint import Constraint, OnPoses, Unknowns, covariances_of, residual_covariance
+from .constraint import Constraint, Unknowns, covariances_of, residual_covariance
 from .gauss_helmert import SINGULAR
 
 # The 1 - 1e-6 quantile of chi-square(6).
@@ -65,7 +65,7 @@ def consensus(constraint: Constraint, noise: Noise | None, seed: int | np.random
         found = consensus(constraint.rows(first), None if noise is None else _drop_joint(noise).rows(first), seed)
         return found._replace(inside=found.inside[copy_of], noise=found.noise.rows(copy_of) if noise is None else noise)
     majority = min(constraint.n, max(constraint.fewest + 1, int(np.ceil(MAJORITY * constraint.n))))
-    pivot = pivot_of(constraint.second) if isinstance(constraint, OnPoses) else None
+    pivot = pivot_of(constraint.second) if constraint.item == "pose" else None
     pivoted = constraint if pivot is None else replace(constraint, second=_move_origin(constraint.second, pivot))
     hypotheses = _hypotheses(pivoted, np.random.default_rng(seed))
     scales = _scales(pivoted, hypotheses, majority)
@@ -121,7 +121,7 @@ def _canonical_order(constraint: Constraint) -> NDArray[np.intp]:
     keys = np.zeros(constraint.n)
     for T, share in ((constraint.first, 1.0), (constraint.second, np.sqrt(2.0))):
         R = T[:, :3, :3]
-        other = R.mean(axis=0) if isinstance(constraint, OnPoses) else np.eye(3)
+        other = R.mean(axis=0) if constraint.item == "pose" else np.eye(3)
         keys += share * (R * other).sum(axis=(1, 2))
     return np.argsort(keys, kind="stable")
 
@@ -160,7 +160,7 @@ def _hypotheses(constraint: Constraint, rng: np.random.Generator) -> Unknowns:
     usable = _determined(A, B)
     if not usable.any():
         i, j = (np.zeros(n - 1, dtype=np.intp), np.arange(1, n))
-        every = constraint.rows(np.stack([i, j], axis=1)) if isinstance(constraint, OnPoses) else constraint
+        every = constraint.rows(np.stack([i, j], axis=1)) if constraint.item == "pose" else constraint
         solve_limit(*(T.reshape(-1, 4, 4) for T in every.motions()))  # raises where all together do not determine X
         raise DegenerateMotionError(
             f"No {size} {constraint.item}s determine X by themselves, so outliers cannot be identified. Rotate the "

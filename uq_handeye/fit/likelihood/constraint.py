@@ -36,7 +36,7 @@ from ...core.geometry.nearest_rotation import orthonormalise
 from ...core.geometry.se3 import Array, block, inverse, inverse_jacobian, logarithm, perturb, skew, vee
 from ...errors import InputError
 from ...methods.propagation.published_fit import loop_derivatives
-from ...model.noise.joint_covariance import JointCovariance
+from ...model.noise.joint_covariance import JointCovariance, joint_of
 from ...model.noise.models import Noise, PairNoise, PoseNoise, is_joint, require_count
 from ...model.poses.motions import Motions
 from ...model.poses.pose_pairs import PosePairs
@@ -220,10 +220,10 @@ Constraint = OnPoses | OnMotions
 def constraint_of(data: PosePairs | Motions, noise: Noise | None) -> Constraint:
     """On poses if there are any and the noise is not that of motions; raises if noise and data do not fit."""
     poses = data.poses
-    if isinstance(noise, PairNoise) and isinstance(data, PosePairs):
+    if of_motions(noise) and data is poses:
         raise InputError("PairNoise is noise of motions: give the Motions (relative_motions), not poses.")
     require_noise_fits(noise, data)
-    if isinstance(noise, PairNoise) or poses is None:
+    if of_motions(noise) or poses is None:
         assert isinstance(data, Motions)
         return OnMotions(data.A, data.B)
     return OnPoses(poses.robot, poses.camera, poses.setup == "eye-to-hand")
@@ -231,16 +231,20 @@ def constraint_of(data: PosePairs | Motions, noise: Noise | None) -> Constraint:
 
 def covariances_of(noise: Noise) -> tuple[Any, Any]:
     """Return the covariances of side 1 and side 2, None where exact."""
-    return (noise.A, noise.B) if isinstance(noise, PairNoise) else (noise.robot, noise.camera)
+    first, second = noise.sides.values()
+    return first, second
+
+
+def of_motions(noise: Noise | None) -> bool:
+    """Return whether noise is that of motions, not of poses."""
+    return getattr(noise, "ITEM", "") == PairNoise.ITEM
 
 
 def residual_covariance(sides: tuple[Array, Array], noise: Noise) -> Array | JointCovariance:
     """S (..., n, 6, 6), or joint (..., 6n, 6n) where errors of different poses are correlated."""
     covariances = covariances_of(noise)
-    if any(isinstance(S, JointCovariance) for S in covariances):
-        found = _structured(sides, covariances)
-        if found is not None:
-            return found
+    if (found := _structured(sides, covariances)) is not None:
+        return found
     n = sides[0].shape[-3]
     whole = any(S is not None and is_joint(S) for S in covariances)
     result: Array | float = 0.0
@@ -259,19 +263,14 @@ def residual_covariance(sides: tuple[Array, Array], noise: Noise) -> Array | Joi
 
 
 def _structured(sides: tuple[Array, Array], covariances: tuple[Any, Any]) -> JointCovariance | None:
-    """S as a `JointCovariance`; None where the other side is a joint array, which makes it one too."""
-    result: JointCovariance | None = None
-    blocks: list[Array] = []
-    for D, S in zip(sides, covariances, strict=True):
-        if isinstance(S, JointCovariance):
-            part = S.carried(D)
-            result = part if result is None else result.plus(part)
-        elif S is not None and is_joint(S):
-            return None
-        elif S is not None:
-            blocks.append(D @ S @ D.mT)
-    assert result is not None
-    for more in blocks:
+    """S as a `JointCovariance` where a side is one; None where the other is a joint array, which makes it one too."""
+    joint = [joint_of(S) for S in covariances]
+    known = [part.carried(D) for D, part in zip(sides, joint, strict=True) if part is not None]
+    others = [(D, S) for D, S, part in zip(sides, covariances, joint, strict=True) if part is None and S is not None]
+    if not known or any(is_joint(S) for _, S in others):
+        return None
+    result = known[0]
+    for more in (*known[1:], *(D @ S @ D.mT for D, S in others)):
         result = result.plus(more)
     return result
 
@@ -291,7 +290,7 @@ def require_noise_fits(noise: Noise | None, data: PosePairs | Motions) -> None:
         return
     if not isinstance(noise, PoseNoise | PairNoise):
         raise InputError(f"Expected `noise` to be PoseNoise, PairNoise or None, got {type(noise).__name__}.")
-    of_pairs = isinstance(noise, PairNoise)
+    of_pairs = of_motions(noise)
     if not of_pairs and data.poses is None:
         raise InputError("PoseNoise needs poses; for motions that come without poses use PairNoise.")
     count, what, names = len(data), "motions", ("A", "B")

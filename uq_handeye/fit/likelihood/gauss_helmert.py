@@ -26,6 +26,7 @@ from __future__ import annotations
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,14 +35,14 @@ from ...core.geometry.checks import as_transforms
 from ...core.geometry.se3 import Array, left_jacobian, perturb
 from ...core.runtime.read_only import ReadOnlyArrays
 from ...errors import DegenerateMotionError, InputError, NotConvergedError
-from ...model.noise.joint_covariance import JointCovariance
+from ...model.noise.joint_covariance import joint_of
 from ...model.noise.models import Noise, PairNoise, PoseNoise, is_joint, with_prior
 from ...model.noise.pose_prior import PosePrior
 from ...model.noise.square_roots import Covariance, Factor, cholesky_of, gram, joint_residuals, pulled, weighted, whiten
 from ...model.poses.motions import Motions
 from ...model.poses.pose_pairs import PosePairs
 from ...model.poses.timing import Timing, warn_left_out
-from .constraint import Constraint, Linearised, OnPoses, Unknowns, constraint_of, covariances_of, residual_covariance
+from .constraint import Constraint, Linearised, Unknowns, constraint_of, covariances_of, residual_covariance
 from .open_directions import OpenDirections, closed_part, lever_of, open_basis, projection, rig_units, solve_information
 from .starts import isotropic_residuals, sound_start, start_of
 
@@ -56,6 +57,14 @@ SINGULAR = 1e-12
 
 # Of robot and camera (..., n, 6); None where there are none.
 Errors = tuple[Array | None, Array | None]
+
+
+class Told(NamedTuple):
+    """Posterior of errors z ~ N(0, 1) whose columns S has, and what these do to X and W."""
+
+    z: Array  # (..., q)
+    response: Array  # (..., p, q) of (xi_X, xi_W), for z = 1
+    left: Array  # (..., q, q) covariance of z
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,6 +167,20 @@ class Fit(ReadOnlyArrays):
             raise InputError(f"Expected the fit of one data set, got leading axes {self.open.shape[:-2]}.")
         assert self.lever is not None
         return open_basis(self.open, rig_units(self.lever, p))
+
+    def told(self, f: Array) -> Told:
+        r"""Estimate errors that all poses share, with columns f (..., n, 6, q) that S has, from the residuals r.
+
+            z = f^T S^-1 r,    Cov(z) = 1 - f^T (S^-1 - S^-1 J C J^T S^-1) f,    d (xi_X, xi_W) / dz = -C J^T S^-1 f
+
+        are those of the joint fit of X, W and z with the prior N(0, 1) of z (Woodbury).
+        """
+        p = self.linear.J.shape[-1]
+        sums = gram(whiten(self.weighted_factor, np.concatenate([self.linear.J, self.residual[..., None], f], axis=-1)))
+        response = -self.covariance @ sums[..., :p, p + 1 :]
+        explained = sums[..., p + 1 :, p + 1 :] + sums[..., p + 1 :, :p] @ response
+        left = np.eye(f.shape[-1]) - 0.5 * (explained + explained.mT)
+        return Told(sums[..., p + 1 :, p], response, left)
 
     @cached_property
     def factor(self) -> Factor:
@@ -270,7 +293,7 @@ def bound(data: PosePairs | Motions, noise: Noise, X: Array | None = None) -> Ar
     constraint = _checked(data, noise)
     poses = data.poses
     warn_left_out("bound()", data)
-    if isinstance(constraint, OnPoses) and X is None and poses is not None and poses.truth is not None:
+    if constraint.item == "pose" and X is None and poses is not None and poses.truth is not None:
         truth = poses.truth
         at = Unknowns(truth.X, truth.W)
         linear = constraint.linearise(at, truth.robot, truth.camera)
@@ -395,8 +418,7 @@ def offset_sensitivity(fit: Fit, timing: Timing) -> Array:
     with the variance v, the covariance of (X, W) is ``C + v g g^T`` (`synchronisation`).
     """
     j = fit.linear.sides[0 if timing.side == "robot" else 1] @ timing.rate[..., None]
-    white = whiten(fit.weighted_factor, np.concatenate([fit.linear.J, j], axis=-1))
-    return -fit.covariance @ gram(white)[:-1, -1]
+    return fit.told(j).response[..., 0]
 
 
 def corrected(fit: Fit, noise: Noise, first: Array, second: Array) -> tuple[Array, Array]:
@@ -410,14 +432,13 @@ def corrected(fit: Fit, noise: Noise, first: Array, second: Array) -> tuple[Arra
 
 
 def without_shared_errors(fit: Fit, noise: Noise, first: Array, second: Array) -> tuple[Array, Array] | None:
-    """The measured poses of both sides less the shared errors, ``F F^T D^T S^-1 residual``; None without any."""
-    shared = [S.shared if isinstance(S, JointCovariance) and S.shared.size else None for S in covariances_of(noise)]
-    if all(F is None for F in shared):
+    """The measured poses of both sides less the shared errors, as the residuals tell them; None without any."""
+    shared = [S if S is None else S.shared for S in map(joint_of, covariances_of(noise))]
+    if not any(F is not None and F.size for F in shared):
         return None
-    pull = pulled(*_weighted_residuals(fit))
-    found: list[Array] = []
+    found = []
     for T, D, F in zip((first, second), fit.linear.sides, shared, strict=True):
-        found.append(T if F is None else perturb(T, -F @ np.einsum("nkq,nk->q", F, (D.mT @ pull)[..., 0])))
+        found.append(T if F is None else perturb(T, -F @ fit.told(D @ F).z))
     return found[0], found[1]
 
 

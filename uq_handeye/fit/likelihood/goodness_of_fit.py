@@ -16,10 +16,9 @@ are shared by the poses (T4b) those residuals are all alike; there ``g = S^-1 e`
 the others do not predict, with the covariance ``P = S^-1 - S^-1 J C J^T S^-1``: ``sum g_i^T P_ii^-1 g_i`` over that
 part, over the number of its components.
 
-*Own residuals* are those after the errors that all poses share are taken out of them. With ``S = blkdiag(S_i) + F F^T``
-and r the residuals after the fit, ``z = (F^T S_i^-1 F + 1)^-1 F^T S_i^-1 r`` is the estimate of the shared errors, and
-``e = r - F z`` are those of each pose itself, whitened by S_i. They belong to one pose each, as residuals of
-independent noise do, with the unknowns (X, W, z).
+*Own residuals* are those after the errors that all poses share are taken out: with ``S = blkdiag(S_i) + F F^T``, r the
+residuals after the fit and z the estimate of the shared errors (`Fit.told`), ``e = r - F z``, whitened by S_i. They
+belong to one pose each, as residuals of independent noise do, with the unknowns (X, W, z).
 
 *Reference*: the distribution that ``d^2 = xi^T Sigma^-1 xi`` of the error xi of X follows, how far an ellipsoid
 reaches.
@@ -36,10 +35,9 @@ from scipy.special import chdtrc, chdtri, fdtrc, fdtri, gammainc, gammaincc
 from ...core.files.records import Record
 from ...core.geometry.se3 import Array
 from ...errors import InputError
-from ...model.noise.joint_covariance import JointCovariance
+from ...model.noise.joint_covariance import joint_of
 from ...model.noise.square_roots import (
     cholesky_of,
-    gram,
     inverse_blocks,
     joint_residuals,
     own_blocks,
@@ -146,24 +144,21 @@ class OwnResiduals(NamedTuple):
 
 def own_residuals(fit: Fit) -> OwnResiduals:
     """See the module; raises `InputError` on fits of several data sets."""
-    S, p = fit.S, fit.covariance.shape[-1]
-    assert isinstance(S, JointCovariance)
+    S = joint_of(fit.S)
+    assert S is not None
     if fit.covariance.ndim != 2:
         raise InputError(f"Expected one data set beside shared errors, got leading axes {fit.covariance.shape[:-2]}.")
-    values = np.concatenate([fit.linear.J, S.shared, fit.residual[..., None]], axis=-1)
-    root = np.ones(len(values)) if fit.weights is None else np.sqrt(fit.weights)
-    white = whiten(cholesky_of(S.own), values)
-    sums = gram(white * root[:, None, None])
-    q = S.shared.shape[-1]
-    F = slice(p, p + q)
-    z = np.linalg.solve(sums[F, F] + np.eye(q), sums[F, -1])
-    # The z are N(0, I) in any axes: those of what the data tell. 0: X and W, or other columns, take it in.
-    told, axes = np.linalg.eigh(sums[F, F] - sums[F, :p] @ np.linalg.solve(sums[:p, :p], sums[:p, F]))
-    axes = axes[:, told > TOLD]
-    J = np.concatenate([white[..., :p], white[..., F] @ axes], axis=-1)
-    known = np.diag((np.arange(J.shape[-1]) >= p).astype(float))
-    M = np.asarray(np.linalg.inv(gram(J * root[:, None, None]) + known))
-    return OwnResiduals(white[..., -1] - white[..., F] @ z, J, M, known)
+    z, response, left = fit.told(S.shared)
+    # The z are N(0, I) in any axes: those of what the data tell. 1: X and W, or other columns, take it in.
+    share, axes = np.linalg.eigh(left)
+    axes = axes[:, share * (1.0 + TOLD) < 1.0]
+    p, q = fit.covariance.shape[-1], axes.shape[-1]
+    F = S.shared @ axes
+    white = whiten(
+        cholesky_of(S.own), np.concatenate([fit.linear.J, F, (fit.residual - S.shared @ z)[..., None]], axis=-1)
+    )
+    M = np.block([[fit.covariance, response @ axes], [(response @ axes).T, axes.T @ left @ axes]])
+    return OwnResiduals(white[..., -1], white[..., :-1], M, np.diag(np.arange(p + q) >= p).astype(float))
 
 
 @dataclass(frozen=True)

@@ -39,10 +39,10 @@ from scipy.linalg import qr
 from ...core.files.records import Record
 from ...core.geometry.se3 import Array, skew
 from ...errors import DegenerateMotionError, InputError
-from ...model.noise.joint_covariance import JointCovariance
+from ...model.noise.joint_covariance import joint_of
 from ...model.noise.models import Noise, marginals
 from ...model.noise.square_roots import Covariance, own_blocks, weighed_blocks
-from .constraint import Constraint, Linearised, OnPoses, covariances_of
+from .constraint import Constraint, Linearised, covariances_of
 
 # How far the information must be above that of noise alone. Along degenerate motions of n poses their ratio is about
 # chi-square with 2 n - 2 degrees of freedom over 2 n: above 9 once in 10^14 cases for n = 3, never for more.
@@ -205,10 +205,11 @@ def own_covariances(noise: Noise) -> tuple[Array | None, Array | None]:
     """Return the covariances of each pose by itself (6, 6) or (n, 6, 6), without errors that poses share: those tilt
     no axis against another.
     """
-    first, second = (
-        None if S is None else S.own if isinstance(S, JointCovariance) else marginals(S) for S in covariances_of(noise)
-    )
-    return first, second
+    found = []
+    for S in covariances_of(noise):
+        joint = joint_of(S)
+        found.append(joint.own if joint is not None else None if S is None else marginals(S))
+    return found[0], found[1]
 
 
 def _of_closed(closed: Array, information: Array) -> Array:
@@ -308,7 +309,7 @@ def tilts_of(
     of_z[..., index, index] = np.maximum(of_z[..., index, index], 0.0) + LEAST**2
     # dJ by each component of z
     turned = J.copy()
-    if isinstance(constraint, OnPoses):
+    if constraint.item == "pose":
         R_G = J[..., :3, :3]
         by_f = -_E @ R_G[..., None, :, :]
     else:  # J holds R_A - I, and D_2 the minus of R_X

@@ -1,26 +1,24 @@
-r"""Everything at once on the corners: intrinsics, X, W and latent robot poses by one bundle adjustment.
+r"""Everything at once on the corners: intrinsics, X, W and robot poses, by `ml` with the corners linearised again.
 
 Model: with true robot poses G_i (inverted for eye-to-hand), X and W, the board is seen at ``C_i = (G_i X)^-1 W``.
 Corner j of picture i is ``z_ij = project(k, C_i P_j) + e``, e independent with the standard deviation s per coordinate
-(pixels); the measured robot pose is the true one with the error ``xi_i = L_i u_i`` (left rotation in rad, additive
-translation in m), u_i standard normal, ``L_i L_i^T`` its covariance: singular or 0 where the robot is exact. Minimised
-is
+(pixels); the measured robot pose is the true one with the error ``xi_i = L_i u_i + F_i v`` (left rotation in rad,
+additive translation in m), u_i and v standard normal, ``L_i L_i^T`` its own covariance, singular or 0 where the robot
+is exact, v errors that all robot poses share. Minimised is
 
-    sum_ij |z_ij - project(k, C_i P_j)|^2 / s^2  +  sum_i |u_i|^2  +  (k - k_0)^T Sigma_0^-1 (k - k_0)
+    sum_ij |z_ij - project(k, C_i P_j)|^2 / s^2  +  sum_i |u_i|^2  +  |v|^2  +  (k - k_0)^T Sigma_0^-1 (k - k_0)
 
-over X, W, the free intrinsics k and all u_i; those are eliminated picture by picture
-(`camera.adjustment.variable_projection`).
-Errors that all robot poses share (a `JointCovariance`, ``xi_i = L_i u_i + F_i v``) are q more unknowns v, standard
-normal, beside k: ``|v|^2`` comes to the sum.
-The covariance of X and W is their block of the inverse of the reduced information. s is that of the camera calibration.
+over X, W, the free intrinsics k and all u_i and v. With the rows r of the corners of picture i and their derivatives A
+by k and B by the error of C_i, at any k and C_i (`camera.adjustment.bundle`), all over s,
 
-Derivatives. ``G X C = W`` linearised (`constraint`) is ``J d(X, W) + D_G d(G) + D_C d(C) = 0``, and D_C is orthogonal:
+    S_i = (B^T B)^-1,   d_i = -S_i B^T r,   G_i = -S_i B^T A,   H = sum_i (A + B G_i)^T (A + B G_i) + Sigma_0^-1
 
-    d(C) = -D_C^T (J d(X, W) + D_G d(G)),      d(G) = -blkdiag(J_l(-theta_i), I) L_i du_i
+C_i moved by d_i is a measured camera pose with its own covariance S_i, and k with ``H^-1`` what all of them share,
+through G_i: the joint covariance of T4b. `gauss_helmert` estimates X, W, k and the true poses by it, the corners are
+linearised at those, and so on until nothing moves: Gauss-Newton of the sum above. To first order, and so after the
+first round, it is `efficient`.
 
-To first order in the errors the estimate and its covariance are those of `likelihood` with the joint covariance of the
-camera poses (T4b). Pictures whose robot pose is wrong keep their corners, which still tell the intrinsics: their robot
-pose is then unknown, that is, it starts where the camera saw the board from and has a prior that says nothing.
+A picture whose robot pose is wrong (robust weight 0) keeps its corners, which still tell the intrinsics.
 """
 
 from __future__ import annotations
@@ -29,22 +27,20 @@ from dataclasses import dataclass
 from typing import Annotated, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...core.files.records import Record
-from ...core.geometry.se3 import Array, inverse, left_jacobian, logarithm, perturb
+from ...core.geometry.se3 import Array, difference, left_jacobian, perturb
 from ...errors import InputError, NotConvergedError
-from ...model.camera.adjustment.bundle import Sight, prior_rows
-from ...model.camera.adjustment.variable_projection import minimised
-from ...model.camera.result import CameraCalibration
-from ...model.noise.joint_covariance import JointCovariance
-from ...model.noise.models import factor, is_joint, require_count
+from ...model.camera.adjustment.bundle import Bundle, Sight, prior_rows
+from ...model.noise.joint_covariance import JointCovariance, joint_of
+from ...model.noise.models import PoseNoise, is_joint, require_count
+from ...model.noise.square_roots import pulled, whiten
 from ...model.poses.pose_pairs import PosePairs
 from .constraint import OnPoses, Unknowns
-from .gauss_helmert import inverse_information
+from .gauss_helmert import MOST_STEPS, Fit, corrected, fit, inverse_information
 
-# Deviation (rad, m) of a robot pose of which nothing is known.
-UNKNOWN = 100.0
+# Rounds at most; the last one moves X, W and intrinsics by less, in standard deviations.
+MOST_ROUNDS, STILL = 20, 1e-5
 
 
 class RigBundle(NamedTuple):
@@ -87,7 +83,7 @@ class Agreement(Record):
     def of(cls, X: Array, covariance: Array, X0: Array, covariance0: Array) -> Agreement:
         """Compare estimate and covariance by bundle and by `efficient`."""
         sd = np.sqrt(np.diag(covariance0))
-        xi = np.concatenate([logarithm(X[:3, :3] @ X0[:3, :3].T), X[:3, 3] - X0[:3, 3]]) / sd
+        xi = difference(X, X0) / sd
         scale = 1.0 / np.outer(sd, sd)
         half = np.linalg.cholesky(covariance0 * scale)
         white = np.linalg.solve(half, np.linalg.solve(half, covariance * scale).T)
@@ -105,67 +101,14 @@ class Agreement(Record):
         )
 
 
-@dataclass(frozen=True, eq=False)
-class _Problem:
-    """Values: errors of X and W (12) from a start, the f free intrinsics, v (q); blocks: u (n, 6)."""
+class _Seen(NamedTuple):
+    """The corners as camera poses, linearised at intrinsics and poses; see the module."""
 
-    sight: Sight
-    s: float
-    parameters: Array
-    free: NDArray[np.bool_]
-    start: Unknowns
-    robot: Array  # (n, 4, 4) measured
-    L: Array  # (n, 6, 6)
-    F: Array  # (n, 6, q)
-    inverted: bool
-
-    @property
-    def last(self) -> int:
-        """End of the intrinsics among the values."""
-        return 12 + int(self.free.sum())
-
-    def _all(self, values: Array) -> Array:
-        parameters = self.parameters.copy()
-        parameters[self.free] = values[12 : self.last]
-        return parameters
-
-    def _camera(self, at: Unknowns, robot: Array) -> Array:
-        assert at.W is not None
-        G = inverse(robot) if self.inverted else robot
-        return np.asarray(inverse(G @ at.X) @ at.W)
-
-    def corrected(self, values: Array, blocks: Array, part: slice) -> tuple[Array, Array]:
-        """Robot poses of a part of the pictures without their errors, and those errors xi (n, 6)."""
-        xi = (self.L[part] @ blocks[..., None])[..., 0] + self.F[part] @ values[self.last :]
-        return perturb(self.robot[part], -xi), xi
-
-    @property
-    def m(self) -> int:
-        return 2 * int(self.sight.weights.shape[1]) + 6
-
-    def rows(self, values: Array, blocks: Array, part: slice) -> tuple[Array, Array, Array]:
-        at, sight = self.start.moved(values[:12]), self.sight.pictures(part)
-        robot, xi = self.corrected(values, blocks, part)
-        camera = self._camera(at, robot)
-        r, by_parameters, by_pose = sight.rows(self._all(values), camera, self.free)
-        linear = OnPoses(robot, camera, self.inverted).linearise(at, robot, camera)
-        D_G, D_C = linear.sides
-        J, D = linear.J.copy(), D_G.copy()
-        for first in (0, 6):  # exp([theta + d]x) = exp([J_l(theta) d]x) exp([theta]x)
-            J[..., first : first + 3] = J[..., first : first + 3] @ left_jacobian(values[first : first + 3])
-        D[..., :3] = D[..., :3] @ left_jacobian(-xi[..., :3])
-        by_pose = -(by_pose @ D_C.mT) / self.s
-        n, m, f = len(r), r.shape[1], len(values)
-        A, B = np.zeros((n, m + 6, f)), np.empty((n, m + 6, 6))
-        A[:, :m, :12] = by_pose @ J
-        A[:, :m, 12 : self.last] = by_parameters / self.s
-        A[:, :m, self.last :] = -(by_pose @ (D @ self.F[part]))
-        B[:, :m] = -(by_pose @ (D @ self.L[part]))
-        B[:, m:] = np.eye(6)
-        return np.concatenate([r / self.s, blocks], axis=-1), A, B
-
-    def moved(self, blocks: Array, step: Array) -> Array:
-        return blocks + step
+    poses: Array  # (n, 4, 4) measured
+    covariance: JointCovariance
+    parameters: Array  # (f,) k that they go with
+    half: Array  # (f, f) with ``half half^T = H^-1``: k for one of what the poses share
+    squares: float  # of corners and of the prior of k, where they are linearised
 
 
 def adjust_rig(
@@ -206,35 +149,40 @@ def adjust_rig(
     require_shared(robot)
     require_count(robot, poses.n, "robot", "poses")
     w = np.ones(poses.n) if weights is None else np.asarray(weights, dtype=float)
-    problem = _problem(poses, seen, robot, start, w, excess)
-    q = problem.F.shape[-1]
-    values = np.concatenate([np.zeros(12), problem.parameters[problem.free], np.zeros(q)])
-    rows = [np.eye(len(values))[problem.last :]]  # of v, and of what is known of the intrinsics
-    mean = np.zeros(len(values))
-    if (known := seen.bundle.prior) is not None:
-        mean[12 : problem.last], R = prior_rows(known, problem.free, 1.0)
-        rows.append(np.pad(R, ((0, 0), (12, q))))
-    told = np.concatenate(rows)
-    prior = (mean, told) if len(told) else None
-    found = minimised(problem, values, np.zeros((poses.n, 6)), prior)
-    information = found.information if prior is None else found.information + prior[1].T @ prior[1]
-    for first in (0, 6):  # of errors at the solution, not of steps from the start
-        turn = np.linalg.inv(left_jacobian(found.values[first : first + 3]))
-        part = slice(first, first + 3)
-        information[:, part] = information[:, part] @ turn
-        information[part] = turn.T @ information[part]
-    at = start.moved(found.values[:12])
-    assert at.W is not None
+    bundle, free, at, camera = seen.bundle, seen.bundle.free, start, seen.poses
+    of_picture = 1.0 / np.hypot(bundle.picture_noise, excess)
+    sight = Sight.of(bundle.model, bundle.shape, seen.corners, bundle.used * of_picture[seen.corners.picture])
+    k, adjusted, kept = np.array(bundle.parameters), np.array(poses.robot), np.flatnonzero(w > 0)
+    for done in range(1, MOST_ROUNDS + 1):
+        of_corners = _as_poses(sight, bundle, k, camera, np.where(w > 0, w, 1.0))
+        noise = PoseNoise(robot, of_corners.covariance).rows(kept)
+        constraint = OnPoses(poses.robot[kept], of_corners.poses[kept], poses.setup == "eye-to-hand")
+        found = fit(constraint, noise, at, MOST_STEPS, None if weights is None else w[kept])
+        S = joint_of(found.S)
+        assert S is not None and found.W is not None and at.W is not None
+        told, q = found.told(S.shared), S.shared.shape[-1] - len(of_corners.half)  # q of the robot come first
+        now = of_corners.parameters - of_corners.half @ told.z[q:]
+        off = np.concatenate([difference(found.X, at.X), difference(found.W, at.W)])
+        moved = np.linalg.solve(np.linalg.cholesky(found.covariance), off)
+        of_k = np.linalg.solve(of_corners.half, now - k[free])
+        at, k[free] = found.unknowns, now
+        camera = perturb(of_corners.poses, -of_corners.covariance.shared @ told.z[q:])
+        adjusted[kept], camera[kept] = corrected(found, noise, constraint.first, constraint.second)
+        if converged := float(np.hypot(np.linalg.norm(moved), np.linalg.norm(of_k))) < STILL:
+            break
     # Each robot pose brings as many numbers as it has unknowns; an unknown one neither.
-    dof = 2 * int(seen.bundle.used.sum()) - len(values) + (0 if prior is None else len(prior[1]))
-    dof -= 6 * int((w == 0).sum())
-    parameters = problem._all(found.values)
-    robots, _ = problem.corrected(found.values, found.blocks, slice(None))
-    covariance = inverse_information(information)
-    result = RigBundle(at.X, at.W, covariance, parameters, robots, found.squares, dof, found.steps)
-    if not found.converged:
+    known = 0 if bundle.prior is None else int(free.sum())
+    dof = 2 * int(bundle.used.sum()) - 12 - int(free.sum()) + known - 6 * int((w == 0).sum())
+    chi2 = of_corners.squares + _squares_of_robot(found, constraint.first, adjusted[kept])
+    to_errors = np.zeros((12 + len(told.z),) * 2)  # from those of X and W, and truth less estimate of z
+    to_errors[:12, :12], to_errors[12 : len(to_errors) - q, 12 + q :] = np.eye(12), of_corners.half
+    to_errors[len(to_errors) - q :, 12 : 12 + q] = -np.eye(q)
+    joint = np.block([[found.covariance, told.response], [told.response.T, told.left]])
+    covariance = to_errors @ joint @ to_errors.T
+    result = RigBundle(at.X, at.W, covariance, k, adjusted, chi2, dof, done)
+    if not converged:
         raise NotConvergedError(
-            f"Method 'bundle' did not converge within {found.steps} steps: the residuals are too large for the noise. "
+            f"Method 'bundle' did not converge within {done} steps: the residuals are too large for the noise. "
             "Look at the warnings of method 'efficient'.",
             result,
         )
@@ -243,34 +191,36 @@ def adjust_rig(
 
 def require_shared(robot: Array | JointCovariance | None) -> None:
     """Raise `InputError` for a joint covariance of the robot other than by errors that all poses share."""
-    joint = robot is not None and is_joint(robot)
-    if joint and not isinstance(robot, JointCovariance):
+    if robot is not None and is_joint(robot) and joint_of(robot) is None:
         raise InputError(
             "Method 'bundle' takes robot noise that is independent from pose to pose but for errors that all share "
             "(JointCovariance), got a dense joint covariance or a drift. Use method 'efficient'."
         )
 
 
-def _problem(
-    poses: PosePairs,
-    seen: CameraCalibration,
-    robot: Array | JointCovariance | None,
-    start: Unknowns,
-    weights: Array,
-    excess: float = 0.0,
-) -> _Problem:
-    bundle, kept = seen.bundle, weights > 0
-    root = np.sqrt(np.where(kept, weights, 1.0))
-    of_picture = root / np.sqrt(1.0 / bundle.weights + (excess / bundle.pixel_noise) ** 2)
-    sight = Sight.of(bundle.model, bundle.shape, seen.corners, bundle.used * of_picture[seen.corners.picture])
-    inverted = poses.setup == "eye-to-hand"
-    F = np.zeros((poses.n, 6, 0))
-    if isinstance(robot, JointCovariance):
-        F = np.where(kept[:, None, None], robot.shared, 0.0)
-        robot = robot.own
-    L = np.zeros((poses.n, 6, 6)) if robot is None else np.broadcast_to(factor(robot), (poses.n, 6, 6))
-    L = np.where(kept[:, None, None], L / root[:, None, None], UNKNOWN * np.eye(6))
-    assert start.W is not None
-    G = start.W @ inverse(start.X @ poses.camera)  # where the camera saw the board from
-    measured = np.where(kept[:, None, None], poses.robot, inverse(G) if inverted else G)
-    return _Problem(sight, bundle.pixel_noise, bundle.parameters, bundle.free, start, measured, L, F, inverted)
+def _squares_of_robot(fitted: Fit, measured: Array, adjusted: Array) -> float:
+    """Return ``xi^T Sigma^-1 xi`` of the errors of the robot poses, also where Sigma is singular."""
+    pull = pulled(fitted.weighted_factor, whiten(fitted.weighted_factor, fitted.residual[..., None]))
+    return float(np.sum((fitted.linear.sides[0].mT @ pull)[..., 0] * difference(measured, adjusted)))
+
+
+def _as_poses(sight: Sight, bundle: Bundle, k: Array, camera: Array, w: Array) -> _Seen:
+    """Linearise the corners at intrinsics and camera poses (n, 4, 4), by weights w (n,)."""
+    r, A, B = sight.rows(k, camera, bundle.free)
+    own = np.linalg.inv(B.mT @ B)
+    d, G = -(own @ (B.mT @ r[..., None]))[..., 0], -(own @ (B.mT @ A))
+    root = np.sqrt(w)[:, None]
+    left, rest = (root[..., None] * (A + B @ G)).reshape(-1, G.shape[-1]), (root * r).ravel()
+    if bundle.prior is not None:
+        mean, R = prior_rows(bundle.prior, bundle.free, 1.0)
+        left, rest = np.concatenate([left, R]), np.append(rest, R @ (k[bundle.free] - mean))
+    H = left.T @ left
+    half = np.linalg.cholesky(inverse_information(H)) if len(H) else H
+    step = -half @ (half.T @ (left.T @ rest))  # B^T (A + B G) = 0: the poses may be anywhere
+    moved = d + (G @ step)
+    # An error of the pose as moved is another one of the pose where the corners are linearised.
+    turn = np.tile(np.eye(6), (len(d), 1, 1))
+    turn[:, :3, :3] = np.linalg.inv(left_jacobian(-moved[:, :3]))
+    own = turn @ own @ turn.mT
+    covariance = JointCovariance(0.5 * (own + own.mT), turn @ G @ half)
+    return _Seen(perturb(camera, moved), covariance, k[bundle.free] + step, half, float(rest @ rest))

@@ -43,7 +43,7 @@ from scipy.special import betaincinv, chdtri, fdtri, gammaincinv
 from ...core.geometry.se3 import Array
 from ...core.runtime.read_only import ReadOnlyArrays
 from ...errors import DegenerateMotionError, InputError, NotConvergedError
-from ...model.noise.models import Noise, PairNoise, PoseNoise, with_prior
+from ...model.noise.models import Noise, with_prior
 from ...model.noise.pose_prior import PosePrior
 from ...model.noise.square_roots import LEAST_WEIGHT, inverse_blocks, joint_residuals, pulled, weighed_blocks, whiten
 from ...model.poses.motions import Motions
@@ -173,8 +173,6 @@ def robust_fit(
         raise InputError(f"Expected `method` to be 'efficient' or 'ml', got {method!r}.")
     if noise is None and estimate is None:
         raise InputError("Expected `noise`, or a function `estimate` that finds it from the residuals.")
-    if noise is not None and not isinstance(noise, PoseNoise | PairNoise):
-        raise InputError(f"Expected `noise` to be PoseNoise, PairNoise or None, got {type(noise).__name__}.")
     constraint = constraint_of(data, noise)
     if constraint.first.ndim != 3:
         raise InputError(f"Expected one data set, got leading axes {constraint.first.shape[:-3]}.")

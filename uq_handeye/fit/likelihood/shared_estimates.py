@@ -1,14 +1,9 @@
 r"""The posterior of one fit: its unknown poses and the errors that all poses share, and what it says of these.
 
 Model: a `Fit` whose noise holds columns F with a name (`SharedError`), scaled by their standard deviations, so that
-``e = sd z``, ``z ~ N(0, I)``. With ``f = D F`` their effect on the residuals, r the residuals after the fit and
-``M = S^-1 - S^-1 J C J^T S^-1``, S with the columns in it,
-
-    z = f^T S^-1 r,    Cov(z) = I - f^T M f,    d x = -C J^T S^-1 f  for z = 1
-
-z and its covariance are those of the joint fit of (x, z) with the prior (Woodbury). What the residuals alone say of one
-of them, without its prior but with those of the others, is ``z / (1 - v) +- sqrt(v / (1 - v))``, v its variance: the
-score test of one more unknown.
+``e = sd z``, ``z ~ N(0, I)``; z, its covariance and what it does to X and W are `Fit.told`, the joint fit of (x, z).
+What the residuals alone say of one of them, without its prior but with those of the others, is ``z / (1 - v) +- sqrt(v
+/ (1 - v))``, v its variance: the score test of one more unknown.
 
 *Groups* are errors of many numbers that all poses share, such as one for each joint, as one. The numbers of one error
 have names that agree before ": " (`noise.joint_covariance.group_of`). With the moves ``E = [d_1 .. d_k]`` (6, k) of X
@@ -30,13 +25,13 @@ from ...core.files.records import Record
 from ...core.formatting.units import small_unit
 from ...core.geometry.se3 import Array
 from ...errors import InputError
-from ...model.noise.joint_covariance import JointCovariance, group_of
-from ...model.noise.models import INTRINSICS, Noise, PoseNoise
-from ...model.noise.square_roots import pulled, whiten
+from ...model.noise.joint_covariance import group_of, joint_of
+from ...model.noise.models import INTRINSICS, Noise
 from ...model.posterior.posterior import Posterior
 from ...model.shared_errors.assumed import DRIFT
 from ...model.shared_errors.shared_error import OF_LENGTHS, SharedError
 from ...model.shared_errors.sizes import RobotAccuracy
+from .constraint import covariances_of
 from .gauss_helmert import Fit
 
 # A share of the prior variance below which the data have said nothing of an error: rounding.
@@ -129,36 +124,25 @@ def posterior_of_fit(
 
     ``beside`` are moves (p,) or (p, r) of the poses by errors that the noise does not hold.
     """
-    C, p, n = fit.covariance, fit.linear.J.shape[-1], len(fit.linear.J)
+    C, p = fit.covariance, fit.linear.J.shape[-1]
     columns: dict[str, Array] = {}
     sd: dict[str, float] = {}
-    if isinstance(noise, PoseNoise):
-        for side, S, D in zip(("robot", "camera"), (noise.robot, noise.camera), fit.linear.sides, strict=True):
-            for j, name in enumerate(S.names if isinstance(S, JointCovariance) else ()):
-                if side == "camera" and name in ("", INTRINSICS):
-                    name = f"{INTRINSICS}: {j}"
-                    sd[name] = 1.0
-                columns[name] = (D @ S.shared[..., j, None])[..., 0]
-        of_errors = {name: float(s) for error in errors for name, s in zip(error.parts, error.sd, strict=True)}
-        sd = {name: s for name, s in (of_errors | sd).items() if name in columns}
-    f = np.stack([columns[name] for name in sd], axis=-1) if sd else np.zeros((n, 6, 0))
+    for side, S, D in zip(noise.sides, map(joint_of, covariances_of(noise)), fit.linear.sides, strict=True):
+        for j, name in enumerate(() if S is None else S.names):
+            assert S is not None
+            if side == "camera" and name in ("", INTRINSICS):
+                name = f"{INTRINSICS}: {j}"
+                sd[name] = 1.0
+            columns[name] = (D @ S.shared[..., j, None])[..., 0]
+    of_errors = {name: float(s) for error in errors for name, s in zip(error.parts, error.sd, strict=True)}
+    sd = {name: s for name, s in (of_errors | sd).items() if name in columns}
+    f = np.stack([columns[name] for name in sd], axis=-1) if sd else np.zeros((*fit.residual.shape, 0))
     unit = np.array(list(sd.values()))
-    z, response, left = _told(fit, f)
+    z, response, left = fit.told(f)
     left = left * np.outer(unit, unit)
     C = C + sum(map(of_moves, (beside or {}).values()), np.zeros(()))
     joint = np.block([[C, response * unit], [(response * unit).T, left]])
     return Posterior(tuple(sd), unit * z, joint, ("X", "W")[: p // 6])
-
-
-def _told(fit: Fit, f: Array) -> tuple[Array, Array, Array]:
-    """z, d x for z = 1 and Cov(z) of columns f (n, 6, q) that the noise has, by the residuals; see the module."""
-    J, C, factor = fit.linear.J, fit.covariance, fit.weighted_factor
-    p = J.shape[-1]
-    back = pulled(factor, whiten(factor, np.concatenate([J, fit.residual[..., None], f], axis=-1)))
-    by = f.reshape(6 * len(f), -1).T @ back.reshape(6 * len(f), -1)  # f^T S^-1 (J, r, f)
-    response = -C @ by[:, :p].T
-    explained = by[:, p + 1 :] + by[:, :p] @ response
-    return by[:, p], response, np.eye(len(by)) - 0.5 * (explained + explained.T)
 
 
 def motion_in_session(fit: Fit, noise: Noise) -> Array | None:
@@ -168,15 +152,15 @@ def motion_in_session(fit: Fit, noise: Noise) -> Array | None:
     camera that drifts; W of a target) is off its mean by ``xi_i = J_i^-1 D_i F_i z``, J_i the derivative by X: as of a
     pose drawn from the session it has ``n^-1 sum_i E xi_i xi_i^T`` more. None where no drift is in the noise.
     """
-    p, S = fit.linear.J.shape[-1], noise.camera if isinstance(noise, PoseNoise) else None
-    if not isinstance(S, JointCovariance) or p < 12:
+    p, S = fit.linear.J.shape[-1], joint_of(covariances_of(noise)[1])
+    if S is None or p < 12:
         return None
     found = np.zeros((p, p))
     for place, name in ((slice(0, 6), f"{DRIFT} camera"), (slice(6, 12), f"{DRIFT} target")):
         of = [j for j, part in enumerate(S.names) if group_of(part).endswith(name)]
         if of:
             f = fit.linear.sides[1] @ S.shared[..., of]
-            z, _, left = _told(fit, f)
+            z, _, left = fit.told(f)
             xi = np.linalg.solve(fit.linear.J[..., place], f)
             found[place, place] = np.mean(xi @ (np.outer(z, z) + left) @ xi.mT, axis=0)
     values, vectors = np.linalg.eigh(found)

@@ -175,6 +175,11 @@ class JointCovariance(ReadOnlyArrays):
         return JointFactor.of(self.own, self.shared)
 
 
+def joint_of(S: Any) -> JointCovariance | None:
+    """Return a covariance that is kept as what it is made of; None for any other, and for none."""
+    return S if isinstance(S, JointCovariance) else None
+
+
 @dataclass(frozen=True, eq=False)
 class JointFactor:
     """``L^-1 = (I - V K V^T) B^-1`` of a `JointCovariance`; L is square, not triangular.
