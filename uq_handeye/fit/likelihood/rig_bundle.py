@@ -153,11 +153,12 @@ def adjust_rig(
     of_picture = 1.0 / np.hypot(bundle.picture_noise, excess)
     sight = Sight.of(bundle.model, bundle.shape, seen.corners, bundle.used * of_picture[seen.corners.picture])
     k, adjusted, kept = np.array(bundle.parameters), np.array(poses.robot), np.flatnonzero(w > 0)
-    for done in range(1, MOST_ROUNDS + 1):
+    done, converged = 0, False
+    while not converged and done < MOST_ROUNDS:
         of_corners = _as_poses(sight, bundle, k, camera, np.where(w > 0, w, 1.0))
-        noise = PoseNoise(robot, of_corners.covariance).rows(kept)
+        noise = PoseNoise(robot, of_corners.covariance).rows(kept).weighted(w[kept])
         constraint = OnPoses(poses.robot[kept], of_corners.poses[kept], poses.setup == "eye-to-hand")
-        found = fit(constraint, noise, at, MOST_STEPS, None if weights is None else w[kept])
+        found = fit(constraint, noise, at, MOST_STEPS)
         S = joint_of(found.S)
         assert S is not None and found.W is not None and at.W is not None
         told, q = found.told(S.shared), S.shared.shape[-1] - len(of_corners.half)  # q of the robot come first
@@ -168,8 +169,7 @@ def adjust_rig(
         at, k[free] = found.unknowns, now
         camera = perturb(of_corners.poses, -of_corners.covariance.shared @ told.z[q:])
         adjusted[kept], camera[kept] = corrected(found, noise, constraint.first, constraint.second)
-        if converged := float(np.hypot(np.linalg.norm(moved), np.linalg.norm(of_k))) < STILL:
-            break
+        done, converged = done + 1, float(np.hypot(np.linalg.norm(moved), np.linalg.norm(of_k))) < STILL
     # Each robot pose brings as many numbers as it has unknowns; an unknown one neither.
     known = 0 if bundle.prior is None else int(free.sum())
     dof = 2 * int(bundle.used.sum()) - 12 - int(free.sum()) + known - 6 * int((w == 0).sum())
