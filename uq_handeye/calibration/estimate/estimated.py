@@ -26,7 +26,7 @@ from ...fit.diagnostics.budget import Budget, budget_of_posterior
 from ...fit.diagnostics.pose_table import PoseTable
 from ...fit.diagnostics.result import Diagnostics
 from ...fit.diagnostics.split_half import SplitHalf
-from ...fit.diagnostics.task_space import PointUncertainty, moves_of_points, through_robot, through_target, through_X
+from ...fit.diagnostics.task_space import Link, PointUncertainty, frames_of, moves_of_points, through
 from ...fit.likelihood.goodness_of_fit import GoodnessOfFit, Reference
 from ...fit.likelihood.open_directions import OpenDirections, moves_along
 from ...fit.likelihood.rig_bundle import Agreement
@@ -392,25 +392,24 @@ class Estimated(Record):
                 )
         if robot is not None and camera is not None:
             raise InputError("Give either `robot`, to go through the robot, or `camera`, to go through the target.")
-        opened, R = self.opened, None
+        opened, R, (parent, far) = self.opened, None, frames_of(setup)
         if camera is not None:
-            assert setup is not None
             if self.W is None or self.covariance_W is None:
                 raise InputError(
                     "The way through the target needs W and its covariance: calibrate poses with PoseNoise."
                 )
-            more: dict[str, Any] = {"camera_covariance": camera_covariance, "points_covariance": points_covariance}
-            found = through_target(self.W, self.covariance_W, points, camera, setup=setup, **more)
+            links = [Link("camera", camera, camera_covariance, inverted=True), Link("W", self.W, self.covariance_W)]
+            found = through(links, points, far, points_covariance)
             if opened is None:
                 return found
             return found.left_open(moves_of_points(found.points - self.W[:3, 3], opened.of_W))
         if self.covariance is None:
             raise InputError("The covariance of X is not determined, and so is that of the points.")
-        found = near = through_X(self.X, self.covariance, points, setup=setup, points_covariance=points_covariance)
+        X = Link("X", self.X, self.covariance)
+        found = near = through([X], points, parent, points_covariance)
         if robot is not None:
-            assert setup is not None
-            more = {"robot_covariance": robot_covariance, "points_covariance": points_covariance}
-            found = through_robot(self.X, self.covariance, points, robot, setup=setup, **more)
+            of_robot = Link("robot", robot, robot_covariance, inverted=setup == "eye-to-hand")
+            found = through([X, of_robot], points, far, points_covariance)
             R = np.asarray(robot, dtype=float)[..., :3, :3]
             R = R if setup == "eye-in-hand" else R.mT
         if opened is None:

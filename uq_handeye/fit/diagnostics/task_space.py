@@ -18,8 +18,9 @@ compensates). For `Fit`, ``D = -C J^T S^-1 D_side`` (`constraint`, `likelihood`)
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from scipy.special import chdtri
@@ -27,7 +28,6 @@ from scipy.special import chdtri
 from ...core.files.records import Record
 from ...core.formatting.numbers import concise, digits
 from ...core.geometry.checks import as_numbers, as_transforms, checked_covariance
-from ...core.geometry.frames import SETUPS
 from ...core.geometry.se3 import Array, inverse, inverse_jacobian, skew
 from ...core.presentation.document import Document, Table, document_of, to_text
 from ...core.presentation.html import html_of
@@ -98,80 +98,41 @@ class PointUncertainty(Record):
         return PointUncertainty(self.points, S, self.frame, moves)
 
 
-def through_X(
-    X: Any, covariance: Any, points: Any, *, setup: str | None = "eye-in-hand", points_covariance: Any = None
-) -> PointUncertainty:
-    """Points (..., 3) in camera coordinates, expressed in the parent frame of X.
+class Link(NamedTuple):
+    """A pose that points go through, by name, with its covariance (..., 6, 6); None: it is exact."""
+
+    name: str
+    T: Any  # (..., 4, 4)
+    covariance: Any
+    inverted: bool = False  # points go through its inverse
+
+
+def through(links: Sequence[Link], points: Any, frame: str, points_covariance: Any = None) -> PointUncertainty:
+    """Points (..., 3) in camera coordinates, expressed in the ``frame`` that poses, independent of each other, lead to.
 
     Parameters
     ----------
-    X, covariance : (4, 4), (6, 6)
+    links : sequence of Link
+        The nearest to the camera first; leading axes broadcast with the points'.
     points : (..., 3)
         Metres, in the camera frame.
-    setup : "eye-in-hand", "eye-to-hand" or None
-        Names the frame: gripper or base; None, for motions that came without poses, "parent frame of X".
     points_covariance : (3, 3), (..., 3, 3) or None
         Noise of the points themselves, in the camera frame.
 
     Raises
     ------
     InputError
-        Wrong shapes or numbers, covariances that are not positive semidefinite, an unknown setup.
+        Wrong shapes or numbers, covariances that are not positive semidefinite.
     """
-    parent = "parent frame of X" if setup is None else _frames(setup)[0]
     p = _points(points)
-    return PointUncertainty(*_carried(*_pose(X, covariance, "X"), p, point_noise(points_covariance, p)), parent)
-
-
-def through_robot(
-    X: Any,
-    covariance: Any,
-    points: Any,
-    robot: Any,
-    *,
-    robot_covariance: Any = None,
-    setup: str = "eye-in-hand",
-    points_covariance: Any = None,
-) -> PointUncertainty:
-    """Points in camera coordinates, expressed in the base frame (eye-in-hand) or gripper frame (eye-to-hand).
-
-    Parameters as for `through_X`, and
-
-    robot : (..., 4, 4)
-        ``base_T_gripper`` (whatever the setup) when the points were seen; leading axes broadcast with the points'.
-    robot_covariance : (6, 6), (..., 6, 6) or None
-        Of the robot pose, independent of X; None is exact.
-    """
-    _, far = _frames(setup)
-    near = through_X(X, covariance, points, setup=setup, points_covariance=points_covariance)
-    G, S = _pose(robot, np.zeros((6, 6)) if robot_covariance is None else robot_covariance, "robot")
-    if setup == "eye-to-hand":
-        J = inverse_jacobian(G)
-        G, S = inverse(G), J @ S @ J.mT
-    return PointUncertainty(*_carried(G, S, near.points, near.covariance), far)
-
-
-def through_target(
-    W: Any,
-    covariance_W: Any,
-    points: Any,
-    camera: Any,
-    *,
-    camera_covariance: Any = None,
-    setup: str = "eye-in-hand",
-    points_covariance: Any = None,
-) -> PointUncertainty:
-    """Points in camera coordinates, expressed through a view of the target, ``p = W inv(C) p_c``.
-
-    Needs neither X nor the robot: the frame is the base (eye-in-hand) or the gripper (eye-to-hand). Parameters as for
-    `through_X`, with W (4, 4), its covariance (6, 6), ``camera = camera_T_target`` (..., 4, 4) and its covariance.
-    """
-    _, far = _frames(setup)
-    C, S = _pose(camera, np.zeros((6, 6)) if camera_covariance is None else camera_covariance, "camera")
-    J = inverse_jacobian(C)
-    p = _points(points)
-    on_target = _carried(inverse(C), J @ S @ J.mT, p, point_noise(points_covariance, p))
-    return PointUncertainty(*_carried(*_pose(W, covariance_W, "W"), *on_target), far)
+    covariance = point_noise(points_covariance, p)
+    for name, pose, noise, inverted in links:
+        T, S = _pose(pose, np.zeros((6, 6)) if noise is None else noise, name)
+        if inverted:
+            J = inverse_jacobian(T)
+            T, S = inverse(T), J @ S @ J.mT
+        p, covariance = _carried(T, S, p, covariance)
+    return PointUncertainty(p, np.asarray(covariance), frame)
 
 
 def _carried(T: Array, S: Array, points: Array, noise: Array | None) -> tuple[Array, Array]:
@@ -203,10 +164,10 @@ def moves_of_points(arm: Array, basis: Array, carried: Array | None = None) -> A
     return np.asarray(moves if carried is None else moves @ carried.mT)
 
 
-def _frames(setup: str) -> tuple[str, str]:
-    """Parent frame of X, and the frame at the other end of the robot."""
-    if setup not in SETUPS:
-        raise InputError(f"Expected `setup` to be one of {', '.join(SETUPS)}, got {setup!r}.")
+def frames_of(setup: str | None) -> tuple[str, str]:
+    """Parent frame of X, and the frame at the other end of the robot; of motions that came without poses unknown."""
+    if setup is None:
+        return "parent frame of X", ""
     return ("gripper", "base") if setup == "eye-in-hand" else ("base", "gripper")
 
 
