@@ -170,6 +170,7 @@ def adjust_rig(
         camera = perturb(of_corners.poses, -of_corners.covariance.shared @ told.z[q:])
         adjusted[kept], camera[kept] = corrected(found, noise, constraint.first, constraint.second)
         done, converged = done + 1, float(np.hypot(np.linalg.norm(moved), np.linalg.norm(of_k))) < STILL
+    assert at.W is not None
     # Each robot pose brings as many numbers as it has unknowns; an unknown one neither.
     known = 0 if bundle.prior is None else int(free.sum())
     dof = 2 * int(bundle.used.sum()) - 12 - int(free.sum()) + known - 6 * int((w == 0).sum())
@@ -215,7 +216,7 @@ def _as_poses(sight: Sight, bundle: Bundle, k: Array, camera: Array, w: Array) -
         mean, R = prior_rows(bundle.prior, bundle.free, 1.0)
         left, rest = np.concatenate([left, R]), np.append(rest, R @ (k[bundle.free] - mean))
     H = left.T @ left
-    half = np.linalg.cholesky(inverse_information(H)) if len(H) else H
+    half = np.asarray(np.linalg.cholesky(inverse_information(H)) if len(H) else H, dtype=float)
     step = -half @ (half.T @ (left.T @ rest))  # B^T (A + B G) = 0: the poses may be anywhere
     moved = d + (G @ step)
     # An error of the pose as moved is another one of the pose where the corners are linearised.
