@@ -440,43 +440,20 @@ def _shares(variances: Array) -> Array:
     return np.asarray(variances / np.where(total > 0, total, 1.0))
 
 
-_PIXELS = "pixel noise"
-
-
 def with_types(budget: Budget, estimate: NoiseEstimate | None, from_corners: bool) -> Budget:
     """The budget of a fit with the types of its sources; ``from_corners``: they gave the covariance of camera poses."""
     index: dict[str, int] = {}  # of the variance of a source, among those of the estimate
-    data = {CLOCK_OFFSET}
-    views = {*_of_side("camera"), f"camera {EACH}", f"camera {SHARED}", INTRINSICS, TARGET_SHAPE}
+    data, both = {CLOCK_OFFSET}, set[str]()
     if from_corners:
-        data |= views
+        kinds = ("rotation", "translation", "coupling", EACH, SHARED)
+        data |= {*(f"camera {kind}" for kind in kinds), INTRINSICS, TARGET_SHAPE}
     if estimate is not None:
         given = {part.name for part in estimate.components if part.status in ("fixed", "given")}
-        for k, names in enumerate(_variances_of(estimate)):
-            index |= {name: k for name in names if name not in given}
-        if _PIXELS in index:
-            index |= dict.fromkeys(views, index[_PIXELS])
+        index = {name: k for k, name in enumerate(estimate.names) if name not in given}
         data |= set(index)
-    both = set()
-    if estimate is not None:
         both = {part.name for part in estimate.components if part.status == "population"}
     types = tuple("A" if name in data else "A, B" if name in both else "B" for name in budget.sources)
     return replace(budget, types=types, relative=_relative(budget.sources, index, estimate))
-
-
-def _of_side(side: str) -> list[str]:
-    return [f"{side} rotation", f"{side} translation", f"{side} coupling"]
-
-
-def _variances_of(estimate: NoiseEstimate) -> list[list[str]]:
-    """The sources that each of the estimated variances is that of."""
-    if estimate.names:
-        return [[name] for name in estimate.names]
-    if estimate.camera_known or estimate.by_geometry:
-        own = ("robot rotation", "robot translation", _PIXELS)
-        return [[part.name] for part in estimate.components if part.name in own][: len(estimate.variances)]
-    first, second = (part.name.removesuffix(" rotation") for part in estimate.components[1:3])
-    return [[f"{first} rotation"], [f"{second} rotation"], [f"{first} translation", f"{second} translation"]]
 
 
 def _relative(sources: tuple[str, ...], index: dict[str, int], estimate: NoiseEstimate | None) -> Array:

@@ -6,7 +6,7 @@ A reading is what `misread_files.other_readings` returns: a mapping with its ``k
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 from ...core.formatting.numbers import digits
 
@@ -17,11 +17,14 @@ CAMERA = {"eye-in-hand": "if the camera is on the gripper", "eye-to-hand": "if t
 OTHER_SETUP = {"eye-in-hand": "eye-to-hand", "eye-to-hand": "eye-in-hand"}
 # Frames that invert the poses of a side.
 FRAMES = {"inverse robot": ("robot", "gripper_T_base"), "inverse camera": ("camera", "target_T_camera")}
-# Arguments that read the rotations of a file in another way, and what they are called.
-ROTATIONS = {
-    "transposed": ("rotation", "have transposed rotations", "the rotations of {of} are transposed"),
-    "quaternion": ("quaternion", "have the quaternion's scalar {place}", "{who} the scalar of the quaternion {place}"),
-}
+
+
+class Words(NamedTuple):
+    """A reading of the files in words."""
+
+    short: str  # at most 55 characters
+    full: str  # what would be true of the files, and how to ask for it
+    remedy: str
 
 
 def option_of(file: str, argument: str, value: str, other: str | None = None) -> str:
@@ -31,83 +34,97 @@ def option_of(file: str, argument: str, value: str, other: str | None = None) ->
     return f"{argument}=({pair}) (--{file}-{argument} {value})"
 
 
-def in_short(v: Reading) -> str:
-    """Return a reading in at most 55 characters."""
-    kind, file, setup = v["kind"], v.get("file"), v.get("setup")
+def in_words(reading: Reading) -> Words:
+    """Return a reading in words."""
+    kind = reading["kind"]
     if kind == "scale":
-        if file and v.get("unit"):
-            return f"the {file} {'poses seem' if v.get('bag') else 'file seems'} to be in {v['unit']}"
-        if v.get("bag"):
-            return f"the tag seems to be {digits(float(v['factor']), 2)} times as large as given"
-        if v.get("target"):
-            return f"the target seems to be {digits(float(v['factor']), 3)} times as large as given"
-        return "robot and camera seem to be in different units"
-    if kind == "inverse robot" and v.get("likely") == "setup":
-        return f"the setup seems to be {setup}, or the camera file inverse"
-    if kind == "inverse camera" and setup is None:
-        return "the camera file seems to hold inverse poses"
+        short, cause, remedy = _of_scale(reading)
+        return Words(short, f"the camera translations are multiplied by {reading['factor']:.4g}: {cause}", remedy)
     if kind in FRAMES:
-        return f"the {FRAMES[kind][0]} file seems inverse, or the setup {setup}"
-    if kind == "mirrored":
-        return "the camera's or the robot's frame seems to be left-handed"
-    who = "both files seem" if file is None else f"the {file} file seems"
-    return f"{who} to {ROTATIONS[kind][1].format(place=_place(v))}"
-
-
-def _place(reading: Reading) -> str:
-    return "first" if reading.get("order") == "wxyz" else "last"
-
-
-def in_words(reading: Reading) -> str:
-    """Return what would be true of the files by a reading, and how to ask for it."""
-    kind, setup, file, length, given = map(reading.get, ("kind", "setup", "file", "length", "given"))
-    if kind == "scale":
-        return f"the camera translations are multiplied by {reading['factor']:.4g}: {_cause_of_scale(reading)}"
-    if kind == "inverse robot":
-        text = f"the setup is {setup}, or the robot file holds {'base_T_gripper' if given else 'inverse poses'}"
-        option = f'setup="{setup}" (--setup {setup}), or {_frame_option(reading)}'
-    elif kind == "inverse camera":
-        text = f"the camera file holds {'camera_T_target' if given else 'inverse poses, target_T_camera'}"
-        option = _frame_option(reading)
+        short, text, option, remedy = _of_frame(reading)
     elif kind == "mirrored":
+        short = "the camera's or the robot's frame seems to be left-handed"
         text = "the frame of the camera, or that of the robot, is left-handed"
         option = "change the sign of one axis, of poses and points alike, where they are written"
+        remedy = "write the poses or points of that side in a right-handed frame"
     else:
-        argument, _, text = ROTATIONS[str(kind)]
-        of, who = ("both files", "both files have") if file is None else (f"the {file} file", f"the {file} file has")
-        text = text.format(of=of, who=who, place=_place(reading))
-        value = str(reading.get("order") or kind)
-        option = f'{argument}="{value}" (--{argument} {value})' if file is None else option_of(file, argument, value)
-    return f"{text}: {option}" if length is None else f"{text} (X would be {length:.3g} m long): {option}"
+        short, text, option, remedy = _of_rotation(reading)
+    length = "" if reading.get("length") is None else f" (X would be {reading['length']:.3g} m long)"
+    return Words(short, f"{text}{length}: {option}", remedy)
 
 
-def _frame_option(reading: Reading) -> str:
-    side, frame = FRAMES[reading["kind"]]
-    given = reading.get("given")
-    return f"no {side}_frame (--{side}-frame)" if given else f'{side}_frame="{frame}" (--{side}-frame {frame})'
-
-
-def _cause_of_scale(reading: Reading) -> str:
-    file, unit, factor = reading.get("file"), reading.get("unit"), reading["factor"]
-    told = file is not None and unit is not None
-    if reading.get("bag"):
-        if told:
-            return (
-                f"the {file} poses are in {unit}. Write them with uq-handeye bag -o DIR and give --{file}-units {unit}"
-            )
-        return "the size of the tag is wrong, that of --tag or that given to its detector"
-    if reading.get("target"):
-        fitted = " (a printer that scaled to fit the page?)" if 0.8 < factor < 1.25 else ""
+def _of_frame(v: Reading) -> tuple[str, str, str, str]:
+    setup, given, (side, frame) = v.get("setup"), v.get("given"), FRAMES[v["kind"]]
+    option = f"no {side}_frame (--{side}-frame)" if given else f'{side}_frame="{frame}" (--{side}-frame {frame})'
+    remedy = f"run again {f'without --{side}-frame' if given else f'with --{side}-frame {frame}'}"
+    short = f"the {side} file seems inverse, or the setup {setup}"
+    if setup is None:
+        short = f"the {side} file seems to hold inverse poses"
+    else:
+        remedy += f"; or, {CAMERA[setup]}, with --setup {setup}"
+    if side == "camera":
         return (
-            f"no unit is such a factor; the size of the target is wrong{fitted}, or the focal length is that of other "
-            "pictures"
+            short,
+            f"the camera file holds {'camera_T_target' if given else f'inverse poses, {frame}'}",
+            option,
+            remedy,
         )
+    if v.get("likely") == "setup":
+        short, remedy = f"the setup seems to be {setup}, or the camera file inverse", f"run again with --setup {setup}"
+    text = f"the setup is {setup}, or the robot file holds {'base_T_gripper' if given else 'inverse poses'}"
+    return short, text, f'setup="{setup}" (--setup {setup}), or {option}', remedy
+
+
+def _of_rotation(v: Reading) -> tuple[str, str, str, str]:
+    file, order = v.get("file"), v.get("order")
+    value = str(order or v["kind"])
+    of, who, seem = ("both files", "both files have", "both files seem")
+    if file is not None:
+        of, who, seem = f"the {file} file", f"the {file} file has", f"the {file} file seems"
+    if v["kind"] == "transposed":
+        argument, short, text = (
+            "rotation",
+            f"{seem} to have transposed rotations",
+            f"the rotations of {of} are transposed",
+        )
+    else:
+        place = "first" if order == "wxyz" else "last"
+        argument, short = "quaternion", f"{seem} to have the quaternion's scalar {place}"
+        text = f"{who} the scalar of the quaternion {place}"
+    option = f'{argument}="{value}" (--{argument} {value})' if file is None else option_of(file, argument, value)
+    return short, text, option, f"run again with --{'' if file is None else f'{file}-'}{argument} {value}"
+
+
+def _of_scale(v: Reading) -> tuple[str, str, str]:
+    file, unit, factor = v.get("file"), v.get("unit"), float(v["factor"])
+    told = file is not None and unit is not None
+    if v.get("bag") and told:
+        write, give = "with uq-handeye bag -o DIR", f"give --{file}-units {unit}"
+        cause = f"the {file} poses are in {unit}. Write them {write} and {give}"
+        return f"the {file} poses seem to be in {unit}", cause, f"write the poses {write} and {give}"
+    if v.get("bag"):
+        return (
+            f"the tag seems to be {digits(factor, 2)} times as large as given",
+            "the size of the tag is wrong, that of --tag or that given to its detector",
+            "measure the black square of the tag, and correct --tag or the size that its detector has",
+        )
+    if v.get("target"):
+        fitted = " (a printer that scaled to fit the page?)" if 0.8 < factor < 1.25 else ""
+        cause = (
+            f"no unit is such a factor; the size of the target is wrong{fitted}, or the focal length is that of other "
+        )
+        short = f"the target seems to be {digits(factor, 3)} times as large as given"
+        return short, f"{cause}pictures", "measure the target and give its true size; else check the focal length"
+    short = f"the {file} file seems to be in {unit}" if told else "robot and camera seem to be in different units"
     cause = "one file is in another unit (--robot-units, --camera-units)"
+    remedy = "check the units of both files (--robot-units, --camera-units) and the size of the target"
     if told:
         cause = f"the {file} file is in {unit}, {option_of(str(file), 'units', str(unit), 'm')}"
+        remedy = f"run again with --{file}-units {unit}"
     if unit == "m":
         cause += ", or its lengths were divided once too often where it was written"
-    return f"{cause}, or the size of the target is wrong"
+        remedy += "; if it was read so, its lengths were divided once too often where it was written"
+    return short, f"{cause}, or the size of the target is wrong", remedy
 
 
 def of_lengths(values: Mapping[str, Any]) -> str:
@@ -117,41 +134,15 @@ def of_lengths(values: Mapping[str, Any]) -> str:
 
 
 def of_readings(values: Mapping[str, Any]) -> str:
-    """Return what to do where the files fit in other readings, or in none that was tried."""
+    """Return what to do where the files fit in other readings, or in none that was tried.
+
+    Where the setup is the likeliest, inverse camera poses that fit as well are the second way.
+    """
     readings = [values["reading"]] if "reading" in values else values["readings"]
-    return _remedy(*readings[:2]) if readings else "check the frames, units and pairing of both files"
-
-
-def _remedy(reading: Reading, second: Reading | None = None) -> str:
-    """Return the option by which the files would fit, and the one of the setup that fits as well."""
-    kind, file, setup, unit = map(reading.get, ("kind", "file", "setup", "unit"))
-    side = "" if file is None else f"{file}-"
-    if kind in FRAMES and reading.get("likely") == "setup":
-        option = f"with --setup {setup}"
-        if second is not None and second["kind"] == "inverse camera":
-            option += f"; or, {CAMERA[OTHER_SETUP[str(setup)]]}, {_with_frame(second)}"
-    elif kind in FRAMES:
-        option = _with_frame(reading) + ("" if setup is None else f"; or, {CAMERA[setup]}, with --setup {setup}")
-    elif kind == "scale":
-        told = unit is not None and file is not None
-        if reading.get("bag"):
-            if told:
-                return f"write the poses with uq-handeye bag -o DIR and give --{side}units {unit}"
-            return "measure the black square of the tag, and correct --tag or the size that its detector has"
-        if reading.get("target"):
-            return "measure the target and give its true size; else check the focal length"
-        if not told:
-            return "check the units of both files (--robot-units, --camera-units) and the size of the target"
-        option = f"with --{side}units {unit}"
-        if unit == "m":
-            option += "; if it was read so, its lengths were divided once too often where it was written"
-    elif kind == "mirrored":
-        return "write the poses or points of that side in a right-handed frame"
-    else:
-        option = f"with --{side}{ROTATIONS[str(kind)][0]} {reading.get('order') or kind}"
-    return f"run again {option}"
-
-
-def _with_frame(reading: Reading) -> str:
-    side, frame = FRAMES[reading["kind"]]
-    return f"without --{side}-frame" if reading.get("given") else f"with --{side}-frame {frame}"
+    if not readings:
+        return "check the frames, units and pairing of both files"
+    first, remedy = readings[0], in_words(readings[0]).remedy
+    if first.get("likely") == "setup" and len(readings) > 1 and readings[1]["kind"] == "inverse camera":
+        again = in_words({**readings[1], "setup": None}).remedy.removeprefix("run again ")
+        remedy += f"; or, {CAMERA[OTHER_SETUP[first['setup']]]}, {again}"
+    return remedy

@@ -12,7 +12,7 @@ from typing import Any
 
 from ...core.formatting.numbers import digits, times_of_noise
 from ...findings import MOTION, NOISE, OUTLIERS, filled, sentence
-from .readings import CAMERA, in_short, in_words, of_lengths, of_readings, option_of
+from .readings import CAMERA, in_words, of_lengths, of_readings, option_of
 
 _DEG, _MM = 180.0 / math.pi, 1e3
 _NOISE_REMEDY = "leave the noise out, it is then estimated; or correct it"
@@ -248,7 +248,7 @@ def _(what: str, count: int, n: int, rotation: float, translation: float, worst:
 
 def _unexplained_in_short(v: Mapping[str, Any]) -> str:
     if v.get("readings"):
-        return in_short(v["readings"][0])
+        return in_words(v["readings"][0]).short
     what = "poses" if "readings" in v else "motions"
     both = f"{digits(_DEG * v['rotation'], 2)} deg, {digits(_MM * v['translation'], 2)} mm"
     return f"X does not explain the {what} ({both} RMS)"
@@ -272,7 +272,7 @@ def _(rotation: float, translation: float, readings: Sequence[Mapping[str, Any]]
             f"{start} No inversion, quaternion order or unit that was tried fits. Either the rows do not belong "
             "together, or the poses have errors of this size."
         )
-    return f"{start} It would fit if {'; or if '.join(map(in_words, readings))}."
+    return f"{start} It would fit if {'; or if '.join(in_words(reading).full for reading in readings)}."
 
 
 sentence(
@@ -290,11 +290,11 @@ sentence(
     rank=7,
     explains=True,
     explained=True,
-    phrase=lambda v: in_short(v["reading"]),
+    phrase=lambda v: in_words(v["reading"]).short,
     remedy=of_readings,
 )
 def _(reading: Mapping[str, Any]) -> str:
-    return f"The translations of robot and camera do not match. They would fit if {in_words(reading)}."
+    return f"The translations of robot and camera do not match. They would fit if {in_words(reading).full}."
 
 
 @sentence(

@@ -102,14 +102,8 @@ def residual_noise(constraint: Constraint, at: Unknowns) -> Noise:
 def _distinct(constraint: Constraint) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """The rows that are no copies of one before, and for each of the n rows which of them it equals."""
     both = np.stack([constraint.first[:, :3], constraint.second[:, :3]], axis=1).reshape(-1, 24)
-    order = np.lexsort(both.T)
-    new = np.append(True, (both[order[1:]] != both[order[:-1]]).any(axis=1))
-    number = np.empty(len(both), dtype=np.intp)
-    number[order] = np.cumsum(new) - 1
-    first = np.full(int(new.sum()), len(both))
-    np.minimum.at(first, number, np.arange(len(both)))
-    rank = np.argsort(np.argsort(first))
-    return np.sort(first), rank[number]
+    _, first, number = np.unique(both, axis=0, return_index=True, return_inverse=True)
+    return np.sort(first), np.argsort(np.argsort(first))[number.reshape(-1)]
 
 
 def _canonical_order(constraint: Constraint) -> NDArray[np.intp]:

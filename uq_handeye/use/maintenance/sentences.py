@@ -48,7 +48,7 @@ def _(
             f"the first {first} of the {early} file and the last of the {late} file."
         )
     if kind in ("quaternion", "transposed", "mirrored"):
-        words = in_words({"kind": kind, "file": file, "order": order})
+        words = in_words({"kind": kind, "file": file, "order": order}).full
         return f"The poses agree with the calibration if {words}."
     frames = {"robot": "--robot-frame gripper_T_base", "camera": "--camera-frame target_T_camera"}
     options = " ".join(frames.values() if file is None else [frames.get(file, "")])
