@@ -25,12 +25,17 @@ from ..fit.likelihood.gauss_helmert import (
     corrected,
     offset_sensitivity,
     open_at,
-    without_shared_errors,
 )
 from ..fit.likelihood.goodness_of_fit import goodness_of_fit
 from ..fit.likelihood.rig_bundle import Agreement, adjust_rig
 from ..fit.likelihood.robust import RobustFit, fit_robustly
-from ..fit.likelihood.shared_estimates import estimates_of, motion_in_session, of_moves, posterior_of_fit
+from ..fit.likelihood.shared_estimates import (
+    estimates_of,
+    motion_in_session,
+    of_moves,
+    posterior_of_fit,
+    without_shared_errors,
+)
 from ..fit.likelihood.starts import leaves_open, start_open
 from ..fit.one_model.estimation import BY_VIEW, ROUGH, FoundSizes, JointModel
 from ..fit.one_model.points import OpenSizes, with_open_sizes

@@ -35,7 +35,6 @@ from ...core.geometry.checks import as_transforms
 from ...core.geometry.se3 import Array, left_jacobian, perturb
 from ...core.runtime.read_only import ReadOnlyArrays
 from ...errors import DegenerateMotionError, InputError, NotConvergedError
-from ...model.noise.joint_covariance import joint_of
 from ...model.noise.models import Noise, PairNoise, PoseNoise, is_joint, with_prior
 from ...model.noise.pose_prior import PosePrior
 from ...model.noise.square_roots import Covariance, Factor, cholesky_of, gram, joint_residuals, pulled, weighted, whiten
@@ -426,27 +425,12 @@ def corrected(fit: Fit, noise: Noise, first: Array, second: Array) -> tuple[Arra
 
     What is left of their noise is, to first order, uncorrelated with the residuals.
     """
-    errors = _errors(fit.linear.sides, noise, *_weighted_residuals(fit))
+    factor = fit.factor
+    if fit.weights is not None and joint_residuals(fit.S):  # a wrong pose must not reach the others through their noise
+        factor = fit.weighted_factor
+    errors = _errors(fit.linear.sides, noise, factor, whiten(factor, fit.residual[..., None]))
     one, other = (T if v is None else perturb(T, -v) for T, v in zip((first, second), errors, strict=True))
     return one, other
-
-
-def without_shared_errors(fit: Fit, noise: Noise, first: Array, second: Array) -> tuple[Array, Array] | None:
-    """The measured poses of both sides less the shared errors, as the residuals tell them; None without any."""
-    shared = [S if S is None else S.shared for S in map(joint_of, covariances_of(noise))]
-    if not any(F is not None and F.size for F in shared):
-        return None
-    found = []
-    for T, D, F in zip((first, second), fit.linear.sides, shared, strict=True):
-        found.append(T if F is None else perturb(T, -F @ fit.told(D @ F).z))
-    return found[0], found[1]
-
-
-def _weighted_residuals(fit: Fit) -> tuple[Factor, Array]:
-    """The factor of the covariance of the residuals, and the residuals whitened by it."""
-    if fit.weights is not None and joint_residuals(fit.S):  # a wrong pose must not reach the others through their noise
-        return fit.weighted_factor, whiten(fit.weighted_factor, fit.residual[..., None])
-    return fit.factor, fit.white[0][..., None]
 
 
 def _last_places(constraint: Constraint, unknowns: Unknowns) -> Array:

@@ -23,7 +23,7 @@ from scipy.special import chdtrc, erfc
 
 from ...core.files.records import Record
 from ...core.formatting.units import small_unit
-from ...core.geometry.se3 import Array
+from ...core.geometry.se3 import Array, perturb
 from ...errors import InputError
 from ...model.noise.joint_covariance import group_of, joint_of
 from ...model.noise.models import INTRINSICS, Noise
@@ -165,6 +165,17 @@ def motion_in_session(fit: Fit, noise: Noise) -> Array | None:
             found[place, place] = np.mean(xi @ (np.outer(z, z) + left) @ xi.mT, axis=0)
     values, vectors = np.linalg.eigh(found)
     return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0))) if found.any() else None
+
+
+def without_shared_errors(fit: Fit, noise: Noise, first: Array, second: Array) -> tuple[Array, Array] | None:
+    """The measured poses of both sides less the shared errors, as the residuals tell them; None without any."""
+    shared = [S if S is None else S.shared for S in map(joint_of, covariances_of(noise))]
+    if not any(F is not None and F.size for F in shared):
+        return None
+    found = []
+    for T, D, F in zip((first, second), fit.linear.sides, shared, strict=True):
+        found.append(T if F is None else perturb(T, -F @ fit.told(D @ F).z))
+    return found[0], found[1]
 
 
 def group_test(posterior: Posterior, errors: Sequence[SharedError], group: str) -> GroupTest | None:
