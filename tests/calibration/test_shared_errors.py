@@ -10,7 +10,9 @@ from support import SEED
 
 import uq_handeye as uq
 from uq_handeye.calibration.report.text import included_words, shared_groups, shared_table
+from uq_handeye.core.geometry.se3 import perturb
 from uq_handeye.findings import Finding
+from uq_handeye.model.shared_errors.assumed import replace_defaults
 from uq_handeye.model.shared_errors.shared_error import WRONG_SIZE
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.01deg", "0.03mm"), camera=("0.03deg", "0.1mm"))
@@ -112,6 +114,47 @@ def test_numbers_of_one_error_are_tested_together(poses, times, expected):
     if expected:
         assert found[0].values["count"] == 8 and 3 < found[0].values["times"] < 9
         assert "its 8 numbers are about" in str(found[0])
+
+
+@pytest.mark.parametrize(
+    ("times", "severity"), [(1.0, None), (4.0, "caution"), (0.1, "note")], ids=["right", "too small", "too large"]
+)
+def test_a_declared_accuracy_that_is_wrong_is_named(times, severity):
+    """An arm four times as bad as declared, and one ten times as good, by `shared` and by `sizes`."""
+    declared = uq.SharedError.robot_accuracy("0.6mm")
+    poses = uq.simulate(40, noise=NOISE, seed=SEED)
+    arm = declared.bound(poses)
+    e = times * arm.sd * np.random.default_rng(2).normal(size=len(arm.sd))
+    robot = perturb(poses.robot, arm.at(poses) @ e)
+    bent = uq.PosePairs(robot, poses.camera, poses.setup)
+    for options in ({"shared": [declared]}, {"sizes": {"robot accuracy": "0.6mm"}}):
+        found = {one.code: one for one in quietly(bent, **options).findings}
+        named = found.get("calibration.group_contradicted")
+        assert (named and named.severity) == severity, options
+        if named:
+            assert f"Declare a {'larger' if times > 1 else 'smaller'} standard deviation" in str(named)
+
+
+def test_declared_errors_stand_beside_the_other_defaults_where_noise_is_estimated(poses, tmp_path):
+    bent = replace(poses, truth=None, timestamps=None)
+
+    def of(**options):
+        return sorted({error.error for error in quietly(bent, **options).shared})
+
+    defaults = of()
+    assert of(shared=[SHARED.focal_length("0.3%")]) == defaults and of(shared=[]) == []
+    assert of(shared=[SHARED.focal_length("exact")]) == [name for name in defaults if name != "focal length"]
+    assert of(shared=[SHARED.robot_scale("0.01%")]) == sorted([*defaults, "robot scale"])
+    assert of(noise=NOISE, shared=[SHARED.focal_length("0.3%")]) == ["focal length"]
+    first, second = bent.rows(np.arange(18)), bent.rows(np.arange(18, 25))
+    for others in (True, False):
+        errors = replace_defaults([SHARED.focal_length("0.3%")], False, others)
+        made = quietly(first, shared=errors)
+        made.to_json(tmp_path / "first.json")
+        read = uq.Calibration.from_json(tmp_path / "first.json")
+        again, whole = uq.update(read, second, although_changed=True), quietly(bent, shared=errors)
+        np.testing.assert_allclose(again.X, whole.X, atol=1e-9)
+        assert of(shared=errors) == (defaults if others else ["focal length"])
 
 
 @pytest.mark.parametrize("side", ["robot", "camera"])

@@ -113,9 +113,9 @@ def calibrate(
         Of the random subsets and bootstrap replicates.
     shared : sequence of SharedError or None
         Errors that all poses share, such as ``SharedError.focal_length(0.001)``: unknowns with a prior, whose effect is
-        part of the covariance (``result.shared`` says what the data tell of each). None: for finished camera poses
-        whose noise is estimated, focal length, principal point and target scale with default standard deviations
-        (`shared_error.DEFAULT_SD`); otherwise none. ``[]``: none.
+        part of the covariance (``result.shared`` says what the data tell of each). Where the noise is estimated, each
+        replaces the default of its name (`shared_errors.assumed`), and the other defaults stay, as with None; with
+        noise given there are no defaults. ``[]``: none.
     correlation : "auto" or "none"
         Whether errors of neighbouring poses may be correlated: a drift of camera or target, or noise that is correlated
         in time. ``auto`` estimates it with the noise, and where the data show some the covariance ("model" and

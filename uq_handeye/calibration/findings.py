@@ -35,6 +35,7 @@ from ..model.poses.motions import Motions, median, pose_residuals, relative_moti
 from ..model.poses.pose_pairs import PosePairs
 from ..model.posterior.posterior import Posterior
 from ..model.shared_errors.shared_error import TARGET_SCALE, WRONG_SIZE
+from ..model.shared_errors.sizes import checked_sizes
 from .job import FEWEST_FOR_ROBUST, Job, job_of
 from .request import Request
 from .result import Calibration
@@ -131,11 +132,17 @@ def shared_findings(job: Job, result: Calibration, joint: Posterior, wrong_size:
     for error in result.shared_at_sizes:
         by_name.setdefault(group_of(error.name), []).append(error)
     for name, errors in by_name.items():
-        declared = len(errors) > 1 and not errors[0].default  # sizes that are assumed were found by these data
+        asked = checked_sizes(job.request.sizes).get(name)  # sizes that are assumed were found by these data
+        declared = len(errors) > 1 and (not errors[0].default if asked is None else asked.is_known)
         test = group_test(joint, job.shared, name) if declared else None
-        if test is not None and test.p_value < CONTRADICTED and test.times > 1:
-            of_group = {"name": name, "count": len(errors), "times": test.times, "p_value": test.p_value}
-            found.append(Finding("calibration.group_contradicted", "caution", of_group))
+        # An arm of right accuracy is within a factor of 2 of the population that stands for it.
+        within = (0.5, 2.0) if errors[0].accuracy is not None else (0.0, 1.0)
+        if test is not None and (test.times > within[1] or test.times < within[0]):
+            p = min(test.p_value, float(chdtr(test.dof, test.chi2)))
+            severity: Severity = "caution" if test.times > 1 else "note"
+            of_group = {"name": name, "count": len(errors), "times": test.times, "p_value": p}
+            if p < CONTRADICTED:
+                found.append(Finding("calibration.group_contradicted", severity, of_group))
     single = [errors[0] for errors in by_name.values() if len(errors) == 1]
     for error in single:
         alone, sd = error.alone, error.alone_sd

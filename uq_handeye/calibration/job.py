@@ -35,7 +35,7 @@ from ..model.noise.models import CameraNoise, Noise, PairNoise, PoseNoise, requi
 from ..model.noise.pose_prior import PosePrior
 from ..model.poses.motions import Motions, relative_motions, spread_pairs
 from ..model.poses.pose_pairs import PosePairs
-from ..model.shared_errors.assumed import assumed_accuracy, assumed_lens, assumed_view, default_errors
+from ..model.shared_errors.assumed import replace_defaults
 from ..model.shared_errors.shared_error import (
     CLOCK_OFFSET,
     LENS,
@@ -202,8 +202,9 @@ def job_of(request: Request, data: Any, about: tuple[PosePairs, Array] | None = 
         )
     method, bound, pairs, shared = request.taken_method, request.by_likelihood, request.pairs, request.shared
     scale, kind, robust, prior = request.scale, request.kind, request.robust, request.prior
-    if shared is not None:
-        data, shared = take_offset(data, tuple(shared))
+    if shared:
+        data, rest = take_offset(data, tuple(shared))
+        shared = rest or None  # a clock offset alone leaves the defaults
     noise, camera, robot = _open_noise(request.noise)
     if method == BUNDLE:
         _require_corners(data, noise if camera is None else PoseNoise(camera=camera), request.covariance)
@@ -246,7 +247,7 @@ def job_of(request: Request, data: Any, about: tuple[PosePairs, Array] | None = 
     assumed = {ROBOT_ACCURACY} if robot_known else set()
     if not bound or motions.poses is None or motions.poses.truth is not None:
         assumed = {ROBOT_ACCURACY, LENS, VIEW}
-    errors = tuple(error for error in errors if not (error.default and error.name in assumed))
+    errors = tuple(one for one in errors if not (one.default and (one.is_exact or one.name in assumed)))
     if motions.poses is not None:
         errors = tuple(error.bound(motions.poses) if error.needs_poses else error for error in errors)
     columns_of_arm = None if arm is None or arm.errors.is_exact else arm.columns
@@ -381,13 +382,15 @@ def _shared_of(
     kind: str | None,
     camera: CameraNoise | None,
 ) -> tuple[SharedError, ...]:
-    """Return the errors that were given; else the defaults, where the noise is to be estimated."""
-    if shared is None:
-        if noise is not None or poses is None or method == BUNDLE or kind not in (None, "poses"):
-            return ()
-        known = camera is not None or poses.camera_known
-        return (*default_errors(known), assumed_accuracy(), *(() if known else (assumed_lens(), assumed_view())))
-    errors = tuple(shared) if poses is None else checked_errors(shared, poses)
+    """Return the errors that were given and, where the noise is to be estimated, the defaults of other names."""
+    estimated = noise is None and poses is not None and method != BUNDLE and kind in (None, "poses")
+    if shared is None and not estimated:
+        return ()
+    if estimated and shared != ():
+        assert poses is not None
+        errors = tuple(replace_defaults(shared or (), camera is not None or poses.camera_known))
+        return errors if shared is None else checked_errors(errors, poses)
+    errors = tuple(shared or ()) if poses is None else checked_errors(shared, poses)
     if not errors:
         return ()
     if poses is None or isinstance(noise, PairNoise):

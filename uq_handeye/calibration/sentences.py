@@ -69,12 +69,14 @@ def _(name: str, unit: str, estimate: float, sd: float, assumed: float, p_value:
     phrase="{name} contradict what was assumed",
     effect=lambda v: float(v["times"]),
     rejects=True,
-    remedy="correct the {name}, or declare it wider",
+    remedy="correct what is declared of the {name}",
 )
 def _(name: str, count: int, times: float, p_value: float) -> str:
+    how = f"about {multiple(times)} times as large as" if times >= 0.2 else "less than a fifth of what was"
+    declare = "larger" if times > 1 else "smaller"
     return (
-        f"The residuals contradict the assumed {name}: its {count} numbers are about {multiple(times)} times as large "
-        f"as assumed ({probability(p_value)}). Declare a larger standard deviation."
+        f"The residuals contradict the assumed {name}: its {count} numbers are {how} assumed "
+        f"({probability(p_value)}). Declare a {declare} standard deviation."
     )
 
 

@@ -34,7 +34,7 @@ class SharedOptions:
         0.001; in pixels, e.g. 1px, if the focal length is known; or exact. Default: by --shared.
       --target-scale-sd SD: Relative standard deviation of the target size, e.g. 0.02%, or exact. Default: by --shared.
       --robot-scale-sd SD: Relative standard deviation of the robot's length scale, e.g. 0.01%, or exact.
-      * --robot-accuracy MM,DEG: Robot accuracy by its data sheet. Translation and rotation, e.g. 0.5mm,0.05deg, RMS
+      * --robot-accuracy MM[,DEG]: Robot accuracy by its data sheet. Translation and rotation, e.g. 0.5mm,0.05deg, RMS
         over the workspace; or exact. Where it is not declared it is known within a factor of 3, or as --robot-class
         says. Default: 0.6 mm.
       --offset-sd SD: Standard deviation of the clock offset, e.g. 1ms, or exact. Default with --pair async: estimated.
@@ -91,9 +91,8 @@ class SharedOptions:
         if isinstance(noise, PairNoise) and declared:
             raise InputError("Shared errors need noise of poses ([robot], [camera]), got noise of motions ([A], [B]).")
         errors = list(declared.values())
-        if not none and noise is None:
-            known = views is not None or poses.camera_known
-            errors = replace_defaults(declared.values(), known)
+        if declared and noise is None:
+            errors = replace_defaults(declared.values(), views is not None or poses.camera_known, not none)
         return list(checked_errors(errors, poses))
 
 

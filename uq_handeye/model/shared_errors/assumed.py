@@ -13,7 +13,7 @@ order of the rows of a file means nothing.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -94,6 +94,14 @@ def assumed_lens() -> SharedError:
     )
 
 
+def stored_error(data: Mapping[str, Any]) -> SharedError:
+    """Return the error of `SharedError.to_dict`; lens and view are the assumed ones, or switched off."""
+    if data["name"] not in (LENS, VIEW):
+        return SharedError.from_dict(data)
+    error = assumed_lens() if data["name"] == LENS else assumed_view()
+    return error if any(data["sd"]) else error.switched_off()
+
+
 def assumed_drift(poses: PosePairs) -> tuple[SharedError, ...]:
     """Return drifts of camera and target over the time of these poses; none without timestamps or in a simulation."""
     if poses.timestamps is None or poses.truth is not None or poses.n < FEWEST:
@@ -139,10 +147,13 @@ def assumed_accuracy(of_class: str | None = None) -> SharedError:
     return replace(population_error(size.median, 0.0, None), default=True, factor=size.factor)
 
 
-def replace_defaults(declared: Iterable[SharedError], intrinsics_known: bool) -> list[SharedError]:
-    """Return the default errors, those declared in place of the ones of their names, and the other ones declared."""
+def replace_defaults(declared: Iterable[SharedError], intrinsics_known: bool, others: bool = True) -> list[SharedError]:
+    """Return the default errors, those declared in place of the ones of their names, and the other ones declared.
+
+    ``others`` False: the defaults that are not declared are switched off.
+    """
     by_name = {
-        error.name: error
+        error.name: error if others else error.switched_off()
         for error in (
             *default_errors(intrinsics_known),
             assumed_accuracy(),

@@ -106,6 +106,11 @@ class SharedError(ReadOnlyArrays):
         """True if it is switched off: standard deviations of 0."""
         return not self.sd.any()
 
+    def switched_off(self) -> SharedError:
+        """Return the error with standard deviations of 0."""
+        none = (0.0, 0.0, None) if self.declared is not None else None
+        return replace(self, sd=np.zeros_like(self.sd), factor=1.0, bind=None, declared=none)
+
     def of_size(self, size: float) -> SharedError:
         """Return the error with a size that was found: standard deviations times it, known as they are."""
         if self.factor == 1 and size == 1.0:

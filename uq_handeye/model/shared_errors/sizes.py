@@ -157,17 +157,20 @@ def reach_of(poses: Array) -> float:
 
 
 def stated_accuracy(translation: float | str, rotation: float | str | None) -> tuple[float, float]:
-    """Accuracy of position and orientation (m, rad) of two values, or of a text with both; raises `InputError`."""
+    """Accuracy of position and orientation (m, rad) of two values, or of a text with both; raises `InputError`.
+
+    Without one of the orientation it is 0: the errors of arms that are so accurate in position.
+    """
     if rotation is None:
         parts = [part.strip() for part in translation.split(",")] if isinstance(translation, str) else []
-        if len(parts) != 2:
+        if len(parts) > 2:
             raise InputError(
-                f"Expected the {ROBOT_ACCURACY} to be a length and an angle, such as '0.5mm,0.05deg', got "
+                f"Expected the {ROBOT_ACCURACY} to be a length, or a length and an angle such as '0.5mm,0.05deg', got "
                 f"{translation!r}."
             )
-        translation, rotation = parts
-        if any(part.endswith(("deg", "rad")) for part in [translation]):  # the other way round
-            translation, rotation = rotation, translation
+        rotation = 0.0
+        if len(parts) == 2:  # in either order
+            translation, rotation = sorted(parts, key=lambda part: part.endswith(("deg", "rad")))
     move = parse_length(translation, f"the translation of the {ROBOT_ACCURACY}")
     turn = parse_angle(rotation, f"the rotation of the {ROBOT_ACCURACY}")
     if not (0 <= move < np.inf and 0 <= turn < np.inf):

@@ -30,9 +30,8 @@ from ...model.noise.models import CameraNoise, PoseNoise, is_joint
 from ...model.noise.pose_prior import PosePrior
 from ...model.poses.pose_pairs import PosePairs
 from ...model.poses.timing import Timing
-from ...model.shared_errors.assumed import default_errors
+from ...model.shared_errors.assumed import default_errors, replace_defaults, stored_error
 from ...model.shared_errors.camera_noise import camera_noise_at
-from ...model.shared_errors.shared_error import SharedError
 
 # Median distances that differ by this factor are not of one unit.
 UNIT = 50.0
@@ -260,12 +259,12 @@ def arguments(
     """
     assert result.provenance is not None
     options, request = result.provenance.options, _request(result)
-    shared = None if request["shared"] is None else [SharedError.from_dict(error) for error in request["shared"]]
+    shared = None if request["shared"] is None else [stored_error(error) for error in request["shared"]]
     noise_of_all = _noise(request["noise"], poses, _Rows(result, numbers), noise)
     if shared is None and noise_of_all is None and request["simulated"]:
-        shared = list(default_errors(poses.camera_known))
+        shared = replace_defaults(default_errors(poses.camera_known), poses.camera_known, others=False)
     if shared is None and isinstance(noise_of_all, CameraNoise) and request["simulated"]:
-        shared = list(default_errors(True))
+        shared = replace_defaults(default_errors(True), True, others=False)
     if not isinstance(pairs := options["pairs"], str) or pairs.endswith(" given"):
         raise InputError("The result was made of pairs that were listed: those of the new poses are not known.")
     arm = request["arm"]
