@@ -187,7 +187,7 @@ def test_ctrl_c_leaves_as_it_is(monkeypatch):
     def pressed(task):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(sweep_module, "level_at", pressed)
+    monkeypatch.setattr(sweep_module, "drawn", pressed)
     motions, noise = star(0.03)
     with pytest.raises(KeyboardInterrupt):
         sweep(motions, noise=noise, methods=["4dpa"], trials=100)

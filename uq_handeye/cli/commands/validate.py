@@ -53,7 +53,7 @@ class Simulation:
     workers: int | None = None
     scheduler: str | None = None
 
-    def factors(self, resume: bool) -> list[float] | None:
+    def factors(self) -> list[float] | None:
         """Return the factors of a sweep; None: there is none. Raises `InputError` for what does not go with one."""
         if self.sweep_noise is None:
             return None
@@ -61,7 +61,6 @@ class Simulation:
             "--digits": self.digits,
             "--scheduler": self.scheduler,
             "--scale": self.scale,
-            "--resume": resume or None,
             "--covariance each": self.covariance == "each" or None,
         }
         for option, value in others.items():
@@ -102,7 +101,7 @@ def validate_command(
     Options (Output):
       * -o, --output DIR <named_folder>: Folder for the results and the trials, for --resume. It holds result.json,
         validation.csv, validation.png, validation.svg and the trials (chunks/); several methods: a folder each. With
-        --sweep-noise: sweep.json, sweep.csv, sweep.png, sweep.svg.
+        --sweep-noise: sweep.json, sweep.csv, sweep.png, sweep.svg and the levels (run/).
       * --figure FILE: Figure, .png or .svg, one per method.
       * --resume: Continue the run in -o DIR, or add trials to it.
     """
@@ -117,8 +116,9 @@ def validate_command(
         raise InputError(f"{output} holds the run of one method. Give its --method alone, or name a new folder.")
     _, problem = session.calibrated(pairs, **beforehand)
     workers = cores() if asked.workers is None else asked.workers
-    if (factors := asked.factors(resume)) is not None:
-        options = {"seed": asked.seed, "pairs": pairs, **({} if asked.trials is None else {"trials": asked.trials})}
+    if (factors := asked.factors()) is not None:
+        options = {"seed": asked.seed, "pairs": pairs, **_kept(output, resume)}
+        options |= {} if asked.trials is None else {"trials": asked.trials}
         return _sweep(problem, names, factors, options, figure, as_json, output)
 
     from ...read import json_text
@@ -178,6 +178,11 @@ def _simulated(
             yield result
             if result.ended_early:
                 return
+
+
+def _kept(output: Path | None, resume: bool) -> dict[str, Any]:
+    """Return where a sweep or a cross-check keeps what is done, in the folder of its results."""
+    return {"directory": None if output is None else output / "run", "resume": resume}
 
 
 def _folder(output: Path | None, name: str, names: list[str]) -> Path | None:
@@ -249,6 +254,7 @@ def cross_check_command(
     as_json: bool = False,
     output: Path | None = None,
     report: Path | None = None,
+    resume: bool = False,
 ) -> int:
     r"""Compare all covariances of X: formulas, simulation, posterior.
 
@@ -263,18 +269,22 @@ def cross_check_command(
     Computes every covariance of X of the same problem and tests the relations
     that must hold between them. A broken relation is a result: the exit status
     is 0. Ctrl-C prints what is finished (exit status 130); so does a run that
-    lost its workers (exit status 1).
+    lost its workers (exit status 1). With -o DIR, --resume continues it.
 
     Options (Output):
-      * -o, --output DIR <named_folder>: Folder for cross_check.json, .csv, .png and .svg.
+      * -o, --output DIR <named_folder>: Folder for cross_check.json, .csv, .png and .svg, and for the trials and the
+        chain (run/), for --resume.
+      * --resume: Continue the cross-check in -o DIR, or add trials to it.
     """
+    if resume and output is None:
+        raise InputError("--resume needs the folder of the run. Add -o DIR.")
     require_writable(report, "--report", REPORTS)
     from ...core.presentation.document import document_of
     from ...trials.validation.cross_check.run import cross_check
     from ...trials.validation.sentences import INTERRUPTED as ENDED_BY_HAND
 
     result, problem = session.calibrated(asked.pairs)
-    how = vars(asked) | {"workers": cores() if asked.workers is None else asked.workers}
+    how = vars(asked) | {"workers": cores() if asked.workers is None else asked.workers} | _kept(output, resume)
     with timed("cross-check"):
         check = cross_check(**problem, **how, progress=progress_wanted())
     said = document_of(check, verbose=verbose())

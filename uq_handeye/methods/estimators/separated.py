@@ -40,18 +40,15 @@ def separated(
     name: str,
     vectors: Callable[[Array, Array], tuple[Array, Array]],
     rotation: Callable[[Array, int], Array],
+    published: tuple[str, int, str, str],
     *,
-    authors: str,
-    year: int,
-    title: str,
-    doi: str,
     minimises: str,
     singular: str = _HALF_TURNS,
 ) -> Method:
     """Return the method whose rotation (T, 3, 3) follows from ``sum l r^T`` (T, p, q) of N pairs.
 
     ``vectors`` makes l (..., p) and r (..., q) of the quaternions (..., 4) of A and of B. The docstring of ``rotation``
-    is the description of the method.
+    is the description of the method; ``published`` holds authors, year, title with where it appeared, and DOI.
     """
 
     def factors(A: Array, B: Array, signs: Signs | None) -> Factors:
@@ -61,7 +58,7 @@ def separated(
         return with_translation(rotation(moments[0], N), moments[1], N)
 
     minimises += ", then sum |(R_A - I) t - (R_X t_B - t_A)|^2"
-    about = name, authors, year, title, doi, "separated", "closed form", minimises, singular
+    about = name, *published, "separated", "closed form", minimises, singular
     return Method(*about, MomentSolver(factors, solution), rotation.__doc__)
 
 
@@ -128,11 +125,13 @@ TSAI = separated(
     "tsai",
     _axes,
     tsai,
-    authors="R. Y. Tsai and R. K. Lenz",
-    year=1989,
-    title="A New Technique for Fully Autonomous and Efficient 3D Robotics Hand/Eye Calibration. "
-    "IEEE Trans. Robotics and Automation 5(3), 345-358",
-    doi="10.1109/70.34770",
+    (
+        "R. Y. Tsai and R. K. Lenz",
+        1989,
+        "A New Technique for Fully Autonomous and Efficient 3D Robotics Hand/Eye Calibration. "
+        "IEEE Trans. Robotics and Automation 5(3), 345-358",
+        "10.1109/70.34770",
+    ),
     minimises="sum |[P_A + P_B]x g - (P_B - P_A)|^2 over the Rodrigues vector g of X",
     singular="X itself rotates by nearly 180 degrees: its Rodrigues vector, tan(angle_X / 2) long, has lost its digits",
 )
@@ -176,11 +175,13 @@ SHIU = separated(
     "shiu",
     _planes,
     shiu,
-    authors="Y. C. Shiu and S. Ahmad",
-    year=1989,
-    title="Calibration of Wrist-Mounted Robotic Sensors by Solving Homogeneous Transform Equations of the Form AX=XB. "
-    "IEEE Trans. Robotics and Automation 5(1), 16-29",
-    doi="10.1109/70.88014",
+    (
+        "Y. C. Shiu and S. Ahmad",
+        1989,
+        "Calibration of Wrist-Mounted Robotic Sensors by Solving Homogeneous Transform Equations of the Form AX=XB. "
+        "IEEE Trans. Robotics and Automation 5(1), 16-29",
+        "10.1109/70.88014",
+    ),
     minimises="sum |R - n_A n_B^T - c_i P_i - s_i Q_i|^2 over R and the turns (c_i, s_i) about each axis",
     singular="a motion without rotation, whose axis is open; motions of 180 degrees, unless others fix the sign",
 )
@@ -222,11 +223,13 @@ CHOU = separated(
     "chou",
     _axes,
     chou,
-    authors="J. C. K. Chou and M. Kamel",
-    year=1991,
-    title="Finding the Position and Orientation of a Sensor on a Robot Manipulator Using Quaternions. "
-    "Int. J. Robotics Research 10(3), 240-254",
-    doi="10.1177/027836499101000305",
+    (
+        "J. C. K. Chou and M. Kamel",
+        1991,
+        "Finding the Position and Orientation of a Sensor on a Robot Manipulator Using Quaternions. "
+        "Int. J. Robotics Research 10(3), 240-254",
+        "10.1177/027836499101000305",
+    ),
     minimises="sum |a - R_X b|^2 over unit quaternions, a and b the vector parts of q_A and q_B",
 )
 
@@ -254,11 +257,13 @@ PARK = separated(
     "park",
     lambda q_A, q_B: (rotation_vectors(q_A), rotation_vectors(q_B)),
     park,
-    authors="F. C. Park and B. J. Martin",
-    year=1994,
-    title="Robot Sensor Calibration: Solving AX=XB on the Euclidean Group. "
-    "IEEE Trans. Robotics and Automation 10(5), 717-721",
-    doi="10.1109/70.326576",
+    (
+        "F. C. Park and B. J. Martin",
+        1994,
+        "Robot Sensor Calibration: Solving AX=XB on the Euclidean Group. "
+        "IEEE Trans. Robotics and Automation 10(5), 717-721",
+        "10.1109/70.326576",
+    ),
     minimises="sum |alpha - R_X beta|^2 of rotation vectors",
 )
 
@@ -290,9 +295,11 @@ HORAUD = separated(
     "horaud",
     lambda q_A, q_B: (q_A[..., 1:], q_B[..., 1:]),
     horaud,
-    authors="R. Horaud and F. Dornaika",
-    year=1995,
-    title="Hand-eye Calibration. Int. J. Robotics Research 14(3), 195-210",
-    doi="10.1177/027836499501400301",
+    (
+        "R. Horaud and F. Dornaika",
+        1995,
+        "Hand-eye Calibration. Int. J. Robotics Research 14(3), 195-210",
+        "10.1177/027836499501400301",
+    ),
     minimises="sum |v_A - R_X v_B|^2, v the eigenvectors of the motions with length sin(angle / 2)",
 )

@@ -275,16 +275,17 @@ def _require_rank(found: Array) -> None:
 
 def _fitted(data: PosePairs | Motions, noise: Noise) -> Fit | None:
     """Maximum likelihood; None where the noise leaves a part of the residuals exact, so that there is none."""
+    found: Fit | None = None
     try:
-        return maximum_likelihood(data, noise)
-    except SingularNoiseError:
-        return None
+        with suppress(SingularNoiseError):
+            found = maximum_likelihood(data, noise)
     except NotConvergedError as error:
         raise NotConvergedError(
             "The poses around which noise is to be drawn are those that maximum likelihood finds, which did not "
             f"converge. {error}",
             error.partial,
         ) from None
+    return found
 
 
 def _exact_poses(poses: PosePairs, noise: Noise) -> PosePairs:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -12,26 +13,11 @@ from ...core.formatting.units import parse_angle, parse_length
 from ...core.geometry.checks import as_transforms
 from ...core.geometry.frames import SETUPS
 from ...core.geometry.se3 import Array, inverse, perturb
+from ...core.runtime.keywords import fields_from, takes_fields_of
 from ...errors import InputError, require_integer
 from ...model.noise.joint_covariance import JointCovariance
 from ...model.noise.models import PoseNoise, factor, is_joint, require_count
 from ...model.poses.pose_pairs import PosePairs, Truth
-
-
-def _views(n: int, distance: tuple[float, float], largest: tuple[float, float], rng: np.random.Generator) -> Array:
-    """``target_T_camera`` (n, 4, 4): back off along -z of a camera that looks at the target's face.
-
-    ``largest``: angles of tilt and roll, in rad. The azimuth is undone about the line of sight, so that roll alone
-    turns the picture.
-    """
-    tilt, roll = largest
-    away = rng.uniform(*distance, n)
-    limits: tuple[tuple[float, float], ...] = ((-np.pi, np.pi), (0, tilt), (-np.pi, np.pi), (-roll, roll))
-    angles = np.stack([rng.uniform(*ends, n) for ends in limits], axis=1)
-    angles[:, 2] = -angles[:, 0] + angles[:, 3]
-    looking = Rotation.from_euler("ZYZ", angles[:, :3]) * Rotation.from_euler("x", np.pi)
-    aim = rng.uniform(-0.1, 0.1, (n, 3)) * away[:, None]
-    return _transform(looking, aim - away[:, None] * looking.as_matrix()[..., 2])
 
 
 def _transform(rotation: Rotation, translation: Any) -> Array:
@@ -52,18 +38,58 @@ _BOARD_ON_GRIPPER = _transform(Rotation.from_euler("ZX", [10, 5], degrees=True),
 RIGS = {"eye-in-hand": (_CAMERA_ON_GRIPPER, _BOARD_ON_TABLE), "eye-to-hand": (_CAMERA_ON_TRIPOD, _BOARD_ON_GRIPPER)}
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Scene:
+    """Rig and target of `simulate`, and where the camera looks from."""
+
+    X: Any = None
+    W: Any = None
+    distance: tuple[str | float, str | float] = ("0.4m", "0.8m")
+    tilt: str | float = "35deg"
+    roll: str | float = "60deg"
+
+    def rig(self, setup: str) -> list[Array]:
+        """Return X and W (4, 4)."""
+        return [
+            default if given is None else as_transforms(given, name, stack=False)
+            for given, default, name in zip((self.X, self.W), RIGS[setup], "XW", strict=True)
+        ]
+
+    def views(self, n: int, rng: np.random.Generator) -> Array:
+        """``target_T_camera`` (n, 4, 4): back off along -z of a camera that looks at the target's face.
+
+        The azimuth is undone about the line of sight, so that roll alone turns the picture.
+        """
+        if not isinstance(self.distance, tuple | list) or len(self.distance) != 2:
+            raise InputError(f"Expected `distance` to be (nearest, farthest), got {self.distance!r}.")
+        nearest, farthest = (parse_length(value, "distance") for value in self.distance)
+        if not 0 < nearest <= farthest:
+            raise InputError(
+                f"Expected `distance` to be (nearest, farthest) with 0 < nearest <= farthest, got {self.distance}."
+            )
+        tilt, roll = parse_angle(self.tilt, "tilt"), parse_angle(self.roll, "roll")
+        if not (0 <= tilt <= np.pi and 0 <= roll <= np.pi):
+            raise InputError(
+                f"Expected `tilt` and `roll` between 0 and 180 degrees, got {self.tilt!r} and {self.roll!r}."
+            )
+        away = rng.uniform(nearest, farthest, n)
+        limits: tuple[tuple[float, float], ...] = ((-np.pi, np.pi), (0, tilt), (-np.pi, np.pi), (-roll, roll))
+        angles = np.stack([rng.uniform(*ends, n) for ends in limits], axis=1)
+        angles[:, 2] = -angles[:, 0] + angles[:, 3]
+        looking = Rotation.from_euler("ZYZ", angles[:, :3]) * Rotation.from_euler("x", np.pi)
+        aim = rng.uniform(-0.1, 0.1, (n, 3)) * away[:, None]
+        return _transform(looking, aim - away[:, None] * looking.as_matrix()[..., 2])
+
+
+@takes_fields_of(Scene)
 def simulate(
     n_poses: int = 20,
     *,
     noise: PoseNoise | None = None,
     setup: str = "eye-in-hand",
-    X: Any = None,
-    W: Any = None,
-    distance: tuple[str | float, str | float] = ("0.4m", "0.8m"),
-    tilt: str | float = "35deg",
-    roll: str | float = "60deg",
     trials: int | None = None,
     seed: int | Sequence[int] | np.random.SeedSequence | np.random.Generator = 0,
+    **scene: Any,
 ) -> PosePairs:
     """Poses of a robot that looks at a target from many sides, with noise, and their truth.
 
@@ -101,6 +127,7 @@ def simulate(
     InputError
         A number, range or noise model that cannot be used, with the name of the argument.
     """
+    taken = fields_from(Scene, "simulate", scene)
     if setup not in SETUPS:
         raise InputError(f"Expected `setup` to be one of {', '.join(SETUPS)}, got {setup!r}.")
     require_integer("n_poses", n_poses, 1)
@@ -114,19 +141,8 @@ def simulate(
         ) from error
     if noise is not None and not isinstance(noise, PoseNoise):
         raise InputError(f"Expected `noise` to be PoseNoise or None, got {type(noise).__name__}.")
-    if not isinstance(distance, tuple | list) or len(distance) != 2:
-        raise InputError(f"Expected `distance` to be (nearest, farthest), got {distance!r}.")
-    nearest, farthest = (parse_length(value, "distance") for value in distance)
-    if not 0 < nearest <= farthest:
-        raise InputError(f"Expected `distance` to be (nearest, farthest) with 0 < nearest <= farthest, got {distance}.")
-    largest = parse_angle(tilt, "tilt"), parse_angle(roll, "roll")
-    if not all(0 <= angle <= np.pi for angle in largest):
-        raise InputError(f"Expected `tilt` and `roll` between 0 and 180 degrees, got {tilt!r} and {roll!r}.")
-    X_true, W_true = (
-        default if given is None else as_transforms(given, name, stack=False)
-        for given, default, name in zip((X, W), RIGS[setup], "XW", strict=True)
-    )
-    target_T_camera = _views(n_poses, (nearest, farthest), largest, rng)
+    X_true, W_true = taken.rig(setup)
+    target_T_camera = taken.views(n_poses, rng)
     camera = inverse(target_T_camera)
     robot = W_true @ target_T_camera @ inverse(X_true)
     if setup == "eye-to-hand":

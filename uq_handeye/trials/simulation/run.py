@@ -18,6 +18,7 @@ only. 4DPA on motions has an engine of its own (`fourdpa_on_drawn`); every other
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -99,15 +100,15 @@ def errors_by_moments(moments: Array, N: int, t_X: Array) -> tuple[Array, NDArra
     rest = np.flatnonzero(~regular)
     full = np.zeros((len(rest), 6, 6))
     full[:, :3, :3], full[:, :3, 3:] = H[..., rest].transpose(2, 0, 1), K[..., rest].transpose(2, 0, 1)
-    try:
+    X: Array | None = None
+    with suppress(InputError):
         X = solve_moments(4 * full, N)
-    except InputError:  # one by one, as some leave X open
+    if X is None:  # one by one, as some leave X open
         X = np.broadcast_to(np.eye(4), (len(rest), 4, 4)).copy()
         for k, trial in enumerate(rest):
-            try:
-                X[k] = solve_moments(4 * full[k], N)
-            except InputError:
-                ok[trial] = False
+            ok[trial] = False
+            with suppress(InputError):
+                X[k], ok[trial] = solve_moments(4 * full[k], N), True
     errors[rest, :3] = logarithm(X[:, :3, :3])
     errors[rest, 3:] = X[:, :3, 3] - t_X
     errors[~ok] = 0.0

@@ -29,7 +29,8 @@ from ....model.noise.models import Noise
 from ....model.poses.motions import Motions
 from ....model.poses.pose_pairs import PosePairs
 from ...simulation.experiment import Experiment
-from ..monte_carlo.run import MonteCarlo, monte_carlo
+from ..monte_carlo.run import MonteCarlo, Running, monte_carlo
+from ..resumable import Run
 from ..sentences import INTERRUPTED
 
 if TYPE_CHECKING:
@@ -164,16 +165,18 @@ def _own(problem: Experiment) -> Array:
 
 
 def all_sampled(
-    data: PosePairs | Motions, problem: Experiment, trials: int, **options: Any
+    data: PosePairs | Motions, problem: Experiment, trials: int, seed: int, running: Running, run: Run
 ) -> tuple[list[Row], dict[str, MonteCarlo], Finding | None]:
-    """A row of trials of each method, the runs, and how they ended if that was early; ``options`` of `monte_carlo`.
+    """A row of trials of each method, the runs, and how they ended if that was early.
 
     Ctrl-C leaves out what comes after it; before the first trial it passes through.
     """
     rows: list[Row] = []
     runs: dict[str, MonteCarlo] = {}
     ended: Finding | None = None
+    options = {"workers": running.workers, "executor": running.executor, "progress": running.progress, "seed": seed}
     for method, name in NAMES.items():
+        options |= run.within(method)
         empty = Row(f"{method}-sampled", f"{name}, Monte Carlo", "sampled", method, None, 0.0)
         if ended is None:
             try:
@@ -226,7 +229,7 @@ def _sampled(
 
 
 def of_posterior(
-    data: PosePairs | Motions, noise: Noise, seed: int, progress: bool, ended: Finding | None
+    data: PosePairs | Motions, noise: Noise, seed: int, run: Run, progress: bool, ended: Finding | None
 ) -> tuple[Row, Posterior | None, Finding | None]:
     """Sample the posterior of the measured data; return also how the whole ended if that was early; ``ended``: before
     this.
@@ -239,7 +242,8 @@ def of_posterior(
     chains: list[Posterior] = []
 
     def work() -> Array:
-        chains.append(sample_posterior(data, noise=noise, seed=seed, progress=progress))
+        chain = run.within("chain.h5", "file")
+        chains.append(sample_posterior(data, noise=noise, seed=seed, progress=progress, **chain))
         return chains[0].covariance
 
     try:

@@ -20,7 +20,7 @@ rows must relate: `relations`.
 from __future__ import annotations
 
 import time
-from concurrent.futures import Executor
+from contextlib import closing
 from dataclasses import dataclass
 from itertools import groupby
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -40,14 +40,16 @@ from ....core.presentation.document import (
     Table,
     document_of,
 )
+from ....core.runtime.keywords import fields_from, takes_fields_of
 from ....errors import InputError, require_integer
 from ....findings import Finding
 from ....model.noise.models import Noise, PairNoise, PoseNoise
 from ....model.poses.motions import Motions, relative_motions
 from ....model.poses.pose_pairs import PosePairs
 from ...simulation.experiment import Experiment, Fitted, experiment, problem_of
-from ..monte_carlo.run import MonteCarlo
+from ..monte_carlo.run import MonteCarlo, Running
 from ..outcome import NoiseOfData, Outcome, limit, limit_blocks, noise_of_data, one_of, place_of
+from ..resumable import identity_of
 from .relations import TOLERANCE, Evidence, Relation, relations
 from .rows import FEWEST_TRIALS, METHODS, Row, all_sampled, effective_samples, formulas, judged, of_posterior
 
@@ -335,6 +337,7 @@ def _sentence(text: str) -> str:
     return f"{start}{text[1:]}{'' if text.endswith('.') else '.'}"
 
 
+@takes_fields_of(Running)
 def cross_check(
     data: PosePairs | Motions | Fitted,
     *,
@@ -342,10 +345,8 @@ def cross_check(
     pairs: str | ArrayLike = "all",
     trials: int = 10_000,
     seed: int = 0,
-    workers: int = 1,
-    executor: Executor | None = None,
     posterior: bool = True,
-    progress: bool = False,
+    **how: Any,
 ) -> CrossCheck:
     """Every covariance of X for one problem, and whether they agree as theory says they must.
 
@@ -366,6 +367,9 @@ def cross_check(
     workers, executor : as in `monte_carlo`
     posterior : bool
         Sample the posterior too, which needs the extra ``posterior``.
+    directory : path or None
+        Folder for the trials of each method and the chain, from which ``resume=True`` goes on after whatever ended the
+        program (`Run`), with as many trials or more.
     progress : bool
         Show bars on stderr if that is a terminal.
 
@@ -394,9 +398,9 @@ def cross_check(
     ()
     """
     started = time.monotonic()
-    for name, value, least in (("trials", trials, FEWEST_TRIALS), ("seed", seed, 0), ("workers", workers, 1)):
+    for name, value, least in (("trials", trials, FEWEST_TRIALS), ("seed", seed, 0)):
         require_integer(name, value, least)
-    given = data
+    given, running = data, fields_from(Running, "cross_check", how)
     data, noise, estimated = problem_of(data, noise)
     measured = data
     if isinstance(data, PosePairs) and (isinstance(noise, PairNoise) or not isinstance(pairs, str) or pairs != "all"):
@@ -406,13 +410,14 @@ def cross_check(
     problem.predicted()  # raises where the data do not determine X
     checked = noise_of_data(given, measured, noise, estimated)
     rows = formulas(data, problem)
-    options = {"seed": int(seed), "workers": int(workers), "executor": executor, "progress": progress}
-    trial_rows, runs, ended = all_sampled(data, problem, int(trials), **options)
-    rows += trial_rows
-    chain: Posterior | None = None
-    if posterior:
-        row, chain, ended = of_posterior(data, noise, int(seed), progress, ended)
-        rows.append(row)
+    identity = identity_of(data, noise, {"pairs": problem.pairs, "X": problem.X}, seed=int(seed))
+    with closing(running.kept(identity, "cross-check", pieces="", asked=int(trials))) as run:
+        trial_rows, runs, ended = all_sampled(data, problem, int(trials), int(seed), running, run)
+        rows += trial_rows
+        chain: Posterior | None = None
+        if posterior:
+            row, chain, ended = of_posterior(data, noise, int(seed), run, running.progress, ended)
+            rows.append(row)
     effective = None if chain is None else effective_samples(chain)
     rows_judged = tuple(judged(row, runs, effective if row.key == "posterior" else None) for row in rows)
     return CrossCheck(

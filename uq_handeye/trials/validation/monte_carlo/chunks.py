@@ -15,7 +15,6 @@ numbers, and may finish them in any order; the chunks are passed on by number. T
 from __future__ import annotations
 
 import pickle
-import platform
 import sys
 import time
 from collections.abc import Callable, Generator, Iterator, Sequence
@@ -24,35 +23,24 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field
 from functools import cache, lru_cache
 from itertools import islice
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
-from ...._version import __version__
 from ....core.geometry.se3 import Array
 from ....core.runtime.executors import LocalProcesses
 from ....core.runtime.threads import one_thread
 from ....errors import InputError
 from ...simulation.experiment import Experiment
 from ...simulation.run import run
+from ..resumable import identity_of, packed, sha256, unpacked, versions
 from .consistency import Sums
+from .sums import BELOW
 
 # Trials per chunk: the largest of these for which trials times poses (or pairs) stay below `MOST`. Each divides the
 # 10,000 trials of a sequence of JCGM 101.
 SIZES, MOST = (1000, 100, 10), 1_000_000
-
-
-def versions() -> dict[str, str]:
-    """Return the versions on which the last bits of a result depend."""
-    return {
-        "uq_handeye": __version__,
-        "numpy": np.__version__,
-        "scipy": scipy.__version__,
-        "python": f"{sys.version_info.major}.{sys.version_info.minor}",
-        "machine": platform.machine(),
-    }
 
 
 def chunk_size(experiment: Experiment) -> int:
@@ -67,6 +55,16 @@ class Chunk(NamedTuple):
     ok: NDArray[np.bool_]  # (m,)
     own: Array  # (6, 6) sum of the trials' own covariances; zeros where they are not what is tested
     sums: Sums
+
+    def to_bytes(self) -> bytes:
+        """Return the chunk as a file keeps it."""
+        return packed({"errors": self.errors, "ok": self.ok, "own": self.own, **self.sums.to_arrays()})
+
+    @classmethod
+    def from_bytes(cls, content: bytes) -> Chunk:
+        """Return the chunk that `to_bytes` gave."""
+        arrays = unpacked(content)
+        return cls(arrays.pop("errors"), arrays.pop("ok"), arrays.pop("own"), Sums.from_arrays(arrays))
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,6 +86,20 @@ class Work:
     def size(self, index: int) -> int:
         """Trials of a chunk."""
         return min(self.chunk, self.trials - index * self.chunk)
+
+    @property
+    def most_bytes(self) -> int:
+        """Bytes of a chunk at most: of each trial, and of all else."""
+        return self.chunk * (6 * 8 + 1) + 24 * BELOW.size + 8192
+
+    @property
+    def identity(self) -> dict[str, Any]:
+        """What the numbers of a run depend on, except for the number of trials."""
+        e = self.experiment
+        tested = "of each trial" if self.tested is None else sha256({"tested": self.tested})
+        what = {"method": e.method, "scale": e.scale, "covariance tested": tested}
+        more = {"seed": self.seed, "trials per chunk": self.chunk}
+        return identity_of(e.truth, e.noise, {"X": e.X, "W": e.W, "pairs": e.pairs}, **what, **more)
 
     def compute(self, index: int) -> Chunk:
         """Draw and solve the trials of one chunk."""

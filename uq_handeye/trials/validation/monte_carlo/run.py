@@ -15,12 +15,12 @@ is the same, bit by bit, for any number of workers, for a run that was ended and
 
 from __future__ import annotations
 
-import os
 import time
 import warnings
 from collections.abc import Callable
 from concurrent.futures import Executor
 from contextlib import ExitStack, closing
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -28,6 +28,7 @@ from numpy.typing import ArrayLike
 
 from ....core.geometry.checks import checked_covariance
 from ....core.geometry.se3 import Array
+from ....core.runtime.keywords import fields_from, takes_fields_of
 from ....core.runtime.progress import progress_bar
 from ....core.runtime.threads import one_thread
 from ....errors import InputError, InputWarning, require_integer
@@ -38,39 +39,75 @@ from ....model.poses.pose_pairs import PosePairs
 from ....model.poses.timing import warn_left_out
 from ...simulation.experiment import Fitted, experiment, problem_of
 from ..outcome import noise_of_data, place_of
+from ..resumable import Kept, Run
 from ..sentences import ALL, INTERRUPTED, STABLE, WORKERS_LOST
 from .chunks import Chunk, Crew, Work, WorkersLostError, chunk_size, from_bytes, to_bytes
 from .consistency import Sums, consistency
 from .result import MonteCarlo
-from .store import RunFolder
 from .sums import BLOCK, Stability
 
 __all__ = ["MonteCarlo", "monte_carlo"]
 
 # Errors that are kept, trial by trial: 48 MB.
 KEPT = 1_000_000
-# Trials at most, given or where only the digits are.
-MOST, MOST_FOR_DIGITS = 10**12, 1_000_000
+# Trials at most, given or where only the digits are; workers at most.
+MOST, MOST_FOR_DIGITS, MOST_WORKERS = 10**12, 1_000_000, 10_000
 # Variances of a covariance that is given, rad^2 or m^2: beyond these, squares of what is weighed by it overflow.
 VARIANCES = (1e-60, 1e60)
 
 
+@dataclass(frozen=True, kw_only=True)
+class Running(Kept):
+    """Where the trials of `monte_carlo` run, and what is kept of them: nothing of it changes a number."""
+
+    workers: int = 1
+    executor: Executor | None = None
+
+    def __post_init__(self) -> None:
+        require_integer("workers", self.workers, 1)
+        if self.workers > MOST_WORKERS:
+            raise InputError(f"Expected `workers` to be at most {MOST_WORKERS:,}, got {self.workers:,}.")
+        if not (self.executor is None or isinstance(self.executor, Executor)):
+            raise InputError(
+                "Expected `executor` to be a concurrent.futures.Executor, such as ProcessPoolExecutor() or "
+                f"distributed.Client().get_executor(), got {type(self.executor).__name__}."
+            )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Trials(Running):
+    """How many trials of `monte_carlo`, and how they are run."""
+
+    trials: int | None = None
+    digits: int | None = None
+
+    def __post_init__(self) -> None:
+        if self.trials is None:
+            object.__setattr__(self, "trials", MOST_FOR_DIGITS if self.digits is not None else 10_000)
+        require_integer("trials", self.trials, 2)
+        if self.most > MOST:
+            raise InputError(f"Expected `trials` to be at most {MOST:,}, got {self.most:,}.")
+        if self.digits is not None and self.most < BLOCK:
+            raise InputError(f"Expected `trials` to be at least {BLOCK:,} with `digits`, got {self.most:,}.")
+        super().__post_init__()
+
+    @property
+    def most(self) -> int:
+        """Trials at most."""
+        return int(self.trials or 0)
+
+
+@takes_fields_of(Trials)
 def monte_carlo(
     data: PosePairs | Motions | Fitted,
     *,
     noise: Noise | None = None,
     method: str = "4dpa",
-    trials: int | None = None,
     seed: int = 0,
-    workers: int = 1,
     pairs: str | ArrayLike = "all",
     scale: float | None = None,
     covariance: str | ArrayLike | None = None,
-    digits: int | None = None,
-    directory: str | os.PathLike[str] | None = None,
-    resume: bool = False,
-    executor: Executor | None = None,
-    progress: bool = False,
+    **how: Any,
 ) -> MonteCarlo:
     """The sampling covariance of a method, and whether a covariance predicts it.
 
@@ -133,33 +170,34 @@ def monte_carlo(
     >>> result.errors.shape, result.consistent
     ((2000, 6), True)
     """
+    run = fields_from(Trials, "monte_carlo", how)
+    stability = None if run.digits is None else Stability(run.digits)
+    require_integer("seed", seed, 0)
     given, (data, noise, estimated) = data, problem_of(data, noise)
     warn_left_out("monte_carlo()", data)
     started = time.monotonic()
-    total, digits = _checked_counts(trials, seed, workers, digits, resume, directory, executor)
     with ExitStack() as stack:
         stack.enter_context(one_thread())
         problem = experiment(data, noise, method, pairs=pairs, scale=scale)
         tested, kind = _tested(covariance, problem.predicted)
         checked = noise_of_data(given, data, problem.noise, estimated)
-        message = to_bytes(Work(problem, int(seed), total, chunk_size(problem), tested))
+        message = to_bytes(Work(problem, int(seed), run.most, chunk_size(problem), tested))
         work = from_bytes(message)
-        folder = None if directory is None else stack.enter_context(closing(RunFolder(directory, work, resume)))
-        tally = Tally(work, None if digits is None else Stability(digits))
-        ended = _run(tally, message, folder, int(workers), executor, progress)
+        kept = stack.enter_context(
+            closing(run.kept(work.identity, "Monte Carlo run", asked=work.trials, size=work.chunk))
+        )
+        tally = Tally(work, stability)
+        ended = _run(tally, message, kept, run)
         seconds = time.monotonic() - started
         said = {"noise_estimated": estimated, "noise_of_data": checked, "tested": kind, "seconds": seconds}
-        result = _result(data, tally, folder, total, ended, **said)
-        if folder is not None:
-            folder.write("result.json", result.to_json().encode())
+        result = _result(data, tally, kept, ended, **said)
+        kept.write("result.json", result.to_json().encode())
     for note in result.notes:
         warnings.warn(note, InputWarning, stacklevel=2)
     return result
 
 
-def _result(
-    data: PosePairs | Motions, tally: Tally, folder: RunFolder | None, total: int, ended: Finding, **said: Any
-) -> MonteCarlo:
+def _result(data: PosePairs | Motions, tally: Tally, kept: Run, ended: Finding, **said: Any) -> MonteCarlo:
     """Everything that is known of the trials in the end."""
     work, sums = tally.work, tally.sums
     if sums is None:
@@ -168,8 +206,7 @@ def _result(
     judged = consistency(sums, own_mean if work.tested is None else work.tested, own=work.tested is None)
     stability = None if tally.stability is None else tally.stability.summary()
     notes: list[str] = []
-    damaged = [] if folder is None else folder.damaged
-    if damaged:
+    if damaged := kept.damaged:
         names = ", ".join(damaged[:3]) + (f" and {len(damaged) - 3} more" if len(damaged) > 3 else "")
         notes.append(f"Chunks that were damaged or of another run were computed again: {names}.")
     return MonteCarlo(
@@ -177,12 +214,12 @@ def _result(
         **place_of(data),
         seed=work.seed,
         chunk=work.chunk,
-        asked=total,
+        asked=work.trials,
         errors=tally.errors,
         consistency=judged,
         stability=stability,
         ended=ended,
-        resumed=0 if folder is None else folder.resumed,
+        resumed=tally.resumed,
         notes=tuple(notes),
         **said,
     )
@@ -194,6 +231,7 @@ class Tally:
     def __init__(self, work: Work, stability: Stability | None) -> None:
         self.work, self.stability = work, stability
         self.stable = False
+        self.resumed = 0  # trials that were kept already
         self._errors = np.empty((min(work.trials, KEPT), 6))
         self._block: list[Chunk] = []
         # One object, so that an interrupt leaves the old one or the new one: sums, of own covariances, rows, trials.
@@ -231,18 +269,26 @@ class Tally:
                     self.stable = self.stability.stable
 
 
-def _run(
-    tally: Tally, message: bytes, folder: RunFolder | None, workers: int, executor: Executor | None, progress: bool
-) -> Finding:
+def _run(tally: Tally, message: bytes, kept: Run, run: Trials) -> Finding:
     """Chunk after chunk into the tally, until it is enough; how it ended."""
     work = tally.work
-    stored: Callable[[int], Chunk | None] = (lambda index: None) if folder is None else folder.load
-    arrived: Callable[[int, Chunk], None] = (lambda index, chunk: None) if folder is None else folder.save
+
+    def stored(index: int) -> Chunk | None:
+        chunk = kept.load(f"{index:06d}", Chunk.from_bytes, work.most_bytes)
+        if chunk is None or len(chunk.errors) != work.size(index):  # the last one, before more trials were asked for
+            return None
+        tally.resumed += len(chunk.errors)
+        return chunk
+
+    def arrived(index: int, chunk: Chunk) -> None:
+        if kept.path is not None:
+            kept.save(f"{index:06d}", chunk.to_bytes())
+
     try:
         with ExitStack() as stack:
-            crew = Crew(work, message, stored, arrived, workers, executor)
+            crew = Crew(work, message, stored, arrived, int(run.workers), run.executor)
             chunks = stack.enter_context(closing(crew.chunks()))
-            advance = stack.enter_context(progress_bar(work.experiment.method, work.trials, "trials", progress))
+            advance = stack.enter_context(progress_bar(work.experiment.method, work.trials, "trials", run.progress))
             for chunk in chunks:
                 tally.add(chunk)
                 advance(len(chunk.errors))
@@ -256,34 +302,6 @@ def _run(
     except WorkersLostError as error:
         return Finding(WORKERS_LOST, "failure", {"how": str(error)})
     return Finding(ALL, "note")
-
-
-def _checked_counts(
-    trials: Any, seed: Any, workers: Any, digits: Any, resume: bool, directory: Any, executor: Any
-) -> tuple[int, int | None]:
-    """Trials at most, and digits, once all counts are known to be some."""
-    if trials is None:
-        trials = MOST_FOR_DIGITS if digits is not None else 10_000
-    for name, value, least, most in (
-        ("trials", trials, 2, MOST),
-        ("seed", seed, 0, None),
-        ("workers", workers, 1, 10_000),
-    ):
-        require_integer(name, value, least)
-        if most is not None and value > most:
-            raise InputError(f"Expected `{name}` to be at most {most:,}, got {value:,}.")
-    if not (executor is None or isinstance(executor, Executor)):
-        raise InputError(
-            "Expected `executor` to be a concurrent.futures.Executor, such as ProcessPoolExecutor() or "
-            f"distributed.Client().get_executor(), got {type(executor).__name__}."
-        )
-    if resume and directory is None:
-        raise InputError("Expected a `directory` with resume=True: the folder of the run to go on with.")
-    if digits is not None:
-        digits = Stability(digits).digits
-        if trials < BLOCK:
-            raise InputError(f"Expected `trials` to be at least {BLOCK:,} with `digits`, got {trials:,}.")
-    return int(trials), digits
 
 
 def _tested(covariance: Any, predicted: Callable[[], Array]) -> tuple[Array | None, str]:

@@ -18,42 +18,30 @@ Starts of the search for maxima of a posterior: at the estimate, and at the esti
 A Gaussian likelihood has one maximum near the estimate of `ml`. With heavy tails data that contradict each other leave
 several, each near what those data say that agree.
 
-The HDF5 file of a chain: emcee's own backend, written whole or not at all, refused when damaged or another run's.
+The HDF5 file of a chain: emcee's own backend, kept as the single piece of a `Run`.
 
 The chain is an ``emcee.backends.HDFBackend`` (group ``mcmc``), which any program that knows emcee reads; it is in the
-sampler's whitened coordinates. The group's attributes also hold our manifest: ``format``, what the numbers depend on
-(``identity``: data and noise by their SHA-256, model, seed, walkers, versions), the proposal and the length of the
-burn-in that the chain was begun with, and a SHA-256 of everything. No pickles.
+sampler's whitened coordinates. The group's attributes also hold the proposal and the length of the burn-in that the
+chain was begun with. No pickles.
 
 emcee writes at every step, and a process that is killed in the middle of that leaves a file that HDF5 may not open
 again. So it writes into an image of the file in memory, which after whole rounds of steps takes the place of the file
 in one step of the file system. What is guaranteed: whenever the process ends, also by kill -9, the file is that of the
 last writing, complete; the steps since then are lost, and sampled again with the same random numbers.
-
-While a process is at work on a file, it holds its lock (`files.lock`).
 """
 
 from __future__ import annotations
 
-import hashlib
 import io
-import json
-import os
-import stat
-import weakref
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from pathlib import Path
-from typing import Any, ClassVar, NamedTuple
-from weakref import WeakValueDictionary
+from typing import Any, NamedTuple
 
 import h5py
 import numpy as np
 from emcee.backends import Backend, HDFBackend
 from scipy.linalg import solve_triangular
 
-from ....core.files.atomic import FileLock, write_atomically
-from ....core.files.open import as_path, reason, shown
 from ....core.geometry.se3 import Array, logarithm
 from ....errors import InputError, NotConvergedError
 from ....fit.likelihood.gauss_helmert import Fit, efficient
@@ -61,7 +49,6 @@ from ....fit.likelihood.robust import robust_fit
 from ....model.noise.models import Noise
 from ....model.poses.motions import Motions
 from ....model.poses.pose_pairs import PosePairs
-from ..monte_carlo.store import require_same
 from .density import Density
 
 LogDensity = Callable[[Array], Array]
@@ -240,9 +227,7 @@ def _coordinates(fit: Fit, density: Density) -> Array:
     return y
 
 
-FORMAT, FORMER = "uq-handeye posterior 2", "uq-handeye posterior 1"
 GROUP = "mcmc"
-ARRAYS = ("chain", "log_prob", "accepted")
 
 
 class Chain(NamedTuple):
@@ -290,95 +275,23 @@ class HeldBackend(HDFBackend):  # type: ignore[misc]
         return self._image.getvalue()
 
 
-class ChainFile:
-    """File of a chain, locked against other processes until `close`, or until nothing refers to it.
+def content_of(chain: Chain) -> bytes:
+    """Return the content of the file of a chain whose backend is a `HeldBackend`."""
+    assert isinstance(chain.backend, HeldBackend)
+    with chain.backend.open() as file:
+        proposal = {f"proposal_{name}": value for name, value in chain.proposal._asdict().items()}
+        file[GROUP].attrs.update(proposal | {"burn_in": chain.burn_in})
+    return chain.backend.image()
 
-    In the same process a new one takes the file over from the old one, which can then write no more: after an
-    exception its traceback may keep the old one alive.
 
-    Raises `InputError` where there is a file already and not ``resume``, where the path names no ordinary file, and
-    where another process is at work on it.
-    """
-
-    _open: ClassVar[WeakValueDictionary[str, ChainFile]] = WeakValueDictionary()  # by the real path
-
-    def __init__(self, path: str | os.PathLike[str], identity: dict[str, Any], resume: bool) -> None:
-        self.path: Path = as_path(path)
-        self._identity = identity
-        try:
-            if self.path.is_dir():
-                raise InputError(f"Expected `file` to name an HDF5 file, got the folder {shown(self.path)}.")
-            there = self.path.exists()
-            if there and not stat.S_ISREG(self.path.stat().st_mode):  # a pipe would be waited for
-                raise InputError(f"Expected `file` to name an HDF5 file, got {shown(self.path)}, a device or pipe.")
-            if there and not resume:
-                raise InputError(
-                    f"{shown(self.path)} exists: go on with the chain in it by resume=True (--resume), or name a new "
-                    "file."
-                )
-            real = os.path.realpath(self.path)
-            if (earlier := self._open.get(real)) is not None:
-                earlier.close()
-            self._let_go = weakref.finalize(self, FileLock(real).release)
-        except FileNotFoundError as error:
-            folder = shown(self.path.parent)
-            raise InputError(f"Cannot write {shown(self.path)}: there is no folder {folder}; make it first.") from error
-        except OSError as error:
-            raise InputError(f"Cannot write {shown(self.path)}: {reason(error)}.") from error
-        self._open[real] = self
-
-    def close(self) -> None:
-        """Let go of the file."""
-        self._let_go()
-
-    def begin(self, proposal: Proposal, burn_in: int) -> Chain:
-        """An empty chain, to be filled by emcee and written by `save`."""
-        return Chain(HeldBackend(), proposal, burn_in)
-
-    def save(self, chain: Chain) -> None:
-        """Write the chain in place of what is there; raises `InputError` once it is closed."""
-        if not self._let_go.alive:
-            raise InputError(f"{shown(self.path)} was taken over by a later run.")
-        assert isinstance(chain.backend, HeldBackend)
-        with chain.backend.open() as file:
-            manifest = {"format": FORMAT, "identity": json.dumps(self._identity, sort_keys=True)}
-            proposal = {f"proposal_{name}": value for name, value in chain.proposal._asdict().items()}
-            attributes = file[GROUP].attrs
-            attributes.update(manifest | proposal | {"burn_in": chain.burn_in})
-            attributes["sha256"] = _digest(file[GROUP])
-        write_atomically(self.path, chain.backend.image())
-
-    def load(self) -> Chain | None:
-        """The chain that is there, None where there is no file yet; raises `InputError` for anything else."""
-        if not self.path.exists():
-            return None
-        damaged = f"{shown(self.path)} is not the file of a posterior, or is damaged: name a new file."
-        try:
-            content = self.path.read_bytes()
-            if not content:
-                raise InputError(damaged)
-            backend = HeldBackend(content)
-            with backend.open() as file:
-                attributes = dict(file[GROUP].attrs)
-                if attributes["version"] == FORMER:
-                    raise InputError(
-                        f"{shown(self.path)} has the format {FORMER!r} of an earlier version, which cannot be gone on "
-                        f"with; this version writes {FORMAT!r}. Name a new file."
-                    )
-                _require_plain(file[GROUP], len(content))
-                if attributes["format"] != FORMAT or attributes["sha256"] != _digest(file[GROUP]):
-                    raise InputError(damaged)
-            there = json.loads(attributes["identity"])
-            proposal = Proposal(*(np.asarray(attributes[f"proposal_{name}"]) for name in Proposal._fields))
-            chain = Chain(backend, proposal, int(attributes["burn_in"]))
-        except PermissionError as error:
-            raise InputError(f"Cannot read {shown(self.path)}: {reason(error)}.") from error
-        except InputError:
-            raise
-        except (OSError, KeyError, ValueError, TypeError, AttributeError, RuntimeError, MemoryError) as error:
-            raise InputError(damaged) from error
-        require_same(self.path, there, self._identity, "file")
-        return chain
+def chain_of(content: bytes) -> Chain:
+    """Return the chain of such a file; raises whatever h5py raises for another."""
+    backend = HeldBackend(content)
+    with backend.open() as file:
+        _require_plain(file[GROUP], len(content))
+        attributes = file[GROUP].attrs
+        proposal = Proposal(*(np.asarray(attributes[f"proposal_{name}"]) for name in Proposal._fields))
+        return Chain(backend, proposal, int(attributes["burn_in"]))
 
 
 def _require_plain(group: Any, size: int) -> None:
@@ -394,13 +307,3 @@ def _require_plain(group: Any, size: int) -> None:
             raise ValueError(f"unexpected {name}")
     if not len(group["chain"]) == len(group["log_prob"]) >= int(group.attrs["iteration"]) > 0:
         raise ValueError("unexpected number of steps")
-
-
-def _digest(group: Any) -> str:
-    """Hash all arrays and attributes but the digest itself."""
-    digest = hashlib.sha256()
-    values = {name: group[name][...] for name in ARRAYS} | {k: v for k, v in group.attrs.items() if k != "sha256"}
-    for name, value in sorted(values.items()):
-        digest.update(name.encode() + b"\n")
-        digest.update(value.encode() if isinstance(value, str) else np.ascontiguousarray(value).tobytes())
-    return digest.hexdigest()

@@ -19,7 +19,8 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, closing, contextmanager
+from contextlib import closing, contextmanager
+from dataclasses import dataclass
 from typing import Any
 
 import emcee
@@ -29,6 +30,7 @@ from emcee.backends import Backend
 from ....core.geometry.checks import is_number
 from ....core.geometry.frames import SETUPS
 from ....core.geometry.se3 import Array
+from ....core.runtime.keywords import fields_from, takes_fields_of
 from ....errors import InputError, require_integer
 from ....fit.one_model.noise_of_data import estimate_noise
 from ....model.noise.models import Noise, PairNoise, PoseNoise
@@ -36,9 +38,9 @@ from ....model.poses.motions import Motions
 from ....model.poses.pose_pairs import PosePairs
 from ....model.poses.timing import warn_left_out
 from ...simulation.experiment import Fitted, problem_of, require_data, sides_of
-from ..monte_carlo.store import sha256_of_data, sha256_of_noise
 from ..outcome import stated_of
-from .chain import Chain, ChainFile, Proposal, around_maxima, fitted, moves_of, starts_of
+from ..resumable import Run, identity_of
+from .chain import Chain, HeldBackend, Proposal, around_maxima, chain_of, content_of, fitted, moves_of, starts_of
 from .density import Density, ScalePrior, density_of
 from .result import LENGTHS, LONGEST_R_HAT, Posterior, PosteriorDiagnostics, autocorrelation_time, diagnose
 
@@ -63,7 +65,7 @@ def sample(
     seed: int,
     asked: int,
     max_steps: int,
-    file: ChainFile | None,
+    kept: Run,
     progress: bool,
 ) -> tuple[Chain, int, PosteriorDiagnostics]:
     """The chain, how many of its first steps to drop, and what the rest is worth.
@@ -71,14 +73,20 @@ def sample(
     Ends when the chain has converged or is ``max_steps`` long. Ctrl-C writes the file first.
     """
     with _shown(progress) as report:
-        chain = None if file is None else file.load()
-        state, kept = None, 0  # kept: steps that are in the file
-        if chain is None:
+        chain, state, in_file = kept.load("chain", chain_of), None, 0
+        if chain is not None:
+            in_file = chain.steps
+        else:
             report("burn-in")
             state, proposal, before = burn_in(density, starts, walkers, seed)
-            chain = Chain(Backend(), proposal, before) if file is None else file.begin(proposal, before)
-        else:
-            kept = chain.steps
+            chain = Chain(Backend() if kept.path is None else HeldBackend(), proposal, before)
+
+        def save() -> None:
+            nonlocal in_file
+            if kept.path is not None and chain.steps > in_file:
+                kept.save("chain", content_of(chain))
+                in_file = chain.steps
+
         sampler = sampler_of(density, chain.proposal, walkers, chain.backend)
         written, pause = time.monotonic(), PAUSE
         try:
@@ -93,15 +101,13 @@ def sample(
                     report(_state(chain.steps, found))
                 # to a whole number of rounds
                 sample_steps(sampler, None, min(ROUND - chain.steps % ROUND, max_steps - chain.steps))
-                if file is not None and time.monotonic() - written > pause:
+                if time.monotonic() - written > pause:
                     started = time.monotonic()
-                    file.save(chain)
-                    kept = chain.steps
+                    save()
                     written = time.monotonic()
                     pause = max(PAUSE, 10.0 * (written - started))
         finally:
-            if file is not None and chain.steps > kept:
-                file.save(chain)
+            save()
     return chain, dropped, found
 
 
@@ -238,6 +244,16 @@ def _free_scales(scales: Any, student_t: Any, estimated: bool) -> ScalePrior | N
     return ScalePrior() if scales or (scales is None and estimated) else None
 
 
+@dataclass(frozen=True, kw_only=True)
+class InFile:
+    """What is kept of a chain, and what is shown of it."""
+
+    file: str | os.PathLike[str] | None = None
+    resume: bool = False
+    progress: bool = False
+
+
+@takes_fields_of(InFile)
 def sample_posterior(
     data: PosePairs | Motions | Fitted,
     noise: Noise | None = None,
@@ -247,10 +263,8 @@ def sample_posterior(
     scales: bool | ScalePrior | None = None,
     student_t: float | None = None,
     walkers: int = WALKERS,
-    file: str | os.PathLike[str] | None = None,
-    resume: bool = False,
     max_steps: int = MAX_STEPS,
-    progress: bool = False,
+    **kept: Any,
 ) -> Posterior:
     """Samples of the posterior of X with a flat prior, until so many are effective.
 
@@ -305,7 +319,7 @@ def sample_posterior(
     >>> bool(np.all(np.abs(posterior.std / np.sqrt(np.diag(uq.bound(poses, noise))) - 1) < 0.1))
     True
     """
-    begun, given = time.perf_counter(), data
+    begun, given, how = time.perf_counter(), data, fields_from(InFile, "sample_posterior", kept)
     data, noise, estimated = problem_of(data, noise)
     _require_one_problem(data)
     warn_left_out("sample_posterior()", data)
@@ -314,8 +328,6 @@ def sample_posterior(
     for name, value, least in (("seed", seed, 0), ("samples", samples, 100), ("max_steps", max_steps, 1)):
         require_integer(name, value, least)
     free = _free_scales(scales, student_t, estimated)
-    if resume and file is None:
-        raise InputError("resume=True needs the `file` to go on with.")
     model = estimate_noise(data).noise if noise is None else noise
     if model is None:
         raise InputError("The data are exact up to rounding: there is no noise to estimate. Give `noise`.")
@@ -323,13 +335,22 @@ def sample_posterior(
     density = density_of(data, model, free, student_t)
     require_integer("walkers", walkers, max(16, 2 * density.d + 2))
     starts = starts_of(data if poses is None or isinstance(model, PairNoise) else poses, model, density)
-    with ExitStack() as stack:
-        kept = None
-        if file is not None:
-            identity = _identity(data, noise, free, student_t, seed, walkers)
-            kept = stack.enter_context(closing(ChainFile(file, identity, resume)))
+    identity = identity_of(
+        data,
+        noise,
+        {},
+        **{
+            "scale prior": None if free is None else [free.robot, free.camera],
+            "Student-t": None if student_t is None else float(student_t),
+            "seed": int(seed),
+            "number of walkers": int(walkers),
+            "criteria": [LENGTHS, LONGEST_R_HAT],
+            "version of emcee": emcee.__version__,
+        },
+    )
+    with closing(Run(how.file, identity, how.resume, "chain", pieces=None)) as run:
         steps, length = int(max_steps), int(samples)
-        chain, dropped, found = sample(density, starts, int(walkers), int(seed), length, steps, kept, progress)
+        chain, dropped, found = sample(density, starts, int(walkers), int(seed), length, steps, run, how.progress)
     frame = None if poses is None else SETUPS[poses.setup]
     draws = density.coordinates(chain.y[dropped:]), chain.log_density[dropped:]
     degrees = None if student_t is None else float(student_t)
@@ -338,27 +359,3 @@ def sample_posterior(
     result = Posterior(density.fit.X, density.fit.covariance_X, *about, len(chain.proposal.weight), stated)
     result.require_converged()
     return result
-
-
-def _identity(
-    data: PosePairs | Motions,
-    noise: Noise | None,
-    scales: ScalePrior | None,
-    student_t: float | None,
-    seed: int,
-    walkers: int,
-) -> dict[str, Any]:
-    """Return what the chain depends on, except for its length."""
-    import emcee
-
-    return {
-        "data": [type(data).__name__, None if data.poses is None else data.poses.setup, sha256_of_data(data)],
-        "noise": "estimated" if noise is None else [type(noise).__name__, sha256_of_noise(noise)],
-        "scale prior": None if scales is None else [scales.robot, scales.camera],
-        "Student-t": None if student_t is None else float(student_t),
-        "seed": int(seed),
-        "number of walkers": int(walkers),
-        "criteria": [LENGTHS, LONGEST_R_HAT],
-        "version of emcee": emcee.__version__,
-        "version of numpy": np.__version__,
-    }

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -128,8 +128,12 @@ class Task:
     tolerance: float
 
 
-def level_at(task: Task) -> Level:
-    """Trials and both covariances at one level; the caller keeps linear algebra to one thread."""
+def drawn(task: Task) -> dict[str, Any]:
+    """The trials and both covariances at one level, as the arrays of a piece of a run.
+
+    The caller keeps linear algebra to one thread. ``points``: sigma points without an estimate, and all of them, where
+    there is no covariance by them; empty where they cannot be counted.
+    """
     scaled = (None if S is None else task.factor * S for S in covariances_of(task.problem.noise))
     problem = replace(task.problem, noise=type(task.problem.noise)(*scaled))
     with warnings.catch_warnings():
@@ -139,14 +143,25 @@ def level_at(task: Task) -> Level:
         work = from_bytes(to_bytes(Work(problem, task.seed, task.trials, chunk_size(problem), first_order)))
         chunks = [work.compute(index) for index in range(work.count)]
         errors, ok = (np.concatenate(parts) for parts in zip(*((c.errors, c.ok) for c in chunks), strict=True))
-        first = judged(KINDS[0], errors, ok, first_order, task.tolerance)
+        found: dict[str, Any] = {"errors": errors, "ok": ok, KINDS[0]: first_order}
         try:
-            second = judged(KINDS[1], errors, ok, sigma_points_of(problem, seed=task.seed).mean_square, task.tolerance)
+            return found | {KINDS[1]: sigma_points_of(problem, seed=task.seed).mean_square}
         except NotConvergedError as error:
             points = error.partial
-            failures, evaluations = (None, None) if points is None else (points.failures, points.evaluations)
-            values = {"failures": failures, "evaluations": evaluations}
-            second = Verdict(KINDS[1], None, None, Finding("sweep.no_sigma_points", "failure", values))
+            return found | {"points": [] if points is None else [points.failures, points.evaluations]}
+
+
+def level_of(task: Task, found: Mapping[str, Any]) -> Level:
+    """What `drawn` says of both covariances."""
+    first, second = (
+        judged(kind, found["errors"], found["ok"], found[kind], task.tolerance) if kind in found else None
+        for kind in KINDS
+    )
+    assert first is not None
+    if second is None:
+        failures, evaluations = map(int, found["points"]) if len(found["points"]) else (None, None)
+        values = {"failures": failures, "evaluations": evaluations}
+        second = Verdict(KINDS[1], None, None, Finding("sweep.no_sigma_points", "failure", values))
     return Level(task.factor, first, second)
 
 

@@ -24,7 +24,7 @@ Where it fails first is found by bisection on a logarithmic scale between the la
 the first at which it does not, to 5 % of the standard deviation. Where tails are heavy there, it is chance whether a
 level near it passes, and the limit has that precision no more (`Limit.heavy`).
 
-A sweep takes seconds: levels are computed one after the other, in this process.
+Levels are computed one after the other, in this process; a folder keeps them (`resumable`).
 
 Result of `sweep`.
 """
@@ -33,7 +33,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
+from contextlib import closing
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -51,6 +53,7 @@ from ....core.presentation.document import (
     Table,
     document_of,
 )
+from ....core.runtime.keywords import fields_from, takes_fields_of
 from ....core.runtime.progress import progress_bar
 from ....core.runtime.threads import one_thread
 from ....errors import InputError, require_integer
@@ -61,7 +64,21 @@ from ....model.poses.timing import warn_left_out
 from ...simulation.experiment import Experiment, Fitted, experiment, problem_of
 from ..monte_carlo.consistency import PARTS
 from ..outcome import NoiseOfData, Outcome, limit_blocks, noise_of_data, one_of, place_of
-from .level import CONFIDENCE, KINDS, Level, Limit, MethodSweep, Task, Verdict, _ends, level_at, level_dict, limit_of
+from ..resumable import Kept, identity_of
+from .level import (
+    CONFIDENCE,
+    KINDS,
+    Level,
+    Limit,
+    MethodSweep,
+    Task,
+    Verdict,
+    _ends,
+    drawn,
+    level_dict,
+    level_of,
+    limit_of,
+)
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -152,10 +169,13 @@ class Sweep(Outcome):
 
 
 FACTORS = (1.0, 3.0, 10.0, 30.0, 100.0)
+# Bytes of a level that is kept, at most: of each trial, and of all else.
+PER_TRIAL, BYTES = 6 * 8 + 1, 8192
 # Ratio of two factors between which no third is looked at.
 CLOSE = 1.1
 
 
+@takes_fields_of(Kept)
 def sweep(
     data: PosePairs | Motions | Fitted,
     *,
@@ -166,7 +186,7 @@ def sweep(
     seed: int = 0,
     tolerance: float = 0.1,
     pairs: str | ArrayLike = "all",
-    progress: bool = False,
+    **kept: Any,
 ) -> Sweep:
     """Find the noise at which each covariance of each method fails its test, and whether the noise given is inside.
 
@@ -187,6 +207,9 @@ def sweep(
     tolerance : float
         Relative error of standard deviations that matters.
     pairs : as for `calibrate`
+    directory : path or None
+        Folder for the levels, from which ``resume=True`` goes on after whatever ended the program (`Run`). It may then
+        be asked for other methods and factors.
     progress : bool
         Show a bar on stderr if that is a terminal.
 
@@ -212,7 +235,7 @@ def sweep(
     >>> found["4dpa"].own.first_order.holds, found["4dpa"].at(900).first_order.holds
     (True, False)
     """
-    given = data
+    given, how = data, fields_from(Kept, "sweep", kept)
     data, noise, estimated = problem_of(data, noise)
     warn_left_out("sweep()", data)
     names, grid = _checked(methods, factors, trials, seed, tolerance)
@@ -223,10 +246,18 @@ def sweep(
         noise = problems[name].noise  # estimated once, so that all methods see the same
     levels: dict[str, dict[float, Level]] = {name: {} for name in names}
     wanted = [(name, factor) for name in names for factor in grid]
-    with one_thread(), progress_bar("noise levels", None, "levels", progress) as advance:
+    e = problems[names[0]]
+    identity = identity_of(e.truth, noise, {"X": e.X, "W": e.W, "pairs": e.pairs}, trials=trials, seed=seed)
+    with (
+        one_thread(),
+        closing(how.kept(identity, "sweep", pieces="levels")) as run,
+        progress_bar("noise levels", None, "levels", how.progress) as advance,
+    ):
         while wanted:
             for name, factor in wanted:
-                levels[name][factor] = level_at(Task(problems[name], factor, trials, seed, tolerance))
+                task = Task(problems[name], factor, trials, seed, tolerance)
+                found = run.piece(f"{name} {factor!r}", partial(drawn, task), BYTES + PER_TRIAL * trials)
+                levels[name][factor] = level_of(task, found)
                 advance(1)
             wanted = [(name, factor) for name in names for factor in _next(levels[name])]
     problem, place = problems[names[0]], place_of(data)

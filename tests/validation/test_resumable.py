@@ -1,0 +1,109 @@
+"""Runs of levels and of several methods: killed at any moment by kill -9 and resumed to the same bits."""
+
+import os
+import random
+import signal
+import time
+
+import numpy as np
+import pytest
+from monte_carlo_cases import NOISE, poses_of_program, start
+from support import SEED
+
+import uq_handeye as uq
+from uq_handeye import InputError
+from uq_handeye.trials.validation.sweep import run as sweep_module
+
+OTHER = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.6mm"))
+FACTORS = np.geomspace(1, 900, 16).tolist()
+OPTIONS = {
+    "sweep": {"methods": ["4dpa", "efficient"], "factors": FACTORS, "trials": 10_000, "seed": SEED},
+    "cross_check": {"trials": 3000, "seed": SEED},
+}
+PROGRAM = """
+import sys
+import uq_handeye as uq
+
+noise = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
+poses = uq.simulate(12, noise=noise, seed=7)
+print("ready", flush=True)
+uq.{name}(poses, noise=noise, directory=sys.argv[1], resume=True, **{options!r})
+print("ended", flush=True)
+"""
+
+
+def run(name, **kept):
+    return getattr(uq, name)(poses_of_program(), noise=NOISE, **OPTIONS[name], **kept)
+
+
+def numbers(result):
+    """Everything but the time taken."""
+    if isinstance(result, uq.Sweep):
+        return result.to_json()
+    rows = [row.to_dict() | {"seconds": 0} for row in result.rows]
+    chain = None if result.posterior is None else result.posterior.chain.tobytes()
+    return rows, [run.errors.tobytes() for run in result.runs.values()], chain
+
+
+def kept(folder):
+    return [path for path in folder.rglob("*") if path.suffix in (".npz", ".h5")]
+
+
+@pytest.fixture(scope="module", params=list(OPTIONS))
+def whole(request):
+    return request.param, run(request.param)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="no kill -9")
+def test_killed_at_any_moment_and_resumed(whole, tmp_path):
+    name, reference = whole
+    program, folder, clock = tmp_path / "program.py", tmp_path / "run", random.Random(SEED)
+    program.write_text(PROGRAM.format(name=name, options=OPTIONS[name]))
+    for _ in range(2):
+        before = len(kept(folder))
+        process = start(program, folder)
+        try:
+            assert process.stdout.readline() == "ready\n"
+            while len(kept(folder)) < before + 2 and process.poll() is None:
+                time.sleep(0.005)
+            time.sleep(clock.uniform(0, 0.1))
+            os.killpg(process.pid, signal.SIGKILL)
+            assert process.communicate(timeout=60)[0] == "", "it ended before it was killed"
+        finally:
+            process.kill()
+    assert len(kept(folder)) >= 4
+    assert numbers(run(name, directory=folder, resume=True)) == numbers(reference)
+    assert not list(folder.rglob(".uq-handeye-*"))
+
+
+def test_what_is_there_is_not_worked_out_again(tmp_path, monkeypatch):
+    first = run("sweep", directory=tmp_path / "run")
+    monkeypatch.setattr(sweep_module, "drawn", lambda task: pytest.fail("computed again"))
+    assert run("sweep", directory=tmp_path / "run", resume=True).to_json() == first.to_json()
+    with pytest.raises(InputError, match="is not empty: go on with the run in it by resume=True"):
+        run("sweep", directory=tmp_path / "run")
+    with pytest.raises(InputError, match=r"differs in seed \("):
+        uq.sweep(poses_of_program(), noise=NOISE, directory=tmp_path / "run", resume=True, trials=10_000, seed=SEED + 1)
+
+
+def test_another_cross_check_is_refused(tmp_path):
+    options = {"noise": NOISE, "posterior": False, "directory": tmp_path / "run"}
+    uq.cross_check(poses_of_program(), trials=200, **options)
+    more = uq.cross_check(poses_of_program(), trials=300, resume=True, **options)
+    assert [run.resumed for run in more.runs.values()] == [0] * 4  # the only chunk was cut short
+    with pytest.raises(InputError, match=r"asked for 300 trials: resume it with as many or more, got 200"):
+        uq.cross_check(poses_of_program(), trials=200, resume=True, **options)
+    with pytest.raises(InputError, match=r"differs in noise sha256"):
+        uq.cross_check(poses_of_program(), resume=True, **options | {"noise": OTHER})
+    with pytest.raises(InputError, match="a `directory` with resume=True, that of the cross-check"):
+        uq.cross_check(poses_of_program(), noise=NOISE, resume=True)
+
+
+def test_a_damaged_level_is_made_again(tmp_path):
+    first = run("sweep", directory=tmp_path / "run")
+    for path in kept(tmp_path)[:2]:
+        data = bytearray(path.read_bytes())
+        data[len(data) // 2] ^= 1
+        path.write_bytes(data)
+    assert run("sweep", directory=tmp_path / "run", resume=True).to_json() == first.to_json()
+    assert np.load(kept(tmp_path)[0])["errors"].shape == (10_000, 6)
