@@ -16,7 +16,7 @@ from ...core.geometry.se3 import Array
 from ...errors import MissingExtraError
 from ..procrustes.limit import DEGENERATE
 from .dual_quaternions import dual_factors, dual_gram
-from .method import Estimate, Method, require
+from .method import Estimate, Method, published, require
 from .moments import Moments, MomentSolver, dual_quaternions, left_matrix, pose_of
 
 ITERATIONS = 50
@@ -192,17 +192,7 @@ def _relaxed(program: Any, G: Array) -> tuple[Array, bool]:
 
 
 HELLER = Method(
-    name="heller",
-    authors="J. Heller, D. Henrion and T. Pajdla",
-    year=2014,
-    title="Hand-Eye and Robot-World Calibration by Global Polynomial Optimization. Proc. IEEE Int. Conf. Robotics and "
-    "Automation 2014, 3157-3164",
-    doi="10.1109/ICRA.2014.6907313",
-    structure="simultaneous",
-    form="convex program",
-    minimises="sum |E q|^2 + |F q + E q'|^2, the dual-quaternion equations, over unit dual quaternions; globally, with "
-    "a certificate",
-    singular="motions of 180 degrees, unless others fix the sign of their axes",
+    **published("heller"),
     solver=MomentSolver(dual_factors, _heller, nearby),
     mathematics=_heller.__doc__,
     extra="sdp",
@@ -280,16 +270,7 @@ def _reduced(G: Array, H: Array, mu: Array) -> Array:
 
 
 ZHANG = Method(
-    name="zhang",
-    authors="Z. Zhang, L. Zhang and G.-Z. Yang",
-    year=2017,
-    title="A computationally efficient method for hand-eye calibration. Int. J. Computer Assisted Radiology and "
-    "Surgery 12(10), 1775-1787",
-    doi="10.1007/s11548-017-1646-x",
-    structure="simultaneous",
-    form="iterative",
-    minimises="sum |E q|^2 + |F q + E q'|^2, the dual-quaternion equations, over unit dual quaternions",
-    singular="motions of 180 degrees, unless others fix the sign of their axes",
+    **published("zhang"),
     solver=MomentSolver(dual_factors, _zhang, nearby),
     mathematics=_zhang.__doc__,
 )

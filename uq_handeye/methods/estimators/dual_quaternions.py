@@ -15,7 +15,7 @@ from ...core.geometry.se3 import Array, skew
 from ...model.noise.models import PairNoise
 from ..procrustes.limit import DEGENERATE, NO_ROTATION, solve_limit, solve_moments
 from ..procrustes.sensitivity import LimitDerivatives
-from .method import Derivatives, Estimate, Method, closed_form, require
+from .method import Derivatives, Estimate, Method, closed_form, published, require
 from .moments import (
     Factors,
     Moments,
@@ -43,17 +43,7 @@ class _Limit:
 
 
 FOURDPA = Method(
-    name="4dpa",
-    authors="J. Wu, Y. Sun, M. Wang and M. Liu",
-    year=2019,
-    title="Hand-Eye Calibration: 4-D Procrustes Analysis Approach. IEEE Trans. Instrumentation and Measurement 69(6), "
-    "2966-2981",
-    doi="10.1109/TIM.2019.2930710",
-    structure="simultaneous",
-    form="closed form",
-    minimises="sum |u - R_X v|^2 of u, v = sin(angle) axis, and to first order in 1/d the translation part (T2); at "
-    "finite d the algebraic error (27) summed over a basis of the other quaternion",
-    singular="all motions near 180 degrees",
+    **published("4dpa"),
     solver=_Limit(),
     mathematics=_Limit.__doc__,
 )
@@ -84,19 +74,7 @@ def _condurache(moments: Moments, N: int) -> Estimate:
 
 
 CONDURACHE = Method(
-    name="condurache",
-    authors="D. Condurache and A. Burlacu",
-    year=2016,
-    title="Orthogonal Dual Tensor Method for Solving the AX = XB Sensor Calibration Problem. "
-    "Mechanism and Machine Theory 104, 382-404",
-    doi="10.1016/j.mechmachtheory.2016.06.002",
-    structure="simultaneous",
-    form="closed form",
-    minimises="|alpha_A - X alpha_B|^2 of dual rotation vectors (screws): the real part by R_X, which does not depend "
-    "on the translations, the dual part by t_X",
-    singular="motions of 180 degrees, unless others fix the sign of their axes; where noise carries a motion across "
-    "180 degrees its screw passes to the complementary one, X jumps by about the noise, and the covariance is that of "
-    "one side",
+    **published("condurache"),
     solver=MomentSolver(_condurache_factors, _condurache),
     mathematics=_condurache.__doc__,
 )
@@ -160,17 +138,7 @@ def _daniilidis(moments: Moments, N: int) -> Estimate:
 
 
 DANIILIDIS = Method(
-    name="daniilidis",
-    authors="K. Daniilidis",
-    year=1999,
-    title="Hand-Eye Calibration Using Dual Quaternions. Int. J. Robotics Research 18(3), 286-298",
-    doi="10.1177/02783649922066213",
-    structure="simultaneous",
-    form="closed form",
-    minimises="the algebraic error |T (q, q')|^2 of the dual-quaternion equations; the two constraints are met within "
-    "its two smallest singular vectors",
-    singular="motions of 180 degrees, unless others fix the sign of their axes; noise so large that the quadratic "
-    "equation has no real root",
+    **published("daniilidis"),
     solver=MomentSolver(_daniilidis_factors, _daniilidis),
     mathematics=_daniilidis.__doc__,
 )
@@ -240,16 +208,7 @@ def eight_space(G: Array, N: int) -> Array:
 
 
 LU = Method(
-    name="lu",
-    authors="Y.-C. Lu and J. C. K. Chou",
-    year=2002,
-    title="Eight-Space Quaternion Approach for Robotic Hand-Eye Calibration. Proc. IEEE Int. Conf. Systems, Man and "
-    "Cybernetics 1995, 3316-3321",
-    doi="10.1109/ICSMC.1995.538297",
-    structure="simultaneous",
-    form="closed form",
-    minimises="sum |E q|^2 + |F q + E q'|^2 over unit q and free q', the dual-quaternion equations",
-    singular="motions of 180 degrees, unless others fix the sign of their axes",
+    **published("lu"),
     solver=MomentSolver(dual_factors, _lu),
     mathematics=_lu.__doc__,
 )

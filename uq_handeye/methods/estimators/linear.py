@@ -35,7 +35,7 @@ from ...core.geometry.nearest_rotation import orthonormalise
 from ...core.geometry.se3 import Array, skew, vee
 from ...model.noise.models import PairNoise
 from ..procrustes.limit import DEGENERATE, pair_blocks, trial_blocks
-from .method import Estimate, Method, closed_form, require
+from .method import Estimate, Method, closed_form, published, require
 from .moments import Factors, Moments, MomentSolver, Signs
 
 # Ratio of the eigenvalues of the normal equations, scaled to equal diagonals, below which the least is rounding.
@@ -226,15 +226,7 @@ class _Refined(MomentSolver):
 
 
 ANDREFF = Method(
-    name="andreff",
-    authors="N. Andreff, R. Horaud and B. Espiau",
-    year=2001,
-    title="Robot Hand-Eye Calibration Using Structure-from-Motion. Int. J. Robotics Research 20(3), 228-248",
-    doi="10.1177/02783640122067372",
-    structure="simultaneous",
-    form="closed form",
-    minimises="sum |R_A R R_B^T - R|^2 + |R t_B + t - R_A t - t_A|^2 over any 3x3 matrix R and t; then R is projected",
-    singular="translations that are zero, or small against the noise: only they fix the scale of R",
+    **published("andreff"),
     solver=_Refined(kronecker_factors, _andreff, slopes=_andreff_slopes, axes=False),
     mathematics=_andreff.__doc__,
 )
@@ -358,16 +350,7 @@ def _move(X: Array, xi: Array) -> Array:
 
 
 GWAK = Method(
-    name="gwak",
-    authors="S. Gwak, J. Kim and F. C. Park",
-    year=2003,
-    title="Numerical Optimization on the Euclidean Group with Applications to Camera Calibration. "
-    "IEEE Trans. Robotics and Automation 19(1), 65-74",
-    doi="10.1109/TRA.2002.807530",
-    structure="simultaneous",
-    form="iterative",
-    minimises="sum |A X - X B|^2 (Frobenius) over SE(3): the error metric (62) of 4DPA's paper",
-    singular="none beyond parallel rotation axes",
+    **published("gwak"),
     solver=MomentSolver(kronecker_factors, _gwak, _nearby, axes=False),
     mathematics=_gwak.__doc__,
 )

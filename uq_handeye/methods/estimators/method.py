@@ -7,9 +7,12 @@ motions of the robot, B of the camera (`motions`). Angles in rad, lengths in the
 from __future__ import annotations
 
 import inspect
+import tomllib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -118,31 +121,49 @@ class SolverWithCovariance(Solver, Protocol):
     ) -> CovarianceOfMany: ...
 
 
-@dataclass(frozen=True)
-class Method:
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Published:
+    """What a publication gives: `published` reads it from ``methods.toml``."""
+
+    name: str
+    authors: str
+    year: int
+    title: str  # of the publication, with where it appeared
+    doi: str | None = None  # None: the journal gave none
+    structure: str  # "separated": rotation first, then translation; or "simultaneous"
+    form: str  # "closed form", "iterative" or "convex program"
+    minimises: str
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self.name}: {self.authors} {self.year}, {self.structure}, {self.form})"
+
+
+@cache
+def _table() -> dict[str, dict[str, Any]]:
+    return tomllib.loads(Path(__file__).with_name("methods.toml").read_text(encoding="utf-8"))
+
+
+def published(name: str) -> dict[str, Any]:
+    """Return the fields of a method that ``methods.toml`` has."""
+    entry = dict(_table()[name])
+    entry["title"] += f". {entry.pop('appeared')}"
+    return {"name": name, **entry}
+
+
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Method(Published):
     """A published estimator of X: ``method(A, B) -> X`` over leading batch axes.
 
     ``estimate`` says also whether it converged; the call itself raises `NotConvergedError` rather than hand out an X
     that did not.
     """
 
-    name: str
-    authors: str
-    year: int
-    title: str  # of the publication, with where it appeared
-    doi: str
-    structure: str  # "separated": rotation first, then translation; or "simultaneous"
-    form: str  # "closed form", "iterative" or "convex program"
-    minimises: str
     singular: str  # when it has no answer, beyond what AX = XB itself leaves open
-    solver: Solver = field(repr=False)
-    mathematics: str | None = field(repr=False)  # the model, and what was chosen where the publication leaves it open
+    solver: Solver
+    mathematics: str | None  # the model, and what was chosen where the publication leaves it open
     extra: str | None = None  # the optional extra of the package that it needs
     weighted: bool = False  # whether X depends on the noise model
     smooth: bool = True  # X is differentiable; else the solver has a `covariance`, and derivatives in the mean alone
-
-    def __repr__(self) -> str:
-        return f"Method({self.name}: {self.authors} {self.year}, {self.structure}, {self.form})"
 
     @property
     def description(self) -> str:

@@ -50,7 +50,7 @@ from ...core.geometry.se3 import Array
 from ...errors import InputError
 from ...model.noise.models import PairNoise, require_count
 from ..procrustes.limit import as_pairs, trial_blocks
-from .method import Derivatives, Estimate, Method
+from .method import Derivatives, Estimate, Method, published
 from .nguyen_stages import (
     BLOCK,
     PUBLISHED_ITERATIONS,
@@ -276,17 +276,7 @@ class _Solver:
 
 
 METHOD = Method(
-    name="nguyen",
-    authors="H. Nguyen and Q.-C. Pham",
-    year=2018,
-    title="On the Covariance of X in AX = XB. IEEE Trans. Robotics 34(6), 1651-1658",
-    doi="10.1109/TRO.2018.2861905",
-    structure="separated",
-    form="iterative",
-    minimises="the Mahalanobis distance of rotation vectors alpha - R_X beta, then of q - (R_A - I) t, both with "
-    "errors in all variables, weighted by the noise",
-    singular="motions of 180 degrees, unless others fix the sign of their axes; a noise model without noise in some "
-    "direction on both sides",
+    **published("nguyen"),
     solver=_Solver(),
     mathematics=__doc__,
     weighted=True,

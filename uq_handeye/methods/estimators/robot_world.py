@@ -20,7 +20,7 @@ from ...model.poses.motions import relative_motions
 from ...model.poses.pose_pairs import PosePairs
 from ..procrustes.limit import DEGENERATE, pair_blocks, trial_blocks
 from .linear import Normal, normal, require_axes, require_rotation, right_handed, slopes, turn_of
-from .method import Estimate, closed_form, explained, require
+from .method import Estimate, Published, closed_form, explained, published, require
 from .moments import Factors, Moments, MomentSolver, Signs
 
 _EYE = np.eye(3)
@@ -34,26 +34,15 @@ class RobotWorld(NamedTuple):
     W: Array
 
 
-@dataclass(frozen=True)
-class RobotWorldMethod:
+@dataclass(frozen=True, kw_only=True, repr=False)
+class RobotWorldMethod(Published):
     """A published estimator of X and W together: ``method(poses) -> RobotWorld``."""
 
-    name: str
-    authors: str
-    year: int
-    title: str
-    doi: str | None
-    structure: str
-    minimises: str
     solution: Callable[[Array, int], RobotWorld]  # of the moments (T, 19, 13) of n poses
     # of the moments and the poses G, C; and d xi / d moments (T, 6, 19, 13) of X and of W
     refined: Callable[[Array, Array, Array], RobotWorld] | None = None
     slopes: Callable[[Array, int], tuple[Array, Array]] | None = None
-    form: str = "closed form"
     weighted: bool = False
-
-    def __repr__(self) -> str:
-        return f"RobotWorldMethod({self.name}: {self.authors} {self.year}, {self.structure}, {self.form})"
 
     def __call__(self, poses: PosePairs) -> RobotWorld:
         """X and W (..., 4, 4) of poses, which may have leading axes."""
@@ -246,20 +235,7 @@ def _li_slopes(moments: Array, n: int) -> tuple[Array, Array]:
     return result[0], result[1]
 
 
-LI = RobotWorldMethod(
-    name="li",
-    authors="A. Li, L. Wang and D. Wu",
-    year=2010,
-    title="Simultaneous Robot-World and Hand-Eye Calibration Using Dual-Quaternions and Kronecker Product. "
-    "Int. J. Physical Sciences 5(10), 1530-1536",
-    doi=None,  # the journal gave none
-    structure="simultaneous",
-    minimises="sum |R_A R_X' - R_Z' R_B|^2 + |R_Z' t_B + t_Z' - R_A t_X' - t_A|^2 over any 3x3 matrices, which are "
-    "then projected",
-    solution=_li,
-    refined=_li_refined,
-    slopes=_li_slopes,
-)
+LI = RobotWorldMethod(**published("li"), solution=_li, refined=_li_refined, slopes=_li_slopes)
 
 
 def _shah(moments: Array, n: int) -> RobotWorld:
@@ -278,14 +254,4 @@ def _shah(moments: Array, n: int) -> RobotWorld:
     return result_of(R_X, t_X, R_Z, t_Z)
 
 
-SHAH = RobotWorldMethod(
-    name="shah",
-    authors="M. Shah",
-    year=2013,
-    title="Solving the Robot-World/Hand-Eye Calibration Problem Using the Kronecker Product. "
-    "J. Mechanisms and Robotics 5(3), 031007",
-    doi="10.1115/1.4024473",
-    structure="separated",
-    minimises="sum |R_A R_X' - R_Z' R_B|^2 over matrices of fixed norm, then projected; then the translation part",
-    solution=_shah,
-)
+SHAH = RobotWorldMethod(**published("shah"), solution=_shah)

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from ...core.geometry.nearest_rotation import orthonormalise
 from ...core.geometry.se3 import Array, skew, vee
 from ..procrustes.limit import DEGENERATE, NO_ROTATION
-from .method import Estimate, Method, closed_form, require
+from .method import Estimate, Method, closed_form, published, require
 from .moments import (
     Factors,
     Moments,
@@ -33,22 +33,15 @@ from .moments import (
 HALF_TURN_OF_X = 1e-7
 
 _EYE = np.eye(3)
-_HALF_TURNS = "motions of 180 degrees, unless others fix the sign of their axes"
 
 
 def separated(
-    name: str,
-    vectors: Callable[[Array, Array], tuple[Array, Array]],
-    rotation: Callable[[Array, int], Array],
-    published: tuple[str, int, str, str],
-    *,
-    minimises: str,
-    singular: str = _HALF_TURNS,
+    name: str, vectors: Callable[[Array, Array], tuple[Array, Array]], rotation: Callable[[Array, int], Array]
 ) -> Method:
     """Return the method whose rotation (T, 3, 3) follows from ``sum l r^T`` (T, p, q) of N pairs.
 
     ``vectors`` makes l (..., p) and r (..., q) of the quaternions (..., 4) of A and of B. The docstring of ``rotation``
-    is the description of the method; ``published`` holds authors, year, title with where it appeared, and DOI.
+    is the description of the method.
     """
 
     def factors(A: Array, B: Array, signs: Signs | None) -> Factors:
@@ -57,9 +50,7 @@ def separated(
     def solution(moments: Moments, N: int) -> Estimate:
         return with_translation(rotation(moments[0], N), moments[1], N)
 
-    minimises += ", then sum |(R_A - I) t - (R_X t_B - t_A)|^2"
-    about = name, *published, "separated", "closed form", minimises, singular
-    return Method(*about, MomentSolver(factors, solution), rotation.__doc__)
+    return Method(**published(name), solver=MomentSolver(factors, solution), mathematics=rotation.__doc__)
 
 
 def translation_factors(A: Array, B: Array) -> tuple[Array, Array]:
@@ -121,20 +112,7 @@ def tsai(ab: Array, N: int) -> Array:
     return of_quaternion(np.concatenate([np.ones((len(g), 1)), g], axis=-1))
 
 
-TSAI = separated(
-    "tsai",
-    _axes,
-    tsai,
-    (
-        "R. Y. Tsai and R. K. Lenz",
-        1989,
-        "A New Technique for Fully Autonomous and Efficient 3D Robotics Hand/Eye Calibration. "
-        "IEEE Trans. Robotics and Automation 5(3), 345-358",
-        "10.1109/70.34770",
-    ),
-    minimises="sum |[P_A + P_B]x g - (P_B - P_A)|^2 over the Rodrigues vector g of X",
-    singular="X itself rotates by nearly 180 degrees: its Rodrigues vector, tan(angle_X / 2) long, has lost its digits",
-)
+TSAI = separated("tsai", _axes, tsai)
 
 _CROSS = skew(_EYE).reshape(3, 9)  # vec [n]x = n^T CROSS
 
@@ -171,20 +149,7 @@ def shiu(M: Array, N: int) -> Array:
     return orthonormalise(np.linalg.solve(W, M[:, 9:, 9:].reshape(-1, 9, 1)).reshape(-1, 3, 3))
 
 
-SHIU = separated(
-    "shiu",
-    _planes,
-    shiu,
-    (
-        "Y. C. Shiu and S. Ahmad",
-        1989,
-        "Calibration of Wrist-Mounted Robotic Sensors by Solving Homogeneous Transform Equations of the Form AX=XB. "
-        "IEEE Trans. Robotics and Automation 5(1), 16-29",
-        "10.1109/70.88014",
-    ),
-    minimises="sum |R - n_A n_B^T - c_i P_i - s_i Q_i|^2 over R and the turns (c_i, s_i) about each axis",
-    singular="a motion without rotation, whose axis is open; motions of 180 degrees, unless others fix the sign",
-)
+SHIU = separated("shiu", _planes, shiu)
 
 
 def _chou_gram() -> Array:
@@ -219,19 +184,7 @@ def chou(ab: Array, N: int) -> Array:
     return of_quaternion(vectors[..., 0])
 
 
-CHOU = separated(
-    "chou",
-    _axes,
-    chou,
-    (
-        "J. C. K. Chou and M. Kamel",
-        1991,
-        "Finding the Position and Orientation of a Sensor on a Robot Manipulator Using Quaternions. "
-        "Int. J. Robotics Research 10(3), 240-254",
-        "10.1177/027836499101000305",
-    ),
-    minimises="sum |a - R_X b|^2 over unit quaternions, a and b the vector parts of q_A and q_B",
-)
+CHOU = separated("chou", _axes, chou)
 
 
 def park(M: Array, N: int) -> Array:
@@ -253,19 +206,7 @@ def require_two_axes(M: Array, N: int) -> None:
     require((across > DEGENERATE * s[:, 0]) & (s[:, 0] > NO_ROTATION * N), "the rotation axes are parallel.")
 
 
-PARK = separated(
-    "park",
-    lambda q_A, q_B: (rotation_vectors(q_A), rotation_vectors(q_B)),
-    park,
-    (
-        "F. C. Park and B. J. Martin",
-        1994,
-        "Robot Sensor Calibration: Solving AX=XB on the Euclidean Group. "
-        "IEEE Trans. Robotics and Automation 10(5), 717-721",
-        "10.1109/70.326576",
-    ),
-    minimises="sum |alpha - R_X beta|^2 of rotation vectors",
-)
+PARK = separated("park", lambda q_A, q_B: (rotation_vectors(q_A), rotation_vectors(q_B)), park)
 
 # -2 sym( L(v_A)^T R(v_B) ) as a linear function of sum v_A v_B^T
 _MIXED = -np.einsum("jra,krb->jkab", left_matrix(np.eye(4)[1:]), right_matrix(np.eye(4)[1:]))
@@ -291,15 +232,4 @@ def horaud(v_v: Array, N: int) -> Array:
     return of_quaternion(vectors[..., 0])
 
 
-HORAUD = separated(
-    "horaud",
-    lambda q_A, q_B: (q_A[..., 1:], q_B[..., 1:]),
-    horaud,
-    (
-        "R. Horaud and F. Dornaika",
-        1995,
-        "Hand-eye Calibration. Int. J. Robotics Research 14(3), 195-210",
-        "10.1177/027836499501400301",
-    ),
-    minimises="sum |v_A - R_X v_B|^2, v the eigenvectors of the motions with length sin(angle / 2)",
-)
+HORAUD = separated("horaud", lambda q_A, q_B: (q_A[..., 1:], q_B[..., 1:]), horaud)

@@ -46,7 +46,7 @@ from ...core.geometry.se3 import Array
 from ...errors import InputError, NotConvergedError
 from ...model.noise.models import PairNoise
 from .dual_quaternions import LU
-from .method import Derivatives, ErrorFactors, Estimate, Method, PoseFactors
+from .method import Derivatives, ErrorFactors, Estimate, Method, PoseFactors, published
 from .moments import Signs, axis_signs, dual_quaternions, left_matrix, quaternions, right_matrix
 
 ITERATIONS = 100
@@ -354,17 +354,7 @@ def _solve_limited(x: Array, variance: Array, scores: Array) -> LimitedCovarianc
 
 
 METHOD = Method(
-    name="zhao",
-    authors="Z. Zhao",
-    year=2018,
-    title="Simultaneous robot-world and hand-eye calibration by the alternative linear programming. Pattern "
-    "Recognition Letters 127, 174-180",
-    doi="10.1016/j.patrec.2018.08.023",
-    structure="simultaneous",
-    form="iterative",
-    minimises="sum |E q|_1 + |F q + E q'|_1, the absolute values of the dual-quaternion equations, over unit dual "
-    "quaternions",
-    singular="motions of 180 degrees, unless others fix the sign of their axes",
+    **published("zhao"),
     solver=LinearPrograms(),
     mathematics=__doc__,
     smooth=False,
