@@ -88,6 +88,14 @@ def require_integer(name: str, value: Any, least: int) -> None:
         raise InputError(f"Expected `{name}` to be an integer of at least {least}, got {value!r}.")
 
 
+def require_instance(name: str, value: Any, *kinds: type | None) -> None:
+    """Raise `InputError` unless ``value`` is of one of the classes, or is None where that is among them."""
+    if not (value is None and None in kinds) and not isinstance(value, tuple(kind for kind in kinds if kind)):
+        known = [str(None) if kind is None else kind.__name__ for kind in kinds]
+        listed = " or ".join(part for part in (", ".join(known[:-1]), known[-1]) if part)
+        raise InputError(f"Expected `{name}` to be {listed}, got {type(value).__name__}.")
+
+
 def among(value: Any, names: Container[str]) -> bool:
     """Return whether ``value`` is one of ``names``; anything but text is not."""
     return isinstance(value, str) and value in names

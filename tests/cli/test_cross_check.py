@@ -54,7 +54,10 @@ def test_text_and_files(run):
         out.startswith("All 7 relations that could be judged hold: the covariances are those that")
         and "300 trials, seed 0" in out
     )
-    assert sorted(os.listdir("found")) == [f"cross_check.{kind}" for kind in ("csv", "json", "png", "svg")]
+    assert sorted(os.listdir("found")) == [*(f"cross_check.{kind}" for kind in ("csv", "json", "png", "svg")), "run"]
+    again = run("--trials", 300, "--no-posterior", "-o", "found")
+    assert again[0] == 2 and "go on with the run in it by resume=True (--resume)" in again[2]
+    assert run("--trials", 300, "--no-posterior", "-o", "found", "--resume")[0] == 0
 
 
 def test_ctrl_c_prints_what_there_is(run, pressed):

@@ -88,7 +88,11 @@ def test_a_sweep_into_a_folder(run, tmp_path):
     kinds = ("json", "csv", "png", "svg")
     said = " ".join(out.partition("Wrote ")[2].split())
     assert said == f"sweep.json, sweep.csv, sweep.png and sweep.svg to {tmp_path / 'sweep'}"
-    assert sorted(os.listdir(tmp_path / "sweep")) == sorted(f"sweep.{kind}" for kind in kinds)
+    assert sorted(os.listdir(tmp_path / "sweep")) == ["run", *sorted(f"sweep.{kind}" for kind in kinds)]
+    before = (tmp_path / "sweep" / "sweep.json").read_text()
+    assert run(*arguments)[0] == 2  # there is a run
+    assert run(*arguments, "--resume")[0] == 0
+    assert (tmp_path / "sweep" / "sweep.json").read_text() == before
     assert run(*arguments, "--json")[1] == (tmp_path / "sweep" / "sweep.json").read_text()
 
 

@@ -17,7 +17,7 @@ from uq_handeye.trials.validation.sweep import run as sweep_module
 OTHER = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.6mm"))
 FACTORS = np.geomspace(1, 900, 8).tolist()
 OPTIONS = {
-    "sweep": {"methods": ["4dpa", "efficient"], "factors": FACTORS, "trials": 1000, "seed": SEED},
+    "sweep": {"methods": ["4dpa", "efficient"], "factors": FACTORS, "trials": 500, "seed": SEED},
     "cross_check": {"trials": 3000, "seed": SEED},
 }
 PROGRAM = """
@@ -83,7 +83,7 @@ def test_what_is_there_is_not_worked_out_again(tmp_path, monkeypatch):
     with pytest.raises(InputError, match="is not empty: go on with the run in it by resume=True"):
         run("sweep", directory=tmp_path / "run")
     with pytest.raises(InputError, match=r"differs in seed \("):
-        uq.sweep(poses_of_program(), noise=NOISE, directory=tmp_path / "run", resume=True, trials=1000, seed=SEED + 1)
+        uq.sweep(poses_of_program(), noise=NOISE, directory=tmp_path / "run", resume=True, trials=500, seed=SEED + 1)
 
 
 def test_another_cross_check_is_refused(tmp_path):
@@ -106,4 +106,4 @@ def test_a_damaged_level_is_made_again(tmp_path):
         data[len(data) // 2] ^= 1
         path.write_bytes(data)
     assert run("sweep", directory=tmp_path / "run", resume=True).to_json() == first.to_json()
-    assert np.load(kept(tmp_path)[0])["errors"].shape == (1000, 6)
+    assert np.load(kept(tmp_path)[0])["errors"].shape == (500, 6)

@@ -47,7 +47,7 @@ import numpy as np
 from ...core.geometry.checks import as_transforms
 from ...core.geometry.packed3x3 import EYE, cross, product, unpack
 from ...core.geometry.se3 import Array
-from ...errors import InputError
+from ...errors import InputError, require_instance
 from ...model.noise.models import PairNoise, require_count
 from ..procrustes.limit import as_pairs, trial_blocks
 from .method import Derivatives, Estimate, Method, published
@@ -218,7 +218,10 @@ def nguyen(
     A, B = as_pairs(A, B)
     A, B = as_transforms(A, "A"), as_transforms(B, "B")
     batch, N = A.shape[:-3], A.shape[-3]
-    _check_noise(noise, N)
+    require_instance("noise", noise, PairNoise, None)
+    if noise is not None:
+        require_count(noise.A, N, "A", "motions")
+        require_count(noise.B, N, "B", "motions")
     flat_A, flat_B = A.reshape(-1, N, 4, 4), B.reshape(-1, N, 4, 4)
     rule = Rule(stop, PUBLISHED_ITERATIONS if stop == "published" else int(max_iterations))
     parts = [
@@ -227,15 +230,6 @@ def nguyen(
     ]
     joined = parts[0] if len(parts) == 1 else NguyenResult(*map(np.concatenate, zip(*parts, strict=True)))
     return NguyenResult(*(part.reshape((*batch, *part.shape[1:])) for part in joined))
-
-
-def _check_noise(noise: Any, N: int) -> None:
-    if noise is None:
-        return
-    if not isinstance(noise, PairNoise):
-        raise InputError(f"Expected `noise` to be PairNoise or None, got {type(noise).__name__}.")
-    require_count(noise.A, N, "A", "motions")
-    require_count(noise.B, N, "B", "motions")
 
 
 def _solve(

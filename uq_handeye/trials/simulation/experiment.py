@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...core.geometry.se3 import Array, inverse
-from ...errors import DegenerateMotionError, InputError, NotConvergedError, SingularNoiseError, among
+from ...errors import DegenerateMotionError, InputError, NotConvergedError, SingularNoiseError, among, require_instance
 from ...fit.likelihood.constraint import constraint_of, require_noise_fits
 from ...fit.likelihood.gauss_helmert import ESTIMATORS, Fit, bound, corrected, maximum_likelihood
 from ...fit.one_model.noise_of_data import estimate_noise
@@ -110,7 +110,7 @@ class Experiment:
     @cached_property
     def motions(self) -> Motions:
         """The true motions: those given, or of the pairs of the true poses."""
-        return relative_motions(self.truth, self.choice) if isinstance(self.truth, PosePairs) else self.truth
+        return motions_of(self.truth, self.choice)
 
     @cached_property
     def weights(self) -> PairNoise | None:
@@ -139,13 +139,12 @@ class Experiment:
 
 def sides_of(data: PosePairs | Motions) -> tuple[Array, Array]:
     """Poses or motions (..., n, 4, 4) of robot and camera."""
-    return (data.robot, data.camera) if isinstance(data, PosePairs) else (data.A, data.B)
+    return (data.robot, data.camera) if data.poses is data else (data.A, data.B)  # type: ignore[union-attr]
 
 
-def require_data(data: Any) -> None:
-    """Raise `InputError` for what is neither poses nor motions."""
-    if not isinstance(data, PosePairs | Motions):
-        raise InputError(f"Expected `data` to be PosePairs or Motions, got {type(data).__name__}.")
+def motions_of(data: PosePairs | Motions, pairs: Any = "all") -> Motions:
+    """The motions that ``pairs`` makes of poses, or the motions given."""
+    return relative_motions(data, pairs) if isinstance(data, PosePairs) else data
 
 
 class Fitted(Protocol):
@@ -206,7 +205,7 @@ def experiment(
     NotConvergedError
         The fit around which the noise would be drawn did not converge.
     """
-    require_data(data)
+    require_instance("data", data, PosePairs, Motions)
     known = [*ESTIMATORS, *METHODS, *ROBOT_WORLD_METHODS]
     if not among(method, known):
         raise InputError(f"Expected `method` to be one of {', '.join(known)}, got {method!r}.")
@@ -238,7 +237,7 @@ def experiment(
         true_poses = PosePairs(truth.robot, truth.camera, poses.setup, poses.timestamps, truth)
         _require_closed(true_poses, noise)
         return Experiment(true_poses, truth.X, truth.W, noise, method, scale, index)
-    motions = relative_motions(data, pairs) if isinstance(data, PosePairs) else data
+    motions = motions_of(data, pairs)
     if motions.N < 2:
         raise InputError(f"Expected at least 2 motions to determine X, got {motions.N}.")
     require_noise_fits(noise, motions)

@@ -14,7 +14,7 @@ from ...core.geometry.checks import as_transforms
 from ...core.geometry.frames import SETUPS
 from ...core.geometry.se3 import Array, inverse, perturb
 from ...core.runtime.keywords import fields_from, takes_fields_of
-from ...errors import InputError, require_integer
+from ...errors import InputError, require_instance, require_integer
 from ...model.noise.joint_covariance import JointCovariance
 from ...model.noise.models import PoseNoise, factor, is_joint, require_count
 from ...model.poses.pose_pairs import PosePairs, Truth
@@ -139,8 +139,7 @@ def simulate(
         raise InputError(
             f"Expected `seed` to be what numpy.random.default_rng takes, got {seed!r}: {error}."
         ) from error
-    if noise is not None and not isinstance(noise, PoseNoise):
-        raise InputError(f"Expected `noise` to be PoseNoise or None, got {type(noise).__name__}.")
+    require_instance("noise", noise, PoseNoise, None)
     X_true, W_true = taken.rig(setup)
     target_T_camera = taken.views(n_poses, rng)
     camera = inverse(target_T_camera)

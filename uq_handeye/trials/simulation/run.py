@@ -37,9 +37,8 @@ from ...methods.propagation.noise_transport import covariance_of_poses
 from ...methods.propagation.propagate import propagate_and_check
 from ...methods.propagation.published_fit import solve_all_pairs
 from ...model.noise.models import PairNoise, with_prior
-from ...model.poses.motions import relative_motions
 from ...model.poses.pose_pairs import PosePairs
-from .experiment import Experiment
+from .experiment import Experiment, motions_of
 from .rig import disturbed
 
 # Motions of one side in all trials of a block, and the fewest trials worth a call.
@@ -367,7 +366,7 @@ def _estimates(experiment: Experiment, first: Array, second: Array, each: bool) 
         return Estimates(both(poses).X, every, np.stack(own))
     if poses is not None and experiment.everything is not None and not each:
         return Estimates(solve_all_pairs(poses), every, None)
-    motions = relative_motions(data, experiment.choice) if isinstance(data, PosePairs) else data
+    motions = motions_of(data, experiment.choice)
     if method == "4dpa":
         X, ok = solve_4dpa(motions.A, motions.B, experiment.scale), every
     else:

@@ -44,9 +44,9 @@ from ....core.runtime.keywords import fields_from, takes_fields_of
 from ....errors import InputError, require_integer
 from ....findings import Finding
 from ....model.noise.models import Noise, PairNoise, PoseNoise
-from ....model.poses.motions import Motions, relative_motions
+from ....model.poses.motions import Motions
 from ....model.poses.pose_pairs import PosePairs
-from ...simulation.experiment import Experiment, Fitted, experiment, problem_of
+from ...simulation.experiment import Experiment, Fitted, experiment, motions_of, problem_of
 from ..monte_carlo.run import MonteCarlo, Running
 from ..outcome import NoiseOfData, Outcome, limit, limit_blocks, noise_of_data, one_of, place_of
 from ..resumable import identity_of
@@ -403,8 +403,8 @@ def cross_check(
     given, running = data, fields_from(Running, "cross_check", how)
     data, noise, estimated = problem_of(data, noise)
     measured = data
-    if isinstance(data, PosePairs) and (isinstance(noise, PairNoise) or not isinstance(pairs, str) or pairs != "all"):
-        data = relative_motions(data, pairs)
+    if isinstance(noise, PairNoise) or not np.array_equal(pairs, "all"):
+        data = motions_of(data, pairs)
     problem = _problem(data, noise)
     noise = problem.noise
     problem.predicted()  # raises where the data do not determine X

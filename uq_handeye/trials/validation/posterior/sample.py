@@ -31,13 +31,13 @@ from ....core.geometry.checks import is_number
 from ....core.geometry.frames import SETUPS
 from ....core.geometry.se3 import Array
 from ....core.runtime.keywords import fields_from, takes_fields_of
-from ....errors import InputError, require_integer
+from ....errors import InputError, require_instance, require_integer
 from ....fit.one_model.noise_of_data import estimate_noise
 from ....model.noise.models import Noise, PairNoise, PoseNoise
 from ....model.poses.motions import Motions
 from ....model.poses.pose_pairs import PosePairs
 from ....model.poses.timing import warn_left_out
-from ...simulation.experiment import Fitted, problem_of, require_data, sides_of
+from ...simulation.experiment import Fitted, problem_of, sides_of
 from ..outcome import stated_of
 from ..resumable import Run, identity_of
 from .chain import Chain, HeldBackend, Proposal, around_maxima, chain_of, content_of, fitted, moves_of, starts_of
@@ -226,7 +226,7 @@ WALKERS, MAX_STEPS = 128, 10_000
 
 def _require_one_problem(data: PosePairs | Motions) -> None:
     """Raise `InputError` for other data, and for a batch."""
-    require_data(data)
+    require_instance("data", data, PosePairs, Motions)
     if sides_of(data)[0].ndim != 3:
         raise InputError("Expected one data set; sample the posterior of each problem of a batch by itself.")
 
@@ -323,8 +323,7 @@ def sample_posterior(
     data, noise, estimated = problem_of(data, noise)
     _require_one_problem(data)
     warn_left_out("sample_posterior()", data)
-    if noise is not None and not isinstance(noise, PoseNoise | PairNoise):
-        raise InputError(f"Expected `noise` to be PoseNoise, PairNoise or None, got {type(noise).__name__}.")
+    require_instance("noise", noise, PoseNoise, PairNoise, None)
     for name, value, least in (("seed", seed, 0), ("samples", samples, 100), ("max_steps", max_steps, 1)):
         require_integer(name, value, least)
     free = _free_scales(scales, student_t, estimated)
