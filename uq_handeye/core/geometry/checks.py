@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -25,7 +26,7 @@ CHUNK = 8192
 
 def as_numbers(value: Any, name: str) -> Array:
     """``value`` as a float64 array, or an `InputError` that names it."""
-    if isinstance(value, np.ndarray) and np.iscomplexobj(value):
+    if getattr(getattr(value, "dtype", None), "kind", "") == "c":
         raise InputError(f"Expected `{name}` to hold real numbers, got complex ones.")
     try:
         return np.asarray(value, dtype=float)
@@ -160,7 +161,7 @@ def first_duplicate(times: NDArray[np.float64]) -> tuple[int, int] | None:
 
 def is_number(value: Any) -> bool:
     """Return whether the value is a number of Python or NumPy; truth values are not."""
-    return isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
+    return isinstance(value, Real) and type(value) is not bool
 
 
 def checked_covariance(value: Any, name: str, joint: bool) -> Array:

@@ -13,15 +13,18 @@ def _on_terminal() -> bool:
 
 
 @contextmanager
-def working(label: str, show: bool = True) -> Iterator[None]:
-    """Show that something takes its time and cannot be counted, where `progress_bar` would show a bar."""
+def working(label: str, show: bool = True) -> Iterator[Callable[[str], None]]:
+    """Show that something takes its time and cannot be counted, where `progress_bar` would show a bar.
+
+    Yields a function that takes what to say behind the label.
+    """
     if not (show and _on_terminal()):
-        yield
+        yield lambda text: None
         return
     from rich.console import Console
 
-    with Console(stderr=True).status(label, spinner="line"):
-        yield
+    with Console(stderr=True).status(label, spinner="line") as status:
+        yield lambda text: status.update(f"{label}: {text}")
 
 
 @contextmanager

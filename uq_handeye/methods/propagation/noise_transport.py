@@ -41,10 +41,10 @@ Start = Callable[[slice], DataSide]
 
 def data_side(noise: Noise, kind: str | None, motions: Motions | None, N: int) -> Start:
     """Return the start of a sum for some trials; raises `InputError` where noise, kind and motions do not fit."""
-    default, others = ("poses", "pairs") if isinstance(noise, PoseNoise) else ("pairs", "literal")
+    default, others = ("poses", "pairs") if noise.ITEM == "pose" else ("pairs", "literal")
     if kind not in (None, default, others):
         raise InputError(f"Expected `kind` with {type(noise).__name__} to be {default!r} or {others!r}, got {kind!r}.")
-    if isinstance(noise, PairNoise):
+    if noise.ITEM == "motion":
         require_count(noise.A, N, "A", "motions")
         require_count(noise.B, N, "B", "motions")
         pair_noise = noise
@@ -72,7 +72,7 @@ def noise_of_pairs(motions: Motions | None, noise: Noise) -> PairNoise:
 
     Noise of pairs is returned as it is. Raises `InputError` for PoseNoise of motions without poses.
     """
-    if isinstance(noise, PairNoise):
+    if noise.ITEM == "motion":
         return noise
     motions = made_from_poses(motions)
     poses, index = motions.poses, motions.pairs

@@ -339,7 +339,7 @@ def _beyond_derivatives(problem: _Problem, method: Method, kind: str | None) -> 
     """The covariances (T, 6, 6) of an X that is no smooth function of the data, and what speaks against them."""
     solver = cast(SolverWithCovariance, method.solver)
     assert problem.X is not None and problem.weights is not None
-    pairs_share = isinstance(problem.noise, PoseNoise) and kind != "pairs"
+    pairs_share = problem.noise.ITEM == "pose" and kind != "pairs"
     count, item = problem.A.shape[1], "pairs"
     if pairs_share:
         side = cast(Shared, problem.start(slice(0, 1)))

@@ -247,7 +247,7 @@ class Published:
     def covariances(self, noise: Noise, kind: str | None = None) -> Covariances:
         """The covariances of X and, for noise on poses, of W (6, 6), to first order; ``kind`` as in `propagate`."""
         motions, method, poses = self.motions, self.method, self.motions.poses
-        of_poses = isinstance(noise, PoseNoise) and kind in (None, "poses")
+        of_poses = noise.ITEM == "pose" and kind in (None, "poses")
         if method in ROBOT_WORLD_METHODS and not of_poses:
             raise InputError(f"Method {method!r} works on poses: its covariance needs PoseNoise and kind 'poses'.")
         if poses is None or not of_poses:

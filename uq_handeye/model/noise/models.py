@@ -22,7 +22,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from typing import Any, ClassVar, Self, cast
+from typing import Any, ClassVar, Literal, Self, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -175,6 +175,11 @@ class _TwoSides(Record):
         """
         return self._with({name: None if S is None else weighted(S, weights) for name, S in self.sides.items()})
 
+    def dense(self) -> Self:
+        """The same with arrays in place of `JointCovariance`: where all of (6n, 6n) is needed."""
+        joint = {name: np.asarray(S) for name, S in self.sides.items() if isinstance(S, JointCovariance)}
+        return self._with(self.sides | joint)
+
     def __repr__(self) -> str:
         sizes = {name: dict.fromkeys(size_words(S)) for name, S in self.sides.items()}
         text = "; ".join(f"{name}: {', '.join(size)}" for name, size in sizes.items())
@@ -193,7 +198,7 @@ class PairNoise(_TwoSides):
     """
 
     SIDES: ClassVar[tuple[str, str]] = ("A", "B")
-    ITEM: ClassVar[str] = "motion"
+    ITEM: ClassVar[Literal["motion"]] = "motion"
     _in_file: ClassVar[str] = "type=__class__.__name__ A B prior"
 
     A: Array | None = None
@@ -229,7 +234,7 @@ class PoseNoise(_TwoSides):
     """
 
     SIDES: ClassVar[tuple[str, str]] = ("robot", "camera")
-    ITEM: ClassVar[str] = "pose"
+    ITEM: ClassVar[Literal["pose"]] = "pose"
     _in_file: ClassVar[str] = "type=__class__.__name__ robot camera prior"
 
     robot: Any = None  # array or JointCovariance
@@ -240,11 +245,6 @@ class PoseNoise(_TwoSides):
         if isinstance(self.camera, CameraNoise) and self.camera.pixel_sd is not None:
             object.__setattr__(self, "camera", self.camera.covariance())
         self._checked(_checked_side)
-
-    def dense(self) -> PoseNoise:
-        """The same with arrays in place of `JointCovariance`: where all of (6n, 6n) is needed."""
-        robot, camera = (np.asarray(S) if isinstance(S, JointCovariance) else S for S in (self.robot, self.camera))
-        return replace(self, robot=robot, camera=camera)
 
     @classmethod
     def isotropic(cls, robot: Deviations | None = None, camera: Deviations | None = None) -> PoseNoise:

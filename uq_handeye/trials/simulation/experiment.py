@@ -222,7 +222,7 @@ def experiment(
         noise = estimate_noise(data if poses is None else poses).noise
         if noise is None:
             raise InputError("The data fit exactly, so that they show no noise to draw: give `noise`.")
-    of_pairs = isinstance(noise, PairNoise)
+    of_pairs = noise.ITEM == "motion"
     if of_pairs and method in ROBOT_WORLD_METHODS:
         raise InputError(f"Method {method!r} solves G X C = W on poses: it needs PoseNoise, got PairNoise.")
     index = getattr(data, "pairs", None)  # poses have none

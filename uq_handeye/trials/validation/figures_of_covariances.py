@@ -29,7 +29,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
@@ -38,7 +37,7 @@ from scipy.ndimage import gaussian_filter
 
 from ...core.geometry.se3 import Array
 from ...core.presentation.ellipses import LEVELS, SYMBOLS, display_unit, limited
-from ...core.presentation.figure_parts import settle_layout
+from ...core.presentation.figure_parts import NamedFigure, settle_layout
 from .cross_check.run import CrossCheck
 from .outcome import figure_of
 from .posterior.result import Posterior
@@ -82,8 +81,7 @@ def cross_check_figure(check: CrossCheck) -> Figure:
     reach = _reach([S for _, S in drawn], points)
     units = [display_unit(value, "rad" if k < 3 else "m") for k, value in enumerate(reach)]
     scale = np.array([factor for factor, _ in units])
-    figure = Figure(figsize=(10.6, 7.3), layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = NamedFigure(figsize=(10.6, 7.3), layout="constrained")
     grid: Any = figure.subplots(3, 5)
     for column, title in ((0, "Rotation"), (1, "Translation"), (3, "Rotation against translation")):
         grid[0, column].set_title(title, fontsize=9.5, pad=8)
@@ -174,8 +172,7 @@ def corner(posterior: Posterior) -> Figure:
     x, low, high = x / scale, (shift - reach) / scale, (shift + reach) / scale
     bound = posterior.bound / scale[:, None] / scale
 
-    figure = Figure(figsize=(9.5, 9.8), layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = NamedFigure(figsize=(9.5, 9.8), layout="constrained")
     axes: Any = figure.subplots(6, 6)
     for row in range(6):
         for column in range(6):

@@ -30,7 +30,6 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 from scipy.special import betainc, gammaincinv
@@ -38,7 +37,7 @@ from scipy.stats import binom
 
 from ...core.formatting.numbers import digits, rough
 from ...core.geometry.se3 import Array
-from ...core.presentation.figure_parts import HALO
+from ...core.presentation.figure_parts import HALO, NamedFigure
 from .monte_carlo.consistency import HARMLESS, Consistency
 from .monte_carlo.result import MonteCarlo, heading
 from .monte_carlo.sums import ABOVE, BELOW, COMPONENTS, LEVELS, PARTS, SIZES, edges
@@ -65,8 +64,7 @@ def validation_figure(result: MonteCarlo) -> Figure:
     words = textwrap.wrap(verdict(c).replace(" %", "\N{NO-BREAK SPACE}%"), 195, break_on_hyphens=False)
     top = 0.8 + 0.145 * len(words)  # inches above the panels
     height = 6.2 if c.sums.count else 0.4
-    figure = Figure(figsize=(_WIDTH, height + top))
-    FigureCanvasAgg(figure)
+    figure = NamedFigure(figsize=(_WIDTH, height + top))
 
     def place(x: float, y: float, across: float, up: float) -> Axes:
         """Axes with their lower left corner at x, y, all in inches."""
@@ -260,8 +258,7 @@ def sweep_figure(result: Sweep) -> Figure:
     footer = textwrap.wrap(_footer(result), int(18 * width))
     more = 0.12 * (len(footer) - 1)
     height = rows * _PANEL_HEIGHT + 0.95 + more
-    drawn = Figure(figsize=(width, height))
-    FigureCanvasAgg(drawn)
+    drawn = NamedFigure(figsize=(width, height))
     axes = drawn.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
     drawn.subplots_adjust(
         left=0.7 / width,
@@ -337,16 +334,9 @@ def _panel(axis: Axes, result: Sweep, found: MethodSweep, nees: tuple[float, flo
     axis.set_yscale("log")
     matters = (1 + result.tolerance) ** 2
     axis.axhspan(6 / matters, 6 * matters, color="0.93", linewidth=0, zorder=0, label=_tolerance(result))
-    interval = next(
-        (
-            level.first_order.consistency.nees_interval[0]
-            for level in found.levels
-            if level.first_order.consistency is not None and level.first_order.consistency.nees_interval is not None
-        ),
-        None,
-    )
-    if interval is not None:
-        axis.axhspan(*interval, color="0.8", linewidth=0, zorder=1, label="chance")
+    intervals = (level.first_order.nees_interval for level in found.levels)
+    if (interval := next((known for known in intervals if known is not None), None)) is not None:
+        axis.axhspan(*interval[0], color="0.8", linewidth=0, zorder=1, label="chance")
     axis.axvline(1.0, color="black", linewidth=1.0, zorder=2)
     axis.annotate(
         "your noise",

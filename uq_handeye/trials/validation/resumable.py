@@ -91,10 +91,8 @@ def sha256(arrays: Mapping[str, Any]) -> str:
 
 def _sha256_of_noise(noise: Noise) -> str:
     """Hash the covariances of a noise; those that poses share, and a prior, by the numbers that they are made of."""
-    sides = ("robot", "camera") if hasattr(noise, "robot") else ("A", "B")
-    covariances = {name: getattr(noise, name) for name in sides}
-    if noise.prior is None and JointCovariance not in map(type, covariances.values()):
-        return sha256(covariances)
+    if noise.prior is None and JointCovariance not in map(type, noise.sides.values()):
+        return sha256(noise.sides)
     return hashlib.sha256(json.dumps(noise_to_dict(noise), sort_keys=True).encode()).hexdigest()
 
 
@@ -268,8 +266,7 @@ class Run:
 
     def write(self, name: str, content: bytes) -> None:
         """Write a file of the folder. A link, pipe or device of its name is replaced: nothing is written elsewhere."""
-        if self.path is None:
-            return
+        assert self.path is not None
         file = self.path / name
         foreign = file.is_symlink() or (file.exists() and not (file.is_file() or file.is_dir()))
         place = file.with_name(f".uq-handeye-{file.name}.tmp") if foreign else file
@@ -281,10 +278,12 @@ class Run:
         return hashlib.sha256(f"{self._key} {name} ".encode() + content).digest()
 
     def save(self, name: str, content: bytes) -> None:
-        """Keep a piece."""
+        """Keep a piece, if anything is kept."""
+        if self.path is None:
+            return
         if self._pieces is not None:
             self.write(f"{self._pieces}/{name}.npz", content + self._digest(name, content))
-        elif self.path is not None:
+        else:
             content += b"\n" + json.dumps(self._manifest).encode()
             write_atomically(self.path, content + self._digest(name, content))
 

@@ -43,7 +43,7 @@ from ....core.presentation.document import (
 from ....core.runtime.keywords import fields_from, takes_fields_of
 from ....errors import InputError, require_integer
 from ....findings import Finding
-from ....model.noise.models import Noise, PairNoise, PoseNoise
+from ....model.noise.models import Noise
 from ....model.poses.motions import Motions
 from ....model.poses.pose_pairs import PosePairs
 from ...simulation.experiment import Experiment, Fitted, experiment, motions_of, problem_of
@@ -151,7 +151,7 @@ def cross_check_document(check: CrossCheck, verbose: bool = False) -> Document:
     """Return the verdict, its limits and a line per covariance; ``verbose``: also the relations with their numbers."""
     noise = "estimated from the data" if check.noise_estimated else "as given"
     of = f"{check.n:,} motions"
-    if isinstance(check.noise, PoseNoise):
+    if check.noise.ITEM == "pose":
         of = f"{check.n:,} poses, {check.pairs:,} pairs"
     notes: dict[str, list[str]] = {}
     for row in check.rows:
@@ -368,8 +368,9 @@ def cross_check(
     posterior : bool
         Sample the posterior too, which needs the extra ``posterior``.
     directory : path or None
-        Folder for the trials of each method and the chain, from which ``resume=True`` goes on after whatever ended the
-        program (`Run`), with as many trials or more.
+        Folder for the trials of each method and the chain.
+    resume : bool
+        Go on with what is in the folder after whatever ended the program, with as many trials or more.
     progress : bool
         Show bars on stderr if that is a terminal.
 
@@ -403,7 +404,7 @@ def cross_check(
     given, running = data, fields_from(Running, "cross_check", how)
     data, noise, estimated = problem_of(data, noise)
     measured = data
-    if isinstance(noise, PairNoise) or not np.array_equal(pairs, "all"):
+    if (noise is not None and noise.ITEM == "motion") or not np.array_equal(pairs, "all"):
         data = motions_of(data, pairs)
     problem = _problem(data, noise)
     noise = problem.noise

@@ -191,7 +191,8 @@ def monte_carlo(
         seconds = time.monotonic() - started
         said = {"noise_estimated": estimated, "noise_of_data": checked, "tested": kind, "seconds": seconds}
         result = _result(data, tally, kept, ended, **said)
-        kept.write("result.json", result.to_json().encode())
+        if kept.path is not None:
+            kept.write("result.json", result.to_json().encode())
     for note in result.notes:
         warnings.warn(note, InputWarning, stacklevel=2)
     return result

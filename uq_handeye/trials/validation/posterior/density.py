@@ -47,7 +47,7 @@ from ....core.geometry.se3 import Array
 from ....errors import DegenerateMotionError, InputError
 from ....fit.likelihood.constraint import Constraint, block_diagonal, constraint_of, covariances_of, residual_covariance
 from ....fit.likelihood.gauss_helmert import Fit, corrected, maximum_likelihood
-from ....model.noise.models import Noise, PairNoise, PoseNoise, is_joint
+from ....model.noise.models import Noise, is_joint
 from ....model.noise.square_roots import cholesky_of, gram, whiten
 from ....model.poses.motions import Motions
 from ....model.poses.pose_pairs import PosePairs
@@ -224,7 +224,7 @@ def density_of(
 
     Raises what `maximum_likelihood` raises, and `InputError` for a Student-t with noise that is joint over poses.
     """
-    noise = noise.dense() if isinstance(noise, PoseNoise) else noise
+    noise = noise.dense()
     fit = maximum_likelihood(data, noise)
     if fit.open is not None:
         raise DegenerateMotionError(
@@ -268,7 +268,7 @@ def density_of(
             information = to_log_scales.T @ information @ to_log_scales
         factor[size:, size:] = np.linalg.cholesky(np.linalg.inv(information))
     names = AXES + (tuple(f"W_{axis}" for axis in AXES) if size == 12 else ())
-    names += sampled.names(isinstance(noise, PairNoise))
+    names += sampled.names(noise.ITEM == "motion")
     return Density(constraint, fit, first, second, whitening, share, by_W, factor, follow, sampled, student_t, names)
 
 
@@ -298,7 +298,7 @@ def _together(fit: Fit, noise: Noise, split: bool) -> tuple[Array, Array]:
     first = covariances_of(noise)[0]
     if first is None:
         return inverse, np.zeros((n, 6))
-    alone = PairNoise(A=first) if isinstance(noise, PairNoise) else PoseNoise(robot=first)
+    alone = type(noise)(first)
     S_1 = np.asarray(residual_covariance(fit.linear.sides, alone))
     if S_1.shape != fit.S.shape:  # only the other side is joint
         S_1 = block_diagonal(S_1)

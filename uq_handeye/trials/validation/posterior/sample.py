@@ -15,10 +15,9 @@ from __future__ import annotations
 
 import os
 import signal
-import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from typing import Any
@@ -31,6 +30,7 @@ from ....core.geometry.checks import is_number
 from ....core.geometry.frames import SETUPS
 from ....core.geometry.se3 import Array
 from ....core.runtime.keywords import fields_from, takes_fields_of
+from ....core.runtime.progress import working
 from ....errors import InputError, require_instance, require_integer
 from ....fit.one_model.noise_of_data import estimate_noise
 from ....model.noise.models import Noise, PairNoise, PoseNoise
@@ -55,8 +55,6 @@ DROPPED = 2
 # Seconds between two writings of the file, unless writing takes more than a tenth of that.
 PAUSE = 2.0
 
-Report = Callable[[str], None]
-
 
 def sample(
     density: Density,
@@ -72,7 +70,7 @@ def sample(
 
     Ends when the chain has converged or is ``max_steps`` long. Ctrl-C writes the file first.
     """
-    with _shown(progress) as report:
+    with working("sampling the posterior", progress) as report:
         chain, state, in_file = kept.load("chain", chain_of), None, 0
         if chain is not None:
             in_file = chain.steps
@@ -209,18 +207,6 @@ def _state(steps: int, found: PosteriorDiagnostics) -> str:
     return f"{steps} steps, about {samples:,.0f} of {found.asked:,} effective samples"
 
 
-@contextmanager
-def _shown(progress: bool) -> Iterator[Report]:
-    """A line that says where the chain is, on a terminal."""
-    if not (progress and sys.stderr.isatty()):
-        yield lambda _: None
-        return
-    from rich.console import Console
-
-    with Console(stderr=True).status("sampling the posterior") as status:
-        yield lambda text: status.update(f"sampling the posterior: {text}")
-
-
 WALKERS, MAX_STEPS = 128, 10_000
 
 
@@ -333,7 +319,7 @@ def sample_posterior(
     poses = data.poses
     density = density_of(data, model, free, student_t)
     require_integer("walkers", walkers, max(16, 2 * density.d + 2))
-    starts = starts_of(data if poses is None or isinstance(model, PairNoise) else poses, model, density)
+    starts = starts_of(data if poses is None or model.ITEM == "motion" else poses, model, density)
     identity = identity_of(
         data,
         noise,

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from scipy.special import gammainc, gammaincinv
 
+from ....core.files.records import attributes
 from ....core.geometry.se3 import Array
 from ....core.runtime.read_only import ReadOnlyArrays
 from ....errors import InputError, InputWarning, NotConvergedError
@@ -57,6 +58,11 @@ class Verdict(ReadOnlyArrays):
     def mean_nees(self) -> Array | None:
         """(3,) of joint, rotation, translation: 6, 3, 3 if the covariance is consistent."""
         return None if self.consistency is None else self.consistency.mean_nees
+
+    @property
+    def nees_interval(self) -> Array | None:
+        """(3, 2) where the mean NEES of a consistent covariance lies."""
+        return None if self.consistency is None else self.consistency.nees_interval
 
     @property
     def coverage(self) -> float | None:
@@ -208,28 +214,9 @@ def coverage_limits(size: int, tolerance: float) -> tuple[float, float]:
 
 def level_dict(level: Level) -> dict[str, Any]:
     """A level as plain numbers, lists and text."""
-    row: dict[str, Any] = {
-        "factor": level.factor,
-        "sd_factor": level.deviations,
-        "bias_sd": level.bias,
-        "failed": level.failed,
-        "heavy_tails": level.heavy,
-    }
-    for kind in KINDS:
-        one = level.of(kind)
-        row[kind] = {
-            "holds": one.holds,
-            "reason": one.reason,
-            "failure": None if one.failure is None else one.failure.to_dict(),
-            "mean_nees": None if one.mean_nees is None else one.mean_nees.tolist(),
-            "nees_interval": None
-            if one.consistency is None or one.consistency.nees_interval is None
-            else one.consistency.nees_interval.tolist(),
-            "worst": None if one.worst is None else list(one.worst),
-            "coverage_95": one.coverage,
-            "covariance": None if one.covariance is None else one.covariance.tolist(),
-        }
-    return row
+    row = attributes(level, "factor sd_factor=deviations bias_sd=bias failed heavy_tails=heavy")
+    names = "holds reason failure mean_nees nees_interval worst coverage_95=coverage covariance"
+    return row | {kind: attributes(level.of(kind), names) for kind in KINDS}
 
 
 @dataclass(frozen=True)

@@ -208,8 +208,9 @@ def sweep(
         Relative error of standard deviations that matters.
     pairs : as for `calibrate`
     directory : path or None
-        Folder for the levels, from which ``resume=True`` goes on after whatever ended the program (`Run`). It may then
-        be asked for other methods and factors.
+        Folder for the levels.
+    resume : bool
+        Go on with the levels in the folder after whatever ended the program, also with other methods and factors.
     progress : bool
         Show a bar on stderr if that is a terminal.
 
