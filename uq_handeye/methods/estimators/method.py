@@ -123,7 +123,7 @@ class SolverWithCovariance(Solver, Protocol):
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class Published:
-    """What a publication gives: `published` reads it from ``methods.toml``."""
+    """Description of a published method: `published` reads it from ``methods.toml``."""
 
     name: str
     authors: str

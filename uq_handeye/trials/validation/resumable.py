@@ -55,7 +55,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, kw_only=True)
 class Kept:
-    """What is kept of a run, and what is shown of it."""
+    """Folder that keeps a run, and what is shown of it."""
 
     directory: str | os.PathLike[str] | None = None
     resume: bool = False
@@ -146,7 +146,7 @@ def _short(value: Any) -> str:
 
 
 class Run:
-    """What is kept of one run, open and locked against other processes until `close`.
+    """Folder or file of one run, open and locked against other processes until `close`.
 
     Parameters
     ----------
@@ -288,7 +288,7 @@ class Run:
             write_atomically(self.path, content + self._digest(name, content))
 
     def load(self, name: str, read: Callable[[bytes], T], most: int | None = None) -> T | None:
-        """What ``read`` makes of a piece of at most so many bytes; None where there is none to rely on.
+        """Return what ``read`` makes of a piece of at most so many bytes; None where there is none to rely on.
 
         `damaged` names those that were there; a single file is refused by `InputError`.
         """

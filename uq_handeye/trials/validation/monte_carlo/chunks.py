@@ -94,7 +94,7 @@ class Work:
 
     @property
     def identity(self) -> dict[str, Any]:
-        """What the numbers of a run depend on, except for the number of trials."""
+        """Everything that the numbers of a run depend on, except for the number of trials."""
         e = self.experiment
         tested = "of each trial" if self.tested is None else sha256({"tested": self.tested})
         what = {"method": e.method, "scale": e.scale, "covariance tested": tested}

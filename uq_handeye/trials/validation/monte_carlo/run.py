@@ -58,7 +58,7 @@ VARIANCES = (1e-60, 1e60)
 
 @dataclass(frozen=True, kw_only=True)
 class Running(Kept):
-    """Where the trials of `monte_carlo` run, and what is kept of them: nothing of it changes a number."""
+    """Workers of the trials of `monte_carlo`, and what is kept of them: nothing of it changes a number."""
 
     workers: int = 1
     executor: Executor | None = None
@@ -76,7 +76,7 @@ class Running(Kept):
 
 @dataclass(frozen=True, kw_only=True)
 class Trials(Running):
-    """How many trials of `monte_carlo`, and how they are run."""
+    """Number of the trials of `monte_carlo`, and how they are run."""
 
     trials: int | None = None
     digits: int | None = None

@@ -232,7 +232,7 @@ def _free_scales(scales: Any, student_t: Any, estimated: bool) -> ScalePrior | N
 
 @dataclass(frozen=True, kw_only=True)
 class InFile:
-    """What is kept of a chain, and what is shown of it."""
+    """File that keeps a chain, and what is shown of it."""
 
     file: str | os.PathLike[str] | None = None
     resume: bool = False

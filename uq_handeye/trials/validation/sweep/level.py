@@ -158,7 +158,7 @@ def drawn(task: Task) -> dict[str, Any]:
 
 
 def level_of(task: Task, found: Mapping[str, Any]) -> Level:
-    """What `drawn` says of both covariances."""
+    """Judge both covariances by what was drawn."""
     first, second = (
         judged(kind, found["errors"], found["ok"], found[kind], task.tolerance) if kind in found else None
         for kind in KINDS
