@@ -107,3 +107,19 @@ def test_a_damaged_level_is_made_again(tmp_path):
         path.write_bytes(data)
     assert run("sweep", directory=tmp_path / "run", resume=True).to_json() == first.to_json()
     assert np.load(kept(tmp_path)[0])["errors"].shape == (500, 6)
+
+
+def test_a_disk_that_is_full_is_no_row(tmp_path, monkeypatch):
+    written = iter(range(100))
+
+    def full(*_):
+        if next(written) > 3:  # after two manifests, the result of the first method, and the manifest of the second
+            raise OSError(28, "No space left on device")
+
+    options = {"noise": NOISE, "trials": 200, "posterior": False, "directory": tmp_path / "run"}
+    uq.cross_check(poses_of_program(), **options)
+    for path in kept(tmp_path / "run" / "nguyen"):
+        path.unlink()
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(InputError, match=r"no space left on device\.$"):
+        uq.cross_check(poses_of_program(), resume=True, **options)

@@ -25,8 +25,8 @@ import platform
 import stat
 import sys
 import zipfile
-from collections.abc import Callable, Mapping
-from contextlib import ExitStack, suppress
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
@@ -51,6 +51,18 @@ DIGEST = 32  # bytes at the end of a piece
 START = b'\n{"format": '  # of the manifest in a single file
 
 T = TypeVar("T")
+
+
+class NotKeptError(InputError):
+    """A run that cannot be kept where it was to be, or not be gone on with."""
+
+
+@contextmanager
+def _keeping() -> Iterator[None]:
+    try:
+        yield
+    except InputError as error:
+        raise NotKeptError(str(error)) from error
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -166,7 +178,7 @@ class Run:
     size : int
         Trials in a whole piece, to say what is there.
 
-    Raises `InputError` for something else at ``path``, for another run (naming what differs), and for one in use by
+    Raises `NotKeptError` for something else at ``path``, for another run (naming what differs), and for one in use by
     another process.
     """
 
@@ -184,17 +196,23 @@ class Run:
         self.path, self._pieces, self._kind, self._size = path if path is None else as_path(path), pieces, kind, size
         self.damaged: list[str] = []  # names of pieces that were there but not used
         self._key = hashlib.sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()
-        self._manifest = {"format": f"uq-handeye {kind} 3", "sha256": self._key, "trials": asked, "run": dict(identity)}
+        self._manifest: dict[str, Any] = {
+            "format": f"uq-handeye {kind} 3",
+            "sha256": self._key,
+            "trials": asked,
+            "run": dict(identity),
+        }
         if resume and path is None:
             place = "file" if pieces is None else "directory"
             raise InputError(f"Expected a `{place}` with resume=True, that of the {kind} to go on with.")
         with ExitStack() as stack:
             if self.path is not None:
                 try:
-                    (self._claim_file if pieces is None else self._claim_folder)(self.path, resume, stack)
+                    with _keeping():
+                        (self._claim_file if pieces is None else self._claim_folder)(self.path, resume, stack)
                 except OSError as error:
                     into = "" if pieces is None else "into "
-                    raise InputError(f"Cannot write {into}{shown(self.path)}: {reason(error)}.") from error
+                    raise NotKeptError(f"Cannot write {into}{shown(self.path)}: {reason(error)}.") from error
             self.close = stack.pop_all().close  # lets go of it
 
     def _claim_file(self, path: Path, resume: bool, stack: ExitStack) -> None:
@@ -229,11 +247,11 @@ class Run:
             )
         if found:
             self._require_ours(path, path / "manifest.json")
-        _make(path / str(self._pieces))
+        self.write("manifest.json", (json.dumps(self._manifest, indent=2) + "\n").encode())
+        _make(path / str(self._pieces))  # after the manifest, without which there is no run
         for folder in (path, path / str(self._pieces)):  # of a process that was killed: nobody else is at work here
             for leftover in folder.glob(".uq-handeye-*.tmp"):
                 leftover.unlink(missing_ok=True)
-        self.write("manifest.json", (json.dumps(self._manifest, indent=2) + "\n").encode())
 
     def _require_ours(self, path: Path, file: Path) -> None:
         """Raise `InputError` where the manifest is none, of another run, or of one that was asked for more."""
@@ -270,7 +288,8 @@ class Run:
         file = self.path / name
         foreign = file.is_symlink() or (file.exists() and not (file.is_file() or file.is_dir()))
         place = file.with_name(f".uq-handeye-{file.name}.tmp") if foreign else file
-        write_atomically(place, content)
+        with _keeping():
+            write_atomically(place, content)
         if foreign:
             os.replace(place, file)
 
@@ -285,7 +304,8 @@ class Run:
             self.write(f"{self._pieces}/{name}.npz", content + self._digest(name, content))
         else:
             content += b"\n" + json.dumps(self._manifest).encode()
-            write_atomically(self.path, content + self._digest(name, content))
+            with _keeping():
+                write_atomically(self.path, content + self._digest(name, content))
 
     def load(self, name: str, read: Callable[[bytes], T], most: int | None = None) -> T | None:
         """Return what ``read`` makes of a piece of at most so many bytes; None where there is none to rely on.

@@ -30,7 +30,7 @@ from ....model.poses.motions import Motions
 from ....model.poses.pose_pairs import PosePairs
 from ...simulation.experiment import Experiment
 from ..monte_carlo.run import MonteCarlo, Running, monte_carlo
-from ..resumable import Run
+from ..resumable import NotKeptError, Run
 from ..sentences import INTERRUPTED
 
 if TYPE_CHECKING:
@@ -144,6 +144,8 @@ def _row(
     try:
         covariance, note = (None, too_many) if too_many else (work(), note)
     except (InputError, NotConvergedError, np.linalg.LinAlgError) as error:
+        if isinstance(error, NotKeptError):
+            raise
         note = str(error)
     return Row(key, label, "analytic", method, covariance, time.perf_counter() - started, note=note)
 
