@@ -65,7 +65,8 @@ class SingularNoiseError(InputError):
 
 def require_known(function: str, given: Iterable[str], known: type) -> None:
     """Raise `TypeError`, as Python does, for names of arguments that are not among the fields of ``known``."""
-    if unknown := set(given) - set(known.__annotations__):
+    names = {name for one in known.__mro__ for name in getattr(one, "__annotations__", ())}
+    if unknown := set(given) - names:
         raise TypeError(f"{function}() got an unexpected keyword argument {min(unknown)!r}")
 
 
@@ -86,14 +87,6 @@ def require_integer(name: str, value: Any, least: int) -> None:
     """Raise `InputError` unless ``value`` is an integer, of Python or NumPy, of at least ``least``."""
     if isinstance(value, bool) or not isinstance(value, Integral) or value < least:
         raise InputError(f"Expected `{name}` to be an integer of at least {least}, got {value!r}.")
-
-
-def require_instance(name: str, value: Any, *kinds: type | None) -> None:
-    """Raise `InputError` unless ``value`` is of one of the classes, or is None where that is among them."""
-    if not (value is None and None in kinds) and not isinstance(value, tuple(kind for kind in kinds if kind)):
-        known = [str(None) if kind is None else kind.__name__ for kind in kinds]
-        listed = " or ".join(part for part in (", ".join(known[:-1]), known[-1]) if part)
-        raise InputError(f"Expected `{name}` to be {listed}, got {type(value).__name__}.")
 
 
 def among(value: Any, names: Container[str]) -> bool:

@@ -40,6 +40,7 @@ Motions by exactly 180 degrees are singular: their axis has no sign.
 from __future__ import annotations
 
 from collections.abc import Callable
+from types import NoneType
 from typing import Any
 
 import numpy as np
@@ -47,7 +48,7 @@ import numpy as np
 from ...core.geometry.checks import as_transforms
 from ...core.geometry.packed3x3 import EYE, cross, product, unpack
 from ...core.geometry.se3 import Array
-from ...errors import InputError, require_instance
+from ...errors import InputError, require_type
 from ...model.noise.models import PairNoise, require_count
 from ..procrustes.limit import as_pairs, trial_blocks
 from .method import Derivatives, Estimate, Method, published
@@ -218,7 +219,7 @@ def nguyen(
     A, B = as_pairs(A, B)
     A, B = as_transforms(A, "A"), as_transforms(B, "B")
     batch, N = A.shape[:-3], A.shape[-3]
-    require_instance("noise", noise, PairNoise, None)
+    require_type("noise", noise, (PairNoise, NoneType), "PairNoise or None")
     if noise is not None:
         require_count(noise.A, N, "A", "motions")
         require_count(noise.B, N, "B", "motions")

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...core.geometry.se3 import Array, inverse, inverse_jacobian
-from ...errors import InputError, require_instance
+from ...errors import InputError, require_type
 from ...model.poses.motions import relative_motions
 from ...model.poses.pose_pairs import PosePairs
 from ..procrustes.limit import DEGENERATE, pair_blocks, trial_blocks
@@ -46,7 +46,7 @@ class RobotWorldMethod(Published):
 
     def __call__(self, poses: PosePairs) -> RobotWorld:
         """X and W (..., 4, 4) of poses, which may have leading axes."""
-        require_instance("poses", poses, PosePairs)
+        require_type("poses", poses, PosePairs, "PosePairs")
         if poses.n < 3:
             raise InputError(f"Expected at least 3 poses, got {poses.n}.")
         batch, n = poses.robot.shape[:-3], poses.n

@@ -36,7 +36,7 @@ import numpy as np
 from ...core.geometry.checks import as_numbers, as_transforms, entry_rows, surely_transforms
 from ...core.geometry.se3 import Array, skew, vee
 from ...core.runtime.read_only import scratch
-from ...errors import DegenerateMotionError, require_instance
+from ...errors import DegenerateMotionError, require_type
 from ...model.noise.models import PairNoise, require_count
 from .. import _closed_form
 from .limit import (
@@ -272,7 +272,7 @@ def octonion_covariance(
     scale : float
         The scaling factor d.
     """
-    require_instance("noise", noise, PairNoise)
+    require_type("noise", noise, PairNoise, "PairNoise")
     A, B = as_pairs(A, B)
     require_count(noise.A, A.shape[-3], "A", "motions")
     require_count(noise.B, A.shape[-3], "B", "motions")

@@ -41,7 +41,7 @@ import numpy as np
 
 from ...core.geometry.checks import as_transforms
 from ...core.geometry.se3 import Array, skew
-from ...errors import InputError, InputWarning, require_instance
+from ...errors import InputError, InputWarning, require_type
 from ...findings import Finding
 from ...model.noise.models import Noise, PairNoise, PoseNoise
 from ...model.poses.motions import Motions
@@ -295,7 +295,7 @@ def _problem(
         if B is not None:
             raise InputError("Expected no `B` beside Motions, which hold both A and B.")
         A, B = motions.A, motions.B
-    require_instance("noise", noise, PairNoise, PoseNoise)
+    require_type("noise", noise, (PairNoise, PoseNoise), "PairNoise or PoseNoise")
     assert noise is not None
     A, B = as_pairs(A, B)
     start = data_side(noise, kind, motions, A.shape[-3])

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...core.geometry.se3 import Array, inverse
-from ...errors import DegenerateMotionError, InputError, NotConvergedError, SingularNoiseError, among, require_instance
+from ...errors import DegenerateMotionError, InputError, NotConvergedError, SingularNoiseError, among, require_type
 from ...fit.likelihood.constraint import constraint_of, require_noise_fits
 from ...fit.likelihood.gauss_helmert import ESTIMATORS, Fit, bound, corrected, maximum_likelihood
 from ...fit.one_model.noise_of_data import estimate_noise
@@ -205,7 +205,7 @@ def experiment(
     NotConvergedError
         The fit around which the noise would be drawn did not converge.
     """
-    require_instance("data", data, PosePairs, Motions)
+    require_type("data", data, (PosePairs, Motions), "PosePairs or Motions")
     known = [*ESTIMATORS, *METHODS, *ROBOT_WORLD_METHODS]
     if not among(method, known):
         raise InputError(f"Expected `method` to be one of {', '.join(known)}, got {method!r}.")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from types import NoneType
 from typing import Any
 
 import numpy as np
@@ -13,8 +14,7 @@ from ...core.formatting.units import parse_angle, parse_length
 from ...core.geometry.checks import as_transforms
 from ...core.geometry.frames import SETUPS
 from ...core.geometry.se3 import Array, inverse, perturb
-from ...core.runtime.keywords import fields_from, takes_fields_of
-from ...errors import InputError, require_instance, require_integer
+from ...errors import InputError, keywords_of, require_integer, require_known, require_type
 from ...model.noise.joint_covariance import JointCovariance
 from ...model.noise.models import PoseNoise, factor, is_joint, require_count
 from ...model.poses.pose_pairs import PosePairs, Truth
@@ -81,7 +81,6 @@ class Scene:
         return _transform(looking, aim - away[:, None] * looking.as_matrix()[..., 2])
 
 
-@takes_fields_of(Scene)
 def simulate(
     n_poses: int = 20,
     *,
@@ -127,7 +126,8 @@ def simulate(
     InputError
         A number, range or noise model that cannot be used, with the name of the argument.
     """
-    taken = fields_from(Scene, "simulate", scene)
+    require_known("simulate", scene, Scene)
+    taken = Scene(**scene)
     if setup not in SETUPS:
         raise InputError(f"Expected `setup` to be one of {', '.join(SETUPS)}, got {setup!r}.")
     require_integer("n_poses", n_poses, 1)
@@ -139,7 +139,7 @@ def simulate(
         raise InputError(
             f"Expected `seed` to be what numpy.random.default_rng takes, got {seed!r}: {error}."
         ) from error
-    require_instance("noise", noise, PoseNoise, None)
+    require_type("noise", noise, (PoseNoise, NoneType), "PoseNoise or None")
     X_true, W_true = taken.rig(setup)
     target_T_camera = taken.views(n_poses, rng)
     camera = inverse(target_T_camera)
@@ -156,6 +156,9 @@ def simulate(
     elif trials is not None:
         robot, camera = (np.broadcast_to(T, (trials, *T.shape)) for T in (robot, camera))
     return PosePairs(robot, camera, setup, np.arange(float(n_poses)), truth)
+
+
+simulate.__signature__ = keywords_of(simulate, Scene)  # type: ignore[attr-defined]
 
 
 def disturbed(

@@ -40,8 +40,7 @@ from ....core.presentation.document import (
     Table,
     document_of,
 )
-from ....core.runtime.keywords import fields_from, takes_fields_of
-from ....errors import InputError, require_integer
+from ....errors import InputError, keywords_of, require_integer, require_known
 from ....findings import Finding
 from ....model.noise.models import Noise
 from ....model.poses.motions import Motions
@@ -337,7 +336,6 @@ def _sentence(text: str) -> str:
     return f"{start}{text[1:]}{'' if text.endswith('.') else '.'}"
 
 
-@takes_fields_of(Running)
 def cross_check(
     data: PosePairs | Motions | Fitted,
     *,
@@ -398,10 +396,11 @@ def cross_check(
     >>> check.broken
     ()
     """
+    require_known("cross_check", how, Running)
     started = time.monotonic()
     for name, value, least in (("trials", trials, FEWEST_TRIALS), ("seed", seed, 0)):
         require_integer(name, value, least)
-    given, running = data, fields_from(Running, "cross_check", how)
+    given, running = data, Running(**how)
     data, noise, estimated = problem_of(data, noise)
     measured = data
     if (noise is not None and noise.ITEM == "motion") or not np.array_equal(pairs, "all"):
@@ -437,6 +436,9 @@ def cross_check(
         noise_of_data=checked,
         ended=ended,
     )
+
+
+cross_check.__signature__ = keywords_of(cross_check, Running)  # type: ignore[attr-defined]
 
 
 def _problem(data: PosePairs | Motions, noise: Noise | None) -> Experiment:

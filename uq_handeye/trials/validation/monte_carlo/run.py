@@ -28,10 +28,9 @@ from numpy.typing import ArrayLike
 
 from ....core.geometry.checks import checked_covariance
 from ....core.geometry.se3 import Array
-from ....core.runtime.keywords import fields_from, takes_fields_of
 from ....core.runtime.progress import progress_bar
 from ....core.runtime.threads import one_thread
-from ....errors import InputError, InputWarning, require_integer
+from ....errors import InputError, InputWarning, keywords_of, require_integer, require_known
 from ....findings import Finding
 from ....model.noise.models import Noise
 from ....model.poses.motions import Motions
@@ -97,7 +96,6 @@ class Trials(Running):
         return int(self.trials or 0)
 
 
-@takes_fields_of(Trials)
 def monte_carlo(
     data: PosePairs | Motions | Fitted,
     *,
@@ -170,7 +168,8 @@ def monte_carlo(
     >>> result.errors.shape, result.consistent
     ((2000, 6), True)
     """
-    run = fields_from(Trials, "monte_carlo", how)
+    require_known("monte_carlo", how, Trials)
+    run = Trials(**how)
     stability = None if run.digits is None else Stability(run.digits)
     require_integer("seed", seed, 0)
     given, (data, noise, estimated) = data, problem_of(data, noise)
@@ -196,6 +195,9 @@ def monte_carlo(
     for note in result.notes:
         warnings.warn(note, InputWarning, stacklevel=2)
     return result
+
+
+monte_carlo.__signature__ = keywords_of(monte_carlo, Trials)  # type: ignore[attr-defined]
 
 
 def _result(data: PosePairs | Motions, tally: Tally, kept: Run, ended: Finding, **said: Any) -> MonteCarlo:

@@ -20,6 +20,7 @@ import time
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
+from types import NoneType
 from typing import Any
 
 import emcee
@@ -29,9 +30,8 @@ from emcee.backends import Backend
 from ....core.geometry.checks import is_number
 from ....core.geometry.frames import SETUPS
 from ....core.geometry.se3 import Array
-from ....core.runtime.keywords import fields_from, takes_fields_of
 from ....core.runtime.progress import working
-from ....errors import InputError, require_instance, require_integer
+from ....errors import InputError, keywords_of, require_integer, require_known, require_type
 from ....fit.one_model.noise_of_data import estimate_noise
 from ....model.noise.models import Noise, PairNoise, PoseNoise
 from ....model.poses.motions import Motions
@@ -212,7 +212,7 @@ WALKERS, MAX_STEPS = 128, 10_000
 
 def _require_one_problem(data: PosePairs | Motions) -> None:
     """Raise `InputError` for other data, and for a batch."""
-    require_instance("data", data, PosePairs, Motions)
+    require_type("data", data, (PosePairs, Motions), "PosePairs or Motions")
     if sides_of(data)[0].ndim != 3:
         raise InputError("Expected one data set; sample the posterior of each problem of a batch by itself.")
 
@@ -239,7 +239,6 @@ class InFile:
     progress: bool = False
 
 
-@takes_fields_of(InFile)
 def sample_posterior(
     data: PosePairs | Motions | Fitted,
     noise: Noise | None = None,
@@ -305,11 +304,12 @@ def sample_posterior(
     >>> bool(np.all(np.abs(posterior.std / np.sqrt(np.diag(uq.bound(poses, noise))) - 1) < 0.1))
     True
     """
-    begun, given, how = time.perf_counter(), data, fields_from(InFile, "sample_posterior", kept)
+    require_known("sample_posterior", kept, InFile)
+    begun, given, how = time.perf_counter(), data, InFile(**kept)
     data, noise, estimated = problem_of(data, noise)
     _require_one_problem(data)
     warn_left_out("sample_posterior()", data)
-    require_instance("noise", noise, PoseNoise, PairNoise, None)
+    require_type("noise", noise, (PoseNoise, PairNoise, NoneType), "PoseNoise, PairNoise or None")
     for name, value, least in (("seed", seed, 0), ("samples", samples, 100), ("max_steps", max_steps, 1)):
         require_integer(name, value, least)
     free = _free_scales(scales, student_t, estimated)
@@ -344,3 +344,6 @@ def sample_posterior(
     result = Posterior(density.fit.X, density.fit.covariance_X, *about, len(chain.proposal.weight), stated)
     result.require_converged()
     return result
+
+
+sample_posterior.__signature__ = keywords_of(sample_posterior, InFile)  # type: ignore[attr-defined]

@@ -53,10 +53,9 @@ from ....core.presentation.document import (
     Table,
     document_of,
 )
-from ....core.runtime.keywords import fields_from, takes_fields_of
 from ....core.runtime.progress import progress_bar
 from ....core.runtime.threads import one_thread
-from ....errors import InputError, require_integer
+from ....errors import InputError, keywords_of, require_integer, require_known
 from ....model.noise.models import Noise
 from ....model.poses.motions import Motions
 from ....model.poses.pose_pairs import PosePairs
@@ -175,7 +174,6 @@ PER_TRIAL, BYTES = 6 * 8 + 1, 8192
 CLOSE = 1.1
 
 
-@takes_fields_of(Kept)
 def sweep(
     data: PosePairs | Motions | Fitted,
     *,
@@ -236,7 +234,8 @@ def sweep(
     >>> found["4dpa"].own.first_order.holds, found["4dpa"].at(900).first_order.holds
     (True, False)
     """
-    given, how = data, fields_from(Kept, "sweep", kept)
+    require_known("sweep", kept, Kept)
+    given, how = data, Kept(**kept)
     data, noise, estimated = problem_of(data, noise)
     warn_left_out("sweep()", data)
     names, grid = _checked(methods, factors, trials, seed, tolerance)
@@ -276,6 +275,9 @@ def sweep(
         tolerance=tolerance,
         noise_of_data=noise_of_data(given, data, problem.noise, estimated),
     )
+
+
+sweep.__signature__ = keywords_of(sweep, Kept)  # type: ignore[attr-defined]
 
 
 def _checked(methods: Any, factors: Any, trials: Any, seed: Any, tolerance: Any) -> tuple[list[str], tuple[float, ...]]:
