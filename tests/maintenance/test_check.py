@@ -4,13 +4,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from cli_cases import run
 from rig_of_arm import ARM, rig
 from scipy.stats import binom
 
 import uq_handeye as uq
+from studies.camera_covariance import ROBOT, poses_of, recorded
 from uq_handeye.calibration.evidence.new_poses import evidence_of_poses
 from uq_handeye.core.geometry.se3 import perturb
+from uq_handeye.model.camera.corners import without_pictures
 from uq_handeye.model.posterior.rows import PredictiveReference
+from uq_handeye.read import write_pose_file
 from uq_handeye.trials.simulation.rig import RIGS
 from uq_handeye.use.maintenance.causes import columns_of_causes, compare_causes
 from uq_handeye.use.verification.verify import verify_poses
@@ -267,8 +271,57 @@ def test_what_is_not_the_same_is_drawn_anew(results):
 def test_nothing_may_be_the_same(results):
     poses = moved("eye-in-hand", m=8)
     assert uq.check(results["eye-in-hand"], poses, same="none").p_value > 1e-3
-    with pytest.raises(uq.InputError, match="target, got 'none' beside other names"):
-        uq.check(results["eye-in-hand"], poses, same=("robot", "none"))
+    result = results["eye-in-hand"]
+    for same in (("robot", "none"), "none,robot"):
+        with pytest.raises(uq.InputError, match="target, got 'none' beside other names"):
+            uq.check(result, poses, same=same)
+    for same in (None, "", 5):
+        with pytest.raises(uq.InputError, match=f"target, got {str(same)!r}"):
+            uq.update(result, poses, same=same)
+    with pytest.raises(uq.InputError, match="20 poses in common, which are of one robot"):
+        uq.difference(old_result(noise=NOISE, shared=[]), replace(result, X=result.X + 0.0), same="none")
+
+
+def test_the_command_takes_the_same_things_once_or_several_times(results, tmp_path):
+    results["eye-in-hand"].save(tmp_path / "result.json")
+    poses = moved("eye-in-hand", m=8)
+    for name in ("robot", "camera"):
+        write_pose_file(tmp_path / f"{name}.csv", getattr(poses, name))
+    plain = ("check", tmp_path / "result.json", tmp_path / "robot.csv", tmp_path / "camera.csv", "--json")
+    several, one = (
+        run(*plain, *same) for same in (("--same", "robot", "--same", "camera"), ("--same", "robot,camera"))
+    )
+    assert several.returncode == 0 and several.stdout == one.stdout
+    for same in (("--same", "none", "--same", "robot"), ("--same", "")):
+        wrong = run(*plain, *same)
+        assert wrong.returncode == 2 and "Expected `same` (--same)" in wrong.stdout + wrong.stderr
+
+
+def test_poses_that_are_plainly_of_another_rig_are_not_a_change():
+    """Named by what the files hold: the arm by its joints, camera and target by their pictures."""
+    found = rig(np.random.default_rng(1))
+    result = uq.calibrate(found.poses, noise=uq.PoseNoise(camera=NOISE.camera), kinematics=ARM, shared=[])
+    other = uq.PosePairs(found.poses.robot[:6], found.poses.camera[6:12], joints=found.poses.joints[12:18])
+    said = uq.check(result, other)
+    assert said.status == "cannot tell" and [one.code for one in said.findings] == ["maintenance.another_rig"]
+    text = said.sentences[0]
+    assert "Another robot: the joints are those of poses" in text and "the arm of the result" in text
+    corners, robot, _ = recorded(np.random.default_rng(11), 16)
+    parts = [without_pictures(corners, np.arange(16) >= 10), without_pictures(corners, np.arange(16) < 10)]
+    old, new = (poses_of(replace(of, row=of.picture), robot[rows])
+                for of, rows in zip(parts, (slice(10), slice(10, None)), strict=True))  # fmt: skip
+    result = uq.calibrate(old, noise=uq.PoseNoise(robot=ROBOT))
+    seen = new.camera_calibration
+    seen = replace(seen, image_size=(320, 240), corners=replace(seen.corners, board="kind=chessboard columns=5"))
+    off = perturb(new.camera, np.array([0.02, -0.01, 0.03, 0.01, 0.0, 0.02]))
+    turned = replace(new, camera=off, camera_calibration=None)
+    assert uq.check(result, turned).changed
+    said = uq.check(
+        result, replace(turned, camera_calibration=replace(seen, bundle=replace(seen.bundle, poses=turned.camera)))
+    )
+    assert (
+        said.status == "cannot tell" and "Another camera: fx" in said.sentences[0] and "320 x 240" in said.sentences[0]
+    )
 
 
 def test_results_of_older_files_and_other_rigs_are_refused_in_one_line(results):

@@ -285,16 +285,29 @@ def test_another_target_is_not_one_fit():
     assert scale[2] < scale[1] <= scale[0] * (1 + 1e-9)
 
 
-def test_touches_that_were_taken_in_stay_in():
-    """A file holds their hash only, so that a fit of the poses would lose them."""
+def test_touches_that_were_taken_in_are_taken_in_again():
+    """A file holds them: the update is the fit of all poses with the touches."""
     poses = uq.simulate(ALL, noise=NOISE, seed=5)
+    poses = uq.PosePairs(poses.robot, poses.camera, poses.setup)
     first, second = parts_of(poses, 20, 6)
-    start = quietly(first, noise=NOISE)
-    touched = {"touches": [{"sha256": "of touches", "count": 5}]}
-    with_touches = replace(start, provenance=replace(start.provenance, options=start.provenance.options | touched))
-    found = updated(with_touches, second)
-    assert found.findings[-1].code == "maintenance.by_posterior"
-    assert found.provenance.options["touches"] == touched["touches"] and found.data is None
+    rng = np.random.default_rng(3)
+    seen, at = rng.uniform([-0.1, -0.1, 0.4], [0.1, 0.1, 0.6], (5, 3)), first.robot[:5]
+    in_base = np.einsum("nij,nj->ni", at[:, :3] @ quietly(poses).X, np.c_[seen, np.ones(5)])
+    touches = uq.Touches(
+        seen, in_base + 2e-4 * rng.standard_normal((5, 3)), robot=at, touch_sd=2e-4, seen_covariance=1e-8 * np.eye(3),
+        tool_sd=np.inf,
+    )  # fmt: skip
+    start, whole = (uq.include_touches(quietly(of), touches) for of in (first, poses))
+    found = updated(stored(start), second, although_changed=True)
+    assert apart(found, whole) < 1e-9 and found.data is not None and found.n_poses == ALL
+    assert [one["count"] for one in stored(found).provenance.options["touches"]] == [5]
+    with pytest.raises(uq.InputError, match="a touch counts once"):
+        uq.include_touches(stored(found), touches)
+    older = {"touches": [{"sha256": "of touches", "count": 5}]}
+    older = replace(start, provenance=replace(start.provenance, options=start.provenance.options | older))
+    found = updated(older, second, although_changed=True)
+    assert found.findings[-1].code == "maintenance.by_posterior" and found.data is None
+    assert found.provenance.options["touches"] == older.provenance.options["touches"]
 
 
 def test_with_less_noise_the_posterior_update_is_the_fit():

@@ -20,14 +20,14 @@ eye-in-hand, ``R_seen = R_G R_X``; a camera that stands still has G = I.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ...core.files.records import INFINITE, Record
 from ...core.geometry.checks import as_numbers, as_transforms, checked_covariance
 from ...core.geometry.se3 import Array
-from ...core.runtime.read_only import ReadOnlyArrays
 from ...errors import InputError
 from ...fit.diagnostics.task_space import by_pose
 from ...model.noise.joint_covariance import group_of
@@ -60,7 +60,7 @@ _PER_ROW = (
 
 
 @dataclass(frozen=True, eq=False)
-class Touches(ReadOnlyArrays):
+class Touches(Record):
     """m points that were seen and touched; lengths in m.
 
     Parameters
@@ -94,20 +94,24 @@ class Touches(ReadOnlyArrays):
     names : tuple of str
     """
 
-    seen: Array
-    touched: Array | None = None
-    robot: Array | None = None
-    joints: Array | None = None
-    touched_robot: Array | None = None
-    touched_joints: Array | None = None
-    tool: Array | None = None
-    seen_covariance: Array | None = None
-    touch_sd: Array | float = 0.0
-    tool_sd: float = 0.0
-    board: Array | None = None
-    board_covariance: Array | None = None
+    _if_any: ClassVar[str] = (
+        "touched robot joints touched_robot touched_joints seen_covariance board board_covariance robot_noise"
+    )
+
+    seen: Annotated[Array, "m", 3]
+    touched: Annotated[Array, "m", 3] | None = None
+    robot: Annotated[Array, "m", 4, 4] | None = None
+    joints: Annotated[Array, "m", "L"] | None = None
+    touched_robot: Annotated[Array, "m", 4, 4] | None = None
+    touched_joints: Annotated[Array, "m", "L"] | None = None
+    tool: Annotated[Array, 3] | None = None
+    seen_covariance: Annotated[Array, "m", 3, 3] | None = None
+    touch_sd: Annotated[Array, "m"] | float = 0.0
+    tool_sd: Annotated[float, INFINITE] = 0.0
+    board: Annotated[Array, "m", 4, 4] | None = None
+    board_covariance: Annotated[Array, "m", 6, 6] | None = None
     same_camera: bool = True
-    robot_noise: Array | None = None
+    robot_noise: Annotated[Array, 6, 6] | None = None
     names: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:

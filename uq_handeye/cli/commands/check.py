@@ -70,7 +70,7 @@ class Asked:
     tolerance: str | None = None
     level: float = 0.05
     log: Path | None = None
-    same: str | None = None
+    same: list[str] | None = None
     every: float | None = None
 
 
@@ -124,8 +124,7 @@ def check_command(
     stored: Any = rig or Calibration.from_json(result)
     poses: Any = files.read(stored, str(result)) if rig is None else new_views(rig, files)
     with timed("checking"):
-        names = names_of(asked.same) or THINGS
-        found = check(stored, poses, tolerance=asked.tolerance, level=asked.level, same=names)
+        found = check(stored, poses, tolerance=asked.tolerance, level=asked.level, same=names_of(asked.same, THINGS))
         series = None if asked.log is None else log_check(asked.log, stored, poses, found)
         alarm = None if series is None else series_alarm(stored, series, asked.every or EVERY)
     text, said = found.to_json(), [*shown(document_of(found))]
@@ -161,7 +160,7 @@ def update_command(
     wanted: Annotated["Wanted", wanted_of],
     outputs: Outputs,
     although_changed: bool = False,
-    same: str | None = None,
+    same: list[str] | None = None,
 ) -> int:
     """Update a stored result by new poses, one or more.
 
@@ -196,7 +195,8 @@ def update_command(
         with withheld() as said:
             try:
                 with timed("updating"):
-                    found: Any = update(stored, poses, although_changed=although_changed, same=names_of(same) or THINGS)
+                    named = names_of(same, THINGS)
+                    found: Any = update(stored, poses, although_changed=although_changed, same=named)
                 said += [] if outputs.as_json else found.warnings
             except (InputError, NotConvergedError) as error:
                 return emit_refusal(error, outputs.as_json, said)
@@ -206,9 +206,9 @@ def update_command(
         return deliver_result(found, outputs, wanted, wishes, more=gain(stored, found, poses.n))
 
 
-def names_of(same: str | None) -> list[str]:
-    """Return the names of --same."""
-    return [] if same is None else [name.strip() for name in same.split(",") if name.strip()]
+def names_of(same: list[str] | None, otherwise: tuple[str, ...]) -> str | tuple[str, ...]:
+    """Return the names of --same, once or several times."""
+    return otherwise if same is None else ",".join(same)
 
 
 def _held_if_replaced(result: Path, output: Path | None) -> AbstractContextManager[None]:
@@ -221,7 +221,7 @@ def _held_if_replaced(result: Path, output: Path | None) -> AbstractContextManag
 def diff_command(
     old: Path,
     new: Path,
-    same: str | None = None,
+    same: list[str] | None = None,
     as_json: bool = False,
     output: Path | None = None,
 ) -> None:
@@ -250,7 +250,7 @@ def diff_command(
     from ...calibration.result import Calibration
     from ...use.maintenance.difference import difference, difference_document
 
-    found = difference(Calibration.from_json(old), Calibration.from_json(new), same=names_of(same))
+    found = difference(Calibration.from_json(old), Calibration.from_json(new), same=names_of(same, ()))
     text = found.to_json()
     deliver_answer(text, shown(difference_document(found)), as_json, output, lambda: {
         "diff.json": text, "diff.txt": found.summary()

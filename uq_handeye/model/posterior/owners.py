@@ -36,31 +36,48 @@ def owner_of(name: str) -> str:
 def checked_things(same: Iterable[str] | str) -> frozenset[str]:
     """Return which of `THINGS` are the same, "none" of them where that is the only name; raises `InputError`.
 
-    >>> sorted(checked_things("robot")), sorted(checked_things(["none"]))
-    (['robot'], [])
+    >>> sorted(checked_things("robot, camera")), sorted(checked_things(["none"]))
+    (['camera', 'robot'], [])
     """
-    given = (same,) if isinstance(same, str) else tuple(same)
-    if given == (NOTHING,):
+    listed = same.split(",") if isinstance(same, str) else same if np.iterable(same) else (same,)
+    given = [str(name).strip() for name in listed]
+    if given == [NOTHING]:
         return frozenset()
     if wrong := [name for name in given if name not in THINGS]:
-        found = f"{NOTHING!r} beside other names" if wrong[0] == NOTHING else repr(wrong[0])
+        found = f"{NOTHING!r} beside other names" if NOTHING in given else f"{wrong[0]!r:.40}"
         raise InputError(f"Expected `same` (--same) to be names out of {', '.join(THINGS)}, got {found}.")
     return frozenset(given)
+
+
+# Intrinsics of two calibrations of one camera differ by less: deviations of both, and the share of the focal length.
+DEVIATIONS, SHARE = 6.0, 0.03
+
+
+def others_by_pictures(old: PosePairs | None, new: PosePairs | None) -> dict[str, str]:
+    """Return which of camera and target are plainly others in new pictures, with what they were and are."""
+    before, now = (None if poses is None else poses.camera_calibration for poses in (old, new))
+    if before is None or now is None:
+        return {}
+    found, (was, has) = {}, ("{} x {} pixels".format(*cam.image_size) for cam in (before, now))
+    f, g = (cam.intrinsics["fx"] / cam.image_size[0] for cam in (before, now))
+    sd = np.hypot(*(cam.std["fx"] / cam.intrinsics["fx"] for cam in (before, now)))
+    if abs(np.log(g / f)) > max(SHARE, DEVIATIONS * sd) or was != has:
+        focal = (f"fx {cam.intrinsics['fx']:.0f} px of {size}" for cam, size in ((now, has), (before, was)))
+        found[CAMERA] = ", in the result ".join(focal)
+    boards = [cam.corners.board for cam in (before, now)]
+    if all(boards) and boards[0] != boards[1]:
+        found[TARGET] = f"{boards[1]}, in the result {boards[0]}"
+    return found
 
 
 def require_same(named: Iterable[str], old: PosePairs | None, new: PosePairs | None) -> None:
     """Raise `InputError` where what was named as the same is known to be another one, by the pictures of both."""
     before, now = (None if poses is None else poses.camera_calibration for poses in (old, new))
-    if before is None or now is None:
-        return
-    if CAMERA in named and not np.array_equal(before.bundle.parameters, now.bundle.parameters):
+    others = others_by_pictures(old, new)
+    if before is not None and now is not None and not np.array_equal(before.bundle.parameters, now.bundle.parameters):
+        others.setdefault(CAMERA, "adjusted with other intrinsics")
+    if thing := next((thing for thing in others if thing in named), None):
         raise InputError(
-            "Expected one camera, as `same` (--same) names it: the pictures of both were adjusted with other "
-            "intrinsics. Leave the camera out of `same`."
-        )
-    boards = [cam.corners.board for cam in (before, now)]
-    if TARGET in named and None not in boards and boards[0] != boards[1]:
-        raise InputError(
-            "Expected one target, as `same` (--same) names it: the pictures of both show other boards. Leave the "
-            "target out of `same`."
+            f"Expected one {thing}, as `same` (--same) names it: the pictures of both are of others, "
+            f"{others[thing]}. Leave the {thing} out of `same`."
         )

@@ -182,8 +182,8 @@ def _most_outlying(evidence: NewRows) -> tuple[int, Array]:
     return row, C
 
 
-# Findings that say that the files are misread.
-MISREAD = ("maintenance.misread", "maintenance.pairing")
+# Findings that say that the files are misread, or of another rig.
+MISREAD = ("maintenance.misread", "maintenance.pairing", "maintenance.another_rig")
 # d^2 per number from which the files are doubted, and its share that another reading may leave.
 GROSS, LEFT = 25.0, 0.01
 # Also in doubt, where errors of lengths in a wrong unit hide the contradiction: poses that are so far off (`_rough`). A

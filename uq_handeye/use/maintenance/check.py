@@ -17,12 +17,13 @@ from ...calibration.estimate.estimated import Estimated
 from ...calibration.evidence.new_poses import PoseEvidence, evidence_of_poses
 from ...calibration.prediction.predict import poses_so_far
 from ...calibration.statement.tolerance import Tolerance
-from ...core.geometry.se3 import Array
+from ...core.formatting.numbers import digits
+from ...core.geometry.se3 import Array, difference
 from ...errors import InputError
 from ...findings import Finding
 from ...model.noise.models import PoseNoise
 from ...model.poses.pose_pairs import PosePairs
-from ...model.posterior.owners import THINGS
+from ...model.posterior.owners import ROBOT, THINGS, others_by_pictures
 from ...rig.checks.check import RigCheck, check_rig
 from ...rig.description import Rig, require_left_out
 from ...rig.result import RigCalibration
@@ -51,6 +52,8 @@ LEVEL = 0.05
 BLIND = 0.01
 # A p-value above which what is assumed of the robot is larger than the new poses show.
 OVERSTATED = 0.99
+# Poses of joints that are farther from those of the files (rad, share of the reach) are of another arm.
+ANOTHER_ARM = 0.05
 
 
 @overload
@@ -162,6 +165,8 @@ def _of_change(
     """Status and findings of poses that contradict the calibration; ``asked``: noise, joints and what is the same."""
     noise, joints, same = asked
     assert result.W is not None
+    if others := _others(result, poses, joints):
+        return CANNOT_TELL, [Finding("maintenance.another_rig", "caution", {"things": others})]
 
     def d2_of(again: PosePairs, rows: Array | None = None) -> float:
         of, q = (noise, joints) if rows is None else (
@@ -182,6 +187,21 @@ def _of_change(
     if not causes.explained:
         return CHANGED, [Finding("maintenance.unexplained", "caution", {"p_value": causes.all[0].p_left})]
     return CHANGED, [Finding("maintenance.few_poses", "note", {"n": poses.n})] if poses.n < 3 else []
+
+
+def _others(result: Estimated, poses: PosePairs, joints: Any) -> dict[str, str]:
+    """Which of robot, camera and target are plainly others by what the files hold, with the words of it."""
+    found, fitted = others_by_pictures(poses_so_far(result), poses), result.kinematics
+    q = poses.joints if joints is None else joints
+    if fitted is not None and q is not None:
+        off = difference(fitted.chain.poses(fitted.checked(q)), poses.robot)
+        turn, shift = (float(np.median(np.linalg.norm(part, axis=-1))) for part in (off[:, :3], off[:, 3:]))
+        if turn > ANOTHER_ARM or shift > ANOTHER_ARM * fitted.chain.reach:
+            found[ROBOT] = (
+                f"the joints are those of poses {digits(1e3 * shift, 2)} mm and {digits(np.degrees(turn), 2)} deg away "
+                f"for {fitted.chain.name}, the arm of the result"
+            )
+    return found
 
 
 def _require_new(result: Estimated, poses: PosePairs) -> None:

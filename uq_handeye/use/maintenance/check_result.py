@@ -236,8 +236,13 @@ def _causes(result: ChangeCheck) -> list[str]:
     if not causes.explained:
         return []
     found = [cause for cause in causes.candidates if cause.explains] or list(causes.candidates)
-    lines = ["Cause: one of the following, which these poses cannot separate:"]
-    return lines + [f"- {cause_in_words(cause.name, setup)}: {_short(cause, result)}" for cause in found]
+    shares = np.diff(np.round(100.0 * np.cumsum([cause.probability for cause in found])), prepend=0.0)
+    lines = ["Cause: one of the following, which these poses cannot separate (with probabilities):"]
+    lines += [
+        f"- {share:.0f} %: {cause_in_words(cause.name, setup)}: {_short(cause, result)}"
+        for cause, share in zip(found, shares, strict=True)
+    ]
+    return lines if shares.sum() >= 100 else [*lines, f"- {100 - shares.sum():.0f} %: another of the causes compared"]
 
 
 def _short(cause: Cause, result: ChangeCheck) -> str:

@@ -146,7 +146,7 @@ class Difference(Record):
         return to_text(difference_document(self))
 
 
-def difference(old: Calibration, new: Calibration, *, same: Sequence[str] = ()) -> Difference:
+def difference(old: Calibration, new: Calibration, *, same: Sequence[str] | str = ()) -> Difference:
     """Return how far two results of one rig differ, with the covariance of the difference.
 
     Parameters
@@ -181,7 +181,7 @@ def difference(old: Calibration, new: Calibration, *, same: Sequence[str] = ()) 
     common = [] if data[0] is None or data[1] is None else common_poses(data[0], data[1])
     numbers = 12 if old.covariance_W is not None and new.covariance_W is not None else 6
     C_old, C_new = (_covariance_of(result, numbers) for result in (old, new))
-    _require_consistent(named, old, new, data, len(common))
+    _require_consistent(named if len(same) else None, old, new, data, len(common))
     known = frozenset(THINGS if common else {*named, *(_same_camera(data) or ())})
     if _is_one(old, new):
         S, how = np.zeros((numbers, numbers)), EQUAL
@@ -235,10 +235,12 @@ def _poses_of(result: Calibration) -> PosePairs | None:
 
 
 def _require_consistent(
-    named: frozenset[str], old: Calibration, new: Calibration, data: list[PosePairs | None], common: int
+    named: frozenset[str] | None, old: Calibration, new: Calibration, data: list[PosePairs | None], common: int
 ) -> None:
     """Raise `InputError` where `same` contradicts what the results hold."""
-    if common and named and named != frozenset(THINGS):
+    if named is None:
+        return
+    if common and named != frozenset(THINGS):
         raise InputError(
             f"The results have {common} poses in common, which are of one robot, one camera and one target: leave out "
             "`same` (--same)."

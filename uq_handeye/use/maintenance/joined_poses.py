@@ -298,11 +298,12 @@ def with_bound_poses(result: Calibration) -> Calibration:
     posterior, origin, estimate = result.posterior, result.provenance, result.noise_estimate
     if holds_request(result) or posterior is None or posterior.bound is None or origin is None or estimate is None:
         return result
-    if estimate.camera_known or result.time_offset is not None or result.kinematics is not None:
+    request, fitted = origin.request, result.kinematics
+    if estimate.camera_known or result.time_offset is not None or (request is None and fitted is not None):
         return result
     assert result.setup is not None
-    data = PosePairs(*posterior.bound, result.setup, posterior.times)
-    request = origin.request
+    joints = None if fitted is None else fitted.joints
+    data = PosePairs(*posterior.bound, result.setup, posterior.times, joints=joints)
     if request is None:
         request = {"noise": None, "robust": origin.options["robust"], "shared": None, "arm": None, "simulated": False}
         assumed = Request(method=result.method, correlation=origin.options["correlation"])

@@ -53,6 +53,7 @@ MAX_BYTES = 100_000_000
 # Checks that say nothing of the calibration, by what the log calls the cause: codes of the findings.
 NOT_USED = {
     "one pose wrong": ("maintenance.one_pose_wrong",),
+    "another rig": ("maintenance.another_rig",),
     "misread files": ("maintenance.misread", "maintenance.pairing"),
 }
 # (theta, tau) in rad and m as the columns have them.

@@ -55,6 +55,12 @@ def _(
     return f"The poses agree with the calibration if {of} hold{'' if file is None else 's'} inverse poses ({options})."
 
 
+@sentence("maintenance.another_rig")
+def _(things: dict[str, str]) -> str:
+    listed = "; another ".join(f"{thing}: {words}" for thing, words in things.items())
+    return f"By the files these poses are of another rig than the result. Another {listed}. Calibrate that one."
+
+
 @sentence("maintenance.pairing")
 def _(rows: Sequence[int], count: int, n: int) -> str:
     listed = ", ".join(map(str, rows)) + (", ..." if count > len(rows) else "")
@@ -122,5 +128,5 @@ def _() -> str:
 def _(old: int, new: int) -> str:
     return (
         f"{new} new pose{'' if new == 1 else 's'} updated the joint covariance of the result of {old} poses, which "
-        "were not fitted again: its file lacks them or holds touches beside them. Residuals are of the old poses."
+        "were not fitted again: its file lacks them, or not all is the same. Residuals are of the old poses."
     )

@@ -41,7 +41,7 @@ from ...findings import Finding
 from ...model.noise.models import PoseNoise
 from ...model.poses.motions import sha256_of
 from ...model.poses.pose_pairs import PosePairs
-from ...model.posterior.owners import THINGS, checked_things
+from ...model.posterior.owners import TARGET, THINGS, checked_things, others_by_pictures
 from ...model.posterior.rows import NewRows
 from ...rig.calibrate import update_rig
 from ...rig.description import Rig, require_left_out
@@ -126,11 +126,14 @@ def update(  # type: ignore[misc]
     new = part_of(poses)
     if any(part["sha256"] == new["sha256"] for part in parts):
         raise InputError("The result was made with these poses already: a pose counts once.")
-    if not holds_request(whole) or touches_taken(result) or checked_things(same) != frozenset(THINGS):
+    touches = [one.get("touches") for one in touches_taken(result)]
+    if not holds_request(whole) or None in touches or checked_things(same) != frozenset(THINGS):
         return _by_posterior(result, poses, noise, although_changed, [*parts, new], same)
     result = whole
     old = measured_poses(result)
     require_joinable(old, poses)
+    if words := others_by_pictures(old, poses).get(TARGET):
+        raise InputError(f"The pictures are of another target than the result: {words}. Calibrate it by itself.")
     if result.kinematics is not None and poses.joints is None:
         raise InputError("The result knows the joints of its robot: expected joints of the new poses (--joints).")
     both, numbers = joined_poses(old, poses)
@@ -138,6 +141,8 @@ def update(  # type: ignore[misc]
     if not although_changed:
         require_unchanged(result, poses, noise)
     found = calibrate(both, **asked)
+    for one in touches:
+        found = include_touches(found, Touches.from_dict(one))
     origin = found.provenance
     assert origin is not None
     together = replace(origin, options=origin.options | {TOGETHER: [*parts, new]})
@@ -326,4 +331,5 @@ def include_touches(result: Calibration, touches: Touches) -> Calibration:
     rms = float(np.sqrt(np.mean(np.sum(np.square(evidence.r), axis=-1))))
     values = {"count": touches.m, "d2": d2, "dof": dof, "p_value": p, "rms": rms}
     finding = Finding("evidence.touches_used", "caution" if p < CONTRADICTS else "note", values)
-    return absorbed_into(result, evidence, finding, {"touches": [*used, {"sha256": key, "count": touches.m}]})
+    taken = {"sha256": key, "count": touches.m, "touches": touches.to_dict()}
+    return absorbed_into(result, evidence, finding, {"touches": [*used, taken]})
