@@ -343,3 +343,21 @@ def test_joints_of_another_arm_are_refused():
     new = uq.PosePairs(found.poses.robot[:4] + 0.0, found.poses.camera[:4] + 0.0, joints=np.zeros((4, 7)))
     with pytest.raises(uq.InputError, match=r"finite numbers \(\.\.\., 6\)"):
         uq.check(result, new)
+
+
+def test_drift_goes_on_in_the_session_of_new_poses():
+    """A camera that creeps has not changed; without the drift of the new session every second check says so."""
+
+    def session(seed, m, rng):
+        drawn = uq.simulate(m, noise=NOISE, seed=seed)
+        creeping = perturb(drawn.camera, np.cumsum(2e-4 * rng.standard_normal((m, 6)), axis=0))
+        return uq.PosePairs(drawn.robot, creeping, drawn.setup, np.arange(m) * 2.0)
+
+    p_values, still = [], []
+    for seed in range(8):
+        rng = np.random.default_rng(seed)
+        result, new = uq.calibrate(session(seed, 24, rng)), session(100 + seed, 12, rng)
+        p_values.append(uq.check(result, new).p_value)
+        without = tuple(one for one in result.shared if not one.error.startswith("drift"))
+        still.append(uq.check(replace(result, shared_at_sizes=without), new).p_value)
+    assert np.sum(np.array(p_values) < 0.05) <= 1 and np.sum(np.array(still) < 0.05) >= 2

@@ -24,6 +24,7 @@ from ...model.noise.models import PoseNoise, is_joint, require_count
 from ...model.poses.pose_pairs import PosePairs
 from ...model.posterior.owners import THINGS, checked_things, require_same
 from ...model.posterior.rows import NewRows, at_points
+from ...model.shared_errors.assumed import DRIFT, drift_columns
 from ...model.shared_errors.sizes import ROBOT_ACCURACY
 from ..estimate.estimated import Estimated
 from ..prediction.predict import (
@@ -127,9 +128,26 @@ def evidence_of_poses(
     own = sum((one.size**2 * S for one, S in carried), unseen)
     parts = tuple((one.name, S) for one, S in carried if len(one.by_point) and one.name != "given")
     own_at = at_points(posterior, own, parts)
-    by_unit = np.concatenate([by_unit, anew, D_G @ more_G, D_C @ more_C], axis=-1)
+    by_unit = np.concatenate([by_unit, anew, D_G @ more_G, D_C @ more_C, D_C @ _drift_in(result, poses)], axis=-1)
     robot, at = ahead.poses, (r, by_unit, own, posterior)
     return PoseEvidence(*at, by_state, linear, robot, camera, own_at=own_at, parts=parts)
+
+
+def _drift_in(result: Estimated, poses: PosePairs) -> Array:
+    """(m, 6, z) drift of camera and target in the session of new poses, as large a step as it was found to be.
+
+    A random walk from where they stand at its start, which is in the covariance of X and W: these are stated as of any
+    pose of a session. Its modes have the mean 0; the mean of m steps has the variance m / 3.
+    """
+    times = np.arange(poses.n) if poses.timestamps is None else poses.timestamps
+    found = [np.zeros((poses.n, 6, 0))]
+    for of, R in (("camera", np.eye(3)), ("target", poses.camera[:, :3, :3])):
+        sd = next((one.prior_sd for one in result.shared if one.error == f"{DRIFT} {of}"), 0.0)
+        if sd > 0 and poses.n > 1:
+            constant = np.zeros((poses.n, 6, 6))
+            constant[:, :3, :3] = constant[:, 3:, 3:] = np.sqrt(poses.n / 3.0) * R
+            found += [sd * constant, sd * drift_columns(poses.camera, times, of == "target")]
+    return np.concatenate(found, axis=-1)
 
 
 def poses_less_shared_errors(result: Estimated, poses: PosePairs) -> PosePairs:
