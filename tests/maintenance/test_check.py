@@ -305,7 +305,7 @@ def test_poses_that_are_plainly_of_another_rig_are_not_a_change():
     said = uq.check(result, other)
     assert said.status == "cannot tell" and [one.code for one in said.findings] == ["maintenance.another_rig"]
     text = said.sentences[0]
-    assert "Another robot: the joints are those of poses" in text and "the arm of the result" in text
+    assert "another robot (the joints are those of poses" in text and "the arm of the result" in text
     corners, robot, _ = recorded(np.random.default_rng(11), 16)
     parts = [without_pictures(corners, np.arange(16) >= 10), without_pictures(corners, np.arange(16) < 10)]
     old, new = (poses_of(replace(of, row=of.picture), robot[rows])
@@ -320,7 +320,7 @@ def test_poses_that_are_plainly_of_another_rig_are_not_a_change():
         result, replace(turned, camera_calibration=replace(seen, bundle=replace(seen.bundle, poses=turned.camera)))
     )
     assert (
-        said.status == "cannot tell" and "Another camera: fx" in said.sentences[0] and "320 x 240" in said.sentences[0]
+        said.status == "cannot tell" and "another camera (fx" in said.sentences[0] and "320 x 240" in said.sentences[0]
     )
 
 

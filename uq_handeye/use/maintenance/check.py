@@ -166,7 +166,8 @@ def _of_change(
     noise, joints, same = asked
     assert result.W is not None
     if others := _others(result, poses, joints):
-        return CANNOT_TELL, [Finding("maintenance.another_rig", "caution", {"things": others})]
+        listed = "; another ".join(f"{thing} ({words})" for thing, words in others.items())
+        return CANNOT_TELL, [Finding("maintenance.another_rig", "caution", {"things": listed})]
 
     def d2_of(again: PosePairs, rows: Array | None = None) -> float:
         of, q = (noise, joints) if rows is None else (
@@ -190,7 +191,7 @@ def _of_change(
 
 
 def _others(result: Estimated, poses: PosePairs, joints: Any) -> dict[str, str]:
-    """Which of robot, camera and target are plainly others by what the files hold, with the words of it."""
+    """Return which of robot, camera and target are plainly others by what the files hold, in words."""
     found, fitted = others_by_pictures(poses_so_far(result), poses), result.kinematics
     q = poses.joints if joints is None else joints
     if fitted is not None and q is not None:

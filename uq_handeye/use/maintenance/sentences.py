@@ -56,9 +56,8 @@ def _(
 
 
 @sentence("maintenance.another_rig")
-def _(things: dict[str, str]) -> str:
-    listed = "; another ".join(f"{thing}: {words}" for thing, words in things.items())
-    return f"By the files these poses are of another rig than the result. Another {listed}. Calibrate that one."
+def _(things: str) -> str:
+    return f"By the files these poses are of another rig than the result: another {things}. Calibrate that one."
 
 
 @sentence("maintenance.pairing")
