@@ -133,6 +133,13 @@ def test_a_declared_accuracy_that_is_wrong_is_named(times, severity):
         assert (named and named.severity) == severity, options
         if named:
             assert f"Declare a {'larger' if times > 1 else 'smaller'} standard deviation" in str(named)
+    within = quietly(bent, sizes={"robot accuracy": ("0.6mm", 1.5)})
+    ended = {one.code: one for one in within.findings}.get("noise_estimation.size_at_end")
+    if times >= 1:  # of a size that is smaller these poses tell little: it stays in the range
+        assert (ended and ended.severity) == severity
+    if ended:
+        assert "where 0.6 mm within a factor of 1.5 was declared" in str(ended)
+    assert "mm (found; 0.6 mm assumed)" in within.summary(verbose=True)
 
 
 def test_declared_errors_stand_beside_the_other_defaults_where_noise_is_estimated(poses, tmp_path):

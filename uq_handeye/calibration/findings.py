@@ -35,7 +35,6 @@ from ..model.poses.motions import Motions, median, pose_residuals, relative_moti
 from ..model.poses.pose_pairs import PosePairs
 from ..model.posterior.posterior import Posterior
 from ..model.shared_errors.shared_error import TARGET_SCALE, WRONG_SIZE
-from ..model.shared_errors.sizes import checked_sizes
 from .job import FEWEST_FOR_ROBUST, Job, job_of
 from .request import Request
 from .result import Calibration
@@ -132,8 +131,7 @@ def shared_findings(job: Job, result: Calibration, joint: Posterior, wrong_size:
     for error in result.shared_at_sizes:
         by_name.setdefault(group_of(error.name), []).append(error)
     for name, errors in by_name.items():
-        asked = checked_sizes(job.request.sizes).get(name)  # sizes that are assumed were found by these data
-        declared = len(errors) > 1 and (not errors[0].default if asked is None else asked.is_known)
+        declared = len(errors) > 1 and not errors[0].default  # sizes that are assumed were found by these data
         test = group_test(joint, job.shared, name) if declared else None
         # An arm of right accuracy is within a factor of 2 of the population that stands for it.
         within = (0.5, 2.0) if errors[0].accuracy is not None else (0.0, 1.0)

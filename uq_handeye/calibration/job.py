@@ -48,7 +48,7 @@ from ..model.shared_errors.shared_error import (
     shared_columns,
     with_shared,
 )
-from ..model.shared_errors.sizes import ROBOT_ACCURACY
+from ..model.shared_errors.sizes import ROBOT_ACCURACY, checked_sizes
 from .request import BUNDLE, Request
 
 # All pairs of many poses are solved without forming them; residuals and checks then look at about so many.
@@ -249,7 +249,9 @@ def job_of(request: Request, data: Any, about: tuple[PosePairs, Array] | None = 
         assumed = {ROBOT_ACCURACY, LENS, VIEW}
     errors = tuple(one for one in errors if not (one.default and (one.is_exact or one.name in assumed)))
     if motions.poses is not None:
+        sizes = checked_sizes(request.sizes)
         errors = tuple(error.bound(motions.poses) if error.needs_poses else error for error in errors)
+        errors = tuple(error.sized(sizes[error.name]) if error.name in sizes else error for error in errors)
     columns_of_arm = None if arm is None or arm.errors.is_exact else arm.columns
     beside: PoseNoise | None = None
     if columns_of_arm is not None and noise is not None:

@@ -108,6 +108,16 @@ def size_findings(found: FoundSizes) -> tuple[Finding, ...]:
         value, usual = (units.get(part.name, 1.0) * float(np.exp(x[place])) for x in (mode.theta, model.medians))
         values = {"error": part.name, "of": unit, "value": value, "usual": usual, "factor": part.size.factor}
         listed.append(Finding("noise_estimation.size_at_end", "caution", values))
+    for error in source.errors:
+        ratio = found.sizes.get(error.name, 1.0)
+        if error.default or error.factor == 1 or abs(np.log(ratio)) <= np.log(error.factor):
+            continue
+        unit, of = float(error.sd[0]), SIZES[error.name].unit if error.name in SIZES else error.unit
+        values = {"error": error.name, "of": of, "value": unit * ratio, "usual": unit, "factor": error.factor}
+        if not any(one.values["error"] == error.name for one in listed):
+            listed.append(
+                Finding("noise_estimation.size_at_end", "caution" if ratio > 1 else "note", values | {"declared": True})
+            )
     for k, moves in model.absorbed(mode.theta).items():
         moves = found.reduced.unreduced(moves.T).T
         which = ["X", "W"][: len(moves) // 6]

@@ -215,11 +215,12 @@ def _words(part: Part) -> str:
 
 
 @sentence("noise_estimation.size_at_end", check=NOISE, phrase="size of {error}: at the end of its range", effect=1.1)
-def _(error: str, of: str, value: float, usual: float, factor: float) -> str:
+def _(error: str, of: str, value: float, usual: float, factor: float, declared: bool = False) -> str:
     here, there = (_in_unit(size, of) for size in (value, usual))
+    end, was = ("out of the range declared", "declared") if declared else ("to the end of its range", "assumed")
     return (
-        f"The data push the size of {error} to the end of its range: {here}, where {there} within a factor of "
-        f"{digits(factor, 2)} was assumed. Declare what it is (--size '{error}=SIZE,FACTOR'; sizes in Python)."
+        f"The data push the size of {error} {end}: {here}, where {there} within a factor of {digits(factor, 2)} was "
+        f"{was}. Declare what it is (--size '{error}=SIZE,FACTOR'; sizes in Python)."
     )
 
 

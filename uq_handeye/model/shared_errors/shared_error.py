@@ -48,7 +48,7 @@ from ..noise.joint_covariance import JointCovariance, group_of
 from ..noise.models import INTRINSICS, PoseNoise, is_joint, require_count
 from ..poses.pose_pairs import PosePairs
 from ..poses.timing import SIDES
-from .sizes import ROBOT_ACCURACY, RobotAccuracy, stated_accuracy
+from .sizes import ROBOT_ACCURACY, RobotAccuracy, Size, stated_accuracy
 from .view import intrinsics_columns, median_distance, target_centre
 
 FOCAL_LENGTH = "focal length"
@@ -110,6 +110,12 @@ class SharedError(ReadOnlyArrays):
         """Return the error with standard deviations of 0."""
         none = (0.0, 0.0, None) if self.declared is not None else None
         return replace(self, sd=np.zeros_like(self.sd), factor=1.0, bind=None, declared=none)
+
+    def sized(self, size: Size) -> SharedError:
+        """Return the bound error with a size that was declared: that of its first number, the others in proportion."""
+        stated = f"{digits(1e3 * size.median, 2)} mm" if self.stated else ""
+        times = size.median / float(self.sd[0])
+        return replace(self, sd=times * self.sd, factor=size.factor, default=False, stated=stated)
 
     def of_size(self, size: float) -> SharedError:
         """Return the error with a size that was found: standard deviations times it, known as they are."""
