@@ -112,8 +112,8 @@ def size_findings(found: FoundSizes) -> tuple[Finding, ...]:
         ratio = found.sizes.get(error.name, 1.0)
         if error.default or error.factor == 1 or abs(np.log(ratio)) <= np.log(error.factor):
             continue
-        unit, of = float(error.sd[0]), SIZES[error.name].unit if error.name in SIZES else error.unit
-        values = {"error": error.name, "of": of, "value": unit * ratio, "usual": unit, "factor": error.factor}
+        declared, of = float(error.sd[0]), SIZES[error.name].unit if error.name in SIZES else error.unit
+        values = {"error": error.name, "of": of, "value": declared * ratio, "usual": declared, "factor": error.factor}
         if not any(one.values["error"] == error.name for one in listed):
             listed.append(
                 Finding("noise_estimation.size_at_end", "caution" if ratio > 1 else "note", values | {"declared": True})
