@@ -18,7 +18,7 @@ import numpy as np
 from ...core.geometry.checks import as_transforms
 from ...core.geometry.se3 import Array
 from ...core.runtime.read_only import ReadOnlyArrays
-from ...errors import InputError
+from ...errors import InputError, require_type
 from ...methods.estimators.method import require_converged
 from ...methods.estimators.registry import METHODS, ROBOT_WORLD_METHODS, find
 from ...methods.procrustes.limit import pair_blocks
@@ -116,8 +116,7 @@ def resampled(
     known = (*ESTIMATORS, *METHODS, *ROBOT_WORLD_METHODS)
     if method not in known:
         raise InputError(f"Expected `method` to be one of {', '.join(known)}, got {method!r}.")
-    if not isinstance(data, PosePairs | Motions):
-        raise InputError(f"Expected `data` to be PosePairs or Motions, got {type(data).__name__}.")
+    require_type("data", data, (PosePairs, Motions), "PosePairs or Motions")
     first = data.A if isinstance(data, Motions) else data.robot
     if first.ndim != 3:
         raise InputError(f"Expected one data set, got leading axes {first.shape[:-3]}.")

@@ -55,7 +55,6 @@ class Consensus(NamedTuple):
     unknowns: Unknowns
     inside: Array  # (n,) 1 for the poses that it was fitted to, else 0
     noise: Noise  # as given, or isotropic about the pivot with robust scales of the residuals
-    subsets: int  # tried
 
 
 def consensus(constraint: Constraint, noise: Noise | None, seed: int | np.random.Generator) -> Consensus:
@@ -84,14 +83,14 @@ def consensus(constraint: Constraint, noise: Noise | None, seed: int | np.random
         at, kept = improved
     if noise is not None:
         moved = pivot is not None and improved is None
-        return Consensus(_back_to_origin(at, pivot) if moved else at, kept, noise, len(hypotheses.X))
+        return Consensus(_back_to_origin(at, pivot) if moved else at, kept, noise)
     noise = _isotropic(_variances(misfit(pivoted, at)), pivoted)
     if pivot is None:
-        return Consensus(at, kept, noise, len(hypotheses.X))
+        return Consensus(at, kept, noise)
     lever = np.broadcast_to(np.eye(6), (constraint.n, 6, 6)).copy()  # of errors about the pivot to those at the origin
     lever[:, 3:, :3] = skew(constraint.second[:, :3, :3] @ pivot)
     noise = PoseNoise(camera=lever @ covariances_of(noise)[1] @ lever.mT)
-    return Consensus(_back_to_origin(at, pivot), kept, noise, len(hypotheses.X))
+    return Consensus(_back_to_origin(at, pivot), kept, noise)
 
 
 def residual_noise(constraint: Constraint, at: Unknowns) -> Noise:

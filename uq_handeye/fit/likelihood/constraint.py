@@ -34,7 +34,7 @@ from numpy.typing import NDArray
 
 from ...core.geometry.nearest_rotation import orthonormalise
 from ...core.geometry.se3 import Array, block, inverse, inverse_jacobian, logarithm, perturb, skew, vee
-from ...errors import InputError
+from ...errors import InputError, require_type
 from ...methods.propagation.published_fit import loop_derivatives
 from ...model.noise.joint_covariance import JointCovariance, joint_of
 from ...model.noise.models import Noise, PairNoise, PoseNoise, is_joint, require_count
@@ -288,8 +288,7 @@ def require_noise_fits(noise: Noise | None, data: PosePairs | Motions) -> None:
     """Raise `InputError` unless the noise is one, of as many motions or poses."""
     if noise is None:
         return
-    if not isinstance(noise, PoseNoise | PairNoise):
-        raise InputError(f"Expected `noise` to be PoseNoise, PairNoise or None, got {type(noise).__name__}.")
+    require_type("noise", noise, (PoseNoise, PairNoise), "PoseNoise, PairNoise or None")
     of_pairs = of_motions(noise)
     if not of_pairs and data.poses is None:
         raise InputError("PoseNoise needs poses; for motions that come without poses use PairNoise.")

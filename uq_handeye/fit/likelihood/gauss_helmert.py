@@ -34,7 +34,7 @@ from numpy.typing import NDArray
 from ...core.geometry.checks import as_transforms
 from ...core.geometry.se3 import Array, left_jacobian, perturb
 from ...core.runtime.read_only import ReadOnlyArrays
-from ...errors import DegenerateMotionError, InputError, NotConvergedError
+from ...errors import DegenerateMotionError, InputError, NotConvergedError, require_type
 from ...model.noise.models import Noise, PairNoise, PoseNoise, is_joint, with_prior
 from ...model.noise.pose_prior import PosePrior
 from ...model.noise.square_roots import Covariance, Factor, cholesky_of, gram, joint_residuals, pulled, weighted, whiten
@@ -320,10 +320,8 @@ FITS = {"efficient": fit_efficient, "ml": fit_ml}
 
 def _checked(data: PosePairs | Motions, noise: Noise) -> Constraint:
     """The constraint, once data and noise are known to be some."""
-    if not isinstance(data, PosePairs | Motions):
-        raise InputError(f"Expected `data` to be PosePairs or Motions, got {type(data).__name__}.")
-    if not isinstance(noise, PoseNoise | PairNoise):
-        raise InputError(f"Expected `noise` to be PoseNoise or PairNoise, got {type(noise).__name__}.")
+    require_type("data", data, (PosePairs, Motions), "PosePairs or Motions")
+    require_type("noise", noise, (PoseNoise, PairNoise), "PoseNoise or PairNoise")
     return constraint_of(data, noise)
 
 

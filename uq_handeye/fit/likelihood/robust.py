@@ -87,7 +87,6 @@ class RobustFit(ReadOnlyArrays):
     flags: tuple[str, ...]  # "kept", "downweighted" or "rejected"
     scale: float  # the noise of most poses is so many times the one given; 1 unless it is surely larger
     limit: float  # poses with d^2 above it are flagged
-    subsets: int  # that were tried for the start; 0: it was made of all poses alike
     begun: Unknowns | None = None  # where the steps of the fit began
 
     @property
@@ -211,7 +210,7 @@ def fit_robustly(
     ``search`` is needed where the noise is not known.
     """
     require_enough(constraint)
-    subsets, given = 0, noise is not None
+    given = noise is not None
     if noise is not None:
         settled = _begin_with_all(constraint, noise, start, method)
     else:
@@ -222,7 +221,6 @@ def fit_robustly(
     if settled is None:
         alike = noise is None and search is not None and search.all_alike
         begun = _from_all(constraint, start) if alike else _begin(constraint, noise, start, seed)
-        subsets = begun.subsets
         if noise is not None:
             settled = _settle(constraint, noise, begun.unknowns, begun.inside, method)
         else:
@@ -247,7 +245,7 @@ def fit_robustly(
     if noise is not None and (weights == 1).all():  # the plain fit, to the last digit
         steps = CLOSED_FORM_STEPS if method == "efficient" else MOST_STEPS
         fitted, begun_at = replace(fitted, weights=None) if plain else fit(constraint, noise, start, steps), start
-    return RobustFit(fitted, noise, weights, distances, leverage, flags, scale, limit, subsets, begun_at)
+    return RobustFit(fitted, noise, weights, distances, leverage, flags, scale, limit, begun_at)
 
 
 def _begin(constraint: Constraint, noise: Noise | None, start: Unknowns, seed: int | np.random.Generator) -> Consensus:
@@ -257,11 +255,11 @@ def _begin(constraint: Constraint, noise: Noise | None, start: Unknowns, seed: i
     squares = misfit(constraint, start)
     squares = (squares / np.maximum(np.median(squares, axis=0), 1e-24)).sum(axis=-1)
     inside = (squares <= np.quantile(squares, MAJORITY)).astype(float)
-    return Consensus(start, inside, isotropic_residuals(constraint, start) if noise is None else noise, 0)
+    return Consensus(start, inside, isotropic_residuals(constraint, start) if noise is None else noise)
 
 
 def _from_all(constraint: Constraint, start: Unknowns) -> Consensus:
-    return Consensus(start, np.ones(constraint.n), isotropic_residuals(constraint, start), 0)
+    return Consensus(start, np.ones(constraint.n), isotropic_residuals(constraint, start))
 
 
 def _begin_with_all(constraint: Constraint, noise: Noise, start: Unknowns, method: str) -> _Settled | None:
