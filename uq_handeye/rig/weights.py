@@ -30,7 +30,7 @@ from ..core.geometry.se3 import Array
 from ..errors import InputError, NotConvergedError
 from ..fit.likelihood.constraint import Unknowns, constraint_of
 from ..fit.likelihood.gauss_helmert import FITS, Fit, corrected
-from ..fit.likelihood.robust import FREE, largest_by_chance, robust_weights
+from ..fit.likelihood.robust import FREE, largest_by_chance, left_out, robust_weights
 from ..fit.likelihood.robust import fit_robustly as likelihood_robust
 from ..fit.likelihood.shared_estimates import motion_in_session
 from ..fit.one_model.component import Component
@@ -98,14 +98,7 @@ def distances(found: RigFit) -> Distances:
 def _distance2(P: Array, g: Array, D: Array, L: Array, w: Array) -> Array:
     """(b,) square distances."""
     M = D @ L
-    mu, V = np.linalg.eigh(M.mT @ P @ M)
-    along = (V.mT @ (M.mT @ g[..., None]))[..., 0]
-    w = w[:, None]
-    told = mu > 1e-9 * w
-    variance = np.where(told, mu * (1.0 - mu * (1.0 / w - 1.0)), 1.0)
-    return np.asarray(
-        np.where(told & (variance > 0), along**2 / np.where(variance > 0, variance, 1.0), 0.0).sum(axis=-1)
-    )
+    return left_out(M.mT @ P @ M, M.mT @ g[..., None], w)
 
 
 def fit_robustly(

@@ -118,18 +118,26 @@ def pose_distances(fit: Fit) -> tuple[Array, Array]:
         leverage = weights * h.sum(axis=-1) / p
         squares = np.where(left > 1e-9, along**2 / np.where(left > 1e-9, variance, 1.0), 0.0)
         return np.asarray(squares.sum(axis=-1)), leverage
-    w = np.maximum(weights, LEAST_WEIGHT)[..., None]  # as `weighted` does
     factor = fit.weighted_factor
     stacked = np.concatenate([fit.linear.J, fit.residual[..., None]], axis=-1)
     pulled_back = pulled(factor, whiten(factor, stacked))  # S^-1 J and S^-1 r, pose by pose
     Q, pull = pulled_back[..., :-1], pulled_back[..., -1:]
     L = np.linalg.cholesky(weighed_blocks(fit.S))
-    mu, V = np.linalg.eigh(L.mT @ (inverse_blocks(factor) - Q @ P @ Q.mT) @ L)
-    g = (V.mT @ L.mT @ pull)[..., 0]
-    predictable = mu > 1e-9 * w
-    variance = np.where(predictable, mu * (1.0 - mu * (1.0 / w - 1.0)), 1.0)
+    information = L.mT @ (inverse_blocks(factor) - Q @ P @ Q.mT) @ L
     leverage = np.einsum("...ij,...ij->...", Q @ P, fit.linear.J) / p
-    return np.asarray(np.where(predictable, g**2 / variance, 0.0).sum(axis=-1)), leverage
+    return left_out(information, L.mT @ pull, np.maximum(weights, LEAST_WEIGHT)), leverage  # as `weighted` has it
+
+
+def left_out(information: Array, pull: Array, w: Array) -> Array:
+    """Return d^2 (...) of what has the weight w (...) in the fit, predicted without it; see the module.
+
+    ``information`` (..., 6, 6): ``L^T M_ii L``, ``pull`` (..., 6, 1): ``L^T (S^-1 r)_i``, where w divides ``L L^T``.
+    """
+    mu, V = np.linalg.eigh(information)
+    along, w = (V.mT @ pull)[..., 0], w[..., None]
+    variance = mu * (1.0 - mu * (1.0 / w - 1.0))
+    told = (mu > 1e-9 * w) & (variance > 0)
+    return np.asarray(np.where(told, along**2 / np.where(told, variance, 1.0), 0.0).sum(axis=-1))
 
 
 def robust_weights(distances: Array) -> Array:
