@@ -17,7 +17,7 @@ from uq_handeye.fit.likelihood.goodness_of_fit import goodness_of_fit
 from uq_handeye.fit.likelihood.robust import pose_distances
 from uq_handeye.model.noise.joint_covariance import JointCovariance
 from uq_handeye.model.noise.models import noise_from_dict, noise_to_dict
-from uq_handeye.model.noise.square_roots import cholesky_of, inverse_blocks, own_blocks, pulled, weighted, whiten
+from uq_handeye.model.noise.square_roots import cholesky_of, inverse_blocks, marginals, pulled, weighted, whiten
 from uq_handeye.trials.simulation.rig import disturbed
 
 ROBOT = np.diag([1e-4, 1e-4, 1e-4, 2e-4, 2e-4, 2e-4]) ** 2
@@ -57,7 +57,7 @@ def test_it_multiplies_like_the_array(rng, structured):
     np.testing.assert_allclose(S @ x[:, 0], whole @ x[:, 0], atol=1e-15)
     np.testing.assert_allclose(x.T @ S, x.T @ whole, atol=1e-15)
     np.testing.assert_allclose(np.asarray(2.5 * S), 2.5 * whole, atol=1e-18)
-    np.testing.assert_allclose(S.blocks, own_blocks(whole), atol=1e-18)
+    np.testing.assert_allclose(S.blocks, marginals(whole), atol=1e-18)
     index = np.array([3, 1])
     part = whole.reshape(5, 6, 5, 6)[index][:, :, index].reshape(12, 12)
     np.testing.assert_allclose(np.asarray(S.rows(index)), part, atol=1e-18)
@@ -78,7 +78,7 @@ def test_the_square_root_is_one(rng, structured):
     np.testing.assert_allclose(white.T @ white, flat.T @ np.linalg.solve(whole, flat), rtol=1e-9)
     solved = pulled(L, whiten(L, values)).reshape(42, 4)
     np.testing.assert_allclose(solved, np.linalg.solve(whole, flat), rtol=1e-8)
-    np.testing.assert_allclose(inverse_blocks(L), own_blocks(np.linalg.inv(whole)), rtol=1e-8)
+    np.testing.assert_allclose(inverse_blocks(L), marginals(np.linalg.inv(whole)), rtol=1e-8)
     w = rng.uniform(0.1, 1.0, 7)
     # what poses share is no error of their own that a weight could enlarge
     expected = whole + block_diag(*(S.own / w[:, None, None] - S.own))

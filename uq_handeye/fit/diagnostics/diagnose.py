@@ -34,8 +34,8 @@ from ...core.geometry.se3 import Array, skew
 from ...errors import InputError
 from ...findings import Finding
 from ...model.noise.joint_covariance import joint_of
-from ...model.noise.models import INTRINSICS, Noise, is_joint
-from ...model.noise.square_roots import Factor, inverse_blocks, joint_residuals, pulled, whiten
+from ...model.noise.models import INTRINSICS, Noise
+from ...model.noise.square_roots import Factor, inverse_blocks, is_joint, pulled, whiten
 from ...model.poses.motions import Motions
 from ...model.poses.pose_pairs import PosePairs
 from ...model.shared_errors.shared_error import FOCAL_LENGTH, ROBOT_SCALE, TARGET_SCALE
@@ -88,7 +88,7 @@ def diagnose(fit: Fit, data: PosePairs | Motions, noise: Noise, correlation_esti
     count = poses.n if on_poses and poses is not None else len(data)
     if count != n:
         raise InputError(f"Expected `data` to be what was fitted, {n} rows, got {count}.")
-    joint = joint_residuals(fit.S)
+    joint = is_joint(fit.S)
     factor = fit.weighted_factor
     stacked = np.concatenate([fit.linear.J, fit.residual[..., None]], axis=-1)
     white = whiten(factor, stacked)

@@ -29,7 +29,7 @@ from ...core.files.records import Record
 from ...core.geometry.se3 import Array
 from ...findings import Finding
 from ...model.noise.joint_covariance import joint_of
-from ...model.noise.square_roots import gram, joint_residuals, whiten
+from ...model.noise.square_roots import gram, is_joint, whiten
 from ...model.poses.pose_pairs import PosePairs
 from ..likelihood.gauss_helmert import SINGULAR, Fit
 from ..likelihood.goodness_of_fit import own_residuals
@@ -91,7 +91,7 @@ def residual_tests(
     known: Array | float = 0.0
     if joint_of(fit.S) is not None:
         white, J, _, known = own_residuals(fit)
-    elif joint_residuals(fit.S):  # a joint S would carry a rejected pose into the rows behind it: weights in the factor
+    elif is_joint(fit.S):  # a joint S would carry a rejected pose into the rows behind it: weights in the factor
         stacked = whiten(fit.weighted_factor, np.concatenate([fit.linear.J, fit.residual[..., None]], axis=-1))
         white, J = stacked[..., -1], stacked[..., :-1]
     else:

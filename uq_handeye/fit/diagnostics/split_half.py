@@ -29,7 +29,7 @@ from ...core.files.records import NUMBER, Record
 from ...core.geometry.se3 import Array, logarithm
 from ...errors import DegenerateMotionError, InputError
 from ...findings import Finding
-from ...model.noise.square_roots import Covariance, cholesky_of, gram, joint_residuals, pulled, select_rows, whiten
+from ...model.noise.square_roots import Covariance, cholesky_of, gram, is_joint, pulled, rows_of, whiten
 from ...model.poses.motions import Motions
 from ...model.poses.pose_pairs import PosePairs
 from ..likelihood.gauss_helmert import Fit, inverse_information
@@ -155,9 +155,9 @@ def split_fit(fit: Fit, data: PosePairs | Motions, split: str, dof: float | None
         return without("halves_too_small", item=item, rows=fewest, needed=FEWEST)
     if dof is not None and dof < FREEDOM:
         return without("halves_without_freedom", dof=dof)
-    joint = joint_residuals(fit.S)
+    joint = is_joint(fit.S)
     stacked = np.concatenate([fit.linear.J, fit.residual[..., None]], axis=-1)
-    factors = [cholesky_of(select_rows(fit.S, half)) for half in halves]
+    factors = [cholesky_of(rows_of(fit.S, half)) for half in halves]
     white = [whiten(factor, stacked[..., half, :, :]) for factor, half in zip(factors, halves, strict=True)]
     sums = np.stack([gram(part) for part in white])
     try:

@@ -74,7 +74,7 @@ from numpy.typing import NDArray
 from ...core.geometry.se3 import Array
 from ...errors import DegenerateMotionError, InputError, require_integer
 from ...model.noise.joint_covariance import joint_of
-from ...model.noise.square_roots import cholesky_of, joint_residuals, whiten
+from ...model.noise.square_roots import cholesky_of, is_joint, whiten
 from ..likelihood.gauss_helmert import Fit
 from ..likelihood.goodness_of_fit import own_residuals
 
@@ -324,7 +324,7 @@ def influence_of(fit: Fit) -> Influence:
     for noise that is joint over the poses, which then are no independent clusters.
     """
     known: Array | None = None
-    if not joint_residuals(fit.S):
+    if not is_joint(fit.S):
         residual, J = fit.white
         covariance = fit.covariance
     elif _declared(fit):

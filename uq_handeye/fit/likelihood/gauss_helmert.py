@@ -35,9 +35,9 @@ from ...core.geometry.checks import as_transforms
 from ...core.geometry.se3 import Array, left_jacobian, perturb
 from ...core.runtime.read_only import ReadOnlyArrays
 from ...errors import DegenerateMotionError, InputError, NotConvergedError, require_type
-from ...model.noise.models import Noise, PairNoise, PoseNoise, is_joint, with_prior
+from ...model.noise.models import Noise, PairNoise, PoseNoise, with_prior
 from ...model.noise.pose_prior import PosePrior
-from ...model.noise.square_roots import Covariance, Factor, cholesky_of, gram, joint_residuals, pulled, weighted, whiten
+from ...model.noise.square_roots import Covariance, Factor, cholesky_of, gram, is_joint, pulled, weighted, whiten
 from ...model.poses.motions import Motions
 from ...model.poses.pose_pairs import PosePairs
 from ...model.poses.timing import Timing, warn_left_out
@@ -424,7 +424,7 @@ def corrected(fit: Fit, noise: Noise, first: Array, second: Array) -> tuple[Arra
     What is left of their noise is, to first order, uncorrelated with the residuals.
     """
     factor = fit.factor
-    if fit.weights is not None and joint_residuals(fit.S):  # a wrong pose must not reach the others through their noise
+    if fit.weights is not None and is_joint(fit.S):  # a wrong pose must not reach the others through their noise
         factor = fit.weighted_factor
     errors = _errors(fit.linear.sides, noise, factor, whiten(factor, fit.residual[..., None]))
     one, other = (T if v is None else perturb(T, -v) for T, v in zip((first, second), errors, strict=True))

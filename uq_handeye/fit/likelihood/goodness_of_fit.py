@@ -39,8 +39,8 @@ from ...model.noise.joint_covariance import joint_of
 from ...model.noise.square_roots import (
     cholesky_of,
     inverse_blocks,
-    joint_residuals,
-    own_blocks,
+    is_joint,
+    marginals,
     pulled,
     weighed_blocks,
     whiten,
@@ -78,13 +78,13 @@ def goodness_of_fit(fit: Fit) -> GoodnessOfFit:
     # The weights belong into S before it is whitened: a joint S would carry a rejected pose into the others' rows.
     chi2 = float(np.sum(whiten(fit.weighted_factor, fit.residual[..., None]) ** 2)) + fit.square_of_prior
     tails = float(gammainc(dof / 2, chi2 / 2)), float(gammaincc(dof / 2, chi2 / 2))
-    parts = _parts_of_joint(fit, w) if joint_residuals(fit.S) else _parts(fit, w)
+    parts = _parts_of_joint(fit, w) if is_joint(fit.S) else _parts(fit, w)
     return GoodnessOfFit(chi2, dof, float(np.sqrt(chi2 / dof)), min(1.0, 2.0 * min(tails)), *parts)
 
 
 def _parts(fit: Fit, w: Array) -> list[float]:
     """sigma_0 of rotation and of translation; residuals independent from pose to pose."""
-    S, J, e = own_blocks(fit.S), fit.linear.J, fit.residual
+    S, J, e = marginals(fit.S), fit.linear.J, fit.residual
     parts = []
     for part in (slice(3), slice(3, 6)):
         inverse = np.linalg.inv(S[:, part, part])

@@ -40,8 +40,8 @@ from ...core.files.records import Record
 from ...core.geometry.se3 import Array, skew
 from ...errors import DegenerateMotionError, InputError
 from ...model.noise.joint_covariance import joint_of
-from ...model.noise.models import Noise, marginals
-from ...model.noise.square_roots import Covariance, own_blocks, weighed_blocks
+from ...model.noise.models import Noise
+from ...model.noise.square_roots import Covariance, marginals, weighed_blocks
 from .constraint import Constraint, Linearised, covariances_of
 
 # How far the information must be above that of noise alone. Along degenerate motions of n poses their ratio is about
@@ -304,7 +304,7 @@ def tilts_of(
     if corrected:
         of_z = of_z - with_r @ np.linalg.solve(weighed_blocks(S), with_r.mT)
     if not constraint.split_known:
-        of_z[..., :3, :3] = own_blocks(S)[..., :3, :3]
+        of_z[..., :3, :3] = marginals(S)[..., :3, :3]
     index = np.arange(3)
     of_z[..., index, index] = np.maximum(of_z[..., index, index], 0.0) + LEAST**2
     # dJ by each component of z
@@ -321,7 +321,7 @@ def tilts_of(
     B[..., :3, :3, :] = _E @ turned[..., None, :3, :]
     B[..., :3, 3:, :] = _E @ turned[..., None, 3:, :]
     B[..., 3:, 3:, :3] = by_f
-    variances = np.diagonal(own_blocks(S), axis1=-2, axis2=-1)
+    variances = np.diagonal(marginals(S), axis1=-2, axis2=-1)
     A = np.repeat(1.0 / variances.reshape(*variances.shape[:-1], 2, 3).mean(axis=-1), 3, axis=-1)
     if weights is not None:
         A = A * weights[..., None]

@@ -45,7 +45,7 @@ from ...core.runtime.read_only import ReadOnlyArrays
 from ...errors import DegenerateMotionError, InputError, NotConvergedError
 from ...model.noise.models import Noise, with_prior
 from ...model.noise.pose_prior import PosePrior
-from ...model.noise.square_roots import LEAST_WEIGHT, inverse_blocks, joint_residuals, pulled, weighed_blocks, whiten
+from ...model.noise.square_roots import LEAST_WEIGHT, inverse_blocks, is_joint, pulled, weighed_blocks, whiten
 from ...model.poses.motions import Motions
 from ...model.poses.pose_pairs import PosePairs
 from .consensus import MAJORITY, NOTHING, Consensus, consensus, misfit, robust_variance
@@ -108,7 +108,7 @@ def pose_distances(fit: Fit) -> tuple[Array, Array]:
     p = fit.covariance.shape[-1]
     weights = np.ones(fit.residual.shape[:-1]) if fit.weights is None else fit.weights
     P = fit.covariance[..., None, :, :]
-    if not joint_residuals(fit.S):
+    if not is_joint(fit.S):
         e, J = fit.white
         h, V = np.linalg.eigh(J @ P @ J.mT)
         along = (V.mT @ e[..., None])[..., 0]

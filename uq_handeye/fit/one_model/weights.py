@@ -26,7 +26,7 @@ from scipy.special import gammaln
 from ...core.geometry.se3 import Array
 from ...errors import InputError, NotConvergedError
 from ...model.noise.models import Noise, with_prior
-from ...model.noise.square_roots import own_blocks
+from ...model.noise.square_roots import marginals
 from ..likelihood.constraint import Constraint, Unknowns
 from ..likelihood.gauss_helmert import CLOSED_FORM_STEPS, MOST_STEPS, Fit, fit
 from ..likelihood.robust import NoiseSearch, RobustFit, fit_robustly
@@ -108,7 +108,7 @@ def _as_outliers(fit: Fit, rows: NDArray[np.intp]) -> float:
     if not len(rows):
         return 0.0
     J = fit.linear.J[rows]
-    C = own_blocks(fit.S)[rows] + J @ fit.covariance @ J.mT
+    C = marginals(fit.S)[rows] + J @ fit.covariance @ J.mT
     L = np.linalg.cholesky(C)
     off = np.linalg.solve(L, fit.residual[rows][..., None])[..., 0]
     away = np.linalg.norm(off.reshape(-1, 2, 3), axis=-1)

@@ -18,7 +18,7 @@ from ...core.geometry.se3 import Array
 from ...errors import InputError
 from ...findings import Finding
 from .joint_covariance import JointCovariance
-from .models import Noise, PairNoise, PoseNoise
+from .models import Noise, PairNoise, PoseNoise, is_joint
 
 # Units of components, and the factor to those that people read.
 SHOWN = {"rad": (180 / np.pi, "deg"), "m": (1e3, "mm"), "px": (1.0, "px")}
@@ -235,7 +235,7 @@ class NoiseEstimate(Record):
     @property
     def is_joint(self) -> bool:
         """True if the covariance of a side is joint: it has a row for each pose."""
-        return self.noise is not None and any(isinstance(S, JointCovariance) for S in self.noise.sides.values())
+        return self.noise is not None and any(S is not None and is_joint(S) for S in self.noise.sides.values())
 
     def __getitem__(self, name: str) -> Component:
         for component in self.components:
@@ -263,7 +263,7 @@ class NoiseEstimate(Record):
 
 def _side_to_dict(S: Array | JointCovariance) -> Any:
     """Standard deviations of rotation and translation; a joint covariance, or others of corners, as they are."""
-    if isinstance(S, JointCovariance):
+    if hasattr(S, "to_dict"):
         return S.to_dict()
     deviations = np.sqrt(np.diag(S)) if S.shape == (6, 6) else np.zeros(6)
     if np.array_equal(S, np.diag(np.repeat(deviations[[0, 3]], 3) ** 2)):

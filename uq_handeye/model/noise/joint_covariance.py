@@ -20,13 +20,14 @@ Cholesky factors of covariances, and what is solved with many small ones.
 from __future__ import annotations
 
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ...core.geometry.checks import checked_covariance
 from ...core.geometry.se3 import Array
 from ...core.runtime.read_only import ReadOnlyArrays
 from ...errors import InputError, SingularNoiseError
@@ -57,6 +58,7 @@ class JointCovariance(ReadOnlyArrays):
     shared: Array
     names: tuple[str, ...] = ()
 
+    correlated: ClassVar[bool] = True
     __array_ufunc__ = None  # `array @ S` comes here
 
     def __post_init__(self) -> None:
@@ -72,6 +74,14 @@ class JointCovariance(ReadOnlyArrays):
             raise InputError(f"Expected a name for each of {shared.shape[-1]} shared columns, got {len(names)}.")
         object.__setattr__(self, "names", names)
         super().__post_init__()
+
+    def checked(self, name: str) -> JointCovariance:
+        """Return it as a side of `PoseNoise`: of one set of poses, finite, positive semidefinite."""
+        if self.own.ndim != 3 or self.shared.ndim != 3:
+            raise InputError(f"Expected the covariance `{name}` to be that of one set of poses, got {self.shape}.")
+        if not np.isfinite(self.shared).all():
+            raise InputError(f"Expected the covariance `{name}` to be finite, got NaN or infinity.")
+        return replace(self, own=checked_covariance(self.own, name, joint=False))
 
     @property
     def n(self) -> int:

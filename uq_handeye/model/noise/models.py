@@ -38,7 +38,9 @@ from ...core.runtime.read_only import ReadOnlyArrays
 from ...errors import InputError
 from .joint_covariance import JointCovariance
 from .pose_prior import PosePrior
-from .square_roots import weighted
+from .square_roots import is_joint as is_joint
+from .square_roots import marginals as marginals
+from .square_roots import rows_of, weighted
 
 Deviations = tuple[str | float, str | float]
 
@@ -84,6 +86,12 @@ class CameraNoise(ReadOnlyArrays):
         """Shape of the covariance, (6n, 6n)."""
         return self.joint.shape
 
+    def checked(self, name: str) -> CameraNoise | JointCovariance:
+        """Return it as a side of `PoseNoise`, which only the camera may be; Sigma(s) where s is known."""
+        if name != "camera":
+            raise InputError(f"Expected the covariance `{name}` to be numbers: only `camera` may be a CameraNoise.")
+        return self if self.pixel_sd is None else self.covariance().checked(name)
+
     def covariance(self, pixel_sd: float | None = None) -> JointCovariance:
         """Sigma(s); ``pixel_sd`` None is that which is known."""
         s = self.pixel_sd if pixel_sd is None else pixel_sd
@@ -110,10 +118,9 @@ class CameraNoise(ReadOnlyArrays):
 
 def checked_pixels(value: Any) -> float:
     """A standard deviation in pixels, a number or text such as "0.2px"."""
-    text = value.strip().removesuffix("px") if isinstance(value, str) else value
     try:
-        s = float("nan") if isinstance(text, bool) else float(text)
-    except (TypeError, ValueError):
+        s = float(str(value).strip().removesuffix("px"))
+    except ValueError:
         s = float("nan")
     if not 1e-6 <= s <= 100.0:
         raise InputError(
@@ -123,16 +130,9 @@ def checked_pixels(value: Any) -> float:
 
 
 def _checked_side(value: Any, name: str) -> Any:
-    """Check as `checked_covariance`, also a joint one, and the noise of a camera, which only the camera may have."""
-    if isinstance(value, CameraNoise) and name == "camera":
-        return value
-    if not isinstance(value, JointCovariance):
-        return checked_covariance(value, name, joint=True)
-    if value.own.ndim != 3 or value.shared.ndim != 3:
-        raise InputError(f"Expected the covariance `{name}` to be that of one set of poses, got {value.shape}.")
-    if not np.isfinite(value.shared).all():
-        raise InputError(f"Expected the covariance `{name}` to be finite, got NaN or infinity.")
-    return replace(value, own=checked_covariance(value.own, name, joint=False))
+    """Check as `checked_covariance`, or as a `JointCovariance` and `CameraNoise` check themselves."""
+    check = getattr(value, "checked", None)
+    return checked_covariance(value, name, joint=True) if check is None else check(name)
 
 
 class _TwoSides(Record):
@@ -167,7 +167,7 @@ class _TwoSides(Record):
         """Return the noise of some of the poses or motions, by their numbers or a mask; of a joint covariance its
         marginal.
         """
-        return self._with({name: rows_of(S, index) for name, S in self.sides.items()})
+        return self._with({name: None if S is None else rows_of(S, index) for name, S in self.sides.items()})
 
     def weighted(self, weights: Array) -> Self:
         """Return the noise with the covariance of each pose or motion, of a joint one its own part, divided by its
@@ -242,8 +242,6 @@ class PoseNoise(_TwoSides):
     prior: PosePrior | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
-        if isinstance(self.camera, CameraNoise) and self.camera.pixel_sd is not None:
-            object.__setattr__(self, "camera", self.camera.covariance())
         self._checked(_checked_side)
 
     @classmethod
@@ -264,8 +262,7 @@ def with_prior(noise: Noise, prior: PosePrior | None) -> Noise:
     """The noise with what is known of X and W beside it, of motions X only; as it is where that is None."""
     if prior is None:
         return noise
-    known = prior.without_W() if isinstance(noise, PairNoise) else prior
-    return replace(noise, prior=known)
+    return replace(noise, prior=prior if noise.ITEM == "pose" else prior.without_W())
 
 
 def without_prior(noise: Noise) -> Noise:
@@ -280,32 +277,16 @@ def _isotropic(value: Deviations | None, name: str) -> Array | None:
     return np.diag([rotation**2] * 3 + [translation**2] * 3)
 
 
-def is_joint(covariance: Any) -> bool:
-    """Return whether a covariance is the joint one of several poses."""
-    return isinstance(covariance, JointCovariance) or (covariance.ndim == 2 and covariance.shape[0] > 6)
-
-
 def is_of_each(covariance: Any) -> bool:
     """Return whether the poses have covariances of their own."""
     return covariance is not None and (is_joint(covariance) or np.ndim(covariance) == 3)
-
-
-def marginals(covariance: Any) -> Array:
-    """The covariance of each pose: the diagonal blocks of a joint one, else as it is."""
-    if not is_joint(covariance):
-        return np.asarray(covariance)
-    if isinstance(covariance, JointCovariance):
-        return np.asarray(covariance.blocks)
-    n = len(covariance) // 6
-    return np.asarray(covariance.reshape(n, 6, n, 6)[np.arange(n), :, np.arange(n), :])
 
 
 def size_words(covariance: Any) -> tuple[str, str]:
     """Return standard deviations per axis of rotation and translation as text, of many poses their medians."""
     if covariance is None:
         return "exact", "exact"
-    covariance = covariance.joint if isinstance(covariance, CameraNoise) else covariance
-    variances = np.diagonal(marginals(covariance), axis1=-2, axis2=-1)
+    variances = np.diagonal(marginals(getattr(covariance, "joint", covariance)), axis1=-2, axis2=-1)
     std = np.median(np.sqrt(np.maximum(variances, 0.0)).reshape(-1, 6), axis=0)
     return _axes(np.degrees(std[:3]), "deg"), _axes(1e3 * std[3:], "mm")
 
@@ -314,20 +295,6 @@ def _axes(std: Array, unit: str) -> str:
     if std.max() - std.min() <= _ALIKE * std.max():
         return f"{digits(float(std.mean()), 2)} {unit}"
     return f"{', '.join(f'{name} {digits(float(value), 2)}' for name, value in zip('xyz', std, strict=True))} {unit}"
-
-
-def rows_of(covariance: Any, index: NDArray[Any]) -> Any:
-    """The covariance of some poses or motions: their own, or their part of a joint one."""
-    if covariance is None or covariance.shape == (6, 6):
-        return covariance
-    if isinstance(covariance, JointCovariance | CameraNoise):
-        return covariance.rows(index)
-    if not is_joint(covariance):
-        return np.asarray(covariance[index])
-    n = len(covariance) // 6
-    numbers = np.arange(n)[index]
-    size = 6 * len(numbers)
-    return np.asarray(covariance.reshape(n, 6, n, 6)[numbers][:, :, numbers].reshape(size, size))
 
 
 def require_count(covariance: Any, count: int, name: str, what: str) -> None:
@@ -380,10 +347,10 @@ def noise_document(noise: _TwoSides) -> Document:
 def _notes(name: str, covariance: Any) -> list[str]:
     """Return sentences on what is not in the table."""
     found = []
-    joint = covariance.joint if isinstance(covariance, CameraNoise) else covariance
-    if isinstance(covariance, CameraNoise):
+    joint = getattr(covariance, "joint", covariance)  # of a CameraNoise
+    if joint is not covariance:
         found.append(f"{name}: per pixel of corner noise, which `calibrate` estimates.")
-    if isinstance(joint, JointCovariance):
+    if hasattr(joint, "names"):
         names = ", ".join(dict.fromkeys(part for part in joint.names if part))
         count = joint.shared.shape[-1]
         if count:

@@ -78,28 +78,28 @@ def _covariance(table: str, content: Any, name: str) -> Array:
         if "covariance" in content:
             if len(content) > 1:
                 raise InputError("Expected either covariance, or rotation and translation, got both.")
-            _require_numbers(content["covariance"])
+            _require_numbers(content["covariance"], "covariance to hold numbers (rad^2, rad m, m^2)")
             return checked_covariance(content["covariance"], table, joint=table in POSES)
         for key in ("rotation", "translation"):
             if key not in content:
                 raise InputError(f"The key {key} is missing; {EXPECTED}.")
-            if not isinstance(content[key], str) and not is_number(content[key]):
-                raise InputError(f"Expected {key} to be text with a unit, or a number, got {_short(content[key])}.")
+            if not isinstance(content[key], str):
+                _require_numbers(content[key], f"{key} to be text with a unit, or a number")
         rotation, translation = parse_deviations((content["rotation"], content["translation"]), f"[{table}]")
     except InputError as error:
         raise InputError(f"{where}: {' '.join(str(error).split())}") from error
-    except OverflowError as error:
-        raise InputError(f"{where}: Expected numbers below 1e308, got a larger one.") from error
     return np.diag([rotation**2] * 3 + [translation**2] * 3)
 
 
-def _require_numbers(value: Any) -> None:
-    """Raise for what NumPy would quietly turn into numbers: text and booleans in a covariance."""
+def _require_numbers(value: Any, what: str) -> None:
+    """Raise for what NumPy would quietly turn into numbers, text and booleans, and for what is none of a float."""
     if isinstance(value, list):
         for item in value:
-            _require_numbers(item)
+            _require_numbers(item, what)
     elif not is_number(value):
-        raise InputError(f"Expected covariance to hold numbers (rad^2, rad m, m^2), got {_short(value)}.")
+        raise InputError(f"Expected {what}, got {_short(value)}.")
+    elif 1e308 < abs(value) < np.inf:
+        raise InputError("Expected numbers below 1e308, got a larger one.")
 
 
 def _short(value: Any) -> str:

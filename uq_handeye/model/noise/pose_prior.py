@@ -262,7 +262,7 @@ def parse_known_values(*statements: str) -> Known:
 def _parse(text: str) -> tuple[str, int, float, float]:
     """Argument, axis, value and standard deviation (m)."""
     example = "such as 'target z = 120mm +- 1mm'"
-    match = _STATEMENT.fullmatch(text) if isinstance(text, str) else None
+    match = _STATEMENT.fullmatch(str(text))
     if match is None:
         raise InputError(f"Expected what is known as 'NAME AXIS = VALUE +- DEVIATION', {example}, got {text!r}.")
     name, axis, value, deviation = match.groups()

@@ -1,10 +1,14 @@
-r"""Square roots of the covariance S of residuals, ``S = L L^T``, and what is done with them.
+r"""Forms of a covariance S of poses or residuals, their square roots ``S = L L^T``, and what is done with them.
 
-S has one of three forms: blocks (..., n, 6, 6), independent from pose to pose; an array (..., 6n, 6n), joint; or a
-`JointCovariance`, joint by a few errors that all share. Values are (..., n, 6, p) always.
+S has one of three forms: blocks (..., n, 6, 6), independent from pose to pose, or one (6, 6) for all; an array
+(..., 6n, 6n), joint; or a `JointCovariance`, joint by a few errors that all share. Values are (..., n, 6, p) always.
+`form_of` tells which, and each form does the same things in its own way.
 """
 
 from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,9 +23,97 @@ Factor = Array | JointFactor
 LEAST_WEIGHT = 1e-12
 
 
-def joint_residuals(S: Covariance) -> bool:
-    """Return whether the residuals of different poses are correlated."""
-    return isinstance(S, JointCovariance) or S.shape[-1] != 6
+@dataclass(frozen=True, eq=False)
+class _Blocks:
+    """S or L of independent poses, (..., n, 6, 6), or (6, 6) that serves all."""
+
+    M: Array
+    correlated: ClassVar[bool] = False
+
+    @property
+    def blocks(self) -> Array:
+        return self.M
+
+    own = blocks
+
+    def rows(self, index: NDArray[Any]) -> Array:
+        return self.M if self.M.ndim == 2 else np.asarray(self.M[..., index, :, :])
+
+    def weighted(self, scale: Array) -> Array:
+        return self.M * scale[..., None, None]
+
+    def whiten(self, values: Array) -> Array:
+        return substitute(self.M, values)
+
+    def pull(self, white: Array) -> Array:
+        return substitute_transposed(self.M, white)
+
+    def inverse_blocks(self) -> Array:
+        half = np.linalg.inv(self.M)
+        return np.asarray(half.mT @ half)
+
+    def log_determinant(self) -> Array:
+        logs = 2.0 * np.log(np.diagonal(self.M, axis1=-2, axis2=-1)).sum(axis=-1)
+        return np.asarray(logs.sum(axis=-1) if self.M.ndim > 2 else logs)
+
+
+@dataclass(frozen=True, eq=False)
+class _Dense:
+    """S or L of all poses together, (..., 6n, 6n)."""
+
+    M: Array
+    correlated: ClassVar[bool] = True
+
+    @property
+    def blocks(self) -> Array:
+        n = self.M.shape[-1] // 6
+        index = np.arange(n)
+        return np.moveaxis(self.M.reshape(*self.M.shape[:-2], n, 6, n, 6)[..., index, :, index, :], 0, -3)
+
+    own = blocks
+
+    def rows(self, index: NDArray[Any]) -> Array:
+        numbers = np.arange(self.M.shape[-1] // 6)[index]
+        flat = (6 * numbers[:, None] + np.arange(6)).ravel()
+        return np.asarray(self.M[..., flat[:, None], flat])
+
+    def weighted(self, scale: Array) -> Array:
+        batch = np.broadcast_shapes(self.M.shape[:-2], scale.shape[:-1])
+        found = np.array(np.broadcast_to(self.M, (*batch, *self.M.shape[-2:])))
+        for k in range(scale.shape[-1]):
+            own = slice(6 * k, 6 * k + 6)
+            found[..., own, own] *= scale[..., k, None, None]
+        return found
+
+    def whiten(self, values: Array) -> Array:
+        return self._solved(values, "N")
+
+    def pull(self, white: Array) -> Array:
+        return self._solved(white, "T")
+
+    def _solved(self, values: Array, trans: str) -> Array:
+        flat = values.reshape(*values.shape[:-3], values.shape[-3] * 6, values.shape[-1])
+        found = np.asarray(solve_triangular(self.M, flat, lower=True, trans=trans))
+        return found.reshape(*found.shape[:-2], *values.shape[-3:])
+
+    def inverse_blocks(self) -> Array:
+        one = np.broadcast_to(np.eye(self.M.shape[-1]), self.M.shape)
+        return _Dense(np.asarray(cho_solve((self.M, True), one))).blocks
+
+    def log_determinant(self) -> Array:
+        return np.asarray(2.0 * np.log(np.diagonal(self.M, axis1=-2, axis2=-1)).sum(axis=-1))
+
+
+def form_of(M: Any) -> Any:
+    """Return what knows how to deal with S or with L: itself where it is no array."""
+    if not isinstance(M, np.ndarray):
+        return M
+    return (_Blocks if M.shape[-1] == 6 else _Dense)(M)
+
+
+def is_joint(S: Any) -> bool:
+    """Return whether the errors of different poses are correlated."""
+    return bool(form_of(S).correlated)
 
 
 def cholesky_of(S: Covariance) -> Factor:
@@ -31,86 +123,42 @@ def cholesky_of(S: Covariance) -> Factor:
 
 def whiten(factor: Factor, values: Array) -> Array:
     """``L^-1 values``."""
-    if isinstance(factor, JointFactor):
-        return factor.whiten(values)
-    if factor.shape[-1] == 6:
-        return substitute(factor, values)
-    n, q = values.shape[-3], values.shape[-1]
-    flat = values.reshape(*values.shape[:-3], 6 * n, q)
-    white = np.asarray(solve_triangular(factor, flat, lower=True))
-    return white.reshape(*white.shape[:-2], n, 6, q)
+    return np.asarray(form_of(factor).whiten(values))
 
 
 def pulled(factor: Factor, white: Array) -> Array:
     """``L^-T white``; of whitened values, ``S^-1 values``."""
-    if isinstance(factor, JointFactor):
-        return factor.pull(white)
-    if factor.shape[-1] == 6:
-        return substitute_transposed(factor, white)
-    n, q = white.shape[-3], white.shape[-1]
-    flat = white.reshape(*white.shape[:-3], 6 * n, q)
-    return np.asarray(solve_triangular(factor, flat, lower=True, trans="T")).reshape(white.shape)
+    return np.asarray(form_of(factor).pull(white))
 
 
 def inverse_blocks(factor: Factor) -> Array:
     """(..., n, 6, 6) diagonal blocks of ``S^-1``: what the other poses leave open of each."""
-    if isinstance(factor, JointFactor):
-        return factor.inverse_blocks()
-    if factor.shape[-1] == 6:
-        half = np.linalg.inv(factor)
-        return np.asarray(half.mT @ half)
-    size = factor.shape[-1]
-    inverse = np.asarray(cho_solve((factor, True), np.broadcast_to(np.eye(size), factor.shape)))
-    return own_blocks(inverse)
+    return np.asarray(form_of(factor).inverse_blocks())
 
 
 def log_determinant(factor: Factor) -> Array:
     """``log|S|`` (...); of independent poses the sum over them."""
-    if isinstance(factor, JointFactor):
-        return factor.log_determinant()
-    logs = 2.0 * np.log(np.diagonal(factor, axis1=-2, axis2=-1)).sum(axis=-1)
-    return np.asarray(logs.sum(axis=-1) if factor.shape[-1] == 6 and factor.ndim > 2 else logs)
+    return np.asarray(form_of(factor).log_determinant())
 
 
-def own_blocks(S: Covariance) -> Array:
-    """(..., n, 6, 6) the covariance of each pose by itself."""
-    if isinstance(S, JointCovariance):
-        return S.blocks
-    if S.shape[-1] == 6:
-        return S
-    n = S.shape[-1] // 6
-    index = np.arange(n)
-    return np.moveaxis(S.reshape(*S.shape[:-2], n, 6, n, 6)[..., index, :, index, :], 0, -3)
-
-
-def select_rows(S: Covariance, rows: NDArray[np.intp]) -> Covariance:
-    """S of some of the poses."""
-    if isinstance(S, JointCovariance):
-        return S.rows(rows)
-    if S.shape[-1] == 6:
-        return np.asarray(S[..., rows, :, :])
-    index = (6 * rows[:, None] + np.arange(6)).ravel()
-    return np.asarray(S[..., index[:, None], index])
+def marginals(S: Any) -> Array:
+    """(..., n, 6, 6) the covariance of each pose by itself; (6, 6) where one serves all."""
+    return np.asarray(form_of(S).blocks)
 
 
 def weighed_blocks(S: Covariance) -> Array:
     """(..., n, 6, 6) what the weight of a pose divides: its own part of a `JointCovariance`, else its whole block."""
-    return S.own if isinstance(S, JointCovariance) else own_blocks(S)
+    return np.asarray(form_of(S).own)
 
 
-def weighted(S: Covariance, weights: Array) -> Covariance:
+def rows_of(S: Any, index: NDArray[Any]) -> Any:
+    """S of some of the poses or motions, by their numbers or a mask: their own, or their part of a joint one."""
+    return form_of(S).rows(index)
+
+
+def weighted(S: Covariance, weights: Array) -> Any:
     """S with `weighed_blocks` divided by the weights; a weight of 0 becomes `LEAST_WEIGHT`."""
-    scale = 1.0 / np.maximum(weights, LEAST_WEIGHT)
-    if isinstance(S, JointCovariance):
-        return S.weighted(scale)
-    if S.shape[-1] == 6:
-        return S * scale[..., None, None]
-    n = S.shape[-1] // 6
-    result = np.array(np.broadcast_to(S, (*np.broadcast_shapes(S.shape[:-2], weights.shape[:-1]), 6 * n, 6 * n)))
-    for k in range(n):
-        own = slice(6 * k, 6 * k + 6)
-        result[..., own, own] *= scale[..., k, None, None]
-    return result
+    return form_of(S).weighted(1.0 / np.maximum(weights, LEAST_WEIGHT))
 
 
 def gram(white: Array) -> Array:
