@@ -72,18 +72,20 @@ def recorded(
     robot: Any = ROBOT,
     points: Any = None,
     bent: Any = 0.0,
+    parameters: Any = None,
 ) -> tuple[Corners, Any, Any]:
     """Corners of one random camera, robot poses (n, 4, 4) with noise, and the true X.
 
     The camera looks at the board from 0.5 to 0.9 m, or farther at a larger one, tilted up to 45 degrees; eye-in-hand,
     or the mirror image of it. ``bent`` (m, 3) is how the points of the board lie beside ``points``, where they are
-    meant to be.
+    meant to be; ``parameters`` None: drawn.
     """
-    f = rng.uniform(900, 1500)
-    parameters = np.zeros(len(MODELS[model].names))
-    parameters[:4] = f, f * rng.uniform(0.99, 1.01), *(0.5 * np.array(SIZE) + rng.uniform(-30, 30, 2))
-    if model == "brown":
-        parameters[4:6] = rng.uniform(-0.25, 0.1), rng.uniform(-0.05, 0.05)
+    if parameters is None:
+        f = rng.uniform(900, 1500)
+        parameters = np.zeros(len(MODELS[model].names))
+        parameters[:4] = f, f * rng.uniform(0.99, 1.01), *(0.5 * np.array(SIZE) + rng.uniform(-30, 30, 2))
+        if model == "brown":
+            parameters[4:6] = rng.uniform(-0.25, 0.1), rng.uniform(-0.05, 0.05)
     points = board() if points is None else points
     middle = points.mean(axis=0)
     far = np.ptp(points[:, 0]) / np.ptp(board()[:, 0])
@@ -92,7 +94,7 @@ def recorded(
     turn = Rotation.from_rotvec(np.stack([tilt * np.cos(axis), tilt * np.sin(axis), np.zeros(n)], axis=-1))
     turn = turn * Rotation.from_euler("z", rng.uniform(-np.pi, np.pi, (n, 1)))
     away = far * rng.uniform(0.5, 0.9, n)
-    aside = rng.uniform(-0.12, 0.12, (n, 2)) * away[:, None] * 1200 / f
+    aside = rng.uniform(-0.12, 0.12, (n, 2)) * away[:, None] * 1200 / parameters[0]
     camera = transforms(turn, np.concatenate([aside, away[:, None]], axis=-1) - turn.apply(middle))
     there = (points + bent) @ camera[:, :3, :3].mT + camera[:, None, :3, 3]
     seen = MODELS[model].project(parameters, there).pixels

@@ -14,7 +14,6 @@ from uq_handeye.fit.likelihood.gauss_helmert import efficient
 from uq_handeye.model.camera.adjustment.bundle import adjust
 from uq_handeye.model.camera.adjustment.outliers import common_variance, picture_weights
 from uq_handeye.model.camera.calibrate import calibrate_camera
-from uq_handeye.model.camera.models import MODELS
 from uq_handeye.model.camera.report.text import noise_words
 
 SETS = 60
@@ -35,7 +34,7 @@ def distances(weighted, spread, sets=SETS):
         seen = poses.camera_calibration
         covariance = seen.covariance
         if not weighted:
-            same = adjust(MODELS["pinhole"], seen.corners, (seen.bundle.parameters, seen.poses), free=seen.bundle.free)
+            same = adjust(seen.bundle.asked, seen.corners, (seen.bundle.parameters, seen.poses))
             F = same.by_parameters @ np.linalg.cholesky(same.covariance)
             poses, covariance = uq.PosePairs(poses.robot, same.poses), uq.JointCovariance(same.own, F)
         fit = efficient(poses, uq.PoseNoise(ROBOT, covariance))

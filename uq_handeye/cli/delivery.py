@@ -222,9 +222,9 @@ def deliver_camera_poses(
     if quiet():
         emit(found.summary().partition("\n\n")[0] + "\n")
     elif output is None:
-        emit(f"{found.summary()}\nNothing was written: give -o {example} to go on with {go_on} {example}\n")
+        emit(f"{found.summary(verbose())}\nNothing was written: give -o {example} to go on with {go_on} {example}\n")
     else:
-        emit(f"{found.summary()}\nWrote {output}. Next: {go_on} {output}\n")
+        emit(f"{found.summary(verbose())}\nWrote {output}. Next: {go_on} {output}\n")
 
 
 def deliver_csv(path: Path, table: str) -> str:

@@ -38,9 +38,10 @@ from scipy.spatial.transform import Rotation
 from ...core.geometry.se3 import Array, inverse, skew
 from ...errors import DegenerateMotionError, InputError, InputWarning, NotConvergedError
 from ...findings import Finding
-from ...model.camera.adjustment.bundle import adjust
+from ...model.camera.adjustment.bundle import Asked, adjust
 from ...model.camera.adjustment.initial_guess import Minima, both_minima, flipped, may_be_ambiguous
 from ...model.camera.board import Board, listed
+from ...model.camera.board_shape import flat_shape
 from ...model.camera.corners import Corners
 from ...model.camera.models import MODELS
 from ...model.camera.result import CameraCalibration
@@ -150,16 +151,8 @@ def _flat(points: Array) -> bool:
 def _refitted(seen: CameraCalibration, poses: Array) -> CameraCalibration:
     """Return the camera fitted once more from these poses on."""
     before = seen.bundle
-    bundle = adjust(
-        before.model,
-        seen.corners,
-        (np.array(before.parameters), poses),
-        free=before.free,
-        shape=before.shape,
-        used=before.used,
-        weights=before.weights,
-        prior=before.prior,
-    )
+    start = np.array(before.parameters), poses
+    bundle = adjust(before.asked, seen.corners, start, used=before.used, weights=before.weights)
     return replace(seen, bundle=bundle)
 
 
@@ -198,9 +191,9 @@ def _other_minimum(camera: Array, views: Mapping[str, Any]) -> Array | None:
     pixels = model.project(parameters, points @ camera[:, :3, :3].mT + camera[:, None, :3, 3]).pixels
     row = np.repeat(np.arange(n), len(points))
     corners = Corners(row, np.tile(points, (n, 1)), pixels.reshape(-1, 2))
-    free = np.zeros(len(parameters), dtype=bool)
     start = flipped(camera, points.mean(axis=0))
-    return np.asarray(adjust(model, corners, (parameters, start), free=free, pixel_noise=1.0).poses)
+    asked = Asked.poses_only(model, flat_shape(points))
+    return np.asarray(adjust(asked, corners, (parameters, start), pixel_noise=1.0).poses)
 
 
 # --------------------------------------------------------------------------------------------------- turned boards

@@ -38,9 +38,9 @@ from numpy.typing import NDArray
 from ...core.geometry.se3 import Array
 from ...core.runtime.read_only import ReadOnlyArrays
 from ...errors import InputError
-from .adjustment.bundle import Bundle, Prior, Sight, adjust
+from .adjustment.bundle import Asked, Bundle, Prior, Sight, adjust
 from .adjustment.variable_projection import reduced
-from .board_shape import BoardShape, polynomial_shape
+from .board_shape import BoardShape, flat_shape, polynomial_shape
 from .corners import Corners
 
 CELLS = 8
@@ -152,15 +152,10 @@ def flat_pattern(bundle: Bundle, corners: Corners) -> BoardPattern:
     Raises `InputError` where the pictures do not determine it.
     """
     k, prior = len(bundle.model.names), bundle.prior
-    flat = adjust(
-        bundle.model,
-        corners,
-        (bundle.intrinsics, bundle.poses),
-        free=bundle.free[:k],
-        used=bundle.used,
-        weights=bundle.weights,
-        prior=None if prior is None else Prior(prior.mean[:k], prior.covariance[:k, :k]),
-    )
+    prior = None if prior is None else Prior(prior.mean[:k], prior.covariance[:k, :k])
+    asked = Asked(bundle.model, flat_shape(corners.on_board[0]), bundle.free[:k], prior)
+    start = bundle.intrinsics, bundle.poses
+    flat = adjust(asked, corners, start, used=bundle.used, weights=bundle.weights)
     return board_pattern_of(flat, corners)
 
 

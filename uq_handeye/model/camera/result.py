@@ -34,7 +34,7 @@ from ...errors import InputError
 from ...findings import Finding
 from ...formats.csv_poses import pose_text, read_pose_file
 from ...formats.numpy_poses import MAX_BYTES, unpacked
-from .adjustment.bundle import Bundle, Prior, Sight
+from .adjustment.bundle import Asked, Bundle, Prior, Sight
 from .adjustment.model_choice import Candidate
 from .board_file import board_text
 from .board_shape import FLAT, BoardShape, flat_shape
@@ -66,11 +66,11 @@ CONVENTION = (
 class CameraCalibration(Calibrated):
     """A calibrated camera, the poses it saw the board at, and how well all of that is known; see `calibrate_camera`."""
 
-    def summary(self) -> str:
+    def summary(self, details: bool = False) -> str:
         """Model, intrinsics with their standard deviations, pixel noise, corners that were left out, warnings:
-        as text.
+        as text; ``details``: with all corners that were left out and all models that were compared.
         """
-        return to_text(camera_document(self))
+        return to_text(camera_document(self, details))
 
     def _repr_html_(self) -> str:
         """For notebooks."""
@@ -310,13 +310,11 @@ def calibration_from_parts(
         raise InputError(f"{CORNERS} and {COVARIANCE} are {_OTHER_RUN}") from error
     predicted = sight.predicted(parameters, poses)[corners.picture, corners.place]
     bundle = Bundle(
-        model,
-        shape,
+        Asked(model, shape, free, _prior(tree.get("prior"), free, f"{name}, prior")),
         parameters,
         poses,
         corners.pixels - predicted,
         used,
-        free,
         number(tree["pixel_noise"], f"{name}, pixel_noise"),
         covariance,
         own,
@@ -324,7 +322,6 @@ def calibration_from_parts(
         weights,
         bool(tree["converged"]),
         int(tree["iterations"]),
-        _prior(tree.get("prior"), free, f"{name}, prior"),
     )
     candidates = tuple(_candidate(one, name) for one in tree["candidates"])
     size = (width, height)

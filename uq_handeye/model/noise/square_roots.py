@@ -8,7 +8,7 @@ S has one of three forms: blocks (..., n, 6, 6), independent from pose to pose, 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -86,14 +86,14 @@ class _Dense:
         return found
 
     def whiten(self, values: Array) -> Array:
-        return self._solved(values, "N")
+        return self._solved(values, 0)
 
     def pull(self, white: Array) -> Array:
-        return self._solved(white, "T")
+        return self._solved(white, 1)
 
-    def _solved(self, values: Array, trans: str) -> Array:
+    def _solved(self, values: Array, transposed: Literal[0, 1]) -> Array:
         flat = values.reshape(*values.shape[:-3], values.shape[-3] * 6, values.shape[-1])
-        found = np.asarray(solve_triangular(self.M, flat, lower=True, trans=trans))
+        found = np.asarray(solve_triangular(self.M, flat, lower=True, trans=transposed))
         return found.reshape(*found.shape[:-2], *values.shape[-3:])
 
     def inverse_blocks(self) -> Array:

@@ -99,19 +99,15 @@ class GivenNoise:
 
 def given_noise(noise: Any) -> GivenNoise:
     """Read the argument; raises `InputError`."""
-    if noise is None or (isinstance(noise, str) and noise.strip() in ("", "auto")):
-        return GivenNoise(False, None)
-    if isinstance(noise, str) and noise.strip() == ISOTROPIC:
-        return GivenNoise(True, None)
-    if isinstance(noise, bool):
-        raise InputError(f"{EXPECTED}, got {noise!r}.")
     parts = [part.strip() for part in noise.split(",")] if isinstance(noise, str) else list(np.atleast_1d(noise))
-    if len(parts) not in (1, 2):
-        raise InputError(f"{EXPECTED}, got {noise!r}.")
+    if parts in ([None], [""], ["auto"], [ISOTROPIC]):
+        return GivenNoise(parts == [ISOTROPIC], None)
     try:
-        sd = [parse_length(part) if isinstance(part, str) else float(part) for part in parts]
-    except (TypeError, ValueError, InputError) as error:
-        raise InputError(f"{EXPECTED}, got {noise!r}.") from error
+        sd = [parse_length(part) for part in parts]
+    except InputError:
+        sd = []
+    if len(sd) not in (1, 2):
+        raise InputError(f"{EXPECTED}, got {noise!r}.")
     if not all(1e-9 <= one <= 1.0 for one in sd):
         raise InputError(f"{EXPECTED}, between 1 nm and 1 m, got {noise!r}.")
     return GivenNoise(len(sd) == 1, np.array([sd[0], sd[-1]]) ** 2)

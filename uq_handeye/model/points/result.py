@@ -54,9 +54,9 @@ def shape_names(q: int) -> tuple[str, ...]:
 class PointPoses(Posed):
     """Poses of a target that was measured in 3-D, and how well they are known; see `poses_from_points`."""
 
-    def summary(self) -> str:
-        """Noise, poses, target, points that were left out, warnings: as text."""
-        return to_text(points_document(self))
+    def summary(self, details: bool = False) -> str:
+        """Noise, poses, target, points that were left out, warnings: as text; ``details``: all points left out."""
+        return to_text(points_document(self, details))
 
     def __repr__(self) -> str:
         return f"PointPoses({self.n} poses, {int(self.used.sum())} points)"

@@ -14,14 +14,14 @@ from .sentences import NAMED
 MOST_LISTED = 30
 
 
-def points_document(found: Posed) -> Document:
-    """The summary: what is known first, then what looks wrong, then the numbers."""
+def points_document(found: Posed, details: bool = False) -> Document:
+    """The summary: what is known first, then what looks wrong, then the numbers; ``details``: lists in full."""
     return [
         [Heading(title(found)), Paragraph(answer(found))],
         *map(Caution, found.warnings),
         noise_table(found),
         Paragraph(noise_words(found)),
-        _outlier_lines(found),
+        _outlier_lines(found, details),
         Paragraph(target_words(found)),
         Paragraph(
             "The covariance of the poses is joint, to first order, for independent noise of the points. Errors that "
@@ -93,12 +93,12 @@ def target_words(found: Posed) -> str:
     )
 
 
-def _outlier_lines(found: Posed) -> list[Block]:
+def _outlier_lines(found: Posed, every: bool) -> list[Block]:
     """Points left out, where the caution does not name them all."""
     outliers = found.outliers
     if len(outliers) <= NAMED:
         return []
     shown = [f"pose {pose}, point {point}: {fixed(1e3 * distance)} mm" for pose, point, distance in outliers]
-    more = len(shown) - MOST_LISTED
-    shown = shown[:MOST_LISTED] + ([f"and {more:,} more that are nearer"] if more > 0 else [])
+    more = 0 if every else len(shown) - MOST_LISTED
+    shown = shown[: len(shown) if every else MOST_LISTED] + ([f"and {more:,} more that are nearer"] if more > 0 else [])
     return [Paragraph("Points left out:"), *(Paragraph(text, indent="  ") for text in shown)]

@@ -272,15 +272,12 @@ def data_to_dict(data: PosePairs | Motions) -> dict[str, Any]:
 
     The truth of simulated poses and the files they came from are left out.
     """
-    if isinstance(data, Motions) and data.poses is None:
-        return {"sha256": sha256_of(data.A, data.B), "A": data.A.tolist(), "B": data.B.tolist()}
-    poses, pairs = (data.poses, data.pairs) if isinstance(data, Motions) else (data, None)
-    assert poses is not None
+    poses, pairs = data.poses, getattr(data, "pairs", None)
+    if poses is None:
+        return _stacks(data, "A", "B")
     timing, seen = poses.timing, poses.camera_calibration
     return {
-        "sha256": sha256_of(poses.robot, poses.camera),
-        "robot": poses.robot.tolist(),
-        "camera": poses.camera.tolist(),
+        **_stacks(poses, "robot", "camera"),
         **({} if poses.timestamps is None else {"timestamps": poses.timestamps.tolist()}),
         **({} if poses.joints is None else {"joints": poses.joints.tolist()}),
         **({} if timing is None else {"timing": asdict(timing) | {"rate": timing.rate.tolist()}}),
@@ -288,6 +285,11 @@ def data_to_dict(data: PosePairs | Motions) -> dict[str, Any]:
         **({} if poses.camera_covariance is None else {"camera_covariance": poses.camera_covariance.to_dict()}),
         **({} if pairs is None else {"pairs": pairs.tolist()}),
     }
+
+
+def _stacks(data: Any, *names: str) -> dict[str, Any]:
+    stacks = {name: getattr(data, name) for name in names}
+    return {"sha256": sha256_of(*stacks.values()), **{name: T.tolist() for name, T in stacks.items()}}
 
 
 def data_from_dict(data: dict[str, Any], setup: str | None, sources: tuple[Source, ...] = ()) -> PosePairs | Motions:

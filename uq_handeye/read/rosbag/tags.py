@@ -33,9 +33,10 @@ from ...core.geometry.se3 import Array
 from ...errors import DegenerateMotionError, InputError, NotConvergedError
 from ...fit.input_checks.pose_ambiguity import FEWEST, decide
 from ...formats.ros_messages import MessageError, number, part
-from ...model.camera.adjustment.bundle import Bundle, adjust
+from ...model.camera.adjustment.bundle import Asked, Bundle, adjust
 from ...model.camera.adjustment.initial_guess import Minima, both_minima, poses_of
 from ...model.camera.board import tag_points
+from ...model.camera.board_shape import flat_shape
 from ...model.camera.corners import Corners
 from ...model.camera.models import rays
 from ...model.poses.pose_pairs import PosePairs, Stream
@@ -128,7 +129,7 @@ def adjusted(corners: Corners, info: CameraInfo) -> Bundle:
             "Corners of the tag lie where the camera sees nothing. Check its intrinsics (--camera-matrix)."
         )
     start = poses_of(corners, np.ascontiguousarray(seen[:, :2] / seen[:, 2:]))
-    return adjust(model, corners, (parameters, start), free=np.zeros(len(parameters), dtype=bool))
+    return adjust(Asked.poses_only(model, flat_shape(corners.points)), corners, (parameters, start))
 
 
 def pixels_off(corners: Corners, bundle: Bundle, poses: Array) -> Array:

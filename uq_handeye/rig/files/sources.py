@@ -120,27 +120,26 @@ def rows_of_corners(path: Path, intrinsics: Any, folder: Path, units: str | None
 
 def _adjusted(model: Any, values: Array, corners: Corners) -> tuple[Corners, Bundle]:
     """Poses by the good corners of the good pictures, with the noise of each picture, and the corners of these."""
-    from ...model.camera.adjustment.bundle import adjust
+    from ...model.camera.adjustment.bundle import Asked, adjust
     from ...model.camera.adjustment.initial_guess import better_start, poses_of
     from ...model.camera.adjustment.outliers import picture_weights, spoilt, without_outliers
     from ...model.camera.board_shape import flat_shape
     from ...model.camera.corners import without_pictures
     from ...model.camera.models import rays
 
-    shape, fixed = flat_shape(corners.on_board[0]), np.zeros(len(values), dtype=bool)
+    shape = flat_shape(corners.on_board[0])
+    asked = Asked.poses_only(model, shape)
     seen = rays(model, values, corners.pixels)
     start = poses_of(corners, np.ascontiguousarray(seen[:, :2] / seen[:, 2:]))
     start = better_start(model, values, shape, corners, start)
     found, good = without_outliers(
         corners,
-        lambda used, before: adjust(
-            model, corners, (values, start if before is None else before.poses), free=fixed, shape=shape, used=used
-        ),
+        lambda used, before: adjust(asked, corners, (values, start if before is None else before.poses), used=used),
     )
     if found.converged and (bad := spoilt(corners, found)).any() and not bad.all():
         return _adjusted(model, values, without_pictures(corners, bad))
     weights = picture_weights(found, corners)
-    return corners, adjust(model, corners, (values, found.poses), free=fixed, shape=shape, used=good, weights=weights)
+    return corners, adjust(asked, corners, (values, found.poses), used=good, weights=weights)
 
 
 def _intrinsics(given: Any, folder: Path) -> tuple[Any, Array, Array]:

@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 from ....core.geometry.se3 import Array, perturb
 from ....core.runtime.read_only import ReadOnlyArrays
 from ....errors import InputError
-from ..board_shape import BoardShape, MeasuredBoard, flat_shape
+from ..board_shape import BoardShape, MeasuredBoard
 from ..corners import Corners
 from ..models import CameraModel, Projected
 from .variable_projection import Minimum, minimised
@@ -55,19 +55,37 @@ class Prior(ReadOnlyArrays):
 
 
 @dataclass(frozen=True, eq=False)
+class Asked:
+    """What is estimated beside the poses: k intrinsics of a model and q coefficients of the board's shape."""
+
+    model: CameraModel
+    shape: BoardShape
+    free: NDArray[np.bool_]  # (p,) parameters that are estimated
+    prior: Prior | None = None
+
+    @classmethod
+    def poses_only(cls, model: CameraModel, shape: BoardShape) -> Asked:
+        """Nothing but the poses."""
+        return cls(model, shape, np.zeros(len(model.names) + shape.q, dtype=bool))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """(p,) of the parameters."""
+        return (*self.model.names, *self.shape.names)
+
+
+@dataclass(frozen=True, eq=False)
 class Bundle(ReadOnlyArrays):
     """Parameters and poses at the minimum, what is left, and their covariance to first order.
 
     The p parameters are the k intrinsics of the model and the q coefficients of the board's shape, in this order.
     """
 
-    model: CameraModel
-    shape: BoardShape
+    asked: Asked
     parameters: Array  # (p,)
     poses: Array  # (n, 4, 4) camera_T_target
     residuals: Array  # (m, 2) measured less predicted pixels, also of corners that were left out
     used: NDArray[np.bool_]  # (m,)
-    free: NDArray[np.bool_]  # (p,) parameters that were estimated
     pixel_noise: float  # s, pixels per coordinate
     covariance: Array  # (p, p) of the parameters; 0 where fixed
     own: Array  # (n, 6, 6) s^2 V_i^-1
@@ -75,12 +93,31 @@ class Bundle(ReadOnlyArrays):
     weights: Array  # (n,) w_i of the pictures
     converged: bool
     iterations: int
-    prior: Prior | None = None  # that the parameters were fitted with
+
+    @property
+    def model(self) -> CameraModel:
+        """Camera model."""
+        return self.asked.model
+
+    @property
+    def shape(self) -> BoardShape:
+        """Shape of the board."""
+        return self.asked.shape
+
+    @property
+    def free(self) -> NDArray[np.bool_]:
+        """(p,) parameters that were estimated."""
+        return self.asked.free
+
+    @property
+    def prior(self) -> Prior | None:
+        """Prior that the parameters were fitted with."""
+        return self.asked.prior
 
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the parameters."""
-        return (*self.model.names, *self.shape.names)
+        return self.asked.names
 
     @property
     def intrinsics(self) -> Array:
@@ -195,8 +232,8 @@ class Sight:
 class _Problem:
     """The free parameters are the values of `variable_projection`, the camera poses its blocks."""
 
-    def __init__(self, sight: Sight, parameters: Array, free: NDArray[np.bool_]) -> None:
-        self.sight, self.parameters, self.free = sight, parameters, free
+    def __init__(self, asked: Asked, sight: Sight, parameters: Array) -> None:
+        self.asked, self.sight, self.parameters, self.free = asked, sight, parameters, asked.free
 
     def all(self, values: Array) -> Array:
         """All parameters (p,)."""
@@ -216,34 +253,30 @@ class _Problem:
 
 
 def adjust(
-    model: CameraModel,
+    asked: Asked,
     corners: Corners,
     start: tuple[Array, Array],
     *,
-    free: NDArray[np.bool_],
-    shape: BoardShape | None = None,
     used: NDArray[np.bool_] | None = None,
     weights: Array | None = None,
-    prior: Prior | None = None,
     pixel_noise: float | None = None,
 ) -> Bundle:
-    """Minimise from ``start`` (parameters, poses) over the ``free`` parameters (p,) and all poses.
+    """Minimise from ``start`` (parameters, poses) over the free parameters and all poses.
 
-    ``shape`` None: the board is flat. ``used`` (m,) says which corners count, ``weights`` (n,) how much those of each
+    ``used`` (m,) says which corners count, ``weights`` (n,) how much those of each
     picture do. ``pixel_noise`` None: estimated from those used, ``s^2 = |r|^2 / (coordinates - parameters)``; with a
     prior it weighs the prior too, and the fit is repeated until both agree.
     """
     used = np.ones(corners.m, dtype=bool) if used is None else used
     weights = np.ones(corners.n) if weights is None else weights
-    shape = flat_shape(corners.on_board[0]) if shape is None else shape
-    sight = Sight.of(model, shape, corners, used * np.sqrt(weights)[corners.picture])
-    problem = _Problem(sight, start[0].copy(), free)
-    values, poses = start[0][free], start[1]
+    sight = Sight.of(asked.model, asked.shape, corners, used * np.sqrt(weights)[corners.picture])
+    problem, prior = _Problem(asked, sight, start[0].copy()), asked.prior
+    values, poses = start[0][asked.free], start[1]
     s = 1.0 if pixel_noise is None else pixel_noise
     rounds = 1 if prior is None or pixel_noise is not None else 4
     for _ in range(rounds):
-        found = minimised(problem, values, poses, None if prior is None else prior_rows(prior, free, s))
-        bundle = _bundle(problem, corners, used, weights, found, prior, pixel_noise)
+        found = minimised(problem, values, poses, None if prior is None else prior_rows(prior, asked.free, s))
+        bundle = _bundle(problem, corners, used, weights, found, pixel_noise)
         values, poses = found.values, found.blocks
         if abs(bundle.pixel_noise - s) <= 1e-3 * s:
             break
@@ -253,9 +286,8 @@ def adjust(
 
 def poses_only(bundle: Bundle, corners: Corners, poses: Array, **how: Any) -> Bundle:
     """Return the poses of least squares from these on, with the parameters of a bundle; ``how`` as in `adjust`."""
-    start = np.array(bundle.parameters), poses
-    free = np.zeros(len(bundle.parameters), dtype=bool)
-    return adjust(bundle.model, corners, start, free=free, shape=bundle.shape, pixel_noise=bundle.pixel_noise, **how)
+    asked = Asked.poses_only(bundle.model, bundle.shape)
+    return adjust(asked, corners, (np.array(bundle.parameters), poses), pixel_noise=bundle.pixel_noise, **how)
 
 
 def response_ahead(bundle: Bundle, points: Array, poses: Array) -> Array:
@@ -287,7 +319,6 @@ def _bundle(
     used: NDArray[np.bool_],
     weights: Array,
     found: Minimum,
-    prior: Prior | None,
     pixel_noise: float | None,
 ) -> Bundle:
     """The covariances at the minimum."""
@@ -298,7 +329,7 @@ def _bundle(
     squares = float(np.sum((sight.weights[..., None] * off) ** 2))
     s = pixel_noise if pixel_noise is not None else float(np.sqrt(squares / max(freedom, 1)))
     information = found.information / s**2
-    if prior is not None:
+    if (prior := problem.asked.prior) is not None:
         information = information + np.linalg.inv(prior.covariance[np.ix_(free, free)])
     p = len(free)
     covariance, by_parameters = np.zeros((p, p)), np.zeros((len(poses), 6, p))
@@ -306,13 +337,11 @@ def _bundle(
     by_parameters[..., free] = found.G
     own = s**2 * np.linalg.inv(found.V)
     return Bundle(
-        sight.model,
-        sight.shape,
+        problem.asked,
         parameters,
         poses,
         off[corners.picture, corners.place],
         used,
-        free,
         s,
         0.5 * (covariance + covariance.T),
         0.5 * (own + own.mT),
@@ -320,7 +349,6 @@ def _bundle(
         weights,
         found.converged,
         found.steps,
-        prior,
     )
 
 

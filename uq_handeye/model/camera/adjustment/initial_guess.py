@@ -24,7 +24,7 @@ from ....errors import InputError, MissingExtraError
 from ..board_shape import BoardShape
 from ..corners import Corners, picked
 from ..models import CameraModel
-from .bundle import Bundle, Sight, adjust, poses_only
+from .bundle import Asked, Bundle, Sight, adjust, poses_only
 
 # Focal lengths of a fisheye that are tried, as multiples of half the picture's width per radian.
 FISHEYE_FOCAL = np.geomspace(0.3, 3.0, 16)
@@ -248,6 +248,5 @@ def _squares(bundle: Bundle, corners: Corners) -> Array:
 
 def better_start(model: CameraModel, parameters: Array, shape: BoardShape, corners: Corners, poses: Array) -> Array:
     """Return, of poses (n, 4, 4) to start from and those that look alike, the ones that lead to the lower minimum."""
-    free = np.zeros(len(parameters), dtype=bool)
-    once = adjust(model, corners, (np.array(parameters), poses), free=free, shape=shape, pixel_noise=1.0)
+    once = adjust(Asked.poses_only(model, shape), corners, (np.array(parameters), poses), pixel_noise=1.0)
     return np.asarray(both_minima(once, corners).poses[0])

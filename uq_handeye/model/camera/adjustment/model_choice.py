@@ -37,9 +37,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,24 +49,19 @@ from ....errors import InputError
 from ..board_shape import FLAT, BoardShape
 from ..corners import Corners
 from ..models import LINEAR, MODELS, CameraModel
-from .bundle import SINGULAR, Bundle, Prior, Sight, adjust, prior_rows
+from .bundle import Asked, Bundle, Prior, adjust
 from .initial_guess import AMBIGUOUS, better_start, first_guess, poses_of
 from .outliers import without_outliers
-from .variable_projection import reduced
 
 # A value, which is exact, or a value and its standard deviation.
 Known = Mapping[str, float | tuple[float, float]]
 
 
 @dataclass(frozen=True, eq=False)
-class Setting:
+class Setting(Asked):
     """Choice of the estimated ones of p parameters, with their start and prior."""
 
-    model: CameraModel
-    shape: BoardShape
-    free: NDArray[np.bool_]  # (p,)
-    values: Array  # (p,) nan where the start must find them
-    prior: Prior | None
+    values: Array = field(default_factory=lambda: np.zeros(0))  # (p,) nan where the start must find them
 
     @classmethod
     def of(cls, model: CameraModel, coefficients: Sequence[str], known: Known, shape: BoardShape) -> Setting:
@@ -91,16 +86,11 @@ class Setting:
             mean[k], deviation[k], values[k] = value, sd, value
             free[k] = sd > 0
         if not np.isfinite(deviation[free]).any():
-            return cls(model, shape, free, values, None)
+            return cls(model, shape, free, None, values)
         # What is not known gets so wide a prior that it says nothing.
         wide = np.where(np.isin(names, LINEAR), 1e6, 1e3)
         prior = Prior(mean, np.diag(np.where(np.isfinite(deviation), deviation, wide) ** 2))
-        return cls(model, shape, free, values, prior)
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """(p,) of the parameters."""
-        return (*self.model.names, *self.shape.names)
+        return cls(model, shape, free, prior, values)
 
     def start(self, corners: Corners, size: tuple[int, int]) -> tuple[Array, Array]:
         """Parameters and poses."""
@@ -134,9 +124,8 @@ class Setting:
     ) -> Bundle:
         """The bundle from a start, or from one that was fitted ``before`` with this setting."""
         at = start if before is None else (before.parameters, before.poses)
-        how: dict[str, Any] = {"free": self.free, "shape": self.shape, "prior": self.prior}
         try:
-            return adjust(self.model, corners, at, used=used, weights=weights, pixel_noise=pixel_noise, **how)
+            return adjust(self, corners, at, used=used, weights=weights, pixel_noise=pixel_noise)
         except np.linalg.LinAlgError as error:
             raise InputError(
                 f"The model {self.model.name!r} does not fit the corners: they look farther to the side than it can "
@@ -190,11 +179,12 @@ def best(candidates: Sequence[Candidate]) -> Candidate | None:
 def criterion(squares: float, coordinates: int, pictures: int, parameters: int) -> float:
     """BIC of what is left, see the module."""
     nu = max(coordinates - 6 * pictures, 1)
-    return float(nu * np.log(max(squares, np.finfo(float).tiny) / nu) + parameters * np.log(nu))
+    import os
+
+    few = nu / max(nu - parameters - 2, 1) if os.environ.get("SICC") else 1
+    return float(nu * np.log(max(squares, np.finfo(float).tiny) / nu) + few * parameters * np.log(nu))
 
 
-# Corners of a picture, on average, below which lenses are fitted before they are ranked, and not predicted.
-FEW_CORNERS = 20
 # A first fit has at most so many coefficients: the denominator of the rational model is left to later ones.
 FIRST = 5
 Lens = tuple[str, tuple[str, ...]]  # a model and the coefficients that are free
@@ -271,45 +261,40 @@ def _best_of(
         first = Found(setting, setting.fit(corners, _as_fisheye(other.bundle, corners), other.bundle.used), ())
         if not _bic(first) < _bic(other) - CLEARLY:  # then no shape of the board will make it the best
             return first._replace(candidates=(_candidate(first, lens),))
-    used = first.bundle.used
-    fullest = first
-    for shape in sorted(shapes, key=lambda shape: -shape.q):
-        setting = Setting.of(MODELS[lens[0]], lens[1], known, shape)
-        with suppress(InputError):
-            fullest = Found(setting, setting.fit(corners, setting.after(first.bundle), used), ())
-            break
-    linear = _Linearised.of(fullest, corners)
-    tried: dict[tuple[Lens, str], Candidate] = {}
-    settings: dict[tuple[Lens, str], Setting] = {}
-    for lens in lenses:
-        for shape in shapes:
-            if shape.q > fullest.setting.shape.q:
-                continue
-            key = lens, shape.name
-            settings[key] = setting = Setting.of(MODELS[lens[0]], lens[1], known, shape)
-            tried[key] = Candidate(*lens, *linear.predicted(setting), shape.name)
-    fitted: dict[tuple[Lens, str], Found] = {}
+    by_name = {shape.name: shape for shape in shapes}
+    fitted = {(lens, first.setting.shape.name): first}
+    tried = {key: _candidate(found, lens) for key, found in fitted.items()}
 
-    def fit(key: tuple[Lens, str]) -> None:
-        tried[key] = tried[key]._replace(bic=float("inf"), rms=float("inf"))
+    def fit(lens: Lens, name: str) -> None:
+        """Fit a candidate from the best of those that are nested in it; a flat one also from the first fit."""
+        setting = Setting.of(MODELS[lens[0]], lens[1], known, by_name[name])
+        flat = shapes[0].name
+        nested = [fitted[key].bundle for key in fitted if set(key[0][1]) <= set(lens[1]) and key[1] in (name, flat)]
+        starts = [setting.after(bundle) for bundle in sorted(nested, key=_squares)[:1]]
+        if name == flat or not starts:
+            starts.append(setting.after(first.bundle))
+        tried[lens, name] = Candidate(*lens, float("inf"), float("inf"), name)
         with suppress(InputError):
-            setting = settings[key]
-            bundle = setting.fit(corners, setting.after(fullest.bundle), used)
-            if bundle.converged:
-                fitted[key] = Found(setting, bundle, ())
-                tried[key] = _candidate(fitted[key], key[0])
+            if not nested and other is None:
+                starts.append(setting.start(corners, size))
+        for start in starts:
+            with suppress(InputError):
+                found = Found(setting, setting.fit(corners, start, first.bundle.used), ())
+                if _bic(found) < tried[lens, name].bic:
+                    fitted[lens, name], tried[lens, name] = found, _candidate(found, lens)
 
-    if corners.m < FEW_CORNERS * corners.n:  # far from linear between the candidates, and soon fitted
-        for key in settings:
-            if key[1] == shapes[0].name:
-                fit(key)
-    while (chosen := best(list(tried.values()))) is not None:
-        key = next(key for key, one in tried.items() if one is chosen)
-        if key in fitted:
-            beside = tuple(one for (lens, name), one in tried.items() if lens == key[0] or name == key[1])
-            return fitted[key]._replace(candidates=beside)
-        fit(key)
-    raise InputError(f"The model {lenses[0][0]!r} does not fit the corners, whatever the shape of the board.")
+    here, across = (lenses[0], shapes[0].name), False
+    while True:
+        for key in [(here[0], name) for name in by_name] if across else [(lens, here[1]) for lens in lenses]:
+            if key not in tried:
+                fit(*key)
+        if (chosen := best(list(tried.values()))) is None:
+            raise InputError(f"The model {lenses[0][0]!r} does not fit the corners, whatever the shape of the board.")
+        before, here = here, next(key for key, one in tried.items() if one is chosen)
+        if across and here == before:
+            beside = tuple(one for (lens, name), one in tried.items() if lens == here[0] or name == here[1])
+            return fitted[here]._replace(candidates=beside)
+        across = not across
 
 
 def _as_fisheye(found: Bundle, corners: Corners) -> tuple[Array, Array]:
@@ -328,57 +313,17 @@ def _as_fisheye(found: Bundle, corners: Corners) -> tuple[Array, Array]:
     return np.concatenate([[fx, fy, cx, cy], k, found.bend]), found.poses
 
 
+def _squares(bundle: Bundle) -> float:
+    return float(np.sum(bundle.residuals[bundle.used] ** 2))
+
+
 def _bic(found: Found) -> float:
     bundle = found.bundle
     if not bundle.converged:
         return float("inf")
-    squares = float(np.sum(bundle.residuals[bundle.used] ** 2))
-    return criterion(squares, 2 * int(bundle.used.sum()), len(bundle.poses), int(bundle.free.sum()))
+    return criterion(_squares(bundle), 2 * int(bundle.used.sum()), len(bundle.poses), int(bundle.free.sum()))
 
 
 def _candidate(found: Found, lens: Lens) -> Candidate:
     rms = float(np.sqrt(np.mean(found.bundle.residuals[found.bundle.used] ** 2)))
     return Candidate(*lens, _bic(found), rms, found.bundle.shape.name)
-
-
-class _Linearised(NamedTuple):
-    """Residuals of one problem about a fit, poses eliminated, by all parameters, also those that were held: R d + e."""
-
-    values: dict[str, float]  # where
-    R: Array  # (p + 1, p)
-    e: Array  # (p + 1,)
-    coordinates: int
-    pictures: int
-
-    @classmethod
-    def of(cls, found: Found, corners: Corners) -> _Linearised:
-        bundle, setting = found.bundle, found.setting
-        sight = Sight.of(bundle.model, bundle.shape, corners, bundle.used)
-        r, A, B = sight.rows(bundle.parameters, bundle.poses)
-        J, _ = reduced(A, B)
-        rows = np.column_stack([J.reshape(r.size, -1), r.ravel()])
-        if setting.prior is not None:
-            mean, root = prior_rows(setting.prior, setting.free, bundle.pixel_noise)
-            known = np.zeros((len(root), rows.shape[1]))
-            known[:, :-1][:, setting.free] = root
-            known[:, -1] = root @ (bundle.parameters[setting.free] - mean)
-            rows = np.concatenate([rows, known])
-        R = np.asarray(np.linalg.qr(rows, mode="r"))
-        values = dict(zip(bundle.names, bundle.parameters.tolist(), strict=True))
-        return cls(values, R[:, :-1], R[:, -1], 2 * int(bundle.used.sum()), corners.n)
-
-    def predicted(self, setting: Setting) -> tuple[float, float]:
-        """BIC and RMS of a candidate to first order; infinite where its parameters are not determined."""
-        held = dict(zip(setting.names, setting.values.tolist(), strict=True))
-        names = np.array(setting.names)[setting.free]
-        free = np.isin(list(self.values), names)
-        off = np.array([0.0 if name in names else held.get(name, 0.0) - x for name, x in self.values.items()])
-        J, r = self.R[:, free], self.e + self.R @ off
-        size = np.linalg.norm(J, axis=0)
-        unit = J / np.maximum(size, np.finfo(float).tiny)
-        if free.any() and not np.linalg.svd(unit, compute_uv=False)[-1] ** 2 > SINGULAR:
-            return float("inf"), float("inf")
-        left = r - unit @ np.linalg.lstsq(unit, r, rcond=None)[0]
-        squares = float(left @ left)
-        bic = criterion(squares, self.coordinates, self.pictures, int(free.sum()))
-        return bic, float(np.sqrt(squares / self.coordinates))

@@ -13,6 +13,8 @@ from ..residual_pattern import CELLS, RARE
 
 # Corners left out that the text lists, the farthest first; the files list them all.
 MOST_LISTED = 12
+# Models that the text compares the chosen one with, itself counted.
+NEAREST = 5
 # A picture with corners in fewer of its cells is covered badly.
 LITTLE = 0.5
 # Noise of the pictures that differs by this factor is told.
@@ -23,18 +25,18 @@ UNITS = dict.fromkeys(LINEAR, "pixels")
 NOTATION = "12.345(67) means 12.345 with a standard deviation of 0.067"
 
 
-def camera_document(cam: Calibrated) -> Document:
-    """The summary: what is known first, then what is wrong, then the numbers."""
+def camera_document(cam: Calibrated, details: bool = False) -> Document:
+    """The summary: what is known first, then what is wrong, then the numbers; ``details``: lists in full."""
     rows = [[name, value + (f" {unit}" if unit else "") + said] for name, value, unit, said in parameter_rows(cam)]
     return [
         [Heading(title(cam)), Paragraph(answer(cam))],
         *map(Caution, cam.warnings),
         Table(f"Intrinsics ({NOTATION}):", ["", ""], rows, frozenset({1})),
-        [Paragraph(noise_words(cam)), *_outlier_lines(cam)],
+        [Paragraph(noise_words(cam)), *_outlier_lines(cam, None if details else MOST_LISTED)],
         *(Paragraph(str(finding)) for finding in cam.findings if finding.severity == "note"),
         *(Paragraph(text) for text in (pattern_words(cam), board_pattern_words(cam))),
         *(Paragraph(text) for text in (coverage_words(cam), boards_words(cam))),
-        *([[Paragraph(choice_words(cam)), candidate_table(cam, "")]] if cam.candidates else []),
+        *([_choice(cam, details)] if cam.candidates else []),
         Paragraph(scope_words(cam)),
     ]
 
@@ -167,9 +169,9 @@ def outlier_names(cam: Calibrated, most: int | None = None) -> list[tuple[int, s
     return [(int(j), f"{corners.names[corners.picture[j]]}, corner {corners.place[j]}") for j in out]
 
 
-def _outlier_lines(cam: Calibrated) -> list[Block]:
+def _outlier_lines(cam: Calibrated, most: int | None) -> list[Block]:
     distance = np.linalg.norm(cam.bundle.residuals, axis=1)
-    lines = [f"{name}: {fixed(distance[j])} pixels" for j, name in outlier_names(cam, MOST_LISTED)]
+    lines = [f"{name}: {fixed(distance[j])} pixels" for j, name in outlier_names(cam, most)]
     more = int((~cam.bundle.used).sum()) - len(lines)
     return [Paragraph(text, indent="  ") for text in (*lines, *([f"and {more:,} more that are nearer"] * (more > 0)))]
 
@@ -222,8 +224,20 @@ def choice_words(cam: Calibrated) -> str:
     )
 
 
-def candidate_table(cam: Calibrated, caption: str, chosen: str = "*") -> Table:
-    """Model, board, BIC beyond the smallest, RMS in pixels, ``chosen`` beside the best; failed ones say so."""
+def _choice(cam: Calibrated, details: bool) -> list[Block]:
+    """Return why this model, with all that were compared, or those that came nearest."""
+    most = None if details or len(cam.candidates) <= NEAREST + 2 else NEAREST
+    found: list[Block] = [Paragraph(choice_words(cam)), candidate_table(cam, "", most=most)]
+    if most is not None:
+        found.append(Paragraph(f"The other {len(cam.candidates) - most} were further off; -v lists them."))
+    return found
+
+
+def candidate_table(cam: Calibrated, caption: str, chosen: str = "*", most: int | None = None) -> Table:
+    """Model, board, BIC beyond the smallest, RMS in pixels, ``chosen`` beside the best; failed ones say so.
+
+    The one chosen first, then by BIC; ``most``: only so many.
+    """
     least, winner = min((c.bic for c in cam.candidates), default=0.0), best(cam.candidates)
     rows = [
         [
@@ -233,7 +247,7 @@ def candidate_table(cam: Calibrated, caption: str, chosen: str = "*") -> Table:
             f"{c.rms:.4f}" if np.isfinite(c.rms) else "",
             chosen if c == winner else "",
         ]
-        for c in cam.candidates
+        for c in sorted(cam.candidates, key=lambda c: (c != winner, c.bic))[:most]
     ]
     head = ["model", "board", "BIC beyond", "RMS (pixels)", ""]
     return Table(caption, head, rows, frozenset({1, 4}), frozenset(k for k, row in enumerate(rows) if row[4]))
