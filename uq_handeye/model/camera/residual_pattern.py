@@ -160,7 +160,7 @@ def flat_pattern(bundle: Bundle, corners: Corners) -> BoardPattern:
 
 
 def visible_bow(bundle: Bundle, corners: Corners) -> float:
-    """Return the height (m, highest minus lowest point) from which the BIC would take a bow of degree 2.
+    """Return the height (m, highest minus lowest point) from which BIC (of many corners) takes a bow of degree 2.
 
     With the covariance C of its q coefficients, all others estimated, that is ``w^T C^-1 w = q ln nu``; the largest
     over the principal axes of C. Infinite where the points or the pictures do not tell such a bow.

@@ -4,11 +4,13 @@ only.
 Of candidates with p free parameters in common, that leave the sum of squares Q of the N coordinates that count in n
 pictures (G. Schwarz, Annals of Statistics 6 (1978)):
 
-    BIC = nu ln(Q / nu) + p ln nu,    nu = N - 6 n
+    BIC = nu ln(Q / nu) + p ln nu  nu / (nu - p - 2),    nu = N - 6 n
 
 the smallest is best. nu and not N: the poses of the pictures take 6 numbers each, whatever the candidate. Their
 marginal likelihood has the exponent nu / 2; with N the profile likelihood counts what they take as evidence (J. Neyman,
-E. Scott, Econometrica 16 (1948)), which for boards of few corners takes coefficients that are not there.
+E. Scott, Econometrica 16 (1948)), which for boards of few corners takes coefficients that are not there. The last
+factor is the correction for few residuals (A. McQuarrie, Statistics & Probability Letters 44 (1999)): ln Q falls by
+more than chi-square says where p is no small part of nu; with many corners it is 1.
 The criterion takes residuals of different corners as independent. Where they are not it takes more coefficients than
 there are; that does little harm, as X is then only a little less certain, while one that is missing shifts X.
 
@@ -19,16 +21,10 @@ free in 23. Where a radial model has the smallest BIC, `best` therefore takes th
 as well. A camera without any distortion, as in rendered pictures, remains a pinhole. For the same reason a fisheye,
 which has no decentring, is taken only where its BIC is smaller by CLEARLY: through a narrow lens both fit as well.
 
-The best of many camera models and board shapes, at the price of a few fits.
-
-Candidates are nested: each is the fullest one with some parameters k_E held at 0. The fullest is fitted, and linearised
-there with the poses eliminated, ``r(d) = r + J d``, J and r compressed to a few rows by a QR. A candidate then leaves,
-to first order in the d,
-
-    Q = min_d |r + J_S d_S - J_E k_E|^2                                                      (S: what is free)
-
-a small least squares problem each. The best by `criterion` is fitted, and its own Q counts in the end. Models that are
-not nested, a fisheye beside a lens with polynomials in the plane, are fitted both.
+The best of many camera models and board shapes: all lenses are fitted with a flat board, then all shapes with the best
+lens, and so on in turn until the best stays. Each starts from the best of those that are nested in it, simple ones
+first: from few pictures a rich lens finds a focal length far off, from which a plain one does not find back. Models
+that are not nested, a fisheye beside a lens with polynomials in the plane, are fitted both.
 
 Estimated parameters of a camera and its board, their prior, and the start of a fit.
 """
@@ -179,10 +175,12 @@ def best(candidates: Sequence[Candidate]) -> Candidate | None:
 def criterion(squares: float, coordinates: int, pictures: int, parameters: int) -> float:
     """BIC of what is left, see the module."""
     nu = max(coordinates - 6 * pictures, 1)
-    import os
+    return float(nu * np.log(max(squares, np.finfo(float).tiny) / nu) + price(parameters, nu))
 
-    few = nu / max(nu - parameters - 2, 1) if os.environ.get("SICC") else 1
-    return float(nu * np.log(max(squares, np.finfo(float).tiny) / nu) + few * parameters * np.log(nu))
+
+def price(parameters: int, nu: int) -> float:
+    """What BIC adds for the parameters, with the correction for few residuals."""
+    return float(parameters * np.log(nu) * nu / max(nu - parameters - 2, 1))
 
 
 # A first fit has at most so many coefficients: the denominator of the rational model is left to later ones.
