@@ -105,7 +105,7 @@ def scale_of(normal: Normal) -> tuple[float, float]:
     np.add.at(mixed, normal.sight.pose, np.einsum("kab,ka->kb", normal.J, Wa))
     solved = np.einsum("nab,nb->na", normal.own, mixed)
     information = float(np.sum(a * Wa) - np.sum(mixed * solved))
-    score = float(np.sum(Wa * normal.r) - np.sum(solved * normal.b))
+    score = float(np.sum(Wa * normal.r) + np.sum(solved * normal.blocks.h))
     if information <= 0:
         return 0.0, float("inf")
     return score / information, information**-0.5
@@ -119,9 +119,9 @@ def _target_finding(normal: Normal, names: NDArray[np.str_]) -> list[Finding]:
         return []
     own = Sight(sight.y, sight.pose, point, sight.n, len(seen))
     free = Normal(own, normal.T, normal.p[seen], normal.W, True)
-    S, right = free.reduced
+    S, gradient = free.reduced
     blocks = S.reshape(len(seen), 3, len(seen), 3)[np.arange(len(seen)), :, np.arange(len(seen))]
-    score = right.reshape(-1, 3)
+    score = -gradient.reshape(-1, 3)
     values, vectors = np.linalg.eigh(blocks)
     sound = values > 1e-6 * values[:, -1:]
     white = np.einsum("jab,ja->jb", vectors, score)

@@ -20,7 +20,7 @@ S is singular along the six motions of the target in its own frame. They are hel
 dp_j = 0``; with G an orthonormal basis of them the covariance of the shape is ``C = (S + s G G^T)^-1 - G G^T / s``.
 That of the poses is
 
-    Sigma = blkdiag(N_i^-1) + F F^T,   F_i = -N_i^-1 N_ip L,   C = L L^T
+    Sigma = blkdiag(N_i^-1) + F F^T,   F_i = G_i L,   G_i = -N_i^-1 N_ip,   C = L L^T
 
 to first order in the noise: each pose has its own part, and all share the errors of the shape.
 
@@ -45,6 +45,8 @@ from numpy.typing import NDArray
 from ...core.formatting.units import parse_length
 from ...core.geometry.se3 import Array, perturb, skew
 from ...errors import InputError
+from ..camera.adjustment import variable_projection as schur
+from ..camera.adjustment.variable_projection import Blocks
 from .measured import placed, sums
 
 
@@ -133,7 +135,8 @@ class Sight(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Normal:
-    """Normal equations at poses and points, for weight matrices (k, 3, 3)."""
+    """Normal equations at poses and points, for weight matrices (k, 3, 3): those of `variable_projection`, with the
+    points of the shape for values, the poses for blocks, and its motions held by a prior."""
 
     sight: Sight
     T: Array  # (n, 4, 4)
@@ -157,50 +160,27 @@ class Normal:
         return np.concatenate([-skew(a), np.broadcast_to(np.eye(3), (len(a), 3, 3))], axis=-1)
 
     @cached_property
-    def _weighted(self) -> Array:
-        """(k, 6, 3) ``J^T W``."""
-        return np.asarray(self.J.mT @ self.W)
-
-    @cached_property
-    def N(self) -> Array:
-        """(n, 6, 6)."""
-        return sums(self._weighted @ self.J, self.sight.pose, self.sight.n)
-
-    @cached_property
-    def own(self) -> Array:
-        """(n, 6, 6) covariance of each pose beside the shape."""
-        inverse = np.linalg.inv(self.N)
-        return np.asarray(0.5 * (inverse + inverse.mT))
-
-    @cached_property
-    def b(self) -> Array:
-        """(n, 6)."""
-        return sums((self._weighted @ self.r[..., None])[..., 0], self.sight.pose, self.sight.n)
-
-    @cached_property
-    def mixed(self) -> Array:
-        """(n, 6, 3m)."""
-        N = np.zeros((self.sight.n, 6, self.sight.m, 3))
-        N[self.sight.pose, :, self.sight.point] = self._weighted @ self.T[self.sight.pose, :3, :3]
-        return N.reshape(self.sight.n, 6, 3 * self.sight.m)
-
-    @cached_property
-    def of_points(self) -> Array:
-        """(m, 3, 3) information of each point, and (m, 3) its right side below."""
-        R = self.T[self.sight.pose, :3, :3]
-        return sums(R.mT @ self.W @ R, self.sight.point, self.sight.m)
+    def blocks(self) -> Blocks:
+        """The equations of each pose: N_i, N_ip and the gradient."""
+        sight, weighted = self.sight, self.J.mT @ self.W  # (k, 6, 3)
+        mixed = np.zeros((sight.n, 6, sight.m if self.shape_open else 0, 3))
+        if self.shape_open:
+            mixed[sight.pose, :, sight.point] = weighted @ self.T[sight.pose, :3, :3]
+        h = -sums((weighted @ self.r[..., None])[..., 0], sight.pose, sight.n)
+        return Blocks.of(sums(weighted @ self.J, sight.pose, sight.n), h, mixed.reshape(sight.n, 6, -1))
 
     @cached_property
     def reduced(self) -> tuple[Array, Array]:
-        """S (3m, 3m) and its right side (3m,)."""
-        m, R = self.sight.m, self.T[self.sight.pose, :3, :3]
-        right = sums((R.mT @ (self.W @ self.r[..., None]))[..., 0], self.sight.point, m).ravel()
-        solved = self.own @ self.mixed
-        S = -np.tensordot(self.mixed, solved, axes=([0, 1], [0, 1]))
+        """S (3m, 3m) and half the gradient (3m,)."""
+        m, R, (V, h, G, *_) = self.sight.m, self.T[self.sight.pose, :3, :3], self.blocks
+        g = (
+            np.einsum("nak,na->k", G, h)
+            - sums((R.mT @ (self.W @ self.r[..., None]))[..., 0], self.sight.point, m).ravel()
+        )
+        S = -np.tensordot(G, V @ G, axes=([0, 1], [0, 1]))
         blocks = S.reshape(m, 3, m, 3)
-        blocks[np.arange(m), :, np.arange(m)] += self.of_points
-        right = right - np.einsum("nak,na->k", solved, self.b)
-        return 0.5 * (S + S.T), np.asarray(right)
+        blocks[np.arange(m), :, np.arange(m)] += sums(R.mT @ self.W @ R, self.sight.point, m)
+        return 0.5 * (S + S.T), np.asarray(g)
 
     @cached_property
     def gauge(self) -> Array:
@@ -209,31 +189,31 @@ class Normal:
         return np.asarray(np.linalg.qr(motions.reshape(-1, 6))[0])
 
     @cached_property
-    def held_information(self) -> tuple[Array, float]:
-        """``S + s G G^T`` (3m, 3m), and s."""
-        S, G = self.reduced[0], self.gauge
+    def held(self) -> tuple[schur.Normal, float]:
+        """The equations with the motions of the shape held, and s of ``S + s G G^T``."""
+        if not self.shape_open:
+            return schur.Normal.of_sums(0.0, np.zeros((0, 0)), np.zeros(0), self.blocks, np.zeros((0, 0))), 1.0
+        S, g = self.reduced
         s = float(np.trace(S)) / len(S)
-        return S + s * G @ G.T, s
-
-    @cached_property
-    def pivots(self) -> Array:
-        """(3m,) squared pivots of ``S + s G G^T``; zeros where it is singular."""
-        try:
-            return np.asarray(np.diag(np.linalg.cholesky(self.held_information[0])) ** 2)
-        except np.linalg.LinAlgError:
-            return np.zeros(3 * self.sight.m)
+        return schur.Normal.of_sums(0.0, S, g, self.blocks, np.sqrt(s) * self.gauge.T), s
 
     @property
     def determined(self) -> bool:
         """Return whether the poses have all points of an unknown shape in common."""
-        return bool(self.pivots.min() > OPEN * self.pivots.max())
+        e = self.held[0].e
+        return bool(e.min(initial=1.0) > OPEN * e[np.isfinite(e)].max(initial=0.0) and np.isfinite(e).all())
+
+    @property
+    def own(self) -> Array:
+        """(n, 6, 6) covariance of each pose beside the shape."""
+        return self.blocks.covariance
 
     @cached_property
     def C(self) -> Array:
-        """(3m, 3m) covariance of the shape."""
-        A, s = self.held_information
-        C = np.linalg.inv(A) - self.gauge @ self.gauge.T / s
-        return np.asarray(0.5 * (C + C.T))
+        """(3m, 3m) covariance of the shape; (0, 0) of one that is known."""
+        held, s = self.held
+        C = (held.Q / held.e) @ held.Q.T
+        return C - self.gauge @ self.gauge.T / s if self.shape_open else C
 
     @cached_property
     def L(self) -> Array:
@@ -244,50 +224,38 @@ class Normal:
     @cached_property
     def shared(self) -> Array:
         """F (n, 6, q); q = 0 for a target that is known."""
-        if not self.shape_open:
-            return np.zeros((self.sight.n, 6, 0))
-        F = -self.own @ (self.mixed @ self.L)
+        F = self.blocks.G @ self.L
         n, q = self.sight.n, F.shape[-1]
         if q <= 6 * n:
             return np.asarray(F)
         return np.asarray(np.linalg.qr(F.reshape(6 * n, q).T)[1].T.reshape(n, 6, 6 * n))  # F F^T is the same
 
-    def step(self) -> tuple[Array, Array]:
-        """The Gauss-Newton step of poses (n, 6) and points (m, 3)."""
-        if not self.shape_open:
-            return np.asarray((self.own @ self.b[..., None])[..., 0]), np.zeros((self.sight.m, 3))
-        dp = self.C @ self.reduced[1]
-        xi = self.own @ (self.b - self.mixed @ dp)[..., None]
-        return np.asarray(xi[..., 0]), dp.reshape(-1, 3)
-
     def moved(self) -> tuple[Normal, float]:
         """Return the equations after one step, and the largest step of a pose in standard deviations."""
-        xi, dp = self.step()
-        size = float(np.sqrt(np.maximum(np.einsum("na,nab,nb->n", xi, self.N, xi), 0.0).max(initial=0.0)))
-        T, p = perturb(self.T, xi), self.p + dp  # dp keeps centroid and axes: they need no correction
-        return Normal(self.sight, T, p, self.W, self.shape_open), size
+        dp, xi, _ = self.held[0].step(0.0)
+        size = float(np.sqrt(np.maximum(np.einsum("na,nab,nb->n", xi, self.blocks.V, xi), 0.0).max(initial=0.0)))
+        # dp keeps centroid and axes: they need no correction
+        p = self.p + dp.reshape(-1, 3) if self.shape_open else self.p
+        return Normal(self.sight, perturb(self.T, xi), p, self.W, self.shape_open), size
 
     def predicted_covariance(self, sight: Sight) -> Array:
         """Q (k, 3, 3) of predicted points, those of the fit or others."""
-        R, J = self.T[sight.pose, :3, :3], self._by_pose(sight)
-        S = self.own[sight.pose]
+        R, J, own = self.T[sight.pose, :3, :3], self._by_pose(sight), self.own[sight.pose]
         if not self.shape_open:
-            return np.asarray(J @ S @ J.mT)
-        m = self.sight.m
-        K = self.own @ self.mixed  # (n, 6, 3m)
-        KC = K @ self.C
-        across = KC.reshape(len(KC), 6, m, 3)[sight.pose, :, sight.point] @ R.mT  # (k, 6, 3)
+            return np.asarray(J @ own @ J.mT)
+        m, G = self.sight.m, self.blocks.G
+        GC = G @ self.C
+        across = J @ GC.reshape(len(GC), 6, m, 3)[sight.pose, :, sight.point] @ R.mT
         shape = self.C.reshape(m, 3, m, 3)[np.arange(m), :, np.arange(m)][sight.point]
-        mixed = J @ across
-        whole = S + (KC @ K.mT)[sight.pose]
-        return np.asarray(J @ whole @ J.mT - mixed - mixed.mT + R @ shape @ R.mT)
+        return np.asarray(J @ (own + (GC @ G.mT)[sight.pose]) @ J.mT + across + across.mT + R @ shape @ R.mT)
 
     def log_determinant(self) -> float:
         """Return that of the normal equations, without the gauge."""
-        own = float(np.linalg.slogdet(self.N)[1].sum())
+        own = float(np.linalg.slogdet(self.blocks.V)[1].sum())
         if not self.shape_open:
             return own
-        return own + float(np.log(np.maximum(self.pivots, 1e-300)).sum() - 6 * np.log(self.held_information[1]))
+        s = self.held[1]
+        return own + float(np.linalg.slogdet(self.reduced[0] + s * self.gauge @ self.gauge.T)[1] - 6 * np.log(s))
 
 
 # The last step of a pose (standard deviations) and of a variance (relative), and how often at most.

@@ -66,49 +66,76 @@ class Minimum(NamedTuple):
     steps: int  # evaluations of the rows
 
 
+class Blocks(NamedTuple):
+    """Each picture by itself, the others and the values held: coordinates ``Q_i^-1 q_i`` are diagonal."""
+
+    V: Array  # (n, 6, 6) B^T B
+    h: Array  # (n, 6) B^T r
+    G: Array  # (n, 6, f)
+    e: Array  # (n, 6)
+    Q: Array  # (n, 6, 6)
+
+    @classmethod
+    def of(cls, V: Array, h: Array, mixed: Array) -> Blocks:
+        """Of normal matrices, gradients, and ``mixed`` (n, 6, f), B^T A."""
+        e, Q = diagonal(V)
+        return cls(V, h, -Q @ ((Q.mT @ mixed) / e[..., None]), e, Q)
+
+    @property
+    def covariance(self) -> Array:
+        """(n, 6, 6) of the blocks beside the values, V^-1."""
+        return (self.Q / self.e[:, None]) @ self.Q.mT
+
+
 class Normal(NamedTuple):
     """Normal equations about a point, diagonal in coordinates ``Q_0^-1 v`` and ``Q_i^-1 q_i``."""
 
     squares: float  # with that of the prior
     information: Array  # (f, f) S without the prior
-    V: Array  # (n, 6, 6)
-    G: Array  # (n, 6, f)
-    e: Array  # (f + 6 n,) the normal matrix
-    c: Array  # (f + 6 n,) half the gradient
-    to_values: Array  # (f, f) Q_0
-    to_blocks: Array  # (n, 6, 6) Q_i
+    g: Array  # (f,) half the gradient by v, with that of the prior
+    blocks: Blocks
+    e: Array  # (f,)
+    Q: Array  # (f, f) Q_0
 
     @classmethod
-    def of(cls, problem: Problem, values: Array, blocks: Array, prior: tuple[Array, Array]) -> Normal | None:
+    def of_sums(cls, squares: float, S: Array, g: Array, blocks: Blocks, R: Array) -> Normal:
+        """Of the Schur complement S and the root R of the prior."""
+        return cls(squares, S, g, blocks, *diagonal(S + R.T @ R))
+
+    @classmethod
+    def of(cls, problem: Problem, values: Array, poses: Array, prior: tuple[Array, Array]) -> Normal | None:
         """None where the residuals are not finite."""
-        n, f = len(blocks), len(values)
+        n, f = len(poses), len(values)
         off = prior[1] @ (values - prior[0])
         squares, S, g = float(off @ off), np.zeros((f, f)), prior[1].T @ off
-        V, G, own, to_blocks, h = (np.empty((n, 6, *more)) for more in ((6,), (f,), (), (6,), (1,)))
         step = max(1, AT_ONCE // (problem.m * (f + 6)))
+        found = []
         for part in (slice(first, first + step) for first in range(0, n, step)):
-            r, A, B = problem.rows(values, blocks[part], part)
+            r, A, B = problem.rows(values, poses[part], part)
             squares += float(np.vdot(r, r))
             if not np.isfinite(squares):
                 return None
-            V[part], h[part] = B.mT @ B, B.mT @ r[..., None]
-            own[part], Q = diagonal(V[part])
-            to_blocks[part] = Q
-            G[part] = -Q @ ((Q.mT @ (B.mT @ A)) / own[part][..., None])
-            J = A.mT + G[part].mT @ B.mT  # (n, f, m)
+            own = Blocks.of(B.mT @ B, (B.mT @ r[..., None])[..., 0], B.mT @ A)
+            J = A.mT + own.G.mT @ B.mT  # (n, f, m)
             S += (J @ J.mT).sum(axis=0)
             g += (J @ r[..., None]).sum(axis=0)[:, 0]
-        shared, to_values = diagonal(S + prior[1].T @ prior[1])
-        e, c = np.concatenate([shared, own.ravel()]), np.concatenate([to_values.T @ g, (to_blocks.mT @ h).ravel()])
-        return cls(squares, S, V, G, e, c, to_values, to_blocks)
+            found.append(own)
+        return cls.of_sums(squares, S, g, Blocks(*map(np.concatenate, zip(*found, strict=True))), prior[1])
+
+    @property
+    def least(self) -> float:
+        """Smallest entry of the normal matrix in these coordinates."""
+        return float(min(self.e.min(initial=np.inf), self.blocks.e.min()))
 
     def step(self, damping: float) -> tuple[Array, Array, float]:
         """Return the steps of the values and of the blocks, and the predicted decrease of the sum of squares."""
-        y = -self.c / (self.e + damping)
-        f = len(self.to_values)
-        values = self.to_values @ y[:f]
-        blocks = (self.to_blocks @ y[f:].reshape(-1, 6, 1))[..., 0] + self.G @ values
-        return values, blocks, float(np.sum(-y * self.c * (1.0 + damping / (self.e + damping))))
+        fall, moves = 0.0, []
+        for e, Q, gradient in ((self.e, self.Q, self.g), (self.blocks.e, self.blocks.Q, self.blocks.h)):
+            c = (Q.mT @ gradient[..., None])[..., 0]
+            y = -c / (e + damping)
+            fall += float(np.sum(-y * c * (1.0 + damping / (e + damping))))
+            moves.append((Q @ y[..., None])[..., 0])
+        return moves[0], moves[1] + self.blocks.G @ moves[0], fall
 
 
 def minimised(problem: Problem, values: Array, blocks: Array, prior: tuple[Array, Array] | None = None) -> Minimum:
@@ -129,7 +156,8 @@ def minimised(problem: Problem, values: Array, blocks: Array, prior: tuple[Array
             values, blocks = values + move, problem.moved(blocks, step)
             here = here._replace(squares=here.squares - above)
         if near or damping > STUCK or steps == MOST_STEPS:
-            return Minimum(values, blocks, *here[:4], near or damping > STUCK, steps)
+            of = here.blocks
+            return Minimum(values, blocks, here.squares, here.information, of.V, of.G, near or damping > STUCK, steps)
         move, step, fall = here.step(damping)
         there = values + move, problem.moved(blocks, step)
         found = Normal.of(problem, *there, prior)
@@ -139,13 +167,12 @@ def minimised(problem: Problem, values: Array, blocks: Array, prior: tuple[Array
             growth, before, here = GROWTH, above, found
             values, blocks = there
         else:
-            damping, growth = growth * max(damping, here.e.min()), 2 * growth
+            damping, growth = growth * max(damping, here.least), 2 * growth
 
 
 def reduced(A: Array, B: Array) -> tuple[Array, Array]:
     """``A + B G`` (n, m, f) and G (n, 6, f)."""
-    own, to_blocks = diagonal(B.mT @ B)
-    G = -to_blocks @ ((to_blocks.mT @ (B.mT @ A)) / own[..., None])
+    G = Blocks.of(B.mT @ B, np.zeros((len(B), 6)), B.mT @ A).G
     return A + B @ G, G
 
 
