@@ -213,7 +213,8 @@ class Normal:
         """(3m, 3m) covariance of the shape; (0, 0) of one that is known."""
         held, s = self.held
         C = (held.Q / held.e) @ held.Q.T
-        return C - self.gauge @ self.gauge.T / s if self.shape_open else C
+        C = C - self.gauge @ self.gauge.T / s if self.shape_open else C
+        return np.asarray(0.5 * (C + C.T))
 
     @cached_property
     def L(self) -> Array:

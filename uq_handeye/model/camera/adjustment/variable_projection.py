@@ -84,7 +84,8 @@ class Blocks(NamedTuple):
     @property
     def covariance(self) -> Array:
         """(n, 6, 6) of the blocks beside the values, V^-1."""
-        return (self.Q / self.e[:, None]) @ self.Q.mT
+        inverse = (self.Q / self.e[:, None]) @ self.Q.mT
+        return 0.5 * (inverse + inverse.mT)
 
 
 class Normal(NamedTuple):

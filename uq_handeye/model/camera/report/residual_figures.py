@@ -17,14 +17,12 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from matplotlib.text import Text
 from matplotlib.ticker import MaxNLocator
-from numpy.typing import NDArray
 
 from ....core.formatting.numbers import digits
 from ....core.geometry.se3 import Array
 from ....core.presentation.figure_parts import (
     BLUE,
     GRID,
-    HALO,
     INK,
     MAP_HALO,
     ON_MAP,
@@ -42,12 +40,10 @@ from ....core.presentation.figure_parts import (
 )
 from ..calibrated import Calibrated, cells_that_matter, picture_rms, radial_means
 from ..residual_pattern import CELLS, LARGE
-from .text import coverage_words, noise_words, outlier_names, pattern_words
+from .text import coverage_words, noise_words, pattern_words
 
 # More arrows are drawn as an image: a drawing of each would make a large file.
 MANY = 2500
-# Corners that were left out and are named in a figure, the farthest first.
-MOST_NAMED = 6
 # More pictures are drawn with smaller dots.
 MANY_PICTURES = 200
 # Height in inches of the picture of a camera that stands upright.
@@ -90,9 +86,7 @@ def by_picture(cam: Calibrated) -> Picture:
     axis.set_xlim(number[0] - margin, number[-1] + margin)
     axis.xaxis.set_major_locator(MaxNLocator(nbins=12, integer=True, min_n_ticks=1))
     named_axes(axis, "row of the picture, counted from 0", "residual (pixels)")
-    places = np.stack([number[corners.picture], distance], axis=-1)
     figure.legend(loc="outside upper right", ncols=2, frameon=False, fontsize=SMALL, columnspacing=1.2)
-    _labelled(figure, axis, outlier_names(cam, MOST_NAMED), places, ~used)
     worst = corners.names[int(np.argmax(rms))]
     alt = (
         f"Root mean square of the residuals of each of {corners.n} pictures, {digits(rms.min())} to "
@@ -123,7 +117,6 @@ def over_picture(cam: Calibrated) -> Picture:
         label = f"corner left out ({int((~used).sum()):,})"
         handles += axis.plot(*out.T, **_CROSS, label=label, zorder=5)
     figure.legend(handles=handles, loc="outside upper right", ncols=2, frameon=False, fontsize=SMALL)
-    _labelled(figure, axis, outlier_names(cam, MOST_NAMED), corners.pixels, ~used)
     left = int((~used).sum())
     alt = f"Residuals of all corners over the picture, in true proportions; {left} corners were left out."
     caption = (
@@ -131,7 +124,7 @@ def over_picture(cam: Calibrated) -> Picture:
         f"their places in the picture, u to the right and v down. {coverage_words(cam)}"
     )
     if left:
-        caption += " Crosses: corners left out, named by picture and number; the farthest only where they are many."
+        caption += " Crosses: corners left out, which the table names."
     return Picture(finished(figure), alt, caption)
 
 
@@ -278,44 +271,3 @@ def picture_axes(axis: Axes, image_size: tuple[int, int]) -> None:
         side.set_color(QUIET)
     axis.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5), aspect="equal")
     named_axes(axis, "u (pixels)", "v (pixels)", ticks=(6, 5), integer=True)
-
-
-def _labelled(
-    figure: Figure, axis: Axes, named: list[tuple[int, str]], places: Array, marked: NDArray[np.bool_]
-) -> None:
-    """Names of points of ``places`` (m, 2) beside them, inside the panel, clear of each other and of the ``marked``
-    points (m,); those without room are left to the table."""
-    if not named:
-        return
-    figure.draw_without_rendering()
-    scale = 72.0 / figure.dpi
-    frame = axis.get_window_extent()
-    low, high = np.array([frame.x0, frame.y0]) * scale, np.array([frame.x1, frame.y1]) * scale
-    at = axis.transData.transform(places) * scale
-    points = at[marked]
-    taken: list[tuple[Array, Array]] = []
-    for j, name in named:
-        size = np.array([0.55 * SMALL * len(name) + 2.0, 1.3 * SMALL])
-        for shift in _SHIFTS:
-            left = at[j] + shift - size * (0.0 if shift[0] > 0 else 1.0, 0.5)
-            right = left + size
-            outside = (left < low + 1).any() or (right > high - 1).any()
-            covers = ((points > left - 3) & (points < right + 3)).all(axis=1).any()
-            whole = np.minimum(left, at[j]), np.maximum(right, at[j])  # with the line from the point
-            if outside or covers or any((whole[0] < b).all() and (whole[1] > a).all() for a, b in taken):
-                continue
-            taken.append(whole)
-            axis.annotate(
-                name, places[j], xytext=shift, textcoords="offset points", fontsize=SMALL, color=INK, va="center",
-                ha="left" if shift[0] > 0 else "right", path_effects=HALO, zorder=9,
-                arrowprops={
-                    "arrowstyle": "-", "color": INK, "linewidth": 0.6, "shrinkA": 0, "shrinkB": 3,
-                    "relpos": (0.0 if shift[0] > 0 else 1.0, 0.5),
-                },
-            )  # fmt: skip
-            break
-
-
-# Places of a name beside its point, in typographic points, the nearest first.
-_UPS = (0, 11, -11, 22, -22, 33, -33, 46, -46, 60, -60)
-_SHIFTS = tuple((side * (7 + abs(up) / 3), up) for up in _UPS for side in (1, -1))
