@@ -25,7 +25,7 @@ import numpy as np
 from ...core.files.lines import short
 from ...core.files.open import StrPath, as_path, opened, shown
 from ...core.files.table import Places, Schema, read_table
-from ...core.files.trees import MAX_BYTES, number, parse_tree
+from ...core.files.trees import MAX_BYTES, is_map, number, parse_tree
 from ...core.formatting.units import LENGTH_UNITS
 from ...core.geometry.se3 import Array
 from ...errors import InputError
@@ -163,7 +163,7 @@ def read_target(path: StrPath) -> Board:
     name = shown(location)
     with opened(location, MAX_BYTES) as file:
         tree = parse_tree(file.read(), name)
-    if not isinstance(tree, dict):
+    if not is_map(tree):
         raise InputError(f"{name}: expected a target of Kalibr, {EXAMPLE}, got no such names.")
     kind = str(tree.get("target_type", "")).lower()
     if kind == "aprilgrid":

@@ -15,7 +15,7 @@ import numpy as np
 from ...core.files import trees as _trees
 from ...core.files.lines import short
 from ...core.files.open import StrPath, as_path, opened, shown
-from ...core.files.trees import got, number, parse_tree
+from ...core.files.trees import fields_of, got, is_list, is_map, items_of, number, parse_tree
 from ...core.formatting.numbers import Snippet
 from ...core.formatting.numbers import short as short_number
 from ...core.geometry.se3 import Array
@@ -70,7 +70,7 @@ def read_intrinsics(path: StrPath, model: str | None = None) -> KnownIntrinsics:
     name = shown(location)
     with opened(location, _trees.MAX_BYTES) as file:
         tree = parse_tree(file.read(), name)
-    if not isinstance(tree, dict):
+    if not is_map(tree):
         raise InputError(f'{name}: expected intrinsics such as {{"fx": 1080.0, "fy": [1080.0, 2.0]}}, got {got(tree)}.')
     size = _size(tree, name)
     said = _model(tree, name)
@@ -79,7 +79,7 @@ def read_intrinsics(path: StrPath, model: str | None = None) -> KnownIntrinsics:
     if any(key in tree for key in _MATRIX):
         values, said = _of_opencv(tree, name, said or (None if model == "auto" else model))
         return KnownIntrinsics(values, said, size)
-    if isinstance(tree.get("parameters"), dict):
+    if is_map(tree.get("parameters")):
         return KnownIntrinsics(_of_ours(tree, name), said, size)
     entries = {key: value for key, value in tree.items() if key in _NAMES}
     unknown = [key for key in tree if key not in (*_NAMES, "model", "image_size", "image_width", "image_height")]
@@ -90,7 +90,7 @@ def read_intrinsics(path: StrPath, model: str | None = None) -> KnownIntrinsics:
 
 
 def _entry(value: Any, where: str) -> float | tuple[float, float]:
-    if isinstance(value, list):
+    if is_list(value):
         if len(value) != 2:
             raise InputError(f"{where}: expected a value, or a value and its standard deviation, got {got(value)}.")
         mean, deviation = (number(part, where) for part in value)
@@ -101,11 +101,11 @@ def _entry(value: Any, where: str) -> float | tuple[float, float]:
 
 
 def _of_ours(tree: dict[str, Any], name: str) -> dict[str, float | tuple[float, float]]:
-    std = tree.get("std")
+    std = fields_of(tree.get("std"))
     values: dict[str, float | tuple[float, float]] = {}
     for key, value in tree["parameters"].items():
         mean = number(value, f"{name}, parameters, {short(key)}")
-        deviation = number(std[key], f"{name}, std, {short(key)}") if isinstance(std, dict) and key in std else 0.0
+        deviation = number(std[key], f"{name}, std, {short(key)}") if key in std else 0.0
         values[key] = (mean, deviation) if deviation > 0 else mean
     return values
 
@@ -122,7 +122,7 @@ def _model(tree: dict[str, Any], name: str) -> str | None:
 def _size(tree: dict[str, Any], name: str) -> tuple[int, int] | None:
     if "image_size" in tree:
         value = tree["image_size"]
-        if not isinstance(value, list) or len(value) != 2:
+        if len(items_of(value)) != 2:
             raise InputError(f"{name}, image_size: expected width and height, got {got(value)}.")
     elif {"image_width", "image_height"} <= set(tree):
         value = [tree["image_width"], tree["image_height"]]

@@ -38,9 +38,9 @@ from numpy.typing import NDArray
 from ...core.geometry.se3 import Array
 from ...core.runtime.read_only import ReadOnlyArrays
 from ...errors import InputError
-from .adjustment.bundle import Asked, Bundle, Prior, Sight, adjust
+from .adjustment.bundle import Bundle, Sight
 from .adjustment.variable_projection import reduced
-from .board_shape import BoardShape, flat_shape, polynomial_shape
+from .board_shape import BoardShape, polynomial_shape
 from .corners import Corners
 
 CELLS = 8
@@ -144,19 +144,6 @@ def board_pattern_of(bundle: Bundle, corners: Corners) -> BoardPattern:
     return BoardPattern(
         shape.points, mean, chance, float(gammaincc(nu / 2, T / 2)), float(share), visible_bow(bundle, corners)
     )
-
-
-def flat_pattern(bundle: Bundle, corners: Corners) -> BoardPattern:
-    """Return the pattern of the same camera model fitted once more, with the same weights, as if the board were flat.
-
-    Raises `InputError` where the pictures do not determine it.
-    """
-    k, prior = len(bundle.model.names), bundle.prior
-    prior = None if prior is None else Prior(prior.mean[:k], prior.covariance[:k, :k])
-    asked = Asked(bundle.model, flat_shape(corners.on_board[0]), bundle.free[:k], prior)
-    start = bundle.intrinsics, bundle.poses
-    flat = adjust(asked, corners, start, used=bundle.used, weights=bundle.weights)
-    return board_pattern_of(flat, corners)
 
 
 def visible_bow(bundle: Bundle, corners: Corners) -> float:

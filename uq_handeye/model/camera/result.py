@@ -24,7 +24,7 @@ from ...core.files.atomic import json_text, write_files
 from ...core.files.lines import OF_DATA, refused, short
 from ...core.files.open import StrPath, as_path, opened, shown
 from ...core.files.records import array_of, attributes, plain
-from ...core.files.trees import got, item, number, parse_tree, vector
+from ...core.files.trees import fields_of, got, item, number, parse_tree, vector
 from ...core.geometry.checks import as_transforms
 from ...core.geometry.conventions import TOOLKIT
 from ...core.geometry.se3 import Array
@@ -271,9 +271,8 @@ def calibration_from_parts(
     InputError
         Parts that do not belong together; KeyError, TypeError, ValueError or IndexError on anything else.
     """
-    if not isinstance(tree, dict) or tree.get("format") != FORMAT:
-        came = short(str(tree.get("format"))) if isinstance(tree, dict) else got(tree)
-        raise InputError(f"{name}: expected the format {FORMAT!r}, got {came}.")
+    if (came := fields_of(tree).get("format", got(tree))) != FORMAT:
+        raise InputError(f"{name}: expected the format {FORMAT!r}, got {short(str(came))}.")
     if tree["model"] not in MODELS:
         raise InputError(f"{name}, model: expected one of {', '.join(MODELS)}, got {short(str(tree['model']))}.")
     model = MODELS[tree["model"]]

@@ -12,6 +12,7 @@ from typing import Annotated, Any, ClassVar
 import numpy as np
 
 from ...core.files.records import Record, parts_of, read
+from ...core.files.trees import is_map
 from ...core.formatting.units import parse_angle, parse_length
 from ...core.geometry.checks import is_number
 from ...core.geometry.se3 import Array
@@ -273,7 +274,7 @@ def _side_to_dict(S: Array | JointCovariance) -> Any:
 
 def _side_from_dict(values: Any) -> Any:
     """The inverse of `_side_to_dict`."""
-    if isinstance(values, dict):
+    if is_map(values):
         return values["covariance"] if "covariance" in values else JointCovariance.from_dict(values)
     rotation, translation = (float(value) for value in values)
     return np.diag([rotation**2] * 3 + [translation**2] * 3)

@@ -28,6 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.files.records import Record
+from ...core.files.trees import is_map
 from ...core.formatting.numbers import digits
 from ...core.formatting.units import parse_deviations
 from ...core.geometry.checks import checked_covariance
@@ -329,7 +330,7 @@ def noise_from_dict(data: dict[str, Any]) -> Noise:
     if data["type"] == "PairNoise":
         return PairNoise(data["A"], data["B"], prior=prior)
     sides = (data[name] for name in ("robot", "camera"))
-    return PoseNoise(*(JointCovariance.from_dict(S) if isinstance(S, dict) else S for S in sides), prior=prior)
+    return PoseNoise(*(JointCovariance.from_dict(S) if is_map(S) else S for S in sides), prior=prior)
 
 
 @document_of.register(_TwoSides)

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from ...core.files.open import StrPath, as_path, shown
-from ...core.files.trees import parse_toml
+from ...core.files.trees import is_list, is_map, parse_toml
 from ...core.formatting.units import parse_deviations
 from ...core.geometry.checks import checked_covariance, is_number
 from ...core.geometry.se3 import Array
@@ -69,7 +69,7 @@ def read_noise_file(path: StrPath) -> PoseNoise | PairNoise | None:
 def _covariance(table: str, content: Any, name: str) -> Array:
     """The covariance that one table describes."""
     where = f"{name}, [{table}]"
-    if not isinstance(content, dict):
+    if not is_map(content):
         raise InputError(f"{where}: this must be a table; {EXPECTED}, got {_short(content)}.")
     for key in content:
         if key not in KEYS:
@@ -93,7 +93,7 @@ def _covariance(table: str, content: Any, name: str) -> Array:
 
 def _require_numbers(value: Any, what: str) -> None:
     """Raise for what NumPy would quietly turn into numbers, text and booleans, and for what is none of a float."""
-    if isinstance(value, list):
+    if is_list(value):
         for item in value:
             _require_numbers(item, what)
     elif not is_number(value):

@@ -14,7 +14,7 @@ from ...core.files.atomic import json_text, write_files
 from ...core.files.lines import OF_DATA, csv_text, refused, short
 from ...core.files.open import StrPath, as_path, opened, shown
 from ...core.files.records import array_of
-from ...core.files.trees import parse_tree
+from ...core.files.trees import fields_of, got, parse_tree
 from ...core.geometry.checks import as_transforms
 from ...core.geometry.conventions import TOOLKIT
 from ...core.presentation.document import to_text
@@ -173,9 +173,8 @@ def read_point_poses(folder: StrPath) -> PointPoses:
         )
     with opened(path / SUMMARY, _trees.MAX_BYTES) as file:
         tree = parse_tree(file.read(), shown(path / SUMMARY))
-    if not isinstance(tree, dict) or tree.get("format") != FORMAT:
-        came = short(str(tree.get("format"))) if isinstance(tree, dict) else "no mapping"
-        raise InputError(f"{shown(path / SUMMARY)}: expected the format {FORMAT!r}, got {came}.")
+    if (came := fields_of(tree).get("format", got(tree))) != FORMAT:
+        raise InputError(f"{shown(path / SUMMARY)}: expected the format {FORMAT!r}, got {short(str(came))}.")
     with opened(path / COVARIANCE, MAX_BYTES) as file:
         arrays = unpacked(file.read(), shown(path / COVARIANCE))
     with refused(f"{name}: not what uq-handeye points writes", OF_DATA):

@@ -74,7 +74,7 @@ class Setting(Asked):
             if name not in known:
                 continue
             entry = known[name]
-            value, sd = entry if isinstance(entry, tuple) else (entry, 0.0)
+            value, sd = (*np.atleast_1d(entry), 0.0)[:2]
             if not (np.isfinite(value) and np.isfinite(sd) and sd >= 0):
                 raise InputError(
                     f"Expected `intrinsics[{name!r}]` to be a number, or one and its standard deviation; got {entry!r}."

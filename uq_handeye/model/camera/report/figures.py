@@ -17,7 +17,6 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -51,7 +50,6 @@ from ....core.presentation.figure_parts import (
 from ....errors import InputError
 from ..calibrated import Calibrated, certainty, seen_points
 from ..models import rays
-from ..residual_pattern import flat_pattern
 from .residual_figures import (
     MANY,
     by_picture,
@@ -75,8 +73,6 @@ TALLEST = 5.0
 COLOURS = "RdBu_r"
 # Length of the arrows, of which _SHARE per cent are shorter, by the distance of two points.
 LONGEST, _SHARE = 1.6, 95.0
-# Boards of which height over width is less are drawn below each other.
-BROAD = 0.8
 # Diameter of a dot by the distance of two points.
 DOT = 0.6
 
@@ -136,61 +132,38 @@ def _label_contours(figure: Figure, labels: Sequence[Text], named: Sequence[Text
 
 
 def by_point(cam: Calibrated) -> Picture:
-    """Residuals by the points of the board; of one that is not flat also as if it were."""
-    at, board, after = _in_plane(cam), cam.board, cam.board_pattern
-    shown = [("flat" if board.flat else f"as measured ({cam.shape})", after)]
-    if not board.flat:
-        with suppress(InputError):  # too few pictures were selected
-            shown.insert(0, ("as meant, flat", flat_pattern(cam.bundle, cam.corners)))
-    moved = [1e3 * pattern.mean @ board.axes.T for _, pattern in shown]  # mm
-    every = np.concatenate(moved)
-    typical = float(np.percentile(np.linalg.norm(every[:, :2], axis=1), _SHARE))
+    """Residuals by the points of the board."""
+    at, board, found = _in_plane(cam), cam.board, cam.board_pattern
+    moved = 1e3 * found.mean @ board.axes.T  # mm
+    typical = float(np.percentile(np.linalg.norm(moved[:, :2], axis=1), _SHARE))
     spacing = float(np.sqrt(np.prod(np.ptp(at, axis=0)) / len(at)))
     factor = round_number(LONGEST * spacing / max(typical, 1e-9))
-    most = max(float(np.percentile(np.abs(every[:, 2]), _SHARE)), 1e-9)
-    ratio = float(np.ptp(at[:, 1]) / np.ptp(at[:, 0]))
-    down = len(shown) if ratio < BROAD else 1
-    across = len(shown) // down
-    wide = min((WIDTH - 1.6) / across, TALLEST / ratio)
-    figure = canvas(1.2 + down * (wide * ratio + 0.3))
-    axes: Any = figure.subplots(down, across, squeeze=False, sharex=True, sharey=True).ravel()
-    size = float(np.clip((DOT * 72.0 * wide * spacing / np.ptp(at[:, 0])) ** 2, 2.0, 60.0))
-    for k, (axis, (name, pattern), d) in enumerate(zip(axes, shown, moved, strict=True)):
-        _board_axes(axis, cam)
-        dots = axis.scatter(*at.T, c=d[:, 2], cmap=COLOURS, vmin=-most, vmax=most, s=size, linewidths=0.3,
-                            edgecolors=QUIET, zorder=2)  # fmt: skip
-        axis.quiver(
-            *at.T, *d[:, :2].T, angles="xy", scale_units="xy", scale=1.0 / factor, color=INK, width=0.004,
-            headwidth=3.5, zorder=3,
-        )  # fmt: skip
-        axis.set_title(f"{name}: {pattern.share:.2f} of the noise", fontsize=TEXT, loc="left")
-        if k % across == across - 1:
-            scale_beside(figure, axis, dots, "off along z (mm)", 0.03 * across)
-        if k % across:
-            axis.set_ylabel("")
-        if k < len(shown) - across:
-            axis.set_xlabel("")
-    arrow = axes[0].plot([], [], color=INK, linewidth=1.2, label=f"off in the plane, {factor:,g} times enlarged")
+    most = max(float(np.percentile(np.abs(moved[:, 2]), _SHARE)), 1e-9)
+    figure, axis = framed(float(np.ptp(at[:, 1]) / np.ptp(at[:, 0])), 1.6, TALLEST, 1.5)
+    wide = 72.0 * axis.get_position().width * WIDTH
+    size = float(np.clip((DOT * wide * spacing / np.ptp(at[:, 0])) ** 2, 2.0, 60.0))
+    _board_axes(axis, cam)
+    dots = axis.scatter(*at.T, c=moved[:, 2], cmap=COLOURS, vmin=-most, vmax=most, s=size, linewidths=0.3,
+                        edgecolors=QUIET, zorder=2)  # fmt: skip
+    axis.quiver(
+        *at.T, *moved[:, :2].T, angles="xy", scale_units="xy", scale=1.0 / factor, color=INK, width=0.004,
+        headwidth=3.5, zorder=3,
+    )  # fmt: skip
+    named = "flat" if board.flat else f"as measured ({cam.shape})"
+    axis.set_title(f"{named}: {found.share:.2f} of the noise", fontsize=TEXT, loc="left")
+    scale_beside(figure, axis, dots, "off along z (mm)")
+    arrow = axis.plot([], [], color=INK, linewidth=1.2, label=f"off in the plane, {factor:,g} times enlarged")
     figure.legend(handles=arrow, loc="outside lower center", frameon=False, fontsize=SMALL)
-    if after.found and not cam.pattern.found:
+    if found.found and not cam.pattern.found:
         figure.suptitle("The residuals follow the points of the board", fontsize=TEXT, color=ORANGE, fontweight="bold")
     words = board_pattern_words(cam)
     alt = f"What the residuals say of each point of the board, from the front. {words}"
+    chance = 1e3 * np.sqrt(np.mean(found.deviation**2, axis=0))
     caption = (
         f"{words} Where all pictures together put each point, minus where it was taken to be: arrows within the plane "
-        f"of the board, enlarged {factor:,g} times, and colours along z. "
-    )
-    if len(shown) > 1:
-        first, second = ("Left", "Right") if across > 1 else ("Above", "Below")
-        caption += (
-            f"{first}: with the same camera model fitted once more to a flat board, part of whose errors then hide in "
-            f"intrinsics and poses ({fixed(shown[0][1].share, 2)} times the pixel noise). {second}: with the board as "
-            f"measured ({fixed(after.share, 2)} times). "
-        )
-    chance = 1e3 * np.sqrt(np.mean(after.deviation**2, axis=0))
-    caption += (
-        "Where the shape is right, arrows and colours have no order: chance makes "
-        f"{fixed(chance[0], 2)} mm in x, {fixed(chance[1], 2)} mm in y and {fixed(chance[2], 2)} mm in z (RMS)."
+        f"of the board, enlarged {factor:,g} times, and colours along z. Where the shape is right, arrows and colours "
+        f"have no order: chance makes {fixed(chance[0], 2)} mm in x, {fixed(chance[1], 2)} mm in y and "
+        f"{fixed(chance[2], 2)} mm in z (RMS)."
     )
     return Picture(finished(figure), alt, caption)
 
