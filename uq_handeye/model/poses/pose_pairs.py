@@ -131,16 +131,7 @@ class PosePairs:
         object.__setattr__(self, "camera", camera)
         object.__setattr__(self, "truth", read_only(self.truth))
         if self.timestamps is not None:
-            times = np.array(as_numbers(self.timestamps, "timestamps"))
-            if times.shape != (self.n,) or not np.isfinite(times).all():
-                raise InputError(f"Expected `timestamps` to be {self.n} finite numbers, got shape {times.shape}.")
-            if (twins := first_duplicate(times)) is not None:
-                raise InputError(
-                    f"Expected a timestamp of its own for every pose, got {times[twins[0]]} for poses {twins[0]} "
-                    f"and {twins[1]}."
-                )
-            times.flags.writeable = False
-            object.__setattr__(self, "timestamps", times)
+            object.__setattr__(self, "timestamps", _times(self.timestamps, self.n))
         if self.timing is not None and (self.robot.ndim != 3 or len(self.timing) != self.n):
             raise InputError(f"Expected the `timing` of {self.n} poses, got one of {len(self.timing)}.")
         if self.joints is not None:
@@ -209,6 +200,20 @@ class PosePairs:
     def effective_robot(self) -> Array:
         """The robot poses as they enter AX = XB: inverted for eye-to-hand."""
         return self.robot if self.setup == "eye-in-hand" else inverse(self.robot)
+
+
+def _times(values: Any, n: int) -> Array:
+    """Times of n poses, finite and each once."""
+    times = np.array(as_numbers(values, "timestamps"))
+    if times.shape != (n,) or not np.isfinite(times).all():
+        raise InputError(f"Expected `timestamps` to be {n} finite numbers, got shape {times.shape}.")
+    if (twins := first_duplicate(times)) is not None:
+        raise InputError(
+            f"Expected a timestamp of its own for every pose, got {times[twins[0]]} for poses {twins[0]} and "
+            f"{twins[1]}."
+        )
+    times.flags.writeable = False
+    return times
 
 
 def _frozen(value: Any, name: str) -> Array:
@@ -355,20 +360,12 @@ class Stream:
     joints: Array | None = None
 
     def __post_init__(self) -> None:
-        poses = np.array(as_transforms(self.poses, "poses"), order="C")
-        times = np.array(as_numbers(self.timestamps, "timestamps"))
+        poses = _frozen(self.poses, "poses")
         if poses.ndim != 3:
             raise InputError(f"Expected `poses` to have shape (n, 4, 4), got {poses.shape}.")
-        if times.shape != (len(poses),) or not np.isfinite(times).all():
-            raise InputError(f"Expected `timestamps` to be {len(poses)} finite numbers, got shape {times.shape}.")
-        if (twins := first_duplicate(times)) is not None:
-            raise InputError(
-                f"Expected a timestamp of its own for every pose, got {times[twins[0]]} for poses {twins[0]} and "
-                f"{twins[1]}."
-            )
-        for name, value in (("timestamps", times), ("poses", poses)):
-            value.flags.writeable = False
-            object.__setattr__(self, name, value)
+        times = _times(self.timestamps, len(poses))
+        object.__setattr__(self, "poses", poses)
+        object.__setattr__(self, "timestamps", times)
         if self.joints is not None:
             object.__setattr__(self, "joints", as_joint_values(self.joints, len(times)))
 
