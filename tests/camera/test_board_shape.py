@@ -115,7 +115,7 @@ def test_what_moves_no_point_and_what_is_behind_the_camera_pull_nothing(rng):
     assert (r[1] == LOST).all() and A[0, :, :4].any() and B[0].any()
 
 
-def test_every_nested_candidate_is_predicted_by_one_linearised_fit(rng):
+def test_every_candidate_is_fitted_to_its_minimum(rng):
     points, bent = study.bent_board(rng, "wide")
     corners, _, _ = recorded(rng, 12, model="brown", points=points, bent=bent, pixel=0.1)
     found = quietly(corners, SIZE)
