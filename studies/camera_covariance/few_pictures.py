@@ -1,4 +1,4 @@
-"""Which lens is chosen from few pictures of a ChArUco board, and how far off the focal length then is.
+"""Choice of the lens from few pictures of a ChArUco board, and the error of the focal length that follows.
 
     python -m studies.camera_covariance.few_pictures [--sets 40]
 
@@ -33,7 +33,7 @@ CASES = [*((lens, n) for lens in ("none", "k1", "k1, k2") for n in (2, 3, 4)), *
 
 
 def one(lens: str, n: int, k: int) -> tuple[bool, str, float, float]:
-    """Whether the choice is right, what it is, and the error of fx in pixels and in standard deviations."""
+    """Return whether the choice is right, what it is, and the error of fx in pixels and in standard deviations."""
     model, coefficients, wanted = LENSES[lens]
     rng = np.random.default_rng([SEED, n, k, [*LENSES].index(lens)])
     f = rng.uniform(900, 1500)

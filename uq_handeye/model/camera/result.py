@@ -271,8 +271,9 @@ def calibration_from_parts(
     InputError
         Parts that do not belong together; KeyError, TypeError, ValueError or IndexError on anything else.
     """
-    if (came := fields_of(tree).get("format", got(tree))) != FORMAT:
-        raise InputError(f"{name}: expected the format {FORMAT!r}, got {short(str(came))}.")
+    if fields_of(tree).get("format") != FORMAT:
+        came = short(str(tree["format"])) if "format" in fields_of(tree) else got(tree)
+        raise InputError(f"{name}: expected the format {FORMAT!r}, got {came}.")
     if tree["model"] not in MODELS:
         raise InputError(f"{name}, model: expected one of {', '.join(MODELS)}, got {short(str(tree['model']))}.")
     model = MODELS[tree["model"]]

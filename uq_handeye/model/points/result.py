@@ -173,8 +173,9 @@ def read_point_poses(folder: StrPath) -> PointPoses:
         )
     with opened(path / SUMMARY, _trees.MAX_BYTES) as file:
         tree = parse_tree(file.read(), shown(path / SUMMARY))
-    if (came := fields_of(tree).get("format", got(tree))) != FORMAT:
-        raise InputError(f"{shown(path / SUMMARY)}: expected the format {FORMAT!r}, got {short(str(came))}.")
+    if fields_of(tree).get("format") != FORMAT:
+        came = short(str(tree["format"])) if "format" in fields_of(tree) else got(tree)
+        raise InputError(f"{shown(path / SUMMARY)}: expected the format {FORMAT!r}, got {came}.")
     with opened(path / COVARIANCE, MAX_BYTES) as file:
         arrays = unpacked(file.read(), shown(path / COVARIANCE))
     with refused(f"{name}: not what uq-handeye points writes", OF_DATA):

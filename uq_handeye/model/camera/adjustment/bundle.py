@@ -56,7 +56,7 @@ class Prior(ReadOnlyArrays):
 
 @dataclass(frozen=True, eq=False)
 class Asked:
-    """What is estimated beside the poses: k intrinsics of a model and q coefficients of the board's shape."""
+    """Parameters that are estimated beside the poses: k intrinsics of a model, q coefficients of the board's shape."""
 
     model: CameraModel
     shape: BoardShape
@@ -65,7 +65,7 @@ class Asked:
 
     @classmethod
     def poses_only(cls, model: CameraModel, shape: BoardShape) -> Asked:
-        """Nothing but the poses."""
+        """Return what estimates nothing but the poses."""
         return cls(model, shape, np.zeros(len(model.names) + shape.q, dtype=bool))
 
     @property

@@ -179,7 +179,7 @@ def criterion(squares: float, coordinates: int, pictures: int, parameters: int) 
 
 
 def price(parameters: int, nu: int) -> float:
-    """What BIC adds for the parameters, with the correction for few residuals."""
+    """Return what BIC adds for the parameters, with the correction for few residuals."""
     return float(parameters * np.log(nu) * nu / max(nu - parameters - 2, 1))
 
 

@@ -77,7 +77,7 @@ class Blocks(NamedTuple):
 
     @classmethod
     def of(cls, V: Array, h: Array, mixed: Array) -> Blocks:
-        """Of normal matrices, gradients, and ``mixed`` (n, 6, f), B^T A."""
+        """Return them for normal matrices, gradients, and ``mixed`` (n, 6, f), B^T A."""
         e, Q = diagonal(V)
         return cls(V, h, -Q @ ((Q.mT @ mixed) / e[..., None]), e, Q)
 
@@ -100,7 +100,7 @@ class Normal(NamedTuple):
 
     @classmethod
     def of_sums(cls, squares: float, S: Array, g: Array, blocks: Blocks, R: Array) -> Normal:
-        """Of the Schur complement S and the root R of the prior."""
+        """Return them for the Schur complement S and the root R of the prior."""
         return cls(squares, S, g, blocks, *diagonal(S + R.T @ R))
 
     @classmethod
