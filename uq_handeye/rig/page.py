@@ -2,7 +2,7 @@
 
 Each node has an ellipse: half its width is the error of the rotation, half its height that of the position, on one
 scale for all nodes of the drawing. Where lines of many pairs would cover each other, targets are rows and cameras are
-columns. Written as SVG; classes give it the colours of the page.
+columns. Written as SVG (`sketch.svg.j2`); classes give it the colours of the page.
 
 The report of a rig: one self-contained HTML file, or its two pages as PDF; the skeleton is that of one camera.
 
@@ -12,14 +12,13 @@ target, and the noise; the rest follows in sections that are folded on the scree
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
-from html import escape
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from markupsafe import Markup
 
 from .._version import __version__
 from ..core.files.about import ABOUT, OF_CERTIFICATE, as_about
@@ -27,40 +26,35 @@ from ..core.formatting.numbers import digits, probability
 from ..core.geometry.conventions import CONVENTION
 from ..core.geometry.se3 import Array
 from ..core.presentation.document import Answer, Badge, Block, Drawing, Paragraph, Points, Section, Table
+from ..core.presentation.html import macros
 from ..core.presentation.page import PAPERS, Page, page_path, write_page
 from .description import WORLD
 from .graph import Graph
+from .result import EstimatedPose, RigCalibration
 
-WIDTH, ROW, TOP, RADIUS = 440.0, 60.0, 32.0, 18.0
-LEFT, RIGHT = 158.0, 282.0
-# Pairs of camera and target that are drawn as lines.
-MOST_LINES = 12
-_INK = 'fill="#515a64"'
-_LINE = 'fill="none" stroke="#515a64"'
-_RING = 'fill="none" stroke="#0b5394" stroke-width="1.4"'
+# Pairs of camera and target that are drawn as lines; half the largest axis of an ellipse; letters of a name.
+MOST_LINES, RADIUS, LETTERS = 12, 18.0, 22
 
 
-def rig_sketch(result: Any) -> Drawing:
-    """Return the drawing of a `RigCalibration`."""
-    rig = result.rig
-    nodes = {**result.cameras, **result.targets, **dict(list(result.arms.items())[1:])}
-    turns, shifts = (np.array([one.sizes[k] for one in nodes.values()]) for k in (0, 1))
+def rig_sketch(result: RigCalibration) -> Drawing:
+    """Return the drawing of a `RigCalibration`, by the macros of `sketch.svg.j2`."""
+    turns, shifts = (np.array([one.sizes[k] for one in result.singles]) for k in (0, 1))
     most = [float(values[np.isfinite(values)].max(initial=0.0)) or 1.0 for values in (turns, shifts)]
-    counts: dict[tuple[str, str], int] = {}
-    for view in rig.views:
-        pair = (view.camera, view.target)
-        counts[pair] = counts.get(pair, 0) + len(view.poses)
-    many = len(counts) > MOST_LINES
-    parts, width, height = (_rows_and_columns if many else _lines)(result, nodes, counts, most)
-    svg = (
-        f'<svg viewBox="0 0 {width:g} {height:g}" xmlns="http://www.w3.org/2000/svg" class="sketch" font-size="11" '
-        'font-family="system-ui, Segoe UI, Roboto, DejaVu Sans, Arial, sans-serif" aria-hidden="true" '
-        f'focusable="false">{"".join(parts)}</svg>'
-    )
+    counts: Counter[tuple[str, str]] = Counter()
+    for view in result.rig.views:
+        counts[view.camera, view.target] += len(view.poses)
+    nodes = {one.name: _node(result, one, most) for one in result.singles}
+    cameras, targets = ({name: nodes.pop(name) for name in of} for of in (result.cameras, result.targets))
+    drawn = macros(__package__, "sketch.svg.j2", short=_short, longest=lambda of: max(len(_short(text)) for text in of))
+    lines = "Lines are views, with their number"
+    if len(counts) > MOST_LINES:
+        lines = "Numbers are those of views of each target by each camera"
+        svg = drawn.table(cameras, targets | nodes, counts)
+    else:
+        svg = drawn.lines(cameras, targets, nodes, counts)
     listed = "; ".join(f"{camera} sees {target} {count} times" for (camera, target), count in counts.items())
-    lines = "Numbers are those of views of each target by each camera" if many else "Lines are views, with their number"
     return Drawing(
-        "rig", Markup(svg), f"Cameras and targets of the rig with their views: {listed}.",
+        "rig", svg, f"Cameras and targets of the rig with their views: {listed}.",
         f"{lines}. Half the width of an ellipse is the error of the rotation "
         f"(largest: {digits(np.degrees(most[0]), 2)} deg), half its height that of the position (largest: "
         f"{digits(1e3 * most[1], 2)} mm), root mean square, on one scale. A dashed circle: not determined in all "
@@ -68,101 +62,19 @@ def rig_sketch(result: Any) -> Drawing:
     )  # fmt: skip
 
 
-Counts = dict[tuple[str, str], int]
-
-
-def _lines(result: Any, nodes: dict[str, Any], counts: Counts, most: list[float]) -> tuple[list[str], float, float]:
-    """Cameras on the left, targets on the right, bases of arms below; width and height."""
-    rig, columns = result.rig, (list(result.cameras), list(result.targets))
-    others = [name for name in nodes if name not in (*columns[0], *columns[1])]
-    rows = max(map(len, columns))
-    at = {}
-    for x, column in zip((LEFT, RIGHT), columns, strict=True):
-        for k, name in enumerate(column):
-            at[name] = (x, TOP + ROW * (k + 0.5 + 0.5 * (rows - len(column))))
-    for k, name in enumerate(others):
-        at[name] = (WIDTH * (k + 1) / (len(others) + 1), TOP + ROW * (rows + 0.5))
-    parts = [_text(LEFT, 16, "cameras", "middle"), _text(RIGHT, 16, "targets", "middle")]
-    for k, ((camera, target), count) in enumerate(counts.items()):
-        (x1, y1), (x2, y2) = at[camera], at[target]
-        parts.append(f'<path class="axis" {_LINE} d="M{x1 + 20:.1f} {y1:.1f}L{x2 - 20:.1f} {y2:.1f}"/>')
-        share = 0.3 + 0.4 * (k % 3) / 2 if len(counts) > 1 else 0.5
-        x, y = x1 + 20 + share * (x2 - x1 - 40), y1 + share * (y2 - y1)
-        parts.append(_text(x, y - 4, str(count), "middle"))
-    for name, one in nodes.items():
-        anchor, dx = ("start", 26.0) if name in others or at[name][0] == RIGHT else ("end", -26.0)
-        place = "base of an arm" if name in others else _place(rig.place(name))
-        parts += _node(name, one, at[name], most, place, anchor, dx)
-    return parts, WIDTH, TOP + ROW * rows + (ROW if others else 0.0)
-
-
-def _rows_and_columns(
-    result: Any, nodes: dict[str, Any], counts: Counts, most: list[float]
-) -> tuple[list[str], float, float]:
-    """A row for each target and base, a column for each camera, numbers of views where they meet."""
-    rig, cameras = result.rig, list(result.cameras)
-    names = [name for name in nodes if name not in cameras]
-    heads = [_short(f"{name}, {_place(rig.place(name))}") for name in cameras]
-    beside = [_short(text) for name in names for text in (name, _place(rig.place(name)))]
-    wide, high = 6.6 * max(map(len, beside)), 6.8 * max(map(len, heads))  # of the longest texts
-    left, top, step = wide + 52.0, 0.77 * high + 52.0, 36.0
-    parts: list[str] = []
-    for k, name in enumerate(cameras):
-        x = left + step * (k + 0.5)
-        parts.append(_shape(nodes[name], (x, top - 22), most, 0.8)[0])
-        turned = f'transform="rotate(-50 {x:.1f} {top - 42:.1f})"'
-        parts.append(_text(x, top - 42, heads[k], "start", bold=True).replace("<text ", f"<text {turned} ", 1))
-    for row, name in enumerate(names):
-        y = top + 30.0 * (row + 0.5)
-        place = _place(rig.place(name)) if name in rig.targets else "base of an arm"
-        parts.append(
-            f'<path class="axis" {_LINE} stroke-opacity="0.3" d="M8 {y + 15:.1f}H{left + step * len(cameras):.1f}"/>'
-        )
-        parts += [_text(left - 28, y - 2, name, "end", bold=True), _text(left - 28, y + 10, place, "end")]
-        parts.append(_shape(nodes[name], (left - 8, y), most, 0.7)[0])
-        for k, camera in enumerate(cameras):
-            if count := counts.get((camera, name)):
-                parts.append(_text(left + step * (k + 0.5), y + 4, str(count), "middle"))
-    return parts, left + step * (len(cameras) - 0.5) + 0.65 * high + 6.0, top + 30.0 * len(names) + 6.0
-
-
-def _shape(one: Any, at: tuple[float, float], most: list[float], factor: float = 1.0) -> tuple[str, str]:
-    """Ellipse of a node, or dashed circle, and the sizes in words."""
-    (x, y), (turn, shift) = at, one.sizes
-    if not (np.isfinite(turn) and np.isfinite(shift)):
-        dashed = (
-            f'<circle class="ring" {_RING} stroke-dasharray="3 3" cx="{x:.1f}" cy="{y:.1f}" r="{factor * RADIUS:g}"/>'
-        )
-        return dashed, "not determined"
-    rx, ry = (max(1.5, factor * RADIUS * size / largest) for size, largest in zip((turn, shift), most, strict=True))
-    said = f"{digits(1e3 * shift, 2)} mm, {digits(float(np.degrees(turn)), 2)} deg"
-    return f'<ellipse class="ring" {_RING} cx="{x:.1f}" cy="{y:.1f}" rx="{rx:.1f}" ry="{ry:.1f}"/>', said
-
-
-def _node(
-    name: str, one: Any, at: tuple[float, float], most: list[float], place: str, anchor: str, dx: float
-) -> list[str]:
-    (x, y), (shape, said) = at, _shape(one, at, most)
-    return [
-        shape,
-        f'<circle cx="{x:.1f}" cy="{y:.1f}" r="2" {_INK}/>',
-        _text(x + dx, y - 12, name, anchor, bold=True),
-        _text(x + dx, y + 2, place, anchor),
-        _text(x + dx, y + 16, said, anchor),
-    ]
-
-
-def _place(place: str) -> str:
-    return "in the world" if place == WORLD else f"on {place}"
-
-
-def _text(x: float, y: float, text: str, anchor: str = "start", bold: bool = False) -> str:
-    weight = ' font-weight="600"' if bold else ""
-    return f'<text x="{x:.1f}" y="{y:.1f}" {_INK} text-anchor="{anchor}"{weight}>{escape(_short(text))}</text>'
+def _node(result: RigCalibration, one: EstimatedPose, most: list[float]) -> dict[str, Any]:
+    """What is drawn of a pose: its names, its sizes in words and as an ellipse."""
+    name, (turn, shift), radii, said = one.name, one.sizes, None, "not determined"
+    if np.isfinite([turn, shift]).all():
+        radii = [RADIUS * size / largest for size, largest in zip((turn, shift), most, strict=True)]
+        said = f"{digits(1e3 * shift, 2)} mm, {digits(float(np.degrees(turn)), 2)} deg"
+    place = result.rig.place(name)
+    where = "base of an arm" if name in result.arms else "in the world" if place == WORLD else f"on {place}"
+    return {"name": name, "place": where, "head": f"{name}, {where}", "said": said, "radii": radii}
 
 
 def _short(text: str) -> str:
-    return text if len(text) <= 22 else f"{text[:21]}\N{HORIZONTAL ELLIPSIS}"
+    return text if len(text) <= LETTERS else f"{text[: LETTERS - 1]}\N{HORIZONTAL ELLIPSIS}"
 
 
 # Views that are listed, those with the largest distance first; probability of a chi-square below which it is said;
@@ -172,7 +84,7 @@ _DEG, _MM = 180 / np.pi, 1e3
 
 
 def write_rig_report(
-    result: Any,
+    result: RigCalibration,
     path: str | Path,
     *,
     about: Mapping[str, str] | None = None,
@@ -206,7 +118,7 @@ def write_rig_report(
 
 
 def rig_html(
-    result: Any,
+    result: RigCalibration,
     *,
     about: Mapping[str, str] | None = None,
     verdicts: Mapping[str, Any] | None = None,
@@ -256,7 +168,7 @@ FRAMES = (
 )
 
 
-def headline(result: Any) -> tuple[str, str]:
+def headline(result: RigCalibration) -> tuple[str, str]:
     """Return the sentence that a rig is asked for, with its status: ok, caution or failed."""
     if result.reasons:
         return f"Not usable. {result.reasons[0]}", "failed"
@@ -276,7 +188,7 @@ def headline(result: Any) -> tuple[str, str]:
     return text, "caution" if caution or unlikely else "ok"
 
 
-def _answer(result: Any, verdicts: Mapping[str, Any]) -> list[Block]:
+def _answer(result: RigCalibration, verdicts: Mapping[str, Any]) -> list[Block]:
     text, status = headline(result)
     blocks: list[Block] = [Answer(text, status)]
     colours = {"PASS": "ok", "NOT SHOWN": "caution", "FAIL": "failed"}
@@ -314,15 +226,14 @@ def _rows(poses: Sequence[Any], counted: bool) -> list[list[str]]:
 _HEAD = ["pose", "x (mm)", "y (mm)", "z (mm)", "position (mm)", "rotation (deg)"]
 
 
-def _poses(result: Any) -> Table:
-    every = [*result.cameras.values(), *result.targets.values(), *list(result.arms.values())[1:]]
+def _poses(result: RigCalibration) -> Table:
     return Table(
         "Position of each pose, and the root mean square length of its error (1 sigma).", [*_HEAD, "views"],
-        _rows(every, True),
+        _rows(result.singles, True),
     )  # fmt: skip
 
 
-def _pairs(result: Any) -> list[Block]:
+def _pairs(result: RigCalibration) -> list[Block]:
     if not result.pairs:
         return [Paragraph("No two cameras are on one thing, so that no relative pose is constant.", empty=True)]
     return [
@@ -333,14 +244,14 @@ def _pairs(result: Any) -> list[Block]:
     ]  # fmt: skip
 
 
-def _residuals(result: Any) -> tuple[Graph, Array, Array]:
+def _residuals(result: RigCalibration) -> tuple[Graph, Array, Array]:
     """Graph, rotations (deg) and positions (mm) (E,) of the residuals of the views."""
     graph = Graph.of(result.rig)
     r = graph.linearise(result.poses).r
     return graph, _DEG * np.linalg.norm(r[:, :3], axis=1), _MM * np.linalg.norm(r[:, 3:], axis=1)
 
 
-def _by_pair(result: Any) -> Table:
+def _by_pair(result: RigCalibration) -> Table:
     graph, turn, shift = _residuals(result)
     rows: list[list[str]] = []
     marked: set[int] = set()
@@ -364,7 +275,7 @@ def _by_pair(result: Any) -> Table:
     )  # fmt: skip
 
 
-def noise_table(result: Any) -> list[Block]:
+def noise_table(result: RigCalibration) -> list[Block]:
     """Return the standard deviations of arms and cameras."""
     rows = [[name, digits(_MM * sizes[1], 2), digits(_DEG * sizes[0], 2)] for name, sizes in result.noise.items()]
     how = "estimated from the views" if result.components else "as given"
@@ -372,7 +283,7 @@ def noise_table(result: Any) -> list[Block]:
     return [Table(caption, ["arm or camera", "position (mm)", "rotation (deg)"], rows)]
 
 
-def _sizes(result: Any) -> list[Block]:
+def _sizes(result: RigCalibration) -> list[Block]:
     if not result.components:
         return [Paragraph("Not estimated: the noise was given.", empty=True)]
     parts = [[part["name"], *(_sized(part[key], part["unit"]) for key in ("size", "low", "high"))]
@@ -386,7 +297,7 @@ def _sized(value: float, unit: str) -> str:
     return f"{digits(factor * value, 2)} {shown}"
 
 
-def _paths(result: Any) -> list[Block]:
+def _paths(result: RigCalibration) -> list[Block]:
     if not result.paths:
         return [Paragraph("No two ways lead to one pose.", empty=True)]
     ordered = sorted(result.paths, key=lambda path: path.p)
@@ -402,7 +313,7 @@ def _paths(result: Any) -> list[Block]:
     ]  # fmt: skip
 
 
-def _optimality(result: Any) -> list[Block]:
+def _optimality(result: RigCalibration) -> list[Block]:
     of = result.optimality
     rows = [["proven", "yes" if of.proven else "no"],
             ["relative gap to the lower bound", "no bound" if of.gap is None else f"{of.gap:.1e}"],
@@ -412,7 +323,7 @@ def _optimality(result: Any) -> list[Block]:
     return [Paragraph(of.words), Table("Dual bound of the isotropic problem.", ["", ""], rows)]
 
 
-def _largest(result: Any) -> Table:
+def _largest(result: RigCalibration) -> Table:
     graph, turn, shift = _residuals(result)
     rows = []
     for e in np.argsort(-result.distances)[:MOST_VIEWS].tolist():
@@ -426,10 +337,9 @@ def _largest(result: Any) -> Table:
     )  # fmt: skip
 
 
-def _in_full(result: Any) -> Table:
-    every = [*result.cameras.values(), *result.targets.values(), *list(result.arms.values())[1:], *result.pairs]
+def _in_full(result: RigCalibration) -> Table:
     rows = []
-    for one in every:
+    for one in result.every:
         sd = one.std
         rows.append([one.frame, *(f"{_MM * x:.4f}" for x in one.pose[:3, 3]),
                      *(f"{_MM * s:.4f}" if np.isfinite(s) else "open" for s in sd[3:]),

@@ -187,6 +187,16 @@ class RigCalibration(Record):
         exact = EstimatedPose(first, f"{first}_T_{first}", np.eye(4), np.zeros((6, 6)))
         return {first: exact} | {name: self._single(name, f"{first}_T_{name}") for name in others}
 
+    @property
+    def every(self) -> tuple[EstimatedPose, ...]:
+        """All estimated poses: cameras, targets, bases of the arms but the first, relative poses of cameras."""
+        return (*self.singles, *self.pairs)
+
+    @property
+    def singles(self) -> tuple[EstimatedPose, ...]:
+        """Cameras, targets, and bases of the arms but the first."""
+        return (*self.cameras.values(), *self.targets.values(), *list(self.arms.values())[1:])
+
     def _place(self, place: str) -> str:
         return "world" if place == WORLD else "gripper" if len(self.rig.arms) == 1 else f"gripper_{place}"
 
@@ -301,8 +311,7 @@ class RigCalibration(Record):
         """Return a table of all poses and of the relative poses of cameras, with the sizes of their errors."""
         lines = [f"NOT USABLE: {reason}" for reason in self.reasons]
         lines.append(f"{'pose':<28} {'x, y, z (mm)':<34} {'rotation':>11} {'position':>11} {'views':>6}")
-        others = list(self.arms.values())[1:]
-        for one in (*self.cameras.values(), *self.targets.values(), *others, *self.pairs):
+        for one in self.every:
             turn, shift = one.sizes
             at = ", ".join(f"{1e3 * x:.2f}" for x in one.pose[:3, 3])
             said = [f"{np.degrees(turn):.4f} deg" if np.isfinite(turn) else "open",
@@ -312,8 +321,7 @@ class RigCalibration(Record):
             f"Errors are root mean squares of their length. Chi-square {self.chi_square:.0f} of {self.dof:.0f}."
         )
         if len(self.open):
-            poses = (*self.cameras.values(), *self.targets.values(), *others)
-            names = ", ".join(one.name for one in poses if len(one.open))
+            names = ", ".join(one.name for one in self.singles if len(one.open))
             count = "1 direction" if len(self.open) == 1 else f"{len(self.open)} directions"
             lines.append(f"Not determined: {count}, of {names}. The robot poses turn about too few axes.")
         if self.paths:
@@ -382,9 +390,8 @@ class RigCalibration(Record):
 
 def several_of(result: Any) -> Several:
     """Return the poses of cameras, targets and bases, and the relative poses, of a `RigCalibration`."""
-    singles = [*result.cameras.values(), *result.targets.values(), *list(result.arms.values())[1:]]
     comments = []
-    if opened := [one.frame for one in (*singles, *result.pairs) if len(one.open)]:
+    if opened := [one.frame for one in result.every if len(one.open)]:
         comments = [
             f"Open, not determined by the motions in all directions: {', '.join(opened)}.",
             f"Along open directions the covariance has a standard deviation of {OPEN_DEVIATION:g} m (angles: times "
@@ -394,7 +401,7 @@ def several_of(result: Any) -> Several:
     if len(result.rig.arms) > 1:
         comments.append(f"The world is the base of the arm {first}.")
     return Several(
-        [_transform(one) for one in singles], [_transform(one) for one in result.pairs], comments,
+        [_transform(one) for one in result.singles], [_transform(one) for one in result.pairs], comments,
         json_text(result.to_dict()),
     )  # fmt: skip
 

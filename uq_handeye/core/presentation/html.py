@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import singledispatch
 from html import escape as escaped
+from importlib import resources
 from typing import TYPE_CHECKING, Any
 
 from markupsafe import Markup
@@ -37,6 +38,15 @@ from .document import (
 
 if TYPE_CHECKING:
     from ..geometry.se3 import Array
+
+
+def macros(package: str | None, name: str, **known: Any) -> Any:
+    """Return the macros of a template of a package, whose results are `Markup`; ``known`` are names that it uses."""
+    from jinja2 import Environment, StrictUndefined
+
+    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    text = resources.files(package or "").joinpath(name).read_text(encoding="utf-8")
+    return environment.from_string(text, globals=known).module
 
 
 def pretty(text: str) -> str:

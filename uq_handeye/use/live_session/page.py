@@ -18,7 +18,7 @@ from ...model.camera.description import KINDS
 from ...model.poses.pose_pairs import PosePairs
 from ..maintenance.check import check
 from .folder import board_text
-from .markup import covered, preformatted, summary, table
+from .markup import MOST_ROWS, panel, summary
 from .question import ONE_AT_A_TIME
 from .scene import Beside, Picture, Scene, touched
 from .server import HOST, PORT, BrowserPage
@@ -185,7 +185,7 @@ class Page(BrowserPage):
         with ONE_AT_A_TIME, warnings.catch_warnings():
             warnings.simplefilter("ignore", InputWarning)
             found = check(Calibration.from_json(path), poses.rows(np.array(kept, dtype=np.intp)))
-        self._said.content = preformatted(found.summary())
+        self._said.content = panel("preformatted", found.summary())
 
     def _finish(self, client: Any) -> None:
         folder: Path = self.session.finish()
@@ -211,8 +211,8 @@ class Page(BrowserPage):
             if self._number.value != number:
                 self._number.value = number
             self._set(self._summary, summary(session))
-            self._set(self._table, table(session, self.selected, self._number._impl.uuid))
-            self._set(self._covered, covered(answer.result))
+            self._set(self._table, panel("poses", answer, self.selected, self._number._impl.uuid, MOST_ROWS))
+            self._set(self._covered, panel("covered", answer.result))
             in_hand = session.folder.how.get("setup") in (None, "eye-in-hand")
             self._scene.show(answer, self.selected, in_hand, self._beside(answer.poses, answer.result))
 
@@ -227,9 +227,9 @@ class Page(BrowserPage):
         if self._touches is not None:
             try:
                 points = touched(result, self._touches)
-                self._set(self._said, preformatted(points.words))
+                self._set(self._said, panel("preformatted", points.words))
             except InputError as error:
-                self._set(self._said, preformatted(str(error)))
+                self._set(self._said, panel("preformatted", str(error)))
         return Beside(pictures, points)
 
 

@@ -24,7 +24,7 @@ from ...errors import InputError
 from ...model.poses.pose_pairs import PosePairs
 from ...rig.description import WORLD
 from ...rig.result import EstimatedPose, RigCalibration
-from .markup import covered, of_point, of_result, of_rig, preformatted
+from .markup import of_point, panel
 from .question import Answer
 from .scene import AXES, DARK, ELLIPSOID, FRUSTUM, LINE, OF_X, PALE, Beside, Colour, Nodes, Scene, nice, touched
 from .server import HOST, PORT, BrowserPage
@@ -133,15 +133,15 @@ class ViewPage(BrowserPage):
         super().__init__(host, port)
         self.result, self.poses = result, poses
         self._answer, self._beside = Answer(poses.n, (), result.excluded, poses, result), Beside(touched=found)
-        self._gui.add_html(of_result(result))
+        self._gui.add_html(panel("result", result))
         self._words = self._gui.add_html("")
         kept = [k for k in range(poses.n) if k not in result.excluded]
         self._pose: Any = self._gui.add_number("From pose", kept[-1], min=0, max=poses.n - 1, step=1)
         if found is not None:
             with self._gui.add_folder("Touched points"):
-                self._gui.add_html(preformatted(found.words))
+                self._gui.add_html(panel("preformatted", found.words))
         with self._gui.add_folder("Checks, and what is included"):
-            self._gui.add_html(covered(result))
+            self._gui.add_html(panel("covered", result))
         self._scene = Scene(self._server.viser, self._select)
         distance = float(np.median(np.linalg.norm(poses.camera[:, :3, 3], axis=-1)))
         W = result.W if result.W is not None else poses.robot[0] @ result.X @ poses.camera[0]
@@ -185,7 +185,7 @@ class RigPage(BrowserPage):
     def __init__(self, result: RigCalibration, host: str = HOST, port: int = PORT) -> None:
         super().__init__(host, port)
         self.result = result
-        self._gui.add_html(of_rig(result))
+        self._gui.add_html(panel("rig", result))
         self._words = self._gui.add_html("")
         self._scene = RigScene(self._server.viser, result)
         last = len(self._scene.moments) - 1
@@ -195,4 +195,4 @@ class RigPage(BrowserPage):
 
     def _show(self, k: int) -> None:
         with self._drawing, self._server.viser.atomic():
-            self._words.content = preformatted(self._scene.show(min(k, len(self._scene.moments) - 1)))
+            self._words.content = panel("preformatted", self._scene.show(min(k, len(self._scene.moments) - 1)))
