@@ -72,9 +72,9 @@ def require_known(function: str, given: Iterable[str], known: type) -> None:
 
 def keywords_of(function: Callable[..., Any], known: type) -> Signature:
     """Return the signature of a function whose further keywords are the fields of ``known``."""
-    own = [one for one in signature(function).parameters.values() if one.kind is not Parameter.VAR_KEYWORD]
-    fields = signature(known).parameters.values()
-    return Signature([*own, *(one.replace(kind=Parameter.KEYWORD_ONLY) for one in fields)])
+    own = {name: one for name, one in signature(function).parameters.items() if one.kind is not Parameter.VAR_KEYWORD}
+    fields = {name: one.replace(kind=Parameter.KEYWORD_ONLY) for name, one in signature(known).parameters.items()}
+    return Signature([*(own | fields | own).values()])
 
 
 def require_type(name: str, value: Any, kinds: type | tuple[type, ...], wanted: str) -> None:

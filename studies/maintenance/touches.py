@@ -12,7 +12,7 @@ from scipy.stats import kstest
 from studies.maintenance.rigs import NOISE, Rig, noisy
 from uq_handeye.calibration.evidence.touches import Touches, TouchEvidence, evidence_of_touches
 from uq_handeye.core.geometry.se3 import Array
-from uq_handeye.use.verification.power import assess, detectable
+from uq_handeye.use.verification.power import bias_of
 
 TOUCH_SD, POINT_SD = 2e-4, 3e-4
 LEVEL = 0.05
@@ -26,11 +26,11 @@ def touches_of(of: Rig, rng: np.random.Generator) -> Iterator[dict[str, Any]]:
     for k in range(SETS):
         at = rng.uniform([-0.15, -0.15, 0.4], [0.15, 0.15, 0.7]) + rng.uniform(-0.1, 0.1, (points, 3))
         evidence = evidence_at(of, k, at, np.zeros(3), rng)
-        first = assess(evidence)
+        first = bias_of(evidence)
         yield {"times": 0.0, "p": first.p_value}
     for times in TIMES:
-        bias = times * detectable(evidence, True, first.level) * first.bias.worst[1]
-        yield {"times": times, "p": assess(evidence_at(of, SETS - 1, at, bias, rng)).p_value}
+        bias = times * first.detectable(first.level) * first.worst[1]
+        yield {"times": times, "p": bias_of(evidence_at(of, SETS - 1, at, bias, rng)).p_value}
 
 
 def evidence_at(of: Rig, k: int, at: Array, bias: Array, rng: np.random.Generator) -> TouchEvidence:

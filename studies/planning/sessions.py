@@ -23,8 +23,9 @@ from uq_handeye.fit.likelihood.gauss_helmert import bound, efficient
 from uq_handeye.model.noise.square_roots import cholesky_of, whiten
 from uq_handeye.model.posterior.selection import covariance_of, greedy, value
 from uq_handeye.trials.simulation.rig import RIGS, disturbed
+from uq_handeye.use.planning.by_posterior import CRITERIA
 from uq_handeye.use.planning.candidates import sample_candidates
-from uq_handeye.use.planning.plan import CRITERIA, plan
+from uq_handeye.use.planning.plan import plan
 from uq_handeye.use.planning.weak_prior import so_far
 
 SEED = 2024

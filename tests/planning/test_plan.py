@@ -41,8 +41,9 @@ from uq_handeye.model.shared_errors.shared_error import shared_columns, with_sha
 from uq_handeye.read import read_pose_file
 from uq_handeye.trials.simulation.rig import RIGS
 from uq_handeye.use.planning import plan as planning
+from uq_handeye.use.planning.by_posterior import CRITERIA
 from uq_handeye.use.planning.candidates import sample_candidates
-from uq_handeye.use.planning.plan import CRITERIA, plan
+from uq_handeye.use.planning.plan import plan
 from uq_handeye.use.planning.weak_prior import OPEN, PRIOR
 
 NOISE = PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))

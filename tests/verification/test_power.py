@@ -11,9 +11,7 @@ from touch_cases import ROBOT, TIP, calibration, touches
 import uq_handeye as uq
 from uq_handeye.calibration.evidence.touches import evidence_of_touches
 from uq_handeye.use.verification.power import (
-    assess,
     bias_of,
-    detectable,
     level_of_each,
     limit,
     touches_needed,
@@ -33,13 +31,13 @@ def test_p_values_are_uniform_and_a_bias_is_found(setup):
         tool = {"tool": TIP, "tool_sd": 3e-4, "tool_error": rng.normal(size=3) * 3e-4} if k % 2 else {}
         case = touches(setup, rng, **tool)
         evidence = evidence_of_touches(result, case)
-        tested = assess(evidence)
+        tested = bias_of(evidence)
         found.append(tested.p_value)
         half = replace(evidence, own=evidence.own / 4, by_unit=evidence.by_unit / 2)
-        wrong.append(assess(half).p_value)
-        size = detectable(evidence, True, tested.level)
-        moved = replace(evidence, r=evidence.r + size * tested.bias.worst[1])
-        power.append(assess(moved).p_bias < tested.level)
+        wrong.append(bias_of(half).p_value)
+        size = tested.detectable(tested.level)
+        moved = replace(evidence, r=evidence.r + size * tested.worst[1])
+        power.append(bias_of(moved).p_values[0] < tested.level)
     assert kstest(found, "uniform").pvalue > 1e-3
     assert kstest(wrong, "uniform").pvalue < 1e-6
     assert abs(np.mean(power) - 0.95) < 4 * np.sqrt(0.95 * 0.05 / SETS)
@@ -61,7 +59,7 @@ def test_a_bias_of_known_noise_shows_by_the_noncentral_chi_square():
     rng = np.random.default_rng(SEED)
     evidence = evidence_of_touches(calibration("eye-in-hand", rng), touches("eye-in-hand", rng))
     level = level_of_each(2)
-    size = (detectable(evidence, True, level) / bias_of(evidence).worst[0]) ** 2
+    size = (bias_of(evidence).detectable(level) / bias_of(evidence).worst[0]) ** 2
     assert ncx2.sf(chi2.isf(level, 3), 3, size) == pytest.approx(0.95)
 
 
@@ -72,7 +70,7 @@ def test_touches_needed_reach_the_size_and_no_number_passes_the_limit():
     least = limit(evidence, True, level)
     n = touches_needed(evidence, True, 1.2 * least, level)
     assert n is not None and n > 1
-    sizes = [detectable(evidence.repeated(k / 8), True, level) for k in (n - 1, n)]
+    sizes = [bias_of(evidence.repeated(k / 8)).detectable(level) for k in (n - 1, n)]
     assert sizes[1] <= 1.2 * least < sizes[0]
     assert touches_needed(evidence, True, 0.9 * least, level) is None
 
@@ -110,7 +108,7 @@ def test_estimated_noise_widens_the_distribution():
     assert found.noise_dof is not None and 5 < found.noise_dof < 1e4
     evidence = evidence_of_touches(result, touches("eye-to-hand", rng, bias=(0, 0, 2e-3)))
     bias = bias_of(evidence)
-    assert assess(evidence).p_bias > chi2.sf(bias.d2, 3)
+    assert bias.p_values[0] > chi2.sf(bias.d2, 3)
 
 
 def test_the_noise_of_a_view_is_shared_by_its_points():

@@ -30,13 +30,12 @@ from ..core.presentation.html import macros
 from ..core.presentation.page import PAPERS, Page, page_path, write_page
 from .description import WORLD
 from .graph import Graph
-from .result import EstimatedPose, RigCalibration
 
 # Pairs of camera and target that are drawn as lines; half the largest axis of an ellipse; letters of a name.
 MOST_LINES, RADIUS, LETTERS = 12, 18.0, 22
 
 
-def rig_sketch(result: RigCalibration) -> Drawing:
+def rig_sketch(result: Any) -> Drawing:
     """Return the drawing of a `RigCalibration`, by the macros of `sketch.svg.j2`."""
     turns, shifts = (np.array([one.sizes[k] for one in result.singles]) for k in (0, 1))
     most = [float(values[np.isfinite(values)].max(initial=0.0)) or 1.0 for values in (turns, shifts)]
@@ -62,8 +61,8 @@ def rig_sketch(result: RigCalibration) -> Drawing:
     )  # fmt: skip
 
 
-def _node(result: RigCalibration, one: EstimatedPose, most: list[float]) -> dict[str, Any]:
-    """What is drawn of a pose: its names, its sizes in words and as an ellipse."""
+def _node(result: Any, one: Any, most: list[float]) -> dict[str, Any]:
+    """Return what is drawn of a pose: its names, its sizes in words and as an ellipse."""
     name, (turn, shift), radii, said = one.name, one.sizes, None, "not determined"
     if np.isfinite([turn, shift]).all():
         radii = [RADIUS * size / largest for size, largest in zip((turn, shift), most, strict=True)]
@@ -84,7 +83,7 @@ _DEG, _MM = 180 / np.pi, 1e3
 
 
 def write_rig_report(
-    result: RigCalibration,
+    result: Any,
     path: str | Path,
     *,
     about: Mapping[str, str] | None = None,
@@ -118,7 +117,7 @@ def write_rig_report(
 
 
 def rig_html(
-    result: RigCalibration,
+    result: Any,
     *,
     about: Mapping[str, str] | None = None,
     verdicts: Mapping[str, Any] | None = None,
@@ -168,7 +167,7 @@ FRAMES = (
 )
 
 
-def headline(result: RigCalibration) -> tuple[str, str]:
+def headline(result: Any) -> tuple[str, str]:
     """Return the sentence that a rig is asked for, with its status: ok, caution or failed."""
     if result.reasons:
         return f"Not usable. {result.reasons[0]}", "failed"
@@ -188,7 +187,7 @@ def headline(result: RigCalibration) -> tuple[str, str]:
     return text, "caution" if caution or unlikely else "ok"
 
 
-def _answer(result: RigCalibration, verdicts: Mapping[str, Any]) -> list[Block]:
+def _answer(result: Any, verdicts: Mapping[str, Any]) -> list[Block]:
     text, status = headline(result)
     blocks: list[Block] = [Answer(text, status)]
     colours = {"PASS": "ok", "NOT SHOWN": "caution", "FAIL": "failed"}
@@ -226,14 +225,14 @@ def _rows(poses: Sequence[Any], counted: bool) -> list[list[str]]:
 _HEAD = ["pose", "x (mm)", "y (mm)", "z (mm)", "position (mm)", "rotation (deg)"]
 
 
-def _poses(result: RigCalibration) -> Table:
+def _poses(result: Any) -> Table:
     return Table(
         "Position of each pose, and the root mean square length of its error (1 sigma).", [*_HEAD, "views"],
         _rows(result.singles, True),
     )  # fmt: skip
 
 
-def _pairs(result: RigCalibration) -> list[Block]:
+def _pairs(result: Any) -> list[Block]:
     if not result.pairs:
         return [Paragraph("No two cameras are on one thing, so that no relative pose is constant.", empty=True)]
     return [
@@ -244,14 +243,14 @@ def _pairs(result: RigCalibration) -> list[Block]:
     ]  # fmt: skip
 
 
-def _residuals(result: RigCalibration) -> tuple[Graph, Array, Array]:
+def _residuals(result: Any) -> tuple[Graph, Array, Array]:
     """Graph, rotations (deg) and positions (mm) (E,) of the residuals of the views."""
     graph = Graph.of(result.rig)
     r = graph.linearise(result.poses).r
     return graph, _DEG * np.linalg.norm(r[:, :3], axis=1), _MM * np.linalg.norm(r[:, 3:], axis=1)
 
 
-def _by_pair(result: RigCalibration) -> Table:
+def _by_pair(result: Any) -> Table:
     graph, turn, shift = _residuals(result)
     rows: list[list[str]] = []
     marked: set[int] = set()
@@ -275,7 +274,7 @@ def _by_pair(result: RigCalibration) -> Table:
     )  # fmt: skip
 
 
-def noise_table(result: RigCalibration) -> list[Block]:
+def noise_table(result: Any) -> list[Block]:
     """Return the standard deviations of arms and cameras."""
     rows = [[name, digits(_MM * sizes[1], 2), digits(_DEG * sizes[0], 2)] for name, sizes in result.noise.items()]
     how = "estimated from the views" if result.components else "as given"
@@ -283,7 +282,7 @@ def noise_table(result: RigCalibration) -> list[Block]:
     return [Table(caption, ["arm or camera", "position (mm)", "rotation (deg)"], rows)]
 
 
-def _sizes(result: RigCalibration) -> list[Block]:
+def _sizes(result: Any) -> list[Block]:
     if not result.components:
         return [Paragraph("Not estimated: the noise was given.", empty=True)]
     parts = [[part["name"], *(_sized(part[key], part["unit"]) for key in ("size", "low", "high"))]
@@ -297,7 +296,7 @@ def _sized(value: float, unit: str) -> str:
     return f"{digits(factor * value, 2)} {shown}"
 
 
-def _paths(result: RigCalibration) -> list[Block]:
+def _paths(result: Any) -> list[Block]:
     if not result.paths:
         return [Paragraph("No two ways lead to one pose.", empty=True)]
     ordered = sorted(result.paths, key=lambda path: path.p)
@@ -313,7 +312,7 @@ def _paths(result: RigCalibration) -> list[Block]:
     ]  # fmt: skip
 
 
-def _optimality(result: RigCalibration) -> list[Block]:
+def _optimality(result: Any) -> list[Block]:
     of = result.optimality
     rows = [["proven", "yes" if of.proven else "no"],
             ["relative gap to the lower bound", "no bound" if of.gap is None else f"{of.gap:.1e}"],
@@ -323,7 +322,7 @@ def _optimality(result: RigCalibration) -> list[Block]:
     return [Paragraph(of.words), Table("Dual bound of the isotropic problem.", ["", ""], rows)]
 
 
-def _largest(result: RigCalibration) -> Table:
+def _largest(result: Any) -> Table:
     graph, turn, shift = _residuals(result)
     rows = []
     for e in np.argsort(-result.distances)[:MOST_VIEWS].tolist():
@@ -337,7 +336,7 @@ def _largest(result: RigCalibration) -> Table:
     )  # fmt: skip
 
 
-def _in_full(result: RigCalibration) -> Table:
+def _in_full(result: Any) -> Table:
     rows = []
     for one in result.every:
         sd = one.std

@@ -20,7 +20,7 @@ L the mean distance of the targets: of points so far ahead. Chosen one after the
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated, Any, ClassVar
 
@@ -32,11 +32,16 @@ from ..core.files.records import Record
 from ..core.geometry.checks import as_transforms
 from ..core.geometry.se3 import Array, inverse, perturb, skew
 from ..errors import InputError
+from ..fit.diagnostics.task_space import by_pose
 from ..model.noise.joint_covariance import checked_cholesky, substitute
+from ..model.noise.models import factor
 from .checks.check import new_noise
 from .description import WORLD, ArmPoses, Rig, View
 from .graph import Graph, Sides
 from .noise import RigNoise
+
+# Name of a target that no rig has.
+_AHEAD = " ahead"
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,15 +97,15 @@ def predict_points(
     if len({len(T) for T in at.values()}) > 1:
         raise InputError("Expected as many robot poses of each arm, row by row.")
     k = len(next(iter(at.values()))) if at else 1
-    chain = _Chain(result, at, k)
-    x, F = chain.moved(camera, np.broadcast_to(p, (k, *p.shape)))
+    K, F, S = _errors_of_cameras(result, names, at, k)
+    x = p @ K[0, :, :3, :3].mT + K[0, :, None, :3, 3]
+    by = by_pose(x - K[0, :, None, :3, 3]) @ F[0, :, None]
     if into != WORLD:
-        K = chain.pose(into)
-        x = (inverse(K)[:, None] @ np.concatenate([x, np.ones((*x.shape[:2], 1))], axis=-1)[..., None])[..., :3, 0]
-        _, other = chain.moved(into, x)
-        F = K[:, None, :3, :3].mT @ (F - other)
-    S = F @ chain.covariance[:, None] @ F.mT
-    return RigPoints(into, np.ascontiguousarray(x), 0.5 * (S + S.mT))
+        K_j, by_j = K[1, :, None, :3], by_pose(x - K[1, :, None, :3, 3]) @ F[1, :, None]
+        by = K_j[..., :3].mT @ (by - by_j)
+        x = (x - K_j[..., 3]) @ K[1, :, :3, :3]
+    found = by @ S @ by.mT
+    return RigPoints(into, np.ascontiguousarray(x), 0.5 * (found + found.mT))
 
 
 def _poses(robot: Mapping[str, Any] | None, arm: str) -> Array:
@@ -110,68 +115,40 @@ def _poses(robot: Mapping[str, Any] | None, arm: str) -> Array:
     return T[None] if T.ndim == 2 else T
 
 
-class _Chain:
-    """Poses of cameras at k robot poses, and the errors of all: posterior (N,), then noise of each arm (6,)."""
+def _errors_of_cameras(
+    result: Any, names: Sequence[str], at: Mapping[str, Array], k: int
+) -> tuple[Array, Array, Array]:
+    """Poses (c, k, 4, 4) of cameras at k robot poses, what errors do to them (c, k, 6, M), their covariance (M, M).
 
-    def __init__(self, result: Any, at: Mapping[str, Array], k: int) -> None:
-        self.result, self.arms, self.k = result, list(at), k
-        posterior, rig = result.posterior, result.rig
-        if posterior is None:
-            raise InputError("Expected the result of a rig with its posterior. Calibrate again.")
-        self.N = len(posterior.covariance)
-        self.covariance = np.zeros((k, self.N + 6 * len(at), self.N + 6 * len(at)))
-        self.covariance[:, : self.N, : self.N] = posterior.covariance
-        self.robot, self.K = {}, {}
-        for a, (name, T) in enumerate(at.items()):
-            place = self.N + 6 * a
-            ahead = np.broadcast_to(perturb(np.eye(4), np.eye(6)[5]), (k, 4, 4))
-            alone = Rig(
-                {name: rig.arms[name].like(ArmPoses(T))}, {"at": name}, {"it": WORLD}, (View("at", "it", ahead),)
-            )
-            noise = new_noise(result, alone, Graph.of(alone))
-            self.robot[name] = perturb(T, -(noise.K_robot @ posterior.estimate[:, None])[..., 0])
-            self.K[name] = noise.K_robot
-            self.covariance[:, place : place + 6, place : place + 6] = noise.robot
-
-    def factors(self, camera: str) -> list[tuple[str, Array]]:
-        """Factors (k, 4, 4) of the pose of a camera with what they are."""
-        result, place = self.result, self.result.rig.cameras[camera]
-        found: list[tuple[str, Array]] = [(camera, result.cameras[camera].pose)]
-        if place != WORLD:
-            found.insert(0, ("", self.robot[place]))
-            if place in result.names:
-                found.insert(0, (place, result.arms[place].pose))
-        return [(name, np.broadcast_to(T, (self.k, 4, 4))) for name, T in found]
-
-    def pose(self, camera: str) -> Array:
-        """(k, 4, 4) in the world."""
-        T = np.broadcast_to(np.eye(4), (self.k, 4, 4))
-        for _, factor in self.factors(camera):
-            T = T @ factor
-        return np.asarray(T)
-
-    def moved(self, camera: str, p: Array) -> tuple[Array, Array]:
-        """World points (k, n, 3) of points p (k, n, 3) of a camera, and derivatives (k, n, 3, N + 6 arms)."""
-        factors, place = self.factors(camera), self.result.rig.cameras[camera]
-        F = np.zeros((*p.shape, self.covariance.shape[-1]))
-        x = p
-        for i, (name, T) in reversed(list(enumerate(factors))):
-            before = np.broadcast_to(np.eye(3), (self.k, 3, 3))
-            for _, factor in factors[:i]:
-                before = before @ factor[:, :3, :3]
-            turned = (T[:, None, :3, :3] @ x[..., None])[..., 0]
-            D = np.concatenate([-skew(turned), np.broadcast_to(np.eye(3), (*p.shape, 3))], axis=-1)
-            D = before[:, None] @ D  # (k, n, 3, 6)
-            if name:
-                u = 6 * self.result.names.index(name)
-                F[..., u : u + 6] += D
-            else:
-                at = self.N + 6 * self.arms.index(place)
-                F[..., at : at + 6] += D
-                m = self.K[place].shape[-1]
-                F[..., self.N - m : self.N] += D @ self.K[place][:, None]
-            x = turned + T[:, None, :3, 3]
-        return x, F
+    The errors are those of the posterior and one of unit variance for each number of a robot pose of each arm.
+    """
+    rig, posterior = result.rig, result.posterior
+    if posterior is None:
+        raise InputError("Expected the result of a rig with its posterior. Calibrate again.")
+    C = np.broadcast_to(perturb(np.eye(4), np.eye(6)[5]), (k, 4, 4))  # of a target 1 m ahead of each, that is exact
+    arms = {name: arm.like(ArmPoses(at[name])) if name in at else arm for name, arm in rig.arms.items()}
+    views = (View(name, _AHEAD, C, None if rig.cameras[name] == WORLD else tuple(range(k))) for name in names)
+    alone = Rig(arms, {name: rig.cameras[name] for name in names}, {_AHEAD: WORLD}, tuple(views))
+    graph = Graph.of(alone)
+    noise = new_noise(result, alone, graph)
+    robot = perturb(graph.robot, -(noise.K_robot @ posterior.estimate[:, None])[..., 0])
+    poses = dict(zip(result.names, result.poses, strict=True))
+    T = np.stack([poses.get(name, np.eye(4)) for name in graph.names])
+    J, (by_robot, _), N = graph.by_unknowns(sides := graph.linearise(T, robot)), sides.robot, len(posterior.covariance)
+    F = np.zeros((graph.E, 6, N + 6 * len(arms)))
+    for u, name in enumerate(graph.names):
+        if name in poses:
+            F[..., posterior.block(name)] = J[..., 6 * u : 6 * u + 6]
+    for e in np.flatnonzero(graph.side[0] < graph.P):
+        g = graph.side[0][e]
+        of, D = N + 6 * int(graph.arm[g]), by_robot[e]
+        F[e, :, N - noise.count : N] = D @ noise.K_robot[g]
+        F[e, :, of : of + 6] = D @ factor(noise.robot[g])
+    L = graph.products(T, robot)[0]
+    F[:, 3:] += skew(L[:, :3, 2]) @ F[:, :3]  # from the target to the camera: the lever is the axis of view
+    S = np.eye(F.shape[-1])
+    S[:N, :N] = posterior.covariance
+    return (L @ inverse(graph.C)).reshape(-1, k, 4, 4), F.reshape(-1, k, *F.shape[1:]), S
 
 
 # By how much a candidate may be beyond what has been seen: distances, and angles.

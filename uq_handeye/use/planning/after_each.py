@@ -24,8 +24,8 @@ from ...fit.likelihood.goodness_of_fit import Reference
 from ...model.noise.models import Noise, PoseNoise
 from ...model.poses.pose_pairs import PosePairs
 from ...model.shared_errors.shared_error import OF_ANY_POSES, SharedError
-from .by_posterior import Known, Offered, Wanted, plan_within_reach
-from .plan import mean_distance, plan, plan_from
+from .by_posterior import Known, PlanRequest, plan_within_reach
+from .plan import plan, plan_from
 
 # Share of the variance of X from which on the errors that all poses share are what limits it.
 LIMITS = 0.8
@@ -74,12 +74,14 @@ def next_pose(
             told = all(error.name in OF_ANY_POSES for error in shared or ())  # also what it does to new poses
             if told and result.posterior is not None and result.opened is None:
                 known = Known(result, data, result.noise_estimate is not None)
-                of = Wanted("trace", None, mean_distance(data))
-                offered = Offered(sample=CANDIDATES, seed=seed)
-                if result.kinematics is None:
-                    found = plan_from(known, offered, 1, of)
+                asked, arm = (
+                    PlanRequest(k=1, criterion="trace", sample=CANDIDATES, seed=seed).of(data),
+                    result.kinematics,
+                )
+                if arm is None:
+                    found = plan_from(known, asked)
                 else:
-                    found = plan_within_reach(known, result.kinematics, of, offered)
+                    found = plan_within_reach(known, arm.chain, arm.joints, asked)
             else:
                 errors = None if shared is None else [error for error in shared if error.name in OF_ANY_POSES]
                 found = plan(data, k=1, noise=given, shared=errors, sample=CANDIDATES, seed=seed)

@@ -21,29 +21,34 @@ and so is the arm itself in its way.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple, cast
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ...calibration.calibrate import calibrate
-from ...calibration.estimate.analysis import FittedKinematics
 from ...calibration.estimate.estimated import Estimated
 from ...calibration.job import joints_by_poses
 from ...calibration.prediction.predict import CameraAhead, camera_ahead, camera_at, own_noise
 from ...calibration.result import Calibration
+from ...core.formatting.units import parse_length
 from ...core.geometry.checks import as_numbers
 from ...core.geometry.se3 import Array
-from ...errors import DegenerateMotionError, InputError, NotConvergedError
+from ...errors import DegenerateMotionError, InputError, NotConvergedError, require_integer, require_one_of
 from ...model.kinematics.arms.postures import postures_at
 from ...model.kinematics.chain import Kinematics
 from ...model.kinematics.forward import spread_postures
 from ...model.kinematics.joint import PRISMATIC
+from ...model.kinematics.kinematic_errors import KinematicErrors
+from ...model.noise.estimate import NoisePrior
 from ...model.noise.models import PoseNoise
 from ...model.noise.square_roots import cholesky_of, whiten
 from ...model.poses.pose_pairs import PosePairs
 from ...model.posterior.owners import ROBOT
 from ...model.posterior.selection import weight_of_X
+from ...model.shared_errors.shared_error import SharedError
 from .candidates import draw_camera_poses, require_choice, require_number, robot_of
 from .result import FORMS, Plan
 
@@ -52,22 +57,70 @@ PREDICTION = "prediction"
 MIXED = 0.5
 
 
-class Wanted(NamedTuple):
-    """Quantity to minimise."""
-
-    criterion: str
-    point: Array | None  # (3,) m
-    length: float | None  # m
-    task: CameraAhead | None = None  # postures (t, L) of criterion prediction
+CRITERIA = ("trace", "logdet", "point")
 
 
-class Offered(NamedTuple):
-    """Candidates to choose from, as given, or how many are drawn."""
+@dataclass(frozen=True, eq=False)
+class PlanRequest:
+    """The arguments of `plan` beside the poses; see there. Raises `InputError` for those that fit no poses."""
 
     candidates: Any = None
+    k: int = 5
+    noise: PoseNoise | None = None
+    criterion: str | None = None
+    point: Any = None
+    length: str | float | None = None
     sample: int = 200
     seed: int | np.random.Generator = 0
     repeat: bool = False
+    shared: Sequence[SharedError] | None = None
+    joints: ArrayLike | None = None
+    kinematics: Kinematics | None = None
+    kinematic_errors: KinematicErrors | None = None
+    task: ArrayLike | None = None
+    prior: NoisePrior | None = None
+
+    def __post_init__(self) -> None:
+        require_integer("k", self.k, 1)
+        if self.kinematics is None:
+            if self.criterion == PREDICTION or any(
+                given is not None for given in (self.joints, self.kinematic_errors, self.task)
+            ):
+                raise InputError(
+                    "Expected `kinematics` (Kinematics.from_urdf) beside joints, kinematic errors, task and criterion "
+                    f"{PREDICTION!r}."
+                )
+            if self.noise is not None and self.prior is not None:
+                raise InputError("Give either `noise` or, for noise that is to be estimated, a `prior`; not both.")
+        criterion, point, length = self.criterion or ("trace" if self.kinematics is None else PREDICTION), None, None
+        require_one_of("criterion", criterion, (*CRITERIA, PREDICTION))
+        if (self.point is not None) != (criterion == "point"):
+            raise InputError(
+                "Criterion 'point' and a point (x, y, z in camera coordinates) go together, "
+                f"got criterion {criterion!r} and point {self.point!r}."
+            )
+        if self.length is not None:
+            if criterion != "trace":
+                raise InputError(f"A length is part of criterion 'trace' only, got criterion {criterion!r}.")
+            if (length := parse_length(self.length, "`length`")) <= 0:
+                raise InputError(f"Expected `length` to be above 0, got {self.length!r}.")
+        if self.point is not None:
+            if isinstance(self.point, str) or np.shape(self.point) != (3,):
+                raise InputError(f"Expected `point` to be x, y, z in camera coordinates, got {self.point!r}.")
+            point = np.array([parse_length(x, "`point`") for x in self.point])
+        for name, value in (("criterion", criterion), ("point", point), ("length", length)):
+            object.__setattr__(self, name, value)
+
+    def of(self, data: PosePairs) -> PlanRequest:
+        """Return the request with what follows from the poses: the length is the distance of the target."""
+        if self.criterion != "trace" or self.length is not None:
+            return self
+        return replace(self, length=mean_distance(data))
+
+
+def mean_distance(data: PosePairs) -> float:
+    """Root mean square distance (m) from camera to target."""
+    return float(np.sqrt(np.mean(np.sum(data.camera[:, :3, 3] ** 2, axis=-1))))
 
 
 class Known(NamedTuple):
@@ -79,10 +132,13 @@ class Known(NamedTuple):
     open_directions: Array = np.zeros((0, 6))
 
 
-def planned(known: Known, ahead: CameraAhead, k: int, of: Wanted, offered: Offered, **more: Any) -> Plan:
-    """Return the k of the poses ahead that make the criterion small; ``more`` are fields of the plan about joints."""
+def planned(known: Known, ahead: CameraAhead, asked: PlanRequest, at: CameraAhead | None = None, **more: Any) -> Plan:
+    """Return those of the poses ahead that make the criterion small.
+
+    ``at``: where predictions are to be good, of criterion prediction; ``more``: fields of the plan about joints.
+    """
     result, data = known.result, known.data
-    sampled, repeat = offered.candidates is None, offered.repeat
+    sampled, repeat, k = asked.candidates is None, asked.repeat, asked.k
     assert result.posterior is not None and result.W is not None
     require_choice(len(ahead.robot), k, repeat)
     camera = camera_at(result, ahead.robot)
@@ -92,14 +148,14 @@ def planned(known: Known, ahead: CameraAhead, k: int, of: Wanted, offered: Offer
             f"Expected candidates from which the camera sees the target, got {len(in_view)} of {len(camera)}: at the "
             "others the target is behind the camera, or far aside. Are they poses base_T_gripper of this rig?"
         )
-    Q = None
-    if of.task is not None:
-        A = np.array(of.task.columns[:, 3:])
+    Q, length = None, cast("float | None", asked.length)
+    if at is not None:
+        A = np.array(at.columns[:, 3:])
         owned = 12 + result.posterior.owned_by([ROBOT])
         A[..., np.setdiff1d(np.arange(12, A.shape[-1]), owned)] = 0.0
         Q = np.einsum("tri,trj->ij", A, A) / len(A)
-    elif of.criterion != "logdet":
-        Q = weight_of_X(result.X, of.point, of.length)
+    elif asked.criterion != "logdet":
+        Q = weight_of_X(result.X, asked.point, length)
     rows = whiten(cholesky_of(ahead.noise + ahead.unseen), ahead.columns)
     picked, covariances, values = result.posterior.choose(rows[in_view], k, Q, repeat=repeat)
     chosen = in_view[picked]
@@ -110,11 +166,11 @@ def planned(known: Known, ahead: CameraAhead, k: int, of: Wanted, offered: Offer
         camera=camera[chosen],
         covariance_before=covariances[0],
         covariances=covariances[1:],
-        criterion=of.criterion,
+        criterion=str(asked.criterion),
         criterion_before=float(values[0]),
         criterion_values=values[1:],
-        length=of.length,
-        point=of.point,
+        length=length,
+        point=asked.point,
         X=result.X,
         W=result.W,
         setup=data.setup,
@@ -138,12 +194,6 @@ def _in_view(data: PosePairs, camera: Array) -> NDArray[np.intp]:
     return np.flatnonzero(ahead @ mean > 0) if np.linalg.norm(mean) > MIXED else np.arange(len(camera))
 
 
-def joint_fields(chain: Kinematics, joint_noise: float) -> dict[str, Any]:
-    """Fields of a plan about the joints of an arm."""
-    units = tuple(joint.unit for joint in chain.joints)
-    return {"joint_names": chain.names, "joint_units": units, "joint_noise": joint_noise}
-
-
 # Postures of the task where none are given.
 TASK = 200
 # Candidates start from joints so far, moved by this (rad, m); and are drawn so many times as often as asked for.
@@ -153,35 +203,29 @@ DRAWS = 20
 DRAWN_AT_ONCE = 2_000
 
 
-def plan_by_joints(
-    data: PosePairs, chain: Kinematics, options: dict[str, Any], offered: Offered, k: int, of: Wanted, task: Any
-) -> Plan:
-    """See `plan`; ``options`` are those of `calibrate`."""
-    result, joints = _so_far(data, chain, options)
-    assert result.W is not None
-    fitted = result.kinematics
-    if offered.candidates is None:
-        e = None if fitted is None else fitted.e
-        q = sample_joints(data, chain, joints, result.X, result.W, offered.sample, e=e, seed=offered.seed)
-    else:
-        q = _inside(chain, offered.candidates, "candidates")
-    more = joint_fields(chain, 0.0 if fitted is None else fitted.joint_noise)
-    if of.criterion == PREDICTION:
-        revolute = _revolute(chain)
-        at_task = spread_postures(chain.limits, revolute, TASK) if task is None else _inside(chain, task, "task")
-        of = of._replace(task=_ahead(result, chain, at_task))
-        more["task"] = at_task
-    known = Known(result, data, options["noise"] is None)
-    return planned(known, _ahead(result, chain, q), k, of, offered, joints=q, task_given=task is not None, **more)
+def plan_by_joints(data: PosePairs, chain: Kinematics, asked: PlanRequest) -> Plan:
+    """See `plan`."""
+    result, joints = _so_far(data, chain, asked)
+    return plan_within_reach(Known(result, data, asked.noise is None), chain, joints, asked)
 
 
-def plan_within_reach(known: Known, arm: FittedKinematics, of: Wanted, offered: Offered) -> Plan:
-    """Return the one pose to take next, inside the joint limits of the arm of a calibration."""
-    result, chain = known.result, arm.chain
+def plan_within_reach(known: Known, chain: Kinematics, joints: Array, asked: PlanRequest) -> Plan:
+    """Return the poses to take next, inside the joint limits of the arm; ``joints`` (n, L): those so far."""
+    result, fitted = known.result, known.result.kinematics
     assert isinstance(result, Calibration) and result.W is not None
-    q = sample_joints(known.data, chain, arm.joints, result.X, result.W, offered.sample, e=arm.e, seed=offered.seed)
-    fields = joint_fields(chain, arm.joint_noise)
-    return planned(known, _ahead(result, chain, q), 1, of, offered, joints=q, **fields)
+    if asked.candidates is None:
+        e = None if fitted is None else fitted.e
+        q = sample_joints(known.data, chain, joints, result.X, result.W, asked.sample, e=e, seed=asked.seed)
+    else:
+        q = _inside(chain, asked.candidates, "candidates")
+    more: dict[str, Any] = {"joint_names": chain.names, "joint_units": tuple(joint.unit for joint in chain.joints)}
+    more["joint_noise"] = 0.0 if fitted is None else fitted.joint_noise
+    task = None
+    if asked.criterion == PREDICTION:
+        given = asked.task is not None
+        at = _inside(chain, asked.task, "task") if given else spread_postures(chain.limits, _revolute(chain), TASK)
+        task, more = _ahead(result, chain, at), more | {"task": at, "task_given": given}
+    return planned(known, _ahead(result, chain, q), asked, task, joints=q, **more)
 
 
 def sample_joints(
@@ -226,18 +270,21 @@ def sample_joints(
     return np.concatenate(found)
 
 
-def _so_far(data: PosePairs, chain: Kinematics, options: dict[str, Any]) -> tuple[Calibration, Array]:
+def _so_far(data: PosePairs, chain: Kinematics, asked: PlanRequest) -> tuple[Calibration, Array]:
     """X, W and the errors of the arm from the poses so far, and their joints."""
     advice = "Take more poses, with rotations about other axes, or plan them without joints."
     try:
-        result = calibrate(data, kinematics=chain, **options)
+        result = calibrate(
+            data, kinematics=chain, noise=asked.noise, prior=asked.prior, shared=asked.shared, joints=asked.joints,
+            kinematic_errors=asked.kinematic_errors,
+        )  # fmt: skip
     except (DegenerateMotionError, NotConvergedError) as error:
         raise InputError(f"The poses so far do not determine X and the errors of the arm. {advice}") from error
     if result.posterior is None or result.W is None:
         raise InputError(f"The poses so far leave a part of X open, or fit exactly. {advice}")
     if result.kinematics is not None:
         return result, result.kinematics.joints
-    given = data.joints if options["joints"] is None else options["joints"]
+    given = data.joints if asked.joints is None else asked.joints
     return result, joints_by_poses(chain, data) if given is None else as_numbers(given, "joints")
 
 

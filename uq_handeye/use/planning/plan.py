@@ -29,35 +29,28 @@ Poses that leave a part of X open (parallel axes, pure translations) can be plan
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
 from typing import Any, overload
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from ...calibration.calibrate import calibrate
 from ...calibration.prediction.predict import camera_ahead
 from ...calibration.result import Calibration
-from ...core.formatting.units import parse_length
 from ...core.geometry.checks import as_transforms
-from ...errors import DegenerateMotionError, InputError, NotConvergedError, require_integer
-from ...model.kinematics.chain import Kinematics
-from ...model.kinematics.kinematic_errors import KinematicErrors
-from ...model.noise.estimate import NoisePrior
+from ...errors import DegenerateMotionError, InputError, NotConvergedError, require_known, keywords_of
 from ...model.noise.joint_covariance import JointCovariance
 from ...model.noise.models import PoseNoise, is_joint
 from ...model.poses.pose_pairs import PosePairs
 from ...model.poses.timing import warn_left_out
-from ...model.shared_errors.shared_error import OF_ANY_POSES, SharedError, checked_errors
+from ...model.shared_errors.shared_error import OF_ANY_POSES, checked_errors
 from ...rig.description import require_left_out
 from ...rig.plan import RigPlan, plan_rig
 from ...rig.result import RigCalibration
-from .by_posterior import PREDICTION, Known, Offered, Wanted, plan_by_joints, planned
+from .by_posterior import Known, PlanRequest, plan_by_joints, planned
 from .candidates import sample_candidates
 from .result import Plan
 from .weak_prior import OPEN, WeaklyKnown
 
-CRITERIA = ("trace", "logdet", "point")
 GIVE = "Give `noise` (--robot-noise and --camera-noise, or --noise)."
 
 
@@ -65,25 +58,7 @@ GIVE = "Give `noise` (--robot-noise and --camera-noise, or --noise)."
 def plan(data: RigCalibration, candidates: Any = None, k: int = 5, **options: Any) -> RigPlan: ...
 @overload
 def plan(data: PosePairs, candidates: Any = None, k: int = 5, **options: Any) -> Plan: ...
-def plan(  # type: ignore[misc]
-    data: Any,
-    candidates: Any = None,
-    k: int = 5,
-    *,
-    noise: PoseNoise | None = None,
-    criterion: str | None = None,
-    point: Any = None,
-    length: str | float | None = None,
-    sample: int = 200,
-    seed: int | np.random.Generator = 0,
-    repeat: bool = False,
-    shared: Sequence[SharedError] | None = None,
-    joints: ArrayLike | None = None,
-    kinematics: Kinematics | None = None,
-    kinematic_errors: KinematicErrors | None = None,
-    task: ArrayLike | None = None,
-    prior: NoisePrior | None = None,
-) -> Any:
+def plan(data: Any, candidates: Any = None, k: int = 5, **asked: Any) -> Any:
     """The next k poses that most reduce the uncertainty of X, and the covariance of X predicted after each.
 
     Parameters
@@ -136,12 +111,11 @@ def plan(  # type: ignore[misc]
     >>> found.robot.shape, found.covariances.shape
     ((3, 4, 4), (3, 6, 6))
     """
+    require_known("plan", asked, PlanRequest)
     if isinstance(data, RigCalibration):
-        require_left_out(
-            "of a rig", noise=noise, criterion=criterion, point=point, length=length, shared=shared, joints=joints,
-            kinematics=kinematics, kinematic_errors=kinematic_errors, task=task, prior=prior, repeat=repeat or None,
-        )  # fmt: skip
-        return plan_rig(data, candidates, k, sample=sample, seed=seed)
+        of_rig = {name: asked.pop(name) for name in ("sample", "seed") if name in asked}
+        require_left_out("of a rig", **asked | {"repeat": asked.get("repeat") or None})
+        return plan_rig(data, candidates, k, **of_rig)
     if not isinstance(data, PosePairs):
         raise InputError(f"Expected `data` to be PosePairs, got {type(data).__name__}.")
     if data.robot.ndim != 3:
@@ -149,71 +123,31 @@ def plan(  # type: ignore[misc]
     if data.n < 3:
         raise InputError(f"Expected at least 3 poses so far, got {data.n}.")
     warn_left_out("plan()", data)
-    require_integer("k", k, 1)
-    offered = Offered(candidates, sample, seed, repeat)
-    if kinematics is not None:
-        options: dict[str, Any] = {"noise": noise, "prior": prior, "shared": shared, "joints": joints}
-        options["kinematic_errors"] = kinematic_errors
-        of = _wanted(data, criterion or PREDICTION, point, length)
-        return plan_by_joints(data, kinematics, options, offered, k, of, task)
-    if criterion == PREDICTION or any(given is not None for given in (joints, kinematic_errors, task)):
-        raise InputError(
-            "Expected `kinematics` (Kinematics.from_urdf) beside joints, kinematic errors, task and criterion "
-            f"{PREDICTION!r}."
-        )
-    if noise is not None and prior is not None:
-        raise InputError("Give either `noise` or, for noise that is to be estimated, a `prior`; not both.")
-    of = _wanted(data, criterion or "trace", point, length)
-    return plan_from(_so_far(data, noise, shared, prior), offered, k, of)
+    request = PlanRequest(candidates, k, **asked).of(data)
+    if request.kinematics is not None:
+        return plan_by_joints(data, request.kinematics, request)
+    return plan_from(_so_far(data, request), request)
 
 
-def plan_from(known: Known, offered: Offered, k: int, of: Wanted) -> Plan:
+plan.__signature__ = keywords_of(plan, PlanRequest)  # type: ignore[attr-defined]
+
+
+def plan_from(known: Known, asked: PlanRequest) -> Plan:
     """See `plan`: from what is known already."""
     result = known.result
     assert result.W is not None
-    if offered.candidates is None:
-        robot = sample_candidates(known.data, result.X, result.W, offered.sample, seed=offered.seed)
+    if asked.candidates is None:
+        robot = sample_candidates(known.data, result.X, result.W, asked.sample, seed=asked.seed)
     else:
-        robot = np.asarray(as_transforms(offered.candidates, "candidates"))
+        robot = np.asarray(as_transforms(asked.candidates, "candidates"))
         if robot.ndim != 3 or len(robot) == 0:
             raise InputError(f"Expected `candidates` to have shape (m, 4, 4) with m >= 1, got {robot.shape}.")
-    return planned(known, camera_ahead(result, robot=robot), k, of, offered)
+    return planned(known, camera_ahead(result, robot=robot), asked)
 
 
-def _wanted(data: PosePairs, criterion: str, point: Any, length: str | float | None) -> Wanted:
-    """The criterion with its point or length, checked."""
-    if criterion not in (*CRITERIA, PREDICTION):
-        raise InputError(f"Expected `criterion` to be one of {', '.join((*CRITERIA, PREDICTION))}, got {criterion!r}.")
-    if (point is not None) != (criterion == "point"):
-        raise InputError(
-            "Criterion 'point' and a point (x, y, z in camera coordinates) go together, "
-            f"got criterion {criterion!r} and point {point!r}."
-        )
-    if length is not None and criterion != "trace":
-        raise InputError(f"A length is part of criterion 'trace' only, got criterion {criterion!r}.")
-    if criterion == "point":
-        if isinstance(point, str) or np.shape(point) != (3,):
-            raise InputError(f"Expected `point` to be x, y, z in camera coordinates, got {point!r}.")
-        return Wanted(criterion, np.array([parse_length(x, "`point`") for x in point]), None)
-    if criterion in ("logdet", PREDICTION):
-        return Wanted(criterion, None, None)
-    if length is None:
-        return Wanted(criterion, None, mean_distance(data))
-    distance = parse_length(length, "`length`")
-    if distance <= 0:
-        raise InputError(f"Expected `length` to be above 0, got {length!r}.")
-    return Wanted(criterion, None, distance)
-
-
-def mean_distance(data: PosePairs) -> float:
-    """Root mean square distance (m) from camera to target."""
-    return float(np.sqrt(np.mean(np.sum(data.camera[:, :3, 3] ** 2, axis=-1))))
-
-
-def _so_far(
-    data: PosePairs, noise: PoseNoise | None, shared: Sequence[SharedError] | None, prior: NoisePrior | None
-) -> Known:
+def _so_far(data: PosePairs, asked: PlanRequest) -> Known:
     """The calibration of the poses so far, or X and W with a weak prior where these leave a part open."""
+    noise, shared = asked.noise, asked.shared
     if noise is not None:
         _require_noise_of_poses(noise)
     if shared is not None:
@@ -224,7 +158,7 @@ def _so_far(
     with warnings.catch_warnings(record=True) as said:  # of a part that is open the plan speaks itself
         warnings.simplefilter("always")
         try:
-            result = calibrate(data, noise=noise, shared=shared, prior=prior)
+            result = calibrate(data, noise=noise, shared=shared, prior=asked.prior)
         except (DegenerateMotionError, NotConvergedError) as error:
             if noise is None:
                 raise InputError(

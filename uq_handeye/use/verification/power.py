@@ -21,7 +21,7 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from itertools import product
 from typing import Any
 
@@ -46,8 +46,9 @@ _ANY = 1e8
 
 @dataclass(frozen=True, eq=False)
 class Bias(ReadOnlyArrays):
-    """Bias of touches and what is left of them."""
+    """Bias of touches and what is left of them, with the tests of both."""
 
+    evidence: TouchEvidence
     estimate: Array  # (3,), 0 along directions that a tool hides
     covariance: Array  # (3, 3), 0 along these
     hidden: Array  # (h, 3) directions that the tool hides
@@ -75,6 +76,36 @@ class Bias(ReadOnlyArrays):
         direction = vectors[:, -1]
         return float(np.sqrt(values[-1])), direction * np.sign(direction[np.abs(direction).argmax()])
 
+    @cached_property
+    def reference(self) -> PredictiveReference:
+        """Distribution of the part of the bias if there is none."""
+        return self.evidence.reference_along(self.along)
+
+    @cached_property
+    def p_values(self) -> tuple[float | None, float | None]:
+        """Probabilities of the bias and of the scatter; None where there is nothing to test."""
+        p_bias = self.reference.p_value(self.d2) if self.dof else None
+        p_scatter = self.evidence.reference_along(self.left).p_value(self.rest) if self.dof_rest else None
+        return p_bias, p_scatter
+
+    @property
+    def p_value(self) -> float | None:
+        """Probability of both together; None: nothing can be tested."""
+        found = [p for p in self.p_values if p is not None]
+        return -float(np.expm1(len(found) * np.log1p(-min(*found, 1.0 - 1e-16)))) if found else None
+
+    @property
+    def level(self) -> float:
+        """Level of each test."""
+        return level_of_each(max(sum(p is not None for p in self.p_values), 1))
+
+    def detectable(self, level: float) -> float:
+        """Smallest bias, in the worst direction, that these touches would show with `POWER` probability."""
+        if self.dof < 3:
+            return float("inf")
+        size = _of_known_noise(level) if self.reference.noise_given else self.reference.noncentrality(POWER, level)
+        return float(np.sqrt(size)) * self.worst[0]
+
 
 def bias_of(evidence: TouchEvidence, tool_known: bool = True) -> Bias:
     """Estimate the bias and split ``d^2``."""
@@ -97,43 +128,12 @@ def bias_of(evidence: TouchEvidence, tool_known: bool = True) -> Bias:
     found = np.concatenate([of_tool, U], axis=1)
     left = np.linalg.qr(found, mode="complete")[0][:, found.shape[1] :]
     d2_rest = float(rest @ rest) if left.shape[1] else 0.0
-    return Bias(back @ along, back @ back.T, Vt[~told], float(along @ along), d2_rest, U, left)
-
-
-@dataclass(frozen=True, eq=False)
-class Assessed(ReadOnlyArrays):
-    """The tests of touches."""
-
-    bias: Bias
-    p_value: float | None  # None: nothing can be tested
-    p_bias: float | None
-    p_scatter: float | None
-    level: float  # of each test
-
-
-def assess(evidence: TouchEvidence, tool_known: bool = True) -> Assessed:
-    """Test bias and scatter."""
-    bias = bias_of(evidence, tool_known)
-    p_bias = evidence.reference_along(bias.along).p_value(bias.d2) if bias.dof else None
-    p_scatter = evidence.reference_along(bias.left).p_value(bias.rest) if bias.dof_rest else None
-    found = [p for p in (p_bias, p_scatter) if p is not None]
-    p_value = None if not found else -float(np.expm1(len(found) * np.log1p(-min(*found, 1.0 - 1e-16))))
-    return Assessed(bias, p_value, p_bias, p_scatter, level_of_each(max(len(found), 1)))
+    return Bias(evidence, back @ along, back @ back.T, Vt[~told], float(along @ along), d2_rest, U, left)
 
 
 def level_of_each(tests: int) -> float:
     """Level of each of the independent tests that together have `LEVEL`."""
     return float(1.0 - (1.0 - LEVEL) ** (1.0 / tests))
-
-
-def detectable(evidence: TouchEvidence, tool_known: bool, level: float) -> float:
-    """Smallest bias, in the worst direction, that these touches would show with `POWER` probability."""
-    bias = bias_of(evidence, tool_known)
-    if bias.dof < 3:
-        return float("inf")
-    reference = evidence.reference_along(bias.along)
-    size = _of_known_noise(level) if reference.noise_given else reference.noncentrality(POWER, level)
-    return float(np.sqrt(size)) * bias.worst[0]
 
 
 @lru_cache(maxsize=100)
@@ -143,19 +143,16 @@ def _of_known_noise(level: float) -> float:
 
 def limit(evidence: TouchEvidence, tool_known: bool, level: float) -> float:
     """Smallest bias that any number of touches of the same kind would show."""
-    return detectable(evidence.repeated(_ANY), tool_known, level)
+    return bias_of(evidence.repeated(_ANY), tool_known).detectable(level)
 
 
 def touches_needed(evidence: TouchEvidence, tool_known: bool, size: float, level: float) -> int | None:
     """Number of touches of the same kind until a bias of the size shows; None: no number would, or more than `MOST`."""
-    m = len(evidence.r)
 
     def shows(n: int) -> bool:
-        return detectable(evidence.repeated(n / m), tool_known, level) <= size
+        return bias_of(evidence.repeated(n / len(evidence.r)), tool_known).detectable(level) <= size
 
-    if not shows(MOST):
-        return None
-    return bisect_left(range(MOST), True, lo=1, key=shows)
+    return bisect_left(range(MOST), True, lo=1, key=shows) if shows(MOST) else None
 
 
 # Views that are considered, and touches that are proposed.
@@ -164,11 +161,7 @@ PROPOSED = 3
 
 
 def next_touches(
-    result: Estimated,
-    touches: Touches,
-    evidence: TouchEvidence,
-    level: float,
-    candidates: Any = None,
+    result: Estimated, touches: Touches, evidence: TouchEvidence, level: float, candidates: Any = None
 ) -> tuple[NextTouch, ...]:
     """Choose touches one after the other, each the one after which the smallest bias would show.
 
@@ -187,33 +180,27 @@ def next_touches(
     pairs = list(product(views.tolist(), points))
     rows = np.array([view for view, _ in pairs])
     more = replace(touches.rows(rows), seen=np.array([p for _, p in pairs]))
-    at = evidence_of_touches(result, _touching(more, evidence, rows)).at
-    more = _touching(replace(more, touched=None if more.touched is None else at), evidence, rows, at)
+    at = evidence_of_touches(result, more).at
+    more = replace(more, touched=None if more.touched is None else at)
+    if more.touched_robot is not None:  # moved to the points, in the orientation of the touches they are made of
+        poses = np.array(more.touched_robot)
+        poses[:, :3, 3] += at - evidence.at[rows]
+        more = replace(more, touched_robot=poses)
     new = evidence_of_touches(result, more)
     every = evidence_of_touches(result, touches.joined(more))
     m, chosen, found = touches.m, list(range(touches.m)), []
     for _ in range(PROPOSED):
-        sizes = [detectable(every.rows([*chosen, m + j]), True, level) for j in range(len(pairs))]
+        sizes = [bias_of(every.rows([*chosen, m + j])).detectable(level) for j in range(len(pairs))]
         best = int(np.argmin(sizes))
         chosen.append(m + best)
         found.append(NextTouch(more.seen[best], new.at[best], int(rows[best]), float(sizes[best])))
     return tuple(found)
 
 
-def _touching(more: Touches, evidence: TouchEvidence, rows: Array, at: Array | None = None) -> Touches:
-    """The touches with the robot moved to the points, in the orientation of the touches that they are made of."""
-    if more.touched_robot is None or at is None:
-        return more
-    poses = np.array(more.touched_robot)
-    poses[:, :3, 3] += at - evidence.at[rows]
-    return replace(more, touched_robot=poses)
-
-
 def _region(seen: Array) -> Array:
     """Corners and centre of the box of the points, each once."""
-    low, high = seen.min(axis=0), seen.max(axis=0)
-    corners = np.array([[(low, high)[bit][k] for k, bit in enumerate(bits)] for bits in product((0, 1), repeat=3)])
-    return np.unique(np.vstack([corners, 0.5 * (low + high)]), axis=0)
+    ends = np.stack([seen.min(axis=0), seen.max(axis=0)], axis=1)
+    return np.unique([*product(*ends), ends.mean(axis=1)], axis=0)
 
 
 def _given(candidates: Any) -> Array:

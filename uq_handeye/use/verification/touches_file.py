@@ -73,30 +73,40 @@ class _Touches:
     units: dict[str, str | None]
     default: str
 
-    @property
-    def name(self) -> str:
-        return self.table.name
-
     def at(self, row: int, column: str) -> str:
         return f"{self.table.at(row)}, column {column}"
 
-    def numbers(self, column: str, scale: float = 1.0) -> Array:
-        values = self.table.values[:, self.columns[column]]
+    def numbers(self, column: str, known: Mapping[str, float] | None = None) -> Array:
+        """(m,) of a column, in the unit that it names; without one lengths have that of the caller."""
+        values, unit = self.table.values[:, self.columns[column]], self.units[column]
         if not (finite := np.isfinite(values)).all():
             row = int(np.argmin(finite))
             raise InputError(f"{self.at(row, column)}: expected a number, got {values[row]}.")
-        return np.asarray(values * scale)
+        if unit is None:
+            return np.asarray(values * (LENGTH_UNITS[self.default] if known is LENGTH_UNITS else 1.0))
+        return np.asarray(values * (1.0 if known is None else known[unit]))
 
-    def lengths(self, columns: Sequence[str]) -> Array:
-        return np.stack([self.numbers(c, LENGTH_UNITS[self.units[c] or self.default]) for c in columns], axis=-1)
+    def lengths(self, prefix: str, parts: Sequence[str] = "xyz") -> Array | None:
+        """(m, k) of the columns of a group, None where there are none; raises where some of them are missing."""
+        if not self.group(prefix, parts):
+            return None
+        return np.stack([self.numbers(f"{prefix}{part}", LENGTH_UNITS) for part in parts], axis=-1)
 
     def group(self, prefix: str, parts: Sequence[str]) -> bool:
         """Return whether the columns of a group are there; raise where some of them are missing."""
         there = [part for part in parts if f"{prefix}{part}" in self.columns]
         if there and len(there) < len(parts):
             missing = ", ".join(f"{prefix}{part}" for part in parts if part not in there)
-            raise InputError(f"{self.name}, line 1: expected the columns {missing} beside {prefix}{there[0]}.")
+            raise InputError(f"{self.table.name}, line 1: expected the columns {missing} beside {prefix}{there[0]}.")
         return bool(there)
+
+    def deviations(self, column: str) -> Array | None:
+        """(m,) standard deviations of a column, m; None where there is none."""
+        if column not in self.columns:
+            return None
+        if (values := self.numbers(column, LENGTH_UNITS)).min() < 0:
+            raise InputError(f"{self.at(int(values.argmin()), column)}: expected >= 0, got {values.min():g}.")
+        return values
 
 
 def read_touches(
@@ -132,108 +142,91 @@ def read_touches(
     if units not in LENGTH_UNITS:
         raise InputError(f"Expected `units` (--units) to be one of {', '.join(LENGTH_UNITS)}, got {units!r}.")
     table = _table(path, units, arm)
+    name, m = table.table.name, len(table.table.lines)
     parts: dict[str, Any] = dict(more)
     if table.table.texts:
         parts["names"] = tuple(plain_text(text) or str(k + 1) for k, (text,) in enumerate(table.table.texts))
-    parts |= _seen(table, board, point_sd)
-    if table.group("touched_", "xyz"):
-        parts["touched"] = table.lengths(["touched_x", "touched_y", "touched_z"])
-    parts |= _robot(table, "seen_at_", arm, "robot", "joints")
-    parts |= _robot(table, "touched_at_", arm, "touched_robot", "touched_joints")
-    if not {"touched", "touched_robot", "touched_joints"} & set(parts):
+    seen, on_board = table.lengths("seen_"), table.lengths("board_")
+    if (seen is None) == (on_board is None):
         raise InputError(
-            f"{table.name}, line 1: expected where the points were touched: touched_x, touched_y, touched_z (base "
-            f"frame), or "
+            f"{name}, line 1: expected either seen_x, seen_y, seen_z (camera frame) or board_x, board_y, board_z (on "
+            f"the board), got {'neither' if seen is None else 'both'}."
+        )
+    parts["seen"] = on_board if seen is None else seen
+    if on_board is not None:
+        parts["board"] = _board_poses(table, board, m)
+    each = [table.deviations(f"seen_sd{axis}") for axis in ("", "_x", "_y", "_z")]
+    sd = np.full((m, 3), point_sd) if each[0] is None else np.repeat(each[0][:, None], 3, axis=1)
+    if table.group("seen_sd_", "xyz"):
+        sd = np.stack([one for one in each[1:] if one is not None], axis=-1)
+    if point_sd is not None or any(one is not None for one in each):
+        parts["seen_covariance"] = sd[..., None].astype(float) ** 2 * np.eye(3)
+    for prefix, poses, joints in (("seen_at_", "robot", "joints"), ("touched_at_", "touched_robot", "touched_joints")):
+        parts |= {poses: _poses(table, prefix), joints: _joint_values(table, prefix, arm)}
+    parts["touched"] = table.lengths("touched_")
+    if all(parts[side] is None for side in ("touched", "touched_robot", "touched_joints")):
+        raise InputError(
+            f"{name}, line 1: expected where the points were touched: touched_x, touched_y, touched_z (base frame), or "
             "the robot pose touched_at_x ... touched_at_qw."
         )
-    if "touched_sd" in table.columns:
-        parts["touch_sd"] = table.lengths(["touched_sd"])[:, 0]
-    elif touch_sd is not None:
-        parts["touch_sd"] = touch_sd
-    else:
-        raise InputError(f"{table.name}: expected the noise of a touch: --tcp-sd 0.2mm, or a column touched_sd.")
-    for column in ("touched_sd", "seen_sd", "seen_sd_x", "seen_sd_y", "seen_sd_z"):
-        if column in table.columns and (values := table.numbers(column)).min() < 0:
-            raise InputError(f"{table.at(int(values.argmin()), column)}: expected >= 0, got {values.min():g}.")
+    parts["touch_sd"] = touch_sd if (of_each := table.deviations("touched_sd")) is None else of_each
+    if parts["touch_sd"] is None:
+        raise InputError(f"{name}: expected the noise of a touch: --tcp-sd 0.2mm, or a column touched_sd.")
     return Touches(**parts)
 
 
-def _seen(table: _Touches, board: Any, point_sd: float | None) -> dict[str, Any]:
-    seen, of_board = table.group("seen_", "xyz"), table.group("board_", "xyz")
-    if seen == of_board:
-        what = "both" if seen else "neither"
-        raise InputError(
-            f"{table.name}, line 1: expected either seen_x, seen_y, seen_z (camera frame) or board_x, board_y, "
-            f"board_z (on the "
-            f"board), got {what}."
-        )
-    prefix = "seen_" if seen else "board_"
-    parts: dict[str, Any] = {"seen": table.lengths([f"{prefix}{axis}" for axis in "xyz"])}
-    m = len(table.table.lines)
-    if of_board:
-        if board is None:
-            raise InputError(
-                f"{table.name}: points of a board need its poses: --board-poses FILE, one camera_T_target per view."
-            )
-        poses = np.asarray(board, dtype=float)
-        if "board_pose" in table.columns:
-            rows = table.numbers("board_pose")
-            wrong = (rows != np.round(rows)) | (rows < 0) | (rows >= len(poses))
-            if wrong.any():
-                k = int(wrong.argmax())
-                raise InputError(
-                    f"{table.at(k, 'board_pose')}: expected a row 0 to {len(poses) - 1} "
-                    f"of the "
-                    f"board poses, got {rows[k]:g}."
-                )
-            parts["board"] = poses[rows.astype(int)]
-        elif len(poses) in (1, m):
-            parts["board"] = np.broadcast_to(poses, (m, 4, 4))
-        else:
-            raise InputError(
-                f"{table.name}: {m} rows and {len(poses)} board poses: expected a column board_pose (row from 0)."
-            )
-    if table.group("seen_sd_", "xyz"):
-        sd = table.lengths([f"seen_sd_{axis}" for axis in "xyz"])
-    elif "seen_sd" in table.columns:
-        sd = np.repeat(table.lengths(["seen_sd"]), 3, axis=-1)
-    elif point_sd is not None:
-        sd = np.full((m, 3), point_sd)
-    else:
-        return parts
-    parts["seen_covariance"] = sd[..., None] ** 2 * np.eye(3)
-    return parts
-
-
-def _robot(table: _Touches, prefix: str, arm: Kinematics | None, poses: str, joints: str) -> dict[str, Any]:
-    parts: dict[str, Any] = {}
-    if table.group(prefix, _POSE):
-        t = table.lengths([f"{prefix}{axis}" for axis in "xyz"])
-        q = np.stack([table.numbers(f"{prefix}{part}") for part in _POSE[3:]], axis=-1)
-        norm = np.linalg.norm(q, axis=-1)
-        wrong = np.abs(norm - 1.0) > _NORM
+def _board_poses(table: _Touches, board: Any, m: int) -> Array:
+    """(m, 4, 4) of the view of each point."""
+    name = table.table.name
+    if board is None:
+        raise InputError(f"{name}: points of a board need its poses: --board-poses FILE, one camera_T_target per view.")
+    poses = np.asarray(board, dtype=float)
+    if "board_pose" in table.columns:
+        rows = table.numbers("board_pose")
+        wrong = (rows != np.round(rows)) | (rows < 0) | (rows >= len(poses))
         if wrong.any():
             k = int(wrong.argmax())
             raise InputError(
-                f"{table.table.at(k)}, columns {prefix}qx ... {prefix}qw: expected a unit "
-                f"quaternion, got one "
-                f"of norm {norm[k]:.4g}."
+                f"{table.at(k, 'board_pose')}: expected a row 0 to {len(poses) - 1} of the board poses, got "
+                f"{rows[k]:g}."
             )
-        T = np.zeros((len(t), 4, 4))
-        T[:, :3, :3] = Rotation.from_quat(q).as_matrix()
-        T[:, :3, 3], T[:, 3, 3] = t, 1.0
-        parts[poses] = T
-    if arm is not None and table.group(prefix, arm.names):
-        columns = []
-        for joint in arm.joints:
-            name = f"{prefix}{joint.name}"
-            unit = table.units[name]
-            known: Mapping[str, float] = LENGTH_UNITS if joint.kind == PRISMATIC else ANGLE_UNITS
-            if unit is not None and unit not in known:
-                raise InputError(f"{table.name}, line 1, column {name}: unknown unit {unit!r} of a {joint.kind} joint.")
-            columns.append(table.numbers(name, 1.0 if unit is None else known[unit]))
-        parts[joints] = np.stack(columns, axis=-1)
-    return parts
+        return np.asarray(poses[rows.astype(int)])
+    if len(poses) not in (1, m):
+        raise InputError(f"{name}: {m} rows and {len(poses)} board poses: expected a column board_pose (row from 0).")
+    return np.broadcast_to(poses, (m, 4, 4))
+
+
+def _poses(table: _Touches, prefix: str) -> Array | None:
+    """(m, 4, 4) of the robot; None where there are no columns of them."""
+    if not table.group(prefix, _POSE):
+        return None
+    q = np.stack([table.numbers(f"{prefix}{part}") for part in _POSE[3:]], axis=-1)
+    norm = np.linalg.norm(q, axis=-1)
+    if (wrong := np.abs(norm - 1.0) > _NORM).any():
+        k = int(wrong.argmax())
+        raise InputError(
+            f"{table.table.at(k)}, columns {prefix}qx ... {prefix}qw: expected a unit quaternion, got one of norm "
+            f"{norm[k]:.4g}."
+        )
+    T = np.tile(np.eye(4), (len(q), 1, 1))
+    T[:, :3, :3], T[:, :3, 3] = Rotation.from_quat(q).as_matrix(), table.lengths(prefix)
+    return T
+
+
+def _joint_values(table: _Touches, prefix: str, arm: Kinematics | None) -> Array | None:
+    """(m, L) of the robot, rad and m; None where there are no columns of them."""
+    if arm is None or not table.group(prefix, arm.names):
+        return None
+    columns = []
+    for joint in arm.joints:
+        name, known = f"{prefix}{joint.name}", LENGTH_UNITS if joint.kind == PRISMATIC else ANGLE_UNITS
+        unit = table.units[name]
+        if unit is not None and unit not in known:
+            raise InputError(
+                f"{table.table.name}, line 1, column {name}: unknown unit {unit!r} of a {joint.kind} joint."
+            )
+        columns.append(table.numbers(name, None if unit is None else known))
+    return np.stack(columns, axis=-1)
 
 
 def _table(path: StrPath, units: str, arm: Kinematics | None) -> _Touches:
@@ -288,35 +281,28 @@ _CAMERA, _ROBOT = 0.7, 0.8
 def require_metres(result: Estimated, touches: Touches) -> None:
     """Raise `InputError` where lengths are some hundred times those of the calibration, or so much smaller."""
     data = poses_so_far(result)
-    camera = _CAMERA if data is None else _size(data.camera[:, :3, 3])
-    robot = _ROBOT if data is None else _size(data.robot[:, :3, 3])
+    camera, robot = (_CAMERA, _ROBOT) if data is None else (_size(data.camera), _size(data.robot))
     distances = {
         "points that the camera saw": (touches.seen if touches.board is None else None, camera),
-        "poses of the board": (None if touches.board is None else touches.board[:, :3, 3], camera),
+        "poses of the board": (touches.board, camera),
         "points touched": (touches.touched, robot),
-        "robot poses at which the points were seen": (_translations(touches.robot), robot),
-        "robot poses at the touch": (_translations(touches.touched_robot), robot),
+        "robot poses at which the points were seen": (touches.robot, robot),
+        "robot poses at the touch": (touches.touched_robot, robot),
     }
     for what, (values, usual) in distances.items():
-        if values is None:
-            continue
-        size = _size(values)
-        if size > _ANOTHER_UNIT * usual:
-            _refuse(what, size, usual, "mm", "Give --units mm, or divide by 1000.")
+        size = usual if values is None else _size(values)
+        unit, do = "mm", "Give --units mm, or divide by 1000."
         if 0 < size * _ANOTHER_UNIT < usual:
-            _refuse(what, size, usual, "m, read as mm", "Give --units m.")
+            unit, do = "m, read as mm", "Give --units m."
+        elif size <= _ANOTHER_UNIT * usual:
+            continue
+        raise InputError(
+            f"The {what} lie {size:.3g} m away (median), those of the calibration {usual:.2g} m: they seem to be in "
+            f"{unit}. {do}"
+        )
 
 
-def _refuse(what: str, size: float, usual: float, unit: str, do: str) -> None:
-    raise InputError(
-        f"The {what} lie {size:.3g} m away (median), those of the calibration {usual:.2g} m: they seem to be in "
-        f"{unit}. {do}"
-    )
-
-
-def _size(points: Array) -> float:
+def _size(values: Array) -> float:
+    """Median distance of points (m, 3), or of the origins of poses (m, 4, 4)."""
+    points = values if values.ndim == 2 else values[:, :3, 3]
     return float(np.median(np.linalg.norm(points, axis=-1)))
-
-
-def _translations(poses: Array | None) -> Array | None:
-    return None if poses is None else poses[:, :3, 3]

@@ -9,7 +9,7 @@ covariance of a new pose measured. Without distortion of the lens.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -24,14 +24,14 @@ from ...core.formatting.units import parse_deviations, parse_length
 from ...core.geometry.checks import as_numbers
 from ...core.geometry.se3 import Array, inverse
 from ...core.presentation.document import COLUMNS, Answer, Document, Paragraph, document_of, to_text
-from ...errors import InputError
+from ...errors import InputError, require_known, keywords_of
 from ...findings import Finding
 from ...fit.diagnostics.task_space import by_pose
 from ...model.camera.intrinsics_file import camera_matrix
 from ...model.poses.pose_pairs import PosePairs
 from ..maintenance.causes import misread
 from ..maintenance.update import require_other_touches
-from .power import Bias, assess, detectable, limit, next_touches, touches_needed
+from .power import Bias, bias_of, limit, next_touches, touches_needed
 from .result import LEVEL, Needed, PointTable, Verification
 from .touches_file import require_metres
 
@@ -41,27 +41,51 @@ SHOWN = 0.5e-3
 _EXPLAINS = 10.0
 
 
-def verify(
-    result: Estimated,
-    seen: Any,
-    touched: Any = None,
-    *,
-    robot: Any = None,
-    joints: Any = None,
-    touched_robot: Any = None,
-    touched_joints: Any = None,
-    tool: Any = None,
-    touch_sd: Any = None,
-    point_sd: Any = None,
-    tool_sd: float | str = 0.0,
-    board: Any = None,
-    board_covariance: Any = None,
-    same_camera: bool = True,
-    robot_noise: Any = None,
-    names: Sequence[str] = (),
-    show: float | str = SHOWN,
-    candidates: Any = None,
-) -> Verification:
+@dataclass(frozen=True, eq=False)
+class VerifyRequest:
+    """The arguments of `verify` beside the calibration and the points; see there."""
+
+    robot: Any = None
+    joints: Any = None
+    touched_robot: Any = None
+    touched_joints: Any = None
+    tool: Any = None
+    touch_sd: Any = None
+    point_sd: Any = None
+    tool_sd: float | str = 0.0
+    board: Any = None
+    board_covariance: Any = None
+    same_camera: bool = True
+    robot_noise: Any = None
+    names: Sequence[str] = ()
+    show: float | str = SHOWN
+    candidates: Any = None
+
+    @property
+    def size(self) -> float:
+        """`show` in m."""
+        if not (size := parse_length(self.show, "show (--show)")) > 0:
+            raise InputError(f"Expected `show` (--show) to be above 0, got {self.show!r}.")
+        return size
+
+    def touches(self, seen: Any, touched: Any) -> Touches:
+        """Return the points with what belongs to them."""
+        parts = {part.name: getattr(self, part.name) for part in fields(Touches) if hasattr(self, part.name)}
+        given = None if touched is None else as_numbers(touched, "touched")
+        if given is not None and given.ndim >= 2 and given.shape[-2:] == (4, 4):
+            parts["touched_robot"], given = given, None
+        points = np.atleast_2d(as_numbers(seen, "seen"))
+        if self.touch_sd is None:
+            raise InputError("Expected `touch_sd`, the standard deviation of a touch per axis, such as '0.2mm'.")
+        parts |= {
+            "seen": points, "touched": given, "seen_covariance": covariances_of(self.point_sd, len(points)),
+            "touch_sd": _length(self.touch_sd, "touch_sd"), "tool_sd": tool_deviation(self.tool_sd),
+            "robot_noise": robot_covariance(self.robot_noise), "names": tuple(map(str, self.names)),
+        }  # fmt: skip
+        return Touches(**parts)
+
+
+def verify(result: Estimated, seen: Any, touched: Any = None, **asked: Any) -> Verification:
     """Test a calibration by points that its camera saw and a tool touched.
 
     Model: `evidence.touches`. The difference of touch and point has the covariance of X, the shared errors, the robot,
@@ -123,74 +147,45 @@ def verify(
     >>> uq.verify(result, seen, touched, touch_sd="0.2mm", point_sd="0.3mm").contradicted
     True
     """
-    if isinstance(seen, Touches):
-        touches = seen
-    else:
-        touches = _touches_of(
-            seen, touched, touched_robot, touch_sd, point_sd, robot=robot, joints=joints,
-            touched_joints=touched_joints, tool=tool, tool_sd=tool_deviation(tool_sd), board=board,
-            board_covariance=board_covariance, same_camera=same_camera, robot_noise=robot_covariance(robot_noise),
-            names=tuple(map(str, names)),
-        )  # fmt: skip
+    require_known("verify", asked, VerifyRequest)
+    request = VerifyRequest(**asked)
+    touches = seen if isinstance(seen, Touches) else request.touches(seen, touched)
     require_metres(result, touches)
     evidence = evidence_of_touches(result, touches)
     require_other_touches(result, touches, evidence)
-    size = parse_length(show, "show (--show)")
-    if not size > 0:
-        raise InputError(f"Expected `show` (--show) to be above 0, got {show!r}.")
-    return _verified(result, touches, evidence, size, candidates)
-
-
-def _verified(
-    result: Estimated, touches: Touches, evidence: TouchEvidence, size: float, candidates: Any
-) -> Verification:
-    """Test bias and scatter of touches, and say what they would have shown; see `verify`."""
-    known = touches.tool_known
-    assessed = assess(evidence, known)
-    bias, level = assessed.bias, assessed.level
+    size, known = request.size, touches.tool_known
+    bias = bias_of(evidence, known)
+    level, (p_bias, p_scatter), (worst, direction) = bias.level, bias.p_values, bias.worst
     at_least = limit(evidence, known, level)
-    needed = Needed(size, touches_needed(evidence, known, size, level), at_least)
-    tool, tool_std = _tool(evidence, known)
-    worst, direction = bias.worst
-    hidden = np.diag(bias.hidden.T @ bias.hidden) > 1e-6
-    covariance = np.where(np.abs(bias.hidden.T @ bias.hidden) > 1e-6, 0.0, bias.covariance)
+    tool = None if known else evidence.explained_by(evidence.by_tool)
+    part = np.abs(bias.hidden.T @ bias.hidden) > 1e-6
+    hidden = np.diag(part)
+    covariance = np.where(part, 0.0, bias.covariance)
     covariance[np.diag_indices(3)] = np.where(hidden, np.inf, np.diag(bias.covariance))
     table = point_table(evidence, touches)
-    reference = evidence.reference_along(bias.along)
     return Verification(
         bias=np.where(hidden, np.nan, bias.estimate),
         covariance=covariance,
-        p_value=assessed.p_value,
-        bias_p_value=assessed.p_bias,
-        scatter_p_value=assessed.p_scatter,
+        p_value=bias.p_value,
+        bias_p_value=p_bias,
+        scatter_p_value=p_scatter,
         chi2=bias.d2 + bias.rest,
         dof=bias.dof + bias.dof_rest,
-        noise_dof=reference.noise_dof if bias.dof and np.isfinite(reference.noise_dof) else None,
+        noise_dof=bias.reference.noise_dof if bias.dof and np.isfinite(bias.reference.noise_dof) else None,
         points=table,
-        detectable=detectable(evidence, known, level),
+        detectable=bias.detectable(level),
         limit=at_least,
         worst=direction,
-        tool=tool,
-        tool_std=tool_std,
-        needed=(needed,),
-        next=next_touches(result, touches, evidence, level, candidates) if np.isfinite(worst) else (),
+        tool=None if tool is None else -tool.estimate,
+        tool_std=None if tool is None else np.sqrt(np.diag(tool.covariance)),
+        needed=(Needed(size, touches_needed(evidence, known, size, level), at_least),),
+        next=next_touches(result, touches, evidence, level, request.candidates) if np.isfinite(worst) else (),
         findings=tuple(_findings(result, touches, evidence, bias, table)),
         tool_sd=float(touches.tool_sd),
     )
 
 
-def _touches_of(seen: Any, touched: Any, touched_robot: Any, touch_sd: Any, point_sd: Any, **parts: Any) -> Touches:
-    """Return the touches of the arguments of `verify`."""
-    given = None if touched is None else as_numbers(touched, "touched")
-    if given is not None and given.ndim >= 2 and given.shape[-2:] == (4, 4):
-        touched_robot, given = given, None
-    points = np.atleast_2d(as_numbers(seen, "seen"))
-    if touch_sd is None:
-        raise InputError("Expected `touch_sd`, the standard deviation of a touch per axis, such as '0.2mm'.")
-    return Touches(
-        points, given, touched_robot=touched_robot, seen_covariance=covariances_of(point_sd, len(points)),
-        touch_sd=_length(touch_sd, "touch_sd"), **parts,
-    )  # fmt: skip
+verify.__signature__ = keywords_of(verify, VerifyRequest)  # type: ignore[attr-defined]
 
 
 def point_table(evidence: TouchEvidence, touches: Touches) -> PointTable:
@@ -224,33 +219,26 @@ def robot_covariance(noise: Any) -> Array | None:
     """Covariance (6, 6) of one robot pose by the standard deviations of rotation and translation, or itself."""
     if noise is None:
         return None
-    if isinstance(noise, tuple | list) and len(noise) == 2:
-        return np.diag(np.repeat(parse_deviations((noise[0], noise[1]), "robot_noise (--robot-noise)"), 3) ** 2)
+    if np.ndim(noise) == 1 and len(noise) == 2:
+        return np.diag(np.repeat(parse_deviations(tuple(noise), "robot_noise (--robot-noise)"), 3) ** 2)
     return np.asarray(as_numbers(noise, "robot_noise"))
+
+
+# Words for the standard deviation of the tool's offset (m).
+_OF_TOOL = {"unknown": float("inf"), "?": float("inf"), "inf": float("inf"), "exact": 0.0, "0": 0.0}
 
 
 def tool_deviation(sd: float | str) -> float:
     """Standard deviation of the tool's offset (m); infinite where it is unknown."""
-    if isinstance(sd, str) and sd.strip().lower() in ("unknown", "?"):
-        return float("inf")
-    if isinstance(sd, str) and sd.strip().lower() in ("exact", "0"):
-        return 0.0
-    value = float(sd) if not isinstance(sd, str) else parse_length(sd, "tool_sd (--tool-sd)")
+    known = _OF_TOOL.get(str(sd).strip().lower())
+    value = parse_length(sd, "tool_sd (--tool-sd)") if known is None else known
     if not value >= 0:
         raise InputError(f"Expected `tool_sd` (--tool-sd) to be a length >= 0, 'exact' or 'unknown', got {sd!r}.")
     return value
 
 
 def _length(value: Any, name: str) -> Array:
-    return as_numbers(parse_length(value, name) if isinstance(value, str) else value, name)
-
-
-def _tool(evidence: TouchEvidence, known: bool) -> tuple[Array | None, Array | None]:
-    """Return an unknown tool's offset minus that given, and its standard deviations, if there is no bias."""
-    if known:
-        return None, None
-    found = evidence.explained_by(evidence.by_tool)
-    return -found.estimate, np.sqrt(np.diag(found.covariance))
+    return as_numbers(value if np.ndim(value) else parse_length(value, name), name)
 
 
 def _findings(
@@ -264,12 +252,11 @@ def _findings(
         if other_rms * _EXPLAINS < rms:
             found.append(Finding("verification.inverted_robot", "caution", {"rms": rms, "other": other_rms}))
     if touches.seen_covariance is None and touches.board is None:
-        sd = float(np.sqrt(np.trace(evidence.own - touches.touch_noise, axis1=1, axis2=2)
-                           .mean() / 3.0))  # fmt: skip
+        sd = float(np.sqrt(np.einsum("mii->", evidence.own - touches.touch_noise) / (3.0 * touches.m)))
         found.append(Finding("verification.point_noise_assumed", "note", {"sd": sd}))
     if len(bias.hidden):
-        values = {"hidden": len(bias.hidden), "posed": touches.touched_robot is not None
-                  or touches.touched_joints is not None}  # fmt: skip
+        posed = touches.touched_robot is not None or touches.touched_joints is not None
+        values = {"hidden": len(bias.hidden), "posed": posed}
         found.append(Finding("verification.tool_hides_bias", "caution", values))
     if bias.dof_rest <= 0:
         found.append(Finding("verification.no_scatter", "note", {"count": touches.m, "tested": bias.dof > 0}))
@@ -327,27 +314,15 @@ def verify_poses(result: Estimated, poses: PosePairs) -> PoseVerification:
     reference = evidence.test.reference
     noise_dof = None if reference.noise_given else reference.noise_dof
     p = reference.p_value(evidence.d2)
-    diagonal = np.diag(evidence.covariance).reshape(evidence.r.shape)
-    sizes = [
-        (float(np.sqrt(np.mean(np.sum(values[:, part] ** 2, axis=-1)))), float(np.sqrt(np.mean(np.sum(var, axis=-1)))))
-        for values, part, var in (
-            (evidence.r, slice(0, 3), diagonal[:, :3]),
-            (evidence.r, slice(3, 6), diagonal[:, 3:]),
-        )
-    ]
-    (turn, turn_expected), (shift, shift_expected) = sizes
+    squares = np.stack([evidence.r**2, np.diag(evidence.covariance).reshape(evidence.r.shape)])
+    rms, expected = np.sqrt(squares.reshape(2, -1, 2, 3).sum(axis=-1).mean(axis=1)).tolist()  # of both, rad and m
     other = None
     if p < LEVEL and result.W is not None:
         other = misread(
-            result.X,
-            result.W,
-            poses,
-            evidence,
-            lambda again, _=None: evidence_of_poses(result, again).d2,
-            least_factor=0.0,
+            result.X, result.W, poses, evidence, lambda of: evidence_of_poses(result, of).d2, least_factor=0
         )
     return PoseVerification(
-        poses.n, evidence.d2, evidence.dof, p, noise_dof, (turn, shift), (turn_expected, shift_expected),
+        poses.n, evidence.d2, evidence.dof, p, noise_dof, (rms[0], rms[1]), (expected[0], expected[1]),
         _reprojected(result, poses), () if other is None else (other,),
     )  # fmt: skip
 
