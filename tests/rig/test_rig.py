@@ -13,6 +13,7 @@ from uq_handeye.core.geometry.se3 import logarithm, perturb
 from uq_handeye.fit.likelihood.constraint import Unknowns, constraint_of
 from uq_handeye.fit.one_model.engine import LatentModel
 from uq_handeye.model.shared_errors.view import median_distance, target_centre, view_block
+from uq_handeye.rig.checks.check import others_of
 from uq_handeye.rig.fit import fit
 from uq_handeye.rig.graph import Graph
 from uq_handeye.rig.noise import RigNoise, given_noise
@@ -211,6 +212,28 @@ def test_shared_errors_by_name():
     assert {"arm accuracy", "t scale"} <= names and not any("focal" in name or "principal" in name for name in names)
     with pytest.raises(uq.InputError, match="Expected `shared` to be True, False or some of accuracy"):
         uq.calibrate_rig(rig, shared=("focus",))
+
+
+def test_targets_of_one_printer_share_an_error_of_size():
+    """All tags 1 % larger than told: the cameras are as far off as stated (each by itself: 17 mm at 2.2 mm stated)."""
+    tags = {f"t{k}": "world" for k in range(8)}
+    exact, truth = simulate_rig({"c1": "arm", "c2": "arm"}, tags, n_poses=20, seen=0.5, seed=5)
+    noise = {"arm": ("0.05mrad", "0.05mm"), "c1": SIZE, "c2": SIZE}
+    rig = with_noise(exact, noise, [SEED, 6])
+    scaled = [np.array(view.poses) for view in rig.views]
+    for C in scaled:
+        C[:, :3, 3] /= 1.01
+    views = tuple(replace(view, poses=C) for view, C in zip(rig.views, scaled, strict=True))
+    found = uq.calibrate_rig(replace(rig, views=views))
+    sizes = {part["name"]: part["size"] for part in found.components}
+    assert sizes["all targets scale"] > 4 * max(sizes[f"{name} scale"] for name in tags)
+    xi = np.concatenate([error(found.cameras[name].X, truth[name]) for name in ("c1", "c2")])
+    S = found.covariance[:12, :12]
+    assert found.names[:2] == ("c1", "c2") and xi @ np.linalg.solve(S, xi) < chi2.ppf(1 - 1e-4, 12)
+    names = np.array(found.posterior.names)
+    anew = names[others_of(found, ["arm", "c1", "c2", "t0"])].tolist()  # another target was measured by itself
+    assert anew == [*(f"t{k} scale" for k in range(1, 8)), "all targets scale"]
+    assert not others_of(found, "robot, camera, target").any()
 
 
 def test_two_arms_find_their_bases():

@@ -257,7 +257,11 @@ def test_a_bag_is_a_source_with_a_clock_for_each_camera(bag):
             'bag = "cell"\nposes = "x.csv"\ntopic = "/tcp_pose"',
             "both bag and poses",
         ),
-        ("[cameras.left]\n", '[cameras.left]\noffset = "late"\n', "Expected `offset` of the camera 'left'"),
+        (
+            "[cameras.left]\n",
+            '[cameras.left]\noffset = "late"\n',
+            r"Expected `offset` in \[cameras.left\] to be a number",
+        ),
     ],
 )
 def test_what_is_wrong_with_a_bag_is_one_line(bag, old, new, message):

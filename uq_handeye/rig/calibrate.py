@@ -72,9 +72,10 @@ def calibrate_rig(
         raise InputError(f"Expected `rig` to be a Rig, got {type(rig).__name__}.")
     if method not in METHODS:
         raise InputError(f"Expected `method` to be one of {', '.join(METHODS)}, got {method!r}.")
-    shared = shared if isinstance(shared, bool) else tuple([shared] if isinstance(shared, str) else shared)
-    if not isinstance(shared, bool) and (unknown := [name for name in shared if name not in SHARED]):
-        raise InputError(f"Expected `shared` to be True, False or some of {', '.join(SHARED)}, got {unknown[0]!r}.")
+    if shared is not True and shared is not False:
+        shared = tuple(np.atleast_1d(np.array(shared, dtype=object)).tolist())
+        if unknown := [name for name in shared if name not in SHARED]:
+            raise InputError(f"Expected `shared` to be True, False or some of {', '.join(SHARED)}, got {unknown[0]!r}.")
     require_tied(rig)
     request = {"noise": plain_noise(rig, noise), "method": method, "robust": robust, "shared": shared, "seed": seed}
     with one_thread():  # many small matrices
@@ -247,6 +248,5 @@ def update_rig(result: RigCalibration, rig: Rig, *, although_changed: bool = Fal
     request = dict(result.provenance["request"])
     noise = request.pop("noise")
     if noise is not None:
-        noise = {name: np.array(of) if isinstance(of, list) and isinstance(of[0], list) else of
-                 for name, of in noise.items()}  # fmt: skip
+        noise = {name: np.array(of) if np.ndim(of) > 1 else of for name, of in noise.items()}
     return calibrate_rig(joined(result.rig, new), noise, **request)

@@ -332,10 +332,19 @@ class Rig(ReadOnlyArrays):
         """Carrier of a camera, a target or the base of an arm."""
         return self.cameras.get(name) or self.targets.get(name) or WORLD
 
-    def __repr__(self) -> str:
+    @property
+    def words(self) -> str:
+        """The numbers of arms, cameras and targets."""
         counts = (("arm", self.arms), ("camera", self.cameras), ("target", self.targets))
-        words = ", ".join(f"{len(of)} {what}{'' if len(of) == 1 else 's'}" for what, of in counts)
-        return f"Rig({words}, {sum(len(view.poses) for view in self.views)} views)"
+        return ", ".join(f"{len(of)} {what}{'' if len(of) == 1 else 's'}" for what, of in counts)
+
+    @property
+    def n_views(self) -> int:
+        """Number of all views."""
+        return sum(len(view.poses) for view in self.views)
+
+    def __repr__(self) -> str:
+        return f"Rig({self.words}, {self.n_views} views)"
 
 
 def named(names: Any, count: int, whose: str) -> tuple[Hashable, ...]:

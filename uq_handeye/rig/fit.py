@@ -35,7 +35,7 @@ from ..model.noise.joint_covariance import checked_cholesky
 from ..model.noise.models import factor
 from ..model.noise.square_roots import LEAST_WEIGHT
 from .description import Rig
-from .graph import Batch, Graph, Sides
+from .graph import Batch, Graph, Sides, noise_of_cameras, noise_of_robots
 from .noise import RigNoise
 
 # `efficient` goes on while a step moves a pose by more of its standard deviations.
@@ -231,14 +231,7 @@ def whitened(
     (b, e), q, m = batch.edges.shape, batch.robots.shape[1], noise.count
     D_R, D_C = graph.by_robots(batch, sides), sides.camera[batch.edges]
     S_R, S_C = own_covariances(graph, batch, noise, w_e, w_k)
-    S = np.zeros((b, 6 * e, 6 * e))
-    for k in range(q):
-        D = D_R[..., 6 * k : 6 * k + 6]
-        S += D @ S_R[:, k] @ D.mT
-    own = D_C @ S_C @ D_C.mT
-    for k in range(e):
-        place = slice(6 * k, 6 * k + 6)
-        S[:, place, place] += own[:, k]
+    S = noise_of_robots(D_R, S_R) + noise_of_cameras(D_C, S_C)
     L = checked_cholesky(S)
     A = np.empty((b, 6 * e, graph.p + m + 1))
     A[..., : graph.p] = graph.by_unknowns(sides, batch.edges).reshape(b, 6 * e, graph.p)

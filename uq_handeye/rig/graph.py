@@ -273,3 +273,21 @@ class Graph:
         for local, by_robot in zip(batch.local, sides.robot, strict=True):
             D[group, place, :, local] += by_robot[batch.edges]
         return D[..., :q, :].reshape(b, 6 * e, 6 * q)
+
+
+def noise_of_robots(D: Array, S: Array) -> Array:
+    """(b, 6e, 6e) sum of ``D_k S_k D_k^T`` over the q robot poses of a group; D (b, 6e, 6q), S (b, q, 6, 6)."""
+    total = np.zeros((len(D), D.shape[1], D.shape[1]))
+    for k in range(S.shape[1]):
+        D_k = D[..., 6 * k : 6 * k + 6]
+        total += D_k @ S[:, k] @ D_k.mT
+    return total
+
+
+def noise_of_cameras(D: Array, S: Array) -> Array:
+    """(b, 6e, 6e) block diagonal of ``D_k S_k D_k^T`` of the e views of a group; D and S (b, e, 6, 6)."""
+    b, e = D.shape[:2]
+    found, blocks = np.zeros((b, e, 6, e, 6)), D @ S @ D.mT
+    for k in range(e):
+        found[:, k, :, k] = blocks[:, k]
+    return found.reshape(b, 6 * e, 6 * e)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..core.files.records import plain
 from ..core.formatting.units import parse_deviations
@@ -73,10 +74,8 @@ def given_noise(rig: Rig, graph: Graph, noise: Any) -> RigNoise:
         if name in own:
             S = _covariance(noise, name, None)
             camera[np.isin(graph.view, [k for k, view in enumerate(rig.views) if view.camera == name])] = S
-    for k, view in enumerate(rig.views):
-        if view.covariance is not None:
-            of = graph.view == k
-            camera[of] = view.covariance if view.covariance.ndim == 2 else view.covariance[graph.row[of]]
+    given, some = given_covariances(rig, graph)
+    camera[some] = given[some]
     of_cameras, names = [np.zeros((graph.E, 6, 0))], []
     for name in rig.cameras:
         if (columns := intrinsics_of(rig, graph, name)) is not None:
@@ -92,6 +91,16 @@ def given_noise(rig: Rig, graph: Graph, noise: Any) -> RigNoise:
     K = np.concatenate(K_robot, axis=-1)
     K_camera = np.pad(K_camera, [(0, 0), (0, 0), (0, K.shape[-1] - K_camera.shape[-1])])
     return RigNoise(robot, camera, K, K_camera, tuple(names))
+
+
+def given_covariances(rig: Rig, graph: Graph) -> tuple[Array, NDArray[np.bool_]]:
+    """Return the covariances (E, 6, 6) that views came with, 0 of the others, and which have one (E,)."""
+    found, some = np.zeros((graph.E, 6, 6)), np.zeros(graph.E, dtype=bool)
+    for k, view in enumerate(rig.views):
+        if (S := view.covariance) is not None:
+            some |= (of := graph.view == k)
+            found[of] = S if S.ndim == 2 else S[graph.row[of]]
+    return found, some
 
 
 def require_noise(rig: Rig, noise: Mapping[str, Any]) -> None:
@@ -156,13 +165,10 @@ def _covariance(noise: Mapping[str, Any], name: str, count: int | None) -> Array
             f'Expected `noise` of {name!r}, such as ("0.5mrad", "0.3mm") or "exact"; or no noise, to estimate all.'
         )
     value = noise[name]
-    if isinstance(value, str):
-        if value != EXACT:
-            raise InputError(f'Expected the noise of {name!r} to be ("0.5mrad", "0.3mm") or "exact", got {value!r}.')
+    if np.ndim(value) == 0 and value == EXACT:
         return np.zeros((6, 6))
-    if isinstance(value, tuple | list) and len(value) == 2:
-        rotation, translation = parse_deviations((value[0], value[1]), name)
-        return np.diag([rotation**2] * 3 + [translation**2] * 3)
+    if np.shape(value) == (2,):
+        return np.diag(np.repeat(parse_deviations((value[0], value[1]), name), 3) ** 2)
     if np.ndim(value) < 2:
         raise InputError(f'Expected the noise of {name!r} to be ("0.5mrad", "0.3mm") or "exact", got {value!r:.60}.')
     S = checked_covariance(value, name, joint=False)

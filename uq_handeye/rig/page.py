@@ -150,7 +150,7 @@ def rig_html(
     return Page(
         "Calibration of a rig",
         ", ".join(rig.cameras),
-        [counted(rig), f"{sum(len(view.poses) for view in rig.views)} views", f"method {result.method}",
+        [rig.words, f"{rig.n_views} views", f"method {result.method}",
          f"report of {date}"],
         sections,
         sheets=[first, second],
@@ -205,42 +205,24 @@ def _answer(result: Any, verdicts: Mapping[str, Any]) -> list[Block]:
     return blocks
 
 
-def counted(rig: Any) -> str:
-    """Return the numbers of arms, cameras and targets in words."""
-    parts = (("arm", rig.arms), ("camera", rig.cameras), ("target", rig.targets))
-    return ", ".join(f"{len(of)} {what}{'' if len(of) == 1 else 's'}" for what, of in parts)
-
-
-def _rows(poses: Sequence[Any], counted: bool) -> list[list[str]]:
-    rows = []
-    for one in poses:
-        turn, shift = one.sizes
-        sizes = [digits(_MM * shift, 2) if np.isfinite(shift) else "open",
-                 digits(_DEG * turn, 2) if np.isfinite(turn) else "open"]  # fmt: skip
-        count = [str(one.count) if one.count else ""] if counted else []
-        rows.append([one.frame, *(f"{_MM * x:.2f}" for x in one.pose[:3, 3]), *sizes, *count])
-    return rows
-
-
 _HEAD = ["pose", "x (mm)", "y (mm)", "z (mm)", "position (mm)", "rotation (deg)"]
 
 
+def _rows(poses: Sequence[Any]) -> list[list[str]]:
+    return [[one.frame, *(f"{_MM * x:.2f}" for x in one.pose[:3, 3]), *one.said] for one in poses]
+
+
 def _poses(result: Any) -> Table:
-    return Table(
-        "Position of each pose, and the root mean square length of its error (1 sigma).", [*_HEAD, "views"],
-        _rows(result.singles, True),
-    )  # fmt: skip
+    rows = [[*row, str(one.count or "")] for row, one in zip(_rows(result.singles), result.singles, strict=True)]
+    caption = "Position of each pose, and the root mean square length of its error (1 sigma)."
+    return Table(caption, [*_HEAD, "views"], rows)
 
 
 def _pairs(result: Any) -> list[Block]:
     if not result.pairs:
         return [Paragraph("No two cameras are on one thing, so that no relative pose is constant.", empty=True)]
-    return [
-        Table(
-            "From the joint covariance: errors that both share cancel, which separate calibrations do not know.",
-            _HEAD, _rows(result.pairs, False),
-        )
-    ]  # fmt: skip
+    caption = "From the joint covariance: errors that both share cancel, which separate calibrations do not know."
+    return [Table(caption, _HEAD, _rows(result.pairs))]
 
 
 def _residuals(result: Any) -> tuple[Graph, Array, Array]:
@@ -254,23 +236,18 @@ def _by_pair(result: Any) -> Table:
     graph, turn, shift = _residuals(result)
     rows: list[list[str]] = []
     marked: set[int] = set()
-    pairs = dict.fromkeys((view.camera, view.target) for view in result.rig.views)
-    for camera, target in pairs:
-        views = [k for k, view in enumerate(result.rig.views) if (view.camera, view.target) == (camera, target)]
-        of = np.isin(graph.view, views)
-        kept = of & (result.weights > 0)
-        if not kept.any():
-            kept = of
-        square = float(result.distances[kept].mean()) / 6
-        if square > 2:
+    pairs = np.array([f"{view.camera}, {view.target}" for view in result.rig.views])[graph.view]
+    for pair in dict.fromkeys(pairs.tolist()):
+        of = pairs == pair
+        kept = of & (result.weights > 0) if (result.weights[of] > 0).any() else of
+        if (square := float(result.distances[kept].mean()) / 6) > 2:
             marked.add(len(rows))
-        rows.append([f"{camera}, {target}", str(int(of.sum())), str(int((result.weights[of] == 0).sum())),
-                     digits(float(np.sqrt((shift[kept] ** 2).mean())), 2),
-                     digits(float(np.sqrt((turn[kept] ** 2).mean())), 2), f"{square:.2f}"])  # fmt: skip
+        sizes = [digits(float(np.sqrt((values[kept] ** 2).mean())), 2) for values in (shift, turn)]
+        rows.append([pair, str(of.sum()), str((result.weights[of] == 0).sum()), *sizes, f"{square:.2f}"])
     return Table(
         "Root mean square of the residuals of the views that count; d^2/6 is 1 on average if the noise is as stated.",
-        ["camera, target", "views", "rejected", "position (mm)", "rotation (deg)", "d^2/6"], rows, frozenset(),
-        frozenset(marked),
+        ["camera, target", "views", "rejected", "position (mm)", "rotation (deg)", "d^2/6"], rows,
+        marked=frozenset(marked),
     )  # fmt: skip
 
 
@@ -339,10 +316,8 @@ def _largest(result: Any) -> Table:
 def _in_full(result: Any) -> Table:
     rows = []
     for one in result.every:
-        sd = one.std
-        rows.append([one.frame, *(f"{_MM * x:.4f}" for x in one.pose[:3, 3]),
-                     *(f"{_MM * s:.4f}" if np.isfinite(s) else "open" for s in sd[3:]),
-                     *(f"{_DEG * s:.5f}" if np.isfinite(s) else "open" for s in sd[:3])])  # fmt: skip
+        sd = [*(f"{_MM * s:.4f}" for s in one.std[3:]), *(f"{_DEG * s:.5f}" for s in one.std[:3])]
+        rows.append([one.frame, *(f"{_MM * x:.4f}" for x in one.pose[:3, 3]), *(s.replace("inf", "open") for s in sd)])
     return Table(
         "Positions, standard deviations of position and rotation about each axis. Matrices and the joint covariance "
         "are in the result file.",

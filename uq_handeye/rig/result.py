@@ -26,7 +26,7 @@ from scipy.special import chdtrc
 from ..core.files.atomic import json_text
 from ..core.files.open import StrPath
 from ..core.files.records import Record, parsed
-from ..core.formatting.numbers import probability
+from ..core.formatting.numbers import digits, probability
 from ..core.geometry.se3 import Array, block, inverse, skew
 from ..core.runtime.read_only import ReadOnlyArrays
 from ..errors import InputError
@@ -88,6 +88,13 @@ class EstimatedPose(ReadOnlyArrays):
         """Root mean square length of the error: of the rotation (rad) and of the translation (m)."""
         variances = self.std**2
         return float(np.sqrt(variances[:3].sum())), float(np.sqrt(variances[3:].sum()))
+
+    @property
+    def said(self) -> tuple[str, str]:
+        """The same in words: of the translation in mm and of the rotation in deg, or open."""
+        turn, shift = self.sizes
+        mm, deg = (digits(x, 2) if np.isfinite(x) else "open" for x in (1e3 * shift, float(np.degrees(turn))))
+        return mm, deg
 
     def to_dict(self) -> dict[str, Any]:
         """Plain numbers."""

@@ -5,8 +5,9 @@ that by the view, focal length and image centre; a target its scale. The column 
 others. With one camera these are the components of `calibrate`, in their order; what its lens does and the errors by
 the view are then told from nothing else, and the size of its intrinsics is that of the table. Several cameras tell that
 size: it is free, and those of all cameras share a prior, log-normal about a median that is itself log-normal, so that
-few views of one camera borrow from the others. How wide the targets are over their distance decides the shape of the
-noise by the view and what the intrinsics do; several cameras tell that, too (`width_of_targets`).
+few views of one camera borrow from the others. Targets of one printer are wrong by one factor: beside the scale of
+each, several targets share one. How wide the targets are over their distance decides the shape of the noise by the view
+and what the intrinsics do; several cameras tell that, too (`width_of_targets`).
 
 Rows of one robot pose stand together (`engine.Rows`): views at one moment show the robot's noise directly, by the
 correlation of their residuals.
@@ -33,8 +34,8 @@ from ..model.shared_errors.sizes import SIZES, Size
 from ..model.shared_errors.view import HALF, LENS_SHARES, intrinsics_columns, median_distance, target_centre, view_block
 from .description import Rig
 from .fit import Prior, Shared, Task, prior_at
-from .graph import Graph
-from .noise import RigNoise, intrinsics_of, kinematic_components
+from .graph import Graph, noise_of_cameras, noise_of_robots
+from .noise import RigNoise, given_covariances, intrinsics_of, kinematic_components
 
 # Factor (one sigma of the logarithm) by which cameras differ from their common median.
 APART = 2.0
@@ -46,6 +47,8 @@ WIDTHS, SURE, FEW, WIDTH = tuple(0.5**k for k in range(6)), 3.0, 200, "half widt
 # Views from which the sizes are found at most, whole groups; rounds of linearisation; what a step may still move.
 ENOUGH, ROUNDS, STILL = 600, 10, 2e-2
 
+# Owner of the error of size that all targets of a rig have in common: they come from one printer.
+ALL_TARGETS = "all targets"
 # What all poses of an arm, a camera or a target share.
 SHARED = ("accuracy", FOCAL_LENGTH, PRINCIPAL_POINT, "scale", LENS, "view")
 OF_EACH_CAMERA = ("rotation", "translation", "by view", "focal length", "principal point")
@@ -77,7 +80,7 @@ def components_of(
     arms = _seen(rig.arms, lambda name: [one.arm == np.intp(_place(name, list(of.arms))) for of, one in both])
     cameras = _seen(rig.cameras, lambda name: [np.intp(_place(name, one.names)) == one.X for _, one in both])
     targets = _seen(rig.targets, lambda name: [np.intp(_place(name, one.names)) == one.W for _, one in both])
-    given = np.isin(graph.view, [k for k, view in enumerate(rig.views) if view.covariance is not None])
+    _, given = given_covariances(rig, graph)
     by_view, found = _by_view(before if both[1][0] is rig else graph, width), []  # those measured, if corrected
     for name, (of, _) in arms.items():
         found += [Component(f"{name} {what}", "robot", SIZES[f"robot {what}"], block=_of(of, B)) for what, B in _PARTS]
@@ -98,10 +101,11 @@ def components_of(
         for what, columns in ((FOCAL_LENGTH, slice(0, 1)), (PRINCIPAL_POINT, slice(1, 3))):
             size = SIZES[what] if alone else replace(SIZES[what], factor=OF_CAMERA)
             found.append(Component(f"{name} {what}", "camera", size, columns=_of(of, by_intrinsics[..., columns])))
-    of_size = SIZES[TARGET_SCALE]
-    for name, seen in targets.items():
-        scale = _of(seen[0], np.pad(graph.C[:, :3, 3:], [(0, 0), (3, 0), (0, 0)]))
-        found.append(Component(f"{name} scale", "camera", of_size, columns=scale))
+    scale = np.pad(graph.C[:, :3, 3:], [(0, 0), (3, 0), (0, 0)])
+    scales = {name: _of(seen, scale) for name, (seen, _) in targets.items()}
+    if len(both[1][0].targets) > 1:
+        scales[ALL_TARGETS] = scale
+    found += [Component(f"{name} scale", "camera", SIZES[TARGET_SCALE], columns=K) for name, K in scales.items()]
     found += [_shared(graph, before, name, seen, assumed_accuracy()) for name, seen in arms.items()
               if rig.arms[name].kinematics is None]  # fmt: skip
     for name, both_of in finished.items() if alone else ():
@@ -288,7 +292,7 @@ def _rows_of(part: Component, edges: NDArray[np.intp], poses: NDArray[np.intp]) 
 def model_of(rig: Rig, graph: Graph, parts: tuple[Component, ...], at: Array, prior: Prior | None) -> LatentModel:
     """Return the model of components near the poses ``at`` (m, 4, 4), with the batches of the graph in their order."""
     sides = graph.linearise(at)
-    given = given_roots(rig, graph)
+    given, some = given_covariances(rig, graph)
     groups = []
     for batch in graph.batches:
         (b, e), q = batch.edges.shape, batch.robots.shape[1]
@@ -303,12 +307,9 @@ def model_of(rig: Rig, graph: Graph, parts: tuple[Component, ...], at: Array, pr
                 else:
                     shared.append((D_C @ part.columns[batch.edges]).reshape(b, 6 * e, m))
             if part.block is not None:
-                blocks[k] = (
-                    _stacked([D_R[..., 6 * j : 6 * j + 6] @ part.block[batch.robots[:, j]] for j in range(q)], b, e)
-                    if of_robot
-                    else _diagonal(D_C @ part.block[batch.edges])
-                )
-        known = _diagonal(D_C @ given[batch.edges]) if given is not None else None
+                S = part.block @ part.block.mT
+                blocks[k] = noise_of_robots(D_R, S[batch.robots]) if of_robot else noise_of_cameras(D_C, S[batch.edges])
+        known = noise_of_cameras(D_C, given[batch.edges]) if some.any() else None
         J = graph.by_unknowns(sides, batch.edges).reshape(b, 6 * e, graph.p)
         groups.append(Rows(J, sides.r[batch.edges].reshape(b, -1), np.concatenate(shared, axis=-1), blocks, known))
     known_poses = None
@@ -320,36 +321,6 @@ def model_of(rig: Rig, graph: Graph, parts: tuple[Component, ...], at: Array, pr
         first.J, first.r, parts, first.shared, first.blocks, first.known, known_poses, tuple(others),
         _covariance_of_sizes(rig, parts),
     )  # fmt: skip
-
-
-def _stacked(roots: list[Array], b: int, e: int) -> Array:
-    total = np.zeros((b, 6 * e, 6 * e))
-    for B in roots:
-        total += B @ B.mT
-    return total
-
-
-def _diagonal(roots: Array) -> Array:
-    """(b, 6e, 6e) block diagonal of the squares of (b, e, 6, k)."""
-    b, e = roots.shape[:2]
-    found = np.zeros((b, e, 6, e, 6))
-    square = roots @ roots.mT
-    for k in range(e):
-        found[:, k, :, k] = square[:, k]
-    return found.reshape(b, 6 * e, 6 * e)
-
-
-def given_roots(rig: Rig, graph: Graph) -> Array | None:
-    """(E, 6, 6) square roots of the covariances that views came with, or None."""
-    if all(view.covariance is None for view in rig.views):
-        return None
-    found = np.zeros((graph.E, 6, 6))
-    for k, view in enumerate(rig.views):
-        if view.covariance is not None:
-            of = graph.view == k
-            S = view.covariance if view.covariance.ndim == 3 else view.covariance[None].repeat(len(view.poses), axis=0)
-            found[of] = np.linalg.cholesky(S[graph.row[of]])
-    return found
 
 
 def _covariance_of_sizes(rig: Rig, parts: tuple[Component, ...]) -> Array:
@@ -371,9 +342,7 @@ def _noise(rig: Rig, graph: Graph, parts: tuple[Component, ...], sizes: Array) -
     own = {"robot": np.zeros((graph.P, 6, 6)), "camera": np.zeros((graph.E, 6, 6))}
     K: dict[str, list[Array]] = {"robot": [], "camera": []}
     names: list[str] = []
-    given = given_roots(rig, graph)
-    if given is not None:
-        own["camera"] += given @ given.mT
+    own["camera"] += given_covariances(rig, graph)[0]
     for part, s in zip(parts, sizes.tolist(), strict=True):
         if part.block is not None:
             own[part.side] += s * s * part.block @ part.block.mT

@@ -46,8 +46,8 @@ from ..model.shared_errors.sizes import Size
 from .description import Rig
 from .fit import LEAST, Prior, RigFit, Task, fit
 from .graph import Graph
-from .noise import RigNoise
-from .sizes import Found, components_of, found_of, given_roots
+from .noise import RigNoise, given_covariances
+from .sizes import Found, components_of, found_of
 
 # Steps, and from which on weights only fall; change of the weights at which they stand still.
 MOST, LATE, ALIKE = 40, 20, 1e-2
@@ -229,10 +229,8 @@ def find_pair(task: Task, start: Array) -> OfPair | None:
         where = replace(graph, robot=robot[np.argsort(robots)], C=C)
         return replace(source, more=parts_at(where))
 
-    roots = given_roots(rig, graph)
-    known: dict[str, Any] = {"robot": np.zeros((6, 6)), "camera": np.zeros((6, 6))}
-    if roots is not None:
-        known["camera"] = roots @ roots.mT
+    given, some = given_covariances(rig, graph)
+    known: dict[str, Any] = {"robot": np.zeros((6, 6)), "camera": given if some.any() else np.zeros((6, 6))}
     beside = _known(prior)
     source = JointModel(constraint, poses=poses, pose_prior=beside, more=parts_at(graph), **known)
     at = Unknowns(start[0], start[1])
@@ -248,7 +246,6 @@ def find_pair(task: Task, start: Array) -> OfPair | None:
             return None
         noise = with_prior(sizes.noise, beside)
         fitted = FITS[method](constraint, noise, at)
-    assert isinstance(noise, PoseNoise)
     unknowns = fitted.unknowns
     sizes, noise, fitted = settle(source, noise, fitted, weighed, sizes, method, at_corrected)
     assert unknowns.W is not None

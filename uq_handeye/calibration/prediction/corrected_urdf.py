@@ -11,16 +11,16 @@ corrected in part, calibrate again with it, or allow for what is left.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from ...core.files.atomic import json_text, write_files
 from ...core.files.open import StrPath, as_path, shown
+from ...core.files.records import Record
 from ...core.geometry.se3 import Array, inverse
-from ...core.runtime.read_only import ReadOnlyArrays
 from ...errors import InputError
 from ...formats.snippets import fixed_axis_angles
 from ...model.kinematics.chain import Kinematics
@@ -41,8 +41,14 @@ BESIDE = ".corrections.json"
 
 
 @dataclass(frozen=True, eq=False)
-class CorrectedUrdf(ReadOnlyArrays):
+class CorrectedUrdf(Record):
     """A URDF with some origins corrected; lengths in m, angles in rad."""
+
+    _in_file: ClassVar[str] = (
+        "units corrected=exported covariance left_nominal=left left_nominal_moves_tip=by_left not_in_urdf=functions "
+        "not_in_urdf_moves_tip=by_functions summary"
+    )
+    units: ClassVar[dict[str, str]] = {"rotation": "rad", "translation": "m"}
 
     text: str
     exported: tuple[ErrorEstimate, ...]
@@ -63,19 +69,6 @@ class CorrectedUrdf(ReadOnlyArrays):
             "limits). Transmissions and sag have no place in a URDF; their estimates move it by "
             f"{1e3 * self.by_functions:.2f} mm."
         )
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain numbers and text: what was corrected, with its covariance, and what was not."""
-        return {
-            "units": {"rotation": "rad", "translation": "m"},
-            "corrected": [row._asdict() for row in self.exported],
-            "covariance": self.covariance.tolist(),
-            "left_nominal": [row._asdict() for row in self.left],
-            "left_nominal_moves_tip": self.by_left,
-            "not_in_urdf": [row._asdict() for row in self.functions],
-            "not_in_urdf_moves_tip": self.by_functions,
-            "summary": self.summary,
-        }
 
 
 def corrected_urdf(fitted: FittedKinematics | None, urdf: StrPath, narrower: float = NARROWER) -> CorrectedUrdf:
@@ -123,7 +116,7 @@ def corrected_urdf(fitted: FittedKinematics | None, urdf: StrPath, narrower: flo
         _moved(chain, q, others),
     )
     text = with_origins(urdf, _origins(chain, urdf, e), f"Corrected by uq-handeye. {found.summary}")
-    return CorrectedUrdf(**{**found.__dict__, "text": text})
+    return replace(found, text=text)
 
 
 def write_corrected_urdf(

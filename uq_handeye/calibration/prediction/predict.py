@@ -36,8 +36,8 @@ from ...fit.likelihood.gauss_helmert import ESTIMATORS
 from ...model.kinematics.errors import GROUPS
 from ...model.kinematics.kinematic_errors import EXACT, JOINT_NOISE, effects_of_errors, frame_name
 from ...model.kinematics.workspace_gauge import frame_columns
-from ...model.noise.joint_covariance import JointCovariance, group_of
-from ...model.noise.models import INTRINSICS, PoseNoise
+from ...model.noise.joint_covariance import group_of
+from ...model.noise.models import INTRINSICS
 from ...model.poses.motions import Motions
 from ...model.poses.pose_pairs import PosePairs
 from ...model.posterior.posterior import Posterior
@@ -372,9 +372,8 @@ def shared_effects(result: Estimated, side: Literal["robot", "camera"], robot: A
             found[..., index] = error.at(poses)
     before = poses_so_far(result)
     index, seen = numbers_of_intrinsics(posterior), None if before is None else before.camera_calibration
-    if side == "camera" and index and seen is not None and isinstance(result.noise, PoseNoise):
-        S = result.noise.camera
-        assert isinstance(S, JointCovariance)
+    S: Any = getattr(result.noise, "camera", None)
+    if side == "camera" and index and seen is not None and S is not None:
         so_far = S.shared[..., [name in ("", INTRINSICS) for name in S.names]]
         found[..., index] = seen.shared_ahead(camera, so_far)
     return found
@@ -420,14 +419,10 @@ def numbers_of_intrinsics(posterior: Posterior) -> list[int]:
 
 def own_noise(result: Estimated, side: Literal["robot", "camera"]) -> Array:
     """(6, 6) the noise of one new pose of a side, the mean of those so far, without that of joints."""
-    noise = result.noise
-    S = getattr(noise, side) if isinstance(noise, PoseNoise) else None
+    S = getattr(result.noise, side, None)
     if S is None:
         return np.zeros((6, 6))
-    own = S
-    if isinstance(S, JointCovariance):
-        own = S.own
-    own = np.asarray(own)
+    own = np.asarray(getattr(S, "own", S))
     if own.shape[-1] != 6:
         raise InputError(f"Expected noise of each pose for a prediction, got a joint array of the {side} poses.")
     fitted = result.kinematics

@@ -29,8 +29,7 @@ from ...fit.diagnostics.task_space import PointUncertainty
 from ...model.kinematics.chain import Kinematics
 from ...model.kinematics.forward import spread_postures
 from ...model.kinematics.kinematic_errors import EXACT
-from ...model.noise.joint_covariance import JointCovariance
-from ...model.noise.models import PoseNoise, is_joint
+from ...model.noise.models import is_joint
 from ..estimate.analysis import FittedKinematics
 from ..estimate.estimated import Estimated
 from .predict import predict_camera, robot_ahead, seen_at, tip_at
@@ -76,8 +75,8 @@ def over_workspace(result: Estimated, distance: float, postures: int = POSTURES)
     fitted = result.kinematics
     if fitted is None or result.posterior is None or result.W is None:
         return None
-    of_robot = result.noise.robot if isinstance(result.noise, PoseNoise) else None
-    if of_robot is not None and is_joint(of_robot) and not isinstance(of_robot, JointCovariance):
+    of_robot = getattr(result.noise, "robot", None)
+    if of_robot is not None and is_joint(getattr(of_robot, "own", of_robot)):
         return None
     distance = min(distance, 0.5 * fitted.chain.reach)
     rng = np.random.default_rng(0)

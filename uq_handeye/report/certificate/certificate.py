@@ -33,7 +33,7 @@ from ...core.files.records import plain
 from ...core.formatting.numbers import digits, probability
 from ...core.presentation.document import Answer, Badge, Block, Paragraph, Points, Section, Table
 from ...errors import InputError
-from ...rig.page import FRAMES, UNLIKELY, counted, headline, noise_table, rig_sketch
+from ...rig.page import FRAMES, UNLIKELY, headline, noise_table, rig_sketch
 from ...rig.result import EstimatedPose, RigCalibration
 from .contents import RULE, Contents, Written, decide
 from .page import certificate_html
@@ -182,7 +182,7 @@ class RigCertificate(Written):
         away = np.concatenate([np.linalg.norm(view.poses[:, :3, 3], axis=1) for view in rig.views])
         rejected = f"{len(result.rejected)} views and {len(result.rejected_poses)} robot poses rejected"
         return [
-            ("Rig", counted(rig)), ("Data", ", ".join(name for name in sources if name) or "not recorded"),
+            ("Rig", rig.words), ("Data", ", ".join(name for name in sources if name) or "not recorded"),
             ("Used", f"{len(result.weights)} views at {len(result.pose_names)} robot poses; {rejected}"),
             ("Camera to target", f"{digits(float(away.min()), 3)} m to {digits(float(away.max()), 3)} m"),
             ("Method", f"{result.method}, one estimate of all poses with their joint covariance"),
@@ -194,7 +194,7 @@ class RigCertificate(Written):
         sheets = [self._first(), self._second()] if self.certified else [self._refused()]
         fields = [(ABOUT[key], self.about.get(key, "")) for key in ABOUT if key != "note" or key in self.about]
         rig = self.result.rig
-        return self.page("Rig calibration", ", ".join(rig.cameras), [counted(rig)], sheets, fields)
+        return self.page("Rig calibration", ", ".join(rig.cameras), [rig.words], sheets, fields)
 
     def _refused(self) -> list[Section]:
         return [self.refused(Answer("NOT CERTIFIED.", "failed"), Points(self.refusals)), self._measured()]

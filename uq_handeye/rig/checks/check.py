@@ -41,8 +41,8 @@ from ...model.shared_errors.view import HALF
 from ..description import ArmPoses, Rig
 from ..fit import whitened
 from ..graph import Graph
-from ..noise import RigNoise
-from ..sizes import WIDTH, components_of, model_of
+from ..noise import RigNoise, given_covariances
+from ..sizes import ALL_TARGETS, WIDTH, components_of, model_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,12 +107,10 @@ def new_noise(result: Any, rig: Rig, graph: Graph) -> RigNoise:
             own[part.side] += part.size.median**2 * part.block @ part.block.mT
     for k, name in enumerate([] if result.components else rig.arms):
         own["robot"][graph.arm == k] = mean.get(name, np.zeros((6, 6)))
-    for k, view in enumerate(rig.views):
-        of, S = graph.view == k, view.covariance
-        if S is not None:
-            own["camera"][of] = S if S.ndim == 2 else S[graph.row[of]]
-        elif not result.components:
-            own["camera"][of] = mean.get(view.camera, 0.0)
+    for k, name in enumerate([] if result.components else rig.cameras):
+        own["camera"][k == graph.X] = mean.get(name, 0.0)
+    given, some = given_covariances(rig, graph)
+    own["camera"][some] = given[some]
     return RigNoise(own["robot"], own["camera"], K["robot"], K["camera"], posterior.names)
 
 
@@ -141,7 +139,9 @@ def others_of(result: Any, same: Iterable[str] | str | None) -> NDArray[np.bool_
     if unknown := sorted(kept - set(things)):
         listed = ", ".join([*kinds, *things])
         raise InputError(f"Expected `same` (--same) to be names out of {listed}, got {unknown[0]!r}.")
-    owners = [max((thing for thing in things if name.startswith(f"{thing} ")), key=len, default="") for name in names]
+    kept |= {ALL_TARGETS} if set(rig.targets) <= kept else set()
+    owners = [max((thing for thing in (*things, ALL_TARGETS) if name.startswith(f"{thing} ")), key=len, default="")
+              for name in names]  # fmt: skip
     return np.array([owner not in kept for owner in owners], dtype=bool)
 
 

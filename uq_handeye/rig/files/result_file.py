@@ -12,6 +12,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from ...core.files.records import attributes, damaged, parts_of, plain, unequal, wrong_number
+from ...core.files.trees import is_map
 from ...core.geometry.se3 import Array
 from ...errors import InputError
 from ...model.kinematics.chain import Kinematics
@@ -28,7 +29,7 @@ _NAME = "rig"
 
 def is_rig_result(data: Any) -> bool:
     """Return whether what a JSON file holds is the result of a rig."""
-    return isinstance(data, dict) and str(data.get("format", "")).startswith("uq-handeye rig ")
+    return is_map(data) and str(data.get("format", "")).startswith("uq-handeye rig ")
 
 
 def to_dict(result: Any, fields: tuple[str, ...]) -> dict[str, Any]:
@@ -46,7 +47,7 @@ def to_dict(result: Any, fields: tuple[str, ...]) -> dict[str, Any]:
 def from_dict(kind: type[C], data: Any) -> C:
     """Read what `to_dict` wrote; raises `InputError` on anything else, and where parts do not belong together."""
     if not is_rig_result(data) or data["format"] != FORMAT:
-        found = data.get("format") if isinstance(data, dict) else data
+        found = data.get("format") if is_map(data) else data
         raise InputError(
             f"Expected the result of a rig (format {FORMAT!r}), got {found!r:.60}. Calibrate again to have one of an "
             "older format in this one."
@@ -64,9 +65,8 @@ def from_dict(kind: type[C], data: Any) -> C:
 def _require_whole(result: Any) -> None:
     rig = result.rig
     names = (*rig.cameras, *rig.targets, *list(rig.arms)[1:])
-    views = sum(len(view.poses) for view in rig.views)
     sizes = {"names": result.names == names, "poses": len(result.poses) == len(names),
-             "covariance": len(result.covariance) == 6 * len(names), "weights": len(result.weights) == views,
+             "covariance": len(result.covariance) == 6 * len(names), "weights": len(result.weights) == rig.n_views,
              "pose_names": len(result.pose_names) == len(result.pose_weights)}  # fmt: skip
     if wrong := [name for name, fits in sizes.items() if not fits]:
         raise ValueError(f"{wrong[0]} is not of the cameras, targets, arms and views of the rig")
@@ -84,18 +84,10 @@ def rig_to_dict(rig: Rig) -> dict[str, Any]:
             name: {"names": _moments(arm.names), "source": arm.source, "poses": _rows(arm.poses)} | _joints(arm)
             for name, arm in rig.arms.items()
         },
-        "cameras": dict(rig.cameras),
-        "targets": dict(rig.targets),
+        **attributes(rig, "cameras targets"),
         "views": [
-            {
-                "camera": view.camera,
-                "target": view.target,
-                "source": view.source,
-                "at": _moments(view.at or ()),
-                "poses": _rows(view.poses),
-                **({} if view.covariance is None else {"covariance": view.covariance.tolist()}),
-                **({} if view.intrinsics is None else {"intrinsics": view.intrinsics.tolist()}),
-            }
+            {**attributes(view, "camera target source"), "at": _moments(view.at or ()), "poses": _rows(view.poses)}
+            | {name: S.tolist() for name in ("covariance", "intrinsics") if (S := getattr(view, name)) is not None}
             for view in rig.views
         ],
     }
@@ -112,16 +104,10 @@ def rig_from_dict(data: Mapping[str, Any]) -> Rig:
     arms = {name: _arm(arm) for name, arm in data["arms"].items()}
     views = tuple(
         View(
-            view["camera"],
-            view["target"],
-            _poses(view["poses"]),
-            tuple(_moments(view["at"])),
-            None if view.get("covariance") is None else np.array(view["covariance"], dtype=float),
-            str(view["source"]),
-            None if view.get("intrinsics") is None else np.array(view["intrinsics"], dtype=float),
-        )
-        for view in data["views"]
-    )
+            view["camera"], view["target"], _poses(view["poses"]), tuple(_moments(view["at"])),
+            _numbers(view, "covariance"), str(view["source"]), _numbers(view, "intrinsics"),
+        ) for view in data["views"]
+    )  # fmt: skip
     known = {
         name: PosePrior(X=np.array(of["pose"], dtype=float), information_X=np.array(of["information"], dtype=float))
         for name, of in data.get("known", {}).items()
@@ -138,13 +124,16 @@ def _joints(arm: ArmPoses) -> dict[str, Any]:
 
 def _arm(data: Mapping[str, Any]) -> ArmPoses:
     chain = None if data.get("kinematics") is None else Kinematics.from_dict(data["kinematics"])
-    joints = None if chain is None else np.array(data["joints"], dtype=float)
     names, source = tuple(_moments(data["names"])), str(data["source"])
-    return ArmPoses(_poses(data["poses"]), names, source, chain, joints, data.get("robot_class"))
+    return ArmPoses(_poses(data["poses"]), names, source, chain, _numbers(data, "joints"), data.get("robot_class"))
+
+
+def _numbers(data: Mapping[str, Any], name: str) -> Array | None:
+    return None if data.get(name) is None else np.array(data[name], dtype=float)
 
 
 def _moments(names: Any) -> list[Any]:
-    if wrong := [name for name in names if isinstance(name, bool) or not isinstance(name, int | float | str)]:
+    if wrong := [name for name in names if type(name) not in (int, float, str)]:
         raise InputError(f"Expected names of robot poses to be numbers or text, got {wrong[0]!r:.40}.")
     return list(names)
 

@@ -28,16 +28,16 @@ behind that of the robot; beside a bag it is estimated (`synchronise`) where it 
 from __future__ import annotations
 
 import re
-import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ...core.files.open import StrPath, as_path, opened
-from ...core.files.trees import MAX_BYTES
+from ...core.files.open import StrPath, as_path
+from ...core.files.records import read
+from ...core.files.trees import MAX_BYTES, is_list, is_map, parse_toml
 from ...errors import InputError
 from ...formats.json_poses import read_prior
 from ...model.kinematics.chain import Kinematics
@@ -57,14 +57,19 @@ from .sources import (
 )
 
 READING = ("units", "format", "rotation", "frame")
-_CHAIN = (*MODELS, "base", "tip", "joint_units", "robot_class")
-_TABLES = {
-    "arms": ("poses", "joints", "bag", "topic", *_CHAIN, "noise", "known", *READING),
-    "cameras": ("on", "noise", "known", "intrinsics", "offset"),
-    "targets": ("on", "known"),
+FILES = tuple[str, ...]  # or one
+_READING = dict.fromkeys(READING, str)
+_CHAIN = dict.fromkeys((*MODELS, "base", "tip", "joint_units", "robot_class"), str)
+# Kinds of the values of each table; Any: checked where it is used.
+_TABLES: dict[str, dict[str, Any]] = {
+    "arms": {"poses": FILES, "joints": FILES, "bag": FILES, "topic": str, **_CHAIN, "noise": Any, "known": str}
+    | _READING,
+    "cameras": {"on": Any, "noise": Any, "known": str, "intrinsics": Any, "offset": float},
+    "targets": {"on": Any, "known": str},
 }
-_VIEW = ("camera", "target", "file", "corners", "intrinsics", "bag", "topic", "tag", *READING)
-_SOURCES = ("file", "corners", "bag")
+_SOURCES = {"file": str, "corners": str, "bag": FILES}
+_VIEW: dict[str, Any] = {"camera": str, "target": str, **_SOURCES, "intrinsics": Any, "topic": str, "tag": Any}
+_VIEW |= _READING
 
 
 def read_rig(path: StrPath) -> tuple[Rig, dict[str, Any] | None]:
@@ -73,15 +78,13 @@ def read_rig(path: StrPath) -> tuple[Rig, dict[str, Any] | None]:
     Raises `InputError`, with the name of the file, for what it cannot mean.
     """
     target = as_path(path)
-    with opened(target, MAX_BYTES) as file:
-        data = file.read()
     try:
-        tree = tomllib.loads(data.decode("utf-8-sig"))
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        tree = parse_toml(target, MAX_BYTES)
+    except InputError as error:
         if twice := re.search(r"Cannot declare \((.*)\) twice \(at line (\d+)", str(error)):
             table = ".".join(part.strip(" '") for part in twice[1].split(","))
             raise InputError(f"{target}: [{table}] is there twice, again in line {twice[2]}. Rename one.") from None
-        raise InputError(f"{target}: expected TOML, {error}.") from None
+        raise
     try:
         return _Read(tree, target.parent).rig()
     except InputError as error:
@@ -92,17 +95,14 @@ class _Read:
     """The tables of a rig file, checked, and what its files hold."""
 
     def __init__(self, tree: dict[str, Any], folder: Path) -> None:
-        _require_known(tree, (*_TABLES, "views", "tolerance"), "at the top of the file")
-        self.folder = folder
-        self.tables = {what: _table(tree.get(what), what, keys) for what, keys in _TABLES.items()}
-        tolerance = tree.get("tolerance", 0.0)
-        if isinstance(tolerance, bool) or not isinstance(tolerance, int | float) or not tolerance >= 0:
-            raise InputError(f"Expected `tolerance` to be seconds, 0 or more, got {tolerance!r}.")
-        self.tolerance = float(tolerance)
-        views = tree.get("views")
-        if not isinstance(views, list) or not views:
+        top = _checked(tree, {**dict.fromkeys((*_TABLES, "views"), Any), "tolerance": float}, "at the top of the file")
+        self.folder, self.tolerance = folder, float(top.get("tolerance", 0.0))
+        self.tables = {what: _table(tree.get(what), what, kinds) for what, kinds in _TABLES.items()}
+        if not self.tolerance >= 0:
+            raise InputError(f"Expected `tolerance` to be 0 s or more, got {self.tolerance:g}.")
+        if not is_list(views := tree.get("views")) or not views:
             raise InputError("Expected [[views]] with camera, target and file.")
-        self.views = [_view(entry, k) for k, entry in enumerate(views, 1)]
+        self.views = [_view(entry, f"in view {k}") for k, entry in enumerate(views, 1)]
         self.rows: dict[str, PoseRows] = {}  # of each arm
         self.chains: dict[str, Kinematics | None] = {}
         self.bags = Bags()
@@ -136,10 +136,10 @@ class _Read:
             view_of(view["camera"], view["target"], rows, [self.rows[name] for name in on], self.tolerance)
             for view, rows, on in zip(self.views, seen, carriers, strict=True)
         )
-        noise = {name: tuple(value) if isinstance(value, list) else value
+        noise = {name: tuple(value) if is_list(value) else value
                  for what in ("arms", "cameras") for name, entry in self.tables[what].items()
                  if (value := entry.get("noise")) is not None}  # fmt: skip
-        known = {name: self._known(name, entry["known"]) for what in _TABLES
+        known = {name: read_prior(self.folder / entry["known"], "X") for what in _TABLES
                  for name, entry in self.tables[what].items() if "known" in entry}  # fmt: skip
         given = {name: arm for name, arm in arms.items() if arm is not None}
         rig = Rig(given, places["cameras"], places["targets"], views, known or None)
@@ -153,7 +153,7 @@ class _Read:
         sources = [key for key in ("bag", "poses", "joints") if key in entry]
         if not sources:
             raise InputError(f"Expected `poses` (files), `joints` with a robot model, or `bag` in {where}, got none.")
-        paths = {key: _paths(entry, key, self.folder, where) for key in sources}
+        paths = {key: [self.folder / file for file in entry[key]] for key in sources}
         if "bag" in paths:
             if len(paths) > 1:
                 raise InputError(f"{where} has both bag and {sources[1]}. Remove one of them.")
@@ -180,13 +180,14 @@ class _Read:
         where = f"The view of {view['target']} by {view['camera']}"
         intrinsics = view.get("intrinsics", self.tables["cameras"][view["camera"]].get("intrinsics"))
         if "file" in view:
-            rows = read_rows(self.folder / str(view["file"]), "camera", **_reading(view))
-            return replace(rows, name=str(view["file"]))
+            rows = read_rows(self.folder / view["file"], "camera", **_reading(view))
+            return replace(rows, name=view["file"])
         if "bag" in view:
-            return self.bags.camera(_paths(view, "bag", self.folder, where), _topic(view, where), view, intrinsics)
+            paths = [self.folder / file for file in view["bag"]]
+            return self.bags.camera(paths, _topic(view, where), view, intrinsics)
         if intrinsics is None:
             raise InputError(f"{where} has corners and no intrinsics. Add `intrinsics` to it or to its camera.")
-        return rows_of_corners(self.folder / str(view["corners"]), intrinsics, self.folder, view.get("units"))
+        return rows_of_corners(self.folder / view["corners"], intrinsics, self.folder, view.get("units"))
 
     def _on_one_clock(
         self, seen: list[PoseRows], carriers: list[list[str]], places: Mapping[str, str]
@@ -202,36 +203,29 @@ class _Read:
             offsets[name] = clock_offset(name, entry.get("offset"), of, places[name] == WORLD)
         return [rows.later(offsets[view["camera"]]) for rows, view in zip(seen, self.views, strict=True)]
 
-    def _known(self, name: str, file: Any) -> Any:
-        if not isinstance(file, str):
-            raise InputError(f"Expected `known` of {name!r} to name a file with pose and covariance, got {file!r:.40}.")
-        return read_prior(self.folder / file, "X")
+
+def _checked(entry: Mapping[str, Any], kinds: Mapping[str, Any], where: str) -> dict[str, Any]:
+    """Return the values of a table as their kinds say; raises `InputError` for names that it does not have."""
+    if unknown := sorted(set(entry) - set(kinds)):
+        raise InputError(f"Unknown name {unknown[0]!r} {where}. {nearest_names(unknown[0], kinds)}")
+    listed = {key: [value] if kinds[key] is FILES and not is_list(value) else value for key, value in entry.items()}
+    return {key: read(kinds[key], value, f"`{key}` {where}") for key, value in listed.items()}
 
 
-def _require_known(entry: Mapping[str, Any], keys: Iterable[str], where: str) -> None:
-    if unknown := sorted(set(entry) - set(keys)):
-        raise InputError(f"Unknown name {unknown[0]!r} {where}. {nearest_names(unknown[0], keys)}")
-
-
-def _table(table: Any, what: str, keys: tuple[str, ...]) -> dict[str, dict[str, Any]]:
-    if not isinstance(table, dict) or not table or not all(isinstance(entry, dict) for entry in table.values()):
+def _table(table: Any, what: str, kinds: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+    if not is_map(table) or not table or not all(map(is_map, table.values())):
         got = "none" if table is None else f"{table!r:.40}"
         raise InputError(f"Expected a table [{what}.NAME] for each of the {what}, got {got}.")
-    for name, entry in table.items():
-        _require_known(entry, keys, f"in [{what}.{name}]")
-    return table
+    return {name: _checked(entry, kinds, f"in [{what}.{name}]") for name, entry in table.items()}
 
 
-def _view(entry: Any, number: int) -> dict[str, Any]:
-    where = f"in view {number}"
-    if not isinstance(entry, dict) or not all(isinstance(entry.get(key), str) for key in ("camera", "target")):
+def _view(entry: Any, where: str) -> dict[str, Any]:
+    if not is_map(entry) or not {"camera", "target"} <= set(entry):
         raise InputError(f"Expected names of camera and target {where}, got {entry!r:.60}.")
-    _require_known(entry, _VIEW, where)
-    given = [key for key in _SOURCES if key in entry]
-    if len(given) != 1:
+    if len(given := [key for key in _SOURCES if key in entry]) != 1:
         got = " and ".join(given) or "none of them"
         raise InputError(f"Expected one of {', '.join(_SOURCES)} {where}, got {got}.")
-    return entry
+    return _checked(entry, _VIEW, where)
 
 
 def _place(what: str, name: str, entry: Mapping[str, Any], arms: Mapping[str, Any]) -> Any:
@@ -240,19 +234,11 @@ def _place(what: str, name: str, entry: Mapping[str, Any], arms: Mapping[str, An
     return entry["on"]
 
 
-def _paths(entry: Mapping[str, Any], key: str, folder: Path, where: str) -> list[Path]:
-    files = entry[key]
-    listed = [files] if isinstance(files, str) else files
-    if not isinstance(listed, list) or not listed or not all(isinstance(file, str) for file in listed):
-        raise InputError(f"Expected `{key}` in {where} to name files, got {files!r:.60}.")
-    return [folder / file for file in listed]
-
-
 def _topic(entry: Mapping[str, Any], where: str) -> str:
-    if not isinstance(entry.get("topic"), str):
+    if "topic" not in entry:
         raise InputError(f"{where} has a bag and no topic. Add `topic`, frames such as base:tool0 or a topic.")
     return str(entry["topic"])
 
 
 def _reading(entry: Mapping[str, Any]) -> dict[str, Any]:
-    return {key: None if entry.get(key) is None else str(entry[key]) for key in READING}
+    return {key: entry.get(key) for key in READING}

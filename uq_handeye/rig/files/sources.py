@@ -54,9 +54,9 @@ def kinematics_of(entry: Mapping[str, Any], folder: Path, where: str) -> Kinemat
         raise InputError(
             f"{where} has {others[0]} beside {given[0]}, which describes the whole arm. Remove one of them."
         )
-    file = {name: folder / str(entry[name]) for name in given}
+    file = {name: folder / entry[name] for name in given}
     if "robot_model" in entry:
-        return Kinematics.from_name(str(entry["robot_model"]))
+        return Kinematics.from_name(entry["robot_model"])
     if "dh" in entry:
         return Kinematics.from_dh(file["dh"])
     if "ur_calibration" in entry:
@@ -169,8 +169,8 @@ def _intrinsics(given: Any, folder: Path) -> tuple[Any, Array, Array]:
     if lacks := [name for name in LINEAR if name not in known.values]:
         raise InputError(f"{path.name} lacks {', '.join(lacks)}. Give all of {', '.join(LINEAR)}.")
     each = [known.values.get(name, 0.0) for name in model.names]
-    sd = np.diag([float(value[1]) if isinstance(value, tuple) else 0.0 for value in each])
-    return model, np.array([value[0] if isinstance(value, tuple) else value for value in each]), sd[:, sd.any(axis=0)]
+    values, sd = np.array([value if np.ndim(value) else (value, 0.0) for value in each], dtype=float).T
+    return model, values, np.diag(sd)[:, sd > 0]
 
 
 def apart_by_calibration(seen: Sequence[PoseRows], cameras: Sequence[str]) -> list[PoseRows]:
@@ -249,7 +249,7 @@ def clock_offset(camera: str, given: Any, views: Iterable[tuple[Sequence[PoseRow
     from ...read.synchronisation.synchronise import synchronise
 
     if given is not None:
-        if isinstance(given, bool) or not isinstance(given, int | float) or not np.isfinite(given):
+        if not np.isfinite(given):
             raise InputError(f"Expected `offset` of the camera {camera!r} in seconds, got {given!r}.")
         return float(given)
     reason = "no view of it leads from one arm in a bag to the world"

@@ -403,11 +403,9 @@ def thumbnail(file: Path | io.BytesIO, name: str = "") -> Any:
         with ONE_AT_A_TIME, warnings.catch_warnings():
             warnings.simplefilter("ignore")
             with Image.open(file) as picture:
-                if picture.width * picture.height > MOST_PIXELS:
-                    raise InputError(f"{name!a} has more than {MOST_PIXELS / 1e6:.0f} million pixels.")
-                picture.thumbnail((SHOWN, SHOWN))
-                return np.asarray(picture.convert("RGB"))
-    except InputError:
-        raise
+                if picture.width * picture.height <= MOST_PIXELS:
+                    picture.thumbnail((SHOWN, SHOWN))
+                    return np.asarray(picture.convert("RGB"))
     except (OSError, ValueError, SyntaxError, Image.DecompressionBombError):
         raise InputError(f"{name!a}: expected a picture ({', '.join(SUFFIXES)}).") from None
+    raise InputError(f"{name!a} has more than {MOST_PIXELS / 1e6:.0f} million pixels.")

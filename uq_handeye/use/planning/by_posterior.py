@@ -105,7 +105,7 @@ class PlanRequest:
             if (length := parse_length(self.length, "`length`")) <= 0:
                 raise InputError(f"Expected `length` to be above 0, got {self.length!r}.")
         if self.point is not None:
-            if isinstance(self.point, str) or np.shape(self.point) != (3,):
+            if np.shape(self.point) != (3,):
                 raise InputError(f"Expected `point` to be x, y, z in camera coordinates, got {self.point!r}.")
             point = np.array([parse_length(x, "`point`") for x in self.point])
         for name, value in (("criterion", criterion), ("point", point), ("length", length)):
@@ -212,7 +212,7 @@ def plan_by_joints(data: PosePairs, chain: Kinematics, asked: PlanRequest) -> Pl
 def plan_within_reach(known: Known, chain: Kinematics, joints: Array, asked: PlanRequest) -> Plan:
     """Return the poses to take next, inside the joint limits of the arm; ``joints`` (n, L): those so far."""
     result, fitted = known.result, known.result.kinematics
-    assert isinstance(result, Calibration) and result.W is not None
+    assert result.W is not None
     if asked.candidates is None:
         e = None if fitted is None else fitted.e
         q = sample_joints(known.data, chain, joints, result.X, result.W, asked.sample, e=e, seed=asked.seed)
@@ -288,7 +288,7 @@ def _so_far(data: PosePairs, chain: Kinematics, asked: PlanRequest) -> tuple[Cal
     return result, joints_by_poses(chain, data) if given is None else as_numbers(given, "joints")
 
 
-def _ahead(result: Calibration, chain: Kinematics, q: Array) -> CameraAhead:
+def _ahead(result: Estimated, chain: Kinematics, q: Array) -> CameraAhead:
     """Camera poses at joints (m, L); of an arm that is exact, by its model."""
     if result.kinematics is None:
         return camera_ahead(result, robot=chain.poses(q))

@@ -22,13 +22,19 @@ to be made small:
 Poses are chosen greedily, then exchanged one by one as long as that helps, and put into the order in which each brings
 most (`selection`). That is no proof of the best set; docs/how-to/plan.md has the gap.
 
-Poses that leave a part of X open (parallel axes, pure translations) can be planned from: there a weak prior stands in
-(`weak_prior`), and `Plan.open_directions` says where.
+Poses that leave a part of X open (parallel axes, pure translations) can be planned from. With ``I`` the information
+(12, 12) about ``(xi_X, xi_W)``, W eliminated leaves ``I_XX - I_XW I_WW^-1 I_WX``. An eigenvector along which that is
+worth less than a standard deviation of OPEN (0.1 rad or 0.1 m) is open: parallel axes leave the translation along them,
+pure translations all of it. There measured motions say little but noise; an estimate that believed them would put X a
+metre away. So X is that with the prior that what the gripper carries (camera, or target for eye-to-hand) is within
+`NEAR` of its origin, where no other one is given; the information along open directions is replaced by that of a weak
+prior, standard deviation PRIOR (1 rad, 1 m), and `Plan.open_directions` says where.
 """
 
 from __future__ import annotations
 
 import warnings
+from dataclasses import replace
 from typing import Any, overload
 
 import numpy as np
@@ -38,19 +44,23 @@ from ...calibration.prediction.predict import camera_ahead
 from ...calibration.result import Calibration
 from ...core.geometry.checks import as_transforms
 from ...errors import DegenerateMotionError, InputError, NotConvergedError, require_known, keywords_of
-from ...model.noise.joint_covariance import JointCovariance
-from ...model.noise.models import PoseNoise, is_joint
+from ...model.noise.models import PoseNoise, is_joint, with_prior
+from ...model.noise.pose_prior import PosePrior
 from ...model.poses.pose_pairs import PosePairs
 from ...model.poses.timing import warn_left_out
+from ...model.posterior.posterior import Posterior
+from ...model.posterior.selection import covariance_of
 from ...model.shared_errors.shared_error import OF_ANY_POSES, checked_errors
 from ...rig.description import require_left_out
 from ...rig.plan import RigPlan, plan_rig
 from ...rig.result import RigCalibration
 from .by_posterior import Known, PlanRequest, plan_by_joints, planned
 from .candidates import sample_candidates
-from .result import Plan
-from .weak_prior import OPEN, WeaklyKnown
+from .result import PRIOR, Plan
 
+# Standard deviation per axis (rad, m) from which on a direction is open; how far from the origin of the gripper what it
+# carries is taken to be (m).
+OPEN, NEAR = 0.1, 0.1
 GIVE = "Give `noise` (--robot-noise and --camera-noise, or --noise)."
 
 
@@ -172,10 +182,30 @@ def _so_far(data: PosePairs, asked: PlanRequest) -> Known:
             warnings.warn(one.message, stacklevel=3)
         return Known(result, data.rows(kept), noise is None)
     of_each = _of_each_pose(noise, data) if result is None or noise is not None else result.noise
-    if not isinstance(of_each, PoseNoise):
+    if of_each is None:
         raise InputError(f"The noise cannot be estimated from poses that fit exactly. {GIVE}")
-    found: Any = WeaklyKnown.of(data.rows(kept), _of_each_pose(of_each, data).rows(kept))
-    return Known(found, found.data, noise is None, found.open_directions)
+    return _weakly_known(data.rows(kept), _of_each_pose(of_each, data).rows(kept), noise is None)
+
+
+def _weakly_known(data: PosePairs, noise: PoseNoise, estimated: bool) -> Known:
+    """X and W with the weak prior where the poses leave a part of X open."""
+    near = np.eye(4), np.diag([np.inf] * 3 + [NEAR**2] * 3)  # of what the gripper carries
+    on_gripper = PosePrior.of(X=near) if data.setup == "eye-in-hand" else PosePrior.of(W=near)
+    prior = on_gripper if noise.prior is None else noise.prior
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        result = calibrate(data, noise=with_prior(noise, prior), method="efficient", shared=(), robust=False)
+    assert result.posterior is not None and result.W is not None and prior is not None
+    information = covariance_of(result.posterior.covariance[:12, :12])
+    if noise.prior is None:
+        information = information - prior.normal_equations(result.X, result.W)[0]
+    across = information[:6, 6:]
+    values, vectors = np.linalg.eigh(information[:6, :6] - across @ np.linalg.solve(information[6:, 6:], across.T))
+    is_open = values < OPEN**-2.0
+    directions = vectors[:, is_open].T
+    information[:6, :6] += directions.T @ ((PRIOR**-2.0 - values[is_open])[:, None] * directions)
+    posterior = Posterior((), np.zeros(0), covariance_of(information))
+    return Known(replace(result, posterior=posterior), data, estimated, directions)
 
 
 def _is_determined(result: Calibration) -> bool:
@@ -185,15 +215,14 @@ def _is_determined(result: Calibration) -> bool:
     return bool(np.linalg.eigvalsh(result.posterior.covariance[:6, :6])[-1] <= OPEN**2)
 
 
-def _of_each_pose(noise: PoseNoise | None, data: PosePairs) -> PoseNoise:
+def _of_each_pose(noise: Any, data: PosePairs) -> PoseNoise:
     """Return the noise of each pose without what poses share, which a weak prior hides."""
-    assert noise is not None
     seen, known = data.camera_calibration, data.camera_covariance
     camera = noise.camera
     if camera is None and (seen is not None or known is not None):
         camera = known if seen is None else seen.covariance
-    sides = (S.own if isinstance(S, JointCovariance) else S for S in (noise.robot, camera))
-    return PoseNoise(*sides, prior=noise.prior)
+    robot, camera = (getattr(S, "own", S) for S in (noise.robot, camera))
+    return PoseNoise(robot, camera, prior=noise.prior)
 
 
 def _require_noise_of_poses(noise: PoseNoise) -> None:
@@ -201,7 +230,7 @@ def _require_noise_of_poses(noise: PoseNoise) -> None:
     if not isinstance(noise, PoseNoise):
         raise InputError(f"Expected PoseNoise, got {type(noise).__name__}: planning needs the noise of poses.")
     for name, covariance in (("robot", noise.robot), ("camera", noise.camera)):
-        if covariance is not None and not isinstance(covariance, JointCovariance) and is_joint(covariance):
+        if covariance is not None and is_joint(getattr(covariance, "own", covariance)):
             raise InputError(
                 f"Expected the covariance `{name}` to be (6, 6) or (n, 6, 6), got the joint one of all poses so far, "
                 "which does not say how new poses share their errors. For a plan as if they did not, give its 6x6 "

@@ -22,8 +22,9 @@ from ...errors import InputError
 from ...formats.controllers.forms import CONTROLLERS, SINGLE, WRITTEN, columns, in_form, written_poses
 from ...model.noise.models import PoseNoise
 from ...read import json_text, pose_text, write_atomically
-from .weak_prior import PRIOR
 
+# Standard deviation per axis (rad, m) of the weak prior where the poses leave X open.
+PRIOR = 1.0
 # Formats in which several poses can be written.
 FORMS = tuple(name for name in WRITTEN if name not in SINGLE)
 
@@ -163,8 +164,8 @@ class Plan(ReadOnlyArrays):
         return text
 
 
-# Letters of the longest name of a joint that heads a column.
-WIDEST = 8
+# Letters of the longest name of a joint that heads a column; columns of a pose.
+WIDEST, _POSE = 8, ("x", "y", "z", "qx", "qy", "qz", "qw")
 
 
 @document_of.register(Plan)
@@ -193,7 +194,7 @@ def headline(plan: Plan) -> str:
 
 def _table(plan: Plan) -> Table:
     name, unit = {"logdet": ("log", "det")}.get(plan.criterion, ("error", "mm"))
-    named, in_units, places = _of_poses(plan) if plan.joints is None else _of_joints(plan, plan.joints)
+    named, in_units, places = _places(plan)
     head = ["step", "candidate", *named, "rotation", "translation", name]
     units = ["", "", *in_units, "sd, deg", "sd, mm", unit]
     rows = [["so far", *[""] * (1 + len(named)), *_numbers(plan, plan.worst[0], plan.criterion_before)]]
@@ -204,36 +205,25 @@ def _table(plan: Plan) -> Table:
     return Table("", head, rows, units=units, named=False)
 
 
-def _of_poses(plan: Plan) -> tuple[list[str], list[str], list[list[str]]]:
-    """Columns of robot poses: names, units, texts."""
-    if (form := CONTROLLERS.get(plan.form or "")) is not None:
+def _places(plan: Plan) -> tuple[list[str], list[str], list[list[str]]]:
+    """Columns of the poses or joints: names, units, texts; joints are q1, q2, ... where their names are too long."""
+    if plan.joints is not None:
+        short = max(map(len, plan.joint_names)) <= WIDEST
+        names = list(plan.joint_names) if short else [f"q{k}" for k in range(1, len(plan.joint_names) + 1)]
+        units = ["deg" if unit == "rad" else "mm" for unit in plan.joint_units]
+        values, digits = plan.joints * [180.0 / np.pi if unit == "deg" else 1e3 for unit in units], [2] * len(units)
+    elif (form := CONTROLLERS.get(plan.form or "")) is not None:
         names, units = columns(form)
-        digits = [4 if unit in ("m", "rad", "") else 3 if unit == "deg" else 1 for unit in units]
-        rows = [[f"{x:.{k}f}" for x, k in zip(row, digits, strict=True)] for row in in_form(plan.robot, form).tolist()]
-        return names, units, rows
-    quaternions = Rotation.from_matrix(plan.robot[:, :3, :3]).as_quat(canonical=True)
-    places = [
-        [f"{1e3 * x:.1f}" for x in G[:3, 3]] + [f"{x:.4f}" for x in q]
-        for G, q in zip(plan.robot, quaternions, strict=True)
-    ]
-    return ["x", "y", "z", "qx", "qy", "qz", "qw"], ["mm"] * 3 + [""] * 4, places
-
-
-def _short_names(plan: Plan) -> list[str]:
-    """Names of the joints, or q1, q2, ... where they would make the table too wide."""
-    short = max(map(len, plan.joint_names)) <= WIDEST
-    return list(plan.joint_names) if short else [f"q{k}" for k in range(1, len(plan.joint_names) + 1)]
-
-
-def _of_joints(plan: Plan, joints: Array) -> tuple[list[str], list[str], list[list[str]]]:
-    """Columns of joints: names, units, texts."""
-    units = ["deg" if unit == "rad" else "mm" for unit in plan.joint_units]
-    factors = [180.0 / np.pi if unit == "deg" else 1e3 for unit in units]
-    return (
-        _short_names(plan),
-        units,
-        [[f"{factor * value:.2f}" for factor, value in zip(factors, q.tolist(), strict=True)] for q in joints],
-    )
+        values, digits = (
+            in_form(plan.robot, form),
+            [4 if u in ("m", "rad", "") else 3 if u == "deg" else 1 for u in units],
+        )
+    else:
+        names, units, digits = list(_POSE), ["mm"] * 3 + [""] * 4, [1] * 3 + [4] * 4
+        quaternions = Rotation.from_matrix(plan.robot[:, :3, :3]).as_quat(canonical=True)
+        values = np.concatenate([1e3 * plan.robot[:, :3, 3], quaternions], axis=1)
+    rows = [[f"{x:.{k}f}" for x, k in zip(row, digits, strict=True)] for row in values.tolist()]
+    return names, units, rows
 
 
 def _numbers(plan: Plan, worst: Array, value: float) -> list[str]:
@@ -242,14 +232,12 @@ def _numbers(plan: Plan, worst: Array, value: float) -> list[str]:
 
 def _notes(plan: Plan) -> list[str]:
     origin = "drawn around the target" if plan.sampled else "given"
-    if plan.joints is None:
-        names, by = ["x", "qw"], ""
-        if (form := CONTROLLERS.get(plan.form or "")) is not None:
-            names, by = columns(form)[0], f" as {form.maker} writes it"
-        what = f"{names[0]} to {names[-1]}: base_T_gripper{by}"
+    form, (names, *_) = CONTROLLERS.get(plan.form or ""), _places(plan)
+    what = f"{names[0]} to {names[-1]}: "
+    if plan.joints is not None:
+        what += f"joints {', '.join(plan.joint_names)}"
     else:
-        names = _short_names(plan)
-        what = f"{names[0]} to {names[-1]}: joints {', '.join(plan.joint_names)}"
+        what += "base_T_gripper" if form is None else f"base_T_gripper as {form.maker} writes it"
     notes = [
         f"candidate: row among the {plan.n_candidates} candidates {origin}, from 0. {what}. sd: "
         "standard deviation of X along its worst axis, once the pose is taken too. " + _criterion(plan),
