@@ -71,17 +71,18 @@ class Source(Protocol):
         """Let go of what the source holds."""
 
 
-class Side(Protocol):
+class Side:
     """One side of a pair, robot or camera, that can be asked at any time."""
 
     def newest(self) -> tuple[Array, float | None]:
         """Return the newest pose (4, 4) and its time (s), if it is on a clock; raises `InputError` if there is none."""
+        raise NotImplementedError
 
     def close(self) -> None:
         """Let go of what the side holds."""
 
 
-class Function:
+class Function(Side):
     """A side whose pose (4, 4) a function returns."""
 
     def __init__(self, function: Callable[[], Array]) -> None:
@@ -90,9 +91,6 @@ class Function:
     def newest(self) -> tuple[Array, float | None]:
         """Call the function."""
         return np.asarray(self._function(), dtype=float), None
-
-    def close(self) -> None:
-        """Nothing is held."""
 
 
 class Taken:
@@ -240,7 +238,7 @@ OLD = 2.0
 Clock = Callable[[], float]
 
 
-class Tf:
+class Tf(Side):
     """A side by tf, ``"parent:child"``.
 
     ``buffer`` has ``lookup_transform(parent, child, time)`` as that of tf2; ``newest`` is its time that asks for the
@@ -261,11 +259,8 @@ class Tf:
             raise InputError(f"tf knows no pose {self._parent} -> {self._child}: {error}") from error
         return _pose(stamped, f"{self._parent} -> {self._child}", self._now)
 
-    def close(self) -> None:
-        """Nothing is held."""
 
-
-class Topic:
+class Topic(Side):
     """A side by a topic of poses: `receive` is what its subscription calls."""
 
     def __init__(self, name: str, now: Clock) -> None:
@@ -282,9 +277,6 @@ class Topic:
             raise InputError(f"Nothing has come on {self._name} yet. Is the target in view?")
         message, came = self._last
         return _pose(message, self._name, self._now, came)
-
-    def close(self) -> None:
-        """Nothing is held."""
 
 
 class Node:
@@ -350,7 +342,7 @@ def _pose(message: Any, name: str, now: Clock, came: float | None = None) -> tup
 STILL = 1e-3
 
 
-class Ur:
+class Ur(Side):
     """The arm at ``host``, as a side of a pair; its clock is not that of other programs.
 
     ``receiver`` stands in for that of ur_rtde.

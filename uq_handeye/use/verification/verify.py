@@ -319,7 +319,7 @@ def verify_poses(result: Estimated, poses: PosePairs) -> PoseVerification:
     other = None
     if p < LEVEL and result.W is not None:
         other = misread(
-            result.X, result.W, poses, evidence, lambda of: evidence_of_poses(result, of).d2, least_factor=0
+            result.X, result.W, poses, evidence, lambda of, _=None: evidence_of_poses(result, of).d2, least_factor=0
         )
     return PoseVerification(
         poses.n, evidence.d2, evidence.dof, p, noise_dof, (rms[0], rms[1]), (expected[0], expected[1]),
