@@ -43,7 +43,7 @@ from ...calibration.calibrate import calibrate
 from ...calibration.prediction.predict import camera_ahead
 from ...calibration.result import Calibration
 from ...core.geometry.checks import as_transforms
-from ...errors import DegenerateMotionError, InputError, NotConvergedError, require_known, keywords_of
+from ...errors import DegenerateMotionError, InputError, NotConvergedError, keywords_of, require_known
 from ...model.noise.models import PoseNoise, is_joint, with_prior
 from ...model.noise.pose_prior import PosePrior
 from ...model.poses.pose_pairs import PosePairs

@@ -24,7 +24,7 @@ from ...core.formatting.units import parse_deviations, parse_length
 from ...core.geometry.checks import as_numbers
 from ...core.geometry.se3 import Array, inverse
 from ...core.presentation.document import COLUMNS, Answer, Document, Paragraph, document_of, to_text
-from ...errors import InputError, require_known, keywords_of
+from ...errors import InputError, keywords_of, require_known
 from ...findings import Finding
 from ...fit.diagnostics.task_space import by_pose
 from ...model.camera.intrinsics_file import camera_matrix
