@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ..core.files.source import versions
 from ..core.geometry.se3 import Array
 from ..core.runtime.threads import one_thread
-from ..errors import InputError, NotConvergedError
+from ..errors import InputError, NotConvergedError, require_type
 from ..model.posterior.posterior import FreshNoise, Posterior
 from .checks.check import check_rig, joined, like
 from .checks.optimality import Optimality, better_start, prove
@@ -68,8 +68,7 @@ def calibrate_rig(
     DegenerateMotionError
         The robot poses determine nothing.
     """
-    if not isinstance(rig, Rig):
-        raise InputError(f"Expected `rig` to be a Rig, got {type(rig).__name__}.")
+    require_type("rig", rig, Rig, "a Rig")
     if method not in METHODS:
         raise InputError(f"Expected `method` to be one of {', '.join(METHODS)}, got {method!r}.")
     if shared is not True and shared is not False:

@@ -22,7 +22,7 @@ import numpy as np
 from ..core.geometry.checks import as_numbers, as_transforms
 from ..core.geometry.se3 import Array, logarithm
 from ..core.runtime.read_only import ReadOnlyArrays
-from ..errors import InputError
+from ..errors import InputError, require_type
 from ..model.kinematics.against_controller import compare_with_controller
 from ..model.kinematics.arms.postures import postures_at, postures_by_branch
 from ..model.kinematics.chain import Kinematics
@@ -360,9 +360,10 @@ def named(names: Any, count: int, whose: str) -> tuple[Hashable, ...]:
 
 
 def _mapping(value: Any, name: str) -> Mapping[str, Any]:
-    if not isinstance(value, Mapping) or not all(isinstance(key, str) and key for key in value):
-        raise InputError(f"Expected `{name}` to be a mapping of names, got {type(value).__name__}.")
-    return value
+    require_type(name, value, Mapping, "a mapping of names")
+    for key in value:
+        require_type(name, key or None, str, "a mapping of names")
+    return value  # type: ignore[no-any-return]
 
 
 def require_left_out(where: str, **options: Any) -> None:

@@ -14,7 +14,7 @@ from ..core.formatting.units import parse_deviations
 from ..core.geometry.checks import checked_covariance
 from ..core.geometry.se3 import Array
 from ..core.runtime.read_only import ReadOnlyArrays
-from ..errors import InputError
+from ..errors import InputError, require_type
 from ..fit.one_model.component import Component
 from ..model.kinematics.errors import LENGTHS
 from ..model.kinematics.kinematic_errors import JOINT_NOISE, KinematicErrors
@@ -58,10 +58,7 @@ def given_noise(rig: Rig, graph: Graph, noise: Any) -> RigNoise:
     kinematics come on top, as large as those of their population.
     """
     noise = _by_name(rig, noise)
-    if not isinstance(noise, Mapping):
-        raise InputError(
-            f"Expected `noise` to be a mapping of names of arms and cameras, or PoseNoise, got {type(noise).__name__}."
-        )
+    require_type("noise", noise, Mapping, "a mapping of names of arms and cameras, or PoseNoise")
     if unknown := [name for name in noise if name not in rig.arms and name not in rig.cameras]:
         raise InputError(f"Expected `noise` of arms and cameras of the rig, got {unknown[0]!r}.")
     own = {view.camera for view in rig.views if view.covariance is None}

@@ -43,7 +43,7 @@ from ...calibration.calibrate import calibrate
 from ...calibration.prediction.predict import camera_ahead
 from ...calibration.result import Calibration
 from ...core.geometry.checks import as_transforms
-from ...errors import DegenerateMotionError, InputError, NotConvergedError, keywords_of, require_known
+from ...errors import DegenerateMotionError, InputError, NotConvergedError, keywords_of, require_known, require_type
 from ...model.noise.models import PoseNoise, is_joint, with_prior
 from ...model.noise.pose_prior import PosePrior
 from ...model.poses.pose_pairs import PosePairs
@@ -126,8 +126,7 @@ def plan(data: Any, candidates: Any = None, k: int = 5, **asked: Any) -> Any:
         of_rig = {name: asked.pop(name) for name in ("sample", "seed") if name in asked}
         require_left_out("of a rig", **asked | {"repeat": asked.get("repeat") or None})
         return plan_rig(data, candidates, k, **of_rig)
-    if not isinstance(data, PosePairs):
-        raise InputError(f"Expected `data` to be PosePairs, got {type(data).__name__}.")
+    require_type("data", data, PosePairs, "PosePairs")
     if data.robot.ndim != 3:
         raise InputError(f"Expected poses without batch axes, got shape {data.robot.shape}.")
     if data.n < 3:
@@ -227,8 +226,7 @@ def _of_each_pose(noise: Any, data: PosePairs) -> PoseNoise:
 
 def _require_noise_of_poses(noise: PoseNoise) -> None:
     """Raise `InputError` for noise that says nothing of new poses."""
-    if not isinstance(noise, PoseNoise):
-        raise InputError(f"Expected PoseNoise, got {type(noise).__name__}: planning needs the noise of poses.")
+    require_type("noise", noise, PoseNoise, "PoseNoise, the noise of poses")
     for name, covariance in (("robot", noise.robot), ("camera", noise.camera)):
         if covariance is not None and is_joint(getattr(covariance, "own", covariance)):
             raise InputError(
