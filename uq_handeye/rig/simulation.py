@@ -66,7 +66,7 @@ def simulate_rig(
     views = []
     for camera in cameras:
         for target in targets:
-            share = float((camera, target) in seen) if np.ndim(seen) else seen
+            share = seen if isinstance(seen, float | int) else float((camera, target) in seen)
             if not share:
                 continue
             some = np.flatnonzero(rng.random(n_poses) < share)

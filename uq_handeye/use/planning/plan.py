@@ -204,7 +204,7 @@ def _weakly_known(data: PosePairs, noise: PoseNoise, estimated: bool) -> Known:
     directions = vectors[:, is_open].T
     information[:6, :6] += directions.T @ ((PRIOR**-2.0 - values[is_open])[:, None] * directions)
     posterior = Posterior((), np.zeros(0), covariance_of(information))
-    return Known(replace(result, posterior=posterior), data, estimated, directions)
+    return Known(replace(result, joint_posterior=posterior), data, estimated, directions)
 
 
 def _is_determined(result: Calibration) -> bool:
