@@ -20,12 +20,13 @@ from studies.common.scores import errors, nees
 from uq_handeye.core.geometry.se3 import Array, inverse, skew
 from uq_handeye.fit.likelihood.constraint import OnPoses, residual_covariance
 from uq_handeye.fit.likelihood.gauss_helmert import bound, efficient
-from uq_handeye.model.noise.square_roots import cholesky_of, gram, whiten
+from uq_handeye.model.noise.square_roots import cholesky_of, whiten
 from uq_handeye.model.posterior.selection import covariance_of, greedy, value
 from uq_handeye.trials.simulation.rig import RIGS, disturbed
 from uq_handeye.use.planning.by_posterior import CRITERIA
 from uq_handeye.use.planning.candidates import sample_candidates
 from uq_handeye.use.planning.plan import plan
+from uq_handeye.use.planning.weak_prior import so_far
 
 SEED = 2024
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
@@ -50,8 +51,7 @@ def generators(table: int, count: int) -> Iterator[np.random.Generator]:
 
 def offered(data: uq.PosePairs, robot: Array) -> tuple[Array, Array]:
     """Information (12, 12) of the poses so far, whitened derivatives (m, 6, 12) at robot poses, as `plan` has them."""
-    found = efficient(data, NOISE)
-    at, information = found.unknowns, gram(found.white[1])
+    at, information, _ = so_far(data, NOISE)
     assert at.W is not None
     camera = predicted_camera(robot, at.X, at.W, data.setup)
     linear = OnPoses(robot, camera, data.setup == "eye-to-hand").linearise(at, robot, camera)
@@ -86,7 +86,7 @@ def against_all_subsets(sessions: int) -> Iterator[Row]:
     gaps: dict[str, list[tuple[float, float]]] = {name: [] for name in CRITERIA}
     for rng in generators(0, sessions):
         data = uq.simulate(5, noise=NOISE, seed=rng)
-        at = efficient(data, NOISE).unknowns
+        at = so_far(data, NOISE)[0]
         assert at.W is not None
         candidates = sample_candidates(data, at.X, at.W, 12, seed=rng)
         information, rows = offered(data, candidates)

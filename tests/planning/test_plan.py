@@ -43,8 +43,8 @@ from uq_handeye.trials.simulation.rig import RIGS
 from uq_handeye.use.planning import plan as planning
 from uq_handeye.use.planning.by_posterior import CRITERIA
 from uq_handeye.use.planning.candidates import sample_candidates
-from uq_handeye.use.planning.plan import OPEN, plan
-from uq_handeye.use.planning.result import PRIOR
+from uq_handeye.use.planning.plan import plan
+from uq_handeye.use.planning.weak_prior import OPEN, PRIOR
 
 NOISE = PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
 SETUPS = ("eye-in-hand", "eye-to-hand")

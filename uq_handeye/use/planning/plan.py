@@ -22,19 +22,13 @@ to be made small:
 Poses are chosen greedily, then exchanged one by one as long as that helps, and put into the order in which each brings
 most (`selection`). That is no proof of the best set; docs/how-to/plan.md has the gap.
 
-Poses that leave a part of X open (parallel axes, pure translations) can be planned from. With ``I`` the information
-(12, 12) about ``(xi_X, xi_W)``, W eliminated leaves ``I_XX - I_XW I_WW^-1 I_WX``. An eigenvector along which that is
-worth less than a standard deviation of OPEN (0.1 rad or 0.1 m) is open: parallel axes leave the translation along them,
-pure translations all of it. There measured motions say little but noise; an estimate that believed them would put X a
-metre away. So X is that with the prior that what the gripper carries (camera, or target for eye-to-hand) is within
-`NEAR` of its origin, where no other one is given; the information along open directions is replaced by that of a weak
-prior, standard deviation PRIOR (1 rad, 1 m), and `Plan.open_directions` says where.
+Poses that leave a part of X open (parallel axes, pure translations) can be planned from: there a weak prior stands in
+(`weak_prior`), and `Plan.open_directions` says where.
 """
 
 from __future__ import annotations
 
 import warnings
-from dataclasses import replace
 from typing import Any, overload
 
 import numpy as np
@@ -44,23 +38,18 @@ from ...calibration.prediction.predict import camera_ahead
 from ...calibration.result import Calibration
 from ...core.geometry.checks import as_transforms
 from ...errors import DegenerateMotionError, InputError, NotConvergedError, keywords_of, require_known, require_type
-from ...model.noise.models import PoseNoise, is_joint, with_prior
-from ...model.noise.pose_prior import PosePrior
+from ...model.noise.models import PoseNoise, is_joint
 from ...model.poses.pose_pairs import PosePairs
 from ...model.poses.timing import warn_left_out
-from ...model.posterior.posterior import Posterior
-from ...model.posterior.selection import covariance_of
 from ...model.shared_errors.shared_error import OF_ANY_POSES, checked_errors
 from ...rig.description import require_left_out
 from ...rig.plan import RigPlan, plan_rig
 from ...rig.result import RigCalibration
 from .by_posterior import Known, PlanRequest, plan_by_joints, planned
 from .candidates import sample_candidates
-from .result import PRIOR, Plan
+from .result import Plan
+from .weak_prior import OPEN, WeaklyKnown
 
-# Standard deviation per axis (rad, m) from which on a direction is open; how far from the origin of the gripper what it
-# carries is taken to be (m).
-OPEN, NEAR = 0.1, 0.1
 GIVE = "Give `noise` (--robot-noise and --camera-noise, or --noise)."
 
 
@@ -183,28 +172,8 @@ def _so_far(data: PosePairs, asked: PlanRequest) -> Known:
     of_each = _of_each_pose(noise, data) if result is None or noise is not None else result.noise
     if of_each is None:
         raise InputError(f"The noise cannot be estimated from poses that fit exactly. {GIVE}")
-    return _weakly_known(data.rows(kept), _of_each_pose(of_each, data).rows(kept), noise is None)
-
-
-def _weakly_known(data: PosePairs, noise: PoseNoise, estimated: bool) -> Known:
-    """X and W with the weak prior where the poses leave a part of X open."""
-    near = np.eye(4), np.diag([np.inf] * 3 + [NEAR**2] * 3)  # of what the gripper carries
-    on_gripper = PosePrior.of(X=near) if data.setup == "eye-in-hand" else PosePrior.of(W=near)
-    prior = on_gripper if noise.prior is None else noise.prior
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        result = calibrate(data, noise=with_prior(noise, prior), method="efficient", shared=(), robust=False)
-    assert result.posterior is not None and result.W is not None and prior is not None
-    information = covariance_of(result.posterior.covariance[:12, :12])
-    if noise.prior is None:
-        information = information - prior.normal_equations(result.X, result.W)[0]
-    across = information[:6, 6:]
-    values, vectors = np.linalg.eigh(information[:6, :6] - across @ np.linalg.solve(information[6:, 6:], across.T))
-    is_open = values < OPEN**-2.0
-    directions = vectors[:, is_open].T
-    information[:6, :6] += directions.T @ ((PRIOR**-2.0 - values[is_open])[:, None] * directions)
-    posterior = Posterior((), np.zeros(0), covariance_of(information))
-    return Known(replace(result, joint_posterior=posterior), data, estimated, directions)
+    found: Any = WeaklyKnown.of(data.rows(kept), _of_each_pose(of_each, data).rows(kept))
+    return Known(found, found.data, noise is None, found.open_directions)
 
 
 def _is_determined(result: Calibration) -> bool:

@@ -22,9 +22,8 @@ from ...errors import InputError
 from ...formats.controllers.forms import CONTROLLERS, SINGLE, WRITTEN, columns, in_form, written_poses
 from ...model.noise.models import PoseNoise
 from ...read import json_text, pose_text, write_atomically
+from .weak_prior import PRIOR
 
-# Standard deviation per axis (rad, m) of the weak prior where the poses leave X open.
-PRIOR = 1.0
 # Formats in which several poses can be written.
 FORMS = tuple(name for name in WRITTEN if name not in SINGLE)
 
