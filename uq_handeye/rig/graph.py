@@ -26,6 +26,8 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from ..core.geometry.se3 import Array, block, logarithm, skew
 from .description import WORLD, Rig
@@ -95,12 +97,7 @@ class Graph:
                     key = (arms.index(place), rows[place][moment])
                     columns[f"b{s}"].append(number.get(place, len(names)))
                     columns[f"g{s}"].append(used.setdefault(key, len(used)))
-                for name, value in (
-                    ("X", number[view.camera]),
-                    ("W", number[view.target]),
-                    ("view", v),
-                    ("row", k),
-                ):
+                for name, value in {"X": number[view.camera], "W": number[view.target], "view": v, "row": k}.items():
                     columns[name].append(value)
         found = {name: np.array(values, dtype=np.intp) for name, values in columns.items()}
         keys = np.array(list(used), dtype=np.intp).reshape(-1, 2)
@@ -148,22 +145,13 @@ class Graph:
 
     @cached_property
     def group(self) -> Index:
-        """(E,) number of the group of each edge, by its first edge."""
-        parent = np.arange(self.P + 1)
-
-        def root(k: int) -> int:
-            while parent[k] != k:
-                parent[k] = parent[parent[k]]
-                k = int(parent[k])
-            return k
-
+        """(E,) number of the group of each edge: edges with robot poses that edges connect."""
         left, right = self.side
-        for a, b in {(a, b) for a, b in zip(left.tolist(), right.tolist(), strict=True) if a < self.P > b}:
-            parent[root(a)] = root(b)
-        roots = np.array([root(k) for k in range(self.P + 1)])
-        some = np.where(left < self.P, left, right)
+        both = (left < self.P) & (right < self.P)
+        joined = coo_array((np.ones(both.sum()), (left[both], right[both])), shape=(self.P + 1, self.P + 1))
+        of_pose, one = connected_components(joined, directed=False)[1], np.where(left < self.P, left, right)
         alone = self.P + 1 + np.arange(self.E)  # views that no robot pose enters
-        return np.unique(np.where(some < self.P, roots[some], alone), return_inverse=True)[1].astype(np.intp)
+        return np.unique(np.where(one < self.P, of_pose[one], alone), return_inverse=True)[1].astype(np.intp)
 
     @cached_property
     def batches(self) -> tuple[Batch, ...]:
@@ -177,10 +165,8 @@ class Graph:
             by_size.setdefault((len(edges), len(robots)), []).append((edges, robots))
         found = []
         for (_, q), members in sorted(by_size.items()):
-            edges, robots = (
-                np.array([e for e, _ in members]),
-                np.array([g for _, g in members]).reshape(len(members), q),
-            )
+            edges, robots = (np.array([of[k] for of in members], dtype=np.intp) for k in (0, 1))
+            robots = robots.reshape(len(members), q)
             local = [self._local(side[edges], robots) for side in self.side]
             found.append(Batch(edges, robots, (local[0], local[1])))
         return tuple(found)
