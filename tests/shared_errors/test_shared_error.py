@@ -11,10 +11,16 @@ import uq_handeye as uq
 from uq_handeye import InputError, PairNoise, PoseNoise, PosePairs, SharedError
 from uq_handeye.model.noise.joint_covariance import JointCovariance
 from uq_handeye.model.poses.timing import Timing
-from uq_handeye.model.shared_errors.assumed import default_errors, replace_defaults
-from uq_handeye.model.shared_errors.shared_error import shared_columns, with_shared, without_shared
+from uq_handeye.model.shared_errors.assumed import (
+    OF_OUTLINE,
+    assumed_outline,
+    bound_again,
+    default_errors,
+    replace_defaults,
+)
+from uq_handeye.model.shared_errors.shared_error import OUTLINE, shared_columns, with_shared, without_shared
 from uq_handeye.model.shared_errors.sizes import SIZES
-from uq_handeye.model.shared_errors.view import HALF, POINTS, median_distance, target_centre
+from uq_handeye.model.shared_errors.view import HALF, POINTS, median_distance, outline_columns, target_centre
 
 NOISE = PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
 SETUPS = ("eye-in-hand", "eye-to-hand")
@@ -89,6 +95,37 @@ def test_focal_length_and_principal_point_of_a_target_that_is_fitted(setup):
         for k, centre in enumerate(np.eye(2)):
             found = solved(pose, seen, P, centre=SMALL * FOCAL * centre) / SMALL
             np.testing.assert_allclose(found, of_centre[i, :, k], atol=0.06)  # what bounds an edge-on target
+
+
+def test_columns_of_the_outline_carry_those_of_the_lens_to_a_board_that_is_no_square():
+    """k1 moves poses of a board of 5:4 beside the middle otherwise than those of the square: as the columns say."""
+    T = facing(n=12)
+    distance = median_distance(T)
+    half, centre = HALF * distance, target_centre(T, distance)
+    u, v = (x.ravel() for x in np.meshgrid(np.linspace(-1, 1, POINTS), np.linspace(-1, 1, POINTS)))
+
+    def by_lens(width, height, place):
+        P = half * np.stack([np.exp(width) * u + place, np.exp(height) * v, 0 * u], axis=1) + centre
+        found = []
+        for pose in T:
+            x = pixels(pose, P) / FOCAL
+            found.append(solved(pose, FOCAL * x * (1 - SMALL * (x * x).sum(axis=1, keepdims=True)), P) / SMALL)
+        return np.array(found)
+
+    change = np.array([0.12, -0.1, 0.1, 0.0])
+    told = outline_columns(T, distance, centre).reshape(len(T), 6, 4, 8)[..., 3] @ change
+    moved = by_lens(*change[:3]) - by_lens(0.0, 0.0, 0.0)
+    for rows in (slice(0, 3), slice(3, 6)):
+        size, left = (np.linalg.norm(off[:, rows]) for off in (moved, moved - told))
+        assert left < 0.3 * size
+
+
+def test_an_outline_is_bound_to_poses_and_ends_with_them():
+    poses = poses_of(facing(n=12))
+    error = assumed_outline().bound(poses)
+    assert len(error.parts) == OF_OUTLINE == error.at(poses).shape[-1]
+    again = bound_again(OUTLINE, poses)
+    np.testing.assert_array_equal(again.at(poses.rows([3, 5])), error.at(poses)[[3, 5]])
 
 
 def test_robot_scale_and_clock_offset():
@@ -250,6 +287,7 @@ def test_defaults_and_what_replaces_them():
         ("target scale", 0.0),
         ("robot accuracy", 1.0),  # per unit of the population, to be bound
         ("lens distortion", SIZES["lens distortion"].median),
+        (OUTLINE, SIZES[OUTLINE].median),
         ("view", SIZES["view"].median),
         ("robot scale", 1e-4),
     ]

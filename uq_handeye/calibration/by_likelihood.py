@@ -55,6 +55,7 @@ from ..model.shared_errors.shared_error import (
     CLOCK_OFFSET,
     FOCAL_LENGTH,
     LENS,
+    OUTLINE,
     PRINCIPAL_POINT,
     TARGET_SCALE,
     VIEW,
@@ -90,7 +91,7 @@ MISREAD = 0.15
 # The target has another size for sure from this probability on; below the other one nothing is asked.
 SURE, UNLIKELY = 0.99, 0.05
 # Errors whose columns at other poses are told by those that they were bound to.
-OF_POSES = frozenset({ROBOT_ACCURACY, VIEW, LENS, FOCAL_LENGTH, f"{PRINCIPAL_POINT} x"})
+OF_POSES = frozenset({ROBOT_ACCURACY, VIEW, LENS, OUTLINE, FOCAL_LENGTH, f"{PRINCIPAL_POINT} x"})
 # Another branch of the inverse kinematics is taken where its evidence is better by so much.
 BETTER = 1.0
 

@@ -39,6 +39,7 @@ from ..model.shared_errors.assumed import replace_defaults
 from ..model.shared_errors.shared_error import (
     CLOCK_OFFSET,
     LENS,
+    OUTLINE,
     VIEW,
     SharedError,
     add_columns,
@@ -246,7 +247,7 @@ def job_of(request: Request, data: Any, about: tuple[PosePairs, Array] | None = 
     robot_known = noise is not None or robot is not None or arm is not None or _known_robot(prior)
     assumed = {ROBOT_ACCURACY} if robot_known else set()
     if not bound or motions.poses is None or motions.poses.truth is not None:
-        assumed = {ROBOT_ACCURACY, LENS, VIEW}
+        assumed = {ROBOT_ACCURACY, LENS, OUTLINE, VIEW}
     errors = tuple(one for one in errors if not (one.default and (one.is_exact or one.name in assumed)))
     if motions.poses is not None:
         sizes = checked_sizes(request.sizes)

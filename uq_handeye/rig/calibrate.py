@@ -56,8 +56,8 @@ def calibrate_rig(
         Whether views and robot poses that contradict the others are down-weighted.
     shared : bool, or names
         Where the noise is estimated, whether with errors that poses share, or with which: "accuracy" of each arm,
-        "focal length", "principal point" and, with one camera, "lens distortion" and "view" of each camera, "scale" of
-        each target. What is left out is exact, such as the intrinsics of rendered pictures.
+        "focal length", "principal point" and, with one camera, "lens distortion", "target outline" and "view" of each
+        camera, "scale" of each target. What is left out is exact, such as the intrinsics of rendered pictures.
     seed : int
         Of the random starts with several arms.
 

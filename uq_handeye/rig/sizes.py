@@ -28,8 +28,8 @@ from ..fit.one_model.engine import LatentModel, Rows
 from ..fit.one_model.integration import Mixture, integrate
 from ..fit.one_model.mode import GAIN, find_mode
 from ..model.poses.pose_pairs import PosePairs
-from ..model.shared_errors.assumed import assumed_accuracy, assumed_view
-from ..model.shared_errors.shared_error import FOCAL_LENGTH, LENS, PRINCIPAL_POINT, TARGET_SCALE, SharedError
+from ..model.shared_errors.assumed import assumed_accuracy, assumed_outline, assumed_view
+from ..model.shared_errors.shared_error import FOCAL_LENGTH, LENS, OUTLINE, PRINCIPAL_POINT, TARGET_SCALE, SharedError
 from ..model.shared_errors.sizes import SIZES, Size
 from ..model.shared_errors.view import HALF, LENS_SHARES, intrinsics_columns, median_distance, target_centre, view_block
 from .description import Rig
@@ -50,7 +50,7 @@ ENOUGH, ROUNDS, STILL = 600, 10, 2e-2
 # Owner of the error of size that all targets of a rig have in common: they come from one printer.
 ALL_TARGETS = "all targets"
 # What all poses of an arm, a camera or a target share.
-SHARED = ("accuracy", FOCAL_LENGTH, PRINCIPAL_POINT, "scale", LENS, "view")
+SHARED = ("accuracy", FOCAL_LENGTH, PRINCIPAL_POINT, "scale", LENS, OUTLINE, "view")
 OF_EACH_CAMERA = ("rotation", "translation", "by view", "focal length", "principal point")
 _PARTS = (("rotation", np.eye(6)[:, :3]), ("translation", np.eye(6)[:, 3:]))
 
@@ -111,7 +111,7 @@ def components_of(
     for name, both_of in finished.items() if alone else ():
         lens = _of(both_of[0], by_intrinsics[..., 3:] * LENS_SHARES)
         found.append(Component(f"{name} {LENS}", "camera", SIZES[LENS], columns=lens))
-        found.append(_shared(graph, before, name, both_of, assumed_view()))
+        found += [_shared(graph, before, name, both_of, error) for error in (assumed_outline(), assumed_view())]
     asked = SHARED if shared is True else tuple(f" {what}" for what in shared)
     return (*noise, *(part for part in found if part.name.endswith(asked)), *chains)
 

@@ -29,7 +29,7 @@ from ...core.geometry.se3 import Array
 from ...findings import Finding
 from ...fit.diagnostics.budget import EACH, SHARED, Budget, Expanded
 from ...model.noise.joint_covariance import group_of
-from ...model.shared_errors.shared_error import FOCAL_LENGTH, LENS, PRINCIPAL_POINT, TARGET_SCALE, VIEW
+from ...model.shared_errors.shared_error import FOCAL_LENGTH, LENS, OUTLINE, PRINCIPAL_POINT, TARGET_SCALE, VIEW
 from ...model.shared_errors.sizes import ROBOT_ACCURACY
 from ..estimate.estimated import Estimated, distance_of
 from .checks import PLAIN, Check, cautions_of, checks_of, included, lower_limit_of, not_included, reasons_of
@@ -260,6 +260,7 @@ _ASSUMED = {
     TARGET_SCALE: ("the size of the target", "Measure it, and give --target-scale-sd"),
     VIEW: ("an unknown camera", "Give pictures or corners"),
     LENS: ("an unknown camera", "Give pictures or corners"),
+    OUTLINE: ("an unknown target", "Give pictures or corners"),
 }
 
 

@@ -11,7 +11,7 @@ from ..noise.joint_covariance import group_of
 from ..noise.models import INTRINSICS
 from ..poses.pose_pairs import PosePairs
 from ..shared_errors.assumed import DRIFT
-from ..shared_errors.shared_error import FOCAL_LENGTH, LENS, PRINCIPAL_POINT, TARGET_SCALE, VIEW
+from ..shared_errors.shared_error import FOCAL_LENGTH, LENS, OUTLINE, PRINCIPAL_POINT, TARGET_SCALE, VIEW
 
 ROBOT, CAMERA, TARGET = "robot", "camera", "target"
 THINGS = (ROBOT, CAMERA, TARGET)
@@ -26,7 +26,7 @@ def owner_of(name: str) -> str:
     ['camera', 'target', 'robot', '']
     """
     group = group_of(name)
-    if group in (FOCAL_LENGTH, VIEW, LENS, INTRINSICS, "") or group.startswith(PRINCIPAL_POINT):
+    if group in (FOCAL_LENGTH, VIEW, LENS, OUTLINE, INTRINSICS, "") or group.startswith(PRINCIPAL_POINT):
         return CAMERA
     if group.startswith(DRIFT):
         return ANEW

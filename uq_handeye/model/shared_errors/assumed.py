@@ -21,14 +21,28 @@ import numpy as np
 
 from ...core.geometry.se3 import Array
 from ..poses.pose_pairs import PosePairs
-from .shared_error import LENS, TARGET_SCALE, VIEW, SharedError, of_intrinsics, population_error, the_same, unbound
+from .shared_error import (
+    FOCAL_LENGTH,
+    LENS,
+    OUTLINE,
+    PRINCIPAL_POINT,
+    TARGET_SCALE,
+    VIEW,
+    SharedError,
+    of_intrinsics,
+    population_error,
+    the_same,
+    unbound,
+)
 from .sizes import CLASSES, ROBOT_ACCURACY, SIZES
-from .view import LENS_SHARES, columns_about, view_scale
+from .view import LENS_SHARES, columns_about, median_distance, outline_columns, target_centre, view_scale
 
 DRIFT = "drift of the"
 MODES = 6
 # Poses below which a drift is not told from anything.
 FEWEST = 6
+# Numbers of the unknown outline of a target.
+OF_OUTLINE = 8
 
 
 def drift_columns(camera: Array, timestamps: Array, target: bool) -> Array:
@@ -74,6 +88,35 @@ def assumed_view() -> SharedError:
 
     return SharedError(
         VIEW, "", "camera", np.array([size.median]), (VIEW,), unbound, factor=size.factor, bind=bind, default=True
+    )
+
+
+def assumed_outline() -> SharedError:
+    """Return what the unknown outline of the target changes in the effects of the intrinsics, to be bound to poses.
+
+    Of the 32 products of an error of the intrinsics with a change of the outline (`view.outline_columns`), of usual
+    sizes, the `OF_OUTLINE` principal ones at the poses.
+    """
+    size = SIZES[OUTLINE]
+    of_lens = SIZES[LENS].median * LENS_SHARES
+    usual = np.tile([SIZES[FOCAL_LENGTH].median, *[SIZES[PRINCIPAL_POINT].median] * 2, *of_lens], 4)
+
+    def bind(poses: PosePairs) -> dict[str, Any]:
+        distance = median_distance(poses.camera)
+        centre = target_centre(poses.camera, distance)
+        K = usual * outline_columns(poses.camera, distance, centre)
+        rows = (K * np.repeat([distance, 1.0], 3)[:, None]).reshape(-1, K.shape[-1])
+        axes = np.linalg.svd(rows.T @ rows)[0][:, :OF_OUTLINE]
+        axes *= np.sign(axes[np.abs(axes).argmax(axis=0), range(OF_OUTLINE)])  # the same wherever it is bound again
+        turn = usual[:, None] * axes
+        return {
+            "parts": tuple(f"{OUTLINE}: {k + 1}" for k in range(OF_OUTLINE)),
+            "sd": np.full(OF_OUTLINE, size.median),
+            "effect": lambda at: outline_columns(at.camera, distance, centre) @ turn,
+        }
+
+    return SharedError(
+        OUTLINE, "", "camera", np.array([size.median]), (OUTLINE,), unbound, factor=size.factor, bind=bind, default=True
     )
 
 
@@ -138,7 +181,8 @@ def bound_again(name: str, poses: PosePairs, reach: float | None = None) -> Shar
     """
     if name == ROBOT_ACCURACY:
         return population_error(1.0, 0.0, reach).bound(poses)
-    return assumed_view().bound(poses) if name == VIEW else None
+    of_views = {VIEW: assumed_view, OUTLINE: assumed_outline}
+    return of_views[name]().bound(poses) if name in of_views else None
 
 
 def assumed_accuracy(of_class: str | None = None) -> SharedError:
@@ -157,7 +201,7 @@ def replace_defaults(declared: Iterable[SharedError], intrinsics_known: bool, ot
         for error in (
             *default_errors(intrinsics_known),
             assumed_accuracy(),
-            *([] if intrinsics_known else [assumed_lens(), assumed_view()]),
+            *([] if intrinsics_known else [assumed_lens(), assumed_outline(), assumed_view()]),
         )
     }
     return list((by_name | {error.name: error for error in declared}).values())

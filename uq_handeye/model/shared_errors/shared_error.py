@@ -56,10 +56,10 @@ PRINCIPAL_POINT = "principal point"
 TARGET_SCALE = "target scale"
 ROBOT_SCALE = "robot scale"
 CLOCK_OFFSET = "clock offset"
-VIEW, LENS = "view", "lens distortion"
+VIEW, LENS, OUTLINE = "view", "lens distortion", "target outline"
 # Errors whose effect follows from poses, whatever they are.
 OF_ANY_POSES = frozenset(
-    {FOCAL_LENGTH, PRINCIPAL_POINT, TARGET_SCALE, ROBOT_SCALE, CLOCK_OFFSET, VIEW, LENS, ROBOT_ACCURACY}
+    {FOCAL_LENGTH, PRINCIPAL_POINT, TARGET_SCALE, ROBOT_SCALE, CLOCK_OFFSET, VIEW, LENS, OUTLINE, ROBOT_ACCURACY}
 )
 # Poses that differ by less, of the reach of the arm, have the same columns of its errors.
 NEAR = 0.02

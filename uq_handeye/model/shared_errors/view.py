@@ -23,6 +23,10 @@ normal.
 *Intrinsics.* Focal length, centre, distortion and the ratio of the two focal lengths that are wrong by dk move the
 directions by A dk (Brown's model, about none), and the poses that were fitted to them by ``-(B^T B)^-1 B^T A dk``. A
 wrong centre does not turn such a pose about the camera: a frontal target takes it as a shift.
+
+*Outline of the target.* These effects are of a square of the usual width about where cameras look. With other sides w
+and h and another place they are others, to first order by dk times the change of the outline, and as neither is known
+each product is a number of its own: ``d xi / (dk dlog w)`` and so on, 32 columns per unit of dk and of the change.
 """
 
 from __future__ import annotations
@@ -49,6 +53,8 @@ EDGE_ON = 0.05
 LENS_SHARES = np.array([1.0, 3.0, 0.1, 0.1, 0.05])
 # Place of the target in its frame: steps of the search, and how far behind it the point may be, of the distance.
 STEPS, BEHIND = 6, 0.3
+# Change of the outline of the target by which derivatives are taken.
+BIT = 0.1
 
 
 def view_columns(camera: Array) -> Array:
@@ -162,10 +168,27 @@ def intrinsics_columns(camera: Array, distance: float | None = None, centre: Arr
     return _by_intrinsics(camera.tobytes(), distance, tuple(centre.tolist()))
 
 
-@functools.lru_cache(maxsize=4)  # focal length, principal point and lens ask for the same poses one after the other
-def _by_intrinsics(of_poses: bytes, distance: float, centre: tuple[float, ...]) -> Array:
+def outline_columns(camera: Array, distance: float, centre: Array) -> Array:
+    """(n, 6, 32) changes of the `intrinsics_columns` at poses (n, 4, 4) with the outline of the target.
+
+    By the logarithm of its width, that of its height, and its place along both in its usual half width.
+    """
+    camera = np.asarray(camera, dtype=float)
+    before = intrinsics_columns(camera, distance, centre)
+    of, place, half = camera.tobytes(), tuple(centre.tolist()), HALF * distance
+    changed = [_by_intrinsics(of, distance, place, sides) for sides in ((np.exp(BIT), 1.0), (1.0, np.exp(BIT)))]
+    for k in range(2):
+        moved = tuple((centre + BIT * half * np.eye(3)[k]).tolist())
+        changed.append(_by_intrinsics(of, distance, moved))
+    return np.concatenate([(after - before) / BIT for after in changed], axis=-1)
+
+
+@functools.lru_cache(maxsize=8)  # focal length, principal point, lens and outline ask for the same poses in turn
+def _by_intrinsics(
+    of_poses: bytes, distance: float, centre: tuple[float, ...], sides: tuple[float, float] = (1.0, 1.0)
+) -> Array:
     camera = np.frombuffer(of_poses).reshape(-1, 4, 4)
-    x, by_pose, information = _fitted(camera, distance, np.array(centre))
+    x, by_pose, information = _fitted(camera, distance, np.array(centre), sides)
     r2 = (x * x).sum(axis=-1)
     u, v = x[..., 0], x[..., 1]
     radial = x * r2[..., None]
@@ -184,10 +207,10 @@ def median_distance(camera: Array) -> float:
     return float(np.median(np.linalg.norm(camera[:, :3, 3], axis=-1)))
 
 
-def _fitted(camera: Array, distance: float, centre: Array) -> tuple[Array, Array, Array]:
+def _fitted(camera: Array, distance: float, centre: Array, sides: tuple[float, float]) -> tuple[Array, Array, Array]:
     """Directions (n, k, 2) of the points of the target, their derivatives (n, 2k, 6) by the poses, and B^T B."""
     side = HALF * np.linspace(-1.0, 1.0, POINTS)
-    grid = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
+    grid = np.stack(np.meshgrid(sides[0] * side, sides[1] * side), axis=-1).reshape(-1, 2)
     P = centre + np.pad(max(distance, 1e-6) * grid, [(0, 0), (0, 1)])
     turned = P @ camera[:, :3, :3].mT  # (n, k, 3)
     at = turned + camera[:, None, :3, 3]
