@@ -55,7 +55,7 @@ SIZES = {
     "target scale": Size(3e-4, 4.0, "", "printed and etched targets; a wrong square is its tail"),
     "view": Size(1.5e-4, 3.0, "", "rendered and real sets with lens, board shape and corners left out of the model"),
     "lens distortion": Size(3e-3, 2.0, "", "k1 of repeated calibrations; k2 3 times, p 0.1 times, fx/fy 0.05 times"),
-    "target outline": Size(0.25, 2.0, "", "sides of common boards 1:1 to 1:1.6; how wide they are at their distance"),
+    "target outline": Size(0.3, 1.0, "", "sides of common boards 1:1 to 1:1.6; how wide they are at their distance"),
     "robot accuracy": Size(0.6e-3, 3.0, "m", "ISO 9283 absolute accuracy of arms with nominal kinematics"),
     "joint noise": Size(0.2e-3, 3.0, "rad", "laser tracker data of an ABB IRB 120 and a Motoman MA1400"),
     "drift of the camera": Size(2e-5, 5.0, "", "0.02 mrad and 0.02 mm a step"),
