@@ -12,7 +12,7 @@ from uq_handeye.read import write_pose_file
 
 BOTH = ("robot.csv", "camera.csv")
 VIEWS = ("--board", "9x6", "--square", "20mm", "--camera-matrix", "1000,1000,640,480")
-OF_VIEWS = {"lens distortion (5)": "0.00015 to 0.009", "target outline (8)": 0.3, "view (36)": 1.5e-4}
+OF_VIEWS = {"lens distortion (5)": "0.00015 to 0.009", "target outline (12)": 0.3, "view (36)": 1.5e-4}
 DEFAULTS = {"focal length": 1e-3, "principal point x": 1e-3, "principal point y": 1e-3, "target scale": 3e-4} | OF_VIEWS
 ASSUMED = {"robot accuracy": "0.6 mm"}  # where the noise of the robot is estimated, too
 ALL = DEFAULTS | ASSUMED

@@ -42,7 +42,7 @@ MODES = 6
 # Poses below which a drift is not told from anything.
 FEWEST = 6
 # Numbers of the unknown outline of a target.
-OF_OUTLINE = 8
+OF_OUTLINE = 12
 
 
 def drift_columns(camera: Array, timestamps: Array, target: bool) -> Array:
