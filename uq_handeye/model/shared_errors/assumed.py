@@ -137,11 +137,15 @@ def assumed_lens() -> SharedError:
     )
 
 
+# Assumed errors of finished camera poses that follow from the views.
+OF_VIEWS = {LENS: assumed_lens, OUTLINE: assumed_outline, VIEW: assumed_view}
+
+
 def stored_error(data: Mapping[str, Any]) -> SharedError:
-    """Return the error of `SharedError.to_dict`; lens and view are the assumed ones, or switched off."""
-    if data["name"] not in (LENS, VIEW):
+    """Return the error of `SharedError.to_dict`; those of the views are the assumed ones, or switched off."""
+    if data["name"] not in OF_VIEWS:
         return SharedError.from_dict(data)
-    error = assumed_lens() if data["name"] == LENS else assumed_view()
+    error = OF_VIEWS[data["name"]]()
     return error if any(data["sd"]) else error.switched_off()
 
 
@@ -181,8 +185,7 @@ def bound_again(name: str, poses: PosePairs, reach: float | None = None) -> Shar
     """
     if name == ROBOT_ACCURACY:
         return population_error(1.0, 0.0, reach).bound(poses)
-    of_views = {VIEW: assumed_view, OUTLINE: assumed_outline}
-    return of_views[name]().bound(poses) if name in of_views else None
+    return OF_VIEWS[name]().bound(poses) if name in (OUTLINE, VIEW) else None
 
 
 def assumed_accuracy(of_class: str | None = None) -> SharedError:
@@ -201,7 +204,7 @@ def replace_defaults(declared: Iterable[SharedError], intrinsics_known: bool, ot
         for error in (
             *default_errors(intrinsics_known),
             assumed_accuracy(),
-            *([] if intrinsics_known else [assumed_lens(), assumed_outline(), assumed_view()]),
+            *(() if intrinsics_known else (make() for make in OF_VIEWS.values())),
         )
     }
     return list((by_name | {error.name: error for error in declared}).values())
