@@ -40,6 +40,13 @@ def vee(M: ArrayLike) -> Array:
     return np.stack([M[..., 2, 1] - M[..., 1, 2], M[..., 0, 2] - M[..., 2, 0], M[..., 1, 0] - M[..., 0, 1]], axis=-1)
 
 
+def pose(R: ArrayLike, t: ArrayLike) -> Array:
+    """Return the poses (..., 4, 4) of rotations (..., 3, 3) and translations (..., 3)."""
+    T = np.zeros((*np.shape(t)[:-1], 4, 4))
+    T[..., :3, :3], T[..., :3, 3], T[..., 3, 3] = R, t, 1.0
+    return T
+
+
 def inverse(T: Array) -> Array:
     """``inv(T) = [[R^T, -R^T t], [0, 1]]``; ``(..., 4, 4) -> (..., 4, 4)``."""
     result = np.zeros_like(T)

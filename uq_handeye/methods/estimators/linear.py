@@ -32,7 +32,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ...core.geometry.nearest_rotation import orthonormalise
-from ...core.geometry.se3 import Array, skew, vee
+from ...core.geometry.se3 import Array, pose, skew, vee
 from ...model.noise.models import PairNoise
 from ..procrustes.limit import DEGENERATE, pair_blocks, trial_blocks
 from .method import Estimate, Method, closed_form, published, require
@@ -186,11 +186,7 @@ def _andreff_linear(moments: Moments, N: int) -> tuple[Normal, Array]:
 def _andreff_projected(x: Array) -> Estimate:
     M = x[:, :9].reshape(-1, 3, 3)
     require_scale(M)
-    X = np.zeros((len(x), 4, 4))
-    X[:, :3, :3] = orthonormalise(M)
-    X[:, :3, 3] = x[:, 9:]
-    X[:, 3, 3] = 1.0
-    return closed_form(X)
+    return closed_form(pose(orthonormalise(M), x[:, 9:]))
 
 
 def _andreff(moments: Moments, N: int) -> Estimate:
@@ -263,12 +259,8 @@ def _gwak(moments: Moments, N: int) -> Estimate:
 def _start(G: Array, g: Array, of_rotations: Array) -> Array:
     """The rotation equations only, solved by their smallest eigenvector and projected; then the best translation."""
     R = right_handed(np.linalg.eigh(of_rotations)[1][..., 0])
-    X = np.zeros((len(R), 4, 4))
-    X[:, :3, :3] = R
-    X[:, 3, 3] = 1.0
     rhs = g[:, 9:, None] - G[:, 9:, :9] @ R.reshape(-1, 9, 1)
-    X[:, :3, 3:] = np.linalg.solve(G[:, 9:, 9:], rhs)
-    return X
+    return pose(R, np.linalg.solve(G[:, 9:, 9:], rhs)[..., 0])
 
 
 def _nearby(moments: Moments, N: int, X: Array) -> Array:

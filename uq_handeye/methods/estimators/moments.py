@@ -36,7 +36,7 @@ from scipy.spatial.transform import Rotation
 
 from ...core.geometry.checks import CHUNK
 from ...core.geometry.nearest_rotation import orthonormalise
-from ...core.geometry.se3 import Array, left_jacobian, skew, vee
+from ...core.geometry.se3 import Array, left_jacobian, pose, skew, vee
 from ...model.noise.models import PairNoise
 from ..procrustes.limit import pair_blocks, trial_blocks
 from .method import Derivatives, Estimate, require
@@ -115,11 +115,8 @@ def dual_quaternions(T: Array, q: Array) -> Array:
 def pose_of(dual: Array) -> Array:
     """The pose (..., 4, 4) of ``(q, q')`` (..., 8) with |q| = 1: ``t = 2 q' q*``."""
     q, p = dual[..., :4], dual[..., 4:]
-    X = np.zeros((*dual.shape[:-1], 4, 4))
-    X[..., :3, :3] = Rotation.from_quat(q, scalar_first=True).as_matrix()
-    X[..., :3, 3] = 2.0 * (q[..., :1] * p[..., 1:] - p[..., :1] * q[..., 1:] - np.cross(p[..., 1:], q[..., 1:]))
-    X[..., 3, 3] = 1.0
-    return X
+    t = 2.0 * (q[..., :1] * p[..., 1:] - p[..., :1] * q[..., 1:] - np.cross(p[..., 1:], q[..., 1:]))
+    return pose(Rotation.from_quat(q, scalar_first=True).as_matrix(), t)
 
 
 def twists(T: Array, rotvec: Array) -> Array:

@@ -47,7 +47,7 @@ import numpy as np
 
 from ...core.geometry.checks import as_transforms
 from ...core.geometry.packed3x3 import EYE, cross, product, unpack
-from ...core.geometry.se3 import Array
+from ...core.geometry.se3 import Array, pose
 from ...errors import InputError, require_type
 from ...model.noise.models import PairNoise, require_count
 from ..procrustes.limit import as_pairs, trial_blocks
@@ -241,15 +241,11 @@ def _solve(
     data = measured(A, B, noise, length)
     R = starting_rotation(data, first, batch)
     turn = rotation_stage(data, R, rule)
-    X = np.zeros((T, 4, 4))
-    X[:, :3, :3] = turn.R
-    X[:, 3, 3] = 1.0
     refined = refined_rotations(data.S_a, turn.a, turn.W)
     moved = translation_data(data, turn.R, refined, covariance_of(turn.F), cross_term)
     shift = translation_stage(moved, rule, cross_term)
-    X[:, :3, 3] = shift.t
     return NguyenResult(
-        X,
+        pose(turn.R, shift.t),
         moved.Sigma_R,
         shift.Sigma_t,
         np.stack([turn.iterations, shift.iterations], axis=-1),

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...core.geometry.se3 import Array, inverse, inverse_jacobian
+from ...core.geometry.se3 import Array, inverse, inverse_jacobian, pose
 from ...errors import InputError, require_type
 from ...model.poses.motions import relative_motions
 from ...model.poses.pose_pairs import PosePairs
@@ -128,12 +128,7 @@ def sums(moments: Array) -> Sums:
 
 def result_of(R_X: Array, t_X: Array, R_Z: Array, t_Z: Array) -> RobotWorld:
     """X and W from X' = inv(W) and Z' = inv(X)."""
-    poses = np.zeros((2, len(R_X), 4, 4))
-    poses[0, :, :3, :3], poses[0, :, :3, 3] = R_Z, t_Z
-    poses[1, :, :3, :3], poses[1, :, :3, 3] = R_X, t_X
-    poses[..., 3, 3] = 1.0
-    X, W = inverse(poses)
-    return RobotWorld(X, W)
+    return RobotWorld(inverse(pose(R_Z, t_Z)), inverse(pose(R_X, t_X)))
 
 
 def translations(s: Sums, R_Z: Array, n: int) -> tuple[Array, Array]:
@@ -226,8 +221,8 @@ def _li_slopes(moments: Array, n: int) -> tuple[Array, Array]:
     found = _li_projected(y)
     dy = slopes(_normal_equations, SHAPE, equations, y)
     result = []
-    for pose, block, shift in ((found.X, _Z, _T_Z), (found.W, _X, _T_X)):
-        inverted = inverse(pose)
+    for found_pose, block, shift in ((found.X, _Z, _T_Z), (found.W, _X, _T_X)):
+        inverted = inverse(found_pose)
         M = y[:, block].reshape(-1, 3, 3)
         by_moments = np.concatenate([turn_of(M, inverted[:, :3, :3], dy[:, block]), dy[:, shift]], axis=1)
         result.append((inverse_jacobian(inverted) @ by_moments).reshape(-1, 6, *SHAPE))

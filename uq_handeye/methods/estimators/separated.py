@@ -14,7 +14,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ...core.geometry.nearest_rotation import orthonormalise
-from ...core.geometry.se3 import Array, skew, vee
+from ...core.geometry.se3 import Array, pose, skew, vee
 from ..procrustes.limit import DEGENERATE, NO_ROTATION
 from .method import Estimate, Method, closed_form, published, require
 from .moments import (
@@ -69,11 +69,7 @@ def with_translation(R: Array, moments: Array, N: int) -> Estimate:
     require(values[:, 0] > DEGENERATE * np.maximum(values[:, 2], 1e-4 * N), "the translation is not determined.")
     D_tB = moments[:, :9, :3].reshape(-1, 3, 3, 3)  # sum D[b, a] t_B[c]
     rhs = np.einsum("tbac,tbc->ta", D_tB, R) - moments[:, 9:, 3]
-    X = np.zeros((len(R), 4, 4))
-    X[:, :3, :3] = R
-    X[:, :3, 3] = np.linalg.solve(M, rhs[..., None])[..., 0]
-    X[:, 3, 3] = 1.0
-    return closed_form(X)
+    return closed_form(pose(R, np.linalg.solve(M, rhs[..., None])[..., 0]))
 
 
 def _axes(q_A: Array, q_B: Array) -> tuple[Array, Array]:

@@ -42,7 +42,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...core.geometry.checks import CHUNK, as_numbers, as_transforms, entry_rows, is_number, surely_transforms
 from ...core.geometry.nearest_rotation import nearest_rotation, orthonormalise
-from ...core.geometry.se3 import Array
+from ...core.geometry.se3 import Array, pose
 from ...core.runtime.read_only import scratch
 from ...core.runtime.threads import cores
 from ...errors import DegenerateMotionError, InputError
@@ -302,11 +302,7 @@ def se3_from_so4(R4: ArrayLike, scale: float) -> Array:
         raise InputError(f"Expected `R4` to have shape (..., 4, 4), got {R4.shape}.")
     if not np.isfinite(R4).all():
         raise InputError("Expected `R4` to be finite, got NaN or infinity.")
-    T = np.zeros(R4.shape)
-    T[..., :3, :3] = orthonormalise(R4[..., :3, :3])
-    T[..., :3, 3] = scale * R4[..., :3, 3]
-    T[..., 3, 3] = 1.0
-    return T
+    return pose(orthonormalise(R4[..., :3, :3]), scale * R4[..., :3, 3])
 
 
 def octonion(X: ArrayLike, scale: float) -> Array:

@@ -37,7 +37,7 @@ from typing import NamedTuple, cast
 import numpy as np
 
 from ...core.geometry.nearest_rotation import orthonormalise
-from ...core.geometry.se3 import Array, block, inverse_jacobian, skew
+from ...core.geometry.se3 import Array, block, inverse_jacobian, pose, skew
 from ...errors import InputError
 from ...findings import Finding
 from ...model.noise.models import Noise, PoseNoise, require_count
@@ -184,11 +184,7 @@ _EYE = np.eye(3)
 def mean_target(poses: PosePairs, X: Array) -> Array:
     """W (..., 4, 4), the mean of ``G_i X C_i``."""
     measured = poses.effective_robot @ X[..., None, :, :] @ poses.camera
-    W = np.zeros((*measured.shape[:-3], 4, 4))
-    W[..., :3, :3] = orthonormalise(measured[..., :3, :3].sum(axis=-3))
-    W[..., :3, 3] = measured[..., :3, 3].mean(axis=-2)
-    W[..., 3, 3] = 1.0
-    return W
+    return pose(orthonormalise(measured[..., :3, :3].sum(axis=-3)), measured[..., :3, 3].mean(axis=-2))
 
 
 def loop_derivatives(R_G: Array, R_X: Array, arm: Array, lever: Array) -> tuple[Array, Array, Array]:

@@ -13,27 +13,18 @@ from scipy.spatial.transform import Rotation
 from ...core.formatting.units import parse_angle, parse_length
 from ...core.geometry.checks import as_transforms
 from ...core.geometry.frames import SETUPS
-from ...core.geometry.se3 import Array, inverse, perturb
+from ...core.geometry.se3 import Array, inverse, perturb, pose
 from ...errors import InputError, keywords_of, require_integer, require_known, require_type
 from ...model.noise.joint_covariance import JointCovariance
 from ...model.noise.models import PoseNoise, factor, is_joint, require_count
 from ...model.poses.pose_pairs import PosePairs, Truth
 
-
-def _transform(rotation: Rotation, translation: Any) -> Array:
-    T = np.zeros((*np.shape(translation)[:-1], 4, 4))
-    T[..., :3, :3] = rotation.as_matrix()
-    T[..., :3, 3] = translation
-    T[..., 3, 3] = 1.0
-    return T
-
-
 # A camera bracket on a flange, and a board on the table in front of the arm.
-_CAMERA_ON_GRIPPER = _transform(Rotation.from_euler("ZYX", [90, 5, -10], degrees=True), [0.03, -0.07, 0.05])
-_BOARD_ON_TABLE = _transform(Rotation.from_euler("z", 20, degrees=True), [0.6, 0.1, 0.02])
+_CAMERA_ON_GRIPPER = pose(Rotation.from_euler("ZYX", [90, 5, -10], degrees=True).as_matrix(), [0.03, -0.07, 0.05])
+_BOARD_ON_TABLE = pose(Rotation.from_euler("z", 20, degrees=True).as_matrix(), [0.6, 0.1, 0.02])
 # A camera on a tripod that looks at the arm, and a board screwed to the flange.
-_CAMERA_ON_TRIPOD = _transform(Rotation.from_euler("ZX", [80, -120], degrees=True), [1.4, 0.2, 0.8])
-_BOARD_ON_GRIPPER = _transform(Rotation.from_euler("ZX", [10, 5], degrees=True), [0.01, 0.02, 0.06])
+_CAMERA_ON_TRIPOD = pose(Rotation.from_euler("ZX", [80, -120], degrees=True).as_matrix(), [1.4, 0.2, 0.8])
+_BOARD_ON_GRIPPER = pose(Rotation.from_euler("ZX", [10, 5], degrees=True).as_matrix(), [0.01, 0.02, 0.06])
 
 RIGS = {"eye-in-hand": (_CAMERA_ON_GRIPPER, _BOARD_ON_TABLE), "eye-to-hand": (_CAMERA_ON_TRIPOD, _BOARD_ON_GRIPPER)}
 
@@ -78,7 +69,7 @@ class Scene:
         angles[:, 2] = -angles[:, 0] + angles[:, 3]
         looking = Rotation.from_euler("ZYZ", angles[:, :3]) * Rotation.from_euler("x", np.pi)
         aim = rng.uniform(-0.1, 0.1, (n, 3)) * away[:, None]
-        return _transform(looking, aim - away[:, None] * looking.as_matrix()[..., 2])
+        return pose(looking.as_matrix(), aim - away[:, None] * looking.as_matrix()[..., 2])
 
 
 def simulate(

@@ -23,7 +23,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field
 from functools import cache, lru_cache
 from itertools import islice
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -282,9 +282,10 @@ class Crew:
             raise WorkersLostError(self._describe(error)) from error
 
     def _describe(self, error: BaseException) -> str:
-        if isinstance(self._executor, LocalProcesses):
-            self._executor.end()
-            return f"a worker process was lost ({self._executor.describe_loss()}); the memory may have run out"
+        if self._given is None:
+            own = cast(LocalProcesses, self._executor)
+            own.end()
+            return f"a worker process was lost ({own.describe_loss()}); the memory may have run out"
         text = " ".join(str(error).split()).rstrip(".")
         text = text if len(text) <= 200 else f"{text[:200]}..."
         return f"the executor failed: {type(error).__name__}{f': {text}' if text else ''}"

@@ -21,6 +21,7 @@ from collections.abc import Callable
 from concurrent.futures import Executor
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
+from types import NoneType
 from typing import Any
 
 import numpy as np
@@ -30,7 +31,7 @@ from ....core.geometry.checks import checked_covariance
 from ....core.geometry.se3 import Array
 from ....core.runtime.progress import progress_bar
 from ....core.runtime.threads import one_thread
-from ....errors import InputError, InputWarning, keywords_of, require_integer, require_known
+from ....errors import InputError, InputWarning, keywords_of, require_integer, require_known, require_type
 from ....findings import Finding
 from ....model.noise.models import Noise
 from ....model.poses.motions import Motions
@@ -66,11 +67,8 @@ class Running(Kept):
         require_integer("workers", self.workers, 1)
         if self.workers > MOST_WORKERS:
             raise InputError(f"Expected `workers` to be at most {MOST_WORKERS:,}, got {self.workers:,}.")
-        if not (self.executor is None or isinstance(self.executor, Executor)):
-            raise InputError(
-                "Expected `executor` to be a concurrent.futures.Executor, such as ProcessPoolExecutor() or "
-                f"distributed.Client().get_executor(), got {type(self.executor).__name__}."
-            )
+        known = "a concurrent.futures.Executor, such as ProcessPoolExecutor() or distributed.Client().get_executor()"
+        require_type("executor", self.executor, (Executor, NoneType), known)
 
 
 @dataclass(frozen=True, kw_only=True)

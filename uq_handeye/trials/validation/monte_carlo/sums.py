@@ -280,7 +280,7 @@ class Stability:
     """
 
     def __init__(self, digits: int) -> None:
-        if isinstance(digits, bool) or not isinstance(digits, int | np.integer) or not 1 <= digits <= 4:
+        if type(digits) is bool or digits not in (1, 2, 3, 4):
             raise InputError(f"Expected `digits` to be a whole number from 1 to 4, got {digits!r}.")
         self.digits = int(digits)
         self._size: int | None = None

@@ -35,7 +35,7 @@ from __future__ import annotations
 import io
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import h5py
 import numpy as np
@@ -277,11 +277,11 @@ class HeldBackend(HDFBackend):  # type: ignore[misc]
 
 def content_of(chain: Chain) -> bytes:
     """Return the content of the file of a chain whose backend is a `HeldBackend`."""
-    assert isinstance(chain.backend, HeldBackend)
-    with chain.backend.open() as file:
+    backend: Any = chain.backend
+    with backend.open() as file:
         proposal = {f"proposal_{name}": value for name, value in chain.proposal._asdict().items()}
         file[GROUP].attrs.update(proposal | {"burn_in": chain.burn_in})
-    return chain.backend.image()
+    return cast(bytes, backend.image())
 
 
 def chain_of(content: bytes) -> Chain:

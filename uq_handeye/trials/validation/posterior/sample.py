@@ -223,8 +223,7 @@ def _free_scales(scales: Any, student_t: Any, estimated: bool) -> ScalePrior | N
         raise InputError(
             f"Expected `student_t` to be None or degrees of freedom from 1 to 1e6, for example 5, got {student_t!r}."
         )
-    if not (scales is None or isinstance(scales, bool | np.bool | ScalePrior)):
-        raise InputError(f"Expected `scales` to be True, False, None or a ScalePrior, got {scales!r}.")
+    require_type("scales", scales, (bool, np.bool, ScalePrior, NoneType), "True, False, None or a ScalePrior")
     if isinstance(scales, ScalePrior):
         return scales
     return ScalePrior() if scales or (scales is None and estimated) else None
