@@ -8,6 +8,7 @@ from scipy import stats
 from support import SEED, draw, random_covariance
 
 from uq_handeye.errors import InputError
+from uq_handeye.findings import Finding
 from uq_handeye.trials.validation.monte_carlo.sums import (
     BLOCK,
     FIRST,
@@ -16,7 +17,7 @@ from uq_handeye.trials.validation.monte_carlo.sums import (
     Stability,
     numerical_tolerance,
 )
-from uq_handeye.trials.validation.sentences import in_digits
+from uq_handeye.trials.validation.sentences import STABLE
 
 
 @pytest.fixture
@@ -110,7 +111,7 @@ def test_no_stop_before_the_first_test_nor_with_few_trials(rng):
 def test_one_digit_is_singular(rng):
     blocks = [(1 + 9 * (k % 2)) * draw(rng, np.eye(6), (500,)) for k in range(FIRST)]
     assert "not to 1 digit yet" in filled(blocks, np.int64(1)).summary().reason
-    assert [in_digits(k) for k in (1, 2)] == ["1 digit", "2 digits"]
+    assert [str(Finding(STABLE, "note", {"digits": k})) for k in (1, 2)] == ["stable to 1 digit", "stable to 2 digits"]
 
 
 def test_numbers_that_drift_do_not_become_stable(rng):
