@@ -50,7 +50,7 @@ from scipy.special import gammainccinv, gammaincinv
 
 from ....core.geometry.se3 import Array
 from ....core.runtime.read_only import ReadOnlyArrays
-from ....errors import InputError
+from ....errors import InputError, require_integer
 from ....findings import Finding
 
 PARTS = ("joint", "rotation", "translation")
@@ -280,7 +280,8 @@ class Stability:
     """
 
     def __init__(self, digits: int) -> None:
-        if type(digits) is bool or digits not in (1, 2, 3, 4):
+        require_integer("digits", digits, 1)
+        if digits > 4:
             raise InputError(f"Expected `digits` to be a whole number from 1 to 4, got {digits!r}.")
         self.digits = int(digits)
         self._size: int | None = None
