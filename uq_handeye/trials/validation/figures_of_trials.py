@@ -41,7 +41,7 @@ from ...core.presentation.figure_parts import HALO, NamedFigure
 from .monte_carlo.consistency import HARMLESS, Consistency
 from .monte_carlo.result import MonteCarlo, heading
 from .monte_carlo.sums import ABOVE, BELOW, COMPONENTS, LEVELS, PARTS, SIZES, edges
-from .monte_carlo.text import nees_number, verdict
+from .monte_carlo.text import nees_number, percent, verdict
 from .outcome import figure_of
 from .sweep.level import KINDS, Limit, MethodSweep
 from .sweep.run import Sweep
@@ -80,11 +80,11 @@ def validation_figure(result: MonteCarlo) -> Figure:
         _quantiles(place(0.62 + 3.5 * k, 3.7, 2.95, 2.5), c, k)
     _deviations(place(1.42, 0.92, 4.1, 2.1), c)
     _coverage(place(7.4, 0.92, 3.2, 2.1), c)
-    sure = _percent(c.confidence)
+    sure = percent(c.confidence)
     text = (
         "Above: the distances d of the errors of all trials, sorted, against where they should lie. The grey band "
         f"holds the whole curve of a consistent covariance with {sure}. Below: bars are {sure} intervals, each on its "
-        f"own. Left: light grey is +-{_percent(HARMLESS)}, which hardly matters, dark grey is what chance alone does "
+        f"own. Left: light grey is +-{percent(HARMLESS)}, which hardly matters, dark grey is what chance alone does "
         "to the six directions. Right: a point below 0 is an ellipsoid that holds fewer errors than it promises."
     )
     lines = "\n".join(textwrap.wrap(text, 215, break_on_hyphens=False))
@@ -116,7 +116,7 @@ def _quantiles(axis: Axes, c: Consistency, part: int) -> None:
         if last + 0.16 * reach < at < 0.93 * reach and level < 1 - 0.3 / T:
             last = at
             axis.axvline(at, color="0.85", linewidth=0.6, zorder=0)
-            axis.text(at, reach * 1.01, _percent(level), fontsize=6, color="0.4", ha="center", va="bottom")
+            axis.text(at, reach * 1.01, percent(level), fontsize=6, color="0.4", ha="center", va="bottom")
     axis.set_xlim(0, reach)
     axis.set_ylim(0, reach)
     _plain(axis)
@@ -236,10 +236,6 @@ def _plain(axis: Axes) -> None:
     axis.tick_params(labelsize=6.8, direction="in", length=2.2, pad=2)
     for spine in axis.spines.values():
         spine.set_color("0.7")
-
-
-def _percent(level: float) -> str:
-    return f"{100 * level:g} %"
 
 
 # Colours of Okabe and Ito, lines and markers apart in greyscale too.

@@ -47,6 +47,7 @@ from ....model.poses.motions import Motions
 from ....model.poses.pose_pairs import PosePairs
 from ...simulation.experiment import Experiment, Fitted, experiment, motions_of, problem_of
 from ..monte_carlo.run import MonteCarlo, Running
+from ..monte_carlo.sums import UNITS
 from ..outcome import NoiseOfData, Outcome, limit, limit_blocks, noise_of_data, one_of, place_of
 from ..resumable import identity_of
 from .relations import TOLERANCE, Evidence, Relation, relations
@@ -141,8 +142,6 @@ class CrossCheck(Outcome):
 WHO = "The cross-check"
 # Broken relations that are on the first screen.
 MOST_BROKEN = 3
-_DEG, _MM = 180 / np.pi, 1e3
-_UNITS = np.array([_DEG] * 3 + [_MM] * 3)
 
 
 @document_of.register(CrossCheck)
@@ -252,8 +251,8 @@ def _short_table(rows: tuple[Row, ...]) -> Table:
             lines.append([row.label, ("none" + (f": {row.note}" if row.note else ""), 3)])
             continue
         worst = [
-            np.sqrt(np.linalg.eigvalsh(row.covariance[part, part])[-1]) * factor
-            for part, factor in ((slice(0, 3), _DEG), (slice(3, 6), _MM))
+            np.sqrt(np.linalg.eigvalsh(row.covariance[part, part])[-1]) * UNITS[part][0]
+            for part in (slice(0, 3), slice(3, 6))
         ]
         lines.append([row.label, *map(_figures, worst), nees + _mark(row)])
     head = ["1 sigma, worst direction", "rotation", "translation", "mean NEES"]
@@ -285,8 +284,8 @@ def _cells(row: Row) -> list[Cell]:
         return [(f"none, see below ({seconds} s)", 11)]
     determinant = "-" if row.log_determinant is None else f"{row.log_determinant:.1f}"
     nees = "-" if row.nees is None else f"{row.nees:.2f}" if row.nees < 1e4 else f"{row.nees:.1e}"
-    squares = row.trace_rotation * _DEG**2, row.trace_translation * _MM**2
-    return [*map(_figures, (*row.std * _UNITS, *squares)), determinant, nees + _mark(row), seconds]
+    squares = row.trace_rotation * UNITS[0] ** 2, row.trace_translation * UNITS[3] ** 2
+    return [*map(_figures, (*row.std * UNITS, *squares)), determinant, nees + _mark(row), seconds]
 
 
 def _mark(row: Row) -> str:

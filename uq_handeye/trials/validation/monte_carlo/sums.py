@@ -57,6 +57,7 @@ PARTS = ("joint", "rotation", "translation")
 SIZES = (6, 3, 3)  # components of each part
 LEVELS = (0.5, 0.68, 0.9, 0.95, 0.99)
 COMPONENTS = tuple(f"{what} {axis}" for what in ("rotation about", "translation along") for axis in "xyz")
+UNITS = np.repeat([180 / np.pi, 1e3], 3)  # shown in deg and mm
 
 _TAIL = 10.0 ** (np.arange(-160, -39) / 20)  # 1e-8 to 0.01
 _MIDDLE = np.arange(3, 198) / 200  # 0.015 to 0.985

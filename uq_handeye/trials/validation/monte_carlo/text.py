@@ -10,15 +10,13 @@ import numpy as np
 from ....core.formatting.numbers import digits, fixed, probability
 from ....core.presentation.document import Block, Paragraph, Table
 from .consistency import HARMLESS, LIKELIHOOD_RATIO
-from .sums import COMPONENTS, LEVELS, PARTS, SIZES, in_words
+from .sums import COMPONENTS, LEVELS, PARTS, SIZES, UNITS, in_words
 
 if TYPE_CHECKING:
     from .consistency import Consistency
 
 WHO = "Monte Carlo"
 FEW = 100  # estimates below which the verdict says first what they cannot tell
-_DEG, _MM = 180 / np.pi, 1e3
-_UNITS = np.array([_DEG] * 3 + [_MM] * 3)
 # Kurtosis beyond so many standard errors, mean spread beyond so many, is no chance.
 _CLEAR, _SHIFTED = 4.0, 3.0
 
@@ -50,7 +48,7 @@ def answer(c: Consistency, method: str | None) -> str:
 
 def details(c: Consistency, verbose: bool = True) -> list[str]:
     """Return which tests reject (if ``verbose``), and how many trials failed."""
-    said = [f"Rejected at {_percent(c.confidence)} over all tests by {_listed(c.rejected)}."] if c.rejected else []
+    said = [f"Rejected at {percent(c.confidence)} over all tests by {_listed(c.rejected)}."] if c.rejected else []
     return said * verbose + [failures(c)] * bool(c.failures and not c.many_failed and c.sums.count)
 
 
@@ -75,10 +73,10 @@ def few_axes(c: Consistency) -> list[Block]:
     if c.std is None or c.predicted_std is None or c.std_ratio_interval is None:
         return []
     predicted = "mean own" if c.own else "predicted"
-    head = ["1 sigma", "", predicted, "sampled", "ratio", f"{_percent(c.confidence)} interval"]
+    head = ["1 sigma", "", predicted, "sampled", "ratio", f"{percent(c.confidence)} interval"]
     rows = []
     for k, axis in enumerate(COMPONENTS):
-        numbers = [fixed(value * _UNITS[k]) for value in (c.predicted_std[k], c.std[k])]
+        numbers = [fixed(value * UNITS[k]) for value in (c.predicted_std[k], c.std[k])]
         low, high = c.std_ratio_interval[k]
         ratio = f"{c.std[k] / c.predicted_std[k]:.3f}"
         rows.append([axis, "deg" if k < 3 else "mm", *numbers, ratio, f"{low:.3f} to {high:.3f}"])
@@ -91,7 +89,7 @@ def few_numbers(c: Consistency) -> list[Block]:
         return []
     k = LEVELS.index(0.95)
     share, low, high = (_share(x, c) for x in (c.coverage[0, k], *c.coverage_interval[0, k]))
-    text = f"The 95 % ellipsoid holds {share} % of the errors ({_percent(c.confidence)} interval: {low} to {high} %)."
+    text = f"The 95 % ellipsoid holds {share} % of the errors ({percent(c.confidence)} interval: {low} to {high} %)."
     if c.bias_p_value is not None:
         found = "A" if c.bias_p_value < 1 - c.confidence else "No"
         text += f" {found} bias of X was found ({probability(c.bias_p_value)})."
@@ -131,7 +129,7 @@ def _inconsistent(c: Consistency, method: str | None) -> str:
         return (
             f"{subject} not exactly consistent with this noise: standard deviations differ by {_change(c.overall)} "
             f"over all directions, by {_change(c.size)} (+- {error}) at most. That is significant with {of}, but of no "
-            f"practical weight below {_percent(HARMLESS)}."
+            f"practical weight below {percent(HARMLESS)}."
         )
     tails = abs(c.kurtosis) > _CLEAR * c.kurtosis_error
     if c.same_spread and tails:
@@ -205,7 +203,7 @@ def _holds(c: Consistency) -> str:
     level = np.flatnonzero(p <= max(p.min(), 1e-6))[-1]
     of = "" if part == 0 else f" of the {PARTS[part]}"
     share, low, high = (_share(x, c) for x in (c.coverage[part, level], *c.coverage_interval[part, level]))
-    return f"; the {_percent(LEVELS[level])} ellipsoid{of} holds {share} % of the errors ({low} to {high})"
+    return f"; the {percent(LEVELS[level])} ellipsoid{of} holds {share} % of the errors ({low} to {high})"
 
 
 def _axes(c: Consistency) -> list[Block]:
@@ -214,17 +212,17 @@ def _axes(c: Consistency) -> list[Block]:
         return []
     predicted, ratios = c.predicted_std, c.std_ratio_interval
     name = "mean own" if c.own else "predicted"
-    head = ["", "", name, "sampled", "ratio", f"{_percent(c.confidence)} interval", "bias", "in sd"]
+    head = ["", "", name, "sampled", "ratio", f"{percent(c.confidence)} interval", "bias", "in sd"]
     units = ["1 sigma", "unit", "sd", "sd", "", "of the ratio", "+- 1 sigma", ""]
     rows = []
     for k, axis in enumerate(COMPONENTS):
-        cells = ["-", digits(c.std[k] * _UNITS[k]), "-", "-"]
+        cells = ["-", digits(c.std[k] * UNITS[k]), "-", "-"]
         if predicted is not None and ratios is not None:
-            cells[0] = digits(predicted[k] * _UNITS[k])
+            cells[0] = digits(predicted[k] * UNITS[k])
             cells[2] = f"{c.std[k] / predicted[k]:.3f}"
             cells[3] = f"{ratios[k, 0]:.3f} to {ratios[k, 1]:.3f}"
         in_sd = "-" if c.bias_sd is None else f"{round(c.bias_sd[k], 3) + 0.0:+.3f}"
-        bias = _with_error(c.bias[k] * _UNITS[k], c.bias_error[k] * _UNITS[k])
+        bias = _with_error(c.bias[k] * UNITS[k], c.bias_error[k] * UNITS[k])
         rows.append([axis, "deg" if k < 3 else "mm", *cells, bias, in_sd])
     text = "The axes are those of the frame of X: errors are (log(R R_true^T), t - t_true)."
     if c.bias_p_value is not None:
@@ -236,7 +234,7 @@ def _nees(c: Consistency) -> list[Block]:
     """Mean NEES with the interval of a consistent covariance."""
     if c.mean_nees is None or c.nees_interval is None:
         return []
-    head = ["NEES", "expected", "mean", f"{_percent(c.confidence)} interval", "p"]
+    head = ["NEES", "expected", "mean", f"{percent(c.confidence)} interval", "p"]
     rows = []
     for part, size, mean, (low, high) in zip(PARTS, SIZES, c.mean_nees, c.nees_interval, strict=True):
         p = f"{c.p_values[f'mean NEES, {part}']:.1g}"
@@ -253,8 +251,8 @@ def _coverage(c: Consistency) -> list[Block]:
     for part, shares, limits in zip(PARTS, c.coverage, c.coverage_interval, strict=True):
         rows.append([f"{part} holds %", *(_share(x, c) for x in shares)])
         rows.append(["", *(f"{_share(low, c)}-{_share(high, c)}" for low, high in limits)])
-    note = f"Second lines: {_percent(c.confidence)} intervals of Clopper and Pearson (exact binomial)."
-    return [Table("", ["Ellipsoid", *map(_percent, LEVELS)], rows), Paragraph(note)]
+    note = f"Second lines: {percent(c.confidence)} intervals of Clopper and Pearson (exact binomial)."
+    return [Table("", ["Ellipsoid", *map(percent, LEVELS)], rows), Paragraph(note)]
 
 
 def _directions(c: Consistency) -> list[Block]:
@@ -294,7 +292,7 @@ def _change(x: float, than: str | None = None) -> str:
     return text if than is None else f"{text} {'larger' if x > 0 else 'smaller'} {than}".rstrip()
 
 
-def _percent(level: float) -> str:
+def percent(level: float) -> str:
     return f"{100 * level:g} %"
 
 

@@ -241,7 +241,7 @@ def density_of(
         )
     first, second = corrected(fit, noise, constraint.first, constraint.second)
     at_best = constraint.linearise(fit.unknowns, first, second)
-    fit = _about(fit, at_best.r)
+    fit = replace(fit, residual=fit.residual - at_best.r)  # D v: what r of the corrected poses leaves of it
     sampled = _scales_of(scales, covariances)
     whitening, share = _together(fit, noise, bool(sampled.sides))
     by_W: Array | None = None
@@ -272,11 +272,6 @@ def density_of(
     return Density(constraint, fit, first, second, whitening, share, by_W, factor, follow, sampled, student_t, names)
 
 
-def _about(fit: Fit, left: Array) -> Fit:
-    """The fit with ``D v`` in place of the residual: what ``r`` of the corrected poses leaves of it."""
-    return replace(fit, residual=fit.residual - left)
-
-
 def _scales_of(prior: ScalePrior | None, covariances: tuple[Array | None, Array | None]) -> Scales:
     """The scales of sides that have noise and a prior."""
     if prior is None:
@@ -292,7 +287,8 @@ def _together(fit: Fit, noise: Noise, split: bool) -> tuple[Array, Array]:
     """V and lambda of the module; without a split V is any whitening and lambda 1."""
     L = np.asarray(cholesky_of(fit.S))
     n = len(fit.residual)
-    inverse = whiten(L, np.broadcast_to(np.eye(6), (n, 6, 6))) if L.ndim == 3 else _inverse_of(L)
+    unit = np.broadcast_to(np.eye(6), (n, 6, 6))
+    inverse = whiten(L, unit) if L.ndim == 3 else np.asarray(solve_triangular(L, np.eye(len(L)), lower=True))
     if not split:
         return inverse, np.ones((n, 6))
     first = covariances_of(noise)[0]
@@ -305,8 +301,3 @@ def _together(fit: Fit, noise: Noise, split: bool) -> tuple[Array, Array]:
     part = inverse @ S_1 @ inverse.mT
     values, vectors = np.linalg.eigh(0.5 * (part + part.mT))
     return vectors.mT @ inverse, np.clip(values, 0.0, 1.0).reshape(n, 6)
-
-
-def _inverse_of(L: Array) -> Array:
-    """The inverse of a lower triangular matrix."""
-    return np.asarray(solve_triangular(L, np.eye(len(L)), lower=True))

@@ -36,7 +36,7 @@ from ....core.runtime.read_only import ReadOnlyArrays
 from ....errors import InputError, MissingExtraError, NotConvergedError
 from ....findings import Finding
 from ....model.noise.models import Noise
-from ..monte_carlo.sums import LEVELS
+from ..monte_carlo.sums import LEVELS, UNITS
 from ..outcome import Outcome, part_of
 from .density import ScalePrior
 
@@ -348,8 +348,6 @@ def shortest(samples: Array, level: float) -> Array:
 
 
 SHAPE_LEVELS = (0.5, 0.68, 0.9, 0.95, 0.99)
-# Per axis: shown in degrees and mm, as all text of the package.
-UNITS = np.array([180 / np.pi] * 3 + [1e3] * 3)
 
 
 @document_of.register(Posterior)
