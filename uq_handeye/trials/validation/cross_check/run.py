@@ -246,7 +246,6 @@ def _short_table(rows: tuple[Row, ...]) -> Table:
     """Return the largest standard deviation of rotation and of translation in any direction, and the mean NEES."""
     lines: list[list[Cell]] = []
     for row in rows:
-        nees = "-" if row.nees is None else f"{row.nees:.2f}" if row.nees < 1e4 else f"{row.nees:.1e}"
         if row.covariance is None:
             lines.append([row.label, ("none" + (f": {row.note}" if row.note else ""), 3)])
             continue
@@ -254,18 +253,16 @@ def _short_table(rows: tuple[Row, ...]) -> Table:
             np.sqrt(np.linalg.eigvalsh(row.covariance[part, part])[-1]) * UNITS[part][0]
             for part in (slice(0, 3), slice(3, 6))
         ]
-        lines.append([row.label, *map(_figures, worst), nees + _mark(row)])
+        lines.append([row.label, *map(_figures, worst), _nees(row)])
     head = ["1 sigma, worst direction", "rotation", "translation", "mean NEES"]
     return Table("", head, lines, units=["", "deg", "mm", ""])
 
 
 def _short_legend(rows: tuple[Row, ...]) -> str:
+    marks = {_mark(row) for row in rows}
     text = "Mean NEES in Monte Carlo: 6 if the covariance is consistent with the errors."
-    if any(_mark(row) == "!" for row in rows):
-        text += " ! marks one that is not."
-    if any(_mark(row) == "~" for row in rows):
-        text += f" ~ marks one that is off by less than {100 * TOLERANCE:g} %."
-    return text
+    text += " ! marks one that is not." if "!" in marks else ""
+    return text + (f" ~ marks one that is off by less than {100 * TOLERANCE:g} %." if "~" in marks else "")
 
 
 def _table(rows: tuple[Row, ...]) -> Table:
@@ -283,9 +280,14 @@ def _cells(row: Row) -> list[Cell]:
     if row.std is None or row.trace_rotation is None or row.trace_translation is None:
         return [(f"none, see below ({seconds} s)", 11)]
     determinant = "-" if row.log_determinant is None else f"{row.log_determinant:.1f}"
-    nees = "-" if row.nees is None else f"{row.nees:.2f}" if row.nees < 1e4 else f"{row.nees:.1e}"
     squares = row.trace_rotation * UNITS[0] ** 2, row.trace_translation * UNITS[3] ** 2
-    return [*map(_figures, (*row.std * UNITS, *squares)), determinant, nees + _mark(row), seconds]
+    return [*map(_figures, (*row.std * UNITS, *squares)), determinant, _nees(row), seconds]
+
+
+def _nees(row: Row) -> str:
+    """Return the mean NEES of a row with its mark."""
+    nees = "-" if row.nees is None else f"{row.nees:.2f}" if row.nees < 1e4 else f"{row.nees:.1e}"
+    return nees + _mark(row)
 
 
 def _mark(row: Row) -> str:

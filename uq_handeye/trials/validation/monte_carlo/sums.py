@@ -164,20 +164,15 @@ class Sums(ReadOnlyArrays):
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, ArrayLike]) -> Sums:
         """The sums that `to_arrays` gave, to the bit. Raises `InputError` where an array is missing or does not fit."""
-        shapes = {"error": (6,), "outer": (6, 6), "nees": (3,), "nees_squared": (3,), "histogram": (3, BELOW.size + 1)}
         values: dict[str, Any] = {}
-        for field in fields(Sums):
-            if field.name not in arrays:
-                raise InputError(f"Expected the sums of trials to have `{field.name}`, got {', '.join(arrays)}.")
-            value = np.asarray(arrays[field.name])
-            shape = shapes.get(field.name, ())
-            kind = "f" if shape and field.name != "histogram" else "i"
-            if value.shape != shape or value.dtype.kind != kind:
+        for name, like in cls.of(np.empty((0, 6)), np.empty(0, bool), np.eye(6)).to_arrays().items():
+            value = np.asarray(arrays.get(name))
+            if value.shape != like.shape or value.dtype.kind != like.dtype.kind:
                 raise InputError(
-                    f"Expected `{field.name}` of the sums of trials to have shape {shape} and kind {kind}, got "
-                    f"{value.shape} of {value.dtype}."
+                    f"Expected `{name}` of the sums of trials to have shape {like.shape} and kind {like.dtype.kind}, "
+                    f"got {value.shape} of {value.dtype}."
                 )
-            values[field.name] = value if shape else int(value)
+            values[name] = value if value.ndim else int(value)
         result = cls(**values)
         counted = np.array(result.histogram.sum(axis=1))
         if result.count < 0 or result.failures < 0 or (counted != result.count).any():

@@ -210,13 +210,6 @@ def _state(steps: int, found: PosteriorDiagnostics) -> str:
 WALKERS, MAX_STEPS = 128, 10_000
 
 
-def _require_one_problem(data: PosePairs | Motions) -> None:
-    """Raise `InputError` for other data, and for a batch."""
-    require_type("data", data, (PosePairs, Motions), "PosePairs or Motions")
-    if sides_of(data)[0].ndim != 3:
-        raise InputError("Expected one data set; sample the posterior of each problem of a batch by itself.")
-
-
 def _free_scales(scales: Any, student_t: Any, estimated: bool) -> ScalePrior | None:
     """Return what is known of the scales of the noise, None where they are held at 1; checks both arguments."""
     if student_t is not None and (not is_number(student_t) or not 1 <= student_t <= 1e6):
@@ -306,7 +299,9 @@ def sample_posterior(
     require_known("sample_posterior", kept, InFile)
     begun, given, how = time.perf_counter(), data, InFile(**kept)
     data, noise, estimated = problem_of(data, noise)
-    _require_one_problem(data)
+    require_type("data", data, (PosePairs, Motions), "PosePairs or Motions")
+    if sides_of(data)[0].ndim != 3:
+        raise InputError("Expected one data set; sample the posterior of each problem of a batch by itself.")
     warn_left_out("sample_posterior()", data)
     require_type("noise", noise, (PoseNoise, PairNoise, NoneType), "PoseNoise, PairNoise or None")
     for name, value, least in (("seed", seed, 0), ("samples", samples, 100), ("max_steps", max_steps, 1)):
