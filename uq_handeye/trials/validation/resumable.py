@@ -333,6 +333,15 @@ class Run:
                 file.unlink()  # it may be no file at all, and not to be written to
             return None
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Sentence about the pieces that were there but not used, if there were any."""
+        if not self.damaged:
+            return ()
+        names = ", ".join(self.damaged[:3]) + (f" and {len(self.damaged) - 3} more" if len(self.damaged) > 3 else "")
+        what = str(self._pieces).capitalize()
+        return (f"{what} that were damaged or of another run were computed again: {names}.",)
+
     def within(self, name: str, keyword: str = "directory") -> dict[str, Any]:
         """Return the keywords of a further run, in a folder or file of this one, that goes on with what is there."""
         return {} if self.path is None else {keyword: self.path / name, "resume": True}

@@ -206,10 +206,6 @@ def _result(data: PosePairs | Motions, tally: Tally, kept: Run, ended: Finding, 
     own_mean = tally.own / sums.count if work.tested is None and sums.count else None
     judged = consistency(sums, own_mean if work.tested is None else work.tested, own=work.tested is None)
     stability = None if tally.stability is None else tally.stability.summary()
-    notes: list[str] = []
-    if damaged := kept.damaged:
-        names = ", ".join(damaged[:3]) + (f" and {len(damaged) - 3} more" if len(damaged) > 3 else "")
-        notes.append(f"Chunks that were damaged or of another run were computed again: {names}.")
     return MonteCarlo(
         experiment=work.experiment,
         **place_of(data),
@@ -221,7 +217,7 @@ def _result(data: PosePairs | Motions, tally: Tally, kept: Run, ended: Finding, 
         stability=stability,
         ended=ended,
         resumed=tally.resumed,
-        notes=tuple(notes),
+        notes=kept.notes,
         **said,
     )
 

@@ -32,6 +32,7 @@ Result of `sweep`.
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Callable, Iterable
 from contextlib import closing
 from dataclasses import dataclass
@@ -55,7 +56,7 @@ from ....core.presentation.document import (
 )
 from ....core.runtime.progress import progress_bar
 from ....core.runtime.threads import one_thread
-from ....errors import InputError, keywords_of, require_integer, require_known
+from ....errors import InputError, InputWarning, keywords_of, require_integer, require_known
 from ....model.noise.models import Noise
 from ....model.poses.motions import Motions
 from ....model.poses.pose_pairs import PosePairs
@@ -260,6 +261,8 @@ def sweep(
                 levels[name][factor] = level_of(task, found)
                 advance(1)
             wanted = [(name, factor) for name in names for factor in _next(levels[name])]
+    for note in run.notes:
+        warnings.warn(note, InputWarning, stacklevel=2)
     problem, place = problems[names[0]], place_of(data)
     return Sweep(
         methods=tuple(MethodSweep(name, _ordered(levels[name])) for name in names),
