@@ -314,19 +314,7 @@ def sample_posterior(
     density = density_of(data, model, free, student_t)
     require_integer("walkers", walkers, max(16, 2 * density.d + 2))
     starts = starts_of(data if poses is None or model.ITEM == "motion" else poses, model, density)
-    identity = identity_of(
-        data,
-        noise,
-        {},
-        **{
-            "scale prior": None if free is None else [free.robot, free.camera],
-            "Student-t": None if student_t is None else float(student_t),
-            "seed": int(seed),
-            "number of walkers": int(walkers),
-            "criteria": [LENGTHS, LONGEST_R_HAT],
-            "version of emcee": emcee.__version__,
-        },
-    )
+    identity = _identity(data, noise, free, student_t, int(seed), int(walkers))
     with closing(Run(how.file, identity, how.resume, "chain", pieces=None)) as run:
         steps, length = int(max_steps), int(samples)
         chain, dropped, found = sample(density, starts, int(walkers), int(seed), length, steps, run, how.progress)
@@ -341,3 +329,23 @@ def sample_posterior(
 
 
 sample_posterior.__signature__ = keywords_of(sample_posterior, InFile)  # type: ignore[attr-defined]
+
+
+def _identity(
+    data: PosePairs | Motions,
+    noise: Noise | None,
+    scales: ScalePrior | None,
+    student_t: float | None,
+    seed: int,
+    walkers: int,
+) -> dict[str, Any]:
+    """Return what the chain depends on, except for its length."""
+    more = {
+        "scale prior": None if scales is None else [scales.robot, scales.camera],
+        "Student-t": None if student_t is None else float(student_t),
+        "seed": seed,
+        "number of walkers": walkers,
+        "criteria": [LENGTHS, LONGEST_R_HAT],
+        "version of emcee": emcee.__version__,
+    }
+    return identity_of(data, noise, {}, **more)

@@ -245,23 +245,8 @@ def sweep(
     for name in names:
         problems[name] = experiment(data, noise, name, pairs=pairs)
         noise = problems[name].noise  # estimated once, so that all methods see the same
-    levels: dict[str, dict[float, Level]] = {name: {} for name in names}
-    wanted = [(name, factor) for name in names for factor in grid]
-    e = problems[names[0]]
-    identity = identity_of(e.truth, noise, {"X": e.X, "W": e.W, "pairs": e.pairs}, trials=trials, seed=seed)
-    with (
-        one_thread(),
-        closing(how.kept(identity, "sweep", pieces="levels")) as run,
-        progress_bar("noise levels", None, "levels", how.progress) as advance,
-    ):
-        while wanted:
-            for name, factor in wanted:
-                task = Task(problems[name], factor, trials, seed, tolerance)
-                found = run.piece(f"{name} {factor!r}", partial(drawn, task), BYTES + PER_TRIAL * trials)
-                levels[name][factor] = level_of(task, found)
-                advance(1)
-            wanted = [(name, factor) for name in names for factor in _next(levels[name])]
-    for note in run.notes:
+    levels, notes = _levels(problems, grid, how, {"trials": trials, "seed": seed, "tolerance": tolerance})
+    for note in notes:
         warnings.warn(note, InputWarning, stacklevel=2)
     problem, place = problems[names[0]], place_of(data)
     return Sweep(
@@ -281,6 +266,34 @@ def sweep(
 
 
 sweep.__signature__ = keywords_of(sweep, Kept)  # type: ignore[attr-defined]
+
+
+def _levels(
+    problems: dict[str, Experiment], grid: tuple[float, ...], how: Kept, of: dict[str, Any]
+) -> tuple[dict[str, dict[float, Level]], tuple[str, ...]]:
+    """Return the levels of each method by factor, those of the bisection among them, and notes on what was kept.
+
+    ``of``: trials, seed and tolerance.
+    """
+    levels: dict[str, dict[float, Level]] = {name: {} for name in problems}
+    wanted = [(name, factor) for name in problems for factor in grid]
+    e = next(iter(problems.values()))
+    identity = identity_of(
+        e.truth, e.noise, {"X": e.X, "W": e.W, "pairs": e.pairs}, trials=of["trials"], seed=of["seed"]
+    )
+    with (
+        one_thread(),
+        closing(how.kept(identity, "sweep", pieces="levels")) as run,
+        progress_bar("noise levels", None, "levels", how.progress) as advance,
+    ):
+        while wanted:
+            for name, factor in wanted:
+                task = Task(problems[name], factor, **of)
+                found = run.piece(f"{name} {factor!r}", partial(drawn, task), BYTES + PER_TRIAL * task.trials)
+                levels[name][factor] = level_of(task, found)
+                advance(1)
+            wanted = [(name, factor) for name in problems for factor in _next(levels[name])]
+    return levels, run.notes
 
 
 def _checked(methods: Any, factors: Any, trials: Any, seed: Any, tolerance: Any) -> tuple[list[str], tuple[float, ...]]:
