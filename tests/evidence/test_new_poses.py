@@ -110,7 +110,7 @@ def test_absorbed_is_the_fit_of_all_poses(rng, setup):
     assert np.linalg.eigvalsh(white @ result.covariance @ white.T).max() > 1.05
 
 
-def test_causes_power_and_joining(rng):
+def test_causes_power_and_rows(rng):
     old, new = both(rng, "eye-in-hand")
     result = uq.calibrate(old, noise=NOISE, shared=[])
     evidence = evidence_of_poses(result, new)
@@ -122,12 +122,8 @@ def test_causes_power_and_joining(rng):
     np.testing.assert_allclose(np.linalg.inv(found.covariance), moved.information(J), rtol=1e-6)
     np.testing.assert_allclose(found.gain, found.estimate @ moved.information(J) @ found.estimate, rtol=1e-6)
     np.testing.assert_allclose(moved.d2, moved.r.ravel() @ np.linalg.solve(moved.covariance, moved.r.ravel()))
-    first, second = evidence.rows(np.arange(1)), evidence.rows(np.arange(1, NEW))
-    joined = first.joined(second)
-    np.testing.assert_allclose(joined.d2, evidence.d2)
-    np.testing.assert_allclose(joined.absorbed().covariance, evidence.absorbed().covariance, rtol=1e-6, atol=1e-16)
-    with pytest.raises(uq.InputError, match="same posterior"):
-        first.joined(evidence_of_poses(replace(result, joint_posterior=replace(result.posterior)), new))
+    first = evidence.rows(np.arange(1))
+    np.testing.assert_allclose(first.d2, evidence_of_poses(result, new.rows(np.arange(1))).d2)
 
 
 def test_what_cannot_be_held_against_a_calibration(rng):

@@ -11,7 +11,7 @@ eta the noise of the new poses. If X was moved by delta after the calibration, `
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,7 +19,7 @@ import numpy as np
 from ...core.geometry.se3 import Array, difference, perturb
 from ...errors import InputError
 from ...fit.likelihood.constraint import Linearised, OnPoses, Unknowns
-from ...model.noise.joint_covariance import JointCovariance
+from ...model.noise.joint_covariance import joint_of
 from ...model.noise.models import PoseNoise, is_joint, require_count
 from ...model.poses.pose_pairs import PosePairs
 from ...model.posterior.owners import THINGS, checked_things, require_same
@@ -47,6 +47,8 @@ from ..prediction.predict import (
 class PoseEvidence(NewRows):
     """New poses against a calibration, with the derivatives that the columns of causes are made of."""
 
+    _each = (*NewRows._each, "by_state", "robot", "camera")
+
     by_state: Array  # (m, 6, 12 + q) by the errors of the estimates
     linear: Linearised  # J (m, 6, 12) by X and W, sides D_G and D_C (m, 6, 6), at the estimates
     robot: Array  # (m, 4, 4) base_T_gripper, corrected by the estimates
@@ -54,12 +56,8 @@ class PoseEvidence(NewRows):
 
     def rows(self, index: Array) -> PoseEvidence:
         """Some of the poses, by their numbers or a mask."""
-        J, sides = self.linear.J[index], tuple(D[index] for D in self.linear.sides)
-        linear = Linearised(self.linear.r[index], J, (sides[0], sides[1]))
-        some = super().rows(index)
-        by_state, robot, camera = self.by_state[index], self.robot[index], self.camera[index]
-        parts = some.r, some.by_unit, some.own, self.posterior, by_state, linear, robot, camera
-        return PoseEvidence(*parts, own_at=some.own_at, parts=some.parts)
+        r, J, sides = self.linear.r[index], self.linear.J[index], [D[index] for D in self.linear.sides]
+        return replace(super().rows(index), linear=Linearised(r, J, (sides[0], sides[1])))
 
 
 def evidence_of_poses(
@@ -96,7 +94,7 @@ def evidence_of_poses(
     """
     posterior = posterior_of(result)
     assert result.W is not None
-    if not isinstance(poses, PosePairs) or poses.robot.ndim != 3:
+    if getattr(poses, "robot", np.zeros(0)).ndim != 3:
         raise InputError(f"Expected the new poses to be PosePairs of one data set, got {type(poses).__name__}.")
     if poses.setup != result.setup:
         raise InputError(f"Expected new poses of the setup {result.setup}, that of the calibration, got {poses.setup}.")
@@ -176,7 +174,7 @@ def _effects_on_camera(result: Estimated, poses: PosePairs, robot: Array) -> tup
     if not poses.camera_known:
         return F, fresh_of_camera(result, there)
     S = noise_of_pictures(result, poses)
-    if isinstance(S, JointCovariance) and poses.camera_calibration is not None:
+    if joint_of(S) is not None and poses.camera_calibration is not None:
         F[..., numbers_of_intrinsics(posterior)] = 0.0
     return F, S
 
@@ -196,13 +194,11 @@ def _noise_of(poses: PosePairs, noise: PoseNoise | None, side: str, otherwise: A
     """Noises of each new pose of a side, and what they share by themselves (m, 6, z)."""
     S = otherwise if noise is None else getattr(noise, side)
     m = poses.n
-    if isinstance(S, tuple):
-        return S, np.zeros((m, 6, 0))
-    if S is None:
-        return (), np.zeros((m, 6, 0))
+    if S is None or isinstance(S, tuple):
+        return S or (), np.zeros((m, 6, 0))
     require_count(S, m, side, "poses")
-    if isinstance(S, JointCovariance):
-        return (Fresh("given", np.asarray(S.own), 1.0, NONE),), np.asarray(S.shared)
+    if (joint := joint_of(S)) is not None:
+        return (Fresh("given", np.asarray(joint.own), 1.0, NONE),), np.asarray(joint.shared)
     if is_joint(S):
         raise InputError(
             f"Expected the noise of new {side} poses as (6, 6), (m, 6, 6) or JointCovariance, got an array."

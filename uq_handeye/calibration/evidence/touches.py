@@ -193,10 +193,11 @@ class Touches(Record):
 class TouchEvidence(NewRows):
     """Touches against a calibration: r is the touch minus the point as the calibration has it, base frame, m."""
 
+    _each = (*NewRows._each, "at", "by_tool")
+
     at: Array  # (m, 3) the points in the base, as the calibration has them
     by_tool: Array  # (m, 3, 3) R_touch: what an error of the tool's offset does
     fresh: int  # number of the last columns of by_unit that later touches draw again
-    estimated: Array  # (m, 3, 3) part of `own` that the calibration estimated
 
     def _own_units_at(self, V: Array) -> Array:
         known, fresh = np.split(V, [V.shape[1] - self.fresh], axis=1)
@@ -209,13 +210,6 @@ class TouchEvidence(NewRows):
             by_unit[..., -self.fresh :] /= np.sqrt(times)
         parts = tuple((name, S / times) for name, S in self.parts)
         return replace(self, own=self.own / times, own_at=self.own_at / times, by_unit=by_unit, parts=parts)
-
-    def rows(self, index: Any) -> TouchEvidence:
-        """Some of the touches, by their numbers."""
-        names = ("r", "by_unit", "own", "at", "by_tool", "estimated")
-        own_at = self.own_at[:, index] if len(self.own_at) else self.own_at
-        parts = tuple((name, S[index]) for name, S in self.parts)
-        return replace(self, own_at=own_at, parts=parts, **{name: getattr(self, name)[index] for name in names})
 
 
 def evidence_of_touches(result: Estimated, touches: Touches) -> TouchEvidence:
@@ -277,7 +271,7 @@ def evidence_of_touches(result: Estimated, touches: Touches) -> TouchEvidence:
     parts = tuple((name, share * (own - given)) for name, share in _estimated(posterior))
     return TouchEvidence(
         b - seen.at, np.concatenate([by_unit, fresh], axis=-1), own, posterior, seen.at, np.asarray(by_tool),
-        fresh.shape[-1], own - given, own_at=at_points(posterior, own, parts), parts=parts,
+        fresh.shape[-1], own_at=at_points(posterior, own, parts), parts=parts,
     )  # fmt: skip
 
 

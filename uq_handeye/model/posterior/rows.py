@@ -31,7 +31,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, NamedTuple, Protocol
+from typing import Any, ClassVar, NamedTuple, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,7 +41,6 @@ from scipy.special import chdtrc, chdtri, chndtr
 
 from ...core.geometry.se3 import Array
 from ...core.runtime.read_only import ReadOnlyArrays
-from ...errors import InputError
 from ..noise.joint_covariance import JointFactor, checked_cholesky, substitute
 
 
@@ -89,6 +88,8 @@ class Told(NamedTuple):
 @dataclass(frozen=True, eq=False)
 class NewRows(ReadOnlyArrays):
     """m measurements of k numbers each against a posterior; see the module."""
+
+    _each: ClassVar[tuple[str, ...]] = ("r", "by_unit", "own")  # what has a row for each
 
     r: Array  # (m, k) measured less stated; rad, m
     by_unit: Array  # (m, k, p + z) V: by the u of the posterior, then by errors of these measurements only
@@ -231,30 +232,11 @@ class NewRows(ReadOnlyArrays):
         """(d or 1, t, t) covariance by the errors that these measurements share by themselves, at each point."""
         return np.asarray((V @ V.T)[None])
 
-    def rows(self, index: NDArray[Any]) -> NewRows:
+    def rows(self, index: NDArray[Any]) -> Self:
         """Some of the measurements, by their numbers or a mask."""
         own_at = self.own_at[:, index] if len(self.own_at) else self.own_at
         parts = tuple((name, S[index]) for name, S in self.parts)
-        return NewRows(self.r[index], self.by_unit[index], self.own[index], self.posterior, own_at=own_at, parts=parts)
-
-    def joined(self, other: NewRows) -> NewRows:
-        """The measurements of both, each by itself made of uncorrelated numbers of variance 1.
-
-        Errors that only one of them has stay its own. Raises `InputError` where they are against different posteriors.
-        """
-        if self.posterior is not other.posterior:
-            raise InputError("Expected measurements against one and the same posterior.")
-        p = self.posterior.A.shape[1]
-        parts = [(of.r[..., None], of.by_unit[..., :p], of.by_unit[..., p:], checked_cholesky(of.own))
-                 for of in (self, other)]  # fmt: skip
-        white = [
-            [substitute(B, x).reshape(x.shape[0] * x.shape[1], -1 if x.size else 0) for x in part] for *part, B in parts
-        ]
-        widths = [part[2].shape[-1] for part in white]
-        own = [np.pad(part[2], [(0, 0), (sum(widths[:i]), sum(widths[i + 1 :]))]) for i, part in enumerate(white)]
-        r = np.concatenate([part[0] for part in white])
-        by_unit = np.concatenate([np.hstack([part[1], z]) for part, z in zip(white, own, strict=True)])
-        return NewRows(r, by_unit[:, None], np.ones((len(r), 1, 1)), self.posterior)
+        return replace(self, own_at=own_at, parts=parts, **{name: getattr(self, name)[index] for name in self._each})
 
 
 def _whitened(B: Array, S: Array) -> Array:

@@ -20,7 +20,7 @@ from ...core.files.records import Record
 from ...core.formatting.numbers import concise, digits, probability
 from ...core.geometry.se3 import Array, logarithm
 from ...core.presentation.document import Answer, Block, Document, Paragraph, to_text
-from ...errors import InputError
+from ...errors import InputError, require_type
 from ...fit.diagnostics.task_space import by_pose
 from ...fit.likelihood.goodness_of_fit import Reference
 from ...model.poses.pose_pairs import PosePairs
@@ -218,8 +218,7 @@ def difference(old: Calibration, new: Calibration, *, same: Sequence[str] | str 
 
 
 def _require_usable(name: str, result: Any) -> None:
-    if not isinstance(result, Calibration):
-        raise InputError(f"Expected `{name}` to be a Calibration, got {type(result).__name__}.")
+    require_type(name, result, Calibration, "a Calibration")
     if result.setup is None:
         raise InputError(f"The {name} result is of motions that came without poses: its frames are not known.")
     if result.covariance is None:

@@ -20,7 +20,7 @@ the old one, I is ``P_old^-1`` and the difference has the covariance ``P_old - P
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +29,7 @@ from ...calibration.evidence.new_poses import evidence_of_poses
 from ...calibration.prediction.predict import bound_to, errors_of_poses
 from ...calibration.result import Calibration
 from ...core.geometry.se3 import Array
-from ...model.noise.joint_covariance import JointCovariance, group_of
+from ...model.noise.joint_covariance import JointCovariance, group_of, joint_of
 from ...model.noise.models import INTRINSICS, PoseNoise, is_joint
 from ...model.noise.square_roots import cholesky_of, whiten
 from ...model.poses.pose_pairs import PosePairs
@@ -98,28 +98,30 @@ def positive(S: Array) -> Array:
 
 def _is_more_than_its_posterior(result: Calibration) -> bool:
     """Return whether its poses share errors that the posterior does not hold: of a clock, or of a covariance of all."""
-    poses, noise = result.counted, result.noise
-    joint = isinstance(noise, PoseNoise) and any(
-        S is not None and not isinstance(S, JointCovariance) and is_joint(S) for S in (noise.robot, noise.camera)
-    )
-    return joint or result.covariance_kind != "model" or (isinstance(poses, PosePairs) and poses.timing is not None)
+    joint = any(S is not None and joint_of(S) is None and is_joint(S) for S in _sides_of(result))
+    return joint or result.covariance_kind != "model" or getattr(result.counted, "timing", None) is not None
+
+
+def _sides_of(result: Calibration) -> tuple[Any, Any]:
+    """Return the covariances of robot and camera poses, None for what there is none of."""
+    return getattr(result.noise, "robot", None), getattr(result.noise, "camera", None)
 
 
 def _rows_of(result: Calibration) -> Array:
     """(n, 6, N) derivatives of the result's own poses by its errors, whitened by noise and weights."""
-    poses, noise, fitted = result.counted, result.noise, result.kinematics
-    assert isinstance(poses, PosePairs) and isinstance(noise, PoseNoise)
-    own = [_own(S) for S in (noise.robot, noise.camera)]
+    poses, fitted = cast(PosePairs, result.counted), result.kinematics
+    joint = [joint_of(S) for S in _sides_of(result)]
+    own = [S if of is None else np.asarray(of.own) for S, of in zip(_sides_of(result), joint, strict=True)]
     joints = None if fitted is None else fitted.joints
     evidence = evidence_of_poses(result, poses, PoseNoise(*own), joints)
     weight = np.ones(poses.n)
     if result.table is not None:
         weight = np.asarray(result.table.weight)[result.table.counted]
-    sides = list(zip(evidence.linear.sides, own, (noise.robot, noise.camera), strict=True))
+    sides = list(zip(evidence.linear.sides, own, joint, strict=True))
     S = sum((D @ of @ D.mT for D, of, _ in sides if of is not None), np.zeros((1, 6, 6)))
     B, (place, sd) = np.array(evidence.by_state), _errors_of(result)
     for D, _, of in sides:
-        if isinstance(of, JointCovariance):  # as the estimate itself had them
+        if of is not None:  # as the estimate itself had them
             there = [(k, j) for j, name in enumerate(_names_in(of)) for k in np.flatnonzero(place == name)]
             if there:
                 k, j = np.array(there).T
@@ -130,11 +132,6 @@ def _rows_of(result: Calibration) -> Array:
 def _names_in(S: JointCovariance) -> list[str]:
     """Names of the columns of a covariance, as the posterior has them."""
     return [f"{INTRINSICS}: {j}" if name in ("", INTRINSICS) else name for j, name in enumerate(S.names)]
-
-
-def _own(S: Any) -> Array | None:
-    """Covariance of the noise of each pose, without what poses share."""
-    return None if S is None else np.asarray(S.own if isinstance(S, JointCovariance) else S)
 
 
 def _of_errors(old: Calibration, new: Calibration, common: list[tuple[int, int]], same: frozenset[str]) -> Array:
@@ -171,8 +168,7 @@ def _of_intrinsics(old: Calibration, new: Calibration, common: list[tuple[int, i
     """Correlation of intrinsics: fixed and the same, or estimated again from pictures that both hold in part."""
     columns = []
     for of, index in zip((new, old), np.array(common, dtype=np.intp).reshape(-1, 2).T, strict=True):
-        S = of.noise.camera if isinstance(of.noise, PoseNoise) else None
-        assert isinstance(S, JointCovariance)
+        S = cast(JointCovariance, _sides_of(of)[1])
         lens = [group_of(name) in ("", INTRINSICS) for name in S.names]
         columns.append(S.shared[..., lens][index].reshape(6 * len(index), -1))
     F_new, F_old = columns
@@ -185,7 +181,7 @@ def _of_intrinsics(old: Calibration, new: Calibration, common: list[tuple[int, i
 
 def _of_prior(old: Calibration, new: Calibration) -> Array | float:
     """(12, 12) information of prior knowledge of X and W that both were given."""
-    priors = [of.noise.prior if isinstance(of.noise, PoseNoise) else None for of in (old, new)]
+    priors = [getattr(of.noise, "prior", None) for of in (old, new)]
     if priors[0] is None or priors[1] is None or priors[0].to_dict() != priors[1].to_dict():
         return 0.0
     return priors[0].information(12)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,7 @@ from ...calibration.job import job_of
 from ...calibration.request import Request
 from ...calibration.result import Calibration
 from ...core.geometry.frames import SETUPS
-from ...core.geometry.se3 import Array, logarithm, perturb
+from ...core.geometry.se3 import Array, difference, perturb
 from ...errors import InputError
 from ...model.camera.calibrate import calibrate_camera
 from ...model.camera.corners import Corners
@@ -222,9 +222,7 @@ def measured_poses(result: Calibration) -> PosePairs:
 
     Where the errors of an arm were derived at their estimate, its poses stand for those measured (`linear_about`).
     """
-    data = result.data
-    assert isinstance(data, PosePairs)
-    arm = _request(result)["arm"]
+    data, arm = cast(PosePairs, result.data), _request(result)["arm"]
     if arm is None:
         return data
     assert result.kinematics is not None
@@ -237,16 +235,13 @@ def measured_poses(result: Calibration) -> PosePairs:
         of = fitted.chain, fitted.joints, e, fitted.flange
         nominal = fitted.chain.poses(fitted.joints)
         linear = perturb(poses_with_errors(*of), -(effects_of_errors(*of) @ e))
-        turn = logarithm(linear[:, :3, :3] @ nominal[:, :3, :3].mT)
-        off = np.concatenate([turn, linear[:, :3, 3] - nominal[:, :3, 3]], axis=-1)
-        robot[kept] = perturb(robot[kept], -off)
+        robot[kept] = perturb(robot[kept], -difference(linear, nominal))
     return replace(data, robot=robot, joints=joints)
 
 
 def counted(result: Calibration) -> NDArray[np.intp]:
     """Return the numbers of the poses that were not excluded."""
-    assert isinstance(result.data, PosePairs)
-    return np.setdiff1d(np.arange(result.data.n), result.excluded)
+    return np.setdiff1d(np.arange(cast(PosePairs, result.data).n), result.excluded)
 
 
 def arguments(
@@ -261,11 +256,11 @@ def arguments(
     options, request = result.provenance.options, _request(result)
     shared = None if request["shared"] is None else [stored_error(error) for error in request["shared"]]
     noise_of_all = _noise(request["noise"], poses, _Rows(result, numbers), noise)
-    if shared is None and noise_of_all is None and request["simulated"]:
-        shared = replace_defaults(default_errors(poses.camera_known), poses.camera_known, others=False)
-    if shared is None and isinstance(noise_of_all, CameraNoise) and request["simulated"]:
-        shared = replace_defaults(default_errors(True), True, others=False)
-    if not isinstance(pairs := options["pairs"], str) or pairs.endswith(" given"):
+    by_views = isinstance(noise_of_all, CameraNoise)
+    if shared is None and (noise_of_all is None or by_views) and request["simulated"]:
+        known = by_views or poses.camera_known
+        shared = replace_defaults(default_errors(known), known, others=False)
+    if (pairs := options["pairs"]).endswith(" given"):
         raise InputError("The result was made of pairs that were listed: those of the new poses are not known.")
     arm = request["arm"]
     excluded = np.flatnonzero(np.isin(numbers, result.excluded)).tolist()
@@ -285,9 +280,8 @@ def arguments(
 
 def holds_request(result: Calibration) -> bool:
     """Return whether the result holds its poses and all that was asked of them."""
-    return (
-        isinstance(result.data, PosePairs) and result.provenance is not None and result.provenance.request is not None
-    )
+    origin = result.provenance
+    return isinstance(result.data, PosePairs) and origin is not None and origin.request is not None
 
 
 def with_bound_poses(result: Calibration) -> Calibration:
@@ -346,7 +340,7 @@ def _noise(given: Mapping[str, Any] | None, poses: PosePairs, rows: _Rows, new: 
     if "A" in given:
         raise InputError("The result has noise of motions (PairNoise): an update needs noise of poses.")
     robot, camera = (_side(name, given[name], poses, rows, new) for name in ("robot", "camera"))
-    if isinstance(camera, CameraNoise) and robot is None:
+    if robot is None and type(given["camera"]) is dict:
         return camera
     if robot is None and camera is None:
         raise InputError("The result holds no noise of its poses: calibrate all poses together.")
@@ -356,29 +350,30 @@ def _noise(given: Mapping[str, Any] | None, poses: PosePairs, rows: _Rows, new: 
 def _side(name: str, old: Any, poses: PosePairs, rows: _Rows, noise: PoseNoise | None) -> Any:
     """Return the covariance of a side for all poses: one for each, or (n, 6, 6)."""
     new = None if noise is None else getattr(noise, name)
-    if isinstance(old, Mapping):
-        if old["views"] is None:
+    match old, new:
+        case {"views": None}, _:
             raise InputError("The result does not hold the board and the camera that its camera noise was made of.")
-        if new is not None:
+        case {"views": views, "pixel_sd": sd}, None:
+            return camera_noise_at(poses, views, sd)
+        case {"views": _}, _:
             raise InputError("The camera noise follows from the views of the board: leave out that of the new poses.")
-        return camera_noise_at(poses, old["views"], old["pixel_sd"])
-    if isinstance(old, str) or (new is not None and is_joint(new)):
+        case None, None:
+            return None
+        case None, _:
+            raise InputError(
+                f"The {name} poses of the result are exact, or their noise comes with them: leave out new noise."
+            )
+    if old == "joint" or (new is not None and is_joint(new)):
         raise InputError(
             f"The covariance of the {name} poses is joint over the poses, and does not extend to others: calibrate all "
             "poses together."
         )
-    if old is None and new is None:
-        return None
-    if old is None:
-        raise InputError(
-            f"The {name} poses of the result are exact, or their noise comes with them: leave out new noise."
-        )
     before = np.asarray(old, dtype=float)
+    if new is None and before.ndim != 2:
+        raise InputError(
+            f"The noise of the {name} poses differs from pose to pose: expected that of the new poses (`noise`)."
+        )
     if new is None:
-        if before.ndim != 2:
-            raise InputError(
-                f"The noise of the {name} poses differs from pose to pose: expected that of the new poses (`noise`)."
-            )
         return before
     if before.ndim == 2 and np.array_equal(before, new):
         return before

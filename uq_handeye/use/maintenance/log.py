@@ -19,6 +19,7 @@ import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import singledispatch
 from typing import Any
 
 import numpy as np
@@ -32,7 +33,7 @@ from ...core.files.open import StrPath, as_path, opened, shown
 from ...core.geometry.se3 import Array
 from ...core.runtime.read_only import ReadOnlyArrays
 from ...errors import InputError
-from ...model.noise.joint_covariance import JointCovariance
+from ...model.noise.joint_covariance import JointCovariance, joint_of
 from ...model.noise.models import PoseNoise
 from ...model.poses.pose_pairs import PosePairs
 from ...rig.checks.check import RigCheck
@@ -92,22 +93,10 @@ class LoggedCheck(ReadOnlyArrays):
         """Build it from the check of ``poses`` against ``result``; ``time`` None is now."""
         at = now() if time is None else _checked_time(time)
         nu = math.inf if check.noise_dof is None else check.noise_dof
-        if isinstance(check, RigCheck) or isinstance(result, RigCalibration) or isinstance(poses, Rig):
-            assert isinstance(check, RigCheck)
-            most = check.moves[0]
-            return cls(
-                at, check.d2, check.dof, check.p_value, check.status, check.cause or "", np.array(most.estimate),
-                np.array(most.std), nu, hash_of_result(result), poses,
-            )  # fmt: skip
-        if noise is None and poses.camera_known:  # of other intrinsics: their errors in addition to those so far
-            noise = PoseNoise(own_noise(result, "robot"), noise_of_pictures(result, poses))
-        codes = {finding.code for finding in check.findings}
-        wrong = next((words for words, of in NOT_USED.items() if codes & set(of)), None)
-        moved = check.causes["X"]
+        cause, shift, std, noise = _said(check, result, poses, noise)
         return cls(
-            at, check.d2, check.dof, check.p_value, check.status,
-            " or ".join(check.candidates) if wrong is None else wrong, np.asarray(moved.estimate),
-            np.sqrt(np.diag(moved.covariance)), nu, hash_of_result(result), poses, noise,
+            at, check.d2, check.dof, check.p_value, check.status, cause, np.asarray(shift), np.asarray(std), nu,
+            hash_of_result(result), poses, noise,
         )  # fmt: skip
 
     @property
@@ -117,20 +106,12 @@ class LoggedCheck(ReadOnlyArrays):
 
     def line(self) -> str:
         """The line of the log, with its line end."""
-        numbers, poses = [_UNIT * of[_ORDER] for of in (self.shift, self.shift_std)], self.poses
-        if isinstance(poses, Rig):
-            measured = [RIG, json.dumps(rig_to_dict(poses), separators=(",", ":")), "", "", "", ""]
-        else:
-            measured = [
-                poses.setup,
-                *(_rows(_pose_numbers(getattr(poses, side))) for side in ("robot", "camera")),
-                *(_rows(_noise_numbers(self.noise, side, poses.n)) for side in ("robot", "camera")),
-                "" if poses.joints is None else _rows(poses.joints),
-            ]
+        numbers, count = [_UNIT * of[_ORDER] for of in (self.shift, self.shift_std)], sum(map(len, _seen(self.poses)))
         return _csv([
-            self.time, str(_count(poses)), _text(self.d2), str(self.dof), _text(self.p_value), self.answer, self.cause,
+            self.time, str(count), _text(self.d2), str(self.dof), _text(self.p_value), self.answer, self.cause,
             *(_text(x) for of in numbers for x in of),
-            _text(self.noise_dof) if math.isfinite(self.noise_dof) else "", self.result, *measured,
+            _text(self.noise_dof) if math.isfinite(self.noise_dof) else "", self.result,
+            *_measured(self.poses, self.noise),
         ])  # fmt: skip
 
     @classmethod
@@ -161,6 +142,38 @@ class LoggedCheck(ReadOnlyArrays):
             time, d2, dof, p_value, answer, cells["cause"], (shift / _UNIT)[back], (std / _UNIT)[back], noise_dof,
             cells["result"], poses, noise,
         )  # fmt: skip
+
+
+@singledispatch
+def _said(check: ChangeCheck, result: Any, poses: PosePairs, noise: PoseNoise | None) -> tuple[str, Any, Any, Any]:
+    """Return cause, shift with deviations, and noise of a check."""
+    if noise is None and poses.camera_known:  # of other intrinsics: their errors in addition to those so far
+        noise = PoseNoise(own_noise(result, "robot"), noise_of_pictures(result, poses))
+    codes, moved = {finding.code for finding in check.findings}, check.causes["X"]
+    wrong = (words for words, of in NOT_USED.items() if codes & set(of))
+    return next(wrong, " or ".join(check.candidates)), moved.estimate, np.sqrt(np.diag(moved.covariance)), noise
+
+
+@_said.register
+def _(check: RigCheck, result: Any, poses: Rig, noise: None) -> tuple[str, Any, Any, Any]:
+    return check.cause or "", check.moves[0].estimate, check.moves[0].std, None
+
+
+@singledispatch
+def _measured(poses: PosePairs, noise: PoseNoise | None) -> list[str]:
+    """Return the cells of what was measured, from the setup on."""
+    sides = ("robot", "camera")
+    return [
+        poses.setup,
+        *(_rows(_pose_numbers(getattr(poses, side))) for side in sides),
+        *(_rows(_noise_numbers(noise, side, poses.n)) for side in sides),
+        "" if poses.joints is None else _rows(poses.joints),
+    ]
+
+
+@_measured.register
+def _(poses: Rig, noise: None) -> list[str]:
+    return [RIG, json.dumps(rig_to_dict(poses), separators=(",", ":")), "", "", "", ""]
 
 
 @dataclass(frozen=True, eq=False)
@@ -314,14 +327,15 @@ def _another(path: StrPath, logged: str | None, given: str) -> str:
     )
 
 
-def _count(poses: PosePairs | Rig) -> int:
-    return sum(len(view.poses) for view in poses.views) if isinstance(poses, Rig) else poses.n
+def _seen(poses: PosePairs | Rig) -> list[Array]:
+    """Return what the cameras saw, (n, 4, 4) of each view."""
+    return [view.poses for view in poses.views] if isinstance(poses, Rig) else [poses.camera]
 
 
 def _same(a: PosePairs | Rig, b: PosePairs | Rig) -> bool:
-    if isinstance(a, Rig) or isinstance(b, Rig):
-        return isinstance(a, Rig) and isinstance(b, Rig) and rig_to_dict(a)["views"] == rig_to_dict(b)["views"]
-    return a.n == b.n and all(np.allclose(getattr(a, s), getattr(b, s), rtol=0, atol=1e-9) for s in ("robot", "camera"))
+    one, other = _seen(a), _seen(b)
+    alike = [len(x) for x in one] == [len(y) for y in other]
+    return alike and all(np.allclose(x, y, rtol=0, atol=1e-9) for x, y in zip(one, other, strict=True))
 
 
 def _csv(cells: Any) -> str:
@@ -351,10 +365,9 @@ def _noise_numbers(noise: PoseNoise | None, side: str, n: int) -> Array:
     S: Any = None if noise is None else getattr(noise, side)
     if S is None:
         return np.zeros((0 if noise is None else n, 21))
-    shared = np.zeros((n, 6, 0))
-    if isinstance(S, JointCovariance):
-        shared = np.asarray(S.shared)
-        S = S.own
+    joint, shared = joint_of(S), np.zeros((n, 6, 0))
+    if joint is not None:
+        S, shared = joint.own, np.asarray(joint.shared)
     if np.shape(S) not in ((6, 6), (n, 6, 6)):
         raise InputError(f"Expected the noise of new {side} poses as (6, 6) or ({n}, 6, 6), got {np.shape(S)}.")
     lower = np.broadcast_to(S, (n, 6, 6))[:, _LOWER[0], _LOWER[1]]

@@ -13,7 +13,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from functools import singledispatch
+from typing import Any, ClassVar, cast
 
 import numpy as np
 
@@ -120,7 +121,7 @@ def series_alarm(result: Calibration | RigCalibration, series: CheckSeries, ever
     each = float(every)
     if not checks:
         return SeriesAlarm(times, each, ())
-    evidence, columns = _of_rig(result, checks) if isinstance(result, RigCalibration) else _of_poses(result, checks)
+    evidence, columns = _rows_of(result, checks)
     charts = charts_of(scores_of(evidence, columns, checks[0].noise_dof), each)
     first = min((c for c in charts if c.alarm is not None), key=lambda c: c.alarm or 0, default=None)
     if first is None or first.alarm is None:
@@ -137,16 +138,17 @@ def series_alarm(result: Calibration | RigCalibration, series: CheckSeries, ever
     return SeriesAlarm(times, each, charts, at, first.name, starts[best], causes, shifts)
 
 
-def _of_poses(result: Any, checks: Sequence[LoggedCheck]) -> tuple[list[NewRows], dict[str, list[Array]]]:
+@singledispatch
+def _rows_of(result: Any, checks: Sequence[LoggedCheck]) -> tuple[list[NewRows], dict[str, list[Array]]]:
     """Rows of each check, and columns of shifts by cause."""
-    found = [evidence_of_poses(result, c.poses, c.noise) for c in checks if isinstance(c.poses, PosePairs)]
+    found = [evidence_of_poses(result, cast(PosePairs, check.poses), check.noise) for check in checks]
     columns = {X: [-of.linear.J[..., :6] for of in found], TARGET: [-of.linear.J[..., 6:] for of in found]}
     return list(found), columns
 
 
-def _of_rig(result: RigCalibration, checks: Sequence[LoggedCheck]) -> tuple[list[NewRows], dict[str, list[Array]]]:
-    """Rows of each check, and columns of the moves of each pose that a check saw."""
-    found = [evidence_of_views(result, c.poses) for c in checks if isinstance(c.poses, Rig)]
+@_rows_of.register
+def _(result: RigCalibration, checks: Sequence[LoggedCheck]) -> tuple[list[NewRows], dict[str, list[Array]]]:
+    found = [evidence_of_views(result, cast(Rig, check.poses)) for check in checks]  # of each pose that a check saw
     columns = {name: [of.moved(name) for of in found] for name in result.names}
     return [of.rows for of in found], {name: of for name, of in columns.items() if any(part.any() for part in of)}
 

@@ -61,16 +61,6 @@ def series_figure(series: CheckSeries, found: SeriesAlarm) -> Figure:
     return finished(figure)
 
 
-def alt_text(found: SeriesAlarm) -> str:
-    """Describe the figure in words."""
-    n = len(found.times)
-    what = "none above its limit" if found.alarm is None else f"the limit is passed at check {found.alarm + 1}"
-    return (
-        f"Above, {len(found.charts)} CUSUM charts of {n} checks in units of their limits: {what}. Below, the "
-        "translation and the rotation that each check asks for, with two standard deviations."
-    )
-
-
 def _charts(axis: Axes, used: list[int], found: SeriesAlarm) -> None:
     plain(axis)
     for k, chart in enumerate(found.charts):

@@ -36,7 +36,7 @@ from ...calibration.result import Calibration
 from ...core.formatting.numbers import digits, probability
 from ...core.geometry.checks import as_numbers
 from ...core.geometry.se3 import perturb
-from ...errors import InputError
+from ...errors import InputError, require_type
 from ...findings import Finding
 from ...model.noise.models import PoseNoise
 from ...model.poses.motions import sha256_of
@@ -110,12 +110,9 @@ def update(  # type: ignore[misc]
     if isinstance(result, RigCalibration):
         require_left_out("of a rig", noise=noise, joints=joints, same=None if same is THINGS else same)
         return update_rig(result, poses, although_changed=although_changed)
-    if not isinstance(result, Calibration):
-        raise InputError(f"Expected `result` to be a Calibration, got {type(result).__name__}.")
-    if not isinstance(poses, PosePairs):
-        raise InputError(f"Expected `poses` to be PosePairs, got {type(poses).__name__}.")
-    if noise is not None and not isinstance(noise, PoseNoise):
-        raise InputError(f"Expected `noise` to be PoseNoise or None, got {type(noise).__name__}.")
+    require_type("result", result, Calibration, "a Calibration")
+    require_type("poses", poses, PosePairs, "PosePairs")
+    require_type("noise", noise, (PoseNoise, type(None)), "PoseNoise or None")
     if result.setup is None:
         raise InputError("The result is of motions that came without poses: an update needs poses.")
     if joints is not None and result.kinematics is None:
