@@ -345,19 +345,35 @@ def test_joints_of_another_arm_are_refused():
         uq.check(result, new)
 
 
+def creeping(seed, m, rng):
+    drawn = uq.simulate(m, noise=NOISE, seed=seed)
+    camera = perturb(drawn.camera, np.cumsum(2e-4 * rng.standard_normal((m, 6)), axis=0))
+    return uq.PosePairs(drawn.robot, camera, drawn.setup, np.arange(m) * 2.0)
+
+
 def test_drift_goes_on_in_the_session_of_new_poses():
     """A camera that creeps has not changed; without the drift of the new session every second check says so."""
-
-    def session(seed, m, rng):
-        drawn = uq.simulate(m, noise=NOISE, seed=seed)
-        creeping = perturb(drawn.camera, np.cumsum(2e-4 * rng.standard_normal((m, 6)), axis=0))
-        return uq.PosePairs(drawn.robot, creeping, drawn.setup, np.arange(m) * 2.0)
-
     p_values, still = [], []
     for seed in range(8):
         rng = np.random.default_rng(seed)
-        result, new = uq.calibrate(session(seed, 24, rng)), session(100 + seed, 12, rng)
+        result, new = uq.calibrate(creeping(seed, 24, rng)), creeping(100 + seed, 12, rng)
         p_values.append(uq.check(result, new).p_value)
         without = tuple(one for one in result.shared if not one.error.startswith("drift"))
         still.append(uq.check(replace(result, shared_at_sizes=without), new).p_value)
     assert np.sum(np.array(p_values) < 0.05) <= 1 and np.sum(np.array(still) < 0.05) >= 2
+
+
+def test_poses_between_those_of_the_calibration_share_its_drift():
+    """They show smaller changes than those of another session, and do not contradict; in memory and from a file."""
+    p_values, sizes = [], []
+    for seed in range(2):
+        every = creeping(seed, 40, np.random.default_rng(seed))
+        result, new = uq.calibrate(every.rows(np.arange(0, 40, 2))), every.rows(np.arange(1, 40, 2))
+        later = replace(new, timestamps=new.timestamps + 1000.0)
+        found = [uq.check(result, poses) for poses in (new, later)]
+        p_values.append(found[0].p_value)
+        sizes.append([one.detectable.X_translation for one in found])
+        again = uq.check(uq.Calibration.from_dict(result.to_dict()), new)
+        assert again.p_value == pytest.approx(found[0].p_value, rel=1e-6)
+    assert min(p_values) > 0.01
+    assert (np.array(sizes)[:, 0] < 0.7 * np.array(sizes)[:, 1]).all()

@@ -5,7 +5,8 @@ pose (`likelihood.constraint`) is to first order in the errors
 
     r = J (xi_X; xi_W) + D_G (F_G (e - estimate) + eta_G) + D_C (F_C (e - estimate) + eta_C)
 
-eta the noise of the new poses. If X was moved by delta after the calibration, ``E r = -J_X delta``.
+eta the noise of the new poses. A drift that the calibration found goes on in their session, from where it stood at one of
+the poses of the calibration; poses that were taken between those share its drift itself. If X was moved by delta after the calibration, ``E r = -J_X delta``.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ import numpy as np
 from ...core.geometry.se3 import Array, difference, perturb
 from ...errors import InputError
 from ...fit.likelihood.constraint import Linearised, OnPoses, Unknowns
-from ...model.noise.joint_covariance import joint_of
+from ...model.noise.joint_covariance import group_of, joint_of
 from ...model.noise.models import PoseNoise, is_joint, require_count
 from ...model.poses.pose_pairs import PosePairs
 from ...model.posterior.owners import THINGS, checked_things, require_same
@@ -103,8 +104,10 @@ def evidence_of_poses(
     linear = constraint.linearise(Unknowns(result.X, result.W), constraint.first, constraint.second)
     D_G, D_C = linear.sides
     by_state = np.concatenate([linear.J, D_G @ ahead.columns + D_C @ F_C], axis=-1)
-    r, anew = linear.r, np.zeros((poses.n, 6, 0))
+    r, anew, drift = linear.r, np.zeros((poses.n, 6, 0)), D_C @ _drift_anew(result, poses)
     kept = checked_things(same)
+    if _same_session(result, poses) and posterior.source is not None and len(kept) == len(THINGS):
+        posterior = posterior.source.without_beside  # X and W as the means of the session that the poses are of
     if same is not THINGS:
         require_same(kept, poses_so_far(result), poses)
     if len(kept) < len(THINGS):
@@ -126,22 +129,31 @@ def evidence_of_poses(
     own = sum((one.size**2 * S for one, S in carried), unseen)
     parts = tuple((one.name, S) for one, S in carried if len(one.by_point) and one.name != "given")
     own_at = at_points(posterior, own, parts)
-    by_unit = np.concatenate([by_unit, anew, D_G @ more_G, D_C @ more_C, D_C @ _drift_in(result, poses)], axis=-1)
+    by_unit = np.concatenate([by_unit, anew, D_G @ more_G, D_C @ more_C, drift], axis=-1)
     robot, at = ahead.poses, (r, by_unit, own, posterior)
     return PoseEvidence(*at, by_state, linear, robot, camera, own_at=own_at, parts=parts)
 
 
-def _drift_in(result: Estimated, poses: PosePairs) -> Array:
-    """(m, 6, z) drift of camera and target in the session of new poses, as large a step as it was found to be.
+def _same_session(result: Estimated, poses: PosePairs) -> bool:
+    """Return whether new poses were taken between those of the calibration: by one clock, at other times."""
+    old, new = posterior_of(result).times, poses.timestamps
+    if old is None or new is None or result.time_offset is not None:
+        return False
+    return bool(old.min() < new.max() and new.min() < old.max() and not np.isin(new, old).any())
+
+
+def _drift_anew(result: Estimated, poses: PosePairs) -> Array:
+    """(m, 6, z) drift of camera and target in a session of new poses, as large a step as it was found to be.
 
     A random walk from where they stand at its start, which is in the covariance of X and W: these are stated as of any
     pose of a session. Its modes have the mean 0; the mean of m steps has the variance m / 3.
     """
-    times = np.arange(poses.n) if poses.timestamps is None else poses.timestamps
     found = [np.zeros((poses.n, 6, 0))]
+    if poses.n == 1 or _same_session(result, poses):
+        return found[0]
+    times = np.arange(poses.n) if poses.timestamps is None else poses.timestamps
     for of, R in (("camera", np.eye(3)), ("target", poses.camera[:, :3, :3])):
-        sd = next((one.prior_sd for one in result.shared if one.error == f"{DRIFT} {of}"), 0.0)
-        if sd > 0 and poses.n > 1:
+        if (sd := next((one.prior_sd for one in result.shared if one.error == f"{DRIFT} {of}"), 0.0)) > 0:
             constant = np.zeros((poses.n, 6, 6))
             constant[:, :3, :3] = constant[:, 3:, 3:] = np.sqrt(poses.n / 3.0) * R
             found += [sd * constant, sd * drift_columns(poses.camera, times, of == "target")]
@@ -171,6 +183,10 @@ def _effects_on_camera(result: Estimated, poses: PosePairs, robot: Array) -> tup
     """
     posterior, there = posterior_of(result), camera_at(result, robot)
     F = shared_effects(result, "camera", robot, there)
+    if _same_session(result, poses):
+        for of in ("camera", "target"):
+            if walked := [k for k, name in enumerate(posterior.names) if group_of(name) == f"{DRIFT} {of}"]:
+                F[..., walked] = drift_columns(there, poses.timestamps, of == "target", posterior.times)
     if not poses.camera_known:
         return F, fresh_of_camera(result, there)
     S = noise_of_pictures(result, poses)

@@ -105,6 +105,14 @@ class OpenSizes(ReadOnlyArrays):
         points = SizePoints(self.names, self.theta, self.weights, means @ back.T, 0.5 * (each + each.mT))
         return replace(self.base, covariance=0.5 * (P + P.T), points=points, source=self)
 
+    @property
+    def without_beside(self) -> Posterior:
+        """The posterior of what the model holds alone."""
+        P = np.array(self.base.covariance)
+        P[: self.model.p, : self.model.p] -= self.beside
+        base = replace(self.base, covariance=P)
+        return replace(self, base=base, beside=np.zeros_like(self.beside)).posterior
+
     def at(self, theta: Array, weights: Array) -> OpenSizes:
         """The same at other points (d, k) of the sizes."""
         return replace(self, theta=theta, weights=weights)

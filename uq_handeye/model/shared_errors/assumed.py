@@ -45,20 +45,23 @@ FEWEST = 6
 OF_OUTLINE = 12
 
 
-def drift_columns(camera: Array, timestamps: Array, target: bool) -> Array:
-    """(n, 6, 6 m) columns at poses (n, 4, 4) camera_T_target, per step of 1 rad and 1 m."""
-    n = len(camera)
-    place = np.empty(n)
-    place[np.argsort(timestamps, kind="stable")] = np.arange(1, n + 1)
+def drift_columns(camera: Array, timestamps: Array, target: bool, walked: Array | None = None) -> Array:
+    """(m, 6, 6 k) columns at poses (m, 4, 4) camera_T_target, per step of 1 rad and 1 m.
+
+    ``walked`` (n,): times of the poses from one to the next of which the walk goes; None: of these.
+    """
+    steps = np.sort(timestamps if walked is None else walked)
+    n = len(steps)
     rate = (np.arange(1, min(MODES, n) + 1) - 0.5) * np.pi
-    walk = np.sqrt(2.0 * n) * np.sin(np.outer(place / n, rate)) / rate
-    walk = walk - walk.mean(axis=0)  # the mean is in X or W
-    E = np.zeros((n, 6, 6))
+    at, place = np.arange(1, n + 1), np.interp(timestamps, steps, np.arange(1, n + 1))
+    mean, walk = (np.sqrt(2.0 * n) * np.sin(np.outer(k / n, rate)) / rate for k in (at, place))
+    walk = walk - mean.mean(axis=0)  # the mean is in X or W
+    E = np.zeros((len(camera), 6, 6))
     if target:
         E[:, :3, :3] = E[:, 3:, 3:] = camera[:, :3, :3]
     else:
         E[:] = np.eye(6)
-    return np.asarray(np.einsum("nm,nik->nimk", walk, E).reshape(n, 6, -1))
+    return np.asarray(np.einsum("nm,nik->nimk", walk, E).reshape(len(camera), 6, -1))
 
 
 def default_errors(intrinsics_known: bool) -> tuple[SharedError, ...]:

@@ -157,7 +157,7 @@ def _by_posterior(
     """The update of the joint posterior: where the result lacks its poses, what was asked of them, or touches; and
     where not all is the same.
     """
-    evidence = evidence_of_poses(result, poses, noise, same=same)
+    evidence = evidence_of_poses(result, replace(poses, timestamps=None), noise, same=same)
     if not although_changed:
         require_unchanged(result, poses, noise, same)
     n_old = result.n_poses or 0
