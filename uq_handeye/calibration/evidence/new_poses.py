@@ -5,8 +5,9 @@ pose (`likelihood.constraint`) is to first order in the errors
 
     r = J (xi_X; xi_W) + D_G (F_G (e - estimate) + eta_G) + D_C (F_C (e - estimate) + eta_C)
 
-eta the noise of the new poses. A drift that the calibration found goes on in their session, from where it stood at one of
-the poses of the calibration; poses that were taken between those share its drift itself. If X was moved by delta after the calibration, ``E r = -J_X delta``.
+eta the noise of the new poses. A drift that the calibration found goes on in their session, from where it stood at one
+of the poses of the calibration; poses that were taken between those share its drift itself. If X was moved by delta
+after the calibration, ``E r = -J_X delta``.
 """
 
 from __future__ import annotations
