@@ -23,7 +23,7 @@ from ..core.files.lines import MAX_LINE, MAX_ROWS, NO_VALUE, short
 from ..core.files.open import numbers_in
 from ..core.geometry.se3 import Array
 from ..errors import InputError
-from .csv_poses import counts_poses, meaning, seconds_of
+from .columns import counts_poses, meaning_and_unit, seconds_of
 
 # Lines before the names or the first numbers that may hold a title.
 TITLE_LINES = 30
@@ -33,10 +33,13 @@ MOST_COMMENTS = 200
 FEWEST = 6
 
 NUMBER = r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?"
-_FIELD = re.compile(rf"({NUMBER}|[+-]?(?:nan|inf(?:inity)?))\s*(mm|cm|m|in|deg|rad|°)?", re.IGNORECASE)
+# A number with its unit; Fortran writes 1.0D+00, C 1.0f.
+_FIELD = re.compile(
+    rf"({NUMBER.replace('eE', 'eEdD')}f?|[+-]?(?:nan|inf(?:inity)?))\s*(mm|cm|m|in|deg|rad|°)?", re.IGNORECASE
+)
 _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?\s*(?:mm|cm|m|in|deg|rad|°)?")
 _THOUSANDS = re.compile(r"[+-]?\d{1,3}(?:,\d{3})+\.\d+")
-_COMMA_NUMBER = re.compile(r"[+-]?\d+,\d+(?:[eE][+-]?\d+)?|[+-]?\d+")
+COMMA_NUMBER = re.compile(r"[+-]?\d+,\d+(?:[eE][+-]?\d+)?|[+-]?\d+")
 _NAMED = re.compile(
     rf"""(?<![\w.])["']?([A-Za-z_][\w.]*)["']?\s*(?:[:=]\s*["']?|\s)({NUMBER}|[+-]?nan\b)\s*(mm\b|deg\b|rad\b|m\b|°)?""",
     re.IGNORECASE,
@@ -82,6 +85,7 @@ class NumberTable:
     notes : what was found out
     unknown : names of the columns that mean nothing of a pose
     numbers : (n,) of a column that numbers the poses or names their pictures; () where there is none
+    texts : names of the columns of text, which are left out, with the first text of each
     """
 
     name: str
@@ -92,6 +96,11 @@ class NumberTable:
     notes: tuple[str, ...] = ()
     unknown: tuple[str, ...] = ()
     numbers: tuple[int, ...] = ()
+    texts: tuple[tuple[str, str], ...] = ()
+
+    def at(self, row: int) -> str:
+        """Return a row in words: ``robot.txt, line 12``."""
+        return f"{self.name}, line {self.lines[row]}"
 
 
 def read_number_table(
@@ -142,11 +151,14 @@ def names_of(line: str) -> list[str]:
     return _split(bare, _separator(bare))
 
 
-def number_of(field: str) -> float | None:
-    """Return the number of a field, with a point or, alone, a decimal comma; None for a text."""
+def number_of(field: str, units: bool = True) -> float | None:
+    """Return the number of a field; None for a text, and unless ``units`` for a number with its unit."""
     field = field.strip()
     match = _FIELD.fullmatch(field.replace(",", "") if _THOUSANDS.fullmatch(field) else field)
-    return None if match is None else float(match[1])
+    if match is None or (match[2] and not units):
+        return None
+    number = match[1].lower()
+    return float(number if number.endswith(("inf", "nan", "y")) else number.rstrip("f").replace("d", "e"))
 
 
 def _named_rows(
@@ -310,7 +322,7 @@ def _separator(content: str, columns: int = 0) -> str | None:
         return "\t"
     if "," in bare:
         words = bare.split()
-        if len(words) >= FEWEST and len(words) >= columns and all(_COMMA_NUMBER.fullmatch(word) for word in words):
+        if len(words) >= FEWEST and len(words) >= columns and all(COMMA_NUMBER.fullmatch(word) for word in words):
             return None
         return ","
     return None
@@ -402,7 +414,8 @@ def _table(name: str, names: tuple[str, ...] | None, rows: list[Row], notes: lis
     for row in rows:
         if len(row.fields) != count or row.names != first.names:
             raise InputError(
-                f"{name}, line {row.line}: expected {count} fields as {what} say, got {len(row.fields)}; {help}."
+                f"{name}, line {row.line}: expected {count} fields as {what} say, got {len(row.fields)}, "
+                f"{short(', '.join(row.fields))}; {help}."
             )
     if (times := _times(rows, count)) is not None:
         k, seconds = times
@@ -410,7 +423,7 @@ def _table(name: str, names: tuple[str, ...] | None, rows: list[Row], notes: lis
             replace(row, fields=[repr(time) if j == k else field for j, field in enumerate(row.fields)])
             for row, time in zip(rows, seconds, strict=True)
         ]
-        if names is not None and meaning(names[k]) != "timestamp":
+        if names is not None and meaning_and_unit(names[k])[0] != "timestamp":
             names = tuple("timestamp" if j == k else one for j, one in enumerate(names))
         first = rows[0]
         notes.append(f"dates and times of column {k + 1} read as seconds")
@@ -429,13 +442,15 @@ def _table(name: str, names: tuple[str, ...] | None, rows: list[Row], notes: lis
         raise InputError(
             f"{name}, line {first.line}: expected numbers, got {short(first.fields[between[0]])} between them; {help}."
         )
-    if len(columns) < count:
-        left = [str(k + 1) if names is None else names[k] for k in range(count) if k not in columns]
-        notes.append(f"not used: the columns of text {short(', '.join(left))}")
+    texts = tuple(
+        (str(k + 1) if names is None else names[k], first.fields[k]) for k in range(count) if k not in columns
+    )
+    if texts:
+        notes.append(f"not used: the columns of text {short(', '.join(one for one, _ in texts))}")
     matches = [_FIELD.fullmatch(first.fields[k].strip()) for k in columns]
     units = first.units or tuple("" if match is None else (match[2] or "").lower() for match in matches)
     chosen = None if names is None else tuple(names[k] for k in columns)
     lines = np.array([row.line for row in rows], dtype=np.int64)
     counting = next((k for k, one in enumerate(names or ()) if counts_poses(one)), None)
     numbers = () if counting is None else numbers_in(row.fields[counting] for row in rows)
-    return NumberTable(name, values, lines, chosen, units, tuple(notes), first.unknown, numbers)
+    return NumberTable(name, values, lines, chosen, units, tuple(notes), first.unknown, numbers, texts)

@@ -335,7 +335,7 @@ def _points(path: Path) -> "Array":
     from ...core.files.open import opened, shown
     from ...core.files.table import Places, Schema, read_table
     from ...core.formatting.units import LENGTH_UNITS
-    from ...formats.csv_poses import meaning_and_unit
+    from ...formats.columns import meaning_and_unit
     from ...formats.numpy_poses import read_one_array
 
     def places(names: list[str], line: str, where: str) -> Places:

@@ -32,7 +32,7 @@ MARKS = {",": "commas", ";": "semicolons", "\t": "tabs", " ": "spaces"}
 # Comments that are kept.
 MOST_COMMENTS = 200
 
-_UNIT = re.compile(r"(.+?)(?:\s*[\[(]\s*([^\])]*?)\s*[\])]|_([^\W_]{1,6}))")
+_UNIT = r"(.+?)(?:\s*[\[(]\s*([^\])]*?)\s*[\])]|[{}]([^\W_]{{1,7}}|[°-]))"
 
 
 @dataclass(frozen=True)
@@ -183,15 +183,16 @@ def read_table(file: BinaryIO, name: str, schema: Schema) -> Table:
     )
 
 
-def name_and_unit(name: str, known: Collection[str]) -> tuple[str, str | None]:
+def name_and_unit(name: str, known: Collection[str], marks: str = "_") -> tuple[str, str | None]:
     """Return a name without the unit behind it, and the unit: ``x [mm]``, ``x_mm``; None where there is none.
 
-    In brackets any word is a unit, whether known or not, also none at all; behind ``_`` only one that is ``known``.
+    In brackets any word is a unit, whether known or not, also none at all; behind one of ``marks`` only one that is
+    ``known``.
 
     >>> name_and_unit("x [mm]", ["mm"]), name_and_unit("x_mm", ["mm"]), name_and_unit("joint_a", ["mm"])
     (('x', 'mm'), ('x', 'mm'), ('joint_a', None))
     """
-    split = _UNIT.fullmatch(name) if len(name) <= 400 else None
+    split = re.fullmatch(_UNIT.format(marks), name) if len(name) <= 400 else None
     if split is None or (split[2] is None and split[3] not in known):
         return name, None
     return split[1], split[2] if split[2] is not None else split[3]

@@ -27,13 +27,14 @@ from ...core.files.lines import MAX_LINE, MAX_ROWS, floats
 from ...core.files.trees import fields_of, is_json, is_map, is_plain_number, items_of
 from ...core.geometry.se3 import Array
 from ...errors import InputError
+from ..columns import is_pose_header, seconds_of
 from ..contents import COLUMNS, Contents, Side, matrices_side
-from ..csv_poses import is_csv_header, names_order, seconds_of
+from ..csv_poses import is_csv_header, names_order
 from ..matrices.arrays import numbers_of
 from ..number_table import NUMBER, NumberTable, number_of
 from .forms import CONTROLLERS
 from .programs import PROGRAMS, has_lists, read_program
-from .tables import HELP, is_pose_header, pose_side, read_pose_table, table_kind
+from .tables import HELP, pose_side, read_pose_table, table_kind
 
 # What is looked at to tell a table.
 HEAD = 65_536

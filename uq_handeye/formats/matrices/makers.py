@@ -48,7 +48,7 @@ from ...errors import InputError
 from ..contents import Contents, Reading, matrices_side
 from ..opencv_storage import stack
 from .arrays import found_in
-from .text import FRANKA, contents_of, header_of, number_lines, read_columns
+from .text import FRANKA, contents_of, names_matrices, number_lines, read_columns
 
 CODES = {0: "gba", 2: "abg", 4: "rodriguez"}
 ALL_CODES = tuple(sorted(order + first + view for order in CODES for first in (0, 8) for view in (0, 1)))
@@ -157,14 +157,13 @@ def is_franka(head: str) -> bool:
     """Return whether a text names the numbers of O_T_EE."""
     if _KEY.search(head):
         return True
-    return FRANKA in head.lower() and header_of(head) is not None
+    return FRANKA in head.lower() and names_matrices(head)
 
 
 def read_franka(text: str, name: str) -> Contents:
     """Return the poses of a table, of JSON or of printed states."""
     if not _KEY.search(text):
-        header = header_of(text)
-        return _unnamed(text, name) if header is None else read_columns(text, name, header, _FRANKA)
+        return read_columns(text, name, _FRANKA) if names_matrices(text) else _unnamed(text, name)
     rows: list[list[float]] = []
     lines: list[int] = []
     begin, line = 0, 1

@@ -20,20 +20,20 @@ from __future__ import annotations
 import re
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
-from io import BytesIO
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.files.lines import floats, short
-from ...core.files.table import Places, Schema, name_and_unit, read_table, split_names
+from ...core.files.lines import short
+from ...core.files.table import name_and_unit
 from ...core.files.trees import is_json
 from ...core.formatting.units import LENGTH_UNITS
 from ...core.geometry.se3 import Array
 from ...errors import InputError
+from ..columns import SECONDS, meaning_and_unit
 from ..contents import Contents, Reading, matrices_side
-from ..csv_poses import SECONDS, meaning_and_unit
+from ..number_table import COMMA_NUMBER, names_of, number_of, read_number_table
 from .arrays import BOTH, COUNTS, MOST_BEFORE, Found, fitting, found_in, with_last_row
 
 _TWO = re.compile(r"(.*?)[\[(_. ]*(\d)[\])(\[_., ]*(\d)[\])]*")
@@ -44,30 +44,27 @@ FRANKA = "o_t_ee"
 class Header(NamedTuple):
     """Places of the numbers in a table."""
 
-    line: int  # of the names, counted from 1
     matrix: list[int]  # columns of the numbers of the matrix, row by row or as they are counted
-    names: list[str]  # of all columns
     translation: list[int]  # columns of x, y, z; empty: in the matrix
     units: str | None  # of the translation
     time: tuple[int, str] | None  # column and its unit
     counted: bool  # whether the nine numbers of a rotation are only counted
 
 
-def header_of(text: str) -> Header | None:
-    """Return the names of the columns, if the first line that holds anything names those of matrices."""
-    for number, raw in enumerate(text[:65536].split("\n"), start=1):
-        content = raw.strip().lstrip("#%").strip()
-        if not content:
-            continue
-        names, _ = split_names(content, ",;\t ")
-        if len(names) >= 12 and sum(bool(re.search("[A-Za-z]", name)) for name in names) >= 9:
-            return _header(number, names)
-        if not raw.strip().startswith(("#", "%")):
-            return None
-    return None
+def names_matrices(head: str) -> bool:
+    """Return whether the first line that holds anything, or a comment above it, names the columns of matrices."""
+    for line in head[:65536].split("\n"):
+        if header_of(names := names_of(line)) is not None:
+            return True
+        if any(names) and not line.strip().startswith(("#", "%")):
+            break
+    return False
 
 
-def _header(number: int, names: list[str]) -> Header | None:
+def header_of(names: Sequence[str]) -> Header | None:
+    """Return what the names of columns say of matrices; None: nothing."""
+    if len(names) < 12 or sum(bool(re.search("[A-Za-z]", name)) for name in names) < 9:
+        return None
     two: dict[str, dict[tuple[int, int], int]] = defaultdict(dict)
     one: dict[str, dict[int, int]] = defaultdict(dict)
     units: dict[int, str] = {}
@@ -100,9 +97,7 @@ def _header(number: int, names: list[str]) -> Header | None:
     of = translation or [matrix[k] for k in (3, 7, 11)]
     said_units = {units.get(k) or meant[k][1] for k in of}
     return Header(
-        number,
         matrix,
-        names,
         translation,
         said_units.pop() if len(said_units) == 1 else None,
         times[0] if times else None,
@@ -129,39 +124,33 @@ def _counted(at: dict[int, int]) -> list[int]:
     return []
 
 
-def read_columns(text: str, name: str, header: Header, readings: tuple[Reading, ...] = ()) -> Contents:
-    """Return the poses below a header; ``readings`` say what they are where the names do."""
-    used = [*header.matrix, *header.translation, *([] if header.time is None else [header.time[0]])]
-    # The names may stand in a comment, also of MATLAB, whose comments begin with %.
-    lines = text.split("\n")
-    lines[: header.line] = [*[""] * (header.line - 1), lines[header.line - 1].strip().lstrip("#%")]
-    lines = ["" if line.lstrip().startswith("%") else line for line in lines]
-    schema = Schema("the names of matrices", "pose", lambda names, line, where: Places(used), marks=",;\t ")
-    found_table = read_table(BytesIO("\n".join(lines).encode()), name, schema)
-    table = found_table.values
-    k = len(header.matrix)
-    notes = [f"matrices from the columns {short(header.names[header.matrix[0]])} to {header.names[header.matrix[-1]]}"]
+def read_columns(text: str, name: str, readings: tuple[Reading, ...] = ()) -> Contents:
+    """Return the poses below names of columns; ``readings`` say what they are where the names do not."""
+    table = read_number_table(text, name, lambda names: header_of(names) is not None, HELP)
+    names = table.names or ()
+    if (header := header_of(names)) is None:
+        column, text = table.texts[0]
+        raise InputError(f"{table.at(0)}, column {column}: expected a number, got {short(text)} ({HELP}).")
+    first, last = names[header.matrix[0]], names[header.matrix[-1]]
+    notes = [f"matrices from the columns {short(first)} to {last}"]
+    matrix = table.values[:, header.matrix]
     if header.translation:
         readings = readings or (BOTH if header.counted else ())
-        T = with_last_row(np.concatenate([table[:, :9].reshape(-1, 3, 3), table[:, 9:12, None]], axis=2))
-    else:
-        found = found_in(table[:, :k])
-        if found is None:
-            raise InputError(
-                f"{found_table.at(0)}: expected a matrix in the columns {header.names[header.matrix[0]]} to "
-                f"{header.names[header.matrix[-1]]}, got no last row 0, 0, 0, 1 and no rotation (docs/formats.md, "
-                "Matrices in text)."
-            )
-        T = found.T
-        readings = readings or found.readings
+        parts = [matrix.reshape(-1, 3, 3), table.values[:, header.translation, None]]
+        T = with_last_row(np.concatenate(parts, axis=2))
+    elif (found := found_in(matrix)) is not None:
+        T, readings = found.T, readings or found.readings
         notes.append(found.note)
-    times = None
-    if header.time is not None:
-        times = table[:, -1] * SECONDS[header.time[1]]
+    else:
+        raise InputError(
+            f"{table.at(0)}: expected a matrix in the columns {first} to {last}, got no last row 0, 0, 0, 1 and no "
+            f"rotation ({HELP})."
+        )
+    times = None if header.time is None else table.values[:, header.time[0]] * SECONDS[header.time[1]]
     if header.units is not None:
         notes.append(f"translations in {header.units}, as the columns are named")
     side = matrices_side(
-        name, T, rows=found_table.lines, counted="line", timestamps=times, units=header.units, readings=readings
+        name, T, rows=table.lines, counted="line", timestamps=times, units=header.units, readings=readings
     )
     return Contents(only=side, notes=tuple(notes))
 
@@ -174,8 +163,6 @@ _LABEL = re.compile(r"[:\[({]")
 # MATLAB prints one factor for all numbers of a matrix.
 _FACTOR = re.compile(r"^\s*\d(\.\d+)?e[+-]?\d+\s*\*\s*$", re.IGNORECASE)
 _MARKS = str.maketrans("[](){};|\t\"'", " " * 11)
-_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eEdD][-+]?\d+)?[fF]?|[-+]?(nan|inf|infinity)", re.IGNORECASE)
-_DECIMAL_COMMA = re.compile(r"[-+]?\d+(,\d+)?([eE][-+]?\d+)?")
 # Words in front of the numbers of a line: a file, a name.
 MOST_WORDS = 3
 # Numbers of a line that holds a whole matrix.
@@ -216,7 +203,7 @@ def number_lines(text: str, name: str) -> Iterator[NumberLine]:
         if commas:
             content = content.replace(", ", " ").rstrip(",").replace(",", ".")
         words = content.replace(",", " ").split()
-        values = tuple(map(_value, words))
+        values = tuple(number_of(word, units=False) for word in words)
         known = [value is not None for value in values]
         if not any(known):
             continue
@@ -244,14 +231,6 @@ def _content(raw: str) -> str:
     return content.translate(_MARKS).strip()
 
 
-def _value(word: str) -> float | None:
-    """Return a number, also of Fortran (1.0D+00) and C (1.0f); None for anything else."""
-    if _NUMBER.fullmatch(word) is None:
-        return None
-    plain = word if word.lower().endswith("inf") else re.sub("[dD](?=[-+]?[0-9])", "e", word).rstrip("fF")
-    return next(iter(floats([plain]) or []), None)
-
-
 def _decimal_commas(text: str) -> bool:
     """Return whether the numbers have decimal commas: no point, and nothing else separates as many digits."""
     for raw in text[:65536].splitlines():
@@ -261,7 +240,7 @@ def _decimal_commas(text: str) -> bool:
         if "." in content or ", " in content:
             return False
         words = content.split()
-        if len(words) > 1 and all(_DECIMAL_COMMA.fullmatch(word) for word in words):
+        if len(words) > 1 and all(COMMA_NUMBER.fullmatch(word) for word in words):
             return True
     return False
 
@@ -283,7 +262,7 @@ def is_matrix_text(head: str) -> bool:
     """Return whether a text is of numbers of matrices, and of no other format."""
     if head.lstrip()[:1] == "<" or is_tree(head):
         return False
-    if header_of(head) is not None:
+    if names_matrices(head):
         return True
     cut = len(head) >= _CUT
     lines: list[NumberLine] = []
@@ -338,8 +317,8 @@ def is_tree(head: str) -> bool:
 
 def read_matrix_text(text: str, name: str) -> Contents:
     """Return the poses of a text."""
-    if (header := header_of(text)) is not None:
-        return read_columns(text, name, header)
+    if names_matrices(text):
+        return read_columns(text, name)
     lines = list(number_lines(text, name))
     if not lines:
         raise InputError(f"{name}: expected numbers of matrices, got none ({HELP}).")

@@ -29,7 +29,7 @@ from ...core.files.trees import MAX_BYTES, is_map, number, parse_tree
 from ...core.formatting.units import LENGTH_UNITS
 from ...core.geometry.se3 import Array
 from ...errors import InputError
-from ...formats.csv_poses import meaning_and_unit
+from ...formats.columns import meaning_and_unit
 from .board_shape import MEASURED, BoardShape, MeasuredBoard
 from .description import Board
 

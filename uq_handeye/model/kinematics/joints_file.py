@@ -31,7 +31,7 @@ from ...core.formatting.units import ANGLE_UNITS, LENGTH_UNITS
 from ...core.geometry.checks import first_duplicate
 from ...core.geometry.se3 import Array
 from ...errors import InputError
-from ...formats.csv_poses import SECONDS, meaning_and_unit
+from ...formats.columns import SECONDS, meaning_and_unit
 from ...formats.numpy_poses import MAX_BYTES as MAX_ARRAY_BYTES
 from ...formats.numpy_poses import TIMES, read_one_array, unpacked
 from .chain import Kinematics

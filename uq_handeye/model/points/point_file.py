@@ -26,8 +26,8 @@ from ...core.files.open import StrPath, as_path, opened, shown
 from ...core.files.table import Places, Schema, Table, read_table
 from ...core.geometry.se3 import Array
 from ...errors import InputError, InputWarning
+from ...formats.columns import meaning_and_unit
 from ...formats.contents import require_units
-from ...formats.csv_poses import meaning_and_unit
 from .measured import PointSet, Target
 
 _UNIT = r"(?P<unit>[ _]?(?:\[\w+\]|\(\w+\)|(?<=[ _])(?:m|mm|cm|in)))?"
