@@ -4,7 +4,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from uq_handeye.model.camera.board import tag_points
-from uq_handeye.read.rosbag.open import DEFINITIONS
+from uq_handeye.read.rosbag.open import definitions as known
 
 START = 1_700_000_000.0
 KINDS = ("ros1", "sqlite3", "mcap")
@@ -20,7 +20,7 @@ class Writer:
         self.kind, self.connections = kind, {}
         self.store = get_typestore(Stores.ROS1_NOETIC if kind == "ros1" else Stores.ROS2_HUMBLE)
         more = {"tf2_msgs/msg/TFMessage": "geometry_msgs/TransformStamped[] transforms\n"} if kind == "ros1" else {}
-        for name_of, text in (more | (definitions or DEFINITIONS)).items():
+        for name_of, text in (more | (definitions or known())).items():
             self.store.register(get_types_from_msg(text, name_of))
         if kind == "ros1":
             from rosbags.rosbag1 import Writer as Writer1

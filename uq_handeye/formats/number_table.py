@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from ..core.files.lines import MAX_LINE, MAX_ROWS, NO_VALUE, short
 from ..core.files.open import numbers_in
+from ..core.files.table import no_number, other_count, too_many
 from ..core.geometry.se3 import Array
 from ..errors import InputError
 from .columns import counts_poses, meaning_and_unit, seconds_of
@@ -220,7 +221,7 @@ def _named_rows(
             notes += [note] if note not in notes else []
         rows.append(Row(number, [_point(field, separator) for field in fields]))
         if len(rows) > MAX_ROWS:
-            raise InputError(f"{name}, line {number}: expected at most {MAX_ROWS} rows; split the file.")
+            raise too_many(f"{name}, line {number}", MAX_ROWS)
     if names is None and rows and last and len(last) == len(rows[0].fields):
         rows[0] = replace(rows[0], unknown=tuple(last))
         notes.append(f"columns taken in their order: the names {short(', '.join(last))} say nothing of a pose")
@@ -413,10 +414,8 @@ def _table(name: str, names: tuple[str, ...] | None, rows: list[Row], notes: lis
     what = "the columns of the first line" if names is None else "the names"
     for row in rows:
         if len(row.fields) != count or row.names != first.names:
-            raise InputError(
-                f"{name}, line {row.line}: expected {count} fields as {what} say, got {len(row.fields)}, "
-                f"{short(', '.join(row.fields))}; {help}."
-            )
+            how = f"{count} fields as {what} say"
+            raise other_count(f"{name}, line {row.line}", how, len(row.fields), ", ".join(row.fields), f"; {help}")
     if (times := _times(rows, count)) is not None:
         k, seconds = times
         rows = [
@@ -434,8 +433,7 @@ def _table(name: str, names: tuple[str, ...] | None, rows: list[Row], notes: lis
             value = number_of(row.fields[k])
             if value is None:
                 column = str(k + 1) if names is None else names[k]
-                got = short(row.fields[k]) if row.fields[k] else "an empty field"
-                raise InputError(f"{name}, line {row.line}, column {column}: expected a number, got {got}.")
+                raise no_number(f"{name}, line {row.line}", column, row.fields[k])
             values[i, j] = value
     between = [k for k in range(count) if k not in columns and columns and columns[0] < k < columns[-1]]
     if names is None and between:

@@ -11,7 +11,7 @@ Frames by name, quaternion and angles about fixed axes of a pose, for every expo
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -29,45 +29,6 @@ OF_MOTIONS = ("frame_of_A", "frame_of_B")
 OPEN_DEVIATION = 1e3
 
 NOT_DETERMINED = "The covariance is not determined, so it is left out."
-
-
-class Opened(Protocol):
-    """Interface of `OpenDirections`, as far as it is read."""
-
-    @property
-    def of_X(self) -> Array: ...
-    @property
-    def basis(self) -> Array: ...
-    @property
-    def lever(self) -> float: ...
-
-
-class Exportable(Protocol):
-    """Interface of a `Calibration`, as far as it is read."""
-
-    @property
-    def setup(self) -> str | None: ...
-    @property
-    def frame(self) -> str: ...
-    @property
-    def frame_W(self) -> str: ...
-    @property
-    def X(self) -> Array: ...
-    @property
-    def covariance(self) -> Array | None: ...
-    @property
-    def inverse(self) -> Array: ...
-    @property
-    def covariance_inverse(self) -> Array | None: ...
-    @property
-    def W(self) -> Array | None: ...
-    @property
-    def covariance_W(self) -> Array | None: ...
-    @property
-    def opened(self) -> Opened | None: ...
-    @property
-    def open_words(self) -> tuple[str, ...]: ...
-    def to_json(self) -> str: ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +63,7 @@ class Transform(ReadOnlyArrays):
         return None if self.covariance is None else to_convention(self.covariance, self.T, convention) + 0.0
 
 
-def transforms_of(result: Exportable) -> tuple[Transform, Transform]:
+def transforms_of(result: Any) -> tuple[Transform, Transform]:
     """X and its inverse."""
     parent, child = OF_MOTIONS if result.setup is None else result.frame.split("_T_")
     covariance, of_inverse = result.covariance, result.covariance_inverse
@@ -121,7 +82,7 @@ def with_open(covariance: Array, U: Array) -> Array:
     return np.asarray(covariance + OPEN_DEVIATION**2 * (U.T @ U))
 
 
-def open_comments(result: Exportable) -> list[str]:
+def open_comments(result: Any) -> list[str]:
     """Return the comments of an export about open directions; none where there are none."""
     if result.opened is None:
         return []
@@ -154,7 +115,7 @@ def yaml_fields(axes: str, values: Array, digits: int = 17) -> str:
     return f"{{{', '.join(fields)}}}"
 
 
-def texts(result: Exportable) -> list[Snippet]:
+def texts(result: Any) -> list[Snippet]:
     """NumPy, OpenCV, ROS, GTSAM and URDF forms of X, then of its inverse."""
     return [make(transform) for transform in transforms_of(result) for make in _FORMS]
 

@@ -163,7 +163,7 @@ def read_table(file: BinaryIO, name: str, schema: Schema) -> Table:
         if b"_" in text:  # float() takes 1_000 for a number
             reader.explain(fields, where)
         if len(numbers) == _lines.MAX_ROWS:
-            raise InputError(f"{where}: expected at most {_lines.MAX_ROWS} rows; split the file.")
+            raise too_many(where, _lines.MAX_ROWS)
         values.extend(row)
         numbers.append(number)
     if reader.places is None:
@@ -248,10 +248,8 @@ class _Reader:
                 fields.pop()
             else:
                 line = decoded(text, f"{where}: expected {len(self.names)} fields")
-                raise InputError(
-                    f"{where}: expected {len(self.names)} fields separated by {MARKS[self.mark]}, got {len(fields)}, "
-                    f"{short(line)}{self.schema.needs(len(fields))}."
-                )
+                how = f"{len(self.names)} fields separated by {MARKS[self.mark]}"
+                raise other_count(where, how, len(fields), line, self.schema.needs(len(fields)))
         if self.places.texts:
             self.texts.append(tuple(self._text(fields[k], where, k) for k in self.places.texts))
         if not self._whole:
@@ -306,8 +304,23 @@ class _Reader:
         for k, part in zip(self.places.numbers, fields, strict=True):
             if not is_number(part):
                 at = f"{where}, column {self.names[k]}: expected a number"
-                text = decoded(part, at).strip(" \t")
-                raise InputError(f"{at}, got {short(text) if text else 'an empty field'}.")
+                raise no_number(where, self.names[k], decoded(part, at))
+
+
+def too_many(where: str, most: int) -> InputError:
+    """Return the error of a table that is too long."""
+    return InputError(f"{where}: expected at most {most} rows; split the file.")
+
+
+def other_count(where: str, expected: str, count: int, line: str, hint: str) -> InputError:
+    """Return the error of a line with another number of fields."""
+    return InputError(f"{where}: expected {expected}, got {count}, {short(line)}{hint}.")
+
+
+def no_number(where: str, column: str, text: str) -> InputError:
+    """Return the error of a field that is no number."""
+    text = text.strip(" \t")
+    return InputError(f"{where}, column {column}: expected a number, got {short(text) if text else 'an empty field'}.")
 
 
 def rows_are_numbers(names: Sequence[str]) -> bool:

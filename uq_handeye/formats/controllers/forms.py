@@ -1,4 +1,4 @@
-"""Table of the ways in which controllers write a pose: rotation, length unit, names of the numbers.
+"""Ways in which controllers write a pose: rotation, length unit, names of the numbers, by ``controllers.toml``.
 
 Poses as texts for a controller, a pendant or software of 3-D cameras: the forms of `forms`, and matrices.
 
@@ -15,8 +15,10 @@ says so; where both may be, both are readings, and the other side decides.
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from importlib.resources import files
 from typing import Any
 
 import numpy as np
@@ -25,11 +27,6 @@ from ...core.formatting.units import LENGTH_UNITS
 from ...core.geometry.se3 import Array
 from ...errors import InputError
 from ..contents import Contents, Reading, Side, rotation_form
-
-# Tables of many makers in one place; each convention was compared with the maker's words where these are public.
-_POSE_FORMATS = "rc_visard manual, appendix Pose formats (docs.baslerweb.com/stereovisard)"
-_MECH_MIND = "Mech-Mind documentation, Euler Angles (docs.mech-mind.net, appendix)"
-_ROBODK = "RoboDK Python API, robomath (robodk.com/doc/en/PythonAPI/robodk.html)"
 
 
 @dataclass(frozen=True)
@@ -54,38 +51,10 @@ class PoseForm:
     source: str
 
 
-_RXYZ = ("Rx", "Ry", "Rz")
-_FORMS = (
-    PoseForm("ur", "Universal Robots", "rotvec-rad", "m", ("rx", "ry", "rz"),
-        "The URScript Programming Language: a pose is p[x, y, z, rx, ry, rz], m and rotation vector in rad"),
-    PoseForm("kuka", "KUKA", "ZYX-deg", "mm", ("A", "B", "C"),
-        "KUKA System Software, Operating and Programming Instructions for System Integrators: FRAME, A about Z, B "
-        "about the new Y, C about the new X"),
-    PoseForm("fanuc", "FANUC", "xyz-deg", "mm", ("W", "P", "R"),
-        "FANUC Robot Controller Operator's Manual: W, P, R about the fixed axes X, Y, Z"),
-    PoseForm("abb", "ABB", "wxyz", "mm", ("q1", "q2", "q3", "q4"),
-        "RAPID Technical Reference Manual: robtarget, pos in mm, orient q1 (scalar) to q4"),
-    PoseForm("staubli", "Staubli", "XYZ-deg", "mm", ("rx", "ry", "rz"),
-        "VAL 3 Reference Manual: trsf {x, y, z, rx, ry, rz}, rotations about X, the new Y, the new Z"),
-    PoseForm("yaskawa", "Yaskawa", "xyz-deg", "mm", _RXYZ,
-        "Yaskawa Operator's Manual, wrist attitude: Rx, Ry, Rz about the fixed axes X, Y, Z"),
-    PoseForm("kawasaki", "Kawasaki", "ZYZ-deg", "mm", ("O", "A", "T"),
-        "Kawasaki AS Language Reference Manual: transformation values X, Y, Z, O, A, T, Euler angles Z, Y, Z"),
-    PoseForm("mitsubishi", "Mitsubishi Electric (MELFA)", "xyz-deg", "mm", ("A", "B", "C"),
-        f"{_POSE_FORMATS}, Mitsubishi: A, B, C about the fixed axes X, Y, Z"),
-    PoseForm("denso", "Denso", "xyz-deg", "mm", ("RX", "RY", "RZ"), f"{_MECH_MIND}: static XYZ"),
-    PoseForm("epson", "Epson", "ZYX-deg", "mm", ("U", "V", "W"), f"{_MECH_MIND}: rotated ZYX; U about Z, V, W"),
-    PoseForm("doosan", "Doosan", "ZYZ-deg", "mm", ("A", "B", "C"), f"{_MECH_MIND}: rotated ZYZ; posx in DRL"),
-    PoseForm("comau", "Comau", "ZYZ-deg", "mm", ("A", "E", "R"), f"{_MECH_MIND}: rotated ZYZ; {_ROBODK}, Pose_2_Comau"),
-    PoseForm("techman", "Techman", "xyz-deg", "mm", _RXYZ, f"{_MECH_MIND}, TM: static XYZ"),
-    PoseForm("dobot", "Dobot", "xyz-deg", "mm", _RXYZ, f"{_MECH_MIND}: static XYZ"),
-    PoseForm("jaka", "JAKA", "xyz-deg", "mm", _RXYZ, f"{_MECH_MIND}: static XYZ"),
-    PoseForm("xarm", "UFACTORY", "xyz-deg", "mm", ("roll", "pitch", "yaw"),
-        "UFACTORY xArm User Manual, Attitude: R = Rz(yaw) Ry(pitch) Rx(roll); mm and deg by default in its Python SDK"),
-    PoseForm("rpy", "URDF, ROS", "xyz-rad", "m", ("roll", "pitch", "yaw"),
-        "wiki.ros.org/urdf/XML/joint, origin: rpy about the fixed axes"),
-)  # fmt: skip
-CONTROLLERS = {form.name: form for form in _FORMS}
+CONTROLLERS = {
+    name: PoseForm(name, **form | {"columns": tuple(form["columns"])})
+    for name, form in tomllib.loads(files(__package__).joinpath("controllers.toml").read_text("utf-8")).items()
+}
 
 
 # Marks of comments; # where a form is not named.

@@ -1,4 +1,4 @@
-"""Message types that are read, and their definitions where a bag has none.
+"""Message types that are read, and their definitions where a bag has none (``messages.toml``).
 
 Definitions in a bag come from outside: only names and types of fields are taken from them, if they are names.
 
@@ -23,11 +23,13 @@ import io
 import math
 import os
 import re
+import tomllib
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import cache, partial
+from importlib.resources import files
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, BinaryIO, NamedTuple
@@ -48,31 +50,6 @@ JOINTS, INFO = "sensor_msgs/msg/JointState", "sensor_msgs/msg/CameraInfo"
 TAGS = ("AprilTagDetectionArray", "ArucoMarkers", "ArucoDetection")
 MARKERS = {"aruco_msgs/msg/MarkerArray", "aruco_msgs/msg/Marker"}
 
-# Fields as in christianrauch/apriltag_msgs, pal-robotics/aruco_ros, fictionlab/ros_aruco_opencv and
-# JMU-ROBOTICS-VIVA/ros2_aruco; for bags of ROS 2 that hold no definitions.
-DEFINITIONS = {
-    "apriltag_msgs/msg/Point": "float64 x\nfloat64 y\n",
-    "apriltag_msgs/msg/AprilTagDetection": (
-        "string family\nint32 id\nint32 hamming\nfloat32 goodness\nfloat32 decision_margin\n"
-        "apriltag_msgs/Point centre\napriltag_msgs/Point[4] corners\nfloat64[9] homography\n"
-    ),
-    "apriltag_msgs/msg/AprilTagDetectionArray": (
-        "std_msgs/Header header\napriltag_msgs/AprilTagDetection[] detections\n"
-    ),
-    "aruco_msgs/msg/Marker": (
-        "std_msgs/Header header\nuint32 id\ngeometry_msgs/PoseWithCovariance pose\nfloat64 confidence\n"
-    ),
-    "aruco_msgs/msg/MarkerArray": "std_msgs/Header header\naruco_msgs/Marker[] markers\n",
-    "aruco_opencv_msgs/msg/MarkerPose": "uint16 marker_id\ngeometry_msgs/Pose pose\n",
-    "aruco_opencv_msgs/msg/BoardPose": "string board_name\ngeometry_msgs/Pose pose\n",
-    "aruco_opencv_msgs/msg/ArucoDetection": (
-        "std_msgs/Header header\naruco_opencv_msgs/MarkerPose[] markers\naruco_opencv_msgs/BoardPose[] boards\n"
-    ),
-    "ros2_aruco_interfaces/msg/ArucoMarkers": (
-        "std_msgs/Header header\nint64[] marker_ids\ngeometry_msgs/Pose[] poses\n"
-    ),
-}
-
 _NAME, _TYPE = re.compile(r"[A-Za-z]\w*"), re.compile(r"[A-Za-z]\w*(/msg/[A-Za-z]\w*)?")
 
 
@@ -91,6 +68,12 @@ def kind_of(msgtype: str) -> str | None:
     return _KINDS.get(msgtype) or _KINDS.get(msgtype.rpartition("/")[2])
 
 
+@cache
+def definitions() -> dict[str, str]:
+    """Return the fields of messages by type, for bags of ROS 2 that hold no definitions."""
+    return tomllib.loads(files(__package__).joinpath("messages.toml").read_text("utf-8"))
+
+
 class Types:
     """Types of the messages of one bag, registered when they are asked for."""
 
@@ -99,7 +82,7 @@ class Types:
 
         self.ros2, self.typesys = ros2, typesys
         self.known = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE if ros2 else typesys.Stores.ROS1_NOETIC)
-        for name, text in DEFINITIONS.items():
+        for name, text in definitions().items():
             if name not in self.known.fielddefs:
                 self.known.register(typesys.get_types_from_msg(text, name))
         self.stores: dict[str, Any] = {}
