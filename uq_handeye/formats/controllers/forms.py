@@ -15,14 +15,14 @@ says so; where both may be, both are readings, and the other side decides.
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from importlib.resources import files
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from ...core.files.trees import parse_toml
 from ...core.formatting.units import LENGTH_UNITS
 from ...core.geometry.se3 import Array
 from ...errors import InputError
@@ -53,7 +53,7 @@ class PoseForm:
 
 CONTROLLERS = {
     name: PoseForm(name, **form | {"columns": tuple(form["columns"])})
-    for name, form in tomllib.loads(files(__package__).joinpath("controllers.toml").read_text("utf-8")).items()
+    for name, form in parse_toml(Path(__file__).with_name("controllers.toml")).items()
 }
 
 

@@ -23,19 +23,18 @@ import io
 import math
 import os
 import re
-import tomllib
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import cache, partial
-from importlib.resources import files
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, BinaryIO, NamedTuple
 
 from ...core.files.lines import one_line, refused
 from ...core.files.open import reason, require_size, shown
+from ...core.files.trees import parse_toml
 from ...errors import InputError, InputWarning, MissingExtraError
 from ...formats.ros_messages import printed_name
 
@@ -71,7 +70,7 @@ def kind_of(msgtype: str) -> str | None:
 @cache
 def definitions() -> dict[str, str]:
     """Return the fields of messages by type, for bags of ROS 2 that hold no definitions."""
-    return tomllib.loads(files(__package__).joinpath("messages.toml").read_text("utf-8"))
+    return parse_toml(Path(__file__).with_name("messages.toml"))
 
 
 class Types:
