@@ -24,7 +24,7 @@ within the recording. What is constant, such as the delay of a filter, is part o
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -137,8 +137,7 @@ def start(pairing: Pairing, offset: float, seed: int) -> Refined:
     found = pairing.interpolated(offset, rows)
     constraint = OnPoses(*pairing.poses(found, rows), pairing.inverted)
     agreed = consensus(constraint, None, seed)
-    noise = residual_noise(constraint, agreed.unknowns)
-    assert isinstance(noise, PoseNoise)
+    noise: Any = residual_noise(constraint, agreed.unknowns)
     begun = Refined(offset, np.inf, np.inf, 1.0, agreed.unknowns, noise, False, agreed.inside, (offset, np.inf), 0.0, 0)
     improved = refine(pairing, begun, rows, None, strict=False)
     rows = thinned(pairing.rows_at(improved.offset), FOR_START)
