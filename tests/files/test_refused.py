@@ -1,4 +1,4 @@
-"""What libraries raise becomes one line: by a table of kinds of exceptions and words."""
+"""Errors of libraries in one line, by a table of kinds of exceptions and words."""
 
 import json
 

@@ -91,7 +91,7 @@ HURT = blocks(ROBOT)
             table([*R33, "tx", "ty", "tz"], [[*range(9), 7, 1, 2]]).replace("7.0,1.0,2.0", "x,1,2"),
             r"line 2, column tx: expected a number, got 'x'",
         ),
-        (table(names("m{i}{j}"), [[1.0] * 15]), r"line 2: expected 16 fields separated by commas, got 15"),
+        (table(names("m{i}{j}"), [[1.0] * 15]), r"line 2: expected 16 fields as the names say, got 15"),
         (FRANKA["states"](ROBOT)[:100], r"line 1: expected the 16 numbers of O_T_EE, got"),
     ],
 )
