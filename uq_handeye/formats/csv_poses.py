@@ -46,7 +46,7 @@ OF_POINTS = "of points, uq-handeye points -o DIR makes camera poses (docs/how-to
 def read_csv(file: BinaryIO, name: str) -> Contents:
     """The poses of a CSV file, as they stand there."""
     table = read_table(file, name, SCHEMA)
-    names = [table.names[k] for k in table.places.numbers]
+    names = list(table.headings)
     meant, units = map(list, zip(*map(meaning_and_unit, names), strict=True))
     unit_of = dict(zip(meant, units, strict=True))
     notes = []

@@ -17,12 +17,10 @@ from dataclasses import dataclass, replace
 from itertools import islice, pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..core.files.lines import MAX_LINE, MAX_ROWS, NO_VALUE, short
 from ..core.files.open import numbers_in
-from ..core.files.table import no_number, other_count, too_many
-from ..core.geometry.se3 import Array
+from ..core.files.table import Places, Table, no_number, other_count, too_many
 from ..errors import InputError
 from .columns import counts_poses, meaning_and_unit, seconds_of
 
@@ -72,36 +70,22 @@ class Row:
     unknown: tuple[str, ...] = ()  # names above the first row that mean nothing of a pose
 
 
-@dataclass(frozen=True, eq=False)
-class NumberTable:
-    """The numbers (n, k) of a table.
+@dataclass
+class NumberTable(Table):
+    """A table whose style was found out.
 
     Parameters
     ----------
-    name : the file, for messages
-    values : (n, k) numbers, finite or not
-    lines : (n,) line number of each row
-    names : of the columns, as they stand in the file; None: the file names none
     units : behind the numbers of each column; empty where there is none
     notes : what was found out
     unknown : names of the columns that mean nothing of a pose
     numbers : (n,) of a column that numbers the poses or names their pictures; () where there is none
-    texts : names of the columns of text, which are left out, with the first text of each
     """
 
-    name: str
-    values: Array
-    lines: NDArray[np.int64]
-    names: tuple[str, ...] | None
-    units: tuple[str, ...]
+    units: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     unknown: tuple[str, ...] = ()
     numbers: tuple[int, ...] = ()
-    texts: tuple[tuple[str, str], ...] = ()
-
-    def at(self, row: int) -> str:
-        """Return a row in words: ``robot.txt, line 12``."""
-        return f"{self.name}, line {self.lines[row]}"
 
 
 def read_number_table(
@@ -440,15 +424,15 @@ def _table(name: str, names: tuple[str, ...] | None, rows: list[Row], notes: lis
         raise InputError(
             f"{name}, line {first.line}: expected numbers, got {short(first.fields[between[0]])} between them; {help}."
         )
-    texts = tuple(
-        (str(k + 1) if names is None else names[k], first.fields[k]) for k in range(count) if k not in columns
-    )
-    if texts:
-        notes.append(f"not used: the columns of text {short(', '.join(one for one, _ in texts))}")
+    others = [k for k in range(count) if k not in columns]
+    if others:
+        left = [str(k + 1) if names is None else names[k] for k in others]
+        notes.append(f"not used: the columns of text {short(', '.join(left))}")
     matches = [_FIELD.fullmatch(first.fields[k].strip()) for k in columns]
     units = first.units or tuple("" if match is None else (match[2] or "").lower() for match in matches)
-    chosen = None if names is None else tuple(names[k] for k in columns)
     lines = np.array([row.line for row in rows], dtype=np.int64)
     counting = next((k for k, one in enumerate(names or ()) if counts_poses(one)), None)
     numbers = () if counting is None else numbers_in(row.fields[counting] for row in rows)
-    return NumberTable(name, values, lines, chosen, units, tuple(notes), first.unknown, numbers, texts)
+    texts = [tuple(row.fields[k] for k in others) for row in rows]
+    table = (name, list(names or ()), Places(columns, others), values, lines, texts)
+    return NumberTable(*table, units=units, notes=tuple(notes), unknown=first.unknown, numbers=numbers)

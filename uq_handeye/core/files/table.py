@@ -89,7 +89,7 @@ class Table:
     Parameters
     ----------
     name : the file, for messages
-    names : of all columns, as they stand in the file
+    names : of all columns, as they stand in the file; empty: it names none
     places : of the columns that are used
     values : (n, k) numbers, finite or not
     lines : (n,) line number of each row
@@ -104,10 +104,15 @@ class Table:
     places: Places
     values: Array
     lines: NDArray[np.int64]
-    texts: list[tuple[str, ...]]
-    comments: list[str]
-    mark: str
-    decimal_commas: bool
+    texts: list[tuple[str, ...]] = field(default_factory=list)
+    comments: list[str] = field(default_factory=list)
+    mark: str = ","
+    decimal_commas: bool = False
+
+    @property
+    def headings(self) -> tuple[str, ...]:
+        """Names of the columns of `values`; none where the file names none."""
+        return tuple(self.names[k] for k in self.places.numbers) if self.names else ()
 
     def at(self, row: int) -> str:
         """Return a row in words: ``robot.csv, line 12``."""

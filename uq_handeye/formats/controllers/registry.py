@@ -24,6 +24,7 @@ from typing import Any
 import numpy as np
 
 from ...core.files.lines import MAX_LINE, MAX_ROWS, floats
+from ...core.files.table import Places
 from ...core.files.trees import fields_of, is_json, is_map, is_plain_number, items_of
 from ...core.geometry.se3 import Array
 from ...errors import InputError
@@ -171,7 +172,8 @@ def records_side(values: list[Any], name: str) -> Side | None:
     if names == ("matrix",):
         return matrices_side(name, numbers.reshape(-1, 4, 4))
     lines = np.arange(len(numbers))
-    table = NumberTable(name, numbers, lines, names or None, ("",) * numbers.shape[1])
+    units = ("",) * numbers.shape[1]
+    table = NumberTable(name, list(names), Places(range(len(units))), numbers, lines, units=units)
     return pose_side(table, "pose")
 
 

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.files.lines import short
+from ...core.files.table import Places
 from ...core.geometry.se3 import Array
 from ...errors import InputError
 from ..columns import (
@@ -58,7 +59,7 @@ def _of_sets(table: NumberTable, form: PoseForm | None) -> Contents | None:
 
     Raises `InputError` for sets of poses that are not those of robot and camera.
     """
-    names = table.names or ()
+    names = table.headings
     if len(twice := [one for one in dict.fromkeys(names) if names.count(one) > 1]) >= FEWEST:
         raise InputError(
             f"{table.name}: expected one set of poses, got {short(', '.join(twice))} twice. Keep one of them; {HELP}."
@@ -79,7 +80,8 @@ def _of_sets(table: NumberTable, form: PoseForm | None) -> Contents | None:
         part = replace(
             table,
             values=table.values[:, columns],
-            names=tuple(names[k][len(prefix) + 1 :] if k in whole[prefix] else names[k] for k in columns),
+            names=[names[k][len(prefix) + 1 :] if k in whole[prefix] else names[k] for k in columns],
+            places=Places(range(len(columns))),
             units=tuple(table.units[k] for k in columns),
         )
         parts[role] = _contents(part, _columns(part, form), form)
@@ -135,12 +137,12 @@ def table_kind(head: str) -> str | None:
 
 def _columns(table: NumberTable, form: PoseForm | None) -> Columns:
     """Return the columns of a table, by their names or by their number."""
-    if table.names is not None:
+    if table.headings:
         try:
-            return pose_columns(table.names, table.units)
+            return pose_columns(table.headings, table.units)
         except ColumnError as error:
             raise InputError(
-                f"{table.name}: expected columns of a position and a rotation, got {short(', '.join(table.names))} "
+                f"{table.name}: expected columns of a position and a rotation, got {short(', '.join(table.headings))} "
                 f"({error}); {HELP}."
             ) from error
     columns = _by_number(table)
@@ -149,7 +151,7 @@ def _columns(table: NumberTable, form: PoseForm | None) -> Columns:
     if columns is None:
         n = table.values.shape[1]
         raise InputError(
-            f"{table.name}, line {table.lines[0]}: expected x, y, z and a rotation of three or four numbers, got {n} "
+            f"{table.at(0)}: expected x, y, z and a rotation of three or four numbers, got {n} "
             f"numbers without names. Name the columns in a first line, e.g. x,y,z,rx,ry,rz; {HELP}."
         )
     if form is not None and columns.kind == "unsaid" and len(columns.rotation) != len(form.columns):
@@ -225,9 +227,9 @@ def _contents(table: NumberTable, columns: Columns, form: PoseForm | None) -> Co
     notes = list(table.notes)
     position, rotation = values[:, columns.position], values[:, columns.rotation]
     names = _names(table, columns, form)
-    if table.names is not None:
+    if table.headings:
         _require_kind(table, columns, form)
-        left = [one for k, one in enumerate(table.names) if k not in columns.used]
+        left = [one for k, one in enumerate(table.headings) if k not in columns.used]
         if left:
             notes.append(f"not used: the columns {short(', '.join(left))}")
     kind = columns.kind
@@ -256,9 +258,9 @@ def _contents(table: NumberTable, columns: Columns, form: PoseForm | None) -> Co
 def _names(table: NumberTable, columns: Columns, form: PoseForm | None) -> tuple[str, ...]:
     """Return the names of time, position and rotation for messages."""
     used = (*columns.position, *columns.rotation)
-    if table.names is not None:
-        time = "timestamp" if columns.time is None else table.names[columns.time]
-        return (time, *(table.names[k] for k in used))
+    if table.headings:
+        time = "timestamp" if columns.time is None else table.headings[columns.time]
+        return (time, *(table.headings[k] for k in used))
     if form is not None and len(form.columns) == len(columns.rotation):
         return ("timestamp", *_POSITION, *form.columns)
     return ("1", *(str(k + 1) for k in used))
@@ -270,7 +272,6 @@ def _require_kind(table: NumberTable, columns: Columns, form: PoseForm | None) -
     names_alone = columns.kind in ("rxyz", "euler", "axis-angle")  # which say no convention
     if form is None or (names_alone and len(form.columns) == 3):
         return
-    assert table.names is not None
     if columns.kind == "rpy" and not form.rotation.startswith("xyz"):
         raise InputError(
             f"{table.name}: expected {', '.join(form.columns)} ({form.maker}), got the columns roll, pitch, yaw. Give "
@@ -283,7 +284,7 @@ def _require_kind(table: NumberTable, columns: Columns, form: PoseForm | None) -
             and not (columns.kind == "rotvec" and form.name == "ur")
         )
     ):
-        got = ", ".join(table.names[k] for k in columns.rotation)
+        got = ", ".join(table.headings[k] for k in columns.rotation)
         raise InputError(
             f"{table.name}: expected {', '.join(form.columns)} ({form.maker}), got the columns {got}. Leave --format "
             f"and --robot-format out, or rename the columns; {HELP}."

@@ -127,9 +127,9 @@ def _counted(at: dict[int, int]) -> list[int]:
 def read_columns(text: str, name: str, readings: tuple[Reading, ...] = ()) -> Contents:
     """Return the poses below names of columns; ``readings`` say what they are where the names do not."""
     table = read_number_table(text, name, lambda names: header_of(names) is not None, HELP)
-    names = table.names or ()
+    names = table.headings
     if (header := header_of(names)) is None:
-        column, text = table.texts[0]
+        column, text = table.names[table.places.texts[0]], table.texts[0][0]
         raise InputError(f"{table.at(0)}, column {column}: expected a number, got {short(text)} ({HELP}).")
     first, last = names[header.matrix[0]], names[header.matrix[-1]]
     notes = [f"matrices from the columns {short(first)} to {last}"]
