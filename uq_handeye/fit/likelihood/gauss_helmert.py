@@ -42,7 +42,16 @@ from ...model.poses.motions import Motions
 from ...model.poses.pose_pairs import PosePairs
 from ...model.poses.timing import Timing, warn_left_out
 from .constraint import Constraint, Linearised, Unknowns, constraint_of, covariances_of, residual_covariance
-from .open_directions import OpenDirections, closed_part, lever_of, open_basis, projection, rig_units, solve_information
+from .open_directions import (
+    OpenDirections,
+    beside_prior,
+    closed_part,
+    lever_of,
+    open_basis,
+    projection,
+    rig_units,
+    solve_information,
+)
 from .starts import isotropic_residuals, sound_start, start_of
 
 # Steps of `efficient`, and at most of `ml`.
@@ -301,11 +310,10 @@ def bound(data: PosePairs | Motions, noise: Noise, X: Array | None = None) -> Ar
     else:
         at = start_of(data, constraint, as_transforms(X, "X", stack=False))
         linear = constraint.linearise(at, constraint.first, constraint.second)
-    factor = cholesky_of(residual_covariance(linear.sides, noise))
-    information = gram(whiten(factor, linear.J))
+    S = residual_covariance(linear.sides, noise)
+    information = gram(whiten(cholesky_of(S), linear.J))
     if noise.prior is not None:
         information = information + noise.prior.information(constraint.p)
-    S = residual_covariance(linear.sides, noise)
     solved = solve_information(information, linear, constraint, noise, S, None, False)
     covariance = solved.covariance[..., :6, :6]
     return (
@@ -375,7 +383,7 @@ def fit(
         factor = cholesky_of(S if weights is None else weighted(S, weights))
         white = whiten(factor, np.concatenate([linear.J, rho[..., None]], axis=-1))
         sums = gram(white)
-        information, gradient = _with_prior(sums[..., :-1, :-1], sums[..., :-1, -1], noise, unknowns)
+        information, gradient = beside_prior(sums[..., :-1, :-1], sums[..., :-1, -1], noise, unknowns)
         covariance, opened = solve_information(
             information, linear, constraint, noise, S, weights, errors[0] is not None or errors[1] is not None
         )
@@ -398,14 +406,6 @@ def fit(
     found = Fit(unknowns, covariance, linear, S, residual, done, converged, weights, opened, lever, noise.prior)
     found.__dict__["weighted_factor"] = factor  # of the last step, so that the property does not compute it again
     return found
-
-
-def _with_prior(information: Array, gradient: Array, noise: Noise, at: Unknowns) -> tuple[Array, Array]:
-    """The normal equations with those of the prior of X and W, which is a measurement beside the data."""
-    if noise.prior is None:
-        return information, gradient
-    more, pull, _ = noise.prior.normal_equations(at.X, at.W)
-    return information + more, gradient + pull
 
 
 def offset_sensitivity(fit: Fit, timing: Timing) -> Array:

@@ -39,10 +39,9 @@ from scipy.linalg import qr
 from ...core.files.records import Record
 from ...core.geometry.se3 import Array, skew
 from ...errors import DegenerateMotionError, InputError
-from ...model.noise.joint_covariance import joint_of
 from ...model.noise.models import Noise
-from ...model.noise.square_roots import Covariance, marginals, weighed_blocks
-from .constraint import Constraint, Linearised, covariances_of
+from ...model.noise.square_roots import Covariance, cholesky_of, gram, marginals, weighed_blocks, whiten
+from .constraint import Constraint, Linearised, Unknowns, covariances_of, residual_covariance
 
 # How far the information must be above that of noise alone. Along degenerate motions of n poses their ratio is about
 # chi-square with 2 n - 2 degrees of freedom over 2 n: above 9 once in 10^14 cases for n = 3, never for more.
@@ -177,6 +176,33 @@ def solve_information(
     return Solved(0.5 * (covariance + covariance.mT), projector)
 
 
+class Step(NamedTuple):
+    """A step of Gauss-Newton (..., p), along what is not open, with the normal equations that it solves."""
+
+    step: Array
+    information: Array  # (..., p, p), with that of the prior
+    covariance: Array
+    open: Array | None
+
+
+def step_from(constraint: Constraint, noise: Noise, at: Unknowns) -> Step:
+    """Return the step from the unknowns, at the rows of the constraint as they are."""
+    linear = constraint.linearise(at, constraint.first, constraint.second)
+    S = residual_covariance(linear.sides, noise)
+    sums = gram(whiten(cholesky_of(S), np.concatenate([linear.J, linear.r[..., None]], axis=-1)))
+    information, gradient = beside_prior(sums[..., :-1, :-1], sums[..., :-1, -1], noise, at)
+    covariance, opened = solve_information(information, linear, constraint, noise, S, None, False)
+    return Step(-(covariance @ gradient[..., None])[..., 0], information, covariance, opened)
+
+
+def beside_prior(information: Array, gradient: Array, noise: Noise, at: Unknowns) -> tuple[Array, Array]:
+    """The normal equations with those of the prior of X and W, which is a measurement beside the data."""
+    if noise.prior is None:
+        return information, gradient
+    more, pull, _ = noise.prior.normal_equations(at.X, at.W)
+    return information + more, gradient + pull
+
+
 def _unit_factors(diagonal: Array) -> Array:
     """Return factors of rows and columns (..., p) that make a diagonal 1, but where it is nearly 0."""
     return np.asarray(1.0 / np.sqrt(np.maximum(diagonal, 1e-300 + 1e-24 * diagonal.max(axis=-1, keepdims=True))))
@@ -205,11 +231,8 @@ def own_covariances(noise: Noise) -> tuple[Array | None, Array | None]:
     """Return the covariances of each pose by itself (6, 6) or (n, 6, 6), without errors that poses share: those tilt
     no axis against another.
     """
-    found = []
-    for S in covariances_of(noise):
-        joint = joint_of(S)
-        found.append(joint.own if joint is not None else None if S is None else marginals(S))
-    return found[0], found[1]
+    first, second = (None if S is None else weighed_blocks(S) for S in covariances_of(noise))
+    return first, second
 
 
 def _of_closed(closed: Array, information: Array) -> Array:

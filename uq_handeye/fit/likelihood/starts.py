@@ -37,11 +37,11 @@ from ...methods.procrustes.limit import solve_limit
 from ...methods.propagation.published_fit import mean_target, solve_all_pairs
 from ...model.noise.models import Noise, with_prior, without_prior
 from ...model.noise.pose_prior import PosePrior
-from ...model.noise.square_roots import cholesky_of, gram, weighted, whiten
+from ...model.noise.square_roots import cholesky_of, whiten
 from ...model.poses.motions import Motions
 from ...model.poses.pose_pairs import PosePairs
 from .constraint import FEW, Constraint, Linearised, Unknowns, residual_covariance
-from .open_directions import closed_basis, lever_of, own_covariances, rig_units, solve_information
+from .open_directions import closed_basis, lever_of, own_covariances, rig_units, step_from
 
 
 def start_of(data: PosePairs | Motions, constraint: Constraint, X: Array | None) -> Unknowns:
@@ -98,10 +98,7 @@ def leaves_open(constraint: Constraint, noise: Noise | None, at: Unknowns) -> bo
 
 def _open_problems(constraint: Constraint, noise: Noise, at: Unknowns) -> NDArray[np.bool_]:
     """Return whether the data of each problem (...) leave a direction open."""
-    linear = constraint.linearise(at, constraint.first, constraint.second)
-    S = residual_covariance(linear.sides, noise)
-    information = gram(whiten(cholesky_of(S), linear.J))
-    opened = solve_information(information, linear, constraint, noise, S, None, False).open
+    opened = step_from(constraint, noise, at).open
     if opened is None:
         return np.zeros(constraint.first.shape[:-3], dtype=bool)
     return np.asarray(opened.any(axis=(-2, -1)))
@@ -171,19 +168,10 @@ def _variances(constraint: Constraint, at: Unknowns) -> Array:
 def descend(constraint: Constraint, noise: Noise, at: Unknowns) -> Unknowns:
     """Gauss-Newton without steps along what is open, until it converges."""
     for _ in range(STEPS):
-        linear = constraint.linearise(at, constraint.first, constraint.second)
-        S = residual_covariance(linear.sides, noise)
-        factor = cholesky_of(S)
-        sums = gram(whiten(factor, np.concatenate([linear.J, linear.r[..., None]], axis=-1)))
-        information, gradient = sums[:-1, :-1], sums[:-1, -1]
-        if noise.prior is not None:
-            more, pull, _ = noise.prior.normal_equations(at.X, at.W)
-            information, gradient = information + more, gradient + pull
-        covariance, _ = solve_information(information, linear, constraint, noise, S, None, False)
-        step = -covariance @ gradient
-        turn = float(np.linalg.norm(step[:3]))
-        at = at.moved(step * min(1.0, LONGEST / max(turn, 1e-300)))
-        if step @ information @ step < STILL**2:
+        found = step_from(constraint, noise, at)
+        turn = float(np.linalg.norm(found.step[:3]))
+        at = at.moved(found.step * min(1.0, LONGEST / max(turn, 1e-300)))
+        if found.step @ found.information @ found.step < STILL**2:
             break
     return at
 
@@ -268,7 +256,6 @@ def reduce_rows(
     constraint: Constraint,
     linear: Linearised,
     at: Unknowns,
-    weights: Array | None,
     prior: PosePrior | None,
     nothing_open: bool = False,
 ) -> Reduced:
@@ -282,13 +269,9 @@ def reduce_rows(
         known = np.block([[more, pull[:, None]], [pull, square]])
     if linear.r.ndim > 2 or nothing_open:
         return Reduced(linear.J, None, known)
-    noise = with_prior(isotropic_residuals(constraint, at), prior)
-    S = residual_covariance(linear.sides, noise)
-    factor = cholesky_of(S if weights is None else weighted(S, weights))
-    information = gram(whiten(factor, linear.J)) + (0.0 if known is None else known[:-1, :-1])
     opened: Array | None = None
     with suppress(DegenerateMotionError):  # residuals that large are those of data that do not fit
-        opened = solve_information(information, linear, constraint, noise, S, weights, False).open
+        opened = step_from(constraint, with_prior(isotropic_residuals(constraint, at), prior), at).open
     if opened is None:
         return Reduced(linear.J, None, known)
     basis = closed_basis(opened, rig_units(lever_of(constraint), len(opened)))

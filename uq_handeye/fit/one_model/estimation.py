@@ -329,7 +329,7 @@ class JointModel:
         nothing_open: bool,
     ) -> tuple[LatentModel, Reduced]:
         linear = constraint.linearise(at, constraint.first, constraint.second)
-        reduced = reduce_rows(constraint, linear, at, None, self.pose_prior, nothing_open)
+        reduced = reduce_rows(constraint, linear, at, self.pose_prior, nothing_open)
         whole = len(kept) == self.constraint.n
         known: Array | None = None
         for side, D in zip(("robot", "camera"), linear.sides, strict=True):
