@@ -33,6 +33,7 @@ from uq_handeye.fit.likelihood.starts import start_of
 from uq_handeye.methods.estimators.registry import METHODS, ROBOT_WORLD_METHODS
 from uq_handeye.methods.propagation.noise_transport import noise_of_pairs
 from uq_handeye.methods.propagation.published_fit import mean_target, solve_all_pairs
+from uq_handeye.model.noise.pose_prior import PosePrior
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.2mrad", "0.1mm"), camera=("1mrad", "1mm"))
 SMOOTH = [name for name, method in METHODS.items() if method.smooth]
@@ -177,6 +178,33 @@ def test_jackknife_is_that_of_full_fits_to_first_order():
         errors.append(np.abs(whitened_eigenvalues(jackknife(found), reference) - 1).max())
     assert errors[0] < 0.2
     assert errors[1] < 0.3 * errors[0]
+
+
+@pytest.mark.parametrize("shared", [False, True])
+def test_what_is_known_beforehand_stays_known_without_a_pose(shared):
+    """Fits of all poses but one with the same prior; drawn again, the prior is drawn neither."""
+    n = 16
+    small = uq.PoseNoise(0.01 * NOISE.robot, 0.01 * NOISE.camera)
+    poses = uq.simulate(n, noise=small, seed=SEED)
+    sd = np.sqrt(np.diag(efficient(poses, small).covariance_X))
+    prior = PosePrior.of((moved(poses.truth.X, 0.5 * sd), np.diag(sd**2)), None)
+    camera = small.camera
+    if shared:
+        scale = uq.SharedError.target_scale(1e-3)
+        camera = uq.JointCovariance(np.tile(small.camera, (n, 1, 1)), scale.at(poses) * 1e-3, ("target scale",))
+    noise = uq.PoseNoise(small.robot, camera, prior=prior)
+    found = efficient(poses, noise)
+    moves = []
+    for k in range(n):
+        rest = np.arange(n) != k
+        again = efficient(uq.PosePairs(poses.robot[rest], poses.camera[rest]), noise.rows(np.flatnonzero(rest)))
+        moves.append(np.concatenate([difference(again.X, found.X), difference(again.W, found.W)]))
+    at = influence_of(found)
+    same_up_to(at.deletions()[:, :12] / np.linalg.norm(moves, axis=0), moves / np.linalg.norm(moves, axis=0), 0.05)
+    drawn, jackknifed = bootstrap(found).covariance, at.jackknife()
+    assert np.abs(whitened_eigenvalues(drawn[:6, :6], jackknifed[:6, :6]) - 1).max() < 0.5
+    without = efficient(poses, uq.PoseNoise(small.robot, camera))
+    assert whitened_eigenvalues(bootstrap(without).covariance[:6, :6], drawn[:6, :6]).min() > 1.2  # the test tells
 
 
 def test_bootstrap_solves_the_linear_problem_with_repeated_rows(monkeypatch):

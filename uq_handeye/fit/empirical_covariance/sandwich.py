@@ -319,7 +319,8 @@ def influence_of(fit: Fit) -> Influence:
     """Return the influence for `efficient` or `maximum_likelihood`, with the noise of the fit as the working model.
 
     Poses with the robust weight 0 are left out where there is one data set; weights are taken as given numbers.
-    Declared errors that all poses share follow X and W among the unknowns, as far as the data tell anything of them.
+    Declared errors that all poses share follow X and W among the unknowns, as far as the data tell anything of them;
+    what a prior says of X and W is known beforehand.
     On motions the clusters are motions, which must not share poses. Raises `InputError` for fewer than 7 clusters and
     for noise that is joint over the poses, which then are no independent clusters.
     """
@@ -327,6 +328,8 @@ def influence_of(fit: Fit) -> Influence:
     if not is_joint(fit.S):
         residual, J = fit.white
         covariance = fit.covariance
+        if fit.prior is not None and covariance.ndim == 2:
+            known = fit.prior.normal_equations(fit.X, fit.W)[0]
     elif _declared(fit):
         residual, J, covariance, known = own_residuals(fit)
     else:

@@ -158,7 +158,10 @@ def own_residuals(fit: Fit) -> OwnResiduals:
         cholesky_of(S.own), np.concatenate([fit.linear.J, F, (fit.residual - S.shared @ z)[..., None]], axis=-1)
     )
     M = np.block([[fit.covariance, response @ axes], [(response @ axes).T, axes.T @ left @ axes]])
-    return OwnResiduals(white[..., -1], white[..., :-1], M, np.diag(np.arange(p + q) >= p).astype(float))
+    known = np.diag((np.arange(p + q) >= p).astype(float))
+    if fit.prior is not None:
+        known[:p, :p] = fit.prior.normal_equations(fit.X, fit.W)[0]
+    return OwnResiduals(white[..., -1], white[..., :-1], M, known)
 
 
 @dataclass(frozen=True)
