@@ -25,7 +25,7 @@ from support import (
 import uq_handeye as uq
 from uq_handeye.fit.empirical_covariance import sandwich as by_influence
 from uq_handeye.fit.empirical_covariance.resampled import KINDS, OfMethod, resampled
-from uq_handeye.fit.empirical_covariance.sandwich import hac_freedom, influence_of
+from uq_handeye.fit.empirical_covariance.sandwich import hac_freedom, influence_of, of_known
 from uq_handeye.fit.likelihood.constraint import OnMotions, OnPoses
 from uq_handeye.fit.likelihood.gauss_helmert import efficient, fit
 from uq_handeye.fit.likelihood.goodness_of_fit import Reference
@@ -201,6 +201,8 @@ def test_what_is_known_beforehand_stays_known_without_a_pose(shared):
         moves.append(np.concatenate([difference(again.X, found.X), difference(again.W, found.W)]))
     at = influence_of(found)
     same_up_to(at.deletions()[:, :12] / np.linalg.norm(moves, axis=0), moves / np.linalg.norm(moves, axis=0), 0.05)
+    # what residuals can say and what was known beforehand are all of it, on average
+    assert_same_covariance(at.covariance[:12, :12] + of_known(found), found.covariance, 1e-6)
     drawn, jackknifed = bootstrap(found).covariance, at.jackknife()
     assert np.abs(whitened_eigenvalues(drawn[:6, :6], jackknifed[:6, :6]) - 1).max() < 0.5
     without = efficient(poses, uq.PoseNoise(small.robot, camera))

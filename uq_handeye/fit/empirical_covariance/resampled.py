@@ -30,7 +30,7 @@ from ...model.poses.motions import Motions, relative_motions
 from ...model.poses.pose_pairs import PosePairs
 from ..likelihood.constraint import OnMotions, OnPoses, Unknowns
 from ..likelihood.gauss_helmert import ESTIMATORS, Fit
-from .sandwich import JOINT, Influence, hac_freedom, influence_of, of_declared, pooled_influence
+from .sandwich import JOINT, Influence, hac_freedom, influence_of, of_known, pooled_influence
 
 KINDS = ("sandwich", "hac", "jackknife", "bootstrap")
 
@@ -120,7 +120,7 @@ def resampled(
     first = data.A if isinstance(data, Motions) else data.robot
     if first.ndim != 3:
         raise InputError(f"Expected one data set, got leading axes {first.shape[:-3]}.")
-    declared: Array | float = 0.0
+    known_beforehand: Array | float = 0.0
     if method in ESTIMATORS:
         if fit is None:
             if noise is None:
@@ -132,7 +132,7 @@ def resampled(
                 "poses: give PoseNoise."
             )
         influence, p, of_poses = influence_of(fit), fit.covariance.shape[-1], fit.W is not None
-        declared = of_declared(fit)
+        known_beforehand = of_known(fit)
     else:
         at = None if X is None else as_transforms(X, "X", stack=False)
         influence = pooled_influence(*OfMethod(data, method, at, noise).first_order())
@@ -147,7 +147,7 @@ def resampled(
     else:
         covariance = influence.sandwich() if kind == "sandwich" else influence.jackknife()
     cluster = "poses" if of_poses else "motions"
-    return Resampled(kind, covariance[:p, :p] + declared, influence.n, cluster, float(freedom), details)
+    return Resampled(kind, covariance[:p, :p] + known_beforehand, influence.n, cluster, float(freedom), details)
 
 
 class OfMethod:

@@ -46,8 +46,8 @@ of the jackknife are 2 to 10 % larger, those of the bootstrap between 8 % smalle
 all directions. With fewer poses, of more leverage each, the jackknife's are larger still.
 
 Errors that all poses share and that were declared with a standard deviation (`SharedError`) are further unknowns z with
-the prior N(0, 1), ``M = (J^T J + Lambda)^-1``: residuals tell the covariance of the poses' own errors; what the prior
-adds, ``M Lambda M`` (`of_declared`), is that of the model.
+the prior N(0, 1), X and W may have one as well, ``M = (J^T J + Lambda)^-1``: residuals tell the covariance of the
+poses' own errors; what the prior adds, ``M Lambda M`` (`of_known`), is that of the model.
 
 Reference distribution. Such a covariance is itself random. Under the working model with Gaussian errors it is close to
 a Wishart matrix of nu degrees of freedom, nu from its second moments, so that for the 6 components of X
@@ -342,13 +342,15 @@ def influence_of(fit: Fit) -> Influence:
     return Influence(residual, J, times(J, -covariance).mT, known)
 
 
-def of_declared(fit: Fit) -> Array | float:
-    """``M Lambda M`` (p, p) of X and W: what declared errors that all poses share add; 0 where there are none."""
-    S = joint_of(fit.S)
-    if S is None or not _declared(fit):
-        return 0.0
-    response = fit.told(S.shared).response
-    return np.asarray(response @ response.mT)
+def of_known(fit: Fit) -> Array:
+    """``M Lambda M`` (p, p) of X and W: what declared errors that all poses share and a prior add; 0 without them."""
+    S, found = joint_of(fit.S), np.zeros_like(fit.covariance)
+    if S is not None and _declared(fit):
+        response = fit.told(S.shared).response
+        found = found + response @ response.mT
+    if fit.prior is not None:
+        found = found + fit.covariance @ fit.prior.normal_equations(fit.X, fit.W)[0] @ fit.covariance
+    return np.asarray(found)
 
 
 def _declared(fit: Fit) -> bool:
