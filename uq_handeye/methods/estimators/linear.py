@@ -29,10 +29,9 @@ from itertools import product
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from ...core.geometry.nearest_rotation import orthonormalise
-from ...core.geometry.se3 import Array, pose, skew, vee
+from ...core.geometry.se3 import Array, perturb, pose, skew, vee
 from ...model.noise.models import PairNoise
 from ..procrustes.limit import DEGENERATE, pair_blocks, trial_blocks
 from .method import Estimate, Method, closed_form, published, require
@@ -293,7 +292,7 @@ def _descend(G: Array, g: Array, start: Array) -> Estimate:
         denominator = np.maximum(curvature + floor[:, None], 1e-14 * np.abs(curvature).max(axis=1, keepdims=True))
         step = -(axes @ ((axes.mT @ gradient[..., None])[..., 0] / denominator)[..., None])[..., 0]
         length = np.abs(step).max(axis=1)
-        moved = _move(X[active], step * s)
+        moved = perturb(X[active], step * s)
         trial = _value(G[active], g[active], moved)
         rounding = 1e-14 * size[active]
         better = trial <= value[active] + rounding
@@ -332,13 +331,6 @@ def _gwak_slopes(G: Array, g: Array, X: Array) -> tuple[Array, Array]:
     second = (_PAIRS.reshape(9, 3, 3) @ R).reshape(T, 9, 9)
     hessian[:, :3, :3] += (second @ slope[:, :9, None]).reshape(T, 3, 3)
     return (by_xi @ slope[..., None])[..., 0], 0.5 * (hessian + hessian.mT)
-
-
-def _move(X: Array, xi: Array) -> Array:
-    moved = X.copy()
-    moved[:, :3, :3] = Rotation.from_rotvec(xi[:, :3]).as_matrix() @ X[:, :3, :3]
-    moved[:, :3, 3] += xi[:, 3:]
-    return moved
 
 
 GWAK = Method(

@@ -42,7 +42,7 @@ from numpy.typing import NDArray
 from scipy.linalg import eigh
 from scipy.spatial.transform import Rotation
 
-from ...core.geometry.se3 import Array
+from ...core.geometry.se3 import Array, perturb
 from ...errors import InputError, NotConvergedError
 from ...model.noise.models import PairNoise
 from .dual_quaternions import LU
@@ -194,7 +194,7 @@ def _descend(residuals: Residuals, X: Array) -> tuple[Array, bool, int]:
         if step is None:
             return X, False, count
         length = float(np.abs(step).max())
-        moved = _moved(X, step * scale)
+        moved = perturb(X, step * scale)
         r_moved, J_moved = residuals.at(moved)
         reached = float(np.abs(r_moved).sum())
         converged = length < STEP or (length < ROUNDED_STEP and abs(value - reached) <= rounding)
@@ -223,13 +223,6 @@ def _linear_program(r: Array, J: Array, trust: float) -> Array | None:
     if found.status != 0:
         return None
     return np.asarray(found.eqlin.marginals * size / column)
-
-
-def _moved(X: Array, xi: Array) -> Array:
-    moved = X.copy()
-    moved[:3, :3] = Rotation.from_rotvec(xi[:3]).as_matrix() @ X[:3, :3]
-    moved[:3, 3] += xi[3:]
-    return moved
 
 
 class LimitedCovariance(NamedTuple):

@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from ...core.geometry.se3 import Array, block, logarithm, skew
+from ...core.geometry.se3 import Array, block, difference, logarithm, skew
 from ...core.runtime.read_only import scratch
 from ...errors import InputError
 from ...fit.likelihood.constraint import constraint_of, covariances_of
@@ -309,10 +309,7 @@ def run(experiment: Experiment, rng: np.random.Generator, trials: int, each: boo
 
 def errors_of(experiment: Experiment, found: Estimates) -> Trials:
     """``(log(R_hat R^T), t_hat - t)`` of the estimates."""
-    X = experiment.X
-    errors = np.zeros((len(found.X), 6))
-    errors[:, :3] = logarithm(found.X[:, :3, :3] @ X[:3, :3].T)
-    errors[:, 3:] = found.X[:, :3, 3] - X[:3, 3]
+    errors = difference(found.X, experiment.X)
     errors[~found.ok] = 0.0
     return Trials(errors, found.ok, found.covariances)
 

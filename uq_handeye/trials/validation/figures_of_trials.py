@@ -32,13 +32,13 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
-from scipy.special import betainc, gammaincinv
+from scipy.special import gammaincinv
 from scipy.stats import binom
 
 from ...core.formatting.numbers import digits, rough
 from ...core.geometry.se3 import Array
 from ...core.presentation.figure_parts import HALO, NamedFigure
-from .monte_carlo.consistency import HARMLESS, Consistency
+from .monte_carlo.consistency import HARMLESS, Consistency, smaller_tail
 from .monte_carlo.result import MonteCarlo, heading
 from .monte_carlo.sums import ABOVE, BELOW, COMPONENTS, LEVELS, PARTS, SIZES, edges
 from .monte_carlo.text import nees_number, percent, verdict
@@ -150,9 +150,7 @@ def band(trials: int, confidence: float) -> tuple[Array, Array]:
     cells[upper] = -np.diff(np.concatenate([[1 - BELOW[~upper][-1]], ABOVE[upper]]))
     cells = np.append(cells, ABOVE[-1])
     k = np.cumsum(rng.multinomial(trials, cells / cells.sum(), DRAWS), axis=1)[:, :-1]
-    at_least = np.where(k > 0, betainc(np.maximum(k, 1), trials - k + 1, BELOW), 1.0)
-    at_most = np.where(k < trials, betainc(np.maximum(trials - k, 1), k + 1, ABOVE), 1.0)
-    local = float(np.quantile(np.minimum(at_least, at_most).min(axis=1), 1 - confidence))
+    local = float(np.quantile(smaller_tail(k, trials, BELOW, ABOVE).min(axis=1), 1 - confidence))
     low, high = binom.ppf(local, trials, BELOW), trials - binom.ppf(local, trials, ABOVE)
     return np.clip(low, 0, trials), np.clip(high, 0, trials)
 

@@ -40,7 +40,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ....core.geometry.se3 import Array
-from ..monte_carlo.consistency import FEWEST, HEAVY, extreme_eigenvalues, in_words
+from ..monte_carlo.consistency import FEWEST, extreme_eigenvalues, heavy_from, in_words
 from ..monte_carlo.run import MonteCarlo
 from ..monte_carlo.sums import COMPONENTS
 
@@ -155,11 +155,6 @@ def ratios(
     where = [in_words(vectors[:, k], names) for k in (0, -1)]
     heavy = kurtosis if samples is not None and kurtosis is not None and kurtosis > heavy_from(samples) else None
     return Ratios(float(r[0]), float(r[-1]), low, high, overall, spread, where[0], where[1], heavy, rejected)
-
-
-def heavy_from(samples: int) -> float:
-    """The kurtosis from which tails are heavy, beyond what so many Gaussian errors show by chance."""
-    return max(HEAVY, 4 / float(np.sqrt(6 * samples)))
 
 
 def chance(samples: int, kurtosis: float | None = None) -> tuple[float, float]:

@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.linalg import block_diag
-from scipy.special import gammainccinv, gammaincinv
 
 from ....core.files.records import attributes
 from ....core.geometry.se3 import Array
@@ -29,6 +28,7 @@ from ....model.noise.models import Noise
 from ....model.poses.motions import Motions
 from ....model.poses.pose_pairs import PosePairs
 from ...simulation.experiment import Experiment
+from ..monte_carlo.consistency import nees_interval
 from ..monte_carlo.run import MonteCarlo, Running, monte_carlo
 from ..resumable import NotKeptError, Run
 from ..sentences import INTERRUPTED
@@ -273,8 +273,8 @@ def judged(row: Row, runs: dict[str, MonteCarlo], effective: int | None) -> Row:
     unit = np.sqrt(np.diag(row.covariance))
     both = (row.covariance, run.consistency.second_moment)
     P, moment = (M / np.outer(unit, unit) for M in both)
-    T, tail = float(run.consistency.sums.count), (1 - NEES_CONFIDENCE) / 2
+    T = float(run.consistency.sums.count)
     if effective is not None:
         T = 1 / (1 / T + 1 / effective)
-    low, high = 2 * gammaincinv(3 * T, tail) / T, 2 * gammainccinv(3 * T, tail) / T
+    low, high = nees_interval(T, 6, NEES_CONFIDENCE)
     return replace(row, nees=float(np.trace(np.linalg.solve(P, moment))), nees_interval=(float(low), float(high)))

@@ -254,14 +254,13 @@ def _moments(sums: Sums) -> dict[str, Any]:
 
 def _nees(sums: Sums, confidence: float, p_values: dict[str, float]) -> dict[str, Any]:
     """Mean NEES, where it should lie, and how probable it is."""
-    T, tail = sums.count, (1 - confidence) / 2
+    T = sums.count
     if T == 0:
         return {"mean_nees": None, "nees_interval": None}
     half = 0.5 * T * np.array(SIZES)
     for part, a, total in zip(PARTS, half, sums.nees, strict=True):
         p_values[f"mean NEES, {part}"] = min(1.0, 2 * float(min(gammainc(a, total / 2), gammaincc(a, total / 2))))
-    interval = 2 * np.stack([gammaincinv(half, tail), gammainccinv(half, tail)], axis=-1) / T
-    return {"mean_nees": sums.nees / T, "nees_interval": interval}
+    return {"mean_nees": sums.nees / T, "nees_interval": nees_interval(T, SIZES, confidence)}
 
 
 def _coverage(sums: Sums, confidence: float, p_values: dict[str, float]) -> dict[str, Any]:
@@ -272,12 +271,23 @@ def _coverage(sums: Sums, confidence: float, p_values: dict[str, float]) -> dict
     low = np.where(k > 0, betaincinv(np.maximum(k, 1), T - k + 1, tail), 0.0)
     high = np.where(k < T, betaincinv(k + 1, np.maximum(T - k, 1), 1 - tail), 1.0)
     levels = np.array(LEVELS)
-    at_least = np.where(k > 0, betainc(np.maximum(k, 1), T - k + 1, levels), 1.0)  # P(K >= k)
-    at_most = np.where(k < T, betainc(np.maximum(T - k, 1), k + 1, 1 - levels), 1.0)  # P(K <= k)
-    p = np.minimum(1.0, 2 * np.minimum(at_least, at_most))
+    p = np.minimum(1.0, 2 * smaller_tail(k, T, levels, 1 - levels))
     for part, values in zip(PARTS, p, strict=True):
         p_values[f"coverage, {part}"] = min(1.0, len(LEVELS) * float(values.min()))
     return {"coverage": k / T, "coverage_interval": np.stack([low, high], axis=-1), "coverage_p_values": p}
+
+
+def smaller_tail(k: Array, T: int, below: Array, above: Array) -> Array:
+    """The smaller of P(K >= k) and P(K <= k) for K ~ binomial(T, below), with ``above = 1 - below``."""
+    at_least = np.where(k > 0, betainc(np.maximum(k, 1), T - k + 1, below), 1.0)
+    at_most = np.where(k < T, betainc(np.maximum(T - k, 1), k + 1, above), 1.0)
+    return np.minimum(at_least, at_most)
+
+
+def nees_interval(T: float, sizes: ArrayLike, confidence: float) -> Array:
+    """The interval (..., 2) of the mean of T chi-square variables with ``sizes`` (...) degrees of freedom."""
+    half, tail = 0.5 * T * np.asarray(sizes), (1 - confidence) / 2
+    return 2 * np.stack([gammaincinv(half, tail), gammainccinv(half, tail)], axis=-1) / T
 
 
 def _spread(T: int, predicted: Array | None, covariance: Array | None, p_values: dict[str, float]) -> dict[str, Any]:
@@ -308,6 +318,11 @@ def extreme_eigenvalues(n: int, confidence: float) -> tuple[float, float]:
     values = np.linalg.eigvalsh(L @ L.mT / n)
     tail = (1 - confidence) / 2
     return float(np.quantile(values[:, 0], tail)), float(np.quantile(values[:, -1], 1 - tail))
+
+
+def heavy_from(samples: int) -> float:
+    """The kurtosis from which tails are heavy, beyond what so many Gaussian errors show by chance."""
+    return max(HEAVY, 4 / float(np.sqrt(6 * samples)))
 
 
 def _kurtosis(sums: Sums, predicted: Array | None, found: dict[str, Any]) -> dict[str, Any]:

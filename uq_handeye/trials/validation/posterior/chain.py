@@ -42,7 +42,7 @@ import numpy as np
 from emcee.backends import Backend, HDFBackend
 from scipy.linalg import solve_triangular
 
-from ....core.geometry.se3 import Array, logarithm
+from ....core.geometry.se3 import Array, difference
 from ....errors import InputError, NotConvergedError
 from ....fit.likelihood.gauss_helmert import Fit, efficient
 from ....fit.likelihood.robust import robust_fit
@@ -217,10 +217,8 @@ def starts_of(data: PosePairs | Motions, noise: Noise, density: Density) -> Arra
 
 def _coordinates(fit: Fit, density: Density) -> Array:
     """The error of another fit's X and W from the estimate, whitened; scales at 1."""
-    errors = []
-    for T, origin in zip(fit.unknowns, density.fit.unknowns, strict=True):
-        if T is not None and origin is not None:
-            errors += [logarithm(T[:3, :3] @ origin[:3, :3].T), T[:3, 3] - origin[:3, 3]]
+    both = zip(fit.unknowns, density.fit.unknowns, strict=True)
+    errors = [difference(T, origin) for T, origin in both if T is not None and origin is not None]
     size = density.d - len(density.scales.sides)
     y = np.zeros(density.d)
     y[:size] = solve_triangular(density.factor[:size, :size], np.concatenate(errors)[:size], lower=True)

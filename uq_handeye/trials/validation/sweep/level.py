@@ -26,7 +26,7 @@ from ....fit.likelihood.constraint import covariances_of
 from ...simulation.experiment import Experiment
 from ...simulation.sigma_points import sigma_points_of
 from ..monte_carlo.chunks import Work, chunk_size, from_bytes, to_bytes
-from ..monte_carlo.consistency import HEAVY, LEVELS, PARTS, Consistency, Sums, consistency
+from ..monte_carlo.consistency import LEVELS, PARTS, Consistency, Sums, consistency, heavy_from
 from ..monte_carlo.sums import SIZES
 
 KINDS = ("first order", "sigma points")
@@ -106,9 +106,7 @@ class Level:
         """True if rare large errors make up the spread, so that no covariance tells how often they come."""
         # in first-order deviations a single direction may outgrow the others
         c = self.sigma_points.consistency or self.first_order.consistency
-        if c is None or c.kurtosis is None or c.kurtosis_error is None:
-            return False
-        return c.kurtosis > max(HEAVY, 4 * c.kurtosis_error)
+        return c is not None and c.kurtosis is not None and c.kurtosis > heavy_from(c.sums.count)
 
     @property
     def bias(self) -> float | None:
