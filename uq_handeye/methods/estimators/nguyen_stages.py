@@ -42,7 +42,7 @@ from ...core.geometry.packed3x3 import (
 from ...core.geometry.se3 import Array, vee
 from ...errors import InputError
 from ...model.noise.models import PairNoise
-from ..procrustes.limit import are_determined, raise_undetermined
+from ..procrustes.limit import are_determined, raise_undetermined, signed_svd
 from .method import require
 
 Stop = Literal["scaled", "published"]
@@ -290,11 +290,7 @@ def covariance_of(information: Array) -> Array:
 
 def starting_rotation(data: Measured, first: int, batch: tuple[int, ...]) -> Array:
     """Park and Martin's rotation: the R that minimises ``sum |alpha - R beta|^2``; (T, 3, 3)."""
-    U, s, Vt = np.linalg.svd(data.alpha @ data.beta.mT)
-    sign = np.linalg.det(U @ Vt)
-    U[:, :, 2] *= sign[:, None]
-    s[:, 2] *= sign
-    eigenvalues = s.sum(axis=-1, keepdims=True) - s  # of the information matrix, in the basis U, ascending
+    U, s, Vt, eigenvalues = signed_svd(data.alpha @ data.beta.mT)  # eigenvalues of the information matrix
     N = data.alpha.shape[-1]
     if not (determined := are_determined(eigenvalues[:, 0], eigenvalues[:, 2], N)).all():
         k = int(np.argmin(determined))

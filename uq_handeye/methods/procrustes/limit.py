@@ -175,16 +175,21 @@ def require_transforms(A: Array, B: Array) -> None:
     as_transforms(B, "B")
 
 
-def solve_moments(moments: Array, N: int) -> Array:
-    """X by T2 from ``4 sum (u, w) (v, z)^T``, shape (..., 6, 6), of N pairs."""
-    H = moments[..., :3, :3]
-    K = moments[..., :3, 3:] + moments[..., 3:, :3]
+def signed_svd(H: Array) -> tuple[Array, Array, Array, Array]:
+    """U, S and V^T of the module for H (..., 3, 3), and the eigenvalues of M (..., 3), ascending, in the basis U."""
     U, s, Vt = np.linalg.svd(H)
     sign = np.linalg.det(U @ Vt)
     U[..., 2] *= sign[..., None]
     s[..., 2] *= sign
     # H R^T = U S U^T with the signed S, hence M = U diag(s2 + s3, s1 + s3, s1 + s2) U^T.
-    eigenvalues = np.add.reduce(s, axis=-1, keepdims=True) - s
+    return U, s, Vt, np.add.reduce(s, axis=-1, keepdims=True) - s
+
+
+def solve_moments(moments: Array, N: int) -> Array:
+    """X by T2 from ``4 sum (u, w) (v, z)^T``, shape (..., 6, 6), of N pairs."""
+    H = moments[..., :3, :3]
+    K = moments[..., :3, 3:] + moments[..., 3:, :3]
+    U, s, Vt, eigenvalues = signed_svd(H)
     if not (determined := are_determined(eigenvalues[..., 0], eigenvalues[..., 2], N)).all():
         where = tuple(int(i) for i in np.argwhere(~determined)[0])
         raise_undetermined(U[where], s[where], eigenvalues[where], N, where, half_turns_count=False)
