@@ -30,16 +30,7 @@ from numpy.typing import ArrayLike
 
 from ....core.files.records import attributes
 from ....core.formatting.numbers import digits
-from ....core.presentation.document import (
-    Answer,
-    Block,
-    Cell,
-    Document,
-    Heading,
-    Paragraph,
-    Table,
-    document_of,
-)
+from ....core.presentation.document import Answer, Block, Cell, Document, Heading, Paragraph, Table, document_of
 from ....errors import InputError, keywords_of, require_integer, require_known
 from ....findings import Finding
 from ....model.noise.models import Noise

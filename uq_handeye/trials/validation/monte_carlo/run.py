@@ -79,19 +79,14 @@ class Trials(Running):
     digits: int | None = None
 
     def __post_init__(self) -> None:
-        if self.trials is None:
-            object.__setattr__(self, "trials", MOST_FOR_DIGITS if self.digits is not None else 10_000)
-        require_integer("trials", self.trials, 2)
-        if self.most > MOST:
-            raise InputError(f"Expected `trials` to be at most {MOST:,}, got {self.most:,}.")
-        if self.digits is not None and self.most < BLOCK:
-            raise InputError(f"Expected `trials` to be at least {BLOCK:,} with `digits`, got {self.most:,}.")
+        trials = (10_000 if self.digits is None else MOST_FOR_DIGITS) if self.trials is None else self.trials
+        require_integer("trials", trials, 2)
+        if trials > MOST:
+            raise InputError(f"Expected `trials` to be at most {MOST:,}, got {trials:,}.")
+        if self.digits is not None and trials < BLOCK:
+            raise InputError(f"Expected `trials` to be at least {BLOCK:,} with `digits`, got {trials:,}.")
+        object.__setattr__(self, "trials", int(trials))
         super().__post_init__()
-
-    @property
-    def most(self) -> int:
-        """Trials at most."""
-        return int(self.trials or 0)
 
 
 def monte_carlo(
@@ -178,7 +173,7 @@ def monte_carlo(
         problem = experiment(data, noise, method, pairs=pairs, scale=scale)
         tested, kind = _tested(covariance, problem.predicted)
         checked = noise_of_data(given, data, problem.noise, estimated)
-        message = to_bytes(Work(problem, int(seed), run.most, chunk_size(problem), tested))
+        message = to_bytes(Work(problem, int(seed), run.trials or 0, chunk_size(problem), tested))
         work = from_bytes(message)
         kept = stack.enter_context(
             closing(run.kept(work.identity, "Monte Carlo run", asked=work.trials, size=work.chunk))

@@ -57,14 +57,7 @@ PAUSE = 2.0
 
 
 def sample(
-    density: Density,
-    starts: Array,
-    walkers: int,
-    seed: int,
-    asked: int,
-    max_steps: int,
-    kept: Run,
-    progress: bool,
+    density: Density, starts: Array, walkers: int, seed: int, asked: int, max_steps: int, kept: Run, progress: bool
 ) -> tuple[Chain, int, PosteriorDiagnostics]:
     """The chain, how many of its first steps to drop, and what the rest is worth.
 

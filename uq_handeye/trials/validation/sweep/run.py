@@ -45,15 +45,7 @@ from numpy.typing import ArrayLike
 from ....core.files.records import attributes
 from ....core.formatting.numbers import digits, rough
 from ....core.geometry.checks import is_number
-from ....core.presentation.document import (
-    Answer,
-    Block,
-    Cell,
-    Document,
-    Paragraph,
-    Table,
-    document_of,
-)
+from ....core.presentation.document import Answer, Block, Cell, Document, Paragraph, Table, document_of
 from ....core.runtime.progress import progress_bar
 from ....core.runtime.threads import one_thread
 from ....errors import InputError, InputWarning, keywords_of, require_integer, require_known
