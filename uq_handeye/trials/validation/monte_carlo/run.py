@@ -127,8 +127,10 @@ def monte_carlo(
     digits : int or None
         Stop when the result is stable to so many significant digits (1 to 4), after JCGM 102 (`stopping`).
     directory : path or None
-        Folder for the chunks, from which ``resume=True`` goes on after whatever ended the program (`store`). With
-        more ``trials`` than before it extends the run.
+        Folder for the chunks.
+    resume : bool
+        Go on with the chunks in the folder after whatever ended the program (`resumable`). With more ``trials`` than
+        before it extends the run.
     executor : concurrent.futures.Executor or None
         Where to run in place of worker processes of its own: any executor, such as that of ``loky``, of
         ``mpi4py.futures``, or ``distributed.Client(...).get_executor()``. The first chunk is still done here. It is
