@@ -161,7 +161,7 @@ def first_duplicate(times: NDArray[np.float64]) -> tuple[int, int] | None:
 
 def is_number(value: Any) -> bool:
     """Return whether the value is a number of Python or NumPy; truth values are not."""
-    return isinstance(value, Real) and type(value) not in (bool, np.bool)
+    return isinstance(value, Real) and not isinstance(value, bool)
 
 
 def checked_covariance(value: Any, name: str, joint: bool) -> Array:

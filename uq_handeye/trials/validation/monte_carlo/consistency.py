@@ -37,7 +37,7 @@ from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy.special import betainc, betaincinv, chdtrc, fdtrc, gammainc, gammaincc, gammainccinv, gammaincinv
 
 from ....core.geometry.checks import checked_covariance
@@ -277,11 +277,11 @@ def _coverage(sums: Sums, confidence: float, p_values: dict[str, float]) -> dict
     return {"coverage": k / T, "coverage_interval": np.stack([low, high], axis=-1), "coverage_p_values": p}
 
 
-def smaller_tail(k: Array, T: int, below: Array, above: Array) -> Array:
+def smaller_tail(k: NDArray[Any], T: int, below: Array, above: Array) -> Array:
     """The smaller of P(K >= k) and P(K <= k) for K ~ binomial(T, below), with ``above = 1 - below``."""
     at_least = np.where(k > 0, betainc(np.maximum(k, 1), T - k + 1, below), 1.0)
     at_most = np.where(k < T, betainc(np.maximum(T - k, 1), k + 1, above), 1.0)
-    return np.minimum(at_least, at_most)
+    return np.asarray(np.minimum(at_least, at_most), dtype=float)
 
 
 def nees_interval(T: float, sizes: ArrayLike, confidence: float) -> Array:
