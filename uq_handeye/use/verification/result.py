@@ -233,9 +233,8 @@ def _power(found: Verification) -> str:
         return "Power: no bias would have shown in every direction."
     direction = ", ".join(f"{x + 0.0:.2f}" for x in found.worst)
     return (
-        f"Power: a bias of {digits(1e3 * found.detectable, 2)} mm would have shown with {100 * POWER:.0f} % "
-        f"probability, in "
-        f"the worst direction ({direction}); tests at {100 * LEVEL:.0f} %."
+        f"Power: a bias of {_mm(found.detectable)} mm would have shown with {100 * POWER:.0f} % probability, in the "
+        f"worst direction ({direction}); tests at {100 * LEVEL:.0f} %."
     )
 
 
@@ -246,69 +245,58 @@ def _needed(found: Verification) -> str:
         if one.touches is not None:
             many = "1 such touch" if one.touches == 1 else f"{one.touches} such touches in all"
             parts.append(f"A bias of {size} mm would show with {many}.")
-        elif np.isfinite(one.limit):
-            parts.append(
-                f"No number of such touches would show a bias of {size} mm: the uncertainty that they share (X, "
-                f"robot, tool) "
-                f"hides up to {digits(1e3 * one.limit, 2)} mm."
-            )
-        else:
-            parts.append(f"No number of such touches would show a bias of {size} mm.")
+            continue
+        why = ""
+        if np.isfinite(one.limit):
+            why = f": the uncertainty that they share (X, robot, tool) hides up to {_mm(one.limit)} mm"
+        parts.append(f"No number of such touches would show a bias of {size} mm{why}.")
     return " ".join(parts)
 
 
 def _tool(found: Verification) -> str:
-    if found.tool is None or found.tool_std is None:
+    if found.tool is None or found.tool_std is None or not found.dof:
         return ""
-    if not found.dof:
-        return ""
-    words = [
+    listed = ", ".join(
         f"{axis} {plus_minus(1e3 * v, 1e3 * s)}" for axis, v, s in zip("xyz", found.tool, found.tool_std, strict=True)
-    ]
-    listed = ", ".join(words)
+    )
     return f"Tool offset, found minus given (flange frame, standard deviations, if there is no bias): {listed} mm."
 
 
 def _next(found: Verification) -> str:
     if not found.next:
         return ""
-    first: NextTouch = found.next[0]
-    seen = ", ".join(f"{1e3 * x + 0.0:.0f}" for x in first.seen)
-    base = ", ".join(f"{1e3 * x + 0.0:.0f}" for x in first.base)
-    many = len(found.next)
+    first = found.next[0]
+    seen, base = (", ".join(f"{1e3 * x + 0.0:.0f}" for x in point) for point in (first.seen, first.base))
     return (
         f"Touch next: the point ({seen}) mm of the camera, at ({base}) mm in the base, seen from the pose of point "
-        f"{found.points.names[first.view]}. With {many} chosen touches {digits(1e3 * found.next[-1].detectable, 2)} mm "
+        f"{found.points.names[first.view]}. With {len(found.next)} chosen touches {_mm(found.next[-1].detectable)} mm "
         "would show."
     )
 
 
 def _table(found: Verification) -> Table:
-    points = found.points
-    rows, marked = [], set()
-    order = np.argsort(np.nan_to_num(points.p_value, nan=1.0), kind="stable")[:MOST_ROWS]
-    order = np.sort(order)
-    for row, k in enumerate(order.tolist()):
-        p = points.p_value[k]
-        if points.flagged[k]:
-            marked.add(row)
+    points, rows = found.points, []
+    order = np.sort(np.argsort(np.nan_to_num(points.p_value, nan=1.0), kind="stable")[:MOST_ROWS])
+    for k in order.tolist():
+        sd, p = np.sqrt(np.trace(points.covariance[k]) / 3.0), points.p_value[k]
         rows.append(
             [
-                points.names[k],
-                *(f"{1e3 * x:.3f}" for x in points.difference[k]),
-                f"{1e3 * points.distance[k]:.3f}",
-                f"{1e3 * np.sqrt(np.trace(points.covariance[k]) / 3.0):.3f}"
-                if np.isfinite(points.std[k]).all()
-                else "",
+                points.names[k], *(f"{1e3 * x:.3f}" for x in (*points.difference[k], points.distance[k])),
+                f"{1e3 * sd:.3f}" if np.isfinite(sd) else "",
                 probability(p, 2).removeprefix("p = ").removeprefix("p ") if np.isfinite(p) else "",
                 "differs" if points.flagged[k] else "",
             ]
-        )
-    left = found.m - len(rows)
-    caption = "Touch minus point, base frame" + (f" ({left} more points: --json, -o)" if left > 0 else "")
+        )  # fmt: skip
+    more = f" ({found.m - len(rows)} more points: --json, -o)" if found.m > len(rows) else ""
     head = ["point", "x", "y", "z", "distance", "sd", "p", ""]
     units = ["", "mm", "mm", "mm", "mm", "mm", "", ""]
-    return Table(caption, head, rows, units=units, marked=frozenset(marked), text_columns=frozenset({7}))
+    marked = frozenset(np.flatnonzero(points.flagged[order]).tolist())
+    caption = f"Touch minus point, base frame{more}"
+    return Table(caption, head, rows, units=units, marked=marked, text_columns=frozenset({7}))
+
+
+def _mm(metres: float) -> str:
+    return digits(1e3 * metres, 2)
 
 
 def quantile_of_components(probability: float, noise_dof: float | None) -> float:

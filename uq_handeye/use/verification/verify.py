@@ -354,28 +354,22 @@ def _reprojected(result: Estimated, poses: PosePairs) -> Reprojection | None:
 @document_of.register(PoseVerification)
 def pose_verification_document(found: PoseVerification) -> Document:
     """The answer, the residuals, the picture."""
-    n = f"{found.n_poses} independent {'pose' if found.n_poses == 1 else 'poses'}"
-    p = probability(found.p_value, 2)
-    verb = ("contradicts" if found.contradicted else "agrees with") if found.n_poses == 1 else (
-        "contradict" if found.contradicted else "agree with")  # fmt: skip
-    word = "CONTRADICTED" if found.contradicted else "AGREES"
+    one, p = found.n_poses == 1, probability(found.p_value, 2)
+    n = f"{found.n_poses} independent {'pose' if one else 'poses'}"
+    word, verb = ("CONTRADICTED", "contradict") if found.contradicted else ("AGREES", "agree")
+    verb += ("s" if one else "") + ("" if found.contradicted else " with")
     law = "chi-square" if found.noise_dof is None else "a mixture over the sizes of the errors"
     (turn, shift), (turn_0, shift_0) = found.rms, found.expected
     lines = [
-        Paragraph(f"d^2 {digits(found.d2)} of {found.dof} numbers ({law}).", hang="  "),
-        Paragraph(
-            f"Residuals: {digits(np.degrees(turn), 2)} deg and {digits(1e3 * shift, 2)} mm RMS; the covariance "
-            f"predicts {digits(np.degrees(turn_0), 2)} deg and {digits(1e3 * shift_0, 2)} mm.",
-            hang="  ",
-        ),
+        f"d^2 {digits(found.d2)} of {found.dof} numbers ({law}).",
+        f"Residuals: {digits(np.degrees(turn), 2)} deg and {digits(1e3 * shift, 2)} mm RMS; the covariance predicts "
+        f"{digits(np.degrees(turn_0), 2)} deg and {digits(1e3 * shift_0, 2)} mm.",
     ]
-    if found.pixels is not None:
+    if (seen := found.pixels) is not None:
         lines.append(
-            Paragraph(
-                f"Re-projection of {found.pixels.corners} corners: {digits(found.pixels.rms, 2)} px RMS; the "
-                f"covariance predicts {digits(found.pixels.expected, 2)} px.",
-                hang="  ",
-            )
+            f"Re-projection of {seen.corners} corners: {digits(seen.rms, 2)} px RMS; the covariance predicts "
+            f"{digits(seen.expected, 2)} px."
         )
     answer = Answer(f"{word}: {n} {verb} the calibration ({p}).", "failed" if found.contradicted else "ok")
-    return [[answer, *(Paragraph(str(finding), hang="  ") for finding in found.findings)], lines]
+    findings = [Paragraph(str(finding), hang="  ") for finding in found.findings]
+    return [[answer, *findings], [Paragraph(line, hang="  ") for line in lines]]
