@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from ..core.geometry.se3 import Array, block, logarithm, skew
+from ..core.geometry.se3 import Array, block, inverse, logarithm, skew
 from .description import WORLD, Rig
 
 _EYE = np.eye(3)
@@ -186,6 +186,11 @@ class Graph:
         T, G = np.concatenate([at, np.eye(4)[None]]), np.concatenate([robot, np.eye(4)[None]])
         K = [T[base] @ G[side] for base, side in zip(self.base, self.side, strict=True)]
         return K[0] @ at[self.X] @ C, K[1] @ at[self.W]
+
+    def seen(self, at: Array) -> Array:
+        """Camera poses (E, 4, 4) that close all edges at the unknowns (m, 4, 4)."""
+        L, Q = self.products(at, C=np.broadcast_to(np.eye(4), self.C.shape))
+        return np.asarray(inverse(L) @ Q)
 
     def linearise(self, at: Array, robot: Array | None = None, C: Array | None = None) -> Sides:
         """r and its derivatives at the unknowns (m, 4, 4) and the (measured or corrected) poses."""

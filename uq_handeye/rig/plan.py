@@ -287,37 +287,23 @@ def _drawn(rig: Rig, sample: int, seed: int) -> dict[str, Array]:
 
 def _candidates(result: Any, robot: Mapping[str, Array]) -> tuple[Rig, NDArray[np.intp]]:
     """Views that may be taken, as a rig, and the number of the candidate of each."""
-    rig, views, numbers = result.rig, [], []
-    count = len(next(iter(robot.values())))
-    by_pair: dict[tuple[str, str], list[Array]] = {}
+    rig, count = result.rig, len(next(iter(robot.values())))
+    before: dict[tuple[str, str], list[Array]] = {}
     for view in rig.views:
-        by_pair.setdefault((view.camera, view.target), []).append(view.poses)
-    for (camera, target), seen in by_pair.items():
-        view = View(camera, target, np.concatenate(seen))
-        places = rig.places(view)
-        arms = {place for place in places if place != WORLD}
-        if not arms or not arms <= set(robot):
-            continue
-        P, Q = (
-            _in_world(result, name, place, robot, count) for name, place in zip((camera, target), places, strict=True)
-        )
-        C = inverse(P) @ Q
-        kept = np.flatnonzero(_visible(C, view.poses))
-        if len(kept):
-            views.append(replace(view, poses=C[kept], at=tuple(kept.tolist())))
-            numbers.append(kept)
-    if not views:
+        if (arms := set(rig.places(view)) - {WORLD}) and arms <= set(robot):
+            before.setdefault((view.camera, view.target), []).append(view.poses)
+    if not before:
         return rig, np.zeros(0, dtype=np.intp)
     poses = {name: arm.like(ArmPoses(robot[name])) if name in robot else arm for name, arm in rig.arms.items()}
-    return Rig(poses, rig.cameras, rig.targets, tuple(views)), np.concatenate(numbers)
-
-
-def _in_world(result: Any, name: str, place: str, robot: Mapping[str, Array], count: int) -> Array:
-    T = np.broadcast_to(result.poses[result.names.index(name)], (count, 4, 4))
-    if place == WORLD:
-        return np.asarray(T)
-    base = result.arms[place].pose
-    return np.asarray(base @ robot[place] @ T)
+    anything = np.broadcast_to(np.eye(4), (count, 4, 4))
+    every = Rig(poses, rig.cameras, rig.targets, tuple(View(*pair, anything, tuple(range(count))) for pair in before))
+    C = Graph.of(every).seen(result.poses).reshape(-1, count, 4, 4)
+    kept = [np.flatnonzero(_visible(T, np.concatenate(seen))) for T, seen in zip(C, before.values(), strict=True)]
+    views = tuple(
+        replace(view, poses=T[some], at=tuple(some.tolist()))
+        for view, T, some in zip(every.views, C, kept, strict=True) if len(some)
+    )  # fmt: skip
+    return (replace(every, views=views) if views else rig), np.concatenate(kept)
 
 
 def _visible(C: Array, seen: Array) -> NDArray[np.bool_]:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ..core.geometry.se3 import Array, inverse, perturb
+from ..core.geometry.se3 import Array, perturb
 from ..model.noise.models import factor
 from .description import WORLD, ArmPoses, Rig, View
 from .graph import Graph
@@ -70,11 +71,13 @@ def simulate_rig(
             if not share:
                 continue
             some = np.flatnonzero(rng.random(n_poses) < share)
-            sides = [_carried(name, place, truth, robots, arms[0], n_poses)[some]
-                     for name, place in ((camera, cameras[camera]), (target, targets[target]))]  # fmt: skip
             if len(some):
-                views.append(View(camera, target, inverse(sides[0]) @ sides[1], tuple(some.tolist())))
+                anything = np.broadcast_to(np.eye(4), (len(some), 4, 4))
+                views.append(View(camera, target, anything, tuple(some.tolist())))
     rig = Rig({name: ArmPoses(poses) for name, poses in robots.items()}, dict(cameras), dict(targets), tuple(views))
+    graph = Graph.of(rig)
+    C = graph.seen(np.stack([truth[name] for name in graph.names]))
+    rig = replace(rig, views=tuple(replace(view, poses=C[graph.view == k]) for k, view in enumerate(views)))
     return (rig if noise is None else with_noise(rig, noise, rng)), truth
 
 
@@ -90,10 +93,7 @@ def with_noise(rig: Rig, noise: Any, seed: int | np.random.Generator = 0) -> Rig
         poses = np.array(arm.poses)
         poses[graph.pose[graph.arm == k]] = robot[graph.arm == k]
         arms[name] = ArmPoses(poses, arm.names, arm.source)
-    views = [
-        View(view.camera, view.target, C[graph.view == k], view.at, view.covariance, view.source, view.intrinsics)
-        for k, view in enumerate(rig.views)
-    ]
+    views = [replace(view, poses=C[graph.view == k]) for k, view in enumerate(rig.views)]
     return Rig(arms, rig.cameras, rig.targets, tuple(views))
 
 
@@ -101,16 +101,6 @@ def _placed(place: str, rng: np.random.Generator, away: float) -> Array:
     if place != WORLD:
         return _pose(0.5 * rng.normal(size=3), np.array([0.0, 0.0, 0.1]) + 0.05 * rng.normal(size=3))
     return _pose(rng.normal(size=3), np.array([away, 0.0, 0.3]) + 0.4 * rng.normal(size=3))
-
-
-def _carried(
-    name: str, place: str, truth: Mapping[str, Array], robots: Mapping[str, Array], first: str, n: int
-) -> Array:
-    """(n, 4, 4) in the world."""
-    if place == WORLD:
-        return np.broadcast_to(truth[name], (n, 4, 4))
-    base = np.eye(4) if place == first else truth[place]
-    return np.asarray(base @ robots[place] @ truth[name])
 
 
 def _pose(turn: Array, t: Array) -> Array:

@@ -49,7 +49,7 @@ from ...model.poses.pose_pairs import PosePairs
 from ...model.posterior.owners import ROBOT
 from ...model.posterior.selection import weight_of_X
 from ...model.shared_errors.shared_error import SharedError
-from .candidates import draw_camera_poses, require_choice, require_number, robot_of
+from .candidates import draw_camera_poses, drawn, require_choice, require_number, robot_of
 from .result import FORMS, Plan
 
 PREDICTION = "prediction"
@@ -250,24 +250,20 @@ def sample_joints(
     rng = np.random.default_rng(seed)
     near = np.array([NEAR.get(joint.kind, NEAR_TURN) for joint in chain.joints])
     anywhere = spread_postures(chain.limits, _revolute(chain))
-    found: list[Array] = []
-    missing, left = n, DRAWS * n
-    while missing and left:
-        size = min(left, max(3 * missing, 64), DRAWN_AT_ONCE)
+
+    def draw(size: int) -> Array:
         robot = robot_of(draw_camera_poses(data.camera, size, rng), X, W, data.setup)
         start = joints[rng.integers(len(joints), size=size)] + near * rng.normal(size=(size, len(near)))
         other = rng.uniform(size=size) < 0.5
         start[other] = anywhere[rng.integers(len(anywhere), size=int(other.sum()))]
         postures = postures_at(chain, robot, start, e)
-        found.append(_unwound(chain, postures.q[postures.reached], joints)[:missing])
-        missing -= len(found[-1])
-        left -= size
-    if missing == n:
-        raise InputError(
-            f"None of {DRAWS * n} poses that look at the target is within reach and joint limits. Are X, the joints "
-            "and the URDF right? If so, give candidates of your own."
-        )
-    return np.concatenate(found)
+        return _unwound(chain, postures.q[postures.reached], joints)
+
+    why = (
+        "poses that look at the target is within reach and joint limits. Are X, the joints and the URDF right? If so, "
+        "give candidates of your own."
+    )
+    return drawn(draw, n, DRAWS, 3, DRAWN_AT_ONCE, why)
 
 
 def _so_far(data: PosePairs, chain: Kinematics, asked: PlanRequest) -> tuple[Calibration, Array]:

@@ -18,6 +18,8 @@ pose before driving there.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from scipy.spatial.transform import Rotation
 
@@ -67,20 +69,33 @@ def sample_candidates(
     where = data.robot[:, :3, 3]
     low, high = where.min(axis=0), where.max(axis=0)
     margin = GROWN * max(float(np.linalg.norm(high - low)), float(np.linalg.norm(data.camera[:, :3, 3], axis=-1).max()))
-    found: list[Array] = []
-    missing, left = n, _DRAWS * n
-    while missing and left:
-        size = min(left, max(4 * missing, 64), _DRAWN_AT_ONCE)
+
+    def draw(size: int) -> Array:
         robot = robot_of(draw_camera_poses(data.camera, size, rng), X, W, data.setup)
         inside = ((robot[:, :3, 3] >= low - margin) & (robot[:, :3, 3] <= high + margin)).all(axis=-1)
-        found.append(robot[inside][:missing])
+        return np.asarray(robot[inside])
+
+    why = (
+        f"poses that look at the target keeps the robot within {1e3 * margin:.0f} mm of where it has been. Is X right? "
+        "If so, give candidates of your own."
+    )
+    return drawn(draw, n, _DRAWS, 4, _DRAWN_AT_ONCE, why)
+
+
+def drawn(draw: Callable[[int], Array], n: int, draws: int, ahead: int, at_once: int, why: str) -> Array:
+    """The first n of what ``draw`` keeps of so many draws, of ``draws`` n at most; raises `InputError` if of none.
+
+    ``ahead``: draws for each that is missing; ``at_once`` at most; ``why``: words behind "None of N".
+    """
+    found: list[Array] = []
+    missing, left = n, draws * n
+    while missing and left:
+        size = min(left, max(ahead * missing, 64), at_once)
+        found.append(draw(size)[:missing])
         missing -= len(found[-1])
         left -= size
     if missing == n:
-        raise InputError(
-            f"None of {_DRAWS * n} poses that look at the target keeps the robot within {1e3 * margin:.0f} mm of where "
-            "it has been. Is X right? If so, give candidates of your own."
-        )
+        raise InputError(f"None of {draws * n} {why}")
     return np.concatenate(found)
 
 
