@@ -14,7 +14,7 @@ ROS messages are those of easy_handeye2 where it is installed; without it the re
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -41,6 +41,8 @@ ALGORITHMS = {
     "Daniilidis": "daniilidis",
     "Shah": "shah",
 }
+# Levels of warnings, by the name that a log has.
+WARN = ("warning", "warn")
 # What the tools call the mount of the camera.
 SETUPS = {
     "eye_in_hand": "eye-in-hand",
@@ -96,7 +98,7 @@ class EasyHandeyeBackend:
             One of ``AVAILABLE_ALGORITHMS``; None is Efficient.
         """
         node, parameters, samples, algorithm = _arguments(given, algorithm)
-        log = _Log(node)
+        log = _log(node)
         self.last_result = self.last_poses = None
         try:
             self.last_poses = poses = poses_of_samples(parameters, samples, self.MIN_SAMPLES)
@@ -108,16 +110,16 @@ class EasyHandeyeBackend:
                 warnings.simplefilter("ignore", InputWarning)
                 self.last_result = result = calibrate(poses, method=method, **self.options)
         except (InputError, NotConvergedError) as error:
-            log.warn(f"No calibration: {error}")
+            log(f"No calibration: {error}", *WARN)
             return None
-        (log.info if result.usable else log.error)(result.headline)
+        log(result.headline, *(() if result.usable else ("error",)))
         for warning in result.warnings:
-            log.warn(warning)
+            log(warning, *WARN)
         if self.folder is not None:
             try:
-                log.info(f"Wrote {_write(result, self.folder, _name_of(parameters))}.")
+                log(f"Wrote {_write(result, self.folder, _name_of(parameters))}.")
             except (InputError, OSError) as error:
-                log.warn(f"The result was not written to {self.folder}: {error}")
+                log(f"The result was not written to {self.folder}: {error}", *WARN)
         return _calibration(parameters, result.X) if result.usable else None
 
 
@@ -147,27 +149,18 @@ def poses_of_samples(parameters: Any, samples: Any, fewest: int = 3) -> PosePair
     return PosePairs(inverse(robot) if setup == "eye-to-hand" else robot, camera, setup=setup)
 
 
-class _Log:
-    """Log of the node, if there is one."""
+def _log(node: Any) -> Callable[..., None]:
+    """Return what logs a text by the first of some levels that the log of the node has, else as information."""
+    get = getattr(node, "get_logger", None)
+    logger = get() if callable(get) else None
 
-    def __init__(self, node: Any) -> None:
-        get = getattr(node, "get_logger", None)
-        self.logger = get() if callable(get) else None
+    def say(text: str, *levels: str) -> None:
+        for level in (*levels, "info"):
+            if callable(known := getattr(logger, level, None)):
+                known(text)
+                return
 
-    def info(self, text: str) -> None:
-        """Log what was found."""
-        if self.logger is not None:
-            self.logger.info(text)
-
-    def error(self, text: str) -> None:
-        """Log what makes X useless."""
-        if self.logger is not None:
-            getattr(self.logger, "error", self.info)(text)
-
-    def warn(self, text: str) -> None:
-        """Log what is wrong."""
-        if self.logger is not None:
-            getattr(self.logger, "warning", getattr(self.logger, "warn", self.info))(text)
+    return say
 
 
 def _arguments(given: tuple[Any, ...], algorithm: str | None) -> tuple[Any, Any, Any, str | None]:
