@@ -146,9 +146,8 @@ def predict_camera(
             "does not hold: calibrate again with the camera folder; or predict without the noise of one measurement."
         )
     ahead = camera_ahead(result, joints, robot)
-    S = ahead.columns @ posterior.covariance @ ahead.columns.mT + ahead.unseen
-    S = S + (ahead.noise if new_measurement else ahead.of_robot)
-    return CameraPrediction(ahead.poses, _symmetric(S), new_measurement)
+    noise = ahead.unseen + (ahead.noise if new_measurement else ahead.of_robot)
+    return CameraPrediction(ahead.poses, posterior.predict(ahead.columns, noise), new_measurement)
 
 
 def camera_ahead(result: Estimated, joints: Any = None, robot: Any = None) -> CameraAhead:
@@ -234,7 +233,7 @@ class InBase(NamedTuple):
 
     def covariance(self, result: Estimated) -> Array:
         """(..., 3, 3)."""
-        return _symmetric(self.by_all @ posterior_of(result).covariance @ self.by_all.mT + self.new)
+        return posterior_of(result).predict(self.by_all, self.new)
 
 
 def seen_at(result: Estimated, p: Array, ahead: RobotAhead | None, noise: Array | None = None) -> InBase:
@@ -431,7 +430,3 @@ def own_noise(result: Estimated, side: Literal["robot", "camera"]) -> Array:
         own = own - fitted.joint_noise**2 * J @ J.mT
     values, vectors = np.linalg.eigh(own.reshape(-1, 6, 6).mean(axis=0))
     return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T)
-
-
-def _symmetric(S: Array) -> Array:
-    return np.asarray(0.5 * (S + S.mT))

@@ -387,7 +387,11 @@ def check_rig(
     status = UNCHANGED
     if p < level:
         status = MOVED if moves and moves[0].p * len(moves) < level and moves[0].left > 0.01 * level else CHANGED
-    elif any(_missed(one, limits) for one in moves if one.name in result.rig.cameras):
+    elif any(
+        limit is not None and not least <= limit
+        for one in moves if one.name in result.rig.cameras
+        for least, limit in zip((one.least_shift, one.least_angle), limits, strict=True)
+    ):  # fmt: skip
         status = CANNOT_TELL
     pairs = dict.fromkeys((view.camera, view.target) for view in rig.views)
     views = {f"{camera}, {target}": _of_pair(found, rig, camera, target) for camera, target in pairs}
@@ -405,11 +409,6 @@ def _limits(tolerance: Any, rig: Rig) -> tuple[float | None, float | None]:
         return tolerance.translation, tolerance.rotation
     translation, rotation = tolerance
     return translation, rotation
-
-
-def _missed(one: RigMove, limits: tuple[float | None, float | None]) -> bool:
-    return any(limit is not None and not least <= limit
-               for least, limit in zip((one.least_shift, one.least_angle), limits, strict=True))  # fmt: skip
 
 
 def _seen(found: RigEvidence) -> list[str]:

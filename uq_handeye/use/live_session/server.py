@@ -56,7 +56,7 @@ class Server:
         try:
             _lock(self.viser, secret)
             if token is None and not is_loopback(host):
-                token = new_token()
+                token = secrets.token_urlsafe(16)
             self.gateway = Gateway(host, port, self.viser.get_port(), secret, token)
         except BaseException:
             with _silent():
@@ -225,11 +225,6 @@ class Gateway:
         if hmac.compare_digest(cookies.get(name, "").encode(), self.token.encode()):
             return None
         return _answer("403 Forbidden", "Open the address that was printed in the terminal: it holds a token.")
-
-
-def new_token() -> str:
-    """Return a token that cannot be guessed."""
-    return secrets.token_urlsafe(16)
 
 
 def _name_of(host: str) -> str:

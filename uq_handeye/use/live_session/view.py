@@ -23,7 +23,7 @@ from ...core.geometry.se3 import Array, inverse
 from ...errors import InputError
 from ...model.poses.pose_pairs import PosePairs
 from ...rig.description import WORLD
-from ...rig.result import EstimatedPose, RigCalibration
+from ...rig.result import RigCalibration
 from .markup import of_point, panel
 from .question import Answer
 from .scene import AXES, DARK, ELLIPSOID, FRUSTUM, LINE, OF_X, PALE, Beside, Colour, Nodes, Scene, nice, touched
@@ -74,7 +74,8 @@ class RigScene:
                 if name in at:
                     self._joined(f"/links/{name}", base, at[name], 4)
             cameras = [(name, result.cameras[name], place) for name, place in result.rig.cameras.items() if place in at]
-            factor = self._factor([one for _, one, _ in cameras])
+            known = [one.sizes[1] for _, one, _ in cameras if np.isfinite(one.sizes[1])]
+            factor = nice(ELLIPSOID * distance / max(max(known, default=1.0), 1e-9))
             for k, (name, one, place) in enumerate(cameras):
                 T = at[place] @ one.X
                 self.nodes.camera(
@@ -103,10 +104,6 @@ class RigScene:
     def _joined(self, name: str, one: Array, two: Array, thick: float) -> None:
         ends = np.stack([one[:3, 3], two[:3, 3]])[None]
         self.nodes.lines(name, ends, PALE, thick * LINE * self._distance)
-
-    def _factor(self, cameras: list[EstimatedPose]) -> int:
-        sizes = [one.sizes[1] for one in cameras if np.isfinite(one.sizes[1])]
-        return nice(ELLIPSOID * self._distance / max(max(sizes, default=1.0), 1e-9))
 
 
 def view_page(

@@ -100,7 +100,8 @@ def words_after(result: Calibration, verdict: Verdict | None, ahead: NextPose | 
     n = result.n_poses
     if result.opened is not None:
         first = f"{n} poses: not determined yet: {'; '.join(result.open_words)}."
-        return [first, _turn(ahead)]
+        turn = "take a pose that rotates about another axis" if ahead is None else str(ahead).partition("; ")[2]
+        return [first, _sentence(turn)]
     if result.reasons or result.accuracy is None:
         why = result.reasons[0] if result.reasons else "the covariance of X is not determined"
         return [f"{n} poses: X is not usable yet: {why}."]
@@ -166,12 +167,6 @@ def limit_of(result: Calibration, verdict: Verdict | None) -> str | None:
 def _mean_square(S: Array, length: float) -> float:
     """c(S) of the module, m^2."""
     return float(np.trace(S[3:, 3:]) + 2.0 / 3.0 * length**2 * np.trace(S[:3, :3]))
-
-
-def _turn(ahead: NextPose | None) -> str:
-    if ahead is None:
-        return "Take a pose that rotates about another axis."
-    return _sentence(str(ahead).partition("; ")[2])
 
 
 def _sentence(text: str) -> str:

@@ -112,15 +112,10 @@ class PlanRequest:
             object.__setattr__(self, name, value)
 
     def of(self, data: PosePairs) -> PlanRequest:
-        """Return the request with what follows from the poses: the length is the distance of the target."""
+        """Return the request with what follows from the poses: the length is the RMS distance of the target."""
         if self.criterion != "trace" or self.length is not None:
             return self
-        return replace(self, length=mean_distance(data))
-
-
-def mean_distance(data: PosePairs) -> float:
-    """Root mean square distance (m) from camera to target."""
-    return float(np.sqrt(np.mean(np.sum(data.camera[:, :3, 3] ** 2, axis=-1))))
+        return replace(self, length=float(np.sqrt(np.mean(np.sum(data.camera[:, :3, 3] ** 2, axis=-1)))))
 
 
 class Known(NamedTuple):

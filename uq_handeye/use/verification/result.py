@@ -152,7 +152,8 @@ class Verification(Record):
     @property
     def interval(self) -> Array:
         """(3, 2) the 95 % interval of each component of the bias, m."""
-        half = quantile_of_components(0.95, self.noise_dof) * self.std
+        tail = 0.5 * (1.0 + 0.95)
+        half = float(ndtri(tail) if self.noise_dof is None else stdtrit(self.noise_dof, tail)) * self.std
         return np.stack([self.bias - half, self.bias + half], axis=-1)
 
     @property
@@ -297,9 +298,3 @@ def _table(found: Verification) -> Table:
 
 def _mm(metres: float) -> str:
     return digits(1e3 * metres, 2)
-
-
-def quantile_of_components(probability: float, noise_dof: float | None) -> float:
-    """Half width of an interval of one number, in standard deviations."""
-    tail_of_each = 0.5 * (1.0 + probability)
-    return float(ndtri(tail_of_each) if noise_dof is None else stdtrit(noise_dof, tail_of_each))
