@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ..core.files.source import versions
 from ..core.geometry.se3 import Array
 from ..core.runtime.threads import one_thread
-from ..errors import InputError, NotConvergedError, require_type
+from ..errors import InputError, NotConvergedError, require_one_of, require_type
 from ..model.posterior.posterior import FreshNoise, Posterior
 from .checks.check import check_rig, joined, like
 from .checks.optimality import Optimality, better_start, prove
@@ -69,8 +69,7 @@ def calibrate_rig(
         The robot poses determine nothing.
     """
     require_type("rig", rig, Rig, "a Rig")
-    if method not in METHODS:
-        raise InputError(f"Expected `method` to be one of {', '.join(METHODS)}, got {method!r}.")
+    require_one_of("method", method, METHODS)
     if shared is not True and shared is not False:
         shared = tuple(np.atleast_1d(np.array(shared, dtype=object)).tolist())
         if unknown := [name for name in shared if name not in SHARED]:

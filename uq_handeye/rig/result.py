@@ -209,8 +209,7 @@ class RigCalibration(Record):
 
     def _single(self, name: str, frame: str) -> EstimatedPose:
         k = self.names.index(name)
-        by = np.zeros((6, len(self.covariance)))
-        by[:, 6 * k : 6 * k + 6] = np.eye(6)
+        by = np.eye(len(self.covariance))[6 * k : 6 * k + 6]
         count = sum(len(view.poses) for view in self.rig.views if name in (view.camera, view.target))
         return self._function(name, frame, self.poses[k], by, count)
 

@@ -12,11 +12,13 @@ from numpy.typing import ArrayLike
 from ...calibration.result import Calibration
 from ...calibration.statement.tolerance import Tolerance
 from ...core.files.open import StrPath, as_path
+from ...core.geometry.frames import SETUPS
+from ...errors import require_one_of
 from .folder import Folder
 from .page import Page
 from .question import Answer, Question
 from .server import HOST, PORT
-from .session import Session, setup_of
+from .session import Session
 from .sources import Source
 
 
@@ -108,8 +110,9 @@ def live(
     """
     noise, shared = options.pop("noise", None), options.pop("shared", None)
     asked = Question(options, lambda _: (noise, shared), None if tolerance is None else Tolerance.read(tolerance))
-    how = {} if setup is None else {"setup": setup_of(setup)}
-    session = Session(Folder(as_path(folder), how), asked)
+    if setup is not None:
+        require_one_of("setup", setup, SETUPS, "--setup")
+    session = Session(Folder(as_path(folder), {} if setup is None else {"setup": setup}), asked)
     page = Page(session, tuple(sources), host, port)
     if open_browser:
         page.open()

@@ -29,7 +29,6 @@ from numpy.typing import ArrayLike
 from ...core.files.atomic import json_text, write_atomically, write_files
 from ...core.files.lines import refused
 from ...core.geometry.checks import as_transforms
-from ...core.geometry.frames import SETUPS
 from ...errors import InputError, InputWarning, NotConvergedError
 from ...model.camera.board import SUFFIXES
 from ...model.poses.pose_pairs import PosePairs
@@ -290,13 +289,6 @@ def deliver(answer: Answer, folder: Path) -> Path:
     write_files(folder, {"result.json": json_text(result.to_dict() | more)})
     result.report(folder / "report.html", comparison=False, verdict=answer.verdict)
     return folder
-
-
-def setup_of(setup: str | None) -> str:
-    """Return the setup; raises `InputError` for a name that is none."""
-    if setup is not None and setup not in SETUPS:
-        raise InputError(f"Expected `setup` (--setup) to be one of {', '.join(SETUPS)}, got {setup!r}.")
-    return setup or next(iter(SETUPS))
 
 
 def _below(left_out: tuple[int, ...], n: int) -> tuple[int, ...]:

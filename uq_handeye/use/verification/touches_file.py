@@ -37,7 +37,7 @@ from ...core.files.open import StrPath, as_path, opened, shown
 from ...core.files.table import Places, Schema, Table, name_and_unit, read_table
 from ...core.formatting.units import ANGLE_UNITS, LENGTH_UNITS
 from ...core.geometry.se3 import Array
-from ...errors import InputError
+from ...errors import InputError, require_one_of
 from ...model.kinematics.chain import Kinematics
 from ...model.kinematics.joint import PRISMATIC
 
@@ -139,8 +139,7 @@ def read_touches(
     InputError
         One line that names the file, the line and the column.
     """
-    if units not in LENGTH_UNITS:
-        raise InputError(f"Expected `units` (--units) to be one of {', '.join(LENGTH_UNITS)}, got {units!r}.")
+    require_one_of("units", units, LENGTH_UNITS, "--units")
     table = _table(path, units, arm)
     name, m = table.table.name, len(table.table.lines)
     parts: dict[str, Any] = dict(more)
