@@ -215,7 +215,7 @@ def test_shared_errors_by_name():
 
 
 def test_targets_of_one_printer_share_an_error_of_size():
-    """All tags 1 % larger than told: the cameras are as far off as stated (each by itself: 17 mm at 2.2 mm stated)."""
+    """All tags 1 % larger than told: the cameras are as far off as stated; by itself each size is drawn to the mean."""
     tags = {f"t{k}": "world" for k in range(8)}
     exact, truth = simulate_rig({"c1": "arm", "c2": "arm"}, tags, n_poses=20, seen=0.5, seed=5)
     noise = {"arm": ("0.05mrad", "0.05mm"), "c1": SIZE, "c2": SIZE}
