@@ -39,6 +39,7 @@ from numpy.typing import NDArray
 from scipy.special import chdtrc, gammaln
 
 from ...core.files.records import Record
+from ...core.files.trees import is_plain_number
 from ...core.geometry.se3 import Array, logarithm, perturb
 from ...errors import InputError, NotConvergedError
 from ...findings import Finding, Severity
@@ -111,7 +112,7 @@ def moments_of(rig: Rig, graph: Graph) -> tuple[NDArray[np.intp], tuple[Any, ...
     names = dict.fromkeys(name for arm in rig.arms.values() for name in arm.names)
     names |= dict.fromkeys(name for view in rig.views for name in view.at or ())
     listed = list(names)
-    if all(isinstance(name, int | float) for name in listed):
+    if all(map(is_plain_number, listed)):
         listed.sort()
     place = {name: k for k, name in enumerate(listed)}
     at = [[place[name] for name in view.at or ()] for view in rig.views]

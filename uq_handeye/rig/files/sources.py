@@ -148,14 +148,13 @@ def _intrinsics(given: Any, folder: Path) -> tuple[Any, Array, Array]:
     from ...model.camera.models import LINEAR, MODELS
     from ...model.camera.result import is_camera_folder, read_camera
 
-    numbers = given.split(",") if isinstance(given, str) else given
     try:
-        plain = [float(part) for part in numbers]
-    except (TypeError, ValueError):
+        plain = [float(part) for part in str(given).strip("[]").split(",")]
+    except ValueError:
         plain = []
     if len(plain) == len(LINEAR):
         return MODELS["pinhole"], np.array(plain), np.zeros((len(LINEAR), 0))
-    if not isinstance(given, str):
+    if given != str(given):
         raise InputError(f"Expected `intrinsics` to be fx, fy, cx, cy, a file or a folder, got {given!r:.40}.")
     path = folder / given
     if is_camera_folder(path):
