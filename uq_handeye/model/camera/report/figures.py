@@ -143,7 +143,8 @@ def by_point(cam: Calibrated) -> Picture:
     wide = 72.0 * axis.get_position().width * WIDTH
     size = float(np.clip((DOT * wide * spacing / np.ptp(at[:, 0])) ** 2, 2.0, 60.0))
     _board_axes(axis, cam)
-    dots = axis.scatter(*at.T, c=moved[:, 2], cmap=COLOURS, vmin=-most, vmax=most, s=size, linewidths=0.3,
+    x, y = at.T
+    dots = axis.scatter(x, y, c=moved[:, 2], cmap=COLOURS, vmin=-most, vmax=most, s=size, linewidths=0.3,
                         edgecolors=QUIET, zorder=2)  # fmt: skip
     axis.quiver(
         *at.T, *moved[:, :2].T, angles="xy", scale_units="xy", scale=1.0 / factor, color=INK, width=0.004,
