@@ -22,7 +22,7 @@ import numpy as np
 from ...core.files.open import StrPath, as_path, natural, opened, shown
 from ...core.files.source import Source
 from ...core.runtime.progress import progress_bar
-from ...errors import InputError, InputWarning
+from ...errors import InputError, InputWarning, require_type
 from .adjustment.initial_guess import opencv
 from .corners import Corners
 from .description import SQUARES, TAGS
@@ -92,8 +92,7 @@ def detect_board(images: str | Iterable[StrPath], board: Board, *, progress: boo
 
 def find_corners(images: str | Iterable[StrPath], board: Board, progress: bool) -> Corners:
     """Find corners as `detect_board` does, without a warning about half turns: for callers who resolve them."""
-    if not isinstance(board, Board):
-        raise InputError(f"Expected `board` to be a Board, got {type(board).__name__}.")
+    require_type("board", board, Board, "a Board")
     paths = picture_paths(images)
     names = _names(paths)
     tags: list[Tags] = []

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.geometry.se3 import Array
-from ...errors import InputError, NotConvergedError
+from ...errors import InputError, NotConvergedError, require_type
 from ...findings import Finding, warn
 from .adjustment.bent_edges import bias
 from .adjustment.bundle import Bundle, poses_only
@@ -90,10 +90,7 @@ def calibrate_camera(
     NotConvergedError
         ``partial`` holds the `Bundle` that was reached.
     """
-    if not isinstance(corners, Corners):
-        raise InputError(
-            f"Expected `corners` to be Corners (read_corners, detect_board), got {type(corners).__name__}."
-        )
+    require_type("corners", corners, Corners, "Corners (read_corners, detect_board)")
     size = _checked_size(corners.image_size if image_size is None else image_size, corners)
     known = dict(intrinsics or {})
     if len(corners.on_board[0]) < FEWEST_POINTS and (open_ones := [name for name in LINEAR if name not in known]):

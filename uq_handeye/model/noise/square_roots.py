@@ -36,6 +36,10 @@ class _Blocks:
 
     own = blocks
 
+    @property
+    def factor(self) -> Array:
+        return checked_cholesky(self.M)
+
     def rows(self, index: NDArray[Any]) -> Array:
         return self.M if self.M.ndim == 2 else np.asarray(self.M[..., index, :, :])
 
@@ -57,11 +61,9 @@ class _Blocks:
         return np.asarray(logs.sum(axis=-1) if self.M.ndim > 2 else logs)
 
 
-@dataclass(frozen=True, eq=False)
-class _Dense:
+class _Dense(_Blocks):
     """S or L of all poses together, (..., 6n, 6n)."""
 
-    M: Array
     correlated: ClassVar[bool] = True
 
     @property
@@ -118,7 +120,8 @@ def is_joint(S: Any) -> bool:
 
 def cholesky_of(S: Covariance) -> Factor:
     """L with ``S = L L^T``; raises where the noise leaves a part of the residuals exact."""
-    return S.factor if isinstance(S, JointCovariance) else checked_cholesky(S)
+    factor: Factor = form_of(S).factor
+    return factor
 
 
 def whiten(factor: Factor, values: Array) -> Array:

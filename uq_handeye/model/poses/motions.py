@@ -25,7 +25,7 @@ from ...core.geometry.checks import as_transforms
 from ...core.geometry.nearest_rotation import orthonormalise
 from ...core.geometry.se3 import Array, inverse
 from ...core.runtime.read_only import ReadOnlyArrays
-from ...errors import InputError
+from ...errors import InputError, require_type
 from ..noise.joint_covariance import JointCovariance
 from .pose_pairs import PosePairs
 from .timing import Timing
@@ -105,8 +105,7 @@ def relative_motions(poses: PosePairs, pairs: str | ArrayLike = "consecutive") -
     >>> uq.relative_motions(poses, "all").pairs.tolist()
     [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]]
     """
-    if not isinstance(poses, PosePairs):
-        raise InputError(f"Expected `poses` to be PosePairs, got {type(poses).__name__}.")
+    require_type("poses", poses, PosePairs, "PosePairs")
     index = pair_indices(poses.n, pairs)
     i, j = index[:, 0], index[:, 1]
     G, C = poses.effective_robot, poses.camera
