@@ -9,15 +9,13 @@ of all pictures put point j off by d_j (`BoardPattern`). The board is seen from 
 Figures of the camera's view: how well the intrinsics say where a point is seen, and where the board was.
 
 Model of the first: a point known in the camera frame is seen where the intrinsics say; their covariance makes the
-standard deviation shown (`camera.rays`). The second stands in the camera frame: z ahead along the optical axis, x to
-the right, y down. This module imports Matplotlib; import it where it is used.
+standard deviation shown (`camera.rays`). This module imports Matplotlib; import it where it is used.
 """
 
 from __future__ import annotations
 
 import textwrap
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -31,7 +29,6 @@ from scipy.spatial import Delaunay
 from ....core.formatting.numbers import fixed
 from ....core.geometry.se3 import Array
 from ....core.presentation.figure_parts import (
-    BLUE,
     GREEN,
     INK,
     MAP_HALO,
@@ -42,14 +39,12 @@ from ....core.presentation.figure_parts import (
     TEXT,
     WIDTH,
     Picture,
-    canvas,
     finished,
     plain,
     round_number,
 )
 from ....errors import InputError
-from ..calibrated import Calibrated, certainty, seen_points
-from ..models import rays
+from ..calibrated import Calibrated, certainty, distances, tilts
 from .residual_figures import (
     MANY,
     by_picture,
@@ -184,12 +179,6 @@ def _board_axes(axis: Axes, cam: Calibrated) -> None:
     named_axes(axis, "x of the board (mm)", "y (mm)", ticks=(6, 5), steps=[1, 2, 5, 10])
 
 
-# Boards that are drawn in full, evenly spread over the pictures, and as dots.
-MOST_BOARDS, MOST_DOTS = 40, 1000
-# A field of view to both sides beyond this is not drawn as lines.
-WIDEST = np.radians(80.0)
-
-
 def over_certainty(cam: Calibrated) -> Picture | None:
     """Map of the standard deviation in pixels over the picture; None where the intrinsics are exact."""
     if not cam.estimated:
@@ -225,74 +214,23 @@ def over_certainty(cam: Calibrated) -> Picture | None:
 
 
 def boards_seen(cam: Calibrated) -> Picture:
-    """The boards in the camera frame, from above and from the side, with the field of view."""
-    points = seen_points(cam)
-    middle = np.stack([part.mean(axis=0) for part in points])
-    n = len(points)
-    full, dots = (
-        np.unique(np.linspace(0, n - 1, min(n, most)).round().astype(int)) for most in (MOST_BOARDS, MOST_DOTS)
-    )
-    outlines = [outline(points[k]) for k in full]
-    everything = np.concatenate([np.zeros((1, 3)), *outlines])
-    low, high = everything.min(axis=0), everything.max(axis=0)
-    # Both panels have one scale; a direction in which the boards hardly differ still gets some room.
-    size = np.maximum(high - low, 0.45 * max(high[2] - low[2], 1e-9))
-    middle_of = 0.5 * (low + high)
-    low, high = middle_of - 0.55 * size, middle_of + 0.55 * size
-    each = (WIDTH - 1.5) / (size[0] + size[2])
-    figure = canvas(float(np.clip(1.25 + each * max(size[2], size[1]), 2.6, 6.0)))
-    axes: Any = figure.subplots(1, 2, width_ratios=[size[0], size[2]])
-    for axis, (across, up), names, title in (
-        (axes[0], (0, 2), ("x, to the right (m)", "z, ahead (m)"), "from above"),
-        (axes[1], (2, 1), ("z, ahead (m)", "y, down (m)"), "from the side"),
-    ):
-        plain(axis)
-        for line in outlines:
-            axis.plot(line[:, across], line[:, up], color=GREEN, linewidth=0.9, zorder=3)
-        axis.plot(middle[dots, across], middle[dots, up], "o", color=GREEN, markersize=2.4, markeredgewidth=0, zorder=4)
-        axis.plot(0.0, 0.0, "s", color=BLUE, markersize=6, zorder=5)
-        for ray in _edges(cam, 0 if up == 2 else 1, float(high[2])):
-            axis.plot(ray[:, across], ray[:, up], color=BLUE, linewidth=0.8, linestyle="--", zorder=2)
-        axis.set(xlim=(low[across], high[across]), ylim=(low[up], high[up]), aspect="equal")
-        if up == 1:
-            axis.invert_yaxis()
-        named_axes(axis, *names, title, ticks=(5, 6), steps=[1, 2, 5, 10])
-    handles = [
-        Line2D([], [], marker="s", linestyle="", color=BLUE, markersize=5, label="camera"),
-        Line2D([], [], color=BLUE, linewidth=1.0, linestyle="--", label="edge of the picture"),
-        Line2D([], [], color=GREEN, linewidth=1.2, label=f"outline of the corners ({len(full)} of {n} pictures)"),
-    ]
-    figure.legend(handles=handles, loc="outside lower center", ncols=3, frameon=False, fontsize=SMALL)
-    alt = f"Where the board was in the camera frame, from above and from the side. {boards_words(cam)}"
+    """Distance and tilt of the board in each picture."""
+    figure, axis = framed(0.45, 1.0, TALLEST, 1.0)
+    plain(axis)
+    many = cam.corners.n > MANY
+    axis.plot(
+        distances(cam), tilts(cam), "o", color=GREEN, markersize=2.0 if many else 5.0, markeredgewidth=0,
+        rasterized=many,
+    )  # fmt: skip
+    axis.set_xlim(left=0.0)
+    axis.set_ylim(bottom=0.0)
+    named_axes(axis, "distance along the optical axis (m)", "tilt against the picture (deg)", ticks=(8, 6))
+    alt = f"Distance and tilt of the board in each picture. {boards_words(cam)}"
     caption = (
         f"{boards_words(cam)} Boards at several distances and tilts separate the focal length from the distance; "
         "boards that are all parallel to the picture do not."
     )
     return Picture(finished(figure), alt, caption)
-
-
-def outline(points: Array) -> Array:
-    """Closed hull (k, 3) of points of a plane (m, 3)."""
-    from scipy.spatial import ConvexHull  # needed here only
-
-    middle = points.mean(axis=0)
-    axes = np.linalg.svd(points - middle, full_matrices=False)[2][:2]
-    ring = ConvexHull((points - middle) @ axes.T).vertices
-    return np.asarray(points[[*ring, ring[0]]])
-
-
-def _edges(cam: Calibrated, side: int, depth: float) -> list[Array]:
-    """Lines (2, 3) from the camera through the middles of two opposite edges of the picture, to the depth given."""
-    width, height = cam.image_size
-    centre = cam.bundle.parameters[2:4]
-    ends = np.array([[-0.5, centre[1]], [width - 0.5, centre[1]]] if side == 0 else
-                    [[centre[0], -0.5], [centre[0], height - 0.5]])  # fmt: skip
-    found = rays(cam.bundle.model, cam.bundle.intrinsics, ends)
-    return [
-        np.stack([np.zeros(3), ray * depth / ray[2]])
-        for ray in found
-        if ray[2] > np.cos(WIDEST)  # nan is not
-    ]
 
 
 FIGURES: dict[str, Callable[[Calibrated], Picture | None]] = {
