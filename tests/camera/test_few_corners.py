@@ -5,6 +5,7 @@ import pytest
 from support import SEED
 
 import studies.camera_covariance as study
+from studies.camera_covariance.few_pictures import one
 from uq_handeye.model.camera.adjustment.model_choice import criterion
 from uq_handeye.model.camera.calibrate import calibrate_camera
 
@@ -25,3 +26,13 @@ def test_auto_is_no_worse_than_a_pinhole_by_itself(monkeypatch):
             assert min(one.bic for one in found.candidates) <= bic + 0.5
         chosen.append(found.model)
     assert chosen.count("pinhole") >= 8
+
+
+@pytest.mark.filterwarnings("ignore::uq_handeye.errors.InputWarning")
+@pytest.mark.parametrize(
+    ("lens", "n", "sets", "least"),
+    [("none", 2, 16, 14), ("k1", 3, 16, 14), ("k1, k2", 2, 16, 14), ("k1 to k3", 30, 5, 4)],
+)
+def test_few_pictures_get_the_simplest_lens_and_many_a_rich_one(lens, n, sets, least):
+    """With candidates that start from the richest, 55 to 80 % of sets of two and three pictures were right."""
+    assert sum(one(lens, n, k)[0] for k in range(sets)) >= least

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.ndimage import median
 
 from ...core.files.lines import short
 from ...core.geometry.checks import as_numbers
@@ -226,13 +227,7 @@ def consensus(y: Array, p: Array, pose: NDArray[np.intp], n: int) -> Array:
 
 def medians(values: Array, index: NDArray[np.intp], n: int) -> Array:
     """(n,) medians by index."""
-    order = np.lexsort((values, index))
-    count = np.bincount(index, minlength=n)
-    first = np.concatenate([[0], np.cumsum(count)[:-1]])
-    low, high = first + np.maximum(count - 1, 0) // 2, first + count // 2
-    sorted_ = values[order]
-    top = len(sorted_) - 1
-    return np.asarray(0.5 * (sorted_[np.minimum(low, top)] + sorted_[np.minimum(high, top)]))
+    return np.asarray(median(values, index, np.arange(n)))
 
 
 def placed(T: Array, p: Array, pose: NDArray[np.intp]) -> Array:
