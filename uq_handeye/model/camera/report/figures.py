@@ -3,8 +3,8 @@ r"""All figures of a camera calibration, each with the words that belong to it.
 The board as figures: a map of its height, and what the residuals say of each of its points.
 
 Model: the height of a point is that over the plane nearest to all points, along z of the board, which points away from
-the camera (`MeasuredBoard`). Between the points it is drawn by a thin plate spline through them. The residuals
-of all pictures put point j off by d_j (`BoardPattern`). The board is seen from the front: x to the right, y down.
+the camera (`MeasuredBoard`). Between the points it is drawn linearly. The residuals of all pictures put point j off by
+d_j (`BoardPattern`). The board is seen from the front: x to the right, y down.
 
 Figures of the camera's view: how well the intrinsics say where a point is seen, and where the board was.
 
@@ -23,8 +23,6 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.text import Text
 from matplotlib.ticker import MaxNLocator
-from scipy.interpolate import RBFInterpolator
-from scipy.spatial import Delaunay
 
 from ....core.formatting.numbers import fixed
 from ....core.geometry.se3 import Array
@@ -58,8 +56,6 @@ from .residual_figures import (
 )
 from .text import board_pattern_words, board_words, boards_words
 
-# Nodes of the map along the longer side, and nearest points that a node is drawn from.
-NODES, NEAREST = 120, 60
 # Share of the board beyond the outermost points that is drawn.
 RIM = 0.06
 # Height in inches of a board that stands upright.
@@ -81,16 +77,10 @@ def board_map(cam: Calibrated) -> Picture | None:
     at = _in_plane(cam)
     low, high, middle = at.min(axis=0), at.max(axis=0), at.mean(axis=0)
     figure, axis = framed(float((high - low)[1] / (high - low)[0]), 1.5, TALLEST, 1.0)
-    step = float((high - low).max()) / NODES
-    x, y = np.meshgrid(*(np.arange(a, b + 0.5 * step, step) for a, b in zip(low, high, strict=True)))
-    nodes = np.stack([x, y], axis=-1).reshape(-1, 2)
-    drawn = RBFInterpolator(at, height, neighbors=min(NEAREST, len(at)))(nodes)
-    drawn[Delaunay(middle + 1.001 * (at - middle)).find_simplex(nodes) < 0] = np.nan
     most = float(np.abs(height).max())
     levels = MaxNLocator(nbins=11, steps=[1, 2, 2.5, 5, 10], symmetric=True).tick_values(-most, most)
-    z = np.ma.masked_invalid(drawn.reshape(x.shape))
-    filled = axis.contourf(x, y, z, levels=levels, cmap=COLOURS)
-    lines = axis.contour(x, y, z, levels=levels, colors=ON_MAP, linewidths=0.6)
+    filled = axis.tricontourf(at[:, 0], at[:, 1], height, levels=levels, cmap=COLOURS)
+    lines = axis.tricontour(at[:, 0], at[:, 1], height, levels=levels, colors=ON_MAP, linewidths=0.6)
     axis.plot(*at.T, ".", color=ON_MAP, markersize=2.0, markeredgewidth=0)
     _board_axes(axis, cam)
     axis.grid(visible=False)
