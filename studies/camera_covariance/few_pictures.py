@@ -112,9 +112,8 @@ def main() -> None:
     sets = asked.sets
     warnings.simplefilter("ignore", uq.InputWarning)
     if asked.pictures:
-        print(
-            "| pictures | right | fx off, median (%) | largest (%) | most frequent wrong choice |\n|---|---|---|---|---|"
-        )
+        print("| pictures | right | fx off, median (%) | largest (%) | most frequent wrong choice |")
+        print("|---|---|---|---|---|")
         for n in (2, 3, 4):
             print(picture_row(n, sets), flush=True)
         return
