@@ -34,5 +34,5 @@ def test_auto_is_no_worse_than_a_pinhole_by_itself(monkeypatch):
     [("none", 2, 16, 14), ("k1", 3, 16, 14), ("k1, k2", 2, 16, 14), ("k1 to k3", 30, 5, 4)],
 )
 def test_few_pictures_get_the_simplest_lens_and_many_a_rich_one(lens, n, sets, least):
-    """Where candidates start from the richest one, 55 to 80 % of sets of two and three pictures are right."""
+    """Candidates that start from the richest one are right in 55 to 80 % of sets of two and three pictures."""
     assert sum(one(lens, n, k)[0] for k in range(sets)) >= least
