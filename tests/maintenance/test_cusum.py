@@ -12,12 +12,12 @@ def siegmund(limit, reference=K):
     return float((np.exp(b) - b - 1.0) / (2.0 * reference**2))
 
 
-def simulated(limit, components, rng, runs=1000, shift=0.0):
+def simulated(limit, components, rng, runs=1000):
     """Mean run length and its standard error; all runs at once, independent of the package."""
     at, lengths, k = np.zeros((runs, components or 1)), [], 0
     while len(at):
         k += 1
-        at = at + rng.standard_normal(at.shape) + shift
+        at = at + rng.standard_normal(at.shape)
         if components is None:
             at = np.maximum(0.0, at - K)
         else:
@@ -36,12 +36,6 @@ def test_the_run_length_is_that_of_simulated_charts(components, rng):
     assert abs(mean - 100) < 4 * error
     wrong, error = simulated(0.8 * limit, components, rng)  # another limit is another rate
     assert wrong < 100 - 6 * error
-
-
-def test_a_shift_shortens_the_run(rng):
-    mean, error = simulated(4.0, None, rng, shift=1.0)
-    assert abs(mean - run_length(4.0, shift=1.0)) < 4 * error
-    assert mean < 0.1 * run_length(4.0)
 
 
 @pytest.mark.parametrize(("p", "limit"), [(2, 5.5), (10, 14.9), (20, 24.7)])
@@ -68,7 +62,3 @@ def test_refusals():
     for wrong in (0.0, 1e9):
         with pytest.raises(uq.InputError, match="one false alarm in"):
             limit_for(wrong)
-    with pytest.raises(uq.InputError, match="above 0"):
-        run_length(-1.0)
-    with pytest.raises(uq.InputError, match="components"):
-        run_length(1.0, components=0)

@@ -36,7 +36,8 @@ def series(design, rng, size=1.0, shift=None, since=0):
 
 def test_the_innovations_are_the_joint_covariance_in_steps(design, rng):
     evidence = series(design, rng)
-    joint = evidence[0].joined(evidence[1]).joined(evidence[2]).joined(evidence[3])
+    parts = (np.concatenate([getattr(of, name) for of in evidence]) for name in ("r", "by_unit", "own"))
+    joint = NewRows(*parts, design[0])
     e = Innovations(evidence).whitened([of.r.reshape(-1, 1) for of in evidence])
     assert sum(float(part[:, 0] @ part[:, 0]) for part in e) == pytest.approx(joint.d2, rel=1e-9)
 

@@ -41,6 +41,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import accumulate
 
 import numpy as np
 from scipy.linalg import solve_triangular
@@ -57,82 +58,52 @@ K = 0.5  # finds a shift of one standard deviation fastest
 CELLS = 40
 
 
-def cusum(scores: Array, reference: float = K) -> Array:
+def cusum(scores: Array) -> Array:
     """(n,) ``S_k`` after each score: numbers (n,), upwards."""
-    path = np.empty(len(scores))
-    level = 0.0
-    for k, z in enumerate(np.asarray(scores, dtype=float)):
-        level = max(0.0, level + z - reference)
-        path[k] = level
-    return path
+    return np.array([*accumulate(map(float, scores), lambda S, z: max(0.0, S + z - K), initial=0.0)])[1:]
 
 
-def vector_cusum(scores: Array, reference: float = K) -> Array:
+def vector_cusum(scores: Array) -> Array:
     """(n,) ``|S_k|`` after each score: vectors (n, p)."""
-    path = np.empty(len(scores))
-    at = np.zeros(np.shape(scores)[1:])
-    for k, u in enumerate(np.asarray(scores, dtype=float)):
-        at = at + u
-        size = float(np.linalg.norm(at))
-        at = at * max(0.0, 1.0 - reference / size) if size > 0 else at
-        path[k] = float(np.linalg.norm(at))
-    return path
+
+    def step(S: Array, u: Array) -> Array:
+        S = S + u
+        return S * max(0.0, 1.0 - K / max(float(np.linalg.norm(S)), 1e-300))
+
+    path = [*accumulate(np.asarray(scores, dtype=float), step, initial=np.zeros(np.shape(scores)[1:]))]
+    return np.asarray(np.linalg.norm(path, axis=-1))[1:]
 
 
-def run_length(limit: float, reference: float = K, components: int | None = None, shift: float = 0.0) -> float:
-    """Average number of checks until the alarm, from ``S = 0``.
+def run_length(limit: float, components: int | None = None) -> float:
+    """Average number of checks until the alarm at H = ``limit``, from ``S = 0``, while nothing changes.
 
-    Parameters
-    ----------
-    limit : float
-        H, above 0.
-    reference : float
-        K, above 0.
-    components : int or None
-        p of vectors; None: numbers.
-    shift : float
-        Mean of the numbers; 0 is without any change. For vectors only 0.
+    Of vectors of p ``components``, or of numbers.
     """
-    if not (limit > 0 and reference > 0):
-        raise InputError(f"Expected limit and reference value above 0, got {limit!r} and {reference!r}.")
-    if components is not None and (components < 1 or shift != 0.0):
-        raise InputError(f"Expected 1 or more components and no shift, got {components!r} and {shift!r}.")
-    coarse, fine = (_by_cells(limit, reference, components, shift, n) for n in (CELLS, 2 * CELLS))
+    coarse, fine = (_by_cells(limit, components, n) for n in (CELLS, 2 * CELLS))
     return fine + (fine - coarse) / 3.0
 
 
 @lru_cache(maxsize=64)
-def limit_for(length: float, reference: float = K, components: int | None = None) -> float:
+def limit_for(length: float, components: int | None = None) -> float:
     """H with the average run length ``length`` (checks) while nothing changes."""
     if not 10.0 <= length <= 1e5:
         raise InputError(f"Expected one false alarm in 10 to 100,000 checks, got one in {length!r}.")
-
-    def excess(limit: float) -> float:
-        return float(np.log(run_length(limit, reference, components) / length))
-
-    highest = 1.0
-    while excess(highest) < 0:
-        highest *= 1.5
-    return float(brentq(excess, 0.01, highest, xtol=1e-3))
+    highest = next(H for H in 1.5 ** np.arange(20) if run_length(H, components) > length)
+    return float(brentq(lambda H: np.log(run_length(H, components) / length), 0.01, highest, xtol=1e-3))
 
 
-def _by_cells(limit: float, reference: float, components: int | None, shift: float, n: int) -> float:
+def _by_cells(limit: float, p: int | None, n: int) -> float:
     """(I - Q)^-1 1 at S = 0: state 0 is S = 0 itself, state i >= 1 the i-th of n cells, all of it at its middle."""
     edges = np.linspace(0.0, limit, n + 1)
-    at = np.concatenate([[0.0], (edges[1:] + edges[:-1]) / 2])  # (n + 1,)
+    at = np.concatenate([[0.0], (edges[1:] + edges[:-1]) / 2])[:, None]  # (n + 1, 1)
     # below[i, j]: the probability to go from state i to the j-th edge or below it; the edge 0 is S = 0
-    reach = edges + reference
-    below = (
-        ndtr(reach - at[:, None] - shift) if components is None else _chi_below(reach, at[:, None], float(components))
-    )
+    reach = edges + K
+    if p is None:
+        below = ndtr(reach - at)
+    else:  # |S + u| <= reach
+        below = np.where(at > 0, chndtr(reach**2, p, at**2), gammainc(p / 2, reach**2 / 2))
     Q = np.concatenate([below[:, :1], np.diff(below, axis=1)], axis=1)  # (n + 1, n + 1)
     return float(np.linalg.solve(np.eye(n + 1) - Q, np.ones(n + 1))[0])
-
-
-def _chi_below(reach: Array, distance: Array, p: float) -> Array:
-    """P(|S + u| <= reach) for |S| = distance, u ~ N(0, I_p)."""
-    found = chndtr(reach**2, p, distance**2)
-    return np.asarray(np.where(distance > 0, found, gammainc(p / 2, reach**2 / 2)))
 
 
 # Smaller p-values are not told from each other.

@@ -91,7 +91,8 @@ class LoggedCheck(ReadOnlyArrays):
         time: str | None = None,
     ) -> LoggedCheck:
         """Build it from the check of ``poses`` against ``result``; ``time`` None is now."""
-        at = now() if time is None else _checked_time(time)
+        now = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
+        at = now if time is None else _checked_time(time)
         nu = math.inf if check.noise_dof is None else check.noise_dof
         cause, shift, std, noise = _said(check, result, poses, noise)
         return cls(
@@ -236,12 +237,23 @@ def log_check(
     InputError
         A log of another calibration; poses that are in the log already; whatever prevents reading or writing.
     """
-    return append(path, LoggedCheck.of(check, result, poses, noise, time))
-
-
-def now() -> str:
-    """Return the time in UTC, to the second."""
-    return datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
+    target, logged = as_path(path), LoggedCheck.of(check, result, poses, noise, time)
+    with held(target):  # from reading to writing: no line of another process is lost
+        before = _read(path) if target.exists() else ""
+        series = _series(before, path) if before.strip() else CheckSeries(())
+        if series.result not in (None, logged.result):
+            raise InputError(_another(path, series.result, logged.result))
+        same = next((k for k, of in enumerate(series.checks) if _same(of.poses, poses)), None)
+        if same is not None:
+            raise InputError(
+                f"{shown(target)}: these poses were logged as check {same + 1} ({series.checks[same].time}), and are "
+                "not logged twice. Check new poses, or leave out --log."
+            )
+        text = before if before.strip() else _csv(COLUMNS)
+        line = logged.line()
+        write_atomically(target, f"{text}{'' if text.endswith(chr(10)) else chr(10)}{line}")
+    written = LoggedCheck.from_cells(dict(zip(COLUMNS, _cells(line), strict=True)))
+    return CheckSeries((*series.checks, written), series.damaged)
 
 
 def read_checks(path: StrPath, result: Calibration | RigCalibration | None = None) -> CheckSeries:
@@ -252,34 +264,10 @@ def read_checks(path: StrPath, result: Calibration | RigCalibration | None = Non
     InputError
         No such file, no log of checks, checks of several calibrations, or of another one than ``result``.
     """
-    return _series(_read(path), path, result)
-
-
-def append(path: StrPath, check: LoggedCheck) -> CheckSeries:
-    """Add a check to the log, which is made if there is none, and return the whole series.
-
-    Raises
-    ------
-    InputError
-        A log of another calibration; poses that are in the log already; whatever prevents reading or writing.
-    """
-    target = as_path(path)
-    with held(target):  # from reading to writing: no line of another process is lost
-        before = _read(path) if target.exists() else ""
-        series = _series(before, path, None) if before.strip() else CheckSeries(())
-        if series.result not in (None, check.result):
-            raise InputError(_another(path, series.result, check.result))
-        same = next((k for k, of in enumerate(series.checks) if _same(of.poses, check.poses)), None)
-        if same is not None:
-            raise InputError(
-                f"{shown(target)}: these poses were logged as check {same + 1} ({series.checks[same].time}), and are "
-                "not logged twice. Check new poses, or leave out --log."
-            )
-        text = before if before.strip() else _csv(COLUMNS)
-        line = check.line()
-        write_atomically(target, f"{text}{'' if text.endswith(chr(10)) else chr(10)}{line}")
-    written = LoggedCheck.from_cells(dict(zip(COLUMNS, _cells(line), strict=True)))
-    return CheckSeries((*series.checks, written), series.damaged)
+    series = _series(_read(path), path)
+    if result is not None and series.result not in (None, own := hash_of_result(result)):
+        raise InputError(_another(path, series.result, own))
+    return series
 
 
 def _read(path: StrPath) -> str:
@@ -287,7 +275,7 @@ def _read(path: StrPath) -> str:
         return file.read().decode("utf-8", errors="replace").removeprefix("\ufeff")
 
 
-def _series(text: str, path: StrPath, result: Calibration | RigCalibration | None) -> CheckSeries:
+def _series(text: str, path: StrPath) -> CheckSeries:
     lines = text.splitlines()
     csv.field_size_limit(MAX_BYTES)  # the views of a rig stand in one cell
     where = shown(as_path(path))
@@ -307,8 +295,6 @@ def _series(text: str, path: StrPath, result: Calibration | RigCalibration | Non
     results = list(dict.fromkeys(check.result for check in checks))
     if len(results) > 1:
         raise InputError(f"{where}: holds checks of {len(results)} calibrations. Keep one log for each calibration.")
-    if result is not None and results and results[0] != (own := hash_of_result(result)):
-        raise InputError(_another(path, results[0], own))
     return CheckSeries(tuple(checks), tuple(damaged))
 
 
