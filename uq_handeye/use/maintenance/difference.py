@@ -26,7 +26,7 @@ from ...fit.likelihood.goodness_of_fit import Reference
 from ...model.poses.pose_pairs import PosePairs
 from ...model.posterior.owners import CAMERA, ROBOT, THINGS, checked_things, require_same
 from .in_common import difference_covariance, positive
-from .joined_poses import common_poses, counted, holds_request, measured_poses
+from .joined_poses import common_poses, counted, holds_request, measured_poses, with_bound_poses
 from .update import parts_of, touches_taken
 
 # Directions of a difference whose variance is below this share of that of the two results are not tested: rounding.
@@ -47,8 +47,8 @@ class Difference(Record):
         What both results were made of counts once.
     how : str
         "posterior": both posteriors and what they have from one source (`in_common`); "innovation": ``C_old - C_new``,
-        where the new result holds the data of the old one; "independent": the sum of both, which is assumed; "equal":
-        one and the same result.
+        where one result holds the data of the other, not its poses, and no size of an error was estimated;
+        "independent": the sum of both, which is assumed; "equal": one and the same result.
     common : int
         Number of poses that both hold.
     same : tuple of str
@@ -177,26 +177,27 @@ def difference(old: Calibration, new: Calibration, *, same: Sequence[str] | str 
     if old.setup != new.setup:
         raise InputError(f"The old result is {old.frame}, the new one {new.frame}: X of two frames has no difference.")
     named = checked_things(same)
+    old, new = with_bound_poses(old), with_bound_poses(new)
     data = [_poses_of(result) for result in (old, new)]
     common = [] if data[0] is None or data[1] is None else common_poses(data[0], data[1])
     numbers = 12 if old.covariance_W is not None and new.covariance_W is not None else 6
     C_old, C_new = (_covariance_of(result, numbers) for result in (old, new))
     _require_consistent(named if len(same) else None, old, new, data, len(common))
     known = frozenset(THINGS if common else {*named, *(_same_camera(data) or ())})
+    held = old if _holds(new, old) else new if _holds(old, new) else None
     if _is_one(old, new):
         S, how = np.zeros((numbers, numbers)), EQUAL
     elif (
         numbers == 12
-        and (common or not (_holds(new, old) or _holds(old, new)))
+        and (common or held is None)
         and (found := difference_covariance(old, new, common, known)) is not None
     ):
         S, how = found, POSTERIOR
-    elif _holds(new, old):
-        S, how = _innovation(old, new, C_old - C_new), INNOVATION
-    elif _holds(old, new):
-        S, how = _innovation(new, old, C_new - C_old), INNOVATION
+    elif held is not None and not any(map(_has_open_sizes, (old, new))):
+        S, how = positive(C_old - C_new if held is old else C_new - C_old), INNOVATION
     else:
         S, how = C_old + C_new, INDEPENDENT
+    count = len(common) or (0 if held is None else held.n_poses or 0)
     pairs = [(old.X, new.X)] + ([(old.W, new.W)] if numbers == 12 else [])
     xi = np.concatenate([np.r_[logarithm(b[:3, :3] @ a[:3, :3].T), b[:3, 3] - a[:3, 3]] for a, b in pairs])  # type: ignore[index]
     point = np.array([0.0, 0.0, distance_of(new.analysis)[0]])
@@ -204,7 +205,7 @@ def difference(old: Calibration, new: Calibration, *, same: Sequence[str] | str 
         xi,
         0.5 * (S + S.T),
         how,
-        len(common),
+        count,
         tuple(name for name in THINGS if name in known) if how == POSTERIOR else (),
         (old.n_poses, new.n_poses),
         (old.method, new.method),
@@ -289,26 +290,9 @@ def _holds(whole: Calibration, part: Calibration) -> bool:
     return bool(hashes[1]) and hashes[1] < hashes[0]
 
 
-def _innovation(part: Calibration, whole: Calibration, more: Array) -> Array:
-    """Covariance of the difference of a result and one of all its data and others; ``more``: ``C_part - C_whole``.
-
-    With open sizes C is that of sizes that the others may have made larger: the difference is then taken at each size,
-    and what sizes move the estimate by is added.
-    """
-    before, after = part.posterior, whole.posterior
-    points = [None if of is None else of.points for of in (before, after)]
-    if before is None or after is None or points[0] is None or points[1] is None:
-        return positive(more)
-    if before.source is not None and points[0].names == points[1].names:
-        before = before.source.at(points[1].theta, points[1].weights).posterior
-    elif not np.array_equal(points[0].theta, points[1].theta):
-        return positive(more)
-    if len(more) < 12:
-        return positive(more)
-    weights, means, C_part = before.mixture_of("X", "W")
-    _, _, C_whole = after.mixture_of("X", "W")
-    off = means - weights @ means
-    return positive(np.tensordot(points[1].weights, C_part - C_whole, axes=1) + (weights * off.T) @ off)
+def _has_open_sizes(result: Calibration) -> bool:
+    """Return whether sizes of its errors were estimated: others estimate them otherwise, and weigh its poses anew."""
+    return result.posterior is not None and result.posterior.points is not None
 
 
 def _dof(old: Reference, new: Reference, inside: bool) -> float | None:
