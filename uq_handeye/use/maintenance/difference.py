@@ -291,7 +291,7 @@ def _holds(whole: Calibration, part: Calibration) -> bool:
 
 
 def _has_open_sizes(result: Calibration) -> bool:
-    """Return whether sizes of its errors were estimated: others estimate them otherwise, and weigh its poses anew."""
+    """Return whether sizes of its errors were estimated: with more poses they and its weights are others."""
     return result.posterior is not None and result.posterior.points is not None
 
 
