@@ -34,6 +34,7 @@ NAMED = {
     "component": COMPONENT,
     "coefficients": [{"name": "k1", "value": 0.1, "std": 0.2}],
     "parts": [{"side": "robot", "times": [1.0, 2.0], "why": WHY}],
+    "ends": [{"error": "robot rotation", "of": "rad", "value": 1e-6, "usual": 1e-4, "factor": 4.0}] * 2,
     "worst": [ROW],
     "far_points": [{"pose": 3, "point": "A", "distance": 2e-3}],
     "readings": [{"kind": "quaternion", "file": None, "order": "wxyz", "length": 0.1}],

@@ -273,14 +273,15 @@ def renumbered(finding: Finding, numbers: Sequence[int]) -> Finding:
     keys = finding.record.rows
 
     def of_row(value: Any) -> Any:
-        return [of_row(part) for part in value] if isinstance(value, list) else int(numbers[value])
+        return [of_row(part) for part in value] if type(value) is list else int(numbers[value])
 
     def walk(value: Any) -> Any:
-        if isinstance(value, list):
-            return [walk(part) for part in value]
-        if not isinstance(value, dict):
-            return value
-        return {key: of_row(part) if key == "row" or key in keys else walk(part) for key, part in value.items()}
+        match value:
+            case list():
+                return [walk(part) for part in value]
+            case dict():
+                return {k: of_row(part) if k == "row" or k in keys else walk(part) for k, part in value.items()}
+        return value
 
     values = walk(finding.values)
     if "stretches" in values:  # first row, first one after it, shift
@@ -321,14 +322,15 @@ def _unworded(finding: Finding) -> str:
 
 def _plain(value: Any) -> Any:
     """Lists, dictionaries and plain numbers; raises TypeError or ValueError on what JSON cannot hold."""
-    if isinstance(value, Mapping):
-        return {str(name): _plain(part) for name, part in value.items()}
-    if isinstance(value, tuple | list):
-        return [_plain(part) for part in value]
     if hasattr(value, "tolist"):  # of NumPy
-        return _plain(value.tolist())
-    if value is not None and not isinstance(value, bool | int | float | str):
-        raise TypeError(f"{value!r:.40} is no plain value")
-    if isinstance(value, float) and not math.isfinite(value):
-        raise ValueError(f"{value!r} is not finite")
-    return value
+        value = value.tolist()
+    match value:
+        case Mapping():
+            return {str(name): _plain(part) for name, part in value.items()}
+        case tuple() | list():
+            return [_plain(part) for part in value]
+        case float() if not math.isfinite(value):
+            raise ValueError(f"{value!r} is not finite")
+        case None | bool() | int() | float() | str():
+            return value
+    raise TypeError(f"{value!r:.40} is no plain value")

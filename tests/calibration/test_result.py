@@ -1,5 +1,6 @@
 """Content of a calibration: files and back, points, budget, text."""
 
+import dataclasses
 import json
 
 import numpy as np
@@ -14,6 +15,7 @@ from support import (
 )
 
 import uq_handeye as uq
+from uq_handeye.calibration.estimate.parts import PARTS
 
 # ------------------------------------------------------------------------------------------------------------- JSON
 
@@ -59,6 +61,20 @@ def test_json_round_trip_and_summary(name):
         assert again.budget.sources == result.budget.sources
     assert max(map(len, result.summary(verbose=True).splitlines())) <= 120
     assert "nan" not in result.summary(verbose=True).lower().split() and "None" not in result.summary(verbose=True)
+
+
+def test_attributes_of_the_parts_are_those_of_the_result(estimated):
+    for part, kind in PARTS.items():
+        held = getattr(estimated, part)
+        assert isinstance(held, kind)
+        for one in dataclasses.fields(kind):
+            assert getattr(estimated, one.name) is getattr(held, one.name)
+    assert len(dataclasses.fields(estimated)) == 6 + len(PARTS)
+    other = dataclasses.replace(estimated, about={"robot": "left"}, bound=None, X=np.eye(4))
+    assert (other.about, other.origin.about, other.bound) == ({"robot": "left"}, {"robot": "left"}, None)
+    assert other.quality.table is estimated.table and estimated.about == {} and estimated.bound is not None
+    with pytest.raises(TypeError, match=r"Calibration\(\) got an unexpected keyword argument 'colour'"):
+        dataclasses.replace(estimated, colour=1)
 
 
 def test_saved_and_loaded(estimated, tmp_path):

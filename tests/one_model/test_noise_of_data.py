@@ -251,13 +251,24 @@ def test_an_error_that_an_unknown_pose_absorbs_is_named_with_its_way(setup, side
     assert [one for one in quietly(poses).findings if one.code == "noise_estimation.absorbed"] == []
 
 
-def test_sizes_that_the_data_push_to_their_ends_are_named():
+def test_a_size_that_the_data_push_to_its_end_is_named():
     poses = uq.simulate(20, noise=WEAK_ROBOT, seed=support.SEED)
-    wide = {"camera rotation": ("20deg", 1.1), "camera translation": ("1m", 1.1)}
-    found = [one for one in quietly(poses, sizes=wide).findings if one.code == "noise_estimation.size_at_end"]
-    assert [one.values["error"] for one in found] == list(wide)
-    assert "--size 'camera rotation=SIZE,FACTOR'" in str(found[0]) and "20 deg within a factor of 1.1" in str(found[0])
-    assert [one for one in quietly(poses).findings if one.code == "noise_estimation.size_at_end"] == []
+    (found,) = size_findings(poses, sizes={"camera rotation": ("20deg", 1.1)})
+    assert (found.code, found.values["error"]) == ("noise_estimation.size_at_end", "camera rotation")
+    assert "--size 'camera rotation=SIZE,FACTOR'" in str(found) and "20 deg within a factor of 1.1" in str(found)
+    assert size_findings(poses) == []
+
+
+def size_findings(poses, **options):
+    return [one for one in quietly(poses, **options).findings if one.code.startswith("noise_estimation.size")]
+
+
+def test_sizes_at_their_low_ends_are_said_once():
+    tiny = uq.PoseNoise.isotropic(robot=("1e-7deg", "1e-7mm"), camera=("1e-7deg", "1e-7mm"))
+    poses = uq.simulate(20, noise=tiny, seed=support.SEED)
+    (found,) = size_findings(poses)
+    assert found.code == "noise_estimation.sizes_at_low_end" and len(found.values["ends"]) > 2
+    assert all(one["value"] < one["usual"] / one["factor"] for one in found.values["ends"])
 
 
 @pytest.mark.parametrize(

@@ -21,7 +21,7 @@ from report_cases import Page
 from support import SEED
 
 import uq_handeye as uq
-from uq_handeye.calibration.estimate.estimated import Provenance
+from uq_handeye.calibration.estimate.parts import Provenance
 from uq_handeye.core.files.about import ABOUT
 from uq_handeye.core.files.source import Source
 from uq_handeye.core.presentation import page as pdf

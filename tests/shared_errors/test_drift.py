@@ -83,3 +83,6 @@ def test_nothing_moves_in_rows_without_a_time():
     with pytest.warns(uq.InputWarning, match="Neighbouring residuals are correlated"):
         result = uq.calibrate(uq.PosePairs(poses.robot, poses.camera))
     assert MOTION not in result.budget.sources
+    told = next(one for one in result.cautions if one.code == "diagnostics.correlated")
+    assert "Add timestamps to the poses" in str(told) and told.remedy.startswith("add timestamps")
+    assert "Add timestamps" in uq.Calibration.from_dict(result.to_dict()).summary(verbose=True).replace("\n", " ")

@@ -45,7 +45,7 @@ from ..methods.propagation.published_fit import Published, fit_published
 from ..model.kinematics.kinematic_errors import DECLARED_AS, JOINT_NOISE
 from ..model.noise.estimate import CAMERA_EXCESS, PICTURE_SHIFT
 from ..model.noise.joint_covariance import group_of
-from ..model.noise.models import Noise, PairNoise, PoseNoise, is_of_each, with_prior
+from ..model.noise.models import Noise, PoseNoise, is_of_each, with_prior
 from ..model.poses.motions import Motions, relative_motions, residuals, summarise
 from ..model.poses.pose_pairs import PosePairs
 from ..model.poses.timing import TimeOffset
@@ -67,7 +67,7 @@ from ..model.shared_errors.shared_error import (
 from ..model.shared_errors.sizes import ROBOT_ACCURACY
 from .by_published import bare_result, by_sigma_points, estimate_unweighted, reference_for, reference_of
 from .estimate.analysis import Analysis, FittedKinematics
-from .estimate.estimated import FourDPA
+from .estimate.parts import FourDPA
 from .findings import (
     against_corners,
     against_data_sheet,
@@ -79,7 +79,7 @@ from .findings import (
 )
 from .job import FEWEST_FOR_ROBUST, Job
 from .prediction.workspace import local_findings
-from .request import BUNDLE, OF_NOISE
+from .request import BUNDLE, OF_NOISE, of_motions
 from .result import Calibration
 
 # Data whose residuals (rad, and relative to the longest translation) are smaller come from a simulation without noise.
@@ -383,7 +383,7 @@ def _of_fit(
     """Return what the residuals say of the files and of X; ``off``: rotations and distances of the motions."""
     poses, table, estimate = job.poses, result.table, result.noise_estimate
     assert table is not None
-    if poses is None or isinstance(noise, PairNoise):
+    if poses is None or of_motions(noise):
         return check_motions(job.motions, None if estimate else noise, fit.covariance_X, *off, fit.X)
     assert isinstance(noise, PoseNoise)
     kept = table.weight > 0

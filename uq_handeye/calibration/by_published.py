@@ -19,11 +19,13 @@ from ..fit.one_model.noise_of_data import estimate_noise
 from ..methods.estimators.registry import ROBOT_WORLD_METHODS
 from ..methods.propagation.published_fit import Published, fit_published
 from ..model.noise.estimate import NoiseEstimate
-from ..model.noise.models import Noise, PairNoise, PoseNoise
+from ..model.noise.models import Noise, PoseNoise
 from ..model.poses.motions import Motions, Residuals, relative_motions, residuals, rotation_angles, summarise
 from ..model.poses.pose_pairs import PosePairs
 from ..model.poses.timing import left_out_of
+from .estimate.parts import Errors, Origin, Quality, Solution
 from .job import Job
+from .request import of_motions
 from .result import Calibration
 
 # Beyond this angle of X (rad) the errors of Tsai's Rodrigues vector grow by a factor of ten and more.
@@ -95,20 +97,17 @@ def estimate_unweighted(
 
 def bare_result(job: Job, X: Array, W: Array | None, of_pairs: Residuals, noise: Noise | None) -> Calibration:
     """X with what does not depend on the covariance."""
-    poses = job.poses
+    poses, data, kind = job.poses, job.data, job.request.kind
+    kind = kind or ("pairs" if data is job.motions else "poses")
+    n_pairs = job.everything.n_pairs if job.everything else job.motions.N
+    setup, n_poses = (None, None) if poses is None else (poses.setup, poses.n)
     return Calibration(
-        X=X,
+        X,
         W=W,
-        covariance=None,
-        method=job.method,
-        scale=job.request.scale,
-        kind=job.request.kind or ("pairs" if poses is None or isinstance(noise, PairNoise) else "poses"),
-        setup=None if poses is None else poses.setup,
-        n_poses=None if poses is None else poses.n,
-        n_pairs=job.everything.n_pairs if job.everything else job.motions.N,
-        noise=noise,
-        residuals=of_pairs,
-        data=job.data,
+        origin=Origin(setup=setup, n_poses=n_poses, n_pairs=n_pairs, data=data),
+        solution=Solution(method=job.method, scale=job.request.scale, kind=kind),
+        errors=Errors(noise=noise),
+        quality=Quality(residuals=of_pairs),
     )
 
 
@@ -117,7 +116,7 @@ def by_sigma_points(job: Job, noise: Noise, robust: RobustFit | None) -> Array:
     from ..trials.simulation.sigma_points import sigma_points
 
     data: PosePairs | Motions = job.motions
-    if job.poses is not None and not isinstance(noise, PairNoise):
+    if job.poses is not None and not of_motions(noise):
         measured = PosePairs(job.poses.robot, job.poses.camera, job.poses.setup)  # without the truth of a simulation
         every_pair = job.everything is not None or job.method in (*ESTIMATORS, *ROBOT_WORLD_METHODS)
         data = measured if every_pair or job.motions.pairs is None else relative_motions(measured, job.motions.pairs)

@@ -34,11 +34,11 @@ from ..rig.description import Rig, require_left_out
 from .by_likelihood import by_bundle, by_likelihood, poses_about_errors
 from .by_published import by_published
 from .estimate.analysis import Analysis
-from .estimate.estimated import Provenance, provenance
+from .estimate.parts import Provenance, provenance
 from .evidence.new_poses import residuals_against
 from .findings import flipped_poses, look_at, reasons, require_determined, shifted, why_failed
 from .job import Job, job_of
-from .request import BUNDLE, Request
+from .request import BUNDLE, Request, documented
 from .result import Calibration
 
 if TYPE_CHECKING:
@@ -74,68 +74,8 @@ def calibrate(
         Camera poses camera_T_target.
     setup : "eye-in-hand" (None) or "eye-to-hand"
         Of poses side by side.
-    noise : PoseNoise, PairNoise, CameraNoise or None
-        Noise of the poses or of the motions. `camera_noise`, the covariance of finished camera poses by what they saw,
-        leaves the pixel noise and that of the robot to be estimated; with ``PoseNoise(robot=..., camera=...)`` of it
-        the pixel noise alone, unless its ``pixel_sd`` is given. None estimates it from the data (`estimate_noise`):
-        isotropic components for rotation and translation of robot and camera. Camera poses from corners
-        (``data.camera_calibration``) bring their joint covariance: it is used where `noise` is None, and the robot's
-        noise estimated beside it, or where `noise` has no ``camera``. Otherwise a side that PoseNoise leaves out is
-        exact; where its noise is not known, give that of the other side as
-        ``prior=NoisePrior(robot=(..., ...), factor=1)`` in place of `noise`.
-    method : str or None
-        ``efficient``, at the Cramer-Rao bound; ``ml``, its iteration to maximum likelihood; ``bundle``, on the corners
-        themselves, for camera poses from corners (`rig_bundle`), with `efficient` beside it; a name in `METHODS` or,
-        for poses, in `ROBOT_WORLD_METHODS`. None is ``efficient``; or ``4dpa`` where `scale` or `kind` ask for it, or
-        where the noise given leaves a part of the residuals exact, so that nothing can be weighted by its inverse.
-    pairs : "all", "consecutive", "disjoint" or (N, 2) integers
-        Pairs to make of the poses (`relative_motions`); Motions come with theirs. ``efficient`` and ``ml`` work on the
-        poses themselves; for them, as for `ROBOT_WORLD_METHODS`, pairs serve 4DPA and the residuals only.
-    scale : float or None
-        Scaling factor d of 4DPA; None is its limit (`solve`).
-    kind : str or None
-        How noise is propagated through a published method (`propagate`).
-    covariance : "model", "sigma-points", "sandwich", "hac", "jackknife" or "bootstrap"
-        ``model``: that of the noise, to first order; ``sigma-points``: the same beyond first order, about the true X
-        and of X alone (`simulation.sigma_points`); the others come from the residuals of the poses and need no noise
-        model (`empirical_covariance`).
-    robust : bool or None
-        Down-weight outliers and say which (`robust`), by ``efficient``, ``ml`` and ``bundle``. None does so from 5
-        poses (or motions) on. Where no pose stands out the estimate is the plain one. False: all poses count in full.
-    prior : NoisePrior or None
-        What is known of the noise to be estimated, for example from a data sheet.
-    prior_X, prior_W : tuple of a pose (4, 4) and a covariance (6, 6), or None
-        What is known of X and of W before the data, for example by a drawing or a tape measure: a Gaussian whose mean
-        is the pose, with the covariance of ``xi = (theta, tau)`` (left rotation, additive translation, rad and m).
-        Infinity on the diagonal: that component is not known (`known` makes both of text). It counts as a measurement
-        beside the poses, and can close what the motions leave open.
-    seed : int
-        Of the random subsets and bootstrap replicates.
-    shared : sequence of SharedError or None
-        Errors that all poses share, such as ``SharedError.focal_length(0.001)``: unknowns with a prior, whose effect is
-        part of the covariance (``result.shared`` says what the data tell of each). Where the noise is estimated, each
-        replaces the default of its name (`shared_errors.assumed`), and the other defaults stay, as with None; with
-        noise given there are no defaults. ``[]``: none.
-    correlation : "auto" or "none"
-        Whether errors of neighbouring poses may be correlated: a drift of camera or target, or noise that is correlated
-        in time. ``auto`` estimates it with the noise, and where the data show some the covariance ("model" and
-        "sigma-points") contains it (`shared_errors.assumed`). With `noise` given it is tested, no more;
-        ``bundle`` takes the poses as independent.
-
-    joints : (n, L) or None
-        Joint values of the robot at the poses, rad (prismatic: m), in the order of ``kinematics.names``; None:
-        ``data.joints``.
-    kinematics : Kinematics or None
-        The robot's chain from base to flange (`Kinematics.from_urdf`). With it the errors of the arm are unknowns with
-        a prior: part of the covariance, estimated, and taken into account by ``result.predict`` and
-        ``result.predict_camera``. By ``efficient`` and ``ml``.
-    kinematic_errors : KinematicErrors or None
-        What is known of the arm before the data; None: estimated, with the errors of industrial arms as the least.
-    sizes : mapping of names to Size, (median, factor) or a number, or None
-        Sizes of errors in place of those of the table `sizes.SIZES`, by the names there: a median that is known
-        within a factor (one sigma of its logarithm), or a number that is known, rad or m. Where the noise is estimated.
-    components : sequence of Component
-        Errors of the user's own, beside the others, with sizes that are known or found. Where the noise is estimated.
+    **asked
+        The fields of `Request`.
     exclude, only : sequence of int, text such as ``"12,14-16"``, or None
         Numbers of poses to leave out, or of the only ones to use, counted from 0 in ``data``. The fit is that of the
         rest. The excluded poses stay in ``result.data`` and ``result.table``, with their residuals against the fit and
@@ -192,6 +132,7 @@ def calibrate(
 
 
 calibrate.__signature__ = keywords_of(calibrate, Request)  # type: ignore[attr-defined]
+calibrate.__doc__ = documented(calibrate.__doc__)
 
 
 def _calibrate_rig(
@@ -237,9 +178,8 @@ def _with_excluded(result: Calibration, data: PosePairs, selection: Selection, a
     if isinstance(analysis, Analysis):
         analysis = replace(analysis, numbers=tuple(selection.kept.tolist()))
     said = [Finding("calibration.excluded", "note", values | {"n": data.n})] if asked else []
-    return replace(
-        result, data=whole, table=table, analysis=analysis, excluded=excluded, findings=(*result.findings, *said)
-    )
+    findings = (*result.findings, *said)
+    return replace(result, data=whole, table=table, analysis=analysis, excluded=excluded, findings=findings)
 
 
 def _answer(
@@ -251,28 +191,7 @@ def _answer(
     job = job_of(request, data)
     findings = [*said, *look_at(job), *([] if job.arm is None else job.arm.against.findings)]
     try:
-        try:
-            result, more = _run(job)
-            for _ in range(LINEARISED):
-                if (about := poses_about_errors(job, result)) is None:
-                    break
-                assert job.arm is not None and result.kinematics is not None
-                again = about if isinstance(data, PosePairs) else relative_motions(about, np.asarray(data.pairs))
-                at = (job.arm.measured, result.kinematics.e)
-                job = job_of(replace(request, joints=result.kinematics.joints), again, at)
-                result, more = _run(job)
-        except SingularNoiseError:
-            if request.method is not None or request.robust:
-                raise
-            job = replace(job, method="4dpa", robust=False)
-            result, more = by_published(job)
-            more = [Finding("calibration.unweighted", "caution"), *more]
-        except (InputError, NotConvergedError) as error:
-            undetermined = isinstance(error, DegenerateMotionError)
-            if request.robust or not job.robust or (request.noise is None and not undetermined):
-                raise
-            job = replace(job, robust=False)
-            result, more = _run_undetermined(job, error) if undetermined else _run_given(job, error)
+        job, result, more = _linearised(job, data)
     except (InputError, NotConvergedError) as error:
         found = without_consequences([*findings, *reasons(job)])
         error.findings = tuple(_numbered(found, selection))  # may well be the reason
@@ -334,21 +253,51 @@ def _run(job: Job) -> tuple[Calibration, list[Finding]]:
     return by_likelihood(job) if job.method in ESTIMATORS else by_published(job)
 
 
-def _run_given(job: Job, error: Exception) -> tuple[Calibration, list[Finding]]:
-    """The plain fit with the noise given, where the robust one, which was not asked for, finds no X that most agree on.
+def _linearised(job: Job, data: PosePairs | Motions) -> tuple[Job, Calibration, list[Finding]]:
+    """Return X, with the errors of an arm linearised at their estimate: the request it is of, X and its findings."""
+    try:
+        result, more = _run(job)
+        for _ in range(LINEARISED):
+            if (about := poses_about_errors(job, result)) is None:
+                break
+            assert job.arm is not None and result.kinematics is not None
+            again = about if data is data.poses else relative_motions(about, np.asarray(job.motions.pairs))
+            at = (job.arm.measured, result.kinematics.e)
+            job = job_of(replace(job.request, joints=result.kinematics.joints), again, at)
+            result, more = _run(job)
+    except (InputError, NotConvergedError) as error:
+        return _plainer(job, error)
+    return job, result, more
 
-    That noise is the user's; residuals that contradict it are warned of.
+
+def _plainer(job: Job, error: Exception) -> tuple[Job, Calibration, list[Finding]]:
+    """X without what was not asked for: weights of noise that leaves residuals exact, or robust weights.
+
+    The plain fit where the robust one does not determine X; or with the noise given, where it finds no X that most
+    agree on: that noise is the user's, and residuals that contradict it are warned of. Else raise the error.
     """
-    result, findings = _run(job)
-    return result, [Finding("calibration.robust_failed", "caution", {"error": str(error)}), *findings]
-
-
-def _run_undetermined(job: Job, error: Exception) -> tuple[Calibration, list[Finding]]:
-    """The plain fit where the robust one, which was not asked for, does not determine X; else its error."""
+    request = job.request
+    match error:
+        case SingularNoiseError():
+            if request.method is not None or request.robust:
+                raise error
+            job = replace(job, method="4dpa", robust=False)
+            result, findings = by_published(job)
+            return job, result, [Finding("calibration.unweighted", "caution"), *findings]
+        case DegenerateMotionError():
+            said = Finding("calibration.robust_skipped", "caution")
+        case _:
+            said = Finding("calibration.robust_failed", "caution", {"error": str(error)})
+    undetermined = said.code == "calibration.robust_skipped"
+    if request.robust or not job.robust or (request.noise is None and not undetermined):
+        raise error
+    job = replace(job, robust=False)
     try:
         result, findings = _run(job)
     except (InputError, NotConvergedError):
-        raise error from None
-    if result.table is None or (result.table.distance2 > result.table.limit_of_all).any():
+        if undetermined:
+            raise error from None
+        raise
+    if undetermined and (result.table is None or (result.table.distance2 > result.table.limit_of_all).any()):
         raise error  # it is the wrong poses that seem to determine X
-    return result, [Finding("calibration.robust_skipped", "caution"), *findings]
+    return job, result, [said, *findings]

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
 from ..core.geometry.checks import as_numbers
 from ..core.geometry.se3 import Array, difference, perturb
-from ..errors import InputError
+from ..errors import InputError, require_type
 from ..fit.likelihood.constraint import Constraint, constraint_of, require_noise_fits
 from ..fit.likelihood.gauss_helmert import ESTIMATORS
 from ..fit.likelihood.rig_bundle import require_shared
@@ -31,7 +31,7 @@ from ..model.kinematics.kinematic_errors import (
 )
 from ..model.noise.estimate import NoisePrior
 from ..model.noise.joint_covariance import JointCovariance
-from ..model.noise.models import CameraNoise, Noise, PairNoise, PoseNoise, require_count, with_prior
+from ..model.noise.models import CameraNoise, Noise, PoseNoise, require_count, with_prior
 from ..model.noise.pose_prior import PosePrior
 from ..model.poses.motions import Motions, relative_motions, spread_pairs
 from ..model.poses.pose_pairs import PosePairs
@@ -50,7 +50,7 @@ from ..model.shared_errors.shared_error import (
     with_shared,
 )
 from ..model.shared_errors.sizes import ROBOT_ACCURACY, checked_sizes
-from .request import BUNDLE, Request
+from .request import BUNDLE, Request, of_motions
 
 # All pairs of many poses are solved without forming them; residuals and checks then look at about so many.
 DIAGNOSED_PAIRS = 200_000
@@ -137,12 +137,13 @@ class Job:
     @property
     def data(self) -> PosePairs | Motions:
         """Data of the likelihood: the poses where there are any, unless the noise is that of motions."""
-        return self.motions if self.poses is None or isinstance(self.noise, PairNoise) else self.poses
+        return self.motions if self.poses is None or of_motions(self.noise) else self.poses
 
 
 def _require_corners(data: PosePairs | Motions, noise: Noise | None, covariance: str) -> None:
     """Raise `InputError` unless a bundle adjustment on corners is possible."""
-    if not isinstance(data, PosePairs) or data.camera_calibration is None:
+    poses = data.poses
+    if poses is None or poses is not data or poses.camera_calibration is None:
         raise InputError(
             "Method 'bundle' adjusts everything on the corners of the board: expected poses with a "
             "`camera_calibration` (calibrate_camera, or the folder that `uq-handeye camera` writes), got poses "
@@ -150,30 +151,32 @@ def _require_corners(data: PosePairs | Motions, noise: Noise | None, covariance:
         )
     if covariance != "model":
         raise InputError(f"Method 'bundle' has only covariance='model', got {covariance!r}. Use method 'efficient'.")
-    if noise is not None and (isinstance(noise, PairNoise) or noise.camera is not None):
+    if noise is not None and (of_motions(noise) or noise.sides["camera"] is not None):
         raise InputError(
             "Method 'bundle' takes the noise of the camera from the corners: give only PoseNoise(robot=...), or no "
             "noise."
         )
     if noise is not None:
-        require_shared(noise.robot)
+        require_shared(noise.sides["robot"])
 
 
 def _open_noise(noise: Any) -> tuple[Noise | None, CameraNoise | None, Any]:
     """The noise where it is known; else that of the camera but for its pixels, and the robot's if it is known."""
-    if isinstance(noise, CameraNoise):
-        return None, noise, None
-    if isinstance(noise, PoseNoise) and isinstance(noise.camera, CameraNoise):
-        return None, noise.camera, noise.robot
+    match noise:
+        case CameraNoise():
+            return None, noise, None
+        case PoseNoise(robot=robot, camera=CameraNoise() as camera):
+            return None, camera, robot
     return noise, None, None
 
 
 def _with_corners(noise: Noise | None, motions: Motions) -> Noise | None:
     """Beside noise of the robot only, the covariance that camera poses from corners or points come with."""
     S = None if motions.poses is None else motions.poses.known_camera
-    if S is None or not isinstance(noise, PoseNoise) or noise.camera is not None:
-        return noise
-    return PoseNoise(noise.robot, S, prior=noise.prior)
+    match noise:
+        case PoseNoise(robot=robot, camera=None, prior=prior) if S is not None:
+            return PoseNoise(robot, S, prior=prior)
+    return noise
 
 
 def _pose_prior(noise: Noise | None, X: Any, W: Any, method: str, motions: Motions) -> PosePrior | None:
@@ -187,7 +190,7 @@ def _pose_prior(noise: Noise | None, X: Any, W: Any, method: str, motions: Motio
         return None
     if method not in ESTIMATORS:
         raise InputError(f"Method {method!r} takes no prior of X or W; use efficient or ml.")
-    if given.W is not None and (motions.poses is None or isinstance(noise, PairNoise)):
+    if given.W is not None and (motions.poses is None or of_motions(noise)):
         raise InputError("Expected no prior of W: motions know nothing of W. Give poses, with PoseNoise or none.")
     return given
 
@@ -197,10 +200,7 @@ def job_of(request: Request, data: Any, about: tuple[PosePairs, Array] | None = 
 
     ``about``: the poses as they came and the errors of the arm about which the data stand for them (`linear_about`).
     """
-    if not isinstance(data, PosePairs | Motions):
-        raise InputError(
-            f"Expected `data` to be PosePairs or Motions, or poses beside `camera`, got {type(data).__name__}."
-        )
+    require_type("data", data, (PosePairs, Motions), "PosePairs or Motions, or poses beside `camera`")
     method, bound, pairs, shared = request.taken_method, request.by_likelihood, request.pairs, request.shared
     scale, kind, robust, prior = request.scale, request.kind, request.robust, request.prior
     if shared:
@@ -212,22 +212,21 @@ def job_of(request: Request, data: Any, about: tuple[PosePairs, Array] | None = 
     if prior is not None and (noise is not None or robot is not None):
         raise InputError("Give either `noise` or, for noise that is to be estimated, a `prior`; not both.")
     everything = None
-    if isinstance(data, PosePairs):
-        if data.n < 3:
-            raise InputError(f"Expected at least 3 poses, which make 2 motions, got {data.n}.")
-        if data.robot.ndim != 3:
-            raise InputError("Expected one data set; for a batch call solve() and propagate(), or efficient().")
-        if isinstance(pairs, str) and pairs == "all" and not isinstance(noise, PairNoise):
-            direct = (bound or method == "4dpa") and scale is None and kind in (None, "poses")
-            if direct and (of_all := AllPairs(data)).precise:
-                everything = of_all
-            if everything or method in ROBOT_WORLD_METHODS:
-                pairs = spread_pairs(data.n, DIAGNOSED_PAIRS)  # they serve residuals and checks alone
-        motions = relative_motions(data, pairs)
-    else:
-        motions = data
-        if motions.A.ndim != 3:
-            raise InputError("Expected one data set; for a batch call solve() and propagate(), or efficient().")
+    match data:
+        case PosePairs():
+            if data.n < 3:
+                raise InputError(f"Expected at least 3 poses, which make 2 motions, got {data.n}.")
+            if type(pairs) is str and pairs == "all" and data.robot.ndim == 3 and not of_motions(noise):
+                direct = (bound or method == "4dpa") and scale is None and kind in (None, "poses")
+                if direct and (of_all := AllPairs(data)).precise:
+                    everything = of_all
+                if everything or method in ROBOT_WORLD_METHODS:
+                    pairs = spread_pairs(data.n, DIAGNOSED_PAIRS)  # they serve residuals and checks alone
+            motions = relative_motions(data, pairs)
+        case Motions():
+            motions = data
+    if motions.A.ndim != 3:
+        raise InputError("Expected one data set; for a batch call solve() and propagate(), or efficient().")
     require_noise_fits(noise, motions)
     if camera is not None:
         if motions.poses is None or camera.n != motions.poses.n:
@@ -254,20 +253,18 @@ def job_of(request: Request, data: Any, about: tuple[PosePairs, Array] | None = 
         errors = tuple(error.bound(motions.poses) if error.needs_poses else error for error in errors)
         errors = tuple(error.sized(sizes[error.name]) if error.name in sizes else error for error in errors)
     columns_of_arm = None if arm is None or arm.errors.is_exact else arm.columns
-    beside: PoseNoise | None = None
-    if columns_of_arm is not None and noise is not None:
-        assert isinstance(noise, PoseNoise) and arm is not None
-        if arm.errors.how != ESTIMATE:
-            noise, of_arm = with_declared(noise, columns_of_arm)
-            errors, columns_of_arm = (*errors, *of_arm), None
+    known, beside = None if of_motions(noise) else cast("PoseNoise | None", noise), None
+    if known is not None and arm is not None and columns_of_arm is not None:
+        if arm.errors.how == ESTIMATE:
+            known, beside = None, known
         else:
-            beside, noise = noise, None
-    if noise is not None and any(error.factor > 1 for error in errors):  # their sizes are to be found
-        assert isinstance(noise, PoseNoise)
-        beside, noise = noise, None
-    if errors and noise is not None:
-        assert isinstance(noise, PoseNoise) and motions.poses is not None
-        noise = with_shared(noise, shared_columns(errors, motions.poses))
+            known, of_arm = with_declared(known, columns_of_arm)
+            errors, columns_of_arm = (*errors, *of_arm), None
+    if known is not None and any(error.factor > 1 for error in errors):  # their sizes are to be found
+        known, beside = None, known
+    if known is not None and errors and motions.poses is not None:
+        known = with_shared(known, shared_columns(errors, motions.poses))
+    noise = noise if of_motions(noise) else known
     pose_prior = _pose_prior(noise if beside is None else beside, request.prior_X, request.prior_W, method, motions)
     if noise is not None:
         noise = with_prior(noise, pose_prior)
@@ -312,9 +309,7 @@ def _arm_of(request: Request, poses: PosePairs | None, noise: Noise | None) -> A
         if joints is not None or errors is not None:
             raise InputError("Expected `kinematics` beside joints and kinematic errors: Kinematics.from_urdf(...).")
         return None
-    if not isinstance(kinematics, Kinematics):
-        raise InputError(f"Expected `kinematics` to be Kinematics, got {type(kinematics).__name__}.")
-    if poses is None or isinstance(noise, PairNoise):
+    if poses is None or of_motions(noise):
         raise InputError("Expected poses, with PoseNoise or none, beside `kinematics`: joints say nothing of motions.")
     if method not in ESTIMATORS:
         raise InputError(f"Method {method!r} takes no kinematic errors; use efficient or ml.")
@@ -326,8 +321,6 @@ def _arm_of(request: Request, poses: PosePairs | None, noise: Noise | None) -> A
             f"joints {', '.join(kinematics.names)}, got shape {q.shape}."
         )
     errors = KinematicErrors() if errors is None else errors
-    if not isinstance(errors, KinematicErrors):
-        raise InputError(f"Expected `kinematic_errors` to be KinematicErrors or None, got {type(errors).__name__}.")
     against = compare_with_controller(kinematics, q, poses.robot)
     if not against.same_arm:
         raise InputError(" ".join(map(str, against.findings)))
@@ -396,7 +389,7 @@ def _shared_of(
     errors = tuple(shared or ()) if poses is None else checked_errors(shared, poses)
     if not errors:
         return ()
-    if poses is None or isinstance(noise, PairNoise):
+    if poses is None or of_motions(noise):
         raise InputError(
             "Expected poses and PoseNoise beside `shared`: the effect of errors on motions without poses is not known."
         )

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import Any
+from types import NoneType
+from typing import Any, TypeGuard
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core.geometry.se3 import Array
-from ..errors import InputError, require_integer
+from ..errors import InputError, require_integer, require_one_of, require_type
 from ..fit.empirical_covariance.resampled import KINDS as OF_RESIDUALS
 from ..fit.likelihood.gauss_helmert import ESTIMATORS
 from ..fit.one_model.component import Component
@@ -18,7 +19,7 @@ from ..methods.estimators.registry import METHODS, ROBOT_WORLD_METHODS
 from ..model.kinematics.chain import Kinematics
 from ..model.kinematics.kinematic_errors import KinematicErrors
 from ..model.noise.estimate import NoisePrior
-from ..model.noise.models import CameraNoise, Noise, PairNoise, PoseNoise, is_joint, require_count
+from ..model.noise.models import CameraNoise, Noise, PairNoise, is_joint, require_count
 from ..model.poses.motions import relative_motions
 from ..model.poses.pose_pairs import PosePairs, Selection, as_joint_values
 from ..model.shared_errors.shared_error import SharedError, listed_errors
@@ -35,7 +36,72 @@ BUNDLE = "bundle"
 
 @dataclass(frozen=True, eq=False)
 class Request:
-    """The arguments of `calibrate`; see there. Raises `InputError` for those that fit no data."""
+    """The arguments of `calibrate` beside its data. Raises `InputError` for those that fit no data.
+
+    Attributes
+    ----------
+    noise : PoseNoise, PairNoise, CameraNoise or None
+        Noise of the poses or of the motions. `camera_noise`, the covariance of finished camera poses by what they saw,
+        leaves the pixel noise and that of the robot to be estimated; with ``PoseNoise(robot=..., camera=...)`` of it
+        the pixel noise alone, unless its ``pixel_sd`` is given. None estimates it from the data (`estimate_noise`):
+        isotropic components for rotation and translation of robot and camera. Camera poses from corners
+        (``data.camera_calibration``) bring their joint covariance: it is used where `noise` is None, and the robot's
+        noise estimated beside it, or where `noise` has no ``camera``. Otherwise a side that PoseNoise leaves out is
+        exact; where its noise is not known, give that of the other side as
+        ``prior=NoisePrior(robot=(..., ...), factor=1)`` in place of `noise`.
+    method : str or None
+        ``efficient``, at the Cramer-Rao bound; ``ml``, its iteration to maximum likelihood; ``bundle``, on the corners
+        themselves, for camera poses from corners (`rig_bundle`), with `efficient` beside it; a name in `METHODS` or,
+        for poses, in `ROBOT_WORLD_METHODS`. None is ``efficient``; or ``4dpa`` where `scale` or `kind` ask for it, or
+        where the noise given leaves a part of the residuals exact, so that nothing can be weighted by its inverse.
+    pairs : "all", "consecutive", "disjoint" or (N, 2) integers
+        Pairs to make of the poses (`relative_motions`); Motions come with theirs. ``efficient`` and ``ml`` work on the
+        poses themselves; for them, as for `ROBOT_WORLD_METHODS`, pairs serve 4DPA and the residuals only.
+    scale : float or None
+        Scaling factor d of 4DPA; None is its limit (`solve`).
+    kind : str or None
+        How noise is propagated through a published method (`propagate`).
+    covariance : "model", "sigma-points", "sandwich", "hac", "jackknife" or "bootstrap"
+        ``model``: that of the noise, to first order; ``sigma-points``: the same beyond first order, about the true X
+        and of X alone (`simulation.sigma_points`); the others come from the residuals of the poses and need no noise
+        model (`empirical_covariance`).
+    robust : bool or None
+        Down-weight outliers and say which (`robust`), by ``efficient``, ``ml`` and ``bundle``. None does so from 5
+        poses (or motions) on. Where no pose stands out the estimate is the plain one. False: all poses count in full.
+    prior : NoisePrior or None
+        What is known of the noise to be estimated, for example from a data sheet.
+    prior_X, prior_W : tuple of a pose (4, 4) and a covariance (6, 6), or None
+        What is known of X and of W before the data, for example by a drawing or a tape measure: a Gaussian whose mean
+        is the pose, with the covariance of ``xi = (theta, tau)`` (left rotation, additive translation, rad and m).
+        Infinity on the diagonal: that component is not known (`known` makes both of text). It counts as a measurement
+        beside the poses, and can close what the motions leave open.
+    seed : int
+        Of the random subsets and bootstrap replicates.
+    shared : sequence of SharedError or None
+        Errors that all poses share, such as ``SharedError.focal_length(0.001)``: unknowns with a prior, whose effect is
+        part of the covariance (``result.shared`` says what the data tell of each). Where the noise is estimated, each
+        replaces the default of its name (`shared_errors.assumed`), and the other defaults stay, as with None; with
+        noise given there are no defaults. ``[]``: none.
+    correlation : "auto" or "none"
+        Whether errors of neighbouring poses may be correlated: a drift of camera or target, or noise that is correlated
+        in time. ``auto`` estimates it with the noise, and where the data show some the covariance ("model" and
+        "sigma-points") contains it (`shared_errors.assumed`). With `noise` given it is tested, no more;
+        ``bundle`` takes the poses as independent.
+    joints : (n, L) or None
+        Joint values of the robot at the poses, rad (prismatic: m), in the order of ``kinematics.names``; None:
+        ``data.joints``.
+    kinematics : Kinematics or None
+        The robot's chain from base to flange (`Kinematics.from_urdf`). With it the errors of the arm are unknowns with
+        a prior: part of the covariance, estimated, and taken into account by ``result.predict`` and
+        ``result.predict_camera``. By ``efficient`` and ``ml``.
+    kinematic_errors : KinematicErrors or None
+        What is known of the arm before the data; None: estimated, with the errors of industrial arms as the least.
+    sizes : mapping of names to Size, (median, factor) or a number, or None
+        Sizes of errors in place of those of the table `sizes.SIZES`, by the names there: a median that is known
+        within a factor (one sigma of its logarithm), or a number that is known, rad or m. Where the noise is estimated.
+    components : sequence of Component
+        Errors of the user's own, beside the others, with sizes that are known or found. Where the noise is estimated.
+    """
 
     noise: Noise | CameraNoise | None = None
     method: str | None = None
@@ -57,42 +123,37 @@ class Request:
     components: Sequence[Component] = ()
 
     def __post_init__(self) -> None:
-        known = [*ESTIMATORS, BUNDLE, *METHODS, *ROBOT_WORLD_METHODS]
-        if self.method is not None and (not isinstance(self.method, str) or self.method not in known):
-            raise InputError(f"Expected `method` to be one of {', '.join(known)}, got {self.method!r}.")
+        if self.method is not None:
+            require_one_of("method", self.method, [*ESTIMATORS, BUNDLE, *METHODS, *ROBOT_WORLD_METHODS])
         method = self.taken_method
         if self.scale is not None and method != "4dpa":
             raise InputError(f"Expected no `scale` with method {method!r}: it is the scaling factor of 4dpa.")
-        if self.by_likelihood and self.kind not in (None, "pairs" if isinstance(self.noise, PairNoise) else "poses"):
+        if self.by_likelihood and self.kind not in (None, "pairs" if of_motions(self.noise) else "poses"):
             raise InputError(
                 f"Expected no kind={self.kind!r} with method {method!r}: it is for published methods such as 4dpa."
             )
-        if self.robust is not None and not isinstance(self.robust, bool | np.bool_):
+        if type(self.robust) not in (NoneType, bool, np.bool_):
             raise InputError(f"Expected `robust` to be True, False or None, got {self.robust!r}.")
         if self.robust and not self.by_likelihood:
             raise InputError(f"Method {method!r} takes no robust weights; use efficient or ml.")
-        if self.covariance not in COVARIANCES:
-            raise InputError(f"Expected `covariance` to be one of {', '.join(COVARIANCES)}, got {self.covariance!r}.")
+        require_one_of("covariance", self.covariance, COVARIANCES)
         if self.covariance == "sigma-points" and self.kind is not None:
             raise InputError(
                 f"Expected no kind={self.kind!r} with covariance='sigma-points': it is of first order only."
             )
-        if self.correlation not in CORRELATIONS:
-            raise InputError(
-                f"Expected `correlation` to be one of {', '.join(CORRELATIONS)}, got {self.correlation!r}."
-            )
+        require_one_of("correlation", self.correlation, CORRELATIONS)
         require_integer("seed", self.seed, 0)
-        if self.prior is not None and not isinstance(self.prior, NoisePrior):
-            raise InputError(f"Expected `prior` to be a NoisePrior or None, got {type(self.prior).__name__}.")
+        require_type("prior", self.prior, (NoisePrior, NoneType), "a NoisePrior or None")
+        require_type("kinematics", self.kinematics, (Kinematics, NoneType), "Kinematics")
+        require_type("kinematic_errors", self.kinematic_errors, (KinematicErrors, NoneType), "KinematicErrors or None")
         for part in self.components:
-            if not isinstance(part, Component):
-                raise InputError(f"Expected `components` to be Component, got {type(part).__name__}.")
-        values = {
+            require_type("components", part, Component, "Component")
+        taken = {
             "shared": None if self.shared is None else listed_errors(self.shared),
             "sizes": checked_sizes(self.sizes),
             "components": tuple(self.components),
         }
-        for name, value in values.items():
+        for name, value in taken.items():
             object.__setattr__(self, name, value)
 
     @property
@@ -111,26 +172,22 @@ class Request:
         """Return the request for the poses of ``data`` that count."""
         kept, n, changes = selection.kept, data.n, dict[str, Any]()
         noise = self.noise
-        if isinstance(noise, PairNoise):
-            if any(S is not None and S.ndim > 2 for S in (noise.A, noise.B)):
+        if of_motions(noise):
+            if any(S is not None and S.ndim > 2 for S in noise.sides.values()):
                 raise InputError(
                     "Expected noise of poses, or one covariance for all motions, beside `exclude` or `only`: the "
                     "motions of the poses that are left are others."
                 )
-        elif isinstance(noise, PoseNoise | CameraNoise):
-            sides = (noise.robot, noise.camera) if isinstance(noise, PoseNoise) else (noise,)
-            for side, S in zip(("robot", "camera"), sides, strict=False):
-                if not isinstance(S, CameraNoise):
-                    require_count(S, n, side, "poses")
-                elif S.n != n:
-                    raise InputError(f"Expected camera noise of the data given, {n} poses, got that of {S.n} poses.")
+        elif noise is not None:
+            for side, S in noise.sides.items():
+                require_poses(S, n, side)
             changes["noise"] = noise.rows(kept)
         if self.shared is not None:
             changes["shared"] = [error.rows(kept, n) for error in self.shared]
         changes["components"] = [part.rows(kept) for part in self.components]
         if self.joints is not None:
             changes["joints"] = as_joint_values(self.joints, n)[kept]
-        if not isinstance(self.pairs, str):
+        if type(self.pairs) is not str:
             pairs = relative_motions(data, self.pairs).pairs
             assert pairs is not None
             pairs = pairs[np.isin(pairs, kept).all(axis=1)]
@@ -146,12 +203,6 @@ class Request:
         ``simulated``: the poses came with their truth, for which no accuracy of the robot is assumed. Of a covariance
         that is joint over the poses only the fact is kept: it does not extend to others.
         """
-        noise, sides = self.noise, None
-        if isinstance(noise, CameraNoise):
-            sides = {"robot": None, "camera": _side(noise)}
-        elif noise is not None:
-            names = ("A", "B") if isinstance(noise, PairNoise) else ("robot", "camera")
-            sides = {name: _side(getattr(noise, name)) for name in names}
         arm = None
         if self.kinematics is not None:
             arm = {
@@ -161,7 +212,7 @@ class Request:
                 "at": None if at is None else at.tolist(),
             }
         return {
-            "noise": sides,
+            "noise": None if self.noise is None else {name: _side(S) for name, S in self.noise.sides.items()},
             "robust": None if self.robust is None else bool(self.robust),
             "shared": None if self.shared is None else [error.to_dict() for error in self.shared],
             "arm": arm,
@@ -170,8 +221,34 @@ class Request:
 
 
 def _side(S: Any) -> Any:
-    if isinstance(S, CameraNoise):
-        return {"views": None if S.views is None else dict(S.views), "pixel_sd": S.pixel_sd}
-    if S is None:
-        return None
+    match S:
+        case None:
+            return None
+        case CameraNoise(views=views, pixel_sd=pixel_sd):
+            return {"views": None if views is None else dict(views), "pixel_sd": pixel_sd}
     return "joint" if is_joint(S) else np.asarray(S).tolist()
+
+
+def of_motions(noise: Noise | CameraNoise | None) -> TypeGuard[PairNoise]:
+    """Return whether noise is that of motions, not of poses."""
+    return isinstance(noise, PairNoise)
+
+
+def require_poses(S: Any, n: int, side: str) -> None:
+    """Raise `InputError` unless the noise of a side, also that of a camera, is of ``n`` poses."""
+    match S:
+        case CameraNoise(n=other):
+            if other != n:
+                raise InputError(f"Expected camera noise of the data given, {n} poses, got that of {other} poses.")
+        case _:
+            require_count(S, n, side, "poses")
+
+
+def documented(doc: str | None) -> str | None:
+    """Return the docstring of a function whose further keywords ``asked`` are a `Request`, with what is said of them
+    there.
+    """
+    if doc is None or Request.__doc__ is None:  # Python runs without
+        return doc
+    of_fields = Request.__doc__.partition("----------\n")[2].rstrip()
+    return doc.replace("    **asked\n        The fields of `Request`.", of_fields)

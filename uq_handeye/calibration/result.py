@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from ..rig.result import RigCalibration
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, init=False)
 class Calibration(Statement, Plotted):
     """X of AX = XB and what is known about it.
 
@@ -47,6 +47,9 @@ class Calibration(Statement, Plotted):
     ``covariance`` is that of xi, to first order.
 
     `diagnostics`, `covariances`, `split_half` and `budget` are computed when they are first asked for.
+
+    All but X, W, their covariances, `opened` and `findings` is held in four parts, ``origin``, ``solution``, ``errors``
+    and ``quality`` (`estimate.parts`), and has its name here, too.
 
     Attributes
     ----------

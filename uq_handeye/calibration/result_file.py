@@ -6,7 +6,7 @@ Reading checks types, shapes, that all is finite, and that numbers which others 
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Any, TypeVar
 
 import numpy as np
@@ -27,6 +27,7 @@ from ..model.poses.motions import Motions, data_from_dict, relative_motions
 from ..model.poses.pose_pairs import PosePairs
 from ..model.posterior.posterior import Posterior
 from .estimate.analysis import StoredAnalysis
+from .estimate.parts import PARTS
 from .request import BUNDLE, COVARIANCES
 
 C = TypeVar("C")
@@ -38,9 +39,8 @@ UNITS = {"rotation": "rad", "translation": "m"}
 AS_NOISE = "as noise"
 # Parts that follow from other parts of the file.
 DERIVED = "frame std correlation quaternion_xyzw=quaternion inverse covariance_inverse frame_W std_W efficiency"
-# Parts that are named otherwise in the file, covariances (6, 6), and what some parts may be.
+# Parts that are named otherwise in the file, and what some parts may be.
 _KEYS = {"fourdpa": "4dpa", "shared_at_sizes": "shared", "table": "poses", "opened": "open"}
-_COVARIANCES = ("covariance", "covariance_W", "bound")
 _KNOWN = {
     "method": (*ESTIMATORS, BUNDLE, *METHODS, *ROBOT_WORLD_METHODS),
     "covariance_kind": COVARIANCES,
@@ -55,8 +55,8 @@ def from_dict(kind: type[C], data: dict[str, Any]) -> C:
     Parts that are missing, of another type, not finite, or that do not belong to each other. Files of
     older formats are refused.
     """
-    if not isinstance(data, dict) or data.get("format") != FORMAT:
-        found = data.get("format") if isinstance(data, dict) else data
+    found = data.get("format") if isinstance(data, dict) else data
+    if found != FORMAT:
         raise InputError(
             f"Expected a calibration written by to_json() (format {FORMAT!r}), got {found!r:.60}. "
             "Calibrate again to have one of an older format in this one."
@@ -122,11 +122,15 @@ def _require_whole(result: Any) -> None:
 def _require_one_data_set(data: PosePairs | Motions, result: Any) -> None:
     """Raise where the poses (or motions) are not as many as the result and its noise are of."""
     poses = data.poses
-    if isinstance(data, Motions) and result.n_pairs != data.N:
-        raise ValueError(f"{result.n_pairs} motions, and data that hold {data.N}")
+    match data:
+        case Motions():
+            if result.n_pairs != data.N:
+                raise ValueError(f"{result.n_pairs} motions, and data that hold {data.N}")
+            motions = data
+        case PosePairs():
+            motions = relative_motions(data, [[0, 1]])
     if (None if poses is None else poses.n) != result.n_poses:
         raise ValueError(f"{result.n_poses} poses, and data that hold {0 if poses is None else poses.n}")
-    motions = data if isinstance(data, Motions) else relative_motions(data, [[0, 1]])
     require_noise_fits(result.noise, motions)
 
 
@@ -140,19 +144,22 @@ def _parts_of(data: dict[str, Any], kind: Any) -> dict[str, Any]:
     estimate = data["noise_estimate"]
     if once := estimate is not None and estimate.get("noise") == AS_NOISE:
         data = data | {"noise_estimate": estimate | {"noise": None}}
-    found = parts_of(
-        kind,
-        data | {name: data.get(key) for name, key in _KEYS.items()},
-        "calibration",
-        X=X,
-        W=None if data["W"] is None else as_pose(data["W"], "W"),
-        **{name: None if data[name] is None else as_covariance(data[name], name) for name in _COVARIANCES},
-        noise=None if noise is None else noise_from_dict(noise),
-        analysis=None if analysis is None else StoredAnalysis.of(analysis, X),
-        about=as_about(data.get("about", {})),
-        joint_posterior=None if posterior is None else _posterior_of(posterior),
-        data=None,
-    )
+    given = {
+        "noise": None if noise is None else noise_from_dict(noise),
+        "analysis": None if analysis is None else StoredAnalysis.of(analysis, X),
+        "about": as_about(data.get("about", {})),
+        "joint_posterior": None if posterior is None else _posterior_of(posterior),
+        "bound": _covariance(data, "bound"),
+        "data": None,
+    }
+    data = data | {name: data.get(key) for name, key in _KEYS.items()}
+    found: dict[str, Any] = {}
+    for of in PARTS.values():
+        read = {one.name: given[one.name] for one in fields(of) if one.name in given}
+        found |= parts_of(of, data, "calibration", **read)
+    found |= {"X": X, "W": None if data["W"] is None else as_pose(data["W"], "W")}
+    found |= {name: _covariance(data, name) for name in ("covariance", "covariance_W")}
+    found = parts_of(kind, data, "calibration", **found, **dict.fromkeys(PARTS))
     if once:
         if noise is None:
             raise ValueError("noise is missing, which noise_estimate refers to")
@@ -161,6 +168,10 @@ def _parts_of(data: dict[str, Any], kind: Any) -> dict[str, Any]:
         origin = found["provenance"]
         found["data"] = data_from_dict(data["data"], data["setup"], () if origin is None else origin.sources)
     return found
+
+
+def _covariance(data: dict[str, Any], name: str) -> Any:
+    return None if data[name] is None else as_covariance(data[name], name)
 
 
 def _posterior_of(data: dict[str, Any]) -> Posterior:

@@ -154,17 +154,8 @@ def _status_of(arguments: list[str], interrupted: list[int]) -> int:
         status = app(renamed(arguments), prog_name="uq-handeye", standalone_mode=False)
         if sys.stdout is not None:  # it may be closed
             sys.stdout.flush()
-    except ClickException as error:
-        context = getattr(error, "ctx", None)
-        path = "uq-handeye" if context is None else context.command_path
-        said = error.format_message()  # type: ignore[attr-defined]
-        # Shells expand a pattern that is not in quotes.
-        quotes = ". Quote a pattern of files: 'poses/*.txt'" if said.startswith("Got unexpected extra") else ""
-        return fail(f"{said}{quotes} (see {path} --help)")
-    except (typer.Abort, KeyboardInterrupt):
-        return INTERRUPTED
-    except Exception as error:
-        return INTERRUPTED if interrupted else _failed(error)
+    except (Exception, KeyboardInterrupt) as error:
+        return _failed(error, bool(interrupted))
     return status if isinstance(status, int) else 0
 
 
@@ -185,12 +176,23 @@ def renamed(arguments: list[str]) -> list[str]:
     return found
 
 
-def _failed(error: Exception) -> int:
+def _failed(error: BaseException, interrupted: bool) -> int:
     """Print the one line of an error and return its exit status."""
-    if isinstance(error, InputError | NotConvergedError):
-        return fail(str(error))
-    if isinstance(error, OSError) and error.filename is None:
-        # files have their own messages, so this is the standard output
-        sys.stdout = None  # or Python would try, and fail, to flush it once more
-        return fail(f"Cannot write the output: {error.strerror or error}.")
+    match error:
+        case ClickException():
+            context = getattr(error, "ctx", None)
+            path = "uq-handeye" if context is None else context.command_path
+            said = error.format_message()  # type: ignore[attr-defined]
+            # Shells expand a pattern that is not in quotes.
+            quotes = ". Quote a pattern of files: 'poses/*.txt'" if said.startswith("Got unexpected extra") else ""
+            return fail(f"{said}{quotes} (see {path} --help)")
+        case typer.Abort() | KeyboardInterrupt():
+            return INTERRUPTED
+        case _ if interrupted:
+            return INTERRUPTED
+        case InputError() | NotConvergedError():
+            return fail(str(error))
+        case OSError(filename=None):  # files have their own messages, so this is the standard output
+            sys.stdout = None  # or Python would try, and fail, to flush it once more
+            return fail(f"Cannot write the output: {error.strerror or error}.")
     return fail_internally(error)

@@ -93,7 +93,7 @@ def emit_answer(result: "Calibration", verdict: "Verdict | None", written: str) 
     from ..core.presentation.document import Answer, Paragraph
 
     if not quiet():
-        answers = [block for block in answer_blocks(result, verdict) if isinstance(block, Answer)]
+        answers = [block for block in answer_blocks(result, verdict) if block.kind == Answer.kind]
         emit_document([[*answers, Paragraph(written, hang="  ")]])
     return status_of(result, verdict)
 
@@ -311,7 +311,7 @@ class Outputs:
                 methods = compare_beside(result)
         names = []
         if self.output is not None:
-            compared = None if isinstance(methods, bool) else methods.comparison
+            compared = getattr(methods, "comparison", None)
             with timed(f"writing {self.output}"), working(f"writing {self.output}", progress_wanted()):
                 drawn: dict[str, Figure] = {}
                 if self.figures:

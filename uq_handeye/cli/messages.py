@@ -191,7 +191,7 @@ def fail(message: str) -> int:
     return 2
 
 
-def fail_internally(error: Exception) -> int:
+def fail_internally(error: BaseException) -> int:
     """Print an internal error and how to report it; return its exit status."""
     LOG.debug("".join(traceback.format_exception(error)).rstrip())
     where = "the log file has" if _logs() else "run it again with --log-file uq-handeye.log, which keeps"

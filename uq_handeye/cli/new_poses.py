@@ -112,10 +112,9 @@ class Session:
         The result is None if `calibrate` refuses the data, unless X or W are known ``beforehand``: then its error.
         """
         from ..calibration.calibrate import calibrate
-        from ..model.noise.models import PairNoise
 
         poses, noise, shared = self.read()
-        pairs = of_motions if of_motions is not None and isinstance(noise, PairNoise) else pairs
+        pairs = of_motions if of_motions is not None and noise is not None and noise.ITEM == "motion" else pairs
         result: Calibration | None = None
         refused = () if beforehand else (InputError, NotConvergedError)
         with timed("calibrating"), suppress(*refused), withheld() as shown:
@@ -133,15 +132,17 @@ def problem_for(
     pairs: str,
 ) -> dict[str, Any]:
     """Return the arguments ``data`` and ``noise`` of a question about X: the calibration, or else what was read."""
-    from ..model.noise.models import PairNoise, PoseNoise
+    from ..model.noise.models import PairNoise
     from ..model.poses.motions import relative_motions
     from ..model.shared_errors.shared_error import shared_columns, with_shared
 
     if result is not None and result.noise is not None:
         return {"data": result}
-    if isinstance(noise, PoseNoise) and shared:
+    if isinstance(noise, PairNoise):
+        return {"data": relative_motions(poses, pairs), "noise": noise}
+    if noise is not None and shared:
         noise = with_shared(noise, shared_columns(shared, poses))
-    return {"data": relative_motions(poses, pairs) if isinstance(noise, PairNoise) else poses, "noise": noise}
+    return {"data": poses, "noise": noise}
 
 
 METHODS = (*AT_THE_BOUND, BUNDLE, *PUBLISHED, *ROBOT_WORLD)

@@ -3,16 +3,17 @@
 Options of the errors that all poses share.
 """
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, cast
 
 from ..errors import InputError
 from .options import ACCURACY_CLASSES, one_of, said_of
 
 if TYPE_CHECKING:
     from ..model.noise.estimate import NoisePrior
-    from ..model.noise.models import Noise
+    from ..model.noise.models import Noise, PoseNoise
     from ..model.poses.pose_pairs import PosePairs
     from ..model.shared_errors.shared_error import SharedError
     from .pictures import Views
@@ -53,7 +54,6 @@ class SharedOptions:
         self, poses: "PosePairs", noise: "Noise | None", file: Path | None = None, views: "Views | None" = None
     ) -> "list[SharedError] | None":
         """Return the declared errors of options and noise file with the remaining defaults, or None."""
-        from ..model.noise.models import PairNoise
         from ..model.shared_errors.assumed import assumed_accuracy, replace_defaults
         from ..model.shared_errors.shared_error import SharedError, checked_errors
         from ..read import read_shared_errors
@@ -88,7 +88,7 @@ class SharedOptions:
         none = self.shared is not None and one_of(self.shared, "--shared", DEFAULTS) == "none"
         if not declared and not none:
             return None
-        if isinstance(noise, PairNoise) and declared:
+        if noise is not None and noise.ITEM == "motion" and declared:
             raise InputError("Shared errors need noise of poses ([robot], [camera]), got noise of motions ([A], [B]).")
         errors = list(declared.values())
         if declared and noise is None:
@@ -118,8 +118,8 @@ class NoiseOptions:
     camera_noise: str | None = None
     noise: Path | None = None
 
-    def read(self) -> "Noise | NoisePrior | None":
-        """Return the noise of the options, a prior if they name one side only, None if they name none."""
+    def read(self) -> "tuple[Noise | None, NoisePrior | None]":
+        """Return the noise of the options, or a prior if they name one side only."""
         from ..model.noise.estimate import NoisePrior
         from ..model.noise.models import PoseNoise
         from ..read import read_noise_file
@@ -129,9 +129,9 @@ class NoiseOptions:
             if noise is not None and (self.robot_noise is not None or self.camera_noise is not None):
                 raise InputError("Give either --noise FILE or --robot-noise and --camera-noise, not both.")
             if noise is not None:
-                return noise
+                return noise, None
         if self.robot_noise is None and self.camera_noise is None:
-            return None
+            return None, None
         robot, camera = (
             None if value in (None, EXACT) else _deviations(value, name)
             for value, name in ((self.robot_noise, "--robot-noise"), (self.camera_noise, "--camera-noise"))
@@ -141,10 +141,10 @@ class NoiseOptions:
                 (0.0, 0.0) if value == EXACT else found
                 for value, found in ((self.robot_noise, robot), (self.camera_noise, camera))
             )
-            return NoisePrior(robot, camera, 1.0)
+            return None, NoisePrior(robot, camera, 1.0)
         if robot is None and camera is None:
             raise InputError(BOTH_EXACT)
-        return PoseNoise.isotropic(robot, camera)
+        return PoseNoise.isotropic(robot, camera), None
 
 
 @dataclass(frozen=True)
@@ -159,15 +159,17 @@ class Given:
 
 def given_of(options: NoiseOptions, shared: SharedOptions) -> Given:
     """Return noise and shared errors of the options."""
-    from ..model.noise.estimate import NoisePrior
-
-    noise = options.read()
-    if isinstance(noise, NoisePrior):
-        return Given(None, noise, shared, options.noise)
-    return Given(noise, None, shared, options.noise)
+    return Given(*options.read(), shared, options.noise)
 
 
-def exact_beside(known: "NoisePrior") -> "Noise":
+def require_of_poses(noise: "Noise | None", command: str) -> "PoseNoise | None":
+    """Return the noise if it is that of poses; raise `InputError` for that of motions."""
+    if noise is not None and noise.ITEM == "motion":
+        raise InputError(f"{command} needs noise on poses ([robot], [camera]), got noise on motions ([A], [B]).")
+    return cast("PoseNoise | None", noise)
+
+
+def exact_beside(known: "NoisePrior") -> "PoseNoise":
     """Return the noise with the side that is not given taken as exact."""
     from ..model.noise.models import PoseNoise
 
@@ -238,16 +240,15 @@ def _deviations(value: str, name: str) -> tuple[float, float]:
         raise InputError(
             f"Expected {name} to be ROTATION,TRANSLATION such as 0.02deg,0.05mm, or {EXACT}, got {value!r}."
         )
+    swapped = False
+    with suppress(InputError):
+        swapped = bool(parse_deviations((translation, rotation), name))
     try:
         return parse_deviations((rotation, translation), name)
-    except InputError as error:
-        try:
-            parse_deviations((translation, rotation), name)
-        except InputError:
-            raise error from None
-        raise InputError(
-            f"{name} {value}: rotation and translation seem to be swapped. Write {translation},{rotation}."
-        ) from None
+    except InputError:
+        if not swapped:
+            raise
+    raise InputError(f"{name} {value}: rotation and translation seem to be swapped. Write {translation},{rotation}.")
 
 
 def _partly_known(value: str | None, name: str) -> tuple[str | None, str | None] | None:

@@ -320,7 +320,7 @@ class Views:
             raise InputError(
                 "The camera noise follows from --camera-matrix. Remove --camera-noise, or --camera-matrix."
             )
-        if noise is not None and (not isinstance(noise, PoseNoise) or noise.camera is not None):
+        if noise is not None and (noise.ITEM == "motion" or noise.sides["camera"] is not None):
             raise InputError(
                 "With --camera-matrix, give the noise of the robot only (--robot-noise or [robot]): the camera noise "
                 "follows from the camera matrix."
@@ -328,7 +328,7 @@ class Views:
         if poses.camera_calibration is not None:
             raise InputError("The folder of uq-handeye camera holds the camera noise. Remove --camera-matrix.")
         camera = self.noise(poses)
-        return camera if noise is None else PoseNoise(noise.robot, camera)
+        return camera if noise is None else PoseNoise(noise.sides["robot"], camera)
 
     def noise(self, poses: "PosePairs") -> "CameraNoise":
         """Compute the camera noise from the views."""

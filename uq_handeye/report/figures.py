@@ -26,7 +26,7 @@ from ..calibration.report.rig_figure import MOST_FRAMES, rig, rig_figure, rig_sc
 from ..calibration.report.text import prediction_words, workspace_caption
 from ..calibration.statement.checks import shared_groups
 from ..core.formatting.numbers import digits
-from ..core.presentation.ellipses import LEVELS, covariance_ellipses, small_ellipses
+from ..core.presentation.ellipses import covariance_ellipses, held, small_ellipses
 from ..core.presentation.figure_parts import NamedFigure, Picture
 from ..errors import InputError
 from ..methods.propagation.published_fit import mean_target
@@ -116,10 +116,9 @@ def small_pictures(result: Calibration) -> dict[str, Picture]:
             for kind, part, unit in (("translation", sizes[3:], "mm"), ("rotation", sizes[:3], "deg"))
             if part.any()
         )
-        held = ", ".join(f"{100 * (1 - np.exp(-k * k / 2)):.0f} %" for k in LEVELS)
         caption = (
             "The error of X in pairs of components: translation above, rotation below. The ellipses are 1, 2 and 3 "
-            f"sigma and hold {held} of the errors."
+            f"sigma and hold {held(0)} of the errors."
         )
         if result.opened is not None:
             caption += " Directions that the poses leave open are not drawn."
@@ -174,16 +173,15 @@ def _ellipses(result: Calibration, check: CrossCheck | None) -> Picture | None:
     figure = covariance_ellipses(
         result.X, result.covariance, others=others, samples=samples, label=f"this result ({result.method})"
     )
-    held = ", ".join(f"{100 * (1 - np.exp(-k * k / 2)):.0f} %" for k in LEVELS)
     overlay = f", with those of {', '.join(others)} over it" if others else ""
     alt = (
         f"Fifteen panels with the 1, 2 and 3 sigma ellipses of {result.frame}{overlay}: three of the rotation, three "
         f"of the translation, nine of rotation against translation. {' '.join(result.facts.directions)}"
     )
     caption = (
-        f"Errors of X in pairs of its six components. The ellipses hold {held} of the errors. A narrow, tilted ellipse "
-        "means that the two errors are correlated (coefficient above each panel). A long ellipse marks the least "
-        "certain direction."
+        f"Errors of X in pairs of its six components. The ellipses hold {held(0)} of the errors. A narrow, tilted "
+        "ellipse means that the two errors are correlated (coefficient above each panel). A long ellipse marks the "
+        "least certain direction."
     )
     if others:
         caption += " Where lines of different style coincide, independent computations agree."

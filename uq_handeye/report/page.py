@@ -22,15 +22,14 @@ from .._version import __version__
 from ..calibration.report.analysis import budget_table
 from ..calibration.report.first_screen import STATUS_OF, data_words, status_of, suited_to
 from ..calibration.result import Calibration
-from ..calibration.statement.accuracy import combined_parts, two_numbers
+from ..calibration.statement.accuracy import combined_parts, point_ahead, two_numbers
 from ..calibration.statement.tolerance import Verdict
 from ..core.files.about import ABOUT, OF_CERTIFICATE, as_about
 from ..core.formatting.numbers import digits, fixed
 from ..core.geometry.conventions import CONVENTION
-from ..core.geometry.se3 import Array
 from ..core.presentation.document import Answer, Badge, Block, Checks, Drawing, Paragraph, Points, Section, Table
 from ..core.presentation.page import PAPERS, Page, drawing, page_path, write_page
-from ..errors import InputError
+from ..errors import InputError, require_type
 from ..findings import Finding
 from ..trials.validation.cross_check.run import CrossCheck as CrossCheck
 from .comparison.compare import Compared, compare_beside
@@ -94,8 +93,7 @@ def write_report(
         A PDF where neither WeasyPrint nor a Chromium browser is installed.
     """
     path = page_path(path, paper)  # before the methods are compared
-    if not isinstance(comparison, bool | Comparison | Compared):
-        raise InputError(f"Expected `comparison` to be True, False or a Comparison, got {type(comparison).__name__}.")
+    require_type("comparison", comparison, (bool, Comparison, Compared), "True, False or a Comparison")
     result = replace(result, about=as_about({**result.about, **(about or {})}))
     folded = path.suffix.lower() == ".html" or details
     if comparison is True:
@@ -244,13 +242,14 @@ def edited(pages: Sequence[Sequence[Section]]) -> list[list[Section]]:
         return " ".join(found)
 
     def of_block(block: Block) -> list[Block]:
-        if isinstance(block, Paragraph) and not block.empty:
-            text = kept(block.text)
-            return [replace(block, text=text)] if text else []
-        if isinstance(block, Points):
-            items = [(text, k in block.marked) for k, item in enumerate(block.items) if (text := kept(item))]
-            marked = frozenset(k for k, (_, stands_out) in enumerate(items) if stands_out)
-            return [Points([text for text, _ in items], marked)] if items else []
+        match block:
+            case Paragraph(empty=False):
+                text = kept(block.text)
+                return [replace(block, text=text)] if text else []
+            case Points():
+                items = [(text, k in block.marked) for k, item in enumerate(block.items) if (text := kept(item))]
+                marked = frozenset(k for k, (_, stands_out) in enumerate(items) if stands_out)
+                return [Points([text for text, _ in items], marked)] if items else []
         return [block]
 
     def of_section(section: Section) -> Section:
@@ -298,12 +297,12 @@ def first_sheet(result: Calibration, verdict: Verdict | None, drawings: Mapping[
         number += [Paragraph(text) for text in _contents_of(result.accuracy)]
     elif also := list({re.sub(r"[\d.]+", "", text): text for text in reversed(result.reasons[1:])}.values()):
         number.append(Paragraph(f"Also: {'; '.join(reversed(also))}."))  # those that differ by more than numbers
-    checks = Checks([(check.status, check.name, check.text) for check in result.checks])
+    checks, subject = Checks.of(result.checks), result.facts.subject
     return [
         Section("answer", "Result", number, wide=True),
         Section("checks", "Checks", [checks]),
         _picture(result, drawings),
-        Section("x", _title_of_x(result), _x_blocks(result)),
+        Section("x", f"X: the {subject}" if subject else "X of AX = XB", _x_blocks(result)),
         Section("ahead", "A point in front of the camera", _point_blocks(result)),
     ]
 
@@ -332,13 +331,6 @@ def _picture(result: Calibration, drawings: Mapping[str, Drawing]) -> Section:
     return Section("by-pose", "Residuals", [Paragraph(text, empty=True)])
 
 
-def _title_of_x(result: Calibration) -> str:
-    if "_T_" not in result.frame:
-        return "X of AX = XB"
-    parent, child = result.frame.split("_T_")
-    return f"X: the {child} in the {parent} frame"
-
-
 def _x_blocks(result: Calibration) -> list[Block]:
     """Return X as a table with its standard deviations."""
     rows = [[one.name, *one.parts, one.unit] for one in result.facts.X]
@@ -358,7 +350,7 @@ def _point_blocks(result: Calibration) -> list[Block]:
     rows = []
     for step in _STEPS:
         z = step * accuracy.distance
-        one, expanded = (accuracy.point, accuracy.point_95) if step == 1 else _point_at(result, accuracy, z)
+        one, expanded = (accuracy.point, accuracy.point_95) if step == 1 else point_ahead(result, z)
         name = f"{fixed(z)} m" + (" (target)" if step == 1 and accuracy.distance_known else "")
         rows.append([name, fixed(_MM * one, 2), fixed(_MM * expanded, 2)])
     caption = (
@@ -366,17 +358,6 @@ def _point_blocks(result: Calibration) -> list[Block]:
         "The camera's own error of the point is not part of it."
     )
     return [Table(caption, ["distance", "1 sigma (mm)", "95 % (mm)"], rows)]
-
-
-def _point_at(result: Calibration, accuracy: Accuracy, z: float) -> tuple[float, float]:
-    """Return the standard and the expanded uncertainty (m) of a point z (m) ahead, in the worst direction."""
-    point: Array = np.array([0.0, 0.0, z])
-    if result.has_budget and result.covariance_kind in ("model", "sigma-points"):
-        k = result.budget.budget_at(point).expanded(worst=True)["point"].k
-    else:
-        k = accuracy.translation_95 / accuracy.translation
-    one = float(np.sqrt(np.linalg.eigvalsh(result.uncertainty_at(point).covariance)[-1]))
-    return one, k * one
 
 
 # ------------------------------------------------------------------------------------------------------- page two

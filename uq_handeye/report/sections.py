@@ -58,7 +58,8 @@ def full_section(result: Calibration) -> Section:
     head = ["", result.frame, *([result.frame_W] if facts.W else [])]
     poses = [facts.X, *([facts.W] if facts.W else [])]
     rows = [[numbers[0].name, *map(_cell, numbers)] for numbers in zip(*poses, strict=True)]
-    about = f"{result.frame} is the pose of the {_of(result.frame)}"
+    subject = facts.subject or "camera side in the frame of the robot side (AX = XB)"
+    about = f"{result.frame} is the pose of the {subject}"
     if result.W is not None:
         about += f"; {result.frame_W} that of the target, as all poses see it"
     if result.covariance is None:
@@ -85,14 +86,6 @@ def full_section(result: Calibration) -> Section:
             )
         )
     return folded("full", "X and the target", *blocks)
-
-
-def _of(frame: str) -> str:
-    """``camera in the gripper frame`` for gripper_T_camera."""
-    if "_T_" not in frame:
-        return "camera side in the frame of the robot side (AX = XB)"
-    parent, child = frame.split("_T_")
-    return f"{child} in the {parent} frame"
 
 
 def _cell(one: Number) -> str:
@@ -342,10 +335,6 @@ def shares_words(result: Calibration) -> str:
     )
 
 
-# Sides of the noise, of poses and of motions.
-NAMES = ("robot", "camera", "A", "B")
-
-
 def repeat_section(result: Calibration, date: str, version: str) -> Section:
     """Files with their hashes, command, options, versions, hash of the data."""
     title = "To repeat this run"
@@ -381,11 +370,9 @@ def _noise(result: Calibration) -> list[list[str]]:
     if result.noise is None or result.noise_estimate is not None:
         return [["noise", "not given"]]
     facts = []
-    for name in NAMES:
-        S = getattr(result.noise, name, None)
+    for name, S in result.noise.sides.items():
         if S is None:
-            if hasattr(result.noise, name):
-                facts.append([f"noise of {name}", "exact"])
+            facts.append([f"noise of {name}", "exact"])
             continue
         S = np.ascontiguousarray(S, dtype="<f8")
         sizes = np.sqrt([S[..., 0, 0].flat[0], S[..., 3, 3].flat[0]]) if S.shape[-1] == 6 else np.zeros(2)

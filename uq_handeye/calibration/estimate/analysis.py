@@ -34,7 +34,7 @@ from ...model.kinematics.joint import require_within_limits
 from ...model.kinematics.kinematic_errors import JOINT_NOISE, poses_with_errors
 from ...model.noise.estimate import NoiseEstimate
 from ...model.noise.joint_covariance import JointCovariance, group_of
-from ...model.noise.models import Noise, PoseNoise
+from ...model.noise.models import Noise
 from ...model.poses.motions import Motions
 from ...model.poses.pose_pairs import PosePairs
 from ...model.posterior.posterior import Posterior
@@ -240,8 +240,11 @@ class Analysis(Record):
     @cached_property
     def diagnostics(self) -> Diagnostics:
         """Observability, influence, tests of the residuals, systematic errors."""
-        known = any(DRIFT in name for name in _names(self.noise))
+        shared = (group_of(name) for S in joint_sides(self.noise).values() for name in S.names)
+        known = any(DRIFT in name for name in shared)
         found = diagnose(self.fit.gauged(), self.data, self.noise, correlation_estimated=known)
+        if self.estimate is not None and (poses := self.data.poses) is not None and poses.truth is None:
+            found = replace(found, autocorrelation=replace(found.autocorrelation, untimed=poses.timestamps is None))
         return replace(found, numbers=self.numbers)
 
     @cached_property
@@ -286,7 +289,7 @@ class Analysis(Record):
     @cached_property
     def budget(self) -> Budget:
         """Shares of the variance by source, with their types; sources that the data cannot separate are one."""
-        corners = isinstance(self.data, PosePairs) and self.data.camera_known
+        corners = self.data is (poses := self.data.poses) and poses is not None and poses.camera_known
         found = budget(self.fit, self.noise, beside=self.beside, within=self.within)
         if self.joint is not None:
             found = by_posterior(found, self.joint.posterior, self.prior_sd)
@@ -301,10 +304,10 @@ def _not_told_apart(estimate: NoiseEstimate) -> list[list[str]]:
     return [group for group in groups if len(group) > 1]
 
 
-def _names(noise: Noise) -> set[str]:
-    """Names of the errors that poses share."""
-    sides = (noise.robot, noise.camera) if isinstance(noise, PoseNoise) else ()
-    return {group_of(name) for S in sides if isinstance(S, JointCovariance) for name in S.names}
+def joint_sides(noise: Noise | None) -> dict[str, JointCovariance]:
+    """The sides of noise whose errors poses share, by name."""
+    sides = {} if noise is None else noise.sides
+    return {name: S for name, S in sides.items() if isinstance(S, JointCovariance)}
 
 
 @dataclass(frozen=True, eq=False)

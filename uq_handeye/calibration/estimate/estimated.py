@@ -1,21 +1,18 @@
-"""X and W with their covariances, and where they come from: frames, standard deviations, other forms of the same pose,
-points that it carries; files, numbers, options and versions, enough to repeat the run.
-"""
+"""X and W with their covariances: frames, standard deviations, other forms of the same pose, points that it carries."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import Annotated, Any, ClassVar, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from ...core.files.records import Record
-from ...core.files.source import Source, versions
 from ...core.geometry import conventions
 from ...core.geometry.frames import SETUPS, TARGETS
 from ...core.geometry.pose_numbers import principal_axes
@@ -23,38 +20,28 @@ from ...core.geometry.se3 import Array, inverse, inverse_jacobian
 from ...errors import InputError
 from ...findings import Finding, texts
 from ...fit.diagnostics.budget import Budget, budget_of_posterior
-from ...fit.diagnostics.pose_table import PoseTable
 from ...fit.diagnostics.result import Diagnostics
 from ...fit.diagnostics.split_half import SplitHalf
 from ...fit.diagnostics.task_space import Link, PointUncertainty, frames_of, moves_of_points, through
-from ...fit.likelihood.goodness_of_fit import GoodnessOfFit, Reference
 from ...fit.likelihood.open_directions import OpenDirections, moves_along
-from ...fit.likelihood.rig_bundle import Agreement
 from ...fit.likelihood.shared_estimates import SharedEstimate
 from ...fit.one_model.points import OpenSizes
 from ...methods.procrustes.limit import octonion
 from ...methods.procrustes.sensitivity import PAPER_SCALE, pose_from_octonion_jacobian
-from ...model.noise.estimate import FoundComponent, NoiseEstimate
+from ...model.noise.estimate import FoundComponent
 from ...model.noise.models import Noise
-from ...model.poses.motions import Motions, Residuals, sha256_of
+from ...model.poses.motions import Motions
 from ...model.poses.pose_pairs import PosePairs
-from ...model.poses.timing import TimeOffset
 from ...model.posterior.posterior import Posterior
-from .analysis import Analysis, FittedKinematics, StoredAnalysis
+from .analysis import Analysis, StoredAnalysis
+from .parts import PARTS, Errors, Named, Origin, Quality, Solution
 
 # Distance taken where that of the target is not known (m).
 USUAL_DISTANCE = 0.5
 
 
-class FourDPA(NamedTuple):
-    """4DPA result for the same data."""
-
-    X: Annotated[Array, 4, 4]
-    covariance: Annotated[Array, 6, 6] | None  # to first order, at the same noise
-
-
-@dataclass(frozen=True, eq=False)
-class Estimated(Record):
+@dataclass(frozen=True, eq=False, init=False)
+class Estimated(Named, Record):
     """X and W, what they were estimated from, and quantities that follow from these only.
 
     The attributes are described with `Calibration`.
@@ -62,38 +49,35 @@ class Estimated(Record):
 
     X: Array  # (4, 4)
     covariance: Array | None  # (6, 6); None: not determined, no noise was given
-    method: str
-    scale: float | None
-    kind: str | None  # how the covariance was propagated: "pairs", "poses" or "literal"
-    setup: str | None  # None for motions that came without poses
-    n_poses: int | None
-    n_pairs: int
-    noise: Noise | None
-    residuals: Residuals
-    findings: tuple[Finding, ...] = ()
-    W: Array | None = None  # (4, 4), the mean of G X C: base_T_target (gripper_T_target for eye-to-hand)
-    covariance_W: Array | None = None  # (6, 6), as `covariance`, in the parent frame of W; needs noise on the poses
-    iterations: int = 0  # 0: closed form
-    covariance_kind: str = "model"  # one of `request.COVARIANCES`
-    reference: Reference = field(default_factory=Reference)  # the distribution of d^2 = xi^T covariance^-1 xi
-    noise_estimate: NoiseEstimate | None = None  # where the noise comes from the data
-    bound: Array | None = None  # (6, 6) Cramer-Rao bound at this noise and these poses; of efficient and ml
-    fourdpa: FourDPA | None = None  # 4DPA's own answer, beside efficient and ml
-    fit: GoodnessOfFit | None = None  # chi-square test of the residuals against the noise
-    table: PoseTable | None = None  # residual, leverage and flag of each pose
-    time_offset: TimeOffset | None = None  # of interpolated poses: its share of the covariance
-    shared_at_sizes: tuple[SharedEstimate, ...] = ()  # what `shared` is made of: for the mean sizes of the errors
-    agreement: Agreement | None = None  # of method "bundle" with `efficient`
-    opened: OpenDirections | None = None  # what of X and W the motions leave open
-    kinematics: FittedKinematics | None = None  # the arm, where its joints were given
-    joint_posterior: Posterior | OpenSizes | None = field(default=None, repr=False)  # what `posterior` is made of
-    provenance: Provenance | None = None  # files, options and versions: enough to repeat the run
-    about: dict[str, str] = field(default_factory=dict)  # title block of the report, by the names of `files.about`
-    data: PosePairs | Motions | None = field(default=None, repr=False)  # what it was made of
-    excluded: tuple[int, ...] = ()  # numbers of poses in `data` that the fit left out as asked for
-    analysis: Analysis | StoredAnalysis | None = field(
-        default=None, repr=False
-    )  # diagnostics, other covariances, split halves, budget
+    W: Array | None  # (4, 4), the mean of G X C: base_T_target (gripper_T_target for eye-to-hand)
+    covariance_W: Array | None  # (6, 6), as `covariance`, in the parent frame of W; needs noise on the poses
+    opened: OpenDirections | None  # what of X and W the motions leave open
+    findings: tuple[Finding, ...]
+    origin: Origin
+    solution: Solution
+    errors: Errors
+    quality: Quality
+
+    def __init__(
+        self,
+        X: Array,
+        covariance: Array | None = None,
+        W: Array | None = None,
+        covariance_W: Array | None = None,
+        opened: OpenDirections | None = None,
+        findings: tuple[Finding, ...] = (),
+        **parts: Any,
+    ) -> None:
+        """``parts``: those of `PARTS`, and attributes of them by their names, which stand in their place."""
+        own = {"X": X, "covariance": covariance, "W": W, "covariance_W": covariance_W}
+        vars(self).update(own, opened=opened, findings=findings)
+        for part, kind in PARTS.items():
+            named = {one.name: parts.pop(one.name) for one in fields(kind) if one.name in parts}
+            held = parts.pop(part, None)
+            vars(self)[part] = kind(**named) if held is None else replace(held, **named)
+        if parts:
+            raise TypeError(f"{type(self).__name__}() got an unexpected keyword argument {min(parts)!r}")
+        self.__post_init__()
 
     @property
     def components(self) -> tuple[FoundComponent, ...]:
@@ -182,13 +166,6 @@ class Estimated(Record):
                 f"{self.method!r}."
             )
         return self.analysis
-
-    @property
-    def counted(self) -> PosePairs | Motions | None:
-        """Data of the fit: `data` without the excluded poses; `noise` is of these."""
-        if not self.excluded or not isinstance(self.data, PosePairs):  # motions were made without them
-            return self.data
-        return self.data.rows(np.setdiff1d(np.arange(self.data.n), self.excluded))
 
     @property
     def used(self) -> tuple[PosePairs | Motions, Noise]:
@@ -468,31 +445,3 @@ def distance_of(analysis: Analysis | StoredAnalysis | None) -> tuple[float, bool
         if spectrum.length_of == "target":
             return float(spectrum.length_m), True
     return USUAL_DISTANCE, False
-
-
-@dataclass(frozen=True)
-class Provenance(Record):
-    """Input, options and versions of a calibration.
-
-    ``data_sha256`` is the SHA-256 of the poses (or motions) as they were used, float64, little-endian, robot first: the
-    same numbers give it whatever file they came from. ``options`` are the arguments of `calibrate`; ``command`` is the
-    command line where there was one. ``request`` holds the arguments as they were given, by which the same can be asked
-    of more poses (`Request.to_dict`); None in files of older versions.
-    """
-
-    _if_any: ClassVar[str] = "request"
-
-    data_sha256: str
-    options: dict[str, Any]
-    versions: dict[str, str]
-    sources: tuple[Source, ...] = field(default=())
-    command: str | None = None
-    request: dict[str, Any] | None = None
-
-
-def provenance(data: PosePairs | Motions, options: dict[str, Any], request: dict[str, Any]) -> Provenance:
-    """Record what `calibrate` was given."""
-    sides = (data.robot, data.camera) if isinstance(data, PosePairs) else (data.A, data.B)
-    poses = data.poses
-    sources = () if poses is None else poses.sources
-    return Provenance(sha256_of(*sides), options, dict(versions()), sources, request=request)

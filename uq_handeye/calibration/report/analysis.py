@@ -16,10 +16,10 @@ from ...fit.diagnostics.budget import Budget
 from ...fit.diagnostics.pose_table import PoseTable
 from ...fit.likelihood.goodness_of_fit import GoodnessOfFit
 from ...model.noise.estimate import SHOWN, Component, FoundComponent
-from ...model.noise.joint_covariance import JointCovariance
-from ...model.noise.models import Noise, PairNoise, is_joint, marginals
+from ...model.noise.models import Noise, is_joint, marginals
 from ...model.shared_errors.assumed import DRIFT
 from ...model.shared_errors.shared_error import VIEW
+from ..estimate.analysis import joint_sides
 from ..estimate.estimated import deviations_of
 from ..result import Calibration
 from ..statement.checks import PLAIN
@@ -96,8 +96,7 @@ def _component(component: Component) -> list[str]:
 def _given(noise: Noise) -> list[list[str]]:
     """Name, rotation (deg) and translation (mm) of each side: standard deviations, on average."""
     rows = []
-    for name in ("A", "B") if isinstance(noise, PairNoise) else ("robot", "camera"):
-        S = getattr(noise, name)
+    for name, S in noise.sides.items():
         if S is None:
             rows.append([name, "exact", "exact"])
             continue
@@ -349,7 +348,7 @@ def budget_shares(result: Calibration) -> dict[str, Array]:
 
 def _coupled(result: Calibration, side: str, sources: tuple[str, ...]) -> bool:
     S = getattr(result.noise, side, None)
-    dense = S is not None and is_joint(S) and not isinstance(S, JointCovariance)
+    dense = S is not None and is_joint(S) and side not in joint_sides(result.noise)
     return f"{side} coupling" in sources or dense
 
 

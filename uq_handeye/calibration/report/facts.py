@@ -62,6 +62,7 @@ class Facts:
     X: tuple[Number, ...]  # translation and rotation vector
     W: tuple[Number, ...]  # empty where there is no W
     parent: str  # frame that X and its covariance are in
+    subject: str  # "camera in the gripper frame"; empty for motions that came without poses
     directions: tuple[str, ...]  # in which translation and rotation are least certain
     correlations: tuple[tuple[float, str, str], ...]  # of the components of (theta, tau), the strongest first
     ellipsoid: str  # what holds 95 % of all errors
@@ -79,7 +80,7 @@ def numbers_of(T: Array, covariance: Array | None, opened: Array | None) -> tupl
 def facts_of(result: Estimated) -> Facts:
     """Return the facts of a calibration."""
     correlation, limit = result.correlation, result.quantile(0.95)
-    parent = result.frame.split("_T_")[0] if "_T_" in result.frame else UNKNOWN_FRAME
+    parent, _, child = result.frame.partition("_T_") if "_T_" in result.frame else (UNKNOWN_FRAME, "", "")
     pairs = [] if correlation is None else [(i, j) for i in range(6) for j in range(i + 1, 6)]
     found = [(float(correlation[i, j]), COMPONENTS[i], COMPONENTS[j]) for i, j in pairs if correlation is not None]
     source = _SOURCES[result.covariance_kind]
@@ -91,7 +92,8 @@ def facts_of(result: Estimated) -> Facts:
     return Facts(
         X=numbers_of(result.X, result.covariance, result.open_of_X),
         W=() if result.W is None else numbers_of(result.W, result.covariance_W, result.open_of_W),
-        parent=f"{parent} frame" if "_T_" in result.frame else parent,
+        parent=f"{parent} frame" if child else parent,
+        subject=f"{child} in the {parent} frame" if child else "",
         directions=() if result.opened is not None else _directions(result, parent),
         correlations=tuple(sorted(found, key=lambda pair: -abs(pair[0]))),
         ellipsoid=ellipsoid,

@@ -164,7 +164,7 @@ def calibration_html(result: Calibration) -> str:
     """Return the headline, the checks and the six numbers; full sentences, parts and matrices folded away."""
     origin = f"{result.n_pairs} pairs" if result.n_poses is None else data_words(result)
     setup = "" if result.setup is None else f", {result.setup}"
-    checks = Checks([(check.status, check.name, check.text) for check in result.checks])
+    checks = Checks.of(result.checks)
     document: Document = [answer_blocks(result, why=False), [checks], [_six(result)]]
     folded = [(title, blocks_html(blocks)) for title, blocks in _folds(result).items() if blocks]
     folded.append(("Matrix X (translation in m)", matrix_html(result.X)))

@@ -27,7 +27,7 @@ from ...core.formatting.numbers import digits
 from ...core.geometry.pose_numbers import principal_axes
 from ...core.geometry.se3 import Array
 from ...findings import Finding
-from ...fit.diagnostics.budget import EACH, SHARED, Budget, Expanded
+from ...fit.diagnostics.budget import EACH, SHARED, Budget
 from ...model.noise.joint_covariance import group_of
 from ...model.shared_errors.shared_error import FOCAL_LENGTH, LENS, OUTLINE, PRINCIPAL_POINT, TARGET_SCALE, VIEW
 from ...model.shared_errors.sizes import ROBOT_ACCURACY
@@ -89,32 +89,29 @@ class Accuracy(Record):
     _if_any: ClassVar[str] = "from_poses"
 
 
-def accuracy_of(result: Estimated) -> Accuracy | None:
+def accuracy_of(result: Statement) -> Accuracy | None:
     """Return the accuracy of X; None where the covariance is not determined."""
     if result.covariance is None:
         return None
     S = result.covariance
     distance, known = distance_of(result.analysis)
-    ahead = result.uncertainty_at([0.0, 0.0, distance]).covariance
-    point = float("inf") if not np.isfinite(ahead).all() else _worst(ahead)
-    sizes = {"X rotation": _worst(S[:3, :3]), "X translation": _worst(S[3:, 3:]), "point": point}
-    budget = None
+    point, point_95 = point_ahead(result, distance)
+    budget = budget_of_model(result)
     touched = sum(one.values["count"] for one in result.findings if one.code == "evidence.touches_used")
-    if result.has_budget and result.covariance_kind in ("model", "sigma-points"):
-        budget = result.budget
-    factors = _factors(budget, result, distance)
+    move, turn = _worst(S[3:, 3:]), _worst(S[:3, :3])
+    k_move, k_turn = _factors(budget, result, "X translation", "X rotation")
     words = [
         f"{text} (assumed)" if default and not text.endswith("assumed)") else text for text, default in included(result)
     ]
     if touched:
         words.insert(0, f"{touched} touched {'point' if touched == 1 else 'points'}")
     return Accuracy(
-        translation=_steady(sizes["X translation"]),
-        rotation=_steady(sizes["X rotation"]),
+        translation=_steady(move),
+        rotation=_steady(turn),
         point=_steady(point),
-        translation_95=_steady(factors["X translation"] * sizes["X translation"]),
-        rotation_95=_steady(factors["X rotation"] * sizes["X rotation"]),
-        point_95=_steady(factors["point"] * point),
+        translation_95=_steady(k_move * move),
+        rotation_95=_steady(k_turn * turn),
+        point_95=_steady(point_95),
         distance=distance,
         distance_known=known,
         parts=() if budget is None else parts_of(budget),
@@ -189,15 +186,29 @@ def part_name(source: str, together: bool) -> str:
     return PRINCIPAL_POINT if name.startswith(PRINCIPAL_POINT) else PLAIN.get(name, name)
 
 
-def _factors(budget: Budget | None, result: Estimated, distance: float) -> dict[str, float]:
-    """Return coverage factors for 95 % in the worst direction."""
+def budget_of_model(result: Estimated) -> Budget | None:
+    """Return the budget whose sum is the covariance of X; None where there is none."""
+    return result.budget if result.has_budget and result.covariance_kind in ("model", "sigma-points") else None
+
+
+def point_ahead(result: Estimated, distance: float) -> tuple[float, float]:
+    """Return the standard and the expanded uncertainty (95 %) of a point straight ahead of the camera, in the worst
+    direction, m; infinite where it is not determined.
+    """
+    at = np.array([0.0, 0.0, distance])
+    S, budget = result.uncertainty_at(at).covariance, budget_of_model(result)
+    (k,) = _factors(None if budget is None else budget.budget_at(at), result, "point")
+    u = _worst(S) if np.isfinite(S).all() else float("inf")
+    return u, k * u
+
+
+def _factors(budget: Budget | None, result: Estimated, *names: str) -> list[float]:
+    """Return coverage factors for 95 % in the worst direction, of these quantities of the budget."""
     if budget is None:
         dof = result.reference.dof
-        k = float(ndtri(0.975)) if dof is None else float(stdtrit(dof, 0.975))
-        return dict.fromkeys(("X rotation", "X translation", "point"), k)
-    found: dict[str, Expanded] = budget.expanded(worst=True)
-    found |= budget.budget_at(np.array([0.0, 0.0, distance])).expanded(worst=True)
-    return {name: of.k for name, of in found.items()}
+        return [float(ndtri(0.975)) if dof is None else float(stdtrit(dof, 0.975))] * len(names)
+    found = budget.expanded(worst=True)
+    return [found[name].k for name in names]
 
 
 def _steady(number: float) -> float:
@@ -218,11 +229,11 @@ def amounts(translation: float, rotation: float) -> str:
 NOT_USABLE = "NOT USABLE"
 
 
-def headline_of(result: Estimated) -> str:
+def headline_of(result: Statement) -> str:
     """Return the headline of a calibration."""
-    if reasons := reasons_of(result):
-        return f"{NOT_USABLE}: {reasons[0]}."
-    accuracy = accuracy_of(result)
+    if result.reasons:
+        return f"{NOT_USABLE}: {result.reasons[0]}."
+    accuracy = result.accuracy
     if accuracy is None:
         return f"The accuracy of {result.frame} is not known: no noise was given, and none could be estimated."
     if result.opened is not None and result.opened.of_X.size:
@@ -296,7 +307,7 @@ class Statement(Estimated):
         """The checks of data and fit, one line each: ok, caution, failed or not run."""
         return checks_of(self)
 
-    @property
+    @cached_property
     def cautions(self) -> tuple[Finding, ...]:
         """The findings that are more than a note, those of the diagnostics too, in the order of their effect on X."""
         return cautions_of(self)
@@ -306,7 +317,7 @@ class Statement(Estimated):
         """``whole``: X explains the poses and is determined by them. ``in part``: directions of it are open
         (`open_directions`), and the others are known. ``no``: X is of no use (`reasons`).
         """
-        if reasons_of(self):
+        if self.reasons:
             return "no"
         return "whole" if self.opened is None or not self.opened.of_X.size else "in part"
 
@@ -315,12 +326,12 @@ class Statement(Estimated):
         """True if X explains the poses and is determined by them; `reasons` or `open_directions` say why not."""
         return self.answered == "whole"
 
-    @property
+    @cached_property
     def reasons(self) -> tuple[str, ...]:
         """Reasons why X cannot be used, the decisive one first; empty where it can."""
         return reasons_of(self)
 
-    @property
+    @cached_property
     def headline(self) -> str:
         """Accuracy of X in one sentence; or ``NOT USABLE:`` and the decisive reason."""
         return headline_of(self)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import ClassVar, Literal, get_args
+from typing import TYPE_CHECKING, ClassVar, Literal, get_args
 
 import numpy as np
 
@@ -28,12 +28,15 @@ from ...findings import (
 )
 from ...fit.likelihood.shared_estimates import SharedGroup, grouped
 from ...model.kinematics.kinematic_errors import DECLARED_AS
-from ...model.noise.estimate import NoiseEstimate
-from ...model.noise.joint_covariance import JointCovariance, group_of
-from ...model.noise.models import INTRINSICS, TARGET_SHAPE, PoseNoise, is_joint
+from ...model.noise.joint_covariance import group_of
+from ...model.noise.models import INTRINSICS, TARGET_SHAPE, Noise, is_joint
 from ...model.shared_errors.shared_error import CLOCK_OFFSET, FOCAL_LENGTH, TARGET_SCALE, VIEW
 from ...model.shared_errors.sizes import ROBOT_ACCURACY
+from ..estimate.analysis import joint_sides
 from ..estimate.estimated import Estimated, distance_of
+
+if TYPE_CHECKING:
+    from .accuracy import Statement
 
 # Methods whose results hold the residuals of the poses, unless they were updated by the joint posterior alone.
 _WITH_RESIDUALS = ("efficient", "ml", "bundle")
@@ -77,9 +80,9 @@ def failures_in_words(findings: Iterable[Finding]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(one.phrase for one in _in_order(findings) if one.severity == "failure"))
 
 
-def reasons_of(result: Estimated) -> tuple[str, ...]:
+def reasons_of(result: Statement) -> tuple[str, ...]:
     """Return why X cannot be used, the decisive reason first; nothing where it can."""
-    found = list(failures_in_words(_all_findings(result)))
+    found = list(failures_in_words(result.cautions))
     if result.table is not None and len(result.table.counted) < _MANY:
         rejected, n = len(result.table.rejected), len(result.table.counted)
         if rejected > _FEW_WRONG * n:  # of few poses as many as are left may agree on a wrong X by chance
@@ -92,23 +95,22 @@ def reasons_of(result: Estimated) -> tuple[str, ...]:
     return tuple(found)
 
 
-def lower_limit_of(result: Estimated) -> bool:
+def lower_limit_of(result: Statement) -> bool:
     """Return whether the accuracy is a lower limit: tests show errors that it does not include, or none is included.
 
     Noise that is estimated from the residuals cannot show what all poses share: without any shared error declared or
     assumed it is a lower limit by itself.
     """
-    if any(finding.rejects for finding in cautions_of(result)):
+    if any(finding.rejects for finding in result.cautions):
         return True
     return result.noise_estimate is not None and not included(result)
 
 
-def checks_of(result: Estimated) -> tuple[Check, ...]:
+def checks_of(result: Statement) -> tuple[Check, ...]:
     """Return the checks of a calibration in a fixed order; that of the camera only where it found something."""
     found: dict[str, list[Finding]] = {name: [] for name in CHECKS}
-    cautions = cautions_of(result)
-    misread = any(finding.explains for finding in cautions)  # then the fit says nothing of the rest
-    for finding in cautions:
+    misread = any(finding.explains for finding in result.cautions)  # then the fit says nothing of the rest
+    for finding in result.cautions:
         found.setdefault(finding.record.check, []).append(finding)
     checks = []
     for name, findings in found.items():
@@ -172,7 +174,7 @@ def _of_noise(result: Estimated) -> Check:
         return Check(NOISE, "ok", f"the residuals agree with it ({probability(fit.p_value, 2)})")
     if result.covariance is None:
         return Check(NOISE, "not run", "no noise, given or estimated")
-    if isinstance(estimate, NoiseEstimate):
+    if estimate is not None:
         return Check(NOISE, "not run", "estimated from the same residuals")
     return Check(NOISE, "not run", _without_residuals(result))
 
@@ -230,7 +232,7 @@ def included(result: Estimated) -> list[tuple[str, bool]]:
     parts: list[tuple[str, bool]] = []
     if of_camera(result):
         parts.append(("errors of the intrinsics", False))
-    elif isinstance(result.noise, PoseNoise) and _unnamed(result.noise):
+    elif result.noise is not None and _unnamed(result.noise):
         parts.append(("the joint covariance of the noise", False))
     groups: dict[str, list[SharedGroup]] = {}  # by error: such as both coordinates of the principal point
     for group in shared_groups(result):
@@ -283,16 +285,13 @@ def sizes_of(group: SharedGroup) -> str:
 
 def column_names(result: Estimated) -> tuple[str, ...]:
     """Return the names of the shared errors that the noise holds, without those of the intrinsics."""
-    if not isinstance(result.noise, PoseNoise):
-        return ()
-    joint = [S for S in (result.noise.robot, result.noise.camera) if isinstance(S, JointCovariance)]
-    return tuple(name for S in joint for name in S.names if name not in ("", INTRINSICS))
+    return tuple(name for S in joint_sides(result.noise).values() for name in S.names if name not in ("", INTRINSICS))
 
 
 def of_camera(result: Estimated) -> bool:
     """Return whether the noise of the camera poses holds the errors of the intrinsics."""
-    S = result.noise.camera if isinstance(result.noise, PoseNoise) else None
-    return isinstance(S, JointCovariance) and bool({INTRINSICS, ""} & set(S.names))
+    S = joint_sides(result.noise).get("camera")
+    return S is not None and bool({INTRINSICS, ""} & set(S.names))
 
 
 def from_points(result: Estimated) -> bool:
@@ -300,7 +299,8 @@ def from_points(result: Estimated) -> bool:
     return getattr(getattr(result, "data", None), "camera_covariance", None) is not None
 
 
-def _unnamed(noise: PoseNoise) -> bool:
+def _unnamed(noise: Noise) -> bool:
     """Return whether a side has a joint covariance that was given as such."""
-    joint = [S for S in (noise.robot, noise.camera) if S is not None and is_joint(S)]
-    return any(not isinstance(S, JointCovariance) or "" in S.names for S in joint)
+    by_columns = joint_sides(noise)
+    joint = [name for name, S in noise.sides.items() if S is not None and is_joint(S)]
+    return any(name not in by_columns or "" in by_columns[name].names for name in joint)

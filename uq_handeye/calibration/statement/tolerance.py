@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
-from typing import Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 
@@ -28,7 +28,9 @@ from ...core.geometry.se3 import Array
 from ...errors import InputError
 from ...fit.likelihood.goodness_of_fit import Reference
 from ..estimate.estimated import Estimated
-from .checks import checks_of, lower_limit_of, reasons_of
+
+if TYPE_CHECKING:
+    from .accuracy import Statement
 
 Word = Literal["PASS", "FAIL", "NOT SHOWN"]
 PASS: Word = "PASS"
@@ -66,19 +68,20 @@ class Tolerance:
 
         Raises `InputError` on anything else.
         """
-        if isinstance(tolerance, Tolerance):
-            return tolerance if at is None else cls(tolerance.translation, tolerance.rotation, _length(at, "at"))
         distance = None if at is None else _length(at, "at")
         parts: list[Any]
-        if isinstance(tolerance, str):
-            parts = [part.strip() for part in tolerance.split(",")]
-        else:
-            try:
+        match tolerance:
+            case Tolerance():
+                return tolerance if at is None else cls(tolerance.translation, tolerance.rotation, distance)
+            case str():
+                parts = [part.strip() for part in tolerance.split(",")]
+            case _ if np.iterable(tolerance):
                 parts = list(tolerance)
-            except TypeError as error:
-                raise InputError(f"Expected a tolerance such as '1mm,0.1deg', got {tolerance!r}.") from error
-            if len(parts) == 2 and all(isinstance(part, int | float) or part is None for part in parts):
-                return cls(parts[0], parts[1], distance)
+            case _:
+                raise InputError(f"Expected a tolerance such as '1mm,0.1deg', got {tolerance!r}.")
+        match parts:
+            case [int() | float() | None as translation, int() | float() | None as rotation]:
+                return cls(translation, rotation, distance)
         lengths, angles = [], []
         for part in parts:
             text = str(part)
@@ -137,13 +140,13 @@ class Verdict(Record):
         return f"{of} within {tolerance}{known}{needs}."
 
 
-def verdict_of(result: Estimated, tolerance: Any, at: Any = None) -> Verdict:
+def verdict_of(result: Statement, tolerance: Any, at: Any = None) -> Verdict:
     """Return whether X meets a tolerance; see the module.
 
     Raises `InputError` for a tolerance that cannot be read.
     """
     wanted = Tolerance.read(tolerance, at)
-    reasons = [f"X is not usable: {reason}" for reason in reasons_of(result)[:1]]
+    reasons = [f"X is not usable: {reason}" for reason in result.reasons[:1]]
     probability = None
     if result.covariance is None:
         reasons.append("the covariance of X is not determined")
@@ -155,11 +158,11 @@ def verdict_of(result: Estimated, tolerance: Any, at: Any = None) -> Verdict:
         probability = probability_of(result, wanted)
     if probability is not None and probability <= MISSED:  # what is not included would only add to the error
         return Verdict(FAIL, probability, wanted)
-    failed = [check for check in checks_of(result) if check.status == "failed"]
+    failed = [check for check in result.checks if check.status == "failed"]
     if not reasons and failed:
         named = " and ".join(check.name for check in failed[:2])
         reasons.append(f"check failed: {named} ({failed[0].findings[0].phrase})")
-    if not reasons and lower_limit_of(result):
+    if not reasons and result.accuracy is not None and result.accuracy.lower_limit:
         reasons.append("the accuracy is a lower limit: no shared error is included")
     if reasons or probability is None:
         return Verdict(NOT_SHOWN, probability, wanted, tuple(reasons))

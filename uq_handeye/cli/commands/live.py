@@ -181,11 +181,11 @@ def view_command(result: Path, page: PageOptions, touched: TouchesToUse) -> int:
 
     Ctrl-C ends the page.
     """
-    from ...calibration.result import Calibration, load
+    from ...calibration.result import load
     from ...use.live_session.view import view_page
 
     shown = load(result)
-    touches = touched.read(shown.kinematics if isinstance(shown, Calibration) else None)
+    touches = touched.read(getattr(shown, "kinematics", None))
     return _stay(view_page(shown, page.host, page.port, touches), page)
 
 

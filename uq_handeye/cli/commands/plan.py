@@ -10,7 +10,7 @@ from ..arm import Arm, arm_of
 from ..delivery import deliver_answer
 from ..messages import fail, progress_wanted, timed, verbose, withheld
 from ..new_poses import Session
-from ..noise import Given, given_of
+from ..noise import Given, given_of, require_of_poses
 from ..options import CONTROLLER_NAMES, EVERY_METHOD, methods_of, one_of
 from ..pose_files import PoseFiles
 from ..rigs import plan_stored_rig, stored_rig
@@ -119,7 +119,6 @@ def plan_command(
     from ...calibration.findings import check_input
     from ...findings import warn
     from ...model.kinematics.joints_file import read_joints
-    from ...model.noise.models import PoseNoise
     from ...read.poses import read_robot_poses
     from ...use.planning.plan import plan
 
@@ -134,8 +133,7 @@ def plan_command(
         units, chain = arm.chain.joint_units, arm.kinematics
         rows = None if asked.candidates is None else read_joints(asked.candidates, chain, units).q
         of_arm = {"task": None if asked.task is None else read_joints(asked.task, chain, units).q} | arm.of_calibrate
-    if noise is not None and not isinstance(noise, PoseNoise):
-        raise InputError("plan needs noise on poses ([robot], [camera]), got noise on motions ([A], [B]).")
+    noise = require_of_poses(noise, "plan")
     with timed("checking the input"), suppress(InputError):  # plan() may do with what calibrate() refuses
         warn(check_input(poses, noise))
     with timed("planning"):

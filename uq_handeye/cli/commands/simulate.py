@@ -8,7 +8,7 @@ from typing import Any
 
 from ...errors import InputError
 from ..messages import LOG
-from ..noise import NoiseOptions, exact_beside
+from ..noise import NoiseOptions, exact_beside, require_of_poses
 from ..options import SETUP_NAMES, emit, one_of
 
 MAX_POSES = 1_000_000  # about 1 GB of memory
@@ -61,16 +61,11 @@ def simulate_command(
       * --seed N: Seed of the random numbers.
     """
     from ...core.geometry.frames import SETUPS
-    from ...model.noise.estimate import NoisePrior
-    from ...model.noise.models import PoseNoise
     from ...read import pose_text, read_shared_errors, write_files
     from ...trials.simulation.rig import simulate
 
-    noise = options.read()
-    if isinstance(noise, NoisePrior):  # nothing is drawn for the other side
-        noise = exact_beside(noise)
-    if noise is not None and not isinstance(noise, PoseNoise):
-        raise InputError("simulate needs noise on poses ([robot], [camera]), got noise on motions ([A], [B]).")
+    given, known = options.read()
+    noise = require_of_poses(given, "simulate") if known is None else exact_beside(known)  # nothing is drawn beside
     if options.noise is not None and read_shared_errors(options.noise):
         raise InputError(f"simulate draws independent noise for each pose. Remove [shared] from {options.noise}.")
     if seed < 0:

@@ -27,21 +27,21 @@ PLAIN = 0.01
 
 
 def _parse(value: str | float, units: dict[str, float], kind: str, name: str) -> float:
-    if isinstance(value, str):
-        known = ", ".join(units)
-        match = _QUANTITY.fullmatch(value)
-        if match is None:
-            raise InputError(f"Expected {name} to be {kind} such as '0.1{next(iter(units))}', got {value!r}.")
-        number, unit = float(match[1]), match[2]
-        if not unit:
-            raise InputError(f"Expected {name} to carry a unit (one of {known}), got {value!r}.")
-        if unit not in units:
-            raise InputError(f"Unknown unit {unit!r} in {name} = {value!r}; expected one of {known}.")
-        result = number * units[unit]
-    else:
-        if isinstance(value, bool) or not isinstance(value, int | float | np.number):
+    match value:
+        case str():
+            found = _QUANTITY.fullmatch(value)
+            if found is None:
+                raise InputError(f"Expected {name} to be {kind} such as '0.1{next(iter(units))}', got {value!r}.")
+            known, unit = ", ".join(units), found[2]
+            if not unit:
+                raise InputError(f"Expected {name} to carry a unit (one of {known}), got {value!r}.")
+            if unit not in units:
+                raise InputError(f"Unknown unit {unit!r} in {name} = {value!r}; expected one of {known}.")
+            result = float(found[1]) * units[unit]
+        case int() | float() | np.number() if value is not True and value is not False:
+            result = float(value)
+        case _:
             raise InputError(f"Expected {name} to be a number or text with a unit, got {value!r}.")
-        result = float(value)
     if not math.isfinite(result):
         raise InputError(f"Expected {name} to be finite, got {value!r}.")
     return result

@@ -70,6 +70,11 @@ class Checks(Block):
     rows: Sequence[tuple[str, str, str]]
     kind: ClassVar[str] = "checks"
 
+    @classmethod
+    def of(cls, checks: Iterable[Any]) -> Checks:
+        """The checks of a result, of ``status``, ``name`` and ``text``."""
+        return cls([(check.status, check.name, check.text) for check in checks])
+
 
 @dataclass(frozen=True)
 class Caution(Block):

@@ -190,6 +190,27 @@ def display_unit(reach: float, base: str) -> tuple[float, str]:
     return 10.0**exponent, f"$10^{{{exponent}}}$ {base}"
 
 
+def held(places: int) -> str:
+    """Return what the ellipses of `LEVELS` hold of the errors of two components: ``39 %, 86 %, 99 %``."""
+    return ", ".join(f"{100 * (1 - np.exp(-k * k / 2)):.{places}f} %" for k in LEVELS)
+
+
+def correlation(S: Array, i: int, j: int) -> float | None:
+    """Return the correlation of two components; None where one has no variance."""
+    product = np.sqrt(S[i, i] * S[j, j])
+    return float(np.clip(S[i, j] / product, -1.0, 1.0)) if product > 0 else None
+
+
+def ellipse(S: Array, i: int, j: int, factor: Array) -> Array:
+    """Return the ellipse (2, m) of one standard deviation of two components, each times its ``factor`` (6,).
+
+    ``(s_i cos t, s_j (rho cos t + sqrt(1 - rho^2) sin t))``, 0 <= t < 2 pi.
+    """
+    angle, rho = np.linspace(0, 2 * np.pi, 181), correlation(S, i, j) or 0.0
+    x, y = (np.sqrt(S[k, k]) * factor[k] for k in (i, j))
+    return np.stack([x * np.cos(angle), y * (rho * np.cos(angle) + np.sqrt(1 - rho**2) * np.sin(angle))])
+
+
 def _draw(
     axis: Axes,
     i: int,
@@ -206,13 +227,9 @@ def _draw(
         axis.plot(x, y, ".", color="0.65", markersize=1.5, markeredgewidth=0, rasterized=True, zorder=1)
     axis.axhline(0, color="0.85", linewidth=0.6, zorder=0)
     axis.axvline(0, color="0.85", linewidth=0.6, zorder=0)
-    angle = np.linspace(0, 2 * np.pi, 181)
     for number, (S, (colour, style)) in enumerate(zip(covariances.values(), STYLES, strict=False)):
         s = np.sqrt(np.diag(S))[[i, j]]
-        rho = None if not s.all() else float(np.clip(S[i, j] / s[0] / s[1], -1.0, 1.0))
-        across = 0.0 if rho is None else rho
-        x = s[0] / scale[i] * np.cos(angle)
-        y = s[1] / scale[j] * (across * np.cos(angle) + np.sqrt(1 - across**2) * np.sin(angle))
+        rho, (x, y) = correlation(S, i, j), ellipse(S, i, j, 1 / scale)
         for level, width in zip(LEVELS, WIDTHS, strict=True):
             axis.plot(level * x, level * y, color=colour, linestyle=style, linewidth=width, zorder=3 + number)
         if number == 0:
@@ -244,7 +261,6 @@ def _legend(figure: Figure, covariances: Mapping[str, Array], samples: bool, tru
         handles.append(Line2D([], [], marker=".", linestyle="", color="0.65", markersize=5, label="samples"))
     if truth:
         handles.append(Line2D([], [], label="truth", **TRUTH))
-    probabilities = ", ".join(f"{100 * (1 - np.exp(-k * k / 2)):.1f} %" for k in LEVELS)
     position = ", ".join(f"{1e3 * x:.3f}" for x in pose[:3, 3])
     turn = ", ".join(f"{x:.4f}" for x in Rotation.from_matrix(pose[:3, :3]).as_rotvec(degrees=True))
     figure.legend(
@@ -254,7 +270,7 @@ def _legend(figure: Figure, covariances: Mapping[str, Array], samples: bool, tru
         frameon=False,
         fontsize=9,
         title=(
-            f"1, 2, 3 $\\sigma$ ellipses, from the inside, hold {probabilities} of the probability.\n"
+            f"1, 2, 3 $\\sigma$ ellipses, from the inside, hold {held(1)} of the probability.\n"
             f"Origin: translation ({position}) mm, rotation vector ({turn})\N{DEGREE SIGN}"
         ),
         title_fontproperties={"size": 8.5},

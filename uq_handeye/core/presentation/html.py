@@ -257,7 +257,7 @@ def to_html(
     ``folded`` are titles with the markup, trusted, that is folded away below them.
     """
     groups = list(groups_of(document))
-    while seen < len(groups) and all(isinstance(block, Caution) for block in groups[seen]):
+    while seen < len(groups) and all(block.kind == Caution.kind for block in groups[seen]):
         seen += 1
     first, rest = ("".join(map(blocks_html, part)) for part in (groups[:seen], groups[seen:]))
     folds = [_folded(*fold) for fold in ([("All of it", rest)] if rest else []) + [*folded]]

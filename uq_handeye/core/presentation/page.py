@@ -79,7 +79,7 @@ class Page:
         template = environment.from_string((files / "template.html.j2").read_text(encoding="utf-8"))
         scripts = [_SCRIPT.strip()]
         every = [section for page in (*self.sheets, self.sections) for section in page]
-        if any(isinstance(block, Drawing) and block.scene for section in every for block in section.blocks):
+        if any(getattr(block, "scene", "") for section in every for block in section.blocks):
             scripts.append((files / "turn.js").read_text(encoding="utf-8").strip())
         return template.render(
             {field.name: getattr(self, field.name) for field in fields(self)},

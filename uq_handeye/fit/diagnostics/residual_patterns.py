@@ -19,7 +19,7 @@ has a ``reason``, and no numbers.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -57,6 +57,9 @@ class Autocorrelation(Record):
     factor: float | None  # 1 + 2 sum of correlations, initial positive sequence
     effective_number: float | None  # n / factor
     growth: float | None  # factor on the standard deviations of X, pooled over its six directions
+    untimed: bool = False  # no timestamps: with them a drift would be estimated beside the noise
+
+    _if_any: ClassVar[str] = "untimed"
 
 
 @dataclass(frozen=True, eq=False)

@@ -218,6 +218,7 @@ class Diagnostics(Record):
             found.append(a.reason)
         elif self.correlated:
             values = {"lag_1": a.correlation[0], "p_value": a.p_value, "growth": a.growth, "n": self.n}
+            values |= {"untimed": True} if a.untimed else {}
             found.append(_caution("correlated", item=self.item, **values))
         else:
             found.append(_note("uncorrelated", lag_1=a.correlation[0], standard_error=a.standard_error[0]))

@@ -189,14 +189,16 @@ def _(test: str, item: str, why: str, rows: int, needed: int) -> str:
     phrase=_correlated_in_short,
     effect=lambda v: max(float(v["growth"] or 1.0), 1.0),
     rejects=True,
+    remedy=lambda v: "add timestamps to the poses: drift is then estimated" if v.get("untimed") else "",
 )
-def _(item: str, n: int, lag_1: float, p_value: float, growth: float) -> str:
+def _(item: str, n: int, lag_1: float, p_value: float, growth: float, untimed: bool = False) -> str:
     start = f"Neighbouring residuals are correlated (lag 1: {lag_1:.2f}, {probability(p_value)})"
     if growth < 1.05:
         return f"{start}. This hardly changes the standard deviations of X."
+    add = "Add timestamps to the poses, so that a drift is estimated with the noise; or use" if untimed else "Use"
     return (
         f"{start}. The standard deviations of X are about {growth:.2g} times too small: {n} {item}s count as "
-        f"{n / growth**2:.0f} independent ones. Use covariance='hac' (--covariance hac), which shows part of it, or "
+        f"{n / growth**2:.0f} independent ones. {add} covariance='hac' (--covariance hac), which shows part of it, or "
         f"thin the {item}s."
     )
 

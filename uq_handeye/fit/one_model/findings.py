@@ -10,7 +10,7 @@ import numpy as np
 from scipy.special import ndtr
 
 from ...core.geometry.se3 import Array
-from ...findings import Finding
+from ...findings import Finding, Severity
 from ...model.noise.estimate import CAMERA_EXCESS, PICTURE_SHIFT, Component, together
 from ...model.shared_errors.sizes import SIZES
 from .sentences import CONTRADICTION
@@ -101,23 +101,27 @@ def size_findings(found: FoundSizes) -> tuple[Finding, ...]:
     """Report sizes that the data push to the end of their range, and errors that X and W absorb."""
     source, model, mode = found.source, found.model, found.mode
     units = {error.name: float(error.sd[0]) for error in source.errors}
-    listed = []
+    ends: list[dict[str, Any]] = []
     for place in mode.at_bound:
         part = source.components[int(model.free[place])]
         unit = SIZES[part.name].unit if part.name in SIZES else part.size.unit
         value, usual = (units.get(part.name, 1.0) * float(np.exp(x[place])) for x in (mode.theta, model.medians))
-        values = {"error": part.name, "of": unit, "value": value, "usual": usual, "factor": part.size.factor}
-        listed.append(Finding("noise_estimation.size_at_end", "caution", values))
+        ends.append({"error": part.name, "of": unit, "value": value, "usual": usual, "factor": part.size.factor})
+    low = [values for values in ends if values["value"] < values["usual"]]
+    listed = []
+    if len(low) > 1:  # less noise than assumed, said once
+        listed.append(Finding("noise_estimation.sizes_at_low_end", "caution", {"ends": low}))
+        ends = [values for values in ends if values not in low]
+    listed += [Finding("noise_estimation.size_at_end", "caution", values) for values in ends]
+    said = {values["error"] for values in (*low, *ends)}
     for error in source.errors:
         ratio = found.sizes.get(error.name, 1.0)
-        if error.default or error.factor == 1 or abs(np.log(ratio)) <= np.log(error.factor):
+        if error.default or error.factor == 1 or abs(np.log(ratio)) <= np.log(error.factor) or error.name in said:
             continue
         declared, of = float(error.sd[0]), SIZES[error.name].unit if error.name in SIZES else error.unit
         values = {"error": error.name, "of": of, "value": declared * ratio, "usual": declared, "factor": error.factor}
-        if not any(one.values["error"] == error.name for one in listed):
-            listed.append(
-                Finding("noise_estimation.size_at_end", "caution" if ratio > 1 else "note", values | {"declared": True})
-            )
+        severity: Severity = "caution" if ratio > 1 else "note"
+        listed.append(Finding("noise_estimation.size_at_end", severity, values | {"declared": True}))
     for k, moves in model.absorbed(mode.theta).items():
         moves = found.reduced.unreduced(moves.T).T
         which = ["X", "W"][: len(moves) // 6]

@@ -224,6 +224,21 @@ def _(error: str, of: str, value: float, usual: float, factor: float, declared: 
     )
 
 
+@sentence(
+    "noise_estimation.sizes_at_low_end",
+    check=NOISE,
+    phrase=lambda v: f"less than assumed: {len(v['ends'])} sizes at their low ends",
+    effect=1.1,
+)
+def _(ends: list[dict[str, Any]]) -> str:
+    found = ", ".join(f"{one['error']} {_in_unit(one['value'], one['of'])}" for one in ends)
+    return (
+        f"The data have less noise than assumed: they push {len(ends)} sizes of errors to the low ends of their "
+        f"ranges ({found}). Declare what they are (--size '{ends[0]['error']}=SIZE,FACTOR'; "
+        "sizes in Python)."
+    )
+
+
 @sentence("noise_estimation.absorbed", phrase="{error}: cannot be separated from {unknown}")
 def _(
     error: str, unknown: str, turn: float, shift: float, axis: Sequence[float], along: Sequence[float], alone: bool

@@ -83,6 +83,11 @@ class CameraNoise(ReadOnlyArrays):
         return self.joint.n
 
     @property
+    def sides(self) -> dict[str, Any]:
+        """Covariances by name, as of `PoseNoise`: that of the robot is not known."""
+        return {"robot": None, "camera": self}
+
+    @property
     def shape(self) -> tuple[int, ...]:
         """Shape of the covariance, (6n, 6n)."""
         return self.joint.shape

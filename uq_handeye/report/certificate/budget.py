@@ -16,6 +16,7 @@ import numpy as np
 
 from ...calibration.report.analysis import shorten_budget, shown_budget
 from ...calibration.result import Calibration
+from ...calibration.statement.accuracy import budget_of_model
 from ...calibration.statement.checks import shared_groups, sizes_of
 from ...core.formatting.numbers import digits
 from ...core.geometry.pose_numbers import rotation_vector
@@ -68,11 +69,6 @@ def budget_of(result: Calibration) -> Budget | None:
     return shown_budget(result) if result.covariance_kind in _OF_SOURCES else None
 
 
-def _by_source(result: Calibration) -> Budget | None:
-    """Return the budget that the accuracy is by; sources that are shown as one have degrees of freedom of their own."""
-    return None if budget_of(result) is None else result.budget
-
-
 def budget_rows(result: Calibration, most: int | None = None) -> tuple[BudgetRow, ...]:
     """Return one row per source; beyond ``most`` the smallest are one row.
 
@@ -123,7 +119,7 @@ def components_of(result: Calibration) -> tuple[Stated, ...]:
         return ()
     to_si = {"mm": (1e-3, "m"), "deg": (np.pi / 180, "rad")}
     rows = _rows(result)
-    budget = _by_source(result)
+    budget = budget_of_model(result)  # sources that are shown as one have degrees of freedom of their own
     if budget is None:
         expanded = [_by_reference(result)] * 6
     else:
@@ -164,7 +160,7 @@ def worst_of(result: Calibration) -> tuple[Stated, ...]:
     accuracy = result.accuracy
     if accuracy is None:
         return ()
-    budget = _by_source(result)
+    budget = budget_of_model(result)  # sources that are shown as one have degrees of freedom of their own
     dof = dict.fromkeys(("X translation", "X rotation", "point"), _by_reference(result)[0])
     if budget is not None:
         found: dict[str, Expanded] = budget.expanded(LEVEL, worst=True)

@@ -35,27 +35,8 @@ from ...core.presentation.document import Answer, Badge, Block, Paragraph, Point
 from ...errors import InputError
 from ...rig.page import FRAMES, UNLIKELY, headline, noise_table, rig_sketch
 from ...rig.result import EstimatedPose, RigCalibration
-from .contents import RULE, Contents, Written, decide
-from .page import certificate_html
+from .contents import RULE, Certificate, Written, decide
 from .statements import ERROR_MODEL, VALIDITY
-
-
-class Certificate(Contents):
-    """The statement of a calibration for the file: see `make_certificate`.
-
-    Attributes
-    ----------
-    result : Calibration
-        What it is of, with its title block.
-    decision : Decision or None
-        Verdict on a tolerance, with its guard band, where one was asked for.
-    issued : str
-        Date and time, UTC.
-    """
-
-    def to_html(self) -> str:
-        """Return the page as one self-contained HTML text."""
-        return certificate_html(self)
 
 
 @overload
@@ -105,14 +86,15 @@ def make_certificate(  # type: ignore[misc]
     if tolerance is None and at is not None:
         raise InputError("Expected a `tolerance` beside `at`, which is the distance that it applies to; got none.")
     now = datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC") if issued is None else issued
-    if isinstance(result, RigCalibration):
-        wanted = None if tolerance is None else Tolerance.read(tolerance, at)
-        return RigCertificate(result, verdicts_of_rig(result, wanted), as_about(about or {}), now)
-    if not isinstance(result, Calibration):
-        raise InputError(f"Expected `result` to be a Calibration, got {type(result).__name__}.")
-    of = replace(result, about=as_about({**result.about, **(about or {})}))
-    decision = None if tolerance is None else decide(of, of.verdict(tolerance, at))
-    return Certificate(of, decision, now)
+    match result:
+        case RigCalibration():
+            wanted = None if tolerance is None else Tolerance.read(tolerance, at)
+            return RigCertificate(result, verdicts_of_rig(result, wanted), as_about(about or {}), now)
+        case Calibration():
+            of = replace(result, about=as_about({**result.about, **(about or {})}))
+            decision = None if tolerance is None else decide(of, of.verdict(tolerance, at))
+            return Certificate(of, decision, now)
+    raise InputError(f"Expected `result` to be a Calibration, got {type(result).__name__}.")
 
 
 LEVEL = 0.95

@@ -48,10 +48,9 @@ def measurand_of(result: Calibration) -> str:
     """Return what was measured: the pose X, its frames and the setup."""
     if result.setup is None:
         return f"Measurand: the rigid transform X of AX = XB, of {result.n_pairs} pairs of motions. {ERROR_MODEL}"
-    parent, child = result.frame.split("_T_")
     where = "mounted on the robot" if result.setup == "eye-in-hand" else "fixed in the cell"
     return (
-        f"Measurand: the pose X = {result.frame} of the {child} in the {parent} frame: translation and rotation "
+        f"Measurand: the pose X = {result.frame} of the {result.facts.subject}: translation and rotation "
         f"(six quantities) of a camera {where} ({result.setup}). {ERROR_MODEL}"
     )
 

@@ -30,6 +30,7 @@ from ...calibration.evidence.new_poses import poses_less_shared_errors
 from ...calibration.result import Calibration
 from ...calibration.statement.checks import Check
 from ...core.geometry.frames import SETUPS
+from ...core.geometry.se3 import Array
 from ...core.runtime.progress import progress_bar
 from ...errors import (
     DegenerateMotionError,
@@ -37,6 +38,7 @@ from ...errors import (
     InputWarning,
     MissingExtraError,
     NotConvergedError,
+    among,
     require_known,
 )
 from ...fit.likelihood.constraint import require_noise_fits
@@ -257,7 +259,7 @@ def _names(methods: Sequence[str] | None, reference: str) -> list[str]:
     """The methods to run, each once and the reference among them."""
     wanted = [OWN, *METHODS] if methods is None else [methods] if isinstance(methods, str) else list(methods)
     for name, argument in (*((name, "methods") for name in wanted), (reference, "reference")):
-        if not isinstance(name, str) or name not in (*ESTIMATORS, *_every()):
+        if not among(name, (*ESTIMATORS, *_every())):
             known = ", ".join((*ESTIMATORS, *_every()))
             raise InputError(f"Expected `{argument}` to name methods among {known}, got {name!r}.")
     return list(dict.fromkeys(wanted if reference in wanted else [reference, *wanted]))
@@ -265,16 +267,17 @@ def _names(methods: Sequence[str] | None, reference: str) -> list[str]:
 
 def _motions(data: PosePairs | Motions, pairs: str | ArrayLike) -> tuple[Motions, int]:
     """The motions for all methods, and how many pairs there were to choose from."""
-    if isinstance(data, Motions):
-        motions, available = data, data.N
-    elif isinstance(data, PosePairs):
-        if data.n < 3:
-            raise InputError(f"Expected at least 3 poses, which make 2 motions, got {data.n}.")
-        every = isinstance(pairs, str) and pairs == "all"
-        motions = relative_motions(data, spread_pairs(data.n, MOST_PAIRS) if every else pairs)
-        available = data.n * (data.n - 1) // 2 if every else motions.N
-    else:
-        raise InputError(f"Expected `data` to be PosePairs or Motions, got {type(data).__name__}.")
+    match data:
+        case Motions():
+            motions, available = data, data.N
+        case PosePairs():
+            if data.n < 3:
+                raise InputError(f"Expected at least 3 poses, which make 2 motions, got {data.n}.")
+            every = among(pairs, ("all",))
+            motions = relative_motions(data, spread_pairs(data.n, MOST_PAIRS) if every else pairs)
+            available = data.n * (data.n - 1) // 2 if every else motions.N
+        case _:
+            raise InputError(f"Expected `data` to be PosePairs or Motions, got {type(data).__name__}.")
     if motions.A.ndim != 3:
         raise InputError("Expected one data set, got a batch.")
     return motions, available
@@ -313,16 +316,8 @@ def _row(
         warnings.simplefilter("always")
         try:
             row = _filled(row, run())
-        except NotConvergedError as error:
-            row = replace(_reached(row, error, motions), failure=_said(error), converged=False)
-        except DegenerateMotionError as error:
-            row = replace(_undetermined(row, error), failure=_said(error))
-        except MissingExtraError as error:
-            row = replace(row, failure=_said(error), not_run=True)
-        except InputError as error:
-            row = replace(row, failure=_said(error)) if refused is None else refused(error)
-        except (ArithmeticError, np.linalg.LinAlgError) as error:  # the numbers of these data; any other is a fault
-            row = replace(row, failure=f"{type(error).__name__}: {_said(error)}")
+        except REFUSALS as error:
+            row = _refused(row, error, refused, motions)
     for warning in caught:
         if not issubclass(warning.category, InputWarning):
             warnings.warn(warning.message, warning.category, stacklevel=2)
@@ -342,15 +337,14 @@ def _alone(method: Method | RobotWorldMethod, motions: Motions, noise: Noise | N
 
 def _weights(method: Method, motions: Motions, noise: Noise | None) -> PairNoise | None:
     """The noise that the method weights by, as `calibrate` gives it."""
-    if not method.weighted or noise is None or isinstance(noise, PairNoise):
-        return noise if method.weighted and isinstance(noise, PairNoise) else None
-    return noise_of_pairs(motions, noise)
+    if not method.weighted or noise is None:
+        return None
+    return noise if isinstance(noise, PairNoise) else noise_of_pairs(motions, noise)
 
 
 def _filled(row: Row, result: Calibration) -> Row:
     """The row with what `calibrate` found."""
-    finite = np.isfinite(result.X).all() and (result.covariance is None or np.isfinite(result.covariance).all())
-    if not finite:
+    if not _is_finite(result):
         raise ArithmeticError("the result holds numbers that are not finite.")
     return replace(
         row,
@@ -359,6 +353,14 @@ def _filled(row: Row, result: Calibration) -> Row:
         converged=True,  # or it would have raised
         iterations=result.iterations,
     )
+
+
+def _is_finite(result: Calibration) -> bool:
+    return bool(np.isfinite(result.X).all() and (result.covariance is None or np.isfinite(result.covariance).all()))
+
+
+def _is_pose(X: Array) -> bool:
+    return X.shape == (4, 4) and bool(np.isfinite(X).all())
 
 
 def _without_covariance(
@@ -377,29 +379,23 @@ def _without_covariance(
     return replace(row, warnings=(f"No covariance, hence no verdict: {_said(error)}",))
 
 
-def _reached(row: Row, error: NotConvergedError, motions: Motions | None) -> Row:
-    """The row with what an iteration reached before it was given up."""
-    partial = error.partial
-    if (
-        motions is None
-        or not isinstance(partial, Estimate)
-        or partial.X.shape != (4, 4)
-        or not np.isfinite(partial.X).all()
-    ):
-        return row
-    return replace(
-        row,
-        X=partial.X,
-        iterations=int(partial.iterations),
-    )
-
-
-def _undetermined(row: Row, error: DegenerateMotionError) -> Row:
-    """The row with the X of a covariance that means nothing, where there is one."""
-    try:
-        return _filled(row, error.partial) if isinstance(error.partial, Calibration) else row
-    except ArithmeticError:
-        return row
+def _refused(row: Row, error: Exception, refused: Callable[[InputError], Row] | None, motions: Motions | None) -> Row:
+    """The row with why there is no result; what an iteration reached, or an X that means nothing, stays in it."""
+    row = replace(row, failure=_said(error))
+    match error:
+        case NotConvergedError(partial=Estimate() as found) if motions is not None and _is_pose(found.X):
+            return replace(row, X=found.X, iterations=int(found.iterations), converged=False)
+        case NotConvergedError():
+            return replace(row, converged=False)
+        case DegenerateMotionError(partial=Calibration() as found) if _is_finite(found):
+            return _filled(row, found)
+        case DegenerateMotionError():
+            return row
+        case MissingExtraError():
+            return replace(row, not_run=True)
+        case InputError():
+            return row if refused is None else refused(error)
+    return replace(row, failure=f"{type(error).__name__}: {row.failure}")  # the numbers of these data
 
 
 def _said(error: Exception) -> str:

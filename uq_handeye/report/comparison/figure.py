@@ -27,7 +27,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from ...core.geometry.se3 import Array
-from ...core.presentation.ellipses import PAIRS_WITHIN, SYMBOLS, render
+from ...core.presentation.ellipses import PAIRS_WITHIN, SYMBOLS, ellipse, render
 from ...core.presentation.figure_parts import BLUE, HALO, ORANGE, SMALL, Picture, canvas, finished, plain
 from .compare import CHI2_95
 from .result import Comparison, apart, digits, without_numbers
@@ -407,17 +407,13 @@ def _projection(axis: Axes, i: int, j: int, comparison: Comparison, styles: dict
     axis.set_ylim(*y_limits)
     axis.axhline(0, color="0.85", linewidth=0.6, zorder=0)
     axis.axvline(0, color="0.85", linewidth=0.6, zorder=0)
-    angle = np.linspace(0, 2 * np.pi, 181)
     for row in comparison.rows:
         if row.xi is None:
             continue
         style = styles[row.method]
         x, y = (float(row.xi[k] * scale.factor[k]) for k in (i, j))
         if row.covariance is not None and row.std is not None and row.failure is None:
-            s, t = (float(_RADIUS * row.std[k] * scale.factor[k]) for k in (i, j))
-            product = row.std[i] * row.std[j]
-            rho = float(np.clip(row.covariance[i, j] / product, -1.0, 1.0)) if product > 0 else 0.0
-            curve = x + s * np.cos(angle), y + t * (rho * np.cos(angle) + np.sqrt(1 - rho**2) * np.sin(angle))
+            curve = np.array([[x], [y]]) + _RADIUS * ellipse(row.covariance, i, j, scale.factor)
             if row.method == comparison.reference:
                 axis.fill(*curve, color="0.5", alpha=0.13, linewidth=0, zorder=1)
             axis.plot(*curve, color=style.colour, linestyle=style.line, linewidth=style.width, zorder=style.order)

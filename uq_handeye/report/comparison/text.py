@@ -133,7 +133,7 @@ def _short_warnings(comparison: Comparison, most: int) -> list[Block]:
     if comparison.doubts:
         blocks.append(Paragraph("On these data calibrate warns:"))
         shown = comparison.doubts[: max(most, 1)]
-        blocks.append(Checks([(check.status, check.name, check.text) for check in shown]))
+        blocks.append(Checks.of(shown))
         if more := len(comparison.doubts) - len(shown):
             blocks.append(Paragraph(f"and {more} more (-v)"))
     elif comparison.warnings:

@@ -1,0 +1,140 @@
+"""Parts of a calibration beside X and W: its origin, its solution, its errors, and its quality.
+
+Each part is a record of the result file. `Named` gives their attributes the names that they have on the result.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields
+from operator import attrgetter
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple
+
+import numpy as np
+
+from ...core.files.records import Record
+from ...core.files.source import Source, versions
+from ...core.geometry.se3 import Array
+from ...fit.diagnostics.pose_table import PoseTable
+from ...fit.likelihood.goodness_of_fit import GoodnessOfFit, Reference
+from ...fit.likelihood.rig_bundle import Agreement
+from ...fit.likelihood.shared_estimates import SharedEstimate
+from ...fit.one_model.points import OpenSizes
+from ...model.noise.estimate import NoiseEstimate
+from ...model.noise.models import Noise
+from ...model.poses.motions import Motions, Residuals, sha256_of
+from ...model.poses.pose_pairs import PosePairs
+from ...model.poses.timing import TimeOffset
+from ...model.posterior.posterior import Posterior
+from .analysis import Analysis, FittedKinematics, StoredAnalysis
+
+
+@dataclass(frozen=True)
+class Provenance(Record):
+    """Input, options and versions of a calibration.
+
+    ``data_sha256`` is the SHA-256 of the poses (or motions) as they were used, float64, little-endian, robot first: the
+    same numbers give it whatever file they came from. ``options`` are the arguments of `calibrate`; ``command`` is the
+    command line where there was one. ``request`` holds the arguments as they were given, by which the same can be asked
+    of more poses (`Request.to_dict`); None in files of older versions.
+    """
+
+    _if_any: ClassVar[str] = "request"
+
+    data_sha256: str
+    options: dict[str, Any]
+    versions: dict[str, str]
+    sources: tuple[Source, ...] = field(default=())
+    command: str | None = None
+    request: dict[str, Any] | None = None
+
+
+def provenance(data: PosePairs | Motions, options: dict[str, Any], request: dict[str, Any]) -> Provenance:
+    """Record what `calibrate` was given."""
+    sides = (data.robot, data.camera) if isinstance(data, PosePairs) else (data.A, data.B)
+    sources = () if data.poses is None else data.poses.sources
+    return Provenance(sha256_of(*sides), options, dict(versions()), sources, request=request)
+
+
+class FourDPA(NamedTuple):
+    """4DPA result for the same data."""
+
+    X: Annotated[Array, 4, 4]
+    covariance: Annotated[Array, 6, 6] | None  # to first order, at the same noise
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Origin(Record):
+    """Data and request that X was made of."""
+
+    setup: str | None  # None for motions that came without poses
+    n_poses: int | None
+    n_pairs: int
+    data: PosePairs | Motions | None = None
+    excluded: tuple[int, ...] = ()  # numbers of poses in `data` that the fit left out as asked for
+    provenance: Provenance | None = None  # files, options and versions: enough to repeat the run
+    about: dict[str, str] = field(default_factory=dict)  # title block of the report, by the names of `files.about`
+
+    @property
+    def counted(self) -> PosePairs | Motions | None:
+        """Data of the fit: `data` without the excluded poses, of which motions were made."""
+        poses = None if self.data is None else self.data.poses
+        if not self.excluded or poses is None or poses is not self.data:
+            return self.data
+        return poses.rows(np.setdiff1d(np.arange(poses.n), self.excluded))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Solution(Record):
+    """Method by which X was found, and what else was found for the same data."""
+
+    method: str
+    scale: float | None
+    kind: str | None  # how the covariance was propagated: "pairs", "poses" or "literal"
+    iterations: int = 0  # 0: closed form
+    covariance_kind: str = "model"  # one of `request.COVARIANCES`
+    reference: Reference = field(default_factory=Reference)  # the distribution of d^2 = xi^T covariance^-1 xi
+    bound: Array | None = None  # (6, 6) Cramer-Rao bound at this noise and these poses; of efficient and ml
+    fourdpa: FourDPA | None = None  # 4DPA's own answer, beside efficient and ml
+    agreement: Agreement | None = None  # of method "bundle" with `efficient`
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Errors(Record):
+    """Noise and the errors that all poses share: what the covariance is of."""
+
+    noise: Noise | None = None
+    noise_estimate: NoiseEstimate | None = None  # where the noise comes from the data
+    time_offset: TimeOffset | None = None  # of interpolated poses: its share of the covariance
+    shared_at_sizes: tuple[SharedEstimate, ...] = ()  # what `shared` is made of: for the mean sizes of the errors
+    kinematics: FittedKinematics | None = None  # the arm, where its joints were given
+    joint_posterior: Posterior | OpenSizes | None = None  # what `posterior` is made of
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Quality(Record):
+    """Quality of the fit: how well X explains the data."""
+
+    residuals: Residuals
+    fit: GoodnessOfFit | None = None  # chi-square test of the residuals against the noise
+    table: PoseTable | None = None  # residual, leverage and flag of each pose
+    analysis: Analysis | StoredAnalysis | None = None  # diagnostics, other covariances, split halves, budget
+
+
+# The parts by their names on the result.
+PARTS: dict[str, Any] = {"origin": Origin, "solution": Solution, "errors": Errors, "quality": Quality}
+
+
+if TYPE_CHECKING:
+
+    class Named(Origin, Solution, Errors, Quality):
+        """Attributes of the parts, by the same names on the result."""
+
+else:
+
+    class Named:
+        """Attributes of the parts, by the same names on the result."""
+
+    Named.counted = property(attrgetter("origin.counted"))
+    for part, kind in PARTS.items():
+        for one in fields(kind):
+            setattr(Named, one.name, property(attrgetter(f"{part}.{one.name}")))
