@@ -6,7 +6,7 @@ Options of the errors that all poses share.
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, cast
+from typing import TYPE_CHECKING, Annotated, Any
 
 from ..errors import InputError
 from .options import ACCURACY_CLASSES, one_of, said_of
@@ -166,7 +166,7 @@ def require_of_poses(noise: "Noise | None", command: str) -> "PoseNoise | None":
     """Return the noise if it is that of poses; raise `InputError` for that of motions."""
     if noise is not None and noise.ITEM == "motion":
         raise InputError(f"{command} needs noise on poses ([robot], [camera]), got noise on motions ([A], [B]).")
-    return cast("PoseNoise | None", noise)
+    return noise
 
 
 def exact_beside(known: "NoisePrior") -> "PoseNoise":
