@@ -26,7 +26,6 @@ from ..calibration.statement.accuracy import combined_parts, point_ahead, two_nu
 from ..calibration.statement.tolerance import Verdict
 from ..core.files.about import ABOUT, OF_CERTIFICATE, as_about
 from ..core.formatting.numbers import digits, fixed
-from ..core.geometry.conventions import CONVENTION
 from ..core.presentation.document import Answer, Badge, Block, Checks, Drawing, Paragraph, Points, Section, Table
 from ..core.presentation.page import PAPERS, Page, drawing, page_path, write_page
 from ..errors import InputError, require_type
@@ -35,24 +34,7 @@ from ..trials.validation.cross_check.run import CrossCheck as CrossCheck
 from .comparison.compare import Compared, compare_beside
 from .comparison.result import Comparison
 from .figures import pictures, require_same_problem, small_pictures
-from .sections import (
-    arm_sections,
-    budget_section,
-    camera_sections,
-    covariances_section,
-    ellipses_section,
-    forms_section,
-    full_section,
-    methods_section,
-    needs,
-    noise_section,
-    observability_section,
-    repeat_section,
-    residuals_section,
-    scope_section,
-    shared_section,
-    task_space_section,
-)
+from .sections import folded_sections, needs
 
 if TYPE_CHECKING:
     from ..calibration.result import Calibration
@@ -155,7 +137,7 @@ def report_html(
     if further:
         sections.append(Section("further", "Further cautions", [caution_points(further)], folded=True))
     if folded:
-        sections += _folded_sections(result, drawings, found, cross_check, date)
+        sections += folded_sections(result, drawings, found, cross_check, date)
     *sheets, sections = edited([*sheets, sections])
     facts = [
         result.setup or "motions without poses",
@@ -173,33 +155,6 @@ def report_html(
         foot=_foot(result, sections),
         full=details,
     ).html()
-
-
-def _folded_sections(
-    result: Calibration,
-    drawings: Mapping[str, Drawing],
-    found: Compared,
-    cross_check: CrossCheck | None,
-    date: str,
-) -> list[Section]:
-    """Return what follows the two pages, in the order of the contents."""
-    return [
-        full_section(result),
-        *arm_sections(result, drawings),
-        ellipses_section(result, drawings, cross_check),
-        residuals_section(result, drawings),
-        budget_section(result, drawings),
-        shared_section(result, drawings),
-        task_space_section(result, drawings),
-        *camera_sections(result),
-        observability_section(result),
-        noise_section(result),
-        covariances_section(result),
-        methods_section(found.comparison, found.reason, found.note, drawings.get("methods")),
-        scope_section(result, CONVENTION),
-        forms_section(result),
-        repeat_section(result, date, __version__),
-    ]
 
 
 def _foot(result: Calibration, sections: Sequence[Section]) -> str:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .._version import __version__
 from ..calibration.report.analysis import (
     KINDS,
     budget_table,
@@ -24,6 +25,7 @@ from ..calibration.report.facts import Number, ahead
 from ..calibration.report.text import arm_sentences, included_words, shared_blocks
 from ..calibration.statement.checks import not_included
 from ..core.formatting.numbers import concise, fixed
+from ..core.geometry.conventions import CONVENTION
 from ..core.presentation.document import Block, Code, Drawing, Paragraph, Points, Section, Table
 from ..fit.diagnostics.budget import EACH, SHARED
 from ..model.camera.report.text import answer, boards_words, coverage_words, model_name, noise_words, parameter_rows
@@ -34,6 +36,7 @@ from .figures import poses_of
 if TYPE_CHECKING:
     from ..calibration.result import Calibration
     from ..trials.validation.cross_check.run import CrossCheck
+    from .comparison.compare import Compared
     from .comparison.result import Comparison
 
 _NOT_CONTAINED = "The numbers do not contain:"
@@ -154,7 +157,7 @@ def forms_section(result: Calibration) -> Section:
     return folded("forms", "X for other software", said, *codes)
 
 
-def scope_section(result: Calibration, convention: str) -> Section:
+def scope_section(result: Calibration) -> Section:
     """Section of what the numbers mean, and what they do not contain."""
     facts = result.facts
     meaning = f"All standard deviations are 1 sigma, {facts.order}, of {facts.source}. {included_words(result)}"
@@ -166,7 +169,7 @@ def scope_section(result: Calibration, convention: str) -> Section:
         "What changed during or after the recording: a camera or target that was moved, temperature, a wrong time.",
         "Residuals are no accuracy: they say how well the data fit together, not how near X is to the truth.",
     )
-    last = Paragraph(f"Convention of every covariance: {convention}.")
+    last = Paragraph(f"Convention of every covariance: {CONVENTION}.")
     return folded("scope", "What the numbers cover", *known, Paragraph(_NOT_CONTAINED), Points(missing), last)
 
 
@@ -224,12 +227,13 @@ def shared_section(result: Calibration, drawings: Mapping[str, Drawing]) -> Sect
     return folded("shared", "Errors that all poses share", said, drawings.get("shared"), *shared_blocks(result))
 
 
-def methods_section(comparison: Comparison | None, reason: str, note: str, drawing: Drawing | None) -> Section:
-    """The published methods on the same data; ``reason`` says why there is none."""
-    title = "Other methods on the same data"
+def methods_section(found: Compared, drawing: Drawing | None) -> Section:
+    """The published methods on the same data, or why there are none."""
+    title, comparison = "Other methods on the same data", found.comparison
     if comparison is None:
-        return folded("methods", title, reason)
-    text = f"{comparison.verdict} All on the same {comparison.origin}.{note} Methods that agree may be wrong together."
+        return folded("methods", title, found.reason)
+    text = f"{comparison.verdict} All on the same {comparison.origin}.{found.note}"
+    text += " Methods that agree may be wrong together."
     more = Points(_gathered(comparison)) if comparison.own_warnings else None
     return folded("methods", title, Paragraph(text), drawing, methods_table(comparison), more)
 
@@ -335,10 +339,10 @@ def shares_words(result: Calibration) -> str:
     )
 
 
-def repeat_section(result: Calibration, date: str, version: str) -> Section:
+def repeat_section(result: Calibration, date: str) -> Section:
     """Files with their hashes, command, options, versions, hash of the data."""
     title = "To repeat this run"
-    written = Paragraph(f"Report written on {date} by uq-handeye {version}.")
+    written = Paragraph(f"Report written on {date} by uq-handeye {__version__}.")
     found = result.provenance
     if found is None:
         text = "Not known where this result comes from: it was not made by calibrate(), or by an older version."
@@ -382,3 +386,26 @@ def _noise(result: Calibration) -> list[list[str]]:
             text = f"{' x '.join(map(str, S.shape))}, SHA-256 {hashlib.sha256(S.tobytes()).hexdigest()}"
         facts.append([f"noise of {name}", text])
     return facts
+
+
+def folded_sections(
+    result: Calibration, drawings: Mapping[str, Drawing], found: Compared, cross_check: CrossCheck | None, date: str
+) -> list[Section]:
+    """Return what follows the two pages, in the order of the contents."""
+    return [
+        full_section(result),
+        *arm_sections(result, drawings),
+        ellipses_section(result, drawings, cross_check),
+        residuals_section(result, drawings),
+        budget_section(result, drawings),
+        shared_section(result, drawings),
+        task_space_section(result, drawings),
+        *camera_sections(result),
+        observability_section(result),
+        noise_section(result),
+        covariances_section(result),
+        methods_section(found, drawings.get("methods")),
+        scope_section(result),
+        forms_section(result),
+        repeat_section(result, date),
+    ]
