@@ -11,7 +11,7 @@ import numpy as np
 
 from ..core.geometry.checks import as_numbers
 from ..core.geometry.se3 import Array, difference, perturb
-from ..errors import InputError, require_type
+from ..errors import InputError, among, require_type
 from ..fit.likelihood.constraint import Constraint, constraint_of, require_noise_fits
 from ..fit.likelihood.gauss_helmert import ESTIMATORS
 from ..fit.likelihood.rig_bundle import require_shared
@@ -216,7 +216,7 @@ def job_of(request: Request, data: Any, about: tuple[PosePairs, Array] | None = 
         case PosePairs():
             if data.n < 3:
                 raise InputError(f"Expected at least 3 poses, which make 2 motions, got {data.n}.")
-            if type(pairs) is str and pairs == "all" and data.robot.ndim == 3 and not of_motions(noise):
+            if among(pairs, ("all",)) and data.robot.ndim == 3 and not of_motions(noise):
                 direct = (bound or method == "4dpa") and scale is None and kind in (None, "poses")
                 if direct and (of_all := AllPairs(data)).precise:
                     everything = of_all

@@ -187,7 +187,7 @@ class Request:
         changes["components"] = [part.rows(kept) for part in self.components]
         if self.joints is not None:
             changes["joints"] = as_joint_values(self.joints, n)[kept]
-        if type(self.pairs) is not str:
+        if not isinstance(self.pairs, str):
             pairs = relative_motions(data, self.pairs).pairs
             assert pairs is not None
             pairs = pairs[np.isin(pairs, kept).all(axis=1)]
