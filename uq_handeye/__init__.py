@@ -73,8 +73,7 @@ if _typing.TYPE_CHECKING:
     from .read.rosbag.streams import read_bag
     from .read.synchronisation.result import Synchronised
     from .read.synchronisation.synchronise import synchronise
-    from .report.certificate.certificate import make_certificate
-    from .report.certificate.contents import Certificate
+    from .report.certificate.certificate import Certificate, make_certificate
     from .report.comparison.compare import compare
     from .report.comparison.result import Comparison
     from .rig.calibrate import calibrate_rig, update_rig
@@ -257,8 +256,10 @@ _LATER = {
     "model.camera.board_file": ("read_board",),
     "model.camera.intrinsics_file": ("read_intrinsics",),
     "model.camera.result": ("CameraCalibration", "read_camera"),
-    "report.certificate.contents": ("Certificate",),
-    "report.certificate.certificate": ("make_certificate",),
+    "report.certificate.certificate": (
+        "Certificate",
+        "make_certificate",
+    ),
     "report.comparison.compare": ("compare",),
     "report.comparison.result": ("Comparison",),
     "errors": (

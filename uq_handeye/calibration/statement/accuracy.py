@@ -26,13 +26,12 @@ from ...core.files.records import Record
 from ...core.formatting.numbers import digits
 from ...core.geometry.pose_numbers import principal_axes
 from ...core.geometry.se3 import Array
-from ...findings import Finding
 from ...fit.diagnostics.budget import EACH, SHARED, Budget
 from ...model.noise.joint_covariance import group_of
 from ...model.shared_errors.shared_error import FOCAL_LENGTH, LENS, OUTLINE, PRINCIPAL_POINT, TARGET_SCALE, VIEW
 from ...model.shared_errors.sizes import ROBOT_ACCURACY
 from ..estimate.estimated import Estimated, distance_of
-from .checks import PLAIN, Check, cautions_of, checks_of, included, lower_limit_of, not_included, reasons_of
+from .checks import PLAIN, Checked, included, lower_limit_of, not_included
 from .tolerance import Tolerance, Verdict, verdict_of
 
 _KINDS = ("rotation", "translation", "coupling")
@@ -294,23 +293,13 @@ def _ahead(accuracy: Accuracy) -> str:
     return f"a point {far} ahead of the camera to {point}"
 
 
-class Statement(Estimated):
+class Statement(Checked):
     """Accuracy of X, its checks, whether X can be used and whether it meets a tolerance; a part of `Calibration`."""
 
     @cached_property
     def accuracy(self) -> Accuracy | None:
         """The total standard uncertainty of X in the worst direction, and what it includes; None: not determined."""
         return accuracy_of(self)
-
-    @cached_property
-    def checks(self) -> tuple[Check, ...]:
-        """The checks of data and fit, one line each: ok, caution, failed or not run."""
-        return checks_of(self)
-
-    @cached_property
-    def cautions(self) -> tuple[Finding, ...]:
-        """The findings that are more than a note, those of the diagnostics too, in the order of their effect on X."""
-        return cautions_of(self)
 
     @property
     def answered(self) -> Literal["whole", "in part", "no"]:
@@ -325,11 +314,6 @@ class Statement(Estimated):
     def usable(self) -> bool:
         """True if X explains the poses and is determined by them; `reasons` or `open_directions` say why not."""
         return self.answered == "whole"
-
-    @cached_property
-    def reasons(self) -> tuple[str, ...]:
-        """Reasons why X cannot be used, the decisive one first; empty where it can."""
-        return reasons_of(self)
 
     @cached_property
     def headline(self) -> str:

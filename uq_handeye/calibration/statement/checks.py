@@ -7,7 +7,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, Literal, get_args
+from functools import cached_property
+from typing import ClassVar, Literal, get_args
 
 import numpy as np
 
@@ -35,9 +36,6 @@ from ...model.shared_errors.sizes import ROBOT_ACCURACY
 from ..estimate.analysis import joint_sides
 from ..estimate.estimated import Estimated, distance_of
 
-if TYPE_CHECKING:
-    from .accuracy import Statement
-
 # Methods whose results hold the residuals of the poses, unless they were updated by the joint posterior alone.
 _WITH_RESIDUALS = ("efficient", "ml", "bundle")
 
@@ -64,11 +62,6 @@ class Check(Record):
     findings: tuple[Finding, ...] = ()
 
 
-def cautions_of(result: Estimated) -> tuple[Finding, ...]:
-    """Return the findings that are more than a note, in the order of their effect on X, failures first."""
-    return _in_order(_all_findings(result))
-
-
 def _in_order(findings: Iterable[Finding]) -> tuple[Finding, ...]:
     found = [finding for finding in findings if finding.severity != "note"]
     order = sorted(range(len(found)), key=lambda k: (-found[k].effect, found[k].record.rank, k))
@@ -80,22 +73,7 @@ def failures_in_words(findings: Iterable[Finding]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(one.phrase for one in _in_order(findings) if one.severity == "failure"))
 
 
-def reasons_of(result: Statement) -> tuple[str, ...]:
-    """Return why X cannot be used, the decisive reason first; nothing where it can."""
-    found = list(failures_in_words(result.cautions))
-    if result.table is not None and len(result.table.counted) < _MANY:
-        rejected, n = len(result.table.rejected), len(result.table.counted)
-        if rejected > _FEW_WRONG * n:  # of few poses as many as are left may agree on a wrong X by chance
-            found.append(f"{rejected} of {n} {result.table.item}s contradict X")
-    if result.covariance is not None:
-        turn, move = (float(np.sqrt(np.linalg.eigvalsh(result.covariance[part, part])[-1])) for part in _PARTS)
-        if turn > _LOST_ROTATION or move > _LOST_TRANSLATION * distance_of(result.analysis)[0]:
-            size = f"{digits(1e3 * move, 2)} mm and {digits(float(np.degrees(turn)), 2)} deg"
-            found.append(f"the poses do not determine X (1 sigma: {size})")
-    return tuple(found)
-
-
-def lower_limit_of(result: Statement) -> bool:
+def lower_limit_of(result: Checked) -> bool:
     """Return whether the accuracy is a lower limit: tests show errors that it does not include, or none is included.
 
     Noise that is estimated from the residuals cannot show what all poses share: without any shared error declared or
@@ -104,23 +82,6 @@ def lower_limit_of(result: Statement) -> bool:
     if any(finding.rejects for finding in result.cautions):
         return True
     return result.noise_estimate is not None and not included(result)
-
-
-def checks_of(result: Statement) -> tuple[Check, ...]:
-    """Return the checks of a calibration in a fixed order; that of the camera only where it found something."""
-    found: dict[str, list[Finding]] = {name: [] for name in CHECKS}
-    misread = any(finding.explains for finding in result.cautions)  # then the fit says nothing of the rest
-    for finding in result.cautions:
-        found.setdefault(finding.record.check, []).append(finding)
-    checks = []
-    for name, findings in found.items():
-        if findings:
-            more = f" (+{len(findings) - 1} more)" if len(findings) > 1 else ""
-            failed = any(one.rejects for one in findings)
-            checks.append(Check(name, "failed" if failed else "caution", findings[0].phrase + more, tuple(findings)))
-        else:
-            checks.append(Check(name, "not run", "after the input") if misread else _without_findings(name, result))
-    return tuple(checks)
 
 
 def _all_findings(result: Estimated) -> Iterable[Finding]:
@@ -304,3 +265,46 @@ def _unnamed(noise: Noise) -> bool:
     by_columns = joint_sides(noise)
     joint = [name for name, S in noise.sides.items() if S is not None and is_joint(S)]
     return any(name not in by_columns or "" in by_columns[name].names for name in joint)
+
+
+class Checked(Estimated):
+    """Checks of a result and what they found, in the order of its effect on X; a part of `Calibration`."""
+
+    @cached_property
+    def cautions(self) -> tuple[Finding, ...]:
+        """The findings that are more than a note, those of the diagnostics too, in the order of their effect on X."""
+        return _in_order(_all_findings(self))
+
+    @cached_property
+    def checks(self) -> tuple[Check, ...]:
+        """The checks of data and fit, one line each: ok, caution, failed or not run."""
+        found: dict[str, list[Finding]] = {name: [] for name in CHECKS}
+        misread = any(finding.explains for finding in self.cautions)  # then the fit says nothing of the rest
+        for finding in self.cautions:
+            found.setdefault(finding.record.check, []).append(finding)
+        checks = []
+        for name, findings in found.items():
+            if findings:
+                more = f" (+{len(findings) - 1} more)" if len(findings) > 1 else ""
+                failed = any(one.rejects for one in findings)
+                checks.append(
+                    Check(name, "failed" if failed else "caution", findings[0].phrase + more, tuple(findings))
+                )
+            else:
+                checks.append(Check(name, "not run", "after the input") if misread else _without_findings(name, self))
+        return tuple(checks)
+
+    @cached_property
+    def reasons(self) -> tuple[str, ...]:
+        """Reasons why X cannot be used, the decisive one first; empty where it can."""
+        found = list(failures_in_words(self.cautions))
+        if self.table is not None and len(self.table.counted) < _MANY:
+            rejected, n = len(self.table.rejected), len(self.table.counted)
+            if rejected > _FEW_WRONG * n:  # of few poses as many as are left may agree on a wrong X by chance
+                found.append(f"{rejected} of {n} {self.table.item}s contradict X")
+        if self.covariance is not None:
+            turn, move = (float(np.sqrt(np.linalg.eigvalsh(self.covariance[part, part])[-1])) for part in _PARTS)
+            if turn > _LOST_ROTATION or move > _LOST_TRANSLATION * distance_of(self.analysis)[0]:
+                size = f"{digits(1e3 * move, 2)} mm and {digits(float(np.degrees(turn)), 2)} deg"
+                found.append(f"the poses do not determine X (1 sigma: {size})")
+        return tuple(found)

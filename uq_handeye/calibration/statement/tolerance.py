@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 
@@ -28,9 +28,7 @@ from ...core.geometry.se3 import Array
 from ...errors import InputError
 from ...fit.likelihood.goodness_of_fit import Reference
 from ..estimate.estimated import Estimated
-
-if TYPE_CHECKING:
-    from .accuracy import Statement
+from .checks import Checked, lower_limit_of
 
 Word = Literal["PASS", "FAIL", "NOT SHOWN"]
 PASS: Word = "PASS"
@@ -140,7 +138,7 @@ class Verdict(Record):
         return f"{of} within {tolerance}{known}{needs}."
 
 
-def verdict_of(result: Statement, tolerance: Any, at: Any = None) -> Verdict:
+def verdict_of(result: Checked, tolerance: Any, at: Any = None) -> Verdict:
     """Return whether X meets a tolerance; see the module.
 
     Raises `InputError` for a tolerance that cannot be read.
@@ -162,7 +160,7 @@ def verdict_of(result: Statement, tolerance: Any, at: Any = None) -> Verdict:
     if not reasons and failed:
         named = " and ".join(check.name for check in failed[:2])
         reasons.append(f"check failed: {named} ({failed[0].findings[0].phrase})")
-    if not reasons and result.accuracy is not None and result.accuracy.lower_limit:
+    if not reasons and lower_limit_of(result):
         reasons.append("the accuracy is a lower limit: no shared error is included")
     if reasons or probability is None:
         return Verdict(NOT_SHOWN, probability, wanted, tuple(reasons))

@@ -35,8 +35,27 @@ from ...core.presentation.document import Answer, Badge, Block, Paragraph, Point
 from ...errors import InputError
 from ...rig.page import FRAMES, UNLIKELY, headline, noise_table, rig_sketch
 from ...rig.result import EstimatedPose, RigCalibration
-from .contents import RULE, Certificate, Written, decide
+from .contents import RULE, Contents, Written, decide
+from .page import certificate_html
 from .statements import ERROR_MODEL, VALIDITY
+
+
+class Certificate(Contents):
+    """The statement of a calibration for the file: see `make_certificate`.
+
+    Attributes
+    ----------
+    result : Calibration
+        What it is of, with its title block.
+    decision : Decision or None
+        Verdict on a tolerance, with its guard band, where one was asked for.
+    issued : str
+        Date and time, UTC.
+    """
+
+    def to_html(self) -> str:
+        """Return the page as one self-contained HTML text."""
+        return certificate_html(self)
 
 
 @overload

@@ -184,18 +184,8 @@ class Written:
 
 
 @dataclass(frozen=True, eq=False)
-class Certificate(Written):
-    """The statement of a calibration for the file: see `make_certificate`.
-
-    Attributes
-    ----------
-    result : Calibration
-        What it is of, with its title block.
-    decision : Decision or None
-        Verdict on a tolerance, with its guard band, where one was asked for.
-    issued : str
-        Date and time, UTC.
-    """
+class Contents(Written):
+    """A result with its title block, the decision on a tolerance, and the date of the certificate."""
 
     _format: ClassVar[str] = "uq-handeye certificate 1"
 
@@ -210,12 +200,6 @@ class Certificate(Written):
         if not reasons and self.result.covariance is None:
             reasons = ["the uncertainty of X is not known: no noise was given, and none could be estimated"]
         return tuple(reasons)
-
-    def to_html(self) -> str:
-        """Return the page as one self-contained HTML text."""
-        from .page import certificate_html
-
-        return certificate_html(self)
 
     def _contents(self) -> dict[str, Any]:
         result = self.result

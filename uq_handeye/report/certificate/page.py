@@ -11,7 +11,7 @@ from ...core.formatting.numbers import digits, fixed
 from ...core.presentation.document import Answer, Badge, Block, Cell, Checks, Paragraph, Points, Section, Table
 from ..page import colour_of
 from .budget import LEVEL, OTHERS, BudgetRow, Stated, budget_rows, components_of, correlation_of, worst_of
-from .contents import NOT_CERTIFIED, RULE, Certificate
+from .contents import NOT_CERTIFIED, RULE, Contents
 from .statements import (
     VALIDITY,
     conditions_of,
@@ -32,7 +32,7 @@ MOST_SOURCES = 12
 _FACTORS = {"m": (1e3, "mm"), "rad": (180 / np.pi, "deg")}
 
 
-def certificate_html(of: Certificate) -> str:
+def certificate_html(of: Contents) -> str:
     """Return the certificate as one self-contained HTML text; nothing in it looks like a result where none is
     certified.
     """
@@ -45,14 +45,14 @@ def certificate_html(of: Certificate) -> str:
 # -------------------------------------------------------------------------------------------------------- page one
 
 
-def _refused(of: Certificate) -> list[Section]:
+def _refused(of: Contents) -> list[Section]:
     """Return why nothing is certified; no X, no uncertainty."""
     more = [Points(of.refusals[1:])] if len(of.refusals) > 1 else []
     answer = Answer(f"{NOT_CERTIFIED}. {of.result.headline}", "failed")
     return [of.refused(answer, *more), *_measured(of)]
 
 
-def _first(of: Certificate) -> list[Section]:
+def _first(of: Contents) -> list[Section]:
     result = of.result
     answer: list[Block] = [
         Answer(result.headline, colour_of(result, None if of.decision is None else of.decision.verdict))
@@ -73,12 +73,12 @@ def _first(of: Certificate) -> list[Section]:
     ]
 
 
-def _accuracy(of: Certificate) -> Accuracy:
+def _accuracy(of: Contents) -> Accuracy:
     assert of.result.accuracy is not None  # of a certified result
     return of.result.accuracy
 
 
-def _scope(of: Certificate) -> list[Block]:
+def _scope(of: Contents) -> list[Block]:
     accuracy = _accuracy(of)
     return [
         Paragraph(f"Included: {', '.join(accuracy.included)}."),
@@ -86,7 +86,7 @@ def _scope(of: Certificate) -> list[Block]:
     ]
 
 
-def _measured(of: Certificate) -> list[Section]:
+def _measured(of: Contents) -> list[Section]:
     """Return the conditions of the measurement and the checks."""
     rows = [[name, text] for name, text in conditions_of(of.result)]
     return [
@@ -95,7 +95,7 @@ def _measured(of: Certificate) -> list[Section]:
     ]
 
 
-def _worst(of: Certificate) -> list[Block]:
+def _worst(of: Contents) -> list[Block]:
     accuracy = _accuracy(of)
     ahead = f"point {digits(accuracy.distance, 3)} m ahead of the camera"
     names = {"point": ahead + (" (distance of the target)" if accuracy.distance_known else "")}
@@ -109,7 +109,7 @@ def _worst(of: Certificate) -> list[Block]:
 _HEAD = ("u", "nu", "k", f"U ({percent(LEVEL)})", "unit")
 
 
-def _numbers(of: Certificate) -> list[Block]:
+def _numbers(of: Contents) -> list[Block]:
     """Return X in its six numbers, and the rotation as a quaternion."""
     stated = zip(of.result.facts.X, components_of(of.result), strict=True)
     rows: list[list[Cell]] = [[shown.name, shown.parts[0], *_sizes(one)] for shown, one in stated]
@@ -121,7 +121,7 @@ def _numbers(of: Certificate) -> list[Block]:
     ]
 
 
-def _correlation(of: Certificate) -> Table:
+def _correlation(of: Contents) -> Table:
     """Return the correlation of the six numbers, below the diagonal."""
     matrix = correlation_of(of.result)
     names = ["x", "y", "z", "rx", "ry", "rz"]
@@ -137,11 +137,11 @@ def _correlation(of: Certificate) -> Table:
     return Table("Correlation of translation x, y, z and rotation vector rx, ry, rz.", ["", *names[:5]], rows)
 
 
-def _lower(title: str, of: Certificate) -> str:
+def _lower(title: str, of: Contents) -> str:
     return f"{title} (lower limit)" if _accuracy(of).lower_limit else title
 
 
-def _why_lower(of: Certificate) -> str:
+def _why_lower(of: Contents) -> str:
     """Return why the uncertainty is a lower limit."""
     failed = [check for check in of.result.checks if check.status == "failed"]
     why = (
@@ -160,7 +160,7 @@ def _sizes(one: Stated) -> list[str]:
 # -------------------------------------------------------------------------------------------------------- page two
 
 
-def _second(of: Certificate) -> list[Section]:
+def _second(of: Contents) -> list[Section]:
     return [
         Section(
             "coverage", "Uncertainty", [Paragraph(coverage_of(of.result)), Paragraph(method_of(of.result))], wide=True
@@ -172,7 +172,7 @@ def _second(of: Certificate) -> list[Section]:
     ]
 
 
-def _origin(of: Certificate) -> list[Section]:
+def _origin(of: Contents) -> list[Section]:
     """Return where the numbers come from: hashes, noise, lengths, versions."""
     result = of.result
     rows = [[name, digest] for name, digest in hashes_of(result)]
@@ -183,7 +183,7 @@ def _origin(of: Certificate) -> list[Section]:
     return [Section("traceability", "Traceability", blocks, wide=True)]
 
 
-def _budget(of: Certificate) -> Table:
+def _budget(of: Contents) -> Table:
     found = sorted(budget_rows(of.result, MOST_SOURCES), key=lambda row: row.name.endswith(OTHERS))
     rows: list[list[Cell]] = [_source(row) for row in found]
     move, turn, _ = worst_of(of.result)
