@@ -99,7 +99,7 @@ def validate_command(
     (exit status 1). With -o DIR, --resume continues it.
 
     Options (Output):
-      * -o, --output DIR <named_folder>: Folder for the results and the trials, for --resume. It holds result.json,
+      * -o, --output DIR <named_folder>: Folder for results and trials, for --resume. It holds result.json,
         validation.csv, validation.png, validation.svg and the trials (chunks/); several methods: a folder each. With
         --sweep-noise: sweep.json, sweep.csv, sweep.png, sweep.svg and the levels (run/).
       * --figure FILE: Figure, .png or .svg, one per method.
@@ -272,8 +272,8 @@ def cross_check_command(
     lost its workers (exit status 1). With -o DIR, --resume continues it.
 
     Options (Output):
-      * -o, --output DIR <named_folder>: Folder for cross_check.json, .csv, .png and .svg, and for the trials and the
-        chain (run/), for --resume.
+      * -o, --output DIR <named_folder>: Folder for the results and the run. It holds cross_check.json, .csv, .png and
+        .svg, and the trials and the chain (run/), for --resume.
       * --resume: Continue the cross-check in -o DIR, or add trials to it.
     """
     if resume and output is None:
