@@ -58,25 +58,16 @@ class Estimated(Named, Record):
     errors: Errors
     quality: Quality
 
-    def __init__(
-        self,
-        X: Array,
-        covariance: Array | None = None,
-        W: Array | None = None,
-        covariance_W: Array | None = None,
-        opened: OpenDirections | None = None,
-        findings: tuple[Finding, ...] = (),
-        **parts: Any,
-    ) -> None:
-        """``parts``: those of `PARTS`, and attributes of them by their names, which stand in their place."""
-        own = {"X": X, "covariance": covariance, "W": W, "covariance_W": covariance_W}
-        vars(self).update(own, opened=opened, findings=findings)
+    def __init__(self, X: Array, **values: Any) -> None:
+        """``values``: the other attributes, also those of the parts by their names; None or empty where not given."""
+        vars(self).update(X=X, covariance=None, W=None, covariance_W=None, opened=None, findings=())
+        vars(self).update({name: values.pop(name) for name in vars(self).keys() & values.keys()})
         for part, kind in PARTS.items():
-            named = {one.name: parts.pop(one.name) for one in fields(kind) if one.name in parts}
-            held = parts.pop(part, None)
+            named = {one.name: values.pop(one.name) for one in fields(kind) if one.name in values}
+            held = values.pop(part, None)
             vars(self)[part] = kind(**named) if held is None else replace(held, **named)
-        if parts:
-            raise TypeError(f"{type(self).__name__}() got an unexpected keyword argument {min(parts)!r}")
+        if values:
+            raise TypeError(f"{type(self).__name__}() got an unexpected keyword argument {min(values)!r}")
         self.__post_init__()
 
     @property
