@@ -48,9 +48,6 @@ class Calibration(Statement, Plotted):
 
     `diagnostics`, `covariances`, `split_half` and `budget` are computed when they are first asked for.
 
-    All but X, W, their covariances, `opened` and `findings` is held in four parts, ``origin``, ``solution``, ``errors``
-    and ``quality`` (`estimate.parts`), and has its name here, too.
-
     Attributes
     ----------
     X : (4, 4)
@@ -126,6 +123,8 @@ class Calibration(Statement, Plotted):
         What `posterior` is made of.
     analysis : Analysis, StoredAnalysis or None
         Where `diagnostics`, `covariances`, `split_half`, `split_in_time` and `budget` come from.
+    origin, solution, errors, quality : Origin, Solution, Errors, Quality
+        Parts that hold the above but X, W, their covariances, `opened` and `findings`, by the same names.
     """
 
     def predict(
