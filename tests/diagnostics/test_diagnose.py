@@ -23,7 +23,7 @@ from uq_handeye.fit.likelihood.gauss_helmert import corrected, efficient, maximu
 from uq_handeye.fit.likelihood.goodness_of_fit import goodness_of_fit, own_residuals
 from uq_handeye.fit.likelihood.robust import robust_fit
 from uq_handeye.model.noise.square_roots import cholesky_of, whiten
-from uq_handeye.model.shared_errors.shared_error import shared_columns, with_shared
+from uq_handeye.model.shared_errors.in_noise import shared_columns, with_shared
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.1mrad", "0.1mm"), camera=("1mrad", "1mm"))
 SETUPS = ["eye-in-hand", "eye-to-hand"]

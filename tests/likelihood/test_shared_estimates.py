@@ -16,7 +16,7 @@ from uq_handeye.fit.likelihood.goodness_of_fit import own_residuals
 from uq_handeye.fit.likelihood.shared_estimates import estimates_of, posterior_of_fit
 from uq_handeye.fit.likelihood.starts import start_of
 from uq_handeye.model.noise.square_roots import cholesky_of, gram, whiten
-from uq_handeye.model.shared_errors.shared_error import shared_columns, with_shared
+from uq_handeye.model.shared_errors.in_noise import shared_columns, with_shared
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
 SETUPS = ("eye-in-hand", "eye-to-hand")

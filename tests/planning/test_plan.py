@@ -37,7 +37,7 @@ from uq_handeye import (
 from uq_handeye.fit.likelihood.gauss_helmert import bound, efficient
 from uq_handeye.model.noise.models import marginals
 from uq_handeye.model.posterior.selection import after, covariance_of, exchanged, greedy, value
-from uq_handeye.model.shared_errors.shared_error import shared_columns, with_shared
+from uq_handeye.model.shared_errors.in_noise import shared_columns, with_shared
 from uq_handeye.read import read_pose_file
 from uq_handeye.trials.simulation.rig import RIGS
 from uq_handeye.use.planning import plan as planning

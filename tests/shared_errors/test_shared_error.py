@@ -18,7 +18,8 @@ from uq_handeye.model.shared_errors.assumed import (
     default_errors,
     replace_defaults,
 )
-from uq_handeye.model.shared_errors.shared_error import OUTLINE, shared_columns, with_shared, without_shared
+from uq_handeye.model.shared_errors.in_noise import shared_columns, with_shared, without_shared
+from uq_handeye.model.shared_errors.shared_error import OUTLINE
 from uq_handeye.model.shared_errors.sizes import SIZES
 from uq_handeye.model.shared_errors.view import HALF, POINTS, median_distance, outline_columns, target_centre
 
@@ -331,3 +332,11 @@ def test_clock_offset_of_synchronised_poses_takes_the_place_of_theirs(of_motions
 def test_clock_offset_that_is_exact():
     found = uq.calibrate(timed(5e-3), noise=NOISE, shared=[SharedError.clock_offset("exact")])
     np.testing.assert_allclose(found.covariance, uq.calibrate(timed(0.0), noise=NOISE).covariance, rtol=1e-12)
+
+
+@pytest.mark.parametrize("sd", [-1e-3, np.nan, np.inf, "often"])
+def test_the_raw_constructor_takes_no_size_below_zero(sd):
+    with pytest.raises(InputError, match="sd of the shared error 'bend'|standard deviation of the bend"):
+        SharedError("bend", "", "robot", np.array([sd]), ("bend",), lambda poses: np.zeros((poses.n, 6, 1)))
+    with pytest.raises(InputError, match="robot or camera, got 'arm'"):
+        SharedError("bend", "", "arm", np.ones(1), ("bend",), lambda poses: np.zeros((poses.n, 6, 1)))

@@ -51,6 +51,7 @@ from ..model.poses.pose_pairs import PosePairs
 from ..model.poses.timing import TimeOffset
 from ..model.posterior.posterior import Posterior
 from ..model.shared_errors.assumed import assumed_drift
+from ..model.shared_errors.in_noise import shared_columns, with_shared, without_shared
 from ..model.shared_errors.shared_error import (
     CLOCK_OFFSET,
     FOCAL_LENGTH,
@@ -60,9 +61,6 @@ from ..model.shared_errors.shared_error import (
     TARGET_SCALE,
     VIEW,
     WRONG_SIZE,
-    shared_columns,
-    with_shared,
-    without_shared,
 )
 from ..model.shared_errors.sizes import ROBOT_ACCURACY
 from .by_published import bare_result, by_sigma_points, estimate_unweighted, reference_for, reference_of

@@ -36,19 +36,8 @@ from ..model.noise.pose_prior import PosePrior
 from ..model.poses.motions import Motions, relative_motions, spread_pairs
 from ..model.poses.pose_pairs import PosePairs
 from ..model.shared_errors.assumed import replace_defaults
-from ..model.shared_errors.shared_error import (
-    CLOCK_OFFSET,
-    LENS,
-    OUTLINE,
-    VIEW,
-    SharedError,
-    add_columns,
-    checked_errors,
-    errors_of_arm,
-    kinematic_covariance,
-    shared_columns,
-    with_shared,
-)
+from ..model.shared_errors.in_noise import add_columns, errors_of_arm, kinematic_covariance, shared_columns, with_shared
+from ..model.shared_errors.shared_error import CLOCK_OFFSET, LENS, OUTLINE, VIEW, SharedError, checked_errors
 from ..model.shared_errors.sizes import ROBOT_ACCURACY, checked_sizes
 from .request import BUNDLE, Request, of_motions
 

@@ -134,7 +134,7 @@ def problem_for(
     """Return the arguments ``data`` and ``noise`` of a question about X: the calibration, or else what was read."""
     from ..model.noise.models import PairNoise
     from ..model.poses.motions import relative_motions
-    from ..model.shared_errors.shared_error import shared_columns, with_shared
+    from ..model.shared_errors.in_noise import shared_columns, with_shared
 
     if result is not None and result.noise is not None:
         return {"data": result}

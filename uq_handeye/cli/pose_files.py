@@ -209,7 +209,7 @@ class PoseFiles(StreamFiles):
         from ..findings import warn
         from ..model.noise.models import PoseNoise
         from ..model.shared_errors.assumed import replace_defaults
-        from ..model.shared_errors.shared_error import settled_errors, without_shared
+        from ..model.shared_errors.in_noise import settled_errors, without_shared
 
         of_arm = {} if arm is None else arm.of_calibrate
         what = "the other noise" if arm is None else "the errors of the arm"

@@ -28,7 +28,8 @@ from ...model.noise.joint_covariance import JointCovariance
 from ...model.noise.models import CameraNoise, Noise, PairNoise, PoseNoise, marginals
 from ...model.noise.pose_prior import PosePrior
 from ...model.poses.pose_pairs import PosePairs
-from ...model.shared_errors.shared_error import SharedError, errors_of_arm
+from ...model.shared_errors.in_noise import errors_of_arm
+from ...model.shared_errors.shared_error import SharedError
 from ...model.shared_errors.sizes import SIZES, Size
 from ...model.shared_errors.view import view_block
 from ..likelihood.constraint import Constraint, Unknowns

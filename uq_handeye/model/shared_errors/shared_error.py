@@ -28,7 +28,7 @@ The errors of an arm's kinematics are one `SharedError` for each group of them.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -42,10 +42,8 @@ from ...core.geometry.checks import as_numbers
 from ...core.geometry.se3 import Array
 from ...core.runtime.read_only import ReadOnlyArrays
 from ...errors import InputError
-from ..kinematics.errors import LENGTHS
-from ..kinematics.kinematic_errors import DECLARED_AS, JOINT_NOISE, KinematicColumns
-from ..noise.joint_covariance import JointCovariance, group_of
-from ..noise.models import INTRINSICS, PoseNoise, is_joint, require_count
+from ..noise.joint_covariance import group_of
+from ..noise.models import INTRINSICS
 from ..poses.pose_pairs import PosePairs
 from ..poses.timing import SIDES
 from .sizes import ROBOT_ACCURACY, RobotAccuracy, Size, stated_accuracy
@@ -100,6 +98,15 @@ class SharedError(ReadOnlyArrays):
     declared: tuple[float, float, float | None] | None = (
         None  # accuracy of a robot (m, rad) and its reach (m), as given
     )
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "sd", np.atleast_1d(as_numbers(self.sd, f"sd of the shared error {self.name!r}")))
+        _require_sd(self.sd, self.name)
+        if self.side not in SIDES:
+            raise InputError(
+                f"Expected `side` of the shared error {self.name!r} to be robot or camera, got {self.side!r}."
+            )
+        super().__post_init__()
 
     @property
     def is_exact(self) -> bool:
@@ -201,8 +208,6 @@ class SharedError(ReadOnlyArrays):
             raise InputError(f"Expected the `name` of a shared error to be text, got {name!r}.")
         if name in (*DEFAULT_SD, INTRINSICS, ROBOT_ACCURACY):
             raise InputError(f"Expected another `name` than {name!r}, which is that of a built-in shared error.")
-        if side not in SIDES:
-            raise InputError(f"Expected `side` of the shared error {name!r} to be robot or camera, got {side!r}.")
         if not isinstance(unit, str):
             raise InputError(f"Expected `unit` of the shared error {name!r} to be text, got {unit!r}.")
         given = np.array(as_numbers(F, f"F of the shared error {name!r}"))
@@ -218,7 +223,6 @@ class SharedError(ReadOnlyArrays):
         if each.shape not in ((), (k,)):
             raise InputError(f"Expected `sd` of the shared error {name!r} to be one number or {k}, got {each.shape}.")
         each = np.broadcast_to(each, (k,)).copy()
-        _require_sd(each, name)
         parts = (name,) if k == 1 else tuple(f"{name} {j + 1}" for j in range(k))
         return cls(name, unit, side, each, parts, lambda poses: given)
 
@@ -340,19 +344,6 @@ def population_error(move: float, turn: float, reach: float | None) -> SharedErr
     )  # fmt: skip
 
 
-def settled_errors(
-    errors: Iterable[SharedError], sizes: Mapping[str, float], poses: PosePairs
-) -> tuple[SharedError, ...]:
-    """Return errors, bound to poses, with the standard deviations of their numbers that a calibration of these settled
-    on; those that it left out are none.
-    """
-    return tuple(
-        replace(error, sd=np.array([sizes[part] for part in error.parts]), factor=1.0)
-        for error in (error.bound(poses) for error in errors)
-        if sizes.keys() >= set(error.parts)
-    )
-
-
 def listed_errors(errors: Any) -> tuple[SharedError, ...]:
     """The errors, if they are some, and no two of one name."""
     if isinstance(errors, SharedError) or not isinstance(errors, Iterable):
@@ -374,57 +365,6 @@ def checked_errors(errors: Any, poses: PosePairs) -> tuple[SharedError, ...]:
         if not error.is_exact:
             error.at(poses)
     return found
-
-
-def shared_columns(errors: Sequence[SharedError], poses: PosePairs) -> dict[str, JointCovariance]:
-    """Return the effect of the errors on the poses by side: a covariance without noise of its own."""
-    found: dict[str, JointCovariance] = {}
-    for side in SIDES:
-        of_side = [error for error in errors if error.side == side and not error.is_exact]
-        if of_side:
-            F = np.concatenate([error.at(poses) * error.sd for error in of_side], axis=-1)
-            names = np.array([name for error in of_side for name in error.parts])
-            known = np.concatenate([error.sd for error in of_side]) > 0
-            found[side] = JointCovariance(np.zeros((poses.n, 6, 6)), F[..., known], tuple(names[known].tolist()))
-    return found
-
-
-def with_shared(noise: PoseNoise, columns: Mapping[str, JointCovariance]) -> PoseNoise:
-    """The noise and, beside it, the `shared_columns`."""
-    sides = {side: add_columns(getattr(noise, side), columns.get(side)) for side in SIDES}
-    return replace(noise, robot=sides["robot"], camera=sides["camera"])
-
-
-def without_shared(noise: PoseNoise, errors: Sequence[SharedError]) -> PoseNoise:
-    """The noise without the columns of these errors."""
-    names = {name for error in errors for name in error.parts}
-
-    def remaining(S: Any) -> Any:
-        if not isinstance(S, JointCovariance):
-            return S
-        kept = np.array([names.isdisjoint((name, group_of(name))) for name in S.names])
-        if kept.all():
-            return S
-        if not kept.any():
-            return S.own if S.own.any() else None
-        rest = tuple(name for name, keep in zip(S.names, kept, strict=True) if keep)
-        return JointCovariance(S.own, S.shared[..., kept], rest)
-
-    return replace(noise, robot=remaining(noise.robot), camera=remaining(noise.camera))
-
-
-def add_columns(covariance: Any, columns: JointCovariance | None) -> Any:
-    """A covariance of n poses, or None, with the columns."""
-    if columns is None:
-        return covariance
-    if covariance is None:
-        return columns
-    require_count(covariance, columns.n, "of a side with shared errors", "poses")
-    if isinstance(covariance, JointCovariance):
-        return covariance.plus(columns)
-    if is_joint(covariance):
-        return np.asarray(covariance) + np.asarray(columns)
-    return columns.plus(np.broadcast_to(covariance, (columns.n, 6, 6)))
 
 
 def _sd(value: float | str, name: str, parse: Callable[[str | float, str], float]) -> Array:
@@ -487,30 +427,6 @@ def _rate(poses: PosePairs) -> Array:
     return rate
 
 
-def errors_of_arm(columns: KinematicColumns, deviations: Mapping[str, float]) -> tuple[SharedError, ...]:
-    """The groups with one standard deviation each (rad or m), by name; their parts are named ``group: joint``.
-
-    An estimate is that of the arm, ``true - model``: measured poses have the opposite error, which is in the columns.
-    """
-    found = []
-    for group in DECLARED_AS:
-        of = np.array([name == group for name in columns.groups], dtype=bool)
-        if of.any():
-            F = columns.F[..., of]
-            parts = tuple(name for name, is_of in zip(columns.names, of, strict=True) if is_of)
-            sd = np.full(len(parts), deviations[group])
-            unit = "m" if group == LENGTHS else "rad"
-            found.append(SharedError(group, unit, "robot", sd, parts, the_same(F)))
-    return tuple(found)
-
-
 def the_same(F: Array) -> Callable[[PosePairs], Array]:
     """Effects that do not depend on the poses."""
     return lambda poses: F
-
-
-def kinematic_covariance(columns: KinematicColumns, deviations: Mapping[str, float]) -> JointCovariance:
-    """Return the covariance of the robot poses by joint noise and all groups, with standard deviations by name."""
-    noise = deviations.get(JOINT_NOISE, 0.0) ** 2 * columns.J @ columns.J.mT
-    sd = np.array([deviations[group] for group in columns.groups])
-    return JointCovariance(noise, columns.F * sd, columns.names)

@@ -238,6 +238,10 @@ def sample_posterior(
 ) -> Posterior:
     """Samples of the posterior of X with a flat prior, until so many are effective.
 
+    Sampled are X, W and, where ``scales`` is free, one factor on the noise of each side. The sizes of the errors of
+    `calibrate` (kinds of noise, view, target, arm, drift) are not sampled: a calibration brings its noise with the
+    sizes that it found; of poses alone the noise of both sides is estimated, without errors that they share.
+
     Parameters
     ----------
     data : PosePairs, Motions or Calibration
