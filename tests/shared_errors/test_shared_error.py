@@ -336,7 +336,7 @@ def test_clock_offset_that_is_exact():
 
 @pytest.mark.parametrize("sd", [-1e-3, np.nan, np.inf, "often"])
 def test_the_raw_constructor_takes_no_size_below_zero(sd):
-    with pytest.raises(InputError, match="sd of the shared error 'bend'|standard deviation of the bend"):
+    with pytest.raises(InputError, match=r"sd of the shared error 'bend'|standard deviation of the bend"):
         SharedError("bend", "", "robot", np.array([sd]), ("bend",), lambda poses: np.zeros((poses.n, 6, 1)))
     with pytest.raises(InputError, match="robot or camera, got 'arm'"):
         SharedError("bend", "", "arm", np.ones(1), ("bend",), lambda poses: np.zeros((poses.n, 6, 1)))

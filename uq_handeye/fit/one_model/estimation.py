@@ -476,26 +476,6 @@ class FoundSizes:
         moves = unit[:, None] * vectors[:, kept] * np.sqrt(values[kept])
         return np.asarray(moves if self.reduced.basis is None else self.reduced.basis @ moves)
 
-    @cached_property
-    def shape(self) -> float:
-        """Degrees of freedom nu of the multivariate t with the kurtosis of X's posterior; infinite: Gaussian.
-
-        With M_i the covariances relative to that of the mixture and mu_i the means,
-        ``E d^4 = sum w ((tr M_i + |mu_i|^2)^2 + 2 tr M_i^2 + 4 mu_i^T M_i mu_i)``, which is ``q (q + 2) (nu - 2) /
-        (nu - 4)`` for a t.
-        """
-        mixture, q = self.mixture, min(6, self.model.p)
-        C = mixture.covariance[:q, :q]
-        unit = 1.0 / np.sqrt(np.diag(C))
-        half = np.linalg.inv(np.linalg.cholesky(C * np.outer(unit, unit) + 1e-12 * np.eye(q))) * unit
-        M = half @ mixture.covariances[:, :q, :q] @ half.T
-        mu = (mixture.means[:, :q] - mixture.mean[:q]) @ half.T
-        square = np.einsum("dij,dji->d", M, M)
-        fourth = (np.einsum("dii->d", M) + (mu * mu).sum(axis=1)) ** 2 + 2 * square
-        fourth = fourth + 4 * np.einsum("di,dij,dj->d", mu, M, mu)
-        ratio = float(mixture.weights @ fourth) / (q * (q + 2))
-        return 4.0 + 2.0 / (ratio - 1.0) if ratio > 1.001 else float("inf")
-
 
 def _named(S: JointCovariance, otherwise: str) -> tuple[str, ...]:
     return tuple(name or otherwise for name in S.names)

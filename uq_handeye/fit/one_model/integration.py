@@ -69,6 +69,26 @@ class Mixture(ReadOnlyArrays):
         off = self.theta - self.mean_theta
         return np.asarray((self.weights * off.T) @ off)
 
+    @cached_property
+    def shape(self) -> float:
+        """Degrees of freedom nu of the multivariate t with the kurtosis of the first 6 unknowns, X; infinite: Gaussian.
+
+        With M_i the covariances relative to that of the mixture and mu_i the means,
+        ``E d^4 = sum w ((tr M_i + |mu_i|^2)^2 + 2 tr M_i^2 + 4 mu_i^T M_i mu_i)``, which is ``q (q + 2) (nu - 2) /
+        (nu - 4)`` for a t.
+        """
+        q = min(6, len(self.mean))
+        C = self.covariance[:q, :q]
+        unit = 1.0 / np.sqrt(np.diag(C))
+        half = np.linalg.inv(np.linalg.cholesky(C * np.outer(unit, unit) + 1e-12 * np.eye(q))) * unit
+        M = half @ self.covariances[:, :q, :q] @ half.T
+        mu = (self.means[:, :q] - self.mean[:q]) @ half.T
+        square = np.einsum("dij,dji->d", M, M)
+        fourth = (np.einsum("dii->d", M) + (mu * mu).sum(axis=1)) ** 2 + 2 * square
+        fourth = fourth + 4 * np.einsum("di,dij,dj->d", mu, M, mu)
+        ratio = float(self.weights @ fourth) / (q * (q + 2))
+        return 4.0 + 2.0 / (ratio - 1.0) if ratio > 1.001 else float("inf")
+
 
 def integrate(model: LatentModel, modes: Sequence[Mode]) -> Mixture:
     """Integrate over the sizes about the modes."""

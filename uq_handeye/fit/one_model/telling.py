@@ -79,7 +79,7 @@ def tell(found: FoundSizes) -> NoiseEstimate:
     dof = 6.0 * len(found.kept) - found.model.p
     return NoiseEstimate(
         found.integrated_noise, tuple(components), findings, v, covariance, dof, names=told,
-        shape=found.shape if np.isfinite(found.shape) else None, of_model=_of_model(found),
+        shape=mixture.shape if np.isfinite(mixture.shape) else None, of_model=_of_model(found),
     )  # fmt: skip
 
 

@@ -23,7 +23,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, Literal, TypedDict, Unpack
+from typing import Any, Literal, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -47,6 +47,8 @@ from .errors import (
     TRANSMISSION,
     ErrorLayout,
     ErrorParameter,
+    MoreDeviations,
+    checked_sd,
     error_layout,
     harmonic_rates,
     harmonics,
@@ -71,15 +73,6 @@ BLOCK = 256
 UNLOADED = 1e-9
 
 Flange = Literal["controller", "physical"]
-
-
-class MoreDeviations(TypedDict, total=False):
-    """Standard deviations that `Kinematics.covariance` takes by name."""
-
-    offset_sd: float | str | None
-    tilt_sd: float | str | None
-    transmission_sd: float | str
-    sag_sd: float | str
 
 
 @dataclass(frozen=True, eq=False)
@@ -369,18 +362,20 @@ class Kinematics(ReadOnlyArrays):
             raise InputError(f"Expected `q` to have shape (n, {self.n_joints}), got {values.shape}.")
         if flange not in ("controller", "physical"):
             raise InputError(f"Expected `flange` to be controller or physical, got {flange!r}.")
-        angle = _sd(angle_sd, "angle_sd", parse_angle)
+        angle = checked_sd(angle_sd, "angle_sd", parse_angle)
         require_known("covariance", more, MoreDeviations)
-        of: dict[str, Any] = {name: _sd(value, name, parse_angle) for name, value in more.items() if value is not None}
+        of: dict[str, Any] = {
+            name: checked_sd(value, name, parse_angle) for name, value in more.items() if value is not None
+        }
         sds = {
             OFFSETS: of.get("offset_sd", angle),
             TILTS: of.get("tilt_sd", angle),
-            LENGTHS: _sd(length_sd, "length_sd", parse_length),
+            LENGTHS: checked_sd(length_sd, "length_sd", parse_length),
             TRANSMISSION: of.get("transmission_sd", 0.0),
             SAG: of.get("sag_sd", 0.0),
         }
         sd = np.array([sds[error.group] * (flange == "physical" or not error.gauge) for error in self.errors])
-        noise = np.array(as_numbers(_sd(joint_sd, "joint_sd", parse_angle), "joint_sd"))
+        noise = np.array(as_numbers(checked_sd(joint_sd, "joint_sd", parse_angle), "joint_sd"))
         if noise.shape not in ((), (self.n_joints,)):
             raise InputError(f"Expected `joint_sd` to be one number or {self.n_joints}, got shape {noise.shape}.")
         kept = np.flatnonzero(sd)
@@ -498,11 +493,3 @@ class _Posture:
         if sag.any():
             change = change + sag * self.loads
         return forward(self.chain._fixed, self.chain._revolute, self.q + change, self.a, self.shift)
-
-
-def _sd(value: Any, name: str, parse: Callable[[Any, str], float]) -> Any:
-    """A standard deviation, or an array of them, finite and not negative."""
-    sd = as_numbers(value, name) if np.ndim(value) else parse(value, f"`{name}`")
-    if not np.all((np.asarray(sd) >= 0) & np.isfinite(sd)):
-        raise InputError(f"Expected `{name}` to be finite and >= 0, got {value!r:.80}.")
-    return sd

@@ -20,19 +20,39 @@ commute with it, rotate about and shift along its axis (revolute), rotate about 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ...core.geometry.checks import as_numbers
 from ...core.geometry.se3 import Array
+from ...errors import InputError
 from .joint import Joint
 
 OFFSETS, TILTS, LENGTHS = "joint offsets", "joint tilts", "link lengths"
 TRANSMISSION, SAG = "transmission", "sag"
 GROUPS = (OFFSETS, TILTS, LENGTHS, TRANSMISSION, SAG)
 HARMONICS = ("sin q", "cos q", "sin 2q", "cos 2q")
+
+
+class MoreDeviations(TypedDict, total=False):
+    """Standard deviations that `Kinematics.covariance` takes by name."""
+
+    offset_sd: float | str | None
+    tilt_sd: float | str | None
+    transmission_sd: float | str
+    sag_sd: float | str
+
+
+def checked_sd(value: Any, name: str, parse: Callable[[Any, str], float]) -> Any:
+    """A standard deviation, or an array of them, finite and not negative."""
+    sd = as_numbers(value, name) if np.ndim(value) else parse(value, f"`{name}`")
+    if not np.all((np.asarray(sd) >= 0) & np.isfinite(sd)):
+        raise InputError(f"Expected `{name}` to be finite and >= 0, got {value!r:.80}.")
+    return sd
 
 
 @dataclass(frozen=True)

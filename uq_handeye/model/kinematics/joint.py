@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.files.records import array_of, plain
+from ...core.files.trees import is_list, is_map
 from ...core.formatting.units import ANGLE_UNITS, LENGTH_UNITS
 from ...core.geometry.checks import as_numbers, as_transforms
 from ...core.geometry.se3 import Array
@@ -127,7 +128,7 @@ def parts_from_dict(data: Any) -> ChainParts:
     """Return what `parts_to_dict` wrote; raise `InputError` for anything else."""
     what = "the kinematics"
     parts = _fields(data, (*_OF_CHAIN, "joints"), what)
-    if not isinstance(parts["joints"], list):
+    if not is_list(parts["joints"]):
         raise InputError(f"Expected the joints of {what} to be a list.")
     joints = []
     for k, value in enumerate(parts["joints"][: MAX_JOINTS + 1]):
@@ -144,7 +145,7 @@ def parts_from_dict(data: Any) -> ChainParts:
 
 
 def _fields(data: Any, names: tuple[str, ...], what: str) -> dict[str, Any]:
-    if not isinstance(data, dict) or any(name not in data for name in names):
+    if not is_map(data) or any(name not in data for name in names):
         raise InputError(f"Expected {what} to have the fields {', '.join(names)}.")
     return data
 

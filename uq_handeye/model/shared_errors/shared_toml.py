@@ -25,7 +25,7 @@ import numpy as np
 
 from ...core.files.lines import one_line, short
 from ...core.files.open import StrPath, as_path, opened, shown
-from ...core.files.trees import parse_toml
+from ...core.files.trees import is_list, is_map, parse_toml
 from ...core.geometry.se3 import Array
 from ...errors import InputError
 from ...formats.numpy_poses import MAX_BYTES, read_one_array
@@ -51,7 +51,7 @@ def read_shared_errors(path: StrPath, *, focal_length_px: float | None = None) -
     path = as_path(path)
     table = parse_toml(path).get(SHARED, {})
     where = f"{shown(path)}, [{SHARED}]"
-    if not isinstance(table, dict):
+    if not is_map(table):
         raise InputError(
             f"{where}: this must be a table; expected {', '.join(KEYS)} or columns, got {short(str(table))}."
         )
@@ -72,7 +72,7 @@ def read_shared_errors(path: StrPath, *, focal_length_px: float | None = None) -
 
 
 def _list(value: Any) -> list[Any]:
-    if not isinstance(value, list) or not all(isinstance(entry, dict) for entry in value):
+    if not is_list(value) or not all(map(is_map, value)):
         raise InputError(f"columns must be tables [[{SHARED}.columns]], got {short(str(value))}.")
     return value
 

@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...core.files.trees import is_plain_number
 from ...core.formatting.units import parse_angle, parse_length, parse_pixels, parse_ratio
 from ...core.geometry.se3 import Array
 from ...errors import InputError
@@ -79,31 +80,31 @@ SizeLike = Size | tuple[float | str, float] | float | str
 def checked_sizes(given: Mapping[str, SizeLike] | None) -> dict[str, Size]:
     """Return sizes by name; raises `InputError` for what is none."""
     found = {}
-    if given is not None and not (isinstance(given, Mapping) and all(isinstance(name, str) for name in given)):
+    if given is not None and not (isinstance(given, Mapping) and {*map(type, given)} <= {str}):
         raise InputError(
             f"Expected sizes by the names of errors, such as {{'robot accuracy': '0.3mm'}}, got {given!r}."
         )
     for name, value in (given or {}).items():
-        parts = tuple(value) if isinstance(value, tuple | list) else (value,)
         if isinstance(value, Size):
-            if value.median == 0:
-                raise _no_size(name, 0.0)
-            found[name] = value
-        elif 1 <= len(parts) <= 2 and isinstance(parts[0], int | float | str) and parts[0] is not True:
-            unit = SIZES[name].unit if name in SIZES else ""
-            median, factor = (*parts, 1.0)[:2]
+            size = value
+        else:
+            median, *more = value if isinstance(value, tuple | list) and value else (value,)
+            unit, factor = SIZES[name].unit if name in SIZES else "", more[0] if more else 1.0
             if isinstance(median, str):
                 median = PARSERS[unit](median, f"the size of {name!r}")
-            if not isinstance(factor, int | float) or not 1 <= factor < 1e6:
+            if not is_plain_number(median) or len(more) > 1:
+                raise InputError(
+                    f"Expected the size of {name!r} to be a number, a text with its unit such as '0.3mm', or (median, "
+                    f"factor), got {value!r}."
+                )
+            if not is_plain_number(factor) or not 1 <= factor < 1e6:
                 raise InputError(f"Expected the factor of {name!r} to be a number >= 1 (1: known), got {factor!r}.")
             if not 0 < median < float("inf"):
                 raise _no_size(name, value)
-            found[name] = Size(float(median), float(factor), unit, "declared")
-        else:
-            raise InputError(
-                f"Expected the size of {name!r} to be a number, a text with its unit such as '0.3mm', or (median, "
-                f"factor), got {value!r}."
-            )
+            size = Size(float(median), float(factor), unit, "declared")
+        if size.median == 0:
+            raise _no_size(name, 0.0)
+        found[name] = size
     return found
 
 

@@ -44,11 +44,11 @@ from scipy.spatial.transform import Rotation
 from ....core.files.lines import is_number, short
 from ....core.files.open import as_path, opened, shown
 from ....core.files.table import Places, Schema, in_order, name_and_unit, read_table
-from ....core.files.trees import parse_toml
+from ....core.files.trees import is_list, is_map, is_plain_number, parse_toml
 from ....core.formatting.units import ANGLE_UNITS, LENGTH_UNITS
 from ....core.geometry.checks import as_numbers
 from ....core.geometry.se3 import Array
-from ....errors import InputError
+from ....errors import InputError, among
 from ..joint import MAX_JOINTS, PRISMATIC, REVOLUTE, ChainParts, Joint
 
 CONVENTIONS = ("standard", "modified")
@@ -130,7 +130,7 @@ def _rows(table: Any, names: Any, kinds: Any, limits: Any) -> list[dict[str, Any
     if isinstance(table, Sequence) and table and all(isinstance(row, Mapping) for row in table):
         if names is not None or kinds is not None or limits is not None:
             raise InputError("Rows of DH parameters given as dicts hold names, types and limits themselves.")
-        return [_known(dict(row), f"the DH table, row {k}") for k, row in enumerate(table)]
+        return _known(table, "the DH table, row")
     numbers = as_numbers(table, "the DH table")
     if numbers.ndim != 2 or numbers.shape[1] != 4:
         raise InputError(f"Expected the DH table to have shape (L, 4), theta, d, a, alpha; got {numbers.shape}.")
@@ -147,28 +147,31 @@ def _rows(table: Any, names: Any, kinds: Any, limits: Any) -> list[dict[str, Any
             raise InputError(f"Expected `limits` to have shape ({len(rows)}, 2), got {bounds.shape}.")
         for row, (lower, upper) in zip(rows, bounds.tolist(), strict=True):
             row.update(lower=lower, upper=upper)
-    return rows
+    return _known(rows, "the DH table, row")
 
 
-def _known(row: dict[str, Any], where: str) -> dict[str, Any]:
-    found: dict[str, Any] = {}
-    for key, value in row.items():
-        name = _NAMES.get(str(key).lower(), str(key).lower())
-        if name not in _FIELDS:
-            raise InputError(f"{where}: unknown field {short(str(key))}; expected {', '.join(_FIELDS)}.")
-        if name in found:
-            raise InputError(f"{where}: the field {name} is given twice.")
-        found[name] = value
+def _known(rows: Sequence[Mapping[Any, Any]], where: str) -> list[dict[str, Any]]:
+    """Rows by the names of fields, without those that are empty."""
+    found: list[dict[str, Any]] = []
+    for k, row in enumerate(rows):
+        names = [_NAMES.get(str(key).lower(), str(key).lower()) for key in row]
+        for name, key in zip(names, row, strict=True):
+            if name not in _FIELDS:
+                raise InputError(f"{where} {k}: unknown field {short(str(key))}; expected {', '.join(_FIELDS)}.")
+            if names.count(name) > 1:
+                raise InputError(f"{where} {k}: the field {name} is given twice.")
+        values = [value.strip() if isinstance(value, str) else value for value in row.values()]
+        found.append({name: value for name, value in zip(names, values, strict=True) if value not in (None, "")})
     return found
 
 
 def _unit(says: Any, asked: str | None, what: str, known: dict[str, float], where: str) -> str | None:
     for unit in (says, asked):
-        if unit is not None and (not isinstance(unit, str) or unit not in known):
+        if unit is not None and not among(unit, known):
             raise InputError(f"Expected the {what} unit of {where} to be one of {', '.join(known)}, got {unit!r:.40}.")
     if None not in (says, asked) and says != asked:
         raise InputError(f"{where} has its {what}s in {says}, and `{what}` says {asked}.")
-    return says if isinstance(says, str) else asked
+    return asked if says is None else str(says)
 
 
 # One row
@@ -178,8 +181,7 @@ def _row(
     row: dict[str, Any], convention: str, units: dict[str, str | None], at: str, default: str
 ) -> tuple[Array, Array, tuple[str, str, tuple[float, float]] | None]:
     """The fixed transforms before and behind the motion of a row, and name, kind and limits of its joint."""
-    kind = row.get("type") or REVOLUTE
-    kind = kind.strip().lower() if isinstance(kind, str) else kind
+    kind = str(row.get("type", REVOLUTE)).lower()
     kind = {"r": REVOLUTE, "p": PRISMATIC, "continuous": REVOLUTE}.get(kind, kind)
     if kind not in KINDS:
         raise InputError(f"{at}: expected the type to be one of {', '.join(KINDS)}, got {kind!r:.40}.")
@@ -187,7 +189,7 @@ def _row(
     value = {}
     for name in (*_ANGLES, *_LENGTHS):
         given = row.get(name, 0.0)
-        if name == moving and isinstance(given, str) and _VARIABLE.fullmatch(given.strip()):
+        if name == moving and _VARIABLE.fullmatch(str(given)):
             given = 0.0  # q1, theta_1 or *: the variable itself
         largest = LARGEST_ANGLE if name in _ANGLES else LARGEST_LENGTH
         value[name] = _quantity(given, "angle" if name in _ANGLES else "length", units, largest, f"{at}, {name}")
@@ -195,13 +197,9 @@ def _row(
     if moving is not None:
         of = "angle" if kind == REVOLUTE else "length"
         largest = LARGEST_LIMIT if kind == REVOLUTE else LARGEST_LENGTH
-        offset = row.get("offset")
-        if not _is_empty(offset):
-            value[moving] += _quantity(offset, of, units, largest, f"{at}, offset")
+        value[moving] += _quantity(row.get("offset", 0.0), of, units, largest, f"{at}, offset")
         lower, upper = (
-            end
-            if _is_empty(row.get(name)) or row[name] == end
-            else _quantity(row[name], of, units, largest, f"{at}, {name}")
+            end if row.get(name, end) == end else _quantity(row[name], of, units, largest, f"{at}, {name}")
             for name, end in (("lower", -np.inf), ("upper", np.inf))
         )
         limits = (lower, upper)
@@ -211,13 +209,7 @@ def _row(
     before, after = (np.eye(4), along @ across) if convention == "standard" else (across, along)
     if moving is None:
         return before, after, None
-    given = row.get("joint")
-    called: Any = default if _is_empty(given) else given.strip() if isinstance(given, str) else given
-    return before, after, (called, kind, limits)
-
-
-def _is_empty(value: Any) -> bool:
-    return value is None or (isinstance(value, str) and not value.strip())
+    return before, after, (row.get("joint", default), kind, limits)
 
 
 def _screw(axis: int, turn: float, shift: float) -> Array:
@@ -246,7 +238,7 @@ def _quantity(value: Any, of: str, units: dict[str, str | None], largest: float,
             value, unit = float(match[1]), match[2]
         else:
             raise InputError(f"{at}: expected a number or one with a unit ({', '.join(known)}), got {short(value)}.")
-    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < 1e300:
+    if not is_plain_number(value) or not abs(value) < 1e300:
         raise InputError(f"{at}: expected a finite number, got {short(str(value))}.")
     if unit is None and abs(value) > largest:
         other, plain, flag = ("degrees", "rad", "angle") if of == "angle" else ("millimetres", "m", "length")
@@ -266,9 +258,9 @@ def _toml(path: Path) -> tuple[list[dict[str, Any]], dict[str, Any]]:
         if key not in _OF_FILE:
             raise InputError(f"{where}: unknown key {short(key)}; expected {', '.join(_OF_FILE)}.")
     joints = about.pop("joints", None)
-    if not isinstance(joints, list) or not all(isinstance(row, dict) for row in joints):
+    if not is_list(joints) or not all(map(is_map, joints)):
         raise InputError(f"{where}: expected tables [[joints]] of DH parameters.")
-    return [_known(row, f"{where}, joint {k}") for k, row in enumerate(joints)], about
+    return _known(joints, f"{where}, joint"), about
 
 
 def _csv(path: Path) -> tuple[list[dict[str, Any]], dict[str, Any]]:
@@ -286,7 +278,7 @@ def _csv(path: Path) -> tuple[list[dict[str, Any]], dict[str, Any]]:
         rows.append({"where": f"line {table.lines[k]}"})
         for name, value in row.items():
             if name in ("joint", "type") or (name == moving and _VARIABLE.fullmatch(value)):
-                rows[-1][name] = value
+                rows[-1][name] = value.strip()
             else:  # limits and offset are in the unit of what moves, unless they name their own
                 other = _PARTNER.get(name)
                 if other and not units[name] and units[other] and value.strip("0.+-"):

@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 
 from ....core.files.lines import short
 from ....core.files.open import StrPath, as_path, opened, shown
-from ....core.files.trees import got, item, number, parse_tree
+from ....core.files.trees import got, is_map, item, number, parse_tree
 from ....core.geometry.se3 import Array
 from ....errors import InputError
 from ..joint import REVOLUTE, ChainParts, Joint
@@ -80,7 +80,7 @@ def _origins(path: StrPath) -> dict[str, Array]:
     name = shown(path)
     with opened(path, MAX_BYTES) as file:
         tree = parse_tree(file.read(), name)
-    if not isinstance(tree, dict) or "kinematics" not in tree:
+    if not is_map(tree) or "kinematics" not in tree:
         raise InputError(
             f"{name}: expected the field kinematics, as ur_calibration writes it, got {got(tree)}; is it the "
             "calibration of a Universal Robots arm?"
