@@ -33,6 +33,7 @@ from ...errors import InputError
 from ...fit.diagnostics.task_space import PointUncertainty, by_pose, point_noise
 from ...fit.likelihood.constraint import OnPoses, Unknowns
 from ...fit.likelihood.gauss_helmert import ESTIMATORS
+from ...model.kinematics.arms.postures import elbow_moved
 from ...model.kinematics.errors import GROUPS
 from ...model.kinematics.kinematic_errors import EXACT, JOINT_NOISE, effects_of_errors, frame_name
 from ...model.kinematics.workspace_gauge import frame_columns
@@ -45,8 +46,12 @@ from ...model.shared_errors.assumed import bound_again, error_by_part
 from ...model.shared_errors.shared_error import SharedError
 from ...model.shared_errors.sizes import ROBOT_ACCURACY
 from ...model.shared_errors.view import target_centre, view_block
+from ..estimate.analysis import FittedKinematics
 from ..estimate.estimated import Estimated
 
+# How far (rad, along the joints) the elbow of seven axes is from where inverse kinematics has it at other poses: 0.8 to
+# 1.4 where it is 0.2 at those of the calibration (`studies/one_model/new_program.md`).
+ELBOW = 1.1
 # Of sizes that are known there are no points.
 NONE = np.zeros(0)
 
@@ -288,8 +293,9 @@ def robot_ahead(result: Estimated, joints: Any, robot: Any, measured: bool = Fal
             "kinematics."
         )
     given = None if robot is None else as_transforms(robot, "robot", stack=False)
-    if joints is None and fitted is not None and fitted.how != EXACT:
-        assert given is not None
+    by_poses = joints is None and fitted is not None and fitted.how != EXACT
+    if by_poses:
+        assert given is not None and fitted is not None
         joints = fitted.joints_at(given)
     place: dict[str, int] = {name: k for k, name in enumerate(posterior.names)}
     if joints is not None:
@@ -315,7 +321,27 @@ def robot_ahead(result: Estimated, joints: Any, robot: Any, measured: bool = Fal
     more = shared_effects(result, "robot", flat, np.broadcast_to(np.eye(4), flat.shape))
     G = perturb(flat, -(more @ posterior.estimate[:, None])[..., 0]).reshape(G.shape)
     unseen = rest_of_robot(result, flat, measured and bool(posterior.noise)).reshape(*G.shape[:-2], 6, 6)
+    if by_poses and fitted is not None and fitted.chain.n_joints > 6 and of_arm:
+        unseen = unseen + _of_elbow(fitted, posterior, q, *np.array(of_arm).T)
     return RobotAhead(G, columns + more.reshape(columns.shape), _fresh_of_robot(result, G, of_joints), unseen)
+
+
+def _of_elbow(fitted: FittedKinematics, posterior: Posterior, q: Array, here: Array, there: Array) -> Array:
+    """(..., 6, 6) what the elbow of seven axes, known from no joints, leaves open of the errors of the arm at q.
+
+    The mean square of what the errors ``here`` of the arm, ``there`` in the posterior, change by where it is `ELBOW`
+    from where inverse kinematics has it.
+    """
+    flat = q.reshape(-1, q.shape[-1])
+
+    def effects(at: Array) -> Array:
+        return effects_of_errors(fitted.chain, at, fitted.e, fitted.flange)[..., here]
+
+    e = posterior.estimate[there]
+    square = posterior.covariance[np.ix_(12 + there, 12 + there)] + np.outer(e, e)
+    change = [effects(at) - effects(flat) for at in elbow_moved(fitted.chain, fitted.chain.poses(flat), flat, ELBOW)]
+    S = sum(0.5 * D @ square @ D.mT for D in change)
+    return np.asarray(S).reshape(*q.shape[:-1], 6, 6)
 
 
 def _fresh_of_robot(result: Estimated, G: Array, of_joints: Array | None) -> tuple[Fresh, ...]:

@@ -50,6 +50,8 @@ STEPS, ROUNDS, TRIED = 12, 3, 3
 BRANCHES, WAVES, LEAP = 16, 24, 1.5
 # Steps of the elbow to the middle of the limits: how many, by what share, by how much at most, and when it is there.
 SLIDES, SLIDE, LONGEST_SLIDE, SAME_ELBOW = 6, 0.7, 0.4, 0.05
+# Steps of an elbow that is turned either way.
+ELBOWS = 3
 # Poses that are solved together.
 BLOCK = 256
 # Postures of one pose that differ less (rad) are the same one.
@@ -140,6 +142,23 @@ def _relaxed(kinematics: Kinematics, poses: Array, found: Postures) -> Postures:
         if not good.any() or np.abs(step[good]).max() < SAME_ELBOW:
             break
     return Postures(q, reached)
+
+
+def elbow_moved(kinematics: Kinematics, poses: Array, q: Array, angle: float) -> tuple[Array, Array]:
+    """Joint values (n, L) at the same poses (n, 4, 4) with the elbow of seven axes turned either way.
+
+    ``angle`` (rad) along the joints, in `ELBOWS` steps; less where limits or reach allow no more.
+    """
+    ways = []
+    for step in (angle / ELBOWS, -angle / ELBOWS):
+        at, along = q, np.linalg.svd(kinematics.jacobian(q))[2][..., -1, :]
+        for _ in range(ELBOWS):
+            found = postures_at(kinematics, poses, at + step * along)
+            at = np.where(found.reached[:, None], found.q, at)
+            now = np.linalg.svd(kinematics.jacobian(at))[2][..., -1, :]
+            along = now * np.where((now * along).sum(axis=-1) < 0, -1.0, 1.0)[:, None]  # the same way round
+        ways.append(at)
+    return ways[0], ways[1]
 
 
 def _followed(kinematics: Kinematics, poses: Array, scaled: Array, middle: Array) -> Postures:
