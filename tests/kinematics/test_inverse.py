@@ -5,7 +5,8 @@ import pytest
 from arm_cases import random_chain
 from arm_sessions import chain, drawn_errors
 
-from uq_handeye.model.kinematics.arms.postures import REACHED, postures_at
+from uq_handeye.model.kinematics.arms.postures import REACHED, elbow_moved, postures_at
+from uq_handeye.model.kinematics.chain import Kinematics
 from uq_handeye.model.kinematics.forward import spread_postures
 
 
@@ -41,3 +42,13 @@ def test_a_prismatic_joint():
     found = postures_at(arm, arm.poses(q), q + 0.05)
     assert found.reached.mean() > 0.8
     np.testing.assert_allclose(arm.poses(found.q)[found.reached], arm.poses(q)[found.reached], atol=1e-6)
+
+
+def test_an_elbow_that_is_turned_leaves_the_pose():
+    arm = Kinematics.from_name("panda")
+    q = np.array([[0.1, -0.4, 0.2, -2.2, 0.1, 1.8, 0.8], [0.6, 0.2, -0.3, -1.9, -0.4, 1.9, 0.2]])
+    ways = elbow_moved(arm, arm.poses(q), q, 0.9)
+    for way in ways:
+        np.testing.assert_allclose(arm.poses(way), arm.poses(q), atol=3 * REACHED)
+        assert (np.linalg.norm(way - q, axis=1) > 0.5).all()
+    assert (np.linalg.norm(ways[0] - ways[1], axis=1) > 1.0).all()

@@ -255,6 +255,19 @@ def test_joints_make_predictions_better():
     assert (off[:, 1] < off[:, 0]).all() and (stated[:, 1] < stated[:, 0]).all()
 
 
+def test_poses_of_seven_axes_leave_the_elbow_open():
+    """An arm of 2 mm, known by its joints, at other poses without joints: less certain, and nearly as far off."""
+    drawn = arm_set("panda", 2e-3, np.random.default_rng(1), n=30, spread="anywhere")
+    result = quietly(drawn.poses, kinematics=uq.Kinematics.from_urdf(drawn.urdf), joints=drawn.joints)
+    far = drawn.far
+    by_joints, by_poses = (
+        result.predict_camera(**at, new_measurement=False) for at in ({"joints": far.joints}, {"robot": far.robot})
+    )
+    assert np.median(by_poses.std[:, 3:]) > 3 * np.median(by_joints.std[:, 3:])
+    off = far.seen[:, :3, 3] - by_poses.poses[:, :3, 3]
+    assert np.sqrt(np.mean(off**2)) < 1.5 * np.sqrt(np.mean(by_poses.std[:, 3:] ** 2))
+
+
 def test_a_calibration_without_covariance_asks_for_the_noise():
     poses = uq.simulate(n_poses=12, seed=1)
     with pytest.raises(uq.InputError, match=r"with a covariance, got one without: .* Calibrate with `noise`"):
