@@ -49,8 +49,8 @@ from ...model.shared_errors.view import target_centre, view_block
 from ..estimate.analysis import FittedKinematics
 from ..estimate.estimated import Estimated
 
-# How far (rad, along the joints) the elbow of seven axes is from where inverse kinematics has it at other poses: RMS 1.3
-# to 1.9 of Pandas whose elbow is anywhere (`studies/one_model/new_program.md`).
+# How far (rad, along the joints) the elbow of seven axes is from where inverse kinematics has it at other poses: RMS
+# 1.3 to 1.9 of Pandas whose elbow is anywhere (`studies/one_model/new_program.md`).
 ELBOW = 1.6
 # Of sizes that are known there are no points.
 NONE = np.zeros(0)
