@@ -55,7 +55,7 @@ class Prior(ReadOnlyArrays):
 
 
 @dataclass(frozen=True, eq=False)
-class Asked:
+class Asked(ReadOnlyArrays):
     """Parameters that are estimated beside the poses: k intrinsics of a model, q coefficients of the board's shape."""
 
     model: CameraModel
