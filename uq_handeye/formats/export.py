@@ -8,7 +8,7 @@ targets and bases, and the relative poses, which follow from these, as comments.
 from __future__ import annotations
 
 import io
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -21,12 +21,7 @@ from ..core.geometry.conventions import TOOLKIT
 from ..core.geometry.se3 import Array
 from ..errors import InputError, require_one_of
 from .controllers.forms import CONTROLLERS, WRITTEN, written_poses
-from .opencv_storage import matrix_lines, yaml_number
-from .snippets import NOT_DETERMINED, Transform, open_comments, opencv_name, transforms_of, urdf_joint, yaml_fields
-
-# What a ROS file says of its covariance.
-_ROS = "(x, y, z, rotation about x, y, z), translation first, fixed axes of the parent frame; m and rad; 6x6 row by row"
-OWN_FRAMES = "# Put the names of your own frames in; the camera is the frame with z forward, which ROS calls optical."
+from .snippets import NOT_DETERMINED, OWN_FRAMES, Transform, open_comments, opencv_name, template, transforms_of
 
 
 class Several(NamedTuple):
@@ -42,128 +37,29 @@ class Several(NamedTuple):
         """All poses, relative ones last."""
         return [*self.poses, *self.relative]
 
-    @property
-    def said(self) -> list[str]:
-        """Comment lines."""
-        return [f"# {line}" for line in self.comments]
-
-
-# ------------------------------------------------------------------------------------------- ROS
-
 
 def _ros_one(result: Any) -> str:
-    """YAML with a ``TransformStamped`` and, where the covariance is determined, a ``PoseWithCovarianceStamped``.
-
-    The keys below each message are its fields, as ``geometry_msgs`` names them.
-    """
-    X, inverse = transforms_of(result)
-    return _text(
-        f"# {X.name} by uq-handeye: translation first (m), then the unit quaternion (x, y, z, w).",
-        OWN_FRAMES,
-        *_transform_stamped("transform_stamped", X),
-        f"# The inverse, {inverse.name}.",
-        *_transform_stamped("inverse_transform_stamped", inverse),
-        *_pose_with_covariance(X, open_comments(result)),
-    )
-
-
-def _ros_several(of: Several) -> str:
-    head = "# Poses of a rig by uq-handeye: translation first (m), then the unit quaternion (x, y, z, w)."
-    lines = [head, OWN_FRAMES, *of.said]
-    for X in of.every:
-        note = " Follows from the others; do not publish it beside them." if X in of.relative else ""
-        lines += [f"# {X.name}.{note}", f"{X.name}:"]
-        lines += [f"  {line}" for line in (*_transform_stamped("transform_stamped", X), *_pose_with_covariance(X))]
-    return _text(*lines)
-
-
-def _pose_with_covariance(X: Transform, comments: Sequence[str] = ()) -> list[str]:
-    """Lines of a ``PoseWithCovarianceStamped``, or of the reason why there is none."""
-    covariance = X.covariance_in("ros")
-    if covariance is None:
-        return [f"# {NOT_DETERMINED}"]
-    return [
-        f"# Covariance of {_ROS}.",
-        *(f"# {line}" for line in comments),
-        "pose_with_covariance_stamped:",
-        f"  header: {{frame_id: {X.parent}}}",
-        "  pose:",
-        "    pose:",
-        f"      position: {yaml_fields('xyz', X.t)}",
-        f"      orientation: {yaml_fields('xyzw', X.quaternion)}",
-        "    covariance: [",
-        *(f"      {', '.join(map(yaml_number, row))}," for row in covariance),
-        "    ]",
-    ]
-
-
-def _transform_stamped(key: str, X: Transform) -> list[str]:
-    return [
-        f"{key}:",
-        f"  header: {{frame_id: {X.parent}}}",
-        f"  child_frame_id: {X.child}",
-        "  transform:",
-        f"    translation: {yaml_fields('xyz', X.t)}",
-        f"    rotation: {yaml_fields('xyzw', X.quaternion)}",
-    ]
+    return str(template().ros_one(*transforms_of(result), open_comments(result)))
 
 
 def _launch_one(result: Any) -> str:
     X, _ = transforms_of(result)
-    head = f"# {X.name} by uq-handeye: translation first (m), then the unit quaternion, scalar last."
-    return _launch([head, OWN_FRAMES, *(f"# {line}" for line in open_comments(result))], [X])
+    head = f"{X.name} by uq-handeye: translation first (m), then the unit quaternion, scalar last."
+    return str(template().launch([head, OWN_FRAMES, *open_comments(result)], [X]))
 
 
 def _launch_several(of: Several) -> str:
-    followed = [f"# {X.name}, which follows: {' '.join(_node_options(X))}" for X in of.relative]
-    head = "# Poses of a rig by uq-handeye: translation first (m), then the unit quaternion, scalar last."
-    return _launch([head, OWN_FRAMES, *of.said, *followed], of.poses)
-
-
-def _launch(comments: Sequence[str], poses: Sequence[Transform]) -> str:
-    """A launch file of ROS 2, in Python, with a node that publishes each pose as a static transform."""
-    nodes = []
-    for X in poses:
-        given = (f"                    {', '.join(map(repr, option.split()))}," for option in _node_options(X))
-        nodes += [
-            "            Node(",
-            '                package="tf2_ros",',
-            '                executable="static_transform_publisher",',
-            "                arguments=[",
-            *(line.replace("'", '"') for line in given),
-            "                ],",
-            "            )" + "," * (len(poses) > 1),
-        ]
-    return _text(
-        *comments,
-        "from launch import LaunchDescription",
-        "from launch_ros.actions import Node",
-        "",
-        "",
-        "def generate_launch_description():",
-        "    return LaunchDescription(",
-        "        [",
-        *nodes,
-        "        ]",
-        "    )",
-    )
-
-
-def _node_options(X: Transform) -> list[str]:
-    """Arguments of ``static_transform_publisher``."""
-    numbers = zip(("x", "y", "z", "qx", "qy", "qz", "qw"), [*X.t.tolist(), *X.quaternion.tolist()], strict=True)
-    given = [f"--{name} {value!r}" for name, value in numbers]
-    return [*given, f"--frame-id {X.parent}", f"--child-frame-id {X.child}"]
-
-
-# ------------------------------------------------------------------------------------------- other programs
+    followed = [f"{X.name}, which follows: {template().node(X)}" for X in of.relative]
+    head = "Poses of a rig by uq-handeye: translation first (m), then the unit quaternion, scalar last."
+    return str(template().launch([head, OWN_FRAMES, *of.comments, *followed], of.poses))
 
 
 def _urdf_one(result: Any) -> str:
     X, _ = transforms_of(result)
     no_place = "URDF has no place for the covariance; the JSON and ROS files do."
     said = " ".join([NOT_DETERMINED if X.covariance is None else no_place, *open_comments(result)[:1]])
-    return _urdf([f"{X.name} by uq-handeye: xyz in metres, rpy in rad about the fixed axes x, y, z. {said}"], [X])
+    head = f"{X.name} by uq-handeye: xyz in metres, rpy in rad about the fixed axes x, y, z. {said}"
+    return str(template().urdf([head], [X]))
 
 
 def _urdf_several(of: Several) -> str:
@@ -173,55 +69,16 @@ def _urdf_several(of: Several) -> str:
         "Poses of a rig by uq-handeye: xyz in metres, rpy in rad about the fixed axes x, y, z. Grippers and world are "
         f"links of the robot's own model. {said}"
     )
-    return _urdf([head, *followed], of.poses)
-
-
-def _urdf(comments: Iterable[str], poses: Sequence[Transform]) -> str:
-    """Links and the fixed joints between them, to be included in the model of the robot."""
-    return _text(
-        '<?xml version="1.0"?>',
-        *(f"<!-- {text} -->" for text in comments),
-        '<robot name="uq_handeye">',
-        *(f'  <link name="{name}"/>' for name in dict.fromkeys(name for X in poses for name in (X.parent, X.child))),
-        *(f"  {line}" for X in poses for line in urdf_joint(X, digits=17).splitlines()),
-        "</robot>",
-    )
+    return str(template().urdf([head, *followed], of.poses))
 
 
 def _opencv_one(result: Any) -> str:
     said = NOT_DETERMINED if result.covariance is None else f"Covariances of {TOOLKIT}"
-    names = [(X, opencv_name(X)) for X in transforms_of(result)]
-    return _opencv([f"# {line}" for line in open_comments(result)], names, said)
+    return str(template().opencv(open_comments(result), [(X, opencv_name(X)) for X in transforms_of(result)], said))
 
 
 def _opencv_several(of: Several) -> str:
-    return _opencv(of.said, [(X, X.name) for X in of.every], f"Covariances of {TOOLKIT}")
-
-
-def _opencv(comments: Sequence[str], poses: Sequence[tuple[Transform, str]], said: str) -> str:
-    """FileStorage YAML: 4x4, R and t and the covariance (6x6) of each pose, with their convention."""
-    lines = ["%YAML:1.0", "---", *comments]
-    for X, name in poses:
-        lines += [*matrix_lines(X.name, X.T), *matrix_lines(f"R_{name}", X.R), *matrix_lines(f"t_{name}", X.t[:, None])]
-        lines += [] if X.covariance is None else matrix_lines(f"covariance_{X.name}", X.covariance)
-    return _text(*lines, 'units: "m"', f'convention: "{said}"')
-
-
-def _toml(of: Several) -> str:
-    """TOML with a table of each pose: matrix, quaternion, covariance."""
-    lines = [*of.said, 'units = "m, rad"', f'convention = "Covariances of {TOOLKIT} the parent"']
-    for X in of.every:
-        lines += [
-            "",
-            f"[{'relative' if X in of.relative else 'poses'}.{X.name}]",
-            f'parent = "{X.parent}"',
-            f'child = "{X.child}"',
-            f"matrix = {X.T.tolist()}",
-            f"translation = {X.t.tolist()}",
-            f"quaternion_xyzw = {X.quaternion.tolist()}",
-            *([] if X.covariance is None else [f"covariance = {X.covariance.tolist()}"]),
-        ]
-    return _text(*lines)
+    return str(template().opencv(of.comments, [(X, X.name) for X in of.every], f"Covariances of {TOOLKIT}"))
 
 
 def _npz_one(result: Any) -> bytes:
@@ -270,10 +127,6 @@ def _pose_form(result: Any, format: str) -> str:
     return written_poses(X.T[None], format, [X.name], [head, said, *open_comments(result)])
 
 
-def _text(*lines: str) -> str:
-    return "\n".join([*lines, ""])
-
-
 _OF_ONE: dict[str, Callable[[Any], str | bytes]] = {
     "json": lambda result: str(result.to_json()),
     "ros": _ros_one,
@@ -285,11 +138,11 @@ _OF_ONE: dict[str, Callable[[Any], str | bytes]] = {
 }
 _OF_SEVERAL: dict[str, Callable[[Several], str | bytes]] = {
     "json": lambda of: of.json,
-    "ros": _ros_several,
+    "ros": lambda of: str(template().ros(of)),
     "launch": _launch_several,
     "urdf": _urdf_several,
     "opencv": _opencv_several,
-    "toml": _toml,
+    "toml": lambda of: str(template().toml(of, f"Covariances of {TOOLKIT} the parent")),
     "npz": _npz_several,
 }
 FORMATS = tuple(_OF_ONE)

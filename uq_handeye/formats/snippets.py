@@ -11,6 +11,7 @@ Frames by name, quaternion and angles about fixed axes of a pose, for every expo
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -19,14 +20,18 @@ from scipy.spatial.transform import Rotation
 from ..core.formatting.numbers import Snippet, short
 from ..core.geometry.conventions import TOOLKIT, to_convention
 from ..core.geometry.se3 import Array, inverse_jacobian
+from ..core.presentation.html import macros
 from ..core.runtime.read_only import ReadOnlyArrays
-from .opencv_storage import yaml_number
+from .opencv_storage import matrix_lines, yaml_number
 
 # The frames of X for motions that came without poses: those in which A and B are given.
 OF_MOTIONS = ("frame_of_A", "frame_of_B")
 
 # Standard deviation (m) along open directions in formats that have no infinity.
 OPEN_DEVIATION = 1e3
+
+OWN_FRAMES = "Put the names of your own frames in; the camera is the frame with z forward, which ROS calls optical."
+AXES = ("x", "y", "z", "qx", "qy", "qz", "qw")
 
 NOT_DETERMINED = "The covariance is not determined, so it is left out."
 
@@ -115,111 +120,10 @@ def yaml_fields(axes: str, values: Array, digits: int = 17) -> str:
     return f"{{{', '.join(fields)}}}"
 
 
-def texts(result: Any) -> list[Snippet]:
-    """NumPy, OpenCV, ROS, GTSAM and URDF forms of X, then of its inverse."""
-    return [make(transform) for transform in transforms_of(result) for make in _FORMS]
-
-
-def _vector(values: Array) -> str:
-    return f"[{', '.join(map(short, values))}]"
-
-
-def _matrix(name: str, values: Array) -> str:
-    """``name = np.array([...])`` with a row per line."""
-    start = f"{name} = np.array(["
-    rows = (",\n" + " " * len(start)).join(map(_vector, values))
-    return f"{start}{rows}])"
-
-
-def _with(transform: Transform, sentence: str, of_covariance: str) -> str:
-    return f"{sentence} {NOT_DETERMINED if transform.covariance is None else of_covariance}"
-
-
-def _of_toolkit(X: Transform) -> str:
-    return f"Covariance of {TOOLKIT} {X.parent}."
-
-
-def _numpy(X: Transform) -> Snippet:
-    lines = ["import numpy as np", "", _matrix(X.name, X.T)]
-    if X.covariance is not None:
-        lines.append(_matrix("covariance", X.covariance))
-    sentence = f"4x4 matrix, metres; maps points of {X.child} into {X.parent}: p_{X.parent} = {X.name} p_{X.child}."
-    return Snippet(f"NumPy: {X.name}", _with(X, sentence, _of_toolkit(X)), "\n".join(lines), "python")
-
-
 def opencv_name(X: Transform) -> str:
     """Return the name of ``parent_T_child`` as OpenCV writes the frames: ``cam2gripper``."""
     short_names = {"camera": "cam"}
     return f"{short_names.get(X.child, X.child)}2{short_names.get(X.parent, X.parent)}"
-
-
-def _opencv(X: Transform) -> Snippet:
-    name = opencv_name(X)
-    lines = ["import numpy as np", "", _matrix(f"R_{name}", X.R), _matrix(f"t_{name}", X.t[:, None])]
-    if X.covariance is not None:
-        lines.append(_matrix(f"covariance_{name}", X.covariance))
-    sentence = f"R (3x3) and t (3x1, metres) as of cv::calibrateHandEye: p_{X.parent} = R p_{X.child} + t."
-    of_covariance = f"OpenCV has no convention for the covariance; this is ours. {_of_toolkit(X)}"
-    return Snippet(f"OpenCV: {X.name}", _with(X, sentence, of_covariance), "\n".join(lines), "python")
-
-
-def _ros2(X: Transform) -> Snippet:
-    x, y, z = map(short, X.t)
-    qx, qy, qz, qw = map(short, X.quaternion)
-    text = (
-        f"ros2 run tf2_ros static_transform_publisher --x {x} --y {y} --z {z} "
-        f"--qx {qx} --qy {qy} --qz {qz} --qw {qw} --frame-id {X.parent} --child-frame-id {X.child}"
-    )
-    return Snippet(
-        f"ROS 2 static transform: {X.name}",
-        "Metres and unit quaternion. Put your own frame names in: the camera is the frame "
-        "with z forward, which ROS calls optical. It carries no covariance.",
-        text,
-        "bash",
-    )
-
-
-def _ros1(X: Transform) -> Snippet:
-    numbers = " ".join(map(short, [*X.t, *X.quaternion]))
-    return Snippet(
-        f"ROS 1 static transform: {X.name}",
-        "x y z qx qy qz qw: metres and unit quaternion, scalar last; put your own frame names in. It carries no "
-        "covariance.",
-        f"rosrun tf2_ros static_transform_publisher {numbers} {X.parent} {X.child}",
-        "bash",
-    )
-
-
-def _ros_pose(X: Transform) -> Snippet:
-    position, orientation = yaml_fields("xyz", X.t, 12), yaml_fields("xyzw", X.quaternion, 12)
-    covariance = X.covariance_in("ros")
-    if covariance is None:
-        lines = [f"position: {position}", f"orientation: {orientation}"]
-        title, message = f"ROS Pose: {X.name}", "geometry_msgs/Pose"
-    else:
-        rows = [", ".join(yaml_number(value, 12) for value in row) for row in covariance]
-        lines = ["pose:", f"  position: {position}", f"  orientation: {orientation}", "covariance: ["]
-        lines += [f"  {row}," for row in rows] + ["]"]
-        title, message = f"ROS PoseWithCovariance: {X.name}", "geometry_msgs/PoseWithCovariance"
-    sentence = f"{message} of {X.child} in {X.parent}, metres and unit quaternion."
-    of_covariance = (
-        "Covariance 6x6 row by row, of (x, y, z, rotation about x, y, z): translation first, about the fixed axes of "
-        f"{X.parent}, m and rad."
-    )
-    return Snippet(title, _with(X, sentence, of_covariance), "\n".join(lines), "yaml")
-
-
-def _gtsam(X: Transform) -> Snippet:
-    lines = ["import gtsam", "import numpy as np", "", _matrix("T", X.T), f"{X.name} = gtsam.Pose3(T)"]
-    if X.covariance is not None:
-        lines += [
-            _matrix("covariance", np.asarray(X.covariance_in("gtsam"))),
-            "noise = gtsam.noiseModel.Gaussian.Covariance(covariance)",
-        ]
-    of_covariance = (
-        f"Covariance of xi in T = T_hat Exp(xi): rotation first, right perturbation, in the frame {X.child}, rad and m."
-    )
-    return Snippet(f"GTSAM: {X.name}", _with(X, "Pose3, metres.", of_covariance), "\n".join(lines), "python")
 
 
 def urdf_joint(X: Transform, digits: int = 12) -> str:
@@ -234,14 +138,62 @@ def urdf_joint(X: Transform, digits: int = 12) -> str:
     )
 
 
-def _urdf(X: Transform) -> Snippet:
-    return Snippet(
-        f"URDF fixed joint: {X.name}",
-        "xyz in metres; rpy in rad about the fixed axes x, y, z: R = Rz(yaw) Ry(pitch) Rx(roll). Put your own link "
-        "names in. URDF has no place for a covariance.",
-        urdf_joint(X),
-        "xml",
+@cache
+def template() -> Any:
+    """Return the macros of ``exports.j2``."""
+    return macros(
+        __package__,
+        "exports.j2",
+        html=False,
+        NOT_DETERMINED=NOT_DETERMINED,
+        OWN_FRAMES=OWN_FRAMES,
+        fields=yaml_fields,
+        numbers=lambda row, digits=17: ", ".join(yaml_number(value, digits) for value in row),
+        short=short,
+        shorts=lambda row, mark: mark.join(map(short, row)),
+        joint=urdf_joint,
+        opencv_name=opencv_name,
+        matrix=lambda name, values: "\n".join(matrix_lines(name, values.reshape(len(values), -1))),
+        axes=lambda X: dict(zip(AXES, [*X.t.tolist(), *X.quaternion.tolist()], strict=True)).items(),
+        links=lambda poses: dict.fromkeys(name for X in poses for name in (X.parent, X.child)),
     )
 
 
-_FORMS = (_numpy, _opencv, _ros2, _ros1, _ros_pose, _gtsam, _urdf)
+_OURS = f"Covariance of {TOOLKIT} {{parent}}."
+# Macro and language of each form, its title, what it is, and what its covariance is where it has a place for one.
+_FORMS = (
+    ("numpy", "python", "NumPy: {name}",
+        "4x4 matrix, metres; maps points of {child} into {parent}: p_{parent} = {name} p_{child}.", _OURS),
+    ("cv2", "python", "OpenCV: {name}",
+        "R (3x3) and t (3x1, metres) as of cv::calibrateHandEye: p_{parent} = R p_{child} + t.",
+        f"OpenCV has no convention for the covariance; this is ours. {_OURS}"),
+    ("ros2", "bash", "ROS 2 static transform: {name}",
+        "Metres and unit quaternion. Put your own frame names in: the camera is the frame with z forward, which ROS "
+        "calls optical. It carries no covariance.", ""),
+    ("ros1", "bash", "ROS 1 static transform: {name}",
+        "x y z qx qy qz qw: metres and unit quaternion, scalar last; put your own frame names in. It carries no "
+        "covariance.", ""),
+    ("ros_pose", "yaml", "ROS {message}: {name}",
+        "geometry_msgs/{message} of {child} in {parent}, metres and unit quaternion.",
+        "Covariance 6x6 row by row, of (x, y, z, rotation about x, y, z): translation first, about the fixed axes of "
+        "{parent}, m and rad."),
+    ("gtsam", "python", "GTSAM: {name}", "Pose3, metres.",
+        "Covariance of xi in T = T_hat Exp(xi): rotation first, right perturbation, in the frame {child}, rad and m."),
+    ("urdf_joint", "xml", "URDF fixed joint: {name}",
+        "xyz in metres; rpy in rad about the fixed axes x, y, z: R = Rz(yaw) Ry(pitch) Rx(roll). Put your own link "
+        "names in. URDF has no place for a covariance.", ""),
+)  # fmt: skip
+
+
+def texts(result: Any) -> list[Snippet]:
+    """NumPy, OpenCV, ROS, GTSAM and URDF forms of X, then of its inverse."""
+    found = []
+    for X in transforms_of(result):
+        words = {"name": X.name, "parent": X.parent, "child": X.child}
+        words["message"] = "Pose" if X.covariance is None else "PoseWithCovariance"
+        for macro, language, title, what, of_covariance in _FORMS:
+            said = NOT_DETERMINED if of_covariance and X.covariance is None else of_covariance
+            sentence = f"{what} {said}".strip().format(**words)
+            text = str(getattr(template(), macro)(X)).rstrip("\n")
+            found.append(Snippet(title.format(**words), sentence, text, language))
+    return found

@@ -40,11 +40,14 @@ if TYPE_CHECKING:
     from ..geometry.se3 import Array
 
 
-def macros(package: str | None, name: str, **known: Any) -> Any:
-    """Return the macros of a template of a package, whose results are `Markup`; ``known`` are names that it uses."""
+def macros(package: str | None, name: str, html: bool = True, **known: Any) -> Any:
+    """Return the macros of a template of a package; ``known`` are names that it uses.
+
+    Their results are `Markup`, or with ``html=False`` plain text.
+    """
     from jinja2 import Environment, StrictUndefined
 
-    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    environment = Environment(autoescape=html, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
     text = resources.files(package or "").joinpath(name).read_text(encoding="utf-8")
     return environment.from_string(text, globals=known).module
 
