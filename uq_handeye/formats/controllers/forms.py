@@ -41,6 +41,8 @@ class PoseForm:
     units : length unit
     columns : names of the numbers of the rotation, in their order
     source : the maker's documentation that is followed
+    literal : a pose in the language of the controller, if it has one: ``{name}``, and the numbers by their places
+    comment : mark of comments in that language
     """
 
     name: str
@@ -49,6 +51,8 @@ class PoseForm:
     units: str
     columns: tuple[str, ...]
     source: str
+    literal: str = ""
+    comment: str = "#"
 
 
 CONTROLLERS = {
@@ -57,8 +61,6 @@ CONTROLLERS = {
 }
 
 
-# Marks of comments; # where a form is not named.
-_COMMENTS = {"kuka": ";", "abb": "!", "staubli": "//"}
 # HALCON's pose type 0: 'Rp+T', 'gba', 'point', that is Rx(alpha) Ry(beta) Rz(gamma).
 _HALCON = rotation_form("XYZ-deg")
 # Files of one pose.
@@ -88,29 +90,18 @@ def written_poses(T: Array, format: str, names: Sequence[str], comments: Sequenc
         raise InputError(f"Expected `format` to be one of {', '.join(WRITTEN)}, got {format!r}.")
     if format in SINGLE and len(T) != 1:
         raise InputError(f"A file of the format {format} holds one pose, not {len(T)}.")
-    mark = _COMMENTS.get(format, "#")
     form = CONTROLLERS.get(format)
+    mark = "#" if form is None else form.comment
     lines = _LINES[format](T, names) if form is None else _of_controller(T, form, names)
     return "\n".join([*(f"{mark} {comment}" for comment in comments), *lines, ""])
 
 
 def _of_controller(T: Array, form: PoseForm, names: Sequence[str]) -> list[str]:
     numbers = in_form(T, form)
-    if form.name in _LITERALS:
-        literal = _LITERALS[form.name]
-        return [literal(name, list(map(repr, row))) for name, row in zip(names, numbers.tolist(), strict=True)]
+    if form.literal:
+        return [form.literal.format(*row, name=name) for name, row in zip(names, numbers.tolist(), strict=True)]
     head = [f"{name} [{unit}]" if unit else name for name, unit in zip(*columns(form), strict=True)]
     return [",".join(head), *(",".join(map(repr, row)) for row in numbers.tolist())]
-
-
-_LITERALS: dict[str, Callable[[str, list[str]], str]] = {
-    "ur": lambda name, numbers: f"{name} = p[{', '.join(numbers)}]",
-    "kuka": lambda name, numbers: (
-        f"DECL FRAME {name}={{{','.join(map(' '.join, zip('XYZABC', numbers, strict=True)))}}}"
-    ),
-    "abb": lambda name, numbers: f"CONST pose {name}:=[[{','.join(numbers[:3])}],[{','.join(numbers[3:])}]];",
-    "staubli": lambda name, numbers: f"{{{','.join(numbers)}}}",
-}
 
 
 def _franka(T: Array, names: Sequence[str]) -> list[str]:
