@@ -12,7 +12,7 @@ import logging
 import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cache, partial
 from io import BufferedReader, BytesIO
 from pathlib import Path
 from typing import Any, BinaryIO, cast
@@ -378,54 +378,25 @@ _MARKS: dict[str, Callable[[Any], bool]] = {
 }
 
 
-_PICTURE = (
-    "is a picture: give pictures of the board by --images 'DIR/*.png' with --board (docs/how-to/camera.md), in place "
-    "of a file of camera poses."
-)
-_BAG = (
-    "is a ROS bag: give it by --bag, with --robot and --camera; uq-handeye bag lists its content (docs/how-to/ros.md)."
-)
-_CLOUD = (
-    "is a point cloud, and holds no poses: detect the target in it, and give its poses, or its points to uq-handeye "
-    "points (docs/how-to/points.md)."
-)
-_SHEET = "is a spreadsheet: save the sheet as CSV (docs/formats.md)."
-# Beginnings that leave no doubt.
-_STARTS: tuple[tuple[bytes, str], ...] = (
-    (b"\x89PNG\r\n\x1a\n", _PICTURE),
-    (b"\xff\xd8\xff", _PICTURE),
-    (b"GIF8", _PICTURE),
-    (b"II*\0", _PICTURE),
-    (b"MM\0*", _PICTURE),
-    (b"%PDF-", "is a PDF: copy its table into a text file (docs/formats.md)."),
-    (b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1", _SHEET),
-    (
-        b"MATLAB 7.3 MAT-file",
-        "is a MAT-file of version 7.3: save it again in MATLAB by save('robot.mat', 'T', '-v7'), or write a row per "
-        "pose by writematrix(reshape(T, 16, []).', 'robot.csv').",
-    ),
-    (b"#ROSBAG V", _BAG),
-    (b"\x89MCAP0\r\n", _BAG),
-    (b"SQLite format 3\0", _BAG),
-    (b"ply\n", _CLOUD),
-    (b"ply\r\n", _CLOUD),
-    (b"# .PCD", _CLOUD),
-    (b"PAR1", "is a Parquet table: write it as CSV (docs/formats.md)."),
-    (b"7z\xbc\xaf\x27\x1c", "is an archive: unpack it, and give the file or the folder of the poses."),
-    (b"Rar!", "is an archive: unpack it, and give the file or the folder of the poses."),
-)
 _HDF = b"\x89HDF\r\n\x1a\n"
 _ZIP = b"PK\x03\x04"
 _PICKLED = (".pkl", ".pickle", ".joblib", ".p")
 
 
+@cache
+def _foreign() -> dict[str, dict[str, str]]:
+    """Return what files that hold no poses are, in words, and which of them each beginning tells."""
+    return _trees.parse_toml(Path(__file__).with_name("foreign.toml"))
+
+
 def refuse_foreign(head: bytes, name: str, suffix: str) -> None:
     """Raise `InputError` for a file that holds no poses that can be read, by its first bytes."""
-    for start, what in _STARTS:
-        if head.startswith(start):
-            raise InputError(f"{name} {what}")
+    words, starts = _foreign().values()
+    for start, what in starts.items():
+        if head.startswith(start.encode("latin-1")):
+            raise InputError(f"{name} {words[what]}")
     if suffix.lower() == ".zdf":
-        raise InputError(f"{name} is a frame of Zivid, and {_CLOUD.removeprefix('is ')}")
+        raise InputError(f"{name} is a frame of Zivid, and {words['cloud'].removeprefix('is ')}")
     if head.startswith(_HDF):
         raise InputError(
             f"{name} is an HDF5 file: write the poses (n, 4, 4) by numpy.save (docs/formats.md, NPZ and NPY)."
@@ -441,6 +412,6 @@ def refuse_foreign(head: bytes, name: str, suffix: str) -> None:
         member = head[30 : 30 + int.from_bytes(head[26:28], "little")]
         office = b"[Content_Types].xml" in head[:4096] or member.startswith((b"xl/", b"docProps/"))
         if office or suffix.lower() == ".ods":
-            raise InputError(f"{name} {_SHEET}")
+            raise InputError(f"{name} {words['sheet']}")
         if member and not member.endswith(b".npy") and suffix.lower() != ".npz":
             raise InputError(f"{name} is a ZIP archive: unpack it, and give the file or the folder of the poses.")
