@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 
 from ...core.files.lines import csv_text
 from ...core.formatting.numbers import digits
+from ...core.presentation.html import macros
 from ...errors import InputError
 from .open import HINT
 from .recording import JointTrack, Recording
@@ -138,62 +139,37 @@ def command_of(recording: Recording, files: list[str]) -> str:
 
 def text_of(recording: Recording, files: list[str]) -> str:
     """Return the listing as lines."""
-    topics = recording.topics.values()
-    head = f"{recording.name}: {digits(recording.duration)} s, {sum(topic.count for topic in topics)} messages"
     rows = [["topic", "type", "messages", "read as"]]
-    for topic in topics:
+    for topic in recording.topics.values():
         short = topic.msgtype.replace("/msg/", "/")
         rows.append([topic.name, short, str(topic.count), topic.kind or topic.problem or "-"])
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     aligned = [f"{a:<{widths[0]}}  {b:<{widths[1]}}  {c:>{widths[2]}}  {d}" for a, b, c, d in rows]
-    lines = [head, "", *aligned]
-    for heading, part in _parts(recording).items():
-        if part:
-            more = [] if len(part) <= MOST else [f"  and {len(part) - MOST} more"]
-            lines += ["", f"{heading}:", *(f"  {line}" for line in part[:MOST]), *more]
-    lines += [f"\nNote: {note}." for note in recording.notes]
     found = guess(recording)
-    if (found.robot, found.camera) == (ROBOT, CAMERA) and not (recording.poses or recording.tree.edges):
-        lines += ["", "Nothing in it is read as poses, transforms, joint values or tags (docs/formats.md#ros-bags)."]
-    else:
-        lines += ["", "Next:", f"  {command_of(recording, files)}"]
-    return "\n".join(lines) + "\n"
+    nothing = (found.robot, found.camera) == (ROBOT, CAMERA) and not (recording.poses or recording.tree.edges)
+    template = macros(__package__, "listing.j2", html=False, digits=digits, MOST=MOST)
+    order = list(recording.tags)
+    tags = sorted(_tracks(recording.tags), key=lambda one: (order.index(one[0]), one[1:3]))
+    parts = (sorted(recording.tree.edges.items()), _tracks(recording.poses), tags)
+    command = None if nothing else command_of(recording, files)
+    return str(template.listing(recording, aligned, *parts, _joints(recording), command))
 
 
-def _parts(recording: Recording) -> dict[str, list[str]]:
-    """Return the lines below each heading."""
-    cameras = []
-    for name, info in recording.infos.items():
-        fx, fy, cx, cy = (digits(value, 6) for value in info.linear())
-        what = "rectified" if info.rectified else f"distortion {info.model or 'none'}"
-        size = "{} x {}".format(*info.image_size)
-        cameras.append(f"{name}  {info.frame or 'no frame'}, {size} px, fx {fx}, fy {fy}, cx {cx}, cy {cy}, {what}")
-    return {
-        "Transforms": [
-            f"{parent}:{child}  {f'{len(track)} poses' if track.moves else 'static'}"
-            for (parent, child), track in sorted(recording.tree.edges.items())
-        ],
-        "Poses": [
-            f"{name if len(tracks) == 1 else f'{name}:{child}'}  {len(track)} poses{f' in {parent}' if parent else ''}"
-            for name, tracks in recording.poses.items()
-            for (parent, child), track in tracks.items()
-        ],
-        "Tags with corners": [
-            f"{frame or name}:{tag}  {len(track)} detections in {name}"
-            for name, tracks in recording.tags.items()
-            for (frame, tag), track in sorted(tracks.items())
-        ],
-        "Cameras": cameras,
-        "Joints": [
-            f"{name}  {len(track)} rows of {', '.join(track.names[:12])}"
-            for name, found in recording.joints.items()
-            for track in found.tracks
-        ],
-    }
+def _tracks(topics: Any) -> list[tuple[str, str, str, Any]]:
+    """Return topic, both names and track of each pair."""
+    return [(name, a, b, track) for name, tracks in topics.items() for (a, b), track in tracks.items()]
+
+
+def _joints(recording: Recording) -> list[tuple[str, JointTrack]]:
+    return [(name, track) for name, found in recording.joints.items() for track in found.tracks]
 
 
 def dict_of(recording: Recording, files: list[str]) -> dict[str, Any]:
     """Return the listing as plain numbers and texts."""
+
+    def counts(topics: Any, first: str, second: str) -> list[dict[str, Any]]:
+        return [{"topic": name, first: a, second: b, "count": len(track)} for name, a, b, track in _tracks(topics)]
+
     return {
         "name": recording.name,
         "duration": recording.duration,
@@ -205,8 +181,8 @@ def dict_of(recording: Recording, files: list[str]) -> dict[str, Any]:
             {"parent": parent, "child": child, "count": len(track), "moves": track.moves}
             for (parent, child), track in recording.tree.edges.items()
         ],
-        "poses": _counts(recording.poses, "parent", "child"),
-        "tags": _counts(recording.tags, "camera", "tag"),
+        "poses": counts(recording.poses, "parent", "child"),
+        "tags": counts(recording.tags, "camera", "tag"),
         "cameras": [
             {
                 "topic": name,
@@ -217,22 +193,10 @@ def dict_of(recording: Recording, files: list[str]) -> dict[str, Any]:
             }
             for name, info in recording.infos.items()
         ],
-        "joints": [
-            {"topic": name, "names": track.names, "count": len(track)}
-            for name, found in recording.joints.items()
-            for track in found.tracks
-        ],
+        "joints": [{"topic": name, "names": track.names, "count": len(track)} for name, track in _joints(recording)],
         "notes": list(recording.notes),
         "command": command_of(recording, files),
     }
-
-
-def _counts(topics: Any, first: str, second: str) -> list[dict[str, Any]]:
-    return [
-        {"topic": name, first: a, second: b, "count": len(track)}
-        for name, tracks in topics.items()
-        for (a, b), track in tracks.items()
-    ]
 
 
 def joint_tracks(recording: Recording, topic: str) -> list[JointTrack]:
