@@ -7,7 +7,8 @@ from support import assert_same_covariance, holds_for, random_covariance
 
 from uq_handeye.core.geometry.checks import checked_covariance
 from uq_handeye.errors import InputError
-from uq_handeye.model.noise.models import PairNoise, PoseNoise, factor, is_joint, require_count
+from uq_handeye.model.noise.joint_covariance import JointCovariance
+from uq_handeye.model.noise.models import CameraNoise, PairNoise, PoseNoise, factor, is_joint, require_count
 
 PER_ITEM = [(6, 6), (1, 6, 6), (7, 6, 6)]
 JOINT = [(12, 12), (42, 42)]
@@ -181,3 +182,14 @@ def test_factor(seed, size, rank):
         one = factor(S[k])
         np.testing.assert_allclose(one @ one.T / scale**2, S[k] / scale**2, rtol=0, atol=1e-13)
     assert_same_covariance(0.5 * (L[0] @ L[0].T + (L[0] @ L[0].T).T), S[0], 1e-6)
+
+
+def test_noise_of_a_camera_of_unknown_pixels_is_a_table_and_no_robot():
+    own, shared = np.tile(1e-6 * np.eye(6), (4, 1, 1)), np.full((4, 6, 1), 1e-3)
+    noise = CameraNoise(JointCovariance(own, shared, ("focal length",)), np.ones(1, dtype=bool))
+    text = PoseNoise(camera=noise)._repr_html_()
+    assert "per pixel of corner noise" in text and "the poses share 1 errors (focal length)" in text
+    with pytest.raises(InputError, match="only `camera` may be a CameraNoise"):
+        PoseNoise(robot=noise)
+    known = PoseNoise(camera=CameraNoise(noise.joint, noise.scales, pixel_sd=0.5)).camera
+    np.testing.assert_allclose(known, 0.25 * np.asarray(noise.joint))

@@ -372,7 +372,7 @@ def _extent(covariance: Any, item: str) -> str:
     """Return what the numbers hold for."""
     if covariance is None or covariance.shape == (6, 6):
         return f"every {item}"
-    count = covariance.shape[0] // 6 if covariance.ndim == 2 else covariance.shape[0]
+    count = covariance.shape[0] // 6 if len(covariance.shape) == 2 else covariance.shape[0]
     return f"{count:,} {item}s, median"
 
 
