@@ -20,11 +20,11 @@ from ..calibrated import Calibrated, distances, picture_rms, tilts
 from ..intrinsics_file import PIXELS, camera_snippets
 from .figures import camera_pictures
 from .text import (
+    NOTATION,
     answer,
     board_words,
-    candidate_table,
-    choice_words,
     coverage_words,
+    model_choice,
     model_name,
     noise_words,
     outlier_names,
@@ -98,10 +98,7 @@ def _intrinsics(cam: Calibrated) -> Block:
         [name, f"{value} {unit}".rstrip(), "given, exact" if said else fixed(cam.std[name])]
         for name, value, unit, said in parameter_rows(cam)
     ]
-    caption = (
-        f"Intrinsics of the model {model_name(cam)}, with one standard deviation in brackets: 12.345(67) means 12.345 "
-        f"with a standard deviation of 0.067. {PIXELS}"
-    )
+    caption = f"Intrinsics of the model {model_name(cam)}; {NOTATION}. {PIXELS}"
     return Table(caption, ["parameter", "value", "1 sigma"], rows)
 
 
@@ -143,7 +140,7 @@ def _choice(cam: Calibrated) -> list[Block]:
         text = f"None: the model {model_name(cam)} was given. Model 'auto' compares several."
         return [Paragraph(text, empty=True)]
     caption = "BIC beyond the smallest: 10 and more speaks clearly against a model. All on the same corners."
-    return [Paragraph(choice_words(cam)), candidate_table(cam, caption, "chosen")]
+    return model_choice(cam, caption, "chosen")
 
 
 def _poses(cam: Calibrated) -> Block:

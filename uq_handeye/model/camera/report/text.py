@@ -36,7 +36,7 @@ def camera_document(cam: Calibrated, details: bool = False) -> Document:
         *(Paragraph(str(finding)) for finding in cam.findings if finding.severity == "note"),
         *(Paragraph(text) for text in (pattern_words(cam), board_pattern_words(cam))),
         *(Paragraph(text) for text in (coverage_words(cam), boards_words(cam))),
-        *([_choice(cam, details)] if cam.candidates else []),
+        *([model_choice(cam, details=details)] if cam.candidates else []),
         Paragraph(scope_words(cam)),
     ]
 
@@ -216,28 +216,17 @@ def boards_words(cam: Calibrated) -> str:
     )
 
 
-def choice_words(cam: Calibrated) -> str:
-    """Describe why this model was chosen."""
-    return (
+def model_choice(cam: Calibrated, caption: str = "", chosen: str = "*", details: bool = True) -> list[Block]:
+    """Return why this model, and a table of those that were compared, the one ``chosen`` first, then by BIC.
+
+    Columns: model, board, BIC beyond the smallest, RMS in pixels; failed ones say so. Without ``details`` the nearest
+    only.
+    """
+    words = Paragraph(
         f"Model and shape of the board chosen of {len(cam.candidates)} by the smallest Bayesian information criterion "
         f"(BIC), of a lens that distorts with p1 and p2 at least: {model_name(cam)}, board {cam.bundle.shape.name}."
     )
-
-
-def _choice(cam: Calibrated, details: bool) -> list[Block]:
-    """Return why this model, with all that were compared, or those that came nearest."""
-    most = None if details or len(cam.candidates) <= NEAREST + 2 else NEAREST
-    found: list[Block] = [Paragraph(choice_words(cam)), candidate_table(cam, "", most=most)]
-    if most is not None:
-        found.append(Paragraph(f"The other {len(cam.candidates) - most} were further off; -v lists them."))
-    return found
-
-
-def candidate_table(cam: Calibrated, caption: str, chosen: str = "*", most: int | None = None) -> Table:
-    """Model, board, BIC beyond the smallest, RMS in pixels, ``chosen`` beside the best; failed ones say so.
-
-    The one chosen first, then by BIC; ``most``: only so many.
-    """
+    most = len(cam.candidates) if details or len(cam.candidates) <= NEAREST + 2 else NEAREST
     least, winner = min((c.bic for c in cam.candidates), default=0.0), best(cam.candidates)
     rows = [
         [
@@ -250,4 +239,6 @@ def candidate_table(cam: Calibrated, caption: str, chosen: str = "*", most: int 
         for c in sorted(cam.candidates, key=lambda c: (c != winner, c.bic))[:most]
     ]
     head = ["model", "board", "BIC beyond", "RMS (pixels)", ""]
-    return Table(caption, head, rows, frozenset({1, 4}), frozenset(k for k, row in enumerate(rows) if row[4]))
+    table = Table(caption, head, rows, frozenset({1, 4}), frozenset(k for k, row in enumerate(rows) if row[4]))
+    rest = f"The other {len(cam.candidates) - most} were further off; -v (details=True) lists them."
+    return [words, table, *([Paragraph(rest)] if most < len(cam.candidates) else [])]
