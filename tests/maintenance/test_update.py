@@ -306,8 +306,8 @@ def test_touches_that_were_taken_in_are_taken_in_again():
     assert [one["count"] for one in stored(found).provenance.options["touches"]] == [5]
     with pytest.raises(uq.InputError, match="a touch counts once"):
         uq.include_touches(stored(found), touches)
-    older = {"touches": [{"sha256": "of touches", "count": 5}]}
-    older = replace(start, provenance=replace(start.provenance, options=start.provenance.options | older))
+    bare = {name: value for name, value in start.provenance.request.items() if name != "touches"}
+    older = replace(start, provenance=replace(start.provenance, request=bare))
     found = updated(older, second, although_changed=True)
     assert found.findings[-1].code == "maintenance.by_posterior" and found.data is None
     assert found.provenance.options["touches"] == older.provenance.options["touches"]

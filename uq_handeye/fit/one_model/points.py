@@ -105,7 +105,7 @@ class OpenSizes(ReadOnlyArrays):
         points = SizePoints(self.names, self.theta, self.weights, means @ back.T, 0.5 * (each + each.mT))
         return replace(self.base, covariance=0.5 * (P + P.T), points=points, source=self)
 
-    @property
+    @cached_property
     def without_beside(self) -> Posterior:
         """The posterior of what the model holds alone."""
         P = np.array(self.base.covariance)

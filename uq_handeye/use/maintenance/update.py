@@ -123,8 +123,12 @@ def update(  # type: ignore[misc]
     new = part_of(poses)
     if any(part["sha256"] == new["sha256"] for part in parts):
         raise InputError("The result was made with these poses already: a pose counts once.")
-    touches = [one.get("touches") for one in touches_taken(result)]
-    if not holds_request(whole) or None in touches or checked_things(same) != frozenset(THINGS):
+    touches = _touches_held(result)
+    if (
+        not holds_request(whole)
+        or len(touches) < len(touches_taken(result))
+        or checked_things(same) != frozenset(THINGS)
+    ):
         return _by_posterior(result, poses, noise, although_changed, [*parts, new], same)
     result = whole
     old = measured_poses(result)
@@ -286,6 +290,12 @@ def touches_taken(result: Estimated) -> list[dict[str, Any]]:
     return [] if result.provenance is None else list(result.provenance.options.get("touches", []))
 
 
+def _touches_held(result: Calibration) -> list[dict[str, Any]]:
+    """Return the touches that a calibration has taken in, as its file holds them; older ones do not."""
+    request = None if result.provenance is None else result.provenance.request
+    return [] if request is None else list(request.get("touches", []))
+
+
 def require_other_touches(result: Estimated, touches: Touches, evidence: TouchEvidence) -> None:
     """Raise `InputError` for touches that are part of the calibration: they cannot verify it."""
     if _key_of(touches, evidence) in (one["sha256"] for one in touches_taken(result)):
@@ -328,5 +338,9 @@ def include_touches(result: Calibration, touches: Touches) -> Calibration:
     rms = float(np.sqrt(np.mean(np.sum(np.square(evidence.r), axis=-1))))
     values = {"count": touches.m, "d2": d2, "dof": dof, "p_value": p, "rms": rms}
     finding = Finding("evidence.touches_used", "caution" if p < CONTRADICTS else "note", values)
-    taken = {"sha256": key, "count": touches.m, "touches": touches.to_dict()}
-    return absorbed_into(result, evidence, finding, {"touches": [*used, taken]})
+    found = absorbed_into(result, evidence, finding, {"touches": [*used, {"sha256": key, "count": touches.m}]})
+    origin = found.provenance
+    if origin is None or origin.request is None:
+        return found
+    request = origin.request | {"touches": [*_touches_held(result), touches.to_dict()]}
+    return replace(found, provenance=replace(origin, request=request))
