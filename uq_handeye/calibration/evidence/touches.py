@@ -52,11 +52,14 @@ from ..prediction.predict import (
 
 # Standard deviation (m) of a tool's offset of which nothing is known, where a number is needed.
 UNKNOWN_TOOL = 1.0
-# Parts of touches that are one for each.
-_PER_ROW = (
-    *("seen", "touched", "robot", "joints", "touched_robot", "touched_joints"),
-    *("seen_covariance", "touch_sd", "board", "board_covariance"),
-)
+# Parts of touches that have a row for each, with the shape of one; None: any number.
+_ROWS: dict[str, tuple[int | None, ...]] = {
+    **dict.fromkeys(("seen", "touched"), (3,)),
+    **dict.fromkeys(("robot", "touched_robot", "board"), (4, 4)),
+    **dict.fromkeys(("joints", "touched_joints"), (None,)),
+    "seen_covariance": (3, 3),
+    "board_covariance": (6, 6),
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,29 +118,12 @@ class Touches(Record):
     names: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        seen = _points(self.seen, "seen")
-        m = len(seen)
-        checked: dict[str, Any] = {"seen": seen}
-        if self.touched is not None:
-            checked["touched"] = _points(self.touched, "touched", m)
-        for name in ("robot", "touched_robot", "board"):
-            if getattr(self, name) is not None:
-                poses = np.asarray(as_transforms(getattr(self, name), name, stack=False))
-                if poses.shape not in ((4, 4), (m, 4, 4)):
-                    raise InputError(f"Expected `{name}` to be {m} poses (m, 4, 4), got shape {poses.shape}.")
-                checked[name] = np.broadcast_to(poses, (m, 4, 4))
-        for name in ("joints", "touched_joints"):
-            if getattr(self, name) is not None:
-                values = as_numbers(getattr(self, name), name)
-                if values.ndim != 2 or len(values) != m:
-                    raise InputError(f"Expected `{name}` to be {m} rows of joint values, got shape {values.shape}.")
-                checked[name] = values
-        checked["tool"] = np.zeros(3) if self.tool is None else _points(self.tool, "tool")[0]
-        for name, k in (("seen_covariance", 3), ("board_covariance", 6)):
-            if getattr(self, name) is not None:
-                checked[name] = _covariances(getattr(self, name), name, m, k)
+        m = len(np.atleast_2d(as_numbers(self.seen, "seen")))
+        given = {name: value for name in _ROWS if (value := getattr(self, name)) is not None}
+        checked: dict[str, Any] = {name: _rows(value, name, _ROWS[name], m) for name, value in given.items()}
+        checked["tool"] = _rows(np.zeros(3) if self.tool is None else self.tool, "tool", (3,), 1)[0]
         if self.robot_noise is not None:
-            checked["robot_noise"] = _covariances(self.robot_noise, "robot_noise", m, 6)[0]
+            checked["robot_noise"] = _rows(self.robot_noise, "robot_noise", (6, 6), 1)[0]
         sd = as_numbers(self.touch_sd, "touch_sd")
         if sd.shape not in ((), (m,)) or not (np.isfinite(sd) & (sd >= 0)).all():
             raise InputError(
@@ -176,7 +162,7 @@ class Touches(Record):
     def rows(self, index: Any) -> Touches:
         """Some of the touches, by their numbers."""
         chosen = np.arange(self.m)[index]
-        of = {name: getattr(self, name) for name in _PER_ROW}
+        of = {name: getattr(self, name) for name in ("touch_sd", *_ROWS)}
         parts: dict[str, Any] = {name: None if each is None else each[chosen] for name, each in of.items()}
         return replace(self, **parts, names=tuple(self.names[k] for k in chosen))
 
@@ -184,7 +170,7 @@ class Touches(Record):
         """These touches and others of the same kind."""
         parts: dict[str, Any] = {
             name: None if (of := getattr(self, name)) is None else np.concatenate([of, getattr(other, name)])
-            for name in _PER_ROW
+            for name in ("touch_sd", *_ROWS)
         }
         return replace(self, **parts, names=(*self.names, *other.names))
 
@@ -396,19 +382,17 @@ def _roots(S: Array) -> Array:
     return np.stack([factor_of(one) for one in S.reshape(-1, *S.shape[-2:])]).reshape(S.shape)
 
 
-def _points(values: Any, name: str, m: int | None = None) -> Array:
-    p = np.atleast_2d(as_numbers(values, name))
-    if p.ndim != 2 or p.shape[-1] != 3 or not len(p) or not np.isfinite(p).all() or (m is not None and len(p) != m):
-        what = "at least one point" if m is None else f"{m} points"
-        raise InputError(f"Expected `{name}` to be {what} (m, 3) of finite numbers in metres, got shape {p.shape}.")
-    return np.asarray(p)
-
-
-def _covariances(values: Any, name: str, m: int, k: int) -> Array:
-    S = as_numbers(values, name)
-    if S.shape not in ((k, k), (m, k, k)) or not np.isfinite(S).all():
-        raise InputError(f"Expected `{name}` to be finite numbers ({k}, {k}) or {(m, k, k)}, got shape {S.shape}.")
-    padded = np.zeros((S.size // k**2, 6, 6))
-    padded[:, 6 - k :, 6 - k :] = S.reshape(-1, k, k)
-    checked_covariance(padded, name, joint=False)
-    return np.broadcast_to(S, (m, k, k))
+def _rows(value: Any, name: str, shape: tuple[int | None, ...], m: int) -> Array:
+    """Return m rows of a shape; one pose or covariance stands for all. Raises `InputError` for others."""
+    rows = np.asarray(as_transforms(value, name, stack=False)) if shape == (4, 4) else as_numbers(value, name)
+    rows = rows[None] if rows.ndim == len(shape) else rows
+    fits = rows.ndim > 1 and all(size in (None, given) for size, given in zip(shape, rows.shape[1:], strict=False))
+    one = len(shape) == 2 and len(rows) == 1
+    if rows.ndim != len(shape) + 1 or not fits or not m or (len(rows) != m and not one) or not np.isfinite(rows).all():
+        axes = ", ".join("L" if size is None else str(size) for size in shape)
+        raise InputError(
+            f"Expected `{name}` to be {m} rows ({axes}) of finite numbers, m and rad, got shape {np.shape(value)}."
+        )
+    if shape in ((3, 3), (6, 6)):
+        checked_covariance(np.pad(rows, [(0, 0), *[(6 - rows.shape[-1], 0)] * 2]), name, joint=False)
+    return np.asarray(np.broadcast_to(rows, (m, *rows.shape[1:])))
