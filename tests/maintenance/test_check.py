@@ -1,5 +1,6 @@
 """check(): false alarms, power, causes, and files that are misread."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -107,6 +108,8 @@ def test_one_pose_does_not_separate_x_from_the_target(results):
     assert (found.status, found.cause) == ("changed", None)
     assert set(found.candidates) >= {"X", "target"}
     assert "One pose cannot separate" in str(found)
+    shares = [int(share) for share in re.findall(r"- (\d+) %: ", str(found))]
+    assert len(shares) >= len(found.candidates) and sum(shares) == 100
     assert uq.check(result, moved("eye-in-hand", m=1)).status == "unchanged"
 
 
