@@ -213,21 +213,18 @@ def misread(
         return None
     limit = max(LEFT * d2, AGREES * evidence.dof if as_given > FAR else 0.0)
     bare = replace(poses, camera_calibration=None, camera_covariance=None, timing=None, truth=None)
-    best: tuple[float, dict[str, Any]] | None = None
-    for reading, robot, camera in _readings(bare):
-        rough = _rough(X, W, robot, camera, poses.setup)
-        if rough > 0.3 * as_given:
-            continue
-        found = d2_of(replace(bare, robot=robot, camera=camera))
-        if found < limit and (best is None or found < best[0]):
-            best = found, reading
-    if best is not None:
-        return Finding("maintenance.misread", "caution", best[1])
+    fits = [
+        (found, reading)
+        for reading, robot, camera in _readings(bare)
+        if _rough(X, W, robot, camera, poses.setup) <= 0.3 * as_given
+        and (found := d2_of(replace(bare, robot=robot, camera=camera))) < limit
+    ]
+    if fits:
+        return Finding("maintenance.misread", "caution", min(fits, key=lambda fit: fit[0])[1])
     for side, factor in _factors(X, W, poses).items():
         if abs(factor - 1.0) > least_factor and factor > 0:
             scaled: Any = {side: _scaled(getattr(bare, side), factor)}
-            found = d2_of(replace(bare, **scaled))
-            if found < max(limit, AGREES * evidence.dof):
+            if d2_of(replace(bare, **scaled)) < max(limit, AGREES * evidence.dof):
                 return scale_finding(side, factor)
     order = _pairing(X, W, bare, evidence)
     if order is not None and d2_of(replace(bare, camera=bare.camera[order])) < LEFT * d2:

@@ -224,18 +224,12 @@ def _coarse(detectable: Detectable, accepted: Tolerance | None, evidence: PoseEv
     else:
         limits = accepted.translation, accepted.rotation
     found = detectable.X_translation, detectable.X_rotation
-    missed = [limit is not None and not value <= limit for value, limit in zip(found, limits, strict=True)]
-    if not any(missed):
+    if all(limit is None or value <= limit for value, limit in zip(found, limits, strict=True)):
         return None
-    plain = [value if np.isfinite(value) else None for value in found]
+    move, turn = (value if np.isfinite(value) else None for value in found)
+    values = {"translation": move, "rotation": turn, "given": accepted is not None}
     return Finding(
         "maintenance.coarse",
         "caution",
-        {
-            "translation": plain[0],
-            "rotation": plain[1],
-            "translation_limit": limits[0],
-            "rotation_limit": limits[1],
-            "given": accepted is not None,
-        },
+        values | dict(zip(("translation_limit", "rotation_limit"), limits, strict=True)),
     )

@@ -20,39 +20,27 @@ def _(
     factor: float = 1.0,
     shift: int = 0,
 ) -> str:
-    of = "both files" if file is None else f"the {file} file"
-    ending = "" if file is None else f"{file}-"
-    if kind == "unit":
-        return (
-            f"The poses agree with the calibration if {of} {'are' if file is None else 'is'} in {unit}, not {given}: "
-            f"give the unit (--{ending}units {unit})."
-        )
-    if kind == "scale" and file == "robot":
-        return (
-            f"The poses agree with the calibration if the robot translations are multiplied by {factor:.4g}: they are "
-            "of another arm, or were scaled."
-        )
-    if kind == "scale":
-        return (
-            f"The poses agree with the calibration if the camera translations are multiplied by {factor:.4g}: "
-            "the size of the target, or the focal length, is not that of the calibration. Measure the target."
-        )
-    if kind == "swapped":
-        return "The poses agree with the calibration if the two files are exchanged: give that of the robot first."
-    if kind == "rows":
-        early, late = ("camera", "robot") if shift > 0 else ("robot", "camera")
-        size = abs(shift)
-        rows, first = ("1 row", "row") if size == 1 else (f"{size} rows", f"{size} rows")
-        return (
-            f"The poses agree with the calibration if the {early} file begins {rows} before the {late} file. Leave out "
-            f"the first {first} of the {early} file and the last of the {late} file."
-        )
+    of, ending = ("both files", "") if file is None else (f"the {file} file", f"{file}-")
     if kind in ("quaternion", "transposed", "mirrored"):
-        words = in_words({"kind": kind, "file": file, "order": order}).full
-        return f"The poses agree with the calibration if {words}."
+        return f"The poses agree with the calibration if {in_words({'kind': kind, 'file': file, 'order': order})}."
+    early, late = ("camera", "robot") if shift > 0 else ("robot", "camera")
+    rows = "1 row" if abs(shift) == 1 else f"{abs(shift)} rows"
     frames = {"robot": "--robot-frame gripper_T_base", "camera": "--camera-frame target_T_camera"}
     options = " ".join(frames.values() if file is None else [frames.get(file, "")])
-    return f"The poses agree with the calibration if {of} hold{'' if file is None else 's'} inverse poses ({options})."
+    by_kind = {
+        "unit": f"{of} {'are' if file is None else 'is'} in {unit}, not {given}: give the unit (--{ending}units {unit}).",
+        "scale": f"the {file} translations are multiplied by {factor:.4g}: "
+        + (
+            "they are of another arm, or were scaled."
+            if file == "robot"
+            else "the size of the target, or the focal length, is not that of the calibration. Measure the target."
+        ),
+        "swapped": "the two files are exchanged: give that of the robot first.",
+        "rows": f"the {early} file begins {rows} before the {late} file. Leave out the first {rows.removeprefix('1 ')} "
+        f"of the {early} file and the last of the {late} file.",
+    }
+    inverse = f"{of} hold{'' if file is None else 's'} inverse poses ({options})."
+    return f"The poses agree with the calibration if {by_kind.get(kind, inverse)}"
 
 
 @sentence("maintenance.another_rig")
