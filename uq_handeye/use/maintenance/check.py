@@ -227,9 +227,5 @@ def _coarse(detectable: Detectable, accepted: Tolerance | None, evidence: PoseEv
     if all(limit is None or value <= limit for value, limit in zip(found, limits, strict=True)):
         return None
     move, turn = (value if np.isfinite(value) else None for value in found)
-    values = {"translation": move, "rotation": turn, "given": accepted is not None}
-    return Finding(
-        "maintenance.coarse",
-        "caution",
-        values | dict(zip(("translation_limit", "rotation_limit"), limits, strict=True)),
-    )
+    values = {"translation": move, "rotation": turn, "translation_limit": limits[0], "rotation_limit": limits[1]}
+    return Finding("maintenance.coarse", "caution", values | {"given": accepted is not None})
