@@ -18,7 +18,7 @@ from .checks.check import check_rig, joined, like
 from .checks.optimality import Optimality, better_start, prove
 from .checks.paths import judged_paths, named_error
 from .description import Rig
-from .fit import RigFit, Task, fit, rig_units
+from .fit import RigFit, Task, fit, onto_closed, rig_units
 from .noise import RigNoise, given_noise, plain_noise
 from .result import RigCalibration
 from .sizes import SHARED, Found, find_sizes, width_of_targets
@@ -167,11 +167,8 @@ def _with_sizes(task: Task, start: Array, kept: NDArray[np.bool_]) -> Estimated:
 
 
 def _estimated(found: RigFit, far: Distances, sizes: Found) -> Estimated:
-    graph, closed = found.graph, np.eye(found.graph.p)
-    if len(found.open):
-        units = rig_units(graph, found.lever)
-        U = found.open * units
-        closed = (closed - U.T @ U) / units[:, None] * units
+    graph = found.graph
+    closed = onto_closed(found.open, rig_units(graph, found.lever))
     spread = np.pad(closed @ sizes.spread @ closed.T, (0, len(found.whole) - graph.p))
     return Estimated(found, far, spread, sizes.lines, sizes.weights)
 

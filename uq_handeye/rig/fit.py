@@ -214,6 +214,12 @@ def rig_units(graph: Graph, lever: float) -> Array:
     return np.tile(np.repeat([lever, 1.0], 3), graph.m)
 
 
+def onto_closed(opened: Array, units: Array) -> Array:
+    """(p, p) projection along open directions (k, p), which are orthonormal in the units (p,)."""
+    U = opened * units
+    return np.asarray((np.eye(len(units)) - U.T @ U) * units / units[:, None])
+
+
 def own_covariances(graph: Graph, batch: Batch, noise: RigNoise, w_e: Array, w_k: Array) -> tuple[Array, Array]:
     """(b, q, 6, 6) of robot poses and (b, e, 6, 6) of camera poses, divided by their weights."""
     e = batch.edges.shape[1]

@@ -41,6 +41,7 @@ from .checks.optimality import Optimality
 from .checks.paths import RigPath
 from .description import WORLD, Rig
 from .files.result_file import from_dict, to_dict
+from .fit import onto_closed
 from .plan import RigPlan, RigPoints, plan_rig, predict_points
 
 # Chi-square over its number from which the residuals say that something is wrong, rather than the size of the noise.
@@ -215,9 +216,9 @@ class RigCalibration(Record):
 
     def _function(self, name: str, frame: str, pose: Array, by: Array, count: int = 0) -> EstimatedPose:
         opened = open_of(by, self.open, self.lever)
-        covariance = by @ self.covariance @ by.T
-        covariance = closed(0.5 * (covariance + covariance.T), opened, self.lever)
-        return EstimatedPose(name, frame, pose, covariance, opened, count)
+        P = onto_closed(opened, np.repeat([self.lever, 1.0], 3)) @ by
+        covariance = P @ self.covariance @ P.T
+        return EstimatedPose(name, frame, pose, 0.5 * (covariance + covariance.T), opened, count)
 
     def block(self, one: str, two: str) -> Array:
         """(6, 6) block of the joint covariance between two poses."""
@@ -439,13 +440,3 @@ def open_of(by: Array, U: Array, lever: float) -> Array:
     moved = (U @ by.T) * units
     _, s, V = svd(moved, full_matrices=False)
     return np.asarray(V[s > NEGLIGIBLE] / units)
-
-
-def closed(covariance: Array, opened: Array, lever: float) -> Array:
-    """(6, 6) covariance on the directions that are not open: 0 along the others."""
-    if not len(opened):
-        return covariance
-    units = np.repeat([lever, 1.0], 3)
-    U = opened * units
-    P = (np.eye(6) - U.T @ U) / units[:, None] * units
-    return np.asarray(P @ covariance @ P.T)
