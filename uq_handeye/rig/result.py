@@ -309,8 +309,8 @@ class RigCalibration(Record):
             of.setdefault(f"robot poses of {arm}", []).append(moment)
         lines = []
         for what, moments in of.items():
-            numbers = all(isinstance(moment, int) for moment in moments)
-            at = ranges(sorted(moments)) if numbers else ", ".join(map(str, moments))
+            numbered = {type(moment) for moment in moments} == {int}
+            at = ranges(sorted(moments)) if numbered else ", ".join(map(str, moments))
             lines.append(f"Rejected, {what}: {at if what.startswith('robot poses') else f'at robot poses {at}'}.")
         return lines
 

@@ -285,11 +285,10 @@ def _known(prior: Prior) -> PosePrior | None:
 
 def _drift(rig: Rig, graph: Graph, poses: PosePairs) -> tuple[Component, ...]:
     """Drifts of camera and target, where the names of the moments are times: numbers that are not all whole."""
-    at = [moment for view in rig.views for moment in view.at or ()]
-    times = [moment for moment in at if isinstance(moment, float)]
-    if len(times) < len(at) or all(time.is_integer() for time in times):
+    at: list[Any] = [moment for view in rig.views for moment in view.at or ()]
+    if {type(moment) for moment in at} != {float} or all(time.is_integer() for time in at):
         return ()
-    timed = replace(poses, timestamps=np.array(times))
+    timed = replace(poses, timestamps=np.array(at))
     return tuple(
         Component(f"{graph.names[0]} {error.name}", error.side, Size(float(error.sd[0]), error.factor),
                   columns=error.at(timed)) for error in assumed_drift(timed)
