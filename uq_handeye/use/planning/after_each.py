@@ -24,7 +24,7 @@ from ...fit.likelihood.goodness_of_fit import Reference
 from ...model.noise.models import Noise, PoseNoise
 from ...model.poses.pose_pairs import PosePairs
 from ...model.shared_errors.shared_error import OF_ANY_POSES, SharedError
-from .by_posterior import Known, PlanRequest, plan_within_reach
+from .by_posterior import Known, PlanRequest
 from .plan import plan, plan_from
 
 # Share of the variance of X from which on the errors that all poses share are what limits it.
@@ -74,14 +74,7 @@ def next_pose(
             told = all(error.name in OF_ANY_POSES for error in shared or ())  # also what it does to new poses
             if told and result.posterior is not None and result.opened is None:
                 known = Known(result, data, result.noise_estimate is not None)
-                asked, arm = (
-                    PlanRequest(k=1, criterion="trace", sample=CANDIDATES, seed=seed).of(data),
-                    result.kinematics,
-                )
-                if arm is None:
-                    found = plan_from(known, asked)
-                else:
-                    found = plan_within_reach(known, arm.chain, arm.joints, asked)
+                found = plan_from(known, PlanRequest(k=1, criterion="trace", sample=CANDIDATES, seed=seed).of(data))
             else:
                 errors = None if shared is None else [error for error in shared if error.name in OF_ANY_POSES]
                 found = plan(data, k=1, noise=given, shared=errors, sample=CANDIDATES, seed=seed)

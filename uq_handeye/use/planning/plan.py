@@ -45,7 +45,7 @@ from ...model.shared_errors.shared_error import OF_ANY_POSES, checked_errors
 from ...rig.description import require_left_out
 from ...rig.plan import RigPlan, plan_rig
 from ...rig.result import RigCalibration
-from .by_posterior import Known, PlanRequest, plan_by_joints, planned
+from .by_posterior import Known, PlanRequest, plan_by_joints, plan_within_reach, planned
 from .candidates import sample_candidates
 from .result import Plan
 from .weak_prior import OPEN, WeaklyKnown
@@ -131,9 +131,11 @@ plan.__signature__ = keywords_of(plan, PlanRequest)  # type: ignore[attr-defined
 
 
 def plan_from(known: Known, asked: PlanRequest) -> Plan:
-    """See `plan`: from what is known already."""
-    result = known.result
+    """See `plan`: from what is known already, inside the joint limits of an arm whose joints are."""
+    result, arm = known.result, known.result.kinematics
     assert result.W is not None
+    if arm is not None:
+        return plan_within_reach(known, arm.chain, arm.joints, asked)
     if asked.candidates is None:
         robot = sample_candidates(known.data, result.X, result.W, asked.sample, seed=asked.seed)
     else:
