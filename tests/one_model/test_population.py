@@ -12,7 +12,6 @@ from uq_handeye.model.shared_errors.population import (
     ARMS,
     BoundPopulation,
     gauge_columns,
-    population_columns,
     truncated,
 )
 
@@ -69,12 +68,12 @@ def test_errors_over_all_of_the_workspace_have_the_unit(name):
     arm = known_arm(name)
     q = np.random.default_rng(1).uniform(*arm.usual.T, (80, len(arm.usual)))
     T = Kinematics.from_name(name).poses(q)
-    K = population_columns(T)
+    K = BoundPopulation.of(T).here
     assert 0.7 < np.sqrt((K[:, 3:] ** 2).sum(axis=(1, 2)).mean()) < 1.4
     doubled = T.copy()
     doubled[:, :3, 3] *= 2
-    twice = population_columns(doubled, rank=400)
-    K = population_columns(T, rank=400)
+    twice = BoundPopulation.of(doubled, rank=400).here
+    K = BoundPopulation.of(T, rank=400).here
     error, same = moments(K)[3::6, 3::6], moments(twice)[3::6, 3::6]
     assert np.abs(error - same).max() < 0.02 * np.abs(error).max()
 
@@ -82,7 +81,7 @@ def test_errors_over_all_of_the_workspace_have_the_unit(name):
 def test_the_order_of_the_rows_changes_nothing():
     T, _ = poses_of("kr6r900", 40)
     order = np.random.default_rng(0).permutation(40)
-    K, permuted = population_columns(T), population_columns(T[order])
+    K, permuted = BoundPopulation.of(T).here, BoundPopulation.of(T[order]).here
     np.testing.assert_allclose(moments(permuted), moments(K[order]), rtol=0, atol=1e-9 * np.abs(moments(K)).max())
 
 
@@ -105,22 +104,22 @@ def test_base_and_flange_are_as_uncertain_as_their_frames(reach):
 @pytest.mark.parametrize("n", [1, 3, 8, 150])
 def test_any_number_of_poses(n):
     T, _ = poses_of("irb120", n)
-    K = population_columns(T)
+    K = BoundPopulation.of(T).here
     assert K.shape[:2] == (n, 6) and 1 <= K.shape[2] <= min(6 * n, population.RANK) + 12 and np.isfinite(K).all()
 
 
 def test_poses_that_no_arm_reaches_have_columns():
     T = np.tile(np.eye(4), (10, 1, 1))
     T[:, :3, 3] = 1e-3 * np.random.default_rng(0).normal(size=(10, 3))
-    assert np.isfinite(population_columns(T)).all()
+    assert np.isfinite(BoundPopulation.of(T).here).all()
     T[:, :3, 3] = 0.0
-    assert np.isfinite(population_columns(T)).all()
+    assert np.isfinite(BoundPopulation.of(T).here).all()
 
 
 def test_some_arms_can_be_left_out():
     T, _ = poses_of("ur5e", 20)
-    without = population_columns(T, arms=tuple(name for name in ARMS if name != "ur5e"))
-    assert np.abs(moments(without) - moments(population_columns(T))).max() > 1e-3
+    without = BoundPopulation.of(T, arms=tuple(name for name in ARMS if name != "ur5e")).here
+    assert np.abs(moments(without) - moments(BoundPopulation.of(T).here)).max() > 1e-3
 
 
 def test_a_truncation_keeps_the_second_moment():
@@ -136,9 +135,9 @@ def test_a_truncation_keeps_the_second_moment():
 
 def test_time(capsys):
     T, _ = poses_of("irb120", 60)
-    population_columns(T)
+    BoundPopulation.of(T)
     start = time.process_time()
     for _ in range(5):
-        population_columns(T)
+        BoundPopulation.of(T)
     with capsys.disabled():
-        print(f"\npopulation_columns of 60 poses: {200 * (time.process_time() - start):.0f} ms CPU")
+        print(f"\npopulation at 60 poses: {200 * (time.process_time() - start):.0f} ms CPU")

@@ -251,14 +251,6 @@ def _rows(G: Array) -> Array:
     return np.asarray((G * scale).reshape(-1, 6 * G.shape[-1]).T)
 
 
-def population_columns(robot: Array, *, arms: tuple[str, ...] | None = None, rank: int = RANK) -> Array:
-    """Return K (n, 6, m) of the poses ``robot`` (n, 4, 4) base_T_tip; see the module.
-
-    ``arms``: the geometries, by their names in the table of known arms. ``rank``: as of `BoundPopulation.of`.
-    """
-    return BoundPopulation.of(robot, arms=arms, rank=rank).here
-
-
 def truncated(rows: Array, rank: int) -> tuple[Array, Array]:
     """Return U (N, m) and energies (m,), m <= rank: ``U diag(energy) U^T`` is the second moment of ``rows`` (N, M).
 

@@ -238,7 +238,7 @@ class SharedError(ReadOnlyArrays):
         largest distance of the
         flange from the base.
         """
-        exact = isinstance(translation, str) and translation.strip().lower() in EXACT and rotation is None
+        exact = rotation is None and _is_exact(translation)
         move, turn = (0.0, 0.0) if exact else stated_accuracy(translation, rotation)
         length = None if reach is None else parse_length(reach, "`reach`")
         if length is not None and not 0 < length < np.inf:
@@ -367,9 +367,12 @@ def checked_errors(errors: Any, poses: PosePairs) -> tuple[SharedError, ...]:
     return found
 
 
+def _is_exact(value: float | str) -> bool:
+    return isinstance(value, str) and value.strip().lower() in EXACT
+
+
 def _sd(value: float | str, name: str, parse: Callable[[str | float, str], float]) -> Array:
-    exact = isinstance(value, str) and value.strip().lower() in EXACT
-    sd = np.array([0.0 if exact else parse(value, f"the standard deviation of the {name}")])
+    sd = np.array([0.0 if _is_exact(value) else parse(value, f"the standard deviation of the {name}")])
     _require_sd(sd, name, value)
     return sd
 

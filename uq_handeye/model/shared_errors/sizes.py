@@ -16,7 +16,6 @@ import numpy as np
 
 from ...core.files.trees import is_plain_number
 from ...core.formatting.units import parse_angle, parse_length, parse_pixels, parse_ratio
-from ...core.geometry.se3 import Array
 from ...errors import InputError
 
 
@@ -153,18 +152,13 @@ class RobotAccuracy(NamedTuple):
         return self._replace(translation=size * self.translation, rotation=size * self.rotation)
 
 
-def reach_of(poses: Array) -> float:
-    """Largest distance (m) of the flange from the base among the poses."""
-    return float(np.linalg.norm(poses[:, :3, 3], axis=-1).max())
-
-
 def stated_accuracy(translation: float | str, rotation: float | str | None) -> tuple[float, float]:
     """Accuracy of position and orientation (m, rad) of two values, or of a text with both; raises `InputError`.
 
     Without one of the orientation it is 0: the errors of arms that are so accurate in position.
     """
     if rotation is None:
-        parts = [part.strip() for part in translation.split(",")] if isinstance(translation, str) else []
+        parts = [part.strip() for part in str(translation).split(",")]
         if len(parts) > 2:
             raise InputError(
                 f"Expected the {ROBOT_ACCURACY} to be a length, or a length and an angle such as '0.5mm,0.05deg', got "

@@ -57,11 +57,6 @@ STEPS, BEHIND = 6, 0.3
 BIT = 0.1
 
 
-def view_columns(camera: Array) -> Array:
-    """(n, 6, 36) columns at poses (n, 4, 4) camera_T_target."""
-    return columns_about(camera, *view_scale(camera))
-
-
 def view_scale(camera: Array) -> tuple[Array, Array]:
     """(6,) mean of the coordinates of the view over poses (n, 4, 4), and what they are divided by."""
     seen = _coordinates(camera)
