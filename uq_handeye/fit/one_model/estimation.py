@@ -423,6 +423,17 @@ class FoundSizes:
         """Sizes by name, integrated over."""
         return self.sizes_at(self.mixture.mean_theta)
 
+    @cached_property
+    def spreads(self) -> Array:
+        """(k,) standard deviations of the logarithms of the free sizes, of which their intervals are made.
+
+        The variance of weighted points is too small by ``1 - sum w^2``, much where few of them count, and these leave
+        out tails: it is at least that of the parabola at the mode.
+        """
+        mixture = self.mixture
+        of_points = np.diag(mixture.covariance_theta) / max(1.0 - mixture.weights @ mixture.weights, 0.1)
+        return np.asarray(np.sqrt(np.maximum(of_points, np.diag(np.linalg.inv(self.mode.state.information)))))
+
     def _noise_by(self, sizes: dict[str, float], turns: Mapping[str, tuple[Array, Array]] | None = None) -> Noise:
         """Noise by sizes; ``turns`` (r, energies) of the columns of a side: those that are faint go to each pose."""
         source = self.source

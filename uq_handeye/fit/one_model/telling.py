@@ -121,7 +121,7 @@ def _sized(found: FoundSizes) -> list[Component]:
             continue
         j = free[part.name]
         sd = float(np.sqrt(mixture.covariance_theta[j, j]))
-        spread = _Spread(float(mixture.mean_theta[j]), sd, mixture.theta[:, j])
+        spread = _Spread(float(mixture.mean_theta[j]), float(found.spreads[j]), mixture.theta[:, j])
         status = "population" if is_group else "estimated" if sd < TOLD * np.log(part.size.factor) else "not told apart"
         listed.append(spread.component(part.name, unit, status))
     return listed
@@ -137,7 +137,7 @@ def _of_model(found: FoundSizes) -> tuple[FoundComponent, ...]:
         log, sd = float(np.log(max(part.size.median, 1e-300))), 0.0
         if k in free:
             j = free[k]
-            log, sd = float(mixture.mean_theta[j]), float(np.sqrt(mixture.covariance_theta[j, j]))
+            log, sd = float(mixture.mean_theta[j]), float(found.spreads[j])
         size, low, high = (units.get(part.name, 1.0) * float(np.exp(log + z * sd)) for z in (0.0, -REACH, REACH))
         unit = SIZES[part.name].unit if part.name in SIZES else part.size.unit
         determined, share = float(found.mode.state.determined[k]), float(shares[k])
