@@ -111,7 +111,9 @@ def by_likelihood(job: Job) -> tuple[Calibration, list[Finding]]:
     if not opens and known is None and (noise is None or noise.prior is None):
         require_signal(job.motions, noise, angle)  # half turns whose signs are lost in the noise
     source = None if noise is not None else replace(joint_model_of(job, constraint), nothing_open=not opens)
-    exact = noise is None and max(angle.max(), distance.max() / _longest(job.motions)) < EXACT
+    sides = (job.motions.A, job.motions.B) if job.poses is None else (job.poses.robot, job.poses.camera)
+    longest = max(float(np.abs(T[:, :3, 3]).max()) for T in sides) or 1.0
+    exact = noise is None and max(angle.max(), distance.max() / longest) < EXACT
     if source is not None and not exact:
         job, source = _in_its_branch(job, source, at)
     robust: RobustFit | None = None
@@ -267,12 +269,6 @@ def _columns_at_corrected(job: Job, noise: Noise, fit: Fit) -> PoseNoise:
     assert isinstance(noise, PoseNoise) and job.poses is not None
     poses = _corrected_poses(job.poses, noise, fit)
     return with_shared(without_shared(noise, job.shared), shared_columns(job.shared, poses))
-
-
-def _longest(motions: Motions) -> float:
-    """The longest translation, or 1 if there is none."""
-    data = (motions.A, motions.B) if motions.poses is None else (motions.poses.robot, motions.poses.camera)
-    return max(float(np.abs(T[:, :3, 3]).max()) for T in data) or 1.0
 
 
 def _assembled(

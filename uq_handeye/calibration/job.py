@@ -29,7 +29,6 @@ from ..model.kinematics.kinematic_errors import (
     effects_of_errors,
     poses_with_errors,
 )
-from ..model.noise.estimate import NoisePrior
 from ..model.noise.joint_covariance import JointCovariance
 from ..model.noise.models import CameraNoise, Noise, PoseNoise, require_count, with_prior
 from ..model.noise.pose_prior import PosePrior
@@ -226,13 +225,13 @@ def job_of(request: Request, data: Any, about: tuple[PosePairs, Array] | None = 
     if robust is None:
         count = motions.N if motions.poses is None else motions.poses.n
         robust = bound and count >= FEWEST_FOR_ROBUST
-    declared = _shared_of(shared, motions.poses, noise, method, kind, camera)
-    errors = declared
+    errors = _shared_of(shared, motions.poses, noise, method, kind, camera)
     measured, at = (motions.poses, None) if about is None else about
     arm = _arm_of(request, measured, noise)
     if arm is not None:
         arm = arm._replace(at=at)
-    robot_known = noise is not None or robot is not None or arm is not None or _known_robot(prior)
+    declared = prior is not None and prior.factor == 1 and bool(np.isfinite(prior.values[:2]).all())
+    robot_known = declared or noise is not None or robot is not None or arm is not None
     assumed = {ROBOT_ACCURACY} if robot_known else set()
     if not bound or motions.poses is None or motions.poses.truth is not None:
         assumed = {ROBOT_ACCURACY, LENS, OUTLINE, VIEW}
@@ -352,11 +351,6 @@ def take_offset(
     poses = replace(poses, timing=replace(poses.timing, std=float(offset.sd[0])))
     rest = tuple(error for error in shared if error is not offset)
     return (poses if isinstance(data, PosePairs) else replace(data, poses=poses)), rest
-
-
-def _known_robot(prior: NoisePrior | None) -> bool:
-    """Return whether the noise of the robot is given, beside that of the camera, which is to be estimated."""
-    return prior is not None and prior.factor == 1 and bool(np.isfinite(prior.values[:2]).all())
 
 
 def _shared_of(

@@ -194,7 +194,8 @@ def fail(message: str) -> int:
 def fail_internally(error: BaseException) -> int:
     """Print an internal error and how to report it; return its exit status."""
     LOG.debug("".join(traceback.format_exception(error)).rstrip())
-    where = "the log file has" if _logs() else "run it again with --log-file uq-handeye.log, which keeps"
+    logs = any(isinstance(handler, _ToFile) for handler in LOG.handlers)
+    where = "the log file has" if logs else "run it again with --log-file uq-handeye.log, which keeps"
     LOG.error(
         "internal error: %s: %s. This is a fault of the program; please report it (%s the details).",
         type(error).__name__,
@@ -240,10 +241,6 @@ class _ToFile(logging.FileHandler):
             if stream is not None:
                 stream.close()
         LOG.warning("Cannot write the log file %s any more: %s.", self.baseFilename, error)
-
-
-def _logs() -> bool:
-    return any(isinstance(handler, _ToFile) for handler in LOG.handlers)
 
 
 def _open_log(path: Path) -> None:

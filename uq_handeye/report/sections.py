@@ -21,7 +21,7 @@ from ..calibration.report.analysis import (
     tests_not_run,
     worst_words,
 )
-from ..calibration.report.facts import Number, ahead
+from ..calibration.report.facts import ahead
 from ..calibration.report.text import arm_sentences, included_words, shared_blocks
 from ..calibration.statement.checks import not_included
 from ..core.formatting.numbers import concise, fixed
@@ -60,7 +60,9 @@ def full_section(result: Calibration) -> Section:
         blocks.append(Paragraph(result.agreement.sentence))
     head = ["", result.frame, *([result.frame_W] if facts.W else [])]
     poses = [facts.X, *([facts.W] if facts.W else [])]
-    rows = [[numbers[0].name, *map(_cell, numbers)] for numbers in zip(*poses, strict=True)]
+    # What is exact ends in rounding errors.
+    cells = [[concise(round(x.value, 9) if x.sd is None else x.value, x.sd, x.unit) for x in pose] for pose in poses]
+    rows = [[x.name, *row] for x, *row in zip(facts.X, *cells, strict=True)]
     subject = facts.subject or "camera side in the frame of the robot side (AX = XB)"
     about = f"{result.frame} is the pose of the {subject}"
     if result.W is not None:
@@ -89,11 +91,6 @@ def full_section(result: Calibration) -> Section:
             )
         )
     return folded("full", "X and the target", *blocks)
-
-
-def _cell(one: Number) -> str:
-    """A number with its standard deviation; what is exact ends in rounding errors."""
-    return concise(round(one.value, 9) if one.sd is None else one.value, one.sd, one.unit)
 
 
 def arm_sections(result: Calibration, drawings: Mapping[str, Drawing]) -> list[Section]:

@@ -294,14 +294,11 @@ class Analysis(Record):
         if self.joint is not None:
             found = by_posterior(found, self.joint.posterior, self.prior_sd)
         found = with_types(found, self.estimate, corners)
-        return found if self.estimate is None else found.merged(*_not_told_apart(self.estimate))
-
-
-def _not_told_apart(estimate: NoiseEstimate) -> list[list[str]]:
-    """Groups of noise components that only a sum is known of."""
-    open_ = [component.name for component in estimate.components if component.status == "not told apart"]
-    groups = [[name for name in open_ if name.endswith(kind)] for kind in ("rotation", "translation")]
-    return [group for group in groups if len(group) > 1]
+        if self.estimate is None:
+            return found
+        sums = [part.name for part in self.estimate.components if part.status == "not told apart"]
+        kinds = ([name for name in sums if name.endswith(kind)] for kind in ("rotation", "translation"))
+        return found.merged(*(group for group in kinds if len(group) > 1))
 
 
 def joint_sides(noise: Noise | None) -> dict[str, JointCovariance]:

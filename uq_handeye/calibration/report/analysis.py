@@ -254,7 +254,9 @@ def shown_budget(result: Calibration) -> Budget | None:
     for side in ("robot", "camera", "A", "B"):
         parts = [name for what in KINDS if (name := f"{side} {what}") in budget.sources]
         # Where errors are coupled, the shares of one kind may be beyond 100 % and below 0: only the sum counts.
-        if parts and _coupled(result, side, budget.sources):
+        S = getattr(result.noise, side, None)
+        dense = S is not None and is_joint(S) and side not in joint_sides(result.noise)
+        if parts and (dense or f"{side} coupling" in budget.sources):
             parts += [name for name in budget.sources if name == f"{side} coupling"]
             merged = budget.merged(parts)
             whole, named = " + ".join(parts), f"{side} (rotation and translation)"
@@ -344,12 +346,6 @@ def budget_shares(result: Calibration) -> dict[str, Array]:
         return {}
     shares = np.stack([budget.group_shares[f"X {kind}"] for kind in KINDS], axis=-1)  # (sources, 2)
     return dict(zip(budget.sources, shares, strict=True))
-
-
-def _coupled(result: Calibration, side: str, sources: tuple[str, ...]) -> bool:
-    S = getattr(result.noise, side, None)
-    dense = S is not None and is_joint(S) and side not in joint_sides(result.noise)
-    return f"{side} coupling" in sources or dense
 
 
 # The directions stand among the numbers of the summary.

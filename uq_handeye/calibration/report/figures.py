@@ -309,7 +309,8 @@ def residual_figure(table: PoseTable, small: bool = False) -> Figure:
     for axis, value, name in zip(axes, values, names, strict=False):
         plain(axis)
         axis.set_ylabel(name, fontsize=SMALL if small else TEXT)
-        _limits(axis, value, logarithmic=name == "$d^2$" or _wide(value, float(np.median(value[table.counted]))))
+        few_hide_all = value.max() > 12 * max(float(np.median(value[table.counted])), 1e-12)
+        _limits(axis, value, logarithmic=name == "$d^2$" or bool(few_hide_all))
         for word, rows in groups.items():
             marks = MARKS[word] | ({"markersize": 1.8} if word == "kept" and len(table) > many else {})
             if word != "rejected":
@@ -337,11 +338,6 @@ def residual_figure(table: PoseTable, small: bool = False) -> Figure:
         fontsize=SMALL, columnspacing=1.2, handletextpad=0.4,
     )  # fmt: skip
     return finished(figure)
-
-
-def _wide(value: Array, median: float) -> bool:
-    """Return whether a few values hide all others on a linear scale."""
-    return bool(value.max() > 12 * max(median, 1e-12))
 
 
 def _limits(axis: Axes, value: Array, logarithmic: bool) -> None:

@@ -214,7 +214,9 @@ SHARED_CODES = ("calibration.shared_confounded", "calibration.shared_opens")
 def shared_table(result: Calibration) -> Table | None:
     """One row for each error that was declared or assumed, then those that were not; None where nothing is known."""
     groups = shared_groups(result)
-    rows: list[list[Cell]] = [_declared(group, group.parts[0].error in _of_population(result)) for group in groups]
+    parts = () if result.noise_estimate is None else result.noise_estimate.components
+    of_population = {part.name for part in parts if part.status == "population"}
+    rows: list[list[Cell]] = [_declared(group, group.parts[0].error in of_population) for group in groups]
     if (found := result.time_offset) is not None and found.std > 0:
         known = concise(1e3 * found.offset, 1e3 * found.std, "ms")
         rows.append([CLOCK_OFFSET, "estimated from the streams", known, f"{100 * found.share:.1f} %"])
@@ -226,12 +228,6 @@ def shared_table(result: Calibration) -> Table | None:
         ]  # fmt: skip
     caption = CAPTION + (OF_MANY if any(group.count > 1 for group in groups) else "")
     return Table(caption, ["error", "assumed", "found", "share"], rows, frozenset({1})) if rows else None
-
-
-def _of_population(result: Calibration) -> set[str]:
-    """The groups of errors of an arm whose standard deviations were estimated."""
-    parts = () if result.noise_estimate is None else result.noise_estimate.components
-    return {part.name for part in parts if part.status == "population"}
 
 
 def shared_blocks(result: Calibration) -> list[Block]:

@@ -80,7 +80,7 @@ def budget_rows(result: Calibration, most: int | None = None) -> tuple[BudgetRow
     budget = shorten_budget(budget, most)
     along = budget.in_worst_direction()
     move, turn = (np.sqrt(np.maximum(along[name], 0.0)) for name in ("X translation", "X rotation"))
-    shares = [_shares(sizes) for sizes in (move, turn)]
+    shares = [np.square(sizes) / max(float(np.square(sizes).sum()), 1e-300) for sizes in (move, turn)]
     return tuple(
         BudgetRow(
             name,
@@ -94,11 +94,6 @@ def budget_rows(result: Calibration, most: int | None = None) -> tuple[BudgetRow
         )
         for k, name in enumerate(budget.sources)
     )
-
-
-def _shares(sizes: Array) -> Array:
-    squares = np.square(sizes)
-    return np.asarray(squares / max(float(squares.sum()), 1e-300))
 
 
 def _undivided(result: Calibration) -> tuple[BudgetRow, ...]:

@@ -30,7 +30,6 @@ from ...calibration.evidence.new_poses import poses_less_shared_errors
 from ...calibration.result import Calibration
 from ...calibration.statement.checks import Check
 from ...core.geometry.frames import SETUPS
-from ...core.geometry.se3 import Array
 from ...core.runtime.progress import progress_bar
 from ...errors import (
     DegenerateMotionError,
@@ -147,7 +146,8 @@ def compare(
             available = kept.N if available == motions.N else n * (n - 1) // 2
         motions = kept
     elif noise is None:
-        used = _estimated(motions)
+        with suppress(InputError, NotConvergedError):
+            used = estimate_noise(motions if motions.poses is None else motions.poses).noise
     checks = answers[0].checks if answers else ()
     seen = explained_motions(answers[0], motions) if answers else motions
     if answers and answers[0].residuals.pairs == motions.N:
@@ -244,13 +244,6 @@ def _used(result: Calibration, motions: Motions) -> tuple[Motions, Noise]:
     return relative_motions(data, np.cumsum(kept)[pairs] - 1), noise
 
 
-def _estimated(motions: Motions) -> Noise | None:
-    """The noise that the data show, of their poses where there are any."""
-    with suppress(InputError, NotConvergedError):
-        return estimate_noise(motions if motions.poses is None else motions.poses).noise
-    return None
-
-
 def _every() -> dict[str, Method | RobotWorldMethod]:
     return {**METHODS, **ROBOT_WORLD_METHODS}
 
@@ -331,15 +324,10 @@ def _alone(method: Method | RobotWorldMethod, motions: Motions, noise: Noise | N
         poses = motions.poses
         assert poses is not None  # or it would have no X
         return lambda: method(poses)
-    weights = _weights(method, motions, noise)
+    weights = noise if isinstance(noise, PairNoise) and method.weighted else None
+    if method.weighted and noise is not None and weights is None:
+        weights = noise_of_pairs(motions, noise)
     return lambda: method.estimate(motions.A, motions.B, weights)
-
-
-def _weights(method: Method, motions: Motions, noise: Noise | None) -> PairNoise | None:
-    """The noise that the method weights by, as `calibrate` gives it."""
-    if not method.weighted or noise is None:
-        return None
-    return noise if isinstance(noise, PairNoise) else noise_of_pairs(motions, noise)
 
 
 def _filled(row: Row, result: Calibration) -> Row:
@@ -357,10 +345,6 @@ def _filled(row: Row, result: Calibration) -> Row:
 
 def _is_finite(result: Calibration) -> bool:
     return bool(np.isfinite(result.X).all() and (result.covariance is None or np.isfinite(result.covariance).all()))
-
-
-def _is_pose(X: Array) -> bool:
-    return X.shape == (4, 4) and bool(np.isfinite(X).all())
 
 
 def _without_covariance(
@@ -383,8 +367,10 @@ def _refused(row: Row, error: Exception, refused: Callable[[InputError], Row] | 
     """The row with why there is no result; what an iteration reached, or an X that means nothing, stays in it."""
     row = replace(row, failure=_said(error))
     match error:
-        case NotConvergedError(partial=Estimate() as found) if motions is not None and _is_pose(found.X):
-            return replace(row, X=found.X, iterations=int(found.iterations), converged=False)
+        case NotConvergedError(partial=Estimate(X=X, iterations=count)):
+            if motions is not None and X.shape == (4, 4) and np.isfinite(X).all():
+                row = replace(row, X=X, iterations=int(count))
+            return replace(row, converged=False)
         case NotConvergedError():
             return replace(row, converged=False)
         case DegenerateMotionError(partial=Calibration() as found) if _is_finite(found):

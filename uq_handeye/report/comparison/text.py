@@ -113,11 +113,17 @@ def comparison_document(comparison: Comparison, verbose: bool = False) -> Docume
         answer = verdict(comparison.rows, comparison.reference, comparison.noise is not None, MOST_NAMED)
         start = [Answer(answer, status), *map(Paragraph, said), *_short_warnings(comparison, MOST_WARNINGS - len(said))]
         end = f"{comparison.frame} from {comparison.origin}."
-        return [start, _short_table(comparison), [Paragraph(_SHORT_LEGEND), Paragraph(end)]]
+        table = _table_of(comparison, _SHORT)
+        if max(map(len, to_text([table], COLUMNS).splitlines()), default=0) > COLUMNS:
+            table = _table_of(comparison, _SHORTER)
+        return [start, table, [Paragraph(_SHORT_LEGEND), Paragraph(end)]]
     texts = [*(f"Warning: {text}" for text in comparison.warnings)]
     texts += [f"Warning (!), {text}" for text in comparison.own_warnings]
     cautions = [Caution(f"{len(comparison.warnings)} warning(s) say that something looks wrong.")]
-    shown: list[Block | list[Block]] = [_poses(comparison, found), _legend(comparison)] if found else []
+    words = {word(row, comparison.reference) for row in comparison.rows}
+    terms = [(term, meaning) for term, meaning in _LEGEND if term != "UNDETERMINED" or term in words]
+    legend = Table("", ["", ""], [[term, (f"{meaning}.", 1)] for term, meaning in terms])
+    shown: list[Block | list[Block]] = [_poses(comparison, found), legend] if found else []
     return [
         [*start, Paragraph(f"{what}.")],
         *(cautions if comparison.warnings else []),
@@ -144,13 +150,6 @@ def _short_warnings(comparison: Comparison, most: int) -> list[Block]:
     if own:
         blocks.append(Paragraph(f"! {len(own)} method{'s' * (len(own) > 1)} with warnings of their own (-v)."))
     return blocks
-
-
-def _short_table(comparison: Comparison) -> Table:
-    """Return the differences, the verdict and the standard deviations of each method, within 80 columns if they fit."""
-    table = _table_of(comparison, _SHORT)
-    fits = max(map(len, to_text([table], COLUMNS).splitlines()), default=0) <= COLUMNS
-    return table if fits else _table_of(comparison, _SHORTER)
 
 
 def methods_table(comparison: Comparison) -> Table:
@@ -202,12 +201,6 @@ def word(row: Row, reference: str | None) -> str:
     if row.method == reference:
         return "reference"
     return "" if row.agrees is None else "agrees" if row.agrees else "DIFFERS"
-
-
-def _legend(comparison: Comparison) -> Table:
-    shown = {word(row, comparison.reference) for row in comparison.rows}
-    terms = [(term, meaning) for term, meaning in _LEGEND if term != "UNDETERMINED" or term in shown]
-    return Table("", ["", ""], [[term, (f"{meaning}.", 1)] for term, meaning in terms])
 
 
 def _poses(comparison: Comparison, rows: Sequence[Row]) -> list[Block]:
