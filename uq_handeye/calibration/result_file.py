@@ -140,6 +140,8 @@ def _parts_of(data: dict[str, Any], kind: Any) -> dict[str, Any]:
         if data[name] not in known:
             raise ValueError(f"{name} is {data[name]!r:.40}")
     posterior = data.get("posterior", data.get("joint_posterior"))  # by its earlier name
+    if posterior is not None:  # with open sizes by the rows that it is made of, of older files by points of the sizes
+        posterior = OpenSizes.from_dict(posterior).posterior if "open" in posterior else Posterior.from_dict(posterior)
     X, noise, analysis = as_pose(data["X"], "X"), data["noise"], data["analysis"]
     estimate = data["noise_estimate"]
     if once := estimate is not None and estimate.get("noise") == AS_NOISE:
@@ -148,7 +150,7 @@ def _parts_of(data: dict[str, Any], kind: Any) -> dict[str, Any]:
         "noise": None if noise is None else noise_from_dict(noise),
         "analysis": None if analysis is None else StoredAnalysis.of(analysis, X),
         "about": as_about(data.get("about", {})),
-        "joint_posterior": None if posterior is None else _posterior_of(posterior),
+        "joint_posterior": posterior,
         "bound": _covariance(data, "bound"),
         "data": None,
     }
@@ -172,8 +174,3 @@ def _parts_of(data: dict[str, Any], kind: Any) -> dict[str, Any]:
 
 def _covariance(data: dict[str, Any], name: str) -> Any:
     return None if data[name] is None else as_covariance(data[name], name)
-
-
-def _posterior_of(data: dict[str, Any]) -> Posterior:
-    """The posterior: with open sizes by the rows that it is made of, of older files by points of the sizes."""
-    return OpenSizes.from_dict(data).posterior if "open" in data else Posterior.from_dict(data)

@@ -253,11 +253,15 @@ def first_sheet(result: Calibration, verdict: Verdict | None, drawings: Mapping[
     elif also := list({re.sub(r"[\d.]+", "", text): text for text in reversed(result.reasons[1:])}.values()):
         number.append(Paragraph(f"Also: {'; '.join(reversed(also))}."))  # those that differ by more than numbers
     checks, subject = Checks.of(result.checks), result.facts.subject
+    rows = [[one.name, *one.parts, one.unit] for one in result.facts.X]
+    caption = "Value and standard deviation (1 sigma)" + ("" if result.std is not None else "; ? is not determined")
+    head = [result.frame, "value", "\N{PLUS-MINUS SIGN} 1 sigma", "unit"]
+    X = Table(f"{caption}.", head, rows, frozenset({3}))
     return [
         Section("answer", "Result", number, wide=True),
         Section("checks", "Checks", [checks]),
         _picture(result, drawings),
-        Section("x", f"X: the {subject}" if subject else "X of AX = XB", _x_blocks(result)),
+        Section("x", f"X: the {subject}" if subject else "X of AX = XB", [X]),
         Section("ahead", "A point in front of the camera", _point_blocks(result)),
     ]
 
@@ -284,13 +288,6 @@ def _picture(result: Calibration, drawings: Mapping[str, Drawing]) -> Section:
         return Section("by-pose", "The rig", [replace(drawings["rig"], small=True)])
     text = needs("Residuals of each pose are found", result)
     return Section("by-pose", "Residuals", [Paragraph(text, empty=True)])
-
-
-def _x_blocks(result: Calibration) -> list[Block]:
-    """Return X as a table with its standard deviations."""
-    rows = [[one.name, *one.parts, one.unit] for one in result.facts.X]
-    caption = "Value and standard deviation (1 sigma)" + ("" if result.std is not None else "; ? is not determined")
-    return [Table(f"{caption}.", [result.frame, "value", "\N{PLUS-MINUS SIGN} 1 sigma", "unit"], rows, frozenset({3}))]
 
 
 def _point_blocks(result: Calibration) -> list[Block]:

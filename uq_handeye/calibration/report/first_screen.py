@@ -70,7 +70,9 @@ def first_screen(
         document = _joined(groups, gaps)
         if lines is None or height(document, width) <= lines:
             return document
-    groups[3] = [_folded(checks)]
+    passed = ", ".join(name for status, name, _ in checks.rows if status == "ok")  # on one line
+    rest = [row for row in checks.rows if row[0] != "ok"]
+    groups[3] = [Checks([*rest, *([("ok", passed, "passed")] if passed else [])])]
     if lines is not None and height(_joined(groups, 0), width) > lines:
         groups[1] = answer_blocks(result, verdict, why=False)
         if result.reasons and height(_joined(groups, 0), width) > lines:
@@ -98,13 +100,6 @@ def _joined(groups: Sequence[Sequence[Block]], gaps: int) -> Document:
         if k in _GAPS[:gaps] and group:
             joined.append([])
     return joined
-
-
-def _folded(checks: Checks) -> Checks:
-    """Return checks with those that passed on one line."""
-    passed = ", ".join(name for status, name, _ in checks.rows if status == "ok")
-    rest = [row for row in checks.rows if row[0] != "ok"]
-    return Checks([*rest, *([("ok", passed, "passed")] if passed else [])])
 
 
 # -------------------------------------------------------------------------------------------------------- the parts

@@ -228,22 +228,6 @@ def amounts(translation: float, rotation: float) -> str:
 NOT_USABLE = "NOT USABLE"
 
 
-def headline_of(result: Statement) -> str:
-    """Return the headline of a calibration."""
-    if result.reasons:
-        return f"{NOT_USABLE}: {result.reasons[0]}."
-    accuracy = result.accuracy
-    if accuracy is None:
-        return f"The accuracy of {result.frame} is not known: no noise was given, and none could be estimated."
-    if result.opened is not None and result.opened.of_X.size:
-        known = f"{amounts(accuracy.translation, accuracy.rotation)} (1 sigma, worst direction that is known)"
-        return f"{result.frame} is known to {known}. Not determined: {'; '.join(result.open_words)}."
-    known = f"{amounts(accuracy.translation, accuracy.rotation)} (1 sigma, worst direction)"
-    if accuracy.lower_limit:
-        known = f"no better than {known}"
-    return f"{result.frame} is known to {known}; {_ahead(accuracy)}."
-
-
 def suits_of(accuracy: Accuracy) -> str | None:
     """Return for which tolerance of points X is good enough, and for which it is not; None where that is not known.
 
@@ -318,7 +302,18 @@ class Statement(Checked):
     @cached_property
     def headline(self) -> str:
         """Accuracy of X in one sentence; or ``NOT USABLE:`` and the decisive reason."""
-        return headline_of(self)
+        if self.reasons:
+            return f"{NOT_USABLE}: {self.reasons[0]}."
+        accuracy = self.accuracy
+        if accuracy is None:
+            return f"The accuracy of {self.frame} is not known: no noise was given, and none could be estimated."
+        if self.opened is not None and self.opened.of_X.size:
+            known = f"{amounts(accuracy.translation, accuracy.rotation)} (1 sigma, worst direction that is known)"
+            return f"{self.frame} is known to {known}. Not determined: {'; '.join(self.open_words)}."
+        known = f"{amounts(accuracy.translation, accuracy.rotation)} (1 sigma, worst direction)"
+        if accuracy.lower_limit:
+            known = f"no better than {known}"
+        return f"{self.frame} is known to {known}; {_ahead(accuracy)}."
 
     def verdict(
         self, tolerance: str | tuple[float | None, float | None] | Tolerance, at: str | float | None = None

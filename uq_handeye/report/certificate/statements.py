@@ -62,7 +62,8 @@ def conditions_of(result: Calibration) -> list[tuple[str, str]]:
         rejected = len(result.table.rejected)
         used = f"{len(result.table.counted) - rejected} of {len(result.table)} {result.table.item}s used"
         for what, which in (("rejected", result.table.rejected), ("excluded", result.table.excluded)):
-            used += f"; {what}: {_listed(which)} (numbered from 0)" if which else ""
+            listed = ", ".join(map(str, which[:12])) + (", ..." if len(which) > 12 else "")
+            used += f"; {what}: {listed} (numbered from 0)" if which else ""
         rows.append(("Used", used))
     if isinstance(data := result.counted, PosePairs):
         size = 1e3 * np.ptp(data.robot[:, :3, 3], axis=0)
@@ -89,11 +90,6 @@ def _recorded(data: PosePairs) -> str | None:
 
 # Seconds since 1970 that are taken for the time of a clock: 2001 to 2096.
 _CLOCK = (1e9, 4e9)
-
-
-def _listed(numbers: list[int]) -> str:
-    shown = ", ".join(map(str, numbers[:12]))
-    return f"{shown}, ..." if len(numbers) > 12 else shown
 
 
 def method_of(result: Calibration) -> str:
