@@ -190,7 +190,7 @@ def next_touches(
     every = evidence_of_touches(result, touches.joined(more))
     m, chosen, found = touches.m, list(range(touches.m)), []
     for _ in range(PROPOSED):
-        sizes = [bias_of(every.rows([*chosen, m + j])).detectable(level) for j in range(len(pairs))]
+        sizes = [bias_of(every.rows(np.array([*chosen, m + j]))).detectable(level) for j in range(len(pairs))]
         best = int(np.argmin(sizes))
         chosen.append(m + best)
         found.append(NextTouch(more.seen[best], new.at[best], int(rows[best]), float(sizes[best])))

@@ -192,7 +192,7 @@ def point_table(evidence: TouchEvidence, touches: Touches) -> PointTable:
     """Return the touches one by one, each by itself."""
     S = evidence.own + evidence.by_unit @ evidence.by_unit.mT
     if touches.tool_known:
-        p = np.array([evidence.rows([k]).test.p_value for k in range(touches.m)])
+        p = np.array([evidence.rows(np.array([k])).test.p_value for k in range(touches.m)])
     else:
         S[:, np.arange(3), np.arange(3)] = np.inf
         p = np.full(touches.m, np.nan)
