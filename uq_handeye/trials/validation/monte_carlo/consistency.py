@@ -287,7 +287,7 @@ def smaller_tail(k: NDArray[Any], T: int, below: Array, above: Array) -> Array:
 def nees_interval(T: float, sizes: ArrayLike, confidence: float) -> Array:
     """The interval (..., 2) of the mean of T chi-square variables with ``sizes`` (...) degrees of freedom."""
     half, tail = 0.5 * T * np.asarray(sizes), (1 - confidence) / 2
-    return 2 * np.stack([gammaincinv(half, tail), gammainccinv(half, tail)], axis=-1) / T
+    return np.asarray(2 * np.stack([gammaincinv(half, tail), gammainccinv(half, tail)], axis=-1) / T, dtype=float)
 
 
 def _spread(T: int, predicted: Array | None, covariance: Array | None, p_values: dict[str, float]) -> dict[str, Any]:
