@@ -152,7 +152,7 @@ def _drift_anew(result: Estimated, poses: PosePairs) -> Array:
     found = [np.zeros((poses.n, 6, 0))]
     if poses.n == 1 or _same_session(result, poses):
         return found[0]
-    times = np.arange(poses.n) if poses.timestamps is None else poses.timestamps
+    times = np.arange(float(poses.n)) if poses.timestamps is None else poses.timestamps
     for of, R in (("camera", np.eye(3)), ("target", poses.camera[:, :3, :3])):
         if (sd := next((one.prior_sd for one in result.shared if one.error == f"{DRIFT} {of}"), 0.0)) > 0:
             constant = np.zeros((poses.n, 6, 6))
@@ -184,7 +184,7 @@ def _effects_on_camera(result: Estimated, poses: PosePairs, robot: Array) -> tup
     """
     posterior, there = posterior_of(result), camera_at(result, robot)
     F = shared_effects(result, "camera", robot, there)
-    if _same_session(result, poses):
+    if _same_session(result, poses) and poses.timestamps is not None:
         for of in ("camera", "target"):
             if walked := [k for k, name in enumerate(posterior.names) if group_of(name) == f"{DRIFT} {of}"]:
                 F[..., walked] = drift_columns(there, poses.timestamps, of == "target", posterior.times)

@@ -60,7 +60,7 @@ def others_by_pictures(old: PosePairs | None, new: PosePairs | None) -> dict[str
         return {}
     found, (was, has) = {}, ("{} x {} pixels".format(*cam.image_size) for cam in (before, now))
     f, g = (cam.intrinsics["fx"] / cam.image_size[0] for cam in (before, now))
-    sd = np.hypot(*(cam.std["fx"] / cam.intrinsics["fx"] for cam in (before, now)))
+    sd = float(np.linalg.norm([cam.std["fx"] / cam.intrinsics["fx"] for cam in (before, now)]))
     if abs(np.log(g / f)) > max(SHARE, DEVIATIONS * sd) or was != has:
         focal = (f"fx {cam.intrinsics['fx']:.0f} px of {size}" for cam, size in ((now, has), (before, was)))
         found[CAMERA] = ", in the result ".join(focal)

@@ -34,7 +34,6 @@ from functools import cached_property
 from typing import Any, ClassVar, NamedTuple, Protocol, Self
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 from scipy.optimize import brentq
 from scipy.special import chdtrc, chdtri, chndtr
@@ -232,7 +231,7 @@ class NewRows(ReadOnlyArrays):
         """(d or 1, t, t) covariance by the errors that these measurements share by themselves, at each point."""
         return np.asarray((V @ V.T)[None])
 
-    def rows(self, index: NDArray[Any]) -> Self:
+    def rows(self, index: Any) -> Self:
         """Some of the measurements, by their numbers or a mask."""
         own_at = self.own_at[:, index] if len(self.own_at) else self.own_at
         parts = tuple((name, S[index]) for name, S in self.parts)

@@ -184,4 +184,4 @@ def _of_prior(old: Calibration, new: Calibration) -> Array | float:
     priors = [getattr(of.noise, "prior", None) for of in (old, new)]
     if priors[0] is None or priors[1] is None or priors[0].to_dict() != priors[1].to_dict():
         return 0.0
-    return priors[0].information(12)
+    return np.asarray(priors[0].information(12))

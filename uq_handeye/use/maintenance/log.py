@@ -146,7 +146,7 @@ class LoggedCheck(ReadOnlyArrays):
 
 
 @singledispatch
-def _said(check: ChangeCheck, result: Any, poses: PosePairs, noise: PoseNoise | None) -> tuple[str, Any, Any, Any]:
+def _said(check: Any, result: Any, poses: Any, noise: PoseNoise | None) -> tuple[str, Any, Any, Any]:
     """Return cause, shift with deviations, and noise of a check."""
     if noise is None and poses.camera_known:  # of other intrinsics: their errors in addition to those so far
         noise = PoseNoise(own_noise(result, "robot"), noise_of_pictures(result, poses))
@@ -156,12 +156,12 @@ def _said(check: ChangeCheck, result: Any, poses: PosePairs, noise: PoseNoise | 
 
 
 @_said.register
-def _(check: RigCheck, result: Any, poses: Rig, noise: None) -> tuple[str, Any, Any, Any]:
+def _(check: RigCheck, result: Any, poses: Any, noise: PoseNoise | None) -> tuple[str, Any, Any, Any]:
     return check.cause or "", check.moves[0].estimate, check.moves[0].std, None
 
 
 @singledispatch
-def _measured(poses: PosePairs, noise: PoseNoise | None) -> list[str]:
+def _measured(poses: Any, noise: PoseNoise | None) -> list[str]:
     """Return the cells of what was measured, from the setup on."""
     sides = ("robot", "camera")
     return [
@@ -173,7 +173,7 @@ def _measured(poses: PosePairs, noise: PoseNoise | None) -> list[str]:
 
 
 @_measured.register
-def _(poses: Rig, noise: None) -> list[str]:
+def _(poses: Rig, noise: PoseNoise | None) -> list[str]:
     return [RIG, json.dumps(rig_to_dict(poses), separators=(",", ":")), "", "", "", ""]
 
 
