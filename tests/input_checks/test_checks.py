@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from support import difference, moved
 
 import uq_handeye as uq
-from uq_handeye.fit.input_checks.checks import check_poses
+from uq_handeye.fit.input_checks.checks import check_fit, check_poses
 from uq_handeye.model.poses.motions import residuals, rotation_angles, summarise
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
@@ -260,6 +260,18 @@ def test_one_rotation():
     camera[3, :3, :3] = camera[3, :3, :3] @ Rotation.from_rotvec([0, np.radians(2), 0]).as_matrix()
     for noise in (NOISE, None):
         assert "pose 3 (" in said(changed(good, camera=camera), noise)
+
+
+def test_single_poses_are_named_once():
+    """By the fit, where it judged each of them by its own noise; by their residuals where no fit did."""
+    good = uq.simulate(25, noise=NOISE, seed=2)
+    camera = good.camera.copy()
+    camera[11, 0, 3] += 0.03
+    wrong = changed(good, camera=camera)
+    codes = [[one.code for one in check_fit(wrong, good.truth.X, None, None, judged=judged)] for judged in (0, 1)]
+    assert codes == [["input_checks.outliers"], []]
+    text = said(wrong, NOISE, robust=False)
+    assert text.count("pose 11 (") == 1 and "biases X" in text
 
 
 def test_poses_of_a_small_tag_differ_as_their_covariances_do():

@@ -388,7 +388,7 @@ def _of_fit(
         own = None
     size = next((1.0 / (1.0 + of.estimate) for of in result.shared_at_sizes if of.name == TARGET_SCALE), 1.0)
     sure = wrong_size is None or wrong_size > SURE
-    looked = check_fit(rest, fit.X, known, fit.covariance_X, own, size, sure)
+    looked = check_fit(rest, fit.X, known, fit.covariance_X, own, size, sure, judged=True)
     if (~kept).mean() > MISREAD and not any(one.severity == "failure" for one in looked):
         looked += misread(poses, fit.X)
     return looked + closed_forms(job, result, table)

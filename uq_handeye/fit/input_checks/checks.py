@@ -213,6 +213,7 @@ def check_fit(
     own: PoseNoise | None = None,
     size: float = 1.0,
     sure: bool = True,
+    judged: bool = False,
 ) -> list[Finding]:
     """Residuals of the poses against their noise and each other; if they are large, which other reading would fit.
 
@@ -221,6 +222,9 @@ def check_fit(
 
     ``sure``: it is all but certain (99 %) that the target has another size. Else a factor that is no unit refuses
     nothing.
+
+    ``judged``: the fit has judged each pose, by all that it knows of the errors (`robust`). Single poses are then its
+    to name, unless all of them together fit badly.
 
     ``own`` is noise that was estimated in units of a covariance of each pose: it explains the residuals as a whole, and
     says how they differ.
@@ -261,6 +265,7 @@ def check_fit(
     scaled = scaled_reading(G, C, shift, poses.sources) if typical > shows else None
     if scaled is not None and (sure or not scaled.get("target")):
         return [*found, Finding("input_checks.wrong_scale", "failure", {"reading": scaled}), *outliers]
+    outliers = [] if judged and not misfit else outliers
     S = np.eye(3) if covariance is None else covariance[3:, 3:]
     known = float(np.linalg.eigvalsh(S)[0]) > 1e-9 * float(np.trace(S))  # else X is one of many, and has no length
     return [*found, *outliers, *(_check_lengths(poses, X) if known else [])]
