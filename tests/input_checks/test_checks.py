@@ -263,7 +263,7 @@ def test_one_rotation():
 
 
 def test_single_poses_are_named_once():
-    """By the fit, where it judged each of them by its own noise; by their residuals where no fit did."""
+    """The fit names them where it judged each by its own noise, their residuals where no fit did."""
     good = uq.simulate(25, noise=NOISE, seed=2)
     camera = good.camera.copy()
     camera[11, 0, 3] += 0.03
