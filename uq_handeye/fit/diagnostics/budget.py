@@ -327,7 +327,8 @@ def parts_of_posterior(posterior: Posterior, prior_sd: Mapping[str, float]) -> d
 def by_posterior(found: Budget, posterior: Posterior, prior_sd: Mapping[str, float]) -> Budget:
     """Return the budget of a fit with what its posterior says of errors and of open sizes.
 
-    The noise of the poses has the rest, in the proportions of the fit: ``T N_k T^T``, with T from their sum to it.
+    The noise of the poses has the rest, in the proportions of the fit: ``T N_k T^T``, with T from their sum to it. Where
+    nothing is left for it, as the parts of many errors count what they share twice, the budget of the fit is kept.
     """
     parts, p = parts_of_posterior(posterior, prior_sd), len(found.covariance)
     if posterior.points is None or p != posterior.p:
@@ -340,7 +341,10 @@ def by_posterior(found: Budget, posterior: Posterior, prior_sd: Mapping[str, flo
     kept = [parts.get(name, S) for name, S in zip(found.sources, found.covariances, strict=True)]
     covariances = np.array(kept)
     rest = posterior.covariance[:p, :p] - covariances[~noise].sum(axis=0)
-    if not noise.any() or np.linalg.eigvalsh(rest / np.outer(*[np.sqrt(np.maximum(np.diag(rest), 1e-300))] * 2))[0] < 0:
+    variances = np.diag(rest)
+    if not noise.any() or (variances <= 0).any():
+        return found
+    if np.linalg.eigvalsh(rest / np.sqrt(np.outer(variances, variances)))[0] < 0:
         return found
     T = factor_of(rest) @ np.linalg.inv(factor_of(covariances[noise].sum(axis=0)))
     covariances[noise] = T @ covariances[noise] @ T.T

@@ -431,7 +431,7 @@ class FoundSizes:
         out tails: it is at least that of the parabola at the mode.
         """
         mixture = self.mixture
-        of_points = np.diag(mixture.covariance_theta) / max(1.0 - mixture.weights @ mixture.weights, 0.1)
+        of_points = np.diag(mixture.covariance_theta) / max(1.0 - float(mixture.weights @ mixture.weights), 0.1)
         return np.asarray(np.sqrt(np.maximum(of_points, np.diag(np.linalg.inv(self.mode.state.information)))))
 
     def _noise_by(self, sizes: dict[str, float], turns: Mapping[str, tuple[Array, Array]] | None = None) -> Noise:

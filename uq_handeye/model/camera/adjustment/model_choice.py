@@ -121,7 +121,8 @@ class Setting(Asked):
         """The bundle from a start, or from one that was fitted ``before`` with this setting."""
         at = start if before is None else (before.parameters, before.poses)
         try:
-            return adjust(self, corners, at, used=used, weights=weights, pixel_noise=pixel_noise)
+            asked = Asked(self.model, self.shape, self.free, self.prior)
+            return adjust(asked, corners, at, used=used, weights=weights, pixel_noise=pixel_noise)
         except np.linalg.LinAlgError as error:
             raise InputError(
                 f"The model {self.model.name!r} does not fit the corners: they look farther to the side than it can "
