@@ -327,8 +327,9 @@ def parts_of_posterior(posterior: Posterior, prior_sd: Mapping[str, float]) -> d
 def by_posterior(found: Budget, posterior: Posterior, prior_sd: Mapping[str, float]) -> Budget:
     """Return the budget of a fit with what its posterior says of errors and of open sizes.
 
-    The noise of the poses has the rest, in the proportions of the fit: ``T N_k T^T``, with T from their sum to it. Where
-    nothing is left for it, as the parts of many errors count what they share twice, the budget of the fit is kept.
+    The noise of the poses has the rest, in the proportions of the fit: ``T N_k T^T``, with T from their sum to it. The
+    budget of the fit is kept where nothing is left for the noise: parts of correlated errors count twice what they
+    share.
     """
     parts, p = parts_of_posterior(posterior, prior_sd), len(found.covariance)
     if posterior.points is None or p != posterior.p:
