@@ -146,6 +146,13 @@ def test_damaged_json(damage, message, tmp_path):
         uq.Calibration.from_json(file)
 
 
+@pytest.mark.parametrize(("text", "message"), [("{}", "got JSON text"), ("x" * 5000, "Cannot read xxx")])
+def test_text_in_place_of_a_path_is_one_short_line(text, message):
+    with pytest.raises(uq.InputError, match=message) as error:
+        uq.Calibration.from_json(text)
+    assert len(str(error.value)) < 350
+
+
 def test_json_with_changed_parts(result):
     data = result.to_dict()
     for key, value in (

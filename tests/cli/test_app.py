@@ -323,7 +323,7 @@ def test_compare_keeps_its_table_if_every_method_fails(session, tmp_path):
     assert all(f"\n{name} " in done.stdout for name in uq.METHODS)
     errors = [line for line in done.stderr.splitlines() if not line.startswith("uq-handeye: warning: ")]
     assert errors == ["uq-handeye: error: Every method failed. The table lists the reasons."]
-    assert (tmp_path / "out" / "comparison.png").exists()
+    assert sorted(file.name for file in (tmp_path / "out").iterdir()) == ["comparison.csv", "comparison.json"]
 
 
 def test_compare_prints_its_table_even_if_it_cannot_write(session, tmp_path, monkeypatch):

@@ -25,7 +25,7 @@ from uq_handeye.errors import InputError
 from uq_handeye.fit.diagnostics.pose_table import PoseTable
 from uq_handeye.fit.likelihood.shared_estimates import SharedEstimate, grouped
 from uq_handeye.report.comparison.compare import compare_beside
-from uq_handeye.report.comparison.figure import methods_picture
+from uq_handeye.report.comparison.figure import comparison_picture
 from uq_handeye.report.figures import figures, pictures
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
@@ -113,7 +113,7 @@ def test_no_text_overlaps(drawn, name):
 def test_texts_of_a_methods_figure_do_not_overlap():
     poses = uq.simulate(n_poses=12, noise=NOISE, seed=SEED)
     compared = uq.compare(poses, noise=NOISE, methods=["4dpa", "tsai", "park", "li"])
-    assert overlapping(methods_picture(compared).figure) == []
+    assert overlapping(comparison_picture(compared).figure) == []
 
 
 def test_fonts_are_readable_on_paper(drawn):

@@ -257,9 +257,20 @@ def job_of(request: Request, data: Any, about: tuple[PosePairs, Array] | None = 
     if noise is not None:
         noise = with_prior(noise, pose_prior)
     job = Job(
-        request, motions, everything, noise, method, bool(robust), camera, robot, errors, pose_prior, arm,
-        columns_of_arm, beside,
-    )  # fmt: skip
+        request=request,
+        motions=motions,
+        everything=everything,
+        noise=noise,
+        method=method,
+        robust=bool(robust),
+        camera_noise=camera,
+        robot_noise=robot,
+        shared=errors,
+        pose_prior=pose_prior,
+        arm=arm,
+        columns_of_arm=columns_of_arm,
+        given=beside,
+    )
     _require_open_sizes(job)
     return job
 

@@ -33,7 +33,7 @@ from ..methods.propagation.published_fit import mean_target
 from ..model.noise.models import PoseNoise
 from ..model.poses.pose_pairs import PosePairs
 from .comparison.compare import compare_beside
-from .comparison.figure import methods_picture
+from .comparison.figure import comparison_picture
 
 if TYPE_CHECKING:
     from ..calibration.result import Calibration
@@ -89,7 +89,7 @@ def pictures(
         "shared": lambda: _shared(result),
         "task_space": lambda: _task_space(result),
         "workspace": lambda: _workspace(result),
-        "methods": lambda: None if comparison is None else methods_picture(comparison),
+        "methods": lambda: None if comparison is None else comparison_picture(comparison),
     }
     found = {stem: make() for stem, make in makers.items() if only is None or stem in only}
     there = {stem: picture for stem, picture in found.items() if picture is not None}

@@ -16,6 +16,8 @@ from ..pose_files import PoseFiles
 from ..rigs import plan_stored_rig, stored_rig
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from ...report.comparison.result import Comparison
 
 
@@ -221,10 +223,9 @@ def compare_command(
     return 0
 
 
-def _files_of(result: "Comparison") -> dict[str, str | bytes]:
-    from ...core.presentation.ellipses import render
-    from ...report.comparison.figure import comparison_figure, png  # Matplotlib is slow to import
+def _files_of(result: "Comparison") -> "dict[str, str | Figure]":
+    from ...report.comparison.figure import comparison_picture  # Matplotlib is slow to import
 
-    figure = comparison_figure(result)
-    drawn = {"comparison.png": png(figure), "comparison.svg": render(figure, "svg")}
+    picture = comparison_picture(result)
+    drawn = {} if picture is None else {"comparison": picture.figure}
     return {"comparison.json": result.to_json(), "comparison.csv": result.to_csv(), **drawn}

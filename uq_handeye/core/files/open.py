@@ -25,6 +25,8 @@ StrPath = str | os.PathLike[str]
 
 # How long the writer of a pipe may pause, in seconds.
 PATIENCE = 60
+# Characters of a path in a message; of a longer one it has the ends.
+LONGEST_SHOWN = 400
 
 
 def as_path(path: Any) -> Path:
@@ -43,8 +45,9 @@ def as_path(path: Any) -> Path:
 
 
 def shown(path: Path) -> str:
-    """A path for messages: as it is if it prints on one line, otherwise escaped."""
+    """A path for messages: as it is if it prints on one line, otherwise escaped; of a very long one its ends."""
     text = str(path)
+    text = text if len(text) <= LONGEST_SHOWN else f"{text[:100]}...{text[-100:]}"
     return text if text.isprintable() else ascii(text)
 
 

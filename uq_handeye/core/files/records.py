@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 from ...errors import InputError
 from ..runtime.read_only import ReadOnlyArrays
 from .lines import refused
-from .open import StrPath, as_path, opened
+from .open import StrPath, as_path, opened, shown
 from .trees import is_list, is_map, is_plain_number, items_of
 
 T = TypeVar("T")
@@ -152,12 +152,14 @@ MAX_BYTES = 500_000_000
 
 def parsed(path: StrPath) -> Any:
     """Return what the JSON of a file holds; raises `InputError` where it is no JSON, or larger than a result can be."""
+    if str(path).lstrip()[:1] in ("{", "["):
+        raise InputError("Expected the path of a JSON file, got JSON text: from_dict(json.loads(text)) takes it.")
     with opened(as_path(path), MAX_BYTES) as file:
         text = file.read()
     try:
         return json.loads(text.decode("utf-8"), parse_constant=_refuse)
     except (ValueError, RecursionError) as error:
-        raise InputError(f"{path} is not JSON: {error}.") from error
+        raise InputError(f"{shown(as_path(path))} is not JSON: {error}.") from error
 
 
 def _refuse(constant: str) -> None:

@@ -165,7 +165,6 @@ def monte_carlo(
     """
     require_known("monte_carlo", how, Trials)
     run = Trials(**how)
-    stability = None if run.digits is None else Stability(run.digits)
     require_integer("seed", seed, 0)
     given, (data, noise, estimated) = data, problem_of(data, noise)
     warn_left_out("monte_carlo()", data)
@@ -174,15 +173,15 @@ def monte_carlo(
         stack.enter_context(one_thread())
         problem = experiment(data, noise, method, pairs=pairs, scale=scale)
         tested, kind = _tested(covariance, problem.predicted)
-        checked = noise_of_data(given, data, problem.noise, estimated)
         message = to_bytes(Work(problem, int(seed), run.trials or 0, chunk_size(problem), tested))
         work = from_bytes(message)
         kept = stack.enter_context(
             closing(run.kept(work.identity, "Monte Carlo run", asked=work.trials, size=work.chunk))
         )
-        tally = Tally(work, stability)
+        tally = Tally(work, run.digits)
         ended = _run(tally, message, kept, run)
         seconds = time.monotonic() - started
+        checked = noise_of_data(given, data, problem.noise, estimated)
         said = {"noise_estimated": estimated, "noise_of_data": checked, "tested": kind, "seconds": seconds}
         result = _result(data, tally, kept, ended, **said)
         if kept.path is not None:
@@ -222,8 +221,8 @@ def _result(data: PosePairs | Motions, tally: Tally, kept: Run, ended: Finding, 
 class Tally:
     """Tally of the chunks so far, taken in their order."""
 
-    def __init__(self, work: Work, stability: Stability | None) -> None:
-        self.work, self.stability = work, stability
+    def __init__(self, work: Work, digits: int | None) -> None:
+        self.work, self.stability = work, None if digits is None else Stability(digits)
         self.stable = False
         self.resumed = 0  # trials that were kept already
         self._errors = np.empty((min(work.trials, KEPT), 6))
