@@ -1,16 +1,6 @@
-"""A cross-check as a figure: the ellipses of all covariances in the 15 pairs of components, as Fig. 5 of the paper.
-
-Model: the error ``xi = (theta, tau)`` of X is Gaussian with mean zero and each of the covariances; its projection onto
-two components has the ellipse
-
-    2 (s_i cos t,  s_j (rho cos t + sqrt(1 - rho^2) sin t)),   0 <= t < 2 pi
-
-of 2 standard deviations, which holds 86.5 % (`ellipses`). All are drawn about 0, the posterior too, so that sizes and
-directions can be compared. Columns: rotation against rotation, translation against translation, and three with rotation
-against translation, which the paper does not show.
-
-Curves that must coincide are drawn one upon the other: a broad pale one below, a thin dark one above. All differ in
-line style and lightness, not in colour only. This module imports Matplotlib; import it where it is used.
+"""A cross-check as a figure: the ellipses of its covariances in the 15 pairs of components (`ellipses`), as Fig. 5 of
+the paper and with rotation against translation. All are drawn about 0, the posterior too, so that sizes and directions
+can be compared.
 
 The corner plot of a posterior: each coordinate, and the density of each pair, beside the Gaussian of the bound.
 
@@ -25,7 +15,7 @@ This module imports Matplotlib; import it where it is used.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -36,123 +26,30 @@ from matplotlib.ticker import MaxNLocator
 from scipy.ndimage import gaussian_filter
 
 from ...core.geometry.se3 import Array
-from ...core.presentation.ellipses import LEVELS, SYMBOLS, display_unit, limited
+from ...core.presentation.ellipses import LEVELS, SYMBOLS, covariance_ellipses, display_unit
 from ...core.presentation.figure_parts import NamedFigure, settle_layout
 from .cross_check.run import CrossCheck
 from .outcome import figure_of
 from .posterior.result import Posterior
 
-DRAWN = 2
-POINTS = 2000
-PAIRS = ((0, 1), (0, 2), (1, 2))
-
-
-class _Curve(NamedTuple):
-    keys: tuple[str, ...]  # the first of these rows that there is
-    label: str
-    colour: str
-    line: Any
-    width: float
-    order: int
-
-
-_DOT = _Curve(("4dpa-literal",), "4DPA, (45) as printed", "#C7006E", "-", 1.0, 9)
-# Colours of Okabe and Ito. Pale and broad below what must lie on it.
-_CURVES = (
-    _Curve(("4dpa-sampled",), "4DPA, Monte Carlo", "#BFE0F5", "-", 5.0, 3),
-    _Curve(("4dpa-poses", "4dpa-pairs"), "4DPA, first order", "black", "-", 0.9, 6),
-    _Curve(("nguyen-own",), "Nguyen and Pham, own", "#0072B2", (0, (5, 1.5, 1, 1.5)), 1.3, 7),
-    _Curve(("bound",), "bound (efficient, ml)", "#E69F00", "-", 3.2, 4),
-    _Curve(("posterior",), "posterior", "#5A1E00", (0, (1.2, 1.0)), 1.3, 8),
-    _DOT,
+# Rows of a cross-check that are drawn: of each group the first there is, and its name.
+DRAWN = (
+    (("4dpa-poses", "4dpa-pairs"), "4DPA, first order"),
+    (("4dpa-sampled",), "4DPA, Monte Carlo"),
+    (("nguyen-own",), "Nguyen and Pham, own"),
+    (("bound",), "bound (efficient, ml)"),
+    (("posterior",), "posterior"),
 )
 
 
 @figure_of.register
 def cross_check_figure(check: CrossCheck) -> Figure:
-    """Ellipses of 2 standard deviations in 3 x 5 panels, with up to 2,000 errors of the trials of 4DPA."""
+    """The ellipses, with the errors of the trials of 4DPA."""
     known = {row.key: row.covariance for row in check.rows if row.covariance is not None}
-    drawn = []
-    for curve in _CURVES:
-        if keys := [key for key in curve.keys if key in known]:
-            drawn.append((curve, known[keys[0]]))
-    points = check.runs["4dpa"].errors[:POINTS] if "4dpa" in check.runs else np.empty((0, 6))
-
-    reach = _reach([S for _, S in drawn], points)
-    units = [display_unit(value, "rad" if k < 3 else "m") for k, value in enumerate(reach)]
-    scale = np.array([factor for factor, _ in units])
-    figure = NamedFigure(figsize=(10.6, 7.3), layout="constrained")
-    grid: Any = figure.subplots(3, 5)
-    for column, title in ((0, "Rotation"), (1, "Translation"), (3, "Rotation against translation")):
-        grid[0, column].set_title(title, fontsize=9.5, pad=8)
-    panels: list[tuple[Axes, int, int]] = []
-    for first, column in ((0, 0), (3, 1)):
-        panels += [(grid[row, column], first + i, first + j) for row, (i, j) in enumerate(PAIRS)]
-    panels += [(grid[row, 2 + column], column, 3 + row) for row in range(3) for column in range(3)]
-    for axis, i, j in panels:
-        _panel(axis, i, j, drawn, points, scale)
-        limited(axis, (reach[i] / scale[i], reach[j] / scale[j]))
-        axis.tick_params(labelsize=7)
-        axis.set_xlabel(f"${SYMBOLS[i]}$ ({units[i][1]})", fontsize=8, labelpad=1)
-        axis.set_ylabel(f"${SYMBOLS[j]}$ ({units[j][1]})", fontsize=8, labelpad=1)
-    _ellipse_legend(figure, check, [curve for curve, _ in drawn], len(points))
-    settle_layout(figure)
-    return figure
-
-
-def _reach(covariances: list[Array], points: Array) -> Array:
-    """Half the range (6,) of each axis, the same for the three rotations and for the three translations."""
-    rows = [DRAWN * np.sqrt(np.diag(S)) for S in covariances]
-    if len(points):
-        rows.append(2.6 * points.std(axis=0))
-    largest = np.max(rows, axis=0) if rows else np.full(6, 1e-6)
-    return 1.1 * np.repeat([largest[:3].max(), largest[3:].max()], 3)
-
-
-def _panel(axis: Axes, i: int, j: int, drawn: list[tuple[_Curve, Array]], points: Array, scale: Array) -> None:
-    """Sampled errors and ellipses of one pair of components."""
-    if len(points):
-        x, y = (points[:, [i, j]] / scale[[i, j]]).T
-        axis.plot(x, y, ".", color="0.8", markersize=1.4, markeredgewidth=0, rasterized=True, zorder=1)
-    axis.axhline(0, color="0.88", linewidth=0.6, zorder=0)
-    axis.axvline(0, color="0.88", linewidth=0.6, zorder=0)
-    for curve, S in drawn:
-        x, y = ellipse(S, i, j) / scale[[i, j]][:, None]
-        axis.plot(x, y, color=curve.colour, linestyle=curve.line, linewidth=curve.width, zorder=curve.order)
-        if curve is _DOT:
-            axis.fill(x, y, color=curve.colour, linewidth=0, zorder=curve.order)
-
-
-def ellipse(S: Array, i: int, j: int) -> Array:
-    """Points (2, 181) of the ellipse of `DRAWN` standard deviations of components i and j."""
-    angle = np.linspace(0, 2 * np.pi, 181)
-    s = np.sqrt(np.diag(S))[[i, j]]
-    rho = float(np.clip(S[i, j] / (s[0] * s[1]), -1, 1)) if s.all() else 0.0
-    return DRAWN * np.stack([s[0] * np.cos(angle), s[1] * (rho * np.cos(angle) + np.sqrt(1 - rho**2) * np.sin(angle))])
-
-
-def _ellipse_legend(figure: Figure, check: CrossCheck, curves: list[_Curve], points: int) -> None:
-    handles = [
-        Line2D([], [], color=curve.colour, linestyle=curve.line, linewidth=curve.width, label=curve.label)
-        for curve in curves
-        if curve is not _DOT
-    ]
-    if _DOT in curves:  # smaller than its line is wide
-        handles.append(Line2D([], [], marker="o", linestyle="", color=_DOT.colour, markersize=3.5, label=_DOT.label))
-    if points:
-        label = f"{points:,} trials of 4DPA"
-        handles.append(Line2D([], [], marker=".", linestyle="", color="0.7", markersize=5, label=label))
-    held = 100 * (1 - np.exp(-(DRAWN**2) / 2))
-    figure.legend(
-        handles=handles,
-        loc="outside lower center",
-        ncols=4,
-        frameon=False,
-        fontsize=8.5,
-        handlelength=3,
-        title=f"{check.frame}: ellipses of {DRAWN} standard deviations, which hold {held:.1f} % of the probability",
-        title_fontproperties={"size": 8.5},
-    )
+    drawn = {label: known[key] for keys, label in DRAWN if (key := next(filter(known.__contains__, keys), ""))}
+    (label, first), *others = drawn.items() or [("none", np.zeros((6, 6)))]
+    samples = check.runs["4dpa"].errors if "4dpa" in check.runs else None
+    return covariance_ellipses(check.X, first, samples=samples, others=dict(others), label=label, title=check.frame)
 
 
 BINS = 60

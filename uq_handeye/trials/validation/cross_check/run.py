@@ -30,6 +30,7 @@ from numpy.typing import ArrayLike
 
 from ....core.files.records import attributes
 from ....core.formatting.numbers import digits
+from ....core.geometry.se3 import Array
 from ....core.presentation.document import Answer, Block, Cell, Document, Heading, Paragraph, Table, document_of
 from ....errors import InputError, keywords_of, require_integer, require_known
 from ....findings import Finding
@@ -61,6 +62,7 @@ class CrossCheck(Outcome):
     relations: tuple[Relation, ...]
     runs: dict[str, MonteCarlo]  # by method
     posterior: Posterior | None
+    X: Array  # (4, 4) around which noise is drawn
     frame: str  # of X, e.g. gripper_T_camera
     setup: str | None  # None for motions
     origin: str  # "truth of the simulation" or "fit to the data"
@@ -400,7 +402,6 @@ def cross_check(
     problem = _problem(data, noise)
     noise = problem.noise
     problem.predicted()  # raises where the data do not determine X
-    checked = noise_of_data(given, measured, noise, estimated)
     rows = formulas(data, problem)
     identity = identity_of(data, noise, {"pairs": problem.pairs, "X": problem.X}, seed=int(seed))
     with closing(running.kept(identity, "cross-check", pieces="", asked=int(trials))) as run:
@@ -417,6 +418,7 @@ def cross_check(
         relations=relations(_evidence(problem, rows_judged, runs, effective)),
         runs=runs,
         posterior=chain,
+        X=problem.X,
         **place_of(data),
         noise=noise,
         noise_estimated=estimated,
@@ -425,7 +427,7 @@ def cross_check(
         trials=int(trials),
         seed=int(seed),
         seconds=time.monotonic() - started,
-        noise_of_data=checked,
+        noise_of_data=noise_of_data(given, measured, noise, estimated),
         ended=ended,
     )
 
