@@ -11,7 +11,7 @@ from support import SEED, draw
 from uq_handeye.core.presentation.document import COLUMNS, to_text
 from uq_handeye.core.presentation.ellipses import render
 from uq_handeye.trials.validation.figures_of_trials import band, validation_figure
-from uq_handeye.trials.validation.monte_carlo.consistency import LEVELS, Sums, consistency
+from uq_handeye.trials.validation.monte_carlo.consistency import Sums, consistency
 from uq_handeye.trials.validation.monte_carlo.result import monte_carlo_document
 from uq_handeye.trials.validation.monte_carlo.sums import BELOW, COMPONENTS
 from uq_handeye.trials.validation.monte_carlo.text import verdict
@@ -165,17 +165,11 @@ def test_the_band_holds_true_covariances_and_no_wrong_ones(rng):
 def test_what_is_drawn_is_what_the_numbers_say(rng):
     result = run(rng, truth=P * np.diag([1, 1, 1, 1, 1.44, 1]))
     c = result.consistency
-    joint, _, _, deviations, shares = validation_figure(result).axes
+    joint, _, _ = validation_figure(result).axes
     curve = next(line for line in joint.lines if line.get_linewidth() == 1.6)
     x, y = curve.get_data()
     middle = np.searchsorted(y, np.sqrt(stats.chi2.ppf(0.9, 6)))
     assert stats.chi2.cdf(x[middle] ** 2, 6) == pytest.approx(c.coverage[0, 2], abs=0.01)
-    points = [line.get_xdata()[0] for line in deviations.lines if line.get_marker() in ("s", "^")]
-    np.testing.assert_allclose(points, c.std / c.predicted_std)
-    directions = next(line for line in deviations.lines if line.get_marker() == "o")
-    np.testing.assert_allclose(directions.get_xdata(), np.sqrt(c.eigenvalues))
-    heights = [line.get_ydata() for line in shares.lines if line.get_marker() in ("o", "s", "^")]
-    np.testing.assert_allclose(heights, 100 * (c.coverage - LEVELS))
 
 
 @pytest.mark.parametrize("kind", ["png", "svg"])

@@ -1,13 +1,10 @@
 """A Monte Carlo run as a figure: whether the errors of the trials follow the covariance, seen at a glance.
 
-Above, quantiles of the distance ``d = sqrt(xi^T P^-1 xi)`` of the errors of all trials against those of the chi
-distribution with 6 (joint) or 3 degrees of freedom (rotation, translation). The grey band holds the whole curve of a
-consistent covariance with the confidence of the verdict: it is simultaneous over all quantiles, of equal local level,
-that level found from `DRAWS` simulated histograms (Aldor-Noiman et al., The American Statistician 67, 2013).
-
-Below, the sampled over the predicted standard deviation of each axis with chi-square intervals, and of the six
-directions of ``P^-1 S`` with what chance explains; and the shares in the ellipsoids less their level, with intervals of
-Clopper and Pearson.
+Quantiles of the distance ``d = sqrt(xi^T P^-1 xi)`` of the errors of all trials against those of the chi distribution
+with 6 (joint) or 3 degrees of freedom (rotation, translation). The grey band holds the whole curve of a consistent
+covariance with the confidence of the verdict: it is simultaneous over all quantiles, of equal local level, that level
+found from `DRAWS` simulated histograms (Aldor-Noiman et al., The American Statistician 67, 2013). Standard deviations
+of the axes and shares in the ellipsoids, with their intervals, are in the tables.
 
 This module imports Matplotlib; import it where it is used.
 
@@ -38,9 +35,9 @@ from scipy.stats import binom
 from ...core.formatting.numbers import digits, rough
 from ...core.geometry.se3 import Array
 from ...core.presentation.figure_parts import HALO, NamedFigure
-from .monte_carlo.consistency import HARMLESS, Consistency, smaller_tail
+from .monte_carlo.consistency import Consistency, smaller_tail
 from .monte_carlo.result import MonteCarlo, heading
-from .monte_carlo.sums import ABOVE, BELOW, COMPONENTS, LEVELS, PARTS, SIZES, edges
+from .monte_carlo.sums import ABOVE, BELOW, PARTS, SIZES, edges
 from .monte_carlo.text import nees_number, percent, verdict
 from .outcome import figure_of
 from .sweep.level import KINDS, Limit, MethodSweep
@@ -48,8 +45,6 @@ from .sweep.run import Sweep
 
 DRAWS = 1_000  # of histograms: the local level to about a third of itself, the band to some 3 %
 COLOURS = ("black", "#D55E00", "#0072B2")  # of the parts, after Okabe and Ito
-MARKERS = ("o", "s", "^")
-MINUS = "\N{MINUS SIGN}"
 _WIDTH = 10.8
 _BAND = "0.86"
 _FEWEST = 10  # trials that make a curve
@@ -58,12 +53,12 @@ _SHOWN = (0.5, 0.99, 0.9999, 0.999999)  # quantiles marked in the upper panels
 
 @figure_of.register
 def validation_figure(result: MonteCarlo) -> Figure:
-    """Quantiles of the NEES, standard deviations and coverage of a run, as a Matplotlib figure."""
+    """Quantiles of the errors of a run, as a Matplotlib figure."""
     c = result.consistency
     # Per cent signs stay with their numbers.
     words = textwrap.wrap(verdict(c).replace(" %", "\N{NO-BREAK SPACE}%"), 195, break_on_hyphens=False)
     top = 0.8 + 0.145 * len(words)  # inches above the panels
-    height = 6.2 if c.sums.count else 0.4
+    height = 3.4 if c.sums.count else 0.4
     figure = NamedFigure(figsize=(_WIDTH, height + top))
 
     def place(x: float, y: float, across: float, up: float) -> Axes:
@@ -77,18 +72,12 @@ def validation_figure(result: MonteCarlo) -> Figure:
     if c.sums.count == 0:
         return figure
     for k in range(3):
-        _quantiles(place(0.62 + 3.5 * k, 3.7, 2.95, 2.5), c, k)
-    _deviations(place(1.42, 0.92, 4.1, 2.1), c)
-    _coverage(place(7.4, 0.92, 3.2, 2.1), c)
-    sure = percent(c.confidence)
+        _quantiles(place(0.62 + 3.5 * k, 0.85, 2.95, 2.5), c, k)
     text = (
-        "Above: the distances d of the errors of all trials, sorted, against where they should lie. The grey band "
-        f"holds the whole curve of a consistent covariance with {sure}. Below: bars are {sure} intervals, each on its "
-        f"own. Left: light grey is +-{percent(HARMLESS)}, which hardly matters, dark grey is what chance alone does "
-        "to the six directions. Right: a point below 0 is an ellipsoid that holds fewer errors than it promises."
+        "The distances d of the errors of all trials, sorted, against where they should lie. The grey band holds the "
+        f"whole curve of a consistent covariance with {percent(c.confidence)}."
     )
-    lines = "\n".join(textwrap.wrap(text, 215, break_on_hyphens=False))
-    figure.text(left, 0.12 / (height + top), lines, fontsize=6.5, va="bottom", color="0.3", linespacing=1.2)
+    figure.text(left, 0.12 / (height + top), text, fontsize=6.5, va="bottom", color="0.3")
     return figure
 
 
@@ -159,70 +148,6 @@ def _expected(below: Any, trials: int, size: int) -> Array:
     """The quantile of chi at which so many of the trials lie below."""
     p = (np.asarray(below) + 0.5) / (trials + 1)
     return np.asarray(np.sqrt(2 * gammaincinv(size / 2, p)))
-
-
-def _deviations(axis: Axes, c: Consistency) -> None:
-    """Sampled over predicted standard deviation of each axis, and of all directions."""
-    axis.set_title("sampled / predicted standard deviation", fontsize=8.5, fontweight="bold", loc="left", pad=5)
-    intervals = c.std_ratio_interval
-    if c.std is None or c.predicted_std is None or intervals is None:
-        missing = "no predicted covariance" if c.predicted is None else "too few trials"
-        return _empty(axis, missing)
-    ratio = c.std / c.predicted_std
-    axis.axvspan(1 - HARMLESS, 1 + HARMLESS, color="0.94", linewidth=0, zorder=0)
-    axis.axvline(1, color="0.5", linewidth=0.7, zorder=1)
-    values = [*intervals.ravel(), 1 - HARMLESS, 1 + HARMLESS]
-    for k in range(6):
-        colour = COLOURS[1 + k // 3]
-        axis.plot(intervals[k], [k, k], color=colour, linewidth=1.6, solid_capstyle="butt", zorder=3)
-        axis.plot(ratio[k], k, MARKERS[1 + k // 3], color=colour, markersize=4, markeredgewidth=0, zorder=4)
-        factor, unit = (180 / np.pi, "deg") if k < 3 else (1e3, "mm")
-        text = f"{digits(factor * c.std[k])} / {digits(factor * c.predicted_std[k])} {unit}"
-        axis.text(1.02, k, text, transform=axis.get_yaxis_transform(), fontsize=6.5, va="center")
-    rows = list(COMPONENTS)
-    if c.eigenvalues is not None and c.eigenvalue_interval is not None:
-        roots, chance = np.sqrt(c.eigenvalues), np.sqrt(c.eigenvalue_interval)
-        axis.barh(6, chance[1] - chance[0], left=chance[0], height=0.6, color="0.78", linewidth=0, zorder=2)
-        axis.plot(roots, np.full(6, 6.0), "o", color="black", markersize=3.2, markeredgewidth=0, zorder=4)
-        axis.text(
-            1.02,
-            6,
-            f"{roots[0]:.3f} to {roots[-1]:.3f}",
-            transform=axis.get_yaxis_transform(),
-            fontsize=6.5,
-            va="center",
-        )
-        values += [*roots, *chance]
-        rows.append("six directions")
-    spread = max(values) - min(values)
-    axis.set_xlim(min(values) - 0.04 * spread, max(values) + 0.04 * spread)
-    axis.set_ylim(len(rows) - 0.5, -0.5)
-    axis.set_yticks(range(len(rows)), labels=rows)
-    _plain(axis)
-    axis.tick_params(axis="y", length=0)
-
-
-def _coverage(axis: Axes, c: Consistency) -> None:
-    """Shares in the ellipsoids less their level."""
-    axis.set_title("coverage", fontsize=8.5, fontweight="bold", loc="left", pad=5)
-    if c.coverage is None or c.coverage_interval is None:
-        return _empty(axis, "no trial gave an estimate")
-    levels = np.array(LEVELS)
-    axis.axhline(0, color="0.5", linewidth=0.7, zorder=1)
-    for part, (name, colour, marker) in enumerate(zip(PARTS, COLOURS, MARKERS, strict=True)):
-        x = np.arange(len(LEVELS)) + 0.2 * (part - 1)
-        y, ends = 100 * (c.coverage[part] - levels), 100 * (c.coverage_interval[part] - levels[:, None])
-        axis.vlines(x, ends[:, 0], ends[:, 1], color=colour, linewidth=1.6, zorder=3)
-        axis.plot(x, y, marker, color=colour, markersize=4, markeredgewidth=0, zorder=4, label=name)
-    shares = [f"{100 * level:g} %\n{100 * share:.2f}" for level, share in zip(LEVELS, c.coverage[0], strict=True)]
-    axis.set_xticks(range(len(LEVELS)), labels=shares)
-    axis.set_xlim(-0.5, len(LEVELS) - 0.5)
-    _plain(axis)
-    axis.tick_params(axis="x", length=0, pad=3)
-    axis.set_ylabel("share less level (percentage points)", fontsize=7.5, labelpad=2)
-    axis.set_xlabel("level of the ellipsoid, and what the joint one holds (%)", fontsize=7.5, labelpad=1)
-    axis.yaxis.set_major_formatter(lambda value, _: f"{value:g}".replace("-", MINUS))
-    axis.legend(fontsize=6.5, frameon=False, ncols=3, loc="lower right", bbox_to_anchor=(1.0, 0.99), handlelength=0.8)
 
 
 def _empty(axis: Axes, why: str) -> None:
