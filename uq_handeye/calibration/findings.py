@@ -7,7 +7,6 @@ from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy.special import chdtr, chdtrc, chdtri
 
 from ..core.geometry.se3 import Array, difference
@@ -242,13 +241,13 @@ def wrong_poses(job: Job, noise: Noise, table: PoseTable) -> list[Finding]:
     return table.findings
 
 
-def check_input(data: PosePairs | Motions, noise: Noise | None = None, pairs: str | ArrayLike = "all") -> list[Finding]:
+def check_input(data: PosePairs | Motions, noise: Noise | None = None) -> list[Finding]:
     """Return suspicious properties of the input, by the checks that `calibrate` makes before it estimates noise and
     covariance.
 
     Raises `InputError` for what `calibrate` cannot use.
     """
-    job = job_of(Request(noise, pairs=pairs), data)
+    job = job_of(Request(noise), data)
     return without_consequences(look_at(job) + reasons(job))
 
 

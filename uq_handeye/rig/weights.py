@@ -108,13 +108,11 @@ def fit_robustly(
     method: str = "efficient",
     prior: Prior | None = None,
     begin: NDArray[np.bool_] | RigFit | None = None,
-    margin: float = 1.0,
 ) -> tuple[RigFit, Distances]:
     """Fit with weights of the views and of the robot poses; all 1 where the largest distance is no surprise.
 
-    ``begin`` (E,): the edges that count at first, or a fit whose weights are those to begin with; ``margin`` multiplies
-    the limits, for noise that is estimated.
-    Raises `InputError` where less than half of the views agree.
+    ``begin`` (E,): the edges that count at first, or a fit whose weights are those to begin with. Raises `InputError`
+    where less than half of the views agree.
     """
     limit = largest_by_chance(graph.E + graph.P)
     found: RigFit | None = None
@@ -125,15 +123,15 @@ def fit_robustly(
     if w_e.all() and w_k.all():
         found = fit(graph, noise, start, method, prior=prior, after=found)
         far = distances(found)
-        if max(far.edges.max(initial=0.0), far.poses.max(initial=0.0)) <= limit * margin:
+        if max(far.edges.max(initial=0.0), far.poses.max(initial=0.0)) <= limit:
             return found, far
     at, cleared = start, np.zeros(graph.P, dtype=bool)
     for k in range(MOST):
         found = fit(graph, noise, at, method, w_e, w_k, prior, found)
         at, far = found.at, distances(found)
         worst = _worst(graph, far)
-        cleared |= (w_k == 0) & (worst > limit * margin)  # its views contradict each other without it, too
-        wanted = _wanted(graph, far, margin, worst, cleared)
+        cleared |= (w_k == 0) & (worst > limit)  # its views contradict each other without it, too
+        wanted = _wanted(graph, far, worst, cleared)
         if k >= LATE:  # those that take turns would never end: weights only fall
             wanted = np.minimum(wanted[0], w_e), np.minimum(wanted[1], w_k)
         change = max(np.abs(wanted[0] - w_e).max(), np.abs(wanted[1] - w_k).max(initial=0.0))
@@ -172,14 +170,12 @@ def _worst(graph: Graph, far: Distances) -> Array:
     return worst[:-1]
 
 
-def _wanted(
-    graph: Graph, far: Distances, margin: float, worst: Array, cleared: NDArray[np.bool_]
-) -> tuple[Array, Array]:
+def _wanted(graph: Graph, far: Distances, worst: Array, cleared: NDArray[np.bool_]) -> tuple[Array, Array]:
     """Weights by the distances: a robot pose that explains more than its worst view spares its views.
 
     ``cleared``: poses that are not to blame.
     """
-    of_edges, of_poses = robust_weights(far.edges / margin), robust_weights(far.poses / margin)
+    of_edges, of_poses = robust_weights(far.edges), robust_weights(far.poses)
     blamed = (far.poses > worst) & (of_poses < 1.0) & ~cleared
     of_poses = np.where(blamed, of_poses, 1.0)
     spared = np.zeros(graph.E, dtype=bool)

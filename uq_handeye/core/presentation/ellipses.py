@@ -28,7 +28,7 @@ from scipy.spatial.transform import Rotation
 
 from ...errors import InputError
 from ..geometry.checks import as_covariance, as_pose
-from ..geometry.se3 import Array, difference
+from ..geometry.se3 import Array
 from .figure_parts import NamedFigure, settle_layout
 from .figure_parts import render as render
 
@@ -45,14 +45,6 @@ STYLES: tuple[tuple[str, Any], ...] = (
     ("#0072B2", "-."),
     ("#009E73", (0, (6, 1, 1, 1, 1, 1))),
 )
-# A black cross with a white rim: visible on any line or cloud, and unlike either in greyscale.
-TRUTH: dict[str, Any] = {
-    "marker": "X",
-    "linestyle": "",
-    "color": "black",
-    "markersize": 8,
-    "markeredgecolor": "white",
-}
 WIDTHS = (1.6, 1.2, 0.9)  # of the 1, 2 and 3 sigma ellipse
 
 MAX_SAMPLES = 5000  # drawn: more only blacken the panels
@@ -63,7 +55,6 @@ def covariance_ellipses(
     X: ArrayLike,
     covariance: ArrayLike,
     *,
-    truth: ArrayLike | None = None,
     samples: ArrayLike | None = None,
     others: Mapping[str, ArrayLike] | None = None,
     label: str = "estimate",
@@ -82,8 +73,6 @@ def covariance_ellipses(
         The estimate, translation in m.
     covariance : (6, 6)
         Of ``xi = (theta, tau)``, in rad and m.
-    truth : (4, 4) or None
-        The true X, marked by a cross.
     samples : (S, 6) or None
         Errors ``xi`` in rad and m, of a Monte Carlo simulation or a posterior; at most 5000, evenly spaced,
         are drawn. A scale shows the 3 sigma ellipses and three standard deviations of the samples.
@@ -107,9 +96,7 @@ def covariance_ellipses(
             raise InputError(f"Expected at most {count} others with names of their own, got also {name!r}.")
         covariances[name] = as_covariance(other, f"others[{name!r}]")
     points = np.empty((0, 6)) if samples is None else _points(samples)
-    offset = None if truth is None else difference(as_pose(truth, "truth"), pose)
-
-    reach, common = _reach(covariances, points, offset)
+    reach, common = _reach(covariances, points)
     units = [display_unit(value, "rad" if k < 3 else "m") for k, value in enumerate(reach)]
     scale = np.array([factor for factor, _ in units])
     axis_labels = [f"${symbol}$ ({unit})" for symbol, (_, unit) in zip(SYMBOLS, units, strict=True)]
@@ -128,11 +115,11 @@ def covariance_ellipses(
     panels += [(grid[row, column], column, 3 + row) for row in range(3) for column in range(3)]
 
     for axis, i, j in panels:
-        _draw(axis, i, j, covariances, points, offset, scale)
+        _draw(axis, i, j, covariances, points, scale)
         limited(axis, (reach[i] / scale[i], reach[j] / scale[j]))
         axis.set_xlabel(axis_labels[i], fontsize=9)
         axis.set_ylabel(axis_labels[j], fontsize=9)
-    _legend(figure, covariances, len(points) > 0, offset is not None, pose)
+    _legend(figure, covariances, len(points) > 0, pose)
     settle_layout(figure)
     return figure
 
@@ -145,7 +132,7 @@ def small_ellipses(covariance: Array) -> Figure:
     for line, first, unit in ((grid[0], 3, "mm"), (grid[1], 0, "deg")):
         reach = 3.2 * float(np.sqrt(np.diag(covariance)[first : first + 3].max())) / scale[first] or 1.0
         for axis, (i, j) in zip(line, PAIRS_WITHIN, strict=True):
-            _draw(axis, first + i, first + j, {"": covariance}, np.empty((0, 6)), None, scale)
+            _draw(axis, first + i, first + j, {"": covariance}, np.empty((0, 6)), scale)
             limited(axis, (reach, reach), size=6.5)
             axis.set_xlabel(f"{'xyz'[i]} ({unit})", fontsize=7, labelpad=1)
             axis.set_ylabel("xyz"[j], fontsize=7, labelpad=2)
@@ -164,13 +151,11 @@ def _points(samples: ArrayLike) -> Array:
     return points
 
 
-def _reach(covariances: Mapping[str, Array], points: Array, offset: Array | None) -> tuple[Array, list[bool]]:
+def _reach(covariances: Mapping[str, Array], points: Array) -> tuple[Array, list[bool]]:
     """Half the range of each axis (6,) in rad and m; whether rotation and translation have a common one."""
     rows = [3 * np.sqrt(np.diag(S)) for S in covariances.values()]
     if len(points):
         rows.append(3 * np.sqrt(np.mean(points**2, axis=0)))
-    if offset is not None:
-        rows.append(np.abs(offset))
     reach = np.max(rows, axis=0)
     common = []
     for group in (reach[:3], reach[3:]):
@@ -211,16 +196,8 @@ def ellipse(S: Array, i: int, j: int, factor: Array) -> Array:
     return np.stack([x * np.cos(angle), y * (rho * np.cos(angle) + np.sqrt(1 - rho**2) * np.sin(angle))])
 
 
-def _draw(
-    axis: Axes,
-    i: int,
-    j: int,
-    covariances: Mapping[str, Array],
-    points: Array,
-    offset: Array | None,
-    scale: Array,
-) -> None:
-    """Samples, ellipses, truth and correlation of one panel."""
+def _draw(axis: Axes, i: int, j: int, covariances: Mapping[str, Array], points: Array, scale: Array) -> None:
+    """Samples, ellipses and correlation of one panel."""
     if len(points):
         step = -(-len(points) // MAX_SAMPLES)
         x, y = (points[::step, [i, j]] / scale[[i, j]]).T
@@ -237,9 +214,6 @@ def _draw(
             axis.set_title(rf"$\rho$ {value}", fontsize=8, loc="right", pad=3)
             if not s.any():
                 axis.plot(0, 0, "o", color=colour, markersize=3, zorder=3)
-    if offset is not None:
-        x, y = offset[[i, j]] / scale[[i, j]]
-        axis.plot(x, y, zorder=9, **TRUTH)
 
 
 def limited(axis: Axes, reach: tuple[float, float], size: float = 8) -> None:
@@ -252,15 +226,13 @@ def limited(axis: Axes, reach: tuple[float, float], size: float = 8) -> None:
     axis.tick_params(labelsize=size, direction="in", top=True, right=True)
 
 
-def _legend(figure: Figure, covariances: Mapping[str, Array], samples: bool, truth: bool, pose: Array) -> None:
+def _legend(figure: Figure, covariances: Mapping[str, Array], samples: bool, pose: Array) -> None:
     """Explain what the lines mean, what the ellipses hold, and where the origin is."""
     handles: list[Any] = []
     for name, (colour, style) in zip(covariances, STYLES, strict=False):
         handles.append(Line2D([], [], color=colour, linestyle=style, linewidth=WIDTHS[0], label=name))
     if samples:
         handles.append(Line2D([], [], marker=".", linestyle="", color="0.65", markersize=5, label="samples"))
-    if truth:
-        handles.append(Line2D([], [], label="truth", **TRUTH))
     position = ", ".join(f"{1e3 * x:.3f}" for x in pose[:3, 3])
     turn = ", ".join(f"{x:.4f}" for x in Rotation.from_matrix(pose[:3, :3]).as_rotvec(degrees=True))
     figure.legend(

@@ -93,15 +93,13 @@ class Shift(ReadOnlyArrays):
         return poses.rows(self.robot_rows, self.camera_rows)
 
 
-def find_shift(poses: PosePairs, *, seed: int | np.random.Generator = 0) -> Shift | None:
+def find_shift(poses: PosePairs) -> Shift | None:
     """The shift of the camera rows against the robot rows, whole or from some row on, or None if there is none.
 
     Parameters
     ----------
     poses : PosePairs
         n pairs as given, in the order in which they were taken; no leading axes.
-    seed : int or numpy Generator
-        Of the robust fits that confirm it.
 
     Returns
     -------
@@ -130,7 +128,7 @@ def find_shift(poses: PosePairs, *, seed: int | np.random.Generator = 0) -> Shif
     anew = OnPoses(poses.robot[robot_rows], poses.camera[camera_rows], as_given.inverted)
     if len(robot_rows) < max(FEWEST, n // 2):
         return None
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     try:
         found = consensus(anew, None, rng).unknowns
         given = consensus(as_given, None, rng).unknowns

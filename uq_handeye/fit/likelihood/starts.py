@@ -57,13 +57,12 @@ def sound_start(
     data: PosePairs | Motions,
     constraint: Constraint,
     noise: Noise | None,
-    prior: PosePrior | None = None,
     astray: NDArray[np.bool_] | None = None,
 ) -> Unknowns:
     """`start_of`, and where the data alone leave directions open, for which 4DPA has no answer, `start_open`.
 
-    ``prior`` is for noise that is not known yet; else that of the noise counts. Problems (...) that are ``astray`` from
-    4DPA go to `start_open` as well. Raises `DegenerateMotionError` where data and prior determine nothing of X.
+    Problems (...) that are ``astray`` from 4DPA go to `start_open` as well. Raises `DegenerateMotionError` where data
+    and prior determine nothing of X.
     """
     batch = constraint.first.shape[:-3]
     X, W = np.zeros((*batch, 4, 4)), np.zeros((*batch, 4, 4))
@@ -76,7 +75,7 @@ def sound_start(
     for k in zip(*np.nonzero(bad), strict=True) if batch else [()] * int(bad):
         one = replace(constraint, first=constraint.first[k], second=constraint.second[k])
         try:
-            at = start_open(one, noise if noise is None else _of_problem(noise, k), prior)
+            at = start_open(one, noise if noise is None else _of_problem(noise, k))
         except DegenerateMotionError:
             if not X[k].any():  # 4DPA has none either
                 raise

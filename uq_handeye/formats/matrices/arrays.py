@@ -154,13 +154,13 @@ def _last_axis(shape: tuple[int, ...]) -> bool:
 
 
 def side_of_array(
-    values: Array, name: str, frame: str | None = None, times: Array | None = None, units: str | None = None
+    values: Array, name: str, frame: str | None = None, times: Array | None = None
 ) -> tuple[Side, list[str]]:
     """Return the poses of an array, and what was found out; ``times`` (n,) in s.
 
     Raises `InputError` for other shapes, and for matrices that are no poses.
     """
-    options: dict[str, Any] = {"frame": frame, "units": units}
+    options: dict[str, Any] = {"frame": frame}
     shape = values.shape
     if not is_poses(shape) or not values.size:
         raise InputError(
@@ -177,7 +177,7 @@ def side_of_array(
         flat = flat[:, :6]
         notes.append("the last number of each pose is a code, and not used")
     if flat.shape[1] == 6:
-        readings, said = interpret("unsaid", flat[:, :3], flat[:, 3:], None, units, None)
+        readings, said = interpret("unsaid", flat[:, :3], flat[:, 3:], None, None, None)
         side = Side(name, flat[:, :3], flat[:, 3:], readings=readings, **options)
         notes += said
     elif flat.shape[1] in (7, 8):

@@ -123,12 +123,8 @@ class AllPairs:
         return covariance_of_poses(self.sensitivities(X), noise)
 
 
-def solve_all_pairs(poses: PosePairs, weights: Array | None = None) -> Array:
-    """X (..., 4, 4) of all pairs in the limit (T2), over the leading axes of the poses.
-
-    ``weights`` (..., n) of the poses, such as how often a bootstrap drew them: a pair counts with the product of its
-    two. Leading axes of weights are replicates of one data set.
-    """
+def solve_all_pairs(poses: PosePairs) -> Array:
+    """X (..., 4, 4) of all pairs in the limit (T2), over the leading axes of the poses."""
     n_pairs = poses.n * (poses.n - 1) // 2
     frames, _ = pose_twists(poses, slice(None))
     y = []
@@ -136,13 +132,11 @@ def solve_all_pairs(poses: PosePairs, weights: Array | None = None) -> Array:
         centred = P.copy()
         centred[..., :3, 3] -= P[..., :3, 3].mean(axis=-2, keepdims=True)
         y.append(_coordinates(centred))
-    left = y[0] if weights is None else y[0] * weights[..., None]
-    N = left.mT @ y[1]
+    N = y[0].mT @ y[1]
     by_left = (_B.transpose(0, 2, 1) @ N[..., None, :, :]).reshape(*N.shape[:-2], 6, 256)
     by_right = (N[..., None, :, :] @ _B.transpose(0, 2, 1)).reshape(*N.shape[:-2], 6, 256)
     moments = 0.5 * by_left @ by_right.mT
-    batch = poses.robot.shape[:-3] if weights is None else weights.shape[:-1]
-    return solve_moments(moments.reshape(*batch, 6, 6), n_pairs)
+    return solve_moments(moments.reshape(*poses.robot.shape[:-3], 6, 6), n_pairs)
 
 
 def _constraints(moments: Array, R: Array, t: Array) -> Array:

@@ -86,7 +86,7 @@ def _quantiles(axis: Axes, c: Consistency, part: int) -> None:
     T, size = c.sums.count, SIZES[part]
     axis.set_title(PARTS[part], fontsize=8.5, fontweight="bold", color=COLOURS[part], loc="left", pad=13)
     if T < _FEWEST:
-        return _empty(axis, "too few trials")
+        return _empty(axis)
     observed = np.sqrt(edges(size))
     below = np.cumsum(c.sums.histogram[part])[:-1]
     low, high = band(T, c.confidence)
@@ -150,9 +150,9 @@ def _expected(below: Any, trials: int, size: int) -> Array:
     return np.asarray(np.sqrt(2 * gammaincinv(size / 2, p)))
 
 
-def _empty(axis: Axes, why: str) -> None:
+def _empty(axis: Axes) -> None:
     axis.set_axis_off()
-    axis.text(0.0, 0.9, f"Not determined: {why}.", transform=axis.transAxes, fontsize=7.5, va="top")
+    axis.text(0.0, 0.9, "Not determined: too few trials.", transform=axis.transAxes, fontsize=7.5, va="top")
 
 
 def _plain(axis: Axes) -> None:

@@ -39,7 +39,7 @@ VIEWS = (
 DISTANCE, AHEAD, HARDLY = 0.5, 5, 0.10
 
 
-def starting_views(distance: float = DISTANCE) -> Array:
+def starting_views() -> Array:
     """Return ten views camera_T_target (10, 4, 4) from which the camera sees the middle of the board."""
     views = np.tile(np.eye(4), (len(VIEWS), 1, 1))
     for k, (tilt, about, turn, far) in enumerate(VIEWS):
@@ -48,7 +48,7 @@ def starting_views(distance: float = DISTANCE) -> Array:
         views[k, :3, :3] = (
             Rotation.from_euler("z", turn, degrees=True) * Rotation.from_rotvec(axis) * facing
         ).as_matrix()
-        views[k, :3, 3] = 0.0, 0.0, far * distance
+        views[k, :3, 3] = 0.0, 0.0, far * DISTANCE
     return views
 
 

@@ -159,13 +159,11 @@ class Detectable(Record):
     level: float
 
 
-def detectable_changes(
-    of_X: Array, of_W: Array, reference: PredictiveReference, level: float, power: float = POWER
-) -> Detectable:
+def detectable_changes(of_X: Array, of_W: Array, reference: PredictiveReference, level: float) -> Detectable:
     """Build it from the information (6, 6) of changes of X and of W."""
-    noncentrality = reference.noncentrality(power, level)
+    noncentrality = reference.noncentrality(POWER, level)
     return Detectable(
-        *smallest_change(of_X, noncentrality), *smallest_change(of_W, noncentrality), power=power, level=level
+        *smallest_change(of_X, noncentrality), *smallest_change(of_W, noncentrality), power=POWER, level=level
     )
 
 

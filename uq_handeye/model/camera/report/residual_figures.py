@@ -232,9 +232,9 @@ def named_axes(axis: Axes, x: str, y: str, title: str = "", ticks: tuple[int, in
             line.set_major_locator(MaxNLocator(nbins=most, **how))
 
 
-def scale_beside(figure: Figure, axis: Axes, drawn: Any, name: str, wide: float = 0.028) -> Any:
+def scale_beside(figure: Figure, axis: Axes, drawn: Any, name: str) -> Any:
     """The colours of a map beside it, with the name of what they mean."""
-    bar = figure.colorbar(drawn, cax=axis.inset_axes((1.02, 0.0, wide, 1.0)))
+    bar = figure.colorbar(drawn, cax=axis.inset_axes((1.02, 0.0, 0.028, 1.0)))
     bar.ax.tick_params(labelsize=SMALL, length=2.5, color=QUIET)
     bar.outline.set_visible(False)
     bar.set_label(name, fontsize=TEXT)
