@@ -70,10 +70,9 @@ def default_errors(intrinsics_known: bool) -> tuple[SharedError, ...]:
 
     ``intrinsics_known``: the covariance of the camera poses holds that already, as from corners.
     """
-    of_size = SIZES[TARGET_SCALE]
-    size = replace(SharedError.target_scale(of_size.median), factor=of_size.factor)
+    size = SharedError.target_scale(SIZES[TARGET_SCALE].median)
     errors = (size,) if intrinsics_known else (SharedError.focal_length(), SharedError.principal_point(), size)
-    return tuple(replace(error, default=True) for error in errors)
+    return tuple(replace(error, factor=SIZES[error.name].factor, default=True) for error in errors)
 
 
 def assumed_view() -> SharedError:
