@@ -46,6 +46,21 @@ def read(tmp_path):
     return reader
 
 
+def test_an_arm_without_names_of_its_joints_takes_one_numbered_series(read):
+    """Every driver has its own names, and those of the table of arms and of DH parameters are ours."""
+    arm, columns = ["joint_1", "joint_2", "joint_3"], [TIMES, Q[:, 1], Q[:, 0], Q[:, 2]]
+    for header in ("timestamp,fr3_joint2,fr3_joint1,fr3_joint3", "timestamp,J2,J1,J3", "t,q2_deg,q1_deg,q3_deg"):
+        unit = np.radians(1.0) if "deg" in header else 1.0
+        found = read(table(header, [TIMES, *(column / unit for column in columns[1:])]), arm)
+        np.testing.assert_allclose(found.q, Q, rtol=1e-12)
+        assert "columns by the numbers of the joints" in found.notes
+    for header in ("q1,q2,q3,dq1,dq2,dq3", "a,b,c,d,e,f", "q1,q2,q4,q5,q6,q7", "q1,q1,q2,q3,x,y"):
+        with pytest.raises(InputError, match="column"):
+            read(table(header, np.hstack([Q, Q]).T), arm)
+    with pytest.raises(InputError, match="no column of joint a"):  # names of its own are not passed over
+        read(table("q1,q2,q3", Q.T), ["a", "b", "c"])
+
+
 def test_columns_by_name_in_any_order(read):
     found = read(table("timestamp,slide,extra,shoulder,elbow", [TIMES, Q[:, 2], Q[:, 0], Q[:, 0], Q[:, 1]]))
     np.testing.assert_array_equal(found.q, Q)

@@ -12,6 +12,7 @@ import numpy as np
 from ..core.geometry.checks import as_numbers
 from ..core.geometry.se3 import Array, difference, perturb
 from ..errors import InputError, among, require_type
+from ..findings import digits
 from ..fit.likelihood.constraint import Constraint, constraint_of, require_noise_fits
 from ..fit.likelihood.gauss_helmert import ESTIMATORS
 from ..fit.likelihood.rig_bundle import require_shared
@@ -345,8 +346,8 @@ def joints_by_poses(kinematics: Kinematics, poses: PosePairs) -> Array:
         off = np.linalg.norm(kinematics.poses(found.q)[:, :3, 3] - poses.robot[:, :3, 3], axis=-1)
         raise InputError(
             f"The arm {kinematics.name} does not reach {int((~found.reached).sum())} of {poses.n} robot poses: it ends "
-            f"up to {1e3 * off.max():.3g} mm away. Give the chain up to the frame whose poses these are (--base, "
-            "--tip), with the tool that the controller had; or joints (--joints)."
+            f"up to {digits(1e3 * off.max(), 3)} mm away. Give the chain up to the frame whose poses these are "
+            "(--base, --tip), with the tool that the controller had; or joints (--joints)."
         )
     return found.q
 

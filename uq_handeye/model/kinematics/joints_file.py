@@ -257,6 +257,8 @@ def _header(names: list[str], where: str, wanted: _Wanted) -> _Columns:
         wanted.notes.append("joints sorted by the names in each row")
         return found
     matches = [_matches(joint, kind, names) for joint, kind in zip(wanted.names, wanted.kinds, strict=True)]
+    if not any(matches):
+        matches = _by_number(names, wanted)
     for joint, columns in zip(wanted.names, matches, strict=True):
         if len(columns) > 1:
             which = short(", ".join(names[k] for k, _ in columns))
@@ -300,6 +302,28 @@ def _matches(joint: str, kind: str, names: Sequence[str]) -> list[tuple[int, str
         if joint in parts and not _OTHERS & {part.lower() for part in parts}:
             found.append((k, unit))
     return found
+
+
+def _by_number(names: list[str], wanted: _Wanted) -> list[list[tuple[int, str | None]]]:
+    """Columns of the joints of an arm without names of its own (``joint_1``, ...), by the number that ends each name.
+
+    One series counts from the base, as ``fr3_joint1``, ``fr3_joint2`` does: with two, such as ``q1`` and ``dq1``, it is
+    not known which holds the angles.
+    """
+    L = len(wanted.names)
+    if tuple(wanted.names) != tuple(f"joint_{k + 1}" for k in range(L)):
+        return [[] for _ in range(L)]
+    series: dict[str, dict[int, list[tuple[int, str | None]]]] = {}
+    for k, name in enumerate(names):
+        bare, unit = name_and_unit(name, ANGLE_UNITS)
+        bare, unit = (bare, unit) if unit in ANGLE_UNITS else (name, None)
+        if (match := re.fullmatch(r"(.*?)(\d{1,3})", bare)) is not None:
+            series.setdefault(match[1], {}).setdefault(int(match[2]), []).append((k, unit))
+    whole = [of for of in series.values() if set(range(1, L + 1)) <= set(of)]
+    if len(whole) != 1:
+        return [[] for _ in range(L)]
+    wanted.notes.append("columns by the numbers of the joints")
+    return [whole[0][k + 1] for k in range(L)]
 
 
 def _sorted_rows(table: Table, values: Array, wanted: _Wanted) -> Array:
