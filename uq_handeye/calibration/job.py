@@ -21,7 +21,6 @@ from ..methods.propagation.published_fit import AllPairs
 from ..model.kinematics.against_controller import ControllerComparison, compare_with_controller
 from ..model.kinematics.arms.postures import postures_at
 from ..model.kinematics.chain import Kinematics
-from ..model.kinematics.forward import spread_postures
 from ..model.kinematics.kinematic_errors import (
     ESTIMATE,
     JOINT_NOISE,
@@ -336,7 +335,7 @@ def joints_by_poses(kinematics: Kinematics, poses: PosePairs) -> Array:
 
     found = postures_by_branch(kinematics, poses.robot)
     if found.reached.mean() >= MOST_REACHED:  # another branch for the others: their errors are much the same
-        for start in spread_postures(kinematics.limits, np.array([j.is_revolute for j in kinematics.joints]), STARTS):
+        for start in kinematics.spread(STARTS):
             left = ~found.reached
             if not left.any():
                 break

@@ -26,7 +26,7 @@ from ...formats.snippets import fixed_axis_angles
 from ...model.kinematics.chain import Kinematics
 from ...model.kinematics.descriptions.urdf import origin_of, read_tree
 from ...model.kinematics.errors import LENGTHS, OFFSETS, TILTS
-from ...model.kinematics.forward import align, spread_postures
+from ...model.kinematics.forward import align
 from ..estimate.analysis import ErrorEstimate, FittedKinematics
 
 if TYPE_CHECKING:
@@ -94,7 +94,7 @@ def corrected_urdf(fitted: FittedKinematics | None, urdf: StrPath, narrower: flo
     if not 0 < narrower <= 1:
         raise InputError(f"Expected the share `narrower` above 0 and at most 1, got {narrower!r}.")
     chain = fitted.chain
-    q = spread_postures(chain.limits, np.array([joint.is_revolute for joint in chain.joints]), POSTURES)
+    q = chain.spread(POSTURES)
     _require_same(chain, Kinematics.from_urdf(urdf, chain.base, chain.tip), q)
     rows = {row.name: row for row in fitted.table()}
     index = {error.name: k for k, error in enumerate(chain.errors)}

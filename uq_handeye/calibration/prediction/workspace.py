@@ -27,7 +27,6 @@ from ...core.runtime.read_only import ReadOnlyArrays
 from ...findings import Finding
 from ...fit.diagnostics.task_space import PointUncertainty
 from ...model.kinematics.chain import Kinematics
-from ...model.kinematics.forward import spread_postures
 from ...model.kinematics.kinematic_errors import EXACT
 from ...model.noise.models import is_joint
 from ..estimate.analysis import FittedKinematics
@@ -101,7 +100,7 @@ def ends(fitted: FittedKinematics) -> tuple[Array, Array]:
     low, high = fitted.chain.limits.T
     least, most = fitted.joints.min(axis=0), fitted.joints.max(axis=0)
     more = 0.5 * (most - least)
-    turns = np.array([joint.is_revolute for joint in fitted.chain.joints])
+    turns = fitted.chain.revolute
     low = np.where(np.isfinite(low), low, np.where(turns, -np.pi, least - more))
     high = np.where(np.isfinite(high), high, np.where(turns, np.pi, most + more))
     return np.asarray(low), np.asarray(high)
@@ -197,8 +196,7 @@ def local_findings(result: Estimated) -> list[Finding]:
     used = float(np.median(range_shares(chain, q)))
     if span >= SPAN or used >= RANGE:
         return []
-    revolute = np.array([joint.is_revolute for joint in chain.joints])
-    here, elsewhere = (_spread(result, at) for at in (some, spread_postures(chain.limits, revolute, LOOKED_AT)))
+    here, elsewhere = (_spread(result, at) for at in (some, chain.spread(LOOKED_AT)))
     told = [{"group": group, "share": share} for group, share in fitted.told().items()]
     values = {"span": span, "used": used, "told": told, "here": here, "elsewhere": elsewhere}
     return [Finding("prediction.local_joints", "caution" if elsewhere > WORSE * here else "note", values)]
@@ -206,9 +204,8 @@ def local_findings(result: Estimated) -> list[Finding]:
 
 def range_shares(chain: Kinematics, q: Array) -> Array:
     """(L,) what the joints (n, L) use of their ranges: a turn (2 m) where there are no limits."""
-    revolute = np.array([joint.is_revolute for joint in chain.joints])
     width = np.diff(chain.limits, axis=1)[:, 0]
-    full = np.where(np.isfinite(width), width, np.where(revolute, 2 * np.pi, 2.0))
+    full = np.where(np.isfinite(width), width, np.where(chain.revolute, 2 * np.pi, 2.0))
     return np.asarray(np.minimum((q.max(axis=0) - q.min(axis=0)) / full, 1.0))
 
 

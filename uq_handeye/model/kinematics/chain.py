@@ -54,6 +54,7 @@ from .errors import (
     harmonics,
 )
 from .forward import (
+    POSTURES,
     Motion,
     axis_twists,
     fixed_transforms,
@@ -270,12 +271,12 @@ class Kinematics(ReadOnlyArrays):
         """Return the twist (..., 6, L) of base_T_tip per rad (m) of each joint: left rotation, then translation."""
 
         def rates(posture: _Posture) -> Array:
-            twists = axis_twists(posture.true, self._revolute)
+            twists = axis_twists(posture.true, self.revolute)
             if posture.e is not None:  # d q'_k / d q_j
                 e, layout = posture.e, self._layout
                 own = (harmonic_rates(posture.q.T) * layout.spread(e, layout.harmonics, 4)).sum(axis=-1)
                 sag = layout.spread(e, layout.sags, 1)[..., 0]
-                passed = load_rates(posture.nominal, self._revolute, self.up) / self._largest_loads[:, None, None]
+                passed = load_rates(posture.nominal, self.revolute, self.up) / self._largest_loads[:, None, None]
                 change = sag.T[:, None] * passed * self._loaded[:, None, None]
                 twists = twists * (1.0 + own.T)[:, None] + np.einsum("kin,kjn->jin", twists, change)
             return twists.transpose(2, 1, 0)
@@ -297,7 +298,7 @@ class Kinematics(ReadOnlyArrays):
                 about = np.einsum("kijn,kjcn->kicn", motion.R, np.broadcast_to(right_jacobian, motion.R.shape))
                 along = np.einsum("kijn,kjcn->kicn", motion.R, np.broadcast_to(rotations(-posture.a), motion.R.shape))
             moments = turned(about, lever)
-            twists = axis_twists(motion, self._revolute)
+            twists = axis_twists(motion, self.revolute)
             out = np.zeros((len(layout.parameters), 6, posture.q.shape[1]))
             for columns, top, bottom in ((layout.turns, about, moments), (layout.shifts, None, along)):
                 at = (layout.joint[columns], slice(None), layout.part[columns])
@@ -402,21 +403,26 @@ class Kinematics(ReadOnlyArrays):
         return fixed_transforms(self.joints, self.end)
 
     @cached_property
-    def _revolute(self) -> NDArray[np.bool_]:
+    def revolute(self) -> NDArray[np.bool_]:
+        """(L,) whether a joint turns."""
         return np.array([joint.is_revolute for joint in self.joints])
+
+    def spread(self, n: int = POSTURES) -> Array:
+        """(n, L) joints that fill the limits evenly, always the same ones (`spread_postures`)."""
+        return spread_postures(self.limits, self.revolute, n)
 
     @cached_property
     def _extent(self) -> tuple[float, Array]:
         """The reach (m), and the largest load of each joint (L,), over postures spread over the limits."""
-        q = spread_postures(self.limits, self._revolute)
-        motion = forward(self._fixed, self._revolute, np.ascontiguousarray(q.T))
+        q = self.spread()
+        motion = forward(self._fixed, self.revolute, np.ascontiguousarray(q.T))
         reach = float(np.linalg.norm(motion.tip[:, 3] - motion.p[0], axis=0).max())
-        return reach, np.abs(loads(motion, self._revolute, self.up)).max(axis=1)
+        return reach, np.abs(loads(motion, self.revolute, self.up)).max(axis=1)
 
     @cached_property
     def _loaded(self) -> NDArray[np.bool_]:
         """(L,) whether gravity loads the joint at all."""
-        size = np.where(self._revolute, max(self.reach, 1e-12), 1.0) * self.n_joints
+        size = np.where(self.revolute, max(self.reach, 1e-12), 1.0) * self.n_joints
         return np.asarray(self._extent[1] > UNLOADED * size)
 
     @cached_property
@@ -474,13 +480,13 @@ class _Posture:
 
     @cached_property
     def nominal(self) -> Motion:
-        return forward(self.chain._fixed, self.chain._revolute, self.q)
+        return forward(self.chain._fixed, self.chain.revolute, self.q)
 
     @cached_property
     def loads(self) -> Array:
         """(L, n) g."""
         chain = self.chain
-        raw = loads(self.nominal, chain._revolute, chain.up)
+        raw = loads(self.nominal, chain.revolute, chain.up)
         return np.where(chain._loaded[:, None], raw / chain._largest_loads[:, None], 0.0)
 
     @cached_property
@@ -492,4 +498,4 @@ class _Posture:
         sag = layout.spread(self.e, layout.sags, 1)[..., 0].T
         if sag.any():
             change = change + sag * self.loads
-        return forward(self.chain._fixed, self.chain._revolute, self.q + change, self.a, self.shift)
+        return forward(self.chain._fixed, self.chain.revolute, self.q + change, self.a, self.shift)

@@ -45,10 +45,9 @@ def workspace_postures(chain: Kinematics) -> Array:
 
     The origin of the base counts for nothing: controllers may have theirs on the floor.
     """
-    revolute = np.array([joint.is_revolute for joint in chain.joints])
     limits = chain.limits.copy()
-    limits[revolute & (np.ptp(limits, axis=1) > 2.0 * np.pi)] = [-np.pi, np.pi]
-    q = spread_postures(limits, revolute, 3 * POSTURES)
+    limits[chain.revolute & (np.ptp(limits, axis=1) > 2.0 * np.pi)] = [-np.pi, np.pi]
+    q = spread_postures(limits, chain.revolute, 3 * POSTURES)
     above = (chain.poses(q)[:, :3, 3] - chain.frames(q)[:, 0, :3, 3]) @ chain.up > 0
     return np.asarray(q[above][:POSTURES] if above.sum() > POSTURES // 4 else q[:POSTURES])
 

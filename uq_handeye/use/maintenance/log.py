@@ -30,7 +30,7 @@ from ...calibration.result import Calibration
 from ...core.files.atomic import held, write_atomically
 from ...core.files.lines import csv_text, plain_text
 from ...core.files.open import StrPath, as_path, opened, shown
-from ...core.geometry.se3 import Array
+from ...core.geometry.se3 import Array, pose
 from ...core.runtime.read_only import ReadOnlyArrays
 from ...errors import InputError
 from ...model.noise.joint_covariance import JointCovariance, joint_of
@@ -378,9 +378,7 @@ def _poses(text: str, n: int, side: str) -> Array:
     values = _matrix(text, n, side)
     if values.shape[1] != 7 or np.abs(np.linalg.norm(values[:, 3:], axis=-1) - 1.0).max() > 1e-6:
         raise ValueError(f"{side} poses are not x y z qx qy qz qw with unit quaternions")
-    T = np.broadcast_to(np.eye(4), (n, 4, 4)).copy()
-    T[:, :3, :3], T[:, :3, 3] = Rotation.from_quat(values[:, 3:]).as_matrix(), values[:, :3]
-    return T
+    return pose(Rotation.from_quat(values[:, 3:]).as_matrix(), values[:, :3])
 
 
 def _matrix(text: str, n: int, name: str) -> Array:

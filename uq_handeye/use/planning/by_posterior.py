@@ -39,7 +39,6 @@ from ...core.geometry.se3 import Array
 from ...errors import DegenerateMotionError, InputError, NotConvergedError, require_integer, require_one_of
 from ...model.kinematics.arms.postures import postures_at
 from ...model.kinematics.chain import Kinematics
-from ...model.kinematics.forward import spread_postures
 from ...model.kinematics.joint import PRISMATIC
 from ...model.kinematics.kinematic_errors import KinematicErrors
 from ...model.noise.estimate import NoisePrior
@@ -218,7 +217,7 @@ def plan_within_reach(known: Known, chain: Kinematics, joints: Array, asked: Pla
     task = None
     if asked.criterion == PREDICTION:
         given = asked.task is not None
-        at = _inside(chain, asked.task, "task") if given else spread_postures(chain.limits, _revolute(chain), TASK)
+        at = _inside(chain, asked.task, "task") if given else chain.spread(TASK)
         task, more = _ahead(result, chain, at), more | {"task": at, "task_given": given}
     return planned(known, _ahead(result, chain, q), asked, task, joints=q, **more)
 
@@ -244,7 +243,7 @@ def sample_joints(
     require_number(n)
     rng = np.random.default_rng(seed)
     near = np.array([NEAR.get(joint.kind, NEAR_TURN) for joint in chain.joints])
-    anywhere = spread_postures(chain.limits, _revolute(chain))
+    anywhere = chain.spread()
 
     def draw(size: int) -> Array:
         robot = robot_of(draw_camera_poses(data.camera, size, rng), X, W, data.setup)
@@ -307,10 +306,6 @@ def _inside(chain: Kinematics, values: Any, name: str) -> Array:
 
 def _unwound(chain: Kinematics, q: Array, joints: Array) -> Array:
     """The same postures with joints that rotate without limits within half a turn of where they have been."""
-    endless = _revolute(chain) & ~np.isfinite(chain.limits).any(axis=1)
+    endless = chain.revolute & ~np.isfinite(chain.limits).any(axis=1)
     middle = 0.5 * (joints.min(axis=0) + joints.max(axis=0))
     return np.where(endless, middle + (q - middle + np.pi) % (2 * np.pi) - np.pi, q)
-
-
-def _revolute(chain: Kinematics) -> Any:
-    return np.array([joint.is_revolute for joint in chain.joints])

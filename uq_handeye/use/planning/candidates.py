@@ -24,7 +24,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ...core.geometry.checks import as_transforms
-from ...core.geometry.se3 import Array, inverse, skew
+from ...core.geometry.se3 import Array, inverse, pose, skew
 from ...errors import InputError
 from ...model.poses.pose_pairs import PosePairs
 
@@ -147,11 +147,7 @@ def draw_camera_poses(camera: Array, size: int, rng: np.random.Generator) -> Arr
     tilts = rng.uniform(0.0, min(tilt + MORE_TILT, MOST_TILT), size)
     rolls = rng.uniform(-most_roll, most_roll, size)
     look = mean @ Rotation.from_euler("ZYZ", np.stack([azimuth, tilts, rolls - azimuth], axis=1)).as_matrix()
-    drawn = np.zeros((size, 4, 4))
-    drawn[:, :3, :3] = _swing(seen) @ look.mT
-    drawn[:, :3, 3] = away[:, None] * seen
-    drawn[:, 3, 3] = 1.0
-    return drawn
+    return pose(_swing(seen) @ look.mT, away[:, None] * seen)
 
 
 def _swing(direction: Array) -> Array:

@@ -36,7 +36,7 @@ from ...core.files.lines import plain_text, short
 from ...core.files.open import StrPath, as_path, opened, shown
 from ...core.files.table import Places, Schema, Table, name_and_unit, read_table
 from ...core.formatting.units import ANGLE_UNITS, LENGTH_UNITS
-from ...core.geometry.se3 import Array
+from ...core.geometry.se3 import Array, pose
 from ...errors import InputError, require_one_of
 from ...model.kinematics.chain import Kinematics
 from ...model.kinematics.joint import PRISMATIC
@@ -207,9 +207,9 @@ def _poses(table: _Touches, prefix: str) -> Array | None:
             f"{table.table.at(k)}, columns {prefix}qx ... {prefix}qw: expected a unit quaternion, got one of norm "
             f"{norm[k]:.4g}."
         )
-    T = np.tile(np.eye(4), (len(q), 1, 1))
-    T[:, :3, :3], T[:, :3, 3] = Rotation.from_quat(q).as_matrix(), table.lengths(prefix)
-    return T
+    t = table.lengths(prefix)
+    assert t is not None
+    return pose(Rotation.from_quat(q).as_matrix(), t)
 
 
 def _joint_values(table: _Touches, prefix: str, arm: Kinematics | None) -> Array | None:

@@ -219,7 +219,7 @@ class _Arm(NamedTuple):
 def _standing(kinematics: Kinematics) -> _Arm | None:
     """The arm in that form; None for chains of other joints."""
     L = kinematics.n_joints
-    if L not in (AXES - 1, AXES) or not _revolute(kinematics).all():
+    if L not in (AXES - 1, AXES) or not kinematics.revolute.all():
         return None
     fixed = fixed_transforms(kinematics.joints, kinematics.end)
     base, end = fixed[0].copy(), fixed[L].copy()
@@ -345,7 +345,7 @@ def _from_the_nearest(kinematics: Kinematics, poses: Array) -> Postures:
     """Postures from that of the middle pose, then from those of the nearest poses that were reached."""
     scaled = poses[:, :3].copy()
     scaled[..., 3] /= max(kinematics.reach, 1e-3)
-    start = spread_postures(_range(kinematics), _revolute(kinematics), STARTS)
+    start = spread_postures(_range(kinematics), kinematics.revolute, STARTS)
     first = postures_at(kinematics, np.repeat(poses[_middle(scaled)][None], STARTS, axis=0), start)
     away = ((first.q - start.mean(axis=0)) ** 2).sum(axis=1) + np.where(first.reached, 0.0, 1e9)
     found = postures_at(kinematics, poses, np.repeat(first.q[np.argmin(away)][None], len(poses), axis=0))
@@ -363,18 +363,14 @@ def _unwound(kinematics: Kinematics, q: Array) -> Array:
     return np.asarray(out)
 
 
-def _revolute(kinematics: Kinematics) -> NDArray[np.bool_]:
-    return np.array([joint.is_revolute for joint in kinematics.joints])
-
-
 def _range(kinematics: Kinematics) -> Array:
     """(L, 2) limits, those of angles at most a turn apart, those of lengths finite."""
     low, high = kinematics.limits.T
-    half = np.where(_revolute(kinematics), np.pi, 1.0)
+    half = np.where(kinematics.revolute, np.pi, 1.0)
     both = np.isfinite(low) & np.isfinite(high)
     middle = np.where(np.isfinite(low), low + half, np.where(np.isfinite(high), high - half, 0.0))
     middle[both] = (low[both] + high[both]) / 2
-    narrow = both & ((high - low < 2 * half) | ~_revolute(kinematics))
+    narrow = both & ((high - low < 2 * half) | ~kinematics.revolute)
     half[narrow] = (high[narrow] - low[narrow]) / 2
     return np.stack([middle - half, middle + half], axis=1)
 
