@@ -22,13 +22,15 @@ class Part(NamedTuple):
     folder: str
     setup: str
     words: str
-    calibrated: slice
-    checked: slice
+    calibrated: slice | list[int]
+    checked: slice | list[int]
 
 
 PARTS = (
     Part("kuka_1", "eye-in-hand", "first 20, last 10", slice(20), slice(20, 30)),
     Part("kuka_1", "eye-in-hand", "last 20, first 10", slice(10, 30), slice(10)),
+    Part("kuka_1", "eye-in-hand", "first 15, last 15", slice(15), slice(15, 30)),
+    Part("kuka_1", "eye-in-hand", "first 15 but 12, last 15", [k for k in range(15) if k != 12], slice(15, 30)),
     Part("fr3_philnad", "eye-in-hand", "first 57, last 57", slice(57), slice(57, 114)),
     Part("nguyen_pham", "eye-to-hand", "first 40, last 10", slice(40), slice(490, 500)),
     Part("ethz_robot_arm_sync", "eye-in-hand", "every 20th of the first half, of the second", slice(0, 840, 20),
