@@ -249,7 +249,8 @@ _POSITIVE, _NEGATIVE = "213,94,0", "0,114,178"
 @singledispatch
 def html_of(result: Any) -> str:
     """The form of a result in notebooks; a topic registers what shows more than the text."""
-    return to_html(type(result).__name__, document_of(result))
+    title = getattr(result, "title", "") or type(result).__name__
+    return to_html(title, document_of(result), seen=getattr(result, "unfolded", 1))
 
 
 def to_html(

@@ -11,8 +11,8 @@ import numpy as np
 from ...core.files.records import Record
 from ...core.formatting.numbers import column
 from ...core.geometry.se3 import Array
-from ...core.presentation.document import Document, Paragraph, Table, document_of, to_text
-from ...core.presentation.html import html_of
+from ...core.presentation.document import Document, Paragraph, Table, document_of
+from ...core.presentation.shown import Shown
 from ...errors import InputError
 from ...findings import GROSS, Finding, Severity
 from ...model.noise.joint_covariance import joint_of
@@ -29,7 +29,7 @@ MOST_NAMED = 5
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class PoseTable(Record):
+class PoseTable(Record, Shown):
     """Arrays (n,), in the order of the data.
 
     The residual is that of ``G X C = W`` (of ``A X = X B`` for motions) after the fit, with the estimates of the errors
@@ -64,14 +64,6 @@ class PoseTable(Record):
 
     def __repr__(self) -> str:
         return f"PoseTable({self.counts})"
-
-    def _repr_html_(self) -> str:
-        """Return the poses with the largest distances, and all of them folded, for notebooks."""
-        return html_of(self)
-
-    def to_text(self) -> str:
-        """Return the same as text."""
-        return to_text(document_of(self))
 
     @property
     def flagged(self) -> list[int]:

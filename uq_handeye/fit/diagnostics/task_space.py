@@ -29,8 +29,8 @@ from ...core.files.records import Record
 from ...core.formatting.numbers import concise, digits
 from ...core.geometry.checks import as_numbers, as_transforms, checked_covariance
 from ...core.geometry.se3 import Array, inverse, inverse_jacobian, skew
-from ...core.presentation.document import Document, Table, document_of, to_text
-from ...core.presentation.html import html_of
+from ...core.presentation.document import Document, Table, document_of
+from ...core.presentation.shown import Shown
 from ...errors import InputError
 from ..likelihood.open_directions import NEGLIGIBLE
 from .pose_table import FIRST, MOST
@@ -40,7 +40,7 @@ _WITHIN_95 = float(chdtri(3, 0.05))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class PointUncertainty(Record):
+class PointUncertainty(Record, Shown):
     """Points and their covariances in one frame, in metres."""
 
     _in_file: ClassVar[str] = "frame points covariance std radius_95 open_directions"
@@ -76,14 +76,6 @@ class PointUncertainty(Record):
             return f"PointUncertainty({count})"
         sizes = " to ".join(dict.fromkeys(ends)) + ("" if ends[1] == "open" else " mm")
         return f"PointUncertainty({count}: 95 % radius {sizes})"
-
-    def _repr_html_(self) -> str:
-        """Return the points with their standard deviations, for notebooks."""
-        return html_of(self)
-
-    def to_text(self) -> str:
-        """Return the same as text."""
-        return to_text(document_of(self))
 
     def left_open(self, moves: Array) -> PointUncertainty:
         """Return the points with infinite variance in coordinates that move along open directions, (..., k, 3) metres

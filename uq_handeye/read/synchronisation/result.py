@@ -14,17 +14,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...core.files.atomic import json_text
 from ...core.files.records import attributes
 from ...core.formatting.numbers import concise, digits
 from ...core.geometry.se3 import Array
-from ...core.presentation.document import Block, Caution, Document, Heading, Paragraph, document_of, to_text
-from ...core.presentation.html import to_html
+from ...core.presentation.document import Block, Caution, Document, Heading, Paragraph, document_of
+from ...core.presentation.shown import Shown
 from ...findings import Finding, texts
 from ...model.noise.models import PoseNoise
 from ...model.poses.pose_pairs import PosePairs
@@ -37,8 +35,10 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False)
-class Synchronised:
+class Synchronised(Shown):
     """Two streams made one; see `synchronise`. ``offset`` and times in s, ``robot_time = camera_time + offset``."""
+
+    title = "Synchronised streams"
 
     poses: PosePairs  # at the times of the camera's clock; `poses.timing` carries the uncertainty of the offset
     offset: float
@@ -88,14 +88,6 @@ class Synchronised:
         rotation, translation = residual_scale(self.pairing, self.refined, offsets - self.shift)
         return offsets, rotation, translation
 
-    def _repr_html_(self) -> str:
-        """For notebooks."""
-        return to_html("Synchronised streams", document_of(self))
-
-    def summary(self) -> str:
-        """The result as text."""
-        return to_text(document_of(self))
-
     def figure(self) -> Figure:
         """Angular speeds, their correlation, residuals against the offset, as a Matplotlib figure."""
         return sync_figure(self)
@@ -121,10 +113,6 @@ class Synchronised:
             "left_out": [attributes(part, "side times reason") for part in self.left_out],
             **attributes(self, "findings notes warnings"),
         }
-
-    def to_json(self, path: str | Path | None = None) -> str:
-        """JSON text, also written to ``path`` (whole or not at all)."""
-        return json_text(self.to_dict(), path)
 
 
 # Groups of poses left out that a text lists.

@@ -27,11 +27,11 @@ from typing import Annotated, Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.files.atomic import json_text
 from ...core.files.records import Record
 from ...core.formatting.numbers import digits, probability
 from ...core.geometry.se3 import Array, perturb
-from ...core.presentation.document import Answer, Document, Paragraph, Table, document_of, to_text
+from ...core.presentation.document import Answer, Document, Paragraph, Table, document_of
+from ...core.presentation.shown import Shown
 from ...core.runtime.read_only import ReadOnlyArrays
 from ...errors import InputError
 from ...fit.one_model.component import Component
@@ -249,7 +249,7 @@ class RigMove(Record):
 
 
 @dataclass(frozen=True, eq=False)
-class RigCheck(Record):
+class RigCheck(Record, Shown):
     """Result of a check. ``str(check)`` is its text.
 
     Attributes
@@ -320,15 +320,7 @@ class RigCheck(Record):
             return f"MOVED: {self.moves[0]} ({said}).{others} Calibrate it again."
         return f"CHANGED: the {self.count} new views contradict the calibration; no single move explains it ({said})."
 
-    def summary(self) -> str:
-        """Return the answer and a table of the causes and views."""
-        return to_text(document_of(self))
-
-    __str__ = summary
-
-    def to_json(self) -> str:
-        """Return it as JSON text."""
-        return json_text(self.to_dict())
+    __str__ = Shown.summary
 
 
 @document_of.register

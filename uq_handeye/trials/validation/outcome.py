@@ -21,13 +21,14 @@ from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 import numpy as np
 
 from ..._version import __version__
-from ...core.files.atomic import json_text, write_atomically
+from ...core.files.atomic import write_atomically
 from ...core.files.open import StrPath, as_path
 from ...core.formatting.numbers import digits, probability
 from ...core.geometry.conventions import CONVENTION
 from ...core.geometry.frames import SETUPS
 from ...core.presentation.document import COLUMNS, WIDTH, Block, Checks, Document, Paragraph, document_of, to_text
 from ...core.presentation.html import to_html
+from ...core.presentation.shown import Shown
 from ...errors import InputError, NotConvergedError
 from ...findings import GROSS
 from ...fit.likelihood.gauss_helmert import maximum_likelihood
@@ -202,10 +203,9 @@ def figure_of(result: Any) -> Figure:
     raise TypeError(f"Expected a result with a figure, got {type(result).__name__}.")
 
 
-class Outcome:
+class Outcome(Shown):
     """A result with a document (`document_of`), a figure and a file."""
 
-    title: ClassVar[str]  # in notebooks
     kind: ClassVar[str]  # in files
 
     def head(self, **units: str) -> dict[str, Any]:
@@ -218,11 +218,6 @@ class Outcome:
         """Return the verdict with its limits and the first table; ``verbose``: everything that is known."""
         with np.errstate(over="ignore"):  # the ratio to a direction without any error is infinite
             return document_of(self, verbose=verbose)
-
-    @property
-    def unfolded(self) -> int:
-        """Number of blocks that notebooks show unfolded."""
-        return 1
 
     def _repr_html_(self) -> str:
         """Return the verdict, with everything else folded, for notebooks."""
@@ -256,11 +251,3 @@ class Outcome:
             image = render(self.drawn(), kind)
         write_atomically(path, image)
         return path
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return everything as plain numbers, lists and text, with units and convention."""
-        raise NotImplementedError
-
-    def to_json(self, path: StrPath | None = None) -> str:
-        """Return JSON text, also written to ``path`` (whole or not at all)."""
-        return json_text(self.to_dict(), path)

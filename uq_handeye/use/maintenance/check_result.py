@@ -13,11 +13,11 @@ from typing import ClassVar
 
 import numpy as np
 
-from ...core.files.atomic import json_text
 from ...core.files.records import Record
 from ...core.formatting.numbers import concise, digits, plus_minus, probability
 from ...core.geometry.se3 import Array
-from ...core.presentation.document import COLUMNS, Answer, Block, Paragraph, document_of, to_text
+from ...core.presentation.document import COLUMNS, Answer, Block, Paragraph, document_of
+from ...core.presentation.shown import Shown
 from ...findings import Finding
 from ...model.posterior.rows import PredictiveReference, smallest_change
 from .causes import (
@@ -36,7 +36,7 @@ UNCHANGED, CHANGED, CANNOT_TELL = "unchanged", "changed", "cannot tell"
 
 
 @dataclass(frozen=True, eq=False)
-class ChangeCheck(Record):
+class ChangeCheck(Record, Shown):
     """The answer of `check`. ``str(check)`` is its text.
 
     Attributes
@@ -71,6 +71,7 @@ class ChangeCheck(Record):
         In which an image centre is printed.
     """
 
+    columns = COLUMNS
     _in_file: ClassVar[str] = (
         "format status changed p_value d2 dof noise_dof level setup n_poses n_calibrated tolerance detectable cause "
         "candidates causes=causes.all shift_of shift covariance distances findings sentences"
@@ -128,16 +129,7 @@ class ChangeCheck(Record):
         """The findings in words."""
         return [str(finding) for finding in self.findings]
 
-    def summary(self, width: int = COLUMNS) -> str:
-        """Text of about ten lines."""
-        return to_text(document_of(self), width)
-
-    def __str__(self) -> str:
-        return self.summary()
-
-    def to_json(self) -> str:
-        """JSON text of `to_dict`."""
-        return json_text(self.to_dict())
+    __str__ = Shown.summary
 
 
 # The probability of finding it.

@@ -15,11 +15,11 @@ from scipy.special import chdtrc, fdtrc
 from ...calibration.estimate.estimated import distance_of
 from ...calibration.prediction.predict import poses_so_far
 from ...calibration.result import Calibration
-from ...core.files.atomic import json_text
 from ...core.files.records import Record
 from ...core.formatting.numbers import concise, digits, probability
 from ...core.geometry.se3 import Array, logarithm
-from ...core.presentation.document import Answer, Block, Document, Paragraph, to_text
+from ...core.presentation.document import Answer, Block, Document, Paragraph, document_of
+from ...core.presentation.shown import Shown
 from ...errors import InputError, require_type
 from ...fit.diagnostics.task_space import by_pose
 from ...fit.likelihood.goodness_of_fit import Reference
@@ -36,7 +36,7 @@ POSTERIOR, INNOVATION, INDEPENDENT, EQUAL = "posterior", "innovation", "independ
 
 
 @dataclass(frozen=True, eq=False)
-class Difference(Record):
+class Difference(Record, Shown):
     """New minus old, ``R_new = exp([theta]x) R_old``, ``t_new = t_old + tau``, of X and of W (rad, m; parent frames).
 
     Attributes
@@ -136,14 +136,6 @@ class Difference(Record):
         along = vectors.T @ np.linalg.solve(L, self.xi[part])
         free = values > NOTHING
         return float(np.sum(along[free] ** 2 / values[free])), int(free.sum())
-
-    def to_json(self) -> str:
-        """JSON text."""
-        return json_text(self.to_dict())
-
-    def summary(self) -> str:
-        """Return the difference in words, about ten lines."""
-        return to_text(difference_document(self))
 
 
 def difference(old: Calibration, new: Calibration, *, same: Sequence[str] | str = ()) -> Difference:
@@ -305,6 +297,7 @@ def _dof(old: Reference, new: Reference, inside: bool) -> float | None:
 DIFFERS, CLEARLY = 0.05, 0.001
 
 
+@document_of.register
 def difference_document(found: Difference) -> Document:
     """A sentence, the numbers of X and W, and what counted once."""
     lines: list[Block] = [_answer(found)]

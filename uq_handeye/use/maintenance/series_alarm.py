@@ -23,7 +23,8 @@ from ...calibration.result import Calibration
 from ...core.files.records import Record
 from ...core.formatting.numbers import digits
 from ...core.geometry.se3 import Array
-from ...core.presentation.document import Answer, Block, Document, Paragraph, document_of, to_text
+from ...core.presentation.document import Answer, Block, Document, Paragraph, document_of
+from ...core.presentation.shown import Shown
 from ...core.runtime.read_only import ReadOnlyArrays
 from ...errors import InputError
 from ...model.poses.pose_pairs import PosePairs
@@ -60,7 +61,7 @@ class Chart(ReadOnlyArrays):
 
 
 @dataclass(frozen=True, eq=False)
-class SeriesAlarm(Record):
+class SeriesAlarm(Record, Shown):
     """Charts of a series, and what they found. ``str(alarm)`` is its text.
 
     Attributes
@@ -98,8 +99,7 @@ class SeriesAlarm(Record):
     def _by_chart(self) -> dict[str, Any]:
         return {chart.name: {"path": chart.path, "limit": chart.limit} for chart in self.charts}
 
-    def __str__(self) -> str:
-        return to_text(document_of(self))
+    __str__ = Shown.summary
 
 
 def series_alarm(result: Calibration | RigCalibration, series: CheckSeries, every: float = EVERY) -> SeriesAlarm:

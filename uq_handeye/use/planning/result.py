@@ -15,13 +15,13 @@ from ...core.files.records import attributes
 from ...core.geometry.conventions import CONVENTION
 from ...core.geometry.frames import SETUPS
 from ...core.geometry.se3 import Array
-from ...core.presentation.document import Document, Paragraph, Table, document_of, to_text
-from ...core.presentation.html import to_html
+from ...core.presentation.document import Document, Paragraph, Table, document_of
+from ...core.presentation.shown import Shown
 from ...core.runtime.read_only import ReadOnlyArrays
 from ...errors import InputError
 from ...formats.controllers.forms import CONTROLLERS, SINGLE, WRITTEN, columns, in_form, written_poses
 from ...model.noise.models import PoseNoise
-from ...read import json_text, pose_text, write_atomically
+from ...read import pose_text, write_atomically
 from .weak_prior import PRIOR
 
 # Formats in which several poses can be written.
@@ -29,7 +29,7 @@ FORMS = tuple(name for name in WRITTEN if name not in SINGLE)
 
 
 @dataclass(frozen=True, eq=False)
-class Plan(ReadOnlyArrays):
+class Plan(ReadOnlyArrays, Shown):
     """The next k poses in the order in which to take them, and the covariance of X predicted after each.
 
     Predicted to first order, for the noise and the shared errors that are named; nothing else that is systematic.
@@ -86,13 +86,10 @@ class Plan(ReadOnlyArrays):
     def __repr__(self) -> str:
         return f"Plan({len(self.chosen)} poses after {self.n_poses}, criterion {self.criterion})"
 
-    def _repr_html_(self) -> str:
-        """For notebooks."""
-        return to_html("Plan", document_of(self), seen=2)
-
-    def to_text(self) -> str:
-        """A sentence, a table with a row per pose, and what the numbers mean."""
-        return to_text(document_of(self))
+    @property
+    def unfolded(self) -> int:
+        """The sentence and the table."""
+        return 2
 
     @property
     def prior_std(self) -> float | None:
@@ -127,10 +124,6 @@ class Plan(ReadOnlyArrays):
         about = {"format": "uq-handeye plan 1", "convention": CONVENTION,
                  "units": {"rotation": "rad", "translation": "m"}}  # fmt: skip
         return about | named | {"before": after[0], "steps": steps}
-
-    def to_json(self, path: str | Path | None = None) -> str:
-        """JSON text, also written to ``path`` (whole or not at all)."""
-        return json_text(self.to_dict(), path)
 
     def to_csv(self, path: str | Path | None = None) -> str:
         """The robot poses as a pose file (m), in order, numbered 0, 1, ...; also written to ``path``.

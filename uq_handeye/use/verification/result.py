@@ -11,8 +11,8 @@ from scipy.special import ndtri, stdtrit
 from ...core.files.records import Record
 from ...core.formatting.numbers import digits, plus_minus, probability
 from ...core.geometry.se3 import Array
-from ...core.presentation.document import COLUMNS, Answer, Document, Paragraph, Points, Table, document_of, to_text
-from ...core.presentation.html import html_of
+from ...core.presentation.document import COLUMNS, Answer, Document, Paragraph, Points, Table, document_of
+from ...core.presentation.shown import Shown
 from ...findings import Finding
 
 LEVEL = 0.05
@@ -66,7 +66,7 @@ class NextTouch(Record):
 
 
 @dataclass(frozen=True, eq=False)
-class Verification(Record):
+class Verification(Record, Shown):
     """Points that the camera saw and the robot touched against a calibration.
 
     Model: `evidence.touches`. The differences of all touches have the covariance Sigma, of X, the robot, the shared
@@ -106,6 +106,7 @@ class Verification(Record):
     findings : tuple of Finding
     """
 
+    columns = COLUMNS
     _in_file: ClassVar[str] = (
         "contradicted p_value bias_p_value scatter_p_value level power chi2 dof noise_dof n_touches=m rms frame bias "
         "covariance std interval_95=interval worst_direction=worst detectable limit needed next tool tool_std points "
@@ -165,13 +166,6 @@ class Verification(Record):
     def warnings(self) -> tuple[str, ...]:
         """Sentences of the findings that are more than a note."""
         return tuple(str(one) for one in self.findings if one.severity != "note")
-
-    def summary(self) -> str:
-        """The answer as text."""
-        return to_text(document_of(self), COLUMNS)
-
-    def _repr_html_(self) -> str:
-        return html_of(self)
 
 
 # Points that the table of a terminal shows.

@@ -23,7 +23,8 @@ from ...core.formatting.numbers import digits, probability
 from ...core.formatting.units import parse_deviations, parse_length
 from ...core.geometry.checks import as_numbers
 from ...core.geometry.se3 import Array, inverse
-from ...core.presentation.document import COLUMNS, Answer, Document, Paragraph, document_of, to_text
+from ...core.presentation.document import COLUMNS, Answer, Document, Paragraph, document_of
+from ...core.presentation.shown import Shown
 from ...errors import InputError, keywords_of, require_known
 from ...findings import Finding
 from ...fit.diagnostics.task_space import by_pose
@@ -277,9 +278,10 @@ class Reprojection:
 
 
 @dataclass(frozen=True)
-class PoseVerification(Record):
+class PoseVerification(Record, Shown):
     """Independent poses against a calibration."""
 
+    columns = COLUMNS
     _in_file: ClassVar[str] = "contradicted p_value d2 dof noise_dof n_poses rms expected reprojection=pixels findings"
 
     n_poses: int
@@ -296,10 +298,6 @@ class PoseVerification(Record):
     def contradicted(self) -> bool:
         """True if the poses contradict the calibration at the level of 5 %."""
         return self.p_value < LEVEL
-
-    def summary(self) -> str:
-        """The answer as text."""
-        return to_text(document_of(self), COLUMNS)
 
 
 def verify_poses(result: Estimated, poses: PosePairs) -> PoseVerification:
