@@ -63,6 +63,13 @@ def test_the_total_says_what_it_includes(poses, by_default):
     assert included_words(one).endswith("share: focal length 0.05 %, principal point 1 px.")
 
 
+def test_a_size_is_declared_once(poses):
+    """An exact error has no size to scale, and of two sizes neither is passed over in silence."""
+    for error in (SHARED.focal_length(0.0), SHARED.focal_length("0.2%")):
+        with pytest.raises(uq.InputError, match="'focal length' is declared twice"):
+            uq.calibrate(poses, shared=[error], sizes={"focal length": ("1%", 2.0)})
+
+
 def test_other_methods_and_covariances_say_what_they_include_too(poses, by_default):
     park = quietly(poses, method="park")
     assert included_words(park).endswith("focal length, principal point x, principal point y, target scale.")

@@ -132,6 +132,7 @@ def test_they_reach_the_other_commands(folder, command, more, key, given):
         (["--size", "robot accuracy"], ["--size", "NAME=SIZE", "'robot accuracy'"]),
         (["--size", "robot acuracy=0.3mm"], ["--size", "'robot acuracy'", "Near it: robot accuracy"]),
         (["--size", "robot accuracy=0.3"], ["--size", "robot accuracy", "unit"]),
+        (["--size", "view=1%", "--size", "view=2%"], ["--size", "two of one name"]),
         (["--size", "robot accuracy=0.3mm,x"], ["--size", "factor", "'x'"]),
         (["--size", "robot accuracy=0.3mm,0.5"], ["--size", "factor", "0.5"]),
         (["--size", "robot accuracy=0mm"], ["'robot accuracy'", "above 0"]),

@@ -220,5 +220,7 @@ def _sizes_of(texts: list[str]) -> "dict[str, Size] | None":
     from ..model.shared_errors.sizes import parse_size
 
     with said_of("--size"):
-        found = [parse_size(text) for text in texts]
-    return dict(found) or None
+        found = dict(parsed := [parse_size(text) for text in texts])
+        if len(found) < len(parsed):
+            raise InputError("Expected one size of each error, got two of one name.")
+    return found or None
