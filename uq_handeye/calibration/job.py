@@ -240,8 +240,8 @@ def job_of(request: Request, data: Any, about: tuple[PosePairs, Array] | None = 
         sizes = checked_sizes(request.sizes)
         if twice := [error.name for error in errors if error.name in sizes and not error.default]:
             raise InputError(
-                f"The size of {twice[0]!r} is declared twice: in `sizes` (--size), and as a shared error of its own or by "
-                "the class of the arm. Remove one of them."
+                f"The size of {twice[0]!r} is declared twice: in `sizes` (--size), and as a shared error of its own or "
+                "by the class of the arm. Remove one of them."
             )
         errors = tuple(error.bound(motions.poses) if error.needs_poses else error for error in errors)
         errors = tuple(error.sized(sizes[error.name]) if error.name in sizes else error for error in errors)
