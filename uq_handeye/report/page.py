@@ -20,7 +20,7 @@ import numpy as np
 
 from .._version import __version__
 from ..calibration.report.analysis import budget_table
-from ..calibration.report.first_screen import STATUS_OF, data_words, status_of, suited_to
+from ..calibration.report.first_screen import data_words, status_of, suited_to
 from ..calibration.result import Calibration
 from ..calibration.statement.accuracy import combined_parts, point_ahead, two_numbers
 from ..calibration.statement.tolerance import Verdict
@@ -237,7 +237,7 @@ def title_fields(result: Calibration) -> list[tuple[str, str]]:
 def colour_of(result: Calibration, verdict: Verdict | None = None) -> str:
     """Return the status of the headline, as everywhere, or that of the verdict on a tolerance where it is worse."""
     found = status_of(result)
-    of_verdict = "ok" if verdict is None else STATUS_OF[verdict.word]
+    of_verdict = "ok" if verdict is None else verdict.status
     return max(found, of_verdict, key=("ok", "caution", "failed").index)
 
 

@@ -190,8 +190,7 @@ def headline(result: Any) -> tuple[str, str]:
 def _answer(result: Any, verdicts: Mapping[str, Any]) -> list[Block]:
     text, status = headline(result)
     blocks: list[Block] = [Answer(text, status)]
-    colours = {"PASS": "ok", "NOT SHOWN": "caution", "FAIL": "failed"}
-    blocks += [Badge(f"{name}: {v.word}", v.sentence, colours[v.word]) for name, v in verdicts.items()]
+    blocks += [Badge(f"{name}: {v.word}", v.sentence, v.status) for name, v in verdicts.items()]
     said = f"Chi-square of the residuals {result.chi_square:.0f} of {result.dof:.0f}, {probability(result.p_value)}."
     if result.p_value < UNLIKELY:
         said += " The residuals are larger than the noise says: the errors are larger than stated."

@@ -35,8 +35,6 @@ from ..statement.tolerance import Verdict
 LINES = 26
 # Lines of the table of parts; smaller parts are combined.
 MOST_PARTS = 4
-# Status of the answer by the word of a verdict.
-STATUS_OF = {"PASS": "ok", "FAIL": "failed", "NOT SHOWN": "caution"}
 # Names of files are shortened to so many characters at least.
 _SHORTEST = 12
 
@@ -161,7 +159,7 @@ def answer_blocks(result: Calibration, verdict: Verdict | None = None, why: bool
     blocks: list[Block] = [Answer(result.headline, status_of(result))]
     if verdict is not None:
         text = str(verdict) if not result.reasons else f"{verdict.word}: X is not usable."
-        blocks.append(Answer(text, STATUS_OF[verdict.word]))
+        blocks.append(Answer(text, verdict.status))
     elif (suits := suited_to(result)) is not None:
         blocks.append(Paragraph(suits))
     if why:

@@ -119,6 +119,11 @@ class Verdict(Record):
         """True if the word is PASS."""
         return self.word == PASS
 
+    @property
+    def status(self) -> str:
+        """The word as the status of an answer: ok, caution or failed."""
+        return {PASS: "ok", FAIL: "failed"}.get(self.word, "caution")
+
     def __str__(self) -> str:
         return f"{self.word}: {self.sentence}"
 

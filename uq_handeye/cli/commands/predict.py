@@ -460,7 +460,7 @@ def certificate_command(
         if not found.certified:
             blocks = [Answer(f"NOT CERTIFIED. {found.result.headline}", "failed")]
         elif verdict is not None:
-            blocks.append(Answer(str(verdict), {"PASS": "ok", "FAIL": "failed"}.get(verdict.word, "caution")))
+            blocks.append(Answer(str(verdict), verdict.status))
         number = f"Certificate {found.identifier}."
         emit_document([[*blocks, Paragraph(f"{number} {written}".strip(), hang="  ")]])
     if not found.certified:

@@ -117,7 +117,6 @@ def make_certificate(  # type: ignore[misc]
 
 
 LEVEL = 0.95
-COLOURS = {PASS: "ok", NOT_SHOWN: "caution", FAIL: "failed"}
 
 
 def verdicts_of_rig(result: RigCalibration, tolerance: Tolerance | None) -> dict[str, Verdict]:
@@ -202,7 +201,7 @@ class RigCertificate(Written):
 
     def _first(self) -> list[Section]:
         said: list[Block] = [Answer(*headline(self.result))]
-        said += [Badge(f"{name}: {one.word}", one.sentence, COLOURS[one.word]) for name, one in self.verdicts.items()]
+        said += [Badge(f"{name}: {one.word}", one.sentence, one.status) for name, one in self.verdicts.items()]
         said += [Paragraph(RULE)] if self.verdicts else []
         caption = (
             f"Position, quaternion, and expanded uncertainty ({100 * LEVEL:.0f} %) in the least certain direction."

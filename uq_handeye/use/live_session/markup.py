@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from ...calibration.report.first_screen import STATUS_OF, checks_block, status_of
+from ...calibration.report.first_screen import checks_block, status_of
 from ...core.formatting.numbers import digits
 from ...core.geometry.se3 import Array
 from ...core.presentation.html import macros
@@ -24,7 +24,7 @@ MOST_ROWS = 1000
 def _macros() -> Any:
     style = resources.files(__package__ or "").joinpath("panel.css").read_text(encoding="utf-8")
     return macros(
-        __package__, "panel.html.j2", STATUS_OF=STATUS_OF, checks_block=checks_block, status_of=status_of,
+        __package__, "panel.html.j2", checks_block=checks_block, status_of=status_of,
         digits=digits, FEWEST=FEWEST, style=Markup(f"<style>\n{style}</style>"), log10=np.log10, degrees=np.degrees,
         isfinite=np.isfinite,
     )  # fmt: skip
