@@ -21,7 +21,14 @@ from uq_handeye.model.shared_errors.assumed import (
 from uq_handeye.model.shared_errors.in_noise import shared_columns, with_shared, without_shared
 from uq_handeye.model.shared_errors.shared_error import OUTLINE
 from uq_handeye.model.shared_errors.sizes import SIZES
-from uq_handeye.model.shared_errors.view import HALF, POINTS, median_distance, outline_columns, target_centre
+from uq_handeye.model.shared_errors.view import (
+    HALF,
+    POINTS,
+    intrinsics_columns,
+    median_distance,
+    outline_columns,
+    target_centre,
+)
 
 NOISE = PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
 SETUPS = ("eye-in-hand", "eye-to-hand")
@@ -272,6 +279,18 @@ def test_what_is_exact_has_no_column(tmp_path):
     assert [entry.name for entry in result.shared] == ["own 1"]
     result.to_json(tmp_path / "result.json")
     assert uq.Calibration.from_json(tmp_path / "result.json").shared[0].prior_sd == 1e-4
+
+
+def test_a_lens_does_not_run_away_where_no_lens_looks():
+    """Distortion is powers of the tangent of the angle from the axis: an arm turns a tracker's target anywhere."""
+    facing, angles = Rotation.from_euler("xy", [165, 10], degrees=True), np.radians(np.arange(0, 181, 5))
+    T = np.tile(np.eye(4), (len(angles), 1, 1))
+    T[:, :3, :3] = (Rotation.from_rotvec(np.outer(angles, [0, 1, 0])) * facing).as_matrix()
+    T[:, :3, 3] = 0.5 * np.stack([np.sin(angles), np.zeros(len(angles)), np.cos(angles)], axis=-1)
+    centre, seen = np.zeros(3), angles <= np.radians(45)
+    for columns, most in ((intrinsics_columns(T, 0.5, centre), 3.0), (outline_columns(T, 0.5, centre), 6.0)):
+        size = np.abs(columns).max(axis=(1, 2))
+        assert size[~seen].max() < most * size[seen].max()
 
 
 def test_defaults_and_what_replaces_them():

@@ -51,6 +51,9 @@ FRONT, ALL_AROUND = 1.05, 0.3
 EDGE_ON = 0.05
 # Standard deviations of k1, k2, p1, p2 and f_x / f_y over the first.
 LENS_SHARES = np.array([1.0, 3.0, 0.1, 0.1, 0.05])
+# Tangent of the angle from the axis beyond which no lens is asked: what is further out counts as seen there, or the
+# powers of that tangent that a distortion is made of would run away at poses to come.
+WIDEST = 1.0
 # Place of the target in its frame: steps of the search, and how far behind it the point may be, of the distance.
 STEPS, BEHIND = 6, 0.3
 # Change of the outline of the target by which derivatives are taken.
@@ -211,7 +214,8 @@ def _fitted(camera: Array, distance: float, centre: Array, sides: tuple[float, f
     at = turned + camera[:, None, :3, 3]
     near = 0.05 * max(distance, 1e-6)
     z = np.where(np.abs(at[..., 2]) > near, at[..., 2], near)
-    directions = np.clip(at[..., :2] / z[..., None], -3.0, 3.0)
+    directions = at[..., :2] / z[..., None]
+    directions /= np.maximum(1.0, np.linalg.norm(directions, axis=-1, keepdims=True) / WIDEST)
     by_point = np.zeros((*at.shape[:-1], 2, 3))
     by_point[..., 0, 0] = by_point[..., 1, 1] = 1.0 / z
     by_point[..., 2] = -directions / z[..., None]
