@@ -92,12 +92,10 @@ def test_merged_sources_keep_the_whole(by_default):
     assert point.U > point.u > 0
 
 
-def test_sources_of_open_size_have_the_degrees_of_freedom_of_the_posterior(by_default):
-    """So k is that of X's ellipsoid, and the same before and behind the merging of sources that the text shows."""
-    budget, points = by_default.budget, by_default.posterior.points
-    dof = dict(zip(budget.sources, budget.dof, strict=True))
-    assert dof["camera rotation"] == dof["camera coupling"] == pytest.approx(by_default.reference.dof)
-    assert np.isinf(dof["principal point x"]) and dof["target scale"] == dof["camera rotation"]
+def test_the_coverage_factor_is_that_of_the_mixture_over_sizes(by_default):
+    """Its covariance holds what is open of the sizes; a second time, as degrees of freedom, it would count twice."""
+    points = by_default.posterior.points
+    assert np.isinf(by_default.budget.dof).all()
     text = " ".join(by_default.summary(verbose=True).split())
     assert f"In the worst direction U is {1e3 * by_default.accuracy.translation_95:.2g} mm" in text
     # Against the mixture over the sizes itself, along the worst direction of the translation.
@@ -107,7 +105,7 @@ def test_sources_of_open_size_have_the_degrees_of_freedom_of_the_posterior(by_de
     of = rng.choice(len(weights), size=100_000, p=weights / weights.sum())
     sd = np.sqrt(np.einsum("i,dij,j->d", along, points.covariances, along))
     drawn = (points.means @ along)[of] + sd[of] * rng.normal(size=len(of))
-    assert by_default.accuracy.translation_95 == pytest.approx(np.quantile(abs(drawn - drawn.mean()), 0.95), rel=0.1)
+    assert by_default.accuracy.translation_95 == pytest.approx(np.quantile(abs(drawn - drawn.mean()), 0.95), rel=0.03)
 
 
 def test_coupled_errors_are_one_source(poses):

@@ -19,7 +19,7 @@ from ...core.geometry.checks import as_numbers, checked_covariance
 from ...core.geometry.se3 import Array, difference, perturb
 from ...core.runtime.read_only import read_only
 from ...errors import DegenerateMotionError, InputError
-from ...fit.diagnostics.budget import Budget, budget, by_posterior, with_open_sizes, with_types
+from ...fit.diagnostics.budget import Budget, budget, by_posterior, with_types
 from ...fit.diagnostics.diagnose import diagnose
 from ...fit.diagnostics.result import Diagnostics
 from ...fit.diagnostics.split_half import SplitHalf, split_fit
@@ -294,9 +294,8 @@ class Analysis(Record):
         if self.joint is not None:
             found = by_posterior(found, self.joint.posterior, self.prior_sd)
         found = with_types(found, self.estimate, corners)
-        points = None if self.joint is None else self.joint.posterior.points
-        if points is not None and self.dof is not None:
-            found = with_open_sizes(found, points.names, self.dof)
+        if self.joint is not None and self.joint.posterior.points is not None:
+            found = replace(found, relative=None)
         if self.estimate is None:
             return found
         sums = [part.name for part in self.estimate.components if part.status == "not told apart"]
