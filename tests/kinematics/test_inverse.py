@@ -8,6 +8,7 @@ from arm_sessions import chain, drawn_errors
 from uq_handeye.model.kinematics.arms.postures import REACHED, elbow_moved, postures_at
 from uq_handeye.model.kinematics.chain import Kinematics
 from uq_handeye.model.kinematics.forward import spread_postures
+from uq_handeye.model.kinematics.kinematic_errors import KinematicErrors
 
 
 def spread(arm, n):
@@ -52,3 +53,30 @@ def test_an_elbow_that_is_turned_leaves_the_pose():
         np.testing.assert_allclose(arm.poses(way), arm.poses(q), atol=3 * REACHED)
         assert (np.linalg.norm(way - q, axis=1) > 0.5).all()
     assert (np.linalg.norm(ways[0] - ways[1], axis=1) > 1.0).all()
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_columns_hold_an_elbow_that_is_elsewhere_at_all_poses(sign):
+    """A Panda whose elbow is 0.2 rad further round at all poses than where its joints are taken to be.
+
+    What that changes in the errors of each group is in the columns of an elbow elsewhere, which differ between poses
+    smoothly: half of the motions of the joints by a singular value decomposition are the other way round.
+    """
+    arm, rng = Kinematics.from_name("panda"), np.random.default_rng(0)
+    q = np.array([0.0, -0.4, 0.0, -2.2, 0.0, 1.8, 0.8]) + rng.uniform(-0.3, 0.3, (30, 7))
+    errors = KinematicErrors()
+    found, joints = errors.columns(arm, q, by_poses=True), errors.columns(arm, q)
+    along = np.linalg.svd(arm.jacobian(q))[2][:, -1]
+    assert 0 < (along[:, 2] > 0).sum() < 30
+    away = q + sign * 0.2 * along * np.sign(along[:, 2:3])
+    change = errors.columns(arm, away).F - joints.F
+    weight = np.repeat([0.3, 1.0], 3)[:, None]
+    for group in dict.fromkeys(joints.groups):
+        of = np.array([name.startswith(f"{group}: elbow elsewhere") for name in found.names])
+        D = change[
+            ..., [name == group and "frame" not in part for name, part in zip(joints.groups, joints.names, strict=True)]
+        ]
+        K, D = ((weight * x).reshape(180, -1) for x in (found.F[..., of], D))
+        left = D - K @ np.linalg.lstsq(K, D, rcond=None)[0]
+        assert K.shape[1] < 60 and (left**2).sum() < 0.1 * (D**2).sum(), group
+        assert (K**2).sum() > (0.5 / 0.2) ** 2 * 0.9 * (D**2).sum(), group
