@@ -98,14 +98,15 @@ def main(arguments: Sequence[str] | None = None) -> None:
         before = kept[:1] if files and files[0] == options.keep[0] else []
         np.savez(options.keep[0], draws=np.concatenate([*before, new]))
     found = np.concatenate([*kept, np.reshape(new, (-1, 10))])
-    print("| arm mm | setup | draws | mean p | p < 0.05, % | KS distance | found at 30, 60, 90 % | "
+    print("| arm mm | setup or arm | draws | mean p | p < 0.05, % | KS distance | found at 30, 60, 90 % | "
           "detectable mm: median, max | 2 mm found, % | named X, % |")  # fmt: skip
     print("|---|---|---|---|---|---|---|---|---|---|")
-    for accuracy in ACCURACIES:
-        for k, setup in enumerate(SETUPS):
-            of = found[(found[:, 0] == accuracy) & (found[:, 1] == k)]
-            if not np.isnan(of[:, 7]).all():
-                print(f"| {accuracy:g} | {setup} | {row(of)}")
+    cells = [(f"{accuracy:g} | {setup}", (found[:, 0] == accuracy) & (found[:, 1] == k))
+             for accuracy in ACCURACIES for k, setup in enumerate(SETUPS)]  # fmt: skip
+    cells += [(f"all | {name}", found[:, 2] == k) for k, name in enumerate(ARMS)]
+    for words, rows in cells:
+        if not np.isnan(found[rows, 7]).all():
+            print(f"| {words} | {row(found[rows])}")
     print(f"| all | | {row(found)}")
 
 

@@ -70,7 +70,8 @@ def _(row: int, n: int) -> str:
 def _(p_value: float) -> str:
     return (
         f"No single cause explains these poses (best: {probability(p_value)}). Several things have changed, poses are "
-        "wrong, or the noise is larger than that of the calibration. Calibrate again."
+        "wrong (new ones, or some of the calibration), or the noise is larger than that of the calibration. Calibrate "
+        "again."
     )
 
 
