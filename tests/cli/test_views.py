@@ -128,7 +128,7 @@ def test_other_commands_take_the_same(rig):
         ((*BOARD, "--camera-matrix", "K", "--intrinsics", "known.json"), "one of estimated, pinhole, exact"),
         (
             (*BOARD, "--camera-matrix", "K", "--camera-noise", "0.1deg,1mm"),
-            "The camera noise follows from --camera-matrix",
+            "The camera noise follows from the views (--camera-matrix",
         ),
         ((*BOARD, "--camera-matrix", "K", "--pixel-noise", "2mm"), "--pixel-noise"),
         ((*BOARD, "--camera-matrix", "K", "--model", "brown"), "for pictures, not for --camera-matrix"),

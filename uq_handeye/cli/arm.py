@@ -41,8 +41,9 @@ class ChainOptions(Options):
     """Options of the joint values and the kinematic chain.
 
     Options (Robot joints):
-      * --joints FILE.csv: Joint values in place of ROBOT, with --urdf. One column per joint, named as in the URDF, and
-        one row per pose. The robot poses follow from the joints; a single file argument is CAMERA.
+      * --joints FILE.csv: Joint values in place of ROBOT, with --urdf. One column per joint, named as in the URDF (of
+        other arms numbered, e.g. J1), and one row per pose. The robot poses follow from the joints; a single file
+        argument is CAMERA.
       * --robot-model NAME <ROBOT_MODELS>: Arm by its name, e.g. ur5e, in place of --urdf. Its nominal kinematics are
         used, with or without --joints. Names: {ROBOT_MODELS}.
       * --urdf FILE.urdf: Robot model (URDF), of --joints or of ROBOT. Without --joints the joint values follow from the

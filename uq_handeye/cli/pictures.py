@@ -318,7 +318,8 @@ class Views:
 
         if prior is not None and prior.camera is not None:
             raise InputError(
-                "The camera noise follows from --camera-matrix. Remove --camera-noise, or --camera-matrix."
+                "The camera noise follows from the views (--camera-matrix, --pixel-noise). Remove --camera-noise and "
+                "--camera-prior, or these."
             )
         if noise is not None and (noise.ITEM == "motion" or noise.sides["camera"] is not None):
             raise InputError(
