@@ -15,16 +15,18 @@ from uq_handeye.core.geometry.se3 import inverse, perturb
 def table(inside):
     rows = [
         {"where": where, "setup": "eye-in-hand", "arm": "ur5_like", "accuracy_mm": 1.0, "accuracy_deg": 0.1, "way": way,
-         "refused": False, "inside": float(k < inside), "d2": 6.0, "mm": 1.0, "deg": 0.1, "cpu_s": 0.5}
-        for where in PLACES for k in range(20) for way in WAYS
+         "refused": False, "inside": float(k < inside[way]), "d2": 6.0, "mm": mm, "stated": 1.0, "deg": 0.1,
+         "cpu_s": 0.5}
+        for where in PLACES for k in range(20) for way, mm in zip(WAYS, (1.0, 1.0, 2.0), strict=True)
     ]  # fmt: skip
     return pd.DataFrame(rows)
 
 
-def test_findings_turn_with_the_table():
-    good, bad = (findings({"sets": table(inside)}) for inside in (19, 12))
-    assert "in 38 of 40 sets" in good and "about what is stated" in good
-    assert "in 24 of 40 sets" in bad and "still too small" in bad
+def test_findings_follow_the_table():
+    text = findings({"sets": table(dict(zip(WAYS, (19, 18, 2), strict=True)))})
+    assert "in 38 of 40 sets with the accuracy declared" in text and "in 36 of 40 with nothing said" in text
+    assert "in 4 of 40 with the robot taken as exact" in text
+    assert "off by 0.50 (declared) and 0.50 (nothing said)" in text
 
 
 def test_an_arm_that_differs_by_frames_alone_is_exact(rng):
