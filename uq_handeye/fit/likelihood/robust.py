@@ -60,6 +60,8 @@ FULL = float(chdtri(6, 1e-3))
 STILL, SLOW, STILL_THEN, MOST_REWEIGHTED = 1e-6, 20, 1e-3, 100
 # Steps before the scale is held and the weights are damped.
 FREE = 10
+# Below this change of the weights it is clear which poses are flagged, while the noise still changes.
+ROUGHLY = 1e-2
 # Rounds of noise from the residuals and weights from the noise; share of the poses that may change sides in the last.
 MOST_ROUNDS, BORDER = 20, 1e-3
 
@@ -341,8 +343,12 @@ def _settle(
     method: str,
     margin: float = 1.0,
     most: int = MOST_REWEIGHTED,
+    still_at: float | None = None,
 ) -> _Settled:
-    """Fit and weights in turn until they converge; with ``ml``, full maximisations in turn after that."""
+    """Fit and weights in turn until they converge; with ``ml``, full maximisations in turn after that.
+
+    ``still_at``: the change of a weight that counts as none (default: `STILL`, `STILL_THEN` of many or slow ones).
+    """
     steps, scale2, at, plain = CLOSED_FORM_STEPS, 1.0, begin, True
     for k in range(most):
         plain = plain and bool((weights == 1).all())
@@ -358,7 +364,7 @@ def _settle(
             scale2 = _scale_guard(distances)
         wanted = robust_weights(distances / (scale2 * margin))
         quick = k >= SLOW or constraint.n * BORDER >= 1.0  # a thousandth of one pose of so many
-        still = bool(np.abs(wanted - weights).max() < (STILL_THEN if quick else STILL))
+        still = bool(np.abs(wanted - weights).max() < (still_at or (STILL_THEN if quick else STILL)))
         if still and (method == "efficient" or steps > CLOSED_FORM_STEPS):
             return _Settled(found, distances, leverage, float(np.sqrt(scale2)), FULL * scale2 * margin, plain, begun)
         if still:
@@ -379,7 +385,8 @@ def _alternate(
     seen: list[NDArray[np.bool_]] = []
     margin = slack * _margin(constraint)
     for _ in range(MOST_ROUNDS):
-        settled = _settle(constraint, noise, at, weights, "efficient", margin)
+        # The noise changes again: which poses are flagged is all that counts.
+        settled = _settle(constraint, noise, at, weights, "efficient", margin, still_at=ROUGHLY)
         assert settled.fit.weights is not None
         at, weights = settled.fit.unknowns, settled.fit.weights
         good = settled.distances <= settled.limit
@@ -392,9 +399,7 @@ def _alternate(
         if by_residuals is None:  # the poses kept fit exactly: rounding tells them from the others
             return None, _settle(constraint, begun.noise, at, good.astype(float), "efficient")
         noise = by_residuals
-    if method == "ml":
-        settled = _settle(constraint, noise, at, weights, method, margin)
-    return noise, settled
+    return noise, _settle(constraint, noise, at, weights, method, margin)
 
 
 def _scale_guard(distances: Array) -> float:

@@ -113,6 +113,13 @@ def target_centre(camera: Array, distance: float) -> Array:
     do not move it. A target that an arm turns about its wrist has c behind it: what is known of c beforehand is `HALF`
     of the distance from the origin in the plane, and `BEHIND` of it along the normal (standard deviations).
     """
+    return _centre(np.ascontiguousarray(camera, dtype=float).tobytes(), float(distance)).copy()
+
+
+@functools.lru_cache(maxsize=8)
+def _centre(poses: bytes, distance: float) -> Array:
+    """`target_centre` of poses (n, 4, 4) as bytes: every error that a view tells asks for it."""
+    camera = np.frombuffer(poses).reshape(-1, 4, 4)
     R, t = camera[:, :3, :3], camera[:, :3, 3]
     axes = np.concatenate([_across(camera), _normal(camera)[None]])  # (3, 3)
     by_c, c, sd = R @ axes.T, np.zeros(3), distance * np.array([HALF, HALF, BEHIND])
