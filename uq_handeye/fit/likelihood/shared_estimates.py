@@ -43,6 +43,8 @@ ROUNDING = float(np.finfo(float).eps)
 SIGNAL = 10.0
 # Directions among the numbers of one error of whose prior variance the data take away less are not tested.
 HEARD = 1e-3
+# Times that standard deviations could have been as large (`group_test`).
+TIMES = np.geomspace(1e-2, 1e3, 501)
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,8 +112,6 @@ class SharedEstimate(Record):
 class GroupTest(NamedTuple):
     """The numbers of one error, all together, against what was assumed of them."""
 
-    chi2: float
-    dof: int
     p_value: float
     times: float  # that the standard deviations should have been so many times as large
 
@@ -181,7 +181,10 @@ def without_shared_errors(fit: Fit, noise: Noise, first: Array, second: Array) -
 def group_test(posterior: Posterior, errors: Sequence[SharedError], group: str) -> GroupTest | None:
     """Test whether the estimates of the numbers of an error are as large as assumed.
 
-    None where the data say nothing.
+    In units of the prior and along the eigenvectors of what the data tell, ``I - P = V diag(v) V^T``, an estimate has
+    the variance ``v (1 + (s^2 - 1) v)`` if the standard deviations should have been s times as large: weakly told
+    numbers say little of s. s is the one of largest likelihood, p that of the likelihood ratio to s = 1 (chi-square
+    with one degree of freedom, asymptotically). None where the data say nothing.
     """
     sd = {name: float(s) for error in errors for name, s in zip(error.parts, error.sd, strict=True)}
     of = [k for k, name in enumerate(posterior.names) if group_of(name) == group and name in sd]
@@ -192,10 +195,12 @@ def group_test(posterior: Posterior, errors: Sequence[SharedError], group: str) 
     if not heard.any():
         return None
     z = posterior.estimate[at - posterior.p] / unit
-    chi2, dof = float(np.sum((vectors.T @ z)[heard] ** 2 / values[heard])), int(heard.sum())
-    # A prior s times as wide would make it `dof + (s^2 - 1) sum(values)`, on average.
-    square = 1.0 + (chi2 - dof) / float(values[heard].sum())
-    return GroupTest(chi2, dof, float(chdtrc(dof, chi2)), float(np.sqrt(max(square, 0.0))))
+    told = values[heard]
+    squares = (vectors.T @ z)[heard] ** 2 / told
+    variances = 1.0 + (np.append(TIMES, 1.0)[:, None] ** 2 - 1.0) * told
+    costs = np.sum(np.log(variances) + squares / variances, axis=1)
+    best = int(np.argmin(costs[:-1]))
+    return GroupTest(float(chdtrc(1, max(costs[-1] - costs[best], 0.0))), float(TIMES[best]))
 
 
 def estimates_of(posterior: Posterior, errors: Sequence[SharedError], fit: Fit) -> tuple[SharedEstimate, ...]:
