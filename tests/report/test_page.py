@@ -22,6 +22,7 @@ from support import SEED
 
 import uq_handeye as uq
 from uq_handeye.calibration.estimate.parts import Provenance
+from uq_handeye.calibration.statement.tolerance import Tolerance, Verdict
 from uq_handeye.core.files.about import ABOUT
 from uq_handeye.core.files.source import Source
 from uq_handeye.core.presentation import page as pdf
@@ -192,7 +193,7 @@ def test_the_colour_is_that_of_terminal_and_notebook(statuses, usable, word, col
     )
     assert colour_of(of) == colour
     if word is not None:
-        assert colour_of(of, SimpleNamespace(word=word)) == of_verdict
+        assert colour_of(of, Verdict(word, None, Tolerance.read("1mm"))) == of_verdict
     of.accuracy.lower_limit = True
     assert colour_of(of) != "ok"
     of.accuracy = None
