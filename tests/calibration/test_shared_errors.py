@@ -152,6 +152,15 @@ def test_a_declared_accuracy_that_is_wrong_is_named(times, severity):
     assert "mm (found; 0.6 mm assumed)" in within.summary(verbose=True)
 
 
+def test_an_angle_beside_a_length_is_a_second_statement_of_one_size():
+    poses = uq.simulate(20, noise=NOISE, seed=SEED)
+    move, turn, both = (
+        uq.SharedError.robot_accuracy(*of).bound(poses).sd[0] for of in (("1mm",), (0.0, "0.2deg"), ("1mm", "0.2deg"))
+    )
+    assert move == pytest.approx(1e-3) and turn > 1.2 * move
+    assert both == pytest.approx(np.sqrt(move * turn))
+
+
 def test_declared_errors_stand_beside_the_other_defaults_where_noise_is_estimated(poses, tmp_path):
     bent = replace(poses, truth=None, timestamps=None)
 

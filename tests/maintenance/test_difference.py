@@ -87,7 +87,7 @@ def test_an_error_of_one_camera_cancels():
 def test_the_accuracy_of_one_robot_counts_once():
     """Poses in common: one field over all of them, of which the most is in both."""
     poses = replace(uq.simulate(24, noise=NOISE, seed=5), truth=None)
-    accuracy = uq.SharedError.robot_accuracy("1mm,0.1deg")
+    accuracy = uq.SharedError.robot_accuracy("2mm")
     old, new = (fitted(of, noise=NOISE, shared=[accuracy]) for of in (poses.rows(np.arange(20)), poses))
     found = uq.difference(old, new)
     plain = uq.difference(*(fitted(of, noise=NOISE) for of in (poses.rows(np.arange(20)), poses)))

@@ -233,10 +233,9 @@ class SharedError(ReadOnlyArrays):
         """The accuracy that the robot's data sheet states: errors as a population of arms has them (`population`).
 
         ``translation`` in m or ``"0.5mm"``, ``rotation`` in rad or ``"0.05deg"``; or both in one text: root mean
-        squares over the workspace. The errors are those of arms of that accuracy in position, or as
-        much larger as the one in rotation asks for. ``reach`` of the arm (m, or ``"0.9m"``); None takes 1.2 times the
-        largest distance of the
-        flange from the base.
+        squares over the workspace. The errors are those of arms of that accuracy in position; with one in rotation, of
+        the geometric mean of that and of the size that arms of such rotations have: the ratio differs from arm to arm.
+        ``reach`` of the arm (m, or ``"0.9m"``); None takes the largest distance of the flange from the base.
         """
         exact = rotation is None and _is_exact(translation)
         move, turn = (0.0, 0.0) if exact else stated_accuracy(translation, rotation)
@@ -318,8 +317,9 @@ def population_error(move: float, turn: float, reach: float | None) -> SharedErr
         population = BoundPopulation.of(poses.robot, reach)
         K = population.here
         size = move
-        if turn > 0:
-            size = max(move, turn / float(np.sqrt((K[:, :3] ** 2).sum(axis=(1, 2)).mean())))
+        if turn > 0:  # both state one size, but for the ratio of the two that an arm has: the mean of the logarithms
+            by_turn = turn / float(np.sqrt((K[:, :3] ** 2).sum(axis=(1, 2)).mean()))
+            size = float(np.sqrt(move * by_turn)) if move > 0 else by_turn
         parts = tuple(f"{ROBOT_ACCURACY}: {k + 1}" for k in range(K.shape[-1]))
         accuracy = RobotAccuracy(move, turn, population.reach)
 
