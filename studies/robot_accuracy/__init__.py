@@ -116,10 +116,9 @@ def figures(tables: Tables) -> dict[str, Figure]:
     figure = Figure(figsize=(6.4, 3.2), layout="constrained")
     axes = figure.subplots()
     groups = list(sets.groupby(["where", "way"], sort=False))
-    for row, (_, of) in enumerate(groups):
-        axes.plot(
-            of["d2"], np.full(len(of), row) + np.linspace(-0.2, 0.2, len(of)), "o", markersize=4, color=f"C{row % 2}"
-        )
+    for row, ((_, way), of) in enumerate(groups):
+        about = np.full(len(of), row) + np.linspace(-0.2, 0.2, len(of))
+        axes.plot(of["d2"], about, "o", markersize=4, color=f"C{WAYS.index(way)}")
     axes.axvline(12.59, color="0.4", linewidth=1)
     axes.set_xscale("log")
     axes.set_yticks(range(len(groups)), [f"{where},\n{way}" for (where, way), _ in groups])
