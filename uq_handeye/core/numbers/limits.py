@@ -1,0 +1,22 @@
+"""Limits of what is read from files and of what is listed in text.
+
+Files may come from anyone: each reader checks the size before it reads, and the number of rows before it
+allocates. A list in a sentence, table or figure ends after a few entries and says how many follow.
+"""
+
+from __future__ import annotations
+
+# Descriptions: TOML, YAML, JSON, URDF, calibration files of robots. The largest seen has 0.4 MB.
+MAX_DESCRIPTION_BYTES = 20_000_000
+# Tables, arrays and results: a million poses with their covariances.
+MAX_TABLE_BYTES = 1_000_000_000
+# Rows of a table, messages of a topic, samples of a stream.
+MAX_ROWS = 10_000_000
+# Characters of a line, of a name, and of a part of a file that a message quotes.
+MAX_LINE_CHARACTERS = 10_000
+MAX_NAME_CHARACTERS = 200
+# Entries that a sentence names before "and n more", and rows that a printed table has.
+MAX_NAMED = 6
+MAX_LISTED = 12
+# Points that a figure draws; more are thinned evenly.
+MAX_DRAWN_POINTS = 4_000
