@@ -34,8 +34,9 @@ if _typing.TYPE_CHECKING:
     from .fit.one_model.noise_of_data import estimate_noise, estimate_robot_noise
     from .methods.estimators import METHODS, ROBOT_WORLD_METHODS, Method, solve
     from .methods.estimators.nguyen import nguyen
-    from .methods.procrustes.limit import register, se3_from_so4, so4_from_se3
-    from .methods.procrustes.sensitivity import octonion_covariance, paper_covariances, so4_covariance
+    from .methods.procrustes.paper_covariances import octonion_covariance, paper_covariances, so4_covariance
+    from .methods.procrustes.registration import register
+    from .methods.procrustes.scaled import se3_from_so4, so4_from_se3
     from .methods.propagation.propagate import propagate
     from .model.camera.board import Board, detect_board, tag_points
     from .model.camera.board_file import read_board
@@ -348,12 +349,9 @@ _LATER = {
         "relative_motions",
     ),
     "model.poses.pose_pairs": ("PosePairs", "Stream"),
-    "methods.procrustes.limit": (
-        "register",
-        "se3_from_so4",
-        "so4_from_se3",
-    ),
-    "methods.procrustes.sensitivity": (
+    "methods.procrustes.registration": ("register",),
+    "methods.procrustes.scaled": ("se3_from_so4", "so4_from_se3"),
+    "methods.procrustes.paper_covariances": (
         "octonion_covariance",
         "paper_covariances",
         "so4_covariance",

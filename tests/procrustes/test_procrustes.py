@@ -22,8 +22,8 @@ from support import (
 
 import uq_handeye as uq
 from uq_handeye.core.geometry.checks import CHUNK
-from uq_handeye.methods.procrustes import limit as finite_scale
 from uq_handeye.methods.procrustes import limit as procrustes
+from uq_handeye.methods.procrustes import scaled as finite_scale
 
 SEEDS = st.integers(0, 2**32 - 1)
 
@@ -609,10 +609,10 @@ def loop_free_T2(A, B):
 @pytest.mark.parametrize("shape", [(), (7,), (3 * CHUNK // 10,)])
 @pytest.mark.parametrize("cores", [1, 2, 3])
 def test_threads_are_seamless(rng, monkeypatch, shape, cores):
-    """More than PARALLEL_PAIRS pairs in few or many problems: the same as each problem on its own."""
+    """More than MIN_PAIRS_FOR_THREADS pairs in few or many problems: the same as each problem on its own."""
     monkeypatch.setattr(procrustes, "cores", lambda: cores)
     T = shape[0] if shape else 1
-    N = procrustes.PARALLEL_PAIRS // T + 21
+    N = procrustes.MIN_PAIRS_FOR_THREADS // T + 21
     _, A, B = noisy_motions(rng, N, 0.1, shape)
     X = uq.solve(A, B).reshape(-1, 4, 4)
     for k in {0, 1 % T, T // 2, T - 1}:
@@ -623,7 +623,7 @@ def test_threads_are_seamless(rng, monkeypatch, shape, cores):
 def test_results_repeat_to_the_last_bit(rng, monkeypatch):
     """Threads add in a fixed order."""
     monkeypatch.setattr(procrustes, "cores", lambda: 3)
-    _, A, B = noisy_motions(rng, procrustes.PARALLEL_PAIRS + 1, 0.1)
+    _, A, B = noisy_motions(rng, procrustes.MIN_PAIRS_FOR_THREADS + 1, 0.1)
     first = uq.solve(A, B)
     for _ in range(3):
         np.testing.assert_array_equal(uq.solve(A, B), first)

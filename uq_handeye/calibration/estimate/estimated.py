@@ -26,8 +26,9 @@ from ...fit.diagnostics.task_space import Link, PointUncertainty, frames_of, mov
 from ...fit.likelihood.open_directions import OpenDirections, moves_along
 from ...fit.likelihood.shared_estimates import SharedEstimate
 from ...fit.one_model.points import OpenSizes
-from ...methods.procrustes.limit import octonion
-from ...methods.procrustes.sensitivity import PAPER_SCALE, pose_from_octonion_jacobian
+from ...methods.procrustes.paper_covariances import PAPER_SCALE
+from ...methods.procrustes.scaled import octonion
+from ...methods.procrustes.scaled_sensitivity import pose_from_octonion_jacobian
 from ...model.noise.estimate import FoundComponent
 from ...model.noise.models import Noise
 from ...model.poses.motions import Motions

@@ -21,7 +21,7 @@ from ...core.runtime.read_only import ReadOnlyArrays
 from ...errors import InputError, require_type
 from ...methods.estimators.method import require_converged
 from ...methods.estimators.registry import METHODS, ROBOT_WORLD_METHODS, find
-from ...methods.procrustes.limit import pair_blocks
+from ...methods.procrustes.pairs import pair_blocks
 from ...methods.propagation.noise_transport import noise_of_pairs
 from ...methods.propagation.propagate import pose_sensitivities
 from ...methods.propagation.published_fit import AllPairs, mean_target, solve_all_pairs, target_by_X

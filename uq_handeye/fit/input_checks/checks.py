@@ -17,7 +17,7 @@ import numpy as np
 from ...core.geometry.se3 import Array, inverse, vee
 from ...errors import DegenerateMotionError
 from ...findings import GROSS, Finding, Severity
-from ...methods.procrustes.limit import DEGENERATE, infinite_directions
+from ...methods.procrustes.degeneracy import DEGENERATE, infinite_directions
 from ...model.noise.models import Noise, PoseNoise, is_joint, marginals
 from ...model.poses.motions import STEADY_VIEW, Motions, direction_spread, median, pose_residuals, rotation_angles
 from ...model.poses.pose_pairs import PosePairs

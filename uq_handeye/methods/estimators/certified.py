@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from ...core.geometry.se3 import Array
 from ...errors import MissingExtraError
-from ..procrustes.limit import DEGENERATE
+from ..procrustes.degeneracy import DEGENERATE
 from .dual_quaternions import dual_factors, dual_gram
 from .method import Estimate, Method, published, require
 from .moments import Moments, MomentSolver, dual_quaternions, left_matrix, pose_of

@@ -13,7 +13,8 @@ import numpy as np
 
 from ...core.geometry.se3 import Array, skew
 from ...model.noise.models import PairNoise
-from ..procrustes.limit import DEGENERATE, NO_ROTATION, solve_limit, solve_moments
+from ..procrustes.degeneracy import DEGENERATE, NO_ROTATION
+from ..procrustes.limit import solve_limit, solve_moments
 from ..procrustes.sensitivity import LimitDerivatives
 from .method import Derivatives, Estimate, Method, closed_form, published, require
 from .moments import (

@@ -33,7 +33,8 @@ import numpy as np
 from ...core.geometry.nearest_rotation import orthonormalise
 from ...core.geometry.se3 import Array, perturb, pose, skew, vee
 from ...model.noise.models import PairNoise
-from ..procrustes.limit import DEGENERATE, pair_blocks, trial_blocks
+from ..procrustes.degeneracy import DEGENERATE
+from ..procrustes.pairs import pair_blocks, trial_blocks
 from .method import Estimate, Method, closed_form, published, require
 from .moments import Factors, Moments, MomentSolver, Signs
 

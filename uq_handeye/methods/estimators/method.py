@@ -22,7 +22,8 @@ from ...core.geometry.checks import as_transforms
 from ...core.geometry.se3 import Array
 from ...errors import DegenerateMotionError, InputError, NotConvergedError
 from ...model.noise.models import PairNoise
-from ..procrustes.limit import as_pairs, solve_limit
+from ..procrustes.limit import solve_limit
+from ..procrustes.pairs import as_pairs
 
 
 class Estimate(NamedTuple):

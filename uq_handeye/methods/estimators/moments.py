@@ -38,7 +38,7 @@ from ...core.geometry.checks import CHUNK
 from ...core.geometry.nearest_rotation import orthonormalise
 from ...core.geometry.se3 import Array, left_jacobian, pose, skew, vee
 from ...model.noise.models import PairNoise
-from ..procrustes.limit import pair_blocks, trial_blocks
+from ..procrustes.pairs import pair_blocks, trial_blocks
 from .method import Derivatives, Estimate, require
 
 # cos(170 / 2 degrees): below this scalar part a quaternion's sign needs the other motions.

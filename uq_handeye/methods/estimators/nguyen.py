@@ -50,7 +50,7 @@ from ...core.geometry.packed3x3 import EYE, cross, product, unpack
 from ...core.geometry.se3 import Array, pose
 from ...errors import InputError, require_type
 from ...model.noise.models import PairNoise, require_count
-from ..procrustes.limit import as_pairs, trial_blocks
+from ..procrustes.pairs import as_pairs, trial_blocks
 from .method import Derivatives, Estimate, Method, published
 from .nguyen_stages import (
     BLOCK,

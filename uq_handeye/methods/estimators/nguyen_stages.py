@@ -42,7 +42,8 @@ from ...core.geometry.packed3x3 import (
 from ...core.geometry.se3 import Array, vee
 from ...errors import InputError
 from ...model.noise.models import PairNoise
-from ..procrustes.limit import are_determined, raise_undetermined, signed_svd
+from ..procrustes.degeneracy import are_determined, raise_undetermined
+from ..procrustes.limit import signed_svd
 from .method import require
 
 Stop = Literal["scaled", "published"]

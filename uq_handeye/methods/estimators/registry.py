@@ -6,7 +6,7 @@ from typing import Any
 
 from ...core.geometry.se3 import Array
 from ...errors import InputError, among
-from ..procrustes.limit import solve_4dpa
+from ..procrustes.scaled import solve_4dpa
 from .certified import HELLER, ZHANG
 from .dual_quaternions import CONDURACHE, DANIILIDIS, FOURDPA, LU
 from .linear import ANDREFF, GWAK

@@ -18,7 +18,8 @@ from ...core.geometry.se3 import Array, inverse, inverse_jacobian, pose
 from ...errors import InputError, require_type
 from ...model.poses.motions import relative_motions
 from ...model.poses.pose_pairs import PosePairs
-from ..procrustes.limit import DEGENERATE, pair_blocks, trial_blocks
+from ..procrustes.degeneracy import DEGENERATE
+from ..procrustes.pairs import pair_blocks, trial_blocks
 from .linear import Normal, normal, require_axes, require_rotation, right_handed, slopes, turn_of
 from .method import Estimate, Published, closed_form, explained, published, require
 from .moments import Factors, Moments, MomentSolver, Signs

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from ...core.geometry.nearest_rotation import orthonormalise
 from ...core.geometry.se3 import Array, pose, skew, vee
-from ..procrustes.limit import DEGENERATE, NO_ROTATION
+from ..procrustes.degeneracy import DEGENERATE, NO_ROTATION
 from .method import Estimate, Method, closed_form, published, require
 from .moments import (
     Factors,

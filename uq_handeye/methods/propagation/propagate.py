@@ -55,16 +55,12 @@ from ..estimators.method import (
     require_converged,
 )
 from ..estimators.registry import find
-from ..procrustes.limit import (
-    Suspicious,
-    as_pairs,
-    pair_blocks,
-    require_transforms,
-    solve_limit,
-    solve_scaled,
-    trial_blocks,
-)
-from ..procrustes.sensitivity import PAPER_SCALE, LimitDerivatives, ScaledDerivatives, linearised, literal_covariance
+from ..procrustes.limit import Suspicious, require_transforms, solve_limit
+from ..procrustes.pairs import as_pairs, pair_blocks, trial_blocks
+from ..procrustes.paper_covariances import PAPER_SCALE, literal_covariance
+from ..procrustes.scaled import solve_scaled
+from ..procrustes.scaled_sensitivity import ScaledDerivatives, linearised
+from ..procrustes.sensitivity import LimitDerivatives
 from . import sentences  # noqa: F401  (registers the words)
 from .noise_transport import DataSide, Shared, Start, data_side, noise_of_pairs
 

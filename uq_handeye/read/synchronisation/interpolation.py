@@ -58,7 +58,7 @@ from ...core.geometry.checks import as_numbers, as_transforms
 from ...core.geometry.nearest_rotation import orthonormalise
 from ...core.geometry.se3 import Array, left_jacobian, logarithm, perturb
 from ...errors import InputError, require_one_of
-from ...methods.procrustes.limit import check_scale, se3_from_so4, so4_from_se3
+from ...methods.procrustes.scaled import check_scale, se3_from_so4, so4_from_se3
 
 KINDS = ("so4", "geodesic")
 # Steps of more than this angle (rad) have no way that could be known.

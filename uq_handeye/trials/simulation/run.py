@@ -32,7 +32,8 @@ from ...errors import InputError
 from ...fit.likelihood.constraint import constraint_of, covariances_of
 from ...fit.likelihood.gauss_helmert import CLOSED_FORM_STEPS, ESTIMATORS, MOST_STEPS, fit_data
 from ...methods.estimators.registry import METHODS, ROBOT_WORLD_METHODS
-from ...methods.procrustes.limit import solve_4dpa, solve_moments
+from ...methods.procrustes.limit import solve_moments
+from ...methods.procrustes.scaled import solve_4dpa
 from ...methods.propagation.noise_transport import covariance_of_poses
 from ...methods.propagation.propagate import propagate_and_check
 from ...methods.propagation.published_fit import solve_all_pairs

@@ -22,7 +22,7 @@ from ....errors import InputError, NotConvergedError
 from ....findings import Finding
 from ....fit.likelihood.gauss_helmert import ESTIMATORS
 from ....methods.estimators.nguyen import nguyen
-from ....methods.procrustes.sensitivity import PAPER_SCALE, literal_covariance
+from ....methods.procrustes.paper_covariances import PAPER_SCALE, literal_covariance
 from ....methods.propagation.noise_transport import noise_of_pairs
 from ....model.noise.models import Noise
 from ....model.poses.motions import Motions
