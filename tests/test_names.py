@@ -30,30 +30,6 @@ def test_no_name_is_that_of_a_module():
     assert not {module.name for module in pkgutil.iter_modules(uq.__path__)} & set(uq.__all__)
 
 
-@pytest.mark.parametrize(
-    ("old", "new"),
-    [
-        ("AgainstController", "ControllerComparison"),
-        ("against_controller", "compare_with_controller"),
-        ("known", "parse_known_values"),
-        ("resolve_turns", "resolve_board_rotation"),
-    ],
-)
-def test_an_earlier_name_works_and_says_the_new_one(old, new):
-    for _ in range(2):
-        with pytest.warns(DeprecationWarning, match=f"^{old} is now called {new}"):
-            assert getattr(uq, old) is getattr(uq, new)
-    assert old not in uq.__all__ and new in uq.__all__
-
-
-def test_earlier_names_of_properties_work():
-    board, errors = uq.Board(9, 6, "20mm"), uq.KinematicErrors(robot_class="industrial")
-    with pytest.warns(DeprecationWarning, match="symmetry_order"):
-        assert board.turns == board.symmetry_order == 1
-    with pytest.warns(DeprecationWarning, match="standard_deviations"):
-        assert errors.deviations == errors.standard_deviations
-
-
 def test_what_is_no_name_is_an_error():
     program = "import uq_handeye as uq\ntry:\n    uq.calibrat\nexcept AttributeError as error:\n    print(error)"
     done = subprocess.run([sys.executable, "-c", program], text=True, capture_output=True, check=True)

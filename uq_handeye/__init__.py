@@ -103,10 +103,7 @@ if _typing.TYPE_CHECKING:
     from .use.verification.touches_file import read_touches
     from .use.verification.verify import verify
 
-from ._moved import install as _install
 from ._version import __version__ as __version__
-
-_install()
 
 __all__ = [
     "METHODS",
@@ -379,23 +376,11 @@ _LATER = {
     "use.verification.verify": ("verify",),
 }
 
-# Earlier names, which keep working.
-_RENAMED = {
-    "AgainstController": "ControllerComparison",
-    "against_controller": "compare_with_controller",
-    "known": "parse_known_values",
-    "resolve_turns": "resolve_board_rotation",
-}
-
 
 def __getattr__(name: str) -> _typing.Any:
-    import warnings
     from importlib import import_module
     from importlib.util import find_spec
 
-    if name in _RENAMED:
-        warnings.warn(f"{name} is now called {_RENAMED[name]}.", DeprecationWarning, stacklevel=2)
-        name = _RENAMED[name]
     module = next((module for module, names in _LATER.items() if name in names), None)
     if module is not None:
         value = globals()[name] = getattr(import_module(f".{module}", __name__), name)

@@ -16,7 +16,6 @@ from cli_cases import NOISE, run, run_as_on_terminal, run_on_terminal, run_proce
 
 import uq_handeye as uq
 from uq_handeye import InputWarning
-from uq_handeye.cli.app import renamed
 from uq_handeye.cli.messages import Messages, messages, styled, terminal_width, withheld
 
 YELLOW, RED, BOLD = "\x1b[33m", "\x1b[31m", "\x1b[1m"
@@ -363,20 +362,6 @@ def test_roles_are_styled_only_where_there_are_colours(monkeypatch, capsys):
     assert styled("ok", "heading") == "ok"
     with messages("uq-handeye", no_color=True):
         assert styled("ok", "ok") == "ok"
-
-
-def test_a_tolerance_in_seconds_goes_under_its_new_name(session):
-    assert renamed(["calibrate", "--tolerance", "0.02"]) == ["calibrate", "--time-tolerance", "0.02"]
-    assert renamed(["compare", "--tolerance=.5"]) == ["compare", "--time-tolerance=.5"]
-    for other in (
-        ["report", "--tolerance", "5"],
-        ["calibrate", "--tolerance", "1mm,0.1deg"],
-        ["--tolerance"],
-        ["--time-tolerance", "2"],
-    ):
-        assert renamed(other) == other
-    done = run("calibrate", "robot.csv", "camera.csv", *NOISE, "--pair", "time", "--tolerance", "0.02", cwd=session)
-    assert done.returncode == 0 and "warning: --tolerance in seconds is now --time-tolerance" in done.stderr
 
 
 @pytest.mark.parametrize(

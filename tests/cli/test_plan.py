@@ -55,16 +55,6 @@ def test_text_and_file(run, session, tmp_path):
     assert (status, json.loads(out), err) == (0, found.to_dict(), "")
 
 
-def test_a_csv_file_in_place_of_the_folder_is_deprecated(run, tmp_path):
-    status, out, err = run(*NOISE, "-k", 3, "-o", tmp_path / "next.csv")
-    assert status == 0 and out.endswith(f"\nWrote {tmp_path / 'next.csv'}\n")
-    assert (
-        err
-        == "uq-handeye: note: -o FILE.csv is deprecated: -o names a folder, as for all other commands, e.g. -o next/.\n"
-    )
-    assert len(read_pose_file(tmp_path / "next.csv")[1]) == 3
-
-
 def test_in_a_process_of_its_own(session):
     program = "from uq_handeye.cli.app import main; main()"
     command = [sys.executable, "-c", program, "plan", "robot.csv", "camera.csv", *NOISE, "--json"]
@@ -155,7 +145,6 @@ def test_parallel_axes_are_where_it_helps_most(run, tmp_path):
         (["--camera-noise", "1mm,2deg"], ["swapped"]),
         (["--units", "mile"], ["mile"]),
         (["--noise", "no.toml"], ["no.toml", "no such file"]),
-        (["-o", "missing/next.csv"], ["missing"]),
         (["--frobnicate"], ["--frobnicate"]),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, list) else None,

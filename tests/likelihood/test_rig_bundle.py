@@ -153,8 +153,6 @@ def test_agreement(rng):
     np.testing.assert_allclose(found.eigenvalues, np.sort(whitened_eigenvalues(other, covariance)), rtol=1e-9)
     assert "2.2 standard deviations" in found.sentence and "1.000 to 1.200 times" in found.sentence
     assert Agreement.from_dict(found.to_dict()).to_dict() == found.to_dict()
-    timed = found.to_dict() | {"seconds_bundle": 0.5, "seconds_efficient": 0.01}  # of an older file
-    assert Agreement.from_dict(timed).to_dict() == found.to_dict()
     with pytest.raises(InputError, match=r"shape \(6,\)"):
         Agreement.from_dict(found.to_dict() | {"eigenvalues": [1.0]})
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -189,7 +188,7 @@ class Calibration(Statement, Plotted):
         ----------
         poses : (..., 4, 4), RigidTransform or None
             Robot poses ``base_T_gripper``, where the calibration knows no joints; and beside `joints` where the
-            controller's poses are not those of the joints. Joints in this place are deprecated: name them.
+            controller's poses are not those of the joints.
         joints : (..., L) or None
             Of the robot, rad (prismatic: m).
         robot : (..., 4, 4) or None
@@ -204,10 +203,9 @@ class Calibration(Statement, Plotted):
             As `predict`.
         """
         if poses is not None and not _are_poses(poses, self.kinematics):
-            if joints is not None:
-                raise InputError(f"Expected `poses` of the robot (..., 4, 4), got shape {np.shape(poses)}.")
-            warnings.warn("Give joints by name: predict_camera(joints=q).", DeprecationWarning, stacklevel=2)
-            poses, joints = None, poses
+            raise InputError(
+                f"Expected `poses` of the robot (..., 4, 4), got {np.shape(poses)}. Joints: predict_camera(joints=q)."
+            )
         if poses is not None and robot is not None:
             raise InputError("Expected the poses of the robot once: `poses` or `robot`, not both.")
         return predict_camera(self, joints, robot if poses is None else poses, new_measurement)

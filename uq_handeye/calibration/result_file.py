@@ -52,14 +52,14 @@ _KNOWN = {
 def from_dict(kind: type[C], data: dict[str, Any]) -> C:
     """The inverse of `to_dict`; raises `InputError` on anything else.
 
-    Parts that are missing, of another type, not finite, or that do not belong to each other. Files of
-    older formats are refused.
+    Parts that are missing, of another type, not finite, or that do not belong to each other. A file of another format
+    is refused by its format.
     """
     found = data.get("format") if isinstance(data, dict) else data
     if found != FORMAT:
         raise InputError(
-            f"Expected a calibration written by to_json() (format {FORMAT!r}), got {found!r:.60}. "
-            "Calibrate again to have one of an older format in this one."
+            f"Expected a result file of format {FORMAT!r}, got {found!r:.60}. Write it again with this version: "
+            "uq-handeye calibrate ROBOT CAMERA -o DIR."
         )
     with damaged("The calibration"):
         if (where := wrong_number(data, "calibration")) is not None:
@@ -139,8 +139,7 @@ def _parts_of(data: dict[str, Any], kind: Any) -> dict[str, Any]:
     for name, known in _KNOWN.items():
         if data[name] not in known:
             raise ValueError(f"{name} is {data[name]!r:.40}")
-    posterior = data.get("posterior", data.get("joint_posterior"))  # by its earlier name
-    if posterior is not None:  # with open sizes by the rows that it is made of, of older files by points of the sizes
+    if (posterior := data.get("posterior")) is not None:  # with open sizes by the rows that it is made of
         posterior = OpenSizes.from_dict(posterior).posterior if "open" in posterior else Posterior.from_dict(posterior)
     X, noise, analysis = as_pose(data["X"], "X"), data["noise"], data["analysis"]
     estimate = data["noise_estimate"]

@@ -6,7 +6,6 @@ stderr; 3 a result that is not usable; 4 data that contradict a result; 5 a tole
 """
 
 import _thread
-import re
 import shlex
 import signal
 import sys
@@ -28,13 +27,8 @@ from .commands.predict import certificate_command, export_command, predict_comma
 from .commands.simulate import codegen_command, simulate_command
 from .commands.validate import INTERRUPTED, cross_check_command, posterior_command, validate_command
 from .help import Command, Program, with_help_all
-from .messages import LOG, fail, fail_internally, messages
+from .messages import fail, fail_internally, messages
 from .options import with_messages
-
-# Commands with --time-tolerance.
-_PAIRING = {"calibrate", "compare", "plan", "validate", "posterior", "cross-check"}
-# Seconds without a unit.
-_NUMBER = re.compile(r"\d+\.?\d*(e[+-]?\d+)?|\.\d+")
 
 # Typer carries its own copy of Click or uses the installed one, depending on its version.
 ClickException: type[Exception] = typer.BadParameter.__mro__[2]
@@ -151,29 +145,12 @@ def _interrupts() -> Iterator[list[int]]:
 
 def _status_of(arguments: list[str], interrupted: list[int]) -> int:
     try:
-        status = app(renamed(arguments), prog_name="uq-handeye", standalone_mode=False)
+        status = app(arguments, prog_name="uq-handeye", standalone_mode=False)
         if sys.stdout is not None:  # it may be closed
             sys.stdout.flush()
     except (Exception, KeyboardInterrupt) as error:
         return _failed(error, bool(interrupted))
     return status if isinstance(status, int) else 0
-
-
-def renamed(arguments: list[str]) -> list[str]:
-    """Return the arguments with ``--tolerance SECONDS``, which became --time-tolerance, under its new name.
-
-    A tolerance of X has units: ``--tolerance 1mm,0.1deg``.
-    """
-    found = list(arguments)
-    if not _PAIRING & set(found):
-        return found
-    for k, argument in enumerate(found):
-        name, given, value = argument.partition("=")
-        if name != "--tolerance" or not _NUMBER.fullmatch(value if given else "".join(found[k + 1 : k + 2])):
-            continue
-        found[k] = f"--time-tolerance{given}{value}"
-        LOG.warning("--tolerance in seconds is now --time-tolerance; --tolerance is that of X, e.g. 1mm,0.1deg.")
-    return found
 
 
 def _failed(error: BaseException, interrupted: bool) -> int:

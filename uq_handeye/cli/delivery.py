@@ -10,7 +10,7 @@ from ..core.files.about import read_about
 from ..core.runtime.progress import working
 from ..errors import DegenerateMotionError, InputError, NotConvergedError
 from .messages import LOG, command_line, fail, progress_wanted, quiet, terminal_width, timed, verbose
-from .options import PAPERS, emit, emit_document, is_csv, one_of, require_writable
+from .options import PAPERS, emit, emit_document, one_of, require_writable
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -178,10 +178,7 @@ def deliver_answer(
     output: Path | None,
     files: "Callable[[], Mapping[str, str | bytes | Figure]]",
 ) -> None:
-    """Print a result, as JSON ``text`` or as what is ``said``; then write its files, and say so.
-
-    A FILE.csv in place of the folder, as some commands took it before, gets the first of the files.
-    """
+    """Print a result, as JSON ``text`` or as what is ``said``; then write its files, and say so."""
     if as_json:
         emit(text)
     elif isinstance(said, str):
@@ -189,8 +186,7 @@ def deliver_answer(
     else:
         emit_document(said)
     if output is not None:
-        written = files()
-        line = deliver_csv(output, str(next(iter(written.values())))) if is_csv(output) else deliver(output, written)
+        line = deliver(output, files())
         emit("" if as_json or quiet() else line)
 
 
@@ -225,15 +221,6 @@ def deliver_camera_poses(
         emit(f"{found.summary(verbose())}\nNothing was written: give -o {example} to go on with {go_on} {example}\n")
     else:
         emit(f"{found.summary(verbose())}\nWrote {output}. Next: {go_on} {output}\n")
-
-
-def deliver_csv(path: Path, table: str) -> str:
-    """Write the table alone to ``-o FILE.csv``, with a note that this form is going to end."""
-    from ..read import write_atomically
-
-    write_atomically(path, table)
-    LOG.info("-o FILE.csv is deprecated: -o names a folder, as for all other commands, e.g. -o %s/.", path.stem)
-    return f"\nWrote {path}\n"
 
 
 @dataclass(frozen=True)

@@ -317,19 +317,6 @@ def named_folder(directory: Path | None) -> Path | None:
     return directory
 
 
-def folder_or_csv(path: Path | None) -> Path | None:
-    """Return what ``-o DIR`` of a command names that took ``-o FILE.csv`` before, and still does."""
-    if not is_csv(path):
-        return named_folder(path)
-    require_writable(path, "-o")
-    return path
-
-
-def is_csv(path: Path | None) -> bool:
-    """Return whether ``-o`` names a CSV file, as it did before it named a folder."""
-    return path is not None and path.suffix.lower() == ".csv" and not path.is_dir()
-
-
 @contextmanager
 def said_of(option: str) -> Iterator[None]:
     """Put the name of an option before the message of an `InputError`."""

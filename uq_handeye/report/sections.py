@@ -342,7 +342,7 @@ def repeat_section(result: Calibration, date: str) -> Section:
     written = Paragraph(f"Report written on {date} by uq-handeye {__version__}.")
     found = result.provenance
     if found is None:
-        text = "Not known where this result comes from: it was not made by calibrate(), or by an older version."
+        text = "Not known where this result comes from: it was not made by calibrate()."
         return folded("repeat", title, text, written)
     blocks: list[Block | str] = []
     if found.sources:

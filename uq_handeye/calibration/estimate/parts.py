@@ -35,7 +35,8 @@ class Provenance(Record):
     ``data_sha256`` is the SHA-256 of the poses (or motions) as they were used, float64, little-endian, robot first: the
     same numbers give it whatever file they came from. ``options`` are the arguments of `calibrate`; ``command`` is the
     command line where there was one. ``request`` holds the arguments as they were given, by which the same can be asked
-    of more poses (`Request.to_dict`); None in files of older versions.
+    of more poses (`Request.to_dict`); None after an update by the
+    posterior alone, which has no one set of arguments.
     """
 
     _if_any: ClassVar[str] = "request"

@@ -112,7 +112,7 @@ def plan_command(
         matrix or franka, written as matrices. Default: the format of the robot file.
 
     Options (Output):
-      * -o, --output DIR <folder_or_csv>: Folder for {NEXT} and plan.json. {NEXT} holds the robot poses in order (m),
+      * -o, --output DIR <named_folder>: Folder for {NEXT} and plan.json. {NEXT} holds the robot poses in order (m),
         with --joints the joints (rad). {NEXT_AS} holds them as the controller writes them, where --as or the robot file
         names one.
     """

@@ -125,7 +125,7 @@ def predict_command(
     The uncertainty combines X, the target pose and the robot.
 
     Options (Output):
-      * -o, --output DIR <folder_or_csv>: Folder for predictions.csv (m, rad) and predictions.json.
+      * -o, --output DIR <named_folder>: Folder for predictions.csv (m, rad) and predictions.json.
     """
     import numpy as np
 
@@ -366,8 +366,7 @@ def report_command(
 
     Without FILE, prints what calibrate prints. The report equals that of
     calibrate --report, except for the cross-check: the result file holds the
-    poses. A result file of an older version holds none; its report lacks the
-    rig and the comparison of methods.
+    poses.
 
     Arguments:
       FILE: Report to write, .html or .pdf. Default: none, print only.

@@ -26,7 +26,6 @@ Dictionaries of markers, by OpenCV, and which way up their AprilTags are drawn.
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass
 from typing import Any
 
@@ -210,12 +209,6 @@ class Board:
         if self.kind != "chessboard" or (self.columns + self.rows) % 2:
             return 1
         return 4 if self.columns == self.rows and self.columns % 2 == 0 else 2
-
-    @property
-    def turns(self) -> int:
-        """Earlier name of `symmetry_order`; deprecated."""
-        warnings.warn("Board.turns is now called symmetry_order.", DeprecationWarning, stacklevel=2)
-        return self.symmetry_order
 
     @property
     def points(self) -> Array:

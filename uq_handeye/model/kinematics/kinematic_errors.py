@@ -14,7 +14,6 @@ Joint noise is drawn again for every pose and rotates joint k by ``N(0, joint_sd
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass, fields
 from typing import Any, NamedTuple
 
@@ -154,12 +153,6 @@ class KinematicErrors:
         alone = self.how == DECLARED and self.robot_class is None and any(sd is not None for sd in given.values())
         usual = {group: 0.0 if alone else getattr(self.population, name) for group, name in DECLARED_AS.items()}
         return {group: usual[group] if sd is None else sd for group, sd in given.items()}
-
-    @property
-    def deviations(self) -> dict[str, float]:
-        """Earlier name of `standard_deviations`; deprecated."""
-        warnings.warn("KinematicErrors.deviations is now called standard_deviations.", DeprecationWarning, stacklevel=2)
-        return self.standard_deviations
 
     def columns(
         self, kinematics: Kinematics, q: Array, e: Array | None = None, by_poses: bool = False

@@ -175,8 +175,6 @@ class JointCovariance(ReadOnlyArrays):
         if own.shape == (6, 6):
             own = np.tile(own, (len(shared), 1, 1))
         shared = shared.reshape(*own.shape[:-1], -1)
-        if "serial" in values:
-            raise InputError("This covariance holds a drift as an earlier version described it: calibrate again.")
         return cls(own, shared, tuple(map(str, values.get("names", ()))))
 
     @cached_property

@@ -67,34 +67,6 @@ class SizePoints(ReadOnlyArrays):
     weights: Array  # (d,), of sum 1
     means: Array  # (d, N) L^-1 m_d
     covariances: Array  # (d, N, N) L^-1 C_d L^-T
-    stored: tuple[Array, Array, Array] | None = None  # as the file that it comes from has them: mean, along, shares
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain numbers and text, as older versions wrote them; the lower triangles of the covariances."""
-        d, N = self.means.shape
-        flat = self.covariances[(slice(None), *np.tril_indices(N))]
-        mean, along, shares = self.stored or (np.zeros(flat.shape[1]), flat, np.eye(d))
-        arrays = {"theta": self.theta, "weights": self.weights, "means": self.means}
-        arrays |= {"covariance": mean, "along": along, "shares": shares}
-        return {"names": list(self.names)} | {name: values.tolist() for name, values in arrays.items()}
-
-    @classmethod
-    def from_dict(cls, data: dict[str, Any], N: int) -> SizePoints:
-        """The inverse of `to_dict`, of N errors."""
-        d, k, r = len(data["weights"]), len(data["names"]), len(data["along"])
-        rows, columns = np.tril_indices(N)
-        mean = array_of(data["covariance"], (len(rows),), "posterior.covariance")
-        along = array_of(data["along"], (r, len(rows)), "posterior.along") if r else np.zeros((0, len(rows)))
-        shares = array_of(data["shares"], (d, r), "posterior.shares") if r else np.zeros((d, 0))
-        flat = mean + shares @ along
-        covariances = np.zeros((d, N, N))
-        covariances[:, rows, columns] = covariances[:, columns, rows] = flat
-        weights = array_of(data["weights"], (d,), "posterior.weights")
-        if not (weights >= 0).all() or not np.isclose(weights.sum(), 1.0):
-            raise ValueError("the weights of the posterior are no probabilities")
-        theta, means = (array_of(data[name], shape, f"posterior.{name}")
-                        for name, shape in (("theta", (d, k)), ("means", (d, N))))  # fmt: skip
-        return cls(tuple(map(str, data["names"])), theta, weights, means, covariances, (mean, along, shares))
 
 
 class OpenSource(Protocol):
@@ -200,10 +172,8 @@ class Posterior(ReadOnlyArrays):
             raise InputError("Expected measurements that were held against this posterior.")
         if self.source is not None:
             return self.source.absorbed(rows)
-        move, covariance = rows.absorbed()  # points of an older file stay behind: its sizes count as known from here on
-        noise = tuple(replace(one, by_point=np.zeros(0)) for one in self.noise)
-        estimate = self.estimate + move[self.p :]
-        return Absorbed(replace(self, estimate=estimate, covariance=covariance, points=None, noise=noise), move)
+        move, covariance = rows.absorbed()
+        return Absorbed(replace(self, estimate=self.estimate + move[self.p :], covariance=covariance), move)
 
     def choose(self, candidates: Array, k: int, Q: Array | None = None, *, repeat: bool = False) -> Selection:
         """The k of m measurements that tell most, by their rows (m, 6, N) whitened by their noise.
@@ -221,8 +191,6 @@ class Posterior(ReadOnlyArrays):
         if self.source is not None:
             return self.source.to_dict()
         more: dict[str, Any] = {} if self.blocks == ("X", "W") else {"blocks": list(self.blocks)}
-        if self.points is not None:
-            more["points"] = self.points.to_dict()
         if self.noise:
             more["noise"] = [one.to_dict() for one in self.noise]
         if self.bound is not None:
@@ -234,17 +202,14 @@ class Posterior(ReadOnlyArrays):
 
     @classmethod
     def from_dict(cls, data: dict[str, Any]) -> Posterior:
-        """The inverse of `to_dict`; also of the joint posterior of older files, which has neither points nor noise."""
+        """Read what `to_dict` wrote; raises KeyError and ValueError where it is damaged."""
         q, blocks = len(data["names"]), tuple(map(str, data.get("blocks", ("X", "W"))))
         N = 6 * len(blocks) + q
         covariance = array_of(data["covariance"], (N, N), "posterior.covariance")
         if (np.diag(covariance) < 0).any():
             raise ValueError("the posterior has a variance below 0")
-        points = None if data.get("points") is None else SizePoints.from_dict(data["points"], N)
         noise = tuple(map(FreshNoise.from_dict, data.get("noise", ())))
-        count = 0 if points is None else len(points.weights)
-        if (of := data.get("open")) is not None:
-            count = len(of["weights"])
+        count = 0 if data.get("open") is None else len(data["open"]["weights"])
         if any(len(one.by_point) != count for one in noise):
             raise ValueError("the noise of the posterior has sizes of other points")
         bound, times = None, None
@@ -256,7 +221,7 @@ class Posterior(ReadOnlyArrays):
             if data.get("times") is not None:
                 times = array_of(data["times"], (len(robot),), "posterior.times")
         estimate = array_of(data["estimate"], (q,), "posterior.estimate")
-        return cls(tuple(map(str, data["names"])), estimate, covariance, blocks, points, noise, bound, times)
+        return cls(tuple(map(str, data["names"])), estimate, covariance, blocks, noise=noise, bound=bound, times=times)
 
 
 class Absorbed(NamedTuple):

@@ -49,8 +49,8 @@ def from_dict(kind: type[C], data: Any) -> C:
     if not is_rig_result(data) or data["format"] != FORMAT:
         found = data.get("format") if is_map(data) else data
         raise InputError(
-            f"Expected the result of a rig (format {FORMAT!r}), got {found!r:.60}. Calibrate again to have one of an "
-            "older format in this one."
+            f"Expected the result of a rig, format {FORMAT!r}, got {found!r:.60}. Write it again with this version: "
+            "uq-handeye calibrate RIG.toml -o DIR."
         )
     with damaged("The result"):
         if (where := wrong_number(data, "rig")) is not None:

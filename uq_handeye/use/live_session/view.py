@@ -125,7 +125,7 @@ class ViewPage(BrowserPage):
     ) -> None:
         poses = result.data
         if not isinstance(poses, PosePairs):
-            raise InputError("The result holds no poses to show: it was made of motions, or by an earlier version.")
+            raise InputError("The result holds no poses to show: it was made of motions, or updated without them.")
         found = None if touches is None else touched(result, touches)
         super().__init__(host, port)
         self.result, self.poses = result, poses

@@ -291,7 +291,7 @@ def touches_taken(result: Estimated) -> list[dict[str, Any]]:
 
 
 def _touches_held(result: Calibration) -> list[dict[str, Any]]:
-    """Return the touches that a calibration has taken in, as its file holds them; older ones do not."""
+    """Return the touches that a calibration has taken in, as its file holds them."""
     request = None if result.provenance is None else result.provenance.request
     return [] if request is None else list(request.get("touches", []))
 
