@@ -38,4 +38,4 @@ def test_units_are_told_from_targets_of_another_size():
         except (uq.InputError, uq.NotConvergedError) as error:
             usable, text = False, " ".join(map(str, error.findings))
         assert usable == (unit is None)
-        assert unit is None or f"--camera-units {unit}" in text
+        assert unit is None or f"--units camera={unit}" in text

@@ -52,8 +52,8 @@ def options_of(step):
 @pytest.mark.parametrize(
     ("robot", "camera", "options", "named"),
     [
-        (POSES.robot, scaled(POSES.camera, 1000.0), (), "--camera-units mm"),
-        (scaled(POSES.robot, 1000.0), POSES.camera, (), "--robot-units mm"),
+        (POSES.robot, scaled(POSES.camera, 1000.0), (), "--units camera=mm"),
+        (scaled(POSES.robot, 1000.0), POSES.camera, (), "--units robot=mm"),
         (POSES.robot, np.linalg.inv(POSES.camera), (), "--camera-frame target_T_camera"),
         (np.linalg.inv(POSES.robot), POSES.camera, (), "--robot-frame gripper_T_base"),
         (POSES.robot, scaled(POSES.camera, 1000.0, [7]), (), "--exclude 7"),

@@ -180,8 +180,8 @@ def test_garbage_is_an_error_or_a_warning(name, noise):
     [
         ("camera times 10", r"multiplied by 0\.(0999|1)"),
         ("camera over 10", r"multiplied by (9\.99|10)"),
-        ("robot in mm", "--robot-units mm"),
-        ("camera in mm", "--camera-units mm"),
+        ("robot in mm", "--units robot=mm"),
+        ("camera in mm", "--units camera=mm"),
         ("inverse camera", "camera file holds inverse poses"),
         ("inverse robot", "the setup is eye-to-hand, or the robot file holds inverse poses"),
         ("quaternion order", "scalar of the quaternion first"),

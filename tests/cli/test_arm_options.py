@@ -262,7 +262,7 @@ def test_other_commands_have_the_errors_of_the_arm_in_their_noise(cell, command)
         ((*CHAIN, "--tilt-sd", "2mm"), "--tilt-sd"),
         ((*CHAIN, "--length-sd", "-1mm"), "--length-sd"),
         ((*CHAIN, "--kinematics", "exact", "--sag-sd", "1mrad"), "--sag-sd: not used with --kinematics exact"),
-        ((*CHAIN, "--robot-units", "mm"), "--robot-units: for a file of robot poses, not for --joints"),
+        ((*CHAIN, "--units", "robot=mm"), "--units: for a file of robot poses, not for --joints"),
         ((*CHAIN, "--robot-frame", "gripper_T_base"), "--robot-frame: for a file of robot poses"),
         ((*CHAIN, "--joint-units", "parsec"), "--joint-units"),
         ((*CHAIN, "--tip", "tool1"), "tool0"),

@@ -135,7 +135,7 @@ def test_poses_without_a_motion_that_shows_the_offset(tmp_path):
         ([*ASKED, "camera.csv"], "both sides are given twice"),
         ([*ASKED[:4]], "Give the side of its black square, e.g. --tag 40mm"),
         ([*ASKED, "--pair", "time"], "poses of a --bag are interpolated"),
-        ([*ASKED, "--robot-units", "mm"], "--robot-units: for pose files, not for --bag"),
+        ([*ASKED, "--units", "robot=mm"], "--units: for pose files, not for --bag"),
         ([*ASKED[:4], "--images", "*.png", "--board", "9x6", "--square", "2cm"], "--images with --bag"),
         (["--robot", "base:tool", *ASKED[2:]], "There is no frame base in the transforms. Did you mean base_link"),
         (["--robot", "/joint_states", *ASKED[2:]], "holds joint values. Give the robot model, --urdf robot.urdf"),

@@ -234,7 +234,7 @@ def test_other_commands_take_the_folder(table, command):
         ("camera corners.csv --image-size 640x480 --model brown --coefficients k9", "has no parameter 'k9'"),
         ("camera corners.csv --image-size 640x480 --intrinsics no.json", "no.json: there is no such file"),
         ("calibrate robot.csv camera --pair time", "--pair: for files of camera poses, not for the folder camera"),
-        ("calibrate robot.csv camera --camera-units mm", "--camera-units: for files of camera poses"),
+        ("calibrate robot.csv camera --units camera=mm", "--units: for files of camera poses"),
         (
             "calibrate robot.csv camera.csv --images *.png --board 9x6 --square 0.02",
             "Both a file of camera poses, camera.csv, and --images are given",

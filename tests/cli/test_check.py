@@ -63,9 +63,9 @@ def test_cannot_tell(folder):
     done = check(folder, "one", "--tolerance", "0.2mm")
     assert done.returncode == 3
     assert done.stdout.startswith("CANNOT TELL")
-    done = check(folder, "same", "--camera-units", "mm")
+    done = check(folder, "same", "--units", "camera=mm")
     assert done.returncode == 3
-    assert "--camera-units m)" in done.stdout
+    assert "--units camera=m)" in done.stdout
     done = check(folder, "same", "--only", "0-2")
     assert "3 new poses" in done.stdout
 

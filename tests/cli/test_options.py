@@ -125,8 +125,8 @@ def test_parameters_that_are_made_of_others_spread():
 def test_every_command_that_takes_poses_has_the_same_options():
     helps = {name: run(name, "--help-all").stdout for name in TAKES_POSES}
     for option in (
-        *("--setup", "--format", "--robot-format", "--camera-format", "--units", "--robot-units", "--camera-units"),
-        *("--quaternion", "--robot-quaternion", "--camera-quaternion", "--robot-frame", "--camera-frame", "--pair"),
+        *("--setup", "--format", "--units", "--rotation"),
+        *("--quaternion", "--robot-frame", "--camera-frame", "--pair"),
         *("--time-tolerance", "--offset", "--robot-noise", "--camera-noise", "--noise", "--quiet", "--log-file"),
     ):
         for name, text in helps.items():
@@ -156,10 +156,10 @@ def test_options_reach_the_reader(session, tmp_path):
     rows = [" ".join([f[0], *(repr(100 * float(x)) for x in f[1:4]), f[7], *f[4:7]]) for f in fields]
     (tmp_path / "robot.txt").write_text("\n".join(rows) + "\n")
     np.save(tmp_path / "camera.npy", np.linalg.inv(poses.camera))
-    for options in (("--robot-units", "cm", "--robot-quaternion", "wxyz"), ("--units", "cm", "--camera-units", "m")):
-        order = () if "--robot-quaternion" in options else ("--robot-quaternion", "wxyz")
+    for options in (("--units", "robot=cm", "--quaternion", "robot=wxyz"), ("--units", "robot=cm,camera=m")):
+        order = () if "--quaternion" in options else ("--quaternion", "robot=wxyz")
         frames = ("--robot-frame", "gripper_T_base", "--camera-frame", "target_T_camera")
-        formats = ("--robot-format", "tum", "--camera-format", "npy")
+        formats = ("--format", "robot=tum,camera=npy")
         done = run(
             "calibrate", "robot.txt", "camera.npy", *NOISE, *options, *order, *frames, *formats, "--json", cwd=tmp_path
         )

@@ -97,7 +97,7 @@ def test_at_robot_poses_where_no_joints_are_known(stored):
     scaled = robot.copy()
     scaled[:, :3, 3] *= 1e3
     write_pose_file(folder / "mm.csv", scaled)
-    arguments = ("plain.json", "--robot", "mm.csv", "--robot-units", "mm", "--point", "0mm,0mm,100mm", "--json")
+    arguments = ("plain.json", "--robot", "mm.csv", "--units", "mm", "--point", "0mm,0mm,100mm", "--json")
     again = json.loads(predicted(folder, *arguments))
     expected = without.predict([[0, 0, 0.1]], robot=robot[:, None])
     np.testing.assert_allclose(again["points"], expected.points, rtol=1e-9)
@@ -148,7 +148,7 @@ def test_long_tables_are_cut_in_text_alone(stored):
         (("arm.json", "--joints", "next.csv", "--point", "a,0,0"), "--point"),
         (("arm.json", "--joints", "next.csv", "--point", "0,0,1", "--no-noise"), "--no-noise needs --camera"),
         (("arm.json", "--robot", "robot.csv", "--joint-units", "deg", "--camera"), "--joint-units needs --joints"),
-        (("arm.json", "--joints", "next.csv", "--robot-units", "mm", "--camera"), "--robot-units needs --robot"),
+        (("arm.json", "--joints", "next.csv", "--units", "mm", "--camera"), "--units needs --robot"),
         (
             ("arm.json", "--joints", "next.csv", "--robot", "robot.csv", "--camera"),
             "next.csv has 3 and robot.csv has 2 rows",

@@ -85,7 +85,7 @@ def test_a_few_poses_do_not_decide(tmp_path):
     for side, poses in (("robot", ARRAYS["9 + 3"]), ("camera", CAMERA)):
         np.save(tmp_path / f"{side}.npy", poses[:3])
     files = tmp_path / "robot.npy", tmp_path / "camera.npy"
-    with pytest.raises(InputError, match=r"may be matrix \(matrix\), matrix \(transposed\).*--robot-rotation matrix"):
+    with pytest.raises(InputError, match=r"may be matrix \(matrix\), matrix \(transposed\).*--rotation robot=matrix"):
         read_poses(*files)
     np.testing.assert_allclose(read_poses(*files, rotation=("matrix", None)).robot, ROBOT[:3], atol=1e-12)
 

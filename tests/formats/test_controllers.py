@@ -297,7 +297,7 @@ def test_a_wrong_maker_is_named(robot_file, rigs):
     numbers, T = rigs["fanuc"]
     path = robot_file(csv(numbers))
     write_pose_file(path.with_name("camera.csv"), beside(T, X, W))
-    with pytest.warns(InputWarning, match="--robot-rotation xyz-deg"):
+    with pytest.warns(InputWarning, match="--rotation robot=xyz-deg"):
         read_poses(path, path.with_name("camera.csv"), format=("kuka", None))
 
 
@@ -309,7 +309,7 @@ def test_the_camera_in_a_maker_form(tmp_path, rigs):
     np.testing.assert_allclose(poses.camera, T, rtol=0, atol=1e-9)
 
 
-@pytest.mark.parametrize(("maker", "flags"), [("kuka", []), ("yaskawa", ["--robot-format", "yaskawa"])])
+@pytest.mark.parametrize(("maker", "flags"), [("kuka", []), ("yaskawa", ["--format", "robot=yaskawa"])])
 def test_command_line(robot_file, rigs, maker, flags, tmp_path, capsys):
     numbers, T = rigs[maker]
     path = robot_file(csv(numbers) if flags else program(maker, numbers), "robot.dat")
@@ -349,7 +349,7 @@ PAGE = "docs/how-to/controller.md"
         ("1,2,3,4,5\n1,2,3,4,5\n", "kuka", [PAGE]),
         ("1,2,3,4,5,6,7,8,9,10,11\n" * 2, "ur", ["11 numbers without names", "x,y,z,rx,ry,rz", PAGE]),
         ("1,2,3,4,5,6\n1,2,3,4\n", "ur", ["line 2", "got 4"]),
-        ("x,y,z,roll,pitch,yaw\n1,2,3,4,5,6\n", "ur", ["rx, ry, rz", "roll, pitch, yaw", "--robot-format rpy", PAGE]),
+        ("x,y,z,roll,pitch,yaw\n1,2,3,4,5,6\n", "ur", ["rx, ry, rz", "roll, pitch, yaw", "--format robot=rpy", PAGE]),
         ("1,2,3,x(7)y,4,5,6\n", "kuka", ["line 1", "'x(7)y'", PAGE]),
         (KUKA.replace(",C 6", ""), None, ["expected poses as KUKA", PAGE]),
         ("P[1]{\n X = 1 mm, Y = 2 mm, Z = 3 mm, W = 4 deg, P = 5 deg };\n", None, ["P[1]", "R is missing"]),
@@ -377,7 +377,7 @@ def test_one_line_says_what_is_wrong(robot_file, text, format, parts):
 
 @pytest.mark.parametrize("text", ["1,2,3,4,5,6\n" * 3, "x,y,z,rx,ry,rz\n" + "1,2,3,4,5,6\n" * 3])
 def test_doubt_without_another_side_names_the_candidates(robot_file, text):
-    with pytest.raises(InputError, match=r"ur \(rotvec-.*--robot-format|yaskawa"):
+    with pytest.raises(InputError, match=r"ur \(rotvec-.*--format robot=|yaskawa"):
         finished(read_contents(robot_file(text), None)[0].only, "robot", None, None, "base_T_gripper")
 
 

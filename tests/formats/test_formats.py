@@ -398,7 +398,7 @@ def test_frames_and_units(tmp_path, rig):
         read_poses(*files, units=("m", "parsec"))
     with pytest.raises(InputError, match=r"`units` to be one value or a pair \(robot, camera\), got 3"):
         read_poses(*files, units=("m", "mm", "m"))
-    with pytest.raises(InputError, match=r"r\.npy holds rotation matrices.*--robot-quaternion"):
+    with pytest.raises(InputError, match=r"r\.npy holds rotation matrices.*--quaternion robot="):
         read_poses(*files, quaternion="xyzw")
 
 

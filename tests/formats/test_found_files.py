@@ -286,7 +286,7 @@ def test_robot_poses_alone_follow_the_format_of_the_calibration(tmp_path):
         ",".join(map(repr, [*p, *r])) for p, r in zip(PLACES, VECTORS, strict=True)))  # fmt: skip
     np.testing.assert_allclose(read_robot_poses(path, "ur")[1], T, rtol=0, atol=1e-9)
     np.testing.assert_allclose(read_robot_poses(path, rotation="rotvec-rad")[1], T, rtol=0, atol=1e-9)
-    with pytest.raises(InputError, match="--robot-format"):
+    with pytest.raises(InputError, match="--format"):
         read_robot_poses(path, "kuka")
 
 

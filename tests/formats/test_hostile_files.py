@@ -102,7 +102,7 @@ EYE = "[ 1., 0., 0., 0., 1., 0., 0., 0., 1. ]"
         ("0 1 2 3 0 0 0 1\n0 1 2 3 0 0 0 1\n", ["line 2", "column timestamp", "repeats", "line 1"]),
         ("0 1 2 1e300 0 0 0 1\n", ["line 1", "translation below 1e+75", "1e+300"]),
         ("0 1 2 3 90 0 0 1\n", ["line 1", "columns qx,qy,qz,qw", "unit quaternion"]),
-        ("0,1,2,3,0,0,0,1\n", ["abb (wxyz, m), table (xyzw, m)", "--robot-format"]),
+        ("0,1,2,3,0,0,0,1\n", ["abb (wxyz, m), table (xyzw, m)", "--format"]),
         ("timestamp;x;y;z;qx;qy;qz;qw\n", ["no rows after the header"]),
         ("timestamp tx ty tz qx qy qz qw\n", ["no rows after the header"]),
         ("0 1 2 3 0 0 0 1\ntimestamp tx ty tz qx qy qz qw\n", ["line 2", "column timestamp", "'timestamp'"]),

@@ -137,7 +137,7 @@ def test_by_the_command_line(tmp_path, camera):
     millimetres[:, :3, 3] *= 1000
     turned = ROBOT.copy()
     turned[:, :3, :3] = np.swapaxes(ROBOT[:, :3, :3], 1, 2)
-    for poses, option in ((ROBOT, None), (millimetres, "--robot-units mm"), (turned, "--robot-rotation transposed")):
+    for poses, option in ((ROBOT, None), (millimetres, "--units robot=mm"), (turned, "--rotation robot=transposed")):
         (tmp_path / "robot.txt").write_text(lines(rows16(poses)))
         given = ["calibrate", tmp_path / "robot.txt", camera]
         outcome = run(*given)

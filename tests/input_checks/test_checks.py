@@ -457,8 +457,8 @@ def test_the_unit_that_is_named_is_the_right_one(good, factor, unit):
     robot[:, :3, 3] *= factor / np.abs(robot[:, :3, 3]).max()  # reaching one metre
     camera[:, :3, 3] *= 0.6 * factor / np.abs(camera[:, :3, 3]).max()
     texts = [str(found) for found in check_poses(uq.PosePairs(robot, camera))]
-    assert any(f"--robot-units {unit}" in text for text in texts)
-    assert any(f"--camera-units {unit}" in text for text in texts)
+    assert any(f"--units robot={unit}" in text for text in texts)
+    assert any(f"--units camera={unit}" in text for text in texts)
 
 
 def test_noise_in_a_wrong_unit_is_named(good):

@@ -60,13 +60,13 @@ def said(files, **options):
     [
         (inverse, None, "--robot-frame gripper_T_base", {"robot_frame": "gripper_T_base"}),
         (None, inverse, "--camera-frame target_T_camera", {"camera_frame": "target_T_camera"}),
-        (scalar_first, None, "--robot-quaternion wxyz", {"quaternion": ("wxyz", None)}),
-        (None, scalar_first, "--camera-quaternion wxyz", {"quaternion": (None, "wxyz")}),
+        (scalar_first, None, "--quaternion robot=wxyz", {"quaternion": ("wxyz", None)}),
+        (None, scalar_first, "--quaternion camera=wxyz", {"quaternion": (None, "wxyz")}),
         (scalar_first, scalar_first, "--quaternion wxyz", {"quaternion": "wxyz"}),
-        (millimetres, None, "--robot-units mm", {"units": ("mm", "m")}),
-        (None, millimetres, "--camera-units mm", {"units": ("m", "mm")}),
-        (None, centimetres, "--camera-units cm", {"units": ("m", "cm")}),
-        (centimetres, None, "--robot-units cm", {"units": ("cm", "m")}),
+        (millimetres, None, "--units robot=mm", {"units": ("mm", "m")}),
+        (None, millimetres, "--units camera=mm", {"units": ("m", "mm")}),
+        (None, centimetres, "--units camera=cm", {"units": ("m", "cm")}),
+        (centimetres, None, "--units robot=cm", {"units": ("cm", "m")}),
     ],
 )
 def test_the_option_that_is_named_mends_it(good, tmp_path, robot, camera, option, argument):
@@ -260,7 +260,7 @@ def test_the_file_that_was_read_in_a_wrong_unit_is_named(file, unit):
     T[:, :3, 3] *= {"mm": 1e-3, "cm": 1e-2}[unit]
     result = uq.calibrate(replace(poses, **{file: T}), noise=NOISE)
     assert result.headline == f"NOT USABLE: the {file} file seems to be in m."
-    assert next_step(result).startswith(f"run again with --{file}-units m; if it was read so, its lengths were divided")
+    assert next_step(result).startswith(f"run again with --units {file}=m; if it was read so, its lengths were divided")
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -280,7 +280,7 @@ def test_the_same_file_twice_is_what_the_headline_says():
     assert result.findings[0].code == "input_checks.same_file"
 
 
-@pytest.mark.parametrize(("file", "option"), [("robot", "--robot-rotation"), ("camera", "--camera-rotation")])
+@pytest.mark.parametrize(("file", "option"), [("robot", "--rotation robot"), ("camera", "--rotation camera")])
 def test_transposed_rotations_are_named(file, option):
     poses = uq.simulate(15, noise=NOISE, seed=2)
     T = getattr(poses, file).copy()
@@ -288,7 +288,7 @@ def test_transposed_rotations_are_named(file, option):
     wrong = replace(poses, **{file: T})
     with pytest.warns(uq.InputWarning):
         result = uq.calibrate(wrong, noise=NOISE)
-    assert f"{option} transposed" in " ".join(map(str, result.findings))
+    assert f"{option}=transposed" in " ".join(map(str, result.findings))
 
 
 @pytest.mark.parametrize("axis", [0, 1])

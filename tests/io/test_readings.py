@@ -70,7 +70,7 @@ def test_few_poses_or_a_bad_fit_are_refused_with_the_candidates():
         [side_of(side, slice(3)) for side in sides(poses, numbers, READINGS)],
         sides(poses, np.random.default_rng(SEED).normal(size=(12, 3)), READINGS),
     ):
-        with pytest.raises(uq.InputError, match=r"ur \(rotvec-rad\), rpy .*--robot-format ur") as caught:
+        with pytest.raises(uq.InputError, match=r"ur \(rotvec-rad\), rpy .*--format robot=ur") as caught:
             chosen_readings(pair, (None, None), (None, None), FRAMES, ALL, "eye-in-hand")
         assert "\n" not in str(caught.value)
 
@@ -100,7 +100,7 @@ def test_another_order_of_angles_is_named():
     poses = uq.simulate(12, noise=NOISE, seed=SEED)
     numbers = numbers_of(poses, Reading("kuka", "ZYX-deg"))
     pair = sides(poses, numbers, (Reading("fanuc", "xyz-deg", "m"),))
-    with pytest.warns(uq.InputWarning, match=r'--robot-rotation ZYX-deg \(rotation=\("ZYX-deg", None\)\)'):
+    with pytest.warns(uq.InputWarning, match=r'--rotation robot=ZYX-deg \(rotation=\("ZYX-deg", None\)\)'):
         (found,) = chosen_readings(pair, (None, None), (None, None), FRAMES, ALL, "eye-in-hand").findings
     assert (found.code, found.severity) == ("poses.another_rotation", "failure")
     assert (found.values["used"], found.values["form"]) == ("xyz-deg", "ZYX-deg")
@@ -113,7 +113,7 @@ def test_another_order_of_angles_is_named():
 def test_another_order_is_named_where_the_setup_is_forgotten_too():
     poses = uq.simulate(12, noise=NOISE, setup="eye-to-hand", seed=SEED)
     pair = sides(poses, numbers_of(poses, Reading("kuka", "ZYX-deg")), (Reading("fanuc", "xyz-deg", "m"),))
-    with pytest.warns(uq.InputWarning, match=r"--robot-rotation ZYX-deg"):
+    with pytest.warns(uq.InputWarning, match=r"--rotation robot=ZYX-deg"):
         chosen_readings(pair, (None, None), (None, None), FRAMES, ALL, "eye-in-hand")
 
 
@@ -131,12 +131,12 @@ def test_a_form_that_is_not_among_the_readings_is_named(setup):
     poses = uq.simulate(12, noise=NOISE, setup=setup, seed=SEED)
     pair = sides(poses, numbers_of(poses, Reading("doosan", "ZYZ-deg")), READINGS[2:], 1e3)
     with pytest.raises(
-        uq.InputError, match=r"with rotations as ZYZ-deg they agree\. Give --robot-rotation ZYZ-deg \(docs"
+        uq.InputError, match=r"with rotations as ZYZ-deg they agree\. Give --rotation robot=ZYZ-deg \(docs"
     ) as caught:
         chosen_readings(pair, (None, None), (None, None), FRAMES, ALL, "eye-in-hand")
-    assert "--robot-format" not in str(caught.value)
+    assert "--format" not in str(caught.value)
     both = sides(poses, numbers_of(poses, Reading("doosan", "ZYZ-deg")), (READINGS[0], READINGS[2]), 1e3)
-    with pytest.raises(uq.InputError, match=r"--robot-rotation ZYZ-deg --robot-units mm "):  # m or mm is open
+    with pytest.raises(uq.InputError, match=r"--rotation robot=ZYZ-deg --units robot=mm "):  # m or mm is open
         chosen_readings(both, (None, None), (None, None), FRAMES, ALL, "eye-in-hand")
 
 
@@ -145,7 +145,7 @@ def test_a_reading_that_fits_in_rotation_alone_is_not_taken():
     poses = uq.simulate(12, noise=NOISE, seed=SEED)
     readings = (Reading("kawasaki", "ZYZ-deg", "mm"), READINGS[2])
     pair = sides(poses, numbers_of(poses, Reading("other", "ZXZ-deg")), readings, 1e3)
-    with pytest.raises(uq.InputError, match=r"Give --robot-rotation ZXZ-deg \(docs"):
+    with pytest.raises(uq.InputError, match=r"Give --rotation robot=ZXZ-deg \(docs"):
         chosen_readings(pair, (None, None), (None, None), FRAMES, ALL, "eye-in-hand")
     far = [pair[0], replace(pair[1], translation=1e3 * pair[1].translation)]  # `calibrate` names the unit
     right = [replace(far[0], rotation=numbers_of(poses, readings[0])), far[1]]
@@ -176,7 +176,7 @@ def test_the_result_names_the_rotations_and_not_the_rows(tmp_path):
     files = (tmp_path / "robot.csv", tmp_path / "camera.csv")
     with pytest.warns(uq.InputWarning, match="^robot.csv: with rotations read as rotvec-rad"):
         wrong = uq.read_poses(*files, format=("ur", None))
-    step = "run again with --robot-rotation xyz-rad"
+    step = "run again with --rotation robot=xyz-rad"
     reason = "the robot rotations seem to be xyz-rad, not rotvec-rad"
     for rows, noise in ((15, None), (14, NOISE)):
         with pytest.warns(uq.InputWarning):
@@ -200,7 +200,7 @@ def test_motions_that_seem_not_to_determine_x_have_a_cause(tmp_path):
     with pytest.raises(uq.DegenerateMotionError) as caught:
         uq.calibrate(read, method="tsai")
     assert failures_in_words(caught.value.findings) == (reason,)
-    assert step_after(caught.value.findings) == "run again with --camera-rotation ZYX-rad"
+    assert step_after(caught.value.findings) == "run again with --rotation camera=ZYX-rad"
     assert uq.calibrate(read).headline == f"NOT USABLE: {reason}."
     assert read.findings[0].values["form"] == "ZYX-rad" and read.findings[0].values["side"] == "camera"
 

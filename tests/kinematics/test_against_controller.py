@@ -109,8 +109,8 @@ def scaled(G, factor):
         ("zero", lambda q, G: (q - [0, 0, np.pi / 2, 0, 0, 0], G), "the zero of joint axis_3"),
         ("rows later", lambda q, G: (q[:-1], G[1:]), "joints of the next row"),
         ("rows earlier", lambda q, G: (q[1:], G[:-1]), "joints of the row before"),
-        ("millimetres", lambda q, G: (q, scaled(G, 1e3)), "--robot-units mm"),
-        ("metres", lambda q, G: (q, scaled(G, 1e-3)), "--robot-units m"),
+        ("millimetres", lambda q, G: (q, scaled(G, 1e3)), "--units robot=mm"),
+        ("metres", lambda q, G: (q, scaled(G, 1e-3)), "--units robot=m"),
     ],
     ids=lambda value: value if isinstance(value, str) and " " not in value else "",
 )

@@ -142,7 +142,7 @@ def transposed(T):
 def test_lengths_in_another_unit_whose_errors_hide_the_contradiction(setup):
     """The accuracy of the arm is in the covariance: a robot 900 m away is uncertain by metres."""
     result, poses = old_result(setup), moved(setup)
-    for side, option in (("robot", "--robot-units mm"), ("camera", "--camera-units mm")):
+    for side, option in (("robot", "--units robot=mm"), ("camera", "--units camera=mm")):
         found = uq.check(result, replace(poses, **{side: scaled(getattr(poses, side), 1000.0)}))
         assert found.status == "cannot tell" and option in flat(found)
 
@@ -155,8 +155,8 @@ def test_files_that_are_misread(results, setup):
     robot_mm = poses.robot.copy()
     robot_mm[:, :3, 3] *= 1000
     for robot, camera, option in (
-        (poses.robot, in_mm, "--camera-units mm"),
-        (robot_mm, poses.camera, "--robot-units mm"),
+        (poses.robot, in_mm, "--units camera=mm"),
+        (robot_mm, poses.camera, "--units robot=mm"),
         (robot_mm, in_mm, "--units mm"),
         (np.linalg.inv(poses.robot), poses.camera, "--robot-frame gripper_T_base"),
         (poses.robot, np.linalg.inv(poses.camera), "--camera-frame target_T_camera"),
@@ -165,8 +165,8 @@ def test_files_that_are_misread(results, setup):
             for s in (2.0, 0.5, 1.05, 0.94)
         ),
         (scaled(poses.robot, 1.05), poses.camera, "robot translations are multiplied by 0.95"),
-        (poses.robot, transposed(poses.camera), "--camera-rotation transposed"),
-        (transposed(poses.robot), poses.camera, "--robot-rotation transposed"),
+        (poses.robot, transposed(poses.camera), "--rotation camera=transposed"),
+        (transposed(poses.robot), poses.camera, "--rotation robot=transposed"),
         (poses.camera, poses.robot, "the two files are exchanged"),
         (poses.robot[1:], poses.camera[:-1], "Leave out the first row of the camera file and the last of the robot"),
         (poses.robot[:-2], poses.camera[2:], "the robot file begins 2 rows before the camera file"),

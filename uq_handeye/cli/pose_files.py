@@ -21,8 +21,28 @@ if TYPE_CHECKING:
     from .pictures import Pictures, Views
 
 
-# Options of each of both files.
+# Options that may name a value for each of the two files.
 OF_FILE = ("format", "units", "rotation", "quaternion")
+SIDES = ("robot", "camera")
+
+
+def of_sides(text: str | None, option: str) -> tuple[str | None, str | None]:
+    """Return the values for the robot file and the camera file of an option: ``VALUE`` or ``robot=VALUE,camera=VALUE``.
+
+    A side that is not named has None. Raises `InputError` for another side, or one that is named twice.
+
+    >>> of_sides("mm", "--units"), of_sides("camera=mm", "--units")
+    (('mm', 'mm'), (None, 'mm'))
+    """
+    if text is None or "=" not in text:
+        return text, text
+    found: dict[str, str] = {}
+    for part in text.split(","):
+        side, _, value = (word.strip() for word in part.partition("="))
+        if side not in SIDES or side in found or not value:
+            raise InputError(f"Expected {option} to be VALUE or robot=VALUE,camera=VALUE, got {text!r}.")
+        found[side] = value
+    return found.get("robot"), found.get("camera")
 
 
 @dataclass(frozen=True)
@@ -31,7 +51,7 @@ class StreamFiles:
 
     Arguments:
       ROBOT: Robot poses: file, folder or 'PATTERN' as the robot writes it, or CSV. The format is told by the content or
-        by --robot-format; CSV is timestamp,x,y,z,qx,qy,qz,qw in m. Poses are base_T_gripper unless --robot-frame says
+        by --format; CSV is timestamp,x,y,z,qx,qy,qz,qw in m. Poses are base_T_gripper unless --robot-frame says
         otherwise. Or one file that holds both sides.
       CAMERA: Camera poses, or folder of camera -o or points -o. camera_T_target, row by row as in ROBOT unless --pair
         says otherwise.
@@ -39,21 +59,15 @@ class StreamFiles:
     Options (Pose files):
       * --setup NAME <SETUP_NAMES>: Camera mount: eye-in-hand (default) or eye-to-hand. eye-in-hand: on the gripper;
         eye-to-hand: in the cell. A pose file may state it, too.
-      --format NAME <FORMAT_NAMES>: Format of both files: {FORMAT_NAMES}. Default: detected.
-      --robot-format NAME <FORMAT_NAMES>: Format of the robot file. Default: --format.
-      --camera-format NAME <FORMAT_NAMES>: Format of the camera file. Default: --format.
-      * --units UNIT <UNITS>: Length unit of both files. One of {UNITS}. Default: of the format. If that says none: m.
-      --robot-units UNIT <UNITS>: Length unit of the robot file. Default: --units.
-      --camera-units UNIT <UNITS>: Length unit of the camera file. Default: --units.
-      --rotation FORM: Rotations of both files, e.g. ZYX-deg. Euler angles by their axes and unit (ZYX-deg: rotated
-        axes; xyz-rad: fixed axes), rotvec-rad, rotvec-deg, xyzw, wxyz, or transposed matrices. Default: as the format
-        says.
-      --robot-rotation FORM: Rotations of the robot file. Default: --rotation.
-      --camera-rotation FORM: Rotations of the camera file. Default: --rotation.
-      --quaternion ORDER <xyzw|wxyz>: Quaternion order of both files: xyzw, or wxyz (scalar first). Default: that of the
-        format.
-      --robot-quaternion ORDER <xyzw|wxyz>: Quaternion order of the robot file. Default: --quaternion.
-      --camera-quaternion ORDER <xyzw|wxyz>: Quaternion order of the camera file. Default: --quaternion.
+      --format NAME <FORMAT_NAMES>: Format of both files, or of each: robot=tum,camera=csv. One of {FORMAT_NAMES}.
+        Default: detected.
+      * --units UNIT <UNITS>: Length unit of both files. Or of each: robot=mm,camera=m. One of {UNITS}. Default: of the
+        format. If that says none: m.
+      --rotation FORM: Rotations of both files, or of each: robot=ZYX-deg,camera=wxyz. Euler angles by their axes and
+        unit (ZYX-deg: rotated axes; xyz-rad: fixed axes), rotvec-rad, rotvec-deg, xyzw, wxyz, or transposed matrices.
+        Default: as the format says.
+      --quaternion ORDER <xyzw|wxyz>: Quaternion order of both files, or of each: robot=wxyz. xyzw, or wxyz (scalar
+        first). Default: that of the format.
       --robot-frame FRAME <ROBOT_FRAMES>: Direction of the robot poses: base_T_gripper or gripper_T_base.
       --camera-frame FRAME <CAMERA_FRAMES>: Direction of the camera poses: camera_T_target or target_T_camera.
       --offset SECONDS: Clock offset of unsynchronised streams (robot minus camera, s), taken as exact, or OFFSET,STD.
@@ -64,17 +78,9 @@ class StreamFiles:
     camera: Path | None = None
     setup: str | None = None
     format: str | None = None
-    robot_format: str | None = None
-    camera_format: str | None = None
     units: str | None = None
-    robot_units: str | None = None
-    camera_units: str | None = None
     rotation: str | None = None
-    robot_rotation: str | None = None
-    camera_rotation: str | None = None
     quaternion: str | None = None
-    robot_quaternion: str | None = None
-    camera_quaternion: str | None = None
     robot_frame: str = ROBOT_FRAMES[0]
     camera_frame: str = CAMERA_FRAMES[0]
     offset: str | None = None
@@ -101,7 +107,7 @@ class StreamFiles:
         """Return the stream of one side from a file, or the joint values of ``arm``."""
         from ..read import read_stream
 
-        k = ("robot", "camera").index(role)
+        k = SIDES.index(role)
         return read_stream(
             file,
             role,
@@ -135,34 +141,31 @@ class StreamFiles:
     @property
     def both_units(self) -> tuple[str | None, str | None]:
         """Length units of the robot file and the camera file; None: as the format says, else m."""
-        return self.robot_units or self.units, self.camera_units or self.units
+        return of_sides(self.units, "--units")
 
     @property
     def formats(self) -> tuple[str | None, str | None]:
         """Formats of the robot file and the camera file; None: detected."""
-        return self.robot_format or self.format, self.camera_format or self.format
+        return of_sides(self.format, "--format")
 
     @property
     def rotations(self) -> tuple[str | None, str | None]:
         """Forms of the rotations of the robot file and the camera file; None: as the format says."""
-        return (
-            self._one_form("robot", self.robot_rotation, self.robot_quaternion),
-            self._one_form("camera", self.camera_rotation, self.camera_quaternion),
-        )
+        forms, orders = of_sides(self.rotation, "--rotation"), of_sides(self.quaternion, "--quaternion")
+        for side, form, order in zip(SIDES, forms, orders, strict=True):
+            if form is not None and order is not None:
+                raise InputError(f"--rotation and --quaternion are both given for the {side} file. Remove one of them.")
+        return forms[0] or orders[0], forms[1] or orders[1]
 
-    def _one_form(self, role: str, form: str | None, order: str | None) -> str | None:
-        """Return what --rotation or --quaternion says of one side; its own options win."""
-        if form is not None and order is not None:
-            raise InputError(f"--{role}-rotation and --{role}-quaternion are both given. Remove one of them.")
-        if self.rotation is not None and self.quaternion is not None:
-            raise InputError("--rotation and --quaternion are both given. Remove one of them.")
-        return form or order or self.rotation or self.quaternion
-
-    def given_of(self, role: str) -> list[str]:
-        """Return the options about the file of one side that were given."""
-        given = [f"--{role}-{what}" for what in OF_FILE if getattr(self, f"{role}_{what}") is not None]
-        usual = {"robot": ROBOT_FRAMES, "camera": CAMERA_FRAMES}[role][0]
-        return given + [f"--{role}-frame"] * (getattr(self, f"{role}_frame") != usual)
+    def given_of(self, side: str) -> list[str]:
+        """Return the options that were given for the file of one side."""
+        given = [
+            f"--{option}"
+            for option in OF_FILE
+            if "=" in (text := getattr(self, option) or "") and of_sides(text, f"--{option}")[SIDES.index(side)]
+        ]
+        usual = {"robot": ROBOT_FRAMES, "camera": CAMERA_FRAMES}[side][0]
+        return given + [f"--{side}-frame"] * (getattr(self, f"{side}_frame") != usual)
 
     def _shown(self, arm: Arm | None = None) -> str:
         robot = arm.shown if self.robot is None and arm is not None else str(self.robot)

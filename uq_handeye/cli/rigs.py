@@ -26,8 +26,7 @@ _ALWAYS = {"ROBOT", "--method", "--no-robust", "--robust", "--seed", "--shared",
            "--log-file"}  # fmt: skip
 _OF_FILES = {"--camera", "--setup", "--pair", "--time-tolerance", "--robot-noise", "--camera-noise", "--noise",
              "--robot-frame", "--camera-frame",
-             *(f"--{side}{what}" for side in ("", "robot-", "camera-") for what in
-               ("format", "units", "rotation", "quaternion"))}  # fmt: skip
+             "--format", "--units", "--rotation", "--quaternion"}  # fmt: skip
 
 
 def is_rig(robot: Path | None, cameras: tuple[str, ...]) -> bool:
@@ -241,7 +240,7 @@ def predict_stored_rig(
     from ..read import json_text
     from ..rig.files.pose_rows import read_rows
 
-    refuse("--of", "--into", "--point", "--robot", "--robot-units", "--robot-format")
+    refuse("--of", "--into", "--point", "--robot", "--units", "--format")
     camera, point = asked.of, asked.point
     if camera is None or not point:
         raise InputError("A rig needs --of CAMERA and --point X,Y,Z in the frame of that camera. Add them.")

@@ -158,7 +158,7 @@ def finished(side: Side, role: str, units: str | None, rotation: str | None, fra
     if side.units is not None:
         if units not in (None, "m", side.units):  # m may be meant for the other file
             raise InputError(
-                f"{side.name} names its translations in {side.units}, and `units` (--units, --{role}-units) says "
+                f"{side.name} names its translations in {side.units}, and `units` (--units) says "
                 f"{units}: leave `units` out, or correct the names of the columns."
             )
         factor = require_units(side.units)
@@ -187,7 +187,7 @@ def _form(side: Side, role: str, rotation: str | None) -> tuple[RotationForm, Re
         known = {9: " or ".join(MATRICES), 4: " or ".join(QUATERNIONS), 3: "Euler angles or a rotation vector"}[k]
         raise InputError(
             f"{side.name} holds {what}, and {rotation} does not apply to it: expected {known}. Leave `rotation` "
-            f"out for the {role} (--{role}-rotation, --rotation, --{role}-quaternion, --quaternion)."
+            f"out for the {role} (--rotation, --quaternion)."
         )
     if not side.readings:
         return rotation_form({9: "matrix", 4: side.order}[k]), None
@@ -201,7 +201,7 @@ def doubtful(side: Side, role: str, why: str = "") -> InputError:
     names = ", ".join(map(str, side.readings))
     first = side.readings[0]
     same = all(reading.format == first.format for reading in side.readings)
-    option = f"--{role}-rotation {first.rotation}" if same else f"--{role}-format {first.format}"
+    option = f"--rotation {role}={first.rotation}" if same else f"--format {role}={first.format}"
     return InputError(
         f"{side.name}: the rotations may be {names}{why}. Say which, e.g. {option} (docs/how-to/controller.md)."
     )
@@ -363,7 +363,7 @@ def _joined(name: str, paths: Sequence[Path], sides: Sequence[Side]) -> Side:
     # Of several readings those are left that hold for every file.
     readings = tuple(reading for reading in first.readings if all(reading in side.readings for side in sides))
     if first.readings and not readings:
-        raise InputError(f"The files of {name} leave no common reading of the rotations. Give --robot-format.")
+        raise InputError(f"The files of {name} leave no common reading of the rotations. Give --format.")
     times = [side.timestamps for side in sides if side.timestamps is not None]
     stamps = np.concatenate(times) if len(times) == len(sides) else None
     if stamps is not None and first_duplicate(stamps) is not None:  # each file counts from 0

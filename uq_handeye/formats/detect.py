@@ -311,7 +311,7 @@ def _unknown(name: str, start: bytes) -> InputError:
     began = short(start[:60].decode("utf-8", errors="backslashreplace"))
     return InputError(
         f"{name}: not a pose file that is known; it begins with {began}. Expected one of the formats "
-        "of docs/formats.md; name it by `format` (--format, --robot-format, --camera-format) to see what is wrong."
+        "of docs/formats.md; name it by `format` (--format) to see what is wrong."
     )
 
 

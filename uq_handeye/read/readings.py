@@ -151,12 +151,12 @@ class _Pair:
         for other, role in enumerate(FRAMES):
             if found := self._form_that_fits(other, open_readings):
                 form, unit, _ = found
-                units = "" if unit is None else f" --{role}-units {unit}"
+                units = "" if unit is None else f" --units {role}={unit}"
                 whose = "" if other == k else f"of {self.sides[other].name} "
                 return InputError(
                     f"{self.sides[k].name}: the rotations may be {names}, and with none of these robot and camera "
-                    f"agree; with rotations {whose}as {form} they agree. Give --{role}-rotation "
-                    f"{form}{units} (docs/how-to/controller.md)."
+                    f"agree; with rotations {whose}as {form} they agree. Give --rotation "
+                    f"{role}={form}{units} (docs/how-to/controller.md)."
                 )
         return None
 

@@ -48,15 +48,15 @@ class Places:
       * --joints FILE.csv: Joint values to predict at, named as in the calibration.
       * --robot FILE.csv: Robot poses base_T_gripper to predict at. For a calibration without joints, or with --joints
         if the controller's poses differ from those of the joints.
-      --robot-units UNIT <UNITS>: Length unit of --robot: {UNITS}. Default: as its format says, else m.
-      --robot-format NAME <FORMAT_NAMES>: Format of --robot, as of calibrate. Default: told by the content.
+      --units UNIT <UNITS>: Length unit of --robot: {UNITS}. Default: as its format says, else m.
+      --format NAME <FORMAT_NAMES>: Format of --robot, as of calibrate. Default: told by the content.
     """
 
     joints: Path | None = None
     joint_units: str | None = None
     robot: Path | None = None
-    robot_units: str | None = None
-    robot_format: str | None = None
+    units: str | None = None
+    format: str | None = None
 
 
 @dataclass(frozen=True)
@@ -99,7 +99,7 @@ class Asked:
             raise InputError("No robot poses to predict at. Give --joints FILE.csv or --robot FILE.csv.")
         if at.joint_units is not None and at.joints is None and self.reached_at is None:
             raise InputError("--joint-units needs --joints. Remove it.")
-        for name, value in (("--robot-units", at.robot_units), ("--robot-format", at.robot_format)):
+        for name, value in (("--units", at.units), ("--format", at.format)):
             if value is not None and at.robot is None:
                 raise InputError(f"{name} needs --robot. Remove it.")
 
@@ -176,7 +176,7 @@ def _read_places(
     if places.robot is not None:
         sources = () if stored.provenance is None else stored.provenance.sources
         like = sources[0].format if sources else None  # as the robot of the calibration wrote its poses
-        stamps, at["robot"] = read_robot_poses(places.robot, like, units=places.robot_units, format=places.robot_format)
+        stamps, at["robot"] = read_robot_poses(places.robot, like, units=places.units, format=places.format)
         names["robot"] = places.robot
         times.append(stamps)
     if len({len(values) for values in at.values()}) > 1:

@@ -28,10 +28,10 @@ class Words(NamedTuple):
 
 
 def option_of(file: str, argument: str, value: str, other: str | None = None) -> str:
-    """Name the argument and the option for one file: ``units=("m", "mm") (--camera-units mm)``."""
+    """Name the argument and the option for one file: ``units=("m", "mm") (--units camera=mm)``."""
     second = "None" if other is None else f'"{other}"'
     pair = f'"{value}", {second}' if file == "robot" else f'{second}, "{value}"'
-    return f"{argument}=({pair}) (--{file}-{argument} {value})"
+    return f"{argument}=({pair}) (--{argument} {file}={value})"
 
 
 def in_words(reading: Reading) -> Words:
@@ -92,14 +92,14 @@ def _of_rotation(v: Reading) -> tuple[str, str, str, str]:
         argument, short = "quaternion", f"{seem} to have the quaternion's scalar {place}"
         text = f"{who} the scalar of the quaternion {place}"
     option = f'{argument}="{value}" (--{argument} {value})' if file is None else option_of(file, argument, value)
-    return short, text, option, f"run again with --{'' if file is None else f'{file}-'}{argument} {value}"
+    return short, text, option, f"run again with --{argument} {'' if file is None else f'{file}='}{value}"
 
 
 def _of_scale(v: Reading) -> tuple[str, str, str]:
     file, unit, factor = v.get("file"), v.get("unit"), float(v["factor"])
     told = file is not None and unit is not None
     if v.get("bag") and told:
-        write, give = "with uq-handeye bag -o DIR", f"give --{file}-units {unit}"
+        write, give = "with uq-handeye bag -o DIR", f"give --units {file}={unit}"
         cause = f"the {file} poses are in {unit}. Write them {write} and {give}"
         return f"the {file} poses seem to be in {unit}", cause, f"write the poses {write} and {give}"
     if v.get("bag"):
@@ -116,11 +116,11 @@ def _of_scale(v: Reading) -> tuple[str, str, str]:
         short = f"the target seems to be {digits(factor, 3)} times as large as given"
         return short, f"{cause}pictures", "measure the target and give its true size; else check the focal length"
     short = f"the {file} file seems to be in {unit}" if told else "robot and camera seem to be in different units"
-    cause = "one file is in another unit (--robot-units, --camera-units)"
-    remedy = "check the units of both files (--robot-units, --camera-units) and the size of the target"
+    cause = "one file is in another unit (--units robot=..., --units camera=...)"
+    remedy = "check the units of both files (--units robot=..., --units camera=...) and the size of the target"
     if told:
         cause = f"the {file} file is in {unit}, {option_of(str(file), 'units', str(unit), 'm')}"
-        remedy = f"run again with --{file}-units {unit}"
+        remedy = f"run again with --units {file}={unit}"
     if unit == "m":
         cause += ", or its lengths were divided once too often where it was written"
         remedy += "; if it was read so, its lengths were divided once too often where it was written"

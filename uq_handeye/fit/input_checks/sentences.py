@@ -25,7 +25,7 @@ _LOOK = "look at the residuals by pose in the report: --report report.html"
 def _far_remedy(v: Mapping[str, Any]) -> str:
     if rows := v.get("rows"):
         return f"correct these rows, or leave them out: --exclude {','.join(map(str, rows))}"
-    return f"run again with --{v['file']}-units {v['unit']}"
+    return f"run again with --units {v['file']}={v['unit']}"
 
 
 def _far_in_short(v: Mapping[str, Any]) -> str:

@@ -35,7 +35,7 @@ class PoseForm:
 
     Parameters
     ----------
-    name : as ``--robot-format`` takes it
+    name : as ``--format`` takes it
     maker : for people
     rotation : text of a `RotationForm`
     units : length unit
@@ -214,7 +214,7 @@ def in_convention(contents: Contents, form: PoseForm) -> Contents:
         if got := _against(side, form):
             raise InputError(
                 f"{side.name}: expected x, y, z, {', '.join(form.columns)} ({form.maker}), got {got}. Leave --format "
-                "and --robot-format out; see docs/how-to/controller.md."
+                "out; see docs/how-to/controller.md."
             )
         angle = "deg" if form.rotation.endswith("-deg") else None
         readings, said = interpret("unsaid", side.translation, side.rotation, form, side.units, angle)

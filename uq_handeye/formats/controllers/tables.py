@@ -275,7 +275,7 @@ def _require_kind(table: NumberTable, columns: Columns, form: PoseForm | None) -
     if columns.kind == "rpy" and not form.rotation.startswith("xyz"):
         raise InputError(
             f"{table.name}: expected {', '.join(form.columns)} ({form.maker}), got the columns roll, pitch, yaw. Give "
-            f"--robot-format rpy or xarm, or rename the columns; {HELP}."
+            f"--format robot=rpy or xarm, or rename the columns; {HELP}."
         )
     if quaternion != (len(form.columns) == 4) or (
         columns.kind in ("abc", "wpr", "oat", "rotvec", "uvw", "aer")
@@ -287,7 +287,7 @@ def _require_kind(table: NumberTable, columns: Columns, form: PoseForm | None) -
         got = ", ".join(table.headings[k] for k in columns.rotation)
         raise InputError(
             f"{table.name}: expected {', '.join(form.columns)} ({form.maker}), got the columns {got}. Leave --format "
-            f"and --robot-format out, or rename the columns; {HELP}."
+            f"out, or rename the columns; {HELP}."
         )
 
 

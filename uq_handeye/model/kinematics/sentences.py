@@ -15,8 +15,8 @@ READINGS = {
     "degrees": "They fit if the joints are in degrees: read the joints as degrees (--joint-units deg).",
     "radians": "They fit if the joints are in radians: read the joints as radians (--joint-units rad).",
     "inverted": "They fit if the robot poses are gripper_T_base: invert them (--robot-frame gripper_T_base).",
-    "millimetres": "They fit if the robot poses are in millimetres (--robot-units mm).",
-    "metres": "They fit if the robot poses are in metres (--robot-units m).",
+    "millimetres": "They fit if the robot poses are in millimetres (--units robot=mm).",
+    "metres": "They fit if the robot poses are in metres (--units robot=m).",
     "rows later": "They fit with the joints of the next row: a row is missing in one of the two files.",
     "rows earlier": "They fit with the joints of the row before: a row is missing in one of the two files.",
     "sign": "They fit if joint {joints} rotates the other way: correct its axis in the URDF, or the sign of its "

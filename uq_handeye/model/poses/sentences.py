@@ -22,7 +22,7 @@ def _(function: str, std: float) -> str:
     explains=True,
     check=INPUT,
     phrase="the {side} rotations seem to be {form}, not {used}",
-    remedy="run again with --{side}-rotation {form}",
+    remedy="run again with --rotation {side}={form}",
 )
 def _(name: str, side: str, used: str, form: str, rotation: float | None, translation: float | None) -> str:
     amount = ""
@@ -31,7 +31,7 @@ def _(name: str, side: str, used: str, form: str, rotation: float | None, transl
     both = f'"{form}", None' if side == "robot" else f'None, "{form}"'
     return (
         f"{name}: with rotations read as {used} robot and camera disagree{amount}; as {form} they agree. Give "
-        f"--{side}-rotation {form} (rotation=({both})) if that is what the file holds."
+        f"--rotation {side}={form} (rotation=({both})) if that is what the file holds."
     )
 
 

@@ -313,8 +313,8 @@ def _not_correlated(correlation: Correlation, ends: tuple[float, float]) -> str:
     return (
         f"The time offset is not determined within {ends[1] - ends[0]:.3g} s: {what}; they reach {fastest[0]:.2g} and "
         f"{fastest[1]:.2g} deg/s. Both must be of one motion, with rotations that start and stop, and Euler angles in "
-        "their right order (--robot-rotation); or give `offset` (--offset), or a larger `max_offset` (uq-handeye sync "
-        "--max-offset)."
+        "their right order (--rotation robot=...); or give `offset` (--offset), or a larger `max_offset` (uq-handeye "
+        "sync --max-offset)."
     )
 
 

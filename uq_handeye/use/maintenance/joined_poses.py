@@ -95,7 +95,7 @@ def require_joinable(old: PosePairs, new: PosePairs) -> None:
         if min(before, now) > 0 and not 1 / UNIT < now / before < UNIT:
             raise InputError(
                 f"The new {side} poses are {now:.3g} m away and those of the result {before:.3g} m: expected both in "
-                f"metres. Name the unit of the file (--{side}-units)."
+                f"metres. Name the unit of the file (--units {side}=...)."
             )
     require_new(old, new)
     given = [
