@@ -118,7 +118,7 @@ def live_png() -> bytes:
 
 def live_phone_png() -> bytes:
     with tempfile.TemporaryDirectory() as folder, session(Path(folder)) as shown, browser(PHONE) as driver:
-        return shot(driver, shown.url + "?darkMode")
+        return shot(driver, shown.url + "&darkMode")
 
 
 def live_start_png() -> bytes:

@@ -1,4 +1,4 @@
-"""The door of the page: this machine alone, or a token; uploads under names of ours."""
+"""The server of the page: a token opens it; uploads are stored under names of the session's own."""
 
 import http.client
 import io
@@ -51,50 +51,53 @@ def page():
     server.close()
 
 
-def test_this_machine_alone(page):
-    port = page.gateway.port
-    assert page.url == f"http://127.0.0.1:{port}/"
-    status, _, body = asked(port)
-    assert status == 200 and b"<html" in body[:300].lower()
-    assert asked(port, Host=f"evil.example:{port}")[0] == 403
-    assert asked(port, Origin="http://evil.example")[0] == 403
-    assert asked(port, "/../../etc/passwd")[0] == 404
-    assert upgraded(port)[0] == 101
-    assert upgraded(port, Origin="http://evil.example")[0] == 403
+def test_a_token_opens_the_page(page):
+    port, token = page.port, page.token
+    assert page.url == f"http://127.0.0.1:{port}/?token={token}" and len(token) > 20
+    for wrong in ("/", "/?token=", f"/?token={token[:-1]}", "/?token=%ff"):
+        assert asked(port, wrong)[0] == 403
+    status, headers, body = asked(port, f"/?token={token}&darkMode=")
+    assert status == 200 and b"<html" in body[:300].lower() and "HttpOnly; SameSite=Strict" in headers["Set-Cookie"]
+    cookie = headers["Set-Cookie"].partition(";")[0]
+    assert asked(port, Cookie=cookie)[0] == 200 and asked(port, Cookie=f"other=1; {cookie}")[0] == 200
+    assert asked(port, Cookie=cookie[:-1])[0] == 403 and asked(port, Cookie="a;=;;")[0] == 403
+    assert asked(port, "/../../etc/passwd", Cookie=cookie)[0] == 404
 
 
-def test_the_inner_server_is_of_no_use_without_the_secret(page):
-    """It closes the connection (opcode 8) before it says anything; through the gateway it begins to speak."""
-    inner = page.viser.get_port()
-    status, first = upgraded(inner)
-    assert status == 101 and first[:1] == b"\x88"
-    status, first = upgraded(inner, **{"X-Uq-Handeye-Secret": "guess"})
-    assert first[:1] == b"\x88"
-    status, first = upgraded(page.gateway.port)
+def test_a_websocket_needs_the_token_too(page):
+    """Through it goes all that the page shows; one that is opened begins to speak (opcode 2)."""
+    cookie = asked(page.port, f"/?token={page.token}")[1]["Set-Cookie"].partition(";")[0]
+    status, first = upgraded(page.port, Cookie=cookie)
     assert status == 101 and first[:1] == b"\x82"
+    assert upgraded(page.port)[0] == 403
+    assert upgraded(page.port, Cookie=cookie, Origin="http://evil.example")[0] == 403
+    assert upgraded(page.port, Cookie=cookie, Origin=f"http://127.0.0.1:{page.port}")[0] == 101
 
 
-def test_a_token_elsewhere():
-    server = Server(host="0.0.0.0", port=0)
+def test_two_pages_on_one_machine(page):
+    other = Server(host="0.0.0.0", port=page.port)
     try:
-        port, token = server.gateway.port, server.gateway.token
-        assert f"?token={token}" in server.url and len(token) > 20
-        for wrong in ("/", "/?token=", f"/?token={token[:-1]}"):
-            assert asked(port, wrong)[0] == 403
-        status, headers, _ = asked(port, f"/?token={token}&darkMode=")
-        assert (
-            status == 303 and "HttpOnly; SameSite=Strict" in headers["Set-Cookie"] and token not in headers["Location"]
-        )
-        cookie = headers["Set-Cookie"].partition(";")[0]
-        assert asked(port, Cookie=cookie)[0] == 200 and upgraded(port, Cookie=cookie)[0] == 101
-        assert upgraded(port)[0] == 403
+        assert other.port > page.port and asked(other.port, f"/?token={page.token}")[0] == 403
+        assert asked(other.port, f"/?token={other.token}")[0] == 200
     finally:
-        server.close()
+        other.close()
+
+
+def test_what_viser_could_do_beyond_the_page(page):
+    from viser import _messages as messages
+
+    handlers = page.viser._websock_server._incoming_handlers
+    assert not handlers.get(messages.ShareUrlRequest) and not handlers.get(messages.ShareUrlDisconnect)
+    from websockets.asyncio import server
+
+    assert server.serve.__module__ == "websockets.asyncio.server"  # the check of one page is in no other server
 
 
 def test_a_wrong_port():
     with pytest.raises(uq.InputError, match="between 0 and 65535, got 70000"):
         Server(port=70_000)
+    with pytest.raises(uq.InputError, match="Cannot listen on 192"):
+        Server(host="192.0.2.1")
 
 
 def test_uploads_stay_in_the_folder(tmp_path):

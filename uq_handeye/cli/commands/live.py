@@ -20,9 +20,9 @@ if TYPE_CHECKING:
     from ...calibration.result import Calibration
     from ...calibration.statement.tolerance import Tolerance
     from ...model.poses.pose_pairs import PosePairs
+    from ...use.live_session.browser_page import BrowserPage
     from ...use.live_session.folder import Folder
     from ...use.live_session.question import Answer, Question
-    from ...use.live_session.server import BrowserPage
     from ...use.live_session.sources import Side, Source
     from ..arm import Arm
     from ..pictures import Pictures, Views
@@ -51,8 +51,8 @@ class PageOptions:
     """Options of the address of the page.
 
     Options (Page):
-      --host ADDRESS: Address to listen on. Default: 127.0.0.1, this machine alone. Another one, e.g. 0.0.0.0, asks for
-        the token in the address printed.
+      --host ADDRESS: Address to listen on. Default: 127.0.0.1, this machine alone. 0.0.0.0 lets
+        other machines in, too. The address printed holds a token.
       --port N: Port, or the next one that is free. Default: 8011.
       --no-browser: Print the address without opening it.
     """

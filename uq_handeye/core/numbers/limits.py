@@ -10,6 +10,8 @@ from __future__ import annotations
 MAX_DESCRIPTION_BYTES = 20_000_000
 # Tables, arrays and results: a million poses with their covariances.
 MAX_TABLE_BYTES = 1_000_000_000
+# A file that is uploaded in the live page.
+MAX_UPLOAD_BYTES = 50_000_000
 # Rows of a table, messages of a topic, samples of a stream.
 MAX_ROWS = 10_000_000
 # Characters of a line, of a name, and of a part of a file that a message quotes.

@@ -89,7 +89,7 @@ def live(
     sources : sequence of Source
         Where poses come from beside `Live.add` (`live_session.sources`).
     host, port : str, int
-        Address of the page; a host other than the loopback asks for a token, which is part of `Live.url`.
+        Address of the page. `Live.url` holds a token, without which the page does not open.
     open_browser : bool
         Open the page in the browser of this machine.
     **options

@@ -17,11 +17,12 @@ from ...errors import InputError, InputWarning
 from ...model.camera.description import KINDS
 from ...model.poses.pose_pairs import PosePairs
 from ..maintenance.check import check
+from .browser_page import BrowserPage
 from .folder import board_text
 from .markup import MOST_ROWS, panel, summary
 from .question import ONE_AT_A_TIME
 from .scene import Beside, Picture, Scene, touched
-from .server import HOST, PORT, BrowserPage
+from .server import HOST, PORT
 from .session import Session, keep_bag, keep_other, keep_picture, keep_upload, thumbnail
 from .sources import Playback, Source, feed
 
@@ -34,7 +35,7 @@ class Page(BrowserPage):
     session : Session
     sources : list of Source
         Poses that come by themselves are added as they come; for the others there is a button.
-    host, port, token
+    host, port
         As of `Server`.
     touches : Touches, path or None
         Points that were seen and touched, shown beside each answer.
@@ -42,9 +43,9 @@ class Page(BrowserPage):
 
     def __init__(
         self, session: Session, sources: tuple[Source, ...] = (), host: str = HOST, port: int = PORT,
-        token: str | None = None, touches: Touches | Path | None = None,
+        touches: Touches | Path | None = None,
     ) -> None:  # fmt: skip
-        super().__init__(host, port, token)
+        super().__init__(host, port)
         self.session, self._sources, self._touches = session, sources, touches
         self.selected: int | None = None
         self._scene = Scene(self._server.viser, self.select)
@@ -85,7 +86,7 @@ class Page(BrowserPage):
         self._summary = gui.add_html("")
         for source in self._sources:
             if source.on_demand:
-                self._button(f"Take pose ({source.name})", partial(self._take, source), color="teal", icon="camera")
+                self._button(f"Take pose ({source.name})", partial(self._take, source), icon="camera")
         for side in ("robot", "camera"):
             self._upload(f"Add {side} poses", partial(self._add, keep_upload, side), icon="upload")
         with gui.add_folder("Poses"):

@@ -24,10 +24,11 @@ from ...errors import InputError
 from ...model.poses.pose_pairs import PosePairs
 from ...rig.description import WORLD
 from ...rig.result import RigCalibration
+from .browser_page import BrowserPage
 from .markup import of_point, panel
 from .question import Answer
 from .scene import AXES, DARK, ELLIPSOID, FRUSTUM, LINE, OF_X, PALE, Beside, Colour, Nodes, Scene, nice, touched
-from .server import HOST, PORT, BrowserPage
+from .server import HOST, PORT
 
 if TYPE_CHECKING:
     import viser
