@@ -68,7 +68,7 @@ def values_of(code):
 
 
 # Codes are in files of results, and keep the name of the package that was before.
-MOVED = {"noise_estimation": "one_model", **dict.fromkeys(("monte_carlo", "posterior", "sweep"), "validation")}
+MOVED = {"noise_estimation": "one_model", **dict.fromkeys(("monte_carlo", "posterior"), "validation")}
 
 
 def of_package(code):

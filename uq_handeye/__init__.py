@@ -89,7 +89,6 @@ if _typing.TYPE_CHECKING:
     from .trials.validation.posterior.density import ScalePrior
     from .trials.validation.posterior.result import Posterior
     from .trials.validation.posterior.sample import sample_posterior
-    from .trials.validation.sweep.run import Sweep, sweep
     from .use.live_session.api import Live, live
     from .use.maintenance.check import check
     from .use.maintenance.check_result import ChangeCheck
@@ -159,7 +158,6 @@ __all__ = [
     "SigmaPoints",
     "SingularNoiseError",
     "Stream",
-    "Sweep",
     "Synchronised",
     "Target",
     "Touches",
@@ -227,7 +225,6 @@ __all__ = [
     "so4_covariance",
     "so4_from_se3",
     "solve",
-    "sweep",
     "synchronise",
     "tag_points",
     "theta_from_paper",
@@ -370,7 +367,6 @@ _LATER = {
     "trials.validation.posterior.density": ("ScalePrior",),
     "trials.validation.posterior.result": ("Posterior",),
     "trials.validation.posterior.sample": ("sample_posterior",),
-    "trials.validation.sweep.run": ("Sweep", "sweep"),
     "use.verification.result": ("Verification",),
     "use.verification.touches_file": ("read_touches",),
     "use.verification.verify": ("verify",),

@@ -1,16 +1,19 @@
-"""Noise at which first order ends, by geometry and method, and the reach of sigma points.
+"""Noise at which first order ends, by geometry and method.
 
 Model: ``G X C = W`` or ``A X = X B`` with Gaussian errors, left rotation, additive translation. Each row is one
 geometry (`uq.simulate`, or 60 random pairs, "star": nearly a common translation) at a noise of 1 mrad of rotation and
-some translation, whose standard deviations are multiplied by up to 300. At each level the errors of 1,000 trials are
-held against the covariance of first order, for 4DPA that of the paper's section III-C, and that of sigma points, both
-at the true data: `uq_handeye.trials.validation.sweep.run` has the rule by which a covariance fails, and finds where by
-bisection. Seed 2019. Quick: 100 trials, fewer levels, the smallest geometry.
+some translation, whose standard deviations are multiplied by up to 300. At each level `uq.monte_carlo` holds the errors
+of 1,000 trials against the covariance of first order at the true data, for 4DPA that of the paper's section III-C. The
+covariance fails at a level where the root mean square error (joint, of rotation or of translation) is more than 10 %
+above or below the predicted one and the mean NEES lies outside its 99 % interval, or where more than 1 % of the trials
+give no X. Bisection on a logarithmic scale finds the end to 5 %. Seed 2019. Quick: 100 trials, fewer levels, the
+smallest geometry.
 """
 
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Iterator
 from typing import Any
 
@@ -27,58 +30,69 @@ from uq_handeye.core.formatting.numbers import digits
 from uq_handeye.core.geometry.se3 import inverse
 from uq_handeye.core.presentation.figure_parts import GRID, QUIET, SMALL, TEXT, canvas, finished, plain
 from uq_handeye.core.runtime.progress import progress_bar
-from uq_handeye.trials.validation.sweep.level import KINDS, MethodSweep
-from uq_handeye.trials.validation.sweep.run import sweep
 
 SEED = 2019
 DEVIATIONS = (1, 3, 10, 30, 100, 300)  # mrad
 METHODS = ("4dpa", "efficient")
 USUAL = 5.0  # mrad; a cell has less
 QUICK = ("cell, 6 poses",)
+TOLERANCE = 0.1  # relative error of a standard deviation that matters
+PRECISION = 1.05  # ratio of two levels between which bisection ends
+PARTS = {"joint": 6, "rotation": 3, "translation": 3}  # degrees of freedom of each
 
 
-def problems() -> Iterator[tuple[str, str, uq.PosePairs | uq.Motions, uq.Noise]]:
-    """Name, noise at 1 mrad in words, exact data, noise."""
+def problems() -> Iterator[tuple[str, str, uq.PosePairs | uq.Motions, type[uq.Noise], tuple[Any, Any]]]:
+    """Name, noise at 1 mrad in words, exact data, kind of the noise, its two covariances at 1 mrad."""
+    camera = (diagonal(0.1, 0.1), diagonal(1, 1))
+    words = "camera 1 mrad, 1 mm; robot 0.1 mrad, 0.1 mm"
     for n in (6, 20, 60):
-        noise: uq.Noise = uq.PoseNoise(diagonal(0.1, 0.1), diagonal(1, 1))
-        yield f"cell, {n} poses", "camera 1 mrad, 1 mm; robot 0.1 mrad, 0.1 mm", uq.simulate(n, seed=SEED), noise
-    yield (
-        "cell, 20 poses, tilt 10 deg, roll 10 deg",
-        "camera 1 mrad, 1 mm; robot 0.1 mrad, 0.1 mm",
-        uq.simulate(20, tilt="10deg", roll="10deg", seed=SEED),
-        noise,
-    )
+        yield f"cell, {n} poses", words, uq.simulate(n, seed=SEED), uq.PoseNoise, camera
+    tilted = uq.simulate(20, tilt="10deg", roll="10deg", seed=SEED)
+    yield "cell, 20 poses, tilt 10 deg, roll 10 deg", words, tilted, uq.PoseNoise, camera
     for name, translation in (("random", 1.0), ("random", 0.1), ("star", 0.1), ("star", 0.01)):
         rng = np.random.default_rng([SEED, len(name)])
         X, B = random_transforms(rng, ()), random_transforms(rng, (60,))
         if name == "star":  # nearly a common translation
             B[:, :3, 3] = [0.3, 0.0, 0.4] + 1e-2 * rng.normal(size=(60, 3))
-        S = diagonal(1, translation)
         motions = uq.Motions(X @ B @ inverse(X), B)
-        yield (
-            f"60 pairs, {name}, {translation:g} mm",
-            f"A and B 1 mrad, {translation:g} mm",
-            motions,
-            uq.PairNoise(S, S),
-        )
+        about = f"A and B 1 mrad, {translation:g} mm"
+        yield f"60 pairs, {name}, {translation:g} mm", about, motions, uq.PairNoise, (diagonal(1, translation),) * 2
 
 
-def limits_of(found: MethodSweep) -> Iterator[dict[str, Any]]:
-    """Rotation standard deviations (mrad) of the last level that holds and the first that fails, of each kind of
-    covariance.
-    """
-    for kind in KINDS:
-        limit = found.limit(kind)
-        holds, fails = (None if x is None else math.sqrt(x) for x in (limit.holds, limit.fails))
-        reason = "" if limit.fails is None else found.at(limit.fails).of(kind).reason
-        yield {
-            "method": found.method,
-            "covariance": kind,
-            "holds_mrad": holds,
-            "fails_mrad": fails,
-            "heavy_tails": limit.heavy,
-            "reason": reason,
-        }
+def level(data: Any, noise: uq.Noise, method: str, trials: int) -> dict[str, Any]:
+    """Return one level as a row: the mean NEES of each part, coverage, bias, failures, and why it fails, if it does."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", uq.InputWarning)  # data as noisy as this look wrong, which is the point
+        run = uq.monte_carlo(data, noise=noise, method=method, trials=trials, seed=SEED)
+    row: dict[str, Any] = {f"mean_nees_{part}": nees for part, (nees, _, _) in run.nees.items()}
+    row |= {"coverage_95": run.coverage.get(0.95), "failed": run.failures / run.trials}
+    return row | {"reason": reason(run.nees, row["failed"])}
+
+
+def reason(nees: dict[str, tuple[float, float, float]], failed: float) -> str:
+    """Return why a covariance fails; empty if it holds. ``nees``: of each part the mean and its interval."""
+    if failed > 0.01:
+        return f"{100 * failed:.2g} % of the trials give no X."
+    ratios = {part: math.sqrt(mean / PARTS[part]) for part, (mean, _, _) in nees.items()}
+    off = [
+        part
+        for part, (mean, low, high) in nees.items()
+        if not 1 / (1 + TOLERANCE) <= ratios[part] <= 1 + TOLERANCE and not low <= mean <= high
+    ]
+    if not off:
+        return ""
+    part = max(off, key=lambda name: abs(math.log(ratios[name])))
+    of = "" if part == "joint" else f"{part} "
+    return f"The {of}errors are {ratios[part]:.3g} times as large as predicted."
+
+
+def end(rows: dict[float, dict[str, Any]]) -> tuple[float, float]:
+    """Return the last level (mrad) before the first that fails, and that one; NaN where there is none."""
+    levels = sorted(rows)
+    first = next((k for k, x in enumerate(levels) if rows[x]["reason"]), None)
+    if first is None:
+        return levels[-1], math.nan
+    return levels[first - 1] if first else math.nan, levels[first]
 
 
 def measure(full: bool) -> Tables:
@@ -86,15 +100,21 @@ def measure(full: bool) -> Tables:
     chosen = [problem for problem in problems() if full or problem[0] in QUICK]
     levels, limits = [], []
     with progress_bar("geometries", len(chosen), "rows") as advance:
-        for name, words, data, noise in chosen:
-            factors = [float(x) ** 2 for x in deviations]
-            found = sweep(data, noise=noise, methods=METHODS, factors=factors, trials=trials, seed=SEED)
-            about = {"data": name, "noise": words, "trials": trials, "most_mrad": deviations[-1]}
-            table = found.to_dataframe().rename(columns={"kind": "covariance", "sd_factor": "rotation_mrad"})
-            levels.append(pd.DataFrame([about] * len(table)).join(table.drop(columns="factor")))
-            limits += [{**about, **row} for of in found.methods for row in limits_of(of)]
+        for name, words, data, kind, (first, second) in chosen:
+            for method in METHODS:
+                about = {"data": name, "noise": words, "trials": trials, "most_mrad": deviations[-1], "method": method}
+                rows: dict[float, dict[str, Any]] = {}
+                wanted = [float(x) for x in deviations]
+                while wanted:
+                    for x in wanted:
+                        rows[x] = level(data, kind(x**2 * first, x**2 * second), method, trials)
+                    holds, fails = end(rows)
+                    wanted = [math.sqrt(holds * fails)] if fails > PRECISION * holds else []
+                levels += [{**about, "rotation_mrad": x, **rows[x]} for x in sorted(rows)]
+                why = rows[fails]["reason"] if fails > 0 else ""
+                limits.append({**about, "holds_mrad": holds, "fails_mrad": fails, "reason": why})
             advance(1)
-    return {"levels": pd.concat(levels), "limits": pd.DataFrame(limits)}
+    return {"levels": pd.DataFrame(levels), "limits": pd.DataFrame(limits)}
 
 
 def middle(row: Any) -> float:
@@ -117,42 +137,27 @@ def cell(row: Any) -> str:
 
 def findings(tables: Tables) -> str:
     limits = tables["limits"]
-    rows = []
-    for key, own in limits.groupby(["data", "noise", "method"], sort=False):
-        by_kind = own.set_index("covariance").loc[list(KINDS)]
-        why = f"{by_kind['reason'].iloc[1]}{' Heavy tails.' if by_kind['heavy_tails'].iloc[1] else ''}"
-        rows.append([*key, *(cell(row) for row in by_kind.itertuples()), why])
+    rows = [
+        [row.data, row.noise, row.method, cell(row), row.reason] for row in limits.fillna({"reason": ""}).itertuples()
+    ]
+    failed = limits[limits["fails_mrad"].notna()]
+    text = f"Holds at all levels in {len(limits) - len(failed)} of {len(limits)} rows"
+    if not failed.empty:
+        least = next(failed.sort_values("fails_mrad").itertuples())
+        usual = (failed["fails_mrad"] <= USUAL).sum()
+        text += (
+            f"; fails first on {least.data} with `{least.method}`, at {cell(least)} mrad; below {USUAL:g} mrad, the "
+            f"usual noise of a cell, in {usual}"
+        )
     return "\n\n".join(
         [
             f"{int(limits['trials'].iloc[0]):,} trials per level of noise. Rotation noise per pose or motion, in "
-            "mrad, at "
-            f"which each covariance begins to fail (>: it holds at all levels); translation noise grows alike.",
-            markdown(["data", "noise at 1 mrad", "method", "first order", "sigma points", "why those fail"], rows),
-            "\n".join(said(limits, kind) for kind in KINDS),
-            farther(limits),
+            "mrad, at which the first-order covariance begins to fail (>: it holds at all levels); translation noise "
+            "grows alike.",
+            markdown(["data", "noise at 1 mrad", "method", "fails at", "why"], rows),
+            f"{text}.",
         ]
     )
-
-
-def said(limits: pd.DataFrame, kind: str) -> str:
-    own = limits[limits["covariance"] == kind]
-    failed = own[own["fails_mrad"].notna()]
-    sentence = f"- {kind}: holds at all levels in {len(own) - len(failed)} of {len(own)} rows"
-    if failed.empty:
-        return f"{sentence}."
-    least = next(failed.sort_values("fails_mrad").itertuples())
-    usual = (failed["fails_mrad"] <= USUAL).sum()
-    return (
-        f"{sentence}; fails first on {least.data} with `{least.method}`, at {cell(least)} mrad; below {USUAL:g} "
-        "mrad, the "
-        f"usual noise of a cell, in {usual}."
-    )
-
-
-def farther(limits: pd.DataFrame) -> str:
-    ends = limits.pivot(index=["data", "noise", "method"], columns="covariance", values="fails_mrad").fillna(np.inf)
-    more, less = (ends[KINDS[1]] > ends[KINDS[0]]).sum(), (ends[KINDS[1]] < ends[KINDS[0]]).sum()
-    return f"Sigma points reach farther than first order in {more} of {len(ends)} rows, less far in {less}."
 
 
 def figures(tables: Tables) -> dict[str, Figure]:
@@ -165,14 +170,11 @@ def figures(tables: Tables) -> dict[str, Figure]:
     plain(axis)
     axis.axvspan(0.9, USUAL, color=GRID, label="usual noise of a cell")
     axis.axvline(most, color=QUIET, linewidth=0.8, linestyle=":")
-    for method, shift in zip(methods, np.linspace(-0.16, 0.16, len(methods)), strict=True):
-        look = {**style(method), "linestyle": "none", "markersize": 5}
-        for kind, filled in zip(KINDS, (True, False), strict=True):
-            own = limits[(limits["method"] == method) & (limits["covariance"] == kind)]
-            x = [at_mrad(row, (1.4 if filled else 1.6) * most) for row in own.itertuples()]
-            y = np.array([names.index(name) for name in own["data"]]) + shift
-            face = look["color"] if filled else "none"
-            axis.plot(x, y, label=f"{method}, {kind}", markerfacecolor=face, markeredgewidth=1.2, **look)
+    for method, shift in zip(methods, np.linspace(-0.12, 0.12, len(methods)), strict=True):
+        own = limits[limits["method"] == method]
+        x = [at_mrad(row, 1.5 * most) for row in own.itertuples()]
+        y = np.array([names.index(name) for name in own["data"]]) + shift
+        axis.plot(x, y, label=method, **{**style(method), "linestyle": "none", "markersize": 5})
     axis.set_xscale("log")
     axis.set_xlim(0.9, 2 * most)
     ticks = [tick for tick in DEVIATIONS if tick <= most]

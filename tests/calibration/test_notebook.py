@@ -191,7 +191,6 @@ def test_every_other_result_has_a_form_for_notebooks():
         "Comparison of methods": uq.compare(poses, noise=NOISE, methods=["park", "4dpa"]),
         "Plan": uq.plan(poses, noise=NOISE, k=1),
         "Monte Carlo": uq.monte_carlo(poses, noise=NOISE, trials=100, seed=SEED),
-        "Sweep of the noise": uq.sweep(poses, noise=NOISE, factors=[1.0], trials=100, seed=SEED),
     }
     for title, found in results.items():
         html = found._repr_html_()

@@ -81,19 +81,6 @@ def test_json_figure_and_folder(run, session, tmp_path):
     assert (status, again["resumed"], again["covariance"]) == (0, 1500, data["covariance"])
 
 
-def test_a_sweep_into_a_folder(run, tmp_path):
-    arguments = (*OPTIONS, "--method", "4dpa", "--trials", 100, "--sweep-noise", "1,3", "-o", tmp_path / "sweep")
-    status, out, err = run(*arguments)
-    assert (status, err) == (0, "")
-    kinds = ("json", "csv", "png", "svg")
-    said = " ".join(out.partition("Wrote ")[2].split())
-    assert said == f"sweep.json, sweep.csv, sweep.png and sweep.svg to {tmp_path / 'sweep'}"
-    assert sorted(os.listdir(tmp_path / "sweep")) == ["run", *sorted(f"sweep.{kind}" for kind in kinds)]
-    assert run(*arguments, "--json")[0] == 2  # there is a run
-    before = (tmp_path / "sweep" / "sweep.json").read_text()
-    assert run(*arguments, "--json", "--resume")[1] == before == (tmp_path / "sweep" / "sweep.json").read_text()
-
-
 def test_several_methods(run, tmp_path):
     options = ("--trials", 300, "--method", "4dpa,park", "--method", "Efficient", "--workers", 1)
     status, out, err = run(*OPTIONS, *options, "-o", tmp_path / "run", "--figure", tmp_path / "f.png")
@@ -147,8 +134,6 @@ def test_all_cores_unless_told(run, monkeypatch):
         (("-o", "robot.csv"), "expected a folder, got a file"),
         (("--figure", "figure.txt"), ".png or .svg"),
         (("--figure", "nowhere/figure.png"), "there is no folder nowhere; make it first"),
-        (("--sweep-noise", "1,x"), "--sweep-noise to be numbers"),
-        (("--sweep-noise", "1,3", "--digits", "2"), "--sweep-noise cannot be combined with --digits"),
     ],
     ids=str,
 )

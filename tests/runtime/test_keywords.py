@@ -8,7 +8,6 @@ import uq_handeye as uq
 
 TAKEN = {
     "monte_carlo": {"trials", "digits", "workers", "executor", "directory", "resume", "progress"},
-    "sweep": {"directory", "resume", "progress"},
     "cross_check": {"workers", "executor", "directory", "resume", "progress"},
     "sample_posterior": {"file", "resume", "progress"},
     "simulate": {"X", "W", "distance", "tilt", "roll"},

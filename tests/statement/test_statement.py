@@ -126,10 +126,10 @@ def test_the_json_says_it_too(given):
 
 
 def test_every_caution_of_the_program_has_a_phrase():
-    """Codes that can be more than a note in a calibration; the others are of streams, sweeps and chains."""
+    """Codes that can be more than a note in a calibration; the others are of streams and chains."""
     import uq_handeye.calibration.calibrate  # noqa: F401  registers the sentences
 
-    elsewhere = ("synchronisation.", "sweep.", "posterior.", "monte_carlo.", "stored.", "tests.", "verification.")
+    elsewhere = ("synchronisation.", "posterior.", "monte_carlo.", "stored.", "tests.", "verification.")
     elsewhere += ("maintenance.",)
     notes = {
         *("diagnostics.direction", "diagnostics.joint_spectrum", "diagnostics.turning", "diagnostics.information"),

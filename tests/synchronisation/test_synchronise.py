@@ -447,7 +447,6 @@ def test_what_does_not_take_it_in_says_so(plain):
         ("plan", lambda poses, noise: uq.plan(poses, noise=noise, k=1)),
         ("monte_carlo", lambda poses, noise: uq.monte_carlo(poses, noise=noise, trials=50, seed=SEED)),
         ("sigma_points", lambda poses, noise: uq.sigma_points(poses, noise=noise, rounds=10)),
-        ("sweep", lambda poses, noise: uq.sweep(poses, noise=noise, factors=[1.0], trials=100, seed=SEED)),
     ],
 )
 def test_what_takes_the_offset_as_exact_says_so(plain, name, call):

@@ -1,25 +1,19 @@
-"""Runs of levels and of several methods: killed at any moment by kill -9 and resumed to the same bits."""
+"""Runs of several methods: killed at any moment by kill -9 and resumed to the same bits."""
 
 import os
 import random
 import signal
 import time
 
-import numpy as np
 import pytest
 from monte_carlo_cases import NOISE, poses_of_program, start
 from support import SEED
 
 import uq_handeye as uq
-from uq_handeye import InputError, InputWarning
-from uq_handeye.trials.validation.sweep import run as sweep_module
+from uq_handeye import InputError
 
 OTHER = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.6mm"))
-FACTORS = np.geomspace(1, 900, 8).tolist()
-OPTIONS = {
-    "sweep": {"methods": ["4dpa", "efficient"], "factors": FACTORS, "trials": 500, "seed": SEED},
-    "cross_check": {"trials": 3000, "seed": SEED},
-}
+OPTIONS = {"trials": 3000, "seed": SEED}
 PROGRAM = """
 import sys
 import uq_handeye as uq
@@ -27,19 +21,17 @@ import uq_handeye as uq
 noise = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
 poses = uq.simulate(12, noise=noise, seed=7)
 print("ready", flush=True)
-uq.{name}(poses, noise=noise, directory=sys.argv[1], resume=True, **{options!r})
+uq.cross_check(poses, noise=noise, directory=sys.argv[1], resume=True, **{options!r})
 print("ended", flush=True)
 """
 
 
-def run(name, **kept):
-    return getattr(uq, name)(poses_of_program(), noise=NOISE, **OPTIONS[name], **kept)
+def run(**kept):
+    return uq.cross_check(poses_of_program(), noise=NOISE, **OPTIONS, **kept)
 
 
 def numbers(result):
     """Everything but the time taken."""
-    if isinstance(result, uq.Sweep):
-        return result.to_json()
     rows = [row.to_dict() | {"seconds": 0} for row in result.rows]
     chain = None if result.posterior is None else result.posterior.chain.tobytes()
     return rows, [run.errors.tobytes() for run in result.runs.values()], chain
@@ -49,16 +41,11 @@ def kept(folder):
     return [path for path in folder.rglob("*") if path.suffix in (".npz", ".h5")]
 
 
-@pytest.fixture(scope="module", params=list(OPTIONS))
-def whole(request):
-    return request.param, run(request.param)
-
-
 @pytest.mark.skipif(os.name == "nt", reason="no kill -9")
-def test_killed_at_any_moment_and_resumed(whole, tmp_path):
-    name, reference = whole
+def test_killed_at_any_moment_and_resumed(tmp_path):
+    reference = run()
     program, folder, clock = tmp_path / "program.py", tmp_path / "run", random.Random(SEED)
-    program.write_text(PROGRAM.format(name=name, options=OPTIONS[name]))
+    program.write_text(PROGRAM.format(options=OPTIONS))
     for _ in range(2):
         before = len(kept(folder))
         process = start(program, folder)
@@ -72,18 +59,8 @@ def test_killed_at_any_moment_and_resumed(whole, tmp_path):
         finally:
             process.kill()
     assert len(kept(folder)) >= 4
-    assert numbers(run(name, directory=folder, resume=True)) == numbers(reference)
+    assert numbers(run(directory=folder, resume=True)) == numbers(reference)
     assert not list(folder.rglob(".uq-handeye-*"))
-
-
-def test_what_is_there_is_not_worked_out_again(tmp_path, monkeypatch):
-    first = run("sweep", directory=tmp_path / "run")
-    monkeypatch.setattr(sweep_module, "drawn", lambda task: pytest.fail("computed again"))
-    assert run("sweep", directory=tmp_path / "run", resume=True).to_json() == first.to_json()
-    with pytest.raises(InputError, match="is not empty: go on with the run in it by resume=True"):
-        run("sweep", directory=tmp_path / "run")
-    with pytest.raises(InputError, match=r"differs in seed \("):
-        uq.sweep(poses_of_program(), noise=NOISE, directory=tmp_path / "run", resume=True, trials=500, seed=SEED + 1)
 
 
 def test_another_cross_check_is_refused(tmp_path):
@@ -97,17 +74,6 @@ def test_another_cross_check_is_refused(tmp_path):
         uq.cross_check(poses_of_program(), resume=True, **options | {"noise": OTHER})
     with pytest.raises(InputError, match="a `directory` with resume=True, that of the cross-check"):
         uq.cross_check(poses_of_program(), noise=NOISE, resume=True)
-
-
-def test_a_damaged_level_is_made_again(tmp_path):
-    first = run("sweep", directory=tmp_path / "run")
-    for path in kept(tmp_path)[:2]:
-        data = bytearray(path.read_bytes())
-        data[len(data) // 2] ^= 1
-        path.write_bytes(data)
-    with pytest.warns(InputWarning, match="Levels that were damaged or of another run were computed again: .*npz, "):
-        assert run("sweep", directory=tmp_path / "run", resume=True).to_json() == first.to_json()
-    assert np.load(kept(tmp_path)[0])["errors"].shape == (500, 6)
 
 
 def test_a_disk_that_is_full_is_no_row(tmp_path, monkeypatch):

@@ -163,7 +163,7 @@ class Estimated(Named, Record):
     def used(self) -> tuple[PosePairs | Motions, Noise]:
         """Data and noise of which X is the plain fit: the poses that count, the noise of each divided by its weight.
 
-        `monte_carlo`, `sweep`, `sample_posterior` and `cross_check`, given the calibration itself, start from these, so
+        `monte_carlo`, `sample_posterior` and `cross_check`, given the calibration itself, start from these, so
         that all of them speak of this X. Raises `InputError` where there are no poses or there is no noise.
         """
         data = self.counted

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from ...core.files.lines import floats, frame_text
+from ...core.files.lines import frame_text
 from ...core.runtime.threads import cores
 from ...errors import InputError
 from ..delivery import REPORTS, deliver, deliver_answer, write_report, wrote
@@ -37,8 +37,6 @@ class Simulation:
       --covariance NAME <model|each>: Covariance to check: model (of the method at the true poses) or each (reported by
         each trial).
       --scale D: Scaling factor d of 4dpa. Default: its limit, in closed form.
-      * --sweep-noise FACTORS: Factors of the noise covariance, e.g. 1,3,10,30,100. Finds the noise level beyond which
-        the covariance is no longer valid.
       --scheduler ADDRESS: Dask scheduler whose workers run the trials, e.g. tcp://HOST:8786.
     """
 
@@ -49,26 +47,8 @@ class Simulation:
     covariance: str = "model"
     pairs: str = "all"
     scale: float | None = None
-    sweep_noise: str | None = None
     workers: int | None = None
     scheduler: str | None = None
-
-    def factors(self) -> list[float] | None:
-        """Return the factors of a sweep; None: there is none. Raises `InputError` for what does not go with one."""
-        if self.sweep_noise is None:
-            return None
-        others = {
-            "--digits": self.digits,
-            "--scheduler": self.scheduler,
-            "--scale": self.scale,
-            "--covariance each": self.covariance == "each" or None,
-        }
-        for option, value in others.items():
-            if value is not None:
-                raise InputError(f"--sweep-noise cannot be combined with {option}. Remove it.")
-        if (found := floats(self.sweep_noise.split(","))) is None:
-            raise InputError(f"Expected --sweep-noise to be numbers such as 1,3,10,30,100, got {self.sweep_noise!r}.")
-        return found
 
 
 def validate_command(
@@ -87,8 +67,6 @@ def validate_command(
       # With known noise, two methods, results kept
       uq-handeye validate robot.csv camera.csv --method efficient,park \
           --robot-noise 0.02deg,0.05mm --camera-noise 0.1deg,0.5mm -o runs/
-      # Noise level beyond which the covariance is no longer valid
-      uq-handeye validate robot.csv camera.csv --sweep-noise 1,3,10,30,100
 
     Noise is simulated around the fitted poses, X is estimated in each trial, and
     the scatter of X is compared with the reported covariance. Noise that is not
@@ -100,8 +78,7 @@ def validate_command(
 
     Options (Output):
       * -o, --output DIR <named_folder>: Folder for results and trials, for --resume. It holds result.json,
-        validation.csv, validation.png, validation.svg and the trials (chunks/); several methods: a folder each. With
-        --sweep-noise: sweep.json, sweep.csv, sweep.png, sweep.svg and the levels (run/).
+        validation.csv, validation.png, validation.svg and the trials (chunks/); several methods: a folder each.
       * --figure FILE: Figure, .png or .svg, one per method.
       * --resume: Continue the run in -o DIR, or add trials to it.
     """
@@ -116,10 +93,6 @@ def validate_command(
         raise InputError(f"{output} holds the run of one method. Give its --method alone, or name a new folder.")
     _, problem = session.calibrated(pairs, **beforehand)
     workers = cores() if asked.workers is None else asked.workers
-    if (factors := asked.factors()) is not None:
-        options = {"seed": asked.seed, "pairs": pairs, **_kept(output, resume)}
-        options |= {} if asked.trials is None else {"trials": asked.trials}
-        return _sweep(problem, names, factors, options, figure, as_json, output)
 
     from ...read import json_text
     from ...trials.validation.sentences import INTERRUPTED as ENDED_BY_HAND
@@ -180,34 +153,9 @@ def _simulated(
                 return
 
 
-def _kept(output: Path | None, resume: bool) -> dict[str, Any]:
-    """Return where a sweep or a cross-check keeps what is done, in the folder of its results."""
-    return {"directory": None if output is None else output / "run", "resume": resume}
-
-
 def _folder(output: Path | None, name: str, names: list[str]) -> Path | None:
     """Return the folder of a method, which has its own if there are several."""
     return output if output is None or len(names) == 1 else output / name
-
-
-def _sweep(
-    problem: dict[str, Any],
-    methods: list[str],
-    factors: list[float],
-    options: dict[str, Any],
-    figure: Path | None,
-    as_json: bool,
-    output: Path | None,
-) -> int:
-    from ...core.presentation.document import document_of
-    from ...trials.validation.sweep.run import sweep
-
-    result = sweep(**problem, methods=methods, factors=factors, progress=progress_wanted(), **options)
-    said = document_of(result, verbose=verbose())
-    deliver_answer(result.to_json(), said, as_json, output, lambda: _files_of(result, "sweep"))
-    if figure is not None:
-        result.figure(figure)
-    return 0
 
 
 def _files_of(result: Any, stem: str) -> dict[str, Any]:
@@ -284,7 +232,8 @@ def cross_check_command(
     from ...trials.validation.sentences import INTERRUPTED as ENDED_BY_HAND
 
     result, problem = session.calibrated(asked.pairs)
-    how = vars(asked) | {"workers": cores() if asked.workers is None else asked.workers} | _kept(output, resume)
+    how = vars(asked) | {"workers": cores() if asked.workers is None else asked.workers}
+    how |= {"directory": None if output is None else output / "run", "resume": resume}
     with timed("cross-check"):
         check = cross_check(**problem, **how, progress=progress_wanted())
     said = document_of(check, verbose=verbose())

@@ -1,6 +1,6 @@
 r"""A run that can be ended at any moment, also by kill -9, and gone on with to the same bits.
 
-Model: a run is a set of pieces (the trials of a chunk, a level of noise, a chain). Each depends on its own name and on
+Model: a run is a set of pieces (the trials of a chunk, a chain). Each depends on its own name and on
 the identity of the run only: what the numbers depend on, large arrays by their SHA-256. A run is gone on with only
 where its identity is the same. What is kept of it is
 
@@ -345,14 +345,6 @@ class Run:
     def within(self, name: str, keyword: str = "directory") -> dict[str, Any]:
         """Return the keywords of a further run, in a folder or file of this one, that goes on with what is there."""
         return {} if self.path is None else {keyword: self.path / name, "resume": True}
-
-    def piece(self, name: str, make: Callable[[], Mapping[str, Any]], most: int) -> dict[str, NDArray[Any]]:
-        """The arrays of a piece: those that are kept, or those that ``make`` gives, which are kept then."""
-        kept = self.load(name, unpacked, most)
-        if kept is None:
-            kept = {name: np.asarray(value) for name, value in make().items()}
-            self.save(name, packed(kept))
-        return kept
 
 
 def packed(arrays: Mapping[str, Any]) -> bytes:

@@ -1,8 +1,7 @@
-"""Sentences of validations: how a Monte Carlo run ended, why a chain has not converged, why a covariance fails."""
+"""Sentences of validations: how a Monte Carlo run ended, and why a chain has not converged."""
 
 from __future__ import annotations
 
-from ...core.formatting.numbers import multiple
 from ...findings import sentence
 
 ALL = "monte_carlo.all_trials"
@@ -42,25 +41,3 @@ def _(part: str, name: str, effective: float | None, asked: int) -> str:
 
 def _number(value: float | None) -> str:
     return "unknown" if value is None else f"{value:.4g}"
-
-
-sentence("sweep.no_estimate", "{failures} of {trials} trials give no X.")
-
-
-@sentence("sweep.no_sigma_points")
-def _(failures: int | None, evaluations: int | None) -> str:
-    return f"{'All' if failures is None else f'{failures} of {evaluations}'} sigma points give no X."
-
-
-@sentence("sweep.size")
-def _(part: str, ratio: float) -> str:
-    return f"The {_of(part)}errors are {multiple(ratio)} times as large as predicted."
-
-
-@sentence("sweep.coverage")
-def _(part: str, share: float) -> str:
-    return f"The 95 % ellipsoid holds {100 * share:.3g} % of the {_of(part)}errors."
-
-
-def _of(part: str) -> str:
-    return "" if part == "joint" else f"{part} "

@@ -172,7 +172,6 @@ def number(value: float | np.floating[Any]) -> str:
 
 NEAR = 1.5  # times the standard deviations of the bound
 SLIGHTLY = 0.8  # times the standard deviations of 4DPA
-SWEEP = "`uq-handeye validate --sweep-noise` shows at which noise it ends"
 
 
 @dataclass(frozen=True)
@@ -265,7 +264,7 @@ def _sampled_equals(e: Evidence, method: str, key: str, what: str) -> Found:
     r = _of_run(e, method, key.format(own=e.own))
     text = f"standard deviations sampled are {r.text} those of {what}; {r.margin}{_left_out(e, method)}"
     worst, where = r.farthest
-    beyond = f"the noise is beyond first order for this method on these motions. {SWEEP}."
+    beyond = "the noise is beyond first order for this method on these motions."
     advice = (
         f"The errors are really {number(worst)} times what is reported in {where}: {beyond} Report the sampled "
         "covariance in its place, reduce the noise, or add motions that rotate about other axes."
@@ -307,7 +306,7 @@ def _posterior(e: Evidence) -> Found:
         text += f". 4DPA's own are {_range(beside)} times those of the posterior per axis: what 4DPA does not use"
     advice = (
         "What these data say of X is not a Gaussian with the covariance of the bound: the noise is beyond first "
-        f"order, or there are few data. Report the posterior (its intervals) in place of a covariance. {SWEEP}."
+        "order, or there are few data. Report the posterior (its intervals) in place of a covariance."
     )
     return r.equal, text, advice
 
@@ -327,7 +326,7 @@ def _none_below(e: Evidence) -> Found:
     advice = f"{_and(below)} would be better than any unbiased estimator can be. "
     if failed:
         advice += f"Trials of {_and(failed)} that gave no estimate are left out, which flatters the rest. "
-    advice += f"Else the estimate is biased, or the bound is not valid: the noise is beyond first order. {SWEEP}."
+    advice += "Else the estimate is biased, or the bound is not valid: the noise is beyond first order."
     text = f"{text}; {100 * TOLERANCE:g} % below it are tolerated"
     if untold and not below:
         return None, f"{text}. It cannot be told of {_and(untold)}: the errors have heavy tails", ""
@@ -349,7 +348,7 @@ def _nguyen_not_below(e: Evidence) -> Found:
     text = f"standard deviations are {r.text} the bound's"
     if e.shared:
         return None, f"{text}. {_UNKNOWING}", ""
-    advice = f"It promises more than any estimator can keep: the noise is beyond first order. {SWEEP}."
+    advice = "It promises more than any estimator can keep: the noise is beyond first order."
     return r.not_below, f"{text}; {100 * TOLERANCE:g} % below are tolerated", advice
 
 
@@ -443,7 +442,7 @@ def _shared(e: Evidence) -> Found:
         return None, f"{text}. For the pairs chosen it makes no difference", ""
     advice = "What pairs share does not show as it should. "
     if not right:
-        advice += f"The pose-aware covariance is wrong: the noise is beyond first order. {SWEEP}."
+        advice += "The pose-aware covariance is wrong: the noise is beyond first order."
     return small and right, text, advice
 
 

@@ -1,1 +1,0 @@
-"""Over which noise levels a covariance is consistent."""
