@@ -63,7 +63,10 @@ def level(data: Any, noise: uq.Noise, method: str, trials: int) -> dict[str, Any
     """Return one level as a row: the mean NEES of each part, coverage, bias, failures, and why it fails, if it does."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", uq.InputWarning)  # data as noisy as this look wrong, which is the point
-        run = uq.monte_carlo(data, noise=noise, method=method, trials=trials, seed=SEED)
+        try:
+            run = uq.monte_carlo(data, noise=noise, method=method, trials=trials, seed=SEED)
+        except uq.DegenerateMotionError:
+            return {"reason": "The noise is as large as the rotations: X is not determined."}
     row: dict[str, Any] = {f"mean_nees_{part}": nees for part, (nees, _, _) in run.nees.items()}
     row |= {"coverage_95": run.coverage.get(0.95), "failed": run.failures / run.trials}
     return row | {"reason": reason(run.nees, row["failed"])}
