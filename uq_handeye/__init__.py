@@ -83,7 +83,6 @@ if _typing.TYPE_CHECKING:
     from .rig.result import EstimatedPose, RigCalibration
     from .rig.simulation import simulate_rig
     from .trials.simulation.rig import simulate
-    from .trials.simulation.sigma_points import SigmaPoints, sigma_points
     from .trials.validation.cross_check.run import CrossCheck, cross_check
     from .trials.validation.monte_carlo.run import MonteCarlo, monte_carlo
     from .trials.validation.posterior.density import ScalePrior
@@ -155,7 +154,6 @@ __all__ = [
     "SeriesAlarm",
     "SharedError",
     "SharedEstimate",
-    "SigmaPoints",
     "SingularNoiseError",
     "Stream",
     "Synchronised",
@@ -219,7 +217,6 @@ __all__ = [
     "sample_posterior",
     "se3_from_so4",
     "series_alarm",
-    "sigma_points",
     "simulate",
     "simulate_rig",
     "so4_covariance",
@@ -353,10 +350,6 @@ _LATER = {
     "methods.propagation.propagate": ("propagate",),
     "model.shared_errors.shared_error": ("SharedError",),
     "trials.simulation.rig": ("simulate",),
-    "trials.simulation.sigma_points": (
-        "SigmaPoints",
-        "sigma_points",
-    ),
     "read.synchronisation.result": ("Synchronised",),
     "read.synchronisation.synchronise": ("synchronise",),
     "trials.validation.cross_check.run": ("CrossCheck", "cross_check"),

@@ -11,7 +11,6 @@ from uq_handeye.core.runtime.read_only import read_only
 from uq_handeye.fit.diagnostics.split_half import split_fit
 from uq_handeye.fit.input_checks.shifted_rows import find_shift
 from uq_handeye.fit.likelihood.robust import robust_fit
-from uq_handeye.trials.simulation.sigma_points import sigma_points
 
 
 @pytest.fixture(scope="module")
@@ -53,7 +52,6 @@ def test_other_results(poses):
         "monte_carlo": uq.monte_carlo(poses, noise=MODEL, method="4dpa", workers=1, **few),
         "plan": uq.plan(poses, noise=MODEL, k=2, sample=20),
         "compare": uq.compare(poses, noise=MODEL, methods=["park", "4dpa"]),
-        "sigma_points": sigma_points(poses, noise=MODEL),
         "efficient": uq.efficient(poses, MODEL),
         "robust": robust_fit(poses, MODEL),
         "split": split_fit(uq.efficient(poses, MODEL), poses, "interleaved"),

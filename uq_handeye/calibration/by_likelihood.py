@@ -63,7 +63,7 @@ from ..model.shared_errors.shared_error import (
     WRONG_SIZE,
 )
 from ..model.shared_errors.sizes import ROBOT_ACCURACY
-from .by_published import bare_result, by_sigma_points, estimate_unweighted, reference_for, reference_of
+from .by_published import bare_result, estimate_unweighted, reference_for, reference_of
 from .estimate.analysis import Analysis, FittedKinematics
 from .estimate.parts import FourDPA
 from .findings import (
@@ -77,7 +77,7 @@ from .findings import (
 )
 from .job import FEWEST_FOR_ROBUST, Job
 from .prediction.workspace import local_findings
-from .request import BUNDLE, OF_NOISE, of_motions
+from .request import BUNDLE, of_motions
 from .result import Calibration
 
 # Data whose residuals (rad, and relative to the longest translation) are smaller come from a simulation without noise.
@@ -191,7 +191,7 @@ def joint_model_of(job: Job, constraint: Constraint) -> JointModel:
     if (
         poses is not None
         and job.request.correlation == "auto"
-        and job.request.covariance in OF_NOISE
+        and job.request.covariance == "model"
         and job.given is None
     ):
         errors = (*errors, *assumed_drift(poses))
@@ -289,13 +289,11 @@ def _assembled(
             f"The motions leave a part of X open, for which only covariance='model' is available, got "
             f"{job.request.covariance!r}."
         )
-    if job.request.covariance == "sigma-points":
-        covariance, covariance_W = by_sigma_points(job, noise, robust), None
-    elif job.request.covariance != "model":
+    if job.request.covariance != "model":
         resample = resampled(data, job.method, job.request.covariance, fit=fit, seed=job.request.seed)
         covariance, covariance_W, reference = resample.covariance_X, resample.covariance_W, reference_of(resample)
     beside: dict[str, Array] = {}
-    if found is not None and job.request.covariance in OF_NOISE:
+    if found is not None and job.request.covariance == "model":
         beside[SIZES_OPEN] = found.spread
         if (motion := motion_in_session(fit, noise)) is not None:
             beside[MOTION] = motion

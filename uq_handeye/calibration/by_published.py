@@ -12,20 +12,17 @@ from ..errors import InputError, NotConvergedError
 from ..findings import Finding
 from ..fit.empirical_covariance.resampled import Resampled, resampled
 from ..fit.input_checks.checks import check_fit, check_motions, require_signal
-from ..fit.likelihood.gauss_helmert import ESTIMATORS, Fit, efficient
+from ..fit.likelihood.gauss_helmert import Fit, efficient
 from ..fit.likelihood.goodness_of_fit import Reference, components_of, effective_dof
-from ..fit.likelihood.robust import RobustFit
 from ..fit.one_model.noise_of_data import estimate_noise
 from ..methods.estimators.registry import ROBOT_WORLD_METHODS
 from ..methods.propagation.published_fit import Published, fit_published
 from ..model.noise.estimate import NoiseEstimate
 from ..model.noise.models import Noise, PoseNoise
-from ..model.poses.motions import Motions, Residuals, relative_motions, residuals, rotation_angles, summarise
-from ..model.poses.pose_pairs import PosePairs
+from ..model.poses.motions import Residuals, residuals, rotation_angles, summarise
 from ..model.poses.timing import left_out_of
 from .estimate.parts import Errors, Origin, Quality, Solution
 from .job import Job
-from .request import of_motions
 from .result import Calibration
 
 # Beyond this angle of X (rad) the errors of Tsai's Rodrigues vector grow by a factor of ten and more.
@@ -52,9 +49,7 @@ def by_published(job: Job) -> tuple[Calibration, list[Finding]]:
         noise = estimate.noise
         reference = reference_for(at_bound, estimate)
     covariance, covariance_W, doubts = found.covariances(noise, job.request.kind)
-    if job.request.covariance == "sigma-points":
-        covariance, covariance_W = by_sigma_points(job, noise, None), None
-    elif job.request.covariance != "model":
+    if job.request.covariance != "model":
         every_pair = job.everything is not None or job.method in ROBOT_WORLD_METHODS
         data = poses if poses is not None and every_pair else motions
         resample = resampled(data, job.method, job.request.covariance, X=found.X, noise=noise, seed=job.request.seed)
@@ -109,25 +104,6 @@ def bare_result(job: Job, X: Array, W: Array | None, of_pairs: Residuals, noise:
         errors=Errors(noise=noise),
         quality=Quality(residuals=of_pairs),
     )
-
-
-def by_sigma_points(job: Job, noise: Noise, robust: RobustFit | None) -> Array:
-    """The mean square error of X beyond first order, around the data as fitted, without those of no weight."""
-    from ..trials.simulation.sigma_points import sigma_points
-
-    data: PosePairs | Motions = job.motions
-    if job.poses is not None and not of_motions(noise):
-        measured = PosePairs(job.poses.robot, job.poses.camera, job.poses.setup)  # without the truth of a simulation
-        every_pair = job.everything is not None or job.method in (*ESTIMATORS, *ROBOT_WORLD_METHODS)
-        data = measured if every_pair or job.motions.pairs is None else relative_motions(measured, job.motions.pairs)
-    else:
-        data = Motions(job.motions.A, job.motions.B)
-    if robust is not None:
-        kept = np.flatnonzero(robust.weights)
-        data, noise = data.rows(kept), noise.rows(kept)
-    return sigma_points(
-        data, noise=noise, method=job.method, scale=job.request.scale, seed=job.request.seed
-    ).mean_square
 
 
 def reference_for(fit: Fit, estimate: NoiseEstimate | None) -> Reference:

@@ -25,9 +25,8 @@ from ..model.poses.pose_pairs import PosePairs, Selection, as_joint_values
 from ..model.shared_errors.shared_error import SharedError, listed_errors
 from ..model.shared_errors.sizes import SizeLike, checked_sizes
 
-# Covariances of the result: of the noise, to first order and beyond; and of the residuals.
-OF_NOISE = ("model", "sigma-points")
-COVARIANCES = (*OF_NOISE, *OF_RESIDUALS)
+# Covariances of the result: of the noise, and of the residuals.
+COVARIANCES = ("model", *OF_RESIDUALS)
 # What neighbouring poses have in common: looked for where the noise is estimated, or not.
 CORRELATIONS = ("auto", "none")
 # The full bundle adjustment on the corners (`rig_bundle`).
@@ -61,10 +60,9 @@ class Request:
         Scaling factor d of 4DPA; None is its limit (`solve`).
     kind : str or None
         How noise is propagated through a published method (`propagate`).
-    covariance : "model", "sigma-points", "sandwich", "hac", "jackknife" or "bootstrap"
-        ``model``: that of the noise, to first order; ``sigma-points``: the same beyond first order, about the true X
-        and of X alone (`simulation.sigma_points`); the others come from the residuals of the poses and need no noise
-        model (`empirical_covariance`).
+    covariance : "model", "sandwich", "hac", "jackknife" or "bootstrap"
+        ``model``: that of the noise, to first order (`monte_carlo` tests it, and samples it beyond first order); the
+        others come from the residuals of the poses and need no noise model (`empirical_covariance`).
     robust : bool or None
         Down-weight outliers and say which (`robust`), by ``efficient``, ``ml`` and ``bundle``. None does so from 5
         poses (or motions) on. Where no pose stands out the estimate is the plain one. False: all poses count in full.
@@ -84,8 +82,8 @@ class Request:
         noise given there are no defaults. ``[]``: none.
     correlation : "auto" or "none"
         Whether errors of neighbouring poses may be correlated: a drift of camera or target, or noise that is correlated
-        in time. ``auto`` estimates it with the noise, and where the data show some the covariance ("model" and
-        "sigma-points") contains it (`shared_errors.assumed`). With `noise` given it is tested, no more;
+        in time. ``auto`` estimates it with the noise, and where the data show some the covariance ("model") contains it
+        (`shared_errors.assumed`). With `noise` given it is tested, no more;
         ``bundle`` takes the poses as independent.
     joints : (n, L) or None
         Joint values of the robot at the poses, rad (prismatic: m), in the order of ``kinematics.names``; None:
@@ -137,10 +135,6 @@ class Request:
         if self.robust and not self.by_likelihood:
             raise InputError(f"Method {method!r} takes no robust weights; use efficient or ml.")
         require_one_of("covariance", self.covariance, COVARIANCES)
-        if self.covariance == "sigma-points" and self.kind is not None:
-            raise InputError(
-                f"Expected no kind={self.kind!r} with covariance='sigma-points': it is of first order only."
-            )
         require_one_of("correlation", self.correlation, CORRELATIONS)
         require_integer("seed", self.seed, 0)
         require_type("prior", self.prior, (NoisePrior, NoneType), "a NoisePrior or None")

@@ -146,7 +146,7 @@ def problem_for(
 
 
 METHODS = (*AT_THE_BOUND, BUNDLE, *PUBLISHED, *ROBOT_WORLD)
-OF_DATA = COVARIANCE_NAMES[2:]
+OF_DATA = COVARIANCE_NAMES[1:]
 
 
 @dataclass(frozen=True)
@@ -182,8 +182,7 @@ class Estimation:
       --scale D: Scaling factor d of 4dpa. Default: its limit, in closed form.
       --kind NAME <poses|pairs|literal>: Noise propagation of published methods: poses, pairs, or literal (noise of
         pairs).
-      --covariance NAME <COVARIANCE_NAMES>: Covariance of X: model, sigma-points (beyond first order), or one that needs
-        no noise model: {OF_DATA}.
+      --covariance NAME <COVARIANCE_NAMES>: Covariance of X: model, or one that needs no noise model: {OF_DATA}.
       --robust/--no-robust: Down-weighting of outliers. Default: on from 5 poses.
       --correlation NAME <auto|none>: Correlated errors of neighbouring poses (drift): auto (estimated and included in
         the covariance) or none (independent poses).

@@ -157,7 +157,7 @@ def forms_section(result: Calibration) -> Section:
 def scope_section(result: Calibration) -> Section:
     """Section of what the numbers mean, and what they do not contain."""
     facts = result.facts
-    meaning = f"All standard deviations are 1 sigma, {facts.order}, of {facts.source}. {included_words(result)}"
+    meaning = f"All standard deviations are 1 sigma, to first order, of {facts.source}. {included_words(result)}"
     known = [] if result.std is None else [Paragraph(meaning), Paragraph(facts.ellipsoid)]
     missing: Sequence[str] = (
         f"Systematic errors: {', '.join(not_included(result))}. All poses share them, they do not average out, and "
@@ -280,7 +280,7 @@ def _of_noise_alone(result: Calibration) -> str:
         return (
             f"; by the noise alone: the time offset, which the answer contains, adds to it (share {offset.share:.0%})"
         )
-    if result.covariance_kind not in ("model", "sigma-points"):
+    if result.covariance_kind != "model":
         return "; by the model of the noise, not by the covariance of the answer"
     return ""
 

@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 
 _SOURCES = {
     "model": "the noise given",
-    "sigma-points": "the noise given",
     "sandwich": "the residuals of the poses (sandwich)",
     "hac": "the residuals of the poses, with neighbours correlated (hac)",
     "jackknife": "the poses, leaving out one at a time (jackknife)",
@@ -67,7 +66,6 @@ class Facts:
     correlations: tuple[tuple[float, str, str], ...]  # of the components of (theta, tau), the strongest first
     ellipsoid: str  # what holds 95 % of all errors
     source: str  # where the standard deviations come from
-    order: str  # to which order they are
 
 
 def numbers_of(T: Array, covariance: Array | None, opened: Array | None) -> tuple[Number, ...]:
@@ -84,7 +82,7 @@ def facts_of(result: Estimated) -> Facts:
     pairs = [] if correlation is None else [(i, j) for i in range(6) for j in range(i + 1, 6)]
     found = [(float(correlation[i, j]), COMPONENTS[i], COMPONENTS[j]) for i, j in pairs if correlation is not None]
     source = _SOURCES[result.covariance_kind]
-    if result.noise_estimate is not None and result.covariance_kind in ("model", "sigma-points"):
+    if result.noise_estimate is not None and result.covariance_kind == "model":
         source = "the noise estimated"
     ellipsoid = f"There is no 95 % ellipsoid from so few poses ({result.reference})."
     if np.isfinite(limit):
@@ -98,7 +96,6 @@ def facts_of(result: Estimated) -> Facts:
         correlations=tuple(sorted(found, key=lambda pair: -abs(pair[0]))),
         ellipsoid=ellipsoid,
         source=source,
-        order="beyond first order" if result.covariance_kind == "sigma-points" else "to first order",
     )
 
 

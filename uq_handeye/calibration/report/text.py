@@ -105,7 +105,7 @@ def _scope(result: Calibration) -> list[Block]:
     if result.analysis is not None:
         within += " Shifts of X above are given as d, in standard deviations."
     shared = " and of the shared errors in the table" if result.shared else ""
-    scope = f"The standard deviations are 1 sigma, {facts.order}, of {facts.source}{shared}."
+    scope = f"The standard deviations are 1 sigma, to first order, of {facts.source}{shared}."
     return [Paragraph(within), Paragraph(f"{scope} {included_words(result)}")]
 
 

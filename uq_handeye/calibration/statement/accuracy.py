@@ -187,7 +187,7 @@ def part_name(source: str, together: bool) -> str:
 
 def budget_of_model(result: Estimated) -> Budget | None:
     """Return the budget whose sum is the covariance of X; None where there is none."""
-    return result.budget if result.has_budget and result.covariance_kind in ("model", "sigma-points") else None
+    return result.budget if result.has_budget and result.covariance_kind == "model" else None
 
 
 def point_ahead(result: Estimated, distance: float) -> tuple[float, float]:

@@ -23,7 +23,7 @@ sentence(
     "propagation.curved",
     "The first-order covariance of method {method!r} may be wrong by a large factor. The rotation of X is so uncertain "
     "that the translation follows it along a curve, {bend:~2} standard deviations off a straight line. Add motions "
-    "that rotate about other axes, or use sigma points.",
+    "that rotate about other axes, or take the covariance that Monte Carlo samples (uq-handeye validate).",
     check=NOISE,
     phrase="first order is not enough for this method",
     effect=3,

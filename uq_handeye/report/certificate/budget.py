@@ -33,8 +33,6 @@ from ...model.shared_errors.sizes import ROBOT_ACCURACY
 LEVEL = 0.95
 # End of the name of the smallest sources as one.
 OTHERS = " others"
-# Kinds of covariance that are the sum of the sources of a budget.
-_OF_SOURCES = ("model", "sigma-points")
 
 
 @dataclass(frozen=True)
@@ -66,7 +64,7 @@ class BudgetRow:
 
 def budget_of(result: Calibration) -> Budget | None:
     """Return the budget whose sum is the covariance of the result; None where there is none."""
-    return shown_budget(result) if result.covariance_kind in _OF_SOURCES else None
+    return shown_budget(result) if result.covariance_kind == "model" else None
 
 
 def budget_rows(result: Calibration, most: int | None = None) -> tuple[BudgetRow, ...]:
@@ -101,7 +99,7 @@ def _undivided(result: Calibration) -> tuple[BudgetRow, ...]:
     accuracy, dof = result.accuracy, result.reference.dof
     if accuracy is None:
         return ()
-    of_residuals = result.covariance_kind not in _OF_SOURCES
+    of_residuals = result.covariance_kind != "model"
     kind = "A" if of_residuals or result.noise_estimate is not None else "B"
     found = Input("covariance", NORMAL, result.facts.source)
     free = float("inf") if dof is None else float(dof)

@@ -94,12 +94,10 @@ _CLOCK = (1e9, 4e9)
 
 def method_of(result: Calibration) -> str:
     """Return how X and its uncertainty were evaluated."""
-    order = "second-order terms by sigma points" if result.covariance_kind == "sigma-points" else "first order"
     text = (
-        f"X by method {result.method}; covariance from {result.facts.source} ({order}, JCGM 100:2008, JCGM 102:2011)."
+        f"X by method {result.method}; covariance from {result.facts.source} (first order, JCGM 100:2008, JCGM "
+        "102:2011)."
     )
-    if result.covariance_kind == "sigma-points":
-        text += " The budget is to first order."
     if budget_of(result) is None:
         text += " This covariance is not divided by source."
     return text

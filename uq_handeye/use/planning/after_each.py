@@ -128,7 +128,7 @@ def limit_of(result: Calibration, verdict: Verdict | None) -> str | None:
     share make up most of the variance. Errors that are assumed by the residuals are too large at first: with these
     nothing is said of the limit of fewer than `ENOUGH` poses.
     """
-    if not result.has_budget or result.accuracy is None or result.covariance_kind not in ("model", "sigma-points"):
+    if not result.has_budget or result.accuracy is None or result.covariance_kind != "model":
         return None
     budget = result.budget
     together = any(" + " in source for source in budget.sources)
