@@ -66,7 +66,7 @@ def level(data: Any, noise: uq.Noise, method: str, trials: int) -> dict[str, Any
         try:
             run = uq.monte_carlo(data, noise=noise, method=method, trials=trials, seed=SEED)
         except uq.DegenerateMotionError:
-            return {"reason": "The noise is as large as the rotations: X is not determined."}
+            return {"reason": "Within this noise all motions rotate about one axis: X is not determined."}
     row: dict[str, Any] = {f"mean_nees_{part}": nees for part, (nees, _, _) in run.nees.items()}
     row |= {"coverage_95": run.coverage.get(0.95), "failed": run.failures / run.trials}
     return row | {"reason": reason(run.nees, row["failed"])}
