@@ -39,7 +39,7 @@ CELLS = {
     "robot 0.02 deg, 0.05 mm; camera 0.1 deg, 0.5 mm": (("0.02deg", "0.05mm"), ("0.1deg", "0.5mm")),
     "robot 0.1 deg, 0.1 mm; camera 0.1 deg, 0.3 mm": (("0.1deg", "0.1mm"), ("0.1deg", "0.3mm")),
 }
-KINDS = ("model", "sandwich", "jackknife", "bootstrap", "hac")
+KINDS = ("model", "sandwich", "bootstrap")
 CASES = (("eye-in-hand", 15), ("eye-in-hand", 30), ("eye-to-hand", 30))
 WRONG = ((40, 4), (20, 1), (10, 1), (6, 1))  # poses, wrong ones among them
 SPOILT = ("half turn of the board", "5 cm", "anything")

@@ -1,11 +1,10 @@
-"""Sandwich, hac, jackknife and bootstrap against brute force and against the sampling covariance."""
+"""Sandwich and bootstrap against brute force and against the sampling covariance."""
 
 from functools import cache
 
 import numpy as np
 import pytest
 from scipy import linalg, stats
-from scipy.signal import lfilter
 from support import (
     CONFIDENCE,
     SEED,
@@ -25,7 +24,7 @@ from support import (
 import uq_handeye as uq
 from uq_handeye.fit.empirical_covariance import sandwich as by_influence
 from uq_handeye.fit.empirical_covariance.resampled import KINDS, OfMethod, resampled
-from uq_handeye.fit.empirical_covariance.sandwich import hac_freedom, influence_of, of_known
+from uq_handeye.fit.empirical_covariance.sandwich import influence_of, of_known
 from uq_handeye.fit.likelihood.constraint import OnMotions, OnPoses
 from uq_handeye.fit.likelihood.gauss_helmert import efficient, fit
 from uq_handeye.fit.likelihood.goodness_of_fit import Reference
@@ -41,15 +40,6 @@ SMOOTH = [name for name, method in METHODS.items() if method.smooth]
 
 def sandwich(found):
     return influence_of(found).sandwich()
-
-
-def hac(found, lags=None):
-    at = influence_of(found)
-    return at.hac(at.automatic_lags() if lags is None else np.asarray(lags))
-
-
-def jackknife(found):
-    return influence_of(found).jackknife()
 
 
 def bootstrap(found, replicates=2000, seed=0):
@@ -118,28 +108,6 @@ def test_sandwich_is_CR2_of_the_dense_problem(weighted):
     assert np.abs(whitened_eigenvalues(sandwich(found), M) - 1).max() > 0.05  # it is not the model's
 
 
-def test_hac_is_the_double_sum_and_its_lag_that_of_newey_and_west():
-    _, found = one_fit(n=40)
-    c = influence_of(found).contributions
-    n = len(c)
-    distance = np.abs(np.subtract.outer(np.arange(n), np.arange(n)))
-    for lags in (0, 1, 4, 39):
-        weights = np.maximum(1 - distance / (lags + 1), 0.0)
-        value = hac(found, lags)
-        same_up_to(value, c.T @ weights @ c)
-        assert np.linalg.eigvalsh(value / np.sqrt(np.outer(np.diag(value), np.diag(value)))).min() > -1e-9
-        w = np.maximum(1 - np.abs(np.arange(-lags, lags + 1)) / (lags + 1), 0.0)
-        assert hac_freedom(10.0, np.asarray(lags)) == pytest.approx(10.0 / (w @ w))
-    same_up_to(hac(found, 0), sandwich(found))
-    q = int(4 * (n / 100) ** (2 / 9))
-    M_inverse = np.linalg.inv(found.covariance)
-    sigma = [sum(c[k] @ M_inverse @ c[k - j] for k in range(j, n)) / n for j in range(q + 1)]
-    s0, s1 = sigma[0] + 2 * sum(sigma[1:]), 2 * sum(j * sigma[j] for j in range(q + 1))
-    lag = int(1.1447 * ((s1 / s0) ** 2) ** (1 / 3) * n ** (1 / 3))
-    assert influence_of(found).automatic_lags() == min(lag, n // 4)
-    same_up_to(hac(found), hac(found, min(lag, n // 4)))
-
-
 def test_degrees_of_freedom_are_those_of_the_double_sum():
     _, found = one_fit(n=20)
     at = influence_of(found)
@@ -151,38 +119,9 @@ def test_degrees_of_freedom_are_those_of_the_double_sum():
     assert at.freedom == pytest.approx(42 / double, rel=1e-8)
 
 
-@pytest.mark.parametrize("weighted", [False, True])
-def test_jackknife_leaves_out_rows_of_the_linear_problem(weighted):
-    _, found = one_fit(weighted=weighted)
-    e, J = dense(found)
-    n = len(e) // 6
-    left = [np.arange(6 * n) // 6 != k for k in range(n)]
-    moves = np.array([-np.linalg.lstsq(J[rows], e[rows], rcond=None)[0] for rows in left])
-    same_up_to(influence_of(found).deletions(), moves, 1e-6)
-    assert_same_covariance(jackknife(found), (n - 1) / n * (n - 1) * np.cov(moves.T), 1e-6)
-
-
-def test_jackknife_is_that_of_full_fits_to_first_order():
-    """The difference is of second order: ten times less noise, about ten times closer."""
-    errors = []
-    for scale in (1.0, 0.1):
-        noise = uq.PoseNoise(NOISE.robot * scale**2, NOISE.camera * scale**2)
-        poses = uq.simulate(16, noise=noise, seed=SEED)
-        found = efficient(poses, noise)
-        moves = []
-        for k in range(16):
-            rest = np.arange(16) != k
-            again = efficient(uq.PosePairs(poses.robot[rest], poses.camera[rest]), noise)
-            moves.append(np.concatenate([difference(again.X, found.X), difference(again.W, found.W)]))
-        reference = 15 / 16 * 15 * np.cov(np.array(moves).T)
-        errors.append(np.abs(whitened_eigenvalues(jackknife(found), reference) - 1).max())
-    assert errors[0] < 0.2
-    assert errors[1] < 0.3 * errors[0]
-
-
 @pytest.mark.parametrize("shared", [False, True])
-def test_what_is_known_beforehand_stays_known_without_a_pose(shared):
-    """Fits of all poses but one with the same prior; drawn again, the prior is drawn neither."""
+def test_what_is_known_beforehand_is_not_drawn(shared):
+    """The prior is the same for every draw of the poses, so that the draws vary less than without it."""
     n = 16
     small = uq.PoseNoise(0.01 * NOISE.robot, 0.01 * NOISE.camera)
     poses = uq.simulate(n, noise=small, seed=SEED)
@@ -194,19 +133,12 @@ def test_what_is_known_beforehand_stays_known_without_a_pose(shared):
         camera = uq.JointCovariance(np.tile(small.camera, (n, 1, 1)), scale.at(poses) * 1e-3, ("target scale",))
     noise = uq.PoseNoise(small.robot, camera, prior=prior)
     found = efficient(poses, noise)
-    moves = []
-    for k in range(n):
-        rest = np.arange(n) != k
-        again = efficient(uq.PosePairs(poses.robot[rest], poses.camera[rest]), noise.rows(np.flatnonzero(rest)))
-        moves.append(np.concatenate([difference(again.X, found.X), difference(again.W, found.W)]))
     at = influence_of(found)
-    same_up_to(at.deletions()[:, :12] / np.linalg.norm(moves, axis=0), moves / np.linalg.norm(moves, axis=0), 0.05)
     # what residuals can say and what was known beforehand are all of it, on average
     assert_same_covariance(at.covariance[:12, :12] + of_known(found), found.covariance, 1e-6)
-    drawn, jackknifed = bootstrap(found).covariance, at.jackknife()
-    assert np.abs(whitened_eigenvalues(drawn[:6, :6], jackknifed[:6, :6]) - 1).max() < 0.5
+    drawn = bootstrap(found)
     without = efficient(poses, uq.PoseNoise(small.robot, camera))
-    assert whitened_eigenvalues(bootstrap(without).covariance[:6, :6], drawn[:6, :6]).min() > 1.2  # the test tells
+    assert whitened_eigenvalues(bootstrap(without)[:6, :6], drawn[:6, :6]).min() > 1.2
 
 
 def test_bootstrap_solves_the_linear_problem_with_repeated_rows(monkeypatch):
@@ -219,28 +151,24 @@ def test_bootstrap_solves_the_linear_problem_with_repeated_rows(monkeypatch):
         rows = np.repeat(np.arange(6 * n).reshape(n, 6), row, axis=0).ravel()
         moves.append(-np.linalg.lstsq(J[rows], e[rows], rcond=None)[0])
     value = bootstrap(found, 40, seed=5)
-    assert value.replicates == 40
-    assert value.singular == 0
-    assert_same_covariance(value.covariance, np.cov(np.array(moves).T), 1e-6)
+    assert_same_covariance(value, np.cov(np.array(moves).T), 1e-6)
     monkeypatch.setattr(by_influence, "AT_ONCE", 3000)  # some 7 draws at once
-    assert_same_covariance(bootstrap(found, 40, seed=5).covariance, value.covariance, 1e-9)
-    assert np.abs(bootstrap(found, 40, seed=6).covariance - value.covariance).max() > 0
+    assert_same_covariance(bootstrap(found, 40, seed=5), value, 1e-9)
+    assert np.abs(bootstrap(found, 40, seed=6) - value).max() > 0
 
 
-def test_draws_of_too_few_poses_are_counted():
+def test_draws_of_too_few_poses_are_left_out():
     _, found = one_fit(n=7)
     counts = np.random.default_rng(0).multinomial(7, np.full(7, 1 / 7), size=4000)
+    assert ((counts > 0).sum(axis=1) < 3).any()
     value = bootstrap(found, 4000)
-    assert value.singular == ((counts > 0).sum(axis=1) < 3).sum() > 0
-    assert np.isfinite(value.covariance).all()
-    of_fit = resampled(one_fit(n=7)[0], "efficient", "bootstrap", fit=found, replicates=4000)
-    assert of_fit.details == {"replicates": 4000, "singular": value.singular}
+    assert np.isfinite(value).all() and np.sqrt(np.diag(value)).max() < 10 * np.sqrt(np.diag(found.covariance)).max()
 
 
 # --------------------------------------------------------------------------------- against the sampling covariance
 
 
-def test_with_the_true_noise_model_the_sandwich_is_unbiased_and_the_jackknife_conservative():
+def test_with_the_true_noise_model_the_sandwich_is_unbiased():
     poses, found = simulated()
     trials = len(found.X)
     errors = np.concatenate([difference(found.X, poses.truth.X), difference(found.W, poses.truth.W)], axis=1)
@@ -248,9 +176,6 @@ def test_with_the_true_noise_model_the_sandwich_is_unbiased_and_the_jackknife_co
     S, freedom = sandwich(found), trials * freedom_of_simulated()
     assert_same_covariance(S.mean(axis=0), model, edge(freedom, 12))
     assert_same_covariance(S.mean(axis=0), sampled, edge(trials, 12))
-    conservative = whitened_eigenvalues(jackknife(found).mean(axis=0), model)
-    assert 1.02 < conservative.mean() < 1.10  # measured 1.055
-    assert conservative.min() > 1 - edge(freedom, 12)
     # residuals that are taken as they are make it too small
     at = influence_of(found)
     raw = (at.B @ at.residual[..., None])[..., 0]
@@ -260,7 +185,7 @@ def test_with_the_true_noise_model_the_sandwich_is_unbiased_and_the_jackknife_co
 def test_bootstrap_has_the_size_of_the_sampling_covariance():
     poses, _ = simulated()
     found = efficient(some(poses, 300), NOISE)
-    ratio = whitened_eigenvalues(bootstrap(found, 150).covariance.mean(axis=0), found.covariance.mean(axis=0))
+    ratio = whitened_eigenvalues(bootstrap(found, 150).mean(axis=0), found.covariance.mean(axis=0))
     assert 0.92 < ratio.mean() < 1.02  # measured 0.97
     assert ratio.min() > 0.75
     assert ratio.max() < 1.2
@@ -285,35 +210,8 @@ def test_where_every_third_pose_is_worse_the_sandwich_is_right_and_the_model_is_
     found = efficient(poses, NOISE)
     errors = difference(found.X, poses.truth.X)
     sampled = errors.T @ errors / trials
-    for covariance in (sandwich(found), jackknife(found)):
-        assert_same_covariance(covariance[:, :6, :6].mean(axis=0), sampled, edge(trials, 6) + 0.05)
+    assert_same_covariance(sandwich(found)[:, :6, :6].mean(axis=0), sampled, edge(trials, 6) + 0.05)
     assert whitened_eigenvalues(found.covariance_X.mean(axis=0), sampled).max() < 0.3
-
-
-def test_with_autocorrelated_errors_hac_is_closer_to_the_truth():
-    """A video: a smooth path, errors with the correlation 0.8 between neighbours."""
-    n, trials, rho = 200, 300, 0.8
-    rng = np.random.default_rng(SEED)
-    X, W = (
-        transforms(rotations(np.array(v)), np.array(t))
-        for v, t in (((0.1, 2, 1), (0, 0.1, 0.1)), ((1, 0, 0.5), (1, 0, 0)))
-    )
-    s = np.linspace(0, 1, n)[:, None] * 2 * np.pi
-    G = transforms(
-        rotations(np.concatenate([np.sin(2 * s), np.cos(3 * s), 0.8 * np.sin(s + 1)], axis=1)),
-        np.concatenate([0.3 * np.sin(s), 0.3 * np.cos(2 * s), 0.5 + 0.2 * np.sin(3 * s)], axis=1),
-    )
-    C = np.linalg.inv(X) @ np.linalg.inv(G) @ W
-    white = rng.normal(size=(trials, n + 50, 6)) * np.sqrt(1 - rho**2)
-    errors = lfilter([1.0], [1.0, -rho], white, axis=1)[:, 50:] * 1e-3
-    noise = uq.PoseNoise.isotropic(camera=("1mrad", "1mm"))
-    found = efficient(uq.PosePairs(np.broadcast_to(G, (trials, n, 4, 4)), moved(C, errors)), noise)
-    xi = difference(found.X, X)
-    sampled = xi.T @ xi / trials
-    shares = [np.trace(np.linalg.solve(sampled, S[:, :6, :6].mean(axis=0))) / 6 for S in (sandwich(found), hac(found))]
-    # measured 0.11 and 0.53
-    assert shares[0] < 0.3
-    assert shares[0] + 0.25 < shares[1] < 1.0
 
 
 def test_sandwich_of_4dpa_is_the_sampling_covariance():
@@ -380,38 +278,6 @@ def solved_again(method, poses, rows, noise=None):
     return X, mean_target(drawn, X)
 
 
-@pytest.mark.parametrize("method", ["4dpa", "park", "shah", "nguyen"])
-def test_jackknife_of_other_methods_is_that_of_solving_again_to_first_order(method):
-    """A pose brings its pairs: what these share is of the order of 1/n, and the rest of second order in the noise."""
-    noise, n = uq.PoseNoise(0.01 * NOISE.robot, 0.01 * NOISE.camera), 64
-    poses = uq.simulate(n, noise=noise, seed=SEED)
-    beside = noise if method == "nguyen" else None
-    found = resampled(poses, method, "jackknife", noise=beside)
-    whole = solved_again(method, poses, np.arange(n), beside)
-    moves = []
-    for k in range(n):
-        again = solved_again(method, poses, np.flatnonzero(np.arange(n) != k), beside)
-        moves.append(np.concatenate([difference(a, b) for a, b in zip(again, whole, strict=True)]))
-    reference = (n - 1) / n * (n - 1) * np.cov(np.array(moves).T)
-    assert np.abs(whitened_eigenvalues(found.covariance, reference) - 1).max() < 0.15
-    assert (found.clusters, found.cluster) == (n, "poses")
-
-
-@pytest.mark.parametrize("method", ["li", "shah"])
-def test_jackknife_of_few_poses_has_the_size_of_the_sampling_covariance(method):
-    """Also of a method with more unknowns than X and W, of which solving again without a pose is another problem."""
-    trials, n = 400, 16
-    poses = uq.simulate(n, noise=NOISE, trials=trials, seed=SEED)
-    X, _ = ROBOT_WORLD_METHODS[method](poses)
-    errors = difference(X, poses.truth.X)
-    sampled = errors.T @ errors / trials
-    found = [resampled(uq.PosePairs(poses.robot[k], poses.camera[k]), method, "jackknife") for k in range(200)]
-    ratio = whitened_eigenvalues(np.mean([one.covariance_X for one in found], axis=0), sampled)
-    print(method, ratio)
-    assert ratio.min() > 0.8
-    assert ratio.max() < 1.7
-
-
 @pytest.mark.parametrize("method", ["4dpa", "shah"])
 def test_bootstrap_of_other_methods_is_that_of_solving_again_to_first_order(method):
     noise = uq.PoseNoise(0.01 * NOISE.robot, 0.01 * NOISE.camera)
@@ -446,7 +312,7 @@ def test_on_motions_the_clusters_are_motions(rng):
     for method in ("efficient", "4dpa", "park"):
         values = [resampled(one, method, kind, noise=noise, replicates=300) for kind in KINDS]
         assert all(r.cluster == "motions" and r.clusters == 25 and r.covariance_W is None for r in values)
-        ratio = [whitened_eigenvalues(r.covariance_X, values[0].covariance_X) for r in values[2:]]
+        ratio = [whitened_eigenvalues(r.covariance_X, values[0].covariance_X) for r in values[1:]]
         assert np.min(ratio) > 0.4
         assert np.max(ratio) < 3.0
 
@@ -466,7 +332,7 @@ def test_sensitivities_on_motions_are_numerical_ones(rng):
 def test_joint_noise_is_refused():
     poses = uq.simulate(10, noise=NOISE, seed=SEED)
     joint = uq.PoseNoise(camera=np.kron(np.eye(10) + 0.5, NOISE.camera))
-    for call in (sandwich, hac, jackknife, bootstrap):
+    for call in (sandwich, bootstrap):
         with pytest.raises(uq.InputError, match="joint"):
             call(efficient(poses, joint))
     with pytest.raises(uq.InputError, match="joint"):
@@ -486,25 +352,24 @@ def test_too_few_poses_and_a_pose_that_carries_all_are_refused(rng):
     C = np.linalg.inv(X) @ np.linalg.inv(G) @ W
     small = uq.PoseNoise.isotropic(camera=(1e-5, 1e-5))
     poses = uq.PosePairs(G, moved(C, 1e-5 * rng.normal(size=(10, 6))))
-    for call in (sandwich, jackknife):
-        with pytest.raises(uq.DegenerateMotionError, match=r"Without pose \(or motion\) 4 the"):
-            call(efficient(poses, small))
+    with pytest.raises(uq.DegenerateMotionError, match=r"Without pose \(or motion\) 4 the"):
+        sandwich(efficient(poses, small))
 
 
 def test_what_a_method_does_not_allow_is_said():
     poses, _ = one_fit()
     consecutive = uq.relative_motions(poses)
     for arguments, options, message in (
-        ((poses, "li", "bootstrap"), {}, "Choose 'jackknife' or 'sandwich'"),
+        ((poses, "li", "bootstrap"), {}, "Choose 'sandwich'"),
         ((poses, "zhao", "sandwich"), {}, "no smooth function"),
-        ((poses, "nguyen", "jackknife"), {}, "give the `noise`"),
+        ((poses, "nguyen", "sandwich"), {}, "give the `noise`"),
         ((poses, "efficient", "sandwich"), {}, "give `noise`, or the `fit`"),
-        ((uq.Motions(consecutive.A, consecutive.B), "shah", "jackknife"), {}, "needs poses"),
+        ((uq.Motions(consecutive.A, consecutive.B), "shah", "bootstrap"), {}, "needs poses"),
         ((poses, "4dpa", "other"), {}, "Expected `kind`"),
-        ((poses, "other", "hac"), {}, "Expected `method`"),
-        (("poses", "4dpa", "hac"), {}, "Expected `data`"),
+        ((poses, "other", "sandwich"), {}, "Expected `method`"),
+        (("poses", "4dpa", "sandwich"), {}, "Expected `data`"),
         ((poses, "4dpa", "bootstrap"), {"replicates": 1}, "Expected `replicates`"),
-        ((simulated()[0], "4dpa", "hac"), {}, "one data set"),
+        ((simulated()[0], "4dpa", "sandwich"), {}, "one data set"),
     ):
         with pytest.raises(uq.InputError, match=message):
             resampled(*arguments, **options)
@@ -524,6 +389,5 @@ def test_poses_of_weight_zero_are_no_clusters():
     start = start_of(poses, constraint, None)
     found = fit(constraint, NOISE, start, 1, rest.astype(float))
     without = fit(OnPoses(poses.robot[rest], poses.camera[rest], False), NOISE, start, 1)
-    for kind in (sandwich, jackknife):
-        assert_same_covariance(kind(found), kind(without), 1e-6)
-    assert resampled(poses, "efficient", "jackknife", fit=found).clusters == 15
+    assert_same_covariance(sandwich(found), sandwich(without), 1e-6)
+    assert resampled(poses, "efficient", "bootstrap", fit=found).clusters == 15

@@ -90,7 +90,7 @@ CASES = {
     "motions": bare_motions,
     "published": lambda: uq.calibrate(simulated(), noise=NOISE, method="park"),
     "exact": lambda: uq.calibrate(uq.simulate(n_poses=6, seed=SEED)),
-    "three poses, jackknife": lambda: replace(
+    "three poses, Hotelling": lambda: replace(
         uq.calibrate(uq.simulate(n_poses=4, noise=NOISE, seed=SEED), noise=NOISE),
         reference=uq.fit.likelihood.goodness_of_fit.Reference("Hotelling", 3.0),
     ),
@@ -118,7 +118,7 @@ def test_every_kind_of_result_has_every_section(case, quick):
         "published": ("observability", "by the methods efficient and ml, not by park."),
         "exact": ("answer", "The accuracy of gripper_T_camera is not known"),
         "loaded": ("rig", "the stored result holds no poses"),
-        "three poses, jackknife": ("scope", "There is no 95 % ellipsoid from so few poses"),
+        "three poses, Hotelling": ("scope", "There is no 95 % ellipsoid from so few poses"),
         "estimated": ("noise", "Noise, estimated from the residuals"),
         "eye-to-hand": ("x", "X: the camera in the base frame"),
     }[case]

@@ -153,7 +153,7 @@ def test_one_axis_only_is_an_answer_in_part(tmp_path, capsys):
 @pytest.mark.parametrize(
     "option",
     [
-        "--covariance jackknife", "--prior-x x", "--pair time", "--setup eye-to-hand", "--exclude 3",
+        "--covariance sandwich", "--prior-x x", "--pair time", "--setup eye-to-hand", "--exclude 3",
         "--size robot accuracy=1mm", "--images x*.png", "--urdf arm.urdf",
     ],
 )  # fmt: skip
@@ -207,7 +207,7 @@ def test_cameras_by_name_are_the_rig_file_that_says_so(two_on_the_hand, capsys):
         (["--camera", "third=none.csv"], "none.csv"),
         (["--camera", "third"], "NAME=FILE"),
         (["--pair", "async"], "--pair async: not for several cameras"),
-        (["--covariance", "jackknife"], "--covariance: not for several cameras"),
+        (["--covariance", "sandwich"], "--covariance: not for several cameras"),
         (["--exclude", "3"], "--exclude: not for several cameras"),
         (["--robot-noise", "1mrad,1mm"], "of neither"),
     ],

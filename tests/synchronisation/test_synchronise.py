@@ -421,7 +421,7 @@ def test_calibrate_takes_the_offset_in(plain, method, robust, tmp_path):
     assert back.to_dict() == result.to_dict()
 
 
-@pytest.mark.parametrize("kind", ["sandwich", "hac", "jackknife", "bootstrap"])
+@pytest.mark.parametrize("kind", ["sandwich", "bootstrap"])
 def test_other_covariances_take_it_in(plain, kind):
     poses = plain[-1].poses.rows(np.arange(0, 220, 10))
     exact = PosePairs(poses.robot, poses.camera, poses.setup, poses.timestamps)

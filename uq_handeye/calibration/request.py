@@ -60,7 +60,7 @@ class Request:
         Scaling factor d of 4DPA; None is its limit (`solve`).
     kind : str or None
         How noise is propagated through a published method (`propagate`).
-    covariance : "model", "sandwich", "hac", "jackknife" or "bootstrap"
+    covariance : "model", "sandwich" or "bootstrap"
         ``model``: that of the noise, to first order (`monte_carlo` tests it, and samples it beyond first order); the
         others come from the residuals of the poses and need no noise model (`empirical_covariance`).
     robust : bool or None

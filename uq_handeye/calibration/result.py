@@ -81,7 +81,7 @@ class Calibration(Statement, Plotted):
     iterations : int
         0: closed form.
     covariance_kind : str
-        "model", "sandwich", "hac", "jackknife" or "bootstrap".
+        "model", "sandwich" or "bootstrap".
     reference : Reference
         The distribution of ``d^2 = xi^T covariance^-1 xi``: chi-square, or wider where the noise is estimated.
     noise_estimate : NoiseEstimate or None

@@ -57,7 +57,7 @@ ROBOT_WORLD = ("li", "shah")
 BUNDLE = "bundle"
 EVERY_METHOD = (*AT_THE_BOUND, *PUBLISHED, *ROBOT_WORLD)
 SETUP_NAMES = ("eye-in-hand", "eye-to-hand")
-COVARIANCE_NAMES = ("model", "sandwich", "hac", "jackknife", "bootstrap")
+COVARIANCE_NAMES = ("model", "sandwich", "bootstrap")
 CONTROLLER_NAMES = (
     *("ur", "kuka", "fanuc", "abb", "staubli", "yaskawa", "kawasaki", "mitsubishi", "denso", "epson", "doosan"),
     *("comau", "techman", "dobot", "jaka", "xarm", "rpy"),

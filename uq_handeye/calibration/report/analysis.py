@@ -179,7 +179,6 @@ def covariance_table(result: Calibration) -> Table | None:
     meaning = {
         "model": "model (the noise)",
         "sandwich": f"sandwich, by {'pose' if result.table is None else result.table.item}",
-        "hac": "hac, for neighbours",
     }
     rows: list[list[Cell]] = []
     without: dict[str, list[str]] = {}  # kinds by the reason

@@ -26,8 +26,6 @@ if TYPE_CHECKING:
 _SOURCES = {
     "model": "the noise given",
     "sandwich": "the residuals of the poses (sandwich)",
-    "hac": "the residuals of the poses, with neighbours correlated (hac)",
-    "jackknife": "the poses, leaving out one at a time (jackknife)",
     "bootstrap": "the poses, drawn with replacement (bootstrap)",
 }
 

@@ -195,11 +195,10 @@ def _(item: str, n: int, lag_1: float, p_value: float, growth: float, untimed: b
     start = f"Neighbouring residuals are correlated (lag 1: {lag_1:.2f}, {probability(p_value)})"
     if growth < 1.05:
         return f"{start}. This hardly changes the standard deviations of X."
-    add = "Add timestamps to the poses, so that a drift is estimated with the noise; or use" if untimed else "Use"
+    drift = "Add timestamps to the poses, so that a drift is estimated with the noise, or thin" if untimed else "Thin"
     return (
         f"{start}. The standard deviations of X are about {growth:.2g} times too small: {n} {item}s count as "
-        f"{n / growth**2:.0f} independent ones. {add} covariance='hac' (--covariance hac), which shows part of it, or "
-        f"thin the {item}s."
+        f"{n / growth**2:.0f} independent ones. {drift} the {item}s."
     )
 
 

@@ -1,1 +1,1 @@
-"""Covariances without a noise model: sandwich, HAC, jackknife, bootstrap."""
+"""Covariances without a noise model: sandwich and bootstrap."""

@@ -1,7 +1,7 @@
 r"""Covariances that need no noise model, of every estimator (`sandwich`): `resampled`.
 
-Each pose is one draw from an unknown distribution of errors, independent of the others (`sandwich.hac` is for those
-that are not). Motions that came without poses take the place of poses. Units and conventions: ``xi = (theta, tau)``,
+Each pose is one draw from an unknown distribution of errors, independent of the others.
+Motions that came without poses take the place of poses. Units and conventions: ``xi = (theta, tau)``,
 left rotation, additive translation, rad and m.
 
 A published method is taken by its first derivatives: how far X and W move with the residual of each pose. Of pairs of
@@ -11,7 +11,7 @@ poses that is the share of each pose in the pairs that it is in.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -30,9 +30,9 @@ from ...model.poses.motions import Motions, relative_motions
 from ...model.poses.pose_pairs import PosePairs
 from ..likelihood.constraint import OnMotions, OnPoses, Unknowns
 from ..likelihood.gauss_helmert import ESTIMATORS, Fit
-from .sandwich import JOINT, Influence, hac_freedom, influence_of, of_known, pooled_influence
+from .sandwich import JOINT, Influence, influence_of, of_known, pooled_influence
 
-KINDS = ("sandwich", "hac", "jackknife", "bootstrap")
+KINDS = ("sandwich", "bootstrap")
 
 # Motions whose derivatives are held at once.
 BLOCK = 1024
@@ -48,7 +48,6 @@ class Resampled(ReadOnlyArrays):
     clusters: int
     cluster: str  # "poses" or "motions": what was taken as independent
     freedom: float  # nu of `reference`, Hotelling
-    details: dict[str, int] = field(default_factory=dict)  # "lags", or "replicates" and "singular" ones among them
 
     @property
     def covariance_X(self) -> Array:
@@ -81,7 +80,7 @@ def resampled(
         pose, other motions by motion.
     method : str
         "efficient", "ml", or a name in `METHODS` or `ROBOT_WORLD_METHODS`.
-    kind : "sandwich", "hac", "jackknife" or "bootstrap"
+    kind : "sandwich" or "bootstrap"
     X : (4, 4) or None
         The estimate of this method; None solves for it. Of no use to "efficient", "ml" and the methods with a W of
         their own.
@@ -107,7 +106,7 @@ def resampled(
     >>> import numpy as np, uq_handeye as uq
     >>> from uq_handeye.fit.empirical_covariance.resampled import resampled
     >>> noise = uq.PoseNoise.isotropic(camera=("1mrad", "1mm"))
-    >>> found = resampled(uq.simulate(n_poses=40, noise=noise, seed=1), "4dpa", "jackknife")
+    >>> found = resampled(uq.simulate(n_poses=40, noise=noise, seed=1), "4dpa")
     >>> found.clusters, found.covariance_X.shape
     (40, (6, 6))
     """
@@ -137,17 +136,9 @@ def resampled(
         at = None if X is None else as_transforms(X, "X", stack=False)
         influence = pooled_influence(*OfMethod(data, method, at, noise).first_order())
         p, of_poses = influence.J.shape[-1], data.poses is not None
-    freedom, details = influence.freedom, {}
-    if kind == "hac":
-        lags = influence.automatic_lags()
-        covariance, freedom, details = influence.hac(lags), hac_freedom(freedom, lags), {"lags": int(lags)}
-    elif kind == "bootstrap":
-        drawn = influence.bootstrap(replicates, seed)
-        covariance, details = drawn.covariance, {"replicates": replicates, "singular": int(drawn.singular)}
-    else:
-        covariance = influence.sandwich() if kind == "sandwich" else influence.jackknife()
+    covariance = influence.sandwich() if kind == "sandwich" else influence.bootstrap(replicates, seed)
     cluster = "poses" if of_poses else "motions"
-    return Resampled(kind, covariance[:p, :p] + known_beforehand, influence.n, cluster, float(freedom), details)
+    return Resampled(kind, covariance[:p, :p] + known_beforehand, influence.n, cluster, float(influence.freedom))
 
 
 class OfMethod:
@@ -168,8 +159,8 @@ class OfMethod:
         found = find(method)
         if not found.smooth:
             raise InputError(
-                f"The X of method {method!r} is no smooth function of the data, so that neither sandwich, "
-                "jackknife nor bootstrap is known to hold for it. Give the noise, or choose another method."
+                f"The X of method {method!r} is no smooth function of the data, so that neither sandwich "
+                "nor bootstrap is known to hold for it. Give the noise, or choose another method."
             )
         if found.weighted and noise is None:
             raise InputError(f"Method {method!r} weights by the noise: give the `noise` that it was estimated with.")

@@ -1,4 +1,4 @@
-r"""Covariances of X and W from the residuals only, by pose: sandwich, neighbouring frames, jackknife and bootstrap.
+r"""Covariances of X and W from the residuals only, by pose: sandwich and bootstrap.
 
 Model: to first order the estimate errs by ``xi = (xi_X, xi_W) = sum_k B_k r_k``, with the residual r_k (6) of pose k at
 true X and W (`constraint`; rad and m, left rotation, additive translation), r_k of mean zero. Nothing else is asked of
@@ -17,33 +17,22 @@ Any smooth estimator of X depends on the errors of pose k only through r_k, so t
 (d r_k / d xi_G,k)^-1`` from its derivatives by the robot poses (T4); with W the mean of ``G X C``,
 ``B_W,k = 1/n + mean(J_X) B_X,k``. Its working covariance is the mean of ``e_k e_k^T``, equal for all poses.
 
-Neighbouring frames of a video share errors. `hac` adds the products of neighbours with the weights of Bartlett,
-
-    sum_k c_k c_k^T + sum_(l = 1..L) (1 - l/(L + 1)) sum_k (c_k c_(k-l)^T + c_(k-l) c_k^T)
-
-(W. K. Newey and K. D. West, Econometrica 55 (1987) 703-708), always positive semidefinite. `automatic_lags` is their
-rule of 1994 (Review of Economic Studies 61, 631-653).
-
-*Jackknife and bootstrap.* To first order the estimate of poses that count m_k times solves
+*Bootstrap.* To first order the estimate of poses that count m_k times solves
 
     sum_k m_k B_k (e_k + J_k (x* - x)) - M Lambda (x* - x) = const,      x for m_k = 1
 
-(Lambda: what is known of the unknowns beforehand, below). Pose i left out, and n poses drawn with replacement, m
-multinomial, move it by
+(Lambda: what is known of the unknowns beforehand, below). n poses drawn with replacement, m multinomial, move it by
 
-    x_(i) - x = -B_i V_i^-1 e_i,      x* - x = (M Lambda - sum_k m_k B_k J_k)^-1 sum_k (m_k - 1) B_k e_k
+    x* - x = (M Lambda - sum_k m_k B_k J_k)^-1 sum_k (m_k - 1) B_k e_k
 
-For linearised weighted least squares that is exact (``V_i = 1 + J_i B_i``, which is taken where something is known
-beforehand). Of published methods it is what solving again gives but for shares of the order of 1/n
-(tests/empirical_covariance); where the poses' shares ``-B_k J_k`` are no weights (`li`, few poses), there is no
-bootstrap.
+For linearised weighted least squares that is exact. Of published methods it is what solving again gives but for shares
+of the order of 1/n (tests/empirical_covariance); where the poses' shares ``-B_k J_k`` are no weights (`li`, few poses),
+there is no bootstrap. The covariance is that of the draws that determine X (B. Efron, Ann. Statist. 7 (1979) 1-26). On
+30 simulated poses with the true noise model (tests/empirical_covariance) the sandwich is on average the sampling
+covariance, the variances of the bootstrap are between 8 % smaller and 2 % larger, on average over all directions.
 
-The jackknife is ``(n - 1)/n sum_i (x_(i) - mean)(x_(i) - mean)^T`` (J. W. Tukey, Ann. Math. Stat. 29 (1958) 614; B.
-Efron and C. Stein, Ann. Statist. 9 (1981) 586-596: it errs on the safe side, by the leverage of the poses); the
-bootstrap is the covariance of the draws that determine X (B. Efron, Ann. Statist. 7 (1979) 1-26). On 30 simulated poses
-with the true noise model (tests/empirical_covariance) the sandwich is on average the sampling covariance, the variances
-of the jackknife are 2 to 10 % larger, those of the bootstrap between 8 % smaller and 2 % larger, each on average over
-all directions. With fewer poses, of more leverage each, the jackknife's are larger still.
+Poses are taken as independent. Where neighbours share errors, as in a video, thin the poses, or let the drift be
+estimated with the noise (`drift`).
 
 Errors that all poses share and that were declared with a standard deviation (`SharedError`) are further unknowns z with
 the prior N(0, 1), X and W may have one as well, ``M = (J^T J + Lambda)^-1``: residuals tell the covariance of the
@@ -66,7 +55,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -94,14 +82,6 @@ JOINT = (
     "The noise is joint over the poses: they share errors, so that no two of them are independent, and clustering by "
     "pose would miss what they share. Use the covariance of that noise, or noise that is independent per pose."
 )
-
-
-class Bootstrap(NamedTuple):
-    """The covariance, and how many draws it is made of."""
-
-    covariance: Array  # (..., p, p)
-    replicates: int
-    singular: NDArray[np.intp]  # (...) of the replicates that determined no X and are not in the covariance
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,55 +134,7 @@ class Influence:
         """The covariance (..., p, p) from the residuals, cluster-robust by pose (CR2): no noise model is trusted."""
         return np.asarray(self.contributions.mT @ self.contributions)
 
-    def automatic_lags(self) -> NDArray[np.intp]:
-        """Number of lags (...) of the Bartlett kernel by the rule of Newey and West (1994), without prewhitening.
-
-        ``L = 1.1447 (s1/s0)^(2/3) n^(1/3)``, with ``s0 = sigma_0 + 2 sum sigma_j`` and ``s1 = 2 sum j sigma_j`` over
-        ``4 (n/100)^(2/9)`` lags; here ``sigma_j = sum_k c_k^T Cov^-1 c_(k-j)`` with the model covariance, which is free
-        of units. At most n/4.
-        """
-        n, c = self.n, self.contributions
-        looked_at = min(int(4 * (n / 100) ** (2 / 9)), n - 1)
-        scaled = np.linalg.solve(self.covariance, c.mT).mT
-        levels = [(scaled[..., lag:, :] * c[..., : n - lag, :]).sum(axis=(-2, -1)) for lag in range(looked_at + 1)]
-        level = levels[0] + 2 * sum(levels[1:])
-        slope = 2 * sum(lag * s for lag, s in enumerate(levels))
-        steepness = np.abs(slope) / np.maximum(np.abs(level), 1e-12 * levels[0])
-        return np.asarray(np.minimum(1.1447 * np.cbrt(steepness**2 * n), n // 4), dtype=np.intp)
-
-    def hac(self, lags: NDArray[np.intp]) -> Array:
-        """The covariance (..., p, p) with the Bartlett kernel over so many (...) lags.
-
-        It cures a part of the error only: of a video of 200 frames with errors of correlation 0.8 from frame to frame,
-        the sandwich shows less than 0.3 of the true variance of X; hac shows at least 0.25 of it more, but not all
-        (tests/empirical_covariance/test_resampling.py). Every n-th frame is the better cure.
-        """
-        c = self.contributions
-        result = self.sandwich()
-        for lag in range(1, int(lags.max(initial=0)) + 1):
-            product = c[..., lag:, :].mT @ c[..., :-lag, :]
-            weight = np.maximum(1 - lag / (lags + 1), 0.0)[..., None, None]
-            result = result + weight * (product + product.mT)
-        return result
-
-    def deletions(self) -> Array:
-        """``x_(i) - x`` (..., n, p) of each pose left out. Of motions, which must not share poses, one is left out."""
-        kept = self._variance if self.known is None else self.J @ self.B + np.eye(6)
-        try:
-            inverse = np.linalg.inv(kept)
-        except np.linalg.LinAlgError:  # say which one is exactly singular
-            require_dispensable(np.linalg.matrix_rank(kept) == 6)
-            raise
-        require_dispensable(np.abs(inverse).max(axis=(-2, -1)) < 1.0 / DISPENSABLE)
-        return np.asarray(-(self.B @ (inverse @ self.residual[..., None]))[..., 0])
-
-    def jackknife(self) -> Array:
-        """The covariance (..., p, p) from the estimates without one pose each."""
-        moves = self.deletions()
-        about = moves - moves.mean(axis=-2, keepdims=True)
-        return np.asarray((about.mT @ about) * ((self.n - 1) / self.n))
-
-    def bootstrap(self, replicates: int = 2000, seed: int | np.random.Generator = 0) -> Bootstrap:
+    def bootstrap(self, replicates: int = 2000, seed: int | np.random.Generator = 0) -> Array:
         """The covariance (..., p, p) over poses drawn with replacement; all leading axes see the same draws.
 
         Raises `InputError` for fewer than 2 replicates and where the shares of the poses are no weights (`NO_SHARE`),
@@ -222,7 +154,7 @@ class Influence:
         if self.known is None and np.linalg.eigvalsh(0.5 * (shares + shares.mT)).min() < NO_SHARE:
             raise InputError(
                 "Bootstrap over poses is not available for this method on these poses: to draw one more often would "
-                "make X less certain in some direction. Choose 'jackknife' or 'sandwich', or give more poses."
+                "make X less certain in some direction. Choose 'sandwich', or give more poses."
             )
         shares = shares.reshape(*own.shape[:-1], p * p)
         batch = own.shape[:-2]
@@ -245,13 +177,13 @@ class Influence:
         if (fewest := int(used.min())) <= replicates // 2:
             raise DegenerateMotionError(
                 f"Only {fewest} of {replicates} draws from the poses determine X and W: there are too few poses to "
-                "draw from. Use the jackknife, the sandwich or a noise model.",
+                "draw from. Use the sandwich or a noise model.",
                 np.eye(6),
             )
         mean = total / used[..., None]
         about = (square - used[..., None, None] * mean[..., :, None] * mean[..., None, :]) / (used - 1)[..., None, None]
         covariance = half @ about @ half.mT
-        return Bootstrap(0.5 * (covariance + covariance.mT), replicates, np.asarray(replicates - used, dtype=np.intp))
+        return np.asarray(0.5 * (covariance + covariance.mT))
 
     @property
     def _bread(self) -> Array:
@@ -263,7 +195,7 @@ class Influence:
 
     @cached_property
     def freedom(self) -> Array:
-        """nu (...) of the sandwich of X, for ``Reference("Hotelling", nu)``; that of jackknife and bootstrap is near.
+        """nu (...) of the sandwich of X, for ``Reference("Hotelling", nu)``; that of the bootstrap is near.
 
         Fewer than poses, and still fewer where a few poses carry the estimate; 5 or less bounds no ellipsoid.
         With ``D = sum_k c_k c_k^T`` whitened to the mean 1 and ``T_kl = Cov(c_k, c_l)``,
@@ -376,9 +308,3 @@ def pooled_influence(residual: Array, J: Array, B: Array) -> Influence:
     L = np.asarray(cholesky_of(S))
     white = whiten(L, np.concatenate([J, residual[..., None]], axis=-1))
     return Influence(white[..., -1], white[..., :-1], B @ L)
-
-
-def hac_freedom(freedom: Array, lags: NDArray[np.intp]) -> Array:
-    """``nu / sum w_l^2``, the equivalent degrees of freedom of a Bartlett kernel over so many lags."""
-    m = lags + 1.0
-    return np.asarray(freedom / ((2 * m * m + 1) / (3 * m)))
