@@ -74,7 +74,7 @@ if _typing.TYPE_CHECKING:
     from .read.rosbag.streams import read_bag
     from .read.synchronisation.result import Synchronised
     from .read.synchronisation.synchronise import synchronise
-    from .report.certificate.certificate import Certificate, make_certificate
+    from .report.certificate import Certificate, make_certificate
     from .report.comparison.compare import compare
     from .report.comparison.result import Comparison
     from .rig.calibrate import calibrate_rig, update_rig
@@ -248,7 +248,7 @@ _LATER = {
     "model.camera.board_file": ("read_board",),
     "model.camera.intrinsics_file": ("read_intrinsics",),
     "model.camera.result": ("CameraCalibration", "read_camera"),
-    "report.certificate.certificate": (
+    "report.certificate": (
         "Certificate",
         "make_certificate",
     ),

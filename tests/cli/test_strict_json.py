@@ -23,7 +23,6 @@ COMMANDS = {
     "verify": ("verify", "result.json", "--poses", "new/robot.csv", "new/camera.csv"),
     "predict": ("predict", "result.json", "--robot", "new/robot.csv", "--camera"),
     "diff": ("diff", "result.json", "result.json"),
-    "certificate": ("certificate", "result.json"),
 }
 
 

@@ -261,6 +261,7 @@ class Calibration(Statement, Plotted):
         verdict: Any = None,
         details: bool = False,
         paper: str = "a4",
+        certificate: bool = False,
     ) -> Path:
         """Write the report as one self-contained file: two pages, then folded sections with everything else.
 
@@ -281,6 +282,9 @@ class Calibration(Statement, Plotted):
             Open the folded sections, also in the PDF, which otherwise has the two pages only.
         paper : str
             Of the PDF: "a4" or "letter".
+        certificate : bool
+            Write the certificate in its place: the two pages that are signed and filed (`make_certificate`), with the
+            suffix .json as data.
 
         Raises
         ------
@@ -291,7 +295,7 @@ class Calibration(Statement, Plotted):
         """
         from ..report.page import write_report
 
-        given = {"about": about, "verdict": verdict, "details": details, "paper": paper}
+        given = {"about": about, "verdict": verdict, "details": details, "paper": paper, "certificate": certificate}
         return write_report(self, path, comparison=comparison, cross_check=cross_check, **given)
 
     def export(self, path: str | Path, format: str | None = None) -> Path:

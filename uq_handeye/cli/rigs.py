@@ -127,7 +127,7 @@ def _reading(files: "PoseFiles") -> dict[str, dict[str, Any]]:
 def deliver_rig(result: "RigCalibration", wishes: "ReportOptions", wanted: Wanted, outputs: "Outputs") -> int:
     """Print the result of a rig, write its files, and return the exit status."""
     from ..read import json_text
-    from ..report.certificate.certificate import verdicts_of_rig
+    from ..report.decision import verdicts_of_rig
 
     verdicts = verdicts_of_rig(result, wanted.tolerance)
     said = [f"{name}: {verdict}" for name, verdict in verdicts.items()]

@@ -20,7 +20,7 @@ import numpy as np
 
 from .._version import __version__
 from ..calibration.report.analysis import budget_table
-from ..calibration.report.first_screen import data_words, status_of, suited_to
+from ..calibration.report.first_screen import data_words, suited_to
 from ..calibration.result import Calibration
 from ..calibration.statement.accuracy import combined_parts, point_ahead, two_numbers
 from ..calibration.statement.tolerance import Verdict
@@ -31,10 +31,11 @@ from ..core.presentation.page import PAPERS, Page, drawing, page_path, write_pag
 from ..errors import InputError, require_type
 from ..findings import Finding
 from ..trials.validation.cross_check.run import CrossCheck as CrossCheck
+from .certificate import make_certificate
 from .comparison.compare import Compared, compare_beside
 from .comparison.result import Comparison
 from .figures import pictures, require_same_problem, small_pictures
-from .sections import folded_sections, needs
+from .sections import colour_of, folded_sections, needs
 
 if TYPE_CHECKING:
     from ..calibration.result import Calibration
@@ -56,6 +57,7 @@ def write_report(
     verdict: Verdict | None = None,
     details: bool = False,
     paper: str = PAPERS[0],
+    certificate: bool = False,
 ) -> Path:
     """Write the report of ``result``; the arguments are those of `Calibration.report`.
 
@@ -74,6 +76,8 @@ def write_report(
     MissingExtraError
         A PDF where neither WeasyPrint nor a Chromium browser is installed.
     """
+    if certificate:
+        return make_certificate(result, verdict=verdict, about=about).write(path, paper=paper)
     path = page_path(path, paper)  # before the methods are compared
     require_type("comparison", comparison, (bool, Comparison, Compared), "True, False or a Comparison")
     result = replace(result, about=as_about({**result.about, **(about or {})}))
@@ -232,13 +236,6 @@ def title_fields(result: Calibration) -> list[tuple[str, str]]:
     """Return the names and texts of the title block; those without text are room to write on paper."""
     shown = [key for key in ABOUT if key not in OF_CERTIFICATE and (key != "note" or key in result.about)]
     return [(ABOUT[key], result.about.get(key, "")) for key in shown]
-
-
-def colour_of(result: Calibration, verdict: Verdict | None = None) -> str:
-    """Return the status of the headline, as everywhere, or that of the verdict on a tolerance where it is worse."""
-    found = status_of(result)
-    of_verdict = "ok" if verdict is None else verdict.status
-    return max(found, of_verdict, key=("ok", "caution", "failed").index)
 
 
 def first_sheet(result: Calibration, verdict: Verdict | None, drawings: Mapping[str, Drawing]) -> list[Section]:

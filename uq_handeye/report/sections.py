@@ -22,6 +22,7 @@ from ..calibration.report.analysis import (
     worst_words,
 )
 from ..calibration.report.facts import ahead
+from ..calibration.report.first_screen import status_of
 from ..calibration.report.text import arm_sentences, included_words, shared_blocks
 from ..calibration.statement.checks import not_included
 from ..core.formatting.numbers import concise, fixed
@@ -30,11 +31,13 @@ from ..core.presentation.document import Block, Code, Drawing, Paragraph, Points
 from ..fit.diagnostics.budget import EACH, SHARED
 from ..model.camera.report.text import answer, boards_words, coverage_words, model_name, noise_words, parameter_rows
 from ..trials.validation.cross_check.run import state, verdict
+from .budget import gum_table
 from .comparison.text import methods_table
 from .figures import poses_of
 
 if TYPE_CHECKING:
     from ..calibration.result import Calibration
+    from ..calibration.statement.tolerance import Verdict
     from ..trials.validation.cross_check.run import CrossCheck
     from .comparison.compare import Compared
     from .comparison.result import Comparison
@@ -50,6 +53,13 @@ def folded(anchor: str, title: str, *blocks: Block | str | None) -> Section:
     """Return a section that is closed on the screen; a text says why something is missing, None is left out."""
     shown = [Paragraph(block, empty=True) if isinstance(block, str) else block for block in blocks if block is not None]
     return Section(anchor, title, shown, folded=True)
+
+
+def colour_of(result: Calibration, verdict: Verdict | None = None) -> str:
+    """Return the status of the headline, as everywhere, or that of the verdict on a tolerance where it is worse."""
+    found = status_of(result)
+    of_verdict = "ok" if verdict is None else verdict.status
+    return max(found, of_verdict, key=("ok", "caution", "failed").index)
 
 
 def full_section(result: Calibration) -> Section:
@@ -215,7 +225,7 @@ def budget_section(result: Calibration, drawings: Mapping[str, Drawing]) -> Sect
     table = budget_table(result)
     if table is None or "budget" not in drawings:
         return folded("full-budget", title, needs("The budget is computed", result))
-    return folded("full-budget", title, drawings["budget"], table, Paragraph(worst_words(result)))
+    return folded("full-budget", title, drawings["budget"], table, Paragraph(worst_words(result)), gum_table(result))
 
 
 def shared_section(result: Calibration, drawings: Mapping[str, Drawing]) -> Section:

@@ -18,7 +18,6 @@ from ..delivery import (
     Outputs,
     ReportOptions,
     Wanted,
-    deliver,
     deliver_answer,
     emit_answer,
     emit_result,
@@ -35,9 +34,12 @@ if TYPE_CHECKING:
     from ...calibration.result import Calibration
     from ...core.geometry.se3 import Array
     from ...fit.diagnostics.task_space import PointUncertainty
+    from ...rig.result import RigCalibration
 
 # Number of rows printed; the files hold all.
 PRINTED = 40
+# Suffixes of a certificate.
+CERTIFICATES = (*REPORTS, ".json")
 
 
 @dataclass(frozen=True)
@@ -355,6 +357,7 @@ def report_command(
     wanted: Annotated["Wanted", wanted_of],
     file: Path | None = None,
     no_compare: bool = False,
+    certificate: bool = False,
 ) -> int:
     """Print a stored result, or write its report.
 
@@ -363,19 +366,27 @@ def report_command(
       uq-handeye report result/rig.json report.html
       # Print the result again, and whether it meets a tolerance
       uq-handeye report result/result.json --tolerance 1mm,0.1deg
+      # The certificate: the pages that are signed and filed
+      uq-handeye report result/result.json certificate.pdf --certificate
 
     Without FILE, prints what calibrate prints. The report equals that of
     calibrate --report, except for the cross-check: the result file holds the
     poses.
 
     Arguments:
-      FILE: Report to write, .html or .pdf. Default: none, print only.
+      FILE: Report to write, .html or .pdf, with --certificate also .json. Default: none, print only.
+
+    Options (Output):
+      --certificate: Certificate in place of the report: measurand, result, uncertainty budget, conditions,
+        traceability and validity, without the comparison of methods.
     """
     from ...calibration.result import load
     from ...rig.result import RigCalibration
 
-    require_writable(file, "FILE", REPORTS)
+    require_writable(file, "FILE", CERTIFICATES if certificate else REPORTS)
     stored = load(result)
+    if certificate:
+        return _deliver_certificate(stored, file, wanted, wishes.about, wishes.of_report["paper"])
     if isinstance(stored, RigCalibration):
         from ..rigs import deliver_rig
 
@@ -390,71 +401,58 @@ def report_command(
     return emit_answer(stored, verdict, f"Wrote {written}")
 
 
-CERTIFICATES = (".html", ".pdf", ".json")
-NAME = "certificate"
-
-
 def certificate_command(
     result: Path,
     wanted: Annotated["Wanted", wanted_of],
     file: Path | None = None,
-    output: Path | None = None,
-    pdf: bool = False,
     about: list[str] | None = None,
     paper: str = "a4",
-    as_json: bool = False,
 ) -> int:
-    """Write the certificate of a stored result, for the file.
+    """Write the certificate of a stored result, as report --certificate does.
 
     Examples:
       uq-handeye certificate result/result.json certificate.pdf
-      # The page and the machine-readable form, with a decision on a tolerance
-      uq-handeye certificate result/result.json -o certificate/ \\
+      # The machine-readable form, with a decision on a tolerance
+      uq-handeye certificate result/result.json certificate.json \\
           --tolerance 1mm,0.1deg --about cell.toml
       # All poses of a rig, with a decision on each camera
       uq-handeye certificate result/rig.json rig.pdf --tolerance 1mm,0.1deg
 
     A result that is not usable or has no uncertainty is not certified: the
-    files say so and state no X, and the exit status is 3.
+    file says so and states no X, and the exit status is 3.
 
     Arguments:
-      FILE: Certificate to write, .html, .pdf or .json. Default: none, or -o.
-
-    Options (Output):
-      * -o, --output DIR <named_folder>: Folder for certificate.html and certificate.json. With --pdf also
-        certificate.pdf.
-      --pdf: Write certificate.pdf too, with -o.
+      FILE: Certificate to write, .html, .pdf or .json. Default: none, print the headline only.
     """
-    from ...calibration.report.first_screen import status_of as colour_of
     from ...calibration.result import load
-    from ...core.presentation.document import Answer, Paragraph
-    from ...core.presentation.page import to_pdf
-    from ...report.certificate.certificate import RigCertificate, make_certificate
 
     one_of(paper, "--paper", PAPERS)
     require_writable(file, "FILE", CERTIFICATES)
-    if pdf and output is None:
-        raise InputError("--pdf needs a folder. Add -o DIR, or name the file: certificate.pdf.")
-    stored: Any = load(result)
-    found: Any = make_certificate(stored, tolerance=wanted.tolerance, about=read_about(about or ()))
+    return _deliver_certificate(load(result), file, wanted, read_about(about or ()), paper)
+
+
+def _deliver_certificate(
+    stored: "Calibration | RigCalibration", file: Path | None, wanted: Wanted, about: dict[str, str], paper: str
+) -> int:
+    """Write a certificate, print its headline, and return the exit status."""
+    from ...calibration.report.first_screen import status_of as colour_of
+    from ...core.presentation.document import Answer, Paragraph
+    from ...report.certificate import make_certificate
+    from ...report.rig_certificate import RigCertificate
+
+    found = make_certificate(stored, tolerance=wanted.tolerance, about=about)
     written = ""
     if file is not None:
         with timed(f"writing {file}"):
             written = f"Wrote {found.write(file, paper=paper)}"
-    if output is not None:
-        page = found.to_html()
-        files: dict[str, str | bytes] = {f"{NAME}.html": page, f"{NAME}.json": found.to_json()}
-        if pdf:
-            files[f"{NAME}.pdf"] = to_pdf(page, paper)
-        written = f"{written}{deliver(output, files)}".strip()
-    if as_json:
-        emit(found.to_json())
-    elif isinstance(found, RigCertificate):
+    if isinstance(found, RigCertificate):
         lines = [*found.refusals, *(f"{name}: {verdict}" for name, verdict in found.verdicts.items())]
         head = f"{'' if found.certified else 'NOT CERTIFIED. '}Certificate {found.identifier}. {written}".strip()
         emit("" if quiet() else "\n".join([head, *lines]) + "\n")
-    elif not quiet():
-        verdict = None if found.decision is None else found.decision.verdict
+        missed = any(not verdict.passed for verdict in found.verdicts.values())
+        return NOT_USABLE if not found.certified else NOT_PASSED if missed else 0
+    verdict = None if found.decision is None else found.decision.verdict
+    if not quiet():
         blocks = [Answer(found.result.headline, colour_of(found.result))]
         if not found.certified:
             blocks = [Answer(f"NOT CERTIFIED. {found.result.headline}", "failed")]
@@ -462,8 +460,4 @@ def certificate_command(
             blocks.append(Answer(str(verdict), verdict.status))
         number = f"Certificate {found.identifier}."
         emit_document([[*blocks, Paragraph(f"{number} {written}".strip(), hang="  ")]])
-    if not found.certified:
-        return NOT_USABLE
-    if isinstance(found, RigCertificate):
-        return NOT_PASSED if any(not verdict.passed for verdict in found.verdicts.values()) else 0
-    return status_of(found.result, None if found.decision is None else found.decision.verdict)
+    return status_of(found.result, verdict) if found.certified else NOT_USABLE

@@ -1,139 +1,35 @@
-"""The certificate of a stored calibration or rig, as a page for people and as data for programs.
+"""The certificate of a rig: all poses with expanded uncertainties, relative poses, decision on each camera, conditions.
 
-Of a rig: all poses with expanded uncertainties, relative poses, decision on each camera, conditions. Uncertainties are
-those of the joint covariance, in the direction in which a pose is least certain, expanded for 95 %. A rig in which
-something moved, whose residuals are larger than the noise says, or whose cameras are not determined in all directions
-is not certified: the page states no pose.
+Uncertainties are those of the joint covariance, in the direction in which a pose is least certain, expanded for 95 %. A
+rig in which something moved, whose residuals are larger than the noise explains, or whose cameras are not determined in
+all directions is not certified: the page states no pose.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from datetime import UTC, datetime
-from typing import Any, ClassVar, overload
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 from scipy.special import ndtri, stdtrit
 
-from ...calibration.result import Calibration
-from ...calibration.statement.tolerance import (
-    FAIL,
-    MET,
-    MISSED,
-    NOT_SHOWN,
-    PASS,
-    Tolerance,
-    Verdict,
-    probability_within,
-)
-from ...core.files.about import ABOUT, as_about
-from ...core.files.records import plain
-from ...core.formatting.numbers import digits, probability
-from ...core.presentation.document import Answer, Badge, Block, Paragraph, Points, Section, Table
-from ...errors import InputError
-from ...rig.page import FRAMES, UNLIKELY, headline, noise_table, rig_sketch
-from ...rig.result import EstimatedPose, RigCalibration
-from .contents import RULE, Contents, Written, decide
-from .page import certificate_html
-from .statements import ERROR_MODEL, VALIDITY
-
-
-class Certificate(Contents):
-    """The statement of a calibration for the file: see `make_certificate`.
-
-    Attributes
-    ----------
-    result : Calibration
-        What it is of, with its title block.
-    decision : Decision or None
-        Verdict on a tolerance, with its guard band, where one was asked for.
-    issued : str
-        Date and time, UTC.
-    """
-
-    def to_html(self) -> str:
-        """Return the page as one self-contained HTML text."""
-        return certificate_html(self)
-
-
-@overload
-def make_certificate(result: RigCalibration, **options: Any) -> RigCertificate: ...
-@overload
-def make_certificate(result: Calibration, **options: Any) -> Certificate: ...
-def make_certificate(  # type: ignore[misc]
-    result: Any,
-    *,
-    tolerance: Any = None,
-    at: Any = None,
-    about: Mapping[str, str] | None = None,
-    issued: str | None = None,
-) -> Certificate | RigCertificate:
-    """Return the certificate of a calibration: measurand, result, uncertainty budget, conditions, traceability.
-
-    The numbers are those of `Calibration.accuracy` and `Calibration.budget`; only the margin to a tolerance is
-    computed. A result that is not usable or has no uncertainty gives a certificate that says so and states no X.
-
-    Parameters
-    ----------
-    result : Calibration or RigCalibration
-        New, or read from a file. Of a rig all poses are stated, and the decision is on each camera.
-    tolerance, at
-        As for `Calibration.verdict`: the decision on a tolerance (JCGM 106).
-    about : mapping or None
-        Title block (`files.about.ABOUT`), added to that of the result: also ``number``, ``organisation``,
-        ``environment`` (temperature, load) and ``reference`` (certificate of the target).
-    issued : str or None
-        Date that is written; None is now (UTC).
-
-    Raises
-    ------
-    InputError
-        A result that is no `Calibration`, a tolerance that cannot be read, ``at`` without a tolerance, another name in
-        the title block.
-
-    Examples
-    --------
-    >>> import uq_handeye as uq
-    >>> noise = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
-    >>> result = uq.calibrate(uq.simulate(n_poses=20, noise=noise, seed=1), noise=noise)
-    >>> found = uq.make_certificate(result, tolerance="2mm,0.5deg")
-    >>> found.certified, found.decision.verdict.word
-    (True, 'PASS')
-    """
-    if tolerance is None and at is not None:
-        raise InputError("Expected a `tolerance` beside `at`, which is the distance that it applies to; got none.")
-    now = datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC") if issued is None else issued
-    match result:
-        case RigCalibration():
-            wanted = None if tolerance is None else Tolerance.read(tolerance, at)
-            return RigCertificate(result, verdicts_of_rig(result, wanted), as_about(about or {}), now)
-        case Calibration():
-            of = replace(result, about=as_about({**result.about, **(about or {})}))
-            decision = None if tolerance is None else decide(of, of.verdict(tolerance, at))
-            return Certificate(of, decision, now)
-    raise InputError(f"Expected `result` to be a Calibration, got {type(result).__name__}.")
-
-
-LEVEL = 0.95
-
-
-def verdicts_of_rig(result: RigCalibration, tolerance: Tolerance | None) -> dict[str, Verdict]:
-    """Return whether the pose of each camera meets the tolerance; none without one."""
-    found: dict[str, Verdict] = {}
-    for name, camera in result.cameras.items() if tolerance is not None else ():
-        assert tolerance is not None
-        if len(camera.open):
-            found[name] = Verdict(NOT_SHOWN, None, tolerance, (f"{name} is not determined in all directions",))
-            continue
-        p = probability_within(camera.covariance, result.reference, tolerance, camera.pose[:3, :3])
-        found[name] = Verdict(PASS if p >= MET else FAIL if p <= MISSED else NOT_SHOWN, p, tolerance)
-    return found
+from ..calibration.statement.tolerance import Verdict, percent
+from ..core.files.about import ABOUT
+from ..core.files.records import plain
+from ..core.formatting.numbers import digits, probability
+from ..core.numbers.levels import CONTRADICTED
+from ..core.presentation.document import Answer, Badge, Block, Paragraph, Points, Section, Table
+from ..rig.page import FRAMES, headline, noise_table, rig_sketch
+from ..rig.result import EstimatedPose, RigCalibration
+from .certificate_form import Form, refused
+from .decision import RULE
+from .statements import ERROR_MODEL, LEVEL, VALIDITY
 
 
 @dataclass(frozen=True, eq=False)
-class RigCertificate(Written):
+class RigCertificate(Form):
     """The statement of a rig for the file: see `make_certificate`."""
 
     _format: ClassVar[str] = "uq-handeye rig certificate 1"
@@ -151,7 +47,7 @@ class RigCertificate(Written):
         found += [text for text in result.warnings if text not in found]
         if opened := [name for name, one in result.cameras.items() if len(one.open)]:
             found.append(f"not determined in all directions: {', '.join(opened)}")
-        if result.p_value < UNLIKELY:
+        if result.p_value < CONTRADICTED.probability:
             found.append(f"the residuals are larger than the noise says ({probability(result.p_value)})")
         return tuple(found)
 
@@ -197,15 +93,13 @@ class RigCertificate(Written):
         return self.page("Rig calibration", ", ".join(rig.cameras), [rig.words], sheets, fields)
 
     def _refused(self) -> list[Section]:
-        return [self.refused(Answer("NOT CERTIFIED.", "failed"), Points(self.refusals)), self._measured()]
+        return [refused(Answer("NOT CERTIFIED.", "failed"), Points(self.refusals)), self._measured()]
 
     def _first(self) -> list[Section]:
         said: list[Block] = [Answer(*headline(self.result))]
         said += [Badge(f"{name}: {one.word}", one.sentence, one.status) for name, one in self.verdicts.items()]
         said += [Paragraph(RULE)] if self.verdicts else []
-        caption = (
-            f"Position, quaternion, and expanded uncertainty ({100 * LEVEL:.0f} %) in the least certain direction."
-        )
+        caption = f"Position, quaternion, and expanded uncertainty ({percent(LEVEL)}) in the least certain direction."
         return [
             Section("answer", "Result", [*said, Paragraph(f"Measurand: the poses below. {ERROR_MODEL}")], wide=True),
             Section("rig", "The rig", [rig_sketch(self.result)], wide=True),
@@ -231,7 +125,7 @@ class RigCertificate(Written):
         rows = [[name, text] for name, text in self._conditions()]
         return Section("conditions", "Conditions", [Table("", ["", ""], rows, frozenset({1}))])
 
-    def _table(self, caption: str, poses: Any) -> Table:
+    def _table(self, caption: str, poses: Sequence[EstimatedPose]) -> Table:
         rows = []
         for one in poses:
             q = Rotation.from_matrix(one.pose[:3, :3]).as_quat()

@@ -14,17 +14,17 @@ from datetime import UTC, datetime
 
 import numpy as np
 
-from ...calibration.report.first_screen import title_of
-from ...calibration.result import Calibration
-from ...calibration.statement.checks import shared_groups, sizes_of
-from ...calibration.statement.tolerance import percent
-from ...core.files.about import ABOUT
-from ...core.formatting.numbers import digits
-from ...model.kinematics.kinematic_errors import DECLARED, DECLARED_AS, ESTIMATE, EXACT
-from ...model.noise.joint_covariance import group_of
-from ...model.poses.pose_pairs import PosePairs
-from ...model.shared_errors.shared_error import ROBOT_SCALE, TARGET_SCALE
-from ...model.shared_errors.sizes import ROBOT_ACCURACY
+from ..calibration.report.first_screen import title_of
+from ..calibration.result import Calibration
+from ..calibration.statement.checks import shared_groups, sizes_of
+from ..calibration.statement.tolerance import percent
+from ..core.files.about import ABOUT
+from ..core.formatting.numbers import digits
+from ..model.kinematics.kinematic_errors import DECLARED, DECLARED_AS, ESTIMATE, EXACT
+from ..model.noise.joint_covariance import group_of
+from ..model.poses.pose_pairs import PosePairs
+from ..model.shared_errors.shared_error import ROBOT_SCALE, TARGET_SCALE
+from ..model.shared_errors.sizes import ROBOT_ACCURACY
 from .budget import LEVEL, budget_of, noise_per_axis
 
 ERROR_MODEL = (

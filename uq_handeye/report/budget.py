@@ -14,25 +14,48 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...calibration.report.analysis import shorten_budget, shown_budget
-from ...calibration.result import Calibration
-from ...calibration.statement.accuracy import budget_of_model
-from ...calibration.statement.checks import shared_groups, sizes_of
-from ...core.formatting.numbers import digits
-from ...core.geometry.pose_numbers import rotation_vector
-from ...core.geometry.se3 import Array, left_jacobian
-from ...fit.diagnostics.budget import EACH, Budget, Expanded
-from ...fit.diagnostics.budget import SHARED as SHARED_SOURCE
-from ...model.kinematics.kinematic_errors import JOINT_NOISE
-from ...model.noise.estimate import SHOWN, Component, NoiseEstimate
-from ...model.noise.joint_covariance import JointCovariance, group_of
-from ...model.noise.models import INTRINSICS, TARGET_SHAPE, marginals
-from ...model.shared_errors.shared_error import CLOCK_OFFSET
-from ...model.shared_errors.sizes import ROBOT_ACCURACY
+from ..calibration.report.analysis import freedom, shorten_budget, shown_budget
+from ..calibration.result import Calibration
+from ..calibration.statement.accuracy import budget_of_model
+from ..calibration.statement.checks import shared_groups, sizes_of
+from ..calibration.statement.tolerance import percent
+from ..core.formatting.numbers import digits, fixed
+from ..core.formatting.units import DEG_PER_RAD, MM_PER_M
+from ..core.geometry.pose_numbers import rotation_vector
+from ..core.geometry.se3 import Array, left_jacobian
+from ..core.numbers.levels import INTERVAL
+from ..core.numbers.rounding import TINY
+from ..core.presentation.document import Cell, Table
+from ..fit.diagnostics.budget import EACH, Budget, Expanded
+from ..fit.diagnostics.budget import SHARED as SHARED_SOURCE
+from ..model.kinematics.kinematic_errors import JOINT_NOISE
+from ..model.noise.estimate import SHOWN, Component, NoiseEstimate
+from ..model.noise.joint_covariance import JointCovariance, group_of
+from ..model.noise.models import INTRINSICS, TARGET_SHAPE, marginals
+from ..model.shared_errors.shared_error import CLOCK_OFFSET
+from ..model.shared_errors.sizes import ROBOT_ACCURACY
 
-LEVEL = 0.95
+# Coverage probability of every expanded uncertainty.
+LEVEL = INTERVAL.probability
+# Length (mm) and angle (deg) of a table, from m and rad.
+_FACTORS = {"m": (MM_PER_M, "mm"), "rad": (DEG_PER_RAD, "deg")}
 # End of the name of the smallest sources as one.
 OTHERS = " others"
+
+
+KINDS = ("rotation", "translation")
+SIDES = ("robot", "camera", "A", "B")
+NORMAL = "normal"
+_ESTIMATED = "residuals (REML)"
+_ORIGIN = {
+    "prior": "data sheet, residuals",
+    "population": "arms of the kind, residuals",
+    "fixed": "declared",
+    "given": "declared",
+    "from corners": "corners of the target",
+    "from points": "points of the target",
+    "by geometry": "residuals, views",
+}
 
 
 @dataclass(frozen=True)
@@ -46,6 +69,15 @@ class Stated:
     dof: float
     k: float
     U: float
+
+
+@dataclass(frozen=True)
+class Input:
+    """One input of a budget: its standard uncertainty in words, its distribution, and where both come from."""
+
+    uncertainty: str
+    distribution: str
+    origin: str
 
 
 @dataclass(frozen=True)
@@ -78,7 +110,7 @@ def budget_rows(result: Calibration, most: int | None = None) -> tuple[BudgetRow
     budget = shorten_budget(budget, most)
     along = budget.in_worst_direction()
     move, turn = (np.sqrt(np.maximum(along[name], 0.0)) for name in ("X translation", "X rotation"))
-    shares = [np.square(sizes) / max(float(np.square(sizes).sum()), 1e-300) for sizes in (move, turn)]
+    shares = [np.square(sizes) / max(float(np.square(sizes).sum()), TINY) for sizes in (move, turn)]
     return tuple(
         BudgetRow(
             name,
@@ -110,7 +142,7 @@ def components_of(result: Calibration) -> tuple[Stated, ...]:
     """Return translation (m) and rotation vector (rad) of X, six numbers, with their uncertainties."""
     if result.covariance is None:
         return ()
-    to_si = {"mm": (1e-3, "m"), "deg": (np.pi / 180, "rad")}
+    to_si = {"mm": (1 / MM_PER_M, "m"), "deg": (1 / DEG_PER_RAD, "rad")}
     rows = _rows(result)
     budget = budget_of_model(result)  # sources that are shown as one have degrees of freedom of their own
     if budget is None:
@@ -141,7 +173,7 @@ def correlation_of(result: Calibration) -> Array:
     rows = _rows(result)
     S = rows @ result.covariance @ rows.T
     sd = np.sqrt(np.diag(S))
-    found = S / np.maximum(np.outer(sd, sd), 1e-300)
+    found = S / np.maximum(np.outer(sd, sd), TINY)
     known = np.isfinite([one.u for one in components_of(result)])
     return np.where(np.outer(known, known), found, np.nan)
 
@@ -175,20 +207,6 @@ def _by_reference(result: Calibration) -> tuple[float, float]:
     assert accuracy is not None  # where there is a covariance
     k = accuracy.translation_95 / accuracy.translation if accuracy.translation > 0 else float("nan")
     return float("inf") if dof is None else float(dof), k
-
-
-KINDS = ("rotation", "translation")
-SIDES = ("robot", "camera", "A", "B")
-NORMAL = "normal"
-
-
-@dataclass(frozen=True)
-class Input:
-    """One input of a budget: its standard uncertainty in words, its distribution, and where both come from."""
-
-    uncertainty: str
-    distribution: str
-    origin: str
 
 
 def input_of(source: str, result: Calibration) -> Input:
@@ -239,18 +257,6 @@ def _estimated(names: list[str], estimate: NoiseEstimate) -> Input | None:
     return Input(_sizes((part.value, part.unit) for part in parts), NORMAL, _ORIGIN.get(parts[0].status, _ESTIMATED))
 
 
-_ESTIMATED = "residuals (REML)"
-_ORIGIN = {
-    "prior": "data sheet, residuals",
-    "population": "arms of the kind, residuals",
-    "fixed": "declared",
-    "given": "declared",
-    "from corners": "corners of the target",
-    "from points": "points of the target",
-    "by geometry": "residuals, views",
-}
-
-
 def _belongs(part: Component, source: str) -> bool:
     """Return whether a component is that of a source: of the same name, or one of its two kinds."""
     side, _, kind = source.partition(" ")
@@ -289,3 +295,56 @@ def noise_per_axis(S: Array | JointCovariance) -> Array:
 
 def _sizes(sizes: Iterable[tuple[float, str]]) -> str:
     return ", ".join(f"{digits(SHOWN[unit][0] * size, 2)} {SHOWN[unit][1]}" for size, unit in sizes)
+
+
+def sizes_of_stated(one: Stated) -> list[str]:
+    """Return u, degrees of freedom, k, U and unit as a row of a table."""
+    factor, unit = _FACTORS[one.unit]
+    if not np.isfinite(one.u):
+        return ["not determined", "", "", "", unit]
+    return [fixed(factor * one.u, 2), freedom(one.dof), f"{one.k:.2f}", fixed(factor * one.U, 2), unit]
+
+
+def lower(title: str, result: Calibration) -> str:
+    """Return the title, marked where the stated uncertainty is a lower limit."""
+    return f"{title} (lower limit)" if result.accuracy is not None and result.accuracy.lower_limit else title
+
+
+def gum_table(result: Calibration, most: int | None = None) -> Table:
+    """Return the budget as a table: each source with its input, its effect on X and its share of the variance.
+
+    Beyond ``most`` the smallest sources are one row.
+    """
+    found = sorted(budget_rows(result, most), key=lambda row: row.name.endswith(OTHERS))
+    rows: list[list[Cell]] = [_source(row) for row in found]
+    move, turn, _ = worst_of(result)
+    rows.append([])
+    factors = [_FACTORS["m"][0], _FACTORS["rad"][0]]
+    for title, cells in (
+        (lower("combined, u_c", result), [fixed(f * one.u, 3) for f, one in zip(factors, (move, turn), strict=True)]),
+        ("effective degrees of freedom", [freedom(one.dof) for one in (move, turn)]),
+        (f"coverage factor k for {percent(LEVEL)}", [f"{one.k:.2f}" for one in (move, turn)]),
+        (
+            lower("expanded, U = k u_c", result),
+            [fixed(f * one.U, 3) for f, one in zip(factors, (move, turn), strict=True)],
+        ),
+    ):
+        rows.append([title, "", "", "", "", *cells, "", ""])
+    head = ["source", "type", "input: u", "distribution, origin", "nu", "u (mm)", "u (deg)", "% of mm", "% of deg"]
+    caption = (
+        "JCGM 100. Effect of each source on translation (mm) and rotation (deg) of X, in the direction in which each "
+        "is least certain, and share of the variance; the effect divided by u of the input is its sensitivity "
+        "coefficient. The sources are independent: squares add. nu: degrees of freedom. Type A: evaluated from the "
+        "data, B: declared."
+    )
+    return Table(caption, head, rows, frozenset({1, 2, 3}))
+
+
+def _source(row: BudgetRow) -> list[Cell]:
+    words = ", ".join(text for text in (row.input.distribution, row.input.origin) if text)
+    sizes = [
+        fixed(factor * size, 2) if factor * size >= 1e-6 else "0"
+        for (factor, _), size in zip(_FACTORS.values(), (row.translation, row.rotation), strict=True)
+    ]
+    shares = [f"{100 * share:.1f}" for share in (row.share_translation, row.share_rotation)]
+    return [row.name, row.type, row.input.uncertainty, words, freedom(row.dof), *sizes, *shares]

@@ -20,9 +20,9 @@ from uq_handeye.core.geometry.se3 import perturb
 from uq_handeye.core.presentation import page as pdf
 from uq_handeye.errors import InputError
 from uq_handeye.findings import Finding
-from uq_handeye.report.certificate.budget import budget_rows, components_of, correlation_of, worst_of
-from uq_handeye.report.certificate.page import MOST_SOURCES
-from uq_handeye.report.certificate.statements import RP_PER_SD, robot_words
+from uq_handeye.report.budget import budget_rows, components_of, correlation_of, worst_of
+from uq_handeye.report.certificate_sheets import MOST_SOURCES
+from uq_handeye.report.statements import RP_PER_SD, robot_words
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
 ISSUED = "some day"
@@ -228,6 +228,8 @@ def test_two_pages_with_everything_given(results):
 
 def test_files_by_suffix(results, tmp_path):
     found = made(results["given"])
+    path = results["given"].report(tmp_path / "preset.json", certificate=True)
+    assert json.loads(path.read_text())["identifier"] == found.identifier
     assert json.loads(found.write(tmp_path / "c.json").read_text()) == json.loads(found.to_json())
     assert found.write(tmp_path / "c.html").read_text() == found.to_html()
     with pytest.raises(InputError, match=r"Expected `path` to end in \.html, \.pdf, \.json"):

@@ -1,1 +1,0 @@
-"""The certificate of a calibration: measurand, result, GUM budget, conditions, traceability and decision."""

@@ -1,0 +1,102 @@
+"""The decision on a tolerance, in the terms of JCGM 106, with its guard band; for a rig one decision a camera."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..calibration.result import Calibration
+from ..calibration.statement.tolerance import (
+    FAIL,
+    MET,
+    MISSED,
+    NOT_SHOWN,
+    PASS,
+    Tolerance,
+    Verdict,
+    percent,
+    probability_of,
+    probability_within,
+)
+from ..core.formatting.numbers import digits
+from ..core.numbers.rounding import SOLUTION_ROUNDING
+from ..rig.result import RigCalibration
+
+RULE = (
+    f"Decision rule (JCGM 106): PASS if the probability of conformity is at least {percent(MET)}, FAIL if it is at "
+    f"most {percent(1 - MET)}, else NOT SHOWN. Never PASS where a check failed or the uncertainty is a lower limit."
+)
+
+
+@dataclass(frozen=True)
+class Decision:
+    """A verdict with its guard band: the part of the tolerance that the uncertainty takes.
+
+    X is used as estimated, so that the estimate of its error is 0: it is accepted where the tolerance is at least the
+    guard band, at which the probability of conformity is 95 %. Length and angle are in the proportion of the tolerance.
+    """
+
+    verdict: Verdict
+    guard_band: Tolerance | None  # None: the probability is not known
+
+    @property
+    def margin(self) -> float | None:
+        """Share of the tolerance beyond the guard band; below 0 where the guard band is larger."""
+        if self.guard_band is None:
+            return None
+        wanted = self.verdict.tolerance
+        if wanted.translation is not None and self.guard_band.translation is not None:
+            return 1.0 - self.guard_band.translation / wanted.translation
+        assert wanted.rotation is not None and self.guard_band.rotation is not None
+        return 1.0 - self.guard_band.rotation / wanted.rotation
+
+    @property
+    def sentence(self) -> str:
+        """Guard band, and how it compares with the tolerance."""
+        if self.guard_band is None or self.margin is None:
+            return ""
+        share = 1.0 - self.margin
+        compared = f"{digits(share, 2)} times" if share > 1 else f"{digits(100 * share, 2)} % of"
+        return f"Guard band: the probability reaches {percent(MET)} at {self.guard_band}, {compared} the tolerance."
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain numbers and text, in m and rad."""
+        band = None
+        if self.guard_band is not None:
+            band = {"translation": self.guard_band.translation, "rotation": self.guard_band.rotation}
+        return self.verdict.to_dict() | {"rule": RULE, "guard_band": band, "margin": self.margin}
+
+
+def decide(result: Calibration, verdict: Verdict) -> Decision:
+    """Return the verdict with its guard band."""
+    if verdict.probability is None or result.covariance is None:
+        return Decision(verdict, None)
+    wanted = verdict.tolerance
+
+    def scaled(factor: float) -> Tolerance:
+        move, turn = wanted.translation, wanted.rotation
+        return Tolerance(None if move is None else factor * move, None if turn is None else factor * turn, wanted.at)
+
+    low, high = -9.0, 9.0  # powers of 10
+    while high - low > SOLUTION_ROUNDING:
+        middle = 0.5 * (low + high)
+        if probability_of(result, scaled(float(10.0**middle))) >= MET:
+            high = middle
+        else:
+            low = middle
+    return Decision(verdict, scaled(float(np.power(10.0, high))))
+
+
+def verdicts_of_rig(result: RigCalibration, tolerance: Tolerance | None) -> dict[str, Verdict]:
+    """Return whether the pose of each camera meets the tolerance; none without one."""
+    found: dict[str, Verdict] = {}
+    for name, camera in result.cameras.items() if tolerance is not None else ():
+        assert tolerance is not None
+        if len(camera.open):
+            found[name] = Verdict(NOT_SHOWN, None, tolerance, (f"{name} is not determined in all directions",))
+            continue
+        p = probability_within(camera.covariance, result.reference, tolerance, camera.pose[:3, :3])
+        found[name] = Verdict(PASS if p >= MET else FAIL if p <= MISSED else NOT_SHOWN, p, tolerance)
+    return found
