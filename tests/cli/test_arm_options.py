@@ -23,8 +23,18 @@ from uq_handeye.read import write_pose_file
 ARM = Kinematics.from_urdf(SIX_AXES)
 TOOL = motion((0.0, 0.0, 0.8), (0.0, 0.0, 0.1))
 # Deviations (rad, m) of the arm and of the camera.
-DECLARED = ("--kinematics", "declared", "--joint-offset-sd", "1mrad", "--tilt-sd", "0.5mrad", "--length-sd", "0.3mm")
-NOISES = ("--joint-noise", "0.1mrad", "--robot-noise", "exact", "--camera-noise", "0.5mrad,0.3mm", "--shared", "none")
+SIZES = ("--size", "joint offsets=1mrad", "--size", "joint tilts=0.5mrad", "--size", "link lengths=0.3mm")
+DECLARED = ("--kinematics", "declared", *SIZES)
+NOISES = (
+    "--size",
+    "joint noise=0.1mrad",
+    "--robot-noise",
+    "exact",
+    "--camera-noise",
+    "0.5mrad,0.3mm",
+    "--shared",
+    "none",
+)
 GIVEN = (*DECLARED, *NOISES)
 CHAIN = ("--joints", "joints.csv", "--urdf", "arm.urdf")
 FAR = stats.chi2.ppf(CONFIDENCE, 6)
@@ -247,7 +257,7 @@ def test_other_commands_have_the_errors_of_the_arm_in_their_noise(cell, command)
     ("arguments", "words"),
     [
         (("--kinematics", "exact", "--tip", "tool0"), "--tip, --kinematics: needs a robot model. Add --urdf"),
-        (("--robot-class", "cobot", "--sag-sd", "1mrad"), "--sag-sd, --robot-class: needs a robot model"),
+        (("--robot-class", "cobot", "--size", "sag=1mrad"), "--robot-class, --size: needs a robot model"),
         (("--joints", "joints.csv"), "Add --urdf robot.urdf (or --dh FILE, --robot-model NAME)"),
         (("--joints", "joints.csv", "--robot-model", "ur5x"), "--robot-model: No arm of the name 'ur5x' is known"),
         (("--robot-model", "ur5x"), "Did you mean ur5"),
@@ -259,9 +269,10 @@ def test_other_commands_have_the_errors_of_the_arm_in_their_noise(cell, command)
         ((*CHAIN, "--kinematics", "guess"), "--kinematics to be one of estimate, declared, exact"),
         ((*CHAIN, "--robot-class", "cobots"), "Did you mean cobot?"),
         ((*CHAIN, "--flange", "real"), "--flange to be one of workspace, controller, physical"),
-        ((*CHAIN, "--tilt-sd", "2mm"), "--tilt-sd"),
-        ((*CHAIN, "--length-sd", "-1mm"), "--length-sd"),
-        ((*CHAIN, "--kinematics", "exact", "--sag-sd", "1mrad"), "--sag-sd: not used with --kinematics exact"),
+        ((*CHAIN, "--size", "joint tilts=2mm"), "--size 'joint tilts'"),
+        ((*CHAIN, "--size", "link lengths=-1mm"), "--size 'link lengths'"),
+        ((*CHAIN, "--size", "link lengths=1mm,2"), "errors of the arm take no factor"),
+        ((*CHAIN, "--kinematics", "exact", "--size", "sag=1mrad"), "--size 'sag': not used with --kinematics exact"),
         ((*CHAIN, "--units", "robot=mm"), "--units: for a file of robot poses, not for --joints"),
         ((*CHAIN, "--robot-frame", "gripper_T_base"), "--robot-frame: for a file of robot poses"),
         ((*CHAIN, "--joint-units", "parsec"), "--joint-units"),
@@ -337,7 +348,16 @@ needs_data = pytest.mark.skipif("UQ_HANDEYE_DATA" not in os.environ, reason="UQ_
 def test_a_real_arm_by_its_joints():
     """FR3: the mount of the camera is known to about a millimetre; the controller's tool is turned by 45 degrees."""
     folder = Path(os.environ["UQ_HANDEYE_DATA"]) / "fr3_philnad"
-    given = ("--kinematics", "declared", "--robot-class", "cobot", "--joint-noise", "0.3mrad", "--robot-noise", "exact")
+    given = (
+        "--kinematics",
+        "declared",
+        "--robot-class",
+        "cobot",
+        "--size",
+        "joint noise=0.3mrad",
+        "--robot-noise",
+        "exact",
+    )
     chain = ("--joints", "joints.csv", "--urdf", "model.urdf")
     arguments = (*chain, *given, "--camera-noise", "0.11deg,0.43mm", "--shared", "none")
     found = found_in(folder, "camera.csv", *arguments)

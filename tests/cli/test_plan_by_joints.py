@@ -12,7 +12,7 @@ from uq_handeye.model.kinematics.joints_file import read_joints
 from uq_handeye.read import write_pose_file
 
 CHAIN = ("--joints", "joints.csv", "--urdf", "arm.urdf", "--tip", "tool0")
-GIVEN = (*CHAIN, "--kinematics", "declared", "--joint-noise", "0.1mrad", "--shared", "none", "--sample", 60)
+GIVEN = (*CHAIN, "--kinematics", "declared", "--size", "joint noise=0.1mrad", "--shared", "none", "--sample", 60)
 NOISES = ("--robot-noise", "exact", "--camera-noise", "0.3mrad,0.2mm")
 ARM = chain()
 

@@ -25,15 +25,39 @@ ROBOT_MODELS = (
     *("panda", "fr3", "gen3", "xarm6", "xarm7", "m1013"),
 )
 
-# Options of standard deviations: field here, parameter of `KinematicErrors`.
-_DEVIATIONS = {
-    "--joint-noise": ("joint_noise", "joint_sd"),
-    "--joint-offset-sd": ("joint_offset_sd", "offset_sd"),
-    "--tilt-sd": ("tilt_sd", "tilt_sd"),
-    "--length-sd": ("length_sd", "length_sd"),
-    "--transmission-sd": ("transmission_sd", "transmission_sd"),
-    "--sag-sd": ("sag_sd", "sag_sd"),
+# Errors of an arm whose standard deviation --size declares, and the parameter of `KinematicErrors` that takes it.
+SIZES_OF_ARM = {
+    "joint noise": "joint_sd",
+    "joint offsets": "offset_sd",
+    "joint tilts": "tilt_sd",
+    "link lengths": "length_sd",
+    "transmission": "transmission_sd",
+    "sag": "sag_sd",
 }
+
+
+def split_sizes(texts: list[str] | None) -> tuple[dict[str, str], list[str]]:
+    """Return the texts of --size that declare an error of the arm, by its name, and the other texts.
+
+    Joint noise with a factor belongs to the others: its size is then estimated like those of the other errors.
+    """
+    of_arm: dict[str, str] = {}
+    others = []
+    for text in texts or []:
+        name, _, value = (part.strip() for part in text.partition("="))
+        known_within = "," in value
+        if name not in SIZES_OF_ARM or (known_within and name == "joint noise"):
+            others.append(text)
+        elif known_within:
+            raise InputError(
+                f"--size {text}: errors of the arm take no factor. --kinematics estimate (the default) knows them "
+                "within a factor of 2, declared exactly. Remove the factor."
+            )
+        elif name in of_arm:
+            raise InputError(f"--size gives {name!r} twice. Remove one of them.")
+        else:
+            of_arm[name] = value
+    return of_arm, others
 
 
 @dataclass(frozen=True)
@@ -107,14 +131,6 @@ class ErrorOptions(Options):
         --bag: the robot's frames, e.g. base:tool0, or its topic.
       how = --kinematics NAME <HOW>: Treatment of the kinematic errors: estimate, declared or exact. estimate: their
         standard deviations are known within a factor; declared: as given; exact: no errors. Default: estimate.
-      --joint-noise SD: Standard deviation of a joint value in one pose, e.g. 0.01deg. Default: estimated.
-      --joint-offset-sd SD: Standard deviation of the joint offsets, e.g. 0.1deg. Default: by --robot-class.
-      --tilt-sd SD: Standard deviation of the tilts of the joint axes, e.g. 0.03deg. Default: by --robot-class.
-      --length-sd SD: Standard deviation of the link lengths, e.g. 0.2mm. Default: by --robot-class.
-      --transmission-sd SD: Standard deviation of the periodic transmission error (one or two periods per revolution),
-        e.g. 0.02deg. Default: by --robot-class.
-      --sag-sd SD: Standard deviation of the deflection of a joint under its largest gravity load, e.g. 0.06deg.
-        Default: by --robot-class.
       --flange NAME <FLANGES>: Flange that X refers to: workspace (the frames in which the arm agrees best with its
         model), controller (as computed from the joints) or physical (its deviation from that is part of the
         uncertainty). Default: workspace.
@@ -124,14 +140,15 @@ class ErrorOptions(Options):
 
     robot_file: Path | None = None
     how: str | None = None
-    joint_noise: str | None = None
-    joint_offset_sd: str | None = None
-    tilt_sd: str | None = None
-    length_sd: str | None = None
-    transmission_sd: str | None = None
-    sag_sd: str | None = None
     robot_class: str | None = None
+    size: list[str] | None = None
     flange: str | None = None
+
+    @property
+    def given(self) -> list[str]:
+        """Names of the options that were given for the arm; --size only where it declares one of its errors."""
+        of_arm, _ = split_sizes(self.size)
+        return [name for name in super().given if name != "--size" or of_arm]
 
     def errors(self) -> "KinematicErrors":
         """Return the errors as an argument of `calibrate`."""
@@ -142,19 +159,17 @@ class ErrorOptions(Options):
             if (value := getattr(self, name)) is not None:
                 shown = "--kinematics" if name == "how" else f"--{name.replace('_', '-')}"
                 values[name] = one_of(value, shown, of)
-        deviations = {
-            name: (known, value)
-            for name, (field, known) in _DEVIATIONS.items()
-            if (value := getattr(self, field)) is not None
-        }
+        of_arm, _ = split_sizes(self.size)
         if values.get("how") == "exact":
-            kept = [name for name in (*deviations, "--robot-class", "--flange") if name in self.given]
-            if wrong := [name for name in kept if name != "--joint-noise"]:
+            wrong = [f"--size {name!r}" for name in of_arm if name != "joint noise"]
+            wrong += [name for name in ("--robot-class", "--flange") if name in self.given]
+            if wrong:
                 raise InputError(f"{', '.join(wrong)}: not used with --kinematics exact. Remove the option.")
-        for name, (known, value) in deviations.items():
-            with said_of(name):
-                KinematicErrors(**{known: value})
-            values[known] = value
+        for name, value in of_arm.items():
+            parameter = SIZES_OF_ARM[name]
+            with said_of(f"--size {name!r}"):
+                KinematicErrors(**{parameter: value})
+            values[parameter] = value
         return KinematicErrors(**values)
 
 
@@ -192,6 +207,15 @@ class Arm:
     def of_calibrate(self) -> dict[str, Any]:
         """Arguments of `calibrate`, which takes the joints from the poses."""
         return {"kinematics": self.kinematics, "kinematic_errors": self.options.errors()}
+
+
+def arm_alone(chain: ChainOptions, options: ErrorOptions) -> Arm | None:
+    """Return the arm of a command that estimates no other sizes; raises `InputError` for sizes of other errors."""
+    if others := split_sizes(options.size)[1]:
+        raise InputError(
+            f"--size {others[0]}: this command takes sizes of the arm's errors only: {', '.join(SIZES_OF_ARM)}."
+        )
+    return arm_of(chain, options)
 
 
 def arm_of(chain: ChainOptions, options: ErrorOptions) -> Arm | None:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from ..errors import InputError, NotConvergedError
-from .arm import Arm, ChainOptions, ErrorOptions, TouchesToUse, arm_of
+from .arm import Arm, ChainOptions, ErrorOptions, TouchesToUse, arm_alone, split_sizes
 from .bag_files import RobotGiven, given_of_robot
 from .messages import timed, verbose, withheld
 from .noise import Given, given_of, noise_of
@@ -95,7 +95,7 @@ class Session:
     files: PoseFiles
     given: Annotated[Given, given_of]
     views: Annotated[Views | None, views_of]
-    arm: Annotated[Arm | None, arm_of]
+    arm: Annotated[Arm | None, arm_alone]
 
     def read(self) -> "tuple[PosePairs, Noise | None, list[SharedError] | None]":
         """Return poses, noise and shared errors."""
@@ -174,11 +174,6 @@ class Estimation:
     Options (Estimation):
       * --method NAME <METHODS>: Estimator. One of {METHODS}; bundle needs pictures. Default: efficient.
 
-    Options (Shared errors):
-      --size NAME=SIZE[,FACTOR]: Size of an error before the data, e.g. 'robot accuracy=0.3mm,2': a standard deviation,
-        and the factor within which it is known (1 sigma). Without a factor: exact. Repeatable. Default: by a table.
-
-    Options (Estimation):
       --scale D: Scaling factor d of 4dpa. Default: its limit, in closed form.
       --kind NAME <poses|pairs|literal>: Noise propagation of published methods: poses, pairs, or literal (noise of
         pairs).
@@ -210,7 +205,7 @@ class Estimation:
             "method": None if self.method is None else one_of(self.method, "--method", METHODS),
             "covariance": one_of(self.covariance, "--covariance", COVARIANCE_NAMES),
             "correlation": one_of(self.correlation, "--correlation", ("auto", "none")),
-            "sizes": _sizes_of(self.size or []),
+            "sizes": _sizes_of(split_sizes(self.size)[1]),
         }
 
 

@@ -281,6 +281,12 @@ class Common:
         deviations not given. Default: industrial. Without ({ACCURACY_CLASSES}) it sets the accuracy that is assumed of
         the robot: 0.15, 0.6 or 2 mm, within a factor of 2.
 
+    Options (Shared errors):
+      --size NAME=SIZE[,FACTOR]: Size of an error before the data, e.g. 'robot accuracy=0.3mm,2': a standard deviation,
+        and the factor within which it is known (1 sigma; without it: exact). Of an arm with kinematics, without a
+        factor: joint noise, joint offsets, joint tilts, link lengths, transmission, sag, e.g. 'joint offsets=0.02deg'.
+        Repeatable. Default: by a table.
+
     Options (Estimation):
       --pairs NAME <all|consecutive|disjoint>: Pairs of poses that form a motion: all, consecutive or disjoint.
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from ...errors import InputError
-from ..arm import TouchesToUse, arm_of
+from ..arm import TouchesToUse, arm_alone
 from ..delivery import Outputs, Wanted, wanted_of
 from ..messages import LOG, quiet
 from ..noise import Given, noise_of
@@ -85,7 +85,7 @@ class SourceOptions:
 
 def live_command(
     files: SessionFiles,
-    arm: Annotated["Arm | None", arm_of],
+    arm: Annotated["Arm | None", arm_alone],
     pictures: Annotated["Pictures | Views | None", pictures_of],
     given: Annotated["Given", noise_of],
     wanted: Annotated["Wanted", wanted_of],

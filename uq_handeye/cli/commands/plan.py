@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from ...errors import InputError
-from ..arm import Arm, arm_of
+from ..arm import Arm, arm_alone
 from ..delivery import deliver_answer
 from ..messages import fail, progress_wanted, timed, verbose, withheld
 from ..new_poses import Session
@@ -85,7 +85,7 @@ class Planning:
 def plan_command(
     files: PoseFiles,
     given: Annotated["Given", given_of],
-    arm: Annotated["Arm | None", arm_of],
+    arm: Annotated["Arm | None", arm_alone],
     asked: Planning,
     form: str | None = None,
     as_json: bool = False,
