@@ -1,6 +1,7 @@
 """One BLAS thread per process, `support` made importable (--import-mode=importlib), one seeded generator per test."""
 
 import os
+import re
 import struct
 import sys
 import zlib
@@ -17,21 +18,45 @@ os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, (str(HERE.parent), os.en
 
 import numpy as np  # noqa: E402
 import pytest  # noqa: E402
+import support  # noqa: E402
 from support import SEED  # noqa: E402
 
 from uq_handeye import findings  # noqa: E402
 
+# Markers of the tests that plain `pytest` leaves out (pyproject.toml).
+LEFT_OUT = "slow|statistical|docs|browser|toolchain|opencv4"
+WHOLE_FILE = re.compile(rf"^pytestmark = .*\bmark\.({LEFT_OUT})\b", re.MULTILINE)
+
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_cmdline_main(config):
-    """The whole suite runs in a process per processor, unless ``-n`` says otherwise; a part of it in one.
+    """The suite runs in a process per processor, unless ``-n`` says otherwise; a part of it in one, and a file that is
+    named runs whole, not only its fast tests.
 
     Each process takes neighbouring tests (``worksteal``), which share the fixtures of their module.
     """
     option = config.option
-    whole = config.args_source is pytest.Config.ArgsSource.TESTPATHS and not hasattr(config, "workerinput")
-    if whole and getattr(option, "numprocesses", 0) is None:  # a process of the run comes here, too
+    support.DEMANDED = set(re.findall(LEFT_OUT, option.markexpr)) - set(re.findall(r"not (\w+)", option.markexpr))
+    if hasattr(config, "workerinput"):  # a process of the run comes here, too
+        return
+    whole = config.args_source is pytest.Config.ArgsSource.TESTPATHS
+    if whole and getattr(option, "numprocesses", 0) is None:
         option.numprocesses, option.maxprocesses, option.dist = "logical", 8, "worksteal"
+    if not whole and option.markexpr == fast(config) and all(".py" in argument for argument in config.args):
+        option.markexpr = ""
+
+
+def fast(config):
+    """Return the expression that selects the fast subset."""
+    options = config.getini("addopts")
+    return options[options.index("-m") + 1]
+
+
+def pytest_ignore_collect(collection_path, config):
+    """Leave out files of which the fast subset has no test: to import them all takes half a minute."""
+    if config.option.markexpr == fast(config) and collection_path.name.startswith("test_"):
+        return True if WHOLE_FILE.search(collection_path.read_text(encoding="utf-8")) else None
+    return None
 
 
 @pytest.fixture(autouse=True)

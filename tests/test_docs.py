@@ -36,6 +36,7 @@ WRITTEN = {
 }
 
 
+@pytest.mark.docs
 @pytest.mark.parametrize("page", SHOWN)
 def test_a_page_prints_what_it_shows(page, tmp_path, monkeypatch, without_rendering):
     """If this fails, run `python docs/figures/refresh_outputs.py`."""
@@ -83,6 +84,7 @@ def test_a_wrong_output_would_be_found(tmp_path, monkeypatch):
     assert missing(run_page(page)[-1]) == ["three"]
 
 
+@pytest.mark.docs
 def test_the_guide_through_a_real_cell_runs(tmp_path, monkeypatch, without_rendering):
     monkeypatch.chdir(tmp_path)
     page = DOCS / "how-to" / "real_cell.md"
@@ -96,6 +98,7 @@ def test_the_guide_through_a_real_cell_runs(tmp_path, monkeypatch, without_rende
     assert "sizes of the errors" in printed and "camera translation" in printed  # of the budget
 
 
+@pytest.mark.docs
 def test_the_page_on_streams_runs(tmp_path, monkeypatch, rng):
     monkeypatch.chdir(tmp_path)
     *_, robot, camera = streams(rng, motion(rng, 6.0), 0.02, 6.0)
@@ -174,6 +177,7 @@ def test_every_word_of_the_glossary_is_explained_once():
         assert word in words
 
 
+@pytest.mark.docs
 def test_the_pictures_of_the_conventions_are_drawn_by_their_script(tmp_path):
     script = runpy.run_path(str(DOCS / "figures" / "conventions.py"))
     for name, make in script["FIGURES"].items():

@@ -1,4 +1,4 @@
-"""The house: imports go down in the order that the page of the architecture gives, and no folder is overcrowded."""
+"""The house: imports go down in the order that the page of the architecture gives."""
 
 import re
 import runpy
@@ -54,18 +54,6 @@ def test_the_doors_to_the_report_are_lazy(door):
     found = re.findall(rf"^( *)from \.+{page.removeprefix('uq_handeye')} import (.*)$", text, re.MULTILINE)
     assert ("        ", {"page": "write_report", "figures": "figure_of"}[page.rpartition(".")[2]]) in found
     assert all(indent for indent, _ in found)
-
-
-def test_few_files_stand_together():
-    folders = {}
-    for path in SOURCES.values():
-        if not path.stem.startswith("__"):
-            folders.setdefault(str(path.parent.relative_to(ROOT)), []).append(path.stem)
-    top = folders.pop("uq_handeye")
-    assert 1 <= len(top) <= 6, top
-    crowded = {folder for folder, names in folders.items() if len(names) > 15}
-    # one language, one command per file
-    assert crowded <= {"symbolic", "uq_handeye/cli/commands"}
 
 
 def test_every_folder_is_installed():

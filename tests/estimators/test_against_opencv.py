@@ -2,14 +2,15 @@
 
 import numpy as np
 import pytest
-from support import difference, draw, exact_poses, moved
+from support import difference, draw, exact_poses, missing, moved
 
 import uq_handeye as uq
 from uq_handeye.model.poses.pose_pairs import Truth
 
 cv2 = pytest.importorskip("cv2")
 if not hasattr(cv2, "calibrateHandEye"):
-    pytest.skip("OpenCV 5 has no calibrateHandEye", allow_module_level=True)
+    missing("opencv4", "OpenCV 5 has no calibrateHandEye; `pip install -e '.[bench]'` installs OpenCV 4")
+pytestmark = pytest.mark.opencv4
 
 TRIALS = 200
 FLAGS = {

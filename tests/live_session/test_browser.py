@@ -7,6 +7,7 @@ import time
 
 import numpy as np
 import pytest
+from support import missing
 
 import uq_handeye as uq
 from uq_handeye.core.presentation import page as pdf
@@ -21,9 +22,7 @@ from uq_handeye.use.live_session.page import Page  # noqa: E402
 from uq_handeye.use.live_session.view import view_page  # noqa: E402
 
 CHROMIUM, DRIVER = pdf.found_browser(), shutil.which("chromedriver")
-pytestmark = pytest.mark.skipif(
-    CHROMIUM is None or DRIVER is None, reason="needs Chromium and chromedriver (Debian: chromium, chromium-driver)"
-)
+pytestmark = pytest.mark.browser
 FLAGS = [flag for flag in pdf.FLAGS if flag != "--disable-gpu"]
 SOFTWARE = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 DOWNLOADS = []  # the folder
@@ -35,6 +34,8 @@ NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0
 def driver(tmp_path_factory):
     from selenium.webdriver.chrome.service import Service
 
+    if CHROMIUM is None or DRIVER is None:
+        missing("browser", "needs Chromium and chromedriver (Debian: chromium, chromium-driver)")
     options = webdriver.ChromeOptions()
     options.binary_location = CHROMIUM
     for flag in (*FLAGS, *SOFTWARE, f"--user-data-dir={tmp_path_factory.mktemp('profile')}"):

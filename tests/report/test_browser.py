@@ -6,7 +6,7 @@ import shutil
 
 import numpy as np
 import pytest
-from support import SEED
+from support import SEED, missing
 
 import uq_handeye as uq
 from uq_handeye.core.presentation import page as pdf
@@ -15,9 +15,7 @@ webdriver = pytest.importorskip("selenium.webdriver", reason="selenium (extra te
 WebDriverWait = pytest.importorskip("selenium.webdriver.support.ui").WebDriverWait
 
 CHROMIUM, DRIVER = pdf.found_browser(), shutil.which("chromedriver")
-pytestmark = pytest.mark.skipif(
-    CHROMIUM is None or DRIVER is None, reason="needs Chromium and chromedriver (Debian: chromium, chromium-driver)"
-)
+pytestmark = pytest.mark.browser
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
 SHEETS = ["answer", "checks", "by-pose", "x", "ahead", "error", "budget"]
@@ -48,6 +46,8 @@ def pages(tmp_path_factory):
 def driver(tmp_path_factory):
     from selenium.webdriver.chrome.service import Service
 
+    if CHROMIUM is None or DRIVER is None:
+        missing("browser", "needs Chromium and chromedriver (Debian: chromium, chromium-driver)")
     options = webdriver.ChromeOptions()
     options.binary_location = CHROMIUM
     for flag in (*pdf.FLAGS, f"--user-data-dir={tmp_path_factory.mktemp('profile')}"):

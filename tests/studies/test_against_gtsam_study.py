@@ -7,6 +7,8 @@ import pytest
 
 from studies.against_gtsam import STUDY, figures, findings, interleaved
 
+pytestmark = pytest.mark.slow
+
 
 def tables(covariance, shift, ratio):
     row = {"data": "simulated", "poses": 20, "sets": 1, "covariance": covariance, "X_and_W_sd": shift}

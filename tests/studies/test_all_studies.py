@@ -18,6 +18,8 @@ from study_cases import quick_tables
 from studies.__main__ import described
 from studies.common.study import FINDINGS, RUN, read_tables
 
+pytestmark = pytest.mark.slow
+
 PAGES = DOCS / "studies"
 OF_THE_PAPER = (
     "table_1",

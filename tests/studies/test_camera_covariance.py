@@ -7,6 +7,8 @@ import pytest
 from studies.camera_covariance import PIXEL, ROBOT, SIZE, error, findings, one_set, poses_of, recorded
 from uq_handeye.core.geometry.se3 import inverse
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
 def test_without_noise_everything_fits(setup):

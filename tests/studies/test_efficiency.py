@@ -10,6 +10,8 @@ from studies import efficiency
 from studies.efficiency import rig
 from studies.efficiency.findings import deviations_between, first_order, means_between
 
+pytestmark = pytest.mark.slow
+
 SMALL = rig.Size(budget=10_000, most=100_000, trials=400)
 
 

@@ -22,6 +22,8 @@ from uq_handeye.methods.procrustes.scaled import so4_from_se3
 from uq_handeye.trials.simulation.experiment import Experiment
 from uq_handeye.trials.validation.cross_check.rows import formulas
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def at():

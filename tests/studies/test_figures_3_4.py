@@ -11,6 +11,8 @@ from studies.common.study import read_table
 from studies.figures_3_4 import rig as rig
 from uq_handeye.core.geometry.se3 import logarithm
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def tables():

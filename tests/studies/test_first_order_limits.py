@@ -6,6 +6,8 @@ import pytest
 
 from studies.first_order_limits import cell, end, figures, findings, problems, reason
 
+pytestmark = pytest.mark.slow
+
 
 def limits(holds, fails):
     """One row of the table from two levels in mrad, NaN where there is none."""

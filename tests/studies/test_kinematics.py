@@ -15,6 +15,8 @@ from studies.kinematics.real_sets import Recorded, subsets
 from studies.kinematics.touches import Touches, fitted, nominal
 from uq_handeye.core.geometry.se3 import inverse
 
+pytestmark = pytest.mark.slow
+
 
 def rig(name, setup, seed=1):
     rng = np.random.default_rng(seed)

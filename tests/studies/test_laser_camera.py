@@ -13,6 +13,8 @@ from studies.laser_camera import findings
 from studies.laser_camera import rig as rig
 from uq_handeye.core.geometry.se3 import inverse, perturb
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def tables():

@@ -7,6 +7,8 @@ import pytest
 from studies.common.scores import errors
 from studies.likelihood import LIMITS, ROWS, at_bound, draws, findings, honest, score, scores, true_ratios
 
+pytestmark = pytest.mark.slow
+
 
 def table(least=1.0, largest=1.0, nees=6.0, draws=1000, **about):
     row = {"draws": draws, "least_sd_over_bound": least, "largest_sd_over_bound": largest, "mean_nees": nees}

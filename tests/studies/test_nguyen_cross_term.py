@@ -8,6 +8,8 @@ from study_cases import quick_tables
 from studies.nguyen_cross_term import findings, in_unit, of_own, of_stopping, units
 from uq_handeye.core.geometry.se3 import perturb
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def tables():

@@ -7,6 +7,8 @@ from support import SEED
 
 from studies.one_model.ranks import AXES, LEVEL, Cell, Ranked, figure_of, lines, ranked, verdict
 
+pytestmark = pytest.mark.slow
+
 SETS = 12
 
 

@@ -11,6 +11,8 @@ from studies.one_model.rigs import SETUPS, SIMPLE, SPREADS, arm_set, inverse, si
 from studies.one_model.true_arms import aligned, drawn_arm, exponential, left_errors, rms_length
 from studies.one_model.views import drawn_camera, drawn_views
 
+pytestmark = pytest.mark.slow
+
 EXACT = {"intrinsics": "exact", "corner_noise": 0.0, "repeatable": False}
 
 

@@ -12,6 +12,8 @@ from studies import peers
 from studies.peers import programs
 from studies.peers.findings import OURS, REFERENCE
 
+pytestmark = pytest.mark.slow
+
 NOISE = peers.NOISES["isotropic"]
 PROGRAMS = {program.label: program for program in programs.installed() if program.name != "SymForce"}
 

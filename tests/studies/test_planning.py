@@ -8,6 +8,8 @@ from studies.planning import sessions as planning_sessions
 from studies.planning.sessions import against_all_subsets, degenerate, spread, worst_rotation, worst_translation
 from uq_handeye.trials.simulation.rig import RIGS
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def tables():

@@ -5,6 +5,8 @@ import pytest
 
 from studies.posterior_moves import LONG_ENOUGH, MIX, MOVES, figures, findings, per_second, problems, sampled
 
+pytestmark = pytest.mark.slow
+
 
 def table(samples_of_mix, steps=1000):
     rows = [

@@ -8,6 +8,8 @@ from studies.common.scores import errors, nees
 from studies.real_cell import CELLS, KINDS, band, calibrated, distance2, judged, of_rendered, outliers, sets, spoilt
 from studies.real_cell import true_components as components
 
+pytestmark = pytest.mark.slow
+
 FIRST = next(iter(CELLS))
 
 

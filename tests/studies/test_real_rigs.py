@@ -10,6 +10,8 @@ from studies.real_rigs import CASES, COEFFICIENT, DEVIATIONS, SEED, STEP, TOO_LA
 from studies.real_rigs.findings import findings
 from uq_handeye.core.geometry.se3 import perturb
 
+pytestmark = pytest.mark.slow
+
 SETUPS = ("eye-in-hand", "eye-to-hand")
 
 

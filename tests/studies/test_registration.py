@@ -11,6 +11,8 @@ from studies.registration import covariance as covariance
 from studies.registration import findings
 from studies.registration import forms as forms
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def tables():

@@ -11,6 +11,8 @@ from studies.robot_accuracy import WAYS, findings
 from studies.robot_accuracy.rigs import PLACES, session
 from uq_handeye.core.geometry.se3 import inverse, perturb
 
+pytestmark = pytest.mark.slow
+
 
 def table(inside):
     rows = [

@@ -14,6 +14,8 @@ from studies.scaling_factor import single_precision as route
 from studies.scaling_factor.findings import findings, flat
 from uq_handeye.symbolic import functions
 
+pytestmark = pytest.mark.slow
+
 DEVIATIONS = np.array([1e-3, 1e-3, 1e-3, 2e-3, 2e-3, 2e-3])
 
 

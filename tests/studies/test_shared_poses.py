@@ -10,6 +10,8 @@ from studies.shared_poses import BOARD, NOISES, RANDOM, sequence, stated, trial_
 from studies.shared_poses.findings import findings, inside, slope
 from uq_handeye.trials.simulation.experiment import experiment
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def tables():

@@ -9,6 +9,8 @@ from studies.common.scores import errors
 from studies.simulation_based_calibration import BINS, CASES, band, figures, findings, problem, ranks, told, verdicts
 from uq_handeye.fit.likelihood.constraint import covariances_of
 
+pytestmark = pytest.mark.slow
+
 
 def table(counts, wrong):
     rows = [

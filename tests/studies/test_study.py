@@ -8,6 +8,8 @@ import uq_handeye as uq
 from studies.common.study import Study, markdown, read_table, read_tables
 from uq_handeye.core.presentation.figure_parts import canvas, finished
 
+pytestmark = pytest.mark.slow
+
 THIRD = 1.0 / 3.0
 
 

@@ -14,6 +14,8 @@ from studies.table_1.findings import ACCURACY, SPEED, class_of, findings, summar
 from uq_handeye.trials.simulation.experiment import Experiment
 from uq_handeye.trials.simulation.run import run
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def tables():

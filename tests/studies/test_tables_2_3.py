@@ -15,6 +15,8 @@ from studies.tables_2_3 import ur10_camera
 from studies.tables_2_3.findings import OTHERS, PAPER_SCALE, findings, holds, printed_share, slope, smallest
 from uq_handeye.core.geometry.se3 import perturb
 
+pytestmark = pytest.mark.slow
+
 
 def test_the_error_of_the_paper():
     rng = np.random.default_rng(SEED)

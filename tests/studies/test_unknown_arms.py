@@ -1,8 +1,11 @@
 """The study of checks of unknown arms: what a draw says, and that pieces add up to the whole."""
 
 import numpy as np
+import pytest
 
 from studies.maintenance import unknown_arms
+
+pytestmark = pytest.mark.slow
 
 
 def test_a_draw_has_a_p_value_powers_and_now_and_then_a_shift_that_is_found():

@@ -9,21 +9,22 @@ import shutil
 import subprocess
 
 import numpy as np
-import pytest
+from support import missing
 
 from uq_handeye.symbolic import functions
 from uq_handeye.symbolic.languages import LANGUAGES
 from uq_handeye.symbolic.matrices import FORMS
 
 WARNINGS = ["-Wall", "-Wextra", "-Wpedantic", "-Werror"]
+NOT_DEMANDED = ("rustc", "node", "julia")  # tried where they are installed
 SANITIZERS = ["-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
 
 
 def tool(*names):
-    """The first of the programs that this machine has; else the test is skipped, and says so."""
+    """Return the path of the first of the programs that this machine has."""
     found = next((path for name in names if (path := shutil.which(name))), None)
     if found is None:
-        pytest.skip(f"not run here: no {' or '.join(names)} on this machine")
+        missing("toolchain" if names[0] not in NOT_DEMANDED else "", f"no {' or '.join(names)} on this machine")
     return found
 
 

@@ -18,6 +18,8 @@ from uq_handeye.symbolic.languages import LANGUAGES
 from uq_handeye.symbolic.latex import latex_files
 from uq_handeye.symbolic.matrices import FORMS
 
+pytestmark = pytest.mark.toolchain
+
 
 @pytest.fixture(scope="module")
 def cases():

@@ -4,10 +4,13 @@ import re
 
 import drivers
 import numpy as np
+import pytest
 from whole_functions import GOOD
 
 import uq_handeye as uq
 from uq_handeye.symbolic import codegen
+
+pytestmark = pytest.mark.toolchain
 
 
 def test_octave_whole_functions(generated, tmp_path):

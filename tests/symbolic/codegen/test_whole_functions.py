@@ -11,6 +11,8 @@ from whole_functions import CONDITION, DEGENERATE, GOOD, MESSAGES, STATUS, UNTOU
 
 import uq_handeye as uq
 
+pytestmark = pytest.mark.toolchain
+
 
 @pytest.fixture(params=["c", "c sanitized", "cpp", "cpp sanitized", "python"])
 def program(request, generated, tmp_path, monkeypatch):
