@@ -29,21 +29,21 @@ def test_summary_json_and_folder(folder):
     assert f"calibrate robot.csv {out}" in done.stdout and "axial" in done.stdout
     names = {"camera.csv", "points_covariance.npz", "points.json", "points.csv", "target.csv", "residuals.png"}
     assert {path.name for path in (folder / "out").iterdir()} == names
-    done = run("points", points, "--noise", "0.1mm,0.5mm", "--json")
+    done = run("points", points, "--target", target, "--noise", "0.1mm,0.5mm", "--json")
     found = json.loads(done.stdout)
-    assert found["noise"]["axial"] == 5e-4 and found["noise"]["given"] and not found["target"]["known"]
+    assert found["noise"]["axial"] == 5e-4 and found["noise"]["given"] and found["target"]["points"] == 5
     assert np.array(found["covariance"]).shape == (8, 6, 6)
 
 
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["single.csv"], "One point per pose gives no pose"),
+        (["single.csv", "--target", "target.csv"], "One point per pose gives no pose"),
         (["points.csv", "--units", "mm", "--target", "target.csv"], "--target-units"),
-        (["points.csv", "--target-units", "mm"], "--target-units needs --target"),
-        (["points.csv", "--noise", "soft"], "--noise"),
-        (["points.csv", "--units", "miles"], "--units"),
-        (["nothing.csv"], "there is no such file"),
+        (["points.csv"], "--target is missing"),
+        (["points.csv", "--target", "target.csv", "--noise", "soft"], "--noise"),
+        (["points.csv", "--target", "target.csv", "--units", "miles"], "--units"),
+        (["nothing.csv", "--target", "target.csv"], "there is no such file"),
         (["points.csv", "--target", "single.csv"], "do not fit the target"),
     ],
 )

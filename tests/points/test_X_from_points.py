@@ -29,14 +29,14 @@ def cell(rng, n=15):
     return G, noisy(rng, at, LATERAL, AXIAL), p
 
 
-def mean_d2(known, noise, trials=20):
+def mean_d2(noise, trials=20):
     rng = np.random.default_rng(SEED)
     d2 = []
     for _ in range(trials):
         G, y, p = cell(rng)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", InputWarning)
-            seen = uq.poses_from_points(y, p if known else None, noise)
+            seen = uq.poses_from_points(y, p, noise)
             poses = uq.PosePairs(G[seen.rows], seen.poses, camera_covariance=seen.covariance)
             found = uq.efficient(poses, uq.PoseNoise(ROBOT, poses.known_camera))  # as calibrate does
         e = pose_errors(TRUTH[None], found.X[None])[0]
@@ -44,27 +44,26 @@ def mean_d2(known, noise, trials=20):
     return np.sum(d2), 6 * trials
 
 
-@pytest.mark.parametrize("known", [True, False])
-def test_covariance_of_X_is_consistent(known):
-    total, dof = mean_d2(known, None)
+def test_covariance_of_X_is_consistent():
+    total, dof = mean_d2(None)
     low, high = stats.chi2.interval(CONFIDENCE, dof)
     assert low < total < 1.1 * high  # noise from about 100 degrees of freedom
 
 
 def test_isotropic_noise_assumed_of_a_depth_camera_is_rejected():
-    total, dof = mean_d2(True, LATERAL)
+    total, dof = mean_d2(LATERAL)
     assert total > 1.3 * stats.chi2.isf(1 - CONFIDENCE, dof)
 
 
 @pytest.fixture(scope="module")
 def session(tmp_path_factory):
-    """Folder with robot.csv and seen/, a target that was not measured; pose 4 has no usable points."""
+    """Folder with robot.csv and seen/; pose 4 has no usable points."""
     folder = tmp_path_factory.mktemp("session")
-    G, y, _ = cell(np.random.default_rng(SEED + 1))
+    G, y, p = cell(np.random.default_rng(SEED + 1))
     y[4, 2:] = np.nan
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", InputWarning)
-        seen = uq.poses_from_points(y)
+        seen = uq.poses_from_points(y, p)
     uq.write_pose_file(folder / "robot.csv", G)
     seen.write(folder / "seen")
     return folder, seen
@@ -78,7 +77,7 @@ def test_a_folder_takes_the_place_of_the_camera_file(session):
     np.testing.assert_array_equal(poses.camera, uq.read_poses(folder / "robot.csv", seen).camera)
     assert any("left out: 4" in note for source in poses.sources for note in source.notes)
     found = uq.calibrate(poses)
-    assert found.noise_estimate.from_points and "target shape" in found.analysis.budget.sources
+    assert found.noise_estimate.from_points
     assert "from the measured points" in " ".join(found.noise_estimate.statement)
     again = uq.Calibration.from_dict(found.to_dict())
     np.testing.assert_array_equal(np.asarray(again.data.camera_covariance), np.asarray(seen.covariance))
@@ -105,11 +104,12 @@ def test_poses_numbered_from_1_and_missing_ones(session):
         uq.read_poses(folder / "robot.csv", more)
 
 
-def test_new_points_of_an_unknown_target_are_not_added(session):
+def test_new_points_are_added(session):
     folder, seen = session
     poses = uq.read_poses(folder / "robot.csv", seen)
     result = uq.calibrate(poses.rows(np.arange(8)))
-    with pytest.raises(InputError, match="Give the target of the result"):
-        uq.update(result, poses.rows(np.arange(8, 14)))
+    updated = uq.update(result, poses.rows(np.arange(8, 14)))
+    assert updated.data.n == 14
+    np.testing.assert_array_equal(updated.data.camera_covariance.own, seen.covariance.own)
     with pytest.raises(InputError, match="camera_covariance"):
         uq.PosePairs(poses.robot[:5], poses.camera[:5], camera_covariance=seen.covariance)

@@ -1,7 +1,6 @@
 """Poses from points: closed forms, the covariance against actual errors, outliers, refusals."""
 
 import warnings
-from functools import cache
 
 import numpy as np
 import pytest
@@ -10,9 +9,11 @@ from scipy import stats
 from support import CONFIDENCE, SEED
 
 from uq_handeye import InputError, InputWarning
+from uq_handeye.core.geometry.se3 import perturb
+from uq_handeye.model.points.closed_form import kabsch, placed
 from uq_handeye.model.points.estimate import poses_from_points
-from uq_handeye.model.points.least_squares import Normal, Sight
-from uq_handeye.model.points.measured import PointSet, Target, kabsch, placed
+from uq_handeye.model.points.least_squares import Matches, by_direction, fit, sight_lines
+from uq_handeye.model.points.measured import PointSet, Target
 
 LATERAL, AXIAL = 1e-4, 5e-4
 
@@ -35,52 +36,34 @@ def test_kabsch_is_exact_and_proper():
     np.testing.assert_allclose(found, T, atol=1e-12)
 
 
-@pytest.mark.parametrize("shape_open", [False, True])
-def test_derivatives_are_numerical_derivatives(shape_open):
+def test_derivatives_are_numerical_derivatives():
     rng = np.random.default_rng(SEED + 1)
     y, p, T = rig(rng, 2, 4, 1e-3, 1e-3)
-    pose, point = np.repeat(np.arange(2), 4), np.tile(np.arange(4), 2)
-    sight = Sight(y.reshape(-1, 3), pose, point, 2, 4)
-    normal = Normal(sight, T, p, np.tile(np.eye(3), (8, 1, 1)), shape_open)
+    pose, p = np.repeat(np.arange(2), 4), np.tile(p, (2, 1))
+    J = Matches(y.reshape(-1, 3), p, pose, 2).derivatives(T)
     h = 1e-6
-    from uq_handeye.core.geometry.se3 import perturb
-
     for k in range(6):
         xi = h * np.eye(6)[k]
-        moved = (placed(perturb(T, xi), p[point], pose) - placed(perturb(T, -xi), p[point], pose)) / (2 * h)
-        np.testing.assert_allclose(normal.J[:, :, k], moved, atol=1e-8)
-    if shape_open:
-        S, G = normal.reduced[0], normal.gauge
-        assert np.abs(S @ G).max() < 1e-10 * np.abs(S).max()  # the target may move in its own frame
-        np.testing.assert_allclose(normal.C, np.linalg.pinv(S, rcond=1e-9), atol=1e-9 * np.abs(normal.C).max())
-        np.testing.assert_allclose(normal.L @ normal.L.T, normal.C, atol=1e-9 * np.abs(normal.C).max())
+        moved = (placed(perturb(T, xi), p, pose) - placed(perturb(T, -xi), p, pose)) / (2 * h)
+        np.testing.assert_allclose(J[:, :, k], moved, atol=1e-8)
 
 
-def test_the_step_is_that_of_the_dense_least_squares():
-    """Schur complement and gauge against one dense pseudo-inverse of all unknowns, covariance included."""
+def test_the_fit_is_the_dense_least_squares_of_each_pose():
+    """Covariance and stationarity against one dense least squares problem a pose, and REML against the hat matrix."""
     rng = np.random.default_rng(SEED + 2)
-    y, p, T = rig(rng, 3, 5, 1e-3, 1e-3)
-    pose, point = np.repeat(np.arange(3), 5), np.tile(np.arange(5), 3)
-    half = rng.normal(size=(15, 3, 3))
-    normal = Normal(Sight(y.reshape(-1, 3), pose, point, 3, 5), T, p, half @ half.mT + np.eye(3), True)
-    J = np.zeros((15, 3, 18 + 15))
-    for k in range(15):
-        J[k, :, 6 * pose[k] : 6 * pose[k] + 6] = normal.J[k]
-        J[k, :, 18 + 3 * point[k] : 21 + 3 * point[k]] = T[pose[k], :3, :3]
-    N = np.einsum("kab,kac,kcd->bd", J, normal.W, J)
-    held = np.zeros((6, 33))
-    held[:, 18:] = normal.gauge.T
-    bordered = np.block([[N, held.T], [held, np.zeros((6, 6))]])
-    S = np.linalg.inv(bordered)[:33, :33]
-    dp, xi, _ = normal.held[0].step(0.0)
-    step = S @ np.einsum("kab,kac,kc->b", J, normal.W, normal.r)
-    np.testing.assert_allclose(np.concatenate([xi.ravel(), dp.ravel()]), step, rtol=1e-7, atol=1e-12)
-    joint = np.einsum("naq,mbq->namb", normal.shared, normal.shared).reshape(18, 18)
-    for i in range(3):
-        joint[6 * i : 6 * i + 6, 6 * i : 6 * i + 6] += normal.own[i]
-    np.testing.assert_allclose(joint, S[:18, :18], rtol=1e-6, atol=1e-9 * np.abs(S[:18, :18]).max())
-    Q = normal.predicted_covariance(normal.sight)
-    np.testing.assert_allclose(Q, J @ S @ J.mT, rtol=1e-6, atol=1e-9 * np.abs(Q).max())
+    y, p, T = rig(rng, 3, 6, LATERAL, AXIAL)
+    points = Matches(y.reshape(-1, 3), np.tile(p, (3, 1)), np.repeat(np.arange(3), 6), 3)
+    found = fit(points, T, np.array([LATERAL, AXIAL]) ** 2, estimate=True)
+    at = placed(found.T, points.p, points.pose)
+    half = np.linalg.cholesky(by_direction(sight_lines(at), *(1.0 / found.phi)))
+    white = (half.mT @ found.J).reshape(3, 18, 6)
+    np.testing.assert_allclose(found.covariance, np.linalg.inv(white.mT @ white), rtol=1e-6)
+    r = (half.mT @ found.r[..., None]).reshape(3, 18, 1)
+    assert np.abs(np.linalg.lstsq(white.reshape(3, 18, 6)[0], r[0])[0]).max() < 1e-8
+    hat = white @ found.covariance @ white.mT
+    assert np.trace(hat, axis1=1, axis2=2).sum() == pytest.approx(18)
+    assert found.dof.sum() == pytest.approx(3 * 18 - 18)
+    np.testing.assert_allclose(found.squares / found.dof, found.phi, rtol=1e-4)
 
 
 @pytest.mark.parametrize("axial", [LATERAL, AXIAL])
@@ -105,49 +88,11 @@ def test_a_covariance_of_the_wrong_shape_is_rejected():
     assert [one.code for one in found.findings if one.code == "points.noise_differs"]
 
 
-@cache
-def sessions(noise):
-    """(trials,) joint d^2 of 12 poses of an unknown target with missing points, and the standard deviations."""
-    rng = np.random.default_rng(SEED + 4)
-    d2, sd = [], []
-    for _ in range(16):
-        y, p, T = rig(rng, 12, 7, LATERAL, AXIAL)
-        y[rng.random(y.shape[:2]) < 0.1] = np.nan
-        found = poses_from_points(y, None, noise)
-        names = found.target.names.astype(int)
-        G = kabsch(found.target.xyz, p[names], np.zeros(len(names), dtype=int), 1, np.ones(len(names)))[0]
-        e = pose_errors(T[found.rows] @ np.linalg.inv(G), found.poses).ravel()
-        d2.append(e @ np.linalg.solve(np.asarray(found.covariance), e) * 72 / len(e))
-        sd.append(found.sd)
-    return np.array(d2), np.array(sd)
-
-
-def test_joint_covariance_of_poses_of_an_unknown_target():
-    d2, _ = sessions((LATERAL, AXIAL))
-    assert mean_is_one(d2, 72)
-
-
-def test_noise_estimated_beside_an_unknown_target():
-    d2, sd = sessions(None)
-    np.testing.assert_allclose(np.mean(sd**2, axis=0) ** 0.5, [LATERAL, AXIAL], rtol=0.08)
-    assert 0.9 < d2.mean() / 72 < 1.2  # variances of about 50 degrees of freedom each
-
-
-def test_noise_that_grows_with_the_distance_is_found():
-    rng = np.random.default_rng(SEED + 5)
-    y, p, T = rig(rng, 300, 5, LATERAL, AXIAL, growing=True)
-    found = poses_from_points(y, p)
-    assert found.model.growing and mean_is_one(nees(found, T), 6)
-    r = found.model.distance
-    np.testing.assert_allclose(found.sd, [LATERAL * r, AXIAL * r * r], rtol=0.1)
-    assert not poses_from_points(*rig(rng, 300, 5, LATERAL, AXIAL)[:2]).model.growing
-
-
-def test_few_residuals_matter_where_they_give_the_noise():
+def test_few_residuals_do_not_give_the_noise():
     y, p, _ = rig(np.random.default_rng(SEED + 10), 1, 4, LATERAL, AXIAL)
     assert not poses_from_points(y, p, noise=(LATERAL, AXIAL)).findings
-    with pytest.warns(InputWarning, match="from few residuals"):
-        poses_from_points(y, p, noise="isotropic")
+    with pytest.raises(InputError, match="degrees of freedom for the noise"):
+        poses_from_points(y, p)
 
 
 def test_wrong_points_are_named():
@@ -155,11 +100,10 @@ def test_wrong_points_are_named():
     y, p, _ = rig(rng, 15, 6, LATERAL, AXIAL)
     y[3, 2] += [0.0, 0.02, 0.0]
     y[7, [0, 4]] = y[7, [4, 0]]
-    for target in (p, None):
-        with pytest.warns(InputWarning, match="rejected as outliers"):
-            found = poses_from_points(y, target)
-        assert {(pose, point) for pose, point, _ in found.outliers} == {(3, "2"), (7, "0"), (7, "4")}
-        np.testing.assert_allclose(found.sd, [LATERAL, AXIAL], rtol=0.25)
+    with pytest.warns(InputWarning, match="rejected as outliers"):
+        found = poses_from_points(y, p)
+    assert {(pose, point) for pose, point, _ in found.outliers} == {(3, "2"), (7, "0"), (7, "4")}
+    np.testing.assert_allclose(found.sd, [LATERAL, AXIAL], rtol=0.25)
     assert "pose 3, point 2" in str(next(one for one in found.findings if one.code == "points.left_out"))
 
 
@@ -194,7 +138,6 @@ def test_a_wrong_target_is_named():
         (lambda y, p: (y, p * [1, 1, -1]), "mirror image"),
         (lambda y, p: (y[:, :1], p[:1]), "One point per pose gives no pose"),
         (lambda y, p: (y[:, :2], p[:2]), "at most 2 points per pose"),
-        (lambda y, p: (y[:1], None), "Give the target"),
         (lambda y, p: (y, {"a": p[0], "b": p[1], "c": p[2]}), "same name in both"),
         (lambda y, p: (y, p[[1, 2, 3, 4, 0]]), "do not fit the target"),
         (lambda y, p: (y[..., :2], p), "Expected `points`"),
@@ -208,7 +151,7 @@ def test_refusals_say_what_to_do(change, words):
         poses_from_points(*change(y, p))
 
 
-@pytest.mark.parametrize("noise", ["2", "1mm,2mm,3mm", "soft", (0.0, 1e-3), True])
+@pytest.mark.parametrize("noise", ["2", "1mm,2mm,3mm", "soft", "isotropic", (0.0, 1e-3), True])
 def test_noise_that_makes_no_sense(noise):
     y, p, _ = rig(np.random.default_rng(SEED + 9), 8, 5, LATERAL, AXIAL)
     with pytest.raises(InputError, match="--noise"):

@@ -31,7 +31,7 @@ from ..fit.diagnostics.budget import SHARED as SHARED_SOURCE
 from ..model.kinematics.kinematic_errors import JOINT_NOISE
 from ..model.noise.estimate import SHOWN, Component, NoiseEstimate
 from ..model.noise.joint_covariance import JointCovariance, group_of
-from ..model.noise.models import INTRINSICS, TARGET_SHAPE, marginals
+from ..model.noise.models import INTRINSICS, marginals
 from ..model.shared_errors.shared_error import CLOCK_OFFSET
 from ..model.shared_errors.sizes import ROBOT_ACCURACY
 
@@ -231,8 +231,6 @@ def input_of(source: str, result: Calibration) -> Input:
         return Input("covariance", NORMAL, "declared" if estimate is None else _ESTIMATED)
     if group_of(name) == INTRINSICS:
         return Input("covariance", NORMAL, "camera calibration")
-    if group_of(name) == TARGET_SHAPE:
-        return Input("covariance", NORMAL, "points of the target")
     if name.startswith("prior of "):
         return Input("covariance", NORMAL, "declared")
     return Input("covariance", NORMAL, "as given with the noise")

@@ -30,7 +30,7 @@ from ...findings import (
 from ...fit.likelihood.shared_estimates import SharedGroup, grouped
 from ...model.kinematics.kinematic_errors import DECLARED_AS
 from ...model.noise.joint_covariance import group_of
-from ...model.noise.models import INTRINSICS, TARGET_SHAPE, Noise, is_joint
+from ...model.noise.models import INTRINSICS, Noise, is_joint
 from ...model.shared_errors.shared_error import CLOCK_OFFSET, FOCAL_LENGTH, TARGET_SCALE, VIEW
 from ...model.shared_errors.sizes import ROBOT_ACCURACY
 from ..estimate.analysis import joint_sides
@@ -207,7 +207,7 @@ def included(result: Estimated) -> list[tuple[str, bool]]:
         sizes = list(dict.fromkeys(map(sizes_of, of_error)))
         parts.append((f"{PLAIN.get(name, name)} {' and '.join(sizes)}", of_error[0].default))
     columns = dict.fromkeys(map(group_of, column_names(result)))
-    parts += [(name, False) for name in columns if not groups or name == TARGET_SHAPE]
+    parts += [(name, False) for name in columns if not groups]
     if result.time_offset is not None and result.time_offset.std > 0:
         parts.append((f"{CLOCK_OFFSET} {digits(1e3 * result.time_offset.std, 2)} ms", False))
     return parts
@@ -227,8 +227,6 @@ def not_included(result: Estimated) -> list[str]:
         robot = f"robot errors beyond those {'assumed' if assumed else 'declared'}"
     if set(DECLARED_AS) & set(map(group_of, names)):
         robot = "arm errors outside its model"
-    if TARGET_SHAPE in map(group_of, names):  # the camera gave it
-        return [camera, robot] if TARGET_SCALE in names else [camera, robot, "scale of the camera"]
     return [camera, robot, target]
 
 

@@ -102,24 +102,20 @@ def points_command(
       uq-handeye points points.csv --target target.csv -o seen/
       # Then estimate X from the robot poses and these poses
       uq-handeye calibrate robot.csv seen/ -o result/
-      # Target not measured: its shape is estimated, too
-      uq-handeye points points.csv -o seen/
-      # Tracker with the same noise in all directions
-      uq-handeye points points.csv --target target.csv --noise isotropic
+      # Tracker with a noise of 0.1 mm in all directions
+      uq-handeye points points.csv --target target.csv --noise 0.1mm -o seen/
 
     For depth cameras, structured light and trackers. Each pose needs three
-    points that are not in a line. The noise is estimated across and along the
-    line of sight; wrong points are left out and named.
+    points that are not in a line. Outliers are left out and named.
 
     Arguments:
       POINTS: Points in the frame of the camera, CSV with the header pose,point,x,y,z (m). Pose k, from 0, belongs to
         row k of the robot poses.
 
     Options:
-      * --target FILE: Points in the frame of the target, CSV with the header point,x,y,z (m). Default: the shape of the
-        target is estimated with the poses.
-      * --noise SD: Standard deviations of a point across and along the line of sight, e.g. 0.1mm,0.5mm. One value, or
-        isotropic to estimate one: the same in all directions (trackers). Default: both are estimated.
+      * --target FILE: Points in the frame of the target, CSV with the header point,x,y,z (m). Required.
+      * --noise SD: Standard deviations of a point across and along the line of sight, e.g. 0.1mm,0.5mm, or one for all
+        directions (trackers). Default: both follow from the residuals.
       * --units UNIT <UNITS>: Length unit of POINTS. Default: m.
       --target-units UNIT <UNITS>: Length unit of the target. Default: m.
 
@@ -132,15 +128,18 @@ def points_command(
     from ...model.points.point_file import read_points, read_target
     from ...model.points.result import to_dict
 
-    if target is None and target_units is not None:
-        raise InputError("--target-units needs --target. Give the file of the target, or remove the option.")
+    if target is None:
+        raise InputError(
+            "--target is missing: give the points of the target in its own frame, from its drawing or a measurement. "
+            "If its shape is unknown, measure it with the camera at rest: docs/how-to/points.md, unknown target."
+        )
     of_points, of_target = (
         None if unit is None else one_of(unit, name, UNITS)
         for unit, name in ((units, "--units"), (target_units, "--target-units"))
     )
     with timed(f"reading {points}"):
         measured = read_points(points, of_points)
-        known = None if target is None else read_target(target, of_target)
+        known = read_target(target, of_target)
     with timed("fitting poses"), working("fitting poses", progress_wanted()), warnings.catch_warnings():
         if not as_json:
             warnings.simplefilter("ignore", InputWarning)  # the summary has them

@@ -33,7 +33,7 @@ from ...core.geometry.se3 import Array
 from ...errors import InputError
 from ...model.noise.estimate import NoiseEstimate
 from ...model.noise.joint_covariance import group_of, joint_of
-from ...model.noise.models import INTRINSICS, TARGET_SHAPE, Noise, is_joint, require_count
+from ...model.noise.models import INTRINSICS, Noise, is_joint, require_count
 from ...model.noise.square_roots import pulled, whiten
 from ...model.posterior.posterior import Posterior
 from ...model.posterior.rows import factor_of
@@ -452,7 +452,7 @@ def with_types(budget: Budget, estimate: NoiseEstimate | None, from_corners: boo
     data, both = {CLOCK_OFFSET}, set[str]()
     if from_corners:
         kinds = ("rotation", "translation", "coupling", EACH, SHARED)
-        data |= {*(f"camera {kind}" for kind in kinds), INTRINSICS, TARGET_SHAPE}
+        data |= {*(f"camera {kind}" for kind in kinds), INTRINSICS}
     if estimate is not None:
         given = {part.name for part in estimate.components if part.status in ("fixed", "given")}
         index = {name: k for k, name in enumerate(estimate.names) if name not in given}

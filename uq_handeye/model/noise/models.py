@@ -49,9 +49,8 @@ Deviations = tuple[str | float, str | float]
 _ALIKE = 0.01
 
 
-# The names of the shared columns, in the budget of X: of a camera, and of a target whose shape was estimated.
+# The name of the shared columns of a camera, in the budget of X.
 INTRINSICS = "intrinsics"
-TARGET_SHAPE = "target shape"
 # Correlations from here on are worth a word.
 _CORRELATED = 0.05
 

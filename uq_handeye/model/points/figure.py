@@ -11,18 +11,17 @@ from numpy.typing import NDArray
 
 from ...core.formatting.numbers import fixed
 from ...core.geometry.se3 import Array
+from ...core.numbers.limits import MAX_DRAWN_POINTS
 from ...core.presentation.figure_parts import BLUE, GRID, INK, ORANGE, SMALL, TEXT, NamedFigure, canvas, finished, plain
 from .posed import Posed
-
-MOST_DRAWN = 5000
 
 
 def residual_figure(found: Posed) -> NamedFigure:
     """Residuals across the line of sight (left), and both over the distance (right), with the noise as lines."""
     across, along, far = found.split_residuals
     shown = np.flatnonzero(np.isfinite(along))
-    if len(shown) > MOST_DRAWN:
-        shown = shown[np.linspace(0, len(shown) - 1, MOST_DRAWN).astype(int)]
+    if len(shown) > MAX_DRAWN_POINTS:
+        shown = shown[np.linspace(0, len(shown) - 1, MAX_DRAWN_POINTS).astype(int)]
     used, far = found.used[shown], far[shown]
     sd = 1e3 * found.sd
     figure = canvas(3.1)
@@ -31,17 +30,15 @@ def residual_figure(found: Posed) -> NamedFigure:
     size = _reach(r, used, sd[0])
     _dots(left, np.clip(r[:, 0], -size, size), np.clip(r[:, 1], -size, size), used)
     turn = np.linspace(0, 2 * np.pi, 181)
-    for k, style in ((1, "-"), (3, "--")) if not found.model.growing else ():
+    for k, style in ((1, "-"), (3, "--")):
         left.plot(k * sd[0] * np.cos(turn), k * sd[0] * np.sin(turn), style, color=INK, linewidth=0.9)
     left.set(xlim=(-size, size), ylim=(-size, size), aspect="equal")
     r = 1e3 * along[shown]
     size = _reach(r, used, sd[1])
     _dots(right, far, np.clip(r, -size, size), used)
-    at = np.linspace(far.min(), far.max(), 50)
-    growth = found.model.growth(np.column_stack([0 * at, 0 * at, at]))[:, 1] ** 0.5
     for k, style in ((1, "-"), (3, "--")):
         for sign, label in ((-1, None), (1, f"{k} sigma")):
-            right.plot(at, sign * k * sd[1] * growth, style, color=INK, linewidth=0.9, label=label)
+            right.axhline(sign * k * sd[1], linestyle=style, color=INK, linewidth=0.9, label=label)
     right.axhline(0, color=GRID, linewidth=0.8, zorder=0)
     right.set_ylim(-size, size)
     right.legend(fontsize=SMALL, frameon=False, loc="upper left", ncols=4, handlelength=1.6)

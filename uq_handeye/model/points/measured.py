@@ -1,36 +1,31 @@
-"""Data of the fit: points that were measured in the frame of the camera, and the target that they belong to.
-
-Closed-form starts: poses of a known target (Kabsch), and the shape of an unknown one by its poses in turn.
-"""
+"""Points that were measured in the frame of the camera, and the target that they belong to."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import combinations, islice
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.ndimage import median
 
 from ...core.files.lines import short
 from ...core.geometry.checks import as_numbers
-from ...core.geometry.nearest_rotation import nearest_rotation
 from ...core.geometry.se3 import Array
+from ...core.numbers.limits import MAX_NAME_CHARACTERS
 from ...core.runtime.read_only import ReadOnlyArrays
 from ...errors import InputError
 
-# A coordinate beyond it (m) is in no cell; characters of a name.
-LARGEST, LONGEST = 1e4, 200
+# No robot cell is as large: a larger coordinate is a reading error or in another unit.
+MAX_COORDINATE_M = 1e4
 
 
 def _require_names(names: NDArray[np.str_]) -> None:
     for name in np.unique(names).tolist():
-        if not name.isprintable() or len(name) > LONGEST:
+        if not name.isprintable() or len(name) > MAX_NAME_CHARACTERS:
             raise InputError(
-                f"Expected names of points with at most {LONGEST} characters, all of which print, got {short(name)}."
+                f"Expected names of points with at most {MAX_NAME_CHARACTERS} characters, all of which print, got "
+                f"{short(name)}."
             )
 
 
@@ -68,9 +63,9 @@ class PointSet(ReadOnlyArrays):
             )
         if row.dtype.kind not in "iuf" or (row != np.floor(row)).any() or (row < 0).any():
             raise InputError("Expected `row` to be numbers of poses: whole, from 0.")
-        if not np.isfinite(xyz).all() or np.abs(xyz).max() > LARGEST:
+        if not np.isfinite(xyz).all() or np.abs(xyz).max() > MAX_COORDINATE_M:
             raise InputError(
-                f"Expected `xyz` to be finite and below {LARGEST:g} m. Leave out points that were not seen."
+                f"Expected `xyz` to be finite and below {MAX_COORDINATE_M:g} m. Leave out points that were not seen."
             )
         _require_names(point)
         row = row.astype(np.int64)
@@ -108,7 +103,7 @@ class PointSet(ReadOnlyArrays):
         return PointSet(self.row[mask], self.point[mask], self.xyz[mask])
 
     @classmethod
-    def of(cls, points: Any) -> PointSet:
+    def of(cls, points: PointSet | ArrayLike) -> PointSet:
         """Points as they are, or of an array (n, m, 3): pose, point, coordinates; NaN where a point was not seen."""
         if isinstance(points, PointSet):
             return points
@@ -134,8 +129,8 @@ class Target(ReadOnlyArrays):
         xyz, names = as_numbers(self.xyz, "target"), np.asarray(self.names).astype(str)
         if xyz.ndim != 2 or xyz.shape[-1] != 3 or names.shape != xyz.shape[:1]:
             raise InputError(f"Expected the target as (m, 3) with m names, got {xyz.shape} and {names.shape}.")
-        if not np.isfinite(xyz).all() or np.abs(xyz).max(initial=0.0) > LARGEST:
-            raise InputError(f"Expected the points of the target to be finite and below {LARGEST:g} m.")
+        if not np.isfinite(xyz).all() or np.abs(xyz).max(initial=0.0) > MAX_COORDINATE_M:
+            raise InputError(f"Expected the points of the target to be finite and below {MAX_COORDINATE_M:g} m.")
         _require_names(names)
         unique, count = np.unique(names, return_counts=True)
         if (count > 1).any():
@@ -145,12 +140,12 @@ class Target(ReadOnlyArrays):
         super().__post_init__()
 
     @classmethod
-    def of(cls, target: Any) -> Target:
+    def of(cls, target: Target | Mapping[str, ArrayLike] | ArrayLike) -> Target:
         """A target as it is, an array (m, 3) whose points are named 0, 1, ..., or coordinates by name."""
         if isinstance(target, Target):
             return target
         if isinstance(target, Mapping):
-            return cls(np.array([str(name) for name in target]), np.array([list(xyz) for xyz in target.values()]))
+            return cls(np.array([str(name) for name in target]), np.array([np.asarray(xyz) for xyz in target.values()]))
         xyz = as_numbers(target, "target")
         return cls(np.arange(len(xyz) if xyz.ndim else 0).astype(str), xyz)
 
@@ -162,120 +157,3 @@ class Target(ReadOnlyArrays):
         if not len(self.names):
             return np.full(sought.shape, -1, dtype=np.intp)
         return np.where(self.names[order[place]] == sought, order[place], -1)
-
-
-SWEEPS, STILL = 40, 1e-6
-# The first sweeps take medians over the poses.
-BY_MEDIANS = 5
-# Poses are sought again where a point is so many times the median residual off; and how many at most.
-FAR, NEAR, MOST_SOUGHT = 6.0, 10.0, 200
-
-
-def sums(values: Array, index: NDArray[np.intp], n: int) -> Array:
-    """Sum of values (k, ...) by index (k,), (n, ...)."""
-    flat = values.reshape(len(values), int(np.prod(values.shape[1:])))
-    total = np.stack([np.bincount(index, flat[:, c], n) for c in range(flat.shape[1])], axis=-1)
-    return np.asarray(total.reshape(n, *values.shape[1:]))
-
-
-def kabsch(y: Array, p: Array, pose: NDArray[np.intp], n: int, weight: Array) -> Array:
-    """Poses (n, 4, 4) that carry p (k, 3) to y (k, 3) by weighted least squares, all at once; Kabsch 1976."""
-    total = np.maximum(sums(weight, pose, n), 1e-300)[:, None]
-    y_mean, p_mean = (sums(weight[:, None] * x, pose, n) / total for x in (y, p))
-    cross = sums(weight[:, None, None] * (y - y_mean[pose])[:, :, None] * (p - p_mean[pose])[:, None], pose, n)
-    T = np.tile(np.eye(4), (n, 1, 1))
-    T[:, :3, :3], _ = nearest_rotation(cross)
-    T[:, :3, 3] = y_mean - (T[:, :3, :3] @ p_mean[..., None])[..., 0]
-    return T
-
-
-def robust_kabsch(y: Array, p: Array, pose: NDArray[np.intp], n: int, rounds: int = 12) -> Array:
-    """`kabsch` with weights that fall with the residual, against wrong points (Geman-McClure about the median)."""
-    T = kabsch(y, p, pose, n, np.ones(len(y)))
-    for _ in range(rounds):
-        r = np.linalg.norm(y - placed(T, p, pose), axis=-1)
-        scale = np.maximum(2.0 * medians(r, pose, n), 1e-12)
-        T = kabsch(y, p, pose, n, (1.0 + (r / scale[pose]) ** 2) ** -2.0)
-    return T
-
-
-def consensus(y: Array, p: Array, pose: NDArray[np.intp], n: int) -> Array:
-    """`robust_kabsch`; poses with points far off are sought again among those of three of their points (RANSAC)."""
-    T = robust_kabsch(y, p, pose, n)
-    r = np.linalg.norm(y - placed(T, p, pose), axis=-1)
-    scale = max(float(np.median(r)), 1e-12)
-    largest = np.zeros(n)
-    np.maximum.at(largest, pose, r)
-    rng = np.random.default_rng(0)
-    for i in np.flatnonzero(largest > FAR * scale)[:MOST_SOUGHT]:
-        mine = np.flatnonzero(pose == i)
-        if len(mine) < 5:  # of four, no three are alone in agreeing
-            continue
-        three = np.array(list(islice(combinations(range(len(mine)), 3), 84)))
-        if len(mine) > 9:
-            three = np.argsort(rng.random((100, len(mine))), axis=1)[:, :3]
-        index = mine[three].ravel()
-        tried = kabsch(y[index], p[index], np.repeat(np.arange(len(three)), 3), len(three), np.ones(len(index)))
-        at = np.einsum("tab,kb->tka", tried[:, :3, :3], p[mine]) + tried[:, None, :3, 3]
-        away = np.linalg.norm(y[mine] - at, axis=-1)
-        best = int(np.argmin(np.minimum(away, NEAR * scale).sum(axis=1)))
-        near = mine[away[best] < NEAR * scale]
-        if len(near) > 3:
-            T[i] = kabsch(y[near], p[near], np.zeros(len(near), dtype=np.intp), 1, np.ones(len(near)))[0]
-    return T
-
-
-def medians(values: Array, index: NDArray[np.intp], n: int) -> Array:
-    """(n,) medians by index."""
-    return np.asarray(median(values, index, np.arange(n)))
-
-
-def placed(T: Array, p: Array, pose: NDArray[np.intp]) -> Array:
-    """``R p + t`` (k, 3) of points p (k, 3), each by its pose."""
-    return np.asarray((T[pose, :3, :3] @ p[..., None])[..., 0] + T[pose, :3, 3])
-
-
-def unknown_shape(
-    y: Array, pose: NDArray[np.intp], point: NDArray[np.intp], n: int, m: int, largest: int
-) -> tuple[Array, Array]:
-    """Shape (m, 3) about its centroid and poses (n, 4, 4), in the axes of the camera at pose ``largest``.
-
-    Poses join the shape one after the other, the one with most points in common first; then shape and poses in turn
-    (generalised Procrustes analysis, Gower 1975), with missing points.
-    """
-    shape, known = np.zeros((m, 3)), np.zeros(m, dtype=bool)
-    mine = pose == largest
-    shape[point[mine]], known[point[mine]] = y[mine], True
-    open_ = np.ones(n, dtype=bool)
-    open_[largest] = False
-    T = np.tile(np.eye(4), (n, 1, 1))
-    while open_.any():
-        common = np.bincount(pose[known[point]], minlength=n) * open_
-        i = int(np.argmax(common))
-        if common[i] < 3:  # not connected; the rank of the fit says so
-            break
-        mine = pose == i
-        both = mine & known[point]
-        T[i] = robust_kabsch(y[both], shape[point[both]], np.zeros(int(both.sum()), dtype=np.intp), 1)[0]
-        new = mine & ~known[point]
-        shape[point[new]] = (y[new] - T[i, :3, 3]) @ T[i, :3, :3]
-        known[point[new]], open_[i] = True, False
-    joined = ~open_[pose]
-    for sweep in range(SWEEPS):
-        before = shape
-        T = robust_kabsch(y, shape[point], pose, n, 3)
-        back = ((y - T[pose, :3, 3])[:, None] @ T[pose, :3, :3])[:, 0]
-        if sweep < BY_MEDIANS:  # the pose that the shape started from may have wrong points, too
-            shape = np.stack([medians(back[:, c], point, m) for c in range(3)], axis=-1)
-        r = np.linalg.norm(back - shape[point], axis=-1)
-        weight = joined * (1.0 + (r / max(2.0 * float(np.median(r)), 1e-12)) ** 2) ** -2.0
-        total = np.bincount(point, weight, m)
-        shape = sums(weight[:, None] * back, point, m) / np.maximum(total, 1e-300)[:, None]
-        one = np.zeros(m, dtype=np.intp)
-        shape = placed(kabsch(before, shape, one, 1, np.ones(m)), shape, one)  # anchored
-        if np.abs(shape - before).max() < STILL * max(float(np.abs(shape).max()), 1e-9):
-            break
-    T = consensus(y, shape[point], pose, n)
-    centre = shape.mean(axis=0)
-    T[:, :3, 3] += (T[:, :3, :3] @ centre[:, None])[..., 0]
-    return shape - centre, T

@@ -4,18 +4,20 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...core.geometry.se3 import Array
+from ...core.numbers.rounding import TINY
 from ...core.runtime.read_only import ReadOnlyArrays
 from ...errors import InputError
 from ...findings import Finding, texts
 from ..noise.joint_covariance import JointCovariance
-from .least_squares import NoiseModel, sight_lines
-from .measured import PointSet, Target, placed
+from .closed_form import placed
+from .least_squares import sight_lines
+from .measured import PointSet, Target
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,13 +26,10 @@ class Posed(ReadOnlyArrays):
 
     poses: Array  # (n, 4, 4) camera_T_target
     rows: NDArray[np.int64]  # (n,) numbers of these poses: rows of the robot poses
-    covariance: JointCovariance  # of the errors (theta, tau) of all poses, camera frame: left rotation, additive
-    target: Target  # as given, or as estimated
-    target_factor: Array  # (m, 3, q) F: F F^T, with F as (3m, q), is the covariance of an estimated target, m^2
-    target_known: bool
-    model: NoiseModel
-    sd: Array  # (2,) standard deviations of a point: lateral, axial, m; at ``model.distance`` if they grow
-    dof: Array  # (2,) degrees of freedom that they were estimated with
+    covariance: JointCovariance  # of the errors (theta, tau) of all poses, camera frame, left rotation and additive
+    target: Target  # as given
+    sd: Array  # (2,) standard deviations of a point: lateral, axial, m
+    dof: Array  # (2,) degrees of freedom of the residuals, lateral and axial
     noise_given: bool
     points: PointSet  # all measured points
     residuals: Array  # (k, 3) measured minus predicted, camera frame, m; NaN where a point could not be used
@@ -77,7 +76,7 @@ class Posed(ReadOnlyArrays):
         at = self.predicted
         u = sight_lines(np.where(np.isnan(at), [0.0, 0.0, 1.0], at))
         x = np.cross([0.0, 1.0, 0.0], u)
-        x /= np.maximum(np.linalg.norm(x, axis=-1, keepdims=True), 1e-300)
+        x /= np.maximum(np.linalg.norm(x, axis=-1, keepdims=True), TINY)
         across = np.stack([np.sum(self.residuals * e, axis=-1) for e in (x, np.cross(u, x))], axis=-1)
         return across, np.sum(self.residuals * u, axis=-1), np.linalg.norm(at, axis=-1)
 
@@ -89,7 +88,7 @@ class Posed(ReadOnlyArrays):
         out = out[np.argsort(-distance[out], kind="stable")]
         return [(int(self.points.row[k]), str(self.points.point[k]), float(distance[k])) for k in out]
 
-    def select(self, index: NDArray[Any]) -> Self:
+    def select(self, index: NDArray[np.intp] | NDArray[np.bool_]) -> Self:
         """Select poses by their numbers or a mask; nothing is estimated again."""
         numbers = np.arange(self.n)[index]
         if (np.diff(numbers) <= 0).any():

@@ -3,20 +3,25 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ...core.files import trees as _trees
 from ...core.files.atomic import json_text, write_files
+from ...core.files.json_values import JsonObject
 from ...core.files.lines import OF_DATA, csv_text, refused, short
 from ...core.files.open import StrPath, as_path, opened, shown
 from ...core.files.records import array_of
 from ...core.files.trees import fields_of, got, parse_tree
 from ...core.geometry.checks import as_transforms
 from ...core.geometry.conventions import TOOLKIT
+from ...core.geometry.se3 import Array
+from ...core.numbers.limits import MAX_DESCRIPTION_BYTES
+from ...core.numbers.rounding import CHAIN_ROUNDING
 from ...core.presentation.document import to_text
 from ...core.presentation.html import to_html
 from ...errors import InputError
@@ -24,13 +29,11 @@ from ...findings import Finding
 from ...formats.csv_poses import pose_text, read_pose_file
 from ...formats.numpy_poses import MAX_BYTES, unpacked
 from ..noise.joint_covariance import JointCovariance
-from ..noise.models import TARGET_SHAPE
-from .least_squares import NoiseModel
 from .point_file import read_points, read_target
 from .posed import Posed
 from .text import points_document
 
-FORMAT = "uq-handeye points 1"
+FORMAT = "uq-handeye points 2"
 POSES, COVARIANCE, SUMMARY, POINTS, TARGET = (
     "camera.csv",
     "points_covariance.npz",
@@ -40,14 +43,9 @@ POSES, COVARIANCE, SUMMARY, POINTS, TARGET = (
 )
 FIGURE = "residuals.png"
 CONVENTION = (
-    "camera_T_target of row k; covariance of all errors = blkdiag(own) + F F^T with F = shared reshaped to (6n, q); "
-    f"{TOOLKIT}; m and rad"
+    f"camera_T_target of row k and the covariance of its errors, independent of other rows; {TOOLKIT}; m and rad"
 )
-
-
-def shape_names(q: int) -> tuple[str, ...]:
-    """Names of the q shared columns of the covariance."""
-    return tuple(f"{TARGET_SHAPE}: {k + 1}" for k in range(q))
+_OTHER_RUN = "not of the same run, or one was changed by hand; write the folder again with uq-handeye points -o"
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,12 +84,10 @@ def point_pose_files(found: Posed) -> dict[str, str | bytes]:
     buffer = io.BytesIO()
     np.savez(
         buffer,
-        own=found.covariance.own,
-        shared=found.covariance.shared,
+        covariance=found.covariance.blocks,
         rows=found.rows,
         poses=found.poses,
         target=found.target.xyz,
-        target_factor=found.target_factor,
         residuals=found.residuals,
         convention=np.array(CONVENTION),
     )
@@ -107,16 +103,15 @@ def point_pose_files(found: Posed) -> dict[str, str | bytes]:
             found.used.astype(int).tolist(),
         ),
         TARGET: _rows(
-            ["point", "x", "y", "z", *(() if found.target_known else ("sd_x", "sd_y", "sd_z"))],
+            ["point", "x", "y", "z"],
             found.target.names.tolist(),
             *found.target.xyz.T.tolist(),
-            *([] if found.target_known else np.sqrt((found.target_factor**2).sum(axis=-1)).T.tolist()),
         ),
     }
 
 
-def to_dict(found: Posed) -> dict[str, Any]:
-    """All but the points and poses as plain numbers and text."""
+def to_dict(found: Posed) -> JsonObject:
+    """Return all but the points and poses as plain numbers and text."""
     return {
         "format": FORMAT,
         "poses": found.n,
@@ -127,12 +122,9 @@ def to_dict(found: Posed) -> dict[str, Any]:
             "unit": "m",
             "degrees_of_freedom": found.dof.tolist(),
             "given": found.noise_given,
-            "isotropic": found.model.isotropic,
-            "growing": found.model.growing,
-            "distance": found.model.distance,
         },
-        "target": {"known": found.target_known, "points": len(found.target.names)},
-        "covariance": np.asarray(found.covariance.blocks).tolist(),
+        "target": {"points": len(found.target.names)},
+        "covariance": found.covariance.blocks.tolist(),
         "convention": CONVENTION,
         "outliers": [{"pose": pose, "point": point, "distance": distance} for pose, point, distance in found.outliers],
         "refused": [{"pose": pose, "why": why} for pose, why in found.refused],
@@ -141,13 +133,8 @@ def to_dict(found: Posed) -> dict[str, Any]:
     }
 
 
-def _rows(header: list[str], *columns: list[Any]) -> str:
+def _rows(header: list[str], *columns: list[str] | list[int] | list[float]) -> str:
     return csv_text([header, *zip(*columns, strict=True)])
-
-
-# Poses of camera.csv, whose quaternions are rounded, and residuals are those of the archive within this.
-ROUNDED = 1e-9
-_OTHER_RUN = "not of the same run, or one was changed by hand; write the folder again with uq-handeye points -o"
 
 
 def is_points_folder(path: Path) -> bool:
@@ -171,7 +158,7 @@ def read_point_poses(folder: StrPath) -> PointPoses:
         raise InputError(
             f"{name} lacks {', '.join(lacking)}: expected the folder that uq-handeye points -o wrote; write it again."
         )
-    with opened(path / SUMMARY, _trees.MAX_BYTES) as file:
+    with opened(path / SUMMARY, MAX_DESCRIPTION_BYTES) as file:
         tree = parse_tree(file.read(), shown(path / SUMMARY))
     if fields_of(tree).get("format") != FORMAT:
         came = short(str(tree["format"])) if "format" in fields_of(tree) else got(tree)
@@ -179,33 +166,30 @@ def read_point_poses(folder: StrPath) -> PointPoses:
     with opened(path / COVARIANCE, MAX_BYTES) as file:
         arrays = unpacked(file.read(), shown(path / COVARIANCE))
     with refused(f"{name}: not what uq-handeye points writes", OF_DATA):
-        found = _point_poses(path, tree, arrays)
+        found = _point_poses(path, fields_of(tree), arrays)
     rows, poses = read_pose_file(path / POSES)
     if (
         not np.array_equal(rows, found.rows)
-        or np.abs(poses - found.poses).max() > ROUNDED * max(1.0, float(np.abs(poses).max()))
+        or np.abs(poses - found.poses).max() > CHAIN_ROUNDING * max(1.0, float(np.abs(poses).max()))
         or not _belong(found)
     ):
         raise InputError(f"{name}: {POSES}, {POINTS}, {TARGET} and {COVARIANCE} are {_OTHER_RUN}.")
     return found
 
 
-def _point_poses(path: Path, tree: dict[str, Any], arrays: dict[str, Any]) -> PointPoses:
+def _point_poses(path: Path, tree: Mapping[str, Any], arrays: Mapping[str, Array]) -> PointPoses:
     target, points = read_target(path / TARGET), read_points(path / POINTS)
     k, m, n = len(points), len(target.names), len(arrays["rows"])
-    noise = tree["noise"]
-    shapes = {"own": (n, 6, 6), "shared": (n, 6, -1), "rows": (n,), "target": (m, 3), "target_factor": (m, 3, -1)}
-    own, shared, rows, xyz, target_factor, T = (
-        array_of(arrays[key], tuple(arrays[key].shape[-1] if k < 0 else k for k in shape), f"{key} of {COVARIANCE}")
-        for key, shape in {**shapes, "poses": (n, 4, 4)}.items()
-    )
-    if (own != own.mT).any() or np.linalg.eigvalsh(own).min() <= 0:
-        raise InputError(f"{COVARIANCE}, own: expected covariances, got other matrices.")
+    shapes = {"covariance": (n, 6, 6), "rows": (n,), "target": (m, 3), "poses": (n, 4, 4)}
+    covariance, rows, xyz, T = (array_of(arrays[key], shape, f"{key} of {COVARIANCE}") for key, shape in shapes.items())
+    if (covariance != covariance.mT).any() or np.linalg.eigvalsh(covariance).min() <= 0:
+        raise InputError(f"{COVARIANCE}, covariance: expected covariances, got other matrices.")
     residuals = np.asarray(arrays["residuals"], dtype=float)
     if residuals.shape != (k, 3) or (np.diff(rows) <= 0).any() or n == 0:
         raise InputError(f"{POINTS} and {COVARIANCE} are {_OTHER_RUN}.")
     if not np.array_equal(xyz, target.xyz):
         raise InputError(f"{TARGET} and {COVARIANCE} are {_OTHER_RUN}.")
+    noise = fields_of(tree["noise"])
     sd = np.array([float(noise["lateral"]), float(noise["axial"])])
     dof = np.array(noise["degrees_of_freedom"], dtype=float)
     if not (np.isfinite(sd).all() and (sd > 0).all() and dof.shape == (2,)):
@@ -213,11 +197,8 @@ def _point_poses(path: Path, tree: dict[str, Any], arrays: dict[str, Any]) -> Po
     return PointPoses(
         poses=as_transforms(T, "poses"),
         rows=rows.astype(np.int64),
-        covariance=JointCovariance(own, shared, shape_names(shared.shape[-1])),
+        covariance=JointCovariance(covariance, np.zeros((n, 6, 0))),
         target=target,
-        target_factor=target_factor,
-        target_known=bool(tree["target"]["known"]),
-        model=NoiseModel(bool(noise["isotropic"]), bool(noise["growing"]), float(noise["distance"])),
         sd=sd,
         dof=dof,
         noise_given=bool(noise["given"]),
@@ -229,7 +210,7 @@ def _point_poses(path: Path, tree: dict[str, Any], arrays: dict[str, Any]) -> Po
     )
 
 
-def _used(path: Path, k: int) -> Any:
+def _used(path: Path, k: int) -> NDArray[np.bool_]:
     """(k,) of the last column of the points, which are in order there."""
     with opened(path / POINTS, MAX_BYTES) as file:
         flags = [line.rstrip().rpartition(b",")[2] for line in file][1:]
@@ -245,5 +226,5 @@ def _belong(found: PointPoses) -> bool:
     return bool(
         both[found.used].all()
         and np.abs(again[both] - found.residuals[both]).max(initial=0.0)
-        < ROUNDED * max(1.0, float(np.abs(found.points.xyz).max()))
+        < CHAIN_ROUNDING * max(1.0, float(np.abs(found.points.xyz).max()))
     )

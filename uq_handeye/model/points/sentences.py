@@ -3,27 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 from ...core.formatting.numbers import concise, digits, multiple, probability
+from ...core.formatting.units import MM_PER_M
+from ...core.numbers.limits import MAX_LISTED, MAX_NAMED
 from ...findings import CAMERA, sentence
 
-# Points that a sentence names.
-NAMED = 6
 
-
-def listed(items: Sequence[Any], most: int = 10) -> str:
+def listed(items: Sequence[int] | Sequence[str]) -> str:
     """The first of several, with commas."""
-    return ", ".join(map(str, items[:most])) + (", ..." if len(items) > most else "")
+    return ", ".join(map(str, items[:MAX_LISTED])) + (", ..." if len(items) > MAX_LISTED else "")
 
 
 @sentence("points.left_out", check=CAMERA, phrase="{count} of {n} points left out")
-def _(count: int, n: int, far_points: Sequence[Mapping[str, Any]]) -> str:
+def _(count: int, n: int, far_points: Sequence[Mapping[str, str | float]]) -> str:
     which = "; ".join(
-        f"pose {one['pose']}, point {one['point']} ({digits(1e3 * one['distance'], 2)} mm)"
-        for one in far_points[:NAMED]
+        f"pose {one['pose']}, point {one['point']} ({digits(MM_PER_M * float(one['distance']), 2)} mm)"
+        for one in far_points[:MAX_NAMED]
     )
-    more = ", and others" if count > min(len(far_points), NAMED) else ""
+    more = ", and others" if count > min(len(far_points), MAX_NAMED) else ""
     were = "was rejected as an outlier" if count == 1 else "were rejected as outliers"
     return f"{count} of {n} points {were}: {which}{more}. Check how they were measured and named."
 
@@ -35,7 +33,7 @@ def _(poses: Sequence[int], why: str) -> str:
     )
     return start + {
         "few points": "fewer than three usable points give no pose.",
-        "in line": "the points lie in a line, and the rotation about it is open. Measure a point beside it.",
+        "in line": "the points lie in a line, which leaves the rotation about it free. Measure a point off the line.",
         "inconsistent": "the points contradict the target, and fewer than three remain. Check their names.",
     }.get(why, f"{why}.")
 
@@ -63,14 +61,6 @@ def _(ratio: float, p_value: float) -> str:
     )
 
 
-@sentence("points.few_residuals", check=CAMERA, phrase="noise of the points from few residuals")
-def _(dof: float) -> str:
-    return (
-        f"The noise was estimated from few residuals ({digits(dof, 2)} degrees of freedom). Give it (`noise`, --noise) "
-        "if it is known, or measure more points."
-    )
-
-
 @sentence(
     "points.scale",
     check=CAMERA,
@@ -86,9 +76,9 @@ def _(scale: float, std: float) -> str:
 
 
 @sentence("points.target_off", check=CAMERA, phrase="{count} of {n} points off the target", effect=1.5)
-def _(count: int, n: int, far_points: Sequence[Mapping[str, Any]]) -> str:
-    which = ", ".join(f"{one['point']} ({digits(1e3 * one['distance'], 2)} mm)" for one in far_points)
+def _(count: int, n: int, far_points: Sequence[Mapping[str, str | float]]) -> str:
+    which = ", ".join(f"{one['point']} ({digits(MM_PER_M * float(one['distance']), 2)} mm)" for one in far_points)
     return (
-        f"{count} of {n} points lie elsewhere than the target says, in all poses alike: {which}. The covariance does "
-        "not include this error. Measure the target, or leave it out to have its shape estimated."
+        f"{count} of {n} points lie elsewhere than in the target, in all poses alike: {which}. The covariance does "
+        "not include this error. Measure the target again."
     )

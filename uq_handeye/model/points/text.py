@@ -4,34 +4,33 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...core.formatting.numbers import concise, digits, fixed
+from ...core.formatting.numbers import concise, fixed
+from ...core.formatting.units import MM_PER_M
 from ...core.geometry.se3 import Array, skew
+from ...core.numbers.limits import MAX_LISTED, MAX_NAMED
 from ...core.presentation.document import Block, Caution, Document, Heading, Paragraph, Table
 from ..noise.models import marginals
 from .posed import Posed
-from .sentences import NAMED
-
-MOST_LISTED = 30
 
 
 def points_document(found: Posed, details: bool = False) -> Document:
-    """The summary: what is known first, then what looks wrong, then the numbers; ``details``: lists in full."""
+    """The summary: accuracy of the poses, warnings, noise, points left out; ``details``: lists in full."""
     return [
         [Heading(title(found)), Paragraph(answer(found))],
         *map(Caution, found.warnings),
         noise_table(found),
         Paragraph(noise_words(found)),
         _outlier_lines(found, details),
-        Paragraph(target_words(found)),
+        Paragraph(f"The target of {len(found.target.xyz)} points was given, and taken as exact."),
         Paragraph(
-            "The covariance of the poses is joint, to first order, for independent noise of the points. Errors that "
-            "all points of a pose share, such as a wrong depth scale, are not covered."
+            "The covariance of each pose is that of first order, for independent noise of the points. Errors that all "
+            "points of a pose share, such as a wrong depth scale, are not covered."
         ),
     ]
 
 
 def title(found: Posed) -> str:
-    """Return the title: what it is and what it was made of."""
+    """Return the title: numbers of poses and points."""
     return f"{found.n} poses of a target from {int(found.used.sum()):,} points"
 
 
@@ -48,57 +47,36 @@ def answer(found: Posed) -> str:
     """State how well the poses are known."""
     turn, move = pose_deviations(found)
     return (
-        f"The poses are known to {fixed(np.degrees(np.median(turn)), 2)} deg and {fixed(1e3 * np.median(move), 2)} "
-        "mm (median over the poses, 1 sigma in the worst direction, at the centroid of the target)."
+        f"The poses are known to {fixed(np.degrees(np.median(turn)), 2)} deg and "
+        f"{fixed(MM_PER_M * np.median(move), 2)} mm (median over the poses, 1 sigma in the worst direction, at the "
+        "centroid of the target)."
     )
 
 
 def noise_table(found: Posed) -> Block:
-    """Standard deviations of a point, with what they are known to."""
-    names = ["all directions"] if found.model.isotropic else ["lateral, per axis", "axial"]
-    dof = [float(found.dof.sum())] if found.model.isotropic else found.dof.tolist()
+    """Standard deviations of a point across and along the line of sight, and how well they are known."""
     rows = []
-    for name, sd, freedom in zip(names, found.sd.tolist(), dof, strict=False):
-        spread = None if found.noise_given or freedom <= 0 else sd / np.sqrt(2 * freedom)
-        value = fixed(1e3 * sd) if spread is None else concise(1e3 * sd, 1e3 * spread)
-        rows.append([name, value, "given" if found.noise_given else f"{freedom:.0f}"])
+    for name, sd, dof in zip(("lateral, per axis", "axial"), found.sd.tolist(), found.dof.tolist(), strict=True):
+        value = fixed(MM_PER_M * sd) if found.noise_given else concise(MM_PER_M * sd, MM_PER_M * sd / np.sqrt(2 * dof))
+        rows.append([name, value, "given" if found.noise_given else f"{dof:.0f}"])
     return Table(
         "Noise of a point:", ["direction", "standard deviation", "degrees of freedom"], rows, units=["", "mm", ""]
     )
 
 
 def noise_words(found: Posed) -> str:
-    """Describe how the noise was found and whether it depends on the distance."""
+    """State where the noise comes from."""
     if found.noise_given:
         return "The noise was given; it is the same at all distances."
-    how = "The noise was estimated from the residuals (REML)"
-    if not found.model.growing:
-        return f"{how}, as the same at all distances."
-    growth = "in proportion to the distance"
-    if not found.model.isotropic:
-        growth = "laterally in proportion to the distance, axially to its square"
-    return f"{how}. It grows with the distance: {growth}. The values are those at {fixed(found.model.distance, 2)} m."
-
-
-def target_words(found: Posed) -> str:
-    """Describe the target and, where it was estimated, how well it is known."""
-    m = len(found.target.xyz)
-    if found.target_known:
-        return f"The target of {m} points was given, and taken as exact."
-    sd = np.sqrt((found.target_factor**2).sum(axis=-1))
-    return (
-        f"The target of {m} points was estimated with the poses, each coordinate to {digits(1e3 * np.median(sd), 2)} "
-        "mm (median). Its frame has its origin at the centroid of the points and the axes of the camera at the pose "
-        "with most points. All poses share the errors of the shape."
-    )
+    return "The noise was estimated from the residuals, as the same at all distances."
 
 
 def _outlier_lines(found: Posed, every: bool) -> list[Block]:
     """Points left out, where the caution does not name them all."""
     outliers = found.outliers
-    if len(outliers) <= NAMED:
+    if len(outliers) <= MAX_NAMED:
         return []
-    shown = [f"pose {pose}, point {point}: {fixed(1e3 * distance)} mm" for pose, point, distance in outliers]
-    more = 0 if every else len(shown) - MOST_LISTED
-    shown = shown[: len(shown) if every else MOST_LISTED] + ([f"and {more:,} more that are nearer"] if more > 0 else [])
+    shown = [f"pose {pose}, point {point}: {fixed(MM_PER_M * distance)} mm" for pose, point, distance in outliers]
+    more = 0 if every else len(shown) - MAX_LISTED
+    shown = shown[: len(shown) if every else MAX_LISTED] + ([f"and {more:,} more that are nearer"] if more > 0 else [])
     return [Paragraph("Points left out:"), *(Paragraph(text, indent="  ") for text in shown)]

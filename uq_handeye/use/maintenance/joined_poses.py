@@ -74,8 +74,8 @@ def joined_covariance(old: JointCovariance | None, new: JointCovariance | None) 
         return None
     if new.shared.shape[-1]:
         raise InputError(
-            "The shape of the target was estimated again with the new points, in another frame of the target. Give "
-            "the target of the result: uq-handeye points --target DIR/target.csv."
+            "Expected camera poses with independent errors, got errors that the new poses share. Give the new poses "
+            "with a covariance of each."
         )
     shared = np.concatenate([old.shared, np.zeros((new.n, 6, old.shared.shape[-1]))])
     return JointCovariance(np.concatenate([old.own, new.own]), shared, old.names)
