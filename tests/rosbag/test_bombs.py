@@ -11,7 +11,7 @@ from bag_cases import START, Writer
 from rosbags.rosbag2.storage_mcap import zstd
 
 from uq_handeye.errors import InputError
-from uq_handeye.read.rosbag import open as decompression
+from uq_handeye.read.rosbag import decompression
 from uq_handeye.read.rosbag.recording import read_recording
 
 PACKED = {"zstd": lambda data: zstd.compress(data), "lz4": lz4.frame.compress, "bz2": bz2.compress}
@@ -19,7 +19,7 @@ PACKED = {"zstd": lambda data: zstd.compress(data), "lz4": lz4.frame.compress, "
 
 @pytest.fixture(autouse=True)
 def small(monkeypatch):
-    monkeypatch.setattr(decompression, "LARGEST_CHUNK", 2_000_000)
+    monkeypatch.setattr(decompression, "MAX_CHUNK_BYTES", 2_000_000)
 
 
 def record(op, body):
@@ -65,7 +65,7 @@ def test_of_each_kind(kind):
 
 
 def test_compressed_files_of_a_folder(tmp_path, monkeypatch):
-    monkeypatch.setattr(decompression, "LEAST", 10_000)
+    monkeypatch.setattr(decompression, "MAX_TABLE_BYTES", 10_000)
     with Writer(tmp_path, "mcap") as bag:
         bag.pose_stamped("/tcp_pose", START, "base", np.eye(4))
     inner = next(bag.path.glob("*.mcap"))

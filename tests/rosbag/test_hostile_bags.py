@@ -9,7 +9,7 @@ import pytest
 from bag_cases import KINDS, START, Writer
 
 from uq_handeye.errors import InputError, InputWarning
-from uq_handeye.read.rosbag import open as opening
+from uq_handeye.read.rosbag import bag as opening
 from uq_handeye.read.rosbag import track
 from uq_handeye.read.rosbag.listing import text_of
 from uq_handeye.read.rosbag.recording import read_recording
@@ -168,9 +168,9 @@ def test_values_that_are_no_poses(tmp_path):
 
 def test_a_huge_bag_is_refused_before_it_fills_the_memory(tmp_path, monkeypatch):
     path = cell(tmp_path, "mcap")
-    monkeypatch.setattr(track, "MOST", 50)
+    monkeypatch.setattr(track, "MAX_ROWS", 50)
     with pytest.raises(InputError, match="expected at most 50 rows, got more"):
         read_recording(path)
-    monkeypatch.setattr(track, "MOST", 1000)
-    monkeypatch.setattr(opening, "LONGEST", 10)  # messages that are too long are none of those read here
+    monkeypatch.setattr(track, "MAX_ROWS", 1000)
+    monkeypatch.setattr(opening, "MAX_DESCRIPTION_BYTES", 10)  # messages that are too long are none of those read here
     assert not read_recording(path).tree.edges

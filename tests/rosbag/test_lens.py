@@ -8,11 +8,11 @@ from scipy.spatial.transform import Rotation
 
 from uq_handeye.errors import InputError, InputWarning
 from uq_handeye.model.camera.models import MODELS
-from uq_handeye.read.rosbag.listing import camera_info_yaml
+from uq_handeye.read.rosbag.camera_info import CameraInfo, camera_info_yaml
+from uq_handeye.read.rosbag.lens import lens_of
 from uq_handeye.read.rosbag.recording import read_recording
 from uq_handeye.read.rosbag.streams import camera_stream, read_bag
-from uq_handeye.read.rosbag.tags import TagTrack, lens_of
-from uq_handeye.read.rosbag.track import CameraInfo
+from uq_handeye.read.rosbag.tags import TagTrack
 
 SIDE, D = 0.08, [-0.25, 0.08, 0.001, -0.0005, 0.0]
 K = np.array([FOCAL, FOCAL, *CENTRE])

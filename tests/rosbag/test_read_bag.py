@@ -13,11 +13,11 @@ from support import random_transforms
 import uq_handeye as uq
 from uq_handeye.errors import InputError
 from uq_handeye.read import write_pose_file
+from uq_handeye.read.rosbag.camera_info import CameraInfo
 from uq_handeye.read.rosbag.listing import command_of, text_of
 from uq_handeye.read.rosbag.recording import read_recording
 from uq_handeye.read.rosbag.streams import camera_stream, read_bag, robot_stream
 from uq_handeye.read.rosbag.tags import TagTrack, decide_stream, tag_poses
-from uq_handeye.read.rosbag.track import CameraInfo
 
 OFFSET = 0.037
 

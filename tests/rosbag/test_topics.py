@@ -8,8 +8,10 @@ from bag_cases import START, Writer
 from support import random_transforms
 
 from uq_handeye.errors import InputError
-from uq_handeye.read.rosbag.listing import command_of, guess, joint_tracks, joints_csv, text_of
-from uq_handeye.read.rosbag.recording import JointTopic, Recording, read_recording
+from uq_handeye.read.rosbag.guess import guess
+from uq_handeye.read.rosbag.joints import JointTopic, joints_csv
+from uq_handeye.read.rosbag.listing import command_of, text_of
+from uq_handeye.read.rosbag.recording import Recording, read_recording
 from uq_handeye.read.rosbag.streams import camera_stream, robot_stream
 
 # AprilRobotics/apriltag_ros, which ROS 1 has: poses and no corners.
@@ -93,14 +95,14 @@ def test_odometry_joints_and_the_guess(tmp_path, poses):
     assert command_of(recording, ["my cell"]) == (
         "uq-handeye calibrate --bag 'my cell' --robot /arm/odometry --camera /board_pose"
     )
-    track, gripper = joint_tracks(recording, "joint_states")
+    track, gripper = recording.joint_tracks("joint_states")
     table = joints_csv(track).splitlines()
     assert table[0] == "timestamp,a,b" and len(table) == 5 and table[2] == f"{START + 1},1.0,-1.0"
     assert gripper.names == ["gripper"]
     text = text_of(recording, ["cell"])
     assert "/joint_states  4 rows of a, b\n  /joint_states  1 rows of gripper\n" in text
     with pytest.raises(InputError, match="no such topic of JointState; there are: /joint_states"):
-        joint_tracks(recording, "/joints")
+        recording.joint_tracks("/joints")
 
 
 @pytest.mark.parametrize(

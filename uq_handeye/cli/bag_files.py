@@ -12,9 +12,9 @@ from .pose_files import PoseFiles
 
 if TYPE_CHECKING:
     from ..model.camera.adjustment.initial_guess import Minima
+    from ..read.rosbag.camera_info import CameraInfo
     from ..read.rosbag.recording import Recording
     from ..read.rosbag.sensors import Sensors
-    from ..read.rosbag.track import CameraInfo
 
 # Names of the pictures of `rosbag.lens`, repeated here so that help loads quickly.
 CHOICES = ("raw", "rectified")
@@ -111,12 +111,11 @@ class BagGiven:
         import numpy as np
 
         from ..model.kinematics.joints_file import NamedJoints
-        from ..read.rosbag.listing import joint_tracks
 
         topic = self.robot or ""
         if topic not in recording.joints and f"/{topic}" not in recording.joints:
             return arm_of(chain, self.errors)
-        track = joint_tracks(recording, topic)[0]  # of an arm; others may be of its gripper
+        track = recording.joint_tracks(topic)[0]  # of an arm; others may be of its gripper
         times, *values = track.values.T
         joints: Any = NamedJoints(f"{topic} in {recording.name}", tuple(track.names), times, np.array(values).T)
         return arm_of(replace(chain, joints=joints), self.errors)
@@ -153,7 +152,7 @@ def info_of(text: str) -> "CameraInfo | str":
     import numpy as np
 
     from ..model.camera.models import LINEAR, MODELS
-    from ..read.rosbag.track import CameraInfo
+    from ..read.rosbag.camera_info import CameraInfo
 
     if text in CHOICES:
         return text

@@ -224,7 +224,8 @@ def _tables(
 ) -> dict[str, str]:
     """Return the tables that are asked for, by the names of their files."""
     from ...read import pose_text
-    from ...read.rosbag.listing import camera_info_yaml, joint_tracks, joints_csv
+    from ...read.rosbag.camera_info import camera_info_yaml
+    from ...read.rosbag.joints import joints_csv
     from ...read.rosbag.streams import camera_stream, robot_stream
 
     found: dict[str, str] = {}
@@ -245,7 +246,7 @@ def _tables(
             LOG.info("%s, %s: %s", recording.name, role, note)
         found[f"{role}.csv"] = pose_text(stream.poses, stream.timestamps)
     if joints is not None:
-        track, *others = joint_tracks(recording, joints)
+        track, *others = recording.joint_tracks(joints)
         found["joints.csv"] = joints_csv(track)
         for other in others:
             LOG.info("%s, %s: messages of %s alone are left out", recording.name, joints, ", ".join(other.names[:12]))

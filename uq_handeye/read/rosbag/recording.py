@@ -7,55 +7,24 @@ import os
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from ...core.files.lines import decoded
 from ...core.files.open import StrPath, as_path, opened, shown
 from ...core.files.source import Source
+from ...core.numbers.limits import MAX_TABLE_BYTES
 from ...errors import InputError
 from ...formats.ros_messages import MessageError, frame_name, pair_text, part, poses_in, printed_name, stamp_of
 from ...formats.ros_topic import is_ros_topic, records_of
-from .open import Bag, Message, Topic, is_bag, opened_bag
+from .bag import HINT, Bag, Message, Topic, is_bag, opened_bag
+from .camera_info import CameraInfo, camera_info_of
+from .joints import JointTopic, JointTrack
 from .tags import TagTrack, corners_in
-from .track import CameraInfo, Pair, Samples, Track, Tree, camera_info_of
+from .track import Pair, Track
+from .tree import Tree
 
 FORMAT = "rosbag"
-MAX_TEXT = 200_000_000
-# Sets of joints that publish on one topic.
-MAX_SETS = 20
-# Topic that a text of TFMessage is shown as.
+# The topic as which a text of transforms is listed.
 TEXT_TOPIC = "/tf"
-
-
-class JointTrack(Samples):
-    """Values of joints by their names, as they arrive."""
-
-    def __init__(self, names: list[str]) -> None:
-        super().__init__(f"the joints {', '.join(names[:3])}", len(names))
-        self.names = names
-
-
-@dataclass
-class JointTopic:
-    """Joint values of one topic: arm and gripper may publish messages of their own on it."""
-
-    sets: dict[frozenset[str], JointTrack] = field(default_factory=dict)
-    skipped: int = 0
-
-    def add(self, time: float, names: list[str], values: list[float]) -> None:
-        """Append one message to those of the same joints."""
-        found = dict(zip(names, values, strict=True))
-        key = frozenset(found)
-        if key not in self.sets and len(self.sets) >= MAX_SETS:
-            self.skipped += 1
-            return
-        track = self.sets.setdefault(key, JointTrack(list(found)))
-        track.add(time, (found[name] for name in track.names))
-
-    @property
-    def tracks(self) -> list[JointTrack]:
-        """Tracks by their joints, those of most joints first."""
-        return sorted(self.sets.values(), key=lambda one: (-len(one.names), -len(one)))
 
 
 @dataclass
@@ -77,6 +46,16 @@ class Recording:
     def source(self, notes: Iterable[str]) -> Source:
         """Return where poses come from; the hash is of the messages that were read."""
         return Source(self.name, FORMAT, self.size, self.digest, (*self.notes, *notes))
+
+    def joint_tracks(self, topic: str) -> list[JointTrack]:
+        """Return the joint values of a topic, those of most joints first."""
+        found = self.joints.get(topic) or self.joints.get(f"/{topic}")
+        if found is None or not found.sets:
+            there = ", ".join(self.joints) or "none"
+            raise InputError(
+                f"--joints {topic}: {self.name} has no such topic of JointState; there are: {there}. {HINT}."
+            )
+        return found.tracks
 
 
 def read_recording(paths: StrPath | Iterable[StrPath]) -> Recording:
@@ -107,7 +86,7 @@ def read_recording(paths: StrPath | Iterable[StrPath]) -> Recording:
     return found
 
 
-def _several(paths: Any) -> list[Path]:
+def _several(paths: Iterable[StrPath]) -> list[Path]:
     try:
         files = [as_path(path) for path in paths]
     except TypeError:
@@ -120,7 +99,7 @@ def _several(paths: Any) -> list[Path]:
 def _text(reader: _Reader, path: Path) -> bool:
     """Read a text of ``topic echo``; False: the file is no such text."""
     name = shown(path)
-    with opened(path, MAX_TEXT) as file:
+    with opened(path, MAX_TABLE_BYTES) as file:
         if not is_ros_topic(file.read(65536).decode("utf-8", errors="replace")):
             return False
         file.seek(0)

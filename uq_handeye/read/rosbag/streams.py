@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from ...core.files.open import StrPath
 from ...core.formatting.units import parse_length
@@ -14,10 +14,12 @@ from ...formats.contents import FRAMES
 from ...formats.ros_messages import frame_name, pair_text
 from ...model.camera.adjustment.initial_guess import Minima
 from ...model.poses.pose_pairs import Stream
-from .open import HINT
+from .bag import HINT
+from .camera_info import CameraInfo
+from .lens import RAW, RECTIFIED, Lens, lens_of
 from .recording import Recording, read_recording
-from .tags import RAW, RECTIFIED, Lens, TagTrack, lens_of, plain_name, same_tag, tag_poses
-from .track import CameraInfo, Found, Pair, Track, listed
+from .tags import TagTrack, plain_name, same_tag, tag_poses
+from .track import Pair, TimedPoses, Track, listed
 
 EXAMPLE = {"robot": "base_link:tool0", "camera": "camera_optical_frame:tag36h11_0"}
 
@@ -132,7 +134,7 @@ def camera_stream(
             if lens.warning:
                 warnings.warn(lens.warning, InputWarning, stacklevel=2)
             seen_tag = tag_poses(track[1], lens.info, tag)
-            found = Found(seen_tag.times, seen_tag.poses, [*seen_tag.notes, lens.note])
+            found = replace(seen_tag, notes=[*seen_tag.notes, lens.note])
             minima = seen_tag.minima if frame in (None, FRAMES["camera"][0]) else None
             return BagStream(_stream(recording, found, "camera", frame), lens.info, tag, minima=minima)
         if not connected:
@@ -154,7 +156,7 @@ def camera_stream(
     return BagStream(_stream(recording, found, "camera", frame), own, tag, hint)
 
 
-def _stream(recording: Recording, found: Found, role: str, frame: str | None) -> Stream:
+def _stream(recording: Recording, found: TimedPoses, role: str, frame: str | None) -> Stream:
     usual, inverted = FRAMES[role]
     if frame not in (None, usual, inverted):
         raise InputError(f"Expected `{role}_frame` (--{role}-frame) to be {usual} or {inverted}, got {frame!r}.")
@@ -208,7 +210,7 @@ def tag_specs(recording: Recording) -> list[str]:
     return [f"{first}:{tag}" for first, tag in found]
 
 
-def _of_frames(recording: Recording, pair: Pair, role: str, spec: str) -> Found:
+def _of_frames(recording: Recording, pair: Pair, role: str, spec: str) -> TimedPoses:
     """Return the poses of one frame in another, by transforms, or by messages that name both frames."""
     tree = recording.tree
     connected = tree.chain(*pair) is not None
@@ -218,7 +220,7 @@ def _of_frames(recording: Recording, pair: Pair, role: str, spec: str) -> Found:
                 return _of_track(name, own, track)
             if all(pair) and own == pair[::-1]:
                 turned = _of_track(name, own, track)
-                return Found(turned.times, inverse(turned.poses), [*turned.notes, "inverted"])
+                return TimedPoses(turned.times, inverse(turned.poses), [*turned.notes, "inverted"])
     tags = tag_specs(recording)
     if not tree.edges and not (role == "camera" and tags):
         raise InputError(
@@ -236,7 +238,7 @@ def _of_frames(recording: Recording, pair: Pair, role: str, spec: str) -> Found:
         raise InputError(f"--{role} {spec}: {error} ({HINT})") from None
 
 
-def _of_topic(recording: Recording, name: str, pair: Pair, role: str) -> Found:
+def _of_topic(recording: Recording, name: str, pair: Pair, role: str) -> TimedPoses:
     """Return the poses of a topic: of its only pair of frames, or of the child that is named."""
     topic = recording.topics[name]
     tracks = recording.poses.get(name, {})
@@ -257,12 +259,12 @@ def _of_topic(recording: Recording, name: str, pair: Pair, role: str) -> Found:
     return _of_track(name, own, track)
 
 
-def _of_track(name: str, pair: Pair, track: Track) -> Found:
+def _of_track(name: str, pair: Pair, track: Track) -> TimedPoses:
     times, poses = track.poses()
     notes = [f"{len(times)} poses of {name} ({pair_text(*pair)})"]
     if track.repeated:
         notes.append(f"{track.repeated} poses that repeat a time are left out")
-    return Found(times, poses, notes)
+    return TimedPoses(times, poses, notes)
 
 
 def _detected(recording: Recording, name: str, pair: Pair) -> tuple[str, tuple[Pair, TagTrack]] | None:

@@ -7,24 +7,15 @@ tags), cameras are calibrated with (0, 0): half a pixel is subtracted. Both orde
 `camera.board.tag_points`; which way they go round shows in the picture. The frame of the tag is in its middle, x right,
 y up, z towards the camera.
 
-Second solutions of the poses of a tag in a stream, decided by the robot as those of pictures are.
-
-Picture in which tags were detected, raw or rectified, where a ``camera_info`` has the intrinsics of both.
-
-With the residuals of the corners r_0 under K and D and r_1 under P, ``g = r_1 - r_0`` is what the wrong lens adds. The
-share of it in r_0,
-
-    a = - sum g r_0 / sum g^2
-
-is 0 for corners of the raw picture and 1 for those of the rectified one, whatever the noise of the corners is. Its
-standard error is that of the sums over groups of neighbouring detections, whose errors are alike.
+The pose of a small tag has two solutions that fit its corners nearly as well. Both are kept, and `decide_stream` takes
+the one that agrees with the robot and the other poses, as for pictures (`input_checks.pose_ambiguity`).
 """
 
 from __future__ import annotations
 
 import re
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,12 +31,12 @@ from ...model.camera.board_shape import flat_shape
 from ...model.camera.corners import Corners
 from ...model.camera.models import rays
 from ...model.poses.pose_pairs import PosePairs, Stream
-from .track import CameraInfo, Samples
+from .camera_info import CameraInfo
+from .message_types import RosMessage
+from .track import Samples, TimedPoses
 
-# Where the AprilTag library has the centre of the first pixel.
-HALF = 0.5
-# Pixels per coordinate beyond which corners are no picture of the tag by this camera.
-SPOILT = 5.0
+# Residual of a corner coordinate beyond which a detection is no picture of the tag by this camera.
+MAX_CORNER_RESIDUAL_PX = 5.0
 
 
 class TagTrack(Samples):
@@ -66,7 +57,7 @@ class TagTrack(Samples):
         return table[fine, 0], pixels[fine]
 
 
-def corners_in(message: Any) -> list[tuple[str, list[float]]] | None:
+def corners_in(message: RosMessage) -> list[tuple[str, list[float]]] | None:
     """Return name and pixels of each tag of a message; None: its detections have no corners."""
     detections = part(message, "detections")
     if detections is None:
@@ -79,8 +70,8 @@ def corners_in(message: Any) -> list[tuple[str, list[float]]] | None:
         flat = [
             number(v, "corners") for c in corners for v in ((part(c, "x"), part(c, "y")) if len(corners) == 4 else [c])
         ]
-        if part(one, "decision_margin") is not None:  # of the AprilTag library
-            flat = [value - HALF for value in flat]
+        if part(one, "decision_margin") is not None:  # the AprilTag library
+            flat = [value - 0.5 for value in flat]  # the centre of its first pixel
         if len(flat) != 8:
             raise MessageError("four corners")
         found.append((f"{part(one, 'family') or 'tag'}_{number(ids, 'id'):.0f}", flat))
@@ -96,19 +87,6 @@ def same_tag(name: str, asked: str) -> bool:
     """Return whether a tag is meant: ``tag36h11_0`` as tag36h11:0, 36h11_0 or 0."""
     plain, wanted = plain_name(name), plain_name(asked)
     return wanted in (plain, plain.removeprefix("tag"), f"tag_{plain.rpartition('_')[2]}", plain.rpartition("_")[2])
-
-
-class TagPoses(NamedTuple):
-    """Poses of a tag at times, with the second solution of each."""
-
-    times: NDArray[np.float64]  # (n,)
-    minima: Minima
-    notes: list[str]
-
-    @property
-    def poses(self) -> Array:
-        """(n, 4, 4) ``camera_T_target``, the better solution."""
-        return np.asarray(self.minima.poses[0])
 
 
 def corners_of(track: TagTrack, side: float) -> tuple[NDArray[np.float64], Corners]:
@@ -139,18 +117,19 @@ def pixels_off(corners: Corners, bundle: Bundle, poses: Array) -> Array:
     return np.asarray(bundle.model.project(bundle.parameters, at).pixels - corners.pixels).reshape(len(poses), -1)
 
 
-def tag_poses(track: TagTrack, info: CameraInfo, side: float) -> TagPoses:
+def tag_poses(track: TagTrack, info: CameraInfo, side: float) -> TimedPoses:
     """Return the poses of a tag by least squares of its corners."""
     times, corners = corners_of(track, side)
     bundle = adjusted(corners, info)
     minima = both_minima(bundle, corners)
     n = len(times)
-    fine = np.abs(pixels_off(corners, bundle, minima.poses[0])).max(axis=1) < SPOILT
+    fine = np.abs(pixels_off(corners, bundle, minima.poses[0])).max(axis=1) < MAX_CORNER_RESIDUAL_PX
     notes = [f"{n} poses from corners, side {side:g} m; the tag's frame is in its middle, z towards the camera"]
     if not fine.all():
-        notes.append(f"{int((~fine).sum())} detections fit no pose of the tag within {SPOILT:g} px, and are left out")
+        limit = f"{MAX_CORNER_RESIDUAL_PX:g} px"
+        notes.append(f"{int((~fine).sum())} detections fit no pose of the tag within {limit}, and are left out")
     kept = Minima(minima.poses[:, fine], minima.own[:, fine], minima.squares[:, fine])
-    return TagPoses(times[fine], kept, notes)
+    return TimedPoses(times[fine], np.asarray(kept.poses[0]), notes, kept)
 
 
 class Decided(NamedTuple):
@@ -184,87 +163,3 @@ def decide_stream(pairs: PosePairs, stream: Stream, minima: Minima) -> Decided |
     poses[rows] = here.poses[chosen.label, np.arange(len(rows))]
     counts = (int(part.sum()) for part in (chosen.doubtful, chosen.label == 1, chosen.undecided))
     return Decided(replace(stream, poses=poses), *counts)
-
-
-RAW, RECTIFIED = "raw", "rectified"
-WORDS = {RAW: "K and D, of the raw picture", RECTIFIED: "P, of the rectified picture"}
-# Groups of neighbouring detections, and the fewest of them.
-GROUPS, FEWEST_DETECTIONS = 20, 8
-# Standard errors by which the share must differ from one half, the largest one, and how far the share may lie beyond
-# 0 and 1, where neither lens is right.
-CLEAR, LARGEST, BEYOND = 2.0, 0.2, 0.5
-# Difference of the rays of both lenses, in pixels RMS, from which on the wrong one matters.
-MATTERS = 0.3
-
-
-class Lens(NamedTuple):
-    """The intrinsics to use, a note on where they come from, and a warning if they are in doubt."""
-
-    info: CameraInfo
-    note: str
-    warning: str = ""
-
-
-def lens_of(track: TagTrack, info: CameraInfo, side: float, given: str | None = None) -> Lens:
-    """Return the intrinsics of the picture that the corners lie in; ``given`` says which, None: they decide."""
-    of = {RAW: replace(info, P=np.zeros(4)), RECTIFIED: info}
-    source = "intrinsics of camera_info: "
-    if given is not None:
-        if given == RECTIFIED and not info.rectified:
-            raise InputError(
-                "--camera-matrix rectified: the camera_info has no matrix P of a rectified picture. Remove it."
-            )
-        return Lens(of[given], f"{source}{WORDS[given]}, as given")
-    if not info.rectified:
-        return Lens(info, f"{source}{WORDS[RAW]}")
-    if not info.distorted:
-        return Lens(info, f"{source}{WORDS[RECTIFIED]}")
-    corners = corners_of(track, side)[1]
-    seen = {name: rays(*one.lens(), corners.pixels) for name, one in of.items()}
-    if not all(np.isfinite(part).all() for part in seen.values()):  # as those of the rectified one reach farther
-        return Lens(info, f"{source}{WORDS[RECTIFIED]}")
-    off = np.array([_residuals(corners, one) for one in of.values()])  # (2, n, 8)
-    off = off[:, np.abs(off).max(axis=2).min(axis=0) < SPOILT]
-    fits = np.sqrt(np.sum(off**2, axis=(1, 2)) / max(2 * off.shape[1], 1))  # eight coordinates less six
-    fit = dict(zip(of, (f"{value:.2g} px" for value in fits), strict=True))
-    chosen = _decided(off)
-    taken = chosen or RECTIFIED
-    other = RAW if taken == RECTIFIED else RECTIFIED
-    note = f"{source}{WORDS[taken]}; the corners fit to {fit[taken]}, with {WORDS[other]}, to {fit[other]}"
-    if chosen:
-        return Lens(of[taken], note)
-    if _apart(seen[RAW], seen[RECTIFIED]) * info.linear()[0] < MATTERS:
-        return Lens(of[taken], f"{note}, which does not decide; if it was the raw one, give --camera-matrix raw")
-    warning = (
-        f"The camera_info has D and P, and the corners do not decide whether the tag was detected in the raw picture "
-        f"or in the rectified one (they fit to {fit[RAW]} and {fit[RECTIFIED]}). The rectified one was taken (P). If "
-        'it was the raw one, give camera_matrix="raw" (--camera-matrix raw).'
-    )
-    return Lens(of[taken], note, warning)
-
-
-def _residuals(corners: Corners, info: CameraInfo) -> Array:
-    """Return the residuals (n, 8) of the better pose of each detection, pixels."""
-    bundle = adjusted(corners, info)
-    return pixels_off(corners, bundle, both_minima(bundle, corners).poses[0])
-
-
-def _decided(off: Array) -> str | None:
-    """Return the picture that residuals (2, n, 8) of both lenses speak for; None: neither."""
-    raw, difference = off[0], off[1] - off[0]
-    whole = float(np.sum(difference**2))
-    if off.shape[1] < FEWEST_DETECTIONS or not whole > 0.0:
-        return None
-    share = -float(np.sum(difference * raw)) / whole
-    scores = np.sum(difference * (raw + share * difference), axis=1)
-    groups = [part.sum() for part in np.array_split(scores, min(GROUPS, len(scores)))]
-    error = float(np.sqrt(np.sum(np.square(groups)))) / whole
-    if error > LARGEST or abs(share - 0.5) < CLEAR * error or abs(share - 0.5) > 0.5 + BEYOND:
-        return None
-    return RAW if share < 0.5 else RECTIFIED
-
-
-def _apart(one: Array, other: Array) -> float:
-    """Return the RMS angle (rad) between rays (m, 3)."""
-    one, other = (part / np.linalg.norm(part, axis=1, keepdims=True) for part in (one, other))
-    return float(np.sqrt(np.mean(np.sum(np.cross(one, other) ** 2, axis=1))))

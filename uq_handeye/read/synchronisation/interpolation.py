@@ -63,6 +63,8 @@ from ...methods.procrustes.scaled import check_scale, se3_from_so4, so4_from_se3
 KINDS = ("so4", "geodesic")
 # Steps of more than this angle (rad) have no way that could be known.
 LARGEST_STEP = np.pi - 0.05
+# Streams are not interpolated across gaps of more median intervals than this.
+MAX_GAP_INTERVALS = 3.0
 # What became of a time, in `Interpolated.problem`.
 FINE, BEFORE, AFTER, GAP, TURN = range(5)
 

@@ -45,7 +45,7 @@ from ...model.noise.models import PoseNoise, is_joint
 from ...model.poses.pose_pairs import PosePairs, Stream, joint_values_at
 from ...model.poses.timing import SIDES, Timing
 from .correlation import Correlation, LeftOut, best_correlation, check_units, coarse_clock, common_time, left_out
-from .interpolation import Interpolated, Stop, check_kind, error_of_interpolation, find_stops, misses
+from .interpolation import MAX_GAP_INTERVALS, Interpolated, Stop, check_kind, error_of_interpolation, find_stops, misses
 from .refinement import (
     FOR_ALL,
     FOR_ROUNDS,
@@ -60,8 +60,6 @@ from .refinement import (
 )
 from .result import Synchronised
 
-# A gap is longer than so many median intervals.
-GAPS = 3.0
 # The offset is looked for within this share of what the streams have in common, and at least so far (s).
 SEARCHED, LEAST_SEARCHED = 0.25, 1.0
 # A stream is interpolated that is denser by this factor; the robot if neither is.
@@ -146,7 +144,7 @@ def synchronise(robot: Stream, camera: Stream, **asked: Any) -> Synchronised:
     intervals = float(np.median(np.diff(r_times))), float(np.median(np.diff(c_times)))
     check_units(*intervals)
     side = "robot" if intervals[0] <= DENSER * intervals[1] else "camera"
-    gap = GAPS * intervals[SIDES.index(side)] if given.max_gap is None else float(given.max_gap)
+    gap = MAX_GAP_INTERVALS * intervals[SIDES.index(side)] if given.max_gap is None else float(given.max_gap)
     # Times count from the beginning of each stream: those of an epoch have few digits left below 1 us.
     origins = float(r_times[0]), float(c_times[0])
     shift = origins[0] - origins[1]

@@ -213,12 +213,11 @@ class Bags:
     def arm(self, paths: Sequence[Path], topic: str, chain: Kinematics | None, entry: Mapping[str, Any]) -> PoseRows:
         """Return the stream of an arm: poses, or joint values of its chain."""
         from ...model.kinematics.joints_file import NamedJoints
-        from ...read.rosbag.listing import joint_tracks
         from ...read.rosbag.streams import robot_stream
 
         recording = self.recording(paths)
         if chain is not None and (topic in recording.joints or f"/{topic}" in recording.joints):
-            track = joint_tracks(recording, topic)[0]
+            track = recording.joint_tracks(topic)[0]
             times, *values = track.values.T
             named = NamedJoints(f"{topic} in {recording.name}", tuple(track.names), times, np.array(values).T)
             return replace(joint_rows(named, chain, entry.get("joint_units")), stream=True)

@@ -1,0 +1,107 @@
+"""Intrinsics of a camera as the message ``sensor_msgs/CameraInfo`` has them.
+
+Fields of ROS 1 (K, D, P) and ROS 2 (k, d, p) as in ``sensor_msgs/msg/CameraInfo.msg`` of ros2/common_interfaces: K and
+D are of the picture as taken, P of the rectified one, in which no distortion is left.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...core.geometry.se3 import Array
+from ...errors import InputError
+from ...formats.ros_messages import MessageError, frame_name, part
+from ...model.camera.models import LINEAR, MODELS, CameraModel
+from .message_types import RosMessage
+
+# Distortion models of this package by the names that ROS gives them.
+NAMES = {
+    "plumb_bob": "brown",
+    "rational_polynomial": "brown",
+    "fisheye": "fisheye",
+    "equidistant": "fisheye",
+    "": "brown",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class CameraInfo:
+    """Camera matrix and distortion of the picture as taken, and the matrix of the rectified one."""
+
+    frame: str
+    image_size: tuple[int, int]
+    model: str
+    K: Array  # (4,) fx, fy, cx, cy
+    D: Array
+    P: Array  # (4,) fx, fy, cx, cy; 0 where it is not given
+
+    def like(self, other: CameraInfo) -> bool:
+        """Return whether the numbers are the same."""
+        return all(np.array_equal(getattr(self, name), getattr(other, name)) for name in ("K", "D", "P"))
+
+    @property
+    def rectified(self) -> bool:
+        """True if there is a matrix of the rectified picture."""
+        return bool(self.P[0] > 0 and self.P[1] > 0)
+
+    @property
+    def distorted(self) -> bool:
+        """True if the picture as taken has a distortion of a model that is known."""
+        return bool(self.D.any()) and self.model in NAMES
+
+    def linear(self) -> Array:
+        """(4,) fx, fy, cx, cy of the picture in which tags are detected: the rectified one where it is known."""
+        return self.P if self.rectified else self.K
+
+    def lens(self) -> tuple[CameraModel, Array]:
+        """Return the model and its parameters for pixels of that picture."""
+        if self.rectified or not self.D.any():
+            return MODELS["pinhole"], self.linear()
+        if self.model not in NAMES:
+            raise InputError(
+                f"The camera_info of {self.frame} has the distortion model {self.model}; known are "
+                f"{', '.join(filter(None, NAMES))}. Detect in rectified pictures, or give --camera-matrix."
+            )
+        model = MODELS[NAMES[self.model]]
+        parameters = np.zeros(len(model.names))
+        parameters[: len(LINEAR)] = self.K
+        count = min(len(self.D), len(model.names) - len(LINEAR))
+        parameters[len(LINEAR) : len(LINEAR) + count] = self.D[:count]
+        return model, parameters
+
+    def text(self) -> str:
+        """Return the matrix as --camera-matrix takes it: ``fx,fy,cx,cy``."""
+        return ",".join(f"{float(value)!r}" for value in self.linear())
+
+
+def camera_info_of(message: RosMessage) -> CameraInfo:
+    """Return the intrinsics of a message; raises `MessageError` if it has none."""
+
+    def numbers(*names: str) -> Array:
+        value = next((found for name in names if (found := part(message, name)) is not None), ())
+        return np.asarray(value, dtype=float).ravel()
+
+    K, D, P = numbers("k", "K"), numbers("d", "D"), numbers("p", "P")
+    if K.size != 9 or not np.isfinite(K).all() or K[0] <= 0 or K[4] <= 0 or not np.isfinite(D).all():
+        raise MessageError("a camera matrix")
+    P = P if P.size == 12 and np.isfinite(P).all() else np.zeros(12)
+    size = int(part(message, "width") or 0), int(part(message, "height") or 0)
+    frame = frame_name(part(part(message, "header"), "frame_id"))
+    model = str(part(message, "distortion_model") or "")
+    return CameraInfo(frame, size, model, K[[0, 4, 2, 5]], D, P[[0, 5, 2, 6]])
+
+
+def camera_info_yaml(info: CameraInfo) -> str:
+    """Return the intrinsics as --camera-matrix reads them, in the names of ``camera_calibration``."""
+    fx, fy, cx, cy = info.linear().tolist()
+    d = [] if info.rectified else info.D.tolist()
+    lines = [
+        f"image_width: {info.image_size[0]}",
+        f"image_height: {info.image_size[1]}",
+        f"distortion_model: {'plumb_bob' if info.rectified or not info.model else info.model}",
+        f"camera_matrix: {{rows: 3, cols: 3, data: [{fx!r}, 0, {cx!r}, 0, {fy!r}, {cy!r}, 0, 0, 1]}}",
+        f"distortion_coefficients: {{rows: 1, cols: {max(len(d), 5)}, data: {d or [0.0] * 5}}}",
+    ]
+    return "\n".join(lines) + "\n"
