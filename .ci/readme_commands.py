@@ -1,7 +1,4 @@
-"""Print the README's two ```sh blocks, each ended by a NUL: the scripts that .ci/run runs in its own clone.
-
-They start in the folder of the README.
-"""
+"""Print the README's two ```sh blocks, each ended by a NUL: the commands that .ci/run runs in a clone each."""
 
 import re
 import sys
