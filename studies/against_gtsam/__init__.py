@@ -33,7 +33,8 @@ from studies.common.study import Study, Tables, markdown
 from uq_handeye.core.presentation.figure_parts import BLUE, INK, ORANGE, QUIET, SMALL, TEXT, canvas, finished, plain
 from uq_handeye.core.runtime.progress import progress_bar
 from uq_handeye.fit.likelihood.gauss_helmert import efficient
-from uq_handeye.methods.propagation.published_fit import mean_target, solve_all_pairs
+from uq_handeye.methods.propagation.all_pairs import solve_all_pairs
+from uq_handeye.methods.propagation.target_pose import mean_target
 
 SEED = 2019
 OTHERS = 20  # random covariances tried besides those of the tests

@@ -32,7 +32,7 @@ from uq_handeye.core.runtime.progress import progress_bar
 from uq_handeye.fit.likelihood.constraint import constraint_of
 from uq_handeye.fit.likelihood.gauss_helmert import Fit, bound, efficient, fit, maximum_likelihood
 from uq_handeye.fit.likelihood.starts import start_of
-from uq_handeye.methods.propagation.published_fit import solve_all_pairs
+from uq_handeye.methods.propagation.all_pairs import solve_all_pairs
 from uq_handeye.trials.simulation.rig import disturbed
 
 SEED = 2019

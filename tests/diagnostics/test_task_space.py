@@ -196,7 +196,7 @@ def test_sources_by_monte_carlo(rng):
 
 
 def test_the_budget_of_4dpa(rng):
-    from uq_handeye.methods.propagation.published_fit import AllPairs
+    from uq_handeye.methods.propagation.all_pairs import AllPairs
 
     poses = uq.simulate(8, noise=NOISE, seed=rng)
     noise = uq.PoseNoise(random_covariance(rng), random_covariance(rng))

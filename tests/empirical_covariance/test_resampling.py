@@ -30,8 +30,9 @@ from uq_handeye.fit.likelihood.gauss_helmert import efficient, fit
 from uq_handeye.fit.likelihood.goodness_of_fit import Reference
 from uq_handeye.fit.likelihood.starts import start_of
 from uq_handeye.methods.estimators.registry import METHODS, ROBOT_WORLD_METHODS
+from uq_handeye.methods.propagation.all_pairs import solve_all_pairs
 from uq_handeye.methods.propagation.noise_transport import noise_of_pairs
-from uq_handeye.methods.propagation.published_fit import mean_target, solve_all_pairs
+from uq_handeye.methods.propagation.target_pose import mean_target
 from uq_handeye.model.noise.pose_prior import PosePrior
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.2mrad", "0.1mm"), camera=("1mrad", "1mm"))

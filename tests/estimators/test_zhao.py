@@ -1,5 +1,6 @@
 """zhao: linear programs for the least absolute residuals, and their covariance."""
 
+from functools import partial
 from itertools import combinations
 
 import numpy as np
@@ -113,7 +114,7 @@ def test_batch_equals_loop(rng):
 
 
 def test_no_iterations_no_answer(rng, monkeypatch):
-    monkeypatch.setattr(zhao, "ITERATIONS", 1)
+    monkeypatch.setattr(zhao, "_descend", partial(zhao._descend, max_programs=1))
     _, A, B = noisy_motions(rng, 5)
     with pytest.raises(NotConvergedError, match="'zhao' did not converge"):
         METHOD(A, B)
@@ -127,7 +128,7 @@ def test_parallel_axes_are_degenerate(rng):
 
 
 def test_too_many_pairs(rng, monkeypatch):
-    monkeypatch.setattr(zhao, "MOST_PAIRS", 5)
+    monkeypatch.setattr(zhao, "MAX_PAIRS_OF_PROGRAM", 5)
     _, A, B = noisy_motions(rng, 6)
     with pytest.raises(InputError, match="at most 5 motions with method 'zhao'"):
         METHOD(A, B)

@@ -3,6 +3,7 @@ measured on both.
 """
 
 import warnings
+from functools import partial
 
 import numpy as np
 import pytest
@@ -21,7 +22,8 @@ from support import (
 import uq_handeye as uq
 from uq_handeye.methods.estimators import zhao
 from uq_handeye.methods.propagation.noise_transport import noise_of_pairs
-from uq_handeye.methods.propagation.propagate import BEND, SHARE, bend, propagate_and_check
+from uq_handeye.methods.propagation.propagate import propagate_and_check
+from uq_handeye.methods.propagation.validity import MAX_BEND_SD, MAX_PRECISE_SHARE, bend
 
 # Variances (rotation in rad^2, translation in m^2).
 ISOTROPIC = np.full(6, 1e-6)
@@ -83,7 +85,7 @@ def test_zhao_says_where_residuals_known_better_than_X_hold_it(rng):
         A, B = motions_of(G, C)
         covariance, findings = propagate_and_check(A, B, noise, X=X, method="zhao")
         assert codes(findings) == ["propagation.precise_residuals"]
-        assert findings[0].values["share"] > SHARE and "known better than X" in str(findings[0])
+        assert findings[0].values["share"] > MAX_PRECISE_SHARE and "known better than X" in str(findings[0])
         errors = np.sqrt(ONLY_TRANSLATION) * rng.normal(size=(2, trials, 10, 6))
         found = uq.METHODS["zhao"].estimate(moved(A, errors[0]), moved(B, errors[1]))
         xi = difference(found.X, X)[found.converged]
@@ -101,7 +103,7 @@ def test_zhao_with_few_data_says_so(rng):
 
 
 def test_zhao_raises_where_its_covariance_does_not_converge(rng, monkeypatch):
-    monkeypatch.setattr(zhao, "LIMITING", 2)
+    monkeypatch.setattr(zhao, "_solve_limited", partial(zhao._solve_limited, max_iterations=2))
     X, G, C = poses_of(rng, 11, "wide")
     with pytest.raises(uq.NotConvergedError, match="covariance of method 'zhao' did not converge within 2"):
         uq.propagate(*motions_of(G, C), uq.PairNoise(A=np.diag(ISOTROPIC)), X=X, method="zhao")
@@ -151,7 +153,7 @@ def test_nguyen_is_the_derivative_where_nothing_is_said(rng, kind, variance):
 def test_nguyen_says_where_its_error_is_curved(rng, variance):
     cases = [nguyen_case(rng, "axis", variance, 1.0) for _ in range(5)]
     assert all(codes(findings) == ["propagation.curved"] for _, findings in cases)
-    assert all(findings[0].values["bend"] > BEND for _, findings in cases)
+    assert all(findings[0].values["bend"] > MAX_BEND_SD for _, findings in cases)
     assert max(ratios[-1] for ratios, _ in cases) > 2.0  # it is worth saying
 
 

@@ -17,7 +17,7 @@ from ..fit.likelihood.constraint import Constraint, constraint_of, require_noise
 from ..fit.likelihood.gauss_helmert import ESTIMATORS
 from ..fit.likelihood.rig_bundle import require_shared
 from ..methods.estimators.registry import ROBOT_WORLD_METHODS
-from ..methods.propagation.published_fit import AllPairs
+from ..methods.propagation.all_pairs import AllPairs
 from ..model.kinematics.against_controller import ControllerComparison, compare_with_controller
 from ..model.kinematics.arms.postures import postures_at
 from ..model.kinematics.chain import Kinematics

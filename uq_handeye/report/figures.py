@@ -29,7 +29,7 @@ from ..core.formatting.numbers import digits
 from ..core.presentation.ellipses import covariance_ellipses, held, small_ellipses
 from ..core.presentation.figure_parts import NamedFigure, Picture
 from ..errors import InputError
-from ..methods.propagation.published_fit import mean_target
+from ..methods.propagation.target_pose import mean_target
 from ..model.noise.models import PoseNoise
 from ..model.poses.pose_pairs import PosePairs
 from .comparison.compare import compare_beside

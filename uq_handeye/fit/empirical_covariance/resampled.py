@@ -22,9 +22,10 @@ from ...errors import InputError, require_type
 from ...methods.estimators.method import require_converged
 from ...methods.estimators.registry import METHODS, ROBOT_WORLD_METHODS, find
 from ...methods.procrustes.pairs import pair_blocks
+from ...methods.propagation.all_pairs import AllPairs, solve_all_pairs
 from ...methods.propagation.noise_transport import noise_of_pairs
 from ...methods.propagation.propagate import pose_sensitivities
-from ...methods.propagation.published_fit import AllPairs, mean_target, solve_all_pairs, target_by_X
+from ...methods.propagation.target_pose import mean_target, target_by_X
 from ...model.noise.models import Noise, PairNoise, PoseNoise, is_joint
 from ...model.poses.motions import Motions, relative_motions
 from ...model.poses.pose_pairs import PosePairs

@@ -17,7 +17,7 @@ import numpy as np
 from ...core.geometry.se3 import Array, inverse, vee
 from ...errors import DegenerateMotionError
 from ...findings import GROSS, Finding, Severity
-from ...methods.procrustes.degeneracy import DEGENERATE, infinite_directions
+from ...methods.procrustes.degeneracy import MIN_SPREAD_RATIO, infinite_directions
 from ...model.noise.models import Noise, PoseNoise, is_joint, marginals
 from ...model.poses.motions import STEADY_VIEW, Motions, direction_spread, median, pose_residuals, rotation_angles
 from ...model.poses.pose_pairs import PosePairs
@@ -184,7 +184,7 @@ def _axis_spread(R: Array) -> tuple[Array, Array]:
     u = 0.5 * vee(R).T  # sin(angle) axis, as columns
     values, vectors = np.linalg.eigh(u @ u.T / max(1, u.shape[1]))
     axis = vectors[:, 2] if vectors[np.argmax(np.abs(vectors[:, 2])), 2] > 0 else -vectors[:, 2]
-    return np.where(values > DEGENERATE * values[2], values, 0.0), np.round(axis, 12) + 0.0
+    return np.where(values > MIN_SPREAD_RATIO * values[2], values, 0.0), np.round(axis, 12) + 0.0
 
 
 def _rotation_variance(motions: Motions, noise: Noise) -> float:

@@ -35,7 +35,7 @@ from numpy.typing import NDArray
 from ...core.geometry.nearest_rotation import orthonormalise
 from ...core.geometry.se3 import Array, block, inverse, inverse_jacobian, logarithm, perturb, skew, vee
 from ...errors import InputError, require_type
-from ...methods.propagation.published_fit import loop_derivatives
+from ...methods.propagation.target_pose import loop_derivatives
 from ...model.noise.joint_covariance import JointCovariance, joint_of
 from ...model.noise.models import Noise, PairNoise, PoseNoise, is_joint, require_count
 from ...model.poses.motions import Motions

@@ -34,7 +34,8 @@ from ...core.geometry.nearest_rotation import orthonormalise
 from ...core.geometry.se3 import Array, vee
 from ...errors import DegenerateMotionError
 from ...methods.procrustes.limit import solve_limit
-from ...methods.propagation.published_fit import mean_target, solve_all_pairs
+from ...methods.propagation.all_pairs import solve_all_pairs
+from ...methods.propagation.target_pose import mean_target
 from ...model.noise.models import Noise, with_prior, without_prior
 from ...model.noise.pose_prior import PosePrior
 from ...model.noise.square_roots import cholesky_of, whiten

@@ -12,15 +12,14 @@ from collections.abc import Callable
 import numpy as np
 
 from ...core.geometry.se3 import Array, skew
+from ...core.numbers.rounding import CHAIN_ROUNDING
 from ...model.noise.models import PairNoise
-from ..procrustes.degeneracy import DEGENERATE, NO_ROTATION
+from ..procrustes.degeneracy import MIN_SPREAD_RATIO, NO_ROTATION
 from ..procrustes.limit import solve_limit, solve_moments
 from ..procrustes.sensitivity import LimitDerivatives
 from .method import Derivatives, Estimate, Method, closed_form, published, require
-from .moments import (
-    Factors,
-    Moments,
-    MomentSolver,
+from .moments import Factors, Moments, MomentSolver
+from .quaternions import (
     Signs,
     dual_quaternions,
     left_matrix,
@@ -120,7 +119,7 @@ def _daniilidis(moments: Moments, N: int) -> Estimate:
     values, vectors = np.linalg.eigh((cc.reshape(-1, 144) @ _DANIILIDIS_GRAM).reshape(-1, 8, 8))
     rotation = np.trace(cc[:, :6, :6], axis1=-2, axis2=-1)
     gap = values[:, 2] - values[:, 1]
-    require((gap > DEGENERATE * rotation) & (rotation > NO_ROTATION * N), "more than two singular values vanish.")
+    require((gap > MIN_SPREAD_RATIO * rotation) & (rotation > NO_ROTATION * N), "more than two singular values vanish.")
     u, w = vectors[:, :4, :2], vectors[:, 4:, :2]
     # q . q' = lambda^T Omega lambda for the combination lambda of the two vectors
     omega, axes = np.linalg.eigh(0.5 * (u.mT @ w + w.mT @ u))
@@ -134,7 +133,7 @@ def _daniilidis(moments: Moments, N: int) -> Estimate:
     sizes = np.einsum("tar,tar->tr", candidates[:, :4], candidates[:, :4])
     best = np.take_along_axis(candidates, np.argmax(sizes, axis=1)[:, None, None], axis=2)[..., 0]
     norm = np.sqrt(sizes.max(axis=1))
-    require(norm > 1e-9, "the rotation part of both roots vanishes.")
+    require(norm > CHAIN_ROUNDING, "the rotation part of both roots vanishes.")
     return closed_form(pose_of(best / norm[:, None]))
 
 
@@ -195,13 +194,14 @@ def eight_space(G: Array, N: int) -> Array:
     """``(q, q')`` (T, 8) with |q| = 1 and q . q' = 0, as above."""
     values, vectors = np.linalg.eigh(G[:, 4:, 4:])  # sum E^T E
     require(
-        (values[:, 1] > DEGENERATE * values[:, 3]) & (values[:, 3] > NO_ROTATION * N), "the rotation axes are parallel."
+        (values[:, 1] > MIN_SPREAD_RATIO * values[:, 3]) & (values[:, 3] > NO_ROTATION * N),
+        "the rotation axes are parallel.",
     )
     inverse = (vectors[..., 1:] / values[:, None, 1:]) @ vectors[..., 1:].mT
     eliminate = -inverse @ G[:, 4:, :4]
     S = G[:, :4, :4] + G[:, :4, 4:] @ eliminate
     spectrum, axes = np.linalg.eigh(0.5 * (S + S.mT))
-    require(spectrum[:, 1] - spectrum[:, 0] > DEGENERATE * values[:, 3], "two rotations fit equally well.")
+    require(spectrum[:, 1] - spectrum[:, 0] > MIN_SPREAD_RATIO * values[:, 3], "two rotations fit equally well.")
     q = axes[..., 0]
     dual = (eliminate @ q[..., None])[..., 0]
     dual -= np.einsum("ti,ti->t", q, dual)[:, None] * q

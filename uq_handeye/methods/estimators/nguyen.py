@@ -1,9 +1,4 @@
-"""The covariance of Nguyen and Pham's X to first order, with the correlations that the method itself ignores.
-
-Model and notation as in `nguyen`: that module's Sigma_R and Sigma_t are the method's own; here are the derivatives of
-its X by the data, through which any covariance of the motions may be put.
-
-Nguyen and Pham's iterative estimate of X with the covariances of its rotation and of its translation.
+"""Nguyen and Pham's iterative estimate of X with the covariances of its rotation and of its translation.
 
 Model: ``A_k X = X B_k`` (``X = gripper_T_camera`` for eye-in-hand, A the motions of the robot, B of the camera). The
 data carry Gaussian errors ``xi = (theta, tau)``: left rotation in rad, additive translation in the length unit of the
@@ -29,7 +24,8 @@ The refined ``R_Ak = exp([a_k]x)`` has the left error ``phi_k``. With ``v = R_Ak
 
 As in the publication, the correlation of rotation and translation within the covariance of a motion is ignored when
 weighting, the pairs are taken as independent, though all q_k share the error of R, and no cross-covariance of rotation
-and translation is given. `derivatives` ignores none of the three. The stages themselves are in `stages`.
+and translation is given. `NguyenDerivatives`, the derivatives of X by the data, ignores none of the three: any
+covariance of the motions may be put through it. The stages are in `nguyen_stages`, their iteration in `gauss_newton`.
 
 Source: H. Nguyen, Q.-C. Pham, "On the covariance of X in AX = XB", IEEE Trans. Robotics 34 (2018),
 doi:10.1109/TRO.2018.2861905, arXiv:1706.03498.
@@ -51,15 +47,12 @@ from ...core.geometry.se3 import Array, pose
 from ...errors import InputError, require_type
 from ...model.noise.models import PairNoise, require_count
 from ..procrustes.pairs import as_pairs, trial_blocks
+from .gauss_newton import PUBLISHED_ITERATIONS, Rule, Stop
 from .method import Derivatives, Estimate, Method, published
 from .nguyen_stages import (
-    BLOCK,
-    PUBLISHED_ITERATIONS,
     CrossTerm,
     Moved,
     NguyenResult,
-    Rule,
-    Stop,
     at_rotation,
     covariance_of,
     measured,
@@ -81,7 +74,7 @@ def covariances_at(
     iteration.
     """
     parts = []
-    for trials in trial_blocks(len(A), A.shape[1], BLOCK):
+    for trials in trial_blocks(len(A), A.shape[1]):
         length = np.ones(len(X[trials])) if noise is not None else typical_length(A[trials], B[trials])
         R, t = X[trials, :3, :3], X[trials, :3, 3]
         data = measured(A[trials], B[trials], noise, length, R=R)
@@ -191,9 +184,9 @@ def nguyen(
     cross_term : "derived" or "published"
         ``Cov(q_k, phi_k)``: as derived, or with the opposite sign and ``R t_A`` in place of ``R t_B``.
     stop : "scaled" or "published"
-        ``scaled`` ends at steps below 1e-8 standard deviations, whatever the units, or where steps shrink so fast that
-        the next one would be, with damped steps where a full one would raise the sum of squares. ``published`` ends at
-        steps below 1e-10 rad, then 1e-5 in the length unit of the data, after 10 undamped iterations at most.
+        ``scaled`` ends at steps below 1.5e-8 standard deviations, whatever the units, or where steps shrink so fast
+        that the next one would be, with damped steps where a full one would raise the sum of squares. ``published``
+        ends at steps below 1e-10 rad, then 1e-5 in the length unit of the data, after 10 undamped iterations at most.
     max_iterations : int
         Per stage, for ``scaled``.
 
@@ -227,7 +220,7 @@ def nguyen(
     rule = Rule(stop, PUBLISHED_ITERATIONS if stop == "published" else int(max_iterations))
     parts = [
         _solve(flat_A[trials], flat_B[trials], noise, cross_term, rule, trials.start, batch)
-        for trials in trial_blocks(len(flat_A), N, BLOCK)
+        for trials in trial_blocks(len(flat_A), N)
     ]
     joined = parts[0] if len(parts) == 1 else NguyenResult(*map(np.concatenate, zip(*parts, strict=True)))
     return NguyenResult(*(part.reshape((*batch, *part.shape[1:])) for part in joined))

@@ -1,15 +1,8 @@
-"""The two stages of Nguyen and Pham's method: what is measured, the rotation, the translation. Model: `nguyen`.
+"""The two stages of Nguyen and Pham's method: the measured data, the rotation, the translation. Model: `nguyen`.
 
 Each stage is a Gauss-Newton iteration with its latents eliminated: `at_rotation` gives gradient and information of the
 first at any R, `rotation_stage` iterates it; `refined_rotations` and `translation_data` carry its result and errors
 over to `translation_stage`.
-
-Gauss-Newton steps of many trials at once for `nguyen`: damping, counting, and when each trial ends.
-
-Model: at each state a stage gives its gradient g and information F; the full step is ``F^-1 g``, of the length
-``sqrt(g^T F^-1 g)`` in standard deviations, which has no unit. Two rules end an iteration: ``scaled`` by that length,
-with damped steps where full ones do not lead down; ``published`` by the length in rad or in the length unit of the
-data, undamped.
 """
 
 from __future__ import annotations
@@ -44,146 +37,10 @@ from ...errors import InputError
 from ...model.noise.models import PairNoise
 from ..procrustes.degeneracy import are_determined, raise_undetermined
 from ..procrustes.limit import signed_svd
-from .method import require
-
-Stop = Literal["scaled", "published"]
-
-# 'scaled': a step below this many standard deviations ends the iteration, far below anything that noise lets one see.
-TOLERANCE = 1e-8
-# Ratio of a step to the last, below which the next is expected to be shorter by the same ratio or more.
-FAST = 1e-2
-# 'published': steps in rad and in the length unit of the data, and iterations at most.
-PUBLISHED_ROTATION, PUBLISHED_TRANSLATION, PUBLISHED_ITERATIONS = 1e-10, 1e-5, 10
-# Relative rise of the sum of squares that passes: near the minimum rounding alone raises it, and would undo good steps.
-ROUNDING = 1e-7
-# A step below this (standard deviations), no shorter than the last, ends too: rounding may stay above TOLERANCE.
-STALLED = 1e-5
-# Second stage, which has no sum to judge by: a step that turns round, longer than this times the last, is damped.
-SWING = 0.3
-
-
-class Rule(NamedTuple):
-    """Rule that ends an iteration."""
-
-    stop: Stop
-    most: int
-
-
-class Descent:
-    """Gauss-Newton steps of the trials that have not yet ended: damped, counted, and judged.
-
-    The full step is ``F^-1 g``, a damped one ``(F + d diag F)^-1 g``. In the first stage a step that raised the sum of
-    squares is undone and tried again with more damping. In the second, where the sum is known for linearised latents
-    only, damping grows while the steps swing to and fro. Convergence is judged by the full step only.
-    """
-
-    def __init__(self, T: int, rule: Rule, published: float) -> None:
-        self.rule, self.published = rule, published
-        self.trials: NDArray[np.intp] = np.arange(T)
-        self.converged = np.zeros(T, dtype=bool)
-        self.iterations = np.zeros(T, dtype=np.intp)
-        self.count = 0
-        self.squares: Array = np.full(T, np.inf)
-        self.length: Array = self.squares
-        self.damping: Array = np.zeros(T)
-        self.gradient = self.information = self.last = np.empty(0)
-        self.rejected: NDArray[np.bool_] | None = None
-
-    def note(self, gradient: Array, information: Array) -> None:
-        """Take note of the state reached."""
-        self.count += 1
-        self.gradient, self.information, self.rejected = gradient, information, None
-
-    def judge(self, squares: Array, gradient: Array, information: Array) -> NDArray[np.bool_] | None:
-        """Take note of the state reached, or tell which trials are to go back to the state before."""
-        before = self.gradient, self.information
-        self.note(gradient, information)
-        rejected = ~(squares <= (1.0 + ROUNDING) * self.squares + TOLERANCE**2)
-        if self.rule.stop == "published" or self.count == 1 or not rejected.any():
-            self.squares = squares
-            if self.damping.any():
-                self.damping = _less(self.damping)
-            return None
-        self.squares = np.where(rejected, self.squares, squares)
-        self.gradient = np.where(rejected[:, None], before[0], gradient)
-        self.information = np.where(rejected[:, None, None], before[1], information)
-        self.damping = np.where(rejected, np.maximum(10.0 * self.damping, 1e-2), _less(self.damping))
-        self.rejected = rejected
-        return rejected
-
-    def step(self) -> tuple[Array, NDArray[np.bool_]]:
-        """The step (T, 3) of the first stage, and which trials end with it."""
-        step, length, converged = self._full_step()
-        return self._ended(self._damped(step, converged), length, converged)
-
-    def relaxed_step(self, impossible: NDArray[np.bool_] | None) -> tuple[Array, NDArray[np.bool_]]:
-        """The step (T, 3) of the second stage, and which trials end with it; impossible ones without convergence."""
-        step, length, converged = self._full_step()
-        if self.rule.stop == "scaled" and self.count > 2:
-            swings = (length > SWING * self.length) & ((self.last * self.gradient).sum(axis=-1) < 0)
-            if swings.any() or self.damping.any():
-                self.damping = np.where(swings, np.clip(2.0 * self.damping, 0.5, 8.0), 0.7 * self.damping)
-        if impossible is not None:
-            converged &= ~impossible
-        step, ended = self._ended(self._damped(step, converged), length, converged)
-        self.last = step
-        if impossible is not None:
-            ended |= impossible & (self.count >= PUBLISHED_ITERATIONS)
-        return step, ended
-
-    def _full_step(self) -> tuple[Array, Array, NDArray[np.bool_]]:
-        """The full step, its length in standard deviations, and whether it is so short that the iteration converged."""
-        try:
-            solved = np.linalg.solve(self.information, self.gradient[:, :, None])
-        except np.linalg.LinAlgError:  # say which problem it is
-            singular = np.linalg.matrix_rank(self.information) < self.information.shape[-1]
-            require(~singular, "the information about X is singular: its motions leave a direction open.")
-            raise
-        step = np.asarray(solved[:, :, 0], dtype=float)
-        length = np.sqrt(np.maximum((step * self.gradient).sum(axis=-1), 0.0))
-        if self.rule.stop == "published":
-            return step, length, np.sqrt((step * step).sum(axis=-1)) < self.published
-        # Near the minimum, a step that is no shorter than the last one is rounding.
-        stalled = (length < STALLED) & (length >= self.length)
-        if self.rejected is not None:
-            stalled &= ~self.rejected
-        # Where steps shrink fast, the next one, which is not taken, is shorter than this by their ratio once more.
-        shrinking = (length < FAST * self.length) & np.isfinite(self.length)
-        next_step = length * np.where(shrinking, length / np.where(shrinking, self.length, 1.0), 1.0)
-        return step, length, (next_step < TOLERANCE) | stalled
-
-    def _damped(self, step: Array, converged: NDArray[np.bool_]) -> Array:
-        if not self.damping.any():
-            return step
-        diagonal = np.einsum("tii->ti", self.information)[:, :, None] * EYE
-        damped = np.linalg.solve(self.information + self.damping[:, None, None] * diagonal, self.gradient[:, :, None])
-        return np.where(converged[:, None], step, damped[:, :, 0])
-
-    def _ended(self, step: Array, length: Array, converged: NDArray[np.bool_]) -> tuple[Array, NDArray[np.bool_]]:
-        self.length = length
-        self.iterations[self.trials] = self.count
-        self.converged[self.trials] = converged
-        return step, converged | (self.count >= self.rule.most)
-
-    def keep(self, keep: NDArray[np.bool_]) -> None:
-        """Go on with some of the trials."""
-        self.trials, self.squares, self.damping = self.trials[keep], self.squares[keep], self.damping[keep]
-        self.length = self.length[keep]
-        self.gradient, self.information = self.gradient[keep], self.information[keep]
-        self.last = self.last[keep] if len(self.last) else self.last
-        self.rejected = None
-
-
-def _less(damping: Array) -> Array:
-    return np.where(damping > 1e-3, 0.1 * damping, 0.0)
-
+from .gauss_newton import Descent, Rule
+from .quaternions import NEAR_HALF_TURN_RAD
 
 CrossTerm = Literal["derived", "published"]
-
-# Pairs that are worked on at once, about 2 kB each: they fit the cache.
-BLOCK = 4096
-# Motions beyond this angle (rad) may have lost the sign of their axis to noise.
-NEAR_HALF_TURN = 2.8
 
 
 class NguyenResult(NamedTuple):
@@ -246,7 +103,7 @@ def measured(
     vectors = Rotation.from_matrix(both[..., :3, :3].reshape(-1, 3, 3), assume_valid=True).as_rotvec()
     v = np.ascontiguousarray(vectors.reshape(2, T, m, 3).swapaxes(2, 3))
     squares = np.einsum("stim,stim->stm", v, v)
-    if squares.max() > NEAR_HALF_TURN**2:
+    if squares.max() > NEAR_HALF_TURN_RAD**2:
         _turn_axes(A, B, v, squares, R)
     S_R, S_t = _blocks_of(noise, length, pairs)
     J_inverse = inverse_jacobian(v, squares)
@@ -266,7 +123,7 @@ def _turn_axes(A: Array, B: Array, v: Array, squares: Array, R: Array | None) ->
         R = orthonormalise(u.mT @ w)
     opposite = np.einsum("tim,tim->tm", v[0], R @ v[1]) < 0
     angle = np.sqrt(squares[1])
-    other = np.where(opposite & (angle > NEAR_HALF_TURN), 1.0 - 2 * np.pi / np.maximum(angle, 1.0), 1.0)
+    other = np.where(opposite & (angle > NEAR_HALF_TURN_RAD), 1.0 - 2 * np.pi / np.maximum(angle, 1.0), 1.0)
     v[1] *= other[:, None]
     squares[1] *= other * other
 
@@ -324,9 +181,10 @@ def at_rotation(data: Measured, R: Array) -> tuple[Array, Array, Array, Array, A
     return squares, sum_of_crosses(a, weighted), sum_of_informations(a, packed), a, W
 
 
-def rotation_stage(data: Measured, R: Array, rule: Rule) -> Turn:
+def rotation_stage(data: Measured, R: Array, rule: Rule, published_step: float = 1e-10) -> Turn:
+    """Iterate the rotation from R; the rule 'published' ends at steps below ``published_step`` (rad)."""
     T, _, m = data.alpha.shape
-    descent = Descent(T, rule, PUBLISHED_ROTATION)
+    descent = Descent(T, rule, published_step)
     result = R.copy(), np.empty((T, 3, 3)), np.empty((T, 3, m)), np.empty((T, 3, 3, m))
     before = R
     while True:
@@ -413,10 +271,13 @@ def residual_covariance(data: Moved, V: Array) -> tuple[Array, Array]:
     return plus_symmetric(data.S_q, half), V_phi
 
 
-def translation_stage(data: Moved, rule: Rule, cross_term: CrossTerm) -> Shift:
-    """Gauss-Newton on t and the latent rotations ``exp(-[n]x) R_A``; the n are eliminated and follow each step."""
+def translation_stage(data: Moved, rule: Rule, cross_term: CrossTerm, published_step: float = 1e-5) -> Shift:
+    """Gauss-Newton on t and the latent rotations ``exp(-[n]x) R_A``; the n are eliminated and follow each step.
+
+    The rule 'published' ends at steps below ``published_step``, in the length unit of the data.
+    """
     T = len(data.q)
-    descent = Descent(T, rule, PUBLISHED_TRANSLATION)
+    descent = Descent(T, rule, published_step)
     result = np.empty((T, 3)), np.empty((T, 3, 3))
     D = data.R_A - EYE[:, :, None]
     normal, right = np.einsum("tijm,tikm->tjk", D, D), np.einsum("tijm,tim->tj", D, data.q)

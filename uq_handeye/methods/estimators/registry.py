@@ -7,13 +7,15 @@ from typing import Any
 from ...core.geometry.se3 import Array
 from ...errors import InputError, among
 from ..procrustes.scaled import solve_4dpa
-from .certified import HELLER, ZHANG
+from .andreff import ANDREFF
 from .dual_quaternions import CONDURACHE, DANIILIDIS, FOURDPA, LU
-from .linear import ANDREFF, GWAK
+from .gwak import GWAK
+from .heller import HELLER
 from .method import Method
 from .nguyen import METHOD as NGUYEN
 from .robot_world import LI, SHAH, RobotWorldMethod
 from .separated import CHOU, HORAUD, PARK, SHIU, TSAI
+from .zhang import ZHANG
 from .zhao import METHOD as ZHAO
 
 _PUBLISHED = (TSAI, SHIU, CHOU, PARK, HORAUD, DANIILIDIS, ANDREFF, LU, GWAK, HELLER, CONDURACHE)

@@ -18,14 +18,16 @@ from ...core.geometry.se3 import Array, inverse, inverse_jacobian, pose
 from ...errors import InputError, require_type
 from ...model.poses.motions import relative_motions
 from ...model.poses.pose_pairs import PosePairs
-from ..procrustes.degeneracy import DEGENERATE
+from ..procrustes.degeneracy import MIN_SPREAD_RATIO
 from ..procrustes.pairs import pair_blocks, trial_blocks
 from .linear import Normal, normal, require_axes, require_rotation, right_handed, slopes, turn_of
 from .method import Estimate, Published, closed_form, explained, published, require
-from .moments import Factors, Moments, MomentSolver, Signs
+from .moments import Factors, Moments, MomentSolver
+from .quaternions import Signs
 
 _EYE = np.eye(3)
-SHAPE = (19, 13)  # of the moments
+# Places of the unknowns of `li`: the entries of R_X' and R_Z' row by row, t_X' and t_Z'.
+_X, _Z, _T_X, _T_Z = slice(0, 9), slice(9, 18), slice(18, 21), slice(21, 24)
 
 
 class RobotWorld(NamedTuple):
@@ -139,14 +141,11 @@ def translations(s: Sums, R_Z: Array, n: int) -> tuple[Array, Array]:
     M[:, :3, :3] = M[:, 3:, 3:] = n * _EYE
     M[:, 3:, :3], M[:, :3, 3:] = -s.R_A, -s.R_A.mT
     values = np.linalg.eigvalsh(M)
-    require(values[:, 0] > DEGENERATE * values[:, -1], "the rotation axes are parallel.")
+    require(values[:, 0] > MIN_SPREAD_RATIO * values[:, -1], "the rotation axes are parallel.")
     carried = np.einsum("tbac,tbc->ta", s.R_A_tB, R_Z)  # sum R_A^T R_Z t_B
     rhs = np.concatenate([carried - s.turned, s.t_A - (R_Z @ s.t_B[..., None])[..., 0]], axis=1)
     x = np.linalg.solve(M, rhs[..., None])[..., 0]
     return x[:, :3], x[:, 3:]
-
-
-_X, _Z, _T_X, _T_Z = slice(0, 9), slice(9, 18), slice(18, 21), slice(21, 24)
 
 
 def _normal_equations(moments: Array, n: int = 0) -> tuple[Array, Array]:
@@ -220,13 +219,13 @@ def _li_slopes(moments: Array, n: int) -> tuple[Array, Array]:
     """Return the slopes of X = inv(Z') and of W = inv(X')."""
     equations, y = _li_linear(moments, n)
     found = _li_projected(y)
-    dy = slopes(_normal_equations, SHAPE, equations, y)
+    dy = slopes(_normal_equations, moments.shape[1:], equations, y)
     result = []
     for found_pose, block, shift in ((found.X, _Z, _T_Z), (found.W, _X, _T_X)):
         inverted = inverse(found_pose)
         M = y[:, block].reshape(-1, 3, 3)
         by_moments = np.concatenate([turn_of(M, inverted[:, :3, :3], dy[:, block]), dy[:, shift]], axis=1)
-        result.append((inverse_jacobian(inverted) @ by_moments).reshape(-1, 6, *SHAPE))
+        result.append((inverse_jacobian(inverted) @ by_moments).reshape(-1, 6, *moments.shape[1:]))
     return result[0], result[1]
 
 
@@ -243,7 +242,7 @@ def _shah(moments: Array, n: int) -> RobotWorld:
     """
     s = sums(moments)
     U, values, Vt = np.linalg.svd(s.K)
-    require(values[:, 0] - values[:, 1] > DEGENERATE * n, "the rotation axes are parallel.")
+    require(values[:, 0] - values[:, 1] > MIN_SPREAD_RATIO * n, "the rotation axes are parallel.")
     R_X, R_Z = right_handed(U[..., 0]), right_handed(Vt[:, 0])
     t_X, t_Z = translations(s, R_Z, n)
     return result_of(R_X, t_X, R_Z, t_Z)

@@ -15,24 +15,16 @@ from scipy.spatial.transform import Rotation
 
 from ...core.geometry.nearest_rotation import orthonormalise
 from ...core.geometry.se3 import Array, pose, skew, vee
-from ..procrustes.degeneracy import DEGENERATE, NO_ROTATION
+from ...core.numbers.rounding import HALF_DIGITS
+from ..procrustes.degeneracy import MIN_SPREAD_RATIO, NO_ROTATION
 from .method import Estimate, Method, closed_form, published, require
-from .moments import (
-    Factors,
-    Moments,
-    MomentSolver,
-    Signs,
-    left_matrix,
-    quaternions,
-    right_matrix,
-    rotation_vectors,
-    unit_axes,
-)
-
-# Squared cosine of half the rotation angle of X below which its Rodrigues vector is too long for nine digits.
-HALF_TURN_OF_X = 1e-7
+from .moments import Factors, Moments, MomentSolver
+from .quaternions import Signs, left_matrix, quaternions, right_matrix, rotation_vectors, unit_axes
 
 _EYE = np.eye(3)
+# -2 sym( L(v_A)^T R(v_B) ) as a linear function of sum v_A v_B^T
+_MIXED = -np.einsum("jra,krb->jkab", left_matrix(np.eye(4)[1:]), right_matrix(np.eye(4)[1:]))
+_HORAUD_GRAM = (_MIXED + _MIXED.swapaxes(-1, -2)).reshape(9, 16)
 
 
 def separated(
@@ -66,7 +58,7 @@ def with_translation(R: Array, moments: Array, N: int) -> Estimate:
     D = moments[:, :9, 3].reshape(-1, 3, 3)
     M = -(D + D.mT)  # sum D^T D, as R_A^T R_A = I
     values = np.linalg.eigvalsh(M)
-    require(values[:, 0] > DEGENERATE * np.maximum(values[:, 2], 1e-4 * N), "the translation is not determined.")
+    require(values[:, 0] > MIN_SPREAD_RATIO * np.maximum(values[:, 2], 1e-4 * N), "the translation is not determined.")
     D_tB = moments[:, :9, :3].reshape(-1, 3, 3, 3)  # sum D[b, a] t_B[c]
     rhs = np.einsum("tbac,tbc->ta", D_tB, R) - moments[:, 9:, 3]
     return closed_form(pose(R, np.linalg.solve(M, rhs[..., None])[..., 0]))
@@ -97,10 +89,11 @@ def tsai(ab: Array, N: int) -> Array:
     AA, AB, BA, BB = PP[:, :3, :3], PP[:, :3, 3:], PP[:, 3:, :3], PP[:, 3:, 3:]
     S = AA + AB + BA + BB  # sum s s^T, s = P_A + P_B
     M = np.trace(S, axis1=-2, axis2=-1)[:, None, None] * _EYE - S  # sum [s]x^T [s]x
+    # near a half turn of X its Rodrigues vector, of squared length scale / values[0], loses half of the digits
     values = np.linalg.eigvalsh(M)
     scale = np.trace(AA, axis1=-2, axis2=-1)
     require(
-        (values[:, 0] > HALF_TURN_OF_X * scale) & (scale > NO_ROTATION * N),
+        (values[:, 0] > HALF_DIGITS * scale) & (scale > NO_ROTATION * N),
         "X rotates by 180 degrees, or the rotation axes are parallel.",
     )
     # sum [s]x^T (P_B - P_A) = -2 sum P_A x P_B, the axial vector of sum P_A P_B^T
@@ -141,7 +134,7 @@ def shiu(M: Array, N: int) -> Array:
     turned = (_CROSS.T @ M[:, 9:, 9:] @ _CROSS).reshape(-1, 3, 3, 3, 3)
     W = N * np.eye(9) - 0.5 * (kron + turned).transpose(0, 1, 3, 2, 4).reshape(-1, 9, 9)
     values = np.linalg.eigvalsh(W)
-    require(values[:, 0] > DEGENERATE * N, "the rotation axes are parallel.")
+    require(values[:, 0] > MIN_SPREAD_RATIO * N, "the rotation axes are parallel.")
     return orthonormalise(np.linalg.solve(W, M[:, 9:, 9:].reshape(-1, 9, 1)).reshape(-1, 3, 3))
 
 
@@ -176,7 +169,9 @@ def chou(ab: Array, N: int) -> Array:
     """
     values, vectors = np.linalg.eigh((ab.reshape(-1, 36) @ _CHOU_GRAM).reshape(-1, 4, 4))
     gap = values[:, 1] - values[:, 0]
-    require((gap > DEGENERATE * values[:, 3]) & (values[:, 3] > NO_ROTATION * N), "the rotation axes are parallel.")
+    require(
+        (gap > MIN_SPREAD_RATIO * values[:, 3]) & (values[:, 3] > NO_ROTATION * N), "the rotation axes are parallel."
+    )
     return of_quaternion(vectors[..., 0])
 
 
@@ -199,14 +194,10 @@ def require_two_axes(M: Array, N: int) -> None:
     """Raise `Singular` unless ``M = sum alpha beta^T`` (T, 3, 3) of N pairs determines the rotation."""
     s = np.linalg.svd(M, compute_uv=False)
     across = s[:, 1] + np.sign(np.linalg.det(M)) * s[:, 2]
-    require((across > DEGENERATE * s[:, 0]) & (s[:, 0] > NO_ROTATION * N), "the rotation axes are parallel.")
+    require((across > MIN_SPREAD_RATIO * s[:, 0]) & (s[:, 0] > NO_ROTATION * N), "the rotation axes are parallel.")
 
 
 PARK = separated("park", lambda q_A, q_B: (rotation_vectors(q_A), rotation_vectors(q_B)), park)
-
-# -2 sym( L(v_A)^T R(v_B) ) as a linear function of sum v_A v_B^T
-_MIXED = -np.einsum("jra,krb->jkab", left_matrix(np.eye(4)[1:]), right_matrix(np.eye(4)[1:]))
-_HORAUD_GRAM = (_MIXED + _MIXED.swapaxes(-1, -2)).reshape(9, 16)
 
 
 def horaud(v_v: Array, N: int) -> Array:
@@ -224,7 +215,7 @@ def horaud(v_v: Array, N: int) -> Array:
     # the squares L^T L = |v_A|^2 I and R^T R = |v_B|^2 I shift all eigenvalues alike
     values, vectors = np.linalg.eigh((v_v.reshape(-1, 9) @ _HORAUD_GRAM).reshape(-1, 4, 4))
     spread, gap = values[:, 3] - values[:, 0], values[:, 1] - values[:, 0]
-    require((gap > DEGENERATE * spread) & (spread > NO_ROTATION * N), "the rotation axes are parallel.")
+    require((gap > MIN_SPREAD_RATIO * spread) & (spread > NO_ROTATION * N), "the rotation axes are parallel.")
     return of_quaternion(vectors[..., 0])
 
 

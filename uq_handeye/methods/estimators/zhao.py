@@ -13,7 +13,7 @@ residuals, its norm and AX = XB open. Chosen here: the L1 norm of the residuals 
 with the trust region shrunk where a step does not lower f. A minimum generally is a vertex, where six residuals vanish
 and the steps shrink quadratically. HiGHS solves the dual program, ``max r^T y - trust |J^T y|_1`` with ``|y| <= 1``:
 six equations however many the pairs, so that time is about linear in N. Converged means that a step, or the trust
-region, is below 1e-12 (in rad and typical lengths), or a step below 1e-8 where f no longer falls. The minimum is a
+region, is below 1e-12 (in rad and typical lengths), or a step below 1.5e-8 where f no longer falls. The minimum is a
 local one; it depends on the unit of length.
 
 Covariance. X is no differentiable function of the data, so that it has no first-order sensitivities; but the
@@ -35,39 +35,26 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import eigh
 from scipy.spatial.transform import Rotation
 
+from ...core.geometry.checks import CHUNK
 from ...core.geometry.se3 import Array, perturb
+from ...core.numbers.rounding import CHAIN_ROUNDING, EPS, HALF_DIGITS, SOLUTION_ROUNDING
 from ...errors import InputError, NotConvergedError
 from ...model.noise.models import PairNoise
 from .dual_quaternions import LU
 from .method import Derivatives, ErrorFactors, Estimate, Method, PoseFactors, published
-from .moments import Signs, axis_signs, dual_quaternions, left_matrix, quaternions, right_matrix
+from .quaternions import Signs, axis_signs, dual_quaternions, left_matrix, quaternions, right_matrix
 
-ITERATIONS = 100
-STEP = 1e-12
-ROUNDED_STEP = 1e-8
-TRUST = 0.5
-# Where the residuals are tiny, the trust region is this many times the step that the largest of them asks for: a higher
-# cost is beyond the solver.
-HIGHEST_COST = 1e6
-OPTIONS: Any = {"primal_feasibility_tolerance": 1e-10, "dual_feasibility_tolerance": 1e-10, "presolve": False}
-# Pairs beyond which a linear program takes too long.
-MOST_PAIRS = 50_000
-# Residuals whose correlations are held at once.
-ROWS = 1024
-
-# Variance over the largest, below which it is rounding.
-UNSEEN = 1e-24
-# Iterations that limit the densities of the covariance; the change of a variance that ends them, relative; the variance
-# below which it is rounding, and that from which they come down, relative to the largest of a residual.
-LIMITING, SETTLED = 500, 1e-10
-LOWEST, START = 1e-16, 1e2
+# Number of motions above which a linear program takes too long.
+MAX_PAIRS_OF_PROGRAM = 50_000
+# Number of residuals whose correlations are held at once.
+ROWS = CHUNK // 8
 
 
 class Residuals:
@@ -116,10 +103,10 @@ class LinearPrograms:
     """A `Solver`: the estimate, and in place of derivatives a covariance."""
 
     def estimate(self, A: Array, B: Array, noise: PairNoise | None) -> Estimate:
-        if A.shape[1] > MOST_PAIRS:
+        if A.shape[1] > MAX_PAIRS_OF_PROGRAM:
             raise InputError(
-                f"Expected at most {MOST_PAIRS} motions with method 'zhao', whose linear programs grow with them; got "
-                f"{A.shape[1]}. Leave some out, or use another method."
+                f"Expected at most {MAX_PAIRS_OF_PROGRAM} motions with method 'zhao', whose linear programs grow with "
+                f"them; got {A.shape[1]}. Leave some out, or use another method."
             )
         start = LU.solver.estimate(A, B, None).X
         found = [_descend(Residuals(A[t], B[t], signs), start[t]) for t, signs in enumerate(_references(A, B))]
@@ -158,7 +145,7 @@ class Regression:
             x = J.reshape(len(A[k]), 8, 6)
             scores = _independent_scores(x, _unit_rows(rows, variance))
             inverse = _solve_limited(J, variance.reshape(-1), scores).inverse
-            seen = variance > UNSEEN * variance.max()
+            seen = variance > SOLUTION_ROUNDING**2 * variance.max()
             weights = np.sqrt(2.0 / np.pi / np.where(seen, variance, np.inf))
             self.residuals.append(residuals)
             self.scores.append(-inverse @ x.mT * weights[:, None, :])  # (N, 6, 8)
@@ -180,16 +167,16 @@ def _references(A: Array, B: Array) -> list[Signs | None]:
     return [None] * len(A) if signs is None else [Signs(R) for R in signs.R]
 
 
-def _descend(residuals: Residuals, X: Array) -> tuple[Array, bool, int]:
-    """Linear programs from X until the step vanishes: X, whether it did, and how many there were."""
+def _descend(residuals: Residuals, X: Array, trust: float = 0.5, max_programs: int = 100) -> tuple[Array, bool, int]:
+    """Solve linear programs from X until the step vanishes: X, whether it did, and how many there were."""
     r, J = residuals.at(X)
     value = np.abs(r).sum()
     # the length at which a translation is seen as well as a rotation
     unit = float(np.sqrt(np.sum(J[:, :3] ** 2) / np.sum(J[:, 3:] ** 2)))
     scale = np.repeat([1.0, unit], 3)
-    rounding = 1e-15 * float(np.abs(residuals.system).sum()) * (1.0 + float(np.abs(_dual_of(X)).max()))
-    trust, converged = TRUST, False
-    for count in range(1, ITERATIONS + 1):
+    rounding = EPS * float(np.abs(residuals.system).sum()) * (1.0 + float(np.abs(_dual_of(X)).max()))
+    converged = False
+    for count in range(1, max_programs + 1):
         step = _linear_program(r, J * scale, trust)
         if step is None:
             return X, False, count
@@ -197,7 +184,7 @@ def _descend(residuals: Residuals, X: Array) -> tuple[Array, bool, int]:
         moved = perturb(X, step * scale)
         r_moved, J_moved = residuals.at(moved)
         reached = float(np.abs(r_moved).sum())
-        converged = length < STEP or (length < ROUNDED_STEP and abs(value - reached) <= rounding)
+        converged = length < SOLUTION_ROUNDING or (length < HALF_DIGITS and abs(value - reached) <= rounding)
         if reached <= value:
             X, r, J, value = moved, r_moved, J_moved, reached
         else:
@@ -207,8 +194,12 @@ def _descend(residuals: Residuals, X: Array) -> tuple[Array, bool, int]:
     return X, converged, count
 
 
-def _linear_program(r: Array, J: Array, trust: float) -> Array | None:
-    """xi (6,) that minimises ``|r + J xi|_1`` with ``|xi|_inf <= trust``, or None without an optimum."""
+def _linear_program(r: Array, J: Array, trust: float, highest_cost: float = 1e6) -> Array | None:
+    """Return xi (6,) that minimises ``|r + J xi|_1`` with ``|xi|_inf <= trust``, or None without an optimum.
+
+    The cost of the trust region has a limit, because a higher one is beyond the solver. It is reached where the
+    residuals are tiny against the step.
+    """
     from scipy.optimize import linprog  # slow to import
 
     size = float(np.abs(r).max())
@@ -216,10 +207,16 @@ def _linear_program(r: Array, J: Array, trust: float) -> Array | None:
         return np.zeros(6)
     column = np.abs(J).sum(axis=0)
     # y in [-1, 1], and the parts z >= 0 of J^T y that the trust region pays for; r and J in units of their own
-    cost = np.concatenate([-r / size, np.tile(np.minimum(trust * column / size, HIGHEST_COST), 2)])
+    cost = np.concatenate([-r / size, np.tile(np.minimum(trust * column / size, highest_cost), 2)])
     equations = np.hstack([(J / column).T, -np.eye(6), np.eye(6)])
     bounds = [(-1.0, 1.0)] * len(r) + [(0.0, None)] * 12
-    found = linprog(cost, A_eq=equations, b_eq=np.zeros(6), bounds=bounds, method="highs-ds", options=OPTIONS)
+    # the tightest tolerances that HiGHS accepts
+    options: dict[str, float | bool] = {
+        "primal_feasibility_tolerance": 1e-10,
+        "dual_feasibility_tolerance": 1e-10,
+        "presolve": False,
+    }
+    found = linprog(cost, A_eq=equations, b_eq=np.zeros(6), bounds=bounds, method="highs-ds", options=options)
     if found.status != 0:
         return None
     return np.asarray(found.eqlin.marginals * size / column)
@@ -279,7 +276,7 @@ def _independent_rows(residuals: Residuals, X: Array, noise: PairNoise) -> Array
 
 def _unit_rows(rows: Array, variance: Array) -> Array:
     """Rows of length one, or zero where the variance is below rounding."""
-    seen = variance > UNSEEN * variance.max()
+    seen = variance > SOLUTION_ROUNDING**2 * variance.max()
     return np.asarray(rows / np.sqrt(np.where(seen, variance, np.inf))[..., None])
 
 
@@ -318,29 +315,34 @@ def _shared_scores(x: Array, rows: Array) -> Array:
     return np.asarray(2.0 / np.pi * scores)
 
 
-def _solve_limited(x: Array, variance: Array, scores: Array) -> LimitedCovariance:
-    """``H^-1 S H^-1``, the densities in H limited by the result: the largest fixed point, by iteration from above."""
+def _solve_limited(
+    x: Array, variance: Array, scores: Array, start: float = 100.0, max_iterations: int = 500
+) -> LimitedCovariance:
+    """Return ``H^-1 S H^-1``, the densities in H limited by the result.
+
+    It is the largest fixed point, by iteration from above: ``start`` times the largest variance of a residual.
+    """
     largest = float(variance.max())
     if largest == 0.0:
         return LimitedCovariance(np.zeros((6, 6)), np.zeros((6, 6)), 0.0)
     size = np.sqrt(np.mean(x**2, axis=0))
     x, scores = x / size, scores / np.outer(size, size)
-    limited = np.full(len(x), START * largest)
-    for _ in range(LIMITING):
+    limited = np.full(len(x), start * largest)
+    for _ in range(max_iterations):
         weights = 2.0 / np.sqrt(2.0 * np.pi * limited)
         inverse = np.linalg.inv((x.T * weights) @ x)
         covariance = inverse @ scores @ inverse
         spread = np.einsum("ni,ij,nj->n", x, covariance, x)
-        previous, limited = limited, np.maximum(np.maximum(variance, spread), LOWEST * largest)
-        if (np.abs(limited - previous) <= SETTLED * limited).all():
+        previous, limited = limited, np.maximum(np.maximum(variance, spread), EPS * largest)
+        if (np.abs(limited - previous) <= CHAIN_ROUNDING * limited).all():
             break
     else:
         raise NotConvergedError(
-            f"The covariance of method 'zhao' did not converge within {LIMITING} iterations: too few residuals "
+            f"The covariance of method 'zhao' did not converge within {max_iterations} iterations: too few residuals "
             "determine X. Add motions, or use another method."
         )
     # what is exact up to rounding does hold X
-    better = (spread > variance) & (spread > LOWEST * largest)
+    better = (spread > variance) & (spread > EPS * largest)
     held = (x[better].T * weights[better]) @ x[better]
     share = float(eigh(held, (x.T * weights) @ x, eigvals_only=True)[-1])
     return LimitedCovariance(covariance / np.outer(size, size), inverse / np.outer(size, size), share)

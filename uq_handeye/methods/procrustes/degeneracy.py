@@ -14,18 +14,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.geometry.se3 import Array
+from ...core.numbers.rounding import PRODUCT_ROUNDING
 from ...errors import DegenerateMotionError
 
-# Below this ratio of the eigenvalues of M (squared spread of the rotation axes, rad^2) the smallest one is
-# rounding of the input: 1e-10 is a spread of 1e-5 rad.
-DEGENERATE = 1e-10
+# Smallest ratio of the eigenvalues of M, the squared spread of the rotation axes in rad^2, that is not rounding of the
+# data: axes must differ by 1e-5 rad.
+MIN_SPREAD_RATIO = 1e-10
 # Total weight 4 sum |u| |v| below which there is no rotation at all (rad^2 per pair).
-NO_ROTATION = 1e-14
+NO_ROTATION = PRODUCT_ROUNDING
 
 
 def are_determined(smallest: Array, largest: Array, N: int) -> NDArray[np.bool_]:
     """Return whether M of N pairs is regular, from its smallest and largest eigenvalue (...)."""
-    return np.asarray((largest > NO_ROTATION * N) & (smallest > DEGENERATE * largest))
+    return np.asarray((largest > NO_ROTATION * N) & (smallest > MIN_SPREAD_RATIO * largest))
 
 
 def raise_undetermined(
@@ -53,9 +54,9 @@ def raise_undetermined(
             "least two different axes, by 30 to 150 degrees.",
             np.eye(6),
         )
-    lost = U.T[eigenvalues <= DEGENERATE * largest]
+    lost = U.T[eigenvalues <= MIN_SPREAD_RATIO * largest]
     axes = " and ".join(name_axis(axis) for axis in lost)
-    if s[1] <= DEGENERATE * s[0]:
+    if s[1] <= MIN_SPREAD_RATIO * s[0]:
         reason = (
             f"all rotation axes are parallel to {axes} in the frame of `A`. They show neither the rotation of X about "
             "this axis nor its translation along it, and the rest of the translation follows that rotation. Add "

@@ -20,7 +20,7 @@ from ...core.geometry.nearest_rotation import orthonormalise
 from ...core.geometry.se3 import Array, pose
 from ...errors import DegenerateMotionError, InputError
 from .. import _closed_form
-from .degeneracy import DEGENERATE
+from .degeneracy import MIN_SPREAD_RATIO
 from .limit import solve_limit
 from .pairs import as_pairs, pair_blocks, trial_blocks
 
@@ -118,7 +118,7 @@ def solve_scaled(A: Array, B: Array, scale: float) -> Scaled:
         sums[0, trials] += _closed_form.F11(E, Z).sum(axis=1)  # (35)
         sums[1, trials] += _closed_form.F22(E, Z).sum(axis=1)
     values, vectors = np.linalg.eigh(sums)  # (34), ascending
-    if not np.all(values[..., 1] - values[..., 0] > DEGENERATE * (values[..., 3] - values[..., 0])):
+    if not np.all(values[..., 1] - values[..., 0] > MIN_SPREAD_RATIO * (values[..., 3] - values[..., 0])):
         raise DegenerateMotionError("The motions do not determine X at this `scale`; make it larger.", np.eye(6))
     sigma = _signed_octonion(vectors[0, ..., 0], vectors[1, ..., 0])
     X = se3_from_so4(_closed_form.sigma_to_R(sigma), scale)

@@ -27,7 +27,7 @@ from ...core.geometry.checks import entry_rows, surely_transforms
 from ...core.geometry.se3 import Array, skew
 from ...core.runtime.read_only import scratch
 from ...errors import DegenerateMotionError
-from .degeneracy import DEGENERATE, NO_ROTATION, are_determined, infinite_directions, name_axis
+from .degeneracy import MIN_SPREAD_RATIO, NO_ROTATION, are_determined, infinite_directions, name_axis
 from .limit import Suspicious
 
 
@@ -106,7 +106,7 @@ def weight_of_sums(G: Array, h_theta: Array, N: int) -> Array:
     values = np.add.reduce(values, axis=-1, keepdims=True) - values  # descending
     if not (determined := are_determined(values[:, 2], values[:, 0], N)).all():
         trial = int(np.argmin(determined))
-        lost = values[trial] <= max(DEGENERATE * values[trial, 0], NO_ROTATION * N)
+        lost = values[trial] <= max(MIN_SPREAD_RATIO * values[trial, 0], NO_ROTATION * N)
         _raise_infinite(vectors[trial].T[lost])
     M_inverse = (vectors / values[:, None, :]) @ vectors.mT
     Q = np.zeros((len(values), 6, 6))

@@ -25,8 +25,10 @@ from ...fit.likelihood.gauss_helmert import ESTIMATORS, Fit, bound, corrected, m
 from ...fit.one_model.noise_of_data import estimate_noise
 from ...methods.estimators.registry import METHODS, ROBOT_WORLD_METHODS
 from ...methods.procrustes.limit import solve_limit
+from ...methods.propagation.all_pairs import AllPairs, solve_all_pairs
 from ...methods.propagation.noise_transport import noise_of_pairs
-from ...methods.propagation.published_fit import AllPairs, Published, mean_target, solve_all_pairs
+from ...methods.propagation.published_fit import Published
+from ...methods.propagation.target_pose import mean_target
 from ...model.noise.models import Noise, PairNoise, PoseNoise
 from ...model.poses.motions import Motions, pair_indices, relative_motions
 from ...model.poses.pose_pairs import PosePairs, Truth

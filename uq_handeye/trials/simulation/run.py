@@ -34,9 +34,9 @@ from ...fit.likelihood.gauss_helmert import CLOSED_FORM_STEPS, ESTIMATORS, MOST_
 from ...methods.estimators.registry import METHODS, ROBOT_WORLD_METHODS
 from ...methods.procrustes.limit import solve_moments
 from ...methods.procrustes.scaled import solve_4dpa
+from ...methods.propagation.all_pairs import solve_all_pairs
 from ...methods.propagation.noise_transport import covariance_of_poses
 from ...methods.propagation.propagate import propagate_and_check
-from ...methods.propagation.published_fit import solve_all_pairs
 from ...model.noise.models import PairNoise, with_prior
 from ...model.poses.pose_pairs import PosePairs
 from .experiment import Experiment, motions_of

@@ -1,4 +1,4 @@
-r"""Constrained minima of the dual-quaternion equations: certified (`heller`), and by two steps in turn (`zhang`)."""
+"""Constrained minimum of the dual-quaternion equations, certified by a semidefinite relaxation: the method `heller`."""
 
 from __future__ import annotations
 
@@ -13,19 +13,15 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from ...core.geometry.se3 import Array
+from ...core.numbers.rounding import EPS, HALF_DIGITS, PRODUCT_ROUNDING, SOLUTION_ROUNDING, THIRD_DIGITS
 from ...errors import MissingExtraError
-from ..procrustes.degeneracy import DEGENERATE
+from ..procrustes.degeneracy import MIN_SPREAD_RATIO
 from .dual_quaternions import dual_factors, dual_gram
 from .method import Estimate, Method, published, require
-from .moments import Moments, MomentSolver, dual_quaternions, left_matrix, pose_of
+from .moments import Moments, MomentSolver
+from .quaternions import dual_quaternions, left_matrix, pose_of
 
-ITERATIONS = 50
-# Steps of Newton's method in rad and in typical lengths: converged below STEP, or where rounding stops it.
-STEP = 1e-14
-ROUNDED_STEP = 1e-8
-# How negative an eigenvalue rounding may make, relative to the largest.
-ROUNDING = 1e-12
-
+# The constraints of s = (q, q') as quadratic forms: s^T E1 s = |q|^2 and s^T E2 s = q . q'.
 E1 = np.diag([1.0] * 4 + [0.0] * 4)
 E2 = 0.5 * np.eye(8)[[4, 5, 6, 7, 0, 1, 2, 3]]
 
@@ -69,9 +65,9 @@ def _heller(moments: Moments, N: int) -> Estimate:
     best = np.arange(T) * 2 + np.argmin(value.reshape(T, 2), axis=1)
     s, multipliers, ended, iterations = s[best], multipliers[best], ended[best], iterations[best]
     slack = np.linalg.eigvalsh(G - np.einsum("tk,kab->tab", multipliers, np.stack([E1, E2])))
-    converged = optimal & ended & (slack[:, 0] >= -ROUNDING * slack[:, -1])
+    converged = optimal & ended & (slack[:, 0] >= -SOLUTION_ROUNDING * slack[:, -1])
     # besides s, and (0, q) without noise, nothing may solve the equations as well
-    require(~converged | (slack[:, 2] > DEGENERATE * slack[:, -1]), "two poses fit equally well.")
+    require(~converged | (slack[:, 2] > MIN_SPREAD_RATIO * slack[:, -1]), "two poses fit equally well.")
     return Estimate(in_units(s, unit), converged, iterations)
 
 
@@ -89,7 +85,10 @@ def scaled_gram(moments: Array, N: int) -> tuple[Array, Array]:
     G = dual_gram(moments)
     real, dual = (np.trace(G[:, k : k + 4, k : k + 4], axis1=1, axis2=2) for k in (0, 4))
     spread = np.linalg.eigvalsh(G[:, 4:, 4:])
-    require((spread[:, 1] > DEGENERATE * spread[:, 3]) & (dual > 1e-14 * N), "the rotation axes are parallel.")
+    require(
+        (spread[:, 1] > MIN_SPREAD_RATIO * spread[:, 3]) & (dual > PRODUCT_ROUNDING * N),
+        "the rotation axes are parallel.",
+    )
     scale = np.repeat(1.0 / np.sqrt(np.stack([real, dual], axis=1)), 4, axis=1)
     return G * scale[:, :, None] * scale[:, None, :], np.sqrt(real / dual)
 
@@ -99,26 +98,27 @@ def in_units(s: Array, unit: Array) -> Array:
     return pose_of(np.concatenate([s[:, :4], s[:, 4:] * unit[:, None]], axis=1))
 
 
-def stationary(G: Array, start: Array) -> tuple[Array, Array, NDArray[np.bool_], NDArray[np.intp]]:
-    """Newton's method from ``start`` (T, 8): s, (lambda, mu) (T, 2), whether it ended, and after how many steps.
+def stationary(G: Array, start: Array, max_steps: int = 50) -> tuple[Array, Array, NDArray[np.bool_], NDArray[np.intp]]:
+    """Apply Newton's method from ``start`` (T, 8): s, (lambda, mu) (T, 2), whether it ended, and after how many steps.
 
     The steps are those of the ten conditions of stationarity at an s that meets the constraints, solved in the six
-    directions that keep them, ``s -> (1 + eps theta/2) s`` for dual vectors theta.
+    directions that keep them, ``s -> (1 + eps theta/2) s`` for dual vectors theta. A step in rad and in typical lengths
+    that is as short as rounding ends it, or one of half as many digits that no longer shrinks.
     """
     s = _feasible(start)
     T = len(G)
     converged, iterations = np.zeros(T, dtype=bool), np.zeros(T, dtype=np.intp)
     previous, active = np.full(T, np.inf), np.arange(T)
-    for count in range(1, ITERATIONS + 1):
+    for count in range(1, max_steps + 1):
         x = s[active]
         tangent = np.einsum("kab,tb->tka", _TANGENTS, x)
         S, _ = _lagrangian(G[active], x)
         hessian = tangent @ S @ tangent.mT
-        ridge = 1e-15 * np.trace(hessian, axis1=1, axis2=2)  # keeps a singular matrix from raising
+        ridge = EPS * np.trace(hessian, axis1=1, axis2=2)  # keeps a singular matrix from raising
         step = np.linalg.solve(hessian + ridge[:, None, None] * np.eye(6), -tangent @ S @ x[..., None])
         s[active] = _feasible(x + (tangent.mT @ step)[..., 0])
         length = np.abs(step[..., 0]).max(axis=1)
-        ends = (length < STEP) | ((length < ROUNDED_STEP) & (length >= 0.25 * previous[active]))
+        ends = (length < PRODUCT_ROUNDING) | ((length < HALF_DIGITS) & (length >= 0.25 * previous[active]))
         previous[active], iterations[active] = length, count
         converged[active[ends]] = True
         active = active[~ends]
@@ -187,7 +187,7 @@ def _relaxed(program: Any, G: Array) -> tuple[Array, bool]:
     weights = np.sqrt(np.abs(signs[::-1]))
     roots = np.stack([weights, weights * [1.0, -1.0]]) @ (U @ axes).T
     sizes = np.linalg.norm(roots[:, :4], axis=1)
-    roots = np.where((sizes > 1e-6 * sizes.max())[:, None], roots, roots[np.argmax(sizes)])
+    roots = np.where((sizes > THIRD_DIGITS * sizes.max())[:, None], roots, roots[np.argmax(sizes)])
     return roots, program.status in (cp.OPTIMAL, cp.OPTIMAL_INACCURATE)
 
 
@@ -196,81 +196,4 @@ HELLER = Method(
     solver=MomentSolver(dual_factors, _heller, nearby),
     mathematics=_heller.__doc__,
     extra="sdp",
-)
-
-
-STEPS_IN_TURN = 500
-
-
-def _zhang(moments: Moments, N: int) -> Estimate:
-    r"""Zhang, Zhang and Yang (2017): dual quaternions, their real and dual parts by two steps in turn.
-
-    With the equations of `lu`, ``E q = 0`` and ``F q + E q' = 0``, and the blocks ``N = sum E^T E``, ``K = sum E^T F``
-    and ``C = sum (E^T E + F^T F)`` of their Gram matrix, stationary points of
-
-        q^T C q + 2 q'^T K q + q'^T N q'    subject to  |q| = 1,  q . q' = 0
-
-    satisfy, with multipliers lambda and mu,
-
-        (i)   N q' + K q + mu q = 0,  q . q' = 0         (ii)  C q + K^T q' + mu q' = lambda q
-
-    The publication recovers the two parts by iteration, in two steps and with a pseudo-inverse. Chosen here, as one
-    reading of that:
-
-    (i)  q' given q, by the pseudo-inverse of ``P N P``, ``P = I - q q^T``:  ``q' = H q``,  ``H = -(P N P)^+ K``, and
-         ``mu = -q . (N q' + K q)``.
-    (ii) q given H and mu: the eigenvector of the smallest eigenvalue of ``C + K^T H + mu (H + H^T)``, which is (ii)
-         because ``H^T q = 0``.
-
-    It starts from the rotation only, the eigenvector of the smallest eigenvalue of N. Without noise one iteration ends
-    it, as mu is 0 whatever q; else the error shrinks by a constant factor that grows with the noise. (Minimising over
-    q' and then over q for fixed q' would not do: the constraint joins them, and the steps would rest where (i) and (ii)
-    hold with different mu.) The fixed point is a constrained minimum of the sum of squares, the one that `heller`
-    certifies on all but wild data: the two then agree. Converged means that a step is below 1e-14, or below 1e-8 where
-    rounding keeps it from shrinking further. The result depends on the unit of length.
-    """
-    G, unit = scaled_gram(moments[0], N)
-    T = len(G)
-    q = np.linalg.eigh(G[:, 4:, 4:])[1][..., 0]
-    dual = np.empty((T, 4))
-    gap, previous = np.empty(T), np.full(T, np.inf)
-    converged, iterations, active = np.zeros(T, dtype=bool), np.zeros(T, dtype=np.intp), np.arange(T)
-    for count in range(1, STEPS_IN_TURN + 1):
-        g, at = G[active], q[active]
-        H, mu = _dual_step(g, at)
-        spectrum, axes = np.linalg.eigh(_reduced(g, H, mu))
-        found = axes[..., 0] * np.where(np.einsum("ti,ti->t", axes[..., 0], at) < 0, -1.0, 1.0)[:, None]
-        length = np.abs(found - at).max(axis=1)
-        q[active], gap[active] = found, (spectrum[:, 1] - spectrum[:, 0]) / spectrum[:, -1]
-        ends = (length < STEP) | ((length < ROUNDED_STEP) & (length >= previous[active]))
-        previous[active], iterations[active] = length, count
-        converged[active[ends]] = True
-        active = active[~ends]
-        if not active.size:
-            break
-    require(~converged | (gap > DEGENERATE), "two rotations fit equally well.")
-    dual = (_dual_step(G, q)[0] @ q[..., None])[..., 0]
-    return Estimate(in_units(np.concatenate([q, dual], axis=1), unit), converged, iterations)
-
-
-def _dual_step(G: Array, q: Array) -> tuple[Array, Array]:
-    """H (T, 4, 4) with ``q' = H q``, and mu (T,)."""
-    N, K = G[:, 4:, 4:], G[:, 4:, :4]
-    P = np.eye(4) - q[:, :, None] * q[:, None, :]
-    # P N P has the eigenvalue 0 along q; with one there instead, the pseudo-inverse is an inverse
-    size = np.trace(N, axis1=1, axis2=2)[:, None, None]
-    H = -P @ np.linalg.solve(P @ N @ P + size * (np.eye(4) - P), P @ K)
-    mu = -np.einsum("ti,tij,tj->t", q, N @ H + K, q)
-    return H, mu
-
-
-def _reduced(G: Array, H: Array, mu: Array) -> Array:
-    S = G[:, :4, :4] + G[:, :4, 4:] @ H + mu[:, None, None] * (H + H.mT)
-    return np.asarray(0.5 * (S + S.mT))
-
-
-ZHANG = Method(
-    **published("zhang"),
-    solver=MomentSolver(dual_factors, _zhang, nearby),
-    mathematics=_zhang.__doc__,
 )

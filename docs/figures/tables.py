@@ -1,0 +1,133 @@
+"""Write the tables of the documentation that repeat what the code holds.
+
+    python docs/figures/tables.py [--check]
+
+A table lies between the comments ``<!-- table: NAME -->`` and ``<!-- end of table -->`` of its page and is made anew by
+the function of that name. With --check nothing is written, and the exit status is 1 if a page differs;
+`tests/test_tables.py` does the same. Needs the package only.
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+import sys
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import uq_handeye as uq
+from uq_handeye.cli.exit_status import ExitStatus
+from uq_handeye.core.formatting.units import small_unit
+from uq_handeye.core.numbers.levels import LEVELS
+from uq_handeye.fit.diagnostics.sentences import DECLARE
+from uq_handeye.model.shared_errors.assumed import assumed_drift, replace_defaults
+from uq_handeye.model.shared_errors.shared_error import SharedError
+from uq_handeye.model.shared_errors.sizes import CLASSES, SIZES, Size
+
+DOCS = Path(__file__).resolve().parents[1]
+MARKED = re.compile(r"(<!-- table: (\w+) -->\n).*?(<!-- end of table -->)", re.DOTALL)
+
+
+def table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Return a table in Markdown."""
+    lines = [header, ["---"] * len(header), *rows]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+def quantity(size: Size) -> str:
+    """Return the median of a size in the unit that people read."""
+    factor, unit = small_unit(size.unit)
+    return f"{factor * size.median:g} {unit}"
+
+
+def known(size: Size) -> str:
+    """Return how well a size is known before the data."""
+    return "known" if size.is_known else f"factor {size.factor:g}"
+
+
+def default_errors() -> dict[str, tuple[SharedError | None, SharedError | None]]:
+    """Return the errors assumed by default: of finished camera poses, and of poses from corners or points."""
+    poses = replace(uq.simulate(10, seed=1), truth=None, timestamps=range(10))
+    drift = assumed_drift(poses)
+    both = [{error.name: error for error in (*replace_defaults((), known), *drift)} for known in (False, True)]
+    return {name: (both[0].get(name), both[1].get(name)) for name in SIZES if name in both[0] or name in both[1]}
+
+
+def sizes() -> str:
+    """Return the table of the sizes that are assumed where nothing is declared."""
+    rows = ([name, quantity(size), known(size), size.source] for name, size in SIZES.items())
+    return table(["error", "median", "before the data", "source"], rows)
+
+
+def classes() -> str:
+    """Return the table of the accuracy of classes of arms."""
+    rows = ([f"`{name}`", quantity(size), known(size), size.source] for name, size in CLASSES.items())
+    return table(["class", "median", "before the data", "arms"], rows)
+
+
+def defaults() -> str:
+    """Return the table of the errors that are assumed by default, by the kind of camera poses."""
+    rows = []
+    for name, (finished, from_corners) in default_errors().items():
+        option = f"`{DECLARE[name][0]}`" if name in DECLARE else f'`--size "{name}=..."`'
+        when = " with timestamps" if name.startswith("drift") else ""
+        rows.append([name, *("yes" + when if error else "no" for error in (finished, from_corners)), option])
+    return table(["error", "finished camera poses", "poses from corners or points", "declared by"], rows)
+
+
+def covered() -> str:
+    """Return the table of the systematic errors in the covariance, with the size that is assumed of each."""
+    rows = []
+    for name, (finished, from_corners) in default_errors().items():
+        how = "yes" if finished and from_corners else "yes; with corners or points as they determine it"
+        size = SIZES[name]
+        rows.append([name, how, f"{quantity(size)}, {known(size)}"])
+    return table(["error", "covered by default", "assumed size"], rows)
+
+
+def levels() -> str:
+    """Return the table of the statistical levels."""
+    rows = ([name, f"{level.probability:g}", level.triggers, level.source] for name, level in LEVELS.items())
+    return table(["level", "probability", "what it triggers", "source"], rows)
+
+
+def exit_statuses() -> str:
+    """Return the table of the exit statuses."""
+    return table(["status", "meaning"], ([str(int(status)), status.meaning] for status in ExitStatus))
+
+
+TABLES: dict[str, Callable[[], str]] = {
+    make.__name__: make for make in (sizes, classes, defaults, covered, levels, exit_statuses)
+}
+
+
+def pages() -> list[Path]:
+    """Return the pages that have such tables."""
+    return [path for path in sorted(DOCS.rglob("*.md")) if MARKED.search(path.read_text(encoding="utf-8"))]
+
+
+def made(text: str) -> str:
+    """Return the text of a page with its tables made anew."""
+    return MARKED.sub(lambda found: f"{found[1]}{TABLES[found[2]]()}\n{found[3]}", text)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Write the tables, or name the pages that differ."""
+    parser = argparse.ArgumentParser(description=str(__doc__).partition("\n")[0])
+    parser.add_argument("--check", action="store_true", help="write nothing")
+    check = parser.parse_args(arguments).check
+    different = 0
+    for path in pages():
+        before = path.read_text(encoding="utf-8")
+        after = made(before)
+        if after != before:
+            different += 1
+            print(path.relative_to(DOCS))
+            if not check:
+                path.write_text(after, encoding="utf-8")
+    return int(check and different > 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
