@@ -22,7 +22,7 @@ from uq_handeye.core.formatting.units import small_unit
 from uq_handeye.core.numbers.levels import LEVELS
 from uq_handeye.fit.diagnostics.sentences import DECLARE
 from uq_handeye.model.shared_errors.assumed import assumed_drift, replace_defaults
-from uq_handeye.model.shared_errors.shared_error import SharedError
+from uq_handeye.model.shared_errors.shared_error import OF_LENGTHS, SharedError
 from uq_handeye.model.shared_errors.sizes import CLASSES, SIZES, Size
 
 DOCS = Path(__file__).resolve().parents[1]
@@ -35,10 +35,10 @@ def table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 
-def quantity(size: Size) -> str:
-    """Return the median of a size in the unit that people read."""
-    factor, unit = small_unit(size.unit)
-    return f"{factor * size.median:g} {unit}"
+def quantity(name: str, size: Size) -> str:
+    """Return the median of the size of an error in the unit that people read; without one where it is of columns."""
+    factor, unit = small_unit(size.unit) if size.unit or name in OF_LENGTHS else (1.0, "")
+    return f"{factor * size.median:g} {unit}".strip()
 
 
 def known(size: Size) -> str:
@@ -56,13 +56,13 @@ def default_errors() -> dict[str, tuple[SharedError | None, SharedError | None]]
 
 def sizes() -> str:
     """Return the table of the sizes that are assumed where nothing is declared."""
-    rows = ([name, quantity(size), known(size), size.source] for name, size in SIZES.items())
+    rows = ([name, quantity(name, size), known(size), size.source] for name, size in SIZES.items())
     return table(["error", "median", "before the data", "source"], rows)
 
 
 def classes() -> str:
     """Return the table of the accuracy of classes of arms."""
-    rows = ([f"`{name}`", quantity(size), known(size), size.source] for name, size in CLASSES.items())
+    rows = ([f"`{name}`", quantity(name, size), known(size), size.source] for name, size in CLASSES.items())
     return table(["class", "median", "before the data", "arms"], rows)
 
 
@@ -71,7 +71,7 @@ def defaults() -> str:
     rows = []
     for name, (finished, from_corners) in default_errors().items():
         option = f"`{DECLARE[name][0]}`" if name in DECLARE else f'`--size "{name}=..."`'
-        when = " with timestamps" if name.startswith("drift") else ""
+        when = ", with timestamps" if name.startswith("drift") else ""
         rows.append([name, *("yes" + when if error else "no" for error in (finished, from_corners)), option])
     return table(["error", "finished camera poses", "poses from corners or points", "declared by"], rows)
 
@@ -79,10 +79,11 @@ def defaults() -> str:
 def covered() -> str:
     """Return the table of the systematic errors in the covariance, with the size that is assumed of each."""
     rows = []
-    for name, (finished, from_corners) in default_errors().items():
-        how = "yes" if finished and from_corners else "yes; with corners or points as they determine it"
+    for name, (_, from_corners) in default_errors().items():
+        how = "yes" if from_corners else "yes; for poses from corners as their calibration determined it"
+        how += ", with timestamps" if name.startswith("drift") else ""
         size = SIZES[name]
-        rows.append([name, how, f"{quantity(size)}, {known(size)}"])
+        rows.append([name, how, f"{quantity(name, size)}, {known(size)}"])
     return table(["error", "covered by default", "assumed size"], rows)
 
 

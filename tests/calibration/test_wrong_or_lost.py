@@ -12,7 +12,7 @@ from support import moved
 
 import uq_handeye as uq
 from uq_handeye.calibration.report.first_screen import next_step
-from uq_handeye.cli.delivery import IN_PART
+from uq_handeye.cli.exit_status import ExitStatus
 
 POSES = uq.simulate(20, noise=NOISE, seed=3)
 
@@ -118,13 +118,17 @@ def test_what_is_answered_in_part_is_not_usable_and_has_a_status(parallel, tmp_p
     """Programs read `usable` or the exit status; X along the axis is one of all that fit."""
     done = run("calibrate", parallel / "robot.txt", parallel / "camera.txt", "--json", "-o", tmp_path / "out")
     found = json.loads(done.stdout)
-    assert done.returncode == IN_PART == 6
+    assert done.returncode == ExitStatus.IN_PART == 6
     assert found["usable"] is False and found["answered"] == "in part" and found["open"]
     result = uq.Calibration.from_json(tmp_path / "out" / "result.json")
     assert not result.usable and result.answered == "in part" and result.reasons == ()
     assert "Not determined: " in result.headline and np.linalg.norm(result.X[:3, 3]) < 1.0
     written = run("export", tmp_path / "out" / "result.json", tmp_path / "x.urdf")
-    assert written.returncode == IN_PART and "Not determined: " in written.stderr and (tmp_path / "x.urdf").exists()
+    assert (
+        written.returncode == ExitStatus.IN_PART
+        and "Not determined: " in written.stderr
+        and (tmp_path / "x.urdf").exists()
+    )
     asked = run("report", tmp_path / "out" / "result.json", "--tolerance", "1mm")
     assert asked.returncode == 5
 

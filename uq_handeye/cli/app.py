@@ -1,8 +1,6 @@
 """Program ``uq-handeye``: parse, call, print.
 
-Exit status: 0 success; 1 an internal error, or a run that lost its workers; 2 bad usage or bad input, with one line on
-stderr; 3 a result that is not usable; 4 data that contradict a result; 5 a tolerance that is not shown to be met;
-6 X is known in part; 130 Ctrl-C, with one line on stderr.
+`exit_status.py` has the exit statuses.
 """
 
 import _thread
@@ -25,7 +23,8 @@ from .commands.live import live_command, view_command
 from .commands.plan import compare_command, plan_command
 from .commands.predict import certificate_command, export_command, predict_command, report_command
 from .commands.simulate import codegen_command, simulate_command
-from .commands.validate import INTERRUPTED, cross_check_command, posterior_command, validate_command
+from .commands.validate import cross_check_command, posterior_command, validate_command
+from .exit_status import ExitStatus
 from .help import Command, Program, with_help_all
 from .messages import fail, fail_internally, messages
 from .options import with_messages
@@ -104,7 +103,8 @@ def main(arguments: list[str] | None = None) -> None:
     command = shlex.join(["uq-handeye", *given]).encode(errors="backslashreplace").decode()  # names may be no UTF-8
     with messages(command, no_color="--no-color" in given), _interrupts() as interrupted:
         status = _status_of(given, interrupted)
-        if status == INTERRUPTED:  # of a command that has printed what it had, or of Typer, which catches the exception
+        # returned by a command that has printed what it had, or by Typer, which catches the exception
+        if status == ExitStatus.INTERRUPTED:
             with suppress(ValueError):  # not in the main thread
                 signal.signal(signal.SIGINT, signal.SIG_IGN)  # once more would end this line too
             print("uq-handeye: interrupted", file=sys.stderr)
@@ -164,9 +164,9 @@ def _failed(error: BaseException, interrupted: bool) -> int:
             quotes = ". Quote a pattern of files: 'poses/*.txt'" if said.startswith("Got unexpected extra") else ""
             return fail(f"{said}{quotes} (see {path} --help)")
         case typer.Abort() | KeyboardInterrupt():
-            return INTERRUPTED
+            return ExitStatus.INTERRUPTED
         case _ if interrupted:
-            return INTERRUPTED
+            return ExitStatus.INTERRUPTED
         case InputError() | NotConvergedError():
             return fail(str(error))
         case OSError(filename=None):  # files have their own messages, so this is the standard output

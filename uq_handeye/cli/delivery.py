@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from ..core.files.about import read_about
 from ..core.runtime.progress import working
 from ..errors import DegenerateMotionError, InputError, NotConvergedError
+from .exit_status import ExitStatus
 from .messages import LOG, command_line, fail, progress_wanted, quiet, terminal_width, timed, verbose
 from .options import PAPERS, emit, emit_document, one_of, require_writable
 
@@ -21,10 +22,6 @@ if TYPE_CHECKING:
     from ..fit.diagnostics.pose_table import PoseTable
     from ..report.comparison.compare import Compared
     from ..trials.validation.cross_check.run import CrossCheck
-
-
-# Exit statuses.
-NOT_USABLE, NOT_PASSED, IN_PART = 3, 5, 6
 
 
 @dataclass(frozen=True)
@@ -129,7 +126,7 @@ def emit_refusal(error: InputError | NotConvergedError, as_json: bool, shown: li
     if isinstance(error, NotConvergedError | DegenerateMotionError):  # its advice is for data with nothing else wrong
         text = f"{text.partition('. ')[0].rstrip('.')}."
     fail(f"{reasons[0][0].upper()}{reasons[0][1:]}. {text}")
-    return NOT_USABLE
+    return ExitStatus.NOT_USABLE
 
 
 def json_of(result: "Calibration", verdict: "Verdict | None") -> str:
@@ -143,10 +140,10 @@ def json_of(result: "Calibration", verdict: "Verdict | None") -> str:
 def status_of(result: "Calibration", verdict: "Verdict | None") -> int:
     """Return the exit status of a calibration."""
     if result.answered == "no":
-        return NOT_USABLE
+        return ExitStatus.NOT_USABLE
     if verdict is not None and not verdict.passed:
-        return NOT_PASSED
-    return 0 if result.usable else IN_PART
+        return ExitStatus.NOT_PASSED
+    return ExitStatus.DONE if result.usable else ExitStatus.IN_PART
 
 
 def deliver(directory: Path, files: "Mapping[str, str | bytes | Figure]") -> str:

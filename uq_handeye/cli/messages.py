@@ -21,6 +21,7 @@ import typer
 
 from ..core.files.lines import printable
 from ..errors import InputError, InputWarning
+from .exit_status import ExitStatus
 
 LOG = logging.getLogger("uq_handeye")
 
@@ -188,7 +189,7 @@ def fail(message: str) -> int:
     for text in _run.shown:  # held back for a text that does not come
         LOG.warning("%s", text)
     LOG.error(" ".join(message.split()))
-    return 2
+    return ExitStatus.BAD_INPUT
 
 
 def fail_internally(error: BaseException) -> int:
@@ -202,7 +203,7 @@ def fail_internally(error: BaseException) -> int:
         " ".join(str(error).split()) or "no message",
         where,
     )
-    return 1
+    return ExitStatus.INTERNAL_ERROR
 
 
 class _ToStderr(logging.Handler):

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
 from .arm import coordinates
-from .delivery import IN_PART, NOT_PASSED, NOT_USABLE, Wanted, deliver, deliver_answer
+from .delivery import Wanted, deliver, deliver_answer
+from .exit_status import ExitStatus
 from .messages import given_options, quiet, timed, withheld
 from .options import AT_THE_BOUND, PAIRINGS, SETUP_NAMES, emit, one_of
 
@@ -154,10 +155,10 @@ def deliver_rig(result: "RigCalibration", wishes: "ReportOptions", wanted: Wante
     else:
         emit(text + written)
     if result.reasons:
-        return NOT_USABLE
+        return ExitStatus.NOT_USABLE
     if any(not verdict.passed for verdict in verdicts.values()):
-        return NOT_PASSED
-    return 0 if result.usable else IN_PART
+        return ExitStatus.NOT_PASSED
+    return ExitStatus.DONE if result.usable else ExitStatus.IN_PART
 
 
 # Options of new views of a rig.

@@ -22,6 +22,7 @@ from ..delivery import (
     report_options_of,
     wanted_of,
 )
+from ..exit_status import ExitStatus
 from ..messages import quiet, timed, withheld
 from ..new_poses import NewPoses
 from ..options import UNITS, one_of, shown
@@ -44,10 +45,6 @@ def _blocks_of(series: "CheckSeries", alarm: "SeriesAlarm") -> "list[list[Block]
 
     blocks = [block for part in groups_of(alarm_document(alarm)) for block in part]
     return [blocks[:1] if quiet() else [*blocks, *(Paragraph(text, hang="  ") for text in series_sentences(series))]]
-
-
-# Exit statuses.
-CHANGED_STATUS, CANNOT_TELL_STATUS = 4, 3
 
 
 @dataclass(frozen=True)
@@ -141,7 +138,7 @@ def check_command(
         return files
 
     deliver_answer(text, said, as_json, output, written)
-    return CHANGED_STATUS if alarm is not None and alarm.alarm is not None else status_of(found)
+    return ExitStatus.CONTRADICTED if alarm is not None and alarm.alarm is not None else status_of(found)
 
 
 def status_of(found: "ChangeCheck | RigCheck") -> int:
@@ -149,8 +146,8 @@ def status_of(found: "ChangeCheck | RigCheck") -> int:
     from ...use.maintenance.check_result import UNCHANGED
 
     if found.changed:
-        return CHANGED_STATUS
-    return 0 if found.status == UNCHANGED else CANNOT_TELL_STATUS
+        return ExitStatus.CONTRADICTED
+    return ExitStatus.DONE if found.status == UNCHANGED else ExitStatus.NOT_USABLE
 
 
 def update_command(
@@ -257,10 +254,6 @@ def diff_command(
     })  # fmt: skip
 
 
-# Exit status of a calibration that the data contradict.
-CONTRADICTED = 4
-
-
 def verify_command(
     result: Path,
     touching: TouchOptions,
@@ -324,7 +317,7 @@ def _deliver(found: Any, as_json: bool, output: Path | None, tables: dict[str, s
 
     text = json_text(found.to_dict())
     deliver_answer(text, shown(document_of(found)), as_json, output, lambda: {"verification.json": text, **tables})
-    return CONTRADICTED if found.contradicted else 0
+    return ExitStatus.CONTRADICTED if found.contradicted else ExitStatus.DONE
 
 
 def _points(path: Path) -> "Array":

@@ -12,8 +12,6 @@ from ...core.runtime.progress import working
 from ...errors import InputError
 from ..arm import coordinates
 from ..delivery import (
-    NOT_PASSED,
-    NOT_USABLE,
     REPORTS,
     Outputs,
     ReportOptions,
@@ -25,6 +23,7 @@ from ..delivery import (
     status_of,
     wanted_of,
 )
+from ..exit_status import ExitStatus
 from ..messages import LOG, fail, progress_wanted, quiet, timed
 from ..options import CONTROLLER_NAMES, PAPERS, emit, emit_document, one_of, require_writable
 from ..rigs import predict_stored_rig, stored_rig
@@ -341,7 +340,7 @@ def export_command(
         return 0
     if stored.reasons:
         fail(f"{result} is not usable, so nothing was exported: {stored.reasons[0]}. Calibrate again.")
-        return NOT_USABLE
+        return ExitStatus.NOT_USABLE
     emit(f"Wrote {stored.export(file, name)}\n")
     if not stored.usable:
         LOG.warning(
@@ -450,7 +449,7 @@ def _deliver_certificate(
         head = f"{'' if found.certified else 'NOT CERTIFIED. '}Certificate {found.identifier}. {written}".strip()
         emit("" if quiet() else "\n".join([head, *lines]) + "\n")
         missed = any(not verdict.passed for verdict in found.verdicts.values())
-        return NOT_USABLE if not found.certified else NOT_PASSED if missed else 0
+        return ExitStatus.NOT_USABLE if not found.certified else ExitStatus.NOT_PASSED if missed else ExitStatus.DONE
     verdict = None if found.decision is None else found.decision.verdict
     if not quiet():
         blocks = [Answer(found.result.headline, colour_of(found.result))]
@@ -460,4 +459,4 @@ def _deliver_certificate(
             blocks.append(Answer(str(verdict), verdict.status))
         number = f"Certificate {found.identifier}."
         emit_document([[*blocks, Paragraph(f"{number} {written}".strip(), hang="  ")]])
-    return status_of(found.result, verdict) if found.certified else NOT_USABLE
+    return status_of(found.result, verdict) if found.certified else ExitStatus.NOT_USABLE

@@ -9,6 +9,7 @@ from ...core.files.lines import frame_text
 from ...core.runtime.threads import cores
 from ...errors import InputError
 from ..delivery import REPORTS, deliver, deliver_answer, write_report, wrote
+from ..exit_status import ExitStatus
 from ..messages import LOG, progress_wanted, timed, verbose
 from ..new_poses import Session
 from ..noise import pose_prior_of
@@ -19,10 +20,6 @@ if TYPE_CHECKING:
     from concurrent.futures import Executor
 
     from ...trials.validation.monte_carlo.run import MonteCarlo
-
-
-# Exit status after Ctrl-C, and of a run that ended early for another reason.
-INTERRUPTED, NOT_COMPLETE = 130, 1
 
 
 @dataclass(frozen=True)
@@ -95,7 +92,7 @@ def validate_command(
     workers = cores() if asked.workers is None else asked.workers
 
     from ...read import json_text
-    from ...trials.validation.sentences import INTERRUPTED as ENDED_BY_HAND
+    from ...trials.validation.sentences import INTERRUPTED
 
     results: list[MonteCarlo] = []
     for result in _simulated(problem, names, asked, workers, resume, output):
@@ -111,13 +108,13 @@ def validate_command(
     if as_json:
         parts = [result.to_dict() for result in results]
         emit(json_text(parts[0] if len(names) == 1 else {"methods": parts}))
-    if result.ended.code == ENDED_BY_HAND:
-        return INTERRUPTED
+    if result.ended.code == INTERRUPTED:
+        return ExitStatus.INTERRUPTED
     if result.ended_early:
         how = "--resume goes on" if output is not None else "with -o DIR, --resume would go on"
         reason = " ".join(result.reason.split())
         LOG.error("the run by %s is not complete: %s; %s.", result.method, reason, how)
-        return NOT_COMPLETE
+        return ExitStatus.INTERNAL_ERROR
     return 0
 
 
@@ -229,7 +226,7 @@ def cross_check_command(
     require_writable(report, "--report", REPORTS)
     from ...core.presentation.document import document_of
     from ...trials.validation.cross_check.run import cross_check
-    from ...trials.validation.sentences import INTERRUPTED as ENDED_BY_HAND
+    from ...trials.validation.sentences import INTERRUPTED
 
     result, problem = session.calibrated(asked.pairs)
     how = vars(asked) | {"workers": cores() if asked.workers is None else asked.workers}
@@ -242,7 +239,7 @@ def cross_check_command(
         write_report(result, report, True, check)
     if check.ended is None:
         return 0
-    return INTERRUPTED if check.ended.code == ENDED_BY_HAND else NOT_COMPLETE
+    return ExitStatus.INTERRUPTED if check.ended.code == INTERRUPTED else ExitStatus.INTERNAL_ERROR
 
 
 CHAIN = "chain.h5"
