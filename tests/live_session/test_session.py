@@ -15,9 +15,10 @@ import uq_handeye as uq
 from uq_handeye.calibration.statement.tolerance import Tolerance
 from uq_handeye.read import write_pose_file
 from uq_handeye.use.live_session.folder import Folder
+from uq_handeye.use.live_session.json_lines import Lines, pair_of
 from uq_handeye.use.live_session.question import Question
 from uq_handeye.use.live_session.session import CHOICE, OWN, Session
-from uq_handeye.use.live_session.sources import Lines, feed, pair_of
+from uq_handeye.use.live_session.sources import feed
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
 POSES = uq.simulate(n_poses=14, noise=NOISE, seed=4)
@@ -89,7 +90,7 @@ def test_killed_at_once_after_a_pose(tmp_path):
         "import sys, threading\nfrom pathlib import Path\n"
         "from uq_handeye.use.live_session.session import Session\n"
         "from uq_handeye.use.live_session.folder import Folder\n"
-        "from uq_handeye.use.live_session.sources import Lines\n"
+        "from uq_handeye.use.live_session.json_lines import Lines\n"
         "session, lines = Session(Folder(Path(sys.argv[1]))), Lines(sys.stdin)\n"
         "while True:\n    print(session.add(*lines.take()).n, flush=True)\n"
     )

@@ -14,10 +14,15 @@ import uq_handeye as uq
 from uq_handeye.calibration.statement.tolerance import Tolerance
 from uq_handeye.core.geometry.se3 import inverse
 from uq_handeye.use.live_session.folder import Folder
-from uq_handeye.use.live_session.question import Answer, Question, enough, starting_views, words
-from uq_handeye.use.live_session.scene import ellipsoid, nice
+from uq_handeye.use.live_session.json_lines import Lines
+from uq_handeye.use.live_session.nodes import ellipsoid, nice
+from uq_handeye.use.live_session.playback import Playback
+from uq_handeye.use.live_session.question import Answer, Question, enough, words
+from uq_handeye.use.live_session.ros2 import MAX_AGE_S, Node, Tf, Topic
 from uq_handeye.use.live_session.session import Session
-from uq_handeye.use.live_session.sources import OLD, Function, Lines, Node, Playback, Taken, Tf, Topic, Ur, feed
+from uq_handeye.use.live_session.sources import Side, Taken, feed
+from uq_handeye.use.live_session.starting_views import starting_views
+from uq_handeye.use.live_session.universal_robots import Ur
 from uq_handeye.use.planning.after_each import NextPose
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
@@ -81,7 +86,7 @@ def test_a_pair_by_topics():
 
 @pytest.mark.parametrize(
     ("source", "why"),
-    [(tf((10.0, 10.5)), r"stamped 0\.50 s apart"), (tf(now=10.2 + OLD), "newest pose is 2.2 s old"),
+    [(tf((10.0, 10.5)), r"stamped 0\.50 s apart"), (tf(now=10.2 + MAX_AGE_S), "newest pose is 2.2 s old"),
      (Tf("base:tool0", Buffer({}), None, lambda: 0.0), "tf knows no pose base -> tool0")],
 )  # fmt: skip
 def test_what_tf_does_not_have(source, why):
@@ -130,6 +135,13 @@ def test_frames_and_installations_that_are_missing():
         Ur("192.168.0.2")
 
 
+class Still(Side):
+    """A side whose pose does not change."""
+
+    def newest(self):
+        return POSES.camera[0], None
+
+
 def arm(pose=POSES.robot[0], speed=0.0, closed=None):
     """An arm that stands in for that of ur_rtde."""
     numbers = [*pose[:3, 3], *Rotation.from_matrix(pose[:3, :3]).as_rotvec()]
@@ -139,12 +151,12 @@ def arm(pose=POSES.robot[0], speed=0.0, closed=None):
 
 def test_an_arm_by_rtde(tmp_path):
     closed = []
-    source = Taken("UR", Ur("robot", arm(closed=closed)), Function(lambda: POSES.camera[0]))
+    source = Taken("UR", Ur("robot", arm(closed=closed)), Still())
     pair = source.take()
     np.testing.assert_allclose(pair.robot, POSES.robot[0], atol=1e-12)
     assert Session(Folder(tmp_path)).add(*pair).n == 1
     with pytest.raises(uq.InputError, match="The arm moves"):
-        Taken("UR", Ur("robot", arm(speed=0.2)), Function(lambda: POSES.camera[0])).take()
+        Taken("UR", Ur("robot", arm(speed=0.2)), Still()).take()
     source.close()
     assert closed == [True]
 

@@ -12,9 +12,10 @@ import uq_handeye as uq
 from uq_handeye.core.geometry.se3 import inverse
 from uq_handeye.model.camera import board
 from uq_handeye.read import write_pose_file
-from uq_handeye.use.live_session import session as uploads
+from uq_handeye.use.live_session import uploads
 from uq_handeye.use.live_session.folder import Folder, board_text
-from uq_handeye.use.live_session.session import CHOICE, Session, keep_bag, keep_picture, keep_upload
+from uq_handeye.use.live_session.session import CHOICE, Session
+from uq_handeye.use.live_session.uploads import keep_bag, keep_picture, keep_upload
 
 pytest.importorskip("viser", reason="viser (extra live) is not installed")
 from uq_handeye.use.live_session.page import Page
@@ -166,7 +167,7 @@ def test_the_folder_of_a_bag_as_zip(page, tmp_path):
     ids=["no zip", "empty", "two bags", "paths", "large", "cut off", "no bag"],  # the bytes hold the time of day
 )
 def test_hostile_bags_through_the_page(page, monkeypatch, content, words):
-    monkeypatch.setattr(uploads, "MOST_UNPACKED", 2_000_000)
+    monkeypatch.setattr(uploads, "MAX_UPLOAD_BYTES", 200_000)
     page._frames.value = "base:tool0,cam:tag"
     page._tried(lambda: page._play("cell.zip", content))
     assert words in page.session.notes[-1] and len(page.session.notes[-1]) < 300

@@ -141,7 +141,7 @@ def _sources(files: SessionFiles, given: SourceOptions) -> "tuple[Source, ...]":
     if (bag is not None or ros) != (frames is not None):
         raise InputError("--bag and --ros need --frames ROBOT,CAMERA, e.g. base:tool0,camera:tag0, and only these.")
     if stdin:
-        from ...use.live_session.sources import Lines
+        from ...use.live_session.json_lines import Lines
 
         return (Lines(sys.stdin, files.reading, robot=_arm(rtde)),)
     if frames is None:
@@ -153,12 +153,13 @@ def _sources(files: SessionFiles, given: SourceOptions) -> "tuple[Source, ...]":
         wanted = "ROBOT,CAMERA, e.g. base:tool0,camera:tag0" if rtde is None else "CAMERA, e.g. camera:tag0"
         raise InputError(f"Expected --frames as {wanted}, got {frames!r}.")
     if ros:
-        from ...use.live_session.sources import Node, Taken
+        from ...use.live_session.ros2 import Node
+        from ...use.live_session.sources import Taken
 
         node = Node()
         return (Taken("ROS" if rtde is None else "RTDE, ROS", _arm(rtde) or node.side(robot), node.side(camera)),)
     from ...read.rosbag.streams import read_bag
-    from ...use.live_session.sources import Playback
+    from ...use.live_session.playback import Playback
 
     assert bag is not None
     how = {} if files.setup is None else {"setup": files.setup}
@@ -166,7 +167,7 @@ def _sources(files: SessionFiles, given: SourceOptions) -> "tuple[Source, ...]":
 
 
 def _arm(host: str | None) -> "Side | None":
-    from ...use.live_session.sources import Ur
+    from ...use.live_session.universal_robots import Ur
 
     return None if host is None else Ur(host)
 

@@ -22,3 +22,5 @@ MAX_NAMED = 6
 MAX_LISTED = 12
 # Points that a figure draws; more are thinned evenly.
 MAX_DRAWN_POINTS = 4_000
+# Poses that determine X at least: two motions about different axes.
+MIN_POSES = 3

@@ -49,12 +49,16 @@ class BrowserPage:
         self._stop.set()
         self._server.close()
 
-    def _button(self, label: str, work: Callable[[], None], icon: viser.IconName) -> None:
-        self._gui.add_button(label, color="teal", icon=icon).on_click(lambda _: self._tried(work))
+    def _button(self, label: str, work: Callable[[], None], icon: str) -> None:
+        from viser import IconName
 
-    def _upload(self, label: str, work: Callable[[str, bytes], None], icon: viser.IconName) -> None:
+        self._gui.add_button(label, color="teal", icon=IconName(icon)).on_click(lambda _: self._tried(work))
+
+    def _upload(self, label: str, work: Callable[[str, bytes], None], icon: str) -> None:
         """Add a button that takes a file: its name, and its content."""
-        button = self._gui.add_upload_button(label, icon=icon)
+        from viser import IconName
+
+        button = self._gui.add_upload_button(label, icon=IconName(icon))
         button.on_upload(lambda event: self._tried(lambda: work(event.target.value.name, event.target.value.content)))
 
     def _tried(self, work: Callable[[], None]) -> None:

@@ -7,15 +7,18 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 from ...core.formatting.units import parse_length
 from ...errors import InputError
 from ...model.poses.pose_pairs import PosePairs
 
-# Seconds between two looks; files that change from one to the next are waited for, but not for ever.
-INTERVAL, MOST_CHANGES = 0.5, 6
 POSE_FILES = (".csv", ".txt", ".tum", ".json", ".jsonl", ".yaml", ".yml", ".npz", ".npy", ".dat", ".mat")
+
+if TYPE_CHECKING:
+    from ...model.camera.board import Board
+    from ...model.camera.corners import Corners
+    from ...model.camera.result import CameraCalibration
 
 State = tuple[tuple[str, int, int], ...]
 
@@ -26,10 +29,10 @@ class Seen(Protocol):
     @property
     def images(self) -> str: ...
 
-    def read_board(self) -> Any:
+    def read_board(self) -> Board:
         """Return the board."""
 
-    def calibrate(self, corners: Any) -> Any:
+    def calibrate(self, corners: Corners) -> CameraCalibration:
         """Return the calibrated camera."""
 
 
@@ -40,13 +43,13 @@ class SeenBoard:
     images: str
     board: str
 
-    def read_board(self) -> Any:
+    def read_board(self) -> Board:
         """Return the board."""
         from ...model.camera.board import board_of
 
         return board_of(self.board)
 
-    def calibrate(self, corners: Any) -> Any:
+    def calibrate(self, corners: Corners) -> CameraCalibration:
         """Return the calibrated camera."""
         from ...model.camera.calibrate import calibrate_camera
 
@@ -182,10 +185,13 @@ def _in_order(paths: Iterable[Path]) -> list[Path]:
     return sorted((path for path in paths if path.is_file() and path.name[0] != "."), key=natural)
 
 
-def settled(look: Callable[[], State], pause: Callable[[float], None]) -> Iterator[State]:
-    """Yield each state of the files once it has not changed for one interval, and never the same twice.
+def settled(
+    look: Callable[[], State], pause: Callable[[float], bool | None], interval: float = 0.5, max_changes: int = 6
+) -> Iterator[State]:
+    """Yield each state of the files once it has not changed for one interval (s), and never the same twice.
 
-    Files that change all the time are yielded after `MOST_CHANGES` looks.
+    Files that change all the time are yielded after ``max_changes`` looks. Ends where ``pause``, which waits for a
+    number of seconds, returns true.
     """
     before: State | None = None
     handled: State = ()
@@ -193,8 +199,9 @@ def settled(look: Callable[[], State], pause: Callable[[float], None]) -> Iterat
     while True:
         now = look()
         changes = changes + 1 if now != before else 0
-        if now != handled and (now == before or changes >= MOST_CHANGES):
+        if now != handled and (now == before or changes >= max_changes):
             handled, changes = now, 0
             yield now
         before = now
-        pause(INTERVAL)
+        if pause(interval):
+            return

@@ -1,4 +1,4 @@
-"""The text of the panel as HTML, by the macros of `panel.html.j2`: what they say is computed here."""
+"""The text of the panel as HTML, by the macros of `panel.html.j2`, with the numbers that it states."""
 
 from __future__ import annotations
 
@@ -12,12 +12,13 @@ from markupsafe import Markup
 from ...calibration.report.first_screen import checks_block, status_of
 from ...core.formatting.numbers import digits
 from ...core.geometry.se3 import Array
+from ...core.numbers.limits import MIN_POSES
 from ...core.presentation.html import macros
-from .question import FEWEST, words
+from .question import words
 from .session import Session
 
-# Rows of the table that are sent: the first of so many.
-MOST_ROWS = 1000
+# Rows of the table of poses that the page shows.
+MAX_ROWS_SHOWN = 1000
 
 
 @cache
@@ -25,7 +26,7 @@ def _macros() -> Any:
     style = resources.files(__package__ or "").joinpath("panel.css").read_text(encoding="utf-8")
     return macros(
         __package__, "panel.html.j2", checks_block=checks_block, status_of=status_of,
-        digits=digits, FEWEST=FEWEST, style=Markup(f"<style>\n{style}</style>"), log10=np.log10, degrees=np.degrees,
+        digits=digits, FEWEST=MIN_POSES, style=Markup(f"<style>\n{style}</style>"), log10=np.log10, degrees=np.degrees,
         isfinite=np.isfinite,
     )  # fmt: skip
 

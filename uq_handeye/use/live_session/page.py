@@ -7,9 +7,10 @@ import warnings
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...calibration.evidence.touches import Touches
 from ...calibration.result import Calibration
@@ -19,12 +20,17 @@ from ...model.poses.pose_pairs import PosePairs
 from ..maintenance.check import check
 from .browser_page import BrowserPage
 from .folder import board_text
-from .markup import MOST_ROWS, panel, summary
-from .question import ONE_AT_A_TIME
-from .scene import Beside, Picture, Scene, touched
+from .markup import MAX_ROWS_SHOWN, panel, summary
+from .nodes import Picture
+from .question import ONE_AT_A_TIME, Answer
+from .scene import Beside, Scene, touched
 from .server import HOST, PORT
-from .session import Session, keep_bag, keep_other, keep_picture, keep_upload, thumbnail
-from .sources import Playback, Source, feed
+from .session import Session
+from .sources import Source, feed
+from .uploads import keep_bag, keep_other, keep_picture, keep_upload, thumbnail
+
+if TYPE_CHECKING:
+    import viser
 
 
 class Page(BrowserPage):
@@ -54,13 +60,13 @@ class Page(BrowserPage):
         session.listeners.append(self._show)
         self._show(session)
         self._workers: list[threading.Thread] = []
-        self._work(session.run, self._stop)
+        self._work(lambda: session.run(self._stop))
         for source in sources:
             if not source.on_demand:
-                self._work(feed, session, source, self._stop)
+                self._work(partial(feed, session, source, self._stop))
 
-    def _work(self, work: Callable[..., None], *given: Any) -> None:
-        self._workers.append(threading.Thread(target=work, args=given, daemon=True))
+    def _work(self, work: Callable[[], None]) -> None:
+        self._workers.append(threading.Thread(target=work, daemon=True))
         self._workers[-1].start()
 
     def close(self) -> None:
@@ -82,6 +88,8 @@ class Page(BrowserPage):
     # ------------------------------------------------------------------------------------------------------ panel
 
     def _build(self) -> None:
+        import viser
+
         gui = self._gui
         self._summary = gui.add_html("")
         for source in self._sources:
@@ -96,37 +104,36 @@ class Page(BrowserPage):
             self._steps("Selected", {"Leave out": lambda: self.session.leave_out(self._chosen()),
                                      "Take back": lambda: self.session.take_back(self._chosen())})  # fmt: skip
             self._steps("Last", {"Drop last": self.session.drop_last, "Undo": self.session.undo})
-        look: dict[str, Any] = {"color": "teal", "icon": "file-check"}
-        finish = gui.add_button("Finish and report", **look)
+        finish = gui.add_button("Finish and report", color="teal", icon=viser.IconName("file-check"))
         finish.on_click(lambda event: self._tried(lambda: self._finish(event.client)))
         with gui.add_folder("Checks, and what is included"):
             self._covered = gui.add_html("")
         with gui.add_folder("More: pictures, a bag, touches, a stored result", expand_by_default=False):
-            self._kind: Any = gui.add_dropdown("Board", KINDS, hint="Kind of board in the pictures.")
-            self._board: Any = gui.add_text("Numbers", "9x6", hint="Columns x rows: inner corners of a chessboard, "
+            self._kind = gui.add_dropdown("Board", KINDS, hint="Kind of board in the pictures.")
+            self._board = gui.add_text("Numbers", "9x6", hint="Columns x rows: inner corners of a chessboard, "
                                             "squares of a ChArUco board, tags of a grid.")  # fmt: skip
-            self._square: Any = gui.add_text("Side", "20mm", hint="Side of a square or tag, as measured.")
-            self._second: Any = gui.add_text("Marker or gap", "15mm", hint="Side of the markers of a ChArUco board; "
+            self._square = gui.add_text("Side", "20mm", hint="Side of a square or tag, as measured.")
+            self._second = gui.add_text("Marker or gap", "15mm", hint="Side of the markers of a ChArUco board; "
                                              "gap between the tags of a grid.", visible=False)  # fmt: skip
-            self._words: Any = gui.add_text("Dictionary", "", hint="Such as 5X5_100 or tag25h9; empty: the usual one.",
+            self._words = gui.add_text("Dictionary", "", hint="Such as 5X5_100 or tag25h9; empty: the usual one.",
                                             visible=False)  # fmt: skip
             self._kind.on_update(lambda _: self._of_kind())
             self._upload("Add a picture of the board", self._add_picture, icon="photo")
-            self._frames: Any = gui.add_text("Frames", "base:tool0,camera:tag0", hint="Robot and camera, parent:child.")
+            self._frames = gui.add_text("Frames", "base:tool0,camera:tag0", hint="Robot and camera, parent:child.")
             self._upload("Play a bag of ROS (or its folder as .zip)", self._play, icon="player-play")
             self._upload("Add touched points", self._add_touches, icon="hand-finger")
             self._upload("Compare with a result", self._compare, icon="git-compare")
             self._said = gui.add_html("")
         with gui.add_folder("View", expand_by_default=False):
-            self._enlarged: Any = gui.add_number("Ellipsoid x", 0, min=0, step=10, hint="0: by its size")
+            self._enlarged = gui.add_number("Ellipsoid x", 0, min=0, step=10, hint="0: by its size")
             self._enlarged.on_update(lambda _: self._enlarge())
             dark = gui.add_checkbox("Dark", False)
             dark.on_update(lambda _: self._theme(dark.value))
 
-    def _steps(self, label: str, steps: dict[str, Callable[[], Any]]) -> None:
+    def _steps(self, label: str, steps: dict[str, Callable[[], Answer]]) -> None:
         """Add small buttons in one row."""
-        group: Any = self._gui.add_button_group(label, tuple(steps))
-        group.on_click(lambda _: self._tried(steps[group.value]))
+        group = self._gui.add_button_group(label, tuple(steps))
+        group.on_click(lambda _: self._tried(lambda: steps[group.value]()))
 
     def _say(self, problem: str) -> None:
         self.session.note(problem)
@@ -163,12 +170,13 @@ class Page(BrowserPage):
     def _play(self, name: str, content: bytes) -> None:
         """Add the poses of a bag, one after the other."""
         from ...read.rosbag.streams import read_bag
+        from .playback import Playback
 
         self.session.require_own()
         robot, _, camera = self._frames.value.partition(",")
         path = keep_bag(self.session.folder.path, name, content)
         source = Playback(*read_bag(path, robot=robot.strip(), camera=camera.strip()), name=path.name)
-        self._work(feed, self.session, source, self._stop)
+        self._work(lambda: feed(self.session, source, self._stop))
 
     def _add_touches(self, name: str, content: bytes) -> None:
         self._touches = keep_other(self.session.folder.path, "touches", ".csv", "a table of touches", name, content)
@@ -188,11 +196,12 @@ class Page(BrowserPage):
             found = check(Calibration.from_json(path), poses.rows(np.array(kept, dtype=np.intp)))
         self._said.content = panel("preformatted", found.summary())
 
-    def _finish(self, client: Any) -> None:
-        folder: Path = self.session.finish()
-        report = folder / "report.html"
-        client.send_file_download("report.html", report.read_bytes(), save_immediately=True)
-        client.add_notification("Finished", f"Result and report are in {folder}.", color="teal")
+    def _finish(self, client: viser.ClientHandle | None) -> None:
+        """Write result and report, and download the report in the browser that asks for it."""
+        folder = self.session.finish()
+        if client is not None:
+            client.send_file_download("report.html", (folder / "report.html").read_bytes(), save_immediately=True)
+            client.add_notification("Finished", f"Result and report are in {folder}.", color="teal")
 
     def _enlarge(self) -> None:
         self._scene.enlarged = int(self._enlarged.value) or None
@@ -212,7 +221,7 @@ class Page(BrowserPage):
             if self._number.value != number:
                 self._number.value = number
             self._set(self._summary, summary(session))
-            self._set(self._table, panel("poses", answer, self.selected, self._number._impl.uuid, MOST_ROWS))
+            self._set(self._table, panel("poses", answer, self.selected, self._number._impl.uuid, MAX_ROWS_SHOWN))
             self._set(self._covered, panel("covered", answer.result))
             in_hand = session.folder.how.get("setup") in (None, "eye-in-hand")
             self._scene.show(answer, self.selected, in_hand, self._beside(answer.poses, answer.result))
@@ -234,7 +243,7 @@ class Page(BrowserPage):
         return Beside(pictures, points)
 
 
-def _pixels(path: Path) -> Any:
+def _pixels(path: Path) -> NDArray[np.uint8] | None:
     """Return a picture as it is drawn on its camera; None where it cannot be read."""
     try:
         return thumbnail(path)

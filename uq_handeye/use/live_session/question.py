@@ -1,13 +1,7 @@
-"""Guidance: ten poses to start with, and when further poses hardly help.
+"""The answer after each pose of a session: how well X is known, which pose is next, and when more hardly help.
 
-The ten views look at the middle of the board from one hemisphere, tilted by up to 30 deg about different axes and
-turned about the line of sight, at about twice the board's diagonal: rotations about three axes, of 60 to 180 deg
-between poses, and depths that differ. They are views, ``camera_T_target``: how the arm gets there, the user knows.
-
-One question, asked again after each pose: how well is X known, what did the pose bring, which pose is next.
-
-The answer is that of `calibrate` on the poses that are there; nothing is carried over from the answer before, so that
-the last one is bit-equal to a calibration of the same files.
+It is that of `calibrate` on the poses that are there; nothing is carried over from the answer before, so that the last
+one is bit-equal to a calibration of the same files.
 """
 
 from __future__ import annotations
@@ -19,37 +13,24 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from ...calibration.calibrate import calibrate
 from ...calibration.result import Calibration
 from ...calibration.statement.tolerance import Tolerance, Verdict
-from ...core.geometry.se3 import Array
+from ...core.numbers.limits import MIN_POSES
 from ...core.runtime.threads import one_thread
 from ...errors import InputError, InputWarning, NotConvergedError
+from ...model.noise.models import Noise
 from ...model.poses.pose_pairs import PosePairs
+from ...model.shared_errors.shared_error import SharedError
 from ..planning.after_each import NextPose, next_pose, words_after, words_without
+from .starting_views import VIEWS
 
-# Tilt and its direction, turn about the line of sight (deg), distance over the usual one.
-VIEWS = (
-    (0, 0, 0, 1.0), (30, 0, 0, 1.0), (30, 90, 60, 1.1), (30, 180, -60, 0.9), (30, 270, 90, 1.0),
-    (0, 0, 90, 0.8), (25, 45, -90, 1.2), (25, 135, 30, 0.9), (25, 225, -30, 1.1), (25, 315, 120, 1.0),
-)  # fmt: skip
-# Distance (m) where nothing is known of the board; poses ahead, and the gain below which they hardly help.
-DISTANCE, AHEAD, HARDLY = 0.5, 5, 0.10
-
-
-def starting_views() -> Array:
-    """Return ten views camera_T_target (10, 4, 4) from which the camera sees the middle of the board."""
-    views = np.tile(np.eye(4), (len(VIEWS), 1, 1))
-    for k, (tilt, about, turn, far) in enumerate(VIEWS):
-        axis = np.radians(tilt) * np.array([np.cos(np.radians(about)), np.sin(np.radians(about)), 0.0])
-        facing = Rotation.from_rotvec([np.pi, 0.0, 0.0])  # the board's z towards the camera
-        views[k, :3, :3] = (
-            Rotation.from_euler("z", turn, degrees=True) * Rotation.from_rotvec(axis) * facing
-        ).as_matrix()
-        views[k, :3, 3] = 0.0, 0.0, far * DISTANCE
-    return views
+NoiseAndShared = tuple[Noise | None, list[SharedError] | None]
+# Warnings are switched off for a whole process: one answer at a time, or they would come back in another thread's.
+ONE_AT_A_TIME = threading.RLock()
+# Poses ahead, and the relative gain below which they hardly help.
+POSES_AHEAD, SMALL_GAIN = 5, 0.10
 
 
 def words(answer: Answer) -> str:
@@ -62,12 +43,12 @@ def words(answer: Answer) -> str:
     if answer.passed:
         return "The tolerance is shown to be met: you can finish."
     if enough(answer):
-        return f"Enough poses: {AHEAD} more would gain less than {100 * HARDLY:.0f} %."
+        return f"Enough poses: {POSES_AHEAD} more would gain less than {100 * SMALL_GAIN:.0f} %."
     return ""
 
 
 def enough(answer: Answer) -> bool:
-    """Return whether `AHEAD` more poses would gain less than `HARDLY`.
+    """Return whether `POSES_AHEAD` more poses would gain less than `SMALL_GAIN`.
 
     None of them gains more than the next one, g, so together at most ``1 - (1 - g)^5``; a lower bound of a
     gain says nothing.
@@ -75,16 +56,10 @@ def enough(answer: Answer) -> bool:
     ahead = answer.ahead
     if ahead is None or ahead.least or not np.isfinite(gain := ahead.gain):
         return False
-    return 1.0 - (1.0 - max(gain, 0.0)) ** AHEAD < HARDLY
+    return 1.0 - (1.0 - max(gain, 0.0)) ** POSES_AHEAD < SMALL_GAIN
 
 
-# Warnings are switched off for a whole process: one answer at a time, or they would come back in another thread's.
-ONE_AT_A_TIME = threading.RLock()
-# Fewest poses of which there is an X.
-FEWEST = 3
-
-
-def _estimated(poses: PosePairs) -> tuple[Any, Any]:
+def _estimated(poses: PosePairs) -> NoiseAndShared:
     """Return noise and shared errors where nothing is given."""
     return None, None
 
@@ -97,16 +72,16 @@ class Question:
     """
 
     options: Mapping[str, Any] = field(default_factory=dict)
-    beside: Callable[[PosePairs], tuple[Any, Any]] = _estimated
+    beside: Callable[[PosePairs], NoiseAndShared] = _estimated
     tolerance: Tolerance | None = None
 
-    def calibrate(self, poses: PosePairs, left_out: tuple[int, ...] = ()) -> tuple[Calibration, Any, Any]:
-        """Return the calibration with the noise and the shared errors that it was given, without its warnings."""
+    def calibrate(self, poses: PosePairs, left_out: tuple[int, ...] = ()) -> tuple[Calibration, NoiseAndShared]:
+        """Return the calibration, and the noise and the shared errors that it was given."""
         with ONE_AT_A_TIME, warnings.catch_warnings():
             warnings.simplefilter("ignore", InputWarning)  # the result holds them as findings
             noise, shared = self.beside(poses)
             result = calibrate(poses, noise=noise, shared=shared, exclude=list(left_out) or None, **self.options)
-        return result, noise, shared
+        return result, (noise, shared)
 
     def ask(self, n: int, poses: PosePairs | None, left_out: tuple[int, ...] = (), plan: bool = True) -> Answer:
         """Return the answer for ``n`` complete poses; ``poses=None``: too few of them can be read."""
@@ -114,10 +89,10 @@ class Question:
             return self._ask(n, poses, left_out, plan)
 
     def _ask(self, n: int, poses: PosePairs | None, left_out: tuple[int, ...], plan: bool) -> Answer:
-        if poses is None or poses.n - len(left_out) < FEWEST:
+        if poses is None or poses.n - len(left_out) < MIN_POSES:
             return Answer(n, tuple(words_without(n - len(left_out), InputError(""))), left_out, poses)
         try:
-            result, noise, shared = self.calibrate(poses, left_out)
+            result, (noise, shared) = self.calibrate(poses, left_out)
         except (InputError, NotConvergedError) as error:
             return Answer(n, tuple(words_without(n - len(left_out), error)), left_out, poses)
         verdict = None if self.tolerance is None else result.verdict(self.tolerance)

@@ -1,6 +1,4 @@
-"""Nodes of a scene by their names: made once, moved afterwards, made again only where what they are made of changes.
-
-The rig in three dimensions: robot poses, what the camera saw from them, X with its ellipsoid, the next pose.
+"""The rig in three dimensions: robot poses, what the camera saw from them, X with its ellipsoid, the next pose.
 
 World: the robot's base frame, z up, m. Eye-in-hand: camera k is ``G_k X`` and the target ``W``; eye-to-hand: the camera
 is ``X`` and target k is ``G_k W``. What moves is drawn once for each pose, in the colour of its residual: the distance
@@ -9,223 +7,41 @@ is ``X`` and target k is ``G_k W``. What moves is drawn once for each pose, in t
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from ...calibration.evidence.touches import Touches, evidence_of_touches
 from ...calibration.result import Calibration
 from ...core.formatting.numbers import digits
+from ...core.formatting.units import MM_PER_M
 from ...core.geometry.se3 import Array, inverse
+from ...core.numbers.limits import MAX_NAMED
+from ...core.numbers.rounding import EPS
 from ...model.kinematics.arms.postures import postures_at
 from ..verification.touches_file import read_touches, require_metres
 from ..verification.verify import verify
-from .question import ONE_AT_A_TIME, Answer, starting_views
+from .nodes import DARK, PALE, Colour, Nodes, Picture, nice
+from .question import ONE_AT_A_TIME, Answer
+from .starting_views import starting_views
 
 if TYPE_CHECKING:
     import viser
 
-Colour = tuple[int, int, int]
-# What a picture is told from another by, and a function that returns its pixels (h, w, 3).
-Picture = tuple[Any, Callable[[], Any]]
-
-PALE, DARK = (165, 165, 165), (90, 90, 90)
-# Field of view of cameras that are drawn (vertical, rad), width over height, and height of the pyramid of scale 1.
-FIELD, ASPECT = float(np.radians(40.0)), 4.0 / 3.0
-# Field of view of the page (rad); width over height below which the panel covers the lower part of the scene.
-SEEN, UPRIGHT = float(np.radians(45.0)), 0.8
-# Squares of a board that is drawn.
-COLUMNS, ROWS = 7, 5
-
-
-class Nodes:
-    """Drawings of one page; world z up, m."""
-
-    def __init__(self, server: viser.ViserServer) -> None:
-        self.scene, self._server = server.scene, server
-        self._nodes: dict[str, Any] = {}
-        self._made: dict[str, tuple[Any, ...]] = {}  # what the node of a name was made of
-        self._named: set[str] = set()
-        self.scene.set_up_direction("+z")
-        self.scene.configure_default_lights(cast_shadow=False)
-        self.scene.add_grid("/grid", 4.0, 4.0, cell_size=0.1, section_size=0.5, cell_color=PALE, section_color=PALE,
-                            cell_thickness=0.4, section_thickness=0.8)  # fmt: skip
-        server.on_client_connect(self._look_from)
-        self._seen = (np.array([0.4, 0.0, 0.2]), 0.7)
-
-    @contextmanager
-    def drawing(self) -> Iterator[None]:
-        """Draw; nodes that are not drawn again are removed at the end."""
-        self._named = set()
-        yield
-        for name in sorted(self._nodes.keys() - self._named, reverse=True):  # children before their parents
-            self._nodes.pop(name).remove()
-            del self._made[name]
-
-    def node(self, name: str, made_of: tuple[Any, ...], make: Callable[[], Any], T: Array | None = None) -> Any:
-        """Return the node of a name, made if it is new or made of something else, and moved to the pose ``T``."""
-        self._named.add(name)
-        if self._made.get(name) != made_of:
-            self._nodes[name], self._made[name] = make(), made_of
-        node = self._nodes[name]
-        if T is not None:
-            x, y, z, w = Rotation.from_matrix(T[:3, :3]).as_quat()
-            node.wxyz, node.position = (w, x, y, z), T[:3, 3]
-        return node
-
-    def camera(
-        self, name: str, T: Array, size: float, colour: Colour, filled: bool = False, picture: Picture | None = None,
-        clicked: Callable[[], None] | None = None,
-    ) -> None:  # fmt: skip
-        """Draw a camera as a pyramid, with its picture."""
-        key, pixels = (None, None) if picture is None else picture
-
-        def make() -> Any:
-            image = None if pixels is None else pixels()
-            aspect = ASPECT if image is None else image.shape[1] / image.shape[0]
-            made = self.scene.add_camera_frustum(
-                name, FIELD, aspect, scale=size, thickness=0.035 * size, color=colour, image=image, cast_shadow=False,
-                receive_shadow=False, variant="filled" if filled else "wireframe",
-            )  # fmt: skip
-            return _clickable(made, clicked)
-
-        _tint(self.node(name, (round(size, 4), filled, key), make, T), colour)
-
-    def board(
-        self, name: str, T: Array, side: float, colour: Colour, opacity: float = 0.8,
-        clicked: Callable[[], None] | None = None,
-    ) -> None:  # fmt: skip
-        """Draw the dark squares of a board and its edge, the middle at the origin."""
-
-        def make() -> Any:
-            y, x = np.nonzero(np.indices((ROWS, COLUMNS)).sum(axis=0) % 2 == 0)
-            boxes = np.stack([x, y, x + 1, y + 1], axis=-1).astype(float)
-            a, b, right, top = 0.5, 0.6, COLUMNS + 0.6, ROWS + 0.6  # the edge
-            edge = [(-b, -b, right, -a), (-b, top - 0.1, right, top), (-b, -b, -a, top), (right - 0.1, -b, right, top)]
-            boxes = (np.concatenate([boxes, edge]) - 0.5 * np.tile([COLUMNS, ROWS], 2)) * side / COLUMNS
-            points = np.pad(boxes[:, [[0, 1], [2, 1], [2, 3], [0, 3]]], ((0, 0), (0, 0), (0, 1))).reshape(-1, 3)
-            faces = (4 * np.arange(len(boxes))[:, None, None] + np.array([[0, 1, 2], [0, 2, 3]])).reshape(-1, 3)
-            made = self.scene.add_mesh_simple(name, points, faces, color=colour, opacity=opacity, side="double",
-                                              cast_shadow=False, receive_shadow=False)  # fmt: skip
-            return _clickable(made, clicked)
-
-        _tint(self.node(name, (round(side, 4), opacity), make, T), colour)
-
-    def frame(self, name: str, T: Array, length: float, text: str) -> None:
-        """Draw axes with a label."""
-        self.node(name, (round(length, 4),), lambda: self.scene.add_frame(
-            name, axes_length=length, axes_radius=0.02 * length, origin_radius=0.04 * length), T)  # fmt: skip
-        self.label(f"{name}/name", text, np.eye(4))
-
-    def axes(self, name: str, T: Array, length: float) -> None:
-        """Draw axes (n, 4, 4) without labels."""
-        q = Rotation.from_matrix(T[:, :3, :3]).as_quat()[:, [3, 0, 1, 2]]
-        self.node(name, (T.tobytes(), round(length, 4)), lambda: self.scene.add_batched_axes(
-            name, q, T[:, :3, 3], axes_length=length, axes_radius=0.06 * length))  # fmt: skip
-
-    def lines(self, name: str, points: Array, colour: Colour | Array, thickness: float) -> None:
-        """Draw segments (n, 2, 3) in one colour, or in that of each end (n, 2, 3)."""
-        made_of = (points.tobytes(), np.asarray(colour).tobytes(), round(thickness, 5))
-        self.node(name, made_of, lambda: self.scene.add_line_segments(
-            name, points.astype(np.float32), np.asarray(colour, dtype=np.uint8), thickness=thickness))  # fmt: skip
-
-    def spheres(self, name: str, points: Array, colours: Any, radius: float) -> None:
-        """Draw points (n, 3) in the colour of each."""
-        made_of = (points.tobytes(), np.asarray(colours).tobytes(), round(radius, 5))
-        self.node(name, made_of, lambda: self.scene.add_point_cloud(
-            name, points.astype(np.float32), np.asarray(colours, dtype=np.uint8), point_size=radius,
-            point_shape="circle"))  # fmt: skip
-
-    def label(self, name: str, text: str, T: Array, anchor: Any = "bottom-center") -> None:
-        """Write at a place: above it, or with ``center-left`` to its right, so that two labels keep clear."""
-        node = self.node(name, (text,), lambda: self.scene.add_label(name, text, font_screen_scale=0.85, anchor=anchor))
-        node.position = T[:3, 3]
-
-    def ellipsoid(self, name: str, at: Array, S: Array, factor: float, colour: Colour) -> None:
-        """Draw ``factor`` times the 1 sigma ellipsoid of a covariance (3, 3) around a point."""
-        vertices, faces = ellipsoid(S, factor)
-        look: dict[str, Any] = {"color": colour, "opacity": 0.55, "side": "double", "cast_shadow": False}
-        made_of = (vertices.tobytes(), at.tobytes())
-        self.node(name, made_of, lambda: self.scene.add_mesh_simple(name, vertices, faces, position=at, **look))
-
-    def look_at(self, points: Array) -> None:
-        """Look at points (n, 3) from aside and above, so that all are seen."""
-        low, high = points.min(axis=0), points.max(axis=0)
-        self._seen = (0.5 * (low + high), max(0.5 * float(np.linalg.norm(high - low)), 0.1))
-        camera = self._server.initial_camera
-        camera.fov = SEEN
-        camera.look_at, camera.position = self._view(1.5)
-        for client in self._server.get_clients().values():
-            self._look_from(client)
-
-    def _look_from(self, client: Any) -> None:
-        try:
-            aspect = float(client.camera.aspect)
-        except (AttributeError, ZeroDivisionError):
-            aspect = 1.5
-        client.camera.fov = SEEN
-        middle, at = self._view(aspect)
-        client.camera.position = at  # which moves what is looked at along
-        client.camera.look_at = middle
-
-    def _view(self, aspect: float) -> tuple[Array, Array]:
-        """Return what is looked at and from where, for a canvas of a width over height."""
-        middle, reach = self._seen
-        towards = np.array([0.78, -0.5, 0.38])
-        far = reach / np.sin(0.5 * SEEN) / min(aspect, 1.0)
-        if aspect < UPRIGHT:  # the panel covers the lower part
-            far = 1.3 * far
-            middle = middle - np.array([0.0, 0.0, 0.55 * far * np.tan(0.5 * SEEN)])
-        return middle, middle + far * towards / np.linalg.norm(towards)
-
-
-def ellipsoid(S: Array, factor: float) -> tuple[Array, Array]:
-    """Return vertices (m, 3) and faces of ``factor`` times the 1 sigma ellipsoid of a covariance (3, 3)."""
-    values, axes = np.linalg.eigh(0.5 * (S + S.T))
-    u, v = np.meshgrid(np.linspace(0, np.pi, 13), np.linspace(0, 2 * np.pi, 25), indexing="ij")
-    sphere = np.stack([np.sin(u) * np.cos(v), np.sin(u) * np.sin(v), np.cos(u)], axis=-1).reshape(-1, 3)
-    corners = np.arange(12 * 25).reshape(12, 25)[:, :-1].ravel()
-    faces = np.concatenate([np.stack([corners, corners + 25, corners + 1], 1),
-                            np.stack([corners + 1, corners + 25, corners + 26], 1)])  # fmt: skip
-    return factor * (sphere * np.sqrt(np.maximum(values, 0.0))) @ axes.T, faces
-
-
-def _clickable(node: Any, clicked: Callable[[], None] | None) -> Any:
-    if clicked is not None:
-        node.on_click(lambda _: clicked())
-    return node
-
-
-def _tint(node: Any, colour: Colour) -> None:
-    if tuple(node.color) != colour:
-        node.color = colour
-
-
-def nice(value: float) -> int:
-    """Return the largest of 1, 2, 5, 10, 20, ... up to a value, at least 1."""
-    if not value > 1:
-        return 1
-    power = 10 ** int(np.floor(np.log10(value)))
-    return int(max(factor * power for factor in (1, 2, 5) if factor * power <= value))
-
-
-# Residual 0, at the limit of chance; outliers; left out; next pose; X.
-GOOD, LIMIT, WRONG, OUT, NEXT, OF_X = (
-    (0, 114, 178), (230, 159, 0), (213, 0, 50), (150, 150, 150), (0, 158, 115), (204, 121, 167),
+# Residual 0, at the limit of chance; outliers; left out; next pose; X; arm.
+GOOD, LIMIT, WRONG, OUT, NEXT, OF_X, ARM = (
+    (0, 114, 178), (230, 159, 0), (213, 0, 50), (150, 150, 150), (0, 158, 115), (204, 121, 167), (120, 130, 145),
 )  # fmt: skip
-ARM = (120, 130, 145)
-# Poses up to which each is drawn by itself and can be clicked; of more, so many are drawn.
-MOST_DRAWN = 150
-# Wrong poses up to which each has a label.
-MOST_LABELS = 5
-# Sizes in distances of the target: frustum, ellipsoid, axes, lines.
-FRUSTUM, ELLIPSOID, AXES, LINE = 0.075, 0.07, 0.04, 0.004
+# Poses that are drawn and can be clicked; of more, this many that are spread evenly.
+MAX_DRAWN_POSES = 150
+# Height of a camera that is drawn, and length of an enlarged ellipsoid, relative to the distance of the target.
+FRUSTUM = 0.075
+# Length of axes and thickness of lines, relative to the same.
+AXES, LINE = 0.5 * FRUSTUM, 0.05 * FRUSTUM
 
 
 @dataclass(frozen=True, eq=False)
@@ -347,8 +163,8 @@ class Scene:
     ) -> None:
         """Draw what moves once for each pose, and say what is wrong with those that contradict the others."""
         n, tints = len(moving), colours(answer)
-        drawn = set(np.unique(np.linspace(0, n - 1, min(n, MOST_DRAWN)).round().astype(int)).tolist())
-        labels = [k for k in range(n) if tints[k] == WRONG][:MOST_LABELS]
+        drawn = set(np.unique(np.linspace(0, n - 1, min(n, MAX_DRAWN_POSES)).round().astype(int)).tolist())
+        labels = [k for k in range(n) if tints[k] == WRONG][:MAX_NAMED]
         for k in sorted({*drawn, *labels, *([] if selected is None else [selected])}):
             wrong, name = tints[k] == WRONG, f"/poses/{k}"
             size = distance * FRUSTUM * (1.5 if k == selected else 1.0)
@@ -380,7 +196,7 @@ class Scene:
             return
         R, at = parent[:3, :3], (parent @ result.X)[:3, 3]
         largest = float(np.sqrt(np.linalg.eigvalsh(S[3:, 3:])[-1]))
-        factor = self.enlarged or nice(ELLIPSOID * distance / max(largest, 1e-9))
+        factor = self.enlarged or nice(FRUSTUM * distance / max(largest, EPS))
         self.nodes.ellipsoid("/X", at, R @ S[3:, 3:] @ R.T, factor, OF_X)
         self.nodes.label("/X/name", f"X, 1 sigma x {factor}", np.eye(4), "center-left")
 
@@ -412,13 +228,13 @@ class Scene:
 
     def _touches(self, touched: Touched, distance: float) -> None:
         """Draw touched points, and as lines how far the calibration has them from there, enlarged."""
-        factor = nice(2 * ELLIPSOID * distance / max(float(np.linalg.norm(touched.misses, axis=1).max()), 1e-9))
+        factor = nice(2 * FRUSTUM * distance / max(float(np.linalg.norm(touched.misses, axis=1).max()), EPS))
         tints = np.array([WRONG if wrong else NEXT for wrong in touched.flagged])
         self.nodes.spheres("/touches/points", touched.points, tints, 3 * LINE * distance)
         ends = np.stack([touched.points, touched.points - factor * touched.misses], axis=1)
         self.nodes.lines("/touches/misses", ends, np.repeat(tints[:, None], 2, axis=1), 1.5 * LINE * distance)
-        for k, point in enumerate(touched.points[:MOST_LABELS]):
-            miss = digits(1e3 * float(np.linalg.norm(touched.misses[k])), 2)
+        for k, point in enumerate(touched.points[:MAX_NAMED]):
+            miss = digits(MM_PER_M * float(np.linalg.norm(touched.misses[k])), 2)
             more = f", miss x {factor}" if k == 0 else ""
             self.nodes.label(f"/touches/{k}", f"touch {touched.names[k]}: {miss} mm{more}", _at(point))
 
@@ -427,7 +243,7 @@ def gain_in_words(answer: Answer) -> str:
     """Return what the next pose would bring: ``: from 0.80 to 0.66 mm``; nothing where it is not known."""
     if answer.ahead is None or answer.size is None or not np.isfinite(answer.ahead.gain):
         return ""
-    return f": from {1e3 * answer.size:.2f} to {1e3 * answer.size * (1 - answer.ahead.gain):.2f} mm"
+    return f": from {MM_PER_M * answer.size:.2f} to {MM_PER_M * answer.size * (1 - answer.ahead.gain):.2f} mm"
 
 
 def _at(point: Array) -> Array:

@@ -3,44 +3,34 @@
 Everything that a session knows is on disk when it says so: poses in the files of the folder (those that come one by one
 in ``poses.jsonl``, a line each, matrices to the last bit), what is left out in `CHOICE`, written whole. A session that
 was killed goes on with the same folder, and a second program that reads the files gets the same X.
-
-Files that are uploaded in the page: kept in the session's folder under a name of ours, and read like any other.
 """
 
 from __future__ import annotations
 
-import io
 import json
 import os
-import re
 import threading
 import warnings
-import zipfile
 from collections import deque
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ...core.files.atomic import json_text, write_atomically, write_files
-from ...core.files.lines import refused
+from ...core.files.records import parsed
 from ...core.geometry.checks import as_transforms
+from ...core.numbers.limits import MIN_POSES
 from ...errors import InputError, InputWarning, NotConvergedError
-from ...model.camera.board import SUFFIXES
 from ...model.poses.pose_pairs import PosePairs
-from .folder import POSE_FILES, Folder, SeenBoard, settled
-from .question import FEWEST, ONE_AT_A_TIME, Answer, Question
+from .folder import Folder, SeenBoard, State, settled
+from .question import ONE_AT_A_TIME, Answer, Question
 
 # Poses that came one by one; poses left out, with the steps that can be undone.
 OWN, CHOICE = "poses.jsonl", ".uq-handeye-session.json"
-# Steps that can be undone; points of the curve of the accuracy that are computed afterwards; sizes that are kept.
-MOST_UNDONE, MOST_POINTS, MOST_SIZES = 100, 12, 5000
-# Largest file of the choice (bytes); notes that are kept.
-MAX_BYTES, MOST_NOTES = 1_000_000, 3
+MAX_UNDO_STEPS = 100
 
 
 @dataclass(frozen=True)
@@ -53,7 +43,7 @@ class Choice:
 
     def changed(self, left_out: tuple[int, ...]) -> Choice:
         """Return the choice after one more step."""
-        return replace(self, left_out=left_out, earlier=(*self.earlier, self.left_out)[-MOST_UNDONE:])
+        return replace(self, left_out=left_out, earlier=(*self.earlier, self.left_out)[-MAX_UNDO_STEPS:])
 
 
 class Session:
@@ -75,11 +65,11 @@ class Session:
         self.folder, self.question, self._deliver = folder, question or Question(), deliver
         self.listeners: list[Callable[[Session], None]] = []
         self.answer = Answer(0, ())
-        self.notes: deque[str] = deque(maxlen=MOST_NOTES)  # what could not be used
+        self.notes: deque[str] = deque(maxlen=3)  # what could not be used
         self.problem = ""  # why the files cannot be read, in one line
         self._sizes: dict[tuple[int, tuple[int, ...]], float] = {}  # m, by poses and those left out
         self._lock = threading.RLock()
-        self._asked: tuple[Any, ...] | None = None
+        self._asked: tuple[State, tuple[int, ...]] | None = None
         self._mend()
         self.choice = _read_choice(folder.path / CHOICE)
         if self.choice.board is not None:
@@ -99,7 +89,7 @@ class Session:
         if time is not None and not np.isfinite(time):
             raise InputError(f"Expected `time` to be a number of seconds, got {time!r}.")
         self.require_own()
-        line: dict[str, Any] = {} if time is None else {"timestamp": time}
+        line: dict[str, float | list[list[float]]] = {} if time is None else {"timestamp": time}
         line |= {"robot": pair[0].tolist(), "camera": pair[1].tolist()}
         with self._lock:
             file = os.open(self.folder.path / OWN, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o644)
@@ -164,9 +154,8 @@ class Session:
             return self.update()
 
     def _keep(self, choice: Choice) -> None:
-        tree: dict[str, Any] = {"left_out": list(choice.left_out), "earlier": [list(one) for one in choice.earlier]}
-        if choice.board is not None:
-            tree["board"] = choice.board
+        board = {} if choice.board is None else {"board": choice.board}
+        tree = {"left_out": list(choice.left_out), "earlier": [list(one) for one in choice.earlier], **board}
         write_atomically(self.folder.path / CHOICE, json_text(tree))
         self.choice = choice
 
@@ -187,8 +176,6 @@ class Session:
                 left_out = tuple(k for k in self.choice.left_out if k < n)
                 self.answer = self.question.ask(n, poses, left_out)
                 self.problem, self._asked = "", asked
-                if len(self._sizes) >= MOST_SIZES:  # those of other choices
-                    self._sizes = {key: size for key, size in self._sizes.items() if key[1] == _below(left_out, key[0])}
                 if self.answer.size is not None:
                     self._sizes[n, left_out] = self.answer.size
             self._tell()
@@ -221,10 +208,10 @@ class Session:
         answer = self.answer
         if answer.poses is None or answer.size is None:
             return False
-        counts = np.unique(np.geomspace(FEWEST, answer.n, MOST_POINTS).round().astype(int)).tolist()
+        counts = np.unique(np.geomspace(MIN_POSES, answer.n, 12).round().astype(int)).tolist()
         for n in [answer.n - 1, *reversed(counts)]:
             key = (n, _below(answer.left_out, n))
-            if n >= FEWEST and key not in self._sizes:
+            if n >= MIN_POSES and key not in self._sizes:
                 part = self.question.ask(n, answer.poses.rows(np.arange(n)), key[1], plan=False)
                 self._sizes[key] = float("nan") if part.size is None else part.size
                 self._tell()
@@ -232,18 +219,15 @@ class Session:
         return False
 
     def run(self, stop: threading.Event) -> None:
-        """Follow the folder until told to stop."""
+        """Follow the folder until `stop` is set."""
 
-        def pause(seconds: float) -> None:
-            while self.fill():
-                if stop.is_set():
-                    raise _Stopped
-            if stop.wait(seconds):
-                raise _Stopped
+        def pause(seconds: float) -> bool:
+            while not stop.is_set() and self.fill():
+                pass
+            return stop.wait(seconds)
 
-        with suppress(_Stopped):
-            for _ in settled(self.folder.state, pause):
-                self.update()
+        for _ in settled(self.folder.state, pause):
+            self.update()
 
     def finish(self) -> Path:
         """Write result and report of the last answer, and return their folder."""
@@ -275,14 +259,8 @@ class Session:
                 write_atomically(own, data[: data.rfind(b"\n") + 1])
 
 
-class _Stopped(Exception):
-    """The session was told to stop."""
-
-
 def deliver(answer: Answer, folder: Path) -> Path:
     """Write result.json and report.html."""
-    from ...core.files.atomic import write_files
-
     result = answer.result
     assert result is not None
     more = {} if answer.verdict is None else {"verdict": answer.verdict.to_dict()}
@@ -299,105 +277,10 @@ def _read_choice(path: Path) -> Choice:
     """Return what was left out before; raises `InputError` for a file of another form."""
     if not path.exists():
         return Choice()
-    if path.stat().st_size > MAX_BYTES:
-        raise InputError(f"{path} is larger than any session. Remove it.")
+    tree = parsed(path)
     try:
-        tree = json.loads(path.read_text(encoding="utf-8"))
         earlier = tuple(tuple(int(k) for k in one) for one in tree["earlier"])
         board = None if tree.get("board") is None else str(tree["board"])
         return Choice(tuple(sorted(int(k) for k in tree["left_out"])), earlier, board)
     except (ValueError, LookupError, TypeError, AttributeError) as error:
         raise InputError(f"{path} is not the file of a session. Remove it: no pose is then left out.") from error
-
-
-# Largest file (bytes); files of one side; largest picture (pixels), and the width at which it is shown.
-MOST_BYTES, MOST_FILES, MOST_PIXELS, SHOWN = 50_000_000, 1000, 100_000_000, 240
-BAGS = (".bag", ".mcap", ".db3")
-# Files of a bag that is a folder, in it or at its top; bytes of all of them.
-_BAG_FILE = re.compile(r"(?:\w[\w. -]{0,150}/)?(?:metadata\.yaml|\w[\w.-]{0,150}\.(?:mcap|db3)(?:\.zstd)?)")
-MOST_UNPACKED = 500_000_000
-
-
-def keep_upload(folder: Path, side: str, name: str, content: bytes) -> Path:
-    """Write an uploaded file of poses of one side, ``robot`` or ``camera``, into the folder, and return its path.
-
-    Raises `InputError` for a suffix that no reader has, a file that is empty or too large, or a session whose poses
-    came one by one.
-    """
-    if (folder / OWN).exists():
-        raise InputError(f"The poses of this session came one by one ({OWN}). Start with another folder for files.")
-    return _keep(folder, side, POSE_FILES, "a file of poses", name, content)
-
-
-def keep_picture(folder: Path, name: str, content: bytes) -> Path:
-    """Write an uploaded picture of the board into the folder, and return its path."""
-    if content:
-        thumbnail(io.BytesIO(content), name)  # it can be read, and is not too large
-    return _keep(folder, "picture", SUFFIXES, "a picture", name, content)
-
-
-def keep_bag(folder: Path, name: str, content: bytes) -> Path:
-    """Write an uploaded bag of ROS, one file or a folder as .zip, into a folder of its own, and return its path."""
-    path = _keep(folder / "bags", "bag", (*BAGS, ".zip"), "a bag of ROS, one file or its folder", name, content)
-    return path if path.suffix != ".zip" else _unpacked(path, name)
-
-
-def _unpacked(path: Path, name: str) -> Path:
-    """Unpack the folder of a bag beside its .zip, which is removed: its files alone, and no more than they may hold."""
-    contents, left = {}, MOST_UNPACKED
-    try:
-        with refused(f"{name!a}: not a .zip that can be read"), zipfile.ZipFile(path) as packed:
-            files = [one for one in packed.infolist() if _BAG_FILE.fullmatch(one.filename)]
-            if not files or len({one.filename.rpartition("/")[0] for one in files}) > 1:
-                raise InputError(f"{name!a}: expected the folder of one bag, metadata.yaml and files .mcap or .db3.")
-            for one in files:
-                with packed.open(one) as file:
-                    content = file.read(left + 1)
-                if (left := left - len(content)) < 0:
-                    raise InputError(f"{name!a} unpacks to more than {MOST_UNPACKED / 1e6:.0f} MB.")
-                contents[one.filename.rpartition("/")[2]] = content
-    finally:
-        path.unlink()
-    write_files(path.with_suffix(""), contents)
-    return path.with_suffix("")
-
-
-def keep_other(folder: Path, stem: str, suffix: str, what: str, name: str, content: bytes) -> Path:
-    """Write a file that is not one of poses into a folder of its own, in place of the one before; return its path."""
-    return _keep(folder / stem, stem, (suffix,), what, name, content, again=True)
-
-
-def _keep(
-    folder: Path, stem: str, suffixes: tuple[str, ...], what: str, name: str, content: bytes, again: bool = False
-) -> Path:
-    """Write a file under a name of ours: only its suffix is taken, so that no name leads out of the folder."""
-    suffix = Path(name.replace("\\", "/")).suffix.lower()
-    if suffix not in suffixes:
-        raise InputError(f"Expected {what} ({', '.join(suffixes)}), got {name!a}.")
-    if not content:
-        raise InputError(f"{name!a} is empty.")
-    if len(content) > MOST_BYTES:
-        raise InputError(f"{name!a} has {len(content) / 1e6:.0f} MB; at most {MOST_BYTES / 1e6:.0f} MB are read.")
-    folder.mkdir(exist_ok=True)
-    for number in range(1, MOST_FILES):
-        path = folder / (f"{stem}{suffix}" if number == 1 else f"{stem}_{number}{suffix}")
-        if again or not path.exists():
-            write_atomically(path, content)
-            return path
-    raise InputError(f"{folder} holds {MOST_FILES} files of this kind ({stem}) already.")
-
-
-def thumbnail(file: Path | io.BytesIO, name: str = "") -> Any:
-    """Return a picture (h, w, 3), at most `SHOWN` pixels wide; raises `InputError` for one that cannot be read."""
-    from PIL import Image
-
-    try:
-        with ONE_AT_A_TIME, warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            with Image.open(file) as picture:
-                if picture.width * picture.height <= MOST_PIXELS:
-                    picture.thumbnail((SHOWN, SHOWN))
-                    return np.asarray(picture.convert("RGB"))
-    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError):
-        raise InputError(f"{name!a}: expected a picture ({', '.join(SUFFIXES)}).") from None
-    raise InputError(f"{name!a} has more than {MOST_PIXELS / 1e6:.0f} million pixels.")

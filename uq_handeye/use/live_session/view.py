@@ -1,11 +1,10 @@
-"""A rig in three dimensions: all arms, cameras and targets at one robot pose, each camera with its ellipsoid.
+"""A stored result in the browser: the rig as it was calibrated, and how well a point is known that one drags.
 
-World: the base of the first arm, z up, m. What an arm carries is at ``B G_k X``, the rest at ``X``.
+Of one camera: the point p is in the base frame. Seen from robot pose k it lies at ``(G_k X)^-1 p`` in camera
+coordinates (eye-in-hand; eye-to-hand ``X^-1 p``), where `Calibration.predict` gives its covariance.
 
-A stored result in the browser: the rig as it was calibrated, and how well a point is known that one drags.
-
-The point p is in the base frame. Seen from robot pose k it lies at ``(G_k X)^-1 p`` in camera coordinates (eye-in-hand;
-eye-to-hand ``X^-1 p``), where `Calibration.predict` gives its covariance.
+Of a rig: all arms, cameras and targets at one robot pose, each camera with its ellipsoid. World: the base of the first
+arm, z up, m. A camera or target that an arm carries is at ``B G_k X``, the others at ``X``.
 """
 
 from __future__ import annotations
@@ -20,14 +19,16 @@ from ...calibration.evidence.touches import Touches
 from ...calibration.result import Calibration
 from ...core.formatting.numbers import digits
 from ...core.geometry.se3 import Array, inverse
+from ...core.numbers.rounding import EPS
 from ...errors import InputError
 from ...model.poses.pose_pairs import PosePairs
 from ...rig.description import WORLD
 from ...rig.result import RigCalibration
 from .browser_page import BrowserPage
 from .markup import of_point, panel
+from .nodes import DARK, PALE, Anchor, Colour, Nodes, nice
 from .question import Answer
-from .scene import AXES, DARK, ELLIPSOID, FRUSTUM, LINE, OF_X, PALE, Beside, Colour, Nodes, Scene, nice, touched
+from .scene import AXES, FRUSTUM, LINE, OF_X, Beside, Scene, touched
 from .server import HOST, PORT
 
 if TYPE_CHECKING:
@@ -38,7 +39,7 @@ PALETTE: tuple[Colour, ...] = (
     (0, 114, 178), (230, 159, 0), (0, 158, 115), (204, 121, 167), (86, 180, 233), (213, 94, 0),
 )  # fmt: skip
 # Sides of their labels, so that those of neighbours keep clear.
-ANCHORS = ("center-right", "bottom-center", "top-left")
+ANCHORS: tuple[Anchor, ...] = ("center-right", "bottom-center", "top-left")
 
 
 class RigScene:
@@ -76,7 +77,7 @@ class RigScene:
                     self._joined(f"/links/{name}", base, at[name], 4)
             cameras = [(name, result.cameras[name], place) for name, place in result.rig.cameras.items() if place in at]
             known = [one.sizes[1] for _, one, _ in cameras if np.isfinite(one.sizes[1])]
-            factor = nice(ELLIPSOID * distance / max(max(known, default=1.0), 1e-9))
+            factor = nice(FRUSTUM * distance / max(max(known, default=1.0), EPS))
             for k, (name, one, place) in enumerate(cameras):
                 T = at[place] @ one.X
                 self.nodes.camera(
@@ -160,9 +161,9 @@ class ViewPage(BrowserPage):
         at = self.poses.robot[k] @ self.result.X if self.result.setup == "eye-in-hand" else self.result.X
         point = np.asarray(self._point.position, dtype=float)
         seen = inverse(at) @ np.append(point, 1.0)
-        of_robot: dict[str, Any] = {"robot": self.poses.robot[k]} if self.result.setup == "eye-in-hand" else {}
+        robot = self.poses.robot[k] if self.result.setup == "eye-in-hand" else None
         try:
-            covariance = self.result.predict(seen[:3], **of_robot).covariance
+            covariance = self.result.predict(seen[:3], robot=robot).covariance
         except InputError as error:
             self._words.content = of_point(point, None, str(error))
             return None
@@ -187,7 +188,7 @@ class RigPage(BrowserPage):
         self._words = self._gui.add_html("")
         self._scene = RigScene(self._server.viser, result)
         last = len(self._scene.moments) - 1
-        self._moment: Any = self._gui.add_slider("Robot pose", 0, max(last, 1), 1, 0)
+        self._moment = self._gui.add_slider("Robot pose", 0, max(last, 1), 1, 0)
         self._moment.on_update(lambda _: self._show(int(self._moment.value)))
         self._show(0)
 
