@@ -47,20 +47,20 @@ def pytest_cmdline_main(config):
     whole = config.args_source is pytest.Config.ArgsSource.TESTPATHS
     if whole and getattr(option, "numprocesses", 0) is None:
         option.numprocesses, option.maxprocesses, option.dist = "logical", 8, "worksteal"
-    if not whole and option.markexpr == fast(config) and all(".py" in argument for argument in config.args):
+    if not whole and option.markexpr == support.fast(config) and all(".py" in argument for argument in config.args):
         option.markexpr = ""
 
 
-def fast(config):
-    """Return the expression that selects the fast subset."""
-    options = config.getini("addopts")
-    return options[options.index("-m") + 1]
-
-
 def pytest_ignore_collect(collection_path, config):
-    """Leave out files of which the fast subset has no test: to import them all takes half a minute."""
-    if config.option.markexpr == fast(config) and collection_path.name.startswith("test_"):
+    """Leave out files that have no test of the expression of ``-m``: to import them all takes half a minute."""
+    expression = config.option.markexpr
+    if not collection_path.name.startswith("test_"):
+        return None
+    if expression == support.fast(config):
         return True if WHOLE_FILE.search(collection_path.read_text(encoding="utf-8")) else None
+    if support.DEMANDED and re.fullmatch(rf"({LEFT_OUT})( or ({LEFT_OUT}))*", expression):
+        has = re.search(rf"\bmark\.({'|'.join(support.DEMANDED)})\b", collection_path.read_text(encoding="utf-8"))
+        return None if has else True
     return None
 
 

@@ -26,6 +26,12 @@ def missing(marker, text):
     pytest.skip(text, allow_module_level=True)
 
 
+def fast(config):
+    """Return the expression of ``-m`` that selects the fast subset."""
+    options = config.getini("addopts")
+    return options[options.index("-m") + 1]
+
+
 # Two-sided probability of every statistical interval.
 CONFIDENCE = 0.999
 

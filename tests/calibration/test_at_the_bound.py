@@ -162,6 +162,7 @@ def test_exact_data_have_no_noise_to_estimate(poses):
         assert uq.Calibration.from_dict(json.loads(result.to_json())).to_json() == result.to_json()
 
 
+@pytest.mark.statistical
 def test_the_95_percent_ellipsoid_holds_95_percent():
     """The whole of calibrate() with noise estimated; an ellipsoid half as wide does not hold them."""
     trials = 100

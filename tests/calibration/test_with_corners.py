@@ -214,6 +214,7 @@ def test_what_bundle_needs(recording):
     assert given.agreement.distance < 0.1 and given.noise_estimate is None
 
 
+@pytest.mark.statistical
 def test_consistency_over_many_cameras():
     """NEES of X: the joint covariance is true, that of each pose by itself is not; 1,000 sets in studies."""
     errors = {"joint": [], "independent": []}

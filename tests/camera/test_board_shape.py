@@ -129,6 +129,7 @@ def test_every_candidate_is_fitted_to_its_minimum(rng):
             assert one.bic == pytest.approx(true, abs=0.5 + 0.02 * (true - min(one.bic for one in found.candidates)))
 
 
+@pytest.mark.statistical
 @pytest.mark.parametrize("kind", ["flat", "wide"])
 def test_x_is_as_good_as_stated_where_the_shape_is_estimated(kind):
     """X is far from it where a board that bows is taken as flat."""

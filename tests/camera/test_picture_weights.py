@@ -43,6 +43,7 @@ def distances(weighted, spread, sets=SETS):
     return np.array(found).T
 
 
+@pytest.mark.statistical
 def test_uneven_pictures_are_weighed_and_equal_ones_lose_nothing():
     low, high = mean_interval(SETS)
     d2, mm = distances(True, 0.8)
@@ -118,6 +119,7 @@ def shifted(corners, rng, pixels):
     return replace(corners, pixels=corners.pixels + shift[corners.picture])
 
 
+@pytest.mark.statistical
 @pytest.mark.filterwarnings("ignore::uq_handeye.errors.InputWarning")
 def test_what_corners_of_a_picture_share_is_carried_beside_a_known_robot():
     """An exact robot shows it, residuals within the pictures do not: without it d^2 is 116."""

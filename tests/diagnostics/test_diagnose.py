@@ -254,6 +254,7 @@ def p_values(true, used, n, trials, seed, camera_error=None):
 
 
 # Also with a noise that is wrong in the ratio of rotation to translation.
+@pytest.mark.statistical
 @pytest.mark.parametrize(
     ("n", "used"), [(12, NOISE), (30, uq.PoseNoise.isotropic(robot=("0.1mrad", "0.1mm"), camera=("2mrad", "0.7mm")))]
 )
@@ -263,6 +264,7 @@ def test_false_alarms_are_rare(n, used):
     assert (rates <= stats.binom.ppf(0.9999, 800, 0.02) / 800).all(), rates
 
 
+@pytest.mark.statistical
 def test_correlated_neighbours_are_found_and_the_growth_is_right():
     """AR(1) noise in time: the alarm rings and X scatters by as much more as the factor says."""
     n, trials, rho = 80, 200, 0.6
@@ -458,6 +460,7 @@ def passing_on(way):
     return uq.PoseNoise(NOISE.robot, uq.JointCovariance(np.tile(own, (n, 1, 1)), F))
 
 
+@pytest.mark.statistical
 @pytest.mark.parametrize("way", ["dense", "columns"])
 def test_errors_in_common_are_tested_too(way):
     """False alarms are rare, and what the noise does not hold is found: more correlation, a bent camera, tails."""

@@ -52,6 +52,7 @@ def test_columns_of_a_plain_fit(setup):
     assert table.rejected == []
 
 
+@pytest.mark.statistical
 def test_limit_of_all_is_exceeded_once_in_1000_data_sets():
     for n in (1, 20, 400):
         table = dataclasses.replace(by_hand(), flag=("kept",) * n)

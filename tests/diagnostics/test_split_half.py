@@ -28,6 +28,7 @@ def d2_of(noise, true, n, setup="eye-in-hand", geometries=4, trials=500, **kwarg
     return np.concatenate([test.d2 for test in found]), np.concatenate([test.passed for test in found])
 
 
+@pytest.mark.statistical
 @pytest.mark.parametrize(("setup", "n"), [("eye-in-hand", 12), ("eye-to-hand", 20), ("eye-in-hand", 40)])
 def test_it_passes_as_often_as_it_says(setup, n):
     """Between 93 and 97 % of 2000 sets at the 95 % level; a noise given 30 % too small fails."""
@@ -80,6 +81,7 @@ def _rows(poses, rows):
     return uq.PosePairs(poses.robot[rows], poses.camera[rows], poses.setup)
 
 
+@pytest.mark.statistical
 def test_common_error_of_all_poses_by_monte_carlo():
     """A shift that all camera poses share cancels in the difference: taken as independent, the test is too kind."""
     n, shared = 12, np.diag([0.0] * 5 + [1e-4])
@@ -170,6 +172,7 @@ def test_words_and_dictionary():
     assert many.d2.shape == (3,) and "of 3 split-half tests" in many.sentence
 
 
+@pytest.mark.statistical
 def test_estimated_noise_passes_as_often_as_it_should():
     """About 95 of 100; far less often where the covariance is a half of what it is."""
     from scipy.special import fdtrc

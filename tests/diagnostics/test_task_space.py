@@ -100,6 +100,7 @@ def test_points_through_the_target(rng, setup):
     assert_same_covariance(found.covariance, J @ linalg.block_diag(S, S_C, N) @ J.T, 1e-8)
 
 
+@pytest.mark.statistical
 def test_points_by_monte_carlo(rng, setup):
     """The point's ellipsoid covers where X and a new robot pose carry noise; without the noise of X it does not."""
     trials = 4000

@@ -192,6 +192,7 @@ def test_bootstrap_has_the_size_of_the_sampling_covariance():
     assert ratio.max() < 1.2
 
 
+@pytest.mark.statistical
 def test_hotelling_covers_and_chi_square_does_not():
     poses, found = simulated()
     errors = difference(found.X, poses.truth.X)
@@ -204,6 +205,7 @@ def test_hotelling_covers_and_chi_square_does_not():
         assert (d2 < stats.chi2.ppf(level, 6)).mean() < low - 0.1
 
 
+@pytest.mark.statistical
 def test_where_every_third_pose_is_worse_the_sandwich_is_right_and_the_model_is_not():
     n, trials = 60, 1000
     worse = np.where(np.arange(n) % 3 == 0, 25.0, 1.0)[:, None, None]

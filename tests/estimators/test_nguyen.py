@@ -231,6 +231,7 @@ def at_equation_70():
     return difference(X_all, X), Sigma_R, Sigma_t
 
 
+@pytest.mark.statistical
 def test_nees_at_equation_70():
     """10,000 trials at 18 mrad and 14 mm, each judged by its own covariances: 3 within 0.1, second order included."""
     errors, Sigma_R, Sigma_t = at_equation_70()
@@ -240,6 +241,7 @@ def test_nees_at_equation_70():
         assert not is_consistent(error, Sigma / 1.1**2)
 
 
+@pytest.mark.statistical
 @pytest.mark.parametrize("exact", ["A", "B", None])
 def test_nees_with_exact_motions(rng, exact):
     """One robot or camera without error, and both with full covariances of each pair's own."""
@@ -266,6 +268,7 @@ def whole_covariance(result, A, B, noise, block=None):
     return Q @ Sigma @ Q.mT, F, Q
 
 
+@pytest.mark.statistical
 def test_nees_of_the_whole_covariance(rng):
     """Rotation and translation together, with the error of R that all pairs share: 6, also where Sigma_t is far off.
 
@@ -328,6 +331,7 @@ def stages(A, B, noise, result):
     return data, nguyen_stages.refined_rotations(data.S_a, *turn[3:])
 
 
+@pytest.mark.statistical
 def test_the_derived_cross_term_is_right(rng):
     """Five pairs, 0.1 mrad and 0.03 mm, a geometry of its own for each of 6,000 trials: NEES of t.
 

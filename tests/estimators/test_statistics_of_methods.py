@@ -14,6 +14,8 @@ from support import SEED, difference, draw, exact_motions, is_consistent, moved,
 import uq_handeye as uq
 from uq_handeye.methods.propagation.noise_transport import noise_of_pairs
 
+pytestmark = pytest.mark.statistical
+
 FAST = [name for name, method in uq.METHODS.items() if name not in ("heller", "zhao")]
 SETUPS = ("eye-in-hand", "eye-to-hand")
 

@@ -175,6 +175,7 @@ def test_noise_of_the_size_of_sampled_signs(rng):
     np.testing.assert_allclose(sampled / np.outer(sd, sd), middle / np.outer(sd, sd), atol=0.05)
 
 
+@pytest.mark.statistical
 @pytest.mark.parametrize("unit", [1.0, 1000.0])
 def test_covariance_of_pair_noise_is_true(rng, unit):
     trials, N = 300, 60
@@ -190,6 +191,7 @@ def test_covariance_of_pair_noise_is_true(rng, unit):
     assert not is_consistent(xi, 0.8 * covariance) and not is_consistent(xi, 1.25 * covariance)
 
 
+@pytest.mark.statistical
 def test_covariance_of_pose_noise_is_true(rng):
     """Noise that pairs share, all pairs of 20 poses."""
     n, trials, sd = 20, 120, 1e-3

@@ -36,6 +36,7 @@ def distances(rng, setup, move=None, **given):
     return np.array(found)
 
 
+@pytest.mark.statistical
 @pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
 def test_d2_of_new_poses_is_chi_square(rng, setup):
     d2, without = distances(rng, setup, shared=[]).T
@@ -44,6 +45,7 @@ def test_d2_of_new_poses_is_chi_square(rng, setup):
     assert without.mean() > 6 * NEW + 6 * error  # X and W are not exact
 
 
+@pytest.mark.statistical
 def test_errors_in_common_with_the_calibration(rng):
     scale = SharedError.target_scale(0.01)
     found = []
@@ -61,6 +63,7 @@ def test_errors_in_common_with_the_calibration(rng):
     assert abs(d2 - 6 * NEW) < 4 * error < smaller - 6 * NEW
 
 
+@pytest.mark.statistical
 def test_the_errors_of_an_arm_are_those_of_the_calibration(rng):
     """One draw of the arm's errors moves old and new poses; a new draw for the new ones is found."""
     accuracy = SharedError.robot_accuracy("1mm, 0deg", reach=1.0)

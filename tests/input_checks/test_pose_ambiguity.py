@@ -40,6 +40,7 @@ def error(result, X):
     return np.concatenate([turn, result.X[:3, 3] - X[:3, 3]])
 
 
+@pytest.mark.statistical
 def test_the_other_poses_decide_and_the_covariance_is_consistent():
     """A third of 8 x 20 poses is flipped by its own corners, 2 % in the end; d^2/6 of X is 1 on average."""
     before, after, d2 = [], [], []

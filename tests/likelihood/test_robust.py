@@ -82,6 +82,7 @@ def test_distances_of_joint_and_single_covariances_agree():
         np.testing.assert_allclose(single, joint, rtol=1e-8)
 
 
+@pytest.mark.statistical
 @pytest.mark.parametrize("setup", SETUPS)
 def test_distances_are_chi_square_over_trials(setup):
     """Also: the raw residual's squares are not, and batches equal single problems."""
@@ -159,6 +160,7 @@ KINDS = (
 )
 
 
+@pytest.mark.statistical
 @pytest.mark.parametrize("known", [True, False])
 @pytest.mark.parametrize("kind", KINDS)
 def test_as_good_as_without_the_outliers(kind, known):

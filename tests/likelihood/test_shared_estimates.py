@@ -121,6 +121,7 @@ def test_a_size_is_what_the_data_say_of_it():
         assert apart @ np.linalg.solve(found.covariance, apart) < found.quantile(0.999)
 
 
+@pytest.mark.statistical
 def test_estimates_of_a_prior_that_is_wrong_stand_out(rng):
     """The p-value is uniform where the prior is right, and small where the error is ten times as large."""
     error = S.target_scale(1e-3)

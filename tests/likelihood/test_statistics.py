@@ -19,6 +19,8 @@ from uq_handeye.fit.likelihood.constraint import constraint_of
 from uq_handeye.fit.likelihood.gauss_helmert import bound, efficient, fit, maximum_likelihood
 from uq_handeye.fit.likelihood.starts import start_of
 
+pytestmark = pytest.mark.statistical
+
 TRIALS, OF_ML = 4000, 500
 BLOCK = 250  # trials at a time, for the memory
 NEES = 5.8, 6.2

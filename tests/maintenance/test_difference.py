@@ -31,6 +31,7 @@ def mean_of(k, squares):
     return 2 * min(p, 1 - p)
 
 
+@pytest.mark.statistical
 @pytest.mark.parametrize(
     ("case", "setup"), [("independent", "eye-in-hand"), ("overlapping", "eye-to-hand"), ("subset", "eye-in-hand")]
 )
@@ -184,6 +185,7 @@ def test_independent_results_without_poses_differ_as_with_them():
     assert whole.how == without.how == "posterior"
 
 
+@pytest.mark.statistical
 @pytest.mark.parametrize(("setup", "n"), [("eye-in-hand", 15), ("eye-to-hand", 20)])
 def test_the_difference_of_a_part_with_estimated_noise_is_covered(setup, n):
     """Sizes found again with more poses move X, too: without their part some directions were said to be exact."""

@@ -42,6 +42,7 @@ def test_the_innovations_are_the_joint_covariance_in_steps(design, rng):
     assert sum(float(part[:, 0] @ part[:, 0]) for part in e) == pytest.approx(joint.d2, rel=1e-9)
 
 
+@pytest.mark.statistical
 def test_scores_are_independent_and_standard_normal(design, rng):
     runs = 200
     C = {"X": design[3]}
@@ -58,6 +59,7 @@ def test_scores_are_independent_and_standard_normal(design, rng):
     assert np.abs(np.corrcoef(alone.T) - np.eye(CHECKS)).max() > 1.5 * tolerance
 
 
+@pytest.mark.statistical
 def test_the_common_size_of_estimated_noise_is_in_the_scores(design, rng):
     """The size is unknown by a chi-square of nu degrees of freedom, and the same in all checks."""
     runs, nu = 200, 20.0

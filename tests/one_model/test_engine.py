@@ -319,6 +319,7 @@ def ranks(values, weights, means, deviations):
     return float(weights @ stats.norm.cdf((values - means) / deviations))
 
 
+@pytest.mark.statistical
 @pytest.mark.parametrize("j", range(12))
 def test_ranks_of_the_unknowns_are_uniform(drawn, j):
     """Each unknown within its mixture; a third less of standard deviation is rejected."""
@@ -331,6 +332,7 @@ def test_ranks_of_the_unknowns_are_uniform(drawn, j):
     assert abs(spread[0] - 0.25) < 4 * 0.144 / np.sqrt(300) < abs(spread[1] - 0.25)
 
 
+@pytest.mark.statistical
 def test_all_unknowns_together_are_consistent(drawn):
     _, errors, mixtures, *_ = drawn
     covariances = np.array([m.covariance for m in mixtures])
@@ -358,6 +360,7 @@ def sampled(drawn):
     return np.array(found), np.array(effective)
 
 
+@pytest.mark.statistical
 @pytest.mark.parametrize("k", range(5))
 def test_ranks_of_the_sizes_are_uniform(sampled, drawn, k):
     """Ranks by f itself; those that half of the prior's spread would give are rejected."""

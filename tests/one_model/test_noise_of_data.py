@@ -52,6 +52,7 @@ def within(hits, total, level=0.95, lower_only=False):
     return low <= hits and (lower_only or hits <= high)
 
 
+@pytest.mark.statistical
 @pytest.mark.parametrize(("noise", "setup", "n"), [(EQUAL, "eye-in-hand", 30), (WEAK_ROBOT, "eye-to-hand", 15)])
 def test_intervals_cover(noise, setup, n):
     """Check both sides together, which all data tell; those of an estimate that is twice as certain are found out."""
@@ -69,6 +70,7 @@ def test_intervals_cover(noise, setup, n):
         assert not within(narrow, sets, lower_only=True), (name, narrow)
 
 
+@pytest.mark.statistical
 @pytest.mark.parametrize(("noise", "n", "sets"), [(EQUAL, 30, 80), (WEAK_ROBOT, 8, 80)])
 def test_nees_with_estimated_noise(noise, n, sets):
     """X inside its 95 % region as often as said, and d^2 / 6 as its reference distribution has it on average."""
@@ -193,6 +195,7 @@ def test_motions_without_poses():
     assert estimate.dof == 1194
 
 
+@pytest.mark.statistical
 def test_goodness_of_fit():
     poses = uq.simulate(30, noise=WEAK_ROBOT, trials=200, seed=support.SEED)
     fits = [efficient(uq.PosePairs(G, C), WEAK_ROBOT) for G, C in zip(poses.robot, poses.camera, strict=True)]

@@ -92,6 +92,7 @@ def test_noise_of_each_pose_goes_on_as_its_mean():
     assert_same_covariance(found.covariances[-1], efficient(enlarged(data, found, 2), later).covariance_X, 1e-9)
 
 
+@pytest.mark.statistical
 @pytest.mark.parametrize("setup", SETUPS)
 def test_simulated_sessions_scatter_as_predicted(setup):
     data = simulate(6, setup=setup, seed=SEED)

@@ -44,12 +44,14 @@ def mean_d2(noise, trials=20):
     return np.sum(d2), 6 * trials
 
 
+@pytest.mark.statistical
 def test_covariance_of_X_is_consistent():
     total, dof = mean_d2(None)
     low, high = stats.chi2.interval(CONFIDENCE, dof)
     assert low < total < 1.1 * high  # noise from about 100 degrees of freedom
 
 
+@pytest.mark.statistical
 def test_isotropic_noise_assumed_of_a_depth_camera_is_rejected():
     total, dof = mean_d2(LATERAL)
     assert total > 1.3 * stats.chi2.isf(1 - CONFIDENCE, dof)

@@ -66,6 +66,7 @@ def test_the_fit_is_the_dense_least_squares_of_each_pose():
     np.testing.assert_allclose(found.squares / found.dof, found.phi, rtol=1e-4)
 
 
+@pytest.mark.statistical
 @pytest.mark.parametrize("axial", [LATERAL, AXIAL])
 @pytest.mark.parametrize("noise", ["given", None])
 def test_covariance_of_poses_of_a_known_target(axial, noise):

@@ -44,6 +44,7 @@ def rows_of(of, rng, r=None):
     return B, own_at, NewRows(np.zeros((M, K)) if r is None else r, B @ of.A, own, of, own_at=own_at)
 
 
+@pytest.mark.statistical
 def test_d2_has_the_distribution_of_the_mixture(posterior, rng):
     of, C, m = posterior
     B, own_at, rows = rows_of(of, rng)

@@ -45,6 +45,7 @@ def tip_at(e, q, tool):
     return (G[..., :3, :3] @ tool[..., None])[..., 0] + G[..., :3, 3]
 
 
+@pytest.mark.statistical
 @pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
 def test_misses_are_as_large_as_predicted(setup):
     rng = np.random.default_rng(SEED)

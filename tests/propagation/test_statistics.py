@@ -32,6 +32,8 @@ from support import (
 
 import uq_handeye as uq
 
+pytestmark = pytest.mark.statistical
+
 TRIALS = 10_000
 BLOCK = 1_000  # trials at a time, for the memory
 

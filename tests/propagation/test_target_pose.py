@@ -70,6 +70,7 @@ def test_the_covariance_of_W_is_that_of_numerical_derivatives(method, setup, joi
     assert_same_covariance(result.covariance_W, expected, 1e-5)
 
 
+@pytest.mark.statistical
 @pytest.mark.parametrize("method", ["4dpa", "daniilidis", "nguyen", "zhao", *ON_POSES])
 def test_statistics_of_W(method, setup):
     trials, n = (150 if method == "zhao" else 1000), 12

@@ -44,6 +44,7 @@ def drawn(places, n, first, seed, arms=("arm",)):
     return with_noise(old, noise, [SEED, seed, 0]), with_noise(new, noise, [SEED, seed, 1]), truth, noise
 
 
+@pytest.mark.statistical
 def test_new_views_agree_as_often_as_the_level_says():
     p = []
     for k in range(60):
@@ -54,6 +55,7 @@ def test_new_views_agree_as_often_as_the_level_says():
     assert chi2.cdf(-2 * np.log(p).sum(), 120) > 1e-4  # not too large
 
 
+@pytest.mark.statistical
 def test_estimated_noise_is_covered():
     p = [uq.calibrate_rig(old).check(new).p_value for old, new, *_ in (drawn(HAND, 40, 30, 100 + k) for k in range(25))]
     assert binom.cdf(sum(value < 0.05 for value in p), 25, 0.05) < 0.999
@@ -119,6 +121,7 @@ CELL = ({"left": "arm", "right": "arm", "front": "world"}, {"board": "world", "p
 TWO_ARMS = ({"left": "a", "front": "b"}, {"board": "world", "plate": "b"})
 
 
+@pytest.mark.statistical
 def test_predicted_points_are_consistent():
     """d^2 of the error against its covariance is chi-square with 3 degrees of freedom on average."""
     p, draws = np.array([0.02, -0.01, 0.5]), 40

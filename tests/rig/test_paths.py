@@ -40,6 +40,7 @@ def still():
     return [uq.calibrate_rig(with_noise(exact, noise, [SEED, k]), noise) for k in range(DRAWS)]
 
 
+@pytest.mark.statistical
 def test_paths_are_chi_square_distributed_where_nothing_moved(still):
     by_pair = {}
     for found in still:
@@ -54,6 +55,7 @@ def test_paths_are_chi_square_distributed_where_nothing_moved(still):
         np.testing.assert_allclose(e, [path.chi_square for path in paths], rtol=1e-6)
 
 
+@pytest.mark.statistical
 def test_false_alarms_are_rare(still):
     in_time = np.array([[path.p for path in found.paths if path.by is None] for found in still])
     for level in (0.01, 0.05, 0.2):

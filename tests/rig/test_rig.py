@@ -117,6 +117,7 @@ def independent(rig, noise):
     return fit(split, RigNoise.of_own(of.robot[side], of.camera), start_of(graph)[0])
 
 
+@pytest.mark.statistical
 def test_joint_covariance_is_consistent_and_that_without_correlations_is_not():
     exact, truth = simulate_rig({"c1": "arm", "c2": "arm"}, {"t1": "world", "t2": "world"}, n_poses=20, seed=5)
     noise, trials = noise_of(exact), 150

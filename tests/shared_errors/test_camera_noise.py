@@ -130,6 +130,7 @@ def test_of_a_calibrated_camera_it_takes_model_and_covariance(views):
     assert noise.joint.shared.shape == other.shared.shape
 
 
+@pytest.mark.statistical
 def test_errors_are_consistent_and_with_exact_intrinsics_they_are_not():
     """X of finished poses, robot and pixel noise estimated: d^2 of 24 rigs; exact intrinsics are rejected."""
     sets = 24

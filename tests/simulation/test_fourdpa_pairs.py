@@ -89,6 +89,7 @@ def test_trials_that_do_not_determine_X_are_marked():
     assert (errors == 0).all()
 
 
+@pytest.mark.statistical
 def test_nees_and_a_wrong_covariance():
     rng = np.random.default_rng(SEED)
     X, A, B = exact_motions(rng, 40)

@@ -32,6 +32,7 @@ def test_workspace():
     assert np.degrees(np.arccos((np.trace(turned.A[:, :3, :3], axis1=1, axis2=2).min() - 1) / 2)) > 60
 
 
+@pytest.mark.statistical
 @pytest.mark.parametrize("kind", ["one", "each", "joint"])
 def test_noise_has_the_covariance_given(kind, rng):
     n, trials = 3, 40_000

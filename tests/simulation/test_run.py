@@ -46,6 +46,7 @@ def inside(values, k=6):
     return low < values.mean() < high
 
 
+@pytest.mark.statistical
 @pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
 @pytest.mark.parametrize("method", ON_POSES)
 def test_nees_on_poses(method, setup):
@@ -58,6 +59,7 @@ def test_nees_on_poses(method, setup):
     assert not inside(values / 1.15**2)
 
 
+@pytest.mark.statistical
 @pytest.mark.parametrize("method", ["4dpa", "efficient", "ml", "park", "nguyen"])
 def test_nees_on_motions(method):
     rng = np.random.default_rng(SEED)
@@ -75,6 +77,7 @@ def floor_and(rng, shape=()):
     return 1e-8 * np.eye(6) + random_covariance(rng, 6, shape)
 
 
+@pytest.mark.statistical
 @pytest.mark.parametrize("shapes", [((), ()), ((20,), (20,)), (None, ())], ids=["common", "per pair", "exact A"])
 def test_covariance_of_each_trial_on_motions_is_true(shapes, rng):
     """NEES and coverage by each trial's own covariance; sampling covariance at the bound; 10 % more is rejected."""
@@ -90,6 +93,7 @@ def test_covariance_of_each_trial_on_motions_is_true(shapes, rng):
     assert_same_covariance(errors.T @ errors / trials, at_truth, 4 * np.sqrt(6 / trials))
 
 
+@pytest.mark.statistical
 def test_equation_70(rng):
     """The noise of the paper, 60 pairs."""
     _, A, B = exact_motions(rng, 60)
@@ -98,6 +102,7 @@ def test_equation_70(rng):
     assert found.ok.all() and is_consistent(found.errors, found.covariances)
 
 
+@pytest.mark.statistical
 @pytest.mark.parametrize("method", ["4dpa", "efficient", "ml", "shah"])
 def test_errors_are_those_of_an_own_simulator(method):
     """Two-sample test of the NEES, and of the covariance, against `calibrate`-like calls on draws made here."""
@@ -124,6 +129,7 @@ def test_errors_are_those_of_an_own_simulator(method):
     assert stats.ks_2samp(1.15**2 * nees(ours, predicted), d2).pvalue < 1 - CONFIDENCE
 
 
+@pytest.mark.statistical
 @pytest.mark.parametrize("method", ["4dpa", "efficient", "park", "shah"])
 def test_each_trial_with_the_covariance_that_calibrate_gives(method):
     poses = uq.simulate(10, noise=NOISE, seed=SEED)

@@ -11,6 +11,8 @@ from support import CONFIDENCE, SEED, difference, is_consistent, mean_interval, 
 import uq_handeye as uq
 from uq_handeye.fit.likelihood.gauss_helmert import efficient, offset_sensitivity
 
+pytestmark = pytest.mark.statistical
+
 SETS, DURATION = 200, 4.0
 FEWER = 30
 

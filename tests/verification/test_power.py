@@ -21,6 +21,7 @@ SETUPS = ("eye-in-hand", "eye-to-hand")
 SETS = 30
 
 
+@pytest.mark.statistical
 @pytest.mark.parametrize("setup", SETUPS)
 def test_p_values_are_uniform_and_a_bias_is_found(setup):
     """Each set has a calibration of its own; half of the standard deviations are rejected."""
@@ -55,6 +56,7 @@ def test_bias_and_scatter_add_to_the_whole():
     assert found.d2 == pytest.approx(by_hand.gain)
 
 
+@pytest.mark.statistical
 def test_a_bias_of_known_noise_shows_by_the_noncentral_chi_square():
     rng = np.random.default_rng(SEED)
     evidence = evidence_of_touches(calibration("eye-in-hand", rng), touches("eye-in-hand", rng))
@@ -101,6 +103,7 @@ def test_an_unknown_tool_hides_the_bias_of_points():
     assert not prior.contradicted and (prior.std > 0.019).all()
 
 
+@pytest.mark.statistical
 def test_estimated_noise_widens_the_distribution():
     rng = np.random.default_rng(SEED)
     result = calibration("eye-to-hand", rng, noise=None)

@@ -191,6 +191,7 @@ def test_no_estimate_and_all_inside_have_one_sided_intervals(P):
 # ------------------------------------------------------------------------------------- the level of the tests
 
 
+@pytest.mark.statistical
 @pytest.mark.parametrize(("trials", "replications"), [(30, 1500), (200, 1500), (10_000, 150)])
 def test_a_true_covariance_is_accepted(rng, P, trials, replications):
     """All tests together reject at most 1 %; each exact test by itself, the likelihood ratio and the eigenvalues in
@@ -234,6 +235,7 @@ def _scaled(P, k, factor):
     return P * np.outer(D, D)
 
 
+@pytest.mark.statistical
 @pytest.mark.parametrize("case", WRONG)
 def test_a_wrong_covariance_is_rejected_at_ten_thousand_trials(rng, P, case):
     """Standard deviations 10 % off in all or in one axis, or the mean NEES of a true covariance with another shape."""

@@ -152,6 +152,7 @@ def _outside_band(result):
     return ((below < low) | (below > high)).any(axis=1)
 
 
+@pytest.mark.statistical
 def test_the_band_holds_true_covariances_and_no_wrong_ones(rng):
     held = [~_outside_band(run(rng, trials=2000)) for _ in range(200)]
     misses = 200 - np.sum(held, axis=0)

@@ -65,6 +65,7 @@ def test_a_wrong_hastings_factor_shows(monkeypatch):
     assert np.abs(deviations(moves_of(wide(), (1.0, 0.0, 0.0)))).max() > 10.0
 
 
+@pytest.mark.statistical
 def test_proposal_against_scipy(rng):
     S = random_covariance(rng, 4, sd=1.0)
     proposal = single(rng.normal(size=4), np.linalg.cholesky(S))
@@ -128,6 +129,7 @@ def test_maxima_with_their_shares():
     np.testing.assert_allclose(alone.location, [[9, 2]], atol=0.1)
 
 
+@pytest.mark.statistical
 def test_a_mixture_against_its_parts(rng):
     mixture = around_maxima(two_maxima, STARTS)
     y = 10.0 * rng.normal(size=(50, 2))

@@ -72,6 +72,7 @@ def test_equation_70_at_exact_data(rng):
     assert np.abs(ratio - 1).max() < 0.03
 
 
+@pytest.mark.statistical
 def test_the_truth_lies_where_the_posterior_says(rng):
     noise = uq.PoseNoise.isotropic(robot=("0.5mrad", "0.2mm"), camera=("2mrad", "1mm"))
     errors, covariances = [], []
