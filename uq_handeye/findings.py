@@ -25,11 +25,15 @@ from typing import Any, ClassVar, Literal, SupportsFloat, TypeVar, get_args
 
 from .errors import InputError, InputWarning
 
+# Residuals that are this many times as large as the noise explains make a failure of a caution.
+GROSS_EXCESS = 5.0
+# Rank of failures that explain no other ones.
+LAST_RANK = 99
+
+
 Severity = Literal["note", "caution", "failure"]
 Words = TypeVar("Words", str, Callable[..., str])
 
-# Residuals that are so many times as large as the noise explains make a failure of a caution.
-GROSS = 5.0
 
 # Checks of a calibration that findings belong to, in the order in which they are shown; that of the camera is rare.
 INPUT, OUTLIERS, NOISE, NEIGHBOURS = "input", "outliers", "noise level", "neighbours"
@@ -38,10 +42,6 @@ CHECKS = (INPUT, OUTLIERS, NOISE, NEIGHBOURS, RESIDUALS, HALVES, MOTION, SHARED)
 
 # A template (`Template`), or a function of the values.
 Said = str | Callable[[Mapping[str, Any]], str]
-
-
-# Smaller p-values are not told apart.
-SMALLEST_P = 1e-15
 
 
 def digits(value: SupportsFloat, significant: int = 3) -> str:
@@ -55,7 +55,7 @@ def digits(value: SupportsFloat, significant: int = 3) -> str:
 
 def probability(p: float, significant: int = 1) -> str:
     """``p = 0.02``, or a bound where it is all but 0."""
-    return f"p < {SMALLEST_P:g}" if p < SMALLEST_P else f"p = {p:.{significant}g}"
+    return f"p < {1e-15:g}" if p < 1e-15 else f"p = {p:.{significant}g}"
 
 
 class Template(Formatter):
@@ -92,10 +92,6 @@ def filled(template: str, values: Mapping[str, Any]) -> str:
     return _TEMPLATE.vformat(template, (), values)
 
 
-# Rank of failures that explain no other ones.
-LAST = 99
-
-
 @dataclass(frozen=True)
 class Record:
     """Texts and effects of the findings of one code, written where its sentence is.
@@ -119,7 +115,7 @@ class Record:
     explains: bool | Callable[[Mapping[str, Any]], bool] = False
     explained: bool = False
     first: bool = False
-    rank: int = LAST
+    rank: int = LAST_RANK
 
 
 def _said(what: Said, values: Mapping[str, Any]) -> str:

@@ -17,11 +17,11 @@ from uq_handeye.core.files.about import ABOUT
 from uq_handeye.core.formatting.numbers import digits
 from uq_handeye.core.geometry.pose_numbers import pose_numbers
 from uq_handeye.core.geometry.se3 import perturb
+from uq_handeye.core.numbers.limits import MAX_LISTED
 from uq_handeye.core.presentation import page as pdf
 from uq_handeye.errors import InputError
 from uq_handeye.findings import Finding
 from uq_handeye.report.budget import budget_rows, components_of, correlation_of, worst_of
-from uq_handeye.report.certificate_sheets import MOST_SOURCES
 from uq_handeye.report.statements import RP_PER_SD, robot_words
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
@@ -222,7 +222,7 @@ def test_two_pages_with_everything_given(results):
     about = dict.fromkeys(ABOUT, "A text of the length that a text may have, 80 signs or so")
     html = made(result, tolerance="1mm,0.1deg", about=about).to_html()
     html = html.replace("</style>", "@page { size: letter; }\n</style>", 1)
-    assert len(b.sources) <= MOST_SOURCES
+    assert len(b.sources) <= MAX_LISTED
     assert len(weasyprint.HTML(string=html).render().pages) == 2
 
 

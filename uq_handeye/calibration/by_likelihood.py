@@ -10,6 +10,9 @@ from typing import Any
 import numpy as np
 
 from ..core.geometry.se3 import Array, difference
+from ..core.numbers.levels import DOUBTFUL, UNUSUAL
+from ..core.numbers.limits import MIN_POSES_FOR_ROBUST
+from ..core.numbers.rounding import CHAIN_ROUNDING
 from ..core.runtime.read_only import read_only
 from ..errors import DegenerateMotionError, InputError, NotConvergedError
 from ..findings import Finding
@@ -75,23 +78,24 @@ from .findings import (
     shared_findings,
     wrong_poses,
 )
-from .job import FEWEST_FOR_ROBUST, Job
+from .job import Job
 from .prediction.workspace import local_findings
 from .request import BUNDLE, of_motions
 from .result import Calibration
 
-# Data whose residuals (rad, and relative to the longest translation) are smaller come from a simulation without noise.
-EXACT = 1e-10
-# Errors of the arm are derived anew where their second order moves its poses by more than this, in deviations of X.
-SECOND_ORDER = 0.05
-# Where more are rejected, all poses are asked whether another reading of the files explains them.
-MISREAD = 0.15
-# The target has another size for sure from this probability on; below the other one nothing is asked.
-SURE, UNLIKELY = 0.99, 0.05
+# The errors of an arm are linearised again where their second order moves its poses by more than this, in standard
+# deviations of X.
+MAX_SECOND_ORDER_SD = 0.05
+# Where a larger share of the poses is rejected, the program tests whether another reading of the files explains all
+# of them.
+MAX_REJECTED_SHARE = 0.15
+# Another branch of the inverse kinematics is taken where the logarithm of its evidence is larger by this.
+MIN_LOG_EVIDENCE_GAIN = 1.0
+# A bundle adjustment that differs from `efficient` by more standard deviations, or by a larger ratio of variances,
+# is a caution.
+MAX_BUNDLE_DIFFERENCE = 1.5
 # Errors whose columns at other poses are told by those that they were bound to.
 OF_POSES = frozenset({ROBOT_ACCURACY, VIEW, LENS, OUTLINE, FOCAL_LENGTH, f"{PRINCIPAL_POINT} x"})
-# Another branch of the inverse kinematics is taken where its evidence is better by so much.
-BETTER = 1.0
 
 
 def by_likelihood(job: Job) -> tuple[Calibration, list[Finding]]:
@@ -113,7 +117,7 @@ def by_likelihood(job: Job) -> tuple[Calibration, list[Finding]]:
     source = None if noise is not None else replace(joint_model_of(job, constraint), nothing_open=not opens)
     sides = (job.motions.A, job.motions.B) if job.poses is None else (job.poses.robot, job.poses.camera)
     longest = max(float(np.abs(T[:, :3, 3]).max()) for T in sides) or 1.0
-    exact = noise is None and max(angle.max(), distance.max() / longest) < EXACT
+    exact = noise is None and max(angle.max(), distance.max() / longest) < CHAIN_ROUNDING
     if source is not None and not exact:
         job, source = _in_its_branch(job, source, at)
     robust: RobustFit | None = None
@@ -170,7 +174,7 @@ def _in_its_branch(job: Job, source: JointModel, at: Unknowns) -> tuple[Job, Joi
         model = source if arm is job.arm else joint_model_of(asked, job.constraint)
         with suppress(NotConvergedError):
             evidence = model.find(at, rows, gain=ROUGH).mode.log_evidence
-            if evidence > most + (0.0 if arm is job.arm else BETTER):
+            if evidence > most + (0.0 if arm is job.arm else MIN_LOG_EVIDENCE_GAIN):
                 best, most = (asked, model), evidence
     return best
 
@@ -226,7 +230,7 @@ def poses_about_errors(job: Job, result: Calibration) -> PosePairs | None:
     xi = difference(again, job.poses.robot)
     moved = [float(np.sqrt(np.mean(np.sum(part**2, axis=-1)))) for part in (xi[:, :3], xi[:, 3:])]
     known = [float(np.sqrt(np.trace(result.covariance[k : k + 3, k : k + 3]))) for k in (0, 3)]
-    if all(move <= SECOND_ORDER * sd for move, sd in zip(moved, known, strict=True)):
+    if all(move <= MAX_SECOND_ORDER_SD * sd for move, sd in zip(moved, known, strict=True)):
         return None
     return replace(job.poses, robot=again)
 
@@ -363,8 +367,8 @@ def _assembled(
     findings += local_findings(result)
     if estimate is not None:
         findings += against_data_sheet(result) + against_corners(estimate, judged)
-        if len(data) < FEWEST_FOR_ROBUST:
-            values = {"item": table.item, "count": len(data), "needed": FEWEST_FOR_ROBUST}
+        if len(data) < MIN_POSES_FOR_ROBUST:
+            values = {"item": table.item, "count": len(data), "needed": MIN_POSES_FOR_ROBUST}
             findings.append(Finding("calibration.few_for_outliers", "caution", values))
     return result, said + findings
 
@@ -385,9 +389,9 @@ def _of_fit(
     if own is not None and not (is_of_each(own.robot) or is_of_each(own.camera)):
         own = None
     size = next((1.0 / (1.0 + of.estimate) for of in result.shared_at_sizes if of.name == TARGET_SCALE), 1.0)
-    sure = wrong_size is None or wrong_size > SURE
+    sure = wrong_size is None or wrong_size > 1 - DOUBTFUL.probability
     looked = check_fit(rest, fit.X, known, fit.covariance_X, own, size, sure, judged=True)
-    if (~kept).mean() > MISREAD and not any(one.severity == "failure" for one in looked):
+    if (~kept).mean() > MAX_REJECTED_SHARE and not any(one.severity == "failure" for one in looked):
         looked += misread(poses, fit.X)
     return looked + closed_forms(job, result, table)
 
@@ -398,7 +402,7 @@ def _wrong_size(found: FoundSizes | None, result: Calibration) -> float | None:
     if found is None or scale is None:
         return None
     likely = scale.beyond(WRONG_SIZE)
-    return likely if likely < UNLIKELY else found.probability_of(TARGET_SCALE, WRONG_SIZE)
+    return likely if likely < UNUSUAL.probability else found.probability_of(TARGET_SCALE, WRONG_SIZE)
 
 
 def _time_offset(poses: PosePairs | None, fit: Fit, covariance: Array) -> tuple[TimeOffset | None, Array | None]:
@@ -413,10 +417,6 @@ def _time_offset(poses: PosePairs | None, fit: Fit, covariance: Array) -> tuple[
     added = float(move[:6] @ np.linalg.pinv(covariance, rcond=SINGULAR, hermitian=True) @ move[:6])
     sensitivity = tuple(float(value) for value in g[:6])
     return TimeOffset(timing.offset, timing.std, timing.side, sensitivity, added / (1.0 + added)), move
-
-
-# Difference of bundle adjustment and `efficient`, in standard deviations, or ratio of variances, that is warned of.
-APART = 1.5
 
 
 def by_bundle(job: Job) -> tuple[Calibration, list[Finding]]:
@@ -448,7 +448,8 @@ def by_bundle(job: Job) -> tuple[Calibration, list[Finding]]:
         residuals=summarise(angle, distance),
         agreement=agreement,
     )
-    if agreement.distance > APART or not 1 / APART < agreement.eigenvalues[0] <= agreement.eigenvalues[-1] < APART:
+    low, high = agreement.eigenvalues[0], agreement.eigenvalues[-1]
+    if max(agreement.distance, high, 1 / low if low > 0 else np.inf) >= MAX_BUNDLE_DIFFERENCE:
         values = {
             "distance": agreement.distance,
             "largest": np.abs(agreement.by_component).max(),

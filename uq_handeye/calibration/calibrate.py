@@ -44,9 +44,6 @@ from .result import Calibration
 if TYPE_CHECKING:
     from ..rig.result import RigCalibration
 
-# How often the errors of an arm are derived anew, at their estimate.
-LINEARISED = 2
-
 
 @overload
 def calibrate(data: Rig, **options: Any) -> RigCalibration: ...
@@ -257,7 +254,7 @@ def _linearised(job: Job, data: PosePairs | Motions) -> tuple[Job, Calibration, 
     """Return X, with the errors of an arm linearised at their estimate: the request it is of, X and its findings."""
     try:
         result, more = _run(job)
-        for _ in range(LINEARISED):
+        for _ in range(2):  # the errors of an arm are linearised again at their estimate, twice at most
             if (about := poses_about_errors(job, result)) is None:
                 break
             assert job.arm is not None and result.kinematics is not None

@@ -7,11 +7,14 @@ from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
-from scipy.special import chdtr, chdtrc, chdtri
+from scipy.special import chdtr, chdtrc
 
 from ..core.geometry.se3 import Array, difference
+from ..core.numbers.levels import CONTRADICTED, DOUBTFUL, RARE, UNUSUAL
+from ..core.numbers.limits import MIN_POSES_FOR_ROBUST
+from ..core.numbers.rounding import TINY
 from ..errors import DegenerateMotionError, InputError, NotConvergedError
-from ..findings import GROSS, Finding, Severity, without_consequences
+from ..findings import GROSS_EXCESS, Finding, Severity, without_consequences
 from ..fit.diagnostics.pose_table import PoseTable, pose_table
 from ..fit.input_checks.checks import check_fit, check_poses, check_rotations
 from ..fit.input_checks.misread_files import alphabetical_rows
@@ -34,19 +37,32 @@ from ..model.poses.motions import Motions, median, pose_residuals, relative_moti
 from ..model.poses.pose_pairs import PosePairs
 from ..model.posterior.posterior import Posterior
 from ..model.shared_errors.shared_error import TARGET_SCALE, WRONG_SIZE
-from .job import FEWEST_FOR_ROBUST, Job, job_of
+from .job import Job, job_of
 from .request import Request
 from .result import Calibration
+from .statement.checks import MAX_ROTATION_SD_RAD
 
-# Noise of the corners of finished poses, pixels, that input checks allow for where it is to be estimated.
-MOST_PIXELS = 1.0
-# A first-order covariance of a rotation means nothing beyond this standard deviation.
-UNDETERMINED = np.radians(20.0)
+# Noise of the corners (pixels) that the input checks presume for finished poses whose noise is to be estimated.
+PRESUMED_CORNER_NOISE_PX = 1.0
+# An estimate is compared with its prior where the data take away at least this share of the prior variance.
+MIN_SHARE_FROM_DATA = 1e-3
+# Closed forms that are compared with X on the poses that were kept.
+CLOSED_FORMS = ("4dpa", "tsai", "park", "horaud", "daniilidis")
+# A closed form fits better than X where its median residuals are below this share of those of X.
+CLEARLY_BETTER = 0.9
+# The closed forms are compared only where 4DPA of all poses reaches this share already.
+SLIGHTLY_BETTER = 0.97
+# The data do not resolve an error whose standard deviation stays above this share of the declared one.
+UNRESOLVED_SD = 0.95
+# An error is confounded with X where it makes a larger share of the variance along one direction.
+DOMINANT_SHARE = 0.8
+# X is hardly determined where a confounded error moves it by more (rad, or relative to the distance of the target).
+MAX_CONFOUNDED_SIZE = 0.02
 
 
 def require_determined(result: Calibration, motions: Motions) -> None:
     """Raise `DegenerateMotionError` with the result where its rotation is left open."""
-    if (weakest := result.weakest_rotation) is None or weakest[1] <= UNDETERMINED:
+    if (weakest := result.weakest_rotation) is None or weakest[1] <= MAX_ROTATION_SD_RAD:
         return
     axis, deviation = weakest
     directions = np.zeros((1, 6))
@@ -70,18 +86,6 @@ def _advice(method: str, motions: Motions) -> str:
     return "Add motions that rotate about other axes."
 
 
-# Probability below which residuals contradict a data sheet.
-RARE = 1e-4
-
-
-# Share of the variance of a prior that data must take away to be compared with it.
-LITTLE_FROM_DATA = 1e-3
-
-
-# Closed forms beside X, the pairs that they get, and from where on one of them fits better: by the ratio of the median
-# residuals, and by d^2 of its X (the 95 % quantile of chi-square(6)).
-CLOSED_FORMS, COMPARED = ("4dpa", "tsai", "park", "horaud", "daniilidis"), 500
-BETTER, LITTLE, FAR_APART = 0.9, 0.97, float(chdtri(6, 0.05))
 # RMS rotation residual of the pairs (rad) from which on a shifted pairing of the rows is looked for.
 SUSPICIOUS = np.radians(1.0)
 
@@ -89,10 +93,16 @@ SUSPICIOUS = np.radians(1.0)
 def against_data_sheet(result: Calibration) -> list[Finding]:
     """Return a finding if the residuals contradict the noise that was given."""
     estimate, fit = result.noise_estimate, result.fit
-    if estimate is None or fit is None or fit.p_value is None or not estimate.has_prior or fit.p_value > RARE:
+    if (
+        estimate is None
+        or fit is None
+        or fit.p_value is None
+        or not estimate.has_prior
+        or fit.p_value > RARE.probability
+    ):
         return []
     rotation, translation = fit.rotation_sigma0, fit.translation_sigma0
-    severity: Severity = "failure" if max(rotation, translation) > GROSS else "caution"
+    severity: Severity = "failure" if max(rotation, translation) > GROSS_EXCESS else "caution"
     values = {"rotation": rotation, "translation": translation, "p_value": fit.p_value}
     return [Finding("calibration.data_sheet_contradicted", severity, values)]
 
@@ -105,20 +115,10 @@ def against_corners(estimate: NoiseEstimate, judged: GoodnessOfFit) -> list[Find
     """
     found = [one for one in estimate.findings if one.severity != "note"]
     p = float(chdtr(judged.dof, judged.chi2))
-    if estimate.camera_known and p < TOO_SMALL:
+    if estimate.camera_known and p < RARE.probability:
         values = {"factor": judged.chi2 / judged.dof, "p_value": p, "dof": judged.dof}
         found.append(Finding("noise_estimation.camera_factor", "caution", values))
     return found
-
-
-# Probability below which an estimate contradicts its prior; a standard deviation, as a share of the one assumed, from
-# which on the data say nothing; the share of the variance along one direction from which on an error makes it up; and
-# the size (rad, or relative to the distance of the target) from which on that leaves X hardly determined.
-CONTRADICTED, UNTOLD, ALL_OF_IT, HARDLY = 1e-3, 0.95, 0.8, 0.02
-# Probability below which an error that is smaller than declared is noted: it does no harm.
-DOUBTED = 1e-2
-# Probability of residuals as small as these, below which the covariance of the camera poses is too large.
-TOO_SMALL = 1e-4
 
 
 def shared_findings(job: Job, result: Calibration, joint: Posterior, wrong_size: float | None = None) -> list[Finding]:
@@ -139,13 +139,13 @@ def shared_findings(job: Job, result: Calibration, joint: Posterior, wrong_size:
         if test is not None and (test.times > within[1] or test.times < within[0]):
             severity: Severity = "caution" if test.times > 1 else "note"
             of_group = {"name": name, "count": len(errors), "times": test.times, "p_value": test.p_value}
-            if test.p_value < (CONTRADICTED if severity == "caution" else DOUBTED):
+            if test.p_value < (CONTRADICTED.probability if severity == "caution" else DOUBTFUL.probability):
                 found.append(Finding("calibration.group_contradicted", severity, of_group))
     single = [errors[0] for errors in by_name.values() if len(errors) == 1]
     for error in single:
         alone, sd = error.alone, error.alone_sd
-        told = alone is not None and sd is not None and LITTLE_FROM_DATA * sd**2 < error.prior_sd**2
-        if told and (error.p_value or 0) < CONTRADICTED:
+        told = alone is not None and sd is not None and MIN_SHARE_FROM_DATA * sd**2 < error.prior_sd**2
+        if told and (error.p_value or 0) < CONTRADICTED.probability:
             factor, unit = error.shown
             numbers = {"estimate": alone, "sd": sd, "assumed": error.prior_sd}
             shown = {name: factor * number for name, number in numbers.items() if number is not None}
@@ -157,7 +157,7 @@ def shared_findings(job: Job, result: Calibration, joint: Posterior, wrong_size:
             found.append(Finding("calibration.target_size", "caution", size))
     groups: dict[str, list[SharedEstimate]] = {}
     for error in single:
-        if error.share > ALL_OF_IT:
+        if error.share > DOMINANT_SHARE:
             groups.setdefault(error.error, []).append(error)
     return found + [finding for name, errors in groups.items() for finding in _confounded(result, name, errors)]
 
@@ -175,32 +175,35 @@ def _confounded(result: Calibration, name: str, errors: Sequence[SharedEstimate]
         kind = max(parts, key=lambda part: shares[part])
         size = float(np.linalg.norm(parts[kind]))
         directions.append({"what": kind, "axis": R.T @ parts[kind] / size, "size": size})
-        hardly |= size > (HARDLY if kind == "rotation" else HARDLY * distance)
+        hardly |= size > (MAX_CONFOUNDED_SIZE if kind == "rotation" else MAX_CONFOUNDED_SIZE * distance)
     factor, unit = errors[0].shown
     values = {"name": name, "unit": unit, "assumed": factor * errors[0].prior_sd, "directions": directions}
     if hardly and not errors[0].default:
         return [Finding("calibration.shared_opens", "caution", values)]
-    untold = all(error.sd > UNTOLD * error.prior_sd for error in errors)
+    untold = all(error.sd > UNRESOLVED_SD * error.prior_sd for error in errors)
     return [Finding("calibration.shared_confounded", "note", values)] if untold else []
 
 
 def closed_forms(job: Job, result: Calibration, table: PoseTable) -> list[Finding]:
     """Return a finding if a closed form fits the poses that count better than X, which it contradicts.
 
-    Better: without any of the errors that were estimated beside X, the medians of its rotation and of its translation
-    residuals are both below `BETTER` times those that X leaves with them. The others are asked where 4DPA of all poses,
-    which is there already, fits at least a little better (`LITTLE`).
+    Better: without any of the errors that were estimated with X, the medians of its rotation and of its translation
+    residuals are both below `CLEARLY_BETTER` times those that X leaves with them. The others are computed where 4DPA of
+    all poses, which is known already, fits at least a little better (`SLIGHTLY_BETTER`).
     """
     kept = table.weight > 0
-    if job.poses is None or result.covariance is None or result.opened is not None or kept.sum() < FEWEST_FOR_ROBUST:
+    if job.poses is None or result.covariance is None or result.opened is not None or kept.sum() < MIN_POSES_FOR_ROBUST:
         return []
     poses = job.poses if kept.all() else job.poses.rows(kept)
     G, C = poses.effective_robot, poses.camera
-    own = np.maximum([median(table.rotation[kept]), median(table.translation[kept])], 1e-300)
+    own = np.maximum([median(table.rotation[kept]), median(table.translation[kept])], TINY)
     known = result.fourdpa.X if kept.all() and result.fourdpa is not None else None
-    if known is not None and (np.array([median(part) for part in pose_residuals(G, C, known)]) > LITTLE * own).any():
+    if (
+        known is not None
+        and (np.array([median(part) for part in pose_residuals(G, C, known)]) > SLIGHTLY_BETTER * own).any()
+    ):
         return []
-    motions = relative_motions(poses, spread_pairs(poses.n, COMPARED))
+    motions = relative_motions(poses, spread_pairs(poses.n, 500))
     found: list[tuple[float, str, Array, float]] = []
     for name in CLOSED_FORMS:
         with suppress(InputError, NotConvergedError):
@@ -208,7 +211,7 @@ def closed_forms(job: Job, result: Calibration, table: PoseTable) -> list[Findin
             ratio = np.array([median(part) for part in pose_residuals(G, C, X)]) / own
             xi = difference(X, result.X)
             d2 = float(xi @ np.linalg.solve(result.covariance, xi))
-            if (ratio < BETTER).all() and d2 > FAR_APART:
+            if (ratio < CLEARLY_BETTER).all() and d2 > UNUSUAL.chi_square(6):
                 found.append((float(ratio.max()), name, ratio, d2))
     if not found:
         return []
@@ -274,7 +277,7 @@ def _known_noise(job: Job) -> Noise | None:
     if seen is not None:
         return PoseNoise(camera=seen.covariance)
     if job.camera_noise is not None:
-        return PoseNoise(camera=job.camera_noise.covariance(job.camera_noise.pixel_sd or MOST_PIXELS))
+        return PoseNoise(camera=job.camera_noise.covariance(job.camera_noise.pixel_sd or PRESUMED_CORNER_NOISE_PX))
     return None
 
 
@@ -292,7 +295,7 @@ def reasons(job: Job) -> list[Finding]:
 
 def shifted(job: Job, result: Calibration | None) -> list[Finding]:
     """Return a finding if rows of one file are missing or in another order, where the fit gives reason to ask."""
-    if job.poses is None or job.poses.n < FEWEST_FOR_ROBUST:
+    if job.poses is None or job.poses.n < MIN_POSES_FOR_ROBUST:
         return []
     if result is not None:
         bad = 0 if result.table is None else len(result.table.flagged)
@@ -348,13 +351,13 @@ def against_prior(fit: Fit) -> list[Finding]:
     half = scale[told, None] * vectors * np.sqrt(values)  # Lambda = half half^T
     of_mean = (vectors.T @ (pull[told] / scale[told])) / np.sqrt(values)  # half^T xi
     mu, V = np.linalg.eigh(np.eye(len(values)) - half.T @ fit.covariance[np.ix_(told, told)] @ half)
-    both = mu > LITTLE_FROM_DATA
+    both = mu > MIN_SHARE_FROM_DATA
     chi2, dof = float(((V.T @ of_mean)[both] ** 2 / mu[both]).sum()), int(both.sum())
     if dof == 0:
         return []
     p_value = float(chdtrc(dof, chi2))
     name = " and ".join(part[0] for part in fit.prior.parts())
     values_of = {"of": name, "chi2": chi2, "dof": dof, "p_value": p_value}
-    if p_value < RARE:
+    if p_value < RARE.probability:
         return [Finding("calibration.prior_contradicted", "caution", values_of)]
     return [Finding("calibration.prior_agrees", "note", values_of)]

@@ -11,6 +11,7 @@ import numpy as np
 
 from ..core.geometry.checks import as_numbers
 from ..core.geometry.se3 import Array, difference, perturb
+from ..core.numbers.limits import MIN_POSES_FOR_ROBUST
 from ..errors import InputError, among, require_type
 from ..findings import digits
 from ..fit.likelihood.constraint import Constraint, constraint_of, require_noise_fits
@@ -40,15 +41,10 @@ from ..model.shared_errors.shared_error import CLOCK_OFFSET, LENS, OUTLINE, VIEW
 from ..model.shared_errors.sizes import ROBOT_ACCURACY, checked_sizes
 from .request import BUNDLE, Request, of_motions
 
-# All pairs of many poses are solved without forming them; residuals and checks then look at about so many.
-DIAGNOSED_PAIRS = 200_000
-
-# Share of the poses that an arm must reach in one branch of its inverse kinematics, and starts for the others.
-MOST_REACHED, STARTS = 0.6, 60
-# Sine of half the angle by which two branches differ somewhere.
-APART = 0.1
-# Poses (or motions) from which on wrong ones can be told from good ones.
-FEWEST_FOR_ROBUST = 5
+# Other branches of the inverse kinematics are tried where one branch reaches at least this share of the poses.
+MIN_REACHED_SHARE = 0.6
+# Two branches of the inverse kinematics differ where the sine of half an angle between them exceeds this.
+MIN_BRANCH_DIFFERENCE = 0.1
 
 
 class Arm(NamedTuple):
@@ -67,7 +63,7 @@ class Arm(NamedTuple):
         from ..model.kinematics.arms.postures import all_branches
 
         found = all_branches(self.kinematics, self.measured.robot) if self.by_poses else []
-        apart = [q for q in found if np.abs(np.sin(0.5 * (q - self.joints))).max() > APART]
+        apart = [q for q in found if np.abs(np.sin(0.5 * (q - self.joints))).max() > MIN_BRANCH_DIFFERENCE]
         return [self._replace(joints=q) for q in apart]
 
     @property
@@ -209,7 +205,7 @@ def job_of(request: Request, data: Any, about: tuple[PosePairs, Array] | None = 
                 if direct and (of_all := AllPairs(data)).precise:
                     everything = of_all
                 if everything or method in ROBOT_WORLD_METHODS:
-                    pairs = spread_pairs(data.n, DIAGNOSED_PAIRS)  # they serve residuals and checks alone
+                    pairs = spread_pairs(data.n, 200_000)  # they serve residuals and checks alone
             motions = relative_motions(data, pairs)
         case Motions():
             motions = data
@@ -224,7 +220,7 @@ def job_of(request: Request, data: Any, about: tuple[PosePairs, Array] | None = 
     noise = _with_corners(noise, motions) if camera is None else None
     if robust is None:
         count = motions.N if motions.poses is None else motions.poses.n
-        robust = bound and count >= FEWEST_FOR_ROBUST
+        robust = bound and count >= MIN_POSES_FOR_ROBUST
     errors = _shared_of(shared, motions.poses, noise, method, kind, camera)
     measured, at = (motions.poses, None) if about is None else about
     arm = _arm_of(request, measured, noise)
@@ -339,8 +335,8 @@ def joints_by_poses(kinematics: Kinematics, poses: PosePairs) -> Array:
     from ..model.kinematics.arms.postures import postures_by_branch
 
     found = postures_by_branch(kinematics, poses.robot)
-    if found.reached.mean() >= MOST_REACHED:  # another branch for the others: their errors are much the same
-        for start in kinematics.spread(STARTS):
+    if found.reached.mean() >= MIN_REACHED_SHARE:  # another branch for the others: their errors are much the same
+        for start in kinematics.spread(60):
             left = ~found.reached
             if not left.any():
                 break

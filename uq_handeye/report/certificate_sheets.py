@@ -10,6 +10,7 @@ from ..calibration.result import Calibration
 from ..calibration.statement.accuracy import Accuracy
 from ..calibration.statement.tolerance import percent
 from ..core.formatting.numbers import digits
+from ..core.numbers.limits import MAX_LISTED
 from ..core.presentation.document import Answer, Badge, Block, Cell, Checks, Paragraph, Points, Section, Table
 from .budget import LEVEL, components_of, correlation_of, gum_table, lower, sizes_of_stated, worst_of
 from .certificate_form import NOT_CERTIFIED, refused
@@ -29,8 +30,6 @@ from .statements import (
 )
 
 LOWER_LIMIT = "LOWER LIMIT"
-# Rows of the budget on the page; the data have all of them.
-MOST_SOURCES = 12
 
 
 def sheets_of(result: Calibration, decision: Decision | None, refusals: Sequence[str]) -> list[list[Section]]:
@@ -139,7 +138,7 @@ def _why_lower(result: Calibration) -> str:
 def _second(result: Calibration) -> list[Section]:
     return [
         Section("coverage", "Uncertainty", [Paragraph(coverage_of(result)), Paragraph(method_of(result))], wide=True),
-        Section("budget", "Uncertainty budget", [gum_table(result, MOST_SOURCES)], wide=True),
+        Section("budget", "Uncertainty budget", [gum_table(result, MAX_LISTED)], wide=True),
         *_origin(result),
         Section("robot", "In the terms of ISO 9283:1998", [Points(robot_words(result))], wide=True),
         Section("validity", "Validity", [Paragraph(VALIDITY)], wide=True),

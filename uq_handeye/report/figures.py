@@ -22,7 +22,7 @@ from ..calibration.report.figures import (
     task_space_figure,
     workspace_figure,
 )
-from ..calibration.report.rig_figure import MOST_FRAMES, rig, rig_figure, rig_scene
+from ..calibration.report.rig_figure import MAX_FRAMES, rig, rig_figure, rig_scene
 from ..calibration.report.text import prediction_words, workspace_caption
 from ..calibration.statement.checks import shared_groups
 from ..core.formatting.numbers import digits
@@ -205,8 +205,8 @@ def _rig(result: Calibration) -> Picture | None:
         "targets; grey lines connect each gripper to what it carries. "
         "If the cameras do not look at the target, a frame or a unit is wrong."
     )
-    if poses.n > MOST_FRAMES:
-        caption += f" {MOST_FRAMES} of the {poses.n:,} poses are drawn in full, the others as dots."
+    if poses.n > MAX_FRAMES:
+        caption += f" {MAX_FRAMES} of the {poses.n:,} poses are drawn in full, the others as dots."
     if scene.half_axes.any():
         caption += f" The ellipsoid holds 95 % of the errors of X's translation; it is drawn {scene.enlarged}."
         alt += f" An ellipsoid about one camera holds 95 % of the errors of X's translation, {scene.enlarged}."

@@ -16,8 +16,6 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from .._version import __version__
 from ..calibration.report.analysis import budget_table
 from ..calibration.report.first_screen import data_words, suited_to
@@ -26,6 +24,8 @@ from ..calibration.statement.accuracy import combined_parts, point_ahead, two_nu
 from ..calibration.statement.tolerance import Verdict
 from ..core.files.about import ABOUT, OF_CERTIFICATE, as_about
 from ..core.formatting.numbers import digits, fixed
+from ..core.formatting.units import DEG_PER_RAD, MM_PER_M
+from ..core.numbers.limits import MAX_NAMED
 from ..core.presentation.document import Answer, Badge, Block, Checks, Drawing, Paragraph, Points, Section, Table
 from ..core.presentation.page import PAPERS, Page, drawing, page_path, write_page
 from ..errors import InputError, require_type
@@ -42,6 +42,8 @@ if TYPE_CHECKING:
     from ..calibration.statement.accuracy import Accuracy
     from ..calibration.statement.tolerance import Verdict
 
+# Characters of cautions that fit on the second page; the others are in a section of their own.
+MAX_CAUTION_CHARACTERS = 1500
 # What a report may be given of the methods: a comparison, True for one to be made, False for none.
 Methods = Comparison | Compared | bool
 NOT_COMPARED = "Not compared with other methods."
@@ -223,15 +225,6 @@ def edited(pages: Sequence[Sequence[Section]]) -> list[list[Section]]:
     ]
 
 
-# Characters of cautions that fit on the second page; the others are in a section of their own.
-MOST_OF_CAUTIONS = 1500
-# Distances of the small table of points, in distances of the target.
-_STEPS = (0.5, 1.0, 1.5, 2.0)
-# Sources of the budget on the second page; the smallest beyond are one row.
-MOST_SOURCES = 6
-_DEG, _MM = 180 / np.pi, 1e3
-
-
 def title_fields(result: Calibration) -> list[tuple[str, str]]:
     """Return the names and texts of the title block; those without text are room to write on paper."""
     shown = [key for key in ABOUT if key not in OF_CERTIFICATE and (key != "note" or key in result.about)]
@@ -267,8 +260,11 @@ def _contents_of(accuracy: Accuracy | None) -> list[str]:
     """Return what the number is made of, what it includes, and what it does not."""
     if accuracy is None:
         return []
-    shown = combined_parts(accuracy.parts, MOST_SOURCES)
-    parts = [f"{one.name} {digits(_MM * one.translation, 2)} mm, {digits(_DEG * one.rotation, 2)} deg" for one in shown]
+    shown = combined_parts(accuracy.parts, MAX_NAMED)
+    parts = [
+        f"{one.name} {digits(MM_PER_M * one.translation, 2)} mm, {digits(DEG_PER_RAD * one.rotation, 2)} deg"
+        for one in shown
+    ]
     return [
         *([f"Made of: {'; '.join(parts)}."] if parts else []),
         *([text] if (text := two_numbers(accuracy)) else []),
@@ -297,11 +293,11 @@ def _point_blocks(result: Calibration) -> list[Block]:
     if result.opened is not None:
         return [Paragraph(f"Not determined: {'; '.join(result.open_words)}.", empty=True)]
     rows = []
-    for step in _STEPS:
+    for step in (0.5, 1.0, 1.5, 2.0):
         z = step * accuracy.distance
         one, expanded = (accuracy.point, accuracy.point_95) if step == 1 else point_ahead(result, z)
         name = f"{fixed(z)} m" + (" (target)" if step == 1 and accuracy.distance_known else "")
-        rows.append([name, fixed(_MM * one, 2), fixed(_MM * expanded, 2)])
+        rows.append([name, fixed(MM_PER_M * one, 2), fixed(MM_PER_M * expanded, 2)])
     caption = (
         f"Uncertainty that X gives a point on the optical axis, in the worst direction, in the {result.facts.parent}. "
         "The camera's own error of the point is not part of it."
@@ -347,14 +343,14 @@ def split_cautions(cautions: Sequence[Finding]) -> tuple[list[Finding], list[Fin
     size = 0
     for finding in cautions:
         size += len(str(finding)) + 60
-        if size > MOST_OF_CAUTIONS and shown:
+        if size > MAX_CAUTION_CHARACTERS and shown:
             break
         shown.append(finding)
     return shown, list(cautions[len(shown) :])
 
 
 def _budget(result: Calibration) -> list[Block]:
-    table = budget_table(result, MOST_SOURCES)
+    table = budget_table(result, MAX_NAMED)
     if table is None:
         return [Paragraph(needs("The budget is computed", result), empty=True)]
     columns = [0, 2, 3, 4, 5]

@@ -27,6 +27,7 @@ from ..calibration.report.text import arm_sentences, included_words, shared_bloc
 from ..calibration.statement.checks import not_included
 from ..core.formatting.numbers import concise, fixed
 from ..core.geometry.conventions import CONVENTION
+from ..core.numbers.limits import MAX_LISTED, MAX_NAMED
 from ..core.presentation.document import Block, Code, Drawing, Paragraph, Points, Section, Table
 from ..fit.diagnostics.budget import EACH, SHARED
 from ..model.camera.report.text import answer, boards_words, coverage_words, model_name, noise_words, parameter_rows
@@ -42,11 +43,13 @@ if TYPE_CHECKING:
     from .comparison.compare import Compared
     from .comparison.result import Comparison
 
+# Correlations of two components are listed from this size on.
+MIN_SHOWN_CORRELATION = 0.5
+# The table of residuals has all poses up to this number; beyond it as many flagged ones, and the worst.
+MAX_TABLE_POSES = 40
 _NOT_CONTAINED = "The numbers do not contain:"
 NO_COVARIANCE = "Not known: the noise of the poses was not given, and the residuals show none."
 _AXES = "xyz"
-# Correlations from here up are listed, at most so many.
-STRONG, MOST_CORRELATIONS = 0.5, 5
 
 
 def folded(anchor: str, title: str, *blocks: Block | str | None) -> Section:
@@ -129,11 +132,11 @@ def ellipses_section(result: Calibration, drawings: Mapping[str, Drawing], cross
 
 
 def _correlations(result: Calibration) -> Block:
-    named = [f"{i} with {j} {x:+.2f}" for x, i, j in result.facts.correlations if abs(x) >= STRONG]
+    named = [f"{i} with {j} {x:+.2f}" for x, i, j in result.facts.correlations if abs(x) >= MIN_SHOWN_CORRELATION]
     if not named:
-        return Paragraph(f"No two components are correlated by {STRONG:g} or more.")
-    more = f", and {len(named) - MOST_CORRELATIONS} more from {STRONG:g} up" if len(named) > MOST_CORRELATIONS else ""
-    return Paragraph(f"Strongest correlations: {'; '.join(named[:MOST_CORRELATIONS])}{more}.")
+        return Paragraph(f"No two components are correlated by {MIN_SHOWN_CORRELATION:g} or more.")
+    more = f", and {len(named) - MAX_NAMED} more from {MIN_SHOWN_CORRELATION:g} up" if len(named) > MAX_NAMED else ""
+    return Paragraph(f"Strongest correlations: {'; '.join(named[:MAX_NAMED])}{more}.")
 
 
 def task_space_section(result: Calibration, drawings: Mapping[str, Drawing]) -> Section:
@@ -180,11 +183,6 @@ def scope_section(result: Calibration) -> Section:
     return folded("scope", "What the numbers cover", *known, Paragraph(_NOT_CONTAINED), Points(missing), last)
 
 
-# A table lists all poses up to so many; of more those that are flagged, and the worst.
-MOST_LISTED, MOST_FLAGGED, WORST = 40, 30, 12
-_DEG, _MM = 180 / np.pi, 1e3
-
-
 def needs(what: str, result: Calibration) -> str:
     """Say why ``what``, e.g. "Diagnostics are known", is missing from a result without analysis."""
     if result.covariance is None:
@@ -205,12 +203,12 @@ def residuals_section(result: Calibration, drawings: Mapping[str, Drawing]) -> S
             blocks.append(Paragraph(f"No {table.item} is flagged: none of the {len(table.counted):,} stands out."))
         blocks += [Paragraph(str(one)) for one in result.findings if one.code == "calibration.excluded"]
         order = np.argsort(-table.distance2, kind="stable").tolist()
-        if len(table) <= MOST_LISTED:
+        if len(table) <= MAX_TABLE_POSES:
             shown, which = list(range(len(table))), f"All {len(table)} {table.item}s"
         else:
-            flagged = [k for k in order if table.flag[k] not in ("kept", "excluded")][:MOST_FLAGGED]
-            excluded = [k for k in order if table.flag[k] == "excluded"][:MOST_FLAGGED]
-            shown = sorted({*flagged, *excluded, *order[:WORST]}, key=order.index)
+            flagged = [k for k in order if table.flag[k] not in ("kept", "excluded")][:MAX_TABLE_POSES]
+            excluded = [k for k in order if table.flag[k] == "excluded"][:MAX_TABLE_POSES]
+            shown = sorted({*flagged, *excluded, *order[:MAX_LISTED]}, key=order.index)
             also = "flagged ones, excluded ones" if excluded else "flagged ones"
             which = f"{len(shown)} of {len(table):,} {table.item}s: {also} and those of largest d², worst first"
             if len(flagged) < len(table.flagged):

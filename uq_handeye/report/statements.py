@@ -81,15 +81,11 @@ def conditions_of(result: Calibration) -> list[tuple[str, str]]:
 
 def _recorded(data: PosePairs) -> str | None:
     """Return first and last time of the poses, where their timestamps are those of a clock."""
-    if data.timestamps is None or not ((data.timestamps > _CLOCK[0]) & (data.timestamps < _CLOCK[1])).all():
-        return None
+    if data.timestamps is None or not ((data.timestamps > 1e9) & (data.timestamps < 4e9)).all():
+        return None  # seconds since 1970 from 2001 to 2096; others count from the start of a program
     first, last = (datetime.fromtimestamp(float(end), UTC) for end in (data.timestamps.min(), data.timestamps.max()))
     form = "%Y-%m-%d %H:%M"
     return f"{first:{form}} to {last:{form}} UTC, by the timestamps"
-
-
-# Seconds since 1970 that are taken for the time of a clock: 2001 to 2096.
-_CLOCK = (1e9, 4e9)
 
 
 def method_of(result: Calibration) -> str:

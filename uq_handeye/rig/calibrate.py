@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 
 from ..core.files.source import versions
 from ..core.geometry.se3 import Array
+from ..core.numbers.levels import CONTRADICTED
+from ..core.numbers.limits import MIN_POSES_FOR_ROBUST
 from ..core.runtime.threads import one_thread
 from ..errors import InputError, NotConvergedError, require_one_of, require_type
 from ..model.posterior.posterior import FreshNoise, Posterior
@@ -23,15 +25,13 @@ from .noise import RigNoise, given_noise, plain_noise
 from .result import RigCalibration
 from .sizes import SHARED, Found, find_sizes, width_of_targets
 from .start import agreeing, require_tied, start_of
-from .weights import FEWEST_FOR_ROBUST, Distances, distances, find_pair, fit_robustly, is_pair, weigh_pair
+from .weights import Distances, distances, find_pair, fit_robustly, is_pair, weigh_pair
 
+# The sizes have converged where a smaller share of the views changes between kept and rejected in a round.
+MAX_FLICKERING_SHARE = 0.01
+# Minima that are tried before the best of them is taken.
+MAX_MINIMA = 3
 METHODS = ("efficient", "ml")
-# Rounds of sizes and weights.
-ROUNDS = 6
-# Weight above which a view counts for the sizes; share of the views that may change sides in the last round.
-COUNTS, FLICKER = 0.5, 1e-2
-# Minima that are tried.
-MINIMA = 3
 
 
 def calibrate_rig(
@@ -105,7 +105,7 @@ def _at_global_minimum(
     task: Task, estimated: Callable[[Array, NDArray[np.bool_]], Estimated], start: Array, kept: NDArray[np.bool_]
 ) -> tuple[Estimated, Optimality]:
     """Estimate from a start, and from the next one where the dual bound rejects its minimum."""
-    for rejected in range(MINIMA):
+    for rejected in range(MAX_MINIMA):
         try:
             one = estimated(start, kept)
         except (InputError, NotConvergedError):
@@ -114,7 +114,7 @@ def _at_global_minimum(
                 raise
         else:
             optimality, better = prove(task.rig, one.found, task.prior)
-            if better is None or rejected == MINIMA - 1:
+            if better is None or rejected == MAX_MINIMA - 1:
                 break
         start, kept = better, agreeing(task.graph, better)
     return one, replace(optimality, rejected=rejected)
@@ -129,7 +129,7 @@ def _fitted(task: Task, noise: RigNoise, at: Array, kept: NDArray[np.bool_] | Ri
     try:
         if task.robust and not is_pair(task):
             return fit_robustly(graph, noise, at, task.method, task.prior, kept)
-        if task.robust and graph.E >= FEWEST_FOR_ROBUST:
+        if task.robust and graph.E >= MIN_POSES_FOR_ROBUST:
             at, weights = weigh_pair(task, noise, at)
         found = fit(graph, noise, at, task.method, weights, prior=task.prior)
         return found, distances(found)
@@ -152,13 +152,13 @@ def _with_sizes(task: Task, start: Array, kept: NDArray[np.bool_]) -> Estimated:
         return _estimated(found, distances(found), pair.sizes)
     at, count, theta = start, kept if task.robust else np.ones(graph.E, dtype=bool), None
     begin: NDArray[np.bool_] | RigFit = count
-    for done in range(ROUNDS):
+    for done in range(6):
         sizes = find_sizes(task, at, count, width, theta, whole=False)
         begin = found = _fitted(task, sizes.noise, at, begin)[0]
         # a view at the edge must not come and go: from the third round on none comes back
-        at, theta, again = found.at, sizes.theta, (found.view_weights > COUNTS) & (count | (done < 2))
+        at, theta, again = found.at, sizes.theta, (found.view_weights > 0.5) & (count | (done < 2))
         before, width = width, width if done else width_of_targets(task, at, again)
-        settled = int((again != count).sum()) <= FLICKER * graph.E and width == before
+        settled = int((again != count).sum()) <= MAX_FLICKERING_SHARE * graph.E and width == before
         count = again
         if settled:
             break
@@ -204,9 +204,6 @@ def _sizes(S: Array) -> tuple[float, float]:
 
 # ------------------------------------------------------------------------------------------- with new views
 
-# Level of the check before an update.
-LEVEL = 1e-3
-
 
 def update_rig(result: RigCalibration, rig: Rig, *, although_changed: bool = False) -> RigCalibration:
     """Calibrate the old and the new views together.
@@ -233,7 +230,7 @@ def update_rig(result: RigCalibration, rig: Rig, *, although_changed: bool = Fal
                 "calibration has already. Remove it, or rename the pose."
             )
     if not although_changed:
-        found = check_rig(result, rig, level=LEVEL)
+        found = check_rig(result, rig, level=CONTRADICTED.probability)
         if found.changed:
             raise InputError(
                 f"The new views contradict the calibration. {found.sentence} To update, give --although-changed."

@@ -29,9 +29,9 @@ from ..model.kinematics.chain import Kinematics
 from ..model.kinematics.kinematic_errors import KinematicErrors
 from ..model.noise.pose_prior import PosePrior
 
+# Robot poses of one name that differ by more (rad, m) are two poses.
+MAX_SAME_POSE = 1e-4
 WORLD = "world"
-# Poses of one name that differ by more (rad, m) are two poses.
-SAME = (1e-4, 1e-4)
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,7 +146,7 @@ class ArmPoses(ReadOnlyArrays):
                 continue
             one, two = self.poses[at[name]], other.poses[k]
             turn, shift = float(np.linalg.norm(logarithm(one[:3, :3] @ two[:3, :3].T))), one[:3, 3] - two[:3, 3]
-            if turn > SAME[0] or float(np.linalg.norm(shift)) > SAME[1]:
+            if turn > MAX_SAME_POSE or float(np.linalg.norm(shift)) > MAX_SAME_POSE:
                 files = f"{self.source or 'The old poses'} and {other.source or 'the new ones'}"
                 raise InputError(
                     f"{files} disagree on robot pose {name!s}: {np.degrees(turn):.3g} deg, "

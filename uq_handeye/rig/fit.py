@@ -28,6 +28,7 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from ..core.geometry.se3 import Array, left_jacobian, logarithm, perturb
+from ..core.numbers.rounding import rounding
 from ..errors import DegenerateMotionError, NotConvergedError
 from ..fit.likelihood.gauss_helmert import CLOSED_FORM_STEPS, MOST_STEPS, ROUNDING, STEP
 from ..fit.likelihood.open_directions import SIGNAL, UNDETERMINED
@@ -39,15 +40,13 @@ from .graph import Batch, Graph, Sides, noise_of_cameras, noise_of_robots
 from .noise import RigNoise
 
 # `efficient` goes on while a step moves a pose by more of its standard deviations.
-ENOUGH = 0.1
-# Smallest eigenvalue of the information, scaled to a unit diagonal, from which on nothing is open; share of one at
-# which nothing was that is enough at other weights.
-CLEAR, STILL_CLEAR = 1e-2, 0.5
-# Information that is rounding beside what the components have by themselves.
-NOTHING = 1e-11
-
+MAX_STEP_SD = 0.1
+# All directions are determined where the smallest eigenvalue of the information, scaled to a unit diagonal, is
+# above this.
+MIN_CLEAR_EIGENVALUE = 0.01
 # It replaces a robust weight of 0: less would lose the digits of the other rows of a group.
-LEAST = 1e-6
+MIN_POSE_WEIGHT = 1e-6
+
 
 Prior = dict[int, tuple[Array, Array]]  # mean (4, 4) and information (6, 6) by number of the unknown
 Shared = bool | Collection[str]
@@ -110,7 +109,9 @@ class RigFit:
     converged: bool
     prior_square: float = 0.0
     prior_rank: int = 0
-    clear: float = CLEAR  # scaled eigenvalue of the information above which nothing is open, as was seen here
+    clear: float = (
+        MIN_CLEAR_EIGENVALUE  # scaled eigenvalue of the information above which nothing is open, as was seen here
+    )
     v: tuple[Array, Array] | None = None  # errors of robot poses (P, 6) and camera poses (E, 6)
 
     @property
@@ -155,7 +156,7 @@ def fit(
     w_e = np.ones(graph.E) if edge_weights is None else edge_weights
     w_k = np.ones(graph.P) if pose_weights is None else pose_weights
     at, robot, C = start, graph.robot, graph.C
-    v, clear = (None, CLEAR) if after is None else (after.v, after.clear)
+    v, clear = (None, MIN_CLEAR_EIGENVALUE) if after is None else (after.v, after.clear)
     if v is not None:
         robot, C = perturb(graph.robot, -v[0]), perturb(graph.C, -v[1])
     lever, closed = lever_of(graph, start), False
@@ -172,7 +173,7 @@ def fit(
         whole, open_, smallest = _inverse(graph, H, opened, lever, clear)
         closed = not len(open_)
         if closed:
-            clear = min(clear, STILL_CLEAR * smallest)
+            clear = min(clear, 0.5 * smallest)
         step = -whole @ pull
         x, z = step[: graph.p], step[graph.p :]
         rows = [_after(part, step) for part in rows]
@@ -187,7 +188,7 @@ def fit(
             last = ROUNDING * np.tile(np.repeat([1.0, longest], 3), graph.m)
             converged = moved < max(STEP**2, float(np.diag(H)[: graph.p] @ last**2)) and done > 1
         else:
-            converged = done >= CLOSED_FORM_STEPS and still < ENOUGH
+            converged = done >= CLOSED_FORM_STEPS and still < MAX_STEP_SD
         if converged:
             break
     known = prior_at(graph, at, prior)
@@ -223,8 +224,8 @@ def onto_closed(opened: Array, units: Array) -> Array:
 def own_covariances(graph: Graph, batch: Batch, noise: RigNoise, w_e: Array, w_k: Array) -> tuple[Array, Array]:
     """(b, q, 6, 6) of robot poses and (b, e, 6, 6) of camera poses, divided by their weights."""
     e = batch.edges.shape[1]
-    of_edge = 1.0 / np.maximum(w_e[batch.edges], LEAST if e > 1 else LEAST_WEIGHT)
-    of_pose = 1.0 / np.maximum(w_k[batch.robots], LEAST)
+    of_edge = 1.0 / np.maximum(w_e[batch.edges], MIN_POSE_WEIGHT if e > 1 else LEAST_WEIGHT)
+    of_pose = 1.0 / np.maximum(w_k[batch.robots], MIN_POSE_WEIGHT)
     if e == 1:
         of_pose = of_pose * of_edge
     return noise.robot[batch.robots] * of_pose[..., None, None], noise.camera[batch.edges] * of_edge[..., None, None]
@@ -347,7 +348,7 @@ def _open(graph: Graph, noise: RigNoise, sides: Sides, at: Array, known: Array, 
             moves = (perturb(poses, sign * roots[s][..., a]) for sign in (1.0, -1.0))
             one, other = (graph.linearise(at, *((T, None) if s == 0 else (None, T))) for T in moves)
             N += graph.gram(one.half_less(other), weights)
-    weak = N + np.diag(NOTHING * np.maximum(np.diag(I_0), 1e-12 * float(np.diag(I_0).max())))
+    weak = N + np.diag(rounding(2**16) * np.maximum(np.diag(I_0), 1e-12 * float(np.diag(I_0).max())))
     turns = np.arange(graph.p) % 6 < 3
     weak[turns, turns] += 1.0 / (SIGNAL * UNDETERMINED**2)
     rough = I_0 + known

@@ -23,16 +23,19 @@ import numpy as np
 from .._version import __version__
 from ..core.files.about import ABOUT, OF_CERTIFICATE, as_about
 from ..core.formatting.numbers import digits, probability
+from ..core.formatting.units import DEG_PER_RAD, MM_PER_M
 from ..core.geometry.conventions import CONVENTION
 from ..core.geometry.se3 import Array
+from ..core.numbers.levels import CONTRADICTED
+from ..core.numbers.limits import MAX_LISTED
 from ..core.presentation.document import Answer, Badge, Block, Drawing, Paragraph, Points, Section, Table
 from ..core.presentation.html import macros
 from ..core.presentation.page import PAPERS, Page, page_path, write_page
 from .description import WORLD
 from .graph import Graph
 
-# Pairs of camera and target that are drawn as lines; half the largest axis of an ellipse; letters of a name.
-MOST_LINES, RADIUS, LETTERS = 12, 18.0, 22
+# It is a caution where a larger share of the views is rejected.
+MANY_REJECTED_SHARE = 0.1
 
 
 def rig_sketch(result: Any) -> Drawing:
@@ -46,7 +49,7 @@ def rig_sketch(result: Any) -> Drawing:
     cameras, targets = ({name: nodes.pop(name) for name in of} for of in (result.cameras, result.targets))
     drawn = macros(__package__, "sketch.svg.j2", short=_short, longest=lambda of: max(len(_short(text)) for text in of))
     lines = "Lines are views, with their number"
-    if len(counts) > MOST_LINES:
+    if len(counts) > MAX_LISTED:
         lines = "Numbers are those of views of each target by each camera"
         svg = drawn.table(cameras, targets | nodes, counts)
     else:
@@ -65,7 +68,7 @@ def _node(result: Any, one: Any, most: list[float]) -> dict[str, Any]:
     """Return what is drawn of a pose: its names, its sizes in words and as an ellipse."""
     name, (turn, shift), radii, said = one.name, one.sizes, None, "not determined"
     if np.isfinite([turn, shift]).all():
-        radii = [RADIUS * size / largest for size, largest in zip((turn, shift), most, strict=True)]
+        radii = [18.0 * size / largest for size, largest in zip((turn, shift), most, strict=True)]
         said = f"{digits(1e3 * shift, 2)} mm, {digits(float(np.degrees(turn)), 2)} deg"
     place = result.rig.place(name)
     where = "base of an arm" if name in result.arms else "in the world" if place == WORLD else f"on {place}"
@@ -73,13 +76,7 @@ def _node(result: Any, one: Any, most: list[float]) -> dict[str, Any]:
 
 
 def _short(text: str) -> str:
-    return text if len(text) <= LETTERS else f"{text[: LETTERS - 1]}\N{HORIZONTAL ELLIPSIS}"
-
-
-# Views that are listed, those with the largest distance first; probability of a chi-square below which it is said;
-# share of the views that are rejected above which it is.
-MOST_VIEWS, UNLIKELY, MANY = 60, 1e-3, 0.1
-_DEG, _MM = 180 / np.pi, 1e3
+    return text if len(text) <= 22 else f"{text[:21]}\N{HORIZONTAL ELLIPSIS}"
 
 
 def write_rig_report(
@@ -179,11 +176,13 @@ def headline(result: Any) -> tuple[str, str]:
         return text, "caution"
     shift = max(known, key=lambda name: known[name][1])
     turn = max(sizes[0] for sizes in known.values())
-    least = f"{digits(_MM * known[shift][1], 2)} mm and {digits(_DEG * turn, 2)} deg"
+    least = f"{digits(MM_PER_M * known[shift][1], 2)} mm and {digits(DEG_PER_RAD * turn, 2)} deg"
     count = "Both" if len(known) == 2 else f"All {len(known)}"
     whose = f"{count} cameras are known" if len(known) > 1 else f"The camera {shift} is known"
     text = f"{whose} to {least} or better (root mean square error, 1 sigma)."
-    unlikely = result.p_value < UNLIKELY or len(result.rejected) > MANY * len(result.weights)
+    unlikely = result.p_value < CONTRADICTED.probability or len(result.rejected) > MANY_REJECTED_SHARE * len(
+        result.weights
+    )
     return text, "caution" if caution or unlikely else "ok"
 
 
@@ -192,9 +191,9 @@ def _answer(result: Any, verdicts: Mapping[str, Any]) -> list[Block]:
     blocks: list[Block] = [Answer(text, status)]
     blocks += [Badge(f"{name}: {v.word}", v.sentence, v.status) for name, v in verdicts.items()]
     said = f"Chi-square of the residuals {result.chi_square:.0f} of {result.dof:.0f}, {probability(result.p_value)}."
-    if result.p_value < UNLIKELY:
+    if result.p_value < CONTRADICTED.probability:
         said += " The residuals are larger than the noise says: the errors are larger than stated."
-    if len(result.rejected) > MANY * len(result.weights):
+    if len(result.rejected) > MANY_REJECTED_SHARE * len(result.weights):
         said += f" {len(result.rejected)} of {len(result.weights)} views were rejected."
     blocks.append(Paragraph(said))
     if result.findings:
@@ -208,7 +207,7 @@ _HEAD = ["pose", "x (mm)", "y (mm)", "z (mm)", "position (mm)", "rotation (deg)"
 
 
 def _rows(poses: Sequence[Any]) -> list[list[str]]:
-    return [[one.frame, *(f"{_MM * x:.2f}" for x in one.pose[:3, 3]), *one.said] for one in poses]
+    return [[one.frame, *(f"{MM_PER_M * x:.2f}" for x in one.pose[:3, 3]), *one.said] for one in poses]
 
 
 def _poses(result: Any) -> Table:
@@ -228,7 +227,7 @@ def _residuals(result: Any) -> tuple[Graph, Array, Array]:
     """Graph, rotations (deg) and positions (mm) (E,) of the residuals of the views."""
     graph = Graph.of(result.rig)
     r = graph.linearise(result.poses).r
-    return graph, _DEG * np.linalg.norm(r[:, :3], axis=1), _MM * np.linalg.norm(r[:, 3:], axis=1)
+    return graph, DEG_PER_RAD * np.linalg.norm(r[:, :3], axis=1), MM_PER_M * np.linalg.norm(r[:, 3:], axis=1)
 
 
 def _by_pair(result: Any) -> Table:
@@ -252,7 +251,10 @@ def _by_pair(result: Any) -> Table:
 
 def noise_table(result: Any) -> list[Block]:
     """Return the standard deviations of arms and cameras."""
-    rows = [[name, digits(_MM * sizes[1], 2), digits(_DEG * sizes[0], 2)] for name, sizes in result.noise.items()]
+    rows = [
+        [name, digits(MM_PER_M * sizes[1], 2), digits(DEG_PER_RAD * sizes[0], 2)]
+        for name, sizes in result.noise.items()
+    ]
     how = "estimated from the views" if result.components else "as given"
     caption = f"Standard deviations of one pose per axis, {how}."
     return [Table(caption, ["arm or camera", "position (mm)", "rotation (deg)"], rows)]
@@ -268,7 +270,9 @@ def _sizes(result: Any) -> list[Block]:
 
 
 def _sized(value: float, unit: str) -> str:
-    factor, shown = {"m": (_MM, "mm"), "rad": (_DEG, "deg")}.get(unit, (100.0, "%") if not unit else (1.0, unit))
+    factor, shown = {"m": (MM_PER_M, "mm"), "rad": (DEG_PER_RAD, "deg")}.get(
+        unit, (100.0, "%") if not unit else (1.0, unit)
+    )
     return f"{digits(factor * value, 2)} {shown}"
 
 
@@ -276,8 +280,8 @@ def _paths(result: Any) -> list[Block]:
     if not result.paths:
         return [Paragraph("No two ways lead to one pose.", empty=True)]
     ordered = sorted(result.paths, key=lambda path: path.p)
-    rows = [[path.words, digits(_MM * float(np.linalg.norm(path.change[3:])), 2),
-             digits(_DEG * float(np.linalg.norm(path.change[:3])), 2), f"{path.chi_square:.1f} of {path.dof}",
+    rows = [[path.words, digits(MM_PER_M * float(np.linalg.norm(path.change[3:])), 2),
+             digits(DEG_PER_RAD * float(np.linalg.norm(path.change[:3])), 2), f"{path.chi_square:.1f} of {path.dof}",
              probability(path.p)] for path in ordered]  # fmt: skip
     return [
         Table(
@@ -301,7 +305,7 @@ def _optimality(result: Any) -> list[Block]:
 def _largest(result: Any) -> Table:
     graph, turn, shift = _residuals(result)
     rows = []
-    for e in np.argsort(-result.distances)[:MOST_VIEWS].tolist():
+    for e in np.argsort(-result.distances)[:60].tolist():
         view = result.rig.views[graph.view[e]]
         rows.append([f"{view.camera}, {view.target}", str(view.at[graph.row[e]]), digits(float(shift[e]), 2),
                      digits(float(turn[e]), 2), f"{float(result.distances[e]) / 6:.2f}",
@@ -315,8 +319,10 @@ def _largest(result: Any) -> Table:
 def _in_full(result: Any) -> Table:
     rows = []
     for one in result.every:
-        sd = [*(f"{_MM * s:.4f}" for s in one.std[3:]), *(f"{_DEG * s:.5f}" for s in one.std[:3])]
-        rows.append([one.frame, *(f"{_MM * x:.4f}" for x in one.pose[:3, 3]), *(s.replace("inf", "open") for s in sd)])
+        sd = [*(f"{MM_PER_M * s:.4f}" for s in one.std[3:]), *(f"{DEG_PER_RAD * s:.5f}" for s in one.std[:3])]
+        rows.append(
+            [one.frame, *(f"{MM_PER_M * x:.4f}" for x in one.pose[:3, 3]), *(s.replace("inf", "open") for s in sd)]
+        )
     return Table(
         "Positions, standard deviations of position and rotation about each axis. Matrices and the joint covariance "
         "are in the result file.",

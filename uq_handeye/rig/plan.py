@@ -40,6 +40,8 @@ from .description import WORLD, ArmPoses, Rig, View
 from .graph import Graph, Sides
 from .noise import RigNoise
 
+# A candidate may exceed the distances and angles seen so far by this factor.
+MAX_BEYOND = 1.15
 # Name of a target that no rig has.
 _AHEAD = " ahead"
 
@@ -149,12 +151,6 @@ def _errors_of_cameras(
     S = np.eye(F.shape[-1])
     S[:N, :N] = posterior.covariance
     return (L @ inverse(graph.C)).reshape(-1, k, 4, 4), F.reshape(-1, k, *F.shape[1:]), S
-
-
-# By how much a candidate may be beyond what has been seen: distances, and angles.
-BEYOND, ANGLE = 1.15, 1.15
-# Candidates that are drawn near the poses so far: rotation (rad) and share of the travel.
-TURN, SHARE = 0.25, 0.15
 
 
 @dataclass(frozen=True, eq=False)
@@ -277,8 +273,8 @@ def _drawn(rig: Rig, sample: int, seed: int) -> dict[str, Array]:
         near = arm.poses[number]
         t = arm.poses[:, :3, 3]
         low, high = t.min(axis=0), t.max(axis=0)
-        spread = SHARE * float(np.linalg.norm(high - low))
-        moves = np.concatenate([TURN * rng.normal(size=(sample, 3)), spread * rng.normal(size=(sample, 3))], axis=1)
+        spread = 0.15 * float(np.linalg.norm(high - low))
+        moves = np.concatenate([0.25 * rng.normal(size=(sample, 3)), spread * rng.normal(size=(sample, 3))], axis=1)
         T = perturb(near, moves)
         T[:, :3, 3] = np.clip(T[:, :3, 3], low - spread, high + spread)
         found[name] = T
@@ -315,8 +311,8 @@ def _visible(C: Array, seen: Array) -> NDArray[np.bool_]:
         return distance, aside, np.arccos(np.clip(T[:, 2, 2], -1, 1))
 
     now, before = numbers(C), numbers(seen)
-    good = (now[0] > before[0].min() / BEYOND) & (now[0] < before[0].max() * BEYOND)
+    good = (now[0] > before[0].min() / MAX_BEYOND) & (now[0] < before[0].max() * MAX_BEYOND)
     for value, known in zip(now[1:], before[1:], strict=True):
         middle, reach = 0.5 * (known.min() + known.max()), 0.5 * (known.max() - known.min())
-        good &= np.abs(value - middle) < ANGLE * reach + 0.05
+        good &= np.abs(value - middle) < MAX_BEYOND * reach + 0.05
     return np.asarray(good)

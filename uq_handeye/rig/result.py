@@ -44,8 +44,11 @@ from .files.result_file import from_dict, to_dict
 from .fit import onto_closed
 from .plan import RigPlan, RigPoints, plan_rig, predict_points
 
-# Chi-square over its number from which the residuals say that something is wrong, rather than the size of the noise.
-UNUSABLE = 10.0
+# The residuals contradict the model, whatever the size of the noise, where chi-square over its degrees of freedom
+# exceeds this.
+MAX_CHI_SQUARE_RATIO = 10.0
+# Parts of a direction, in units of the rig, below this count as none.
+NEGLIGIBLE_PART = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -273,7 +276,7 @@ class RigCalibration(Record):
     def reasons(self) -> tuple[str, ...]:
         """Reasons why the poses cannot be used; empty where they can."""
         found = [str(finding) for finding in self.findings if finding.severity == "failure"]
-        if self.dof > 0 and self.chi_square > UNUSABLE * self.dof:
+        if self.dof > 0 and self.chi_square > MAX_CHI_SQUARE_RATIO * self.dof:
             found.append(
                 "The residuals are far larger than the noise says (chi-square "
                 f"{self.chi_square:.0f} of {self.dof:.0f}). Look at what each camera and target is on, at the files, "
@@ -418,10 +421,6 @@ def _transform(one: Any) -> Transform:
     return Transform(one.pose + 0.0, with_open(one.covariance, one.open), parent, child)
 
 
-# Part of a direction, in units of the rig, that counts as none.
-NEGLIGIBLE = 1e-6
-
-
 def relative_pose(T_i: Array, T_j: Array) -> tuple[Array, Array, Array]:
     """Return ``T_i^-1 T_j`` and its derivatives (6, 6) by the errors of both."""
     R = T_i[:3, :3].T
@@ -439,4 +438,4 @@ def open_of(by: Array, U: Array, lever: float) -> Array:
     units = np.repeat([lever, 1.0], 3)
     moved = (U @ by.T) * units
     _, s, V = svd(moved, full_matrices=False)
-    return np.asarray(V[s > NEGLIGIBLE] / units)
+    return np.asarray(V[s > NEGLIGIBLE_PART] / units)

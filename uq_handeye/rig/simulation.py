@@ -15,9 +15,6 @@ from .description import WORLD, ArmPoses, Rig, View
 from .graph import Graph
 from .noise import given_noise
 
-# Spread of the robot poses: rotation (rad) and translation (m) per axis.
-TURN, TRAVEL = 0.5, 0.25
-
 
 def simulate_rig(
     cameras: Mapping[str, str],
@@ -56,14 +53,14 @@ def simulate_rig(
     }
     robots = {}
     for name in arms:
-        turn = TURN * rng.normal(size=(n_poses, 3))
+        turn = 0.5 * rng.normal(size=(n_poses, 3))
         if axes is not None:
             unit = np.asarray(axes) / np.linalg.norm(axes, axis=-1, keepdims=True)
-            turn = 2 * TURN * rng.normal(size=(n_poses, len(unit))) @ unit
+            turn = rng.normal(size=(n_poses, len(unit))) @ unit
         start = Rotation.from_rotvec(rng.normal(size=3))
         robots[name] = np.tile(np.eye(4), (n_poses, 1, 1))
         robots[name][:, :3, :3] = (Rotation.from_rotvec(turn) * start).as_matrix()
-        robots[name][:, :3, 3] = [0.5, 0.0, 0.4] + TRAVEL * rng.normal(size=(n_poses, 3))
+        robots[name][:, :3, 3] = [0.5, 0.0, 0.4] + 0.25 * rng.normal(size=(n_poses, 3))
     views = []
     for camera in cameras:
         for target in targets:

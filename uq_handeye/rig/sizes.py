@@ -37,16 +37,20 @@ from .fit import Prior, Shared, Task, prior_at
 from .graph import Graph, noise_of_cameras, noise_of_robots
 from .noise import RigNoise, given_covariances, intrinsics_of, kinematic_components
 
-# Factor (one sigma of the logarithm) by which cameras differ from their common median.
-APART = 2.0
-# Factor of the sizes of focal length and image centre.
-OF_CAMERA = 3.0
-# Widths of the targets that are tried; by how much the evidence of another than the usual one must be larger; views for
-# it; the line of the width: half of it over the distance.
-WIDTHS, SURE, FEW, WIDTH = tuple(0.5**k for k in range(6)), 3.0, 200, "half width of targets"
-# Views from which the sizes are found at most, whole groups; rounds of linearisation; what a step may still move.
-ENOUGH, ROUNDS, STILL = 600, 10, 2e-2
-
+# Cameras differ from their common median by this factor (1 sigma of the logarithm).
+CAMERA_SPREAD_FACTOR = 2.0
+# Factor by which the sizes of focal length and image centre are uncertain in a rig.
+SPREAD_IN_RIG = 3.0
+# Widths of the targets that are tried, in units of the usual one.
+WIDTHS = tuple(0.5**k for k in range(6))
+# Another width than the usual one is taken where the logarithm of its evidence is larger by this.
+MIN_WIDTH_EVIDENCE = 3.0
+# Name of the line of the width: half of it over the distance.
+WIDTH = "half width of targets"
+# The sizes are found from at most this many views, in whole groups.
+MAX_VIEWS_FOR_SIZES = 600
+# The linearisation has converged where a step moves the poses by less, in standard deviations.
+MAX_CONVERGED_STEP_SD = 0.02
 # Owner of the error of size that all targets of a rig have in common: they come from one printer.
 ALL_TARGETS = "all targets"
 # What all poses of an arm, a camera or a target share.
@@ -99,7 +103,7 @@ def components_of(
     alone, by_intrinsics = len(rig.cameras) == 1, _by_intrinsics(graph, before, width)
     for name, (of, _) in finished.items():
         for what, columns in ((FOCAL_LENGTH, slice(0, 1)), (PRINCIPAL_POINT, slice(1, 3))):
-            size = SIZES[what] if alone else replace(SIZES[what], factor=OF_CAMERA)
+            size = SIZES[what] if alone else replace(SIZES[what], factor=SPREAD_IN_RIG)
             found.append(Component(f"{name} {what}", "camera", size, columns=_of(of, by_intrinsics[..., columns])))
     scale = np.pad(graph.C[:, :3, 3:], [(0, 0), (3, 0), (0, 0)])
     scales = {name: _of(seen, scale) for name, (seen, _) in targets.items()}
@@ -189,17 +193,17 @@ def width_of_targets(task: Task, at: Array, kept: NDArray[np.bool_]) -> float:
     the largest evidence, with noise of each pose only, between a few: the top of the parabola through the best three.
     """
     rig, graph = task.rig, task.graph
-    used = graph.of_edges(_spread_over(graph, np.flatnonzero(kept), FEW))
+    used = graph.of_edges(_spread_over(graph, np.flatnonzero(kept), MAX_VIEWS_FOR_SIZES // 3))
     place, theta, logs = _places(graph, used), None, []
     for width in WIDTHS:
         parts = tuple(_rows_of(part, *place) for part in components_of(rig, graph, False, width=width))
         mode = find_mode(model_of(rig, used, parts, at, task.prior), theta, 0.3)
         theta = mode.theta
         logs.append(mode.log_evidence)
-        if max(logs) > logs[-1] + 2.0 * SURE:
+        if max(logs) > logs[-1] + 2.0 * MIN_WIDTH_EVIDENCE:
             break
     best = int(np.argmax(logs))
-    if logs[best] < logs[0] + SURE:
+    if logs[best] < logs[0] + MIN_WIDTH_EVIDENCE:
         return 1.0
     if best == len(logs) - 1:
         return WIDTHS[best]
@@ -219,16 +223,18 @@ def find_sizes(
     """
     rig, graph = task.rig, task.graph
     parts = components_of(rig, graph, task.shared, width=width)
-    used = graph.of_edges(_spread_over(graph, np.flatnonzero(kept), ENOUGH if whole else ENOUGH // 2))
+    used = graph.of_edges(
+        _spread_over(graph, np.flatnonzero(kept), MAX_VIEWS_FOR_SIZES if whole else MAX_VIEWS_FOR_SIZES // 2)
+    )
     place = _places(graph, used)
     own = tuple(_rows_of(part, *place) for part in parts)
-    for done in range(ROUNDS):
+    for done in range(10):
         model = model_of(rig, used, own, at, task.prior)
         mode = find_mode(model, theta, GAIN if done else max(GAIN, 1e-2))
         theta = mode.theta
         found = model.of_poses(theta)
         square = float(found.mean @ np.linalg.lstsq(found.covariance, found.mean, rcond=None)[0])
-        if done and square < STILL**2 * len(found.mean):
+        if done and square < MAX_CONVERGED_STEP_SD**2 * len(found.mean):
             break
         at = perturb(at, (found.mean if done < 2 else 0.5 * found.mean).reshape(-1, 6))  # some go to and fro
     else:
@@ -334,7 +340,7 @@ def _covariance_of_sizes(rig: Rig, parts: tuple[Component, ...]) -> Array:
         of = np.flatnonzero([part.name in names for part in free])
         for i in of:
             for j in of[of != i]:
-                C[i, j] = np.log(free[i].size.factor) ** 2 - np.log(APART) ** 2
+                C[i, j] = np.log(free[i].size.factor) ** 2 - np.log(CAMERA_SPREAD_FACTOR) ** 2
     return C
 
 

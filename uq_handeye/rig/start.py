@@ -35,12 +35,10 @@ from ..model.poses.pose_pairs import PosePairs
 from .description import WORLD, Rig
 from .graph import Graph
 
-# Random starts of several arms, sweeps of each, edges that they look at.
-STARTS, SWEEPS, LOOKED = 60, 150, 400
-# Second eigenvalue relative to the mean below which the rotations are not told by the linear problem.
-GAP = 1e-4
-# Rows whose misfit is above this many times the median are left out of the next start; rounds.
-WRONG, ROUNDS = 6.0, 4
+# The linear problem determines the rotations where its second eigenvalue, relative to the mean, is above this.
+MIN_ROTATION_GAP = 1e-4
+# Rows whose misfit exceeds this many times the median are left out of the next start.
+MAX_MISFIT_MEDIANS = 6.0
 
 
 def start_of(graph: Graph, seed: int = 0) -> tuple[Array, NDArray[np.bool_]]:
@@ -50,7 +48,7 @@ def start_of(graph: Graph, seed: int = 0) -> tuple[Array, NDArray[np.bool_]]:
         with suppress(DegenerateMotionError):
             return _pair(graph, 0, 1), kept
     at = np.zeros((graph.m, 4, 4))
-    for _ in range(ROUNDS):
+    for _ in range(4):
         some = graph if kept.all() else graph.of_edges(np.flatnonzero(kept))
         at = _solved(some, seed)
         again = agreeing(graph, at)
@@ -71,7 +69,7 @@ def agreeing(graph: Graph, at: Array) -> NDArray[np.bool_]:
     r = graph.linearise(at).r.reshape(-1, 2, 3)
     size = np.linalg.norm(r, axis=-1)
     median = np.maximum(np.median(size, axis=0), 1e-12)
-    return np.asarray((size <= WRONG * median).all(axis=-1))
+    return np.asarray((size <= MAX_MISFIT_MEDIANS * median).all(axis=-1))
 
 
 def _moves_twice(graph: Graph) -> bool:
@@ -116,31 +114,31 @@ def _linear(graph: Graph) -> Array | None:
     whole = M.swapaxes(1, 2).reshape(9 * graph.m, -1)
     scale = np.repeat(1.0 / np.sqrt(np.maximum(count, 1)), 9)  # each unknown counts alike, however often it is seen
     values, vectors = eigh(whole * np.outer(scale, scale), subset_by_index=[0, 1])
-    if values[1] < GAP or values[1] < 4.0 * values[0]:
+    if values[1] < MIN_ROTATION_GAP or values[1] < 4.0 * values[0]:
         return None
     R = (scale * vectors[:, 0]).reshape(graph.m, 3, 3)
     R = R * np.sign(np.linalg.det(R).sum())
     return nearest_rotation(R)[0]
 
 
-def _alternating(graph: Graph, seed: int) -> Array:
+def _alternating(graph: Graph, seed: int, starts: int = 60) -> Array:
     """(m, 3, 3) rotations of rigs with several arms: each from the others, from random starts."""
     rng = np.random.default_rng(seed)
     some = graph
-    if graph.E > LOOKED:
-        looked = np.isin(np.arange(graph.E), rng.permutation(graph.E)[:LOOKED])
+    if graph.E > 400:
+        looked = np.isin(np.arange(graph.E), rng.permutation(graph.E)[:400])
         some = graph.of_edges(np.flatnonzero(looked)) if _all_seen(graph, looked) else graph
     m, E = some.m, some.E
-    R = nearest_rotation(rng.normal(size=(STARTS, m, 3, 3)))[0]
-    eye = np.broadcast_to(np.eye(3), (STARTS, 1, 3, 3))
+    R = nearest_rotation(rng.normal(size=(starts, m, 3, 3)))[0]
+    eye = np.broadcast_to(np.eye(3), (starts, 1, 3, 3))
     G = np.concatenate([some.robot[:, :3, :3], np.eye(3)[None]])
     G_l, G_r, R_C = G[some.side[0]], G[some.side[1]], some.C[:, :3, :3]
-    for _ in range(SWEEPS):
+    for _ in range(150):
         for u in range(m):
             T = np.concatenate([R, eye], axis=1)
             B_l, B_r = T[:, some.base[0]], T[:, some.base[1]]
             L, Q = B_l @ G_l @ R[:, some.X] @ R_C, B_r @ G_r @ R[:, some.W]
-            total = np.zeros((STARTS, 3, 3))
+            total = np.zeros((starts, 3, 3))
             if (of := np.equal(some.X, u)).any():
                 total += ((B_l @ G_l)[:, of].mT @ Q[:, of] @ R_C[of].mT).sum(axis=1)
             if (of := np.equal(some.W, u)).any():

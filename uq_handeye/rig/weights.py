@@ -27,6 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.geometry.se3 import Array
+from ..core.numbers.limits import MIN_POSES_FOR_ROBUST
 from ..errors import InputError, NotConvergedError
 from ..fit.likelihood.constraint import Unknowns, constraint_of
 from ..fit.likelihood.gauss_helmert import FITS, Fit, corrected
@@ -44,13 +45,13 @@ from ..model.poses.pose_pairs import PosePairs
 from ..model.shared_errors.assumed import assumed_drift
 from ..model.shared_errors.sizes import Size
 from .description import Rig
-from .fit import LEAST, Prior, RigFit, Task, fit
+from .fit import MIN_POSE_WEIGHT, Prior, RigFit, Task, fit
 from .graph import Graph
 from .noise import RigNoise, given_covariances
 from .sizes import Found, components_of, found_of
 
-# Steps, and from which on weights only fall; change of the weights at which they stand still.
-MOST, LATE, ALIKE = 40, 20, 1e-2
+# Robust weights have converged where none of them changes by more.
+MAX_SETTLED_CHANGE = 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,12 +86,12 @@ def distances(found: RigFit) -> Distances:
             D[:, 6 * k : 6 * k + 6] = part.D_C[:, k]
             edges = batch.edges[:, k]
             of_edges[edges] = _distance2(
-                P, g, D, factor(noise.camera[edges]), np.maximum(found.edge_weights[edges], LEAST)
+                P, g, D, factor(noise.camera[edges]), np.maximum(found.edge_weights[edges], MIN_POSE_WEIGHT)
             )
         for k in range(q):
             D, robots = part.D_R[..., 6 * k : 6 * k + 6], batch.robots[:, k]
             of_poses[robots] = _distance2(
-                P, g, D, factor(noise.robot[robots]), np.maximum(found.pose_weights[robots], LEAST)
+                P, g, D, factor(noise.robot[robots]), np.maximum(found.pose_weights[robots], MIN_POSE_WEIGHT)
             )
     return Distances(of_edges, of_poses, alone)
 
@@ -126,18 +127,18 @@ def fit_robustly(
         if max(far.edges.max(initial=0.0), far.poses.max(initial=0.0)) <= limit:
             return found, far
     at, cleared = start, np.zeros(graph.P, dtype=bool)
-    for k in range(MOST):
+    for k in range(40):
         found = fit(graph, noise, at, method, w_e, w_k, prior, found)
         at, far = found.at, distances(found)
         worst = _worst(graph, far)
         cleared |= (w_k == 0) & (worst > limit)  # its views contradict each other without it, too
         wanted = _wanted(graph, far, worst, cleared)
-        if k >= LATE:  # those that take turns would never end: weights only fall
+        if k >= 20:  # those that take turns would never end: weights only fall
             wanted = np.minimum(wanted[0], w_e), np.minimum(wanted[1], w_k)
         change = max(np.abs(wanted[0] - w_e).max(), np.abs(wanted[1] - w_k).max(initial=0.0))
-        if change < ALIKE:
+        if change < MAX_SETTLED_CHANGE:
             break
-        w_e, w_k = wanted if k < FREE or k >= LATE else (0.5 * (wanted[0] + w_e), 0.5 * (wanted[1] + w_k))
+        w_e, w_k = wanted if k < FREE or k >= 20 else (0.5 * (wanted[0] + w_e), 0.5 * (wanted[1] + w_k))
     else:
         if change > 0.2:
             raise NotConvergedError("The weights of the robust fit did not settle: views contradict each other.", found)
@@ -184,10 +185,6 @@ def _wanted(graph: Graph, far: Distances, worst: Array, cleared: NDArray[np.bool
     return np.where(spared, 1.0, of_edges), of_poses
 
 
-# Poses from which on wrong ones can be told from good ones.
-FEWEST_FOR_ROBUST = 5
-
-
 class OfPair(NamedTuple):
     """Sizes, poses (2, 4, 4) and weights (E,) of a pair."""
 
@@ -230,7 +227,7 @@ def find_pair(task: Task, start: Array) -> OfPair | None:
     beside = _known(prior)
     source = JointModel(constraint, poses=poses, pose_prior=beside, more=parts_at(graph), **known)
     at = Unknowns(start[0], start[1])
-    if robust and graph.E >= FEWEST_FOR_ROBUST:
+    if robust and graph.E >= MIN_POSES_FOR_ROBUST:
         slack = TAILS if rig.arms[next(iter(rig.arms))].kinematics is not None else 1.0
         weighed, sizes = weigh_from_two_starts(source, at, method, seed, slack, TAILS if shared else slack)
         if sizes is None or weighed.noise is None:

@@ -43,8 +43,8 @@ from ...model.shared_errors.assumed import DRIFT
 if TYPE_CHECKING:
     import pandas as pd
 
-# The controller's poses are those of the joints where they differ by less (RMS, rad and m).
-SAME = (np.radians(0.01), 1e-4)
+# The controller's poses count as those of the joints where their RMS difference (rad, m) is below this.
+MAX_CONTROLLER_RMS = (np.radians(0.01), 1e-4)
 
 
 class ErrorEstimate(NamedTuple):
@@ -58,10 +58,6 @@ class ErrorEstimate(NamedTuple):
     estimate: float
     sd: float
     told: float  # share of the prior variance that the data took away, 0 to 1
-
-
-# Postures of the calibration, the nearest first, from which a further pose is looked for.
-TRIED = 10
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,7 +124,7 @@ class FittedKinematics(Record):
         joints = self.checked(q)
         corrected = self.at(joints)
         if robot is None:
-            if self.beside_controller[0] > SAME[0] or self.beside_controller[1] > SAME[1]:
+            if self.beside_controller[0] > MAX_CONTROLLER_RMS[0] or self.beside_controller[1] > MAX_CONTROLLER_RMS[1]:
                 turn, shift = np.degrees(self.beside_controller[0]), 1e3 * self.beside_controller[1]
                 raise InputError(
                     f"The controller's poses differ from those of the joints by {shift:.2g} mm and {turn:.2g} deg "
@@ -151,7 +147,7 @@ class FittedKinematics(Record):
         apart = np.linalg.norm(flat[:, None, :3, 3] - at[:, :3, 3], axis=-1) / reach
         apart = apart + np.linalg.norm(flat[:, None, :3, :3] - at[:, :3, :3], axis=(-2, -1))
         q, left = np.empty((len(flat), self.chain.n_joints)), np.arange(len(flat))
-        for of in apart.argsort(axis=1, kind="stable").T[:TRIED]:
+        for of in apart.argsort(axis=1, kind="stable").T[:10]:
             found = postures_at(self.chain, flat[left], self.joints[of[left]])
             q[left[found.reached]] = found.q[found.reached]
             left = left[~found.reached]

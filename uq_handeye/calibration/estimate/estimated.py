@@ -37,8 +37,8 @@ from ...model.posterior.posterior import Posterior
 from .analysis import Analysis, StoredAnalysis
 from .parts import PARTS, Errors, Named, Origin, Quality, Solution
 
-# Distance taken where that of the target is not known (m).
-USUAL_DISTANCE = 0.5
+# Components of an undetermined direction below this share of the largest are left out of the words.
+NEGLIGIBLE_SHARE = 0.02
 
 
 @dataclass(frozen=True, eq=False, init=False)
@@ -400,10 +400,6 @@ def _weakest(covariance: Array) -> tuple[Array, float]:
     return axes[0], float(deviations[0])
 
 
-# Components of an open direction below this share of the largest count as none.
-_NONE = 0.02
-
-
 def open_words(direction: Sequence[float], setup: str | None) -> str:
     """One open direction (12) of X and W, e.g. "the camera along the gripper's z axis, with the target along ..."."""
     frames = {"eye-in-hand": ("gripper", "base"), "eye-to-hand": ("base", "gripper"), None: ("frame of A", "")}[setup]
@@ -412,19 +408,19 @@ def open_words(direction: Sequence[float], setup: str | None) -> str:
     parts = [
         f"{what} {_movement(xi, frame)}"
         for what, xi, frame in (("the camera", of_X, frames[0]), ("the target", of_W, frames[1]))
-        if max(map(abs, xi)) > _NONE * size
+        if max(map(abs, xi)) > NEGLIGIBLE_SHARE * size
     ]
     return " together with ".join(parts)
 
 
 def _movement(xi: Sequence[float], frame: str) -> str:
-    turns = math.hypot(*xi[:3]) > _NONE * math.hypot(*xi[3:])
+    turns = math.hypot(*xi[:3]) > NEGLIGIBLE_SHARE * math.hypot(*xi[3:])
     axis = xi[:3] if turns else xi[3:]
     length = math.hypot(*axis) or 1.0
     unit = [x / length for x in axis]
     largest = max(range(3), key=lambda k: abs(unit[k]))
     how = "about" if turns else "along"
-    if abs(unit[largest]) > 1.0 - _NONE**2:
+    if abs(unit[largest]) > 1.0 - NEGLIGIBLE_SHARE**2:
         return f"{how} the {frame}'s {'xyz'[largest]} axis"
     sign = 1.0 if unit[largest] > 0 else -1.0
     return f"{how} ({', '.join(f'{sign * x:.2f}' for x in unit)}) of the {frame}"
@@ -436,4 +432,4 @@ def distance_of(analysis: Analysis | StoredAnalysis | None) -> tuple[float, bool
         spectrum = analysis.diagnostics.spectrum
         if spectrum.length_of == "target":
             return float(spectrum.length_m), True
-    return USUAL_DISTANCE, False
+    return 0.5, False

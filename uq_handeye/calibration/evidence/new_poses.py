@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...core.geometry.se3 import Array, difference, perturb
+from ...core.numbers.rounding import CHAIN_ROUNDING
 from ...errors import InputError
 from ...fit.likelihood.constraint import Linearised, OnPoses, Unknowns
 from ...model.noise.joint_covariance import group_of, joint_of
@@ -223,10 +224,6 @@ def _noise_of(poses: PosePairs, noise: PoseNoise | None, side: str, otherwise: A
     return (Fresh("given", np.broadcast_to(S, (m, 6, 6)), 1.0, NONE),), np.zeros((m, 6, 0))
 
 
-# Of data without noise (rad, m).
-ROUNDING = 1e-10
-
-
 class Residual(NamedTuple):
     """Residuals of m poses."""
 
@@ -258,5 +255,5 @@ def residuals_against(result: Estimated, poses: PosePairs) -> Residual:
         for D, covariance in (*parts, (of_X, result.covariance), (of_W, result.covariance_W)):
             if covariance is not None:
                 S = S + D @ covariance @ D.mT
-    S = S + ROUNDING**2 * np.eye(6)
+    S = S + CHAIN_ROUNDING**2 * np.eye(6)
     return Residual(length[:, 0], length[:, 1], np.sum(e * np.linalg.solve(S, e[..., None])[..., 0], axis=-1))

@@ -50,8 +50,6 @@ from ..prediction.predict import (
     tip_at,
 )
 
-# Standard deviation (m) of a tool's offset of which nothing is known, where a number is needed.
-UNKNOWN_TOOL = 1.0
 # Parts of touches that have a row for each, with the shape of one; None: any number.
 _ROWS: dict[str, tuple[int | None, ...]] = {
     **dict.fromkeys(("seen", "touched"), (3,)),
@@ -279,10 +277,10 @@ def _sizes_at(posterior: Any) -> Array:
 
 
 def with_tool(evidence: TouchEvidence) -> TouchEvidence:
-    """Add columns of a tool of which nothing is known, by a prior of `UNKNOWN_TOOL`."""
+    """Add columns of a tool of which nothing is known, by a prior of one metre."""
     k = evidence.by_unit.shape[-1] - evidence.fresh
     before, fresh = evidence.by_unit[..., :k], evidence.by_unit[..., k:]
-    return replace(evidence, by_unit=np.concatenate([before, UNKNOWN_TOOL * evidence.by_tool, fresh], axis=-1))
+    return replace(evidence, by_unit=np.concatenate([before, evidence.by_tool, fresh], axis=-1))
 
 
 def _robot_at_seeing(result: Estimated, touches: Touches) -> RobotAhead | None:

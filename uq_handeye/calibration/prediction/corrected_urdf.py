@@ -21,6 +21,7 @@ from ...core.files.atomic import json_text, write_files
 from ...core.files.open import StrPath, as_path, shown
 from ...core.files.records import Record
 from ...core.geometry.se3 import Array, inverse
+from ...core.numbers.rounding import THIRD_DIGITS
 from ...errors import InputError
 from ...formats.snippets import fixed_axis_angles
 from ...model.kinematics.chain import Kinematics
@@ -32,10 +33,8 @@ from ..estimate.analysis import ErrorEstimate, FittedKinematics
 if TYPE_CHECKING:
     from ...model.kinematics.descriptions.urdf import Placed
 
-# A posterior is clearly narrower than its prior below this share of its standard deviation.
-NARROWER = 0.5
-# Poses by the URDF and by the chain of the calibration that are of the same arm (m, rad); postures compared.
-SAME, POSTURES = 1e-6, 200
+# A corrected number must have a standard deviation below this share of the one declared for it.
+MIN_NARROWING = 0.5
 # Name of the file beside the URDF, behind that of the URDF.
 BESIDE = ".corrections.json"
 
@@ -71,7 +70,7 @@ class CorrectedUrdf(Record):
         )
 
 
-def corrected_urdf(fitted: FittedKinematics | None, urdf: StrPath, narrower: float = NARROWER) -> CorrectedUrdf:
+def corrected_urdf(fitted: FittedKinematics | None, urdf: StrPath, narrower: float = MIN_NARROWING) -> CorrectedUrdf:
     """Return the URDF that the arm was calibrated with, corrected by what is known.
 
     Parameters
@@ -94,7 +93,7 @@ def corrected_urdf(fitted: FittedKinematics | None, urdf: StrPath, narrower: flo
     if not 0 < narrower <= 1:
         raise InputError(f"Expected the share `narrower` above 0 and at most 1, got {narrower!r}.")
     chain = fitted.chain
-    q = chain.spread(POSTURES)
+    q = chain.spread(200)
     _require_same(chain, Kinematics.from_urdf(urdf, chain.base, chain.tip), q)
     rows = {row.name: row for row in fitted.table()}
     index = {error.name: k for k, error in enumerate(chain.errors)}
@@ -120,7 +119,7 @@ def corrected_urdf(fitted: FittedKinematics | None, urdf: StrPath, narrower: flo
 
 
 def write_corrected_urdf(
-    fitted: FittedKinematics | None, path: StrPath, urdf: StrPath, narrower: float = NARROWER
+    fitted: FittedKinematics | None, path: StrPath, urdf: StrPath, narrower: float = MIN_NARROWING
 ) -> CorrectedUrdf:
     """Write the corrected URDF, and beside it, as ``NAME.corrections.json``, what was corrected and its covariance."""
     target = as_path(path)
@@ -138,7 +137,7 @@ def _require_same(chain: Kinematics, other: Kinematics, q: Array) -> None:
             f"Expected the URDF that the arm was calibrated with, of the joints {', '.join(chain.names)}, got one of "
             f"{', '.join(other.names)}."
         )
-    if (off := float(np.abs(other.poses(q) - chain.poses(q)).max())) > SAME:
+    if (off := float(np.abs(other.poses(q) - chain.poses(q)).max())) > THIRD_DIGITS:
         raise InputError(
             f"Expected the URDF that the arm was calibrated with; poses of this one differ by up to {1e3 * off:.3g} mm."
         )

@@ -49,9 +49,9 @@ from ...model.shared_errors.view import target_centre, view_block
 from ..estimate.analysis import FittedKinematics
 from ..estimate.estimated import Estimated
 
-# How far (rad, along the joints) the elbow of seven axes is from where inverse kinematics has it at other poses: RMS
-# 1.3 to 1.9 of Pandas whose elbow is anywhere (`studies/one_model/new_program.md`).
-ELBOW = 1.6
+# How far, along the joints, the elbow of an arm of seven axes is from where inverse kinematics places it at other
+# poses: RMS 1.3 to 1.9 rad of Pandas whose elbow is anywhere (`studies/one_model/new_program.md`).
+ELBOW_OFFSET_RAD = 1.6
 # Of sizes that are known there are no points.
 NONE = np.zeros(0)
 
@@ -327,10 +327,10 @@ def robot_ahead(result: Estimated, joints: Any, robot: Any, measured: bool = Fal
 
 
 def _of_elbow(fitted: FittedKinematics, posterior: Posterior, q: Array, here: Array, there: Array) -> Array:
-    """(..., 6, 6) what the elbow of seven axes, known from no joints, leaves open of the errors of the arm at q.
+    """Return the covariance (..., 6, 6) that the unknown elbow of seven axes adds to the effect of the arm's errors.
 
-    The mean square of what the errors ``here`` of the arm, ``there`` in the posterior, change by where it is `ELBOW`
-    from where inverse kinematics has it.
+    The mean square of the change of the errors ``here`` of the arm, ``there`` in the posterior, where the elbow is
+    `ELBOW_OFFSET_RAD` from where inverse kinematics places it.
     """
     flat = q.reshape(-1, q.shape[-1])
 
@@ -339,7 +339,10 @@ def _of_elbow(fitted: FittedKinematics, posterior: Posterior, q: Array, here: Ar
 
     e = posterior.estimate[there]
     square = posterior.covariance[np.ix_(12 + there, 12 + there)] + np.outer(e, e)
-    change = [effects(at) - effects(flat) for at in elbow_moved(fitted.chain, fitted.chain.poses(flat), flat, ELBOW)]
+    change = [
+        effects(at) - effects(flat)
+        for at in elbow_moved(fitted.chain, fitted.chain.poses(flat), flat, ELBOW_OFFSET_RAD)
+    ]
     S = sum(0.5 * D @ square @ D.mT for D in change)
     return np.asarray(S).reshape(*q.shape[:-1], 6, 6)
 

@@ -8,8 +8,9 @@ from typing import Any
 from ...core.formatting.numbers import digits
 from ...findings import SHARED, sentence
 
-# Share of the prior variance below which the data say next to nothing, on average over the groups of errors.
-HARDLY = 0.3
+# Errors of the arm are hardly visible where the data take away less of the prior variance, on average over its
+# groups.
+MIN_VISIBLE_SHARE = 0.3
 
 
 def _local_in_short(v: Mapping[str, Any]) -> str:
@@ -25,7 +26,7 @@ def _local_in_short(v: Mapping[str, Any]) -> str:
 def _(span: float, used: float, told: Sequence[Mapping[str, Any]], here: float, elsewhere: float) -> str:
     shares = ", ".join(f"{digits(100 * of['share'], 2)} % of the {of['group']}" for of in told)
     mean = sum(of["share"] for of in told) / len(told) if told else 0.0
-    visible = "are hardly visible in them" if mean < HARDLY else "are only partly visible in them"
+    visible = "are hardly visible in them" if mean < MIN_VISIBLE_SHARE else "are only partly visible in them"
     return (
         f"The poses span {digits(100 * span, 2)} % of the reach and {digits(100 * used, 2)} % of the joint ranges "
         f"(median): errors of the kinematics {visible}. The data determine {shares} (share of the prior variance); the "

@@ -33,15 +33,18 @@ from ..estimate.analysis import FittedKinematics
 from ..estimate.estimated import Estimated
 from .predict import predict_camera, robot_ahead, seen_at, tip_at
 
-POSTURES = 1500
-# The search of q': steps, damping (m), and where it has arrived (m).
-STEPS, DAMPING, ARRIVED = 25, 0.02, 1e-4
-# Of the calibrated poses at most so many, evenly among them.
-MOST_NEAR = 200
-# Misses drawn of each posture, for the 95 % of all of them.
-DRAWS = 100
-# Fewer postures than this say nothing of a workspace.
-FEWEST = 30
+# Largest damping of the search for a posture that reaches the point.
+DAMPING_M = 0.02
+# The tool has reached the point where it is nearer than this.
+ARRIVED_M = 1e-4
+# The workspace is described where at least this many of its postures reach the point.
+MIN_POSTURES = 30
+# Poses are local where no two tips are farther apart than this share of the reach,
+LOCAL_SPAN = 0.5
+# and half of the joints use less than this share of their ranges.
+LOCAL_RANGE = 1 / 3
+# It is a caution where predictions over the workspace are this many times as uncertain as near the poses.
+MAX_GROWTH_ELSEWHERE = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +68,7 @@ class WorkspacePrediction(ReadOnlyArrays):
         return float(np.sqrt(np.mean(self.bias**2)))
 
 
-def over_workspace(result: Estimated, distance: float, postures: int = POSTURES) -> WorkspacePrediction | None:
+def over_workspace(result: Estimated, distance: float, postures: int = 1500) -> WorkspacePrediction | None:
     """Misses over the workspace with the point ``distance`` (m) from the camera, at most half the reach.
 
     None where the calibration knows no joints or no errors of them, where the noise of the robot poses is that of all
@@ -81,10 +84,10 @@ def over_workspace(result: Estimated, distance: float, postures: int = POSTURES)
     rng = np.random.default_rng(0)
     low, high = ends(fitted)
     everywhere = rng.uniform(low, high, (postures, len(low)))
-    some = np.unique(np.linspace(0, len(fitted.joints) - 1, MOST_NEAR).round().astype(int))
+    some = np.unique(np.linspace(0, len(fitted.joints) - 1, 200).round().astype(int))
     near = np.clip(fitted.joints[some], low, high)
     far, close = (_Views(result, fitted, distance, q) for q in (everywhere, near))
-    if len(far.radius_95) < FEWEST:
+    if len(far.radius_95) < MIN_POSTURES:
         return None
     chain = fitted.chain
     calibrated = fitted.at(fitted.joints)[:, :3, 3]
@@ -127,7 +130,7 @@ class _Views:
         S = found.covariance(result)
         self.radius_95 = PointUncertainty(found.at, S, "base").radius_95
         values = np.linalg.eigvalsh(S)  # lengths do not ask for directions
-        drawn = np.random.default_rng(1).normal(size=(DRAWS, len(S), 3)) * np.sqrt(np.maximum(values, 0.0))
+        drawn = np.random.default_rng(1).normal(size=(100, len(S), 3)) * np.sqrt(np.maximum(values, 0.0))
         self.pooled = float(np.sqrt(np.quantile((drawn**2).sum(axis=-1), 0.95))) if len(S) else 0.0
         moved = fitted.at(there)[:, :3, 3] - chain.poses(there)[:, :3, 3]
         if ahead is not None:
@@ -145,8 +148,8 @@ def brought_to(fitted: FittedKinematics, q: Array, goal: Array) -> tuple[Array, 
     low, high = ends(fitted)
     q = q.copy()
     off = goal - fitted.at(q)[:, :3, 3]
-    for _ in range(STEPS):
-        left = np.flatnonzero((off**2).sum(axis=-1) > ARRIVED**2)
+    for _ in range(25):
+        left = np.flatnonzero((off**2).sum(axis=-1) > ARRIVED_M**2)
         if not len(left):
             break
         J = fitted.chain.jacobian(q[left], fitted.e)[:, 3:]
@@ -157,12 +160,12 @@ def brought_to(fitted: FittedKinematics, q: Array, goal: Array) -> tuple[Array, 
         largest = np.abs(step).max(axis=-1, keepdims=True)
         q[left] = np.clip(q[left] + step / np.maximum(1.0, 2.0 * largest), low, high)
         off[left] = goal[left] - fitted.at(q[left])[:, :3, 3]
-    return q, (off**2).sum(axis=-1) <= ARRIVED**2
+    return q, (off**2).sum(axis=-1) <= ARRIVED_M**2
 
 
 def _damped(J: Array, off: Array) -> Array:
     """(m, L) ``J^T (J J^T + damping^2 I)^-1 off``, with less damping near the goal."""
-    damping = np.minimum(DAMPING**2, (off**2).sum(axis=-1))[:, None, None] + 1e-9
+    damping = np.minimum(DAMPING_M**2, (off**2).sum(axis=-1))[:, None, None] + 1e-9
     return np.asarray((J.mT @ np.linalg.solve(J @ J.mT + damping * np.eye(3), off[..., None]))[..., 0])
 
 
@@ -176,30 +179,24 @@ def _section(chain: Kinematics, at: Array) -> Array:
     return np.stack([np.linalg.norm(across, axis=-1), height], axis=-1)
 
 
-# Poses are local where no two tips are farther apart than this share of the reach, and half of the joints use less than
-# this share of their ranges; it is a caution where predictions elsewhere are so many times as uncertain as there.
-SPAN, RANGE = 0.5, 1 / 3
-WORSE = 3.0
-# Postures over the workspace, and of the calibration, at which predictions are looked at.
-LOOKED_AT = 100
-
-
 def local_findings(result: Estimated) -> list[Finding]:
     """One finding for local poses with joints: what they span, what they tell, how well predictions are known."""
     fitted = result.kinematics
     if fitted is None or result.posterior is None or fitted.how == EXACT or not len(fitted.kept):
         return []
     chain, q = fitted.chain, fitted.joints
-    some = q[np.linspace(0, len(q) - 1, min(len(q), LOOKED_AT)).astype(int)]
+    some = q[np.linspace(0, len(q) - 1, min(len(q), 100)).astype(int)]
     tips = chain.poses(some)[:, :3, 3]
     span = float(np.linalg.norm(tips[:, None] - tips, axis=-1).max()) / max(chain.reach, 1e-9)
     used = float(np.median(range_shares(chain, q)))
-    if span >= SPAN or used >= RANGE:
+    if span >= LOCAL_SPAN or used >= LOCAL_RANGE:
         return []
-    here, elsewhere = (_spread(result, at) for at in (some, chain.spread(LOOKED_AT)))
+    here, elsewhere = (_spread(result, at) for at in (some, chain.spread(100)))
     told = [{"group": group, "share": share} for group, share in fitted.told().items()]
     values = {"span": span, "used": used, "told": told, "here": here, "elsewhere": elsewhere}
-    return [Finding("prediction.local_joints", "caution" if elsewhere > WORSE * here else "note", values)]
+    return [
+        Finding("prediction.local_joints", "caution" if elsewhere > MAX_GROWTH_ELSEWHERE * here else "note", values)
+    ]
 
 
 def range_shares(chain: Kinematics, q: Array) -> Array:

@@ -8,9 +8,11 @@ from dataclasses import replace
 import numpy as np
 
 from ...core.formatting.numbers import column, digits, fixed, multiple, pose_rows, probability
-from ...core.formatting.units import small_unit
+from ...core.formatting.units import DEG_PER_RAD, MM_PER_M, small_unit
 from ...core.geometry.pose_numbers import pose_numbers
 from ...core.geometry.se3 import Array
+from ...core.numbers.levels import RARE
+from ...core.numbers.limits import MAX_LISTED
 from ...core.presentation.document import Block, Cell, Code, Heading, Paragraph, Points, Table
 from ...fit.diagnostics.budget import Budget
 from ...fit.diagnostics.pose_table import PoseTable
@@ -24,12 +26,10 @@ from ..estimate.estimated import deviations_of
 from ..result import Calibration
 from ..statement.checks import PLAIN
 
+# Rotation or translation residuals are called inconsistent with the noise from this difference of their sigma_0
+# from 1 on.
+MIN_SIGMA0_EXCESS = 0.1
 KINDS = ("rotation", "translation")
-# Poses that a text lists; the table of the result has them all.
-MOST_LISTED = 12
-# A part of the residuals is off beyond so many standard deviations of its sigma_0, and by this share.
-FAR, MUCH = 4.0, 0.1
-_DEG, _MM = 180 / np.pi, 1e3
 
 
 def noise_blocks(result: Calibration) -> list[Block]:
@@ -102,7 +102,9 @@ def _given(noise: Noise) -> list[list[str]]:
             continue
         variances = np.diagonal(marginals(S), axis1=-2, axis2=-1).reshape(-1, 2, 3).mean(axis=(0, 2))
         shared = ", correlated over the poses by errors that they share" if is_joint(S) else ""
-        rows.append([name + shared, *(fixed(f * sd) for f, sd in zip((_DEG, _MM), np.sqrt(variances), strict=True))])
+        rows.append(
+            [name + shared, *(fixed(f * sd) for f, sd in zip((DEG_PER_RAD, MM_PER_M), np.sqrt(variances), strict=True))]
+        )
     return rows
 
 
@@ -129,7 +131,7 @@ def _fit_sentences(fit: GoodnessOfFit) -> list[str]:
         f"{', '.join(f'{name} {value:.2f}' for name, value in parts.items())}).",
     ]
     # Each part has about half of the degrees of freedom, and its sigma_0 the deviation 1 / sqrt(2 dof / 2).
-    least = max(FAR / np.sqrt(fit.dof), MUCH)
+    least = max(np.sqrt(RARE.chi_square(1)) / np.sqrt(fit.dof), MIN_SIGMA0_EXCESS)
     off = [name for name, value in parts.items() if abs(value - 1) > least]
     if off and (fit.p_value is None or fit.p_value > 0.01):
         how = " and ".join(f"{name} {digits(parts[name])} times" for name in off)
@@ -165,8 +167,11 @@ def pair_table(result: Calibration) -> Table:
     less = ", less the estimated shared errors" if result.shared else ""
     caption = f"Residuals of AX = XB over {looked_at} pairs{less}: how well X explains them, not how accurate it is"
     sizes = [
-        ["rotation (deg)", *(fixed(_DEG * x) for x in (r.rotation_rms, r.rotation_median, r.rotation_max))],
-        ["translation (mm)", *(fixed(_MM * x) for x in (r.translation_rms, r.translation_median, r.translation_max))],
+        ["rotation (deg)", *(fixed(DEG_PER_RAD * x) for x in (r.rotation_rms, r.rotation_median, r.rotation_max))],
+        [
+            "translation (mm)",
+            *(fixed(MM_PER_M * x) for x in (r.translation_rms, r.translation_median, r.translation_max)),
+        ],
     ]
     return Table(caption, ["", "RMS", "median", "largest"], sizes)
 
@@ -188,7 +193,7 @@ def covariance_table(result: Calibration) -> Table | None:
             continue
         sd = deviations_of(S, result.opened, "X")
         name = meaning.get(kind, kind) + (" *" if kind == result.covariance_kind else "")
-        shown = ("open" if np.isinf(x) else fixed(x) for x in sd * np.repeat([_DEG, _MM], 3))
+        shown = ("open" if np.isinf(x) else fixed(x) for x in sd * np.repeat([DEG_PER_RAD, MM_PER_M], 3))
         rows.append([name, *shown])
     rows += [[", ".join(kinds), (f"not determined: {reason}", 6)] for reason, kinds in without.items()]
     caption = (
@@ -204,8 +209,8 @@ def pose_table(table: PoseTable, shown: Sequence[int], caption: str) -> Table:
     k = list(shown)
     columns = (
         [str(i) for i in k],
-        column(_DEG * table.rotation[k]),
-        column(_MM * table.translation[k]),
+        column(DEG_PER_RAD * table.rotation[k]),
+        column(MM_PER_M * table.translation[k]),
         column(table.distance2[k]),
         column(100 * table.leverage[k], 2),
         [f"{table.weight[i]:.3f}" for i in k],
@@ -230,9 +235,9 @@ def flagged_blocks(result: Calibration) -> list[Block]:
         f"{len(order)} of {len(table.counted)} {table.item}s stand out (numbered from 0; d^2 is 6 on average, beyond "
         f"{table.limit:.3g} rare):"
     )
-    more = len(order) - MOST_LISTED
+    more = len(order) - MAX_LISTED
     rest = [Paragraph(f"and {more} more; see the table of the result", indent="  ")] if more > 0 else []
-    return [pose_table(table, order[:MOST_LISTED], caption), *rest, *_excluded_blocks(table)]
+    return [pose_table(table, order[:MAX_LISTED], caption), *rest, *_excluded_blocks(table)]
 
 
 def _excluded_blocks(table: PoseTable) -> list[Block]:
@@ -240,9 +245,9 @@ def _excluded_blocks(table: PoseTable) -> list[Block]:
     if not table.excluded:
         return []
     caption = f"{len(table.excluded)} of {len(table)} {table.item}s are excluded, with residuals against the fit:"
-    more = len(table.excluded) - MOST_LISTED
+    more = len(table.excluded) - MAX_LISTED
     rest = [Paragraph(f"and {more} more; see the table of the result", indent="  ")] if more > 0 else []
-    return [pose_table(table, table.excluded[:MOST_LISTED], caption), *rest]
+    return [pose_table(table, table.excluded[:MAX_LISTED], caption), *rest]
 
 
 def shown_budget(result: Calibration) -> Budget | None:
@@ -272,7 +277,7 @@ def budget_table(result: Calibration, most: int | None = None) -> Table | None:
     if budget is None:
         return None
     budget = shorten_budget(budget, most)
-    factors = {"X translation": _MM, "X rotation": _DEG}
+    factors = {"X translation": MM_PER_M, "X rotation": DEG_PER_RAD}
     standard, shares, whole = budget.standard, budget.group_shares, budget.expanded()
     rows: list[list[Cell]] = []
     largest = np.max([shares[name] for name in factors], axis=0)
@@ -333,8 +338,8 @@ def worst_words(result: Calibration) -> str:
     found = budget.expanded(worst=True)
     move, turn = found["X translation"], found["X rotation"]
     return (
-        f"In the worst direction U is {digits(_MM * move.U, 2)} mm (k = {move.k:.2f}) and {digits(_DEG * turn.U, 2)} "
-        f"deg (k = {turn.k:.2f}), which covers 95 % of the errors."
+        f"In the worst direction U is {digits(MM_PER_M * move.U, 2)} mm (k = {move.k:.2f}) and "
+        f"{digits(DEG_PER_RAD * turn.U, 2)} deg (k = {turn.k:.2f}), which covers 95 % of the errors."
     )
 
 

@@ -22,6 +22,8 @@ from matplotlib.ticker import MaxNLocator
 
 from ...core.formatting.numbers import concise
 from ...core.geometry.se3 import Array
+from ...core.numbers.limits import MAX_DRAWN_POINTS, MAX_NAMED
+from ...core.numbers.rounding import TINY
 from ...core.presentation.figure_parts import (
     BLUE,
     HALO,
@@ -47,15 +49,12 @@ from .text import found_of
 if TYPE_CHECKING:
     from ..result import Calibration
 
-
-# Cells along the longer side of the map, and points of the curves.
-CELLS, BINS = 20, 8
-# A map is at least so large (m).
-SMALLEST = 0.02
-# The colour bar spans at least this factor.
-LEAST_SPAN = 1.5
-# Beyond this factor its numbers are 1, 2, 5.
-WIDE = 6.0
+# A map of the workspace and its axis of distances span at least this.
+SMALLEST_MAP_M = 0.02
+# The ends of a colour bar differ at least by this factor.
+MIN_COLOUR_RATIO = 1.5
+# More poses are drawn with smaller marks.
+MAX_LARGE_MARKS = 200
 
 
 def workspace_figure(found: WorkspacePrediction) -> Figure:
@@ -71,17 +70,17 @@ def _section(figure: Figure, axis: Axes, found: WorkspacePrediction) -> None:
     """The 95 % radius in cells of the section, geometric mean about each; calibrated poses on top."""
     plain(axis)
     places, low, span = found.place, found.place.min(axis=0), np.ptp(found.place, axis=0)
-    size = max(float(span.max()), SMALLEST) / CELLS
+    size = max(float(span.max()), SMALLEST_MAP_M) / 20
     edges = [low[k] + size * np.arange(max(int(np.ceil(span[k] / size)), 1) + 1) for k in range(2)]
     x, y = np.meshgrid(*(0.5 * (edge[1:] + edge[:-1]) for edge in edges))
     off2 = ((np.stack([x, y], axis=-1)[..., None, :] - places) ** 2).sum(axis=-1) / size**2
     weight = np.exp(-0.5 * off2)
-    cells = 1e3 * np.exp((weight @ np.log(found.radius_95)) / np.maximum(weight.sum(axis=-1), 1e-300))
+    cells = 1e3 * np.exp((weight @ np.log(found.radius_95)) / np.maximum(weight.sum(axis=-1), TINY))
     cells = np.where(off2.min(axis=-1) < 1.0, cells, np.nan)
     least, most = float(np.nanmin(cells)), float(np.nanmax(cells))
-    if most < LEAST_SPAN * least:
+    if most < MIN_COLOUR_RATIO * least:
         middle = np.sqrt(least * most)
-        least, most = middle / np.sqrt(LEAST_SPAN), middle * np.sqrt(LEAST_SPAN)
+        least, most = middle / np.sqrt(MIN_COLOUR_RATIO), middle * np.sqrt(MIN_COLOUR_RATIO)
     drawn = axis.pcolormesh(
         edges[0],
         edges[1],
@@ -111,7 +110,7 @@ def _bar(figure: Figure, axis: Axes, drawn: QuadMesh) -> None:
     bar = figure.colorbar(drawn, ax=axis, shrink=0.95)
     bar.set_label("95 % radius (mm)", fontsize=TEXT)
     bar.ax.tick_params(labelsize=SMALL)
-    if most > WIDE * least:
+    if most > 6.0 * least:
         plain_numbers(bar.ax)
         return
     ticks = [tick for tick in MaxNLocator(5).tick_values(least, most) if least <= tick <= most]
@@ -127,7 +126,7 @@ def _curves(axis: Axes, found: WorkspacePrediction) -> None:
         1e3 * np.concatenate(parts)
         for parts in ((found.near_radius_95, found.radius_95), (found.near_bias, found.bias))
     )
-    ends = np.quantile(found.away, np.linspace(0.0, 1.0, BINS))
+    ends = np.quantile(found.away, np.linspace(0.0, 1.0, 8))
     groups = [away == 0.0, *((away > low) & (away <= high) for low, high in pairwise(ends))]
     groups = [group for group in groups if group.any()]
     x = np.array([away[group].mean() for group in groups])
@@ -145,7 +144,7 @@ def _curves(axis: Axes, found: WorkspacePrediction) -> None:
         _fit(axis, np.concatenate([low, high, rms]))
     else:
         _fit(axis, np.concatenate([low, high]))
-    axis.set_xlim(0, max(float(x[-1]), SMALLEST) * 1.02)
+    axis.set_xlim(0, max(float(x[-1]), SMALLEST_MAP_M) * 1.02)
     axis.set_xlabel("flange from the nearest calibrated pose (m)", fontsize=TEXT)
     axis.set_ylabel("miss of the tool (mm)", fontsize=TEXT, color=INK)
     axis.legend(fontsize=SMALL, frameon=False, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=1, borderpad=0.1)
@@ -232,10 +231,6 @@ def budget_figure(shares: Mapping[str, Array]) -> Figure:
     return finished(figure)
 
 
-# Estimates are drawn up to so many of the standard deviations assumed.
-WIDEST = 6.0
-
-
 def shared_figure(errors: Sequence[SharedGroup]) -> Figure:
     """A bar of +- one assumed standard deviation for each error, and its estimate with the one after the fit.
 
@@ -250,7 +245,7 @@ def shared_figure(errors: Sequence[SharedGroup]) -> Figure:
     z = [np.array([part.estimate / part.prior_sd for part in error.parts]) for error in errors]
     after = [np.array([part.sd / part.prior_sd for part in error.parts]) for error in errors]
     ends = [np.abs(of) + (sd if len(of) == 1 else 0.0) for of, sd in zip(z, after, strict=True)]
-    reach = float(min(max(1.3, 1.1 * max(float(end.max()) for end in ends)), WIDEST))
+    reach = float(min(max(1.3, 1.1 * max(float(end.max()) for end in ends)), 6.0))
     axis.barh(y, 2.0, 0.56, left=-1.0, color=QUIET, alpha=0.35, label="assumed, 1 sigma")
     single = [k for k, error in enumerate(errors) if error.count == 1]
     axis.errorbar(
@@ -292,10 +287,6 @@ MARKS: dict[str, dict[str, Any]] = {
         "marker": "o", "color": QUIET, "markersize": 4.6, "markerfacecolor": "white", "markeredgewidth": 1.1
     },
 }  # fmt: skip
-# Flagged poses that a panel names.
-MOST_NAMED = 8
-# More are drawn smaller, and so many as an image: a drawing of each would make a large file.
-MANY, VERY_MANY = 200, 2500
 
 
 def residual_figure(table: PoseTable, small: bool = False) -> Figure:
@@ -305,7 +296,7 @@ def residual_figure(table: PoseTable, small: bool = False) -> Figure:
     values = (1e3 * table.translation, np.degrees(table.rotation), np.maximum(table.distance2, 1e-3))
     names = ("mm", "deg", "") if small else ("translation (mm)", "rotation (deg)", "$d^2$")
     groups = {word: np.array([flag == word for flag in table.flag], dtype=bool) for word in MARKS}
-    many = MANY / 3 if small else MANY
+    many = MAX_LARGE_MARKS / 3 if small else MAX_LARGE_MARKS
     for axis, value, name in zip(axes, values, names, strict=False):
         plain(axis)
         axis.set_ylabel(name, fontsize=SMALL if small else TEXT)
@@ -314,7 +305,7 @@ def residual_figure(table: PoseTable, small: bool = False) -> Figure:
         for word, rows in groups.items():
             marks = MARKS[word] | ({"markersize": 1.8} if word == "kept" and len(table) > many else {})
             if word != "rejected":
-                marks = marks | {"rasterized": rows.sum() > VERY_MANY}
+                marks = marks | {"rasterized": rows.sum() > MAX_DRAWN_POINTS}
             label = f"{word} ({rows.sum():,})" if rows.any() else None
             axis.plot(np.flatnonzero(rows), value[rows], linestyle="", label=label, **marks)
     handles, labels = axes[0].get_legend_handles_labels()
@@ -327,7 +318,7 @@ def residual_figure(table: PoseTable, small: bool = False) -> Figure:
         if axis.get_yscale() == "log":
             plain_numbers(axis)
     if not small:
-        _named(axes[2], sorted(table.flagged, key=lambda k: -table.distance2[k])[:MOST_NAMED], values[2], len(table))
+        _named(axes[2], sorted(table.flagged, key=lambda k: -table.distance2[k])[:MAX_NAMED], values[2], len(table))
     last = axes[-1]
     last.set_xlabel(f"number of the {table.item}, counted from 0", fontsize=SMALL if small else TEXT)
     last.xaxis.set_major_locator(MaxNLocator(nbins=10, integer=True, min_n_ticks=1))
@@ -347,7 +338,7 @@ def _limits(axis: Axes, value: Array, logarithmic: bool) -> None:
     axis.set_yscale("log")
     positive = value[value > 0]
     # Of very many poses the smallest residuals say nothing; of few all are shown.
-    low = float(np.quantile(positive, 0.01 if len(positive) > MANY else 0.0)) if positive.size else 1.0
+    low = float(np.quantile(positive, 0.01 if len(positive) > MAX_LARGE_MARKS else 0.0)) if positive.size else 1.0
     high = float(positive.max()) if positive.size else 1.0
     axis.set_ylim(0.5 * max(low, 1e-6 * high), 3.0 * high)
 

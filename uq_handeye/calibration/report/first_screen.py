@@ -32,11 +32,12 @@ from ..result import Calibration
 from ..statement.accuracy import Accuracy, combined_parts, suits_of, two_numbers
 from ..statement.tolerance import Verdict
 
+# Lines of the first screen, which fits a terminal of 80 columns.
 LINES = 26
-# Lines of the table of parts; smaller parts are combined.
-MOST_PARTS = 4
-# Names of files are shortened to so many characters at least.
-_SHORTEST = 12
+# Lines of the table of parts on the first screen; smaller parts are combined.
+MAX_PARTS_SHOWN = 4
+# With fewer poses, more of them are the first advice where noise limits X.
+MIN_POSES_TO_TAKE = 25
 
 
 def first_screen(
@@ -81,8 +82,6 @@ def first_screen(
 # Parts shown, whether the expanded uncertainty is, and empty lines: from the longest form to the shortest.
 _SHORTER = [(4, True, 4), (4, True, 3), (4, True, 2), (3, True, 2), (3, True, 1), (3, True, 0)]
 _SHORTER += [(3, False, 0), (2, False, 0), (1, False, 0), (0, False, 0)]
-# Groups of the first screen that an empty line follows, the most useful one first: before X, below the answer, ...
-_GAPS = (3, 1, 2, 4)
 
 
 def height(document: Document, width: int) -> int:
@@ -91,11 +90,11 @@ def height(document: Document, width: int) -> int:
 
 
 def _joined(groups: Sequence[Sequence[Block]], gaps: int) -> Document:
-    """Return groups with as many empty lines between them."""
+    """Return groups with as many empty lines between them, the most useful first: before X, below the answer, ..."""
     joined: list[list[Block]] = [[]]
     for k, group in enumerate(groups):
         joined[-1] += group
-        if k in _GAPS[:gaps] and group:
+        if k in (3, 1, 2, 4)[:gaps] and group:
             joined.append([])
     return joined
 
@@ -121,7 +120,7 @@ def title_of(result: Calibration, width: int = COLUMNS) -> str:
         if len(shown) <= room:
             break
         shown = f"{', '.join(names[:count])} + {len(names) - count} more"
-    return _cut(start + _cut(shown, max(room, _SHORTEST)) + end, width)
+    return _cut(start + _cut(shown, max(room, 12)) + end, width)
 
 
 def data_words(result: Calibration) -> str:
@@ -167,7 +166,7 @@ def answer_blocks(result: Calibration, verdict: Verdict | None = None, why: bool
     return blocks
 
 
-def accuracy_blocks(result: Calibration, most: int = MOST_PARTS, expanded: bool = True) -> list[Block]:
+def accuracy_blocks(result: Calibration, most: int = MAX_PARTS_SHOWN, expanded: bool = True) -> list[Block]:
     """Return the parts of the accuracy, at most so many, and what is not included; nothing where X is not usable."""
     accuracy = result.accuracy
     if accuracy is None or result.reasons:
@@ -184,7 +183,7 @@ def accuracy_blocks(result: Calibration, most: int = MOST_PARTS, expanded: bool 
     return blocks
 
 
-def parts_table(accuracy: Accuracy, most: int = MOST_PARTS, expanded: bool = True) -> Table:
+def parts_table(accuracy: Accuracy, most: int = MAX_PARTS_SHOWN, expanded: bool = True) -> Table:
     """Return the parts of the accuracy, largest first and those beyond ``most`` combined, with the total for 95 %."""
     sizes = {
         part.name: next((text for text in accuracy.included if text.startswith(part.name)), part.name)
@@ -251,10 +250,6 @@ def matrix_block(T: Array, width: int = COLUMNS) -> Code:
     return Code("", "\n".join(" ".join(f"{x:{places + 5}.{places}f}" for x in line) for line in small), "")
 
 
-# Poses below which more of them are the first thing to try where noise limits X.
-FEW = 25
-
-
 def next_step(result: Calibration, report: str | None = None) -> str:
     """Return the next step: about the finding of most effect that asks for one, else about the largest part.
 
@@ -283,7 +278,7 @@ def _about_largest(accuracy: Accuracy, count: int) -> str | None:
     if not accuracy.parts:
         return None
     name = accuracy.parts[0].name
-    if name.startswith("noise of") and count < FEW:
+    if name.startswith("noise of") and count < MIN_POSES_TO_TAKE:
         return "take more poses to reduce the noise: uq-handeye plan chooses them"
     assumed = any(text.startswith(name) and text.endswith("assumed)") for text in accuracy.included)
     if assumed and name in DECLARE:

@@ -40,17 +40,15 @@ from ...core.presentation.figure_parts import (
 from ...fit.diagnostics.pose_table import PoseTable
 from ...model.poses.pose_pairs import PosePairs
 
-# So many poses are drawn in full, evenly spread over the recording, and so many as dots.
-MOST_FRAMES, MOST_DOTS = 30, 400
-# Poses of the scene that can be turned, of which one can be selected.
-MOST_CHOICES = 60
+# Poses drawn with their frames, evenly spread over the recording.
+MAX_FRAMES = 30
+# Poses drawn as dots.
+MAX_DOTS = 400
+# Size of a drawn camera, as a share of the scene.
+CAMERA_SIZE = 0.05
 _AXES = (("#D55E00", "x"), ("#009E73", "y"), ("#0072B2", "z"))
 # Half axes of the ellipsoid that holds 95 % of a Gaussian in three dimensions, in standard deviations.
 LEVEL = float(np.sqrt(chdtri(3, 0.05)))
-# Length of the largest half axis of the ellipsoid, by the size of the scene.
-_VISIBLE = 0.09
-# Size of a camera on its gripper, likewise.
-_SMALL = 0.05
 
 
 class Rig(NamedTuple):
@@ -126,8 +124,8 @@ def rig(
         values, vectors = np.linalg.eigh(covariance[3:, 3:])
         half = vectors * level * np.sqrt(np.maximum(values, 0.0))
         largest = float(np.linalg.norm(half, axis=0).max())
-        factor = max(1.0, round_number(_VISIBLE * size / largest)) if largest > 0 else 1.0
-    board = _board(poses, (2.2 if in_hand else 1.0) * _SMALL * size)
+        factor = max(1.0, round_number(0.09 * size / largest)) if largest > 0 else 1.0
+    board = _board(poses, (2.2 if in_hand else 1.0) * CAMERA_SIZE * size)
     label = "rejected" if not len(excluded) else "excluded" if rejected.sum() == len(excluded) else "rejected, excluded"
     return Rig(poses.setup, poses.robot, cameras, targets, rejected, label, X, W, board, chosen, half, factor, size)
 
@@ -151,7 +149,7 @@ def rig_figure(scene: Rig) -> Figure:
         side.plot(*points.T, **style)
         above.plot(*points[:, :2].T, **style)
     for k, (colour, name) in enumerate(_AXES):
-        tip = 3.2 * _SMALL * scene.size * np.eye(3)[k]
+        tip = 3.2 * CAMERA_SIZE * scene.size * np.eye(3)[k]
         words: dict[str, Any] = {
             "color": colour,
             "fontsize": TEXT,
@@ -198,9 +196,9 @@ def _evenly(n: int, most: int) -> NDArray[np.intp]:
 def _strokes(scene: Rig) -> list[tuple[Array, dict[str, Any]]]:
     """Points (m, 3) and the style of each thing drawn, from back to front."""
     n = len(scene.grippers)
-    full, dots = _evenly(n, MOST_FRAMES), _evenly(n, MOST_DOTS)
+    full, dots = _evenly(n, MAX_FRAMES), _evenly(n, MAX_DOTS)
     full, dots = full[~scene.rejected[full]], dots[~scene.rejected[dots]]
-    hand, small = scene.grippers[:, :3, 3], _SMALL * scene.size
+    hand, small = scene.grippers[:, :3, 3], CAMERA_SIZE * scene.size
     one_camera, one_target = len(scene.cameras) == 1, len(scene.targets) == 1
     moving = scene.targets if one_camera else scene.cameras
     strokes = [
@@ -217,7 +215,7 @@ def _strokes(scene: Rig) -> list[tuple[Array, dict[str, Any]]]:
     inside = bad[np.abs(hand[bad] - scene.centre).max(axis=1) < scene.size] if bad.size else bad
     if inside.size:
         style = {"marker": "X", "color": ORANGE, "markersize": 6.5, "markeredgecolor": "white", **marks}
-        strokes.append((hand[inside[:MOST_DOTS]], style))
+        strokes.append((hand[inside[:MAX_DOTS]], style))
     for k, (colour, _) in enumerate(_AXES):
         ends = np.zeros((2, 3))
         ends[1, k] = 2.6 * small
@@ -260,7 +258,7 @@ def _limits(scene: Rig) -> tuple[Array, Array]:
     if len(scene.targets) == 1:
         points = np.concatenate([points, _target(scene.targets[0], scene.board)])
     if len(scene.cameras) == 1:
-        points = np.concatenate([points, _camera(scene.cameras[0], 2.0 * _SMALL * scene.size)])
+        points = np.concatenate([points, _camera(scene.cameras[0], 2.0 * CAMERA_SIZE * scene.size)])
     room = 0.11 * scene.size
     low = np.minimum(points.min(axis=0) - room, scene.centre - 1.1 * ring)
     high = np.maximum(points.max(axis=0) + room, scene.centre + 1.1 * ring)
@@ -292,10 +290,10 @@ def _legend(figure: Figure, scene: Rig) -> None:
 def rig_scene(scene: Rig, table: PoseTable | None, alt: str) -> str:
     """Return the scene as JSON: poses as rows of 3x4 numbers, in metres."""
     n = len(scene.grippers)
-    full = np.unique([*_evenly(n, MOST_CHOICES), scene.chosen])
+    full = np.unique([*_evenly(n, 60), scene.chosen])
     low, high = _limits(scene)
     grid = round_number(0.2 * float((high - low)[:2].max()))
-    dots = np.setdiff1d(_evenly(n, MOST_DOTS), np.concatenate([full, np.flatnonzero(scene.rejected)]))
+    dots = np.setdiff1d(_evenly(n, MAX_DOTS), np.concatenate([full, np.flatnonzero(scene.rejected)]))
     found: dict[str, Any] = {
         "hand": scene.setup == "eye-in-hand",
         "X": _rows(scene.X),

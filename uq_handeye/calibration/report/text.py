@@ -13,6 +13,7 @@ import numpy as np
 from ...core.formatting.numbers import concise, digits, pose_rows, row
 from ...core.geometry.pose_numbers import pose_numbers, quaternion_deviations
 from ...core.geometry.se3 import Array, difference
+from ...core.numbers.limits import MAX_LISTED
 from ...core.presentation.document import (
     Block,
     Caution,
@@ -48,10 +49,10 @@ from .analysis import (
 )
 from .first_screen import accuracy_blocks, answer_blocks, checks_block, data_words, first_screen, matrix_block, title_of
 
+# The mean error of nominal poses is stated from this share of the 95 % radius on.
+MIN_NOMINAL_SHARE = 0.05
 # Notes that the long text shows beside the cautions.
 SHOWN_NOTES = ("calibration.excluded", "kinematics.against_controller")
-# Columns of the title of the long text.
-LONG_TITLE = 118
 
 
 @document_of.register(Calibration)
@@ -67,7 +68,7 @@ def long_document(result: Calibration, threshold: float = 0.5, verdict: Verdict 
     """
     tables = [table for table in (covariance_table(result), budget_table(result)) if table is not None]
     return [
-        [Heading(title_of(result, LONG_TITLE)), *answer_blocks(result, verdict, why=False)],
+        [Heading(title_of(result, 118)), *answer_blocks(result, verdict, why=False)],
         accuracy_blocks(result),
         checks_block(result),
         *(Caution(str(found)) for found in result.cautions),
@@ -155,10 +156,6 @@ def _correlations(result: Calibration, threshold: float) -> list[str]:
     return [f"Correlations of {threshold:g} and larger:", *strong]
 
 
-# Parts of the accuracy; smaller ones are combined.
-MOST_PARTS = 12
-
-
 @html_of.register(Calibration)
 def calibration_html(result: Calibration) -> str:
     """Return the headline, the checks and the six numbers; full sentences, parts and matrices folded away."""
@@ -189,7 +186,7 @@ def _six(result: Calibration) -> Table:
 
 def _folds(result: Calibration) -> dict[str, list[Block]]:
     """Return what is folded away by title; what `calibrate` warned of is not opened again."""
-    count, accuracy = len(result.cautions), accuracy_blocks(result, most=MOST_PARTS)
+    count, accuracy = len(result.cautions), accuracy_blocks(result, most=MAX_LISTED)
     return {
         f"Cautions in full ({count})": [Points([str(finding) for finding in result.cautions])] if count else [],
         "Parts of the accuracy": [*accuracy, Paragraph(included_words(result))] if accuracy else [],
@@ -326,8 +323,6 @@ _HOW = {
     DECLARED: "standard deviations as declared",
     EXACT: "taken as exact",
 }
-# Mean errors of nominal poses are said from this share of the 95 % radius on.
-WORTH_SAYING = 0.05
 
 
 def arm_blocks(result: Calibration) -> list[Block]:
@@ -380,7 +375,7 @@ def prediction_words(result: Calibration) -> str:
     text = f"A point that the camera sees{at}, and the flange brought to it: within {_mm(found.anywhere)} mm (95 %) "
     text += "anywhere in the workspace"
     text += "." if found.near is None else f", within {_mm(found.near)} mm near the calibrated poses."
-    if found.nominal > WORTH_SAYING * found.anywhere:
+    if found.nominal > MIN_NOMINAL_SHARE * found.anywhere:
         text += (
             f" With nominal poses in place of the corrected ones add {_mm(found.nominal)} mm (RMS): a mean error, "
             "which is not part of the covariance."

@@ -34,13 +34,11 @@ from ..estimate.estimated import Estimated, distance_of
 from .checks import PLAIN, Checked, included, lower_limit_of, not_included
 from .tolerance import Tolerance, Verdict, verdict_of
 
+# A number is known by its prior where the data leave more than this share of the prior variance.
+MAX_PRIOR_SHARE = 0.5
+# What default priors add is stated where X is this many times as uncertain with them.
+MIN_PRIOR_GAIN = 1.25
 _KINDS = ("rotation", "translation", "coupling")
-# A number of an error is told by its prior where the data leave more than this share of its variance; what priors add
-# is said where X is so many times as uncertain with it; and errors that add less than this share of the most are not
-# named.
-BY_PRIOR, DIFFERENT, NAMED = 0.5, 1.25, 0.5
-# Longest list of names of parts that are shown as one.
-LONGEST_NAMES = 48
 
 
 class Part(NamedTuple):
@@ -129,7 +127,7 @@ def _from_poses(result: Estimated) -> FromPoses | None:
     place = {name: len(posterior.covariance) - len(posterior.names) + k for k, name in enumerate(posterior.names)}
     of: dict[str, list[int]] = {}
     for error in result.shared:
-        if error.default and error.name in place and error.resolved < 1.0 - BY_PRIOR:
+        if error.default and error.name in place and error.resolved < 1.0 - MAX_PRIOR_SHARE:
             of.setdefault(error.error, []).append(place[error.name])
 
     def known(index: list[int]) -> Array:
@@ -141,10 +139,10 @@ def _from_poses(result: Estimated) -> FromPoses | None:
     if not of:
         return None
     total, alone = np.array([_worst(S[3:, 3:]), _worst(S[:3, :3])]), known([k for index in of.values() for k in index])
-    if not (total > DIFFERENT * alone).any():
+    if not (total > MIN_PRIOR_GAIN * alone).any():
         return None
     gains = {name: float((1.0 - known(index) / total).max()) for name, index in of.items()}
-    named = [name for name in sorted(gains, key=lambda name: -gains[name]) if gains[name] > NAMED * max(gains.values())]
+    named = [name for name in sorted(gains, key=lambda name: -gains[name]) if gains[name] > 0.5 * max(gains.values())]
     return FromPoses(_steady(float(alone[0])), _steady(float(alone[1])), tuple(named))
 
 
@@ -169,7 +167,7 @@ def combined_parts(parts: Sequence[Part], most: int) -> list[Part]:
     rest = parts[most - 1 :]
     size = np.sqrt(np.sum([[part.translation**2, part.rotation**2] for part in rest], axis=0)).tolist()
     names = ", ".join(part.name for part in rest)
-    if len(names) > LONGEST_NAMES:
+    if len(names) > 48:
         names = f"{len(rest)} others" if most > 1 else "all errors"
     return [*parts[: most - 1], Part(names, *size)]
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from ...core.files.records import Record
 from ...core.formatting.numbers import digits, probability, times_of_noise
+from ...core.numbers.levels import UNUSUAL
 from ...findings import (
     CHECKS,
     HALVES,
@@ -36,17 +37,21 @@ from ...model.shared_errors.sizes import ROBOT_ACCURACY
 from ..estimate.analysis import joint_sides
 from ..estimate.estimated import Estimated, distance_of
 
+# X is not determined beyond this standard deviation of its rotation: a first-order covariance means nothing there.
+MAX_ROTATION_SD_RAD = np.radians(20.0)
+# X is not determined beyond this standard deviation of its translation, in distances of the target.
+MAX_TRANSLATION_SD = 0.5
+# Of few poses, the others prove nothing where a larger share is rejected: they may agree on a wrong X by chance.
+MAX_REJECTED_OF_FEW = 0.35
+# Poses from which on they are not few.
+MIN_MANY_POSES = 20
+# Ten tests are made of a result: together they raise a caution in 5 % of data sets (Bonferroni).
+CAUTION_OF_TEN_TESTS = UNUSUAL.probability / 10
 # Methods whose results hold the residuals of the poses, unless they were updated by the joint posterior alone.
 _WITH_RESIDUALS = ("efficient", "ml", "bundle")
 
 Status = Literal["ok", "caution", "failed", "not run"]
 STATUSES: tuple[Status, ...] = get_args(Status)
-# Beyond these standard deviations X is not determined: a rotation (rad), a translation in distances of the target.
-_LOST_ROTATION, _LOST_TRANSLATION = np.radians(20.0), 0.5
-# Where more poses are rejected than this share of fewer than so many, the others are no proof of X.
-_FEW_WRONG, _MANY = 0.35, 20
-# Probability below which a test that rejects nothing is a caution: one of ten tests is as rare in 5 % of data sets.
-DOUBTFUL = 0.005
 _PARTS = (slice(0, 3), slice(3, 6))  # rotation, translation
 
 
@@ -130,7 +135,7 @@ def _without_findings(name: str, result: Estimated) -> Check:
 def _of_noise(result: Estimated) -> Check:
     fit, estimate = result.fit, result.noise_estimate
     if fit is not None and fit.p_value is not None:
-        if fit.p_value < DOUBTFUL:
+        if fit.p_value < CAUTION_OF_TEN_TESTS:
             return Check(NOISE, "caution", f"{times_of_noise(fit.sigma0)} ({probability(fit.p_value, 2)})")
         return Check(NOISE, "ok", f"the residuals agree with it ({probability(fit.p_value, 2)})")
     if result.covariance is None:
@@ -172,7 +177,7 @@ def _of_halves(result: Estimated) -> Check:
     if not run:
         return Check(HALVES, "not run", halves[0].finding.phrase, (halves[0].finding,))
     least = min(float(np.min(half.p_value)) for half in run if half.p_value is not None)
-    if least < DOUBTFUL:
+    if least < CAUTION_OF_TEN_TESTS:
         words = f"X of two halves differs more than is usual ({probability(least, 2)})"
         return Check(HALVES, "caution", words, tuple(h.finding for h in run))
     return Check(HALVES, "ok", f"X of two halves agrees ({probability(least, 2)})", tuple(h.finding for h in run))
@@ -296,13 +301,13 @@ class Checked(Estimated):
     def reasons(self) -> tuple[str, ...]:
         """Reasons why X cannot be used, the decisive one first; empty where it can."""
         found = list(failures_in_words(self.cautions))
-        if self.table is not None and len(self.table.counted) < _MANY:
+        if self.table is not None and len(self.table.counted) < MIN_MANY_POSES:
             rejected, n = len(self.table.rejected), len(self.table.counted)
-            if rejected > _FEW_WRONG * n:  # of few poses as many as are left may agree on a wrong X by chance
+            if rejected > MAX_REJECTED_OF_FEW * n:  # of few poses as many as are left may agree on a wrong X by chance
                 found.append(f"{rejected} of {n} {self.table.item}s contradict X")
         if self.covariance is not None:
             turn, move = (float(np.sqrt(np.linalg.eigvalsh(self.covariance[part, part])[-1])) for part in _PARTS)
-            if turn > _LOST_ROTATION or move > _LOST_TRANSLATION * distance_of(self.analysis)[0]:
+            if turn > MAX_ROTATION_SD_RAD or move > MAX_TRANSLATION_SD * distance_of(self.analysis)[0]:
                 size = f"{digits(1e3 * move, 2)} mm and {digits(float(np.degrees(turn)), 2)} deg"
                 found.append(f"the poses do not determine X (1 sigma: {size})")
         return tuple(found)

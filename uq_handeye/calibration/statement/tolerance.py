@@ -25,18 +25,22 @@ from ...core.files.records import Record
 from ...core.formatting.numbers import digits
 from ...core.formatting.units import ANGLE_UNITS, parse_angle, parse_length
 from ...core.geometry.se3 import Array
+from ...core.numbers.levels import INTERVAL
 from ...errors import InputError
 from ...fit.likelihood.goodness_of_fit import Reference
 from ..estimate.estimated import Estimated
 from .checks import Checked, lower_limit_of
 
+# A tolerance is met from this probability on.
+MET = INTERVAL.probability
+# It is missed up to this one.
+MISSED = 1 - MET
+
+
 Word = Literal["PASS", "FAIL", "NOT SHOWN"]
 PASS: Word = "PASS"
 FAIL: Word = "FAIL"
 NOT_SHOWN: Word = "NOT SHOWN"
-# Probabilities from which a tolerance is met, and up to which it is not.
-MET, MISSED = 0.95, 0.05
-_POINTS = 14  # as a power of 2
 
 
 @dataclass(frozen=True)
@@ -230,7 +234,7 @@ def _draws() -> tuple[Array, Array]:
     from scipy.special import ndtri
     from scipy.stats.qmc import Sobol
 
-    points = np.clip(Sobol(7, seed=0).random_base2(_POINTS), 1e-12, 1 - 1e-12)
+    points = np.clip(Sobol(7, seed=0).random_base2(14), 1e-12, 1 - 1e-12)
     return np.asarray(ndtri(points[:, :6])), points[:, 6]
 
 

@@ -24,3 +24,5 @@ MAX_LISTED = 12
 MAX_DRAWN_POINTS = 4_000
 # Poses that determine X at least: two motions about different axes.
 MIN_POSES = 3
+# Poses, motions or views from which on outliers can be distinguished from the others.
+MIN_POSES_FOR_ROBUST = 5

@@ -14,7 +14,7 @@ from ...core.geometry.se3 import Array
 from ...core.presentation.document import Document, Paragraph, Table, document_of
 from ...core.presentation.shown import Shown
 from ...errors import InputError
-from ...findings import GROSS, Finding, Severity
+from ...findings import GROSS_EXCESS, Finding, Severity
 from ...model.noise.joint_covariance import joint_of
 from ..likelihood.gauss_helmert import Fit
 from ..likelihood.robust import FULL, RobustFit, largest_by_chance, pose_distances
@@ -112,7 +112,7 @@ class PoseTable(Record, Shown):
             values = {"item": self.item, "flag": flag, "n": len(self.counted), "count": len(rows), "limit": self.limit}
             found.append(Finding("diagnostics.flagged", "caution", values | {"worst": worst}))
         if self.scale > 1:
-            severity: Severity = "failure" if self.scale > GROSS else "caution"
+            severity: Severity = "failure" if self.scale > GROSS_EXCESS else "caution"
             found.append(Finding("diagnostics.noise_too_small", severity, {"scale": self.scale}))
         return found
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from ...core.geometry.se3 import Array, inverse, vee
 from ...errors import DegenerateMotionError
-from ...findings import GROSS, Finding, Severity
+from ...findings import GROSS_EXCESS, Finding, Severity
 from ...methods.procrustes.degeneracy import MIN_SPREAD_RATIO, infinite_directions
 from ...model.noise.models import Noise, PoseNoise, is_joint, marginals
 from ...model.poses.motions import STEADY_VIEW, Motions, direction_spread, median, pose_residuals, rotation_angles
@@ -301,7 +301,7 @@ def _against_noise(what: str, n: int, rows: tuple[Array, Array], least: Array | 
         rms, expected = float(np.sqrt(np.mean(rows[k] ** 2))), float(np.sqrt(np.mean(most[k])))
         if rms > 1.3 * high * expected and rms > EXACT:
             values = {"what": what, "part": part, "rms": rms, "expected": expected}
-            severity: Severity = "failure" if rms > GROSS * expected else "caution"
+            severity: Severity = "failure" if rms > GROSS_EXCESS * expected else "caution"
             found.append(Finding("input_checks.noise_too_small", severity, values))
         elif least is not None and EXACT < rms < min(low, 1 / 3) * (floor := float(np.sqrt(np.mean(least[k])))):
             values = {"what": what, "part": part, "rms": rms, "expected": floor}

@@ -57,11 +57,8 @@ from .result import CHI2_95, Comparison, Row, against, squared_distance, without
 if TYPE_CHECKING:
     from ...calibration.result import Calibration
 
-
-# All pairs of more poses than make this many are thinned out evenly, the same for every method.
-MOST_PAIRS = 20_000
-# A method is timed so many times, or until so many seconds are over, and the best counts.
-REPEATS, ENOUGH = 5, 0.25
+# Pairs of poses, spread evenly, on which a report compares the methods.
+COMPARED_PAIRS = 4_000
 # The method whose row is the answer of `calibrate`: the default reference.
 OWN = "efficient"
 # What data can make of a method; any other exception is a fault of the program.
@@ -267,7 +264,7 @@ def _motions(data: PosePairs | Motions, pairs: str | ArrayLike) -> tuple[Motions
             if data.n < 3:
                 raise InputError(f"Expected at least 3 poses, which make 2 motions, got {data.n}.")
             every = among(pairs, ("all",))
-            motions = relative_motions(data, spread_pairs(data.n, MOST_PAIRS) if every else pairs)
+            motions = relative_motions(data, spread_pairs(data.n, 20_000) if every else pairs)
             available = data.n * (data.n - 1) // 2 if every else motions.N
         case _:
             raise InputError(f"Expected `data` to be PosePairs or Motions, got {type(data).__name__}.")
@@ -392,7 +389,7 @@ def _said(error: Exception) -> str:
 def _seconds(function: Callable[[], object]) -> float:
     """Shortest time of a few calls, or of one if it is slow."""
     times: list[float] = []
-    while len(times) < REPEATS and sum(times) < ENOUGH:
+    while len(times) < 5 and sum(times) < 0.25:
         start = time.perf_counter()
         function()
         times.append(time.perf_counter() - start)
@@ -404,10 +401,6 @@ def _sorted_warnings(rows: list[Row], base: Row | None) -> tuple[tuple[str, ...]
     common = {without_numbers(text): text for row in (rows if base is None else [base]) for text in row.warnings}
     own = {row.method: tuple(text for text in row.warnings if without_numbers(text) not in common) for row in rows}
     return tuple(common.values()), own
-
-
-# Methods are compared on all pairs of the poses, or on about so many of them.
-COMPARED_PAIRS = 4000
 
 
 class Compared(NamedTuple):

@@ -18,18 +18,13 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
 from ...core.geometry.se3 import Array
+from ...core.numbers.rounding import CHAIN_ROUNDING
 from ...core.presentation.ellipses import SYMBOLS
 from ...core.presentation.figure_parts import BLUE, HALO, ORANGE, SMALL, Picture, canvas, finished, plain
 from .compare import CHI2_95
 from .result import Comparison, Row, digits
 
 MINUS = "\N{MINUS SIGN}"
-# Differences beyond so many typical ones are left outside, as arrows.
-FAR = 3.0
-# Ellipses reaching beyond so many typical differences with their two standard deviations are cut off.
-WIDE = 1.9
-# Half a panel is never less than this (rad, m): differences below are rounding.
-LEAST = (1e-9, 1e-9)
 _RADIUS = float(np.sqrt(CHI2_95))
 
 
@@ -87,15 +82,15 @@ def _scale(rows: Sequence[Row]) -> _Scale:
     centres = np.array([row.xi for row in rows])
     spread = np.array([np.zeros(6) if row.std is None else row.std for row in rows])
     low, high, factors, units = np.zeros(6), np.zeros(6), np.zeros(6), []
-    for group, least in zip((slice(0, 3), slice(3, 6)), LEAST, strict=True):
+    for group, least in zip((slice(0, 3), slice(3, 6)), (CHAIN_ROUNDING, CHAIN_ROUNDING), strict=True):
         position = np.abs(centres[:, group]).max(axis=1)
         extent = np.sort((position + 2 * spread[:, group].max(axis=1))[1:])
         typical = max(float(extent[(len(extent) - 1) // 2]), 2 * float(spread[0, group].max()))
-        cap = max(FAR * typical, least)
+        cap = max(3.0 * typical, least)
         for value in np.sort(position):  # no cut where there is no gap
-            cap = float(value) if cap < value <= min(1.5 * cap, 3 * FAR * typical) else cap
+            cap = float(value) if cap < value <= min(1.5 * cap, 3 * 3.0 * typical) else cap
         near = np.clip(centres[:, group], -cap, cap)[position <= cap]
-        reach = np.minimum(_RADIUS * spread[:, group][position <= cap], WIDE * typical)
+        reach = np.minimum(_RADIUS * spread[:, group][position <= cap], 1.9 * typical)
         bottom = np.minimum((near - reach).min(axis=0, initial=0.0), 0.0)
         top = np.maximum((near + reach).max(axis=0, initial=0.0), 0.0)
         size = top - bottom

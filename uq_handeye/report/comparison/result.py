@@ -16,9 +16,12 @@ from ...calibration.statement.checks import Check
 from ...core.files.atomic import json_text, write_atomically
 from ...core.files.lines import frame_text
 from ...core.files.records import Record, attributes
+from ...core.formatting.units import DEG_PER_RAD, MM_PER_M
 from ...core.geometry.conventions import CONVENTION
 from ...core.geometry.pose_numbers import pose_numbers, principal_axes
 from ...core.geometry.se3 import Array, difference
+from ...core.numbers.levels import UNUSUAL
+from ...core.numbers.rounding import CHAIN_ROUNDING, SOLUTION_ROUNDING
 from ...core.presentation.document import COLUMNS, WIDTH, document_of, to_text
 from ...core.presentation.html import to_html
 from ...errors import InputError
@@ -28,7 +31,8 @@ from ...model.poses.motions import Residuals
 if TYPE_CHECKING:
     import pandas as pd
 
-
+# 95 % quantile of chi-square with 6 degrees of freedom.
+CHI2_95 = UNUSUAL.chi_square(6)
 _FORMAT = "uq-handeye comparison 1"
 
 
@@ -156,13 +160,6 @@ class Comparison:
         return text
 
 
-# 95 % quantile of chi-square with 6 degrees of freedom.
-CHI2_95 = 12.591587243743977
-# Eigenvalue of a correlation matrix below which a direction has no variance.
-FLAT = 1e-13
-# Differences below both (1e-9 degrees in rad, 1e-9 mm in m) are rounding.
-ROUNDING = (math.radians(1e-9), 1e-12)
-
 _XYZ = "xyz"
 _TURN, _MOVE = slice(0, 3), slice(3, 6)
 
@@ -252,7 +249,10 @@ def against(row: Row, base: Row | None) -> Row:
 
 def is_rounding(xi: Array) -> bool:
     """Return whether a difference (6,) is below 1e-9 degrees and 1e-9 mm."""
-    return all(float(np.linalg.norm(part)) < least for part, least in zip((xi[:3], xi[3:]), ROUNDING, strict=True))
+    return all(
+        float(np.linalg.norm(part)) < least
+        for part, least in zip((xi[:3], xi[3:]), (CHAIN_ROUNDING, CHAIN_ROUNDING), strict=True)
+    )
 
 
 def squared_distance(xi: Array, covariance: Array) -> float:
@@ -265,8 +265,8 @@ def squared_distance(xi: Array, covariance: Array) -> float:
         return 0.0
     values, axes = np.linalg.eigh(covariance / np.outer(std, std))
     parts = axes.T @ (xi / std)
-    flat = values <= FLAT
-    if (np.abs(parts[flat]) > np.sqrt(FLAT)).any():
+    flat = values <= SOLUTION_ROUNDING
+    if (np.abs(parts[flat]) > np.sqrt(SOLUTION_ROUNDING)).any():
         return math.inf
     return float(np.sum(parts[~flat] ** 2 / values[~flat]))
 
@@ -322,9 +322,6 @@ def without_numbers(text: str) -> str:
     return re.sub(r"[-+]?\d[\w.+-]*", "#", text)
 
 
-_MM, _DEG = 1e3, 180 / np.pi
-
-
 def verdict(rows: Sequence[Row], reference: str | None, noise_known: bool, most: int | None = None) -> str:
     """State which methods agree with the reference, which differ, and which failed."""
     if reference is None:
@@ -344,7 +341,7 @@ def verdict(rows: Sequence[Row], reference: str | None, noise_known: bool, most:
     elif others:
         rotation = max(row.difference_rotation or 0.0 for row in others)
         translation = max(row.difference_translation or 0.0 for row in others)
-        parts = [f"Up to {apart(rotation, _DEG)} deg and {apart(translation, _MM)} mm from {reference}"]
+        parts = [f"Up to {apart(rotation, DEG_PER_RAD)} deg and {apart(translation, MM_PER_M)} mm from {reference}"]
         if not noise_known:
             parts[0] += "; whether that is much cannot be said without noise"
     elif len(rows) == 1:

@@ -9,6 +9,7 @@ from textwrap import shorten
 
 import numpy as np
 
+from ...core.formatting.units import DEG_PER_RAD, MM_PER_M, MS_PER_S
 from ...core.geometry.pose_numbers import pose_numbers
 from ...core.presentation.document import (
     COLUMNS,
@@ -25,28 +26,25 @@ from ...core.presentation.document import (
 )
 from .result import Comparison, Row, apart, digits, to_rely_on, verdict, without_numbers
 
-_MM, _DEG, _MS = 1e3, 180 / np.pi, 1e3
-
+# Column of the verdict.
+_VERDICT = 3
 # Of each column its name and unit, and what a row shows there; the verdict needs the reference.
 _Show = Callable[["Row"], str]
 _COLUMNS: tuple[tuple[str, str, _Show], ...] = (
-    ("rotation", "deg", lambda row: apart(row.difference_rotation, _DEG)),
-    ("transl.", "mm", lambda row: apart(row.difference_translation, _MM)),
+    ("rotation", "deg", lambda row: apart(row.difference_rotation, DEG_PER_RAD)),
+    ("transl.", "mm", lambda row: apart(row.difference_translation, MM_PER_M)),
     ("d^2", "", lambda row: apart(row.d2)),
     ("", "", lambda row: ""),
-    ("rot.", "deg", lambda row: digits(row.weakest and row.weakest[0], _DEG)),
-    ("transl.", "mm", lambda row: digits(row.weakest and row.weakest[1], _MM)),
-    ("rot.", "deg", lambda row: digits(row.residuals and row.residuals.rotation_rms, _DEG)),
-    ("transl.", "mm", lambda row: digits(row.residuals and row.residuals.translation_rms, _MM)),
+    ("rot.", "deg", lambda row: digits(row.weakest and row.weakest[0], DEG_PER_RAD)),
+    ("transl.", "mm", lambda row: digits(row.weakest and row.weakest[1], MM_PER_M)),
+    ("rot.", "deg", lambda row: digits(row.residuals and row.residuals.rotation_rms, DEG_PER_RAD)),
+    ("transl.", "mm", lambda row: digits(row.residuals and row.residuals.translation_rms, MM_PER_M)),
     ("error (62)", "1e-3", lambda row: digits(row.residuals and row.residuals.error, 1e3)),
-    ("time", "ms", lambda row: digits(row.seconds, _MS)),
+    ("time", "ms", lambda row: digits(row.seconds, MS_PER_S)),
     ("iter.", "", lambda row: str(row.iterations or "-")),
 )
-_VERDICT = 3  # its place among the columns
 _SHORT = range(8)  # the columns of the first screen
 _SHORTER = range(6)  # where these are too wide for it
-# Methods that a verdict names on the first screen, and checks that warn there.
-MOST_NAMED, MOST_WARNINGS = 4, 3
 _SHORT_LEGEND = (
     "agrees: the reference lies inside the method's 95 % ellipsoid. All methods see the same data: agreement does "
     "not show that X is right."
@@ -110,8 +108,8 @@ def comparison_document(comparison: Comparison, verbose: bool = False) -> Docume
     start: list[Block] = [Answer(comparison.verdict, status), *map(Paragraph, notes(comparison))]
     if not verbose:
         said = notes(comparison)
-        answer = verdict(comparison.rows, comparison.reference, comparison.noise is not None, MOST_NAMED)
-        start = [Answer(answer, status), *map(Paragraph, said), *_short_warnings(comparison, MOST_WARNINGS - len(said))]
+        answer = verdict(comparison.rows, comparison.reference, comparison.noise is not None, 4)
+        start = [Answer(answer, status), *map(Paragraph, said), *_short_warnings(comparison, 3 - len(said))]
         end = f"{comparison.frame} from {comparison.origin}."
         table = _table_of(comparison, _SHORT)
         if max(map(len, to_text([table], COLUMNS).splitlines()), default=0) > COLUMNS:

@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 from ...core.files.records import Record
 from ...core.formatting.numbers import digits, probability
 from ...core.geometry.se3 import Array, perturb
+from ...core.numbers.levels import POWER
 from ...core.presentation.document import Answer, Document, Paragraph, Table, document_of
 from ...core.presentation.shown import Shown
 from ...core.runtime.read_only import ReadOnlyArrays
@@ -43,6 +44,11 @@ from ..fit import whitened
 from ..graph import Graph
 from ..noise import RigNoise, given_covariances
 from ..sizes import ALL_TARGETS, WIDTH, components_of, model_of
+from .paths import AS_GOOD_CHI_SQUARE
+
+# Without a tolerance a check must show a change of this share of the distance of the targets, and of this angle
+# (rad).
+VISIBLE_CHANGE = 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -220,12 +226,8 @@ def _without(columns: Array, free: Array) -> Array:
     return np.asarray(columns - Q @ (Q.T @ columns))
 
 
-# A second cause that explains nearly as much: difference of chi-square.
-AS_GOOD = 6.0
 UNCHANGED, MOVED, CHANGED, CANNOT_TELL = "unchanged", "moved", "changed", "cannot tell"
 _STATUS = {UNCHANGED: "ok", MOVED: "failed", CHANGED: "failed", CANNOT_TELL: "caution"}
-# Without a tolerance: share of the distance of the targets, and angle (rad), that must show; with what probability.
-BLIND, POWER = 0.01, 0.95
 FORMAT = "uq-handeye rig check 1"
 
 
@@ -315,7 +317,9 @@ class RigCheck(Record, Shown):
             worst = max(self.moves, key=lambda one: one.least_shift)
             return f"CANNOT TELL: {agree}, but would miss a change of {worst.name} below {_least(worst)}."
         if self.status == MOVED:
-            near = [one.name for one in self.moves[1:] if one.chi_square > self.moves[0].chi_square - AS_GOOD]
+            near = [
+                one.name for one in self.moves[1:] if one.chi_square > self.moves[0].chi_square - AS_GOOD_CHI_SQUARE
+            ]
             others = f" As likely: {', '.join(near)}." if near else ""
             return f"MOVED: {self.moves[0]} ({said}).{others} Calibrate it again."
         return f"CHANGED: the {self.count} new views contradict the calibration; no single move explains it ({said})."
@@ -374,7 +378,7 @@ def check_rig(
     limits = _limits(tolerance, rig)
     d2, reference = found.rows.d2, _reference(found, found.dof)
     p = reference.p_value(d2)
-    needed = reference.noncentrality(POWER, level)
+    needed = reference.noncentrality(POWER.probability, level)
     moves = sorted((_move(found, name, d2, needed) for name in _seen(found)), key=lambda one: -one.chi_square)
     status = UNCHANGED
     if p < level:
@@ -396,7 +400,7 @@ def check_rig(
 def _limits(tolerance: Any, rig: Rig) -> tuple[float | None, float | None]:
     if tolerance is None:
         distances = [np.linalg.norm(view.poses[:, :3, 3], axis=1) for view in rig.views]
-        return BLIND * float(np.median(np.concatenate(distances))), BLIND
+        return VISIBLE_CHANGE * float(np.median(np.concatenate(distances))), VISIBLE_CHANGE
     if hasattr(tolerance, "translation"):
         return tolerance.translation, tolerance.rotation
     translation, rotation = tolerance

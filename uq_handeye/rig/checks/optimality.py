@@ -39,13 +39,17 @@ from ..description import Rig
 from ..fit import Prior, RigFit, fit
 from ..graph import Graph
 
-# Relative gap up to which the minimum is proven; gap at which the barrier ends; growth of t; Newton steps at most.
-PROVEN, GAP, GROWTH, MOST = 1e-5, 1e-7, 10.0, 400
-# Standard deviations (rad, m) of a start.
-ROUGH = (2e-3, 2e-3)
-# A minimum that is better by more of its value is another one; standard deviations, root mean square, up to which the
-# estimate belongs to the minimum, and to which it is the one that is reached from there.
-BETTER, NEAR, SAME = 1e-6, 5.0, 0.5
+# A minimum is proven global where the relative gap to its lower bound is below this.
+PROVEN = 1e-5
+# Standard deviation (rad, m) presumed of every view before its noise is known.
+ROUGH_SD = 2e-3
+# Another minimum counts as better where its value is lower by more than this share.
+MIN_RELATIVE_GAIN = 1e-6
+# An estimate belongs to the global minimum of the isotropic problem up to this distance, RMS in standard
+# deviations;
+MAX_DISTANCE_SD = 5.0
+# beyond it, where the fit that starts at that minimum ends nearer to the estimate than this.
+MAX_SAME_DISTANCE_SD = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,9 +110,11 @@ def prove(rig: Rig, found: RigFit, prior: Prior | None = None) -> tuple[Optimali
             "found."
         ), None  # fmt: skip
     far = _distance(found, at, problem.others)
-    if far > NEAR:  # weights of all views alike say little of those of different noise: is it reached from there?
+    if (
+        far > MAX_DISTANCE_SD
+    ):  # weights of all views alike say little of those of different noise: is it reached from there?
         again = fit(found.graph, found.noise, at, "efficient", found.edge_weights, found.pose_weights, prior)
-        if (apart := _distance(found, again.at, problem.others)) > SAME:
+        if (apart := _distance(found, again.at, problem.others)) > MAX_SAME_DISTANCE_SD:
             return Optimality(
                 False, gap, far, reason=f"The estimate is {far:.2g} standard deviations from the global minimum of the "
                 f"isotropic problem, from which one is reached that is {apart:.2g} away."
@@ -120,7 +126,7 @@ def better_start(rig: Rig, graph: Graph, at: Array, kept: NDArray[np.bool_]) -> 
     """Return a better minimum than that of a start, by rough weights; None if there is none, or no bound."""
     if _open_bases(rig, graph):
         return None
-    problem = Isotropic.of(graph, at, np.tile(np.square(ROUGH), (graph.E, 1)), kept)
+    problem = Isotropic.of(graph, at, np.full((graph.E, 2), ROUGH_SD**2), kept)
     return problem.globally(at)[2] if len(problem.others) else None
 
 
@@ -197,7 +203,7 @@ class Isotropic:
         if gap <= PROVEN:
             return at, gap, None
         other, Q = self._minimum(towards)
-        return at, gap, other if Q[-1, -1] < value - BETTER * scale else None
+        return at, gap, other if Q[-1, -1] < value - MIN_RELATIVE_GAIN * scale else None
 
     @property
     def count(self) -> int:
@@ -305,7 +311,7 @@ def largest_bound(Q: Array) -> tuple[float, Array]:
     M = matrix(0.0, multipliers)
     gamma = float(M[-1, -1] - 2.0 * M[-1, :-1] @ np.linalg.solve(M[:-1, :-1], M[:-1, -1]) - 1e-3)
     best, t = (-np.inf, matrix(gamma, multipliers)), n / max(float(Q[-1, -1]) - gamma, 1e-3)
-    for _ in range(MOST):
+    for _ in range(400):
         M = matrix(gamma, multipliers)
         S = _inverse(M)
         g = np.append(-np.einsum("jpq,apq->aj", A, S[place[:, :, None], place[:, None, :]]).reshape(-1), t - S[-1, -1])
@@ -326,9 +332,9 @@ def largest_bound(Q: Array) -> tuple[float, Array]:
             M = matrix(gamma, multipliers)
             if gamma > best[0] and _is_proven(M, unit):
                 best = gamma, M
-            if n / t < GAP or decrement < 1e-12:
+            if n / t < 1e-2 * PROVEN or decrement < 1e-12:
                 break
-            t *= GROWTH
+            t *= 10.0
     return best
 
 

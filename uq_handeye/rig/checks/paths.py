@@ -13,7 +13,8 @@ poses share, the rows of one robot pose are whitened together). Two kinds of cop
 - a pose from one moment on: it stood still or did not. Of all moments the one with the largest chi-square is kept; its
   p allows for the choice (DeLong 1981 for the maximum over all moments, or the number of moments if that says less).
 
-Directions of d that the other views do not tell (share of M in B^T B below `TOLD`) do not count: 6 less their number.
+Directions of d that the other views do not determine (share of M in B^T B below `MIN_INFORMATION_SHARE`) do not count:
+6 minus their number.
 Reference: D. W. K. Andrews (1993), Econometrica 61, 821; A. Estrella (2003), Econometric Theory 19, 1128.
 
 Name the pose of a rig that did not stand still: paths that ring are fitted with a copy of their pose.
@@ -41,6 +42,7 @@ from scipy.special import chdtrc, gammaln
 from ...core.files.records import Record
 from ...core.files.trees import is_plain_number
 from ...core.geometry.se3 import Array, logarithm, perturb
+from ...core.numbers.levels import IMPOSSIBLE, UNUSUAL
 from ...errors import InputError, NotConvergedError
 from ...findings import Finding, Severity
 from ...fit.likelihood.robust import largest_by_chance
@@ -50,10 +52,18 @@ from ..graph import Graph
 from ..noise import RigNoise
 from ..weights import fit_robustly
 
-# Share of the information of the views alone below which a direction of the change is not told by the others.
-TOLD = 1e-5
-# Moments on either side of a change, at least.
-LEAST = 3
+# A direction of a change counts where the other views give at least this share of the information.
+MIN_INFORMATION_SHARE = 1e-5
+# Moments that are needed on either side of a change.
+MIN_MOMENTS = 3
+# Probability of a false finding in one rig: it is one of about ten tests.
+FALSE_FINDING = UNUSUAL.probability / 10
+# Two causes cannot be separated where their chi-squares differ by less.
+AS_GOOD_CHI_SQUARE = 6.0
+# Moments in a row of which most views are rejected that make a run.
+MIN_RUN = 5
+# A rejected view counts as this many times the largest squared distance that chance makes.
+PENALTY = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,7 +147,7 @@ def _differences(whole: Array, sums: Array) -> tuple[Array, NDArray[np.intp], Ar
     G, C, g = sums[..., :6], sums[..., 6:-1], sums[..., -1:]
     root = np.linalg.inv(np.linalg.cholesky(G))
     share, vectors = np.linalg.eigh(root @ (G - C @ whole @ C.mT) @ root.mT)
-    told = share > TOLD
+    told = share > MIN_INFORMATION_SHARE
     inverse = np.where(told, 1.0 / np.where(told, share, 1.0), 0.0)
     D = root.mT @ vectors
     along = (D.mT @ g)[..., 0]
@@ -184,7 +194,7 @@ def _in_time(found: RigFit, white: list[Array], moment: NDArray[np.intp], names:
         order = np.argsort(at, kind="stable")
         after = np.cumsum(np.concatenate(sums)[order][::-1], axis=0)[::-1]  # from each group on
         begins = np.flatnonzero(np.diff(at[order])) + 1
-        begins = begins[(begins >= LEAST) & (begins <= len(at) - LEAST)]
+        begins = begins[(begins >= MIN_MOMENTS) & (begins <= len(at) - MIN_MOMENTS)]
         if not len(begins):
             continue
         square, dof, d, S = _differences(found.whole, after[begins])
@@ -208,16 +218,6 @@ def _largest_by_chance(square: float, dof: int, shares: Array) -> float:
     odds = np.log(shares[-1] / (1.0 - shares[-1])) - np.log(shares[0] / (1.0 - shares[0]))
     density = np.exp(0.5 * dof * np.log(0.5 * square) - 0.5 * square - gammaln(0.5 * dof))
     return float(min(1.0, each, density * ((1.0 - dof / square) * odds + 2.0 / square)))
-
-
-# Probability of a false finding in one rig; of one that fails it.
-LEVEL, SURE = 5e-3, 1e-8
-# Paths that are fitted with their copy; difference of chi-square within which another one explains as much.
-TRIED, AS_GOOD = 4, 6.0
-# Moments of a run of rejected views, at least.
-RUN = 5
-# A rejected view counts as so many times the largest distance that chance makes.
-PENALTY = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -246,7 +246,7 @@ def judged_paths(task: Task, found: RigFit) -> tuple[tuple[RigPath, ...], tuple[
 def _unexplained(found: RigFit, paths: tuple[RigPath, ...]) -> list[Finding]:
     """Return the least likely path, if that is no chance."""
     least = min(paths, key=lambda one: one.p, default=None)
-    if least is None or (p := min(1.0, _p(least, found) * len(paths))) > LEVEL:
+    if least is None or (p := min(1.0, _p(least, found) * len(paths))) > FALSE_FINDING:
         return []
     values = {"path": least.words, "angle": float(np.linalg.norm(least.change[:3])),
               "shift": float(np.linalg.norm(least.change[3:])), "chi_square": least.chi_square, "p": p}  # fmt: skip
@@ -257,19 +257,21 @@ def _moved(task: Task, found: RigFit, own: tuple[RigPath, ...]) -> tuple[RigPath
     """Return the path of a pose that moved, with the finding."""
     with_runs = _with_runs(task, found) if task.robust else found
     paths = own if with_runs is found else paths_of(task.rig, with_runs)
-    ringing = sorted((path for path in paths if _p(path, found) * len(paths) < LEVEL), key=lambda one: -one.chi_square)
+    ringing = sorted(
+        (path for path in paths if _p(path, found) * len(paths) < FALSE_FINDING), key=lambda one: -one.chi_square
+    )
     if not ringing:
         return None
-    ringing = [path for path in ringing if path.chi_square > 0.1 * ringing[0].chi_square][:TRIED]
+    ringing = [path for path in ringing if path.chi_square > 0.1 * ringing[0].chi_square][:4]
     copied = [one for path in ringing if (one := _with_copy(task, found, path)) is not None]
     if not copied:
         return None
     copied.sort(key=lambda one: one.objective)
     best = copied[0]
     p = float(chdtrc(6, best.square)) * len(paths)
-    if p > LEVEL:
+    if p > FALSE_FINDING:
         return None
-    others = [one.path for one in copied[1:] if one.objective < best.objective + AS_GOOD and
+    others = [one.path for one in copied[1:] if one.objective < best.objective + AS_GOOD_CHI_SQUARE and
               (one.path.name, one.path.by) != (best.path.name, best.path.by)]  # fmt: skip
     return best.path, _finding(task.rig, found, best, p, others)
 
@@ -316,11 +318,13 @@ def _with_runs(task: Task, found: RigFit) -> RigFit:
 
 
 def _runs(moment: NDArray[np.intp], weak: NDArray[np.bool_]) -> list[NDArray[np.intp]]:
-    """Views of `RUN` or more moments in a row of which most views are rejected."""
+    """Views of `MIN_RUN` or more moments in a row of which most views are rejected."""
     of = np.unique(moment, return_inverse=True)[1]
     bad = np.bincount(of, weak) > 0.5 * np.bincount(of)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], bad.astype(int), [0]])))
-    return [np.flatnonzero((of >= a) & (of < b)) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a >= RUN]
+    return [
+        np.flatnonzero((of >= a) & (of < b)) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a >= MIN_RUN
+    ]
 
 
 def _with_copy(task: Task, found: RigFit, path: RigPath) -> _Copied | None:
@@ -371,7 +375,7 @@ def _finding(rig: Rig, found: RigFit, best: _Copied, p: float, others: list[RigP
     assert path.edges is not None
     counts = found.edge_weights > 0.5
     mixed = bool((counts & path.edges).any())
-    severity: Severity = "failure" if mixed and p < SURE else "caution"
+    severity: Severity = "failure" if mixed and p < IMPOSSIBLE.probability else "caution"
     if path.by is None:
         return Finding("rig.moved", severity, values | {"since": str(path.since)})
     return Finding("rig.paths_disagree", "caution", values | {"by": path.by})

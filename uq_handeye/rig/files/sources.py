@@ -32,9 +32,9 @@ if TYPE_CHECKING:
     from ...model.camera.adjustment.bundle import Bundle
     from ...model.camera.corners import Corners
 
+# Samples of a bag are not interpolated between where they are farther apart, in median intervals.
+MAX_GAP_INTERVALS = 3.0
 MODELS = ("robot_model", "urdf", "dh", "ur_calibration")
-# Samples of a bag that are farther apart, in median intervals, are not interpolated between.
-GAP = 3.0
 _log = logging.getLogger("uq_handeye")
 
 
@@ -275,7 +275,7 @@ def at_views(rows: PoseRows, times: Sequence[Array], chain: Kinematics | None) -
 
     assert rows.times is not None
     wanted = np.unique(np.concatenate(times)) if times else np.zeros(0)
-    gap = GAP * float(np.median(np.diff(rows.times))) if len(rows.times) > 1 else 0.0
+    gap = MAX_GAP_INTERVALS * float(np.median(np.diff(rows.times))) if len(rows.times) > 1 else 0.0
     found = at_times(rows.times, rows.poses, wanted, max_gap=gap)
     fine = found.fine
     if not fine.any():

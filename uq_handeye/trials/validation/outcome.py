@@ -30,7 +30,7 @@ from ...core.presentation.document import COLUMNS, WIDTH, Block, Checks, Documen
 from ...core.presentation.html import to_html
 from ...core.presentation.shown import Shown
 from ...errors import InputError, NotConvergedError
-from ...findings import GROSS
+from ...findings import GROSS_EXCESS
 from ...fit.likelihood.gauss_helmert import maximum_likelihood
 from ...fit.likelihood.goodness_of_fit import GoodnessOfFit, goodness_of_fit
 from ...model.noise.models import Noise
@@ -159,7 +159,7 @@ def _level(data: PosePairs | Motions, noise: Noise | None) -> NoiseCheck:
     larger = fit.sigma0 > 1
     ratio = digits(fit.sigma0 if larger else 1 / fit.sigma0, 2)
     text = f"residuals {ratio} times {'larger' if larger else 'smaller'} than this noise"
-    return NoiseCheck("noise level", "failed" if fit.sigma0 > GROSS else "caution", text)
+    return NoiseCheck("noise level", "failed" if fit.sigma0 > GROSS_EXCESS else "caution", text)
 
 
 def limit(who: str, found: NoiseOfData | None) -> str:
