@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from uq_handeye.model.camera.board import tag_points
+from uq_handeye.model.camera.description import tag_points
 from uq_handeye.read.rosbag.message_types import definitions as known
 
 START = 1_700_000_000.0

@@ -38,13 +38,17 @@ if _typing.TYPE_CHECKING:
     from .methods.procrustes.registration import register
     from .methods.procrustes.scaled import se3_from_so4, so4_from_se3
     from .methods.propagation.propagate import propagate
-    from .model.camera.board import Board, detect_board, tag_points
+    from .model.camera.board import detect_board
     from .model.camera.board_file import read_board
-    from .model.camera.board_shape import BoardShape, MeasuredBoard
+    from .model.camera.board_shape import BoardShape
     from .model.camera.calibrate import calibrate_camera
-    from .model.camera.corners import Corners, read_corners
+    from .model.camera.corners import Corners
+    from .model.camera.corners_file import read_corners
+    from .model.camera.description import Board, tag_points
     from .model.camera.intrinsics_file import read_intrinsics
-    from .model.camera.result import CameraCalibration, read_camera
+    from .model.camera.measured_board import MeasuredBoard
+    from .model.camera.result import CameraCalibration
+    from .model.camera.stored_calibration import read_camera
     from .model.kinematics.against_controller import ControllerComparison, compare_with_controller
     from .model.kinematics.chain import Joint, Kinematics
     from .model.kinematics.errors import ErrorParameter
@@ -237,17 +241,17 @@ __all__ = [
 _LATER = {
     "calibration.calibrate": ("calibrate",),
     "calibration.result": ("Calibration", "load"),
-    "model.camera.board": (
-        "Board",
-        "detect_board",
-        "tag_points",
-    ),
-    "model.camera.board_shape": ("BoardShape", "MeasuredBoard"),
+    "model.camera.board": ("detect_board",),
+    "model.camera.description": ("Board", "tag_points"),
+    "model.camera.board_shape": ("BoardShape",),
+    "model.camera.measured_board": ("MeasuredBoard",),
     "model.camera.calibrate": ("calibrate_camera",),
-    "model.camera.corners": ("Corners", "read_corners"),
+    "model.camera.corners": ("Corners",),
+    "model.camera.corners_file": ("read_corners",),
     "model.camera.board_file": ("read_board",),
     "model.camera.intrinsics_file": ("read_intrinsics",),
-    "model.camera.result": ("CameraCalibration", "read_camera"),
+    "model.camera.result": ("CameraCalibration",),
+    "model.camera.stored_calibration": ("read_camera",),
     "report.certificate": (
         "Certificate",
         "make_certificate",

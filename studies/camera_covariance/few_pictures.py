@@ -25,7 +25,7 @@ import uq_handeye as uq
 from studies.camera_covariance import SIZE, board, recorded
 from uq_handeye.model.camera.calibrate import calibrate_camera
 from uq_handeye.model.camera.corners import picked
-from uq_handeye.model.camera.description import dictionary_of
+from uq_handeye.model.camera.dictionaries import dictionary_of
 from uq_handeye.model.camera.models import MODELS
 
 SEED, PIXEL, SEEN = 2026, 0.15, 0.8

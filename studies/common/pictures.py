@@ -18,9 +18,11 @@ from numpy.typing import NDArray
 from scipy.interpolate import RectBivariateSpline
 
 from uq_handeye.core.geometry.se3 import Array
-from uq_handeye.model.camera.adjustment.initial_guess import opencv
-from uq_handeye.model.camera.description import TAGS, Board, bits_of, dictionary_of, drawn_upside_down
-from uq_handeye.model.camera.models import MODELS, rays
+from uq_handeye.model.camera.adjustment.opencv import opencv
+from uq_handeye.model.camera.description import TAGS, Board
+from uq_handeye.model.camera.dictionaries import bits_of, dictionary_of, drawn_upside_down
+from uq_handeye.model.camera.models import MODELS
+from uq_handeye.model.camera.rays import rays
 from uq_handeye.model.camera.tags import layout_of
 
 COUNT, TURN = 89, 55  # of a Fibonacci lattice

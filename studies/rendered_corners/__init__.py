@@ -31,7 +31,7 @@ from uq_handeye.core.geometry.se3 import Array, inverse
 from uq_handeye.core.presentation.figure_parts import BLUE, GRID, ORANGE, SMALL, TEXT, canvas, finished, plain
 from uq_handeye.core.runtime.progress import progress_bar
 from uq_handeye.fit.likelihood.gauss_helmert import efficient
-from uq_handeye.model.camera.adjustment.initial_guess import opencv
+from uq_handeye.model.camera.adjustment.opencv import opencv
 from uq_handeye.model.camera.calibrate import calibrate_camera
 from uq_handeye.model.camera.corners import Corners
 

@@ -14,7 +14,8 @@ from studies.camera_covariance import ROBOT, poses_of, recorded
 from uq_handeye.core.files.source import Source
 from uq_handeye.core.presentation.figure_parts import canvas
 from uq_handeye.errors import InputError
-from uq_handeye.model.camera.result import camera_from_dict, camera_to_dict
+from uq_handeye.model.camera.calibration_files import camera_to_dict
+from uq_handeye.model.camera.stored_calibration import camera_from_dict
 from uq_handeye.model.poses.timing import Timing
 from uq_handeye.report.comparison.compare import compare_beside
 from uq_handeye.report.page import report_html

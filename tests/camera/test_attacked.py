@@ -7,7 +7,8 @@ from cli_cases import run
 
 import uq_handeye as uq
 from uq_handeye.model.camera.board import find_corners
-from uq_handeye.model.camera.corners import Corners, corners_text, read_corners
+from uq_handeye.model.camera.corners import Corners
+from uq_handeye.model.camera.corners_file import corners_text, read_corners
 
 GRID = np.array([[x, y, 0.0] for y in range(4) for x in range(5)]) * 0.03
 

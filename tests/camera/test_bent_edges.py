@@ -14,9 +14,9 @@ from support import SEED
 import uq_handeye as uq
 from studies.common.pictures import Camera, picture
 from uq_handeye.model.camera.adjustment import bent_edges
+from uq_handeye.model.camera.chessboard import chessboard_finder
 from uq_handeye.model.camera.corners import Corners
 from uq_handeye.model.camera.models import MODELS
-from uq_handeye.model.camera.squares import chessboard_finder
 
 BOARD = uq.Board(9, 6, "20mm")
 SIZE = (640, 480)

@@ -8,9 +8,9 @@ from support import assert_same_covariance, difference
 import uq_handeye as uq
 from uq_handeye.errors import InputError, InputWarning
 from uq_handeye.model.camera.adjustment.initial_guess import unlike_a_board
-from uq_handeye.model.camera.board import picture_paths
+from uq_handeye.model.camera.chessboard import chessboard_finder
 from uq_handeye.model.camera.corners import without_pictures
-from uq_handeye.model.camera.squares import chessboard_finder
+from uq_handeye.model.camera.picture_files import picture_paths
 
 cv2 = pytest.importorskip("cv2")
 SQUARE = 0.02

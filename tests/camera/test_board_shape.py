@@ -15,7 +15,8 @@ from tests.support import jacobian
 from uq_handeye.core.geometry.se3 import perturb
 from uq_handeye.errors import InputError
 from uq_handeye.model.camera.adjustment.bundle import LOST, Sight
-from uq_handeye.model.camera.adjustment.model_choice import Setting, criterion
+from uq_handeye.model.camera.adjustment.criterion import criterion
+from uq_handeye.model.camera.adjustment.setting import Setting
 from uq_handeye.model.camera.board_shape import SHAPES, BoardShape, flat_shape, polynomial_shape, possible_shapes
 from uq_handeye.model.camera.calibrate import calibrate_camera
 from uq_handeye.model.camera.models import MODELS

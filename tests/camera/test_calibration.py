@@ -11,11 +11,12 @@ from scipy.spatial.transform import Rotation
 import uq_handeye as uq
 from studies.camera_covariance import SIZE, board, recorded, transforms
 from uq_handeye.errors import InputError, InputWarning
+from uq_handeye.model.camera.adjustment.criterion import Candidate, best
 from uq_handeye.model.camera.adjustment.initial_guess import unlike_a_board
-from uq_handeye.model.camera.adjustment.model_choice import Candidate, best
 from uq_handeye.model.camera.calibrate import calibrate_camera
 from uq_handeye.model.camera.corners import Corners
-from uq_handeye.model.camera.models import MODELS, rays
+from uq_handeye.model.camera.models import MODELS
+from uq_handeye.model.camera.rays import rays
 from uq_handeye.read import write_pose_file
 
 PARAMETERS = {

@@ -6,7 +6,7 @@ from support import SEED
 
 import studies.camera_covariance as study
 from studies.camera_covariance.few_pictures import one
-from uq_handeye.model.camera.adjustment.model_choice import criterion
+from uq_handeye.model.camera.adjustment.criterion import criterion
 from uq_handeye.model.camera.calibrate import calibrate_camera
 
 

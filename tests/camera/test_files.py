@@ -11,10 +11,11 @@ from picture_cases import CAMERA, SIZE, camera_to_board, seen_corners, simulated
 
 import uq_handeye as uq
 from uq_handeye.errors import InputError, InputWarning
-from uq_handeye.model.camera.adjustment.model_choice import Candidate
-from uq_handeye.model.camera.corners import corners_text
+from uq_handeye.model.camera.adjustment.criterion import Candidate
+from uq_handeye.model.camera.calibration_files import camera_files
+from uq_handeye.model.camera.corners_file import corners_text
 from uq_handeye.model.camera.report.figures import camera_pictures
-from uq_handeye.model.camera.result import FURTHER, camera_files
+from uq_handeye.model.camera.result import FURTHER
 from uq_handeye.read import write_files, write_pose_file
 
 cv2 = pytest.importorskip("cv2")

@@ -7,9 +7,9 @@ import pytest
 from picture_cases import simulated_rig
 
 import uq_handeye as uq
-from uq_handeye.model.camera.board import Board
-from uq_handeye.model.camera.calibrate import poses_by_known_camera
 from uq_handeye.model.camera.corners import without_pictures
+from uq_handeye.model.camera.description import Board
+from uq_handeye.model.camera.known_camera import poses_by_known_camera
 
 
 def test_poses_of_the_same_pictures_are_the_same(rng):

@@ -12,13 +12,13 @@ import uq_handeye as uq
 from studies.camera_covariance import SIZE, board, recorded
 from uq_handeye.core.files.atomic import write_files
 from uq_handeye.errors import InputError
-from uq_handeye.model.camera.board import board_of
 from uq_handeye.model.camera.board_file import board_text, read_board_points
 from uq_handeye.model.camera.board_shape import polynomial_shape
 from uq_handeye.model.camera.calibrate import calibrate_camera
+from uq_handeye.model.camera.calibration_files import camera_files
+from uq_handeye.model.camera.description import board_of
 from uq_handeye.model.camera.report.figures import camera_pictures
 from uq_handeye.model.camera.report.page import camera_report_html
-from uq_handeye.model.camera.result import camera_files
 
 POINTS = board(9, 7, 0.05)
 LENS = {"model": "brown", "coefficients": ("k1", "k2")}

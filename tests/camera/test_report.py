@@ -17,7 +17,7 @@ from uq_handeye.core.presentation.document import Paragraph
 from uq_handeye.core.presentation.figure_parts import WIDTH
 from uq_handeye.errors import InputError
 from uq_handeye.model.camera.adjustment.bundle import Asked
-from uq_handeye.model.camera.adjustment.model_choice import Candidate
+from uq_handeye.model.camera.adjustment.criterion import Candidate
 from uq_handeye.model.camera.calibrate import calibrate_camera
 from uq_handeye.model.camera.calibrated import (
     cells_that_matter,
@@ -29,7 +29,8 @@ from uq_handeye.model.camera.calibrated import (
     tilts,
 )
 from uq_handeye.model.camera.intrinsics_file import camera_snippets
-from uq_handeye.model.camera.models import MODELS, pixel_deviation, rays
+from uq_handeye.model.camera.models import MODELS
+from uq_handeye.model.camera.rays import pixel_deviation, rays
 from uq_handeye.model.camera.report.figures import camera_pictures
 from uq_handeye.model.camera.report.page import camera_report_html, report_files
 from uq_handeye.model.camera.residual_pattern import CELLS

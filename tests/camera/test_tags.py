@@ -13,8 +13,8 @@ import uq_handeye as uq
 from studies.common.pictures import Camera
 from studies.common.pictures import picture as taken
 from uq_handeye.errors import InputError, InputWarning
-from uq_handeye.model.camera.board import board_of
-from uq_handeye.model.camera.description import bits_of, dictionary_of, drawn_upside_down
+from uq_handeye.model.camera.description import board_of
+from uq_handeye.model.camera.dictionaries import bits_of, dictionary_of, drawn_upside_down
 from uq_handeye.model.camera.tags import layout_of, tag_finder
 
 cv2 = pytest.importorskip("cv2")

@@ -10,8 +10,8 @@ from scipy import stats
 from scipy.spatial.transform import Rotation
 from support import CONFIDENCE, SEED, difference
 
-from uq_handeye.model.camera.board import Board
-from uq_handeye.model.camera.corners import corners_text
+from uq_handeye.model.camera.corners_file import corners_text
+from uq_handeye.model.camera.description import Board
 from uq_handeye.read import read_poses
 
 FAR = stats.chi2.ppf(CONFIDENCE, 6)

@@ -13,8 +13,8 @@ from support import CONFIDENCE, SEED, difference
 
 import uq_handeye as uq
 from uq_handeye.cli.pictures import COEFFICIENT_NAMES, MODEL_NAMES
-from uq_handeye.model.camera.board import Board
-from uq_handeye.model.camera.corners import corners_text
+from uq_handeye.model.camera.corners_file import corners_text
+from uq_handeye.model.camera.description import Board
 from uq_handeye.model.camera.models import MODELS
 from uq_handeye.read import write_pose_file
 

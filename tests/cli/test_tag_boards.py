@@ -9,7 +9,7 @@ from picture_cases import write_pictures
 from support import SEED
 
 import uq_handeye as uq
-from uq_handeye.model.camera.board_file import read_target
+from uq_handeye.model.camera.kalibr_target import read_target
 
 GRID = ("--pattern", "aprilgrid", "--board", "4x3", "--square", "40mm", "--spacing", "0.3")
 CHECKERBOARD = """target_type: checkerboard

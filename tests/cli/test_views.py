@@ -10,7 +10,7 @@ from support import CONFIDENCE, SEED, difference
 
 import uq_handeye as uq
 from studies.camera_covariance import board, poses_of, recorded
-from uq_handeye.cli.pictures import INTRINSICS
+from uq_handeye.cli.views import INTRINSICS
 from uq_handeye.errors import InputError
 from uq_handeye.model.camera.board_file import read_board_points
 from uq_handeye.model.shared_errors import camera_noise

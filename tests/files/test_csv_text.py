@@ -9,7 +9,8 @@ import pytest
 from pages import ROOT
 
 from uq_handeye.core.files.lines import csv_text, frame_text, plain_text, safe_text
-from uq_handeye.model.camera.corners import Corners, corners_text, read_corners
+from uq_handeye.model.camera.corners import Corners
+from uq_handeye.model.camera.corners_file import corners_text, read_corners
 from uq_handeye.model.points.point_file import read_points, read_target
 from uq_handeye.model.points.result import _rows as _table
 

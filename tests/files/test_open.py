@@ -9,7 +9,7 @@ import pytest
 from uq_handeye import Calibration, read_poses, simulate
 from uq_handeye.core.files import open as files_open
 from uq_handeye.errors import InputError
-from uq_handeye.model.camera.corners import read_corners
+from uq_handeye.model.camera.corners_file import read_corners
 from uq_handeye.model.camera.intrinsics_file import read_intrinsics
 from uq_handeye.read import read_noise_file, read_pose_file, read_stream, write_pose_file
 

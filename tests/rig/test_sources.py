@@ -12,7 +12,7 @@ from stream_cases import motion
 
 import uq_handeye as uq
 from uq_handeye.core.geometry.se3 import inverse, logarithm, perturb
-from uq_handeye.model.camera.corners import corners_text
+from uq_handeye.model.camera.corners_file import corners_text
 from uq_handeye.read import write_pose_file
 from uq_handeye.rig.checks.check import new_noise
 from uq_handeye.rig.files.rig_file import read_rig

@@ -6,12 +6,14 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
 from .arm import Arm, ChainOptions, ErrorOptions, arm_of
+from .boards import read_length
 from .messages import LOG, timed
-from .pictures import Pictures, Views, camera_of, either, read_length
+from .pictures import Pictures, either
 from .pose_files import PoseFiles
+from .views import Views, camera_of
 
 if TYPE_CHECKING:
-    from ..model.camera.adjustment.initial_guess import Minima
+    from ..model.camera.adjustment.two_minima import Minima
     from ..read.rosbag.camera_info import CameraInfo
     from ..read.rosbag.recording import Recording
     from ..read.rosbag.sensors import Sensors

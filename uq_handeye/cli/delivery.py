@@ -374,7 +374,7 @@ def _write_result(
     files |= {name: exported(result, format) for format, name in EXPORTS.items()}
     seen = getattr(result.data, "camera_calibration", None)
     if seen is not None:  # the intrinsics, with the poses and corners that belong to them
-        from ..model.camera.result import camera_files
+        from ..model.camera.calibration_files import camera_files
 
         files |= camera_files(seen)
     if result.table is not None:

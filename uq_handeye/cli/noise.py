@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from ..model.noise.models import Noise, PoseNoise
     from ..model.poses.pose_pairs import PosePairs
     from ..model.shared_errors.shared_error import SharedError
-    from .pictures import Views
+    from .views import Views
 
 # Values of --shared.
 DEFAULTS = ("defaults", "none")

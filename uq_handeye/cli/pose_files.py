@@ -18,7 +18,8 @@ if TYPE_CHECKING:
     from ..model.shared_errors.shared_error import SharedError
     from ..read.rosbag.sensors import Sensors
     from ..read.synchronisation.result import Synchronised
-    from .pictures import Pictures, Views
+    from .pictures import Pictures
+    from .views import Views
 
 
 # Options that may name a value for each of the two files.

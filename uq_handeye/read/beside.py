@@ -217,7 +217,7 @@ def is_folder_of_poses(path: Path) -> bool:
     """Return whether a folder is one of ``uq-handeye camera`` or ``uq-handeye points``."""
     if not path.is_dir():
         return False
-    from ..model.camera.result import is_camera_folder
+    from ..model.camera.calibration_files import is_camera_folder
     from ..model.points.result import is_points_folder
 
     return is_points_folder(path) or is_camera_folder(path)
@@ -227,7 +227,9 @@ def known_camera(camera: Any) -> KnownCamera | None:
     """The camera poses with their covariance that are meant, if some are."""
     if camera is None or (isinstance(camera, str | PathLike) and not as_path(camera).is_dir()):
         return None  # poses of a file, or none: what follows is slow to import
-    from ..model.camera.result import CORNERS, CameraCalibration, is_camera_folder, read_camera
+    from ..model.camera.calibration_files import CORNERS, is_camera_folder
+    from ..model.camera.result import CameraCalibration
+    from ..model.camera.stored_calibration import read_camera
     from ..model.points.result import POINTS, PointPoses, is_points_folder, read_point_poses
 
     kinds = {CameraCalibration: ("the pictures", (), False), PointPoses: ("the points", (), True)}

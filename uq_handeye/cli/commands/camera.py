@@ -11,10 +11,11 @@ from typing import TYPE_CHECKING, Any
 from ...core.runtime.progress import working
 from ...errors import InputError, InputWarning
 from ..bag_files import info_of
+from ..boards import BoardOptions, read_length, read_two_numbers
 from ..delivery import deliver, deliver_answer, deliver_camera_poses
 from ..messages import LOG, progress_wanted, timed
 from ..options import UNITS, emit, one_of
-from ..pictures import BoardOptions, LensOptions, read_length, read_two_numbers
+from ..pictures import LensOptions
 from ..pose_files import StreamFiles
 
 if TYPE_CHECKING:
@@ -64,7 +65,7 @@ def camera_command(
             raise InputError(
                 f"{', '.join(board.given)}: for pictures, but {files[0]} is a table of corners. Remove it."
             )
-        from ...model.camera.corners import read_corners
+        from ...model.camera.corners_file import read_corners
 
         size = None if image_size is None else read_two_numbers(image_size, "--image-size", "1920x1080")
         with timed(f"reading {files[0]}"):
@@ -82,7 +83,7 @@ def camera_command(
         if not as_json:
             warnings.simplefilter("ignore", InputWarning)  # the summary has them
         found = lens.calibrate(corners, size, board.shape())
-    from ...model.camera.result import to_dict
+    from ...model.camera.calibration_files import to_dict
 
     deliver_camera_poses(found, to_dict, output, as_json, "camera/")
 

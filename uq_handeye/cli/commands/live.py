@@ -25,7 +25,8 @@ if TYPE_CHECKING:
     from ...use.live_session.question import Answer, Question
     from ...use.live_session.sources import Side, Source
     from ..arm import Arm
-    from ..pictures import Pictures, Views
+    from ..pictures import Pictures
+    from ..views import Views
 
 
 @dataclass(frozen=True)
@@ -243,7 +244,7 @@ def question_of(
 ) -> "Question":
     """Return what is asked after each pose, with the noise and the shared errors as given."""
     from ...use.live_session.question import Question
-    from ..pictures import Views
+    from ..views import Views
 
     def beside(poses: "PosePairs") -> tuple[Any, Any]:
         if isinstance(seen, Views):

@@ -39,10 +39,11 @@ from ...core.geometry.se3 import Array, inverse, skew
 from ...errors import DegenerateMotionError, InputError, InputWarning, NotConvergedError
 from ...findings import Finding
 from ...model.camera.adjustment.bundle import Asked, adjust
-from ...model.camera.adjustment.initial_guess import Minima, both_minima, flipped, may_be_ambiguous
-from ...model.camera.board import Board, listed
+from ...model.camera.adjustment.two_minima import Minima, both_minima, flipped, may_be_ambiguous
+from ...model.camera.board import listed
 from ...model.camera.board_shape import flat_shape
 from ...model.camera.corners import Corners
+from ...model.camera.description import Board
 from ...model.camera.models import MODELS
 from ...model.camera.result import CameraCalibration
 from ...model.noise.models import PoseNoise

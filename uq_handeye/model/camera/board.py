@@ -1,17 +1,13 @@
-"""Pictures of boards: the files, and the corners of the board in each.
+"""The corners of a board in each of several pictures.
 
-Boards and their frames: `description`; how each kind is found: `squares`, `tags`.
+Boards and their frames: `description`; how each kind is found: `chessboard`, `charuco`, `tags`.
 """
 
 from __future__ import annotations
 
-import glob
-import os
-import threading
 import warnings
 from collections import Counter, OrderedDict
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
@@ -19,24 +15,26 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...core.files.open import StrPath, as_path, natural, opened, shown
+from ...core.files.open import StrPath
 from ...core.files.source import Source
 from ...core.runtime.progress import progress_bar
 from ...errors import InputError, InputWarning, require_type
-from .adjustment.initial_guess import opencv
+from .charuco import charuco_finder
+from .chessboard import chessboard_finder
+from .corner_refinement import Seen
 from .corners import Corners
-from .description import SQUARES, TAGS
-from .description import Board as Board
-from .description import board_of as board_of
-from .description import spacing_of as spacing_of
-from .description import tag_points as tag_points
-from .squares import Picture, Seen, charuco_finder, chessboard_finder
-from .tags import Tags, contradiction, other_tags, tag_finder
+from .description import SQUARES, TAGS, Board
+from .picture_files import _content, _decoded, _names, _picture, picture_paths
+from .tag_grid import Tags, contradiction
+from .tags import tag_finder
+from .tags_in_pictures import other_tags
 
 FINDERS = {
     "chessboard": chessboard_finder, "charuco": charuco_finder,
     "aprilgrid": tag_finder, "aruco": tag_finder, "apriltag": tag_finder,
 }  # fmt: skip
+
+
 # What to look at where a board is in no picture.
 COUNTED = {
     "chessboard": "Counted are inner corners, one less than squares.",
@@ -48,11 +46,13 @@ COUNTED = {
     "single": "Check the dictionary (--dictionary), the id (`first_id`, --first-id), and that white paper surrounds "
     "the tag.",
 }
+
+
 # Share of the pictures of the commonest tag in which another is worth a word.
 OFTEN = 0.1
+
+
 LOOKED_AT = 3  # pictures in which other tags are looked for where the board is in none
-MAX_BYTES = 500_000_000  # of a picture's file
-SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm", ".webp")
 
 
 def detect_board(images: str | Iterable[StrPath], board: Board, *, progress: bool = False) -> Corners:
@@ -159,6 +159,8 @@ class _Look(NamedTuple):
 
 # Looks by the content of the picture and the board, the latest last: a session that grows looks at each picture once.
 _LOOKS: OrderedDict[tuple[bytes, Board], _Look] = OrderedDict()
+
+
 MOST_LOOKS = 2000
 
 
@@ -223,36 +225,6 @@ def listed(names: Sequence[str], most: int = 20) -> str:
     return ", ".join(names[:most]) + rest
 
 
-# ---------------------------------------------------------------------------------------------------- pictures
-
-
-def picture_paths(images: str | Iterable[StrPath]) -> list[Path]:
-    """The pictures that are meant, in natural order; a folder means those within it."""
-    if isinstance(images, str | os.PathLike):
-        images = [images]
-    paths: list[Path] = []
-    for entry in images:
-        path = as_path(entry)
-        if path.is_dir():
-            inside = [child for child in path.iterdir() if child.suffix.lower() in SUFFIXES]
-            if not inside:
-                raise InputError(f"Expected pictures ({', '.join(SUFFIXES)}) in {shown(path)}, got none.")
-            paths += inside
-        elif path.exists():
-            paths.append(path)
-        else:
-            matched = [Path(name) for name in glob.glob(str(path), recursive=True) if not os.path.isdir(name)]
-            if not matched:
-                raise InputError(f"No pictures found for {shown(path)}: check the folder and the ending.")
-            paths += matched
-    if not paths:
-        raise InputError("Expected `images` to name pictures, got none.")
-    twice = [path for path, count in Counter(map(os.path.abspath, paths)).items() if count > 1]
-    if twice:
-        raise InputError(f"Expected every picture once, got {shown(Path(twice[0]))} twice.")
-    return sorted(paths, key=natural)
-
-
 def source_of(images: str | Iterable[StrPath], board: Board) -> Source:
     """The pictures as one source: the hash is that of their contents, one after the other in natural order."""
     paths = picture_paths(images)
@@ -265,60 +237,3 @@ def source_of(images: str | Iterable[StrPath], board: Board) -> Source:
     sides = "squares" if board.kind in SQUARES else "tags"
     note = f"{board}, {sides} of {1e3 * board.side:g} mm; the hash is of all pictures one after the other"
     return Source(f"{names[0]} to {names[-1]} ({len(paths)})", "pictures", size, total.hexdigest(), (note,))
-
-
-def _names(paths: list[Path]) -> list[str]:
-    """Without folders where that tells them apart."""
-    bare = [path.name for path in paths]
-    return [shown(Path(name)) for name in (bare if len(set(bare)) == len(bare) else map(str, paths))]
-
-
-_HEARING = threading.Lock()
-# Pixels a side below which no board can be found, and detectors fail.
-SMALLEST = 32
-
-
-@contextmanager
-def _unheard() -> Iterator[None]:
-    """Send what decoders in C say of a damaged picture, straight to file descriptor 2, nowhere: we say it in a line."""
-    with _HEARING:
-        try:
-            kept = os.dup(2)
-        except OSError:  # closed
-            yield
-            return
-        try:
-            with open(os.devnull, "wb") as nowhere:
-                os.dup2(nowhere.fileno(), 2)
-            yield
-        finally:
-            os.dup2(kept, 2)
-            os.close(kept)
-
-
-def _picture(path: Path) -> Picture:
-    """Read the picture in grey, as the sensor has it: the orientation stated in a file is for viewers."""
-    return _decoded(_content(path), path)
-
-
-def _content(path: Path) -> bytes:
-    with opened(path, MAX_BYTES) as file:
-        return file.read()
-
-
-def _decoded(content: bytes, path: Path) -> Picture:
-    cv2, data = opencv(), np.frombuffer(content, dtype=np.uint8)
-    flags = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
-    try:
-        with _unheard():
-            picture = cv2.imdecode(data, flags) if data.size else None
-    except cv2.error:  # too many pixels
-        picture = None
-    if picture is None:
-        raise InputError(f"{shown(path)}: expected a picture (PNG, JPEG, TIFF, BMP, ...), got none that can be read.")
-    if min(picture.shape[:2]) < SMALLEST:
-        size = " x ".join(map(str, picture.shape[1::-1]))
-        raise InputError(f"{shown(path)}: expected a picture of at least {SMALLEST} pixels a side, got {size}.")
-    if picture.dtype != np.uint8:
-        picture = cv2.normalize(picture, None, 0, 255, cv2.NORM_MINMAX, cv2.CV_8U)
-    return np.asarray(picture)

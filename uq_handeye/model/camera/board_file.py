@@ -1,6 +1,7 @@
-r"""Points of a target in CSV, one per line: ``x,y,z`` as they are, and of a board as measured what that was made of.
+r"""Points of a target in CSV, one per line: ``x,y,z`` as they are, and of a board as measured with their covariance.
 
-``x_mm,y_mm,z_mm`` and ``x [mm]`` are read as such: a target that no `Board` describes, circles, tags on a plate, marks.
+``x_mm,y_mm,z_mm`` and ``x [mm]`` are read as well. Such a file describes any target that no `Board` describes: circles,
+tags on a plate, marks.
 
 ``board.csv`` of a calibrated camera has, in metres, the points as measured, as they were meant, and the q columns of a
 factor F (3u, q) of the covariance ``F F^T`` of all of them: no column where the board was taken as flat. A comment
@@ -8,36 +9,39 @@ before the header says which board that is, where it is known:
 
     # board: kind=chessboard columns=9 rows=6 square=0.02
     x,y,z,nominal_x,nominal_y,nominal_z,dx_1,dy_1,dz_1,dx_2,...
-
-Kalibr's file of a calibration target, ``target.yaml``: an aprilgrid or a chessboard.
-
-Kalibr documents it on its page of calibration targets: ``target_type``, ``tagCols``, ``tagRows``, ``tagSize`` (m, with
-the black border), ``tagSpacing`` (gap over ``tagSize``); of a checkerboard ``targetCols``, ``targetRows`` (inner
-corners), ``rowSpacingMeters`` and ``colSpacingMeters``.
 """
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from ...core.files.lines import short
 from ...core.files.open import StrPath, as_path, opened, shown
 from ...core.files.table import Places, Schema, read_table
-from ...core.files.trees import MAX_BYTES, is_map, number, parse_tree
 from ...core.formatting.units import LENGTH_UNITS
 from ...core.geometry.se3 import Array
 from ...errors import InputError
 from ...formats.columns import meaning_and_unit
-from .board_shape import MEASURED, BoardShape, MeasuredBoard
-from .description import Board
+from .board_shape import MEASURED, BoardShape
+from .measured_board import MeasuredBoard
 
 MAX_BOARD_BYTES = 20_000_000
+
+
 HEADER = "x,y,z"
+
+
 AXES = ("x", "y", "z")
+
+
 NOMINAL = tuple(f"nominal_{axis}" for axis in AXES)
+
+
 BOARD = "board: "
+
+
 # No board is bent by more than this share of its size.
 MOVED = 0.1
 
@@ -152,42 +156,3 @@ def board_text(board: MeasuredBoard, printed: str) -> str:
         *([f"# {BOARD}{printed}"] if printed else []),
     ]
     return "\n".join([*first, header, *lines, ""])
-
-
-EXAMPLE = "target_type: aprilgrid, tagCols, tagRows, tagSize and tagSpacing, or target_type: checkerboard"
-
-
-def read_target(path: StrPath) -> Board:
-    """Return the board of a ``target.yaml`` of Kalibr; raises `InputError` for other files."""
-    location = as_path(path)
-    name = shown(location)
-    with opened(location, MAX_BYTES) as file:
-        tree = parse_tree(file.read(), name)
-    if not is_map(tree):
-        raise InputError(f"{name}: expected a target of Kalibr, {EXAMPLE}, got no such names.")
-    kind = str(tree.get("target_type", "")).lower()
-    if kind == "aprilgrid":
-        columns, rows = (_count(tree, key, name) for key in ("tagCols", "tagRows"))
-        first = _count(tree, "startId", name) if "startId" in tree else None
-        spacing = _number(tree, "tagSpacing", name)
-        return Board(columns, rows, _number(tree, "tagSize", name), "aprilgrid", spacing=spacing, first_id=first)
-    if kind == "checkerboard":
-        columns, rows = (_count(tree, key, name) for key in ("targetCols", "targetRows"))
-        x, y = _number(tree, "colSpacingMeters", name), _number(tree, "rowSpacingMeters", name)
-        if x != y:
-            raise InputError(f"{name}: expected squares, got colSpacingMeters {x:g} and rowSpacingMeters {y:g}.")
-        return Board(columns, rows, x)
-    raise InputError(f"{name}: expected a target of Kalibr, {EXAMPLE}, got target_type {short(kind) or 'none'}.")
-
-
-def _number(tree: dict[str, Any], key: str, name: str) -> float:
-    if key not in tree:
-        raise InputError(f"{name}: expected {key} of a {tree['target_type']}, got none.")
-    return number(tree[key], f"{name}, {key}")
-
-
-def _count(tree: dict[str, Any], key: str, name: str) -> int:
-    value = _number(tree, key, name)
-    if value != int(value):
-        raise InputError(f"{name}, {key}: expected a whole number, got {value:g}.")
-    return int(value)

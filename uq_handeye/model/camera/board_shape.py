@@ -1,15 +1,15 @@
-r"""The shape of a board: how its points lie beside where they were meant to be.
+r"""The shape of a board: displacements of its points from their nominal places.
 
-Model: the point p_j of a board lies at ``p_j + o_j + B_j w``, o_j an offset that is known, w (q,) coefficients that
-pictures tell, in metres. The fields B come from polynomials in the plane of the board, in three families:
+Model: the point p_j of a board lies at ``p_j + o_j + B_j w``, o_j an offset that is known, w (q,) coefficients
+estimated from pictures, in metres. The fields B come from polynomials in the plane of the board, in three families:
 
 - ``bow2``, ``bow3``, ``bow4``: height over the plane, all monomials of degree 2, up to 3, up to 4 (3, 7, 12 columns);
 - ``plane1``: aspect ``(x, -y)`` and shear ``(y, x)`` in the plane;
 - ``plane2``: these and the monomials of degree 2 of both coordinates (8 columns).
 
 ``bow3+plane2`` has both kinds. What a rigid motion or the scale of the board does is taken out: the poses and the
-length of a square say that. With Z (3u, 7) the fields of three shifts, three turns and the scale at the u points and M
-those of the polynomials, degree by degree,
+length of a square determine that. With Z (3u, 7) the fields of three shifts, three rotations and the scale at the u
+points and M those of the polynomials, degree by degree,
 
     [Z M] = Q R,    B = sqrt(u) Q_M            so that  B^T B = u I  and  Z^T B = 0
 
@@ -18,10 +18,6 @@ shorter one: shapes are nested.
 
 A board that was *measured* (`board.csv`) has the offset that was found, and as fields a factor F of the covariance
 ``F F^T`` of all its points, with coefficients of standard deviation 1.
-
-The board as measured (`MeasuredBoard`): where its points lie, how far it bows, and how well that is known. Its points
-are ``P = p + o + B w``, and their errors ``F a`` with independent a of standard deviation 1, ``F = B L``, ``L L^T`` the
-covariance of w. Every number is linear in the points or, to first order, taken as such: its variance is ``|c^T F|^2``.
 """
 
 from __future__ import annotations
@@ -37,16 +33,29 @@ from scipy.spatial import KDTree
 from ...core.geometry.se3 import Array
 from ...core.runtime.read_only import ReadOnlyArrays
 from ...errors import InputError
+from .measured_board import MeasuredBoard, board_axes
 
 FLAT, MEASURED = "flat", "measured"
+
+
 BOWS = {"bow2": 2, "bow3": 3, "bow4": 4}  # degree of the height
+
+
 PLANES = ("plane1", "plane2")
+
+
 # All that a polynomial can be: a bow, a shape in the plane, or both.
 SHAPES = (FLAT, *BOWS, *PLANES, *(f"{bow}+{plane}" for bow in BOWS for plane in PLANES))
+
+
 # Share of a field that must remain beside the others for the points to tell it, and height that is no plane.
 TOLD, PLANE = 1e-6, 1e-6
+
+
 # What rounding makes of components of a field that are 0.
 ROUNDED = 1e-12
+
+
 # Points nearer to each other than this share of the board are the same: they may come from tables in other units.
 SAME = 1e-6
 
@@ -95,76 +104,6 @@ class BoardShape(ReadOnlyArrays):
         """Return the board with the coefficients ``bend`` (q,) that were found, and their covariance (q, q)."""
         factor = self.fields @ np.linalg.cholesky(covariance) if self.q else self.fields
         return MeasuredBoard(self.name, self.points, self.points + self.displacement(bend), factor)
-
-
-@dataclass(frozen=True, eq=False)
-class MeasuredBoard(ReadOnlyArrays):
-    """Points of a board, in its frame and in metres, with their uncertainty."""
-
-    shape: str  # name of the `BoardShape`
-    nominal: Array  # (u, 3) points as they were meant
-    points: Array  # (u, 3) as measured
-    factor: Array  # (u, 3, q) F: F F^T, with F as (3u, q), is the covariance of all points, m^2
-
-    @cached_property
-    def axes(self) -> Array:
-        """(3, 3) rows: x and y in the plane of the board, and its normal."""
-        return board_axes(self.nominal)
-
-    @property
-    def flat(self) -> bool:
-        """True if every point lies where it was meant to."""
-        return bool(np.array_equal(self.nominal, self.points))
-
-    @property
-    def deviations(self) -> Array:
-        """(u, 3) standard deviations of the points along `axes`, m."""
-        return np.asarray(np.linalg.norm(np.einsum("ij,ujq->uiq", self.axes, self.factor), axis=-1))
-
-    @cached_property
-    def heights(self) -> Array:
-        """(u,) of the points over the plane nearest to them, m."""
-        return self._over_plane((self.points - self.nominal) @ self.axes[2])
-
-    @cached_property
-    def bow(self) -> tuple[float, float]:
-        """Highest point minus lowest point over the plane, and its standard deviation to first order, m."""
-        high, low = int(np.argmax(self.heights)), int(np.argmin(self.heights))
-        errors = self._over_plane(np.einsum("j,ujq->uq", self.axes[2], self.factor))
-        return float(self.heights[high] - self.heights[low]), float(np.linalg.norm(errors[high] - errors[low]))
-
-    @property
-    def size(self) -> float:
-        """Diagonal of the points as meant, m."""
-        return float(np.linalg.norm(np.ptp((self.nominal - self.nominal.mean(axis=0)) @ self.axes.T, axis=0)))
-
-    @property
-    def in_plane(self) -> float:
-        """Root mean square displacement of the points within the plane, m."""
-        return float(np.sqrt(np.mean(np.sum(((self.points - self.nominal) @ self.axes[:2].T) ** 2, axis=1))))
-
-    @cached_property
-    def stretch(self) -> tuple[float, float]:
-        """Share by which squares are wider (along x) than high (along y), and its standard deviation.
-
-        The slopes of ``dx = a + b x + c y`` and of dy, by least squares over the points: ``dx/dx - dy/dy``.
-        """
-        slopes = np.linalg.pinv(self._plane)[1:]  # (2, u) by x and by y
-        moved = (self.points - self.nominal) @ self.axes[:2].T
-        errors = np.einsum("ij,ujq->uiq", self.axes[:2], self.factor)
-        value = float(slopes[0] @ moved[:, 0] - slopes[1] @ moved[:, 1])
-        return value, float(np.linalg.norm(slopes[0] @ errors[:, 0] - slopes[1] @ errors[:, 1]))
-
-    @cached_property
-    def _plane(self) -> Array:
-        """(u, 3) columns 1, x, y."""
-        local = (self.nominal - self.nominal.mean(axis=0)) @ self.axes.T
-        return np.column_stack([np.ones(len(local)), local[:, :2]])
-
-    def _over_plane(self, values: Array) -> Array:
-        """Values (u, ...) without their part that is linear in x and y."""
-        Q = np.linalg.qr(self._plane)[0]
-        return np.asarray(values - Q @ (Q.T @ values))
 
 
 def flat_shape(points: Array) -> BoardShape:
@@ -223,13 +162,3 @@ def possible_shapes(points: Array) -> list[BoardShape]:
         with suppress(InputError):
             found.append(polynomial_shape(name, points))
     return found
-
-
-def board_axes(points: Array) -> Array:
-    """Return (3, 3) rows: x of the board's frame within the plane of the points, y, and the normal on the side of z."""
-    normal = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2][2]
-    normal = normal * (np.sign(normal[2]) or 1.0)
-    along = np.eye(3)[0] if abs(normal[0]) < 0.9 else np.eye(3)[1]
-    x = along - normal * (normal @ along)
-    x /= np.linalg.norm(x)
-    return np.stack([x, np.cross(normal, x), normal])

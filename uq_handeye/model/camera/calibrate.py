@@ -1,10 +1,8 @@
 r"""`calibrate_camera`: corners of a board in, intrinsics, camera poses and their joint covariance out.
 
-What the poses of one camera have in common is its intrinsics: an error of the focal length moves all of them along the
-optical axis. The result therefore carries, beside the poses, their joint covariance: of each its own part, and what the
-intrinsics do to all (`bundle`, T4b). ``PoseNoise(camera=result.covariance)`` hands it to everything else.
-
-Poses of a board in new pictures by a camera that has been calibrated: its intrinsics stay as they are.
+All poses of one camera share the errors of its intrinsics: an error of the focal length moves all of them along the
+optical axis. The result therefore holds the joint covariance of the poses: the part of each pose by itself, and the
+effect of the intrinsics on all of them (`bundle`, T4b). ``PoseNoise(camera=result.covariance)`` hands it on.
 """
 
 from __future__ import annotations
@@ -21,26 +19,41 @@ from ...core.geometry.se3 import Array
 from ...errors import InputError, NotConvergedError, require_type
 from ...findings import Finding, warn
 from .adjustment.bent_edges import bias
-from .adjustment.bundle import Bundle, poses_only
-from .adjustment.initial_guess import AMBIGUOUS, better_start, poses_of, unlike_a_board
-from .adjustment.model_choice import CANDIDATES, USUAL, Known, Lens, search
-from .adjustment.outliers import picture_weights, spoilt, without_outliers
+from .adjustment.bundle import Bundle
+from .adjustment.initial_guess import unlike_a_board
+from .adjustment.model_choice import CANDIDATES, USUAL, Lens, search
+from .adjustment.outliers import spoilt, without_outliers
+from .adjustment.picture_weights import picture_weights
+from .adjustment.setting import Known
+from .board_pattern import BoardPattern, board_pattern_of
 from .board_shape import BoardShape, polynomial_shape, possible_shapes
 from .corners import Corners, without_pictures
-from .models import LINEAR, MODELS, rays
-from .residual_pattern import BoardPattern, Pattern, board_pattern_of, pattern_of
+from .models import LINEAR, MODELS
+from .residual_pattern import Pattern, pattern_of
 from .result import CameraCalibration
 
 # Pictures that must remain where others are left out as a whole.
 FEWEST_PICTURES = 3
+
+
 FEWEST_POINTS = 5  # of a board: the four of a single tag do not calibrate a camera
+
+
 # A focal length less certain than this share of it is warned of.
 UNCERTAIN = 0.01
+
+
 # Estimates of coefficients within so many standard deviations of 0 are not told apart from it.
 SMALL = 2.0
+
+
 TELLING = 0.001  # pixels that corners are moved by without a word
+
+
 # Squares wider than high by this share, and by so many standard deviations, are warned of.
 STRETCHED, CERTAIN = 5e-4, 3.0
+
+
 # Pixel noise (px, and as a share of the picture) beyond which corners are those of another board.
 LARGE_NOISE, LARGE_SHARE = 3.0, 0.002
 
@@ -218,42 +231,3 @@ def _checked_size(image_size: Any, corners: Corners) -> tuple[int, int]:
             f"{high[0]:.0f}, v {low[1]:.0f} to {high[1]:.0f}.{swapped}"
         )
     return width, height
-
-
-# Corners of a picture for a pose with a test of its own.
-FEWEST_CORNERS = 4
-
-
-def poses_by_known_camera(seen: CameraCalibration, corners: Corners) -> CameraCalibration:
-    """Return the same camera with new pictures, one or more; only their poses are estimated.
-
-    The covariance of the poses is that of the pixel noise of the calibration; that of the intrinsics is not in it, as
-    they share their errors with the pictures before.
-
-    Raises
-    ------
-    InputError
-        Pictures of another size, or with fewer than four corners of the board.
-    NotConvergedError
-        The poses do not converge with these intrinsics.
-    """
-    if corners.image_size is not None and corners.image_size != seen.image_size:
-        got, expected = ("{} x {}".format(*size) for size in (corners.image_size, seen.image_size))
-        raise InputError(f"Expected pictures of {expected} pixels, as those of the calibration, got {got}.")
-    few = np.flatnonzero(np.bincount(corners.picture, minlength=corners.n) < FEWEST_CORNERS)
-    if len(few):
-        raise InputError(
-            f"Picture {corners.names[int(few[0])]} shows fewer than {FEWEST_CORNERS} corners: leave it out."
-        )
-    before = seen.bundle
-    seen_at = rays(before.model, before.intrinsics, corners.pixels)
-    poses = poses_of(corners, np.ascontiguousarray(seen_at[:, :2] / seen_at[:, 2:]))
-    if len(before.shape.points) < AMBIGUOUS:
-        poses = better_start(before.model, before.parameters, before.shape, corners, poses)
-    bundle = poses_only(before, corners, poses)
-    if corners.window is not None:
-        corners = replace(corners, pixels=corners.pixels - bias(bundle, corners), window=None)
-        bundle = poses_only(before, corners, bundle.poses)
-    if not bundle.converged:
-        raise NotConvergedError("The poses of the new pictures do not converge with the intrinsics given.", bundle)
-    return replace(seen, bundle=bundle, corners=corners, findings=())

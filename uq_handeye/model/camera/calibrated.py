@@ -14,11 +14,12 @@ from ...errors import InputError
 from ...findings import Finding, texts
 from ..noise.joint_covariance import JointCovariance
 from .adjustment.bundle import Bundle, response_ahead
-from .adjustment.model_choice import Candidate
-from .board_shape import MeasuredBoard
+from .adjustment.criterion import Candidate
+from .board_pattern import BoardPattern
 from .corners import Corners, without_pictures
-from .models import pixel_deviation
-from .residual_pattern import LARGE, BoardPattern, Pattern
+from .measured_board import MeasuredBoard
+from .rays import pixel_deviation
+from .residual_pattern import LARGE, Pattern
 
 # Bins of the distance from the centre.
 BINS = 12

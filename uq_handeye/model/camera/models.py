@@ -16,12 +16,6 @@ with the coefficients of OpenCV's models, in OpenCV's order:
 
 Source: documentation of OpenCV's calib3d and fisheye modules; D. Brown, Photogrammetric Engineering 37 (1971);
 J. Kannala, S. Brandt, IEEE Trans. PAMI 28 (2006), doi:10.1109/TPAMI.2006.153.
-
-Rays of pixels: directions in the camera frame, and their uncertainty from the intrinsics.
-
-Model: the pixel z of a direction d, ``|d| = 1``, is ``project(k, d)`` (`models`). Its inverse has no closed form;
-Newton on the sphere needs none:  ``d <- (d + J^+ (z - project(k, d))) / |...|`` with ``J = d project / d d`` (2, 3),
-which vanishes along d, so that the pseudo-inverse steps along the sphere. It holds beyond 90 degrees from the axis too.
 """
 
 from __future__ import annotations
@@ -36,6 +30,8 @@ from numpy.typing import NDArray
 from ...core.geometry.se3 import Array
 
 LINEAR = ("fx", "fy", "cx", "cy")
+
+
 Pair = tuple[Array, Array]  # along u and v, each of the shape of the points
 
 
@@ -162,45 +158,3 @@ MODELS = {
         CameraModel("fisheye", ("k1", "k2", "k3", "k4"), _fisheye),
     )
 }
-
-
-STEPS = 30
-LONGEST = 0.2  # rad, of a step
-CLOSE, SEEN = 1e-6, 1e-3  # pixels: where the steps end, and within which a direction is one
-
-
-def rays(model: CameraModel, parameters: Array, pixels: Array) -> Array:
-    """Unit vectors (..., 3) in the camera frame; nan where no direction is seen at that pixel."""
-    away = (pixels - parameters[2:4]) / parameters[:2]
-    radius = np.linalg.norm(away, axis=-1)
-    angle = np.minimum(radius, 2.5) if model.name == "fisheye" else np.arctan(radius)
-    across = away * (np.sin(angle) / np.maximum(radius, 1e-12))[..., None]
-    d = np.concatenate([across, np.cos(angle)[..., None]], axis=-1)
-    for _ in range(STEPS):
-        seen = model.project(parameters, d)
-        off = pixels - seen.pixels
-        if np.abs(off).max(initial=0.0) <= CLOSE:
-            break
-        J = seen.by_point
-        # J^+ = J^T (J J^T)^-1, a little damped where the model folds
-        square = J @ J.mT
-        square = square + 1e-12 * np.trace(square, axis1=-2, axis2=-1)[..., None, None] * np.eye(2)
-        step = (J.mT @ np.linalg.solve(square, off[..., None]))[..., 0]
-        length = np.linalg.norm(step, axis=-1, keepdims=True)
-        d = d + step * np.minimum(1.0, LONGEST / np.maximum(length, 1e-12))
-        if model.name != "fisheye":  # these see nothing behind the camera
-            d[..., 2] = np.maximum(d[..., 2], 1e-3)
-        d /= np.linalg.norm(d, axis=-1, keepdims=True)
-    off = pixels - model.project(parameters, d).pixels
-    seen_there = np.asarray(np.abs(off).max(axis=-1, keepdims=True) < SEEN)
-    return np.where(seen_there, d, np.nan)
-
-
-def pixel_deviation(model: CameraModel, parameters: Array, covariance: Array, pixels: Array) -> Array:
-    """Standard deviation (...) in pixels, in the worst direction, of where a point is seen that is known in the camera
-    frame and predicted at ``pixels`` (..., 2), by the covariance (k, k) of the intrinsics only; nan as in `rays`."""
-    d = rays(model, parameters, pixels)
-    known = np.isfinite(d[..., 2])
-    J = model.project(parameters, np.where(known[..., None], d, [0.0, 0.0, 1.0])).by_parameters
-    largest = np.linalg.eigvalsh(J @ covariance @ J.mT)[..., -1]
-    return np.where(known, np.sqrt(np.maximum(largest, 0.0)), np.nan)

@@ -328,12 +328,12 @@ def _stack(value: Any, name: str) -> Array:
 
 
 def _camera_to_dict(camera: Any) -> dict[str, Any]:
-    from ..camera.result import camera_to_dict  # slow to import, and of few results
+    from ..camera.calibration_files import camera_to_dict
 
     return camera_to_dict(camera)
 
 
 def _camera_from_dict(data: dict[str, Any], poses: Array) -> CameraCalibration:
-    from ..camera.result import camera_from_dict
+    from ..camera.stored_calibration import camera_from_dict
 
     return camera_from_dict(data, poses)

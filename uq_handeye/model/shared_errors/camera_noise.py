@@ -37,7 +37,7 @@ from numpy.typing import ArrayLike
 from ...core.geometry.checks import as_transforms
 from ...core.geometry.se3 import Array, skew
 from ...errors import InputError
-from ..camera.board import spacing_of
+from ..camera.description import spacing_of
 from ..camera.intrinsics_file import KnownIntrinsics
 from ..camera.models import LINEAR, MODELS, CameraModel
 from ..camera.result import CameraCalibration

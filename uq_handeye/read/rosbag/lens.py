@@ -18,9 +18,9 @@ import numpy as np
 
 from ...core.geometry.se3 import Array
 from ...errors import InputError
-from ...model.camera.adjustment.initial_guess import both_minima
+from ...model.camera.adjustment.two_minima import both_minima
 from ...model.camera.corners import Corners
-from ...model.camera.models import rays
+from ...model.camera.rays import rays
 from .camera_info import CameraInfo
 from .tags import MAX_CORNER_RESIDUAL_PX, TagTrack, adjusted, corners_of, pixels_off
 

@@ -13,7 +13,7 @@ from ..synchronisation.result import Synchronised
 from ..synchronisation.synchronise import synchronise
 
 if TYPE_CHECKING:
-    from ...model.camera.adjustment.initial_guess import Minima
+    from ...model.camera.adjustment.two_minima import Minima
 
 _log = logging.getLogger("uq_handeye")
 

@@ -12,7 +12,7 @@ from ...core.geometry.se3 import inverse
 from ...errors import InputError, InputWarning
 from ...formats.contents import FRAMES
 from ...formats.ros_messages import frame_name, pair_text
-from ...model.camera.adjustment.initial_guess import Minima
+from ...model.camera.adjustment.two_minima import Minima
 from ...model.poses.pose_pairs import Stream
 from .bag import HINT
 from .camera_info import CameraInfo

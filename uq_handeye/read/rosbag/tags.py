@@ -25,11 +25,12 @@ from ...errors import DegenerateMotionError, InputError, NotConvergedError
 from ...fit.input_checks.pose_ambiguity import FEWEST, decide
 from ...formats.ros_messages import MessageError, number, part
 from ...model.camera.adjustment.bundle import Asked, Bundle, adjust
-from ...model.camera.adjustment.initial_guess import Minima, both_minima, poses_of
-from ...model.camera.board import tag_points
+from ...model.camera.adjustment.initial_guess import poses_of
+from ...model.camera.adjustment.two_minima import Minima, both_minima
 from ...model.camera.board_shape import flat_shape
 from ...model.camera.corners import Corners
-from ...model.camera.models import rays
+from ...model.camera.description import tag_points
+from ...model.camera.rays import rays
 from ...model.poses.pose_pairs import PosePairs, Stream
 from .camera_info import CameraInfo
 from .message_types import RosMessage

@@ -13,7 +13,7 @@ from ...core.geometry.se3 import Array
 from ...core.numbers.limits import MAX_LISTED, MAX_ROWS
 from ...errors import InputError
 from ...formats.contents import FRAMES, Side, finished
-from ...model.camera.adjustment.initial_guess import Minima
+from ...model.camera.adjustment.two_minima import Minima
 
 FIELDS = ("stamp", *(f"translation.{a}" for a in "xyz"), *(f"rotation.{a}" for a in "xyzw"))
 # Parent and child of a transform.

@@ -95,7 +95,7 @@ def rows_of_corners(path: Path, intrinsics: Any, folder: Path, units: str | None
     """
     from ...core.files.source import Source
     from ...model.camera.adjustment.bundle import Sight
-    from ...model.camera.corners import read_corners
+    from ...model.camera.corners_file import read_corners
 
     given = read_corners(path, units or "m")
     model, values, root = _intrinsics(intrinsics, folder)
@@ -121,11 +121,13 @@ def rows_of_corners(path: Path, intrinsics: Any, folder: Path, units: str | None
 def _adjusted(model: Any, values: Array, corners: Corners) -> tuple[Corners, Bundle]:
     """Poses by the good corners of the good pictures, with the noise of each picture, and the corners of these."""
     from ...model.camera.adjustment.bundle import Asked, adjust
-    from ...model.camera.adjustment.initial_guess import better_start, poses_of
-    from ...model.camera.adjustment.outliers import picture_weights, spoilt, without_outliers
+    from ...model.camera.adjustment.initial_guess import poses_of
+    from ...model.camera.adjustment.outliers import spoilt, without_outliers
+    from ...model.camera.adjustment.picture_weights import picture_weights
+    from ...model.camera.adjustment.two_minima import better_start
     from ...model.camera.board_shape import flat_shape
     from ...model.camera.corners import without_pictures
-    from ...model.camera.models import rays
+    from ...model.camera.rays import rays
 
     shape = flat_shape(corners.on_board[0])
     asked = Asked.poses_only(model, shape)
@@ -144,9 +146,10 @@ def _adjusted(model: Any, values: Array, corners: Corners) -> tuple[Corners, Bun
 
 def _intrinsics(given: Any, folder: Path) -> tuple[Any, Array, Array]:
     """Model, parameters (p,) and a root T (p, q) of their covariance; (p, 0) where none is said."""
+    from ...model.camera.calibration_files import is_camera_folder
     from ...model.camera.intrinsics_file import read_intrinsics
     from ...model.camera.models import LINEAR, MODELS
-    from ...model.camera.result import is_camera_folder, read_camera
+    from ...model.camera.stored_calibration import read_camera
 
     try:
         plain = [float(part) for part in str(given).strip("[]").split(",")]

@@ -16,8 +16,8 @@ from ...model.poses.pose_pairs import PosePairs
 POSE_FILES = (".csv", ".txt", ".tum", ".json", ".jsonl", ".yaml", ".yml", ".npz", ".npy", ".dat", ".mat")
 
 if TYPE_CHECKING:
-    from ...model.camera.board import Board
     from ...model.camera.corners import Corners
+    from ...model.camera.description import Board
     from ...model.camera.result import CameraCalibration
 
 State = tuple[tuple[str, int, int], ...]
@@ -45,7 +45,7 @@ class SeenBoard:
 
     def read_board(self) -> Board:
         """Return the board."""
-        from ...model.camera.board import board_of
+        from ...model.camera.description import board_of
 
         return board_of(self.board)
 
@@ -62,7 +62,7 @@ def board_text(kind: str, numbers: str, side: str, second: str = "", dictionary:
     ``numbers`` as 9x6 (of a single tag not used), ``side`` of a square or tag as 20mm; ``second`` the side of the
     markers of a ChArUco board, or the gap between the tags of a grid.
     """
-    from ...model.camera.board import Board
+    from ...model.camera.description import Board
 
     single = kind == "apriltag"
     found = re.fullmatch(r"\s*(\d{1,3})\s*x\s*(\d{1,3})\s*", "1x1" if single else numbers)
@@ -144,7 +144,7 @@ class Folder:
 
     def pictures_of(self, poses: PosePairs) -> list[Path]:
         """Return the picture of each pose: those of the board, or as many as there are in the folder."""
-        from ...model.camera.board import SUFFIXES
+        from ...model.camera.picture_files import SUFFIXES
 
         paths = self._pictures() or _in_order(path for path in self.path.iterdir() if path.suffix.lower() in SUFFIXES)
         seen = poses.camera_calibration
@@ -172,7 +172,7 @@ class Folder:
     def _pictures(self) -> list[Path]:
         if self.seen is None:
             return []
-        from ...model.camera.board import picture_paths
+        from ...model.camera.picture_files import picture_paths
 
         with suppress(InputError):  # none yet
             return picture_paths(self.seen.images)

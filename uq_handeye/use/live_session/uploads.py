@@ -19,7 +19,7 @@ from ...core.files.atomic import write_atomically, write_files
 from ...core.files.lines import refused
 from ...core.numbers.limits import MAX_UPLOAD_BYTES
 from ...errors import InputError
-from ...model.camera.board import SUFFIXES
+from ...model.camera.picture_files import SUFFIXES
 from .folder import POSE_FILES
 from .question import ONE_AT_A_TIME
 from .session import OWN

@@ -33,8 +33,9 @@ from numpy.typing import NDArray
 from ....core.geometry.se3 import Array, perturb
 from ....core.runtime.read_only import ReadOnlyArrays
 from ....errors import InputError
-from ..board_shape import BoardShape, MeasuredBoard
+from ..board_shape import BoardShape
 from ..corners import Corners
+from ..measured_board import MeasuredBoard
 from ..models import CameraModel, Projected
 from .variable_projection import Minimum, minimised
 

@@ -13,19 +13,14 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
-from matplotlib.text import Text
 from matplotlib.ticker import MaxNLocator
 
 from ....core.formatting.numbers import digits
-from ....core.geometry.se3 import Array
 from ....core.presentation.figure_parts import (
     BLUE,
     GRID,
     INK,
-    MAP_HALO,
-    ON_MAP,
     ORANGE,
     QUIET,
     SMALL,
@@ -40,16 +35,21 @@ from ....core.presentation.figure_parts import (
 )
 from ..calibrated import Calibrated, cells_that_matter, picture_rms, radial_means
 from ..residual_pattern import CELLS, LARGE
+from .frames import named_axes, picture_axes, picture_canvas
 from .text import coverage_words, noise_words, pattern_words
 
 # More arrows are drawn as an image: a drawing of each would make a large file.
 MANY = 2500
+
+
 # More pictures are drawn with smaller dots.
 MANY_PICTURES = 200
-# Height in inches of the picture of a camera that stands upright.
-TALLEST = 6.0
+
+
 # Length of the arrow of a large residual (95 % are smaller), as a share of the longer side of the picture.
 _TYPICAL = 0.02
+
+
 _CROSS: dict[str, Any] = {
     "marker": "X", "linestyle": "", "color": ORANGE, "markersize": 6.5, "markeredgecolor": "white",
     "markeredgewidth": 0.6,
@@ -209,65 +209,3 @@ def _radial(axis: Axes, cam: Calibrated) -> None:
     axis.xaxis.set_major_locator(MaxNLocator(nbins=4, integer=True))
     axis.yaxis.set_major_locator(MaxNLocator(nbins=6, symmetric=True))
     named_axes(axis, "distance from the centre (pixels)", "outward, mean (pixels)", "by the distance from the centre")
-
-
-def framed(ratio: float, beside: float, tallest: float, more: float) -> tuple[Figure, Axes]:
-    """A figure with one frame, height over width ``ratio``, ``beside`` inches left free for labels, ``more`` above."""
-    wide = min(WIDTH - beside, tallest / ratio)
-    figure = canvas(more + wide * ratio)
-    side = 0.5 * max(WIDTH - beside - wide, 0.0)
-    return figure, figure.add_subplot(
-        figure.add_gridspec(1, 3, width_ratios=[side, wide, side])[1] if side > 0 else 111
-    )
-
-
-def named_axes(axis: Axes, x: str, y: str, title: str = "", ticks: tuple[int, int] = (0, 0), **how: Any) -> None:
-    """Names of both axes, a title, and at most so many ticks along each where they are given."""
-    axis.set_xlabel(x, fontsize=TEXT)
-    axis.set_ylabel(y, fontsize=TEXT)
-    if title:
-        axis.set_title(title, fontsize=TEXT, loc="left")
-    for line, most in zip((axis.xaxis, axis.yaxis), ticks, strict=True):
-        if most:
-            line.set_major_locator(MaxNLocator(nbins=most, **how))
-
-
-def scale_beside(figure: Figure, axis: Axes, drawn: Any, name: str) -> Any:
-    """The colours of a map beside it, with the name of what they mean."""
-    bar = figure.colorbar(drawn, cax=axis.inset_axes((1.02, 0.0, 0.028, 1.0)))
-    bar.ax.tick_params(labelsize=SMALL, length=2.5, color=QUIET)
-    bar.outline.set_visible(False)
-    bar.set_label(name, fontsize=TEXT)
-    return bar
-
-
-def marked(axis: Axes, at: Array, name: str, middle: Array) -> Text:
-    """A cross on a map with a name, written towards the ``middle``; rows count downwards."""
-    axis.plot(*at, "+", color=ON_MAP, markersize=8, clip_on=False, zorder=6)
-    left, above = at < middle
-    return axis.annotate(
-        name, (float(at[0]), float(at[1])), xytext=(6 if left else -6, -8 if above else 8), color=ON_MAP, zorder=7,
-        textcoords="offset points", fontsize=SMALL, path_effects=MAP_HALO, va="center", ha="left" if left else "right",
-    )  # fmt: skip
-
-
-def picture_canvas(image_size: tuple[int, int], beside: float) -> tuple[Figure, Axes]:
-    """A figure with the frame of one picture, ``beside`` inches left free for labels.
-
-    The frame stands at the bottom of its place: where it floats, the layout takes too little room for the labels below.
-    """
-    figure, axis = framed(image_size[1] / image_size[0], beside, TALLEST, 0.9)
-    picture_axes(axis, image_size)
-    axis.set_anchor("S")
-    return figure, axis
-
-
-def picture_axes(axis: Axes, image_size: tuple[int, int]) -> None:
-    """The frame of a picture in true proportions, u to the right and v down."""
-    width, height = image_size
-    plain(axis)
-    for side in axis.spines.values():
-        side.set_visible(True)
-        side.set_color(QUIET)
-    axis.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5), aspect="equal")
-    named_axes(axis, "u (pixels)", "v (pixels)", ticks=(6, 5), integer=True)

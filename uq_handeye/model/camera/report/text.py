@@ -6,7 +6,7 @@ import numpy as np
 
 from ....core.formatting.numbers import concise, fixed, probability
 from ....core.presentation.document import Block, Caution, Document, Heading, Paragraph, Table
-from ..adjustment.model_choice import best
+from ..adjustment.criterion import best
 from ..calibrated import Calibrated, covered, distances, tilts
 from ..models import LINEAR
 from ..residual_pattern import CELLS, RARE

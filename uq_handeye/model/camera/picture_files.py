@@ -1,0 +1,113 @@
+"""Files of pictures: which are meant, in which order, and their content in grey."""
+
+from __future__ import annotations
+
+import glob
+import os
+import threading
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+
+from ...core.files.open import StrPath, as_path, natural, opened, shown
+from ...errors import InputError
+from .adjustment.opencv import opencv
+from .corner_refinement import Picture
+from .description import Board as Board
+from .description import board_of as board_of
+from .description import spacing_of as spacing_of
+from .description import tag_points as tag_points
+
+MAX_BYTES = 500_000_000  # of a picture's file
+
+
+SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm", ".webp")
+
+
+def picture_paths(images: str | Iterable[StrPath]) -> list[Path]:
+    """The pictures that are meant, in natural order; a folder means those within it."""
+    if isinstance(images, str | os.PathLike):
+        images = [images]
+    paths: list[Path] = []
+    for entry in images:
+        path = as_path(entry)
+        if path.is_dir():
+            inside = [child for child in path.iterdir() if child.suffix.lower() in SUFFIXES]
+            if not inside:
+                raise InputError(f"Expected pictures ({', '.join(SUFFIXES)}) in {shown(path)}, got none.")
+            paths += inside
+        elif path.exists():
+            paths.append(path)
+        else:
+            matched = [Path(name) for name in glob.glob(str(path), recursive=True) if not os.path.isdir(name)]
+            if not matched:
+                raise InputError(f"No pictures found for {shown(path)}: check the folder and the ending.")
+            paths += matched
+    if not paths:
+        raise InputError("Expected `images` to name pictures, got none.")
+    twice = [path for path, count in Counter(map(os.path.abspath, paths)).items() if count > 1]
+    if twice:
+        raise InputError(f"Expected every picture once, got {shown(Path(twice[0]))} twice.")
+    return sorted(paths, key=natural)
+
+
+def _names(paths: list[Path]) -> list[str]:
+    """Without folders where that tells them apart."""
+    bare = [path.name for path in paths]
+    return [shown(Path(name)) for name in (bare if len(set(bare)) == len(bare) else map(str, paths))]
+
+
+_HEARING = threading.Lock()
+
+
+# Pixels a side below which no board can be found, and detectors fail.
+SMALLEST = 32
+
+
+@contextmanager
+def _unheard() -> Iterator[None]:
+    """Send what decoders in C say of a damaged picture, straight to file descriptor 2, nowhere: we say it in a line."""
+    with _HEARING:
+        try:
+            kept = os.dup(2)
+        except OSError:  # closed
+            yield
+            return
+        try:
+            with open(os.devnull, "wb") as nowhere:
+                os.dup2(nowhere.fileno(), 2)
+            yield
+        finally:
+            os.dup2(kept, 2)
+            os.close(kept)
+
+
+def _picture(path: Path) -> Picture:
+    """Read the picture in grey, as the sensor has it: the orientation stated in a file is for viewers."""
+    return _decoded(_content(path), path)
+
+
+def _content(path: Path) -> bytes:
+    with opened(path, MAX_BYTES) as file:
+        return file.read()
+
+
+def _decoded(content: bytes, path: Path) -> Picture:
+    cv2, data = opencv(), np.frombuffer(content, dtype=np.uint8)
+    flags = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
+    try:
+        with _unheard():
+            picture = cv2.imdecode(data, flags) if data.size else None
+    except cv2.error:  # too many pixels
+        picture = None
+    if picture is None:
+        raise InputError(f"{shown(path)}: expected a picture (PNG, JPEG, TIFF, BMP, ...), got none that can be read.")
+    if min(picture.shape[:2]) < SMALLEST:
+        size = " x ".join(map(str, picture.shape[1::-1]))
+        raise InputError(f"{shown(path)}: expected a picture of at least {SMALLEST} pixels a side, got {size}.")
+    if picture.dtype != np.uint8:
+        picture = cv2.normalize(picture, None, 0, 255, cv2.NORM_MINMAX, cv2.CV_8U)
+    return np.asarray(picture)

@@ -1,0 +1,248 @@
+"""A camera calibration read from its folder, or from the object that holds the same; nothing is estimated again.
+
+What belongs together is checked: the residuals must follow from poses, intrinsics and corners.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.files import trees as _trees
+from ...core.files.lines import OF_DATA, refused, short
+from ...core.files.open import StrPath, as_path, opened, shown
+from ...core.files.records import array_of
+from ...core.files.trees import fields_of, got, item, number, parse_tree, vector
+from ...core.geometry.checks import as_transforms
+from ...core.geometry.se3 import Array
+from ...errors import InputError
+from ...findings import Finding
+from ...formats.csv_poses import read_pose_file
+from ...formats.numpy_poses import MAX_BYTES, unpacked
+from .adjustment.bundle import Asked, Bundle, Prior, Sight
+from .adjustment.criterion import Candidate
+from .board_pattern import board_pattern_of
+from .board_shape import FLAT, BoardShape, flat_shape
+from .calibration_files import CORNERS, COVARIANCE, INTRINSICS, POSES
+from .corners import Corners
+from .corners_file import corners_and_used
+from .intrinsics_file import FORMAT
+from .models import MODELS
+from .residual_pattern import pattern_of
+from .result import CameraCalibration
+
+# Poses of camera.csv, whose quaternions are rounded, are those of the archive within this.
+ROUNDED = 1e-9
+
+
+_OTHER_RUN = "not of the same run, or one was changed by hand; write the folder again with uq-handeye camera."
+
+
+# Residuals beyond so many times the pixel noise are not those of the corners that were calibrated with.
+FAR = 10.0
+
+
+def read_camera(folder: StrPath) -> CameraCalibration:
+    """The calibration that `CameraCalibration.write` wrote, exactly; nothing is estimated again.
+
+    Raises
+    ------
+    InputError
+        A folder that is none, lacks a file, or whose files do not belong together.
+    """
+    path = as_path(folder)
+    name = shown(path)
+    if not path.is_dir():
+        raise InputError(f"Cannot read {name}: expected the folder of uq-handeye camera -o, got none.")
+    lacking = [file for file in (INTRINSICS, COVARIANCE, CORNERS, POSES) if not (path / file).exists()]
+    if lacking:
+        raise InputError(
+            f"{name} lacks {', '.join(lacking)}: expected the folder that uq-handeye camera -o wrote; write it again."
+        )
+    with opened(path / INTRINSICS, _trees.MAX_BYTES) as file:
+        tree = parse_tree(file.read(), shown(path / INTRINSICS))
+    corners, used = corners_and_used(path / CORNERS)
+    with opened(path / COVARIANCE, MAX_BYTES) as file:
+        arrays = unpacked(file.read(), shown(path / COVARIANCE))
+    with refused(f"{name}: not what uq-handeye camera writes", OF_DATA):
+        found = calibration_from_parts(tree, corners, used, arrays, shown(path / INTRINSICS))
+        _numbers(arrays, "shared", found.covariance.shared.shape)
+    rows, poses = read_pose_file(path / POSES)
+    if not (
+        np.array_equal(rows, found.rows)
+        and np.array_equal(arrays["rows"], found.rows)
+        and np.abs(poses - found.poses).max() < ROUNDED * max(1.0, float(np.abs(found.poses).max()))
+    ):
+        raise InputError(f"{name}: {POSES}, {COVARIANCE} and {CORNERS} are {_OTHER_RUN}")
+    return found
+
+
+def _numbers(arrays: dict[str, Any], key: str, shape: tuple[int, ...]) -> Array:
+    return array_of(arrays.get(key, ()), shape, f"{key} of {COVARIANCE}")
+
+
+def _prior(value: Any, free: NDArray[np.bool_], where: str) -> Prior | None:
+    """Return the prior of the fit; that of parameters that are not estimated is not used, and may be singular."""
+    if value is None:
+        return None
+    k = len(free)
+    mean = np.array(vector(item(value, "mean", where), k, f"{where}, mean"), dtype=float)
+    S = np.array([vector(row, k, f"{where}, covariance") for row in item(value, "covariance", where)], dtype=float)
+    if S.shape != (k, k) or (S != S.T).any() or np.linalg.eigvalsh(S[np.ix_(free, free)]).min(initial=1.0) <= 0:
+        raise InputError(f"{where}, covariance: expected one, {k} x {k}, positive definite for what was estimated.")
+    return Prior(mean, S)
+
+
+def _shape(tree: Any, arrays: dict[str, Any], corners: Corners) -> BoardShape:
+    """Return the shape of the board; flat where the folder is of a version that knew no other."""
+    if "board" not in tree:
+        return flat_shape(corners.points)
+    names = tuple(map(str, tree["board"]["names"]))
+    u, q = len(arrays["board_points"]), len(names)
+    sd = np.asarray(arrays["board_sd"], dtype=float)
+    if sd.shape != (q,) or not (sd > 0).all():
+        raise InputError(
+            f"{COVARIANCE}, board_sd: expected {q} standard deviations above 0; the files are {_OTHER_RUN}"
+        )
+    parts = {"points": (u, 3), "offset": (u, 3), "fields": (u, 3, q)}
+    points, offset, fields = (_numbers(arrays, f"board_{part}", shape) for part, shape in parts.items())
+    return BoardShape(str(tree["board"]["shape"]), names, points, offset, fields, sd)
+
+
+def _candidate(one: dict[str, Any], name: str) -> Candidate:
+    """A camera model that was compared; None in the file stands for an infinite number."""
+    bic, rms = (float("inf") if one[key] is None else number(one[key], f"{name}, {key}") for key in ("bic", "rms"))
+    return Candidate(str(one["model"]), tuple(map(str, one["coefficients"])), bic, rms, str(one.get("board", FLAT)))
+
+
+def calibration_from_parts(
+    tree: Any, corners: Corners, used: Any, arrays: dict[str, Any], name: str
+) -> CameraCalibration:
+    """The calibration of what `to_dict` and `bundle_arrays` wrote, its corners and which were used.
+
+    Raises
+    ------
+    InputError
+        Parts that do not belong together; KeyError, TypeError, ValueError or IndexError on anything else.
+    """
+    if fields_of(tree).get("format") != FORMAT:
+        came = short(str(tree["format"])) if "format" in fields_of(tree) else got(tree)
+        raise InputError(f"{name}: expected the format {FORMAT!r}, got {came}.")
+    if tree["model"] not in MODELS:
+        raise InputError(f"{name}, model: expected one of {', '.join(MODELS)}, got {short(str(tree['model']))}.")
+    model = MODELS[tree["model"]]
+    k, n = len(model.names), corners.n
+    shape = _shape(tree, arrays, corners)
+    p = k + shape.q
+    parameters = np.array([number(item(tree["parameters"], key, name), f"{name}, {key}") for key in model.names])
+    of_lens = np.array([vector(row, k, f"{name}, covariance") for row in tree["covariance"]])
+    if "board" in tree:
+        bend = vector(tree["board"]["coefficients"], shape.q, f"{name}, board")
+        parameters = np.concatenate([parameters, np.array(bend, dtype=float)])
+        covariance = _numbers(arrays, "covariance", (p, p))
+    else:  # of a version that took every board as flat
+        covariance = of_lens
+    if of_lens.shape != (k, k) or (covariance != covariance.T).any():
+        raise InputError(f"{name}, covariance: expected a symmetric matrix, {k} x {k}.")
+    if not np.array_equal(covariance[:k, :k], of_lens):
+        raise InputError(f"{name} and {COVARIANCE} are {_OTHER_RUN}")
+    width, height = (int(number(value, f"{name}, image_size")) for value in vector(tree["image_size"], 2, name))
+    poses = as_transforms(_numbers(arrays, "poses", (n, 4, 4)), "poses")
+    own = _numbers(arrays, "own", (n, 6, 6))
+    by_parameters = _numbers(arrays, "by_parameters", (n, 6, p))
+    weights = _numbers(arrays, "weights", (n,))
+    if (weights <= 0).any():
+        raise InputError(f"{COVARIANCE}, weights: expected weights of the pictures above 0, got {weights.min():.3g}.")
+    free = np.isin((*model.names, *shape.names), [*tree["estimated"], *shape.names])
+    if not np.array_equal(_numbers(arrays, "parameters", (p,)), parameters):
+        raise InputError(f"{name} and {COVARIANCE} are {_OTHER_RUN}")
+    if (own != own.mT).any() or np.linalg.eigvalsh(own).min() < 0:
+        raise InputError(f"{COVARIANCE}, own: expected covariances, got other matrices.")
+    try:
+        sight = Sight.of(model, shape, corners, used)
+    except InputError as error:
+        raise InputError(f"{CORNERS} and {COVARIANCE} are {_OTHER_RUN}") from error
+    predicted = sight.predicted(parameters, poses)[corners.picture, corners.place]
+    bundle = Bundle(
+        Asked(model, shape, free, _prior(tree.get("prior"), free, f"{name}, prior")),
+        parameters,
+        poses,
+        corners.pixels - predicted,
+        used,
+        number(tree["pixel_noise"], f"{name}, pixel_noise"),
+        covariance,
+        own,
+        by_parameters,
+        weights,
+        bool(tree["converged"]),
+        int(tree["iterations"]),
+    )
+    candidates = tuple(_candidate(one, name) for one in tree["candidates"])
+    size = (width, height)
+    corners = Corners(
+        corners.row,
+        corners.points,
+        corners.pixels,
+        corners.names,
+        image_size=size,
+        missing=tuple(map(str, tree["pictures_without_board"])),
+        board=str(tree.get("board", {}).get("printed", "")),
+    )
+    if "findings" in tree:
+        findings = tuple(map(Finding.from_dict, tree["findings"]))
+    else:  # of a version that had sentences only
+        findings = tuple(Finding("stored.text", "caution", {"text": str(text)}) for text in tree["warnings"])
+    found = CameraCalibration(
+        bundle,
+        corners,
+        size,
+        candidates,
+        pattern_of(bundle, corners, size),
+        board_pattern_of(bundle, corners),
+        findings,
+    )
+    if np.sqrt(np.mean(bundle.residuals[used] ** 2)) > FAR * bundle.pixel_noise + 1e-6:
+        raise InputError(
+            f"{CORNERS} does not fit the poses and intrinsics beside it: it is of another run, or changed."
+        )
+    if free.any() and np.linalg.eigvalsh(covariance[np.ix_(free, free)]).min() <= 0:
+        raise InputError(f"{name}, covariance: expected one that is positive definite for the estimated parameters.")
+    return found
+
+
+def camera_from_dict(data: dict[str, Any], poses: Array) -> CameraCalibration:
+    """The inverse of `camera_to_dict`, for the poses ``camera_T_target`` (n, 4, 4) beside it.
+
+    Raises
+    ------
+    InputError
+        Anything else.
+    """
+    try:
+        seen = data["seen"]
+        points = np.array(seen["points"], dtype=float)
+        which = _plain_numbers(seen["point"], len(points))
+        row = _plain_numbers(seen["row"], None)
+        corners = Corners(row, points[which], np.array(seen["pixels"], dtype=float), seen["names"])
+        used = np.ones(corners.m, dtype=bool)
+        used[_plain_numbers(seen["left_out"], corners.m)] = False
+        if corners.n != len(poses) or (np.diff(row) < 0).any():
+            raise InputError(f"{corners.n} pictures, and {len(poses)} poses")
+        arrays = {name: np.array(value, dtype=float) for name, value in data["arrays"].items()} | {"poses": poses}
+        if (sd := arrays.get("board_sd")) is not None:  # None in the file: nothing is known of the shape beforehand
+            arrays["board_sd"] = np.where(np.isnan(sd), np.inf, sd)
+        return calibration_from_parts(data, corners, used, arrays, "camera_calibration")
+    except (InputError, KeyError, TypeError, ValueError, LookupError, ArithmeticError) as error:
+        raise InputError(f"data.camera_calibration is damaged ({str(error).rstrip('.')})") from error
+
+
+def _plain_numbers(values: Any, below: int | None) -> Any:
+    """Integers from 0 (and below a count); raises `InputError`."""
+    found = np.array(values, dtype=float)
+    if found.ndim != 1 or (found != np.floor(found)).any() or (found < 0).any():
+        raise InputError("expected numbers from 0")
+    if below is not None and (found >= below).any():
+        raise InputError(f"expected numbers below {below}")
+    return found.astype(np.intp)

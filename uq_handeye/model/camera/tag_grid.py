@@ -1,0 +1,99 @@
+"""The grid in which the tags of a picture lie: number of columns, gap between tags, direction of the ids.
+
+The four corners of a tag give the plane of the board in units of its side, in which a neighbour lies at (1 + gap, 0).
+This needs no camera, and its accuracy is that of the corners over the size of a tag. `contradiction` compares what the
+pictures show with the board that was named.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.geometry.se3 import Array
+from .adjustment.opencv import opencv
+from .description import WIDEST, Board
+
+Tags = tuple[NDArray[np.intp], Array]  # ids (k,) and corners (k, 4, 2) of one picture
+
+
+SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+
+
+# Offset across, in sides, up to which a tag is a neighbour in a row or column.
+ALIGNED = 0.25
+
+
+# Pairs of neighbours of which there must be so many, and pictures that are looked at.
+FEWEST_SEEN, MOST_COLUMNS = 8, 40
+
+
+# Difference of the gap from the one that was given, in sides, and in standard errors, from which on it is wrong; and
+# what the distortion of a wide lens makes of it, times the square of the share of the picture that a tag is wide.
+WRONG, CLEAR_GRID, BENT = 0.006, 6.0, 3.0
+
+
+class Grid(NamedTuple):
+    """Columns, gap (sides) with its standard error, and whether ids grow upwards; None: not seen."""
+
+    columns: int | None
+    gap: float | None
+    error: float = np.inf
+    upwards: bool | None = None
+
+
+def grid_as_seen(pictures: list[Tags]) -> Grid:
+    """Return what neighbouring tags say of their grid."""
+    along: list[float] = []
+    down: list[int] = []
+    turns: list[float] = []
+    for ids, quads in pictures[:MOST_COLUMNS]:
+        for k, quad in enumerate(quads):
+            H = opencv().getPerspectiveTransform(quad.astype(np.float32), SQUARE.astype(np.float32))
+            at = opencv().perspectiveTransform(quads.reshape(-1, 1, 2), H).reshape(-1, 4, 2).mean(axis=1) - 0.5
+            near = (np.abs(at) < 2.0 + WIDEST).all(axis=1) & (np.abs(at).max(axis=1) > 0.5)
+            row = near & (np.abs(at[:, 1]) < ALIGNED) & (np.abs(ids - ids[k]) == 1)
+            along += np.abs(at[row, 0]).tolist()
+            right = np.sign(np.sum(at[row, 0] * (ids[row] - ids[k])))  # of growing ids; the tag may stand upside down
+            column = near & (np.abs(at[:, 0]) < ALIGNED)
+            if column.any():
+                nearest = np.argmin(np.where(column, np.abs(at[:, 1]), np.inf))
+                down.append(abs(int(ids[nearest] - ids[k])))
+                turns.append(right * np.sign(at[nearest, 1] * (ids[nearest] - ids[k])))
+    columns = int(np.median(down)) if len(down) >= FEWEST_SEEN else None
+    upwards = bool(np.sum(turns) < 0) if abs(np.sum(turns)) >= FEWEST_SEEN else None
+    if len(along) < FEWEST_SEEN:
+        return Grid(columns, None, upwards=upwards)
+    values = np.array(along) - 1.0
+    gap = float(np.median(values))
+    return Grid(columns, gap, 1.5 * float(np.median(np.abs(values - gap))) / np.sqrt(len(values)), upwards)
+
+
+def contradiction(board: Board, pictures: list[Tags], width: int) -> str | None:
+    """Return what the pictures, so many pixels wide, say against a grid of tags; None: nothing."""
+    if min(board.columns, board.rows) < 2:
+        return None
+    found = grid_as_seen(pictures)
+    if found.columns is not None and found.columns != board.columns and found.columns > 0:
+        return (
+            f"The tags of the pictures lie in rows of {found.columns}, not of {board.columns}: give columns and rows, "
+            f"--board {found.columns}xROWS."
+        )
+    if found.upwards is not None and found.upwards != (board.kind == "aprilgrid"):
+        kind, way = ("aprilgrid", "upwards, as those of Kalibr") if found.upwards else ("aruco", "downwards")
+        return f"The ids of the tags grow {way}: it is kind={kind!r} (--pattern {kind})."
+    given = board.gap / board.side
+    sides = [np.linalg.norm(quads[:, 1] - quads[:, 0], axis=1) for _, quads in pictures]
+    share = float(np.median(np.concatenate(sides))) / width if sides else 0.0
+    if found.gap is None or abs(found.gap - given) < max(WRONG + BENT * share**2, CLEAR_GRID * found.error):
+        return None
+    if board.kind == "aprilgrid":
+        option = f"spacing={found.gap:.3g} (--spacing {found.gap:.3g})"
+    else:
+        option = f"`spacing` about {1e3 * found.gap * board.side:.3g} mm (--spacing)"
+    return (
+        f"The tags of the pictures are {found.gap:.3g} of their side apart, not {given:.3g}. Measure the gap and give "
+        f"it: {option}."
+    )
