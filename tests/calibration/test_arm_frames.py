@@ -34,6 +34,7 @@ def test_large_errors_do_not_move_the_chain(rng):
     assert np.abs(result.kinematics.e).max() > 5e-3 and said(result) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
 def test_frames_of_the_controller_are_in_X_and_W(rng, setup):
     """Base frame B and tool E of the controller, G = B FK(q) E: X and W are in them, by as much as without."""
@@ -61,6 +62,7 @@ def test_frames_of_the_controller_are_in_X_and_W(rng, setup):
     np.testing.assert_allclose(ahead.poses, same.predict_camera(joints=q).poses, rtol=0, atol=2e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
 def test_where_the_controller_has_its_base_changes_nothing(rng, setup):
     """A base on the floor and turned: the workspace over which X is stated is that of the arm."""
@@ -74,6 +76,7 @@ def test_where_the_controller_has_its_base_changes_nothing(rng, setup):
     np.testing.assert_allclose(result.W, W @ same.W, rtol=0, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_another_arm_is_refused_with_what_would_explain_it(rng):
     poses = rig(rng, n=15).poses
     with pytest.raises(InputError, match=r"more than any tolerance of an arm.*read the joints as degrees"):

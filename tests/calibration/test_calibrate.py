@@ -199,6 +199,7 @@ def replaced(data, path, value):
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.stored
 @pytest.mark.parametrize("bad", [None, "x", -1, [], {}, 1e400, 10**400, True], ids=lambda bad: str(bad)[:6])
 @pytest.mark.parametrize("options", [{}, {"method": "park"}], ids=["estimated", "park"])
@@ -238,6 +239,7 @@ def test_numbers_that_are_none(result, tmp_path):
         uq.Calibration.from_dict(data | {"covariance_kind": "magic"})
 
 
+@pytest.mark.slow
 def test_a_file_of_many_poses_is_small():
     many = uq.simulate(1687, noise=NOISE, seed=1)
     with warnings.catch_warnings():

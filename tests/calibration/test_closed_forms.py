@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from calibration_cases import NOISE, quietly
 
 import uq_handeye as uq
@@ -26,6 +27,7 @@ def test_an_x_that_is_off_is_contradicted_and_a_right_one_is_not():
     assert closed_forms(job, result, worse) == []  # nor does one contradict X where both say the same
 
 
+@pytest.mark.slow
 def test_units_are_told_from_targets_of_another_size():
     """Far from 1 a factor is that of a unit, 8 % beside it too; near 1 a target has it."""
     poses = uq.simulate(25, noise=NOISE, seed=3)

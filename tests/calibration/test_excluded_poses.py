@@ -92,6 +92,7 @@ def test_distances_of_good_excluded_poses_are_chi_square():
     assert np.mean(found) == pytest.approx(6.0, abs=4 * np.sqrt(12 / len(found)) + 0.3)  # one X for 8 poses
 
 
+@pytest.mark.slow
 def test_questions_about_x_use_the_others(result, of_rest):
     for mine, other in zip(result.used, of_rest.used, strict=True):
         assert repr(mine) == repr(other)
@@ -123,6 +124,7 @@ def test_text_and_figures_show_them(result):
     assert "1 of 20 flagged; 4 excluded, as open circles" in small_pictures(result)["residuals-small"].caption
 
 
+@pytest.mark.slow
 def test_noise_estimated_and_published_methods(poses):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", uq.InputWarning)

@@ -71,6 +71,7 @@ def last_of(result):
     return (written, f"Next: {next_step(result)}.")
 
 
+@pytest.mark.slow
 def test_it_fits_a_terminal(result):
     verdict = result.verdict("1mm,0.1deg", at="0.5m")
     for document in (
@@ -113,6 +114,7 @@ def _matrix(lines):
     return [line for line in lines if re.fullmatch(r"(\s*-?\d+\.\d{9}){4}", line)]
 
 
+@pytest.mark.slow
 def test_the_long_text_has_everything(result):
     """The statement, every finding in full, and the numbers behind them."""
     flat = " ".join(result.summary(verbose=True).split())
@@ -125,11 +127,13 @@ def test_the_long_text_has_everything(result):
     assert (result.analysis is None) or "Uncertainty budget of X" in flat
 
 
+@pytest.mark.slow
 def test_it_is_the_same_of_a_stored_result(result):
     again = uq.Calibration.from_dict(result.to_dict())
     assert again.summary() == result.summary() and next_step(again) == next_step(result)
 
 
+@pytest.mark.slow
 def test_the_next_step_is_about_what_matters_most():
     steps = {
         "not usable, inverse": "run again with --camera-frame target_T_camera; or, if the camera is fixed, with "

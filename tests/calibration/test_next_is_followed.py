@@ -49,6 +49,7 @@ def options_of(step):
     return [part for pair in found[:1] for part in pair if part]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("robot", "camera", "options", "named"),
     [
@@ -71,6 +72,7 @@ def test_what_is_misread_is_read(tmp_path, robot, camera, options, named):
     assert np.linalg.norm(np.array(plain["X"])[:3, 3] - truth.X[:3, 3]) < truth.accuracy.translation
 
 
+@pytest.mark.slow
 def test_a_noise_that_is_wrong_is_left_out(tmp_path):
     write_pose_file(tmp_path / "robot.csv", POSES.robot)
     write_pose_file(tmp_path / "camera.csv", POSES.camera)
@@ -81,6 +83,7 @@ def test_a_noise_that_is_wrong_is_left_out(tmp_path):
     assert max(after["std"][3:]) < 0.2 * max(before["std"][3:])
 
 
+@pytest.mark.slow
 def test_more_poses_reduce_the_noise(tmp_path):
     """The poses that `plan` chooses are measured, and X is better known."""
     poses = uq.simulate(8, noise=MODEL, seed=3)
@@ -119,6 +122,7 @@ def test_what_is_to_be_declared_is_better_than_what_is_assumed(name):
     assert make(value).sd[0] <= 0.5 * DEFAULT_SD[name]
 
 
+@pytest.mark.slow
 def test_a_size_that_was_not_declared_is(tmp_path):
     """The step names a value that holds what was found: X comes nearer to the truth by far."""
     write_pose_file(tmp_path / "robot.csv", POSES.robot)
@@ -131,6 +135,7 @@ def test_a_size_that_was_not_declared_is(tmp_path):
     assert error[1] < 0.6 * error[0] and after["std"] != before["std"]
 
 
+@pytest.mark.slow
 def test_an_outlier_is_named_by_what_shows_it(tmp_path):
     """The report that the step asks for names the pose, and without it the step is another."""
     write_pose_file(tmp_path / "robot.csv", POSES.robot)
@@ -144,6 +149,7 @@ def test_an_outlier_is_named_by_what_shows_it(tmp_path):
     assert "flagged" not in again
 
 
+@pytest.mark.slow
 def test_rows_that_are_shifted_are_paired_by_time(tmp_path):
     """Files with timestamps that begin at different rows."""
     write_pose_file(tmp_path / "robot.csv", POSES.robot[1:], np.arange(1.0, 30.0))
@@ -154,6 +160,7 @@ def test_rows_that_are_shifted_are_paired_by_time(tmp_path):
     assert status == 0 and plain["n_poses"] == 28, text
 
 
+@pytest.mark.slow
 def test_one_axis_gets_another(tmp_path):
     """Poses that rotate about one axis, and those that `plan` chooses beside them."""
     rng = np.random.default_rng(1)

@@ -185,6 +185,7 @@ def test_summary_has_the_pieces_of_a_fit_report(result):
     assert listed == sorted(listed, reverse=True) and min(listed) >= 0.1 and len(listed) > 2
 
 
+@pytest.mark.slow
 def test_every_other_result_has_a_form_for_notebooks():
     poses = uq.simulate(8, noise=NOISE, seed=3)
     results = {

@@ -40,6 +40,7 @@ def cases():
     }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", cases())
 def test_json_round_trip_and_summary(name):
     data, options = cases()[name]
@@ -83,6 +84,7 @@ def test_saved_and_loaded(estimated, tmp_path):
     np.testing.assert_array_equal(again.X, estimated.X)
 
 
+@pytest.mark.slow
 def test_damaged_parts_are_refused(estimated):
     data = json.loads(estimated.to_json())
     changes = [
@@ -224,6 +226,7 @@ def test_budget_does_not_split_what_is_not_known(given, estimated):
 # ------------------------------------------------------------------------------------------------------------- text
 
 
+@pytest.mark.slow
 def test_the_summary_has_every_section(given, estimated, poses):
     everywhere = (
         "gripper_T_camera from 20 poses, eye-in-hand, efficient",
@@ -265,6 +268,7 @@ def test_the_summary_has_every_section(given, estimated, poses):
     assert "No pose stands out" in quietly(uq.simulate(8, noise=NOISE, seed=1), noise=NOISE).summary(verbose=True)
 
 
+@pytest.mark.slow
 def test_the_summary_answers_first_and_says_each_thing_once(poses):
     result = quietly(with_wrong(poses, 4))
     lines = result.summary(verbose=True).splitlines()

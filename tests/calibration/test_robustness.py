@@ -28,6 +28,7 @@ from uq_handeye.fit.likelihood.gauss_helmert import bound, efficient
 # ------------------------------------------------------------------------------------------------------- robustness
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("options", [{}, {"noise": NOISE, "robust": True}, {"method": "ml"}])
 @pytest.mark.parametrize("setup", SETUPS)
 def test_a_wrong_detection_is_found_and_named(options, setup):
@@ -67,6 +68,7 @@ def test_a_plain_fit_names_a_gross_error_and_keeps_it(poses):
     assert robust < stats.chi2.ppf(0.9999, 6) < spoilt / 5
 
 
+@pytest.mark.slow
 def test_clean_data_are_silent_and_whole():
     """Nobody is rejected without a word: table, warnings and JSON tell the same."""
     silent = 0
@@ -93,6 +95,7 @@ def smooth(n, rng, every=12, still=0):
     return uq.PosePairs(moved(robot, draw(rng, NOISE.robot, (n,))), moved(camera, draw(rng, NOISE.camera, (n,))))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("noise", [None, NOISE])
 @pytest.mark.parametrize("still", [0, 15])
 def test_a_shifted_pairing_is_said(noise, still):
@@ -111,6 +114,7 @@ def test_a_shifted_pairing_is_said(noise, still):
     assert not any("belongs to camera row" in text for text in quietly(poses, noise=noise).warnings)
 
 
+@pytest.mark.slow
 def test_static_views_rolled_by_one_are_said(poses):
     shifted = uq.PosePairs(poses.robot, np.roll(poses.camera, 1, axis=0))
     with warnings.catch_warnings(record=True) as caught:
@@ -155,6 +159,7 @@ def garbage():
     }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("noise", [None, NOISE])
 @pytest.mark.parametrize("name", garbage())
 def test_garbage_is_an_error_or_a_warning(name, noise):
@@ -175,6 +180,7 @@ def test_garbage_is_an_error_or_a_warning(name, noise):
     result.to_json()  # which refuses NaN
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "hint"),
     [
@@ -234,6 +240,7 @@ def test_numpy_numbers_are_numbers(poses):
     assert quietly(poses, noise=NOISE, robust=np.bool_(True), seed=np.int64(3)).table is not None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rows", [[*range(22), *range(18)], [*range(20)] * 2])
 @pytest.mark.parametrize("noise", [None, NOISE])
 def test_copied_rows_are_an_answer_and_accuse_nobody(rows, noise):
@@ -244,6 +251,7 @@ def test_copied_rows_are_an_answer_and_accuse_nobody(rows, noise):
     assert xi @ np.linalg.solve(found.covariance, xi) / 2 < found.quantile(0.999)  # a copy counts as a pose
 
 
+@pytest.mark.slow
 def test_plain_where_most_poses_do_not_determine_x(poses, monkeypatch):
     """The robust fit cannot; the plain one can, and says that wrong poses were not looked for."""
 
@@ -288,6 +296,7 @@ def test_a_data_sheet_that_is_wrong_in_one_part_says_which():
 # ------------------------------------------------------------------------------------- robust by default, noise given
 
 
+@pytest.mark.slow
 def test_outliers_are_down_weighted_with_noise_given():
     """One wrong pose of 15: X is as good as without it, and the result says what was done."""
     d2 = []
@@ -304,6 +313,7 @@ def test_outliers_are_down_weighted_with_noise_given():
     assert plain.provenance.options["robust"] is False
 
 
+@pytest.mark.slow
 def test_clean_data_with_noise_given_stay_consistent():
     """X is the plain one if no pose is flagged; over many sets its covariance is that of its errors."""
     d2, flagged = [], 0
@@ -359,6 +369,7 @@ def test_what_was_recorded_can_be_repeated(poses, monkeypatch):
             quietly(poses, **options)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("n", [5, 6, 7])
 @pytest.mark.parametrize("gross", [False, True])
 def test_few_poses_are_not_refused_and_their_outlier_is_named(n, gross):
@@ -376,6 +387,7 @@ def test_few_poses_are_not_refused_and_their_outlier_is_named(n, gross):
     assert found >= 10 if gross else found <= 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("n", "wrong"), [(8, 3), (10, 4), (12, 4), (20, 6)])
 def test_several_outliers_do_not_hide_in_the_noise_that_they_make(n, wrong):
     noise = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))

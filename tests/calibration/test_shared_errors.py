@@ -126,6 +126,7 @@ def test_numbers_of_one_error_are_tested_together(poses, times, expected):
         assert "its 8 numbers are about" in str(found[0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("times", "severity"), [(1.0, None), (4.0, "caution"), (0.1, "note")], ids=["right", "too small", "too large"]
 )
@@ -161,6 +162,7 @@ def test_an_angle_beside_a_length_is_a_second_statement_of_one_size():
     assert both == pytest.approx(np.sqrt(move * turn))
 
 
+@pytest.mark.slow
 def test_declared_errors_stand_beside_the_other_defaults_where_noise_is_estimated(poses, tmp_path):
     bent = replace(poses, truth=None, timestamps=None)
 
@@ -203,6 +205,7 @@ def test_one_table_has_those_assumed_and_those_that_are_not(by_default, poses):
     assert found["robot scale"][0] == "0.01 % (declared)" and found["focal length"][0][0].startswith("not declared")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("factor", [1.01, 0.99])
 def test_a_wrong_size_is_said_with_its_way_and_that_scales_look_alike(poses, factor):
     result = quietly(with_size(poses, factor))
@@ -214,6 +217,7 @@ def test_a_wrong_size_is_said_with_its_way_and_that_scales_look_alike(poses, fac
     assert "cannot be separated" in flat(result.summary(verbose=True))
 
 
+@pytest.mark.slow
 def test_a_wrong_focal_length_is_the_tail_of_its_size():
     """Poses by a focal length 0.5 % too long: found without bias by default, and not with a size that is known.
 
@@ -257,6 +261,7 @@ def test_a_prior_that_the_data_contradict_is_said(poses):
     )
 
 
+@pytest.mark.slow
 def test_shared_errors_and_their_table_survive_a_file(by_default, poses):
     px = quietly(poses, noise=NOISE, shared=[SHARED.principal_point("1px", focal_length_px=800)])
     for result in (by_default, px, quietly(with_size(poses, 1.01))):
@@ -265,6 +270,7 @@ def test_shared_errors_and_their_table_survive_a_file(by_default, poses):
         assert shared_table(again) == shared_table(result)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "change",
     [
@@ -280,6 +286,7 @@ def test_damaged_shared_errors_are_refused_by_one_line(by_default, change):
     assert "\n" not in str(error.value)
 
 
+@pytest.mark.slow
 def test_an_offset_between_clocks_is_a_row():
     rng = np.random.default_rng(SEED)
     poses = uq.simulate(25, noise=NOISE, seed=SEED)

@@ -68,6 +68,7 @@ def test_a_board_of_estimated_shape_is_stored(from_corners):
     same(cam.bundle.shape, camera_from_dict(json.loads(text), cam.poses).bundle.shape)
 
 
+@pytest.mark.slow
 def test_poses_are_stored_exactly(from_corners):
     poses = with_everything()
     motions = uq.relative_motions(uq.simulate(8, noise=NOISE, seed=2), "disjoint")
@@ -92,6 +93,7 @@ def test_the_hash_is_that_of_the_poses_given():
     assert data["data"]["sha256"] == data["provenance"]["data_sha256"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", ["outlier", "corners"])
 def test_the_report_of_a_file_is_that_of_the_result(case, from_corners, monkeypatch):
     """Byte by byte, with figures and two methods beside it; ellipses, which need no poses, take longest."""
@@ -107,6 +109,7 @@ def test_the_report_of_a_file_is_that_of_the_result(case, from_corners, monkeypa
     assert one == other and "<td>tsai" in one.replace('<th scope="row">', "<td>")
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")
 def test_what_needs_poses_works_from_a_file(from_corners):
     result = quietly(with_everything())
@@ -210,6 +213,7 @@ CAMERA_DAMAGE = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("damage", CAMERA_DAMAGE)
 def test_a_damaged_camera_calibration_is_refused(from_corners, damage):
     data = from_corners.to_dict()

@@ -24,6 +24,7 @@ def scara():
     return Kinematics("scara", "base", "tip", joints, motion((np.pi, 0, 0)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
 def test_parallel_axes_leave_open_what_predictions_need(rng, setup):
     arm = scara()
@@ -38,6 +39,7 @@ def test_parallel_axes_leave_open_what_predictions_need(rng, setup):
             predict(joints=poses.joints[:2])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(4))
 def test_parallel_axes_without_errors_of_the_arm(seed):
     """Moves of X and W that change nothing count for no likelihood of errors in common."""
@@ -53,6 +55,7 @@ def test_one_axis_does_not_stop_a_calibration(rng):
     assert len(quietly(poses, kinematics=arm).open_directions) == 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("errors", "noise"),
     [
@@ -81,6 +84,7 @@ def test_noise_of_all_robot_poses_together_says_nothing_of_a_new_one(rng):
         result.predict_camera(joints=found.near)
 
 
+@pytest.mark.slow
 def test_the_branch_of_the_inverse_kinematics_is_that_of_the_data():
     """Errors of 2 mm of a UR5e without joints, elbow up and down, in front and behind: evidence finds most postures.
 

@@ -92,6 +92,7 @@ def test_other_methods_get_the_covariance_of_the_same_noise(recording, result, m
     )  # not below the bound
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
 def test_bundle(rng, setup):
     corners, robot, X = recorded(rng, setup=setup)
@@ -113,6 +114,7 @@ def test_bundle(rng, setup):
     assert found.agreement.sentence.split()[0] in found.summary(verbose=True)
 
 
+@pytest.mark.slow
 def test_a_wrong_robot_row_is_found(rng):
     corners, robot, X = recorded(rng)
     robot = robot.copy()
@@ -141,6 +143,7 @@ def test_a_half_turned_board_is_found(rng):
     assert off @ np.linalg.solve(found.covariance, off) < found.quantile(0.9999)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["efficient", "bundle", "ml"])
 def test_files_and_reports(recording, tmp_path, method, without_rendering):
     found = calibrate(recording[0], method=method)
@@ -173,6 +176,7 @@ def test_analysis_works_with_it(result):
     )
 
 
+@pytest.mark.slow
 def test_parts_of_the_fit_are_1_where_the_noise_is_right(rng):
     """Mean and spread over many sets, also of residuals that the shared error makes all alike."""
     exact = uq.simulate(20, seed=4)
@@ -189,6 +193,7 @@ def test_parts_of_the_fit_are_1_where_the_noise_is_right(rng):
     assert (np.std(parts, axis=0) < 0.35).all()
 
 
+@pytest.mark.slow
 def test_residuals_that_contradict_the_corners_are_said(recording):
     """Corners four times better than they are, as the calibration believes: the residuals say so."""
     poses, _ = recording

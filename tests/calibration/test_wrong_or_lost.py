@@ -27,6 +27,7 @@ def codes(result):
     return {finding.code for finding in result.findings}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rows", [[*range(20), 1], [*range(20), *range(20)], [0, 1, 2, 1, *range(3, 20)]])
 @pytest.mark.parametrize("noise", [None, NOISE])
 def test_what_is_given_again_counts_once(rows, noise):
@@ -47,6 +48,7 @@ def test_what_is_excluded_and_what_is_given_again():
     assert said.values["excluded"] == [0, 4] and "rows 21 " not in str(said)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("side", ["robot", "camera"])
 def test_one_pose_in_another_unit_is_named_and_reaches_no_number(side):
     alone = quietly(uq.PosePairs(POSES.robot, POSES.camera))
@@ -59,6 +61,7 @@ def test_one_pose_in_another_unit_is_named_and_reaches_no_number(side):
     assert "--exclude 7" in next_step(found) and "-units" not in next_step(found)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("factor", [0.94, 0.98, 1.02, 1.06])
 def test_a_target_of_another_size_is_measured_alike_larger_or_smaller(factor):
     """No unit and no refusal: the size is found, and X is as good as with the right one."""
@@ -71,6 +74,7 @@ def test_a_target_of_another_size_is_measured_alike_larger_or_smaller(factor):
     assert np.linalg.norm(found.X[:3, 3] - right.X[:3, 3]) < 2 * right.accuracy.translation
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("factor", "words"),
     [(1000.0, "in mm"), (0.001, "in m"), (1 / 0.0254, "in in"), (10.0, "different units"), (2.0, "times as large")],
@@ -114,6 +118,7 @@ def parallel(tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow
 def test_what_is_answered_in_part_is_not_usable_and_has_a_status(parallel, tmp_path):
     """Programs read `usable` or the exit status; X along the axis is one of all that fit."""
     done = run("calibrate", parallel / "robot.txt", parallel / "camera.txt", "--json", "-o", tmp_path / "out")
@@ -147,6 +152,7 @@ def test_exact_rotations_beside_noise_are_no_internal_error(parallel):
     assert not found.usable
 
 
+@pytest.mark.slow
 def test_a_result_that_is_open_in_part_is_read_again(tmp_path):
     """Rotations of 0.3 deg about other axes: a direction of X is open, and the bound of its numbers is 0."""
     rng = np.random.default_rng(2)

@@ -61,6 +61,7 @@ def test_decoders_are_not_heard(tmp_path, capfd, what):
     assert capfd.readouterr().err == ""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("column", "value"), [(0, "1e30"), (1, "1e300"), (3, "-1e300"), (4, "1e300")])
 def test_numbers_beyond_any_picture(tmp_path, column, value):
     corners, _ = corners_of([GRID[:, :2] * 5000 + k for k in range(4)])

@@ -81,6 +81,7 @@ def rms(values):
     return float(np.sqrt(np.mean(values**2)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("blur", [0.3, 0.8])
 def test_opencv_finds_corners_beside_bent_edges_by_that_much(blur):
     corners, poses, truth = found(BENDING, blur)
@@ -91,6 +92,7 @@ def test_opencv_finds_corners_beside_bent_edges_by_that_much(blur):
     assert rms(off - d) < 0.5 * rms(off)
 
 
+@pytest.mark.slow
 def test_straight_edges_move_no_corner():
     corners, poses, _ = found(STRAIGHT, 0.0)
     camera = SimpleNamespace(model=MODELS["pinhole"], intrinsics=STRAIGHT.parameters, poses=poses)
@@ -108,6 +110,7 @@ def test_without_windows_nothing_is_moved():
     np.testing.assert_array_equal(d[some > 0], bent_edges.bias(camera, corners)[some > 0])
 
 
+@pytest.mark.slow
 def test_a_camera_is_calibrated_on_corners_that_are_moved_back_once(tmp_path, without_rendering):
     corners, poses, _ = found(BENDING, 0.3)
     lens = dict(zip(("k1", "k2", "k3", "k4"), BENDING.parameters[4:].tolist(), strict=True))

@@ -16,6 +16,7 @@ cv2 = pytest.importorskip("cv2")
 SQUARE = 0.02
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", [(9, 6), (5, 8)])
 def test_colours_fix_the_order_at_every_angle_of_roll(rng, shape):
     board = uq.Board(*shape, SQUARE)
@@ -32,6 +33,7 @@ def test_colours_fix_the_order_at_every_angle_of_roll(rng, shape):
     assert np.abs(off.mean(axis=0)).max() < 0.01  # and half a pixel is not lost on the way
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", [(8, 6), (7, 5), (6, 6), (5, 5)])
 def test_where_colours_do_not_tell_x_points_right(rng, shape):
     board = uq.Board(*shape, SQUARE)
@@ -80,6 +82,7 @@ def test_boards_of_old_releases_are_found_too(rng, tmp_path):
     assert uq.detect_board(images, uq.Board(7, 6, "30mm", "charuco", "22mm")).m == 30
 
 
+@pytest.mark.slow
 def test_pictures_without_a_board_are_named_and_keep_their_row(rng, tmp_path):
     board = uq.Board(9, 6, "20mm")
     poses = write_pictures(tmp_path, board, rng, n=12, blank=range(3, 11))
@@ -113,6 +116,7 @@ def test_all_ways_to_name_pictures(tmp_path):
         picture_paths([])
 
 
+@pytest.mark.slow
 def test_what_is_no_picture_or_of_another_size_is_refused(rng, tmp_path):
     board = uq.Board(9, 6, SQUARE)
     good = picture(board, facing(board), rng)
@@ -128,6 +132,7 @@ def test_what_is_no_picture_or_of_another_size_is_refused(rng, tmp_path):
         uq.detect_board(images, uq.Board(7, 4, SQUARE))
 
 
+@pytest.mark.slow
 def test_sixteen_bits_and_colour(rng, tmp_path):
     board = uq.Board(9, 6, SQUARE)
     grey = picture(board, facing(board), rng)
@@ -178,6 +183,7 @@ def confused(corners, board, labels, K):
     return uq.Corners(corners.row, points, corners.pixels, corners.names, corners.image_size)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", [(8, 6), (6, 6)])
 @pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
 def test_robot_poses_tell_half_turns(rng, shape, setup):
@@ -213,6 +219,7 @@ def test_turns_that_the_robot_does_not_tell_are_said(rng):
     assert uq.resolve_board_rotation(told, uq.Board(9, 6, SQUARE)) is told
 
 
+@pytest.mark.slow
 def test_corners_of_a_sharp_picture_are_found_as_well_as_of_a_blurred_one(rng):
     """Without smoothing off by 0.040 pixels, and by 0.054 where borders run along the pixels; so by 0.016 and 0.021."""
     board = uq.Board(9, 6, SQUARE)

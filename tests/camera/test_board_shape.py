@@ -116,6 +116,7 @@ def test_what_moves_no_point_and_what_is_behind_the_camera_pull_nothing(rng):
     assert (r[1] == LOST).all() and A[0, :, :4].any() and B[0].any()
 
 
+@pytest.mark.slow
 def test_every_candidate_is_fitted_to_its_minimum(rng):
     points, bent = study.bent_board(rng, "wide")
     corners, _, _ = recorded(rng, 12, model="brown", points=points, bent=bent, pixel=0.1)
@@ -144,6 +145,7 @@ def test_x_is_as_good_as_stated_where_the_shape_is_estimated(kind):
         assert np.mean([one["flat_d2"] for one in sets]) > high
 
 
+@pytest.mark.slow
 @pytest.mark.skipif("UQ_HANDEYE_DATA" not in os.environ, reason="UQ_HANDEYE_DATA is not set")
 def test_a_real_board_bows():
     """The focal length of kuka_1 is 2058.5(3) pixels with a flat board; another session of the rig says 2060.4(9)."""

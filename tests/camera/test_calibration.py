@@ -92,6 +92,7 @@ def test_one_wrong_corner_is_found_and_changes_nothing(rng):
             assert found.intrinsics[name] == pytest.approx(value, abs=1e-2 * without.std[name] + 1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("model", ["auto", "pinhole"])
 def test_a_picture_whose_corners_fit_nothing_is_left_out_as_a_whole(rng, model):
     """Its pose would keep four of its wrong corners, and with them the pixel noise would be many times too large."""
@@ -110,6 +111,7 @@ def test_a_picture_whose_corners_fit_nothing_is_left_out_as_a_whole(rng, model):
     np.testing.assert_allclose(found.poses, good.poses, atol=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("before", [True, False])
 def test_pictures_that_were_taken_are_counted_once(rng, tmp_path, monkeypatch, before):
     """Robot poses are as many as the pictures taken, whether one is left out before the fit or after it."""
@@ -130,6 +132,7 @@ def test_pictures_that_were_taken_are_counted_once(rng, tmp_path, monkeypatch, b
     np.testing.assert_allclose(poses.robot, robot[found.rows], atol=1e-8)
 
 
+@pytest.mark.slow
 def test_a_lens_that_distorts_is_decentred_too(rng):
     """The criterion alone may leave out p1 and p2, which turn X by several standard deviations."""
     radial, whole = Candidate("brown", ("k1",), 0.0, 0.2), Candidate("brown", ("k1", "k2", "p1", "p2"), 9.0, 0.2)
@@ -144,6 +147,7 @@ def test_a_lens_that_distorts_is_decentred_too(rng):
     assert quietly(recorded(rng)[0], SIZE).model == "pinhole"
 
 
+@pytest.mark.slow
 def test_a_wide_fisheye_starts_and_other_models_say_that_they_do_not_fit():
     """Tried focal lengths leave corners of one line in a picture: no error of OpenCV or of linear algebra comes out."""
     for seed in (1,):
@@ -174,6 +178,7 @@ def test_a_board_that_is_not_flat_needs_intrinsics(rng):
             calibrate_camera(replace(corners, points=points), SIZE, model)
 
 
+@pytest.mark.slow
 def test_corners_far_off_any_camera_are_those_of_another_board(rng):
     corners, _, _ = recorded(rng)
     pixels = corners.pixels + 10.0 * rng.normal(size=corners.pixels.shape)

@@ -9,6 +9,8 @@ from studies.camera_covariance.few_pictures import one
 from uq_handeye.model.camera.adjustment.criterion import criterion
 from uq_handeye.model.camera.calibrate import calibrate_camera
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.mark.filterwarnings("ignore::uq_handeye.errors.InputWarning")
 def test_auto_is_no_worse_than_a_pinhole_by_itself(monkeypatch):

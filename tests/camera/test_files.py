@@ -67,6 +67,7 @@ def test_a_camera_is_read_as_it_was_written(rng, tmp_path, model):
     np.testing.assert_array_equal(uq.read_camera(tmp_path / "some").bundle.own, some.bundle.own)
 
 
+@pytest.mark.slow
 def test_a_prior_is_stored_and_restored(rng, tmp_path):
     known = {"fx": (750.0, 2.0), "fy": (746.0, 2.0), "cx": 320.0}
     _, cam = calibrated(rng, intrinsics=known)
@@ -81,6 +82,7 @@ def test_a_prior_is_stored_and_restored(rng, tmp_path):
             uq.read_camera(tmp_path)
 
 
+@pytest.mark.slow
 def test_figures_of_an_earlier_run_are_taken_away(rng, tmp_path, without_rendering):
     _, cam = calibrated(rng)
     exact = calibrated(rng, intrinsics={"fx": 750.0, "fy": 746.0, "cx": 320.0, "cy": 240.0})[1]
@@ -110,6 +112,7 @@ def test_intrinsics_that_are_all_exact(rng, tmp_path):
     assert read.intrinsics == known and set(read.std.values()) == {0.0} and read.covariance.shared.shape[-1] == 0
 
 
+@pytest.mark.slow
 def test_everything_is_written_or_nothing(rng, tmp_path, without_rendering):
     _, cam = calibrated(rng)
     (tmp_path / "full" / "corners.csv").mkdir(parents=True)
@@ -127,6 +130,7 @@ def test_everything_is_written_or_nothing(rng, tmp_path, without_rendering):
     np.testing.assert_array_equal(np.asarray(S), np.asarray(cam.covariance))
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::uq_handeye.InputWarning")
 @pytest.mark.parametrize("model", ["pinhole", "brown", "fisheye"])
 def test_opencv_reads_the_intrinsics_and_sees_the_same_pixels(rng, tmp_path, model):
@@ -432,6 +436,7 @@ def test_a_board_as_large_as_a_house_is_in_millimetres(rng, tmp_path):
     np.testing.assert_allclose(uq.read_corners(tmp_path / "corners.csv", "mm").points, corners.points)
 
 
+@pytest.mark.slow
 def test_that_size_is_known_or_asked_for(rng):
     _, cam = calibrated(rng)
     bare = uq.Corners(cam.corners.row, cam.corners.points, cam.corners.pixels)

@@ -71,6 +71,7 @@ def test_bow_and_stretch_are_those_of_the_board(bent, flat):
     assert "The board was taken as flat." in given and "A board that is not flat" in given
 
 
+@pytest.mark.slow
 def test_the_deviation_of_the_bow_is_that_of_repeated_calibrations():
     found = np.array([calibrated([3, k], bowed(), shape="bow2").board.bow for k in range(40)])
     z = (found[:, 0] - 4e-4) / found[:, 1]
@@ -171,11 +172,13 @@ def test_residuals_that_follow_the_points_are_found_and_others_are_not(bent, fla
     assert calibrated(1, bowed(stretch=2e-3), shape="flat").board_pattern.found
 
 
+@pytest.mark.slow
 def test_the_test_by_points_is_uniform_where_everything_is_right():
     p = [calibrated([7, k], bowed(), shape="bow2").board_pattern.p_value for k in range(60)]
     assert 0.35 < np.mean(p) < 0.65 and np.mean(np.array(p) < 0.05) < 0.15
 
 
+@pytest.mark.slow
 def test_figures_and_page_show_the_board(bent, flat):
     drawn = {"bent": camera_pictures(bent), "flat": camera_pictures(flat)}
     assert "board" in drawn["bent"] and "board" not in drawn["flat"]

@@ -105,6 +105,7 @@ def test_the_common_variance_and_its_spread_are_found(nu):
     assert found > 400 if nu == np.inf else found == pytest.approx(nu, rel=0.15)
 
 
+@pytest.mark.slow
 def test_a_folder_keeps_the_weights(rng, tmp_path, without_rendering):
     corners, _, _ = recorded(rng, pixel=uneven(rng))
     cam = calibrate_camera(corners, SIZE, "pinhole")
@@ -145,6 +146,7 @@ def test_what_corners_of_a_picture_share_is_carried_beside_a_known_robot():
     assert not result.noise_estimate.tested and result.fit.p_value is None
 
 
+@pytest.mark.slow
 def test_a_known_robot_asks_for_nothing_where_corners_are_independent():
     """A component more costs little: the covariance stays what it is."""
     known = uq.NoisePrior(robot=(5e-5, 2e-5), factor=1)

@@ -28,6 +28,7 @@ def off(board, T, found):
     return pixels - projected(board, T)[numbers]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("board", [APRILGRID, GRID], ids=["aprilgrid", "aruco"])
 def test_corners_of_grids_at_every_angle_of_roll(rng, board):
     """Corners between black squares, as Kalibr's are, and alone."""
@@ -47,6 +48,7 @@ def test_corners_of_grids_at_every_angle_of_roll(rng, board):
     assert abs(np.concatenate(inwards).mean()) < 0.006  # no tag is too small or too large
 
 
+@pytest.mark.slow
 def test_black_squares_between_tags_make_chessboard_corners_and_alone_they_are_met_by_lines(rng):
     T = facing(APRILGRID, 7, distance=0.35)
     assert (tag_finder(APRILGRID)(picture(APRILGRID, T, rng))[2] > 0).all()
@@ -75,6 +77,7 @@ def test_the_frame_of_kalibr(rng):
     assert (np.abs(APRILGRID.points[1] - [0.04, 0, 0]) < 1e-12).all()  # row by row from the upper left
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("family", ["16h5", "25h9", "36h11"])
 def test_a_single_tag_stands_as_apriltag_has_it(rng, family):
     """The code is read from the upper left, whichever way OpenCV draws it."""
@@ -90,6 +93,7 @@ def test_a_single_tag_stands_as_apriltag_has_it(rng, family):
     np.testing.assert_allclose(board.points[0], [-0.02, -0.02, 0])  # the middle is the origin
 
 
+@pytest.mark.slow
 def test_small_tags_are_not_drawn_together(rng):
     """cornerSubPix moves the corners of dark squares inwards by 0.2 pixels and more."""
     find, inwards = tag_finder(TAG), []
@@ -102,12 +106,14 @@ def test_small_tags_are_not_drawn_together(rng):
     assert abs(np.mean(inwards)) < 0.015 and np.std(inwards) < 0.05
 
 
+@pytest.mark.slow
 def test_other_tags_are_left_alone(rng):
     T = facing(TAG, 10, distance=0.3)
     assert tag_finder(uq.Board(1, 1, "40mm", "apriltag", first_id=6))(picture(TAG, T, rng)) is None
     assert tag_finder(uq.Board(1, 1, "40mm", "apriltag"))(picture(TAG, T, rng)) is not None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("printed", [APRILGRID, GRID], ids=["aprilgrid", "aruco"])
 def test_the_pictures_contradict_a_wrong_grid(rng, tmp_path, printed):
     images = save(tmp_path, *(picture(printed, facing(printed, roll, distance=0.45), rng) for roll in (7, 97)))
