@@ -22,7 +22,8 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 import uq_handeye as uq
-from uq_handeye.core.files.atomic import Content, json_text, write_files
+from uq_handeye.core.files.atomic import Content, write_files
+from uq_handeye.core.files.json_files import json_text
 from uq_handeye.core.presentation.ellipses import render
 
 Tables = Mapping[str, pd.DataFrame]

@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 from pages import ROOT
 
-from uq_handeye.core.files.lines import csv_text, frame_text, plain_text, safe_text
+from uq_handeye.core.files.csv_text import csv_text, frame_text, plain_text, safe_text
 from uq_handeye.model.camera.corners import Corners
 from uq_handeye.model.camera.corners_file import corners_text, read_corners
 from uq_handeye.model.points.point_file import read_points, read_target

@@ -9,14 +9,14 @@ import pytest
 from cli_cases import MODEL, run, write_session
 
 import uq_handeye as uq
-from uq_handeye.core.files.atomic import FileLock, held
+from uq_handeye.core.files.locks import held, locked
 from uq_handeye.errors import InputError
 from uq_handeye.read import write_pose_file
 from uq_handeye.use.maintenance.log import read_checks
 
 ADDS = """
 import pathlib, sys
-from uq_handeye.core.files.atomic import held
+from uq_handeye.core.files.locks import held
 
 file = pathlib.Path(sys.argv[1])
 for _ in range(50):
@@ -26,7 +26,7 @@ for _ in range(50):
 SILENT = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
 HOLDS = """
 import sys, time
-from uq_handeye.core.files.atomic import held
+from uq_handeye.core.files.locks import held
 
 with held(sys.argv[1]):
     print("held", flush=True)
@@ -58,8 +58,8 @@ def test_the_lock_of_a_killed_process_is_in_nobodys_way(tmp_path):
 def test_links_have_the_lock_of_their_file_and_pipes_none(tmp_path):
     (tmp_path / "there").mkdir()
     (tmp_path / "link").symlink_to(tmp_path / "there" / "a.csv")
-    with held(tmp_path / "link"), pytest.raises(InputError, match="in use"):
-        FileLock(tmp_path / "there" / "a.csv")
+    with held(tmp_path / "link"), pytest.raises(InputError, match="in use"), locked(tmp_path / "there" / "a.csv"):
+        pass
     with held("/dev/null"):
         assert not os.path.lexists("/dev/.uq-handeye-null.lock")
     with pytest.raises(InputError, match="no folder"), held(tmp_path / "missing" / "a.csv"):

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from uq_handeye.core.files.lines import OF_DATA, refused
+from uq_handeye.core.files.one_line import OF_DATA, refused
 from uq_handeye.core.files.records import damaged
 from uq_handeye.core.files.trees import parse_tree
 from uq_handeye.errors import InputError

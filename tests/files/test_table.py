@@ -5,7 +5,7 @@ import io
 import numpy as np
 import pytest
 
-from uq_handeye.core.files import lines as _lines
+from uq_handeye.core.files import table
 from uq_handeye.core.files.table import Places, Schema, name_and_unit, read_table
 from uq_handeye.errors import InputError
 
@@ -72,7 +72,7 @@ def test_errors_name_line_and_column(text, words):
 
 
 def test_bounds(monkeypatch):
-    monkeypatch.setattr(_lines, "MAX_ROWS", 2)
+    monkeypatch.setattr(table, "MAX_ROWS", 2)
     assert len(read("x,y\n1,2\n3,4\n").lines) == 2
     with pytest.raises(InputError, match="line 4: expected at most 2 rows"):
         read("x,y\n1,2\n3,4\n5,6\n")

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from uq_handeye.core.files import lines as _lines
+from uq_handeye.core.files import table
 from uq_handeye.errors import InputError
 from uq_handeye.formats import csv_poses
 from uq_handeye.formats.detect import read_contents
@@ -245,9 +245,9 @@ def test_permission(file, monkeypatch):
 
 def test_limits(file, monkeypatch):
     path = file(GOOD)
-    monkeypatch.setattr(_lines, "MAX_ROWS", 1)
+    monkeypatch.setattr(table, "MAX_ROWS", 1)
     assert "line 3: expected at most 1 rows" in message(path)
-    monkeypatch.setattr(csv_poses, "MAX_BYTES", 10)
+    monkeypatch.setattr(csv_poses, "MAX_TABLE_BYTES", 10)
     assert "expected at most 1e-05 MB" in message(path)
 
 

@@ -10,7 +10,7 @@ from controller_poses import beside, drawn, rz_ry_rx
 from scipy.spatial.transform import Rotation
 from support import SEED
 
-from uq_handeye.core.files.trees import pose_name
+from uq_handeye.core.files.pose_names import pose_name
 from uq_handeye.errors import InputError
 from uq_handeye.formats.contents import finished
 from uq_handeye.formats.controllers.forms import CONTROLLERS, written_poses

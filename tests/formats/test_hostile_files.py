@@ -13,7 +13,6 @@ import yaml
 from hypothesis import strategies as st
 from support import holds_for
 
-from uq_handeye.core.files import trees as _trees
 from uq_handeye.errors import InputError
 from uq_handeye.formats import numpy_poses
 from uq_handeye.formats.detect import read_contents
@@ -174,7 +173,7 @@ EYE = "[ 1., 0., 0., 0., 1., 0., 0., 0., 1. ]"
         (storage("[ 90., 0., 0. ]", rows=3, cols=1), ["rad", "degrees"]),
         (STORAGE + "R_gripper2base: 1\n", ["t_gripper2base beside"]),
         (STORAGE + "R_gripper2base: 1\nt_gripper2base: 2\n", ["t_gripper2base", "a matrix of OpenCV"]),
-        ("<html/>", ["line 1", "opencv_storage", "html"]),
+        ("<html/>", ["opencv_storage", "html"]),
         ("<opencv_storage><a></opencv_storage>", ["line 1", "not XML"]),
         ('<!DOCTYPE a [<!ENTITY b "c">]><opencv_storage/>', ["document type"]),
         ("<opencv_storage>" + "<a>" * 50, ["levels"]),
@@ -265,7 +264,7 @@ def huge_header(shape):
 
 
 def test_sizes_are_checked_before_anything_is_unpacked(file, monkeypatch):
-    monkeypatch.setattr(numpy_poses, "MAX_BYTES", 1_000_000)
+    monkeypatch.setattr(numpy_poses, "MAX_TABLE_BYTES", 1_000_000)
     bomb = file(zipped("robot.npy", bytes(50_000_000)))
     assert bomb.stat().st_size < 100_000
     many = file(npz(**{f"a{k}": np.eye(4)[None] for k in range(101)}), "many.npz")
@@ -283,7 +282,8 @@ def test_sizes_are_checked_before_anything_is_unpacked(file, monkeypatch):
 
 
 def test_trees_of_limited_size(file, monkeypatch):
-    monkeypatch.setattr(_trees, "MAX_BYTES", 100)
+    monkeypatch.setattr("uq_handeye.formats.json_poses.MAX_DESCRIPTION_BYTES", 100)
+    monkeypatch.setattr("uq_handeye.formats.detect.MAX_DESCRIPTION_BYTES", 100)
     assert "expected at most" in message(file("a: " + "1" * 100))
 
 

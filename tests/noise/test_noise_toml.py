@@ -108,6 +108,6 @@ def test_files_that_cannot_be_read(tmp_path, file, monkeypatch):
         read_noise_file(tmp_path / "nothing.toml")
     with pytest.raises(InputError, match="folder"):
         read_noise_file(tmp_path)
-    monkeypatch.setattr("uq_handeye.core.files.trees.MAX_TOML", 10)
+    monkeypatch.setattr("uq_handeye.core.files.trees.MAX_DESCRIPTION_BYTES", 10)
     with pytest.raises(InputError, match=r"noise\.toml: expected at most"):
         read_noise_file(file("#" * 100))

@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..core.files.atomic import json_text
-from ..core.files.records import parsed
+from ..core.files.json_files import json_text, parsed
 from ..core.formatting.numbers import digits
 from ..core.geometry import conventions
 from ..core.presentation.document import COLUMNS, document_of, to_text

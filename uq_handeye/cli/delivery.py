@@ -103,7 +103,7 @@ def emit_refusal(error: InputError | NotConvergedError, as_json: bool, shown: li
     from ..calibration.report.first_screen import step_after
     from ..calibration.statement.accuracy import NOT_USABLE as HEADLINE
     from ..calibration.statement.checks import failures_in_words
-    from ..core.files.atomic import json_text
+    from ..core.files.json_files import json_text
     from ..core.presentation.document import Answer, Paragraph
 
     reasons = failures_in_words(error.findings)
@@ -131,7 +131,7 @@ def emit_refusal(error: InputError | NotConvergedError, as_json: bool, shown: li
 
 def json_of(result: "Calibration", verdict: "Verdict | None") -> str:
     """Return the result as JSON text, with the verdict on the tolerance."""
-    from ..core.files.atomic import json_text
+    from ..core.files.json_files import json_text
 
     more: dict[str, Any] = {} if verdict is None else {"verdict": verdict.to_dict()}
     return json_text(result.to_dict() | more)

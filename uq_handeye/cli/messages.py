@@ -19,7 +19,7 @@ from typing import Any, TextIO
 
 import typer
 
-from ..core.files.lines import printable
+from ..core.files.one_line import printable
 from ..errors import InputError, InputWarning
 from .exit_status import ExitStatus
 

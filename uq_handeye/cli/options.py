@@ -39,7 +39,8 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 import typer
 
 from ..core.files.about import ABOUT
-from ..core.files.lines import floats, printable
+from ..core.files.lines import floats
+from ..core.files.one_line import printable
 from ..errors import InputError
 from .messages import Messages, quiet, styled, terminal_width
 

@@ -26,7 +26,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from ..core.files.open import numbers_in, shown
+from ..core.files.folders import numbers_in
+from ..core.files.open import shown
 from ..core.files.source import Source
 from ..core.formatting.units import LENGTH_UNITS
 from ..core.geometry.checks import TOO_LONG, as_transforms, first_duplicate

@@ -27,11 +27,13 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
 from ..core.files.atomic import write_atomically
-from ..core.files.lines import MAX_BYTES, short
-from ..core.files.open import StrPath, as_path, numbers_in, opened, shown
+from ..core.files.folders import numbers_in
+from ..core.files.one_line import short
+from ..core.files.open import StrPath, as_path, opened, shown
 from ..core.files.table import MARKS, Places, Schema, in_order, numbers_only, read_table, split_names
 from ..core.geometry.checks import as_transforms, first_duplicate
 from ..core.geometry.se3 import Array
+from ..core.numbers.limits import MAX_TABLE_BYTES
 from ..errors import InputError, InputWarning
 from .columns import SECONDS, counts_poses, meaning_and_unit
 from .contents import COLUMNS, QUATERNIONS, Contents, Side, finished, require_units
@@ -106,7 +108,7 @@ def read_pose_file(path: StrPath, units: str = "m") -> tuple[NDArray[np.float64]
     """
     require_units(units)
     path = as_path(path)
-    with opened(path, MAX_BYTES) as file:
+    with opened(path, MAX_TABLE_BYTES) as file:
         contents = read_csv(file, shown(path))
     side = contents.only
     assert side is not None

@@ -17,12 +17,15 @@ from io import BufferedReader, BytesIO
 from pathlib import Path
 from typing import Any, BinaryIO, cast
 
-from ..core.files import lines as _lines
-from ..core.files import trees as _trees
-from ..core.files.lines import is_number, short
-from ..core.files.open import Hashed, is_many, opened, paths_of, require_size, shown
+from ..core.files.folders import is_many, paths_of
+from ..core.files.lines import is_number
+from ..core.files.one_line import short
+from ..core.files.open import Hashed, opened, require_size, shown
+from ..core.files.pose_names import pose_name
 from ..core.files.source import Source
-from ..core.files.trees import fields_of, got, is_list, is_map, items_of, pose_name
+from ..core.files.tree_values import fields_of, got, is_list, is_map, items_of
+from ..core.files.trees import is_json, parse_toml, parse_tree
+from ..core.numbers.limits import MAX_DESCRIPTION_BYTES, MAX_TABLE_BYTES
 from ..errors import InputError
 from .contents import COLUMNS, Contents, conversion, joined_contents
 from .controllers.forms import CONTROLLERS, in_convention
@@ -34,7 +37,6 @@ from .json_poses import ONE_SIDE, is_message, read_easy_handeye, read_easy_hande
 from .matrices.arrays import listed, matrices_of, read_matrix_tree
 from .matrices.makers import is_franka, is_halcon, is_zivid, read_franka, read_halcon, read_zivid
 from .matrices.text import is_matrix_text, is_tree, read_matrix_text
-from .numpy_poses import MAX_BYTES as MAX_ARRAY_BYTES
 from .numpy_poses import START as MAT_START
 from .numpy_poses import read_mat, read_npy, read_npz
 from .opencv_storage import PAIRS, is_of_opencv, is_storage, read_opencv
@@ -160,7 +162,7 @@ def read_contents(path: Path, format: str | None) -> tuple[Contents, Source]:
 
 def _of_file(path: Path, format: str | None) -> tuple[Contents, Source]:
     name = shown(path)
-    with opened(path, _lines.MAX_BYTES) as raw:
+    with opened(path, MAX_TABLE_BYTES) as raw:
         hashed = Hashed(raw)
         with BufferedReader(cast(Any, hashed), _HEAD) as file:
             head = file.peek(_HEAD)
@@ -187,7 +189,7 @@ def _of_file(path: Path, format: str | None) -> tuple[Contents, Source]:
 def _of(format: str, head: bytes = b"") -> str:
     if format == "matrix" and b"\0" not in head and is_tree(_text(head)):
         return "tree"
-    if format in CONTROLLERS and head.lstrip().startswith(b"{") and _trees.is_json(_text(head)):
+    if format in CONTROLLERS and head.lstrip().startswith(b"{") and is_json(_text(head)):
         return "tree"
     if head.startswith(tuple(_BINARY)) and (format in ("franka", "matrix") or format in CONTROLLERS):
         return next(kind for start, kind in _BINARY.items() if head.startswith(start))
@@ -197,7 +199,7 @@ def _of(format: str, head: bytes = b"") -> str:
 def _read(file: BufferedReader, kind: str, format: str | None, path: Path, name: str) -> tuple[str, Contents]:
     if kind in _TABLES and _is_plain(file.peek(_HEAD)):
         return kind, _TABLES[kind](file, name)
-    limit = MAX_ARRAY_BYTES if kind in _ARRAYS else _trees.MAX_BYTES
+    limit = MAX_TABLE_BYTES if kind in _ARRAYS else MAX_DESCRIPTION_BYTES
     pieces: list[bytes] = []
     total = 0
     while piece := file.read(_HEAD):
@@ -212,7 +214,7 @@ def _read(file: BufferedReader, kind: str, format: str | None, path: Path, name:
         return format or kind, contents if format not in CONTROLLERS else in_convention(contents, CONTROLLERS[format])
     if kind in TEXTS:
         return kind, TEXTS[kind].read(_text(data), name)
-    tree = _trees.parse_tree(data, name, several=True)
+    tree = parse_tree(data, name, several=True)
     where = ""
     if format in (None, "json", "opencv") or format in CONTROLLERS:
         tree = listed(tree)
@@ -386,7 +388,7 @@ _PICKLED = (".pkl", ".pickle", ".joblib", ".p")
 @cache
 def _foreign() -> dict[str, dict[str, str]]:
     """Return what files that hold no poses are, in words, and which of them each beginning tells."""
-    return _trees.parse_toml(Path(__file__).with_name("foreign.toml"))
+    return parse_toml(Path(__file__).with_name("foreign.toml"))
 
 
 def refuse_foreign(head: bytes, name: str, suffix: str) -> None:

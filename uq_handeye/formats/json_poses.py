@@ -40,26 +40,15 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ..core.files.lines import short
+from ..core.files.one_line import short
 from ..core.files.open import StrPath, as_path, opened
-from ..core.files.trees import (
-    MAX_BYTES,
-    fields_of,
-    got,
-    is_list,
-    is_map,
-    item,
-    items_of,
-    matrix,
-    number,
-    parse_tree,
-    pose_name,
-    transform,
-    vector,
-)
+from ..core.files.pose_names import pose_name
+from ..core.files.tree_values import fields_of, got, is_list, is_map, item, items_of, matrix, number, transform, vector
+from ..core.files.trees import parse_tree
 from ..core.geometry.checks import as_transforms
 from ..core.geometry.frames import SETUPS
 from ..core.geometry.se3 import Array
+from ..core.numbers.limits import MAX_DESCRIPTION_BYTES
 from ..errors import InputError
 from .contents import Contents, Side, matrices_side
 from .controllers.registry import records_side
@@ -319,7 +308,7 @@ def read_prior(path: StrPath, of: str = "X") -> tuple[Array, Array]:
         A file that cannot be read or that holds something else.
     """
     target = as_path(path)
-    with opened(target, MAX_BYTES) as file:
+    with opened(target, MAX_DESCRIPTION_BYTES) as file:
         tree = parse_tree(file.read(), str(target))
     if not is_map(tree):
         raise InputError(f"{target}: expected {_FORM}, or an earlier result.")

@@ -18,9 +18,11 @@ from itertools import islice, pairwise
 
 import numpy as np
 
-from ..core.files.lines import MAX_LINE, MAX_ROWS, NO_VALUE, short
-from ..core.files.open import numbers_in
+from ..core.files.folders import numbers_in
+from ..core.files.lines import NO_VALUE
+from ..core.files.one_line import short
 from ..core.files.table import Places, Table, no_number, other_count, too_many
+from ..core.numbers.limits import MAX_LINE_CHARACTERS, MAX_ROWS
 from ..errors import InputError
 from .columns import counts_poses, meaning_and_unit, seconds_of
 
@@ -106,7 +108,7 @@ def read_number_table(
         One line that names the file, the line, and the column.
     """
     text = text.removeprefix("\ufeff").replace("\r\n", "\n").replace("\r", "\n")
-    if _COLMAP in text[:MAX_LINE]:
+    if _COLMAP in text[:MAX_LINE_CHARACTERS]:
         text = _without_points(text)
     if guessed and "\n" in text[1:]:
         text = text[: text.rindex("\n")]
@@ -216,11 +218,11 @@ def _named_rows(
 
 def _lines_of(text: str, name: str) -> Iterator[tuple[int, str]]:
     """Yield the lines with their numbers; brackets that hold one pose each are a line."""
-    begin = text[: 2 * MAX_LINE].lstrip()
+    begin = text[: 2 * MAX_LINE_CHARACTERS].lstrip()
     if begin.startswith(("[", "(", "{", "array", "np.")) or re.match(r"[A-Za-z_]\w*\s*=\s*(np\.)?(array)?\(?\[", begin):
         maps = list(islice(_MAP.finditer(text), MAX_ROWS + 1))
         groups = maps or list(islice(_GROUP.finditer(text), MAX_ROWS + 1))
-        if groups and len(_ANY_NUMBER.findall(groups[0][1][:MAX_LINE])) >= FEWEST:
+        if groups and len(_ANY_NUMBER.findall(groups[0][1][:MAX_LINE_CHARACTERS])) >= FEWEST:
             if len(groups) == 1 and re.search(r"[;\n]", groups[0][1].strip()):  # a matrix of MATLAB
                 inner = "\n" * text.count("\n", 0, groups[0].start()) + groups[0][1].replace(";", "\n")
                 yield from ((k, line) for k, line in enumerate(inner.split("\n"), start=1) if line.strip())
@@ -229,7 +231,7 @@ def _lines_of(text: str, name: str) -> Iterator[tuple[int, str]]:
             for match in groups:
                 if _JOINTS.search(text[max(0, match.start() - 40) : match.start()]):
                     continue
-                if match.end() - match.start() > MAX_LINE:
+                if match.end() - match.start() > MAX_LINE_CHARACTERS:
                     raise InputError(f"{name}: expected a pose in each pair of brackets, got {match.end()} characters.")
                 yield bisect_right(ends, match.start()) + 1, " ".join(match[1].split("\n"))
             return
@@ -239,10 +241,10 @@ def _lines_of(text: str, name: str) -> Iterator[tuple[int, str]]:
         number += 1
         end = text.find("\n", start)
         end = len(text) if end < 0 else end
-        if end - start > MAX_LINE:
+        if end - start > MAX_LINE_CHARACTERS:
             raise InputError(
-                f"{name}, line {number}: expected lines of at most {MAX_LINE} characters, got a longer one; is it a "
-                "table in text?"
+                f"{name}, line {number}: expected lines of at most {MAX_LINE_CHARACTERS} characters, got a longer "
+                "one; is it a table in text?"
             )
         if line := text[start:end].strip():
             yield number, line
@@ -263,7 +265,7 @@ def _stacked_rows(text: str, is_header: Callable[[Sequence[str]], bool]) -> Iter
     pairs: dict[str, tuple[str, str]] = {}
     begin = 1
     for number, line in enumerate(text.split("\n"), start=1):
-        for name, value, unit in _NAMED.findall(line[:MAX_LINE]):
+        for name, value, unit in _NAMED.findall(line[:MAX_LINE_CHARACTERS]):
             if name in pairs:
                 if is_header(_row(begin, pairs).names):
                     yield _row(begin, pairs)

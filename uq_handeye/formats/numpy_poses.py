@@ -29,17 +29,17 @@ import numpy as np
 from numpy.lib import format as npy
 from numpy.typing import NDArray
 
-from ..core.files.lines import refused, short
-from ..core.files.trees import pose_name
+from ..core.files.one_line import refused, short
+from ..core.files.pose_names import pose_name
 from ..core.geometry.frames import SETUPS
 from ..core.geometry.se3 import Array
+from ..core.numbers.limits import MAX_TABLE_BYTES
 from ..errors import InputError
 from .contents import Contents, Side, conversion
 from .controllers.registry import records_side
 from .matrices.arrays import is_poses, side_of_array
 from .opencv_storage import Joined, joined_pairs
 
-MAX_BYTES = 500_000_000  # of all arrays of a file, unpacked
 MAX_ARRAYS = 100
 FRANKA = "O_T_EE"
 TIMES = ("timestamps", "timestamp", "times", "t")
@@ -155,10 +155,10 @@ def members(data: bytes, name: str) -> dict[str, NDArray[Any]]:
     with zipfile.ZipFile(io.BytesIO(data)) as archive:
         members = archive.infolist()
         size = sum(member.file_size for member in members)
-        if len(members) > MAX_ARRAYS or size > MAX_BYTES:
+        if len(members) > MAX_ARRAYS or size > MAX_TABLE_BYTES:
             raise InputError(
-                f"{name}: expected at most {MAX_ARRAYS} arrays of {MAX_BYTES / 1e6:g} MB together, got {len(members)} "
-                f"of {size / 1e6:g} MB."
+                f"{name}: expected at most {MAX_ARRAYS} arrays of {MAX_TABLE_BYTES / 1e6:g} MB together, got "
+                f"{len(members)} of {size / 1e6:g} MB."
             )
         arrays: dict[str, NDArray[Any]] = {}
         for member in members:
@@ -250,7 +250,7 @@ def _arrays(data: bytes, name: str) -> dict[str, Array]:
         wanted = [
             key
             for key, shape, kind in whosmat(file())
-            if kind in ("double", "single", "cell") and int(np.prod(shape)) <= MAX_BYTES // 8
+            if kind in ("double", "single", "cell") and int(np.prod(shape)) <= MAX_TABLE_BYTES // 8
         ]
         loaded: dict[str, Any] = loadmat(file(), variable_names=wanted) if wanted else {}
     arrays: dict[str, Array] = {}
@@ -275,7 +275,7 @@ def _numbers_of(values: Any) -> Array | None:
 
 
 def _check_size(data: bytes, name: str) -> None:
-    """Raise `InputError` for a file that unpacks to more than `MAX_BYTES`, or is cut off."""
+    """Raise `InputError` for a file that unpacks to more than `MAX_TABLE_BYTES`, or is cut off."""
     order = "little" if data[126:128] == b"IM" else "big"
     at, total = _HEADER, 0
     while at + 8 <= len(data):
@@ -285,9 +285,9 @@ def _check_size(data: bytes, name: str) -> None:
         if kind == _COMPRESSED:
             unpacker = zlib.decompressobj()
             piece = data[at + 8 : at + 8 + size]
-            while piece and total <= MAX_BYTES:
+            while piece and total <= MAX_TABLE_BYTES:
                 total += len(unpacker.decompress(piece, _PIECE))
                 piece = unpacker.unconsumed_tail
-        if total > MAX_BYTES:
-            raise InputError(f"{name}: expected at most {MAX_BYTES / 1e6:g} MB unpacked, got more.")
+        if total > MAX_TABLE_BYTES:
+            raise InputError(f"{name}: expected at most {MAX_TABLE_BYTES / 1e6:g} MB unpacked, got more.")
         at += 8 + size

@@ -17,8 +17,9 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ..core.files.lines import short
-from ..core.files.trees import fields_of, got, is_list, is_map, items_of, number, pose_name
+from ..core.files.one_line import short
+from ..core.files.pose_names import pose_name
+from ..core.files.tree_values import fields_of, got, is_list, is_map, items_of, number
 from ..core.geometry.se3 import Array
 from ..errors import InputError
 from .contents import Contents, matrices_side

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from ..core.files.trees import is_map
+from ..core.files.tree_values import is_map
 from ..core.geometry.se3 import Array
 from ..errors import InputError
 from .contents import Contents, Side

@@ -36,8 +36,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from ..core.files.lines import floats, is_number, short
-from ..core.files.trees import fields_of, is_map, parse_yaml
+from ..core.files.lines import floats, is_number
+from ..core.files.one_line import short
+from ..core.files.tree_values import fields_of, is_map
+from ..core.files.trees import parse_yaml
 from ..core.geometry.se3 import Array
 from ..errors import InputError
 from .contents import Contents

@@ -1,6 +1,7 @@
 """Readers and writers, one format per file."""
 
-from ..core.files.atomic import json_text, write_atomically, write_files
+from ..core.files.atomic import write_atomically, write_files
+from ..core.files.json_files import json_text
 from ..formats.csv_poses import pose_text, read_pose_file, write_pose_file
 from ..formats.detect import FORMATS
 from ..formats.json_poses import read_prior

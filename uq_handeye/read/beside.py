@@ -17,10 +17,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.files import lines as _lines
 from ..core.files.open import StrPath, as_path, opened, shown
 from ..core.files.source import Source
 from ..core.geometry.se3 import Array
+from ..core.numbers.limits import MAX_TABLE_BYTES
 from ..errors import InputError, InputWarning, require_type
 from ..formats.contents import FRAMES, Side
 from ..model.poses.pose_pairs import PosePairs, joint_values_at
@@ -126,7 +126,7 @@ def read_joint_file(path: StrPath | NamedJoints, kinematics: Kinematics, units: 
     else:
         location = as_path(path)
         found, name, short = read_joints(location, kinematics, units), shown(location), shown(as_path(location.name))
-        with opened(location, _lines.MAX_BYTES) as file:
+        with opened(location, MAX_TABLE_BYTES) as file:
             data = file.read()
     source = Source(short, "joints", len(data), sha256(data).hexdigest(), tuple(found.notes))
     return Joints(found.q, found.timestamps, kinematics, source, name)
@@ -248,6 +248,6 @@ def known_camera(camera: Any) -> KnownCamera | None:
 
 
 def _source(folder: Path, file: str, format: str, note: str) -> Source:
-    with opened(folder / file, _lines.MAX_BYTES) as opened_file:
+    with opened(folder / file, MAX_TABLE_BYTES) as opened_file:
         data = opened_file.read()
     return Source(shown(Path(folder.name) / file), format, len(data), sha256(data).hexdigest(), (note,))

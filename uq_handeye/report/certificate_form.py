@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from .._version import __version__
-from ..core.files.atomic import json_text
+from ..core.files.json_files import json_text
 from ..core.presentation.document import Block, Paragraph, Section
 from ..core.presentation.page import PAPERS, Page, page_path, write_page
 from .statements import STANDING

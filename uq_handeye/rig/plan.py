@@ -27,7 +27,7 @@ from typing import Annotated, Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.files.atomic import json_text
+from ..core.files.json_files import json_text
 from ..core.files.records import Record
 from ..core.geometry.checks import as_transforms
 from ..core.geometry.se3 import Array, inverse, perturb, skew

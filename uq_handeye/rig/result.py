@@ -23,9 +23,9 @@ import numpy as np
 from scipy.linalg import svd
 from scipy.special import chdtrc
 
-from ..core.files.atomic import json_text
+from ..core.files.json_files import json_text, parsed
 from ..core.files.open import StrPath
-from ..core.files.records import Record, parsed
+from ..core.files.records import Record
 from ..core.formatting.numbers import digits, probability
 from ..core.geometry.se3 import Array, block, inverse, skew
 from ..core.runtime.read_only import ReadOnlyArrays

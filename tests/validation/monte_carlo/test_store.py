@@ -15,7 +15,7 @@ from monte_carlo_cases import NOISE, PROGRAM, assert_same, pairs_problem, poses_
 from support import SEED
 
 from uq_handeye import InputError, InputWarning, PairNoise
-from uq_handeye.core.files.atomic import FileLock
+from uq_handeye.core.files.locks import locked
 from uq_handeye.trials.validation.monte_carlo.run import monte_carlo
 
 TRIALS = 6_500
@@ -344,7 +344,8 @@ def test_a_refusal_lets_go_of_the_folder(problem, folder):
         run(problem, folder, resume=True)
     with pytest.raises(InputError, match="is not empty") as second:
         run(problem, folder)
-    FileLock(folder / "manifest.json").release()
+    with locked(folder / "manifest.json"):
+        pass
     assert first.value and second.value
 
 
@@ -369,10 +370,8 @@ def test_a_foreign_folder_is_refused(problem, tmp_path):
 
 
 def test_two_at_a_time_are_refused(problem, folder):
-    other = FileLock(folder / "manifest.json")
-    with pytest.raises(InputError, match="in use by another run"):
+    with locked(folder / "manifest.json"), pytest.raises(InputError, match="in use by another run"):
         run(problem, folder, resume=True)
-    other.release()
     run(problem, folder, resume=True)
 
 

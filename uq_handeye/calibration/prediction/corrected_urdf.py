@@ -17,7 +17,8 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from ...core.files.atomic import json_text, write_files
+from ...core.files.atomic import write_files
+from ...core.files.json_files import json_text
 from ...core.files.open import StrPath, as_path, shown
 from ...core.files.records import Record
 from ...core.geometry.se3 import Array, inverse

@@ -8,8 +8,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from ...core.files.atomic import held, json_text
-from ...core.files.lines import csv_text
+from ...core.files.csv_text import csv_text
+from ...core.files.json_files import json_text
+from ...core.files.locks import held
 from ...errors import InputError, NotConvergedError
 from ..arm import TouchOptions
 from ..delivery import (
@@ -324,7 +325,7 @@ def _points(path: Path) -> "Array":
     """Read points x, y, z (m, or the unit that the names say) of a table with a header, or of an array of NumPy."""
     import numpy as np
 
-    from ...core.files.lines import short
+    from ...core.files.one_line import short
     from ...core.files.open import opened, shown
     from ...core.files.table import Places, Schema, read_table
     from ...core.formatting.units import LENGTH_UNITS

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from ...core.files.about import read_about
-from ...core.files.lines import csv_text
+from ...core.files.csv_text import csv_text
 from ...core.runtime.progress import working
 from ...errors import InputError
 from ..arm import coordinates

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from ...core.files.lines import frame_text
+from ...core.files.csv_text import frame_text
 from ...core.runtime.threads import cores
 from ...errors import InputError
 from ..delivery import REPORTS, deliver, deliver_answer, write_report, wrote

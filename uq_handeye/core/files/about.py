@@ -31,9 +31,8 @@ ABOUT = {
 }
 # Keys that only the certificate shows.
 OF_CERTIFICATE = ("environment", "reference", "organisation", "number")
-# Characters of a value; those of the note.
-MOST, MOST_OF_NOTE = 80, 300
-MAX_BYTES = 100_000  # of a TOML file
+# Longest value of the title block, and longest note.
+MAX_VALUE_CHARACTERS, MAX_NOTE_CHARACTERS = 80, 300
 
 
 def as_about(values: Mapping[str, Any], where: str = "about") -> dict[str, str]:
@@ -71,7 +70,7 @@ def read_about(texts: Iterable[str]) -> dict[str, str]:
             from .trees import parse_toml  # NumPy is slow to import
 
             path = as_path(text)
-            found |= as_about(parse_toml(path, MAX_BYTES), shown(path))
+            found |= as_about(parse_toml(path), shown(path))
     return as_about(found)
 
 
@@ -79,7 +78,7 @@ def _text(value: Any, name: str, where: str) -> str:
     if isinstance(value, bool) or not isinstance(value, str | int | datetime.date | datetime.time):
         raise InputError(f"Expected {name} in {where} to be text, got {type(value).__name__}.")
     text = " ".join(str(value).split())
-    most = MOST_OF_NOTE if name == "note" else MOST
+    most = MAX_NOTE_CHARACTERS if name == "note" else MAX_VALUE_CHARACTERS
     if len(text) > most:
         raise InputError(f"Expected {name} in {where} to have at most {most} characters, got {len(text)}.")
     if not text.isprintable():

@@ -1,35 +1,28 @@
-"""Files that people name: every failure to open one as a single line that says which file and why.
-
-Several files that people name at once: a folder, or a pattern such as ``poses/*.txt``.
-"""
+"""Files that people name, opened for reading: every failure is a single line that says which file and why."""
 
 from __future__ import annotations
 
 import errno
-import glob
 import hashlib
 import io
 import os
-import re
 import select
 import stat
-from collections import Counter, defaultdict
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import BinaryIO
 
 from ...errors import InputError
+from ..numbers.limits import MAX_NAME_CHARACTERS
 
 StrPath = str | os.PathLike[str]
 
-# How long the writer of a pipe may pause, in seconds.
-PATIENCE = 60
-# Characters of a path in a message; of a longer one it has the ends.
-LONGEST_SHOWN = 400
+# Pause of the writer of a pipe (s) after which it is not waited for.
+MAX_PIPE_PAUSE_S = 60
 
 
-def as_path(path: Any) -> Path:
+def as_path(path: StrPath) -> Path:
     """``path`` as a `Path` that the system can be asked for; raises `InputError` for anything else."""
     try:
         result = Path(path)
@@ -47,7 +40,7 @@ def as_path(path: Any) -> Path:
 def shown(path: Path) -> str:
     """A path for messages: as it is if it prints on one line, otherwise escaped; of a very long one its ends."""
     text = str(path)
-    text = text if len(text) <= LONGEST_SHOWN else f"{text[:100]}...{text[-100:]}"
+    text = text if len(text) <= 2 * MAX_NAME_CHARACTERS else f"{text[:100]}...{text[-100:]}"
     return text if text.isprintable() else ascii(text)
 
 
@@ -94,15 +87,15 @@ class _Pipe(io.RawIOBase):
     def readable(self) -> bool:
         return True
 
-    def readinto(self, buffer: Any) -> int:
+    def readinto(self, buffer: bytearray | memoryview) -> int:  # type: ignore[override]
         while True:
             try:
                 data = os.read(self.descriptor, len(buffer))
                 break
             except BlockingIOError:
-                if not select.select([self.descriptor], [], [], PATIENCE)[0]:
+                if not select.select([self.descriptor], [], [], MAX_PIPE_PAUSE_S)[0]:
                     raise InputError(
-                        f"Cannot read {shown(self.path)}: nothing came through this pipe for {PATIENCE} s."
+                        f"Cannot read {shown(self.path)}: nothing came through this pipe for {MAX_PIPE_PAUSE_S} s."
                     ) from None
         if not data and not self.size:
             raise InputError(f"Cannot read {shown(self.path)}: no process writes to this pipe.")
@@ -128,7 +121,7 @@ class Hashed(io.RawIOBase):
     def readable(self) -> bool:
         return True
 
-    def readinto(self, buffer: Any) -> int:
+    def readinto(self, buffer: bytearray | memoryview) -> int:  # type: ignore[override]
         data = self.file.read(len(buffer))
         buffer[: len(data)] = data
         self.size += len(data)
@@ -140,132 +133,3 @@ def require_size(size: int, max_bytes: int, path: Path) -> None:
     """Raise `InputError` if ``size``, known before or counted while reading, exceeds ``max_bytes``."""
     if size > max_bytes:
         raise InputError(f"{shown(path)}: expected at most {max_bytes / 1e6:g} MB, got more; split the file.")
-
-
-MOST = 100_000
-# Files in the folder of a ROS bag.
-BAGS = (".mcap", ".db3", ".zstd")
-# Suffixes of files that lie beside poses and hold none; names of notes.
-BESIDE = (
-    *(".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm", ".ppm", ".webp", ".exr", ".raw", ".gif"),
-    *(".zdf", ".ply", ".pcd", ".stl", ".obj", ".las", ".mp4", ".avi", ".pdf", ".md", ".log", ".py", ".ipynb", ".zip"),
-)
-NOTES = ("readme", "license", "notes")
-# Beginnings of names of camera poses.
-_SEEN = re.compile(r"(?:.*[_.-])?(?:cam|target|board|marker|tag|pattern|object|checker|charuco)|c[_*]", re.IGNORECASE)
-
-
-def natural(path: Path | str) -> tuple[Any, ...]:
-    """Sorts numbers within names by their value: img2 before img10."""
-    parts = re.split(r"(\d+)", str(path))
-    return tuple((int(part), "") if k % 2 else (0, part) for k, part in enumerate(parts)), str(path)
-
-
-def is_many(path: Path) -> bool:
-    """Return whether a path means several files: a folder, or a pattern that is no name of a file."""
-    path = _meant(path)
-    return path.is_dir() or (glob.has_magic(str(path)) and not path.exists())
-
-
-def paths_of(path: Path) -> tuple[list[Path], list[str]]:
-    """The files of a folder or a pattern, in the natural order of their names, and notes of what is left out.
-
-    Hidden files and folders are left out, and of a folder also files that hold no poses (pictures, clouds, notes).
-
-    Raises `InputError` for none, for a folder whose files have different suffixes, and for files of several kinds by
-    their names, such as those of robot and camera.
-    """
-    path = _meant(path)
-    notes = []
-    if path.is_dir():
-        found = [child for child in path.iterdir() if child.is_file() and not _hidden(child.name)]
-        if any(child.name == "metadata.yaml" for child in found) and any(child.suffix in BAGS for child in found):
-            raise InputError(
-                f"{shown(path)} is a ROS bag: give it as --bag {shown(path)}; uq-handeye bag {shown(path)} lists what "
-                "is in it."
-            )
-        poses = [child for child in found if child.suffix.lower() not in BESIDE and child.stem.lower() not in NOTES]
-        if poses and len(poses) < len(found):
-            others = sorted({child.suffix.lower() or child.name for child in found if child not in poses})
-            notes.append(f"{len(found) - len(poses)} files that hold no poses are left out ({', '.join(others[:6])})")
-            found = poses
-        counts = Counter(child.suffix.lower() for child in found)
-        if len(counts) > 1:
-            kinds = ", ".join(f"{number} {suffix or 'without suffix'}" for suffix, number in counts.most_common(6))
-            usual = counts.most_common(1)[0][0]
-            raise InputError(
-                f"Expected files of one kind in the folder {shown(path)}, got {kinds}. Name those that are meant by a "
-                f"pattern in quotes, e.g. '{shown(path / ('*' + usual))}'."
-            )
-    else:
-        names = glob.glob(_escaped(path), recursive=True)
-        found = [Path(name) for name in names if not os.path.isdir(name) and not _hidden(Path(name).name)]
-    if not found:
-        what = f"No files in the folder {shown(path)}." if path.is_dir() else f"No file matches {shown(path)}."
-        raise InputError(f"{what} Check the folder and the ending.")
-    if len(found) > MOST:
-        raise InputError(f"Expected at most {MOST} files, got {len(found)} by {shown(path)}.")
-    _one_kind(path, found)
-    return sorted(found, key=natural), notes
-
-
-def _meant(path: Path) -> Path:
-    """A pattern without the quotes that some shells leave around it, and with the home folder for ~."""
-    text = str(path)
-    if len(text) > 2 and text[0] == text[-1] and text[0] in "'\"" and not path.exists():
-        path = Path(text[1:-1])
-    if str(path).startswith("~") and not path.exists():
-        try:
-            return path.expanduser()
-        except RuntimeError:  # no such user
-            return path
-    return path
-
-
-def _escaped(path: Path) -> str:
-    """A pattern in which brackets of folders that exist are no pattern."""
-    parts = path.parts
-    whole = Path(parts[0])
-    for k, part in enumerate(parts[1:], start=1):
-        if not (whole / part).exists():
-            return str(Path(glob.escape(str(whole)), *parts[k:])) if whole.exists() else str(path)
-        whole /= part
-    return str(path)
-
-
-def _hidden(name: str) -> bool:
-    return name.startswith((".", "~$")) or name.lower() in ("thumbs.db", "desktop.ini")
-
-
-def _one_kind(path: Path, found: list[Path]) -> None:
-    """Raise `InputError` for files whose names, without their numbers, are of a few kinds, each of several files."""
-    kinds: dict[str, list[Path]] = defaultdict(list)
-    for child in found:
-        kinds[re.sub(r"\d+", "*", child.name)].append(child)
-    if not 2 <= len(kinds) <= 4 or min(map(len, kinds.values())) < 2:
-        return
-    folders = {child.parent for child in found}
-    folder = folders.pop() if len(folders) == 1 else path.parent
-    kinds = dict(sorted(kinds.items(), key=lambda kind: bool(_SEEN.match(kind[0]))))  # the robot's first
-    patterns = [re.sub(r"\*.*\*", "*", kind) for kind in kinds]
-    shown_kinds = " and ".join(
-        f"{pattern} ({len(files)})" for pattern, files in zip(patterns, kinds.values(), strict=True)
-    )
-    given = " ".join(f"'{shown(folder / pattern)}'" for pattern in patterns)
-    raise InputError(
-        f"Expected the poses of one side in {shown(path)}, got {shown_kinds}. Name those of robot and camera by a "
-        f"pattern each, in quotes, the robot's first: {given}."
-    )
-
-
-def last_number(name: str) -> int | None:
-    """Return the last number in the name of a file or of a pose, without its suffix."""
-    numbers = re.findall(r"\d+", Path(name).stem)
-    return int(numbers[-1]) if numbers and len(numbers[-1]) < 18 else None
-
-
-def numbers_in(names: Iterable[str]) -> tuple[int, ...]:
-    """Return the last numbers of names, or none where a name has none or two have the same."""
-    found = [last_number(name) for name in names]
-    numbers = tuple(number for number in found if number is not None)
-    return numbers if len(set(numbers)) == len(found) else ()

@@ -9,15 +9,10 @@ Types of arrays hold their shape: numbers, or letters for sizes that all arrays 
     shift: Annotated[Array, "n", 6, INFINITE]  # None in the file stands for an infinite number
 
 A part with a ``from_dict`` of its own, such as `Finding`, looks after itself.
-
-Checks of what was read from a file: every part has its type, and writing it again gives the same.
-
-`Calibration.from_dict` uses them, so that a damaged file is refused where it is read and not where a part is used.
 """
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping
 from dataclasses import MISSING, fields, is_dataclass
@@ -31,9 +26,8 @@ from numpy.typing import NDArray
 
 from ...errors import InputError
 from ..runtime.read_only import ReadOnlyArrays
-from .lines import refused
-from .open import StrPath, as_path, opened, shown
-from .trees import is_list, is_map, is_plain_number, items_of
+from .one_line import refused
+from .tree_values import is_list, is_map, is_plain_number, items_of
 
 T = TypeVar("T")
 
@@ -145,25 +139,6 @@ class Record(ReadOnlyArrays):
     def _possible(self) -> Self:
         """Return itself; raise `InputError` for numbers that cannot be. Of what was read."""
         return self
-
-
-MAX_BYTES = 500_000_000
-
-
-def parsed(path: StrPath) -> Any:
-    """Return what the JSON of a file holds; raises `InputError` where it is no JSON, or larger than a result can be."""
-    if str(path).lstrip()[:1] in ("{", "["):
-        raise InputError("Expected the path of a JSON file, got JSON text: from_dict(json.loads(text)) takes it.")
-    with opened(as_path(path), MAX_BYTES) as file:
-        text = file.read()
-    try:
-        return json.loads(text.decode("utf-8"), parse_constant=_refuse)
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"{shown(as_path(path))} is not JSON: {error}.") from error
-
-
-def _refuse(constant: str) -> None:
-    raise ValueError(f"it holds {constant}")
 
 
 def attributes(value: Any, names: str) -> dict[str, Any]:

@@ -25,12 +25,13 @@ from numpy.typing import NDArray
 
 from ...errors import InputError
 from ..geometry.se3 import Array
-from . import lines as _lines
-from .lines import NO_VALUE, decoded, is_number, lines_of, short
+from ..numbers.limits import MAX_ROWS
+from .lines import NO_VALUE, decoded, is_number, lines_of
+from .one_line import short
 
 MARKS = {",": "commas", ";": "semicolons", "\t": "tabs", " ": "spaces"}
 # Comments that are kept.
-MOST_COMMENTS = 200
+MAX_COMMENTS = 200
 
 _UNIT = r"(.+?)(?:\s*[\[(]\s*([^\])]*?)\s*[\])]|[{}]([^\W_]{{1,7}}|[°-]))"
 
@@ -94,7 +95,7 @@ class Table:
     values : (n, k) numbers, finite or not
     lines : (n,) line number of each row
     texts : per row, the columns of text
-    comments : lines that start with #, without it; at most `MOST_COMMENTS`
+    comments : lines that start with #, without it; at most `MAX_COMMENTS`
     mark : what separates the fields
     decimal_commas : whether numbers were written with them
     """
@@ -146,7 +147,7 @@ def read_table(file: BinaryIO, name: str, schema: Schema) -> Table:
     ------
     InputError
         One line that names the file, the line and the column: other names of columns, another number of fields, a field
-        that is no number, lines or rows beyond `files.lines.MAX_LINE` and `MAX_ROWS`, no header, no rows.
+        that is no number, lines or rows beyond `MAX_LINE_CHARACTERS` and `MAX_ROWS`, no header, no rows.
     """
     reader = _Reader(name, schema)
     values, numbers = array("d"), array("q")
@@ -167,8 +168,8 @@ def read_table(file: BinaryIO, name: str, schema: Schema) -> Table:
             raise
         if b"_" in text:  # float() takes 1_000 for a number
             reader.explain(fields, where)
-        if len(numbers) == _lines.MAX_ROWS:
-            raise too_many(where, _lines.MAX_ROWS)
+        if len(numbers) == MAX_ROWS:
+            raise too_many(where, MAX_ROWS)
         values.extend(row)
         numbers.append(number)
     if reader.places is None:
@@ -233,7 +234,7 @@ class _Reader:
     def comment(self, text: bytes, where: str, begun: bool) -> None:
         """Keep a comment, and look for names in it."""
         bare = text.lstrip(b"# \t")
-        if len(self.comments) < MOST_COMMENTS:
+        if len(self.comments) < MAX_COMMENTS:
             self.comments.append(bare.decode("utf-8", errors="replace"))
         if self.schema.named is None or begun or self.places is not None or self._commented is not None:
             return

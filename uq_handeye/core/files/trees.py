@@ -2,34 +2,30 @@
 
 Anchors, aliases, document types, deep nesting and files of more than 20 MB are refused. YAML goes through the events of
 PyYAML, so that tags (OpenCV's ``!!opencv-matrix``, or any other) name nothing to be made.
-
-Numbers out of trees (`trees`): every error says where in the file, what was expected and what came.
-
-Names of poses in files of several arrays or entries: which side they are, and in which frames.
 """
 
 from __future__ import annotations
 
+import io
 import json
 import math
 import re
-import sys
 import tomllib
 from collections.abc import Callable
-from functools import lru_cache
 from pathlib import Path
-from typing import Any, TypeGuard
-
-import numpy as np
+from typing import TYPE_CHECKING, Any
 
 from ...errors import InputError
-from ..geometry.se3 import Array
-from .lines import Words, decoded, one_line, refused, short
+from ..numbers.limits import MAX_DESCRIPTION_BYTES
+from .lines import decoded
+from .one_line import Words, one_line, refused, short
 from .open import opened, shown
+from .tree_values import is_list, is_map
 
-MAX_BYTES = 20_000_000  # lists and texts take up to twenty times their size in memory
-MAX_DEPTH = 30
-MAX_TOML = 50_000_000
+if TYPE_CHECKING:
+    from xml.etree.ElementTree import Element
+
+MAX_DEPTH = 30  # levels of nesting
 _DEEP = f"at most {MAX_DEPTH} levels of nesting, got more"
 
 # What stands between two documents of JSON.
@@ -192,51 +188,35 @@ def _scalar(text: str) -> Any:
 
 def _xml(text: str, name: str) -> Any:
     """OpenCV's XML: elements are keys, elements named ``_`` are items, texts are numbers where they are."""
-    from xml.parsers import expat
+    from xml.etree import ElementTree
 
-    parser = expat.ParserCreate()
-    parser.buffer_text = True
-    root: dict[str, Any] = {}
-    stack: list[tuple[str, list[tuple[str, Any]], list[str]]] = [("", [], [])]
-
-    def refuse(*_: Any) -> None:
-        raise InputError(f"{name}, line {parser.CurrentLineNumber}: expected XML without a document type or entities.")
-
-    def start(tag: str, attributes: dict[str, str]) -> None:
-        if len(stack) == 1 and tag != "opencv_storage":
-            raise InputError(
-                f"{name}, line {parser.CurrentLineNumber}: expected the XML of OpenCV's FileStorage, <opencv_storage>, "
-                f"got <{one_line(tag)}>."
-            )
-        if len(stack) > MAX_DEPTH:
-            raise InputError(f"{name}, line {parser.CurrentLineNumber}: expected at most {MAX_DEPTH} levels, got more.")
-        stack.append((tag, [], []))
-
-    def end(tag: str) -> None:
-        _, children, parts = stack.pop()
-        value: Any
-        if not children:
-            value = _words("".join(parts))
-        elif all(key == "_" for key, _ in children):
-            value = [item for _, item in children]
-        else:
-            value = dict(children)
-            if len(value) < len(children):
-                raise InputError(
-                    f"{name}, line {parser.CurrentLineNumber}: an element of <{one_line(tag)}> is given twice."
-                )
-        stack[-1][1].append((tag, value))
-
-    parser.StartElementHandler, parser.EndElementHandler = start, end
-    parser.CharacterDataHandler = lambda data: stack[-1][2].append(data)
-    parser.StartDoctypeDeclHandler = parser.EntityDeclHandler = refuse
+    if "<!DOCTYPE" in text or "<!ENTITY" in text:
+        raise InputError(f"{name}: expected XML without a document type or entities.")
+    depth, events = 0, ElementTree.iterparse(io.StringIO(text), ("start", "end"))
     try:
-        parser.Parse(text, True)
-    except expat.ExpatError as error:
-        problem = expat.errors.messages[error.code]
-        raise InputError(f"{name}, line {error.lineno}: not XML: {problem}.") from error
-    content = stack[0][1][0][1]
-    return content if is_map(content) else root
+        for event, element in events:
+            depth += 1 if event == "start" else -1
+            if depth > MAX_DEPTH:
+                raise InputError(f"{name}: expected {_DEEP}.")
+            if depth == 1 and element.tag != "opencv_storage" and event == "start":
+                what = f"the XML of OpenCV's FileStorage, <opencv_storage>, got <{one_line(element.tag)}>"
+                raise InputError(f"{name}: expected {what}.")
+    except ElementTree.ParseError as error:
+        line, problem = error.position[0], error.msg.partition(":")[0]
+        raise InputError(f"{name}, line {line}: not XML: {problem}.") from error
+    return _of_element(element, name) if len(element) else {}
+
+
+def _of_element(element: Element, name: str) -> Any:
+    if not len(element):
+        return _words(element.text or "")
+    values = [(child.tag, _of_element(child, name)) for child in element]
+    if all(key == "_" for key, _ in values):
+        return [value for _, value in values]
+    found = dict(values)
+    if len(found) < len(values):
+        raise InputError(f"{name}: an element of <{one_line(element.tag)}> is given twice.")
+    return found
 
 
 def _words(text: str) -> Any:
@@ -245,39 +225,6 @@ def _words(text: str) -> Any:
     if words and all(map(_NUMBER.fullmatch, words)):
         return [_scalar(word) for word in words] if len(words) > 1 else _scalar(words[0])
     return text.strip().removeprefix('"').removesuffix('"')
-
-
-def fields_of(value: Any) -> dict[Any, Any]:
-    """Return the entries of a map; none of anything else."""
-    return value if isinstance(value, dict) else {}
-
-
-def items_of(value: Any) -> list[Any]:
-    """Return the items of a list; none of anything else."""
-    return value if isinstance(value, list) else []
-
-
-def is_map(value: Any) -> TypeGuard[dict[Any, Any]]:
-    """Return whether a value is a map, also an empty one."""
-    return fields_of(value) is value
-
-
-def is_list(value: Any) -> TypeGuard[list[Any]]:
-    """Return whether a value is a list, also an empty one."""
-    return items_of(value) is value
-
-
-def is_plain_number(value: Any) -> TypeGuard[float]:
-    """Return whether a value is a number, and not true or false."""
-    return isinstance(value, int | float) and value is not True and value is not False
-
-
-def parse_toml(path: Path, most: int | None = None) -> dict[str, Any]:
-    """All of a TOML file of at most ``most`` bytes, by default `MAX_TOML`; raises `InputError`."""
-    with opened(path, MAX_TOML if most is None else most) as file:
-        data = file.read()
-    with refused(shown(path), _OF_TOML):
-        return tomllib.loads(data.decode("utf-8-sig"))
 
 
 def _line_of(error: UnicodeDecodeError) -> int:
@@ -292,130 +239,9 @@ _OF_TOML: Words = (
 )
 
 
-def got(value: Any) -> str:
-    """Describe the value that was received, in few words."""
-    if is_map(value):
-        return f"the keys {short(', '.join(map(str, value)))}"
-    if type(value) in (list, tuple):
-        return f"a list of {len(value)}"
-    return "nothing" if value is None else short(str(value))
-
-
-def number(value: Any, where: str) -> float:
-    """A finite number."""
-    if not is_plain_number(value):
-        raise InputError(f"{where}: expected a number, got {got(value)}.")
-    if not abs(value) <= sys.float_info.max:
-        got_number = value if type(value) is float else np.inf
-        raise InputError(
-            f"{where}: expected a finite number, got {got_number}; leave out poses that were not measured, on both "
-            "sides."
-        )
-    return float(value)
-
-
-def item(value: Any, key: str, where: str) -> Any:
-    """``value[key]`` of a map."""
-    if not is_map(value):
-        raise InputError(f"{where}: expected a map with {key}, got {got(value)}.")
-    if key not in value:
-        raise InputError(f"{where}: expected the field {key}, got {got(value)}.")
-    return value[key]
-
-
-def vector(value: Any, size: int, where: str) -> list[float]:
-    """Check and return a list of ``size`` finite numbers."""
-    if not is_list(value) or len(value) != size:
-        raise InputError(f"{where}: expected a list of {size} numbers, got {got(value)}.")
-    return [number(entry, f"{where}[{k}]") for k, entry in enumerate(value)]
-
-
-_TRANSFORM = ("translation", "rotation")
-
-
-def transform(value: Any, where: str) -> list[float]:
-    """x, y, z and the quaternion x, y, z, w of a ``geometry_msgs/Transform`` or ``Pose``, stamped or not."""
-    for outer in ("transform", "pose"):
-        if outer in fields_of(value) and not {"translation", "position"} & set(value):
-            return transform(value[outer], f"{where}, {outer}")
-    names = ("position", "orientation") if "position" in fields_of(value) else _TRANSFORM
-    numbers: list[float] = []
-    for part, axes in zip(names, ("xyz", "xyzw"), strict=True):
-        fields = item(value, part, where)
-        numbers += [number(item(fields, axis, f"{where}, {part}"), f"{where}, {part}.{axis}") for axis in axes]
-    return numbers
-
-
-def matrix(value: Any, where: str) -> Array:
-    """A 4x4 matrix: four rows of four numbers, or 16 numbers row by row."""
-    if len(items_of(value)) == 16:
-        return np.array(vector(value, 16, where)).reshape(4, 4)
-    if len(items_of(value)) != 4:
-        raise InputError(f"{where}: expected a 4x4 matrix, got {got(value)}.")
-    return np.array([vector(row, 4, f"{where}[{k}]") for k, row in enumerate(value)])
-
-
-_WORDS = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+")
-_FRAMES = {
-    "base": ("base", "world", "robotbase", "baselink", "fixed"),
-    "gripper": ("gripper", "hand", "tool", "tcp", "ee", "eef", "flange", "endeffector", "effector", "wrist"),
-    "camera": ("camera", "cam", "optical"),
-    "target": (
-        "target", "board", "tag", "marker", "pattern", "object", "checkerboard", "chessboard", "charuco", "aruco",
-        "apriltag",
-    ),
-}  # fmt: skip
-_FRAME_OF = {word: frame for frame, words in _FRAMES.items() for word in words}
-# Words that say that something is a pose, and nothing of the frames.
-_POSE = {"pose", "poses", "t", "h", "tf", "transform", "transforms", "transformation", "transformations", "mat", "mats"}
-_POSE |= {"matrix", "matrices", "list", "all", "homogeneous"}
-# Words between two frames: base_T_gripper, gripper2base, gripper_to_base, gripper_in_base.
-_INVERTS = {"2", "to", "in"}
-_ALONE = {"pose", "poses", "tf", "transform", "transforms", "transformation", "transformations"}
-_SIDES = {
-    ("base", "gripper"): ("robot", "base_T_gripper"),
-    ("gripper", "base"): ("robot", "gripper_T_base"),
-    ("camera", "target"): ("camera", "camera_T_target"),
-    ("target", "camera"): ("camera", "target_T_camera"),
-}
-_LONGEST = 60
-
-
-@lru_cache(maxsize=4096)
-def pose_name(key: str) -> tuple[str, str] | None:
-    """Return side and frame of poses by their name; None for a name that does not say them.
-
-    ``A_T_B``, ``T_A_B`` and ``B2A`` (of OpenCV) are the pose of B in A.
-
-    >>> pose_name("T_base_ee"), pose_name("target2cam"), pose_name("marker_pose"), pose_name("camera_matrix")
-    (('robot', 'base_T_gripper'), ('camera', 'camera_T_target'), ('camera', 'camera_T_target'), None)
-    """
-    if not 0 < len(key) <= _LONGEST:
-        return None
-    parts = _WORDS.findall(key.replace("tool0", "tool"))
-    if "t" in parts:  # a translation; T is a pose
-        return None
-    words = [word.lower() for word in parts]
-    if words in (["robot"], ["camera"]):
-        return _SIDES["base", "gripper"] if words == ["robot"] else _SIDES["camera", "target"]
-    frames: list[str] = []
-    inverts, fillers = False, set()
-    for word in words:
-        if word in _FRAME_OF:
-            if not frames or frames[-1] != _FRAME_OF[word]:  # end effector, camera optical
-                frames.append(_FRAME_OF[word])
-        elif word in _INVERTS and len(frames) == 1 and not inverts:
-            inverts = True
-        elif word in _POSE or word in ("robot", "end", "link", "frame"):
-            fillers.add(word)
-        else:
-            return None
-    if len(frames) == 2:
-        return _SIDES.get((frames[1], frames[0]) if inverts else (frames[0], frames[1]))
-    if inverts or not fillers & _ALONE or fillers & {"matrix", "matrices", "mat", "mats"}:
-        return None
-    if not frames and "robot" in fillers:
-        return _SIDES["base", "gripper"]
-    if frames in (["camera"], ["target"]) and "robot" not in fillers:
-        return _SIDES["camera", "target"]
-    return _SIDES["base", "gripper"] if frames == ["gripper"] else None
+def parse_toml(path: Path) -> dict[str, Any]:
+    """All of a TOML file of at most `MAX_DESCRIPTION_BYTES`; raises `InputError`."""
+    with opened(path, MAX_DESCRIPTION_BYTES) as file:
+        data = file.read()
+    with refused(shown(path), _OF_TOML):
+        return tomllib.loads(data.decode("utf-8-sig"))

@@ -12,6 +12,8 @@ MAX_DESCRIPTION_BYTES = 20_000_000
 MAX_TABLE_BYTES = 1_000_000_000
 # A file that is uploaded in the live page.
 MAX_UPLOAD_BYTES = 50_000_000
+# Files that a pattern names.
+MAX_FILES = 100_000
 # Rows of a table, messages of a topic, samples of a stream.
 MAX_ROWS = 10_000_000
 # Characters of a line, of a name, and of a part of a file that a message quotes.

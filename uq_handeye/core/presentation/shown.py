@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, ClassVar
 
-from ..files.atomic import json_text
+from ..files.json_files import json_text
 from ..files.open import StrPath
 from .document import WIDTH, document_of, to_text
 from .html import html_of

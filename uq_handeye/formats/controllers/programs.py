@@ -55,7 +55,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...core.files.lines import MAX_ROWS, floats
+from ...core.files.lines import floats
+from ...core.numbers.limits import MAX_ROWS
 from ...errors import InputError, InputWarning
 from ..contents import Contents, Side
 from ..number_table import NUMBER

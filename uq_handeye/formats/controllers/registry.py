@@ -23,10 +23,12 @@ from typing import Any
 
 import numpy as np
 
-from ...core.files.lines import MAX_LINE, MAX_ROWS, floats
+from ...core.files.lines import floats
 from ...core.files.table import Places
-from ...core.files.trees import fields_of, is_json, is_map, is_plain_number, items_of
+from ...core.files.tree_values import fields_of, is_map, is_plain_number, items_of
+from ...core.files.trees import is_json
 from ...core.geometry.se3 import Array
+from ...core.numbers.limits import MAX_LINE_CHARACTERS, MAX_ROWS
 from ...errors import InputError
 from ..columns import is_pose_header, seconds_of
 from ..contents import COLUMNS, Contents, Side, matrices_side
@@ -272,7 +274,7 @@ def _entries(text: str, most: int | None) -> Iterator[dict[str, Any]]:
     if most is not None:
         text = "\n".join(text.split("\n", 3 * most)[: 3 * most])
     text = re.sub(r"\]\s*\n\s*\[", " ", text).replace("[[", "[").replace("]]", "]") if '"' not in text else text
-    cells = '"' in text.partition("\n")[2][:MAX_LINE] and "<origin" not in text
+    cells = '"' in text.partition("\n")[2][:MAX_LINE_CHARACTERS] and "<origin" not in text
     yield from _of_cells(text) if cells else _of_lines(text)
 
 
@@ -313,7 +315,7 @@ def _of_cells(text: str) -> Iterator[dict[str, Any]]:
 
 def _without_inner(cell: str) -> str:
     """Return a list of lists as one list."""
-    return re.sub(r"[\[\]()\n]", " ", cell[: 20 * MAX_LINE])
+    return re.sub(r"[\[\]()\n]", " ", cell[: 20 * MAX_LINE_CHARACTERS])
 
 
 def _part(label: str, numbers: list[float]) -> tuple[str, Any] | None:

@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.files.lines import short
+from ...core.files.one_line import short
 from ...core.files.table import Places
 from ...core.geometry.se3 import Array
 from ...errors import InputError

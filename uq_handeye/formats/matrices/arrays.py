@@ -24,8 +24,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.files.open import natural
-from ...core.files.trees import got, is_list, is_map, is_plain_number, items_of
+from ...core.files.folders import natural
+from ...core.files.tree_values import got, is_list, is_map, is_plain_number, items_of
 from ...core.geometry.se3 import Array
 from ...errors import InputError
 from ..contents import NORM_TOLERANCE, Contents, Reading, Side, matrices_side

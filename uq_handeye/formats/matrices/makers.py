@@ -41,8 +41,10 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ...core.files.lines import floats, short
-from ...core.files.trees import fields_of, got, is_list, number, parse_tree
+from ...core.files.lines import floats
+from ...core.files.one_line import short
+from ...core.files.tree_values import fields_of, got, is_list, number
+from ...core.files.trees import parse_tree
 from ...core.geometry.se3 import Array
 from ...errors import InputError
 from ..contents import Contents, Reading, matrices_side

@@ -25,7 +25,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.files.lines import short
+from ...core.files.one_line import short
 from ...core.files.table import name_and_unit
 from ...core.files.trees import is_json
 from ...core.formatting.units import LENGTH_UNITS

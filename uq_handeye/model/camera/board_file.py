@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...core.files.lines import short
+from ...core.files.one_line import short
 from ...core.files.open import StrPath, as_path, opened, shown
 from ...core.files.table import Places, Schema, read_table
 from ...core.formatting.units import LENGTH_UNITS

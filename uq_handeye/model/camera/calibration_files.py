@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from ...core.files.atomic import json_text
+from ...core.files.json_files import json_text
 from ...core.files.records import attributes, plain
 from ...core.geometry.conventions import TOOLKIT
 from ...formats.csv_poses import pose_text

@@ -13,11 +13,13 @@ import warnings
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.files.lines import MAX_BYTES, csv_text, plain_text, short
+from ...core.files.csv_text import csv_text, plain_text
+from ...core.files.one_line import short
 from ...core.files.open import StrPath, as_path, opened, shown
 from ...core.files.table import Places, Schema, Table, in_order, name_and_unit, read_table, rows_are_numbers
 from ...core.formatting.units import LENGTH_UNITS
 from ...core.geometry.se3 import Array
+from ...core.numbers.limits import MAX_TABLE_BYTES
 from ...errors import InputError, InputWarning
 from ...formats.contents import require_units
 from .corners import Corners
@@ -61,7 +63,7 @@ def corners_and_used(path: StrPath, units: str = "m") -> tuple[Corners, NDArray[
     factor = require_units(units)
     location = as_path(path)
     name = shown(location)
-    with opened(location, MAX_BYTES) as file:
+    with opened(location, MAX_TABLE_BYTES) as file:
         table = read_table(file, name, SCHEMA)
     meant, said = zip(*(_name_and_unit(table.column(k)) for k in range(table.values.shape[1])), strict=True)
     if left := [one for one in table.names if _name_and_unit(one)[0] not in (*meant, "name")]:

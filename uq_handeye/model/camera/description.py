@@ -30,7 +30,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial import KDTree
 
-from ...core.files.lines import short
+from ...core.files.one_line import short
 from ...core.formatting.units import parse_length
 from ...core.geometry.se3 import Array
 from ...errors import InputError, require_integer

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.files.lines import short
+from ...core.files.one_line import short
 from ...errors import InputError
 from .adjustment.opencv import opencv
 

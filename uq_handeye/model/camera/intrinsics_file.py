@@ -12,13 +12,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...core.files import trees as _trees
-from ...core.files.lines import short
+from ...core.files.one_line import short
 from ...core.files.open import StrPath, as_path, opened, shown
-from ...core.files.trees import fields_of, got, is_list, is_map, items_of, number, parse_tree
+from ...core.files.tree_values import fields_of, got, is_list, is_map, items_of, number
+from ...core.files.trees import parse_tree
 from ...core.formatting.numbers import Snippet
 from ...core.formatting.numbers import short as short_number
 from ...core.geometry.se3 import Array
+from ...core.numbers.limits import MAX_DESCRIPTION_BYTES
 from ...errors import InputError
 from ...formats.opencv_storage import matrix_lines, stack, yaml_number
 from .calibrated import Calibrated
@@ -68,7 +69,7 @@ def read_intrinsics(path: StrPath, model: str | None = None) -> KnownIntrinsics:
     """
     location = as_path(path)
     name = shown(location)
-    with opened(location, _trees.MAX_BYTES) as file:
+    with opened(location, MAX_DESCRIPTION_BYTES) as file:
         tree = parse_tree(file.read(), name)
     if not is_map(tree):
         raise InputError(f'{name}: expected intrinsics such as {{"fx": 1080.0, "fy": [1080.0, 2.0]}}, got {got(tree)}.')

@@ -9,9 +9,11 @@ from __future__ import annotations
 
 from typing import Any
 
-from ...core.files.lines import short
+from ...core.files.one_line import short
 from ...core.files.open import StrPath, as_path, opened, shown
-from ...core.files.trees import MAX_BYTES, is_map, number, parse_tree
+from ...core.files.tree_values import is_map, number
+from ...core.files.trees import parse_tree
+from ...core.numbers.limits import MAX_DESCRIPTION_BYTES
 from ...errors import InputError
 from .description import Board
 
@@ -22,7 +24,7 @@ def read_target(path: StrPath) -> Board:
     """Return the board of a ``target.yaml`` of Kalibr; raises `InputError` for other files."""
     location = as_path(path)
     name = shown(location)
-    with opened(location, MAX_BYTES) as file:
+    with opened(location, MAX_DESCRIPTION_BYTES) as file:
         tree = parse_tree(file.read(), name)
     if not is_map(tree):
         raise InputError(f"{name}: expected a target of Kalibr, {EXAMPLE}, got no such names.")

@@ -12,7 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ...core.files.open import StrPath, as_path, natural, opened, shown
+from ...core.files.folders import natural
+from ...core.files.open import StrPath, as_path, opened, shown
 from ...errors import InputError
 from .adjustment.opencv import opencv
 from .corner_refinement import Picture

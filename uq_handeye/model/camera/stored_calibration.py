@@ -10,17 +10,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.files import trees as _trees
-from ...core.files.lines import OF_DATA, refused, short
+from ...core.files.one_line import OF_DATA, refused, short
 from ...core.files.open import StrPath, as_path, opened, shown
 from ...core.files.records import array_of
-from ...core.files.trees import fields_of, got, item, number, parse_tree, vector
+from ...core.files.tree_values import fields_of, got, item, number, vector
+from ...core.files.trees import parse_tree
 from ...core.geometry.checks import as_transforms
 from ...core.geometry.se3 import Array
+from ...core.numbers.limits import MAX_DESCRIPTION_BYTES, MAX_TABLE_BYTES
 from ...errors import InputError
 from ...findings import Finding
 from ...formats.csv_poses import read_pose_file
-from ...formats.numpy_poses import MAX_BYTES, unpacked
+from ...formats.numpy_poses import unpacked
 from .adjustment.bundle import Asked, Bundle, Prior, Sight
 from .adjustment.criterion import Candidate
 from .board_pattern import board_pattern_of
@@ -61,10 +62,10 @@ def read_camera(folder: StrPath) -> CameraCalibration:
         raise InputError(
             f"{name} lacks {', '.join(lacking)}: expected the folder that uq-handeye camera -o wrote; write it again."
         )
-    with opened(path / INTRINSICS, _trees.MAX_BYTES) as file:
+    with opened(path / INTRINSICS, MAX_DESCRIPTION_BYTES) as file:
         tree = parse_tree(file.read(), shown(path / INTRINSICS))
     corners, used = corners_and_used(path / CORNERS)
-    with opened(path / COVARIANCE, MAX_BYTES) as file:
+    with opened(path / COVARIANCE, MAX_TABLE_BYTES) as file:
         arrays = unpacked(file.read(), shown(path / COVARIANCE))
     with refused(f"{name}: not what uq-handeye camera writes", OF_DATA):
         found = calibration_from_parts(tree, corners, used, arrays, shown(path / INTRINSICS))

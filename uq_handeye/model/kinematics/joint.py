@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.files.records import array_of, plain
-from ...core.files.trees import is_list, is_map
+from ...core.files.tree_values import is_list, is_map
 from ...core.formatting.units import ANGLE_UNITS, LENGTH_UNITS
 from ...core.geometry.checks import as_numbers, as_transforms
 from ...core.geometry.se3 import Array

@@ -24,15 +24,16 @@ from typing import Any, BinaryIO, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.files.lines import MAX_BYTES, short
+from ...core.files.one_line import short
 from ...core.files.open import StrPath, as_path, opened, shown
 from ...core.files.table import Places, Schema, Table, name_and_unit, read_table, rows_are_numbers
 from ...core.formatting.units import ANGLE_UNITS, LENGTH_UNITS
 from ...core.geometry.checks import first_duplicate
 from ...core.geometry.se3 import Array
+from ...core.numbers.limits import MAX_TABLE_BYTES
 from ...errors import InputError
 from ...formats.columns import SECONDS, meaning_and_unit
-from ...formats.numpy_poses import MAX_BYTES as MAX_ARRAY_BYTES
+from ...formats.numpy_poses import MAX_TABLE_BYTES as MAX_ARRAY_BYTES
 from ...formats.numpy_poses import TIMES, read_one_array, unpacked
 from .chain import Kinematics
 from .descriptions.urdf import nearest
@@ -120,7 +121,7 @@ def read_joints(path: StrPath | NamedJoints, arm: Kinematics | Sequence[str], un
     else:
         path = as_path(path)
         name = shown(path)
-        with opened(path, MAX_BYTES) as file:
+        with opened(path, MAX_TABLE_BYTES) as file:
             start = file.peek(8)[:8] if hasattr(file, "peek") else b""
             if start.startswith((b"PK\3\4", b"\x93NUMPY")):
                 data = file.read(MAX_ARRAY_BYTES + 1)

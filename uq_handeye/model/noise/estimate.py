@@ -12,7 +12,7 @@ from typing import Annotated, Any, ClassVar
 import numpy as np
 
 from ...core.files.records import Record, parts_of, read
-from ...core.files.trees import is_map
+from ...core.files.tree_values import is_map
 from ...core.formatting.units import parse_angle, parse_length
 from ...core.geometry.checks import is_number
 from ...core.geometry.se3 import Array

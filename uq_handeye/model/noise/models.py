@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.files.records import Record
-from ...core.files.trees import is_map
+from ...core.files.tree_values import is_map
 from ...core.formatting.numbers import digits
 from ...core.formatting.units import parse_deviations
 from ...core.geometry.checks import checked_covariance

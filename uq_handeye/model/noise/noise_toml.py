@@ -19,7 +19,8 @@ from typing import Any
 import numpy as np
 
 from ...core.files.open import StrPath, as_path, shown
-from ...core.files.trees import is_list, is_map, parse_toml
+from ...core.files.tree_values import is_list, is_map
+from ...core.files.trees import parse_toml
 from ...core.formatting.units import parse_deviations
 from ...core.geometry.checks import checked_covariance, is_number
 from ...core.geometry.se3 import Array

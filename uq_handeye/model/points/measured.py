@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...core.files.lines import short
+from ...core.files.one_line import short
 from ...core.geometry.checks import as_numbers
 from ...core.geometry.se3 import Array
 from ...core.numbers.limits import MAX_NAME_CHARACTERS

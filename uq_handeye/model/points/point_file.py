@@ -21,7 +21,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.files.lines import is_number, short
+from ...core.files.lines import is_number
+from ...core.files.one_line import short
 from ...core.files.open import StrPath, as_path, opened, shown
 from ...core.files.table import Places, Schema, Table, read_table
 from ...core.geometry.se3 import Array

@@ -11,23 +11,26 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.files.atomic import json_text, write_files
+from ...core.files.atomic import write_files
+from ...core.files.csv_text import csv_text
+from ...core.files.json_files import json_text
 from ...core.files.json_values import JsonObject
-from ...core.files.lines import OF_DATA, csv_text, refused, short
+from ...core.files.one_line import OF_DATA, refused, short
 from ...core.files.open import StrPath, as_path, opened, shown
 from ...core.files.records import array_of
-from ...core.files.trees import fields_of, got, parse_tree
+from ...core.files.tree_values import fields_of, got
+from ...core.files.trees import parse_tree
 from ...core.geometry.checks import as_transforms
 from ...core.geometry.conventions import TOOLKIT
 from ...core.geometry.se3 import Array
-from ...core.numbers.limits import MAX_DESCRIPTION_BYTES
+from ...core.numbers.limits import MAX_DESCRIPTION_BYTES, MAX_TABLE_BYTES
 from ...core.numbers.rounding import CHAIN_ROUNDING
 from ...core.presentation.document import to_text
 from ...core.presentation.html import to_html
 from ...errors import InputError
 from ...findings import Finding
 from ...formats.csv_poses import pose_text, read_pose_file
-from ...formats.numpy_poses import MAX_BYTES, unpacked
+from ...formats.numpy_poses import unpacked
 from ..noise.joint_covariance import JointCovariance
 from .point_file import read_points, read_target
 from .posed import Posed
@@ -163,7 +166,7 @@ def read_point_poses(folder: StrPath) -> PointPoses:
     if fields_of(tree).get("format") != FORMAT:
         came = short(str(tree["format"])) if "format" in fields_of(tree) else got(tree)
         raise InputError(f"{shown(path / SUMMARY)}: expected the format {FORMAT!r}, got {came}.")
-    with opened(path / COVARIANCE, MAX_BYTES) as file:
+    with opened(path / COVARIANCE, MAX_TABLE_BYTES) as file:
         arrays = unpacked(file.read(), shown(path / COVARIANCE))
     with refused(f"{name}: not what uq-handeye points writes", OF_DATA):
         found = _point_poses(path, fields_of(tree), arrays)
@@ -212,7 +215,7 @@ def _point_poses(path: Path, tree: Mapping[str, Any], arrays: Mapping[str, Array
 
 def _used(path: Path, k: int) -> NDArray[np.bool_]:
     """(k,) of the last column of the points, which are in order there."""
-    with opened(path / POINTS, MAX_BYTES) as file:
+    with opened(path / POINTS, MAX_TABLE_BYTES) as file:
         flags = [line.rstrip().rpartition(b",")[2] for line in file][1:]
     if len(flags) != k or not set(flags) <= {b"0", b"1"}:
         raise InputError(f"{POINTS}, column used: expected 1 or 0 for each of {k} points.")

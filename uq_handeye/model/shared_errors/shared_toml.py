@@ -23,12 +23,14 @@ from typing import Any
 
 import numpy as np
 
-from ...core.files.lines import one_line, short
+from ...core.files.one_line import one_line, short
 from ...core.files.open import StrPath, as_path, opened, shown
-from ...core.files.trees import is_list, is_map, parse_toml
+from ...core.files.tree_values import is_list, is_map
+from ...core.files.trees import parse_toml
 from ...core.geometry.se3 import Array
+from ...core.numbers.limits import MAX_TABLE_BYTES
 from ...errors import InputError
-from ...formats.numpy_poses import MAX_BYTES, read_one_array
+from ...formats.numpy_poses import read_one_array
 from ..noise.noise_toml import SHARED
 from .shared_error import SharedError
 
@@ -94,7 +96,7 @@ def _columns(entry: dict[str, Any], folder: Path) -> SharedError:
 
 def _read_columns(path: Path) -> Array:
     """(n, 6, k); a row of a CSV file holds (theta, tau) of the first number, then of the second."""
-    with opened(path, MAX_BYTES) as file:
+    with opened(path, MAX_TABLE_BYTES) as file:
         data = file.read()
     name = shown(path)
     if data.startswith((b"\x93NUMPY", b"PK")):

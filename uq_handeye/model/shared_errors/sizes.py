@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...core.files.trees import is_plain_number
+from ...core.files.tree_values import is_plain_number
 from ...core.formatting.units import parse_angle, parse_length, parse_pixels, parse_ratio
 from ...errors import InputError
 

@@ -17,7 +17,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from ...core.files.lines import one_line, refused
+from ...core.files.one_line import one_line, refused
 from ...core.files.open import reason, require_size, shown
 from ...core.numbers.limits import MAX_DESCRIPTION_BYTES
 from ...errors import InputError, InputWarning, MissingExtraError

@@ -13,8 +13,9 @@ import numpy as np
 
 from ..._version import __version__
 from ...calibration.statement.checks import Check
-from ...core.files.atomic import json_text, write_atomically
-from ...core.files.lines import frame_text
+from ...core.files.atomic import write_atomically
+from ...core.files.csv_text import frame_text
+from ...core.files.json_files import json_text
 from ...core.files.records import Record, attributes
 from ...core.formatting.units import DEG_PER_RAD, MM_PER_M
 from ...core.geometry.conventions import CONVENTION

@@ -40,7 +40,7 @@ from numpy.typing import NDArray
 from scipy.special import chdtrc, gammaln
 
 from ...core.files.records import Record
-from ...core.files.trees import is_plain_number
+from ...core.files.tree_values import is_plain_number
 from ...core.geometry.se3 import Array, logarithm, perturb
 from ...core.numbers.levels import IMPOSSIBLE, UNUSUAL
 from ...errors import InputError, NotConvergedError

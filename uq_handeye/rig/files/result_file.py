@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from ...core.files.records import attributes, damaged, parts_of, plain, unequal, wrong_number
-from ...core.files.trees import is_map
+from ...core.files.tree_values import is_map
 from ...core.geometry.se3 import Array
 from ...errors import InputError
 from ...model.kinematics.chain import Kinematics

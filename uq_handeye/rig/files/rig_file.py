@@ -37,7 +37,8 @@ import numpy as np
 
 from ...core.files.open import StrPath, as_path
 from ...core.files.records import read
-from ...core.files.trees import MAX_BYTES, is_list, is_map, parse_toml
+from ...core.files.tree_values import is_list, is_map
+from ...core.files.trees import parse_toml
 from ...errors import InputError
 from ...formats.json_poses import read_prior
 from ...model.kinematics.chain import Kinematics
@@ -79,7 +80,7 @@ def read_rig(path: StrPath) -> tuple[Rig, dict[str, Any] | None]:
     """
     target = as_path(path)
     try:
-        tree = parse_toml(target, MAX_BYTES)
+        tree = parse_toml(target)
     except InputError as error:
         if twice := re.search(r"Cannot declare \((.*)\) twice \(at line (\d+)", str(error)):
             table = ".".join(part.strip(" '") for part in twice[1].split(","))

@@ -36,7 +36,8 @@ import scipy
 from numpy.typing import NDArray
 
 from ..._version import __version__
-from ...core.files.atomic import FileLock, write_atomically
+from ...core.files.atomic import write_atomically
+from ...core.files.locks import locked
 from ...core.files.open import as_path, reason, shown
 from ...errors import InputError
 from ...model.noise.joint_covariance import JointCovariance
@@ -221,7 +222,7 @@ class Run:
             raise InputError(f"Expected `file` to name a file, got {shown(path)}, {what}.")
         if not path.parent.is_dir():
             raise InputError(f"Cannot write {shown(path)}: there is no folder {shown(path.parent)}; make it first.")
-        stack.callback(FileLock(os.path.realpath(path)).release)
+        stack.enter_context(locked(path))
         if path.exists() and not resume:
             raise InputError(
                 f"{shown(path)} exists: go on with the {self._kind} in it by resume=True (--resume), or name a new "
@@ -232,7 +233,7 @@ class Run:
 
     def _claim_folder(self, path: Path, resume: bool, stack: ExitStack) -> None:
         _make(path)
-        stack.callback(FileLock(path / "manifest.json").release)
+        stack.enter_context(locked(path / "manifest.json"))
         found = {name for name in os.listdir(path) if not name.startswith(".uq-handeye-")}
         if found and not resume:
             raise InputError(

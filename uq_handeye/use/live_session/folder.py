@@ -180,7 +180,7 @@ class Folder:
 
 
 def _in_order(paths: Iterable[Path]) -> list[Path]:
-    from ...core.files.open import natural
+    from ...core.files.folders import natural
 
     return sorted((path for path in paths if path.is_file() and path.name[0] != "."), key=natural)
 

@@ -19,8 +19,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...core.files.atomic import json_text, write_atomically, write_files
-from ...core.files.records import parsed
+from ...core.files.atomic import write_atomically, write_files
+from ...core.files.json_files import json_text, parsed
 from ...core.geometry.checks import as_transforms
 from ...core.numbers.limits import MIN_POSES
 from ...errors import InputError, InputWarning, NotConvergedError

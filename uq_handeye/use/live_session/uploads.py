@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.files.atomic import write_atomically, write_files
-from ...core.files.lines import refused
+from ...core.files.one_line import refused
 from ...core.numbers.limits import MAX_UPLOAD_BYTES
 from ...errors import InputError
 from ...model.camera.picture_files import SUFFIXES

@@ -27,8 +27,9 @@ import numpy as np
 from ...calibration.evidence.new_poses import noise_of_pictures
 from ...calibration.prediction.predict import own_noise
 from ...calibration.result import Calibration
-from ...core.files.atomic import held, write_atomically
-from ...core.files.lines import csv_text, plain_text
+from ...core.files.atomic import write_atomically
+from ...core.files.csv_text import csv_text, plain_text
+from ...core.files.locks import held
 from ...core.files.open import StrPath, as_path, opened, shown
 from ...core.geometry.se3 import Array, pose
 from ...core.runtime.read_only import ReadOnlyArrays

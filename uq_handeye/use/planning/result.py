@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from ...core.files.lines import csv_text
+from ...core.files.csv_text import csv_text
 from ...core.files.records import attributes
 from ...core.geometry.conventions import CONVENTION
 from ...core.geometry.frames import SETUPS

@@ -32,7 +32,8 @@ from scipy.spatial.transform import Rotation
 from ...calibration.estimate.estimated import Estimated
 from ...calibration.evidence.touches import Touches
 from ...calibration.prediction.predict import poses_so_far
-from ...core.files.lines import plain_text, short
+from ...core.files.csv_text import plain_text
+from ...core.files.one_line import short
 from ...core.files.open import StrPath, as_path, opened, shown
 from ...core.files.table import Places, Schema, Table, name_and_unit, read_table
 from ...core.formatting.units import ANGLE_UNITS, LENGTH_UNITS

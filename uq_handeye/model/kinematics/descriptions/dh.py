@@ -41,10 +41,12 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ....core.files.lines import is_number, short
+from ....core.files.lines import is_number
+from ....core.files.one_line import short
 from ....core.files.open import as_path, opened, shown
 from ....core.files.table import Places, Schema, in_order, name_and_unit, read_table
-from ....core.files.trees import is_list, is_map, is_plain_number, parse_toml
+from ....core.files.tree_values import is_list, is_map, is_plain_number
+from ....core.files.trees import parse_toml
 from ....core.formatting.units import ANGLE_UNITS, LENGTH_UNITS
 from ....core.geometry.checks import as_numbers
 from ....core.geometry.se3 import Array

@@ -17,9 +17,10 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ....core.files.lines import short
+from ....core.files.one_line import short
 from ....core.files.open import StrPath, as_path, opened, shown
-from ....core.files.trees import got, is_map, item, number, parse_tree
+from ....core.files.tree_values import got, is_map, item, number
+from ....core.files.trees import parse_tree
 from ....core.geometry.se3 import Array
 from ....errors import InputError
 from ..joint import REVOLUTE, ChainParts, Joint

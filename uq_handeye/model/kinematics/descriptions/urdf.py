@@ -22,10 +22,12 @@ from xml.sax.saxutils import escape
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ....core.files.lines import decoded, is_number, one_line, short
+from ....core.files.lines import decoded, is_number
+from ....core.files.one_line import one_line, short
 from ....core.files.open import StrPath, as_path, opened, shown
-from ....core.files.trees import MAX_BYTES, MAX_DEPTH
+from ....core.files.trees import MAX_DEPTH
 from ....core.geometry.se3 import Array
+from ....core.numbers.limits import MAX_DESCRIPTION_BYTES
 from ....errors import InputError
 from ..joint import MAX_LENGTH, PRISMATIC, REVOLUTE, ChainParts, Joint
 
@@ -105,13 +107,13 @@ def chain_of(tree: Tree, base: str | None, tip: str | None, origins: Mapping[str
 def urdf_text(path_or_text: StrPath) -> tuple[str, str]:
     """The text of a URDF and what to call it in messages."""
     if isinstance(path_or_text, str) and path_or_text.lstrip("\ufeff \t\r\n").startswith("<"):
-        if len(path_or_text) > MAX_BYTES:
-            raise InputError(f"Expected a URDF of at most {MAX_BYTES / 1e6:g} MB, got more.")
+        if len(path_or_text) > MAX_DESCRIPTION_BYTES:
+            raise InputError(f"Expected a URDF of at most {MAX_DESCRIPTION_BYTES / 1e6:g} MB, got more.")
         return path_or_text.lstrip("\ufeff \t\r\n"), "the URDF"
     path = as_path(path_or_text)
     if os.fspath(path).endswith(".xacro"):
         raise InputError(f"{shown(path)} is a xacro file; run xacro first: xacro {path.name} > robot.urdf.")
-    with opened(path, MAX_BYTES) as file:
+    with opened(path, MAX_DESCRIPTION_BYTES) as file:
         data = file.read()
     name = shown(path)
     return decoded(data.removeprefix(b"\xef\xbb\xbf"), f"{name}: expected a URDF").lstrip(), name

@@ -1,0 +1,72 @@
+"""Names of poses in files of several arrays or entries: which side they are, and in which frames."""
+
+from __future__ import annotations
+
+import re
+from functools import lru_cache
+
+from ..numbers.limits import MAX_NAME_CHARACTERS
+
+_WORDS = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+")
+_FRAMES = {
+    "base": ("base", "world", "robotbase", "baselink", "fixed"),
+    "gripper": ("gripper", "hand", "tool", "tcp", "ee", "eef", "flange", "endeffector", "effector", "wrist"),
+    "camera": ("camera", "cam", "optical"),
+    "target": (
+        "target", "board", "tag", "marker", "pattern", "object", "checkerboard", "chessboard", "charuco", "aruco",
+        "apriltag",
+    ),
+}  # fmt: skip
+_FRAME_OF = {word: frame for frame, words in _FRAMES.items() for word in words}
+# Words that say that something is a pose, and nothing of the frames.
+_POSE = {"pose", "poses", "t", "h", "tf", "transform", "transforms", "transformation", "transformations", "mat", "mats"}
+_POSE |= {"matrix", "matrices", "list", "all", "homogeneous"}
+# Words between two frames: base_T_gripper, gripper2base, gripper_to_base, gripper_in_base.
+_INVERTS = {"2", "to", "in"}
+_ALONE = {"pose", "poses", "tf", "transform", "transforms", "transformation", "transformations"}
+_SIDES = {
+    ("base", "gripper"): ("robot", "base_T_gripper"),
+    ("gripper", "base"): ("robot", "gripper_T_base"),
+    ("camera", "target"): ("camera", "camera_T_target"),
+    ("target", "camera"): ("camera", "target_T_camera"),
+}
+
+
+@lru_cache(maxsize=4096)
+def pose_name(key: str) -> tuple[str, str] | None:
+    """Return side and frame of poses by their name; None for a name that does not say them.
+
+    ``A_T_B``, ``T_A_B`` and ``B2A`` (of OpenCV) are the pose of B in A.
+
+    >>> pose_name("T_base_ee"), pose_name("target2cam"), pose_name("marker_pose"), pose_name("camera_matrix")
+    (('robot', 'base_T_gripper'), ('camera', 'camera_T_target'), ('camera', 'camera_T_target'), None)
+    """
+    if not 0 < len(key) <= MAX_NAME_CHARACTERS:
+        return None
+    parts = _WORDS.findall(key.replace("tool0", "tool"))
+    if "t" in parts:  # a translation; T is a pose
+        return None
+    words = [word.lower() for word in parts]
+    if words in (["robot"], ["camera"]):
+        return _SIDES["base", "gripper"] if words == ["robot"] else _SIDES["camera", "target"]
+    frames: list[str] = []
+    inverts, fillers = False, set()
+    for word in words:
+        if word in _FRAME_OF:
+            if not frames or frames[-1] != _FRAME_OF[word]:  # end effector, camera optical
+                frames.append(_FRAME_OF[word])
+        elif word in _INVERTS and len(frames) == 1 and not inverts:
+            inverts = True
+        elif word in _POSE or word in ("robot", "end", "link", "frame"):
+            fillers.add(word)
+        else:
+            return None
+    if len(frames) == 2:
+        return _SIDES.get((frames[1], frames[0]) if inverts else (frames[0], frames[1]))
+    if inverts or not fillers & _ALONE or fillers & {"matrix", "matrices", "mat", "mats"}:
+        return None
+    if not frames and "robot" in fillers:
+        return _SIDES["base", "gripper"]
+    if frames in (["camera"], ["target"]) and "robot" not in fillers:
+        return _SIDES["camera", "target"]
+    return _SIDES["base", "gripper"] if frames == ["gripper"] else None
