@@ -84,6 +84,8 @@ def _toolkit() -> Iterator[Program]:
 
 def _opencv() -> Iterator[Program]:
     cv2: Any = importlib.import_module("cv2")
+    if not hasattr(cv2, "calibrateHandEye"):  # OpenCV 5.0
+        return
 
     def hand_eye(method: int) -> Callable[..., Prepared]:
         def prepare(poses: uq.PosePairs, noise: uq.PoseNoise) -> Prepared:

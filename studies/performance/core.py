@@ -8,6 +8,7 @@ OpenCV is installed (extra `bench`), they are scaled by its time here. One threa
 
 from __future__ import annotations
 
+import importlib
 import os
 
 for variable in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"):
@@ -53,12 +54,12 @@ def random_motions(N: int, rng: np.random.Generator) -> tuple[np.ndarray, np.nda
 
 def opencv_ms(rng: np.random.Generator) -> float | None:
     try:
-        import cv2
-    except ImportError:
+        cv2: Any = importlib.import_module("cv2")  # by its name, because the stubs of OpenCV 4 and 5 differ
+        solve = cv2.calibrateHandEye
+    except (ImportError, AttributeError):  # OpenCV 5.0 has it not
         return None
     G, C = random_motions(30, rng)
     R_G, t_G, R_C, t_C = G[:, :3, :3], G[:, :3, 3], C[:, :3, :3], C[:, :3, 3]
-    solve: Any = cv2.calibrateHandEye  # its stubs know lists of matrices only
     return median_ms(lambda: solve(R_G, t_G, R_C, t_C, method=cv2.CALIB_HAND_EYE_TSAI))
 
 

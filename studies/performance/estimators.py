@@ -8,6 +8,7 @@ compared with forming all pairs and solving. Needs OpenCV 4 (extra `bench`).
 
 from __future__ import annotations
 
+import importlib
 import time
 from functools import partial
 from typing import Any
@@ -19,7 +20,6 @@ from studies.performance.core import (  # before NumPy: it sets one thread  # is
     random_motions,
 )
 
-import cv2  # isort: skip
 import numpy as np  # isort: skip
 
 import uq_handeye as uq  # isort: skip
@@ -33,8 +33,9 @@ def against_opencv(n: int) -> None:
     poses = uq.simulate(n_poses=n, noise=NOISE, seed=0)
     G, C = poses.robot, poses.camera
     B = np.linalg.inv(G)
-    hand_eye: Any = cv2.calibrateHandEye  # its stubs know lists of matrices only
-    robot_world: Any = cv2.calibrateRobotWorldHandEye
+    cv2: Any = importlib.import_module("cv2")
+    hand_eye = cv2.calibrateHandEye
+    robot_world = cv2.calibrateRobotWorldHandEye
     for name in HAND_EYE:
         flag = getattr(cv2, f"CALIB_HAND_EYE_{name.upper()}")
 
