@@ -23,6 +23,7 @@ from studies.performance.core import (  # before NumPy: it sets one thread  # is
 import numpy as np  # isort: skip
 
 import uq_handeye as uq  # isort: skip
+from studies.common.study import version_of  # isort: skip
 
 HAND_EYE = ("tsai", "park", "horaud", "andreff", "daniilidis")
 ROBOT_WORLD = ("shah", "li")
@@ -64,7 +65,7 @@ def main() -> None:
     rng = np.random.default_rng(0)
     opencv = opencv_ms(rng)
     machine = 1.0 if opencv is None else opencv / OPENCV_AT_30
-    print(f"OpenCV {cv2.__version__}, NumPy {np.__version__}; goals scaled by {machine:.2f}\n")
+    print(f"OpenCV {version_of('opencv-python-headless')}, NumPy {np.__version__}; goals scaled by {machine:.2f}\n")
     print("poses  method     OpenCV ms   ours ms   ratio")
     for n in (30, 60, 224, 500):
         against_opencv(n)
