@@ -11,8 +11,15 @@ import pytest
 import support
 
 import uq_handeye as uq
+from uq_handeye.calibration.request import COVARIANCES
 from uq_handeye.cli import app
 
+# Tests of the consistency of each kind of covariance of X: of many draws, its mean or the errors that it predicts.
+CONSISTENT = {
+    "model": "validation/monte_carlo/test_monte_carlo.py::test_every_kind_of_method_on_poses",
+    "sandwich": "empirical_covariance/test_resampling.py::test_with_the_true_noise_model_the_sandwich_is_unbiased",
+    "bootstrap": "empirical_covariance/test_resampling.py::test_bootstrap_has_the_size_of_the_sampling_covariance",
+}
 TESTS = Path(__file__).parent
 # The study tests are slow by nature; what is tested here is below them.
 NOT_OF_THE_PACKAGE = {"studies", "golden"}
@@ -107,3 +114,9 @@ def test_each_package_is_tested(selected):
     folders = {path.parent.relative_to(TESTS).as_posix() for path in TESTS.rglob("test_*.py")}
     tested = {item.path.parent.relative_to(TESTS).as_posix() for item in selected}
     assert {folder for folder in folders - tested if folder.partition("/")[0] not in NOT_OF_THE_PACKAGE} == set()
+
+
+def test_each_kind_of_covariance_has_a_test_of_its_consistency(selected):
+    assert set(CONSISTENT) == set(COVARIANCES)
+    chosen = {item.nodeid.partition("[")[0].removeprefix("tests/") for item in selected}
+    assert set(CONSISTENT.values()) <= chosen
