@@ -1,8 +1,6 @@
 """``uq-handeye plan`` as a user meets it: exit status, stdout, stderr and the file written."""
 
 import json
-import subprocess
-import sys
 import warnings
 
 import numpy as np
@@ -53,14 +51,6 @@ def test_text_and_file(run, session, tmp_path):
     assert json.loads((tmp_path / "plan" / "plan.json").read_text()) == found.to_dict()
     status, out, err = run(*NOISE, "-k", 3, "--json", "-o", tmp_path / "plan")  # again, into the same folder
     assert (status, json.loads(out), err) == (0, found.to_dict(), "")
-
-
-def test_in_a_process_of_its_own(session):
-    program = "from uq_handeye.cli.app import main; main()"
-    command = [sys.executable, "-c", program, "plan", "robot.csv", "camera.csv", *NOISE, "--json"]
-    done = subprocess.run(command, cwd=session, capture_output=True, text=True, timeout=120, check=False)
-    assert (done.returncode, done.stderr) == (0, "")
-    assert len(json.loads(done.stdout)["steps"]) == 5
 
 
 def test_candidates_of_ones_own(run, session):

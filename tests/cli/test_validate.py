@@ -234,10 +234,3 @@ def test_several_methods_do_not_go_into_the_run_of_one(run, tmp_path, more):
     assert (status, out) == (2, "") and "holds the run of one method" in err
     written = ["chunks", "manifest.json", "result.json"] + [f"validation.{kind}" for kind in ("csv", "png", "svg")]
     assert sorted(os.listdir(tmp_path / "run")) == written
-
-
-def test_no_bar_in_a_pipe_and_no_noise(session):
-    command = [sys.executable, "-c", PROGRAM, "validate", "robot.csv", "camera.csv", *OPTIONS, "--trials", "200"]
-    done = subprocess.run(command, cwd=session, capture_output=True, text=True, timeout=120, check=False)
-    assert (done.returncode, done.stderr) == (0, "")
-    assert "\x1b" not in done.stdout
