@@ -13,7 +13,7 @@ from uq_handeye.read.synchronisation.interpolation import (
     FINE,
     GAP,
     KINDS,
-    LARGEST_STEP,
+    MAX_STEP_RAD,
     TURN,
     at_times,
     error_of_interpolation,
@@ -22,7 +22,7 @@ from uq_handeye.read.synchronisation.interpolation import (
     noise_floor,
 )
 
-ANGLES = (0.0, 1e-12, 1e-9, 1e-6, 1e-4, 1e-2, 0.1, 0.3, 1.0, 2.0, 3.0, LARGEST_STEP - 1e-6)
+ANGLES = (0.0, 1e-12, 1e-9, 1e-6, 1e-4, 1e-2, 0.1, 0.3, 1.0, 2.0, 3.0, MAX_STEP_RAD - 1e-6)
 
 
 def steps(rng, angle, n=200):
@@ -112,7 +112,7 @@ def test_geodesic_is_exact_on_a_screw():
     assert np.abs(at_times(times, screw(times), at, "geodesic").poses - screw(at)).max() < 1e-12
 
 
-@pytest.mark.parametrize("angle", [LARGEST_STEP + 1e-3, np.pi])
+@pytest.mark.parametrize("angle", [MAX_STEP_RAD + 1e-3, np.pi])
 def test_half_a_turn_is_refused(angle):
     first, second, w = steps(np.random.default_rng(SEED), angle, 3)
     for kind in KINDS:

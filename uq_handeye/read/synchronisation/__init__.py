@@ -1,4 +1,4 @@
 """Two streams with unsynchronised clocks."""
 
-from . import result as result  # registers the words of synchronised streams
-from . import sentences as sentences
+from . import document as document  # registers the words of synchronised streams
+from . import sentences as sentences  # registers the words of findings

@@ -13,39 +13,31 @@ peak.
 The peak counts if it stands out of what unrelated motions of the same smoothness show by chance: with Bartlett's
 effective number ``n / (1 + 2 sum rho_robot rho_camera)`` and as many trials as there are independent lags. Other peaks
 that are nearly as high are kept: a periodic motion has one per period, and the hand-eye residual has to choose.
-
-Checks of two time-stamped streams before anything is computed: units, common time, coarse clocks, gaps.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from ...core.geometry.se3 import Array, logarithm
+from ...core.numbers.levels import RARE
 from ...errors import InputError
-from ...findings import Finding
-from .interpolation import AFTER, BEFORE, GAP, Interpolated, at_times
-from .sentences import left_out_words
+from .interpolation import at_times
 
-# Windows over which speeds are taken (s), and at least so many grid steps: short ones for fast motion, long ones for
-# noisy poses.
-WINDOWS, STEPS = (0.1, 0.3, 1.0), 2
-# Largest grid.
-MOST = 4_000_000
-# Both speeds are cut off at this quantile of the one that has the smaller.
-CUT = 0.98
-# Both must be known at so many grid times, and at this share of the most that any lag has.
-FEWEST, SHARE = 20, 0.3
-# Peaks kept, and the share of the highest that they must have.
-PEAKS, NEARLY = 50, 0.7
-# A correlation that chance gives less often than this stands out; the least that is one, and one that is in any case
-# (few and smooth data have too small an effective number to tell).
-CHANCE, LEAST, SURE = 1e-4, 0.2, 0.95
+# Windows over which speeds are taken (s): short ones for fast motion, long ones for noisy poses.
+WINDOWS_S = (0.1, 0.3, 1.0)
+# The largest grid. Its FFT needs a gigabyte.
+MAX_GRID_STEPS = 4_000_000
+# Both speeds must be known at so many grid times, and at this share of the most that any lag has.
+MIN_GRID_TIMES, MIN_OVERLAP = 20, 0.3
+# Peaks below this share of the highest are dropped.
+MIN_PEAK_RATIO = 0.7
+# The least correlation that counts, and one that counts in any case: few and smooth data have too small an effective
+# number for the test against chance.
+MIN_CORRELATION, SURE_CORRELATION = 0.2, 0.95
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,16 +69,16 @@ class Correlation:
     @property
     def found(self) -> bool:
         """True if the highest peak stands out."""
-        return bool(self.heights) and self.heights[0] >= min(max(self.needed, LEAST), SURE)
+        return bool(self.heights) and self.heights[0] >= min(max(self.needed, MIN_CORRELATION), SURE_CORRELATION)
 
 
 def speeds_of(times: Array, poses: Array, step: float, window: float, max_gap: float) -> Speeds:
     """The angular speeds of a stream sorted by time."""
-    window = max(window, STEPS * step)
+    window = max(window, 2 * step)
     n = int((times[-1] - times[0] - window) / step) + 1
-    if n > MOST:
+    if n > MAX_GRID_STEPS:
         raise InputError(
-            f"Expected at most {MOST:,} grid steps of {step:.3g} s, got {n:,}: a stream lasts "
+            f"Expected at most {MAX_GRID_STEPS:,} grid steps of {step:.3g} s, got {n:,}: a stream lasts "
             f"{times[-1] - times[0]:.3g} s with long gaps. Cut it to the part that both share, or look at "
             "the unit of its timestamps."
         )
@@ -108,10 +100,10 @@ def best_correlation(
     """The correlation of two streams (times, poses), sorted by time, at lags from ``low`` to ``high`` (s)."""
     step = max(float(np.median(np.diff(times))) for times, _ in (robot, camera))
     found = []
-    for window in dict.fromkeys(max(window, STEPS * step) for window in WINDOWS):
+    for window in dict.fromkeys(max(window, 2 * step) for window in WINDOWS_S):
         one, other = (speeds_of(times, poses, step, window, max(max_gap, 3 * step)) for times, poses in (robot, camera))
         found.append(correlate(one, other, low, high))
-    return max(found, key=lambda one: one.heights[0] / min(one.needed, SURE) if one.heights else -1.0)
+    return max(found, key=lambda one: one.heights[0] / min(one.needed, SURE_CORRELATION) if one.heights else -1.0)
 
 
 def correlate(robot: Speeds, camera: Speeds, low: float, high: float) -> Correlation:
@@ -121,15 +113,15 @@ def correlate(robot: Speeds, camera: Speeds, low: float, high: float) -> Correla
     nothing = Correlation(lags[:0], lags[:0], (), (), 1.0, robot, camera)
     inside = (lags >= low - robot.step) & (lags <= high + robot.step)
     known_a, known_b = np.isfinite(a), np.isfinite(b)
-    if min(known_a.sum(), known_b.sum()) < FEWEST or not inside.any():
+    if min(known_a.sum(), known_b.sum()) < MIN_GRID_TIMES or not inside.any():
         return nothing
-    cut = min(np.quantile(a[known_a], CUT), np.quantile(b[known_b], CUT))
+    cut = min(np.quantile(a[known_a], 0.98), np.quantile(b[known_b], 0.98))
     a, b = (np.where(k, np.minimum(np.nan_to_num(x), cut), 0.0) for x, k in ((a, known_a), (b, known_b)))
     a, b = a - a[known_a].mean() * known_a, b - b[known_b].mean() * known_b
     if max(a.std(), b.std()) == 0:
         return nothing
     values, number = _coefficients(a, b, known_a.astype(float), known_b.astype(float))
-    enough = number >= max(FEWEST, SHARE * number[inside].max())
+    enough = number >= max(MIN_GRID_TIMES, MIN_OVERLAP * number[inside].max())
     values = np.where(enough, values, np.nan)
     lags, values, number = lags[inside], values[inside], number[inside]
     if not np.isfinite(values).any():
@@ -137,7 +129,7 @@ def correlate(robot: Speeds, camera: Speeds, low: float, high: float) -> Correla
     spread = 1 + 2 * float((_positive_autocorrelation(a) * _positive_autocorrelation(b)).sum())
     effective = max(float(np.nanmax(number)) / max(spread, 1.0), 4.0)
     trials = max(1.0, len(values) / max(spread, 1.0))
-    needed = float(np.tanh(-ndtri(CHANCE / trials) / np.sqrt(max(effective - 3.0, 1.0))))
+    needed = float(np.tanh(-ndtri(RARE.probability / trials) / np.sqrt(max(effective - 3.0, 1.0))))
     peaks, heights = _peaks(lags, values)
     return Correlation(lags, values, peaks, heights, needed, robot, camera)
 
@@ -174,13 +166,13 @@ def _positive_autocorrelation(x: Array, n: int = 2048) -> Array:
     return result
 
 
-def _peaks(lags: Array, values: Array) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Local maxima, the highest first, refined by a parabola."""
+def _peaks(lags: Array, values: Array, most: int = 50) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Return places and heights of at most ``most`` local maxima, the highest first, refined by a parabola."""
     filled = np.where(np.isfinite(values), values, -1.0)
     padded = np.concatenate([[-2.0], filled, [-2.0]])
     top = np.flatnonzero((filled >= padded[:-2]) & (filled > padded[2:]) & (filled > -1.0))
     order = top[np.argsort(-filled[top], kind="stable")]
-    order = order[filled[order] >= NEARLY * filled[order[0]]][:PEAKS] if order.size else order
+    order = order[filled[order] >= MIN_PEAK_RATIO * filled[order[0]]][:most] if order.size else order
     step = lags[1] - lags[0] if len(lags) > 1 else 0.0
     found = []
     for k in order:
@@ -190,106 +182,3 @@ def _peaks(lags: Array, values: Array) -> tuple[tuple[float, ...], tuple[float, 
             shift = 0.5 * (filled[k - 1] - filled[k + 1]) / bend if bend < 0 else 0.0
         found.append(float(lags[k] + shift * step))
     return tuple(found), tuple(float(filled[k]) for k in order)
-
-
-# Median intervals (s) of the denser and of the sparser stream beyond which the times are not in seconds.
-DENSE, SPARSE, TOO_DENSE = 1.0, 10.0, 2e-5
-# Units that timestamps come in, by their length in seconds.
-UNITS = {"milliseconds": 1e-3, "microseconds": 1e-6, "nanoseconds": 1e-9}
-# Intervals (s) that such a unit should make of the times.
-USUAL = (5e-4, 1.0)
-# Resolutions of clocks that are looked for (s).
-RESOLUTIONS = (0.1, 0.01, 0.001)
-
-
-@dataclass(frozen=True)
-class LeftOut:
-    """Poses of one stream that have no partner in the other."""
-
-    side: str  # "robot" or "camera"
-    times: tuple[float, ...]  # s, on the clock of their stream
-    why: Finding
-    gap: bool  # within the time that both streams share
-
-    @property
-    def reason(self) -> str:
-        """Reason in words."""
-        return str(self.why)
-
-    def __str__(self) -> str:
-        return left_out_words(self.side, self.times, self.why)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain values; the finding as its own."""
-        return {"side": self.side, "times": list(self.times), "why": self.why.to_dict()}
-
-
-def check_units(robot: float, camera: float) -> None:
-    """Raise `InputError` unless the median intervals look like seconds."""
-    intervals = {"robot": robot, "camera": camera}
-    dense, sparse = sorted(intervals, key=lambda name: intervals[name])
-    for name, most in ((dense, DENSE), (sparse, SPARSE)):
-        interval = intervals[name]
-        if TOO_DENSE <= interval <= most:
-            continue
-        unit = next((unit for unit, s in UNITS.items() if USUAL[0] <= interval * s <= USUAL[1]), None)
-        guess = f" They look like {unit}: multiply them by {UNITS[unit]:g}." if unit and interval > most else ""
-        raise InputError(
-            f"Expected the timestamps of both streams in seconds, with poses {TOO_DENSE:g} to {most:g} s apart, got a "
-            f"median interval of {interval:.4g} for the {name}.{guess}"
-        )
-
-
-def common_time(robot: Array, camera: Array, reach: float, shift: float) -> float:
-    """Return the longest time (s) that the streams share with offsets of ``shift`` +- ``reach``; raises if they do
-    not.
-    """
-    begin = max(float(robot[0]), float(camera[0]) + shift)
-    end = min(float(robot[-1]), float(camera[-1]) + shift)
-    ranges = (
-        f"the robot is from {robot[0]:.3f} to {robot[-1]:.3f} s, the camera from {camera[0]:.3f} to {camera[-1]:.3f} s"
-    )
-    if end <= begin - reach:
-        on = f" at an offset of {shift:g} s" if shift else ""
-        raise InputError(
-            f"Expected streams that have some time in common, got none{on}: {ranges}. If their clocks differ, give "
-            "`offset` (--offset; robot_time = camera_time + offset), or look for any by max_offset=math.inf "
-            "(uq-handeye sync --max-offset inf)."
-        )
-    return max(end - begin, 0.0)
-
-
-def coarse_clock(times: Array) -> float | None:
-    """The resolution (s) of a clock that is coarse beside the intervals and does not tick evenly; else None."""
-    intervals = np.diff(times)
-    if len(intervals) < 3 or np.ptp(intervals) < 1e-6:
-        return None
-    for q in RESOLUTIONS:
-        multiples = times / q
-        if np.abs(multiples - np.round(multiples)).max() < 1e-3:
-            return q if q > 0.02 * float(np.median(intervals)) else None
-    return None
-
-
-def left_out(
-    found: Interpolated, base: str, base_times: Array, side: str, side_times: Array, max_gap: float
-) -> tuple[LeftOut, ...]:
-    """Report the poses of the ``base`` stream at whose times the other ``side`` has no pose."""
-    parts: list[LeftOut] = []
-
-    def part(rows: NDArray[np.intp], what: str, gap: bool = True, **values: Any) -> None:
-        why = Finding(f"synchronisation.{what}", "note", {"other": side, **values})
-        parts.append(LeftOut(base, tuple(base_times[rows].tolist()), why, gap))
-
-    for code, what in ((BEFORE, "before_other"), (AFTER, "after_other")):
-        if (rows := np.flatnonzero(found.problem == code)).size:
-            part(rows, what, gap=False)
-    rows = np.flatnonzero(found.problem >= GAP)
-    for left in np.unique(found.left[rows]):
-        inside = rows[found.left[rows] == left]
-        ends = {"begin": side_times[left], "end": side_times[left + 1]}
-        if found.problem[inside[0]] == GAP:
-            part(inside, "in_gap", **ends, max_gap=max_gap)
-        else:
-            part(inside, "in_half_turn", **ends)
-    return tuple(parts)

@@ -31,18 +31,7 @@ Both do not care whether a pose or its inverse is interpolated, nor about a fixe
 them. They differ by third order in the step: by at most 0.016 theta^3 in rotation for small theta (rad). Both miss
 the true motion by second order, ``w (1 - w)/2`` times acceleration times the interval squared.
 
-Between two samples the way is not known if they are half a turn apart: steps beyond `LARGEST_STEP` are refused.
-
-Stops: intervals in which neither the robot nor the camera moves, each made into one averaged pair of poses.
-
-Model: at a stop the pose is constant but for noise. The noise of each stream (rad, m per axis) is told from third
-differences of its poses, which smooth motion hardly enters; at the quartile of the smallest, as motion is there as
-well. A sample is still where the poses half a window before and behind it differ by less than `FACTOR` times that noise
-(and by more than the resolution of `LEAST` in any case). A stop is a stretch of still samples of the robot in which the
-camera is still too, without a margin at both ends, with enough samples of each.
-
-The mean rotation is that of SciPy (chordal), the mean translation that of the samples. At a stop the time offset only
-decides which samples belong to it: the rate of the poses, and with it the influence of the offset on X, is 0.
+Between two samples the way is not known if they are half a turn apart: steps beyond `MAX_STEP_RAD` are refused.
 """
 
 from __future__ import annotations
@@ -51,7 +40,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 from scipy.special import chdtri
 
 from ...core.geometry.checks import as_numbers, as_transforms
@@ -61,11 +49,11 @@ from ...errors import InputError, require_one_of
 from ...methods.procrustes.scaled import check_scale, se3_from_so4, so4_from_se3
 
 KINDS = ("so4", "geodesic")
-# Steps of more than this angle (rad) have no way that could be known.
-LARGEST_STEP = np.pi - 0.05
+# The largest rotation (rad) between neighbouring samples: near half a turn either way round is possible.
+MAX_STEP_RAD = np.pi - 0.05
 # Streams are not interpolated across gaps of more median intervals than this.
 MAX_GAP_INTERVALS = 3.0
-# What became of a time, in `Interpolated.problem`.
+# Entries of `Interpolated.problem`: a pose is there, or the time is before or after the stream, in a gap or half turn.
 FINE, BEFORE, AFTER, GAP, TURN = range(5)
 
 
@@ -98,9 +86,9 @@ def interpolate(first: Array, second: Array, weight: Array, kind: str = "so4", s
         raise InputError("Expected `weight` in [0, 1], got a value outside: poses are not extrapolated.")
     step = logarithm(first[..., :3, :3].mT @ second[..., :3, :3])
     angle = np.sqrt((step * step).sum(axis=-1))
-    if angle.max(initial=0.0) > LARGEST_STEP:
+    if angle.max(initial=0.0) > MAX_STEP_RAD:
         raise InputError(
-            f"Expected steps below {np.degrees(LARGEST_STEP):.0f} degrees between neighbouring poses, got "
+            f"Expected steps below {np.degrees(MAX_STEP_RAD):.0f} degrees between neighbouring poses, got "
             f"{np.degrees(angle.max()):.1f}: the way between them is not known."
         )
     if kind == "geodesic":
@@ -168,7 +156,7 @@ class Interpolated(NamedTuple):
 
 
 def at_times(times: Array, poses: Array, wanted: Array, kind: str = "so4", max_gap: float = np.inf) -> Interpolated:
-    """A stream, sorted by time, at the times wanted; never extrapolated.
+    """Return a stream, sorted by time, at the ``wanted`` times; nothing is extrapolated.
 
     Parameters
     ----------
@@ -197,7 +185,7 @@ def at_times(times: Array, poses: Array, wanted: Array, kind: str = "so4", max_g
     turn = np.zeros(len(wanted))
     step = logarithm(poses[left[fine], :3, :3].mT @ poses[right[fine], :3, :3])
     turn[fine] = np.sqrt((step * step).sum(axis=-1))
-    problem[fine & between & (turn > LARGEST_STEP)] = TURN
+    problem[fine & between & (turn > MAX_STEP_RAD)] = TURN
     fine = problem == FINE
     result, rate = np.full((len(wanted), 4, 4), np.nan), np.full((len(wanted), 6), np.nan)
     if fine.any():
@@ -233,7 +221,7 @@ def misses(times: Array, poses: Array, kind: str = "so4", max_gap: float = np.in
         return result
     near = (np.diff(times) <= max_gap)[:-1] & (np.diff(times) <= max_gap)[1:]
     step = logarithm(poses[:-2, :3, :3].mT @ poses[2:, :3, :3])
-    k = np.flatnonzero(near & ((step * step).sum(axis=-1) < LARGEST_STEP**2))
+    k = np.flatnonzero(near & ((step * step).sum(axis=-1) < MAX_STEP_RAD**2))
     weight = (times[k + 2] - times[k + 1]) / (times[k + 2] - times[k])
     found = interpolate(poses[k], poses[k + 2], weight, kind)
     result[k + 1, :3] = logarithm(found[:, :3, :3] @ poses[k + 1, :3, :3].mT)
@@ -264,64 +252,3 @@ def noise_floor(poses: Array) -> tuple[float, float]:
         float(np.sqrt(np.quantile((e**2).sum(axis=-1), 0.25) / (20.0 * quartile))) for e in (turn, move)
     )
     return rotation, translation
-
-
-# Displacements are looked at over this time (s); a stop lasts at least as long beyond the margins (s) at its ends.
-WINDOW, MARGIN = 0.3, 0.1
-# In deviations of the noise of a displacement; and the least rotation (rad) and translation (m) that count as motion.
-FACTOR, LEAST = 6.0, (2e-4, 5e-5)
-# Samples of each sensor at a stop.
-FEWEST = 3
-
-
-class Stop(NamedTuple):
-    """One stop: averaged poses, and when (s, clock of the camera)."""
-
-    begin: float
-    end: float
-    robot: Array  # (4, 4)
-    camera: Array  # (4, 4)
-    robot_samples: int
-    camera_samples: int
-
-
-def still_samples(times: Array, poses: Array) -> NDArray[np.bool_]:
-    """(n,) which samples of a stream sorted by time are at rest."""
-    before = np.searchsorted(times, times - 0.5 * WINDOW, side="left")
-    behind = np.minimum(np.searchsorted(times, times + 0.5 * WINDOW, side="right") - 1, len(times) - 1)
-    turn = logarithm(poses[behind, :3, :3] @ poses[before, :3, :3].mT)
-    move = poses[behind, :3, 3] - poses[before, :3, 3]
-    limits = [max(FACTOR * np.sqrt(2.0) * s, least) for s, least in zip(noise_floor(poses), LEAST, strict=True)]
-    small = ((turn**2).sum(axis=-1) < limits[0] ** 2) & ((move**2).sum(axis=-1) < limits[1] ** 2)
-    return np.asarray(small & (behind > before))
-
-
-def find_stops(
-    robot_times: Array, robot: Array, camera_times: Array, camera: Array, offset: float, max_gap: float
-) -> list[Stop]:
-    """The stops of both, in order; times count on the clocks of the sensors, ``robot_time = camera_time + offset``."""
-    own_times = robot_times - offset  # on the clock of the camera
-    still, seen = still_samples(robot_times, robot), still_samples(camera_times, camera)
-    edges = np.flatnonzero(np.diff(still.astype(int), prepend=0, append=0))
-    stops = []
-    for first, behind in edges.reshape(-1, 2):
-        inside = own_times[first:behind]
-        if (np.diff(inside) > max_gap).any():
-            continue
-        begin, end = float(inside[0]) + MARGIN, float(inside[-1]) - MARGIN
-        if end - begin < WINDOW - 2 * MARGIN:
-            continue
-        i, j = np.searchsorted(own_times, [begin, end])
-        a, b = np.searchsorted(camera_times, [begin, end])
-        if min(j - i, b - a) < FEWEST or seen[a:b].mean() < 0.8:
-            continue
-        stops.append(Stop(begin, end, mean_pose(robot[i:j]), mean_pose(camera[a:b]), int(j - i), int(b - a)))
-    return stops
-
-
-def mean_pose(poses: Array) -> Array:
-    """Mean rotation and mean translation (4, 4) of poses (k, 4, 4) that lie close together."""
-    result = np.eye(4)
-    result[:3, :3] = Rotation.from_matrix(poses[:, :3, :3]).mean().as_matrix()
-    result[:3, 3] = poses[:, :3, 3].mean(axis=0)
-    return result

@@ -31,6 +31,8 @@ from ...core.files.source import Source
 from ...core.geometry.checks import is_number
 from ...core.geometry.frames import SETUPS
 from ...core.geometry.se3 import Array
+from ...core.numbers.levels import RARE
+from ...core.numbers.limits import MAX_NAMED
 from ...errors import (
     InputError,
     NotConvergedError,
@@ -42,41 +44,34 @@ from ...errors import (
 )
 from ...findings import Finding, warn
 from ...model.noise.models import PoseNoise, is_joint
-from ...model.poses.pose_pairs import PosePairs, Stream, joint_values_at
+from ...model.poses.pose_pairs import FEWEST, PosePairs, Stream, joint_values_at
 from ...model.poses.timing import SIDES, Timing
-from .correlation import Correlation, LeftOut, best_correlation, check_units, coarse_clock, common_time, left_out
-from .interpolation import MAX_GAP_INTERVALS, Interpolated, Stop, check_kind, error_of_interpolation, find_stops, misses
+from .correlation import Correlation, best_correlation
+from .interpolation import MAX_GAP_INTERVALS, Interpolated, check_kind, error_of_interpolation, misses
+from .pairing import Pairing, noise_of_rows, thinned
 from .refinement import (
-    FOR_ALL,
-    FOR_ROUNDS,
-    Pairing,
+    ROWS_FOR_RESULT,
+    ROWS_FOR_ROUNDS,
     Refined,
     bias_of_interpolation,
-    noise_of_rows,
     refine,
     start,
-    thinned,
     with_noise,
 )
 from .result import Synchronised
+from .stops import Stop, find_stops
+from .stream_checks import LeftOut, check_units, coarse_clock, common_time, left_out
 
-# The offset is looked for within this share of what the streams have in common, and at least so far (s).
-SEARCHED, LEAST_SEARCHED = 0.25, 1.0
-# A stream is interpolated that is denser by this factor; the robot if neither is.
-DENSER = 1.05
-# Rows without which no offset is estimated, and without which nothing is.
-FEWEST, FEWEST_AT_ALL = 10, 3
-# Highest and nearest candidates that are tried, and the ratio of residuals below which two of them fit alike.
-CANDIDATES, ALIKE = 3, 1.25
-# A share of the poses in common that is left out for gaps and deserves a warning; and an offset that is so far from
-# what the poses want, in standard deviations.
-MANY, FAR = 0.1, 4.0
-# Standard deviations of X beyond which what interpolation does to it deserves a warning.
-COARSE = 1.0
-# An offset that is known no better than this (s) is not determined.
-UNKNOWN = 0.25
-# Left-out poses that an error or a warning names.
-NAMED = 5
+# The robot is interpolated unless its interval is longer than the camera's by more than this factor.
+SAME_RATE_RATIO = 1.05
+# Fewest rows of which an offset is estimated.
+MIN_ROWS_FOR_OFFSET = 10
+# Two candidates fit alike if their residuals differ by less than this factor.
+SIMILAR_RESIDUAL_RATIO = 1.25
+# Share of the poses in common that gaps may cost without a warning.
+MAX_GAP_SHARE = 0.1
+# An offset with a larger standard deviation is not determined by the motion.
+MAX_OFFSET_SD_S = 0.25
 
 
 def synchronise(robot: Stream, camera: Stream, **asked: Any) -> Synchronised:
@@ -143,7 +138,7 @@ def synchronise(robot: Stream, camera: Stream, **asked: Any) -> Synchronised:
     r_times, c_times = robot.timestamps, camera.timestamps
     intervals = float(np.median(np.diff(r_times))), float(np.median(np.diff(c_times)))
     check_units(*intervals)
-    side = "robot" if intervals[0] <= DENSER * intervals[1] else "camera"
+    side = "robot" if intervals[0] <= SAME_RATE_RATIO * intervals[1] else "camera"
     gap = MAX_GAP_INTERVALS * intervals[SIDES.index(side)] if given.max_gap is None else float(given.max_gap)
     # Times count from the beginning of each stream: those of an epoch have few digits left below 1 us.
     origins = float(r_times[0]), float(c_times[0])
@@ -155,7 +150,7 @@ def synchronise(robot: Stream, camera: Stream, **asked: Any) -> Synchronised:
         reach = 4 * prior[1] + 2 * max(intervals)
     common = common_time(r_times, c_times, 0.0 if given.exact or reach is None else reach, centre)
     if reach is None:
-        reach = max(SEARCHED * common, LEAST_SEARCHED)
+        reach = max(common / 4, 1.0)  # s
 
     found: _Estimate | None = None
     try:
@@ -237,11 +232,16 @@ class _Estimate(NamedTuple):
 
 
 def _estimate(
-    pairing: Pairing, ends: tuple[float, float], prior: tuple[float, float] | None, asked: Asked
+    pairing: Pairing,
+    ends: tuple[float, float],
+    prior: tuple[float, float] | None,
+    asked: Asked,
+    candidates_tried: int = 3,
 ) -> _Estimate:
-    """The offset between the ``ends``, from correlation and Gauss-Newton; times from the origins of the streams.
+    """Estimate the offset between the ``ends`` by correlation and Gauss-Newton; times from the origins of the streams.
 
-    A prior of standard deviation 0 is only where to start.
+    A prior of standard deviation 0 is only a start. Of the peaks of the correlation the highest and the nearest to the
+    middle are tried.
     """
     noise = asked.noise
     step = max(float(np.median(np.diff(times))) for times in (pairing.robot_times, pairing.camera_times))
@@ -252,7 +252,7 @@ def _estimate(
     middle = 0.5 * (ends[0] + ends[1])
     if correlation.found:
         nearest = sorted(correlation.peaks, key=lambda peak: abs(peak - middle)) if np.isfinite(middle) else []
-        candidates = list(dict.fromkeys([*correlation.peaks[:CANDIDATES], *nearest[:CANDIDATES]]))
+        candidates = list(dict.fromkeys([*correlation.peaks[:candidates_tried], *nearest[:candidates_tried]]))
     elif prior is not None:
         candidates = [prior[0]]
     else:
@@ -261,7 +261,7 @@ def _estimate(
     failure: Exception | None = None
     for candidate in candidates:
         try:
-            _require_rows(pairing, candidate, FEWEST)
+            _require_rows(pairing, candidate, MIN_ROWS_FOR_OFFSET)
             tried.append(start(pairing, candidate, asked.seed))
         except (InputError, NotConvergedError) as error:
             failure = failure or error
@@ -270,24 +270,24 @@ def _estimate(
         raise failure
     tried.sort(key=lambda one: one.score)
     # Two variances, so four times the logarithm of a ratio of deviations.
-    alike = [one for one in tried if one.score - tried[0].score < 4 * np.log(ALIKE)]
+    alike = [one for one in tried if one.score - tried[0].score < 4 * np.log(SIMILAR_RESIDUAL_RATIO)]
     best = min(alike, key=lambda one: abs(one.offset - middle)) if np.isfinite(middle) else tried[0]
     alternatives = {round(one.offset, 6) for one in alike if abs(one.offset - best.offset) > 2 * step}
     refined = best
     if noise is not None:
         refined = refined._replace(noise=noise, of_samples=True)
     rows = pairing.rows_at(refined.offset)
-    refined = refine(pairing, refined, thinned(rows, FOR_ROUNDS), given)
+    refined = refine(pairing, refined, thinned(rows, ROWS_FOR_ROUNDS), given)
     if noise is None and np.isfinite(refined.std):
         refined = refined._replace(noise=with_noise(pairing, refined, rows))
     for _ in range(3):  # an offset that moves may add rows at an end
         rows = pairing.rows_at(refined.offset)
-        refined = refine(pairing, refined, thinned(rows, FOR_ALL), given)
+        refined = refine(pairing, refined, thinned(rows, ROWS_FOR_RESULT), given)
         if np.array_equal(rows, pairing.rows_at(refined.offset)):
             break
     if given is not None:  # what the data alone want, where they want it
         refined = refined._replace(wanted=(best.offset, best.std))
-    if not refined.std < UNKNOWN and given is None:
+    if not refined.std < MAX_OFFSET_SD_S and given is None:
         known = f" (standard deviation {refined.std:.2g} s)" if np.isfinite(refined.std) else ""
         raise InputError(
             f"The motion does not determine the time offset{known}. Rotate the robot about different axes, faster and "
@@ -331,8 +331,8 @@ def _left_out(pairing: Pairing, origins: tuple[float, float], found: Interpolate
 
 def _too_few(pairing: Pairing, origins: tuple[float, float], found: Interpolated, offset: float, fewest: int) -> str:
     parts = _left_out(pairing, origins, found)
-    named = "; ".join(str(part) for part in parts[:NAMED]) + (
-        f"; and {len(parts) - NAMED} more" if parts[NAMED:] else ""
+    named = "; ".join(str(part) for part in parts[:MAX_NAMED]) + (
+        f"; and {len(parts) - MAX_NAMED} more" if parts[MAX_NAMED:] else ""
     )
     since = " (times since the start of each stream)" if origins == (0.0, 0.0) else ""
     return (
@@ -355,8 +355,8 @@ def _assembled(
     offset = prior[0] if prior is not None and given.exact else at + shift
     found = pairing.interpolated(at)
     rows = np.flatnonzero(found.fine)
-    if len(rows) < FEWEST_AT_ALL:
-        raise InputError(_too_few(pairing, origins, found, offset, FEWEST_AT_ALL))
+    if len(rows) < FEWEST:
+        raise InputError(_too_few(pairing, origins, found, offset, FEWEST))
     gone = _left_out(pairing, origins, found)
     sources = tuple(stream.source for stream in (robot, camera) if stream.source is not None)
     stops = find_stops(pairing.robot_times, pairing.robot, pairing.camera_times, pairing.camera, at, pairing.max_gap)
@@ -384,7 +384,7 @@ def _assembled(
     error = error_of_interpolation(side_poses, missed)
     if refined is not None and not still:
         bias = bias_of_interpolation(pairing, refined, missed)
-        if bias >= COARSE:
+        if bias >= 1.0:  # standard deviation of X
             values = {"side": pairing.side, "rotation": error[0], "translation": error[1], "bias": bias}
             findings.append(Finding("synchronisation.coarse_interpolation", "caution", values))
     result = Synchronised(
@@ -415,9 +415,9 @@ def _assembled(
 
 
 def _of_stops(stops: list[Stop], setup: str, origin: float, sources: tuple[Source, ...], timing: Timing) -> PosePairs:
-    if len(stops) < FEWEST_AT_ALL:
+    if len(stops) < FEWEST:
         raise InputError(
-            f"Expected at least {FEWEST_AT_ALL} stops of robot and camera with still=True, found {len(stops)}. Stop "
+            f"Expected at least {FEWEST} stops of robot and camera with still=True, found {len(stops)}. Stop "
             "for half a second and more at each pose, or take the poses in motion (still=False)."
         )
     robot, camera = (np.stack(part) for part in zip(*((stop.robot, stop.camera) for stop in stops), strict=True))
@@ -440,21 +440,21 @@ def _against_streams(
     def caution(what: str, **values: object) -> None:
         found.append(Finding(f"synchronisation.{what}", "caution", values))
 
-    exact = prior is not None and prior[1] == 0
+    exact, beyond_chance = prior is not None and prior[1] == 0, RARE.chi_square(1)
     gaps = [part for part in gone if part.gap]
     lost = sum(len(part.times) for part in gaps)
-    if lost > MANY * (lost + kept):
-        parts = [part.to_dict() for part in gaps[:NAMED]]
-        caution("gaps", lost=lost, n=lost + kept, max_gap=pairing.max_gap, parts=parts, more=len(gaps) > NAMED)
+    if lost > MAX_GAP_SHARE * (lost + kept):
+        parts = [part.to_dict() for part in gaps[:MAX_NAMED]]
+        caution("gaps", lost=lost, n=lost + kept, max_gap=pairing.max_gap, parts=parts, more=len(gaps) > MAX_NAMED)
     if estimate is None:
         return found
     if estimate.alternatives and not exact:
         caution("other_offsets", offset=offset, others=[value + shift for value in estimate.alternatives])
     wanted, std = estimate.refined.offset + shift, estimate.refined.std
     alone, alone_std = estimate.refined.wanted[0] + shift, estimate.refined.wanted[1]
-    if prior is not None and not exact and abs(alone - prior[0]) > FAR * np.hypot(alone_std, prior[1]):
+    if prior is not None and not exact and (alone - prior[0]) ** 2 > beyond_chance * (alone_std**2 + prior[1] ** 2):
         caution("prior_contradicted", prior=prior[0], prior_std=prior[1], offset=alone, std=alone_std)
-    if exact and abs(wanted - offset) > FAR * std:
+    if exact and (wanted - offset) ** 2 > beyond_chance * std**2:
         caution("offset_contradicted", given=offset, offset=wanted, std=std)
     return found
 
