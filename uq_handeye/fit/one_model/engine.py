@@ -69,6 +69,34 @@ class State:
 
 
 @dataclass(frozen=True, eq=False)
+class Solved:
+    """f at one set of sizes, the mean of x and z, and the factors of H."""
+
+    theta: Array  # (k,) logarithms of the free sizes
+    s: Array  # (components,)
+    halves: tuple[Array, ...]  # (d, d, 1, n) L^-1 of groups of equal size
+    A: Array  # (p + m + 1, rows) transposed, with y as the last row
+    C: Array  # Cholesky factor of H times unit on both sides
+    unit: Array  # (p + m,)
+    u: Array  # (p + m,) x and z
+    value: float
+    pulled: Array  # (k,) derivatives of the prior of the sizes
+
+    def whole(self) -> Array:
+        """R (p + m, p + m) with ``H^-1 = R^T R``, lower triangular."""
+        return np.asarray(dtrtri(self.C, lower=1)[0] * self.unit)
+
+
+class Slope(NamedTuple):
+    """First derivatives at one set of sizes."""
+
+    gradient: Array  # (k,)
+    determined: Array  # (components,) numbers that the data determine; of noise of each pose 0
+    Q: Array  # (p + m, rows) R A^T, with H^-1 = R^T R
+    e: Array  # (rows,) whitened residuals
+
+
+@dataclass(frozen=True, eq=False)
 class Conditional:
     """Posterior of the unknown poses x, or of them and the errors e = s z, for given sizes."""
 
@@ -206,7 +234,7 @@ class LatentModel(ReadOnlyArrays):
         return tuple(_Prepared.of(rows) for rows in self.groups)
 
     @cached_property
-    def _known_points(self) -> dict[bytes, _Solved]:
+    def _known_points(self) -> dict[bytes, Solved]:
         """Solution of `of_poses` at its sizes, without the rows: `conditional` is asked at the same ones."""
         return {}
 
@@ -225,29 +253,20 @@ class LatentModel(ReadOnlyArrays):
 
     # ------------------------------------------------------------------------------------------- one set of sizes
 
-    def _solved(self, theta: Array) -> _Solved:
+    def solved(self, theta: Array) -> Solved:
+        """Return f, the mean of x and z, and the factors of H."""
         s = self.sizes(theta)
-        halves, grams, white, logs = self._whitened(s[None])
-        A = white[0] * self._scale(s)[:, None]
-        return replace(self._of_sums(theta, grams[0], float(logs[0])), halves=halves, A=A)
-
-    def _scale(self, s: Array) -> Array:
-        """(..., p + m + 1) what the columns are multiplied with at sizes s (..., components)."""
-        scale = np.ones((*s.shape[:-1], self.p + self.shared.shape[-1] + 1))
-        scale[..., self.p : -1] = s[..., self._owner]
-        return scale
+        halves, grams, A, logs = self._whitened(s[None])
+        return replace(self._of_sums(theta, grams[0], float(logs[0])), halves=halves, A=A[0])
 
     def _whitened(self, s: Array) -> tuple[tuple[Array, ...], Array, Array, Array]:
-        """Parts at sizes s (t, components): ``L^-1`` of the groups, ``[A, y]^T [A, y]``, ``[A, y]^T`` with sizes of 1
-        for the columns, and ``sum log|L|``.
-        """
+        """``L^-1`` of the groups, ``[A, y]^T [A, y]``, ``[A, y]^T`` and ``sum log|L|`` at sizes s (t, components)."""
         found = [rows.whitened(s) for rows in self._prepared]
         A = found[0][1] if len(found) == 1 else np.concatenate([white for _, white, _ in found], axis=-1)
-        scale = self._scale(s)
-        grams = (A @ A.mT) * scale[:, :, None] * scale[:, None, :]
-        return tuple(half for half, _, _ in found), grams, A, sum((log for _, _, log in found), np.zeros(len(s)))
+        A[:, self.p : -1] *= s[:, self._owner, None]
+        return tuple(half for half, _, _ in found), A @ A.mT, A, sum((log for _, _, log in found), np.zeros(len(s)))
 
-    def _of_sums(self, theta: Array, gram: Array, logs: float) -> _Solved:
+    def _of_sums(self, theta: Array, gram: Array, logs: float) -> Solved:
         """Solve by the sums of `_whitened`."""
         p = self.p
         if self.prior is not None:
@@ -268,15 +287,20 @@ class LatentModel(ReadOnlyArrays):
         off = theta - self.medians
         pulled = self._prior_of_sizes @ off
         value = float(logs + 0.5 * (square + pull @ u) + 0.5 * off @ pulled)
-        return _Solved(self.sizes(theta), (), np.zeros((len(u) + 1, 0)), C, unit, u, value, pulled)
+        return Solved(theta, self.sizes(theta), (), np.zeros((len(u) + 1, 0)), C, unit, u, value, pulled)
 
     def value(self, theta: Array) -> float:
         """f."""
-        return self._solved(theta).value
+        return self.solved(theta).value
 
     def at(self, theta: Array) -> State:
         """f with its derivatives."""
-        at = self._solved(theta)
+        solved = self.solved(theta)
+        slope = self.slope(solved)
+        return State(theta, solved.value, slope.gradient, self.information(solved, slope), slope.determined)
+
+    def slope(self, at: Solved) -> Slope:
+        """Return the gradient of f, and what the average information takes from it."""
         p, k = self.p, len(self.components)
         whole = at.whole()
         inverse_diagonal = np.einsum("ij,ij->j", whole, whole)
@@ -286,10 +310,6 @@ class LatentModel(ReadOnlyArrays):
         z, owner = at.u[p:], self._owner
         determined = np.bincount(owner, 1.0 - inverse_diagonal[p:], minlength=k).astype(float)  # integers of none
         gradient = determined - np.bincount(owner, z * z, minlength=k)
-        W = np.zeros((k, len(e)))
-        for c in np.unique(owner):
-            of = p + np.flatnonzero(owner == c)
-            W[c] = -2.0 * (at.u[of] @ columns[of])
         for rows, half, part in self._parts(at.halves):
             if not len(rows.numbers):
                 continue
@@ -301,14 +321,25 @@ class LatentModel(ReadOnlyArrays):
             inside = by.mT @ left @ by
             squares, flat_blocks = at.s[rows.numbers] ** 2, rows.blocks.reshape(len(rows.numbers), -1)
             gradient[rows.numbers] += squares * (flat_blocks @ inside.transpose(1, 2, 0).reshape(-1))
+        return Slope(gradient[self.free] + at.pulled, determined, Q, e)
+
+    def information(self, at: Solved, slope: Slope) -> Array:
+        """Return the average information (k, k) of the logarithms of the free sizes, with that of their priors."""
+        p, owner, e, Q = self.p, self._owner, slope.e, slope.Q
+        W = np.zeros((len(self.components), len(e)))
+        for c in np.unique(owner):
+            of = p + np.flatnonzero(owner == c)
+            W[c] = -2.0 * (at.u[of] @ at.A[of])
+        for rows, half, part in self._parts(at.halves):
+            if not len(rows.numbers):
+                continue
+            e_i = e[part].reshape(half.shape[0], half.shape[-1])
             pulled = np.einsum("bijn,jn->bin", rows.blocks, np.einsum("jin,jn->in", half, e_i))
-            moved = np.einsum("ijn,bjn->bin", half, pulled).reshape(len(squares), -1)
-            W[rows.numbers, part] += 2.0 * squares[:, None] * moved
-        free = self.free
-        flat = W[free]
+            moved = np.einsum("ijn,bjn->bin", half, pulled).reshape(len(rows.numbers), -1)
+            W[rows.numbers, part] += 2.0 * at.s[rows.numbers, None] ** 2 * moved
+        flat = W[self.free]
         across = flat @ Q.T
-        information = 0.5 * (flat @ flat.T - across @ across.T) + self._prior_of_sizes
-        return State(theta, at.value, gradient[free] + at.pulled, information, determined)
+        return np.asarray(0.5 * (flat @ flat.T - across @ across.T) + self._prior_of_sizes)
 
     def _parts(self, halves: tuple[Array, ...]) -> Iterator[tuple[_Prepared, Array, slice]]:
         """Groups of equal size with ``L^-1`` (d, d, n) and their place among the rows."""
@@ -343,7 +374,7 @@ class LatentModel(ReadOnlyArrays):
         A component moves x by its columns, as the posterior leaves them open, and by its noise at each pose, through
         the gain ``-H^-1 A^T L^-1``.
         """
-        at, p, q = self._solved(theta), self.p, min(6, self.p)
+        at, p, q = self.solved(theta), self.p, min(6, self.p)
         half = at.whole()
         of_x = half[:, :q].T @ half  # (q, p + m) of H^-1
         gain = of_x @ at.A[:-1]
@@ -367,7 +398,7 @@ class LatentModel(ReadOnlyArrays):
         By the number of the component, of those whose rows leave less than `ABSORBED` of their energy beside the
         unknowns: nothing is known of such an error, and its size is in the unknowns.
         """
-        A, p, found = self._solved(theta).A.T, self.p, {}
+        A, p, found = self.solved(theta).A.T, self.p, {}
         Q, R = np.linalg.qr(A[:, :p])
         for k in np.unique(self._owner).tolist():
             columns = A[:, p + np.flatnonzero(self._owner == k)]
@@ -382,7 +413,7 @@ class LatentModel(ReadOnlyArrays):
 
         Energies are those of the whitened rows at these sizes: noise has 1 of each number.
         """
-        at, found = self._solved(theta), {}
+        at, found = self.solved(theta), {}
         for side in SIDES:
             of = np.array([part.side == side for part in self.components], dtype=bool)
             A = at.A[self.p + np.flatnonzero(of[self._owner])]
@@ -396,24 +427,8 @@ class LatentModel(ReadOnlyArrays):
 
     def conditional(self, theta: Array) -> Conditional:
         """The joint posterior of the poses and of the errors in their units, for given sizes."""
-        at = self._known_points.get(theta.tobytes()) or self._solved(theta)
+        at = self._known_points.get(theta.tobytes()) or self.solved(theta)
         inverse = at.whole()
         scale = np.concatenate([np.ones(self.p), at.s[self._owner]])
         inverse = inverse * scale
         return Conditional(theta, at.value, at.u * scale, inverse.T @ inverse)
-
-
-@dataclass(frozen=True, eq=False)
-class _Solved:
-    s: Array  # (components,)
-    halves: tuple[Array, ...]  # (d, d, 1, n) L^-1 of groups of equal size
-    A: Array  # (p + m + 1, rows) transposed, with y as the last row
-    C: Array  # Cholesky factor of H times unit on both sides
-    unit: Array  # (p + m,)
-    u: Array  # (p + m,) x and z
-    value: float
-    pulled: Array  # (k,) derivatives of the prior of the sizes
-
-    def whole(self) -> Array:
-        """R (p + m, p + m) with ``H^-1 = R^T R``, lower triangular."""
-        return np.asarray(dtrtri(self.C, lower=1)[0] * self.unit)

@@ -9,6 +9,7 @@ twice the evaluations.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,6 +25,8 @@ AWAY = 0.25
 # Other modes (`other_modes`): a size of so many medians counts as one of the tail, which begins at `FAR` of them; a
 # number is seen beyond so many standard deviations; modes are apart by so many.
 TAIL, FAR, SHOWS, APART = 150.0, 10.0, 4.0, 2.0
+# A search that has come this near to a mode, in standard deviations of the sizes, will end there.
+ARRIVED = 0.3
 # The mode is found when a step promises less; steps and halvings at most.
 GAIN, MOST, HALVINGS = 1e-5, 60, 12
 
@@ -47,26 +50,34 @@ class Mode:
         return -self.state.value - 0.5 * float(np.linalg.slogdet(self.state.information)[1])
 
 
-def find_mode(model: LatentModel, start: Array | None = None, gain: float = GAIN, reach: float = REACH) -> Mode:
+def find_mode(
+    model: LatentModel,
+    start: Array | None = None,
+    gain: float = GAIN,
+    reach: float = REACH,
+    known: Sequence[Mode] = (),
+) -> Mode:
     """Minimise f from ``start`` (the medians by default), until a step promises less than ``gain``.
 
-    ``reach``: deviations of the prior between which the sizes are looked for.
+    ``reach``: deviations of the prior between which the sizes are looked for. ``known``: other modes; a search that
+    comes near one of them ends with it (`_apart` by less than `ARRIVED`).
     """
     low, high = model.medians - reach * model.spreads, model.medians + reach * model.spreads
-    state = model.at(model.medians if start is None else np.clip(start, low, high))
-    B, converged = state.information, not len(low)
+    state = model.solved(model.medians if start is None else np.clip(start, low, high))
+    slope = model.slope(state)
+    B, converged = model.information(state, slope), not len(low)
     for _ in range(0 if converged else MOST):
-        open_ = ~_held(state, low, high)
+        open_ = ~_held(state.theta, slope.gradient, low, high)
         move = np.zeros(len(low))
         if open_.any():
-            move[open_] = -np.linalg.solve(B[np.ix_(open_, open_)], state.gradient[open_])
-        promised = -float(state.gradient @ move)
+            move[open_] = -np.linalg.solve(B[np.ix_(open_, open_)], slope.gradient[open_])
+        promised = -float(slope.gradient @ move)
         if promised < gain:
             converged = True
             break
         share = min(1.0, LONGEST / float(np.abs(move).max()))
         for _ in range(HALVINGS):
-            tried = model.at(np.clip(state.theta + share * move, low, high))
+            tried = model.solved(np.clip(state.theta + share * move, low, high))
             if tried.value < state.value - 1e-4 * share * promised:
                 break
             # the minimum of the parabola through both values and the slope
@@ -75,14 +86,17 @@ def find_mode(model: LatentModel, start: Array | None = None, gain: float = GAIN
         else:
             converged = promised < 1e-2  # what is left is rounding
             break
-        moved = tried.theta - state.theta
+        moved, slope_before = tried.theta - state.theta, slope
+        if arrived := [mode for mode in known if not _apart(tried.theta, mode, ARRIVED)]:
+            return arrived[0]
+        state, slope = tried, model.slope(tried)
         if share <= 0.1 or np.abs(moved).max() > AWAY:  # the curvature there is another one
-            B = tried.information
+            B = model.information(state, slope)
         else:
-            B = _updated(B, moved, tried.gradient - state.gradient)
-        state = tried
-    at_bound = tuple(np.flatnonzero(_held(state, low, high)).tolist())
-    return Mode(state, converged, at_bound)
+            B = _updated(B, moved, slope.gradient - slope_before.gradient)
+    at_bound = tuple(np.flatnonzero(_held(state.theta, slope.gradient, low, high)).tolist())
+    information = model.information(state, slope)
+    return Mode(State(state.theta, state.value, slope.gradient, information, slope.determined), converged, at_bound)
 
 
 def other_modes(model: LatentModel, mode: Mode) -> list[Mode]:
@@ -105,8 +119,8 @@ def other_modes(model: LatentModel, mode: Mode) -> list[Mode]:
             start = mode.theta.copy()
             start[noise] = [np.log(_of_residuals(model, free[k])) for k in noise]
             start[place] = model.medians[place]
-            other = find_mode(model, start)
-            if other.converged and all(_apart(other, known) for known in (mode, *found)):
+            other = find_mode(model, start, known=(mode, *found))
+            if other.converged and all(_apart(other.theta, known) for known in (mode, *found)):
                 found.append(other)
     for place, number in enumerate(free):
         if model.components[number].count != 1:
@@ -125,11 +139,11 @@ def other_modes(model: LatentModel, mode: Mode) -> list[Mode]:
                 start[place] = np.log(size)
                 starts.append(start)
         for start in starts:
-            other = find_mode(model, start)
+            other = find_mode(model, start, known=(mode, *found))
             if (
                 other.converged
                 and place not in other.at_bound
-                and all(_apart(other, known) for known in (mode, *found))
+                and all(_apart(other.theta, known) for known in (mode, *found))
             ):
                 found.append(other)
     return found
@@ -142,15 +156,15 @@ def _of_residuals(model: LatentModel, number: int) -> float:
     return float(np.sqrt(((model.r**2).sum(axis=0)[rows] / variance[rows]).max()))
 
 
-def _apart(other: Mode, known: Mode) -> bool:
-    off = other.theta - known.theta
-    return float(off @ known.state.information @ off) > APART**2
+def _apart(theta: Array, known: Mode, least: float = APART) -> bool:
+    """Return whether sizes are apart from a mode by more than so many standard deviations."""
+    off = theta - known.theta
+    return float(off @ known.state.information @ off) > least**2
 
 
-def _held(state: State, low: Array, high: Array) -> NDArray[np.bool_]:
+def _held(theta: Array, gradient: Array, low: Array, high: Array) -> NDArray[np.bool_]:
     """(k,) sizes at the end of their range that would go beyond it."""
-    at_low = (state.theta <= low + 1e-9) & (state.gradient > 0)
-    return np.asarray(at_low | ((state.theta >= high - 1e-9) & (state.gradient < 0)))
+    return np.asarray(((theta <= low + 1e-9) & (gradient > 0)) | ((theta >= high - 1e-9) & (gradient < 0)))
 
 
 def _updated(B: Array, s: Array, y: Array) -> Array:

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import suppress
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,9 +36,15 @@ from .estimation import ROUGH, FoundSizes, JointModel
 # Share of rejected poses above which all poses are tried as a start as well; and over how many powers of e the size of
 # an outlier is spread.
 MANY_REJECTED, ORDERS = 0.05, 7.0
+# Estimates of the noise after which a weighing that rejects ever more poses may be given up.
+MIN_ESTIMATES = 4
 # Beside the errors of an arm a pose is wrong from this many times the usual d^2 on. Poses left out for their tails make
 # the noise of the others too small for new ones.
 TAILS = 3.0
+
+
+class _Overtaken(Exception):
+    """The other start has led to a more probable result than a weighing that rejects ever more rows."""
 
 
 def weigh(
@@ -47,14 +54,28 @@ def weigh(
     seed: int | np.random.Generator = 0,
     slack: float = 1.0,
     all_alike: bool = False,
+    rival: Callable[[], float] | None = None,
 ) -> tuple[RobustFit, FoundSizes | None]:
-    """Robust weights, and the sizes of the errors that they go with; ``slack``, ``all_alike`` as of `NoiseSearch`."""
-    found: FoundSizes | None = None
+    """Robust weights, and the sizes of the errors that they go with; ``slack``, ``all_alike`` as of `NoiseSearch`.
 
-    def estimate_noise(_: Constraint, at: Unknowns, weights: Array) -> Noise | None:
+    ``rival``: the `_cost` of another result, for which this one is given up (`_Overtaken`).
+    """
+    found: FoundSizes | None = None
+    rejected: list[int] = []
+
+    def estimate_noise(constraint: Constraint, at: Unknowns, weights: Array) -> Noise | None:
         nonlocal found
         found = source.find(at, weights, None if found is None else found.mode.theta, ROUGH)
-        return None if found.noise is None else with_prior(found.noise, source.pose_prior)
+        if found.noise is None:
+            return None
+        noise = with_prior(found.noise, source.pose_prior)
+        rejected.append(int((weights == 0).sum()))
+        grows = len(rejected) > MIN_ESTIMATES and rejected[-1] > max(rejected[-2], MANY_REJECTED * len(weights))
+        if rival is not None and grows:
+            fitted = fit(constraint, noise, at, CLOSED_FORM_STEPS, weights)
+            if _cost_of(fitted, found, len(weights)) > rival():
+                raise _Overtaken
+        return noise
 
     search = NoiseSearch(estimate_noise, source.pose_prior, slack, all_alike)
     return fit_robustly(source.constraint, None, at, method, search, seed), found
@@ -67,11 +88,27 @@ def weigh_from_two_starts(
 
     ``slack_of_all``: that of all rows alike.
     """
-    robust, found = weigh(source, at, method, seed, slack)
-    if found is not None and not found.exact.any() and (robust.weights == 0).mean() > MANY_REJECTED:
+
+    @cache
+    def from_all() -> tuple[RobustFit, FoundSizes | None] | None:
         with suppress(InputError, NotConvergedError):
-            other = weigh(source, at, method, seed, slack_of_all, all_alike=True)
-            robust, found = min((robust, found), other, key=_cost)
+            return weigh(source, at, method, seed, slack_of_all, all_alike=True)
+        return None
+
+    def rival() -> float:
+        other = from_all()
+        return float("inf") if other is None else _cost(other)
+
+    try:
+        robust, found = weigh(source, at, method, seed, slack, rival=rival)
+    except _Overtaken:
+        other = from_all()
+        assert other is not None
+        return other
+    if found is not None and not found.exact.any() and (robust.weights == 0).mean() > MANY_REJECTED:
+        other = from_all()
+        if other is not None and _cost(other) < _cost((robust, found)):
+            return other
     return robust, found
 
 
@@ -98,9 +135,14 @@ def _cost(weighed: tuple[RobustFit, FoundSizes | None]) -> float:
     robust, found = weighed
     if found is None or found.exact.any():
         return float("inf")
+    return _cost_of(robust.fit, found, len(robust.weights))
+
+
+def _cost_of(fit: Fit, found: FoundSizes, n: int) -> float:
+    """`_cost` of a fit to n rows with the sizes found."""
     kept = len(found.kept)
     inside = kept * (found.mode.state.value / len(found.used) + 3.0 * float(np.log(2.0 * np.pi)))
-    return inside + _as_outliers(robust.fit, np.setdiff1d(np.arange(len(robust.weights)), found.kept))
+    return inside + _as_outliers(fit, np.setdiff1d(np.arange(n), found.kept))
 
 
 def _as_outliers(fit: Fit, rows: NDArray[np.intp]) -> float:
