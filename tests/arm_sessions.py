@@ -8,7 +8,7 @@ from calibration_cases import quietly
 from scipy.spatial.transform import Rotation
 
 import uq_handeye as uq
-from uq_handeye.model.kinematics.arms.postures import postures_at
+from uq_handeye.model.kinematics.arms.newton import postures_at
 from uq_handeye.model.kinematics.chain import Kinematics
 
 DEGREE = np.pi / 180

@@ -54,16 +54,19 @@ if _typing.TYPE_CHECKING:
     from .model.kinematics.errors import ErrorParameter
     from .model.kinematics.joints_file import read_joints
     from .model.kinematics.kinematic_errors import KinematicErrors
+    from .model.noise.camera_noise import CameraNoise
     from .model.noise.estimate import NoiseEstimate, NoisePrior
     from .model.noise.joint_covariance import JointCovariance
-    from .model.noise.models import CameraNoise, PairNoise, PoseNoise
-    from .model.noise.pose_prior import PosePrior, parse_known_values
+    from .model.noise.known_values import parse_known_values
+    from .model.noise.models import PairNoise, PoseNoise
+    from .model.noise.pose_prior import PosePrior
     from .model.points.estimate import poses_from_points
     from .model.points.measured import PointSet, Target
     from .model.points.point_file import read_points, read_target
     from .model.points.result import PointPoses, read_point_poses
     from .model.poses.motions import Motions, relative_motions
-    from .model.poses.pose_pairs import PosePairs, Stream
+    from .model.poses.pose_pairs import PosePairs
+    from .model.poses.stream import Stream
     from .model.shared_errors.camera_noise import camera_noise
     from .model.shared_errors.shared_error import SharedError
     from .read import (
@@ -317,12 +320,10 @@ _LATER = {
         "NoisePrior",
     ),
     "model.noise.joint_covariance": ("JointCovariance",),
-    "model.noise.models": (
-        "CameraNoise",
-        "PairNoise",
-        "PoseNoise",
-    ),
-    "model.noise.pose_prior": ("PosePrior", "parse_known_values"),
+    "model.noise.camera_noise": ("CameraNoise",),
+    "model.noise.known_values": ("parse_known_values",),
+    "model.noise.models": ("PairNoise", "PoseNoise"),
+    "model.noise.pose_prior": ("PosePrior",),
     "fit.one_model.component": ("Component",),
     "fit.one_model.noise_of_data": ("estimate_noise", "estimate_robot_noise"),
     "use.planning.plan": ("plan",),
@@ -343,7 +344,8 @@ _LATER = {
         "Motions",
         "relative_motions",
     ),
-    "model.poses.pose_pairs": ("PosePairs", "Stream"),
+    "model.poses.pose_pairs": ("PosePairs",),
+    "model.poses.stream": ("Stream",),
     "methods.procrustes.registration": ("register",),
     "methods.procrustes.scaled": ("se3_from_so4", "so4_from_se3"),
     "methods.procrustes.paper_covariances": (

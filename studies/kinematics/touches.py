@@ -31,8 +31,8 @@ from uq_handeye.fit.one_model.component import Component
 from uq_handeye.fit.one_model.engine import LatentModel
 from uq_handeye.fit.one_model.integration import integrate
 from uq_handeye.fit.one_model.mode import find_mode
-from uq_handeye.model.kinematics.kinematic_errors import JOINT_NOISE, JOINT_NOISE_FACTOR
-from uq_handeye.model.shared_errors.sizes import Size
+from uq_handeye.model.kinematics.kinematic_errors import JOINT_NOISE
+from uq_handeye.model.shared_errors.sizes import SIZES, Size
 
 TOUCH = "touch"
 TOUCH_SD, TOUCH_FACTOR = 0.15e-3, 3.0  # m: what is known of the noise of a touch beforehand
@@ -176,7 +176,10 @@ def _latent(
     components = [
         Component(TOUCH, "robot", Size(TOUCH_SD, TOUCH_FACTOR, "m"), block=np.eye(6)[:, 3:]),
         Component(
-            JOINT_NOISE, "robot", Size(population.joint_sd, JOINT_NOISE_FACTOR, "rad"), block=_padded(at.by_joints)
+            JOINT_NOISE,
+            "robot",
+            Size(population.joint_sd, SIZES[JOINT_NOISE].factor, "rad"),
+            block=_padded(at.by_joints),
         ),
     ]
     for group, K in zip(groups, np.split(F, np.cumsum(counts)[:-1], axis=-1), strict=True):

@@ -9,7 +9,7 @@ import pytest
 import uq_handeye as uq
 from uq_handeye.errors import InputError
 from uq_handeye.findings import Finding, renumbered
-from uq_handeye.model.poses.pose_pairs import numbers_of, ranges, select_poses
+from uq_handeye.model.poses.pose_numbers import numbers_of, ranges, select_poses
 from uq_handeye.report.comparison.compare import compare_beside
 from uq_handeye.report.figures import pictures, small_pictures
 

@@ -13,7 +13,7 @@ from support import difference, moved
 
 import uq_handeye as uq
 from uq_handeye.fit.input_checks.checks import check_fit, check_poses
-from uq_handeye.model.poses.motions import residuals, rotation_angles, summarise
+from uq_handeye.model.poses.residuals import residuals, rotation_angles, summarise
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
 needs_data = pytest.mark.skipif("UQ_HANDEYE_DATA" not in os.environ, reason="UQ_HANDEYE_DATA is not set")

@@ -13,7 +13,7 @@ from uq_handeye.calibration.report.first_screen import next_step, step_after
 from uq_handeye.core.files.source import Source
 from uq_handeye.fit.input_checks.checks import check_fit
 from uq_handeye.fit.input_checks.misread_files import other_readings
-from uq_handeye.model.poses.motions import pose_residuals
+from uq_handeye.model.poses.residuals import pose_residuals
 from uq_handeye.read import write_pose_file
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))

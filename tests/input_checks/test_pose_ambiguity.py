@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 import uq_handeye as uq
 from uq_handeye.fit.input_checks.pose_ambiguity import CODE
 from uq_handeye.model.camera.adjustment.two_minima import both_minima, flipped
-from uq_handeye.model.poses.motions import rotation_angles
+from uq_handeye.model.poses.residuals import rotation_angles
 
 pytestmark = pytest.mark.filterwarnings("ignore::uq_handeye.InputWarning")  # of outliers
 F, CENTRE, SIZE = 900.0, (639.5, 479.5), (1280, 960)

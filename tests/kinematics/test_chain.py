@@ -132,7 +132,7 @@ def test_leading_axes_and_blocks(rng, monkeypatch):
     assert chain.poses(q).shape == (2, 5, 4, 4)
     whole = {name: getattr(chain, name)(q, e) for name in ("poses", "frames", "jacobian", "columns")}
     assert whole["columns"].shape == (3, 2, 5, 6, len(chain.errors))
-    monkeypatch.setattr("uq_handeye.model.kinematics.chain.BLOCK", 4)
+    monkeypatch.setattr("uq_handeye.model.kinematics.chain.POSTURES_PER_BLOCK", 4)
     for name, values in whole.items():
         function = getattr(chain, name)
         np.testing.assert_allclose(function(q, e), values, atol=1e-15)

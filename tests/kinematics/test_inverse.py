@@ -5,7 +5,9 @@ import pytest
 from arm_cases import random_chain
 from arm_sessions import chain, drawn_errors
 
-from uq_handeye.model.kinematics.arms.postures import REACHED, elbow_moved, postures_at
+from uq_handeye.core.numbers.rounding import HALF_DIGITS
+from uq_handeye.model.kinematics.arms.elbow import elbow_moved
+from uq_handeye.model.kinematics.arms.newton import postures_at
 from uq_handeye.model.kinematics.chain import Kinematics
 from uq_handeye.model.kinematics.forward import spread_postures
 from uq_handeye.model.kinematics.kinematic_errors import KinematicErrors
@@ -23,7 +25,7 @@ def test_postures_have_the_poses_wanted(errors):
     poses = arm.poses(q, e)
     found = postures_at(arm, poses, q + 0.2 * rng.normal(size=q.shape), e)
     assert found.reached.mean() > 0.9
-    np.testing.assert_allclose(arm.poses(found.q, e)[found.reached], poses[found.reached], atol=3 * REACHED)
+    np.testing.assert_allclose(arm.poses(found.q, e)[found.reached], poses[found.reached], atol=3 * HALF_DIGITS)
 
 
 def test_postures_stay_inside_the_limits_and_a_pose_out_of_reach_is_told():
@@ -50,7 +52,7 @@ def test_an_elbow_that_is_turned_leaves_the_pose():
     q = np.array([[0.1, -0.4, 0.2, -2.2, 0.1, 1.8, 0.8], [0.6, 0.2, -0.3, -1.9, -0.4, 1.9, 0.2]])
     ways = elbow_moved(arm, arm.poses(q), q, 0.9)
     for way in ways:
-        np.testing.assert_allclose(arm.poses(way), arm.poses(q), atol=3 * REACHED)
+        np.testing.assert_allclose(arm.poses(way), arm.poses(q), atol=3 * HALF_DIGITS)
         assert (np.linalg.norm(way - q, axis=1) > 0.5).all()
     assert (np.linalg.norm(ways[0] - ways[1], axis=1) > 1.0).all()
 

@@ -7,7 +7,8 @@ from arm_cases import random_chain
 from uq_handeye.errors import InputError
 from uq_handeye.model.kinematics.arms.known_arms import arm_names, known_arm
 from uq_handeye.model.kinematics.arms.postures import postures_by_branch
-from uq_handeye.model.kinematics.arms.stack import ROLL, SAGS, ArmStack, WorkPostures
+from uq_handeye.model.kinematics.arms.stack import ROLL, SAGS, ArmStack
+from uq_handeye.model.kinematics.arms.work_postures import WorkPostures
 from uq_handeye.model.kinematics.chain import Kinematics
 
 

@@ -12,7 +12,6 @@ from uq_handeye import InputError, PairNoise, PoseNoise, PosePairs, SharedError
 from uq_handeye.model.noise.joint_covariance import JointCovariance
 from uq_handeye.model.poses.timing import Timing
 from uq_handeye.model.shared_errors.assumed import (
-    OF_OUTLINE,
     assumed_outline,
     bound_again,
     default_errors,
@@ -22,8 +21,7 @@ from uq_handeye.model.shared_errors.in_noise import shared_columns, with_shared,
 from uq_handeye.model.shared_errors.shared_error import OUTLINE
 from uq_handeye.model.shared_errors.sizes import SIZES
 from uq_handeye.model.shared_errors.view import (
-    HALF,
-    POINTS,
+    HALF_WIDTH,
     intrinsics_columns,
     median_distance,
     outline_columns,
@@ -92,7 +90,7 @@ def test_focal_length_and_principal_point_of_a_target_that_is_fitted(setup):
     """A camera taken as too long in focus, or centred elsewhere: the pose that is found anew, of the target assumed."""
     T = facing()
     poses = poses_of(T, setup)
-    side = HALF * median_distance(T) * np.linspace(-1.0, 1.0, POINTS)
+    side = HALF_WIDTH * median_distance(T) * np.linspace(-1.0, 1.0, 4)
     x, y = np.meshgrid(side, side)
     P = np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1) + target_centre(T, median_distance(T))
     of_focal, of_centre = (error.bound(poses).at(poses) for error in (SharedError.focal_length(), CENTRE))
@@ -109,8 +107,8 @@ def test_columns_of_the_outline_carry_those_of_the_lens_to_a_board_that_is_no_sq
     """k1 moves poses of a board of 5:4 beside the middle otherwise than those of the square: as the columns say."""
     T = facing(n=12)
     distance = median_distance(T)
-    half, centre = HALF * distance, target_centre(T, distance)
-    u, v = (x.ravel() for x in np.meshgrid(np.linspace(-1, 1, POINTS), np.linspace(-1, 1, POINTS)))
+    half, centre = HALF_WIDTH * distance, target_centre(T, distance)
+    u, v = (x.ravel() for x in np.meshgrid(np.linspace(-1, 1, 4), np.linspace(-1, 1, 4)))
 
     def by_lens(width, height, place):
         P = half * np.stack([np.exp(width) * u + place, np.exp(height) * v, 0 * u], axis=1) + centre
@@ -131,7 +129,7 @@ def test_columns_of_the_outline_carry_those_of_the_lens_to_a_board_that_is_no_sq
 def test_an_outline_is_bound_to_poses_and_ends_with_them():
     poses = poses_of(facing(n=12))
     error = assumed_outline().bound(poses)
-    assert len(error.parts) == OF_OUTLINE == error.at(poses).shape[-1]
+    assert len(error.parts) == 12 == error.at(poses).shape[-1]
     again = bound_again(OUTLINE, poses)
     np.testing.assert_array_equal(again.at(poses.rows([3, 5])), error.at(poses)[[3, 5]])
 

@@ -49,8 +49,9 @@ from ..model.kinematics.kinematic_errors import DECLARED_AS, JOINT_NOISE
 from ..model.noise.estimate import CAMERA_EXCESS, PICTURE_SHIFT
 from ..model.noise.joint_covariance import group_of
 from ..model.noise.models import Noise, PoseNoise, is_of_each, with_prior
-from ..model.poses.motions import Motions, relative_motions, residuals, summarise
+from ..model.poses.motions import Motions, relative_motions
 from ..model.poses.pose_pairs import PosePairs
+from ..model.poses.residuals import residuals, summarise
 from ..model.poses.timing import TimeOffset
 from ..model.posterior.posterior import Posterior
 from ..model.shared_errors.assumed import assumed_drift

@@ -19,7 +19,7 @@ from ..methods.estimators.registry import ROBOT_WORLD_METHODS
 from ..methods.propagation.published_fit import Published, fit_published
 from ..model.noise.estimate import NoiseEstimate
 from ..model.noise.models import Noise, PoseNoise
-from ..model.poses.motions import Residuals, residuals, rotation_angles, summarise
+from ..model.poses.residuals import Residuals, residuals, rotation_angles, summarise
 from ..model.poses.timing import left_out_of
 from .estimate.parts import Errors, Origin, Quality, Solution
 from .job import Job

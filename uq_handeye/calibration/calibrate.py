@@ -28,7 +28,8 @@ from ..findings import Finding, renumbered, warn, without_consequences
 from ..fit.input_checks.shifted_rows import counted_once
 from ..fit.likelihood.gauss_helmert import ESTIMATORS
 from ..model.poses.motions import Motions, relative_motions
-from ..model.poses.pose_pairs import PosePairs, Selection, pairs_of, ranges, select_poses
+from ..model.poses.pose_numbers import Selection, ranges, select_poses
+from ..model.poses.pose_pairs import PosePairs, pairs_of
 from ..model.shared_errors.sizes import Size
 from ..rig.description import Rig, require_left_out
 from .by_likelihood import by_bundle, by_likelihood, poses_about_errors

@@ -33,8 +33,9 @@ from ..model.camera.description import spacing_of
 from ..model.noise.estimate import NoiseEstimate
 from ..model.noise.joint_covariance import group_of
 from ..model.noise.models import Noise, PoseNoise
-from ..model.poses.motions import Motions, median, pose_residuals, relative_motions, rotation_angles, spread_pairs
+from ..model.poses.motions import Motions, relative_motions, spread_pairs
 from ..model.poses.pose_pairs import PosePairs
+from ..model.poses.residuals import median, pose_residuals, rotation_angles
 from ..model.posterior.posterior import Posterior
 from ..model.shared_errors.shared_error import TARGET_SCALE, WRONG_SIZE
 from .job import Job, job_of

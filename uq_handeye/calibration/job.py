@@ -20,7 +20,7 @@ from ..fit.likelihood.rig_bundle import require_shared
 from ..methods.estimators.registry import ROBOT_WORLD_METHODS
 from ..methods.propagation.all_pairs import AllPairs
 from ..model.kinematics.against_controller import ControllerComparison, compare_with_controller
-from ..model.kinematics.arms.postures import postures_at
+from ..model.kinematics.arms.newton import postures_at
 from ..model.kinematics.chain import Kinematics
 from ..model.kinematics.kinematic_errors import (
     ESTIMATE,
@@ -30,8 +30,9 @@ from ..model.kinematics.kinematic_errors import (
     effects_of_errors,
     poses_with_errors,
 )
+from ..model.noise.camera_noise import CameraNoise
 from ..model.noise.joint_covariance import JointCovariance
-from ..model.noise.models import CameraNoise, Noise, PoseNoise, require_count, with_prior
+from ..model.noise.models import Noise, PoseNoise, require_count, with_prior
 from ..model.noise.pose_prior import PosePrior
 from ..model.poses.motions import Motions, relative_motions, spread_pairs
 from ..model.poses.pose_pairs import PosePairs

@@ -18,10 +18,12 @@ from ..fit.one_model.component import Component
 from ..methods.estimators.registry import METHODS, ROBOT_WORLD_METHODS
 from ..model.kinematics.chain import Kinematics
 from ..model.kinematics.kinematic_errors import KinematicErrors
+from ..model.noise.camera_noise import CameraNoise
 from ..model.noise.estimate import NoisePrior
-from ..model.noise.models import CameraNoise, Noise, PairNoise, is_joint, require_count
+from ..model.noise.models import Noise, PairNoise, is_joint, require_count
 from ..model.poses.motions import relative_motions
-from ..model.poses.pose_pairs import PosePairs, Selection, as_joint_values
+from ..model.poses.pose_numbers import Selection
+from ..model.poses.pose_pairs import PosePairs, as_joint_values
 from ..model.shared_errors.shared_error import SharedError, listed_errors
 from ..model.shared_errors.sizes import SizeLike, checked_sizes
 

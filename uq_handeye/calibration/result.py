@@ -18,7 +18,7 @@ from ..core.presentation.document import COLUMNS, document_of, to_text
 from ..core.presentation.html import html_of
 from ..errors import InputError
 from ..fit.diagnostics.task_space import PointUncertainty
-from ..model.poses.motions import data_to_dict
+from ..model.poses.pose_data import data_to_dict
 from .estimate.analysis import FittedKinematics
 from .estimate.estimated import distance_of
 from .prediction.corrected_urdf import CorrectedUrdf, write_corrected_urdf

@@ -23,7 +23,8 @@ from ..fit.likelihood.gauss_helmert import ESTIMATORS
 from ..fit.one_model.points import OpenSizes
 from ..methods.estimators.registry import METHODS, ROBOT_WORLD_METHODS
 from ..model.noise.models import noise_from_dict
-from ..model.poses.motions import Motions, data_from_dict, relative_motions
+from ..model.poses.motions import Motions, relative_motions
+from ..model.poses.pose_data import data_from_dict
 from ..model.poses.pose_pairs import PosePairs
 from ..model.posterior.posterior import Posterior
 from .estimate.analysis import StoredAnalysis

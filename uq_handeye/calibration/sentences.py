@@ -9,7 +9,7 @@ from typing import Any
 from ..core.formatting.numbers import concise, digits, multiple, probability, signed, times_of_noise
 from ..findings import CAMERA, MOTION, NOISE, OUTLIERS, RESIDUALS, SHARED, sentence
 from ..fit.diagnostics.sentences import along
-from ..model.poses.pose_pairs import ranges
+from ..model.poses.pose_numbers import ranges
 from .estimate.estimated import open_words
 
 

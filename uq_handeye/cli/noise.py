@@ -218,7 +218,7 @@ def pose_prior_of(
       --prior-w FILE: Prior of the target pose W, likewise.
       --known TEXT: Measured coordinate of camera or target, e.g. 'target z = 120mm +- 1mm'. Repeatable.
     """
-    from ..model.noise.pose_prior import parse_known_values as known_values
+    from ..model.noise.known_values import parse_known_values as known_values
     from ..read import read_prior
 
     found: dict[str, Any] = dict(known_values(*known)) if known else {}

@@ -14,7 +14,9 @@ from .options import CAMERA_FRAMES, PAIRINGS, ROBOT_FRAMES, SETUP_NAMES, one_of
 
 if TYPE_CHECKING:
     from ..model.noise.models import Noise
-    from ..model.poses.pose_pairs import PosePairs, Selection, Stream
+    from ..model.poses.pose_numbers import Selection
+    from ..model.poses.pose_pairs import PosePairs
+    from ..model.poses.stream import Stream
     from ..model.shared_errors.shared_error import SharedError
     from ..read.rosbag.sensors import Sensors
     from ..read.synchronisation.result import Synchronised
@@ -296,7 +298,7 @@ class PoseFiles(StreamFiles):
 
     def selection(self, poses: "PosePairs", fewest: int = 3) -> "Selection | None":
         """Return which of the poses --exclude and --only leave; None: all."""
-        from ..model.poses.pose_pairs import select_poses
+        from ..model.poses.pose_numbers import select_poses
 
         return select_poses(poses.n, self.exclude, self.only, ("--exclude", "--only"), fewest)
 

@@ -10,8 +10,9 @@ from .boards import BoardOptions, read_length
 from .options import Options
 
 if TYPE_CHECKING:
+    from ..model.noise.camera_noise import CameraNoise
     from ..model.noise.estimate import NoisePrior
-    from ..model.noise.models import CameraNoise, Noise, PoseNoise
+    from ..model.noise.models import Noise, PoseNoise
     from ..model.poses.pose_pairs import PosePairs
 
 

@@ -25,7 +25,8 @@ from ..findings import Finding
 from ..formats.contents import FRAMES, QUATERNIONS, Contents, Side, finished, rotation_form
 from ..formats.csv_poses import warn_if_back
 from ..formats.detect import read_contents
-from ..model.poses.pose_pairs import PosePairs, Stream
+from ..model.poses.pose_pairs import PosePairs
+from ..model.poses.stream import Stream
 from .beside import Joints, KnownCamera, give_joints, joints_of, known_camera
 from .matching import check_rows, match_times, warn_if_swapped
 from .readings import chosen_readings, reading_beside

@@ -21,7 +21,7 @@ from ..errors import InputError
 from ..findings import Finding, warn
 from ..fit.input_checks.misread_files import LARGE_ROTATION, consistency
 from ..formats.contents import FRAMES, SEQUENCES, VECTORS, Reading, Side, doubtful, finished, rotation_form
-from ..model.poses.motions import rotation_angles
+from ..model.poses.residuals import rotation_angles
 
 # A reading is taken if the rotations of every other fit worse by this factor, or are the same and the translations do.
 DECIDED = 5.0

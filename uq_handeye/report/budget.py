@@ -29,9 +29,10 @@ from ..core.presentation.document import Cell, Table
 from ..fit.diagnostics.budget import EACH, Budget, Expanded
 from ..fit.diagnostics.budget import SHARED as SHARED_SOURCE
 from ..model.kinematics.kinematic_errors import JOINT_NOISE
+from ..model.noise.camera_noise import INTRINSICS
 from ..model.noise.estimate import SHOWN, Component, NoiseEstimate
 from ..model.noise.joint_covariance import JointCovariance, group_of
-from ..model.noise.models import INTRINSICS, marginals
+from ..model.noise.models import marginals
 from ..model.shared_errors.shared_error import CLOCK_OFFSET
 from ..model.shared_errors.sizes import ROBOT_ACCURACY
 

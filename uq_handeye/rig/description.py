@@ -24,7 +24,8 @@ from ..core.geometry.se3 import Array, logarithm
 from ..core.runtime.read_only import ReadOnlyArrays
 from ..errors import InputError, require_type
 from ..model.kinematics.against_controller import compare_with_controller
-from ..model.kinematics.arms.postures import postures_at, postures_by_branch
+from ..model.kinematics.arms.newton import postures_at
+from ..model.kinematics.arms.postures import postures_by_branch
 from ..model.kinematics.chain import Kinematics
 from ..model.kinematics.kinematic_errors import KinematicErrors
 from ..model.noise.pose_prior import PosePrior

@@ -32,7 +32,7 @@ from ..core.numbers.rounding import rounding
 from ..errors import DegenerateMotionError, NotConvergedError
 from ..fit.likelihood.gauss_helmert import CLOSED_FORM_STEPS, MOST_STEPS, ROUNDING, STEP
 from ..fit.likelihood.open_directions import SIGNAL, UNDETERMINED
-from ..model.noise.joint_covariance import checked_cholesky
+from ..model.noise.cholesky import checked_cholesky
 from ..model.noise.models import factor
 from ..model.noise.square_roots import LEAST_WEIGHT
 from .description import Rig

@@ -33,7 +33,7 @@ from ..core.geometry.checks import as_transforms
 from ..core.geometry.se3 import Array, inverse, perturb, skew
 from ..errors import InputError
 from ..fit.diagnostics.task_space import by_pose
-from ..model.noise.joint_covariance import checked_cholesky, substitute
+from ..model.noise.cholesky import checked_cholesky, substitute
 from ..model.noise.models import factor
 from .checks.check import new_noise
 from .description import WORLD, ArmPoses, Rig, View

@@ -34,7 +34,7 @@ from ..findings import Finding, texts
 from ..fit.likelihood.goodness_of_fit import Reference
 from ..formats.export import Several, write_several
 from ..formats.snippets import OPEN_DEVIATION, Transform, with_open
-from ..model.poses.pose_pairs import ranges
+from ..model.poses.pose_numbers import ranges
 from ..model.posterior.posterior import Posterior
 from .checks.check import RigCheck, check_rig
 from .checks.optimality import Optimality

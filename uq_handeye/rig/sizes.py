@@ -31,7 +31,14 @@ from ..model.poses.pose_pairs import PosePairs
 from ..model.shared_errors.assumed import assumed_accuracy, assumed_outline, assumed_view
 from ..model.shared_errors.shared_error import FOCAL_LENGTH, LENS, OUTLINE, PRINCIPAL_POINT, TARGET_SCALE, SharedError
 from ..model.shared_errors.sizes import SIZES, Size
-from ..model.shared_errors.view import HALF, LENS_SHARES, intrinsics_columns, median_distance, target_centre, view_block
+from ..model.shared_errors.view import (
+    HALF_WIDTH,
+    LENS_SHARES,
+    intrinsics_columns,
+    median_distance,
+    target_centre,
+    view_block,
+)
 from .description import Rig
 from .fit import Prior, Shared, Task, prior_at
 from .graph import Graph, noise_of_cameras, noise_of_robots
@@ -265,7 +272,7 @@ def found_of(
          "unit": part.size.unit, "logs": at.tolist()}
         for part, s, d, at in zip(parts, sizes.tolist(), sd.tolist(), logs, strict=True)
     )  # fmt: skip
-    half = width * HALF
+    half = width * HALF_WIDTH
     of_targets = () if width == 1 else ({"name": WIDTH, "size": half, "low": half, "high": half, "unit": ""},)
     return Found(_noise(rig, graph, parts, sizes), spread, (*lines, *of_targets), mixture.weights)
 

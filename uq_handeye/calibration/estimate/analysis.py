@@ -27,7 +27,7 @@ from ...fit.empirical_covariance.resampled import KINDS, resampled
 from ...fit.likelihood.gauss_helmert import Fit
 from ...fit.likelihood.shared_estimates import of_moves
 from ...fit.one_model.points import OpenSizes
-from ...model.kinematics.arms.postures import postures_at
+from ...model.kinematics.arms.newton import postures_at
 from ...model.kinematics.chain import Kinematics
 from ...model.kinematics.errors import GROUPS
 from ...model.kinematics.joint import require_within_limits

@@ -21,8 +21,10 @@ from ...fit.likelihood.shared_estimates import SharedEstimate
 from ...fit.one_model.points import OpenSizes
 from ...model.noise.estimate import NoiseEstimate
 from ...model.noise.models import Noise
-from ...model.poses.motions import Motions, Residuals, sha256_of
+from ...model.poses.motions import Motions
+from ...model.poses.pose_data import sha256_of
 from ...model.poses.pose_pairs import PosePairs
+from ...model.poses.residuals import Residuals
 from ...model.poses.timing import TimeOffset
 from ...model.posterior.posterior import Posterior
 from .analysis import Analysis, FittedKinematics, StoredAnalysis

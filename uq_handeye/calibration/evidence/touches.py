@@ -30,8 +30,8 @@ from ...core.geometry.checks import as_numbers, as_transforms, checked_covarianc
 from ...core.geometry.se3 import Array
 from ...errors import InputError
 from ...fit.diagnostics.task_space import by_pose
+from ...model.noise.camera_noise import INTRINSICS
 from ...model.noise.joint_covariance import group_of
-from ...model.noise.models import INTRINSICS
 from ...model.posterior.rows import NewRows, at_points, factor_of
 from ...model.shared_errors.shared_error import TARGET_SCALE
 from ...model.shared_errors.sizes import ROBOT_ACCURACY

@@ -33,12 +33,12 @@ from ...errors import InputError
 from ...fit.diagnostics.task_space import PointUncertainty, by_pose, point_noise
 from ...fit.likelihood.constraint import OnPoses, Unknowns
 from ...fit.likelihood.gauss_helmert import ESTIMATORS
-from ...model.kinematics.arms.postures import elbow_moved
+from ...model.kinematics.arms.elbow import elbow_moved
 from ...model.kinematics.errors import GROUPS
 from ...model.kinematics.kinematic_errors import EXACT, JOINT_NOISE, effects_of_errors, frame_name
 from ...model.kinematics.workspace_gauge import frame_columns
+from ...model.noise.camera_noise import INTRINSICS
 from ...model.noise.joint_covariance import group_of
-from ...model.noise.models import INTRINSICS
 from ...model.poses.motions import Motions
 from ...model.poses.pose_pairs import PosePairs
 from ...model.posterior.posterior import Posterior

@@ -30,8 +30,9 @@ from ...findings import (
 )
 from ...fit.likelihood.shared_estimates import SharedGroup, grouped
 from ...model.kinematics.kinematic_errors import DECLARED_AS
+from ...model.noise.camera_noise import INTRINSICS
 from ...model.noise.joint_covariance import group_of
-from ...model.noise.models import INTRINSICS, Noise, is_joint
+from ...model.noise.models import Noise, is_joint
 from ...model.shared_errors.shared_error import CLOCK_OFFSET, FOCAL_LENGTH, TARGET_SCALE, VIEW
 from ...model.shared_errors.sizes import ROBOT_ACCURACY
 from ..estimate.analysis import joint_sides

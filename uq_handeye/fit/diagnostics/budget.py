@@ -31,9 +31,10 @@ from scipy.special import ndtri, stdtrit
 from ...core.files.records import Record, attributes, parts_of
 from ...core.geometry.se3 import Array
 from ...errors import InputError
+from ...model.noise.camera_noise import INTRINSICS
 from ...model.noise.estimate import NoiseEstimate
 from ...model.noise.joint_covariance import group_of, joint_of
-from ...model.noise.models import INTRINSICS, Noise, is_joint, require_count
+from ...model.noise.models import Noise, is_joint, require_count
 from ...model.noise.square_roots import pulled, whiten
 from ...model.posterior.posterior import Posterior
 from ...model.posterior.rows import factor_of

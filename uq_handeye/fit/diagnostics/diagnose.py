@@ -33,8 +33,9 @@ from ...core.geometry.pose_numbers import principal_axes
 from ...core.geometry.se3 import Array, skew
 from ...errors import InputError
 from ...findings import Finding
+from ...model.noise.camera_noise import INTRINSICS
 from ...model.noise.joint_covariance import joint_of
-from ...model.noise.models import INTRINSICS, Noise
+from ...model.noise.models import Noise
 from ...model.noise.square_roots import Factor, inverse_blocks, is_joint, pulled, whiten
 from ...model.poses.motions import Motions
 from ...model.poses.pose_pairs import PosePairs

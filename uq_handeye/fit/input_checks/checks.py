@@ -19,8 +19,10 @@ from ...errors import DegenerateMotionError
 from ...findings import GROSS_EXCESS, Finding, Severity
 from ...methods.procrustes.degeneracy import MIN_SPREAD_RATIO, infinite_directions
 from ...model.noise.models import Noise, PoseNoise, is_joint, marginals
-from ...model.poses.motions import STEADY_VIEW, Motions, direction_spread, median, pose_residuals, rotation_angles
+from ...model.poses.motions import Motions
 from ...model.poses.pose_pairs import PosePairs
+from ...model.poses.residuals import median, pose_residuals, rotation_angles
+from ...model.poses.target_views import STEADY_VIEW, direction_spread
 from ..likelihood.constraint import Constraint, OnMotions, OnPoses, covariances_of, of_motions
 from .misread_files import EXACT, LARGE_ROTATION, inverted_on_request, other_readings, scaled_reading
 from .readings import OTHER_SETUP

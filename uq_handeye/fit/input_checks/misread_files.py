@@ -19,8 +19,9 @@ from ...core.geometry.se3 import Array, inverse
 from ...errors import DegenerateMotionError
 from ...findings import Finding
 from ...methods.procrustes.limit import solve_limit
-from ...model.poses.motions import STEADY_VIEW, direction_spread, pose_residuals, rotation_angles
 from ...model.poses.pose_pairs import PosePairs
+from ...model.poses.residuals import pose_residuals, rotation_angles
+from ...model.poses.target_views import STEADY_VIEW, direction_spread
 from .readings import OTHER_SETUP
 
 # Rotation residual (rad) beyond which another reading of the files is looked for.

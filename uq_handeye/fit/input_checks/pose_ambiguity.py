@@ -47,8 +47,8 @@ from ...model.camera.description import Board
 from ...model.camera.models import MODELS
 from ...model.camera.result import CameraCalibration
 from ...model.noise.models import PoseNoise
-from ...model.poses.motions import rotation_angles
 from ...model.poses.pose_pairs import PosePairs
+from ...model.poses.residuals import rotation_angles
 from ..likelihood.consensus import consensus
 from ..likelihood.constraint import OnPoses, Unknowns, residual_covariance
 from ..likelihood.gauss_helmert import fit

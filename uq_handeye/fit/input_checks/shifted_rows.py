@@ -37,9 +37,9 @@ from ...core.geometry.se3 import Array
 from ...core.runtime.read_only import ReadOnlyArrays
 from ...errors import DegenerateMotionError, InputError
 from ...findings import Finding
-from ...model.poses.motions import rotation_angles
-from ...model.poses.pose_pairs import FEWEST as FEWEST_POSES
-from ...model.poses.pose_pairs import PosePairs, Selection
+from ...model.poses.pose_numbers import MIN_POSES, Selection
+from ...model.poses.pose_pairs import PosePairs
+from ...model.poses.residuals import rotation_angles
 from ..likelihood.consensus import consensus, misfit
 from ..likelihood.constraint import OnPoses, Unknowns
 
@@ -370,11 +370,11 @@ def said_again(again: list[tuple[int, int]], n: int) -> Finding:
 def counted_once(poses: PosePairs, asked: Selection | None) -> tuple[Selection | None, list[Finding]]:
     """Return which poses count where those that repeat an earlier one count once with it, and what is said of that.
 
-    ``asked``: those that were selected before. Nothing is left out where fewer than `FEWEST_POSES` poses would remain.
+    ``asked``: those that were selected before. Nothing is left out where fewer than `MIN_POSES` poses would remain.
     """
     kept = np.arange(poses.n) if asked is None else asked.kept
     again = rows_again(poses if asked is None else poses.rows(kept))
-    if not again or len(kept) - len(again) < FEWEST_POSES:
+    if not again or len(kept) - len(again) < MIN_POSES:
         return asked, []
     again = [(int(kept[row]), int(kept[first])) for row, first in again]
     left = np.setdiff1d(kept, [row for row, _ in again])

@@ -32,7 +32,7 @@ from ...errors import DegenerateMotionError
 from ...methods.procrustes.limit import solve_limit
 from ...model.noise.models import Noise, PoseNoise, marginals
 from ...model.noise.square_roots import cholesky_of, gram, whiten
-from ...model.poses.motions import pivot_of
+from ...model.poses.target_views import pivot_of
 from .constraint import Constraint, Unknowns, covariances_of, residual_covariance
 from .gauss_helmert import SINGULAR
 

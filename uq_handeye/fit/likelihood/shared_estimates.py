@@ -25,8 +25,9 @@ from ...core.files.records import Record
 from ...core.formatting.units import small_unit
 from ...core.geometry.se3 import Array, perturb
 from ...errors import InputError
+from ...model.noise.camera_noise import INTRINSICS
 from ...model.noise.joint_covariance import group_of, joint_of
-from ...model.noise.models import INTRINSICS, Noise
+from ...model.noise.models import Noise
 from ...model.posterior.posterior import Posterior
 from ...model.shared_errors.assumed import DRIFT
 from ...model.shared_errors.shared_error import OF_LENGTHS, SharedError

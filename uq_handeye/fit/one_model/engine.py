@@ -44,7 +44,7 @@ from scipy.linalg.lapack import dpotrf, dtrtri, dtrtrs
 
 from ...core.geometry.se3 import Array
 from ...core.runtime.read_only import ReadOnlyArrays
-from ...model.noise.joint_covariance import checked_cholesky, inverse_factor
+from ...model.noise.cholesky import checked_cholesky, inverse_factor
 from ..likelihood.constraint import Linearised
 from .component import SIDES, Component
 

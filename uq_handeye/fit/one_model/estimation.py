@@ -23,9 +23,10 @@ from ...core.geometry.se3 import Array
 from ...errors import InputError, NotConvergedError
 from ...model.kinematics.errors import LENGTHS
 from ...model.kinematics.kinematic_errors import DECLARED, DECLARED_AS, JOINT_NOISE, KinematicColumns
+from ...model.noise.camera_noise import CameraNoise
 from ...model.noise.estimate import CAMERA_EXCESS, PICTURE_SHIFT, NoisePrior
 from ...model.noise.joint_covariance import JointCovariance
-from ...model.noise.models import CameraNoise, Noise, PairNoise, PoseNoise, marginals
+from ...model.noise.models import Noise, PairNoise, PoseNoise, marginals
 from ...model.noise.pose_prior import PosePrior
 from ...model.poses.pose_pairs import PosePairs
 from ...model.shared_errors.in_noise import errors_of_arm

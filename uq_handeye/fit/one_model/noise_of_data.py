@@ -10,8 +10,9 @@ import numpy as np
 from ...core.geometry.checks import as_transforms
 from ...core.geometry.se3 import Array
 from ...errors import InputError
+from ...model.noise.camera_noise import CameraNoise
 from ...model.noise.estimate import NoiseEstimate, NoisePrior
-from ...model.noise.models import CameraNoise, PoseNoise
+from ...model.noise.models import PoseNoise
 from ...model.poses.motions import Motions
 from ...model.poses.pose_pairs import PosePairs
 from ...model.shared_errors.shared_error import SharedError, checked_errors

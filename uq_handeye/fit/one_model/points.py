@@ -29,8 +29,8 @@ from ...core.files.records import array_of
 from ...core.geometry.se3 import Array
 from ...core.runtime.read_only import ReadOnlyArrays
 from ...model.kinematics.kinematic_errors import JOINT_NOISE
+from ...model.noise.camera_noise import INTRINSICS
 from ...model.noise.joint_covariance import JointCovariance
-from ...model.noise.models import INTRINSICS
 from ...model.posterior.posterior import Absorbed, FreshNoise, Posterior, SizePoints
 from ...model.posterior.rows import NewRows, factor_of
 from ...model.shared_errors.sizes import Size

@@ -9,8 +9,8 @@ import numpy as np
 from ...core.geometry.se3 import Array
 from ...findings import Finding
 from ...model.kinematics.kinematic_errors import DECLARED_AS, JOINT_NOISE
+from ...model.noise.camera_noise import CameraNoise
 from ...model.noise.estimate import CAMERA_EXCESS, PICTURE_SHIFT, Component, FoundComponent, NoiseEstimate, together
-from ...model.noise.models import CameraNoise
 from ...model.shared_errors.sizes import SIZES
 from .estimation import KINDS, PIXELS, REACH, TOLD, FoundSizes
 from .findings import beside_camera_findings, noise_findings, size_findings

@@ -29,24 +29,19 @@ from ...core.geometry.se3 import Array, inverse, logarithm
 from ...core.runtime.read_only import ReadOnlyArrays
 from ...errors import InputError
 from ...findings import Finding
+from .forward import LEVER_M
 
 if TYPE_CHECKING:
     from .chain import Kinematics
 
-# More than any arm differs from its model (RMS over the better poses, rad and m): it is another arm.
-ANOTHER_ARM = (np.radians(2.0), 0.02)
-# Rounding of files, and of a controller that gives three decimals (rad, m): frames within it are the same.
-ROUNDING = (2e-5, 1e-5)
-# A frame more must explain this much of the difference that is left without it.
-WORTH = 0.5
-# Lengths (m) at which an angle counts as much as a shift.
-LEVER = 0.3
-# In medians of the others: a pose beyond does not count in the fit; one beyond this and a limit (rad, m) is named.
-FAR, APART = 3.0, (np.radians(0.5), 5e-3)
-# With fewer poses 12 numbers of two frames explain what they should not.
-FEWEST_FOR_BOTH, FEWEST_FOR_READINGS = 5, 4
-# Poses on which readings are tried, and joints up to which every order of them is.
-TRIED, ALL_ORDERS = 10, 6
+# Largest difference (RMS over the better poses, rad and m) of an arm from its model; beyond it, it is another arm.
+MAX_MODEL_ERROR = (np.radians(2.0), 0.02)
+# Rounding (rad, m) of files and of controllers that give three decimals: frames that differ by less are the same.
+THREE_DECIMALS = (2e-5, 1e-5)
+# Distance of a pose from the model, in medians of all poses, beyond which it does not count in the fit.
+MAX_MEDIANS = 3.0
+# Smallest distance (rad, m) from the model of a pose that is reported as an outlier.
+MIN_REPORTED_ERROR = (np.radians(0.5), 5e-3)
 
 Frames = tuple[Array, Array]  # base B and tool E (4, 4)
 
@@ -99,14 +94,14 @@ class ControllerComparison(ReadOnlyArrays):
     @property
     def same_arm(self) -> bool:
         """True if the chain may be that of this arm."""
-        return bool(self.rms[0] <= ANOTHER_ARM[0] and self.rms[1] <= ANOTHER_ARM[1])
+        return bool(self.rms[0] <= MAX_MODEL_ERROR[0] and self.rms[1] <= MAX_MODEL_ERROR[1])
 
     @property
     def exact(self) -> bool:
         """True if the poses are those of the chain to rounding, in the same frames."""
         largest = self.largest
         same = self.base is None and self.tool is None and not self.apart
-        return bool(same and largest[0] < ROUNDING[0] and largest[1] < ROUNDING[1])
+        return bool(same and largest[0] < THREE_DECIMALS[0] and largest[1] < THREE_DECIMALS[1])
 
     def adapt(self, kinematics: Kinematics) -> Kinematics:
         """Return the chain with the controller's base frame and tool: its poses are those of the controller.
@@ -142,7 +137,7 @@ class ControllerComparison(ReadOnlyArrays):
             return [Finding("kinematics.another_arm", "failure", said | explained)]
         found = [] if self.exact else [Finding("kinematics.against_controller", "note", values)]
         if self.apart:
-            worst = max(self.apart, key=lambda k: float(self.translation[k]) + LEVER * float(self.rotation[k]))
+            worst = max(self.apart, key=lambda k: float(self.translation[k]) + LEVER_M * float(self.rotation[k]))
             row = {"rows": list(self.apart), "farthest": worst}
             left = {"rotation": float(self.rotation[worst]), "translation": float(self.translation[worst])}
             found.append(Finding("kinematics.rows_apart", "caution", row | left))
@@ -175,7 +170,8 @@ def compare_with_controller(kinematics: Kinematics, joints: Array, robot: Array)
     fit = _best(T, G)
     kept = _better(fit.cost)
     apart = np.flatnonzero(
-        ~kept & (_beyond(fit.rotation, kept, APART[0]) | _beyond(fit.translation, kept, APART[1]))
+        ~kept
+        & (_beyond(fit.rotation, kept, MIN_REPORTED_ERROR[0]) | _beyond(fit.translation, kept, MIN_REPORTED_ERROR[1]))
     ).tolist()
     found = ControllerComparison(fit.base, fit.tool, fit.rotation, fit.translation, tuple(apart))
     if found.same_arm:
@@ -199,23 +195,27 @@ class _Fit(NamedTuple):
 
     @property
     def cost(self) -> Array:
-        """(n,) m: both, by `LEVER`."""
-        return np.asarray(np.hypot(self.translation, LEVER * self.rotation))
+        """(n,) m: both, by `LEVER_M`."""
+        return np.asarray(np.hypot(self.translation, LEVER_M * self.rotation))
 
     @property
     def score(self) -> float:
         """RMS of the cost over the better poses, at least that of rounding."""
-        return max(_rms(self.cost[_better(self.cost)]), float(np.hypot(ROUNDING[1], LEVER * ROUNDING[0])))
+        return max(_rms(self.cost[_better(self.cost)]), float(np.hypot(THREE_DECIMALS[1], LEVER_M * THREE_DECIMALS[0])))
 
 
-def _best(T: Array, G: Array) -> _Fit:
-    """The frames that explain the poses; the simpler ones unless others explain much more."""
+def _best(T: Array, G: Array, share: float = 0.5, min_poses_for_both: int = 5) -> _Fit:
+    """Return the frames that explain the poses.
+
+    A further frame must bring the difference below a ``share`` of that of the simpler frames. With few poses the 12
+    numbers of two frames explain anything.
+    """
     best = _left(T, G, None, None)
     for make in (_tool, _base, _both):
-        if make is _both and len(T) < FEWEST_FOR_BOTH:
+        if make is _both and len(T) < min_poses_for_both:
             continue
         fit = _robust(T, G, make)
-        if fit is not None and fit.score < WORTH * best.score:
+        if fit is not None and fit.score < share * best.score:
             best = fit
     return best
 
@@ -285,12 +285,12 @@ def _middle(Z: Array) -> Array:
 
 
 def _better(cost: Array) -> NDArray[np.bool_]:
-    """Return which values are no more than `FAR` medians; at least half of them."""
-    return np.asarray(cost <= FAR * np.median(cost))
+    """Return which values are no more than `MAX_MEDIANS` medians; at least half of them."""
+    return np.asarray(cost <= MAX_MEDIANS * np.median(cost))
 
 
 def _beyond(values: Array, kept: NDArray[np.bool_], limit: float) -> NDArray[np.bool_]:
-    return np.asarray(values > max(limit, 2.0 * FAR * _rms(values[kept])))
+    return np.asarray(values > max(limit, 2.0 * MAX_MEDIANS * _rms(values[kept])))
 
 
 def _rms(values: Array) -> float:
@@ -316,19 +316,19 @@ class _Reading(NamedTuple):
     G: Array
 
 
-def _explaining(kinematics: Kinematics, q: Array, G: Array) -> _Reading | None:
-    """The first reading by which the poses are those of the chain."""
-    if len(G) < FEWEST_FOR_READINGS:
+def _explaining(kinematics: Kinematics, q: Array, G: Array, min_poses: int = 4) -> _Reading | None:
+    """Return the first reading by which the poses are those of the chain; a few poses are tried before all of them."""
+    if len(G) < min_poses:
         return None
     for reading in _readings(kinematics, q, G):
         n = len(reading.G)
-        rows = np.unique(np.linspace(0, n - 1, min(n, TRIED)).astype(int))
+        rows = np.unique(np.linspace(0, n - 1, min(n, 10)).astype(int))
         few = _best(kinematics.poses(reading.q[rows]), reading.G[rows])
-        if few.score > 3.0 * np.hypot(ANOTHER_ARM[1], LEVER * ANOTHER_ARM[0]):
+        if few.score > 3.0 * np.hypot(MAX_MODEL_ERROR[1], LEVER_M * MAX_MODEL_ERROR[0]):
             continue
         fit = _best(kinematics.poses(reading.q), reading.G)
         kept = _better(fit.cost)
-        if _rms(fit.rotation[kept]) <= ANOTHER_ARM[0] and _rms(fit.translation[kept]) <= ANOTHER_ARM[1]:
+        if _rms(fit.rotation[kept]) <= MAX_MODEL_ERROR[0] and _rms(fit.translation[kept]) <= MAX_MODEL_ERROR[1]:
             return reading
     return None
 
@@ -359,7 +359,10 @@ def _readings(kinematics: Kinematics, q: Array, G: Array) -> Iterator[_Reading]:
 
 
 def _orders(n: int) -> Iterator[list[int]]:
-    """Orders of n joints, likely ones first; ``order[k]`` is the column that holds joint k."""
+    """Yield orders of n joints, likely ones first, and all of them of up to six joints.
+
+    ``order[k]`` is the column that holds joint k.
+    """
     seen = {tuple(range(n))}
 
     def likely() -> Iterator[tuple[int, ...]]:
@@ -368,7 +371,7 @@ def _orders(n: int) -> Iterator[list[int]]:
             order = list(range(n))
             order[i], order[j] = j, i
             yield tuple(order)
-        if n <= ALL_ORDERS:
+        if n <= 6:
             yield from permutations(range(n))
 
     for order in likely():

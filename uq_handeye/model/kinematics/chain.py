@@ -32,6 +32,7 @@ from ...core.files.open import StrPath
 from ...core.formatting.units import parse_angle, parse_length
 from ...core.geometry.checks import as_numbers
 from ...core.geometry.se3 import Array, left_jacobian
+from ...core.numbers.rounding import CHAIN_ROUNDING, PRODUCT_ROUNDING
 from ...core.runtime.read_only import ReadOnlyArrays
 from ...errors import InputError, require_known
 from ..noise.joint_covariance import JointCovariance
@@ -54,7 +55,6 @@ from .errors import (
     harmonics,
 )
 from .forward import (
-    POSTURES,
     Motion,
     axis_twists,
     fixed_transforms,
@@ -65,13 +65,11 @@ from .forward import (
     spread_postures,
     turned,
 )
-from .joint import MAX_JOINTS, ROUNDED, ChainParts, checked_origin, parts_from_dict, parts_to_dict, require_name
+from .joint import MAX_JOINTS, ChainParts, checked_origin, parts_from_dict, parts_to_dict, require_name
 from .joint import Joint as Joint
 
-# Postures per block: their frames fit the cache.
-BLOCK = 256
-# A joint whose largest load is below this, in units of the weights times the reach, is not loaded.
-UNLOADED = 1e-9
+# Number of postures that are computed together: their frames fit the cache.
+POSTURES_PER_BLOCK = 256
 
 Flange = Literal["controller", "physical"]
 
@@ -118,7 +116,7 @@ class Kinematics(ReadOnlyArrays):
         length = float(np.linalg.norm(up)) if up.shape == (3,) else np.nan
         if not 1e-9 < length < 1e9:
             raise InputError(f"Expected `up` to be a direction of 3 numbers, got {np.shape(self.up)} {self.up!r:.60}.")
-        object.__setattr__(self, "up", up if abs(length - 1.0) < ROUNDED else up / length)
+        object.__setattr__(self, "up", up if abs(length - 1.0) < PRODUCT_ROUNDING else up / length)
         super().__post_init__()
 
     @classmethod
@@ -407,7 +405,7 @@ class Kinematics(ReadOnlyArrays):
         """(L,) whether a joint turns."""
         return np.array([joint.is_revolute for joint in self.joints])
 
-    def spread(self, n: int = POSTURES) -> Array:
+    def spread(self, n: int = 2048) -> Array:
         """(n, L) joints that fill the limits evenly, always the same ones (`spread_postures`)."""
         return spread_postures(self.limits, self.revolute, n)
 
@@ -423,7 +421,7 @@ class Kinematics(ReadOnlyArrays):
     def _loaded(self) -> NDArray[np.bool_]:
         """(L,) whether gravity loads the joint at all."""
         size = np.where(self.revolute, max(self.reach, 1e-12), 1.0) * self.n_joints
-        return np.asarray(self._extent[1] > UNLOADED * size)
+        return np.asarray(self._extent[1] > CHAIN_ROUNDING * size)
 
     @cached_property
     def _largest_loads(self) -> Array:
@@ -460,8 +458,8 @@ class Kinematics(ReadOnlyArrays):
             errors = errors.reshape(1, m) if one else np.broadcast_to(errors, (*lead, m)).reshape(-1, m)
         flat = np.broadcast_to(values, (*lead, self.n_joints)).reshape(-1, self.n_joints)
         out = np.empty((len(flat), *shape))
-        for start in range(0, len(flat), BLOCK):
-            part = slice(start, start + BLOCK)
+        for start in range(0, len(flat), POSTURES_PER_BLOCK):
+            part = slice(start, start + POSTURES_PER_BLOCK)
             of_part = errors if errors is None or len(errors) == 1 else errors[part]
             out[part] = function(_Posture(self, np.ascontiguousarray(flat[part].T), of_part))
         return out.reshape(*lead, *shape)

@@ -18,7 +18,7 @@ Arrays inside have the postures as their *last* axis.
 
 u is up, z_k the axis of joint k, p_i the origin of joint frame i: torque (force) of unit weights at the following
 joint frames and at the tip, in the direction in which they move the joint. The divisor is that of the arm: the largest
-value at `POSTURES` postures spread evenly over the joint limits. A joint that gravity cannot load has g = 0.
+value at postures spread evenly over the joint limits. A joint that gravity cannot load has g = 0.
 
 raw is minus the derivative of ``V = u . sum p_i`` by the joints, so that its derivative is symmetric:
 ``d raw_k / d q_j = -u . (z_j x s_k)`` for a revolute joint j <= k, 0 for a prismatic one, where s_k is the derivative
@@ -36,6 +36,9 @@ from scipy.spatial.transform import Rotation
 
 from ...core.geometry.se3 import Array
 from .joint import Joint
+
+# Length at which a shift counts as much as a rotation.
+LEVER_M = 0.3
 
 
 class Motion(NamedTuple):
@@ -130,12 +133,7 @@ def axis_twists(motion: Motion, revolute: NDArray[np.bool_]) -> Array:
     return twists
 
 
-POSTURES = 2048
-# Half the range of joints without limits: rad, m.
-HALF_TURN, HALF_RANGE = np.pi, 1.0
-
-
-def spread_postures(limits: Array, revolute: NDArray[np.bool_], n: int = POSTURES) -> Array:
+def spread_postures(limits: Array, revolute: NDArray[np.bool_], n: int) -> Array:
     """(n, L) joint values that fill the limits (L, 2) evenly, always the same ones.
 
     Additive recurrence with the generalised golden ratio: fractional parts of ``1/2 + i / r^j``, ``r^(L+1) = r + 1``.
@@ -146,7 +144,7 @@ def spread_postures(limits: Array, revolute: NDArray[np.bool_], n: int = POSTURE
     for _ in range(60):
         ratio = (1.0 + ratio) ** (1.0 / (L + 1))
     unit = (0.5 + np.arange(1, n + 1)[:, None] * ratio ** -np.arange(1.0, L + 1)) % 1.0
-    half = np.where(revolute, HALF_TURN, HALF_RANGE)
+    half = np.where(revolute, np.pi, 1.0)
     lower, upper = limits.T
     low = np.where(np.isfinite(lower), lower, np.where(np.isfinite(upper), upper - 2 * half, -half))
     high = np.where(np.isfinite(upper), upper, low + 2 * half)

@@ -18,16 +18,20 @@ from ...core.files.tree_values import is_list, is_map
 from ...core.formatting.units import ANGLE_UNITS, LENGTH_UNITS
 from ...core.geometry.checks import as_numbers, as_transforms
 from ...core.geometry.se3 import Array
+from ...core.numbers.limits import MAX_NAME_CHARACTERS
+from ...core.numbers.rounding import CHAIN_ROUNDING, PRODUCT_ROUNDING
 from ...core.runtime.read_only import ReadOnlyArrays
 from ...errors import InputError, InputWarning
 
 REVOLUTE, PRISMATIC = "revolute", "prismatic"
 MAX_JOINTS = 64
-MAX_NAME = 200
-# Origins are in metres; a longer one is in millimetres, or damaged.
-MAX_LENGTH = 100.0
-# A direction that is a unit vector to this stays as it is, so that a chain that is written and read again is the same.
-ROUNDED = 1e-14
+# Longest origin of a joint; a longer one is in millimetres, or damaged.
+MAX_ORIGIN_M = 100.0
+# Distance (rad, m) beyond a limit that a real joint may have by its zero and its reading, with a warning.
+LIMIT_TOLERANCE = {REVOLUTE: np.deg2rad(3.0), PRISMATIC: 0.01}
+# Largest value (rad, m) of a joint without limits whose unit was not given.
+MAX_VALUE_WITHOUT_UNIT = {REVOLUTE: 4 * np.pi, PRISMATIC: 20.0}
+DEGREE, MILLIMETRE = ANGLE_UNITS["deg"], LENGTH_UNITS["mm"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +70,7 @@ class Joint(ReadOnlyArrays):
         largest = float(np.abs(axis).max())
         if not 1e-9 < largest < 1e9:
             raise InputError(f"Expected the axis of joint {self.name} to be a direction, got {axis.tolist()}.")
-        if abs(np.linalg.norm(axis) - 1.0) > ROUNDED:
+        if abs(np.linalg.norm(axis) - 1.0) > PRODUCT_ROUNDING:
             axis = axis / largest / np.linalg.norm(axis / largest)
         object.__setattr__(self, "axis", axis)
         object.__setattr__(self, "origin", checked_origin(self.origin, f"the origin of joint {self.name}"))
@@ -100,8 +104,10 @@ class ChainParts(NamedTuple):
 
 def require_name(name: Any, what: str) -> None:
     """Raise `InputError` unless it is a printable text of reasonable length."""
-    if not isinstance(name, str) or not name.strip() or not name.isprintable() or len(name) > MAX_NAME:
-        raise InputError(f"Expected {what} to be text of 1 to {MAX_NAME} printable characters, got {name!a:.80}.")
+    if not isinstance(name, str) or not name.strip() or not name.isprintable() or len(name) > MAX_NAME_CHARACTERS:
+        raise InputError(
+            f"Expected {what} to be text of 1 to {MAX_NAME_CHARACTERS} printable characters, got {name!a:.80}."
+        )
 
 
 def checked_origin(value: Any, what: str) -> Array:
@@ -109,8 +115,8 @@ def checked_origin(value: Any, what: str) -> Array:
     T = as_transforms(value, what, stack=False)
     if T.shape != (4, 4):
         raise InputError(f"Expected {what} to have shape (4, 4), got {T.shape}.")
-    if (longest := float(np.abs(T[:3, 3]).max())) > MAX_LENGTH:
-        raise InputError(f"Expected {what} to be below {MAX_LENGTH:g} m, got {longest:g} m; is it in millimetres?")
+    if (longest := float(np.abs(T[:3, 3]).max())) > MAX_ORIGIN_M:
+        raise InputError(f"Expected {what} to be below {MAX_ORIGIN_M:g} m, got {longest:g} m; is it in millimetres?")
     return T
 
 
@@ -150,13 +156,6 @@ def _fields(data: Any, names: tuple[str, ...], what: str) -> dict[str, Any]:
     return data
 
 
-# Beyond a limit by no more than this (rad, m) is within the zero and the reading of a real joint, and is warned of.
-NEAR_LIMIT = {REVOLUTE: np.deg2rad(3.0), PRISMATIC: 0.01}
-# Joints without limits stay within this (rad, m), unless somebody says the unit.
-USUAL = {REVOLUTE: 4 * np.pi, PRISMATIC: 20.0}
-DEGREE, MILLIMETRE = ANGLE_UNITS["deg"], LENGTH_UNITS["mm"]
-
-
 def require_within_limits(
     q: Array,
     names: Sequence[str],
@@ -170,10 +169,10 @@ def require_within_limits(
 
     ``told`` (L,): the unit was given; ``at`` names a row, ``remedy`` what to do where another unit would fit.
     """
-    usual = np.array([(-USUAL[kind], USUAL[kind]) for kind in kinds])
+    usual = np.array([(-MAX_VALUE_WITHOUT_UNIT[kind], MAX_VALUE_WITHOUT_UNIT[kind]) for kind in kinds])
     limits = np.full((len(kinds), 2), [-np.inf, np.inf]) if limits is None else limits
     checked = np.where(np.isfinite(limits) | told[:, None], limits, usual)
-    near = np.array([NEAR_LIMIT[kind] for kind in kinds])
+    near = np.array([LIMIT_TOLERANCE[kind] for kind in kinds])
     beyond = np.maximum(checked[:, 0] - q, q - checked[:, 1])
     if (beyond > near).any():
         row, k = (int(i) for i in np.argwhere(beyond > near)[0])
@@ -191,9 +190,9 @@ def require_within_limits(
             else "is this the arm of the URDF? Correct the limits there if the joint may stand so."
         )
         raise InputError(f"{at(row)}, joint {names[k]}: {_outside(q[row, k], checked[k], revolute)}; {hint}")
-    if (beyond > 1e-9).any():
-        row, k = (int(i) for i in np.argwhere(beyond > 1e-9)[0])
-        more = int((beyond > 1e-9).any(axis=1).sum()) - 1
+    if (beyond > CHAIN_ROUNDING).any():
+        row, k = (int(i) for i in np.argwhere(beyond > CHAIN_ROUNDING)[0])
+        more = int((beyond > CHAIN_ROUNDING).any(axis=1).sum()) - 1
         rows = f" (and {more} more rows)" if more else ""
         text = _outside(q[row, k], checked[k], kinds[k] == REVOLUTE)
         warnings.warn(f"{at(row)}, joint {names[k]}{rows}: {text}.", InputWarning, stacklevel=4)

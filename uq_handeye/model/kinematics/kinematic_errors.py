@@ -26,12 +26,18 @@ from ...core.geometry.se3 import Array
 from ...errors import InputError
 from .chain import Kinematics
 from .errors import LENGTHS, OFFSETS, SAG, TILTS, TRANSMISSION
-from .workspace_gauge import LEVER, aligned_columns, aligned_poses, counting, frame_columns
+from .forward import LEVER_M
+from .workspace_gauge import aligned_columns, aligned_poses, counting, frame_columns
 
 ESTIMATE, DECLARED, EXACT = "estimate", "declared", "exact"
 HOW = (ESTIMATE, DECLARED, EXACT)
 WORKSPACE, CONTROLLER, PHYSICAL = "workspace", "controller", "physical"
 FLANGES = (WORKSPACE, CONTROLLER, PHYSICAL)
+
+# Standard deviations (rad along the joints) of the elbow of an arm of seven axes whose joints are found by its poses:
+# where it is at all poses; and per rad that poses are turned from each other, along each of six directions in which
+# they differ, and at each pose. Pandas have 0.5, 0.2 and 0.35 with poses of one region, 0.35, 0.15 and 0.5 anywhere.
+ELBOW_SD_RAD, ELBOW_SD_ALONG, ELBOW_SD_OF_POSE = 0.5, 0.2, 0.35
 
 JOINT_NOISE = "joint noise"
 # The field of `KinematicErrors` that declares each group.
@@ -62,16 +68,8 @@ POPULATIONS = {
     "cobot": Population(7e-3, 1.8e-3, 0.3e-3, 0.4e-3, 1.0e-3, 0.2e-3, 2.0),
     "hobby": Population(20e-3, 10e-3, 1e-3, 10e-3, 10e-3, 3e-3, 2.0),
 }
-# The kind of arm that is taken where nothing is said.
+# The kind of arm that is assumed where none is given.
 USUAL = "industrial"
-# Joint noise that is not given is known within this factor.
-JOINT_NOISE_FACTOR = 3.0
-# Standard deviations (rad along the joints) of the elbow of an arm of seven axes whose joints are found by its poses:
-# where it is at all poses; and per rad that poses are turned from each other, along each of six directions in which
-# they differ, and at each pose. Pandas have 0.5, 0.2 and 0.35 with poses of one region, 0.35, 0.15 and 0.5 anywhere.
-ELBOW, ELBOW_ALONG, ELBOW_OF_POSE = 0.5, 0.2, 0.35
-# Energy of columns that are left out.
-LEFT_OUT = 3e-3
 
 
 @dataclass(frozen=True)
@@ -202,12 +200,12 @@ def _by_elbow(kinematics: Kinematics, q: Array, flange: str) -> Array:
     Along the motion of the joints that leaves the pose as it is, (L,) of length 1, the same way round at all poses.
     """
     along = np.linalg.svd(kinematics.jacobian(q))[2][..., -1, :]
-    along = ELBOW * along * np.where(along @ np.linalg.svd(along)[2][0] < 0, -1.0, 1.0)[:, None]
+    along = ELBOW_SD_RAD * along * np.where(along @ np.linalg.svd(along)[2][0] < 0, -1.0, 1.0)[:, None]
     less, more = (
         aligned_columns(kinematics, at) if flange == WORKSPACE else kinematics.columns(at)
         for at in (q - along, q + along)
     )
-    return np.asarray(more - less) / (2.0 * ELBOW)
+    return np.asarray(more - less) / (2.0 * ELBOW_SD_RAD)
 
 
 def _elbow_moves(T: Array) -> tuple[Array, float]:
@@ -217,17 +215,19 @@ def _elbow_moves(T: Array) -> tuple[Array, float]:
     """
     R = Rotation.from_matrix(T[:, :3, :3])
     turn, place = (R.mean().inv() * R).as_rotvec(), T[:, :3, 3] - T[:, :3, 3].mean(axis=0)
-    U, size, _ = np.linalg.svd(np.concatenate([turn, place / LEVER], axis=-1), full_matrices=False)
+    U, size, _ = np.linalg.svd(np.concatenate([turn, place / LEVER_M], axis=-1), full_matrices=False)
     along = np.sqrt(len(T)) * U[:, size > 1e-6 * max(size[0], 1.0)].T
     spread = float(np.sqrt((turn**2).sum(axis=-1).mean()))
-    return np.concatenate([np.full((1, len(T)), ELBOW), ELBOW_ALONG * spread * along]), ELBOW_OF_POSE * spread
+    return np.concatenate(
+        [np.full((1, len(T)), ELBOW_SD_RAD), ELBOW_SD_ALONG * spread * along]
+    ), ELBOW_SD_OF_POSE * spread
 
 
-def _principal(K: Array, reach: float) -> Array:
-    """(n, 6, r) principal columns of (n, 6, m), all but `LEFT_OUT` of their energy; half of the reach is one rad."""
+def _principal(K: Array, reach: float, left_out: float = 3e-3) -> Array:
+    """(n, 6, r) principal columns of (n, 6, m), all but a share of their energy; half of the reach is one rad."""
     rows = (np.repeat([0.5 * reach, 1.0], 3)[:, None] * K).reshape(-1, K.shape[-1])
     energy, axes = np.linalg.eigh(rows.T @ rows)
-    return np.asarray(K @ axes[:, energy > LEFT_OUT * energy.sum()])
+    return np.asarray(K @ axes[:, energy > left_out * energy.sum()])
 
 
 def frame_name(group: str, k: int) -> str:

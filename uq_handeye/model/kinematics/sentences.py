@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 from ...core.formatting.numbers import digits
+from ...core.formatting.units import DEG_PER_RAD, MM_PER_M
 from ...findings import INPUT, sentence
-
-_DEG, _MM = 180.0 / math.pi, 1e3
 
 # What would explain poses that seem to be of another arm, and what to do about it.
 READINGS = {
@@ -83,11 +81,14 @@ def _(rows: Sequence[int], farthest: int, rotation: float, translation: float) -
 
 
 def _both(rotation: float, translation: float) -> str:
-    return f"{digits(_MM * translation, 2)} mm and {digits(_DEG * rotation, 2)} deg"
+    return f"{digits(MM_PER_M * translation, 2)} mm and {digits(DEG_PER_RAD * rotation, 2)} deg"
 
 
 def _frame(size: Sequence[float]) -> str:
     """Length and angle, without the one that is rounding."""
     angle, length = size[:2]
-    parts = [(length > 1e-5, f"{digits(_MM * length, 3)} mm"), (angle > 2e-5, f"{digits(_DEG * angle, 3)} deg")]
+    parts = [
+        (length > 1e-5, f"{digits(MM_PER_M * length, 3)} mm"),
+        (angle > 2e-5, f"{digits(DEG_PER_RAD * angle, 3)} deg"),
+    ]
     return ", ".join(text for shown, text in parts if shown) or parts[0][1]

@@ -2,13 +2,13 @@ r"""Errors of an arm without those of its base and its flange: the gauge in whic
 
 A constant motion of the base or of the flange is in W or X, whatever the arm. Which one an arm has is a matter of
 definition; here base and flange are those frames in which the arm, over its whole workspace, moves as nearly as can be
-as its nominal kinematics say. With the twists ``B_i (12)`` of base and flange at `POSTURES` postures spread over the
-joint limits, the flange above the floor, rotations weighted by `LEVER`, the motion that is in a column F is
+as its nominal kinematics say. With the twists ``B_i (12)`` of base and flange at postures spread over the joint limits,
+the flange above the floor, rotations weighted by `LEVER_M`, the motion that is in a column F is
 
     g = argmin sum_i |w (F_i - B_i g)|^2        (12 numbers for each error)
 
 A joint that turns more than once passes the same postures again: its range is one turn. A workspace is no sharp set:
-whoever states an accuracy has taken some postures, of the order of `SAMPLE`, and others would give other frames. X is
+whoever states an accuracy has taken some postures, a few hundred, and others would give other frames. X is
 uncertain by that, too (`frames_of`). The errors that count are ``F - B g`` at any posture, the poses ``FK(q; e)`` less
 ``B g e``.
 """
@@ -20,15 +20,9 @@ from functools import lru_cache
 import numpy as np
 
 from ...core.geometry.se3 import Array, perturb, skew
+from ...core.numbers.rounding import CHAIN_ROUNDING
 from .chain import Kinematics
-from .forward import spread_postures
-
-POSTURES, SAMPLE = 1600, 400
-LEVER = 0.3  # m
-# Share of the largest singular value below which base and flange do the same, such as turns about a single axis.
-SAME = 1e-9
-# Share of a column that must be left for it to count.
-VANISHES = 1e-9
+from .forward import LEVER_M, spread_postures
 
 
 def twists(T: Array) -> Array:
@@ -41,15 +35,15 @@ def twists(T: Array) -> Array:
 
 
 def workspace_postures(chain: Kinematics) -> Array:
-    """(k, L) joint values spread over the limits, with the flange above the first joint; at most `POSTURES`.
+    """(k, L) joint values spread over the limits, with the flange above the first joint; at most 1,600.
 
     The origin of the base counts for nothing: controllers may have theirs on the floor.
     """
-    limits = chain.limits.copy()
+    limits, n = chain.limits.copy(), 1600
     limits[chain.revolute & (np.ptp(limits, axis=1) > 2.0 * np.pi)] = [-np.pi, np.pi]
-    q = spread_postures(limits, chain.revolute, 3 * POSTURES)
+    q = spread_postures(limits, chain.revolute, 3 * n)
     above = (chain.poses(q)[:, :3, 3] - chain.frames(q)[:, 0, :3, 3]) @ chain.up > 0
-    return np.asarray(q[above][:POSTURES] if above.sum() > POSTURES // 4 else q[:POSTURES])
+    return np.asarray(q[above][:n] if above.sum() > n // 4 else q[:n])
 
 
 @lru_cache(maxsize=16)
@@ -57,8 +51,8 @@ def gauge_of(chain: Kinematics) -> Array:
     """(12, m) motions of base and flange in the errors of a chain."""
     q = workspace_postures(chain)
     F, B = chain.columns(q), twists(chain.poses(q))
-    weight = np.repeat([LEVER, 1.0], 3)[:, None]
-    found = np.linalg.pinv((weight * B).reshape(-1, 12), SAME) @ (weight * F).reshape(-1, F.shape[-1])
+    weight = np.repeat([LEVER_M, 1.0], 3)[:, None]
+    found = np.linalg.pinv((weight * B).reshape(-1, 12), CHAIN_ROUNDING) @ (weight * F).reshape(-1, F.shape[-1])
     return np.asarray(found)
 
 
@@ -67,7 +61,7 @@ def counting(chain: Kinematics) -> Array:
     """(m,) whether anything is left of an error."""
     q = workspace_postures(chain)
     whole, left = (np.sqrt((of**2).sum(axis=(0, 1))) for of in (chain.columns(q), aligned_columns(chain, q)))
-    return np.asarray(left > 1e-6 * np.maximum(whole, VANISHES))
+    return np.asarray(left > 1e-6 * np.maximum(whole, CHAIN_ROUNDING))
 
 
 @lru_cache(maxsize=16)
@@ -76,18 +70,18 @@ def frames_of(chain: Kinematics) -> dict[str, Array]:
 
     The frames are a least squares fit to n postures: each contributes ``(sum B^T w^2 B)^-1 B_i^T w^2 f_i`` to them, f_i
     what is left of the errors there, of standard deviation 1 each. The columns are a root of the sum of the squares of
-    these contributions, the variance of the fit over samples, times ``n / SAMPLE``.
+    these contributions, the variance of the fit over samples, times ``n / 400``, for samples of 400 postures.
     """
     q = workspace_postures(chain)
     left, B = aligned_columns(chain, q), twists(chain.poses(q))
-    weight = np.repeat([LEVER, 1.0], 3)[:, None]
-    gain = np.linalg.pinv((weight * B).reshape(-1, 12), SAME).reshape(12, len(q), 6)
+    weight = np.repeat([LEVER_M, 1.0], 3)[:, None]
+    gain = np.linalg.pinv((weight * B).reshape(-1, 12), CHAIN_ROUNDING).reshape(12, len(q), 6)
     moves = gain.transpose(1, 0, 2) @ (weight * left)  # (n, 12, m)
     found = {}
     for group in dict.fromkeys(error.group for error in chain.errors):
         of = moves[..., [error.group == group for error in chain.errors]].transpose(1, 0, 2).reshape(12, -1)
         values, vectors = np.linalg.eigh(of @ of.T)
-        found[group] = np.asarray(vectors * np.sqrt(np.maximum(values, 0.0) * len(q) / SAMPLE))
+        found[group] = np.asarray(vectors * np.sqrt(np.maximum(values, 0.0) * len(q) / 400))
     return found
 
 

@@ -13,13 +13,10 @@ B of the blocks, ``V = B^-1 F``, ``V^T V = Y diag(h^2 - 1) Y^T`` and ``U = V Y``
 which `JointFactor` applies without forming it. A column may bear the name of what it is
 the error of (a focal length); what an estimate says of it is told by that name. Columns whose names agree before ": "
 ("joint offsets: elbow", "joint offsets: wrist") are the numbers of one error, and one source of a budget (`group_of`).
-
-Cholesky factors of covariances, and what is solved with many small ones.
 """
 
 from __future__ import annotations
 
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, ClassVar
@@ -30,7 +27,8 @@ from numpy.typing import NDArray
 from ...core.geometry.checks import checked_covariance
 from ...core.geometry.se3 import Array
 from ...core.runtime.read_only import ReadOnlyArrays
-from ...errors import InputError, SingularNoiseError
+from ...errors import InputError
+from .cholesky import checked_cholesky, substitute, substitute_transposed
 
 
 def group_of(name: str) -> str:
@@ -239,58 +237,3 @@ class JointFactor:
         half = np.linalg.inv(self.B)
         left = half.mT @ V.reshape(*V.shape[:-2], V.shape[-2] // 6, 6, V.shape[-1])
         return np.asarray(half.mT @ half - left @ left.mT)
-
-
-# Share of a variance below which what is left of it beside the other components is rounding.
-EXACT = 1e-14
-
-
-def checked_cholesky(S: Array) -> Array:
-    """L with ``S = L L^T``; raises `SingularNoiseError` where the noise leaves a part of the residuals exact."""
-    factor = None
-    with suppress(np.linalg.LinAlgError):
-        factor = np.linalg.cholesky(S)
-    if factor is not None:  # rounding may hide that it is singular
-        pivots, variances = (np.diagonal(M, axis1=-2, axis2=-1) for M in (factor, S))
-        if (pivots * pivots > EXACT * variances).all():
-            return np.asarray(factor)
-    raise _singular()
-
-
-def _singular() -> SingularNoiseError:
-    return SingularNoiseError(
-        "The noise given leaves a part of the residuals exact, so that they cannot be weighted by its inverse. Give "
-        "the poses of one side standard deviations above 0 in rotation and translation, or use method '4dpa'."
-    )
-
-
-def inverse_factor(S: Array) -> Array:
-    """``L^-1`` of ``S = L L^T`` (d, d, ...), one loop over d for all of them; raises as `checked_cholesky`."""
-    d = len(S)
-    M = np.zeros((d, 2 * d, *S.shape[2:]))  # eliminates S, and the identity with it
-    M[:, :d] = S
-    M[range(d), range(d, 2 * d)] = 1.0
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        for j in range(d - 1):
-            across = slice(j + 1, d + j + 1)
-            M[j + 1 :, across] -= (M[j, j + 1 : d] / M[j, j])[:, None] * M[j, across]
-    pivots = np.einsum("jj...->j...", M[:, :d])
-    if not (pivots > EXACT * np.einsum("jj...->j...", S)).all():
-        raise _singular()
-    return np.asarray(M[:, d:] / np.sqrt(pivots)[:, None])
-
-
-def substitute(lower: Array, values: Array) -> Array:
-    """``lower^-1 values``, row by row for all poses at once: NumPy's solver goes from pose to pose."""
-    result = np.empty((*np.broadcast_shapes(lower.shape[:-2], values.shape[:-2]), *values.shape[-2:]))
-    for i in range(lower.shape[-1]):
-        row = values[..., i : i + 1, :]
-        if i:
-            row = row - lower[..., i : i + 1, :i] @ result[..., :i, :]
-        result[..., i : i + 1, :] = row / lower[..., i : i + 1, i : i + 1]
-    return result
-
-
-def substitute_transposed(lower: Array, values: Array) -> Array:
-    """``lower^-T values``: the last row first, a lower triangle again."""
-    return substitute(lower.mT[..., ::-1, ::-1], values[..., ::-1, :])[..., ::-1, :]

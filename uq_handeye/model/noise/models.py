@@ -4,22 +4,11 @@ Both say: the error ``xi = (theta, tau)`` (rotation first, left rotation, additi
 of each motion or pose is Gaussian with zero mean and the covariance given, 6x6, independent between robot and
 camera. The frames are those of the quantity itself: for ``base_T_gripper`` the base, for
 ``camera_T_target`` the camera, for ``A`` the gripper, for ``B`` the camera.
-
-The noise of camera poses whose pixel noise is still to be found (`CameraNoise`): they come without corners, and their
-covariance has a known shape (`shared_errors.camera_noise`). With s the standard deviation of the pixels of the corners
-they were made from,
-
-    Sigma(s) = s^2 (blkdiag(own) + F_1 F_1^T) + F_0 F_0^T
-
-F_1 are errors of the intrinsics that come from the same pictures and grow with their noise, F_0 those of another
-calibration, which do not.
-
-Noise models as plain numbers, and back, and in words: standard deviations per axis, in deg and mm.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import Any, ClassVar, Literal, Self, cast
@@ -35,8 +24,8 @@ from ...core.geometry.checks import checked_covariance
 from ...core.geometry.se3 import Array
 from ...core.presentation.document import Block, Document, Paragraph, Table, document_of
 from ...core.presentation.html import html_of
-from ...core.runtime.read_only import ReadOnlyArrays
 from ...errors import InputError
+from .camera_noise import CameraNoise
 from .joint_covariance import JointCovariance
 from .pose_prior import PosePrior
 from .square_roots import is_joint as is_joint
@@ -45,93 +34,10 @@ from .square_roots import rows_of, weighted
 
 Deviations = tuple[str | float, str | float]
 
-# Standard deviations of three axes that differ by less than this share are one number in words.
-_ALIKE = 0.01
-
-
-# The name of the shared columns of a camera, in the budget of X.
-INTRINSICS = "intrinsics"
-# Correlations from here on are worth a word.
-_CORRELATED = 0.05
-
-
-@dataclass(frozen=True, eq=False)
-class CameraNoise(ReadOnlyArrays):
-    """Covariance of n camera poses, for a standard deviation of one pixel; `camera_noise` makes it.
-
-    It stands as ``noise`` of `calibrate`, or as ``camera`` of `PoseNoise`. Where ``pixel_sd`` is None, `calibrate`
-    estimates it from the residuals.
-    """
-
-    joint: JointCovariance  # for s = 1 pixel
-    scales: NDArray[np.bool_]  # (q,) the shared columns that grow with s: F_1; the others are F_0
-    pixel_sd: float | None = None  # s in pixels; None: to be estimated
-    square: float | None = None  # m, between neighbouring points of the board; None: they have no one distance
-    views: Mapping[str, Any] | None = None  # plain numbers of the board and the camera, of which it was made
-
-    def __post_init__(self) -> None:
-        if self.scales.shape != self.joint.shared.shape[-1:] or self.joint.own.ndim != 3:
-            raise InputError(f"Expected `scales` to be of the {self.joint.shared.shape[-1]} shared columns of one set.")
-        if self.pixel_sd is not None:
-            object.__setattr__(self, "pixel_sd", checked_pixels(self.pixel_sd))
-        super().__post_init__()
-
-    @property
-    def n(self) -> int:
-        """Number of poses."""
-        return self.joint.n
-
-    @property
-    def sides(self) -> dict[str, Any]:
-        """Covariances by name, as of `PoseNoise`: that of the robot is not known."""
-        return {"robot": None, "camera": self}
-
-    @property
-    def shape(self) -> tuple[int, ...]:
-        """Shape of the covariance, (6n, 6n)."""
-        return self.joint.shape
-
-    def checked(self, name: str) -> CameraNoise | JointCovariance:
-        """Return it as a side of `PoseNoise`, which only the camera may be; Sigma(s) where s is known."""
-        if name != "camera":
-            raise InputError(f"Expected the covariance `{name}` to be numbers: only `camera` may be a CameraNoise.")
-        return self if self.pixel_sd is None else self.covariance().checked(name)
-
-    def covariance(self, pixel_sd: float | None = None) -> JointCovariance:
-        """Sigma(s); ``pixel_sd`` None is that which is known."""
-        s = self.pixel_sd if pixel_sd is None else pixel_sd
-        if s is None:
-            raise InputError(
-                "The pixel noise of this `camera_noise` is not known: `calibrate` estimates it; elsewhere give "
-                "camera_noise(..., pixel_sd=0.2), or take the `noise` of its result."
-            )
-        shared = self.joint.shared * np.where(self.scales, s, 1.0)
-        return replace(self.joint, own=s * s * self.joint.own, shared=shared)
-
-    def rows(self, index: NDArray[Any]) -> CameraNoise:
-        """Return the noise of some of the poses."""
-        return replace(self, joint=self.joint.rows(index))
-
-    def scaled(self) -> tuple[Array, Array]:
-        """``own`` (n, 6, 6) and F_1 (n, 6, q_1): the part that s^2 multiplies."""
-        return self.joint.own, self.joint.shared[..., self.scales]
-
-    def fixed(self) -> Array:
-        """F_0 (n, 6, q_0)."""
-        return np.asarray(self.joint.shared[..., ~self.scales])
-
-
-def checked_pixels(value: Any) -> float:
-    """A standard deviation in pixels, a number or text such as "0.2px"."""
-    try:
-        s = float(str(value).strip().removesuffix("px"))
-    except ValueError:
-        s = float("nan")
-    if not 1e-6 <= s <= 100.0:
-        raise InputError(
-            f"Expected `pixel_sd` (--pixel-noise) to be a standard deviation in pixels such as 0.2, got {value!r}."
-        )
-    return s
+# Relative difference of standard deviations up to which one number describes all three axes.
+MAX_DIFFERENCE_OF_AXES = 0.01
+# Correlation of the components of an error above which it is mentioned.
+MIN_MENTIONED_CORRELATION = 0.05
 
 
 def _checked_side(value: Any, name: str) -> Any:
@@ -297,7 +203,7 @@ def size_words(covariance: Any) -> tuple[str, str]:
 
 
 def _axes(std: Array, unit: str) -> str:
-    if std.max() - std.min() <= _ALIKE * std.max():
+    if std.max() - std.min() <= MAX_DIFFERENCE_OF_AXES * std.max():
         return f"{digits(float(std.mean()), 2)} {unit}"
     return f"{', '.join(f'{name} {digits(float(value), 2)}' for name, value in zip('xyz', std, strict=True))} {unit}"
 
@@ -362,7 +268,7 @@ def _notes(name: str, covariance: Any) -> list[str]:
             found.append(f"{name}: the poses share {count} errors{f' ({names})' if names else ''}.")
     elif covariance is not None and is_joint(covariance):
         found.append(f"{name}: one joint covariance of all poses.")
-    elif covariance is not None and _correlation(covariance) > _CORRELATED:
+    elif covariance is not None and _correlation(covariance) > MIN_MENTIONED_CORRELATION:
         found.append(f"{name}: the components are correlated, up to {_correlation(covariance):.2f}.")
     return found
 

@@ -15,12 +15,14 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_solve, solve_triangular
 
 from ...core.geometry.se3 import Array
-from .joint_covariance import JointCovariance, JointFactor, checked_cholesky, substitute, substitute_transposed
+from ...core.numbers.rounding import SOLUTION_ROUNDING
+from .cholesky import checked_cholesky, substitute, substitute_transposed
+from .joint_covariance import JointCovariance, JointFactor
 
 Covariance = Array | JointCovariance
 Factor = Array | JointFactor
-# It replaces a robust weight of 0.
-LEAST_WEIGHT = 1e-12
+# Smallest weight of a pose: it replaces a robust weight of 0.
+LEAST_WEIGHT = SOLUTION_ROUNDING
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,13 +12,10 @@ Joint values of the robot that go with its poses.
 
 Selection of poses by their numbers, counted from 0 in the order of the data.
 
-Stream: poses of one sensor with their times, not yet paired with anything.
 """
 
 from __future__ import annotations
 
-import re
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -121,7 +118,7 @@ class PosePairs:
 
     def __post_init__(self) -> None:
         require_one_of("setup", self.setup, SETUPS)
-        robot, camera = _frozen(self.robot, "robot"), _frozen(self.camera, "camera")
+        robot, camera = frozen_poses(self.robot, "robot"), frozen_poses(self.camera, "camera")
         if robot.shape != camera.shape:
             raise InputError(
                 "Expected `robot` and `camera` to hold the same number of poses, "
@@ -131,7 +128,7 @@ class PosePairs:
         object.__setattr__(self, "camera", camera)
         object.__setattr__(self, "truth", read_only(self.truth))
         if self.timestamps is not None:
-            object.__setattr__(self, "timestamps", _times(self.timestamps, self.n))
+            object.__setattr__(self, "timestamps", checked_times(self.timestamps, self.n))
         if self.timing is not None and (self.robot.ndim != 3 or len(self.timing) != self.n):
             raise InputError(f"Expected the `timing` of {self.n} poses, got one of {len(self.timing)}.")
         if self.joints is not None:
@@ -202,7 +199,7 @@ class PosePairs:
         return self.robot if self.setup == "eye-in-hand" else inverse(self.robot)
 
 
-def _times(values: Any, n: int) -> Array:
+def checked_times(values: Any, n: int) -> Array:
     """Times of n poses, finite and each once."""
     times = np.array(as_numbers(values, "timestamps"))
     if times.shape != (n,) or not np.isfinite(times).all():
@@ -216,7 +213,7 @@ def _times(values: Any, n: int) -> Array:
     return times
 
 
-def _frozen(value: Any, name: str) -> Array:
+def frozen_poses(value: Any, name: str) -> Array:
     T = np.array(as_transforms(value, name), order="C")  # rounding follows the order in memory
     T.flags.writeable = False
     return T
@@ -236,141 +233,3 @@ def pairs_of(data: Any, camera: Any, setup: str | None) -> Any:
         if not hasattr(value, "__len__"):
             raise InputError(f"Expected `{name}` to be poses (n, 4, 4), got {type(value).__name__}.")
     return PosePairs(data, camera, "eye-in-hand" if setup is None else setup)
-
-
-# Fewest poses that make a calibration.
-FEWEST = 3
-_RANGE = re.compile(r"(\d+)(?:\s*-\s*(\d+))?")
-
-
-class Selection(NamedTuple):
-    """Numbers of the poses that count and of those that are left out, ascending."""
-
-    kept: NDArray[np.intp]
-    excluded: NDArray[np.intp]
-
-
-def select_poses(
-    n: int,
-    exclude: Any = None,
-    only: Any = None,
-    names: Sequence[str] = ("`exclude`", "`only`"),
-    fewest: int = FEWEST,
-) -> Selection | None:
-    """Return which of n poses count; None where all do.
-
-    Parameters
-    ----------
-    n : int
-    exclude, only : sequence of int, text such as ``"12,14-16"``, or None
-        Numbers of the poses to leave out, or of those to keep; at most one of the two.
-    names : two str
-        What messages call them.
-    fewest : int
-        Poses that are needed.
-
-    Raises
-    ------
-    InputError
-        Both given, a range that counts downwards, fewer poses left than are needed.
-    """
-    if exclude is None and only is None:
-        return None
-    if exclude is not None and only is not None:
-        raise InputError(f"{names[0]} and {names[1]} are both given. Give one of them.")
-    name, given = (names[0], exclude) if only is None else (names[1], only)
-    listed = numbers_of(given, name)
-    if (wrong := [k for k in listed if not 0 <= k < n]) != []:
-        raise InputError(f"Expected {name} to name poses between 0 and {n - 1}, counted from 0, got {wrong[0]}.")
-    chosen = np.zeros(n, dtype=bool)
-    chosen[listed] = True
-    kept = chosen if only is not None else ~chosen
-    if kept.sum() < fewest:
-        needed = "1 is needed" if fewest == 1 else f"{fewest} are needed (2 motions)"
-        raise InputError(f"{name} leaves {int(kept.sum())} of {n} poses. At least {needed}.")
-    if kept.all():
-        return None
-    return Selection(np.flatnonzero(kept), np.flatnonzero(~kept))
-
-
-def numbers_of(given: Any, name: str) -> list[int]:
-    """Return pose numbers of a sequence of integers, or of text such as ``"12,14-16"``, where ranges include their end.
-
-    Raises `InputError` for anything else.
-    """
-    if isinstance(given, str):
-        return [number for part in given.split(",") for number in _range(part.strip(), given, name)]
-    try:
-        array = np.asarray(given)
-    except ValueError:
-        array = np.empty(0, dtype=object)
-    if array.ndim > 1 or (array.size and not np.issubdtype(array.dtype, np.integer)) or array.dtype == object:
-        raise InputError(f"Expected {name} to be pose numbers such as [12, 14] or '12,14-16', got {given!r:.60}.")
-    return [int(number) for number in np.atleast_1d(array)]
-
-
-def _range(part: str, text: str, name: str) -> range:
-    """Return the numbers of ``12`` or ``14-16``."""
-    found = _RANGE.fullmatch(part)
-    if found is None or any(len(digits or "") > 9 for digits in found.groups()):
-        raise InputError(f"Expected {name} to be pose numbers such as 12,14-16, got {text!r:.60}.")
-    first = int(found[1])
-    last = first if found[2] is None else int(found[2])
-    if last < first:
-        raise InputError(f"Expected the ranges of {name} to count upwards, got {part}. Write {last}-{first}.")
-    return range(first, last + 1)
-
-
-def ranges(numbers: Sequence[int]) -> str:
-    """Return ascending pose numbers as text that `numbers_of` reads: ``12, 14-16``."""
-    runs: list[list[int]] = []
-    for number in numbers:
-        if runs and number == runs[-1][-1] + 1:
-            runs[-1].append(number)
-        else:
-            runs.append([number])
-    return ", ".join(f"{run[0]}" if len(run) == 1 else f"{run[0]}-{run[-1]}" for run in runs)
-
-
-@dataclass(frozen=True, eq=False)
-class Stream:
-    """n time-stamped poses, validated once and never changed.
-
-    Parameters
-    ----------
-    timestamps : (n,)
-        Seconds on the clock of this sensor, in any order; no two may be equal.
-    poses : (n, 4, 4) array or RigidTransform
-        ``base_T_gripper`` of a robot, ``camera_T_target`` of a camera; metres.
-    source : Source or None
-        The file they came from.
-    joints : (n, L) array or None
-        Joint values of a robot at each pose (rad, or m for prismatic joints).
-
-    Raises
-    ------
-    InputError
-        Wrong shapes, matrices that are not rigid motions, times that are not finite or repeat, joint values that are
-        not finite.
-    """
-
-    timestamps: NDArray[np.float64]
-    poses: Array
-    source: Source | None = None
-    joints: Array | None = None
-
-    def __post_init__(self) -> None:
-        poses = _frozen(self.poses, "poses")
-        if poses.ndim != 3:
-            raise InputError(f"Expected `poses` to have shape (n, 4, 4), got {poses.shape}.")
-        times = _times(self.timestamps, len(poses))
-        object.__setattr__(self, "poses", poses)
-        object.__setattr__(self, "timestamps", times)
-        if self.joints is not None:
-            object.__setattr__(self, "joints", as_joint_values(self.joints, len(times)))
-
-    def __len__(self) -> int:
-        return len(self.timestamps)
-
-    def __repr__(self) -> str:
-        return f"Stream({len(self)} poses)"

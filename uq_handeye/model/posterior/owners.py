@@ -7,8 +7,8 @@ from collections.abc import Iterable
 import numpy as np
 
 from ...errors import InputError
+from ..noise.camera_noise import INTRINSICS
 from ..noise.joint_covariance import group_of
-from ..noise.models import INTRINSICS
 from ..poses.pose_pairs import PosePairs
 from ..shared_errors.assumed import DRIFT
 from ..shared_errors.shared_error import FOCAL_LENGTH, LENS, OUTLINE, PRINCIPAL_POINT, TARGET_SCALE, VIEW
@@ -17,6 +17,8 @@ ROBOT, CAMERA, TARGET = "robot", "camera", "target"
 THINGS = (ROBOT, CAMERA, TARGET)
 ANEW = ""
 NOTHING = "none"
+# Largest difference of the focal lengths of two calibrations of one camera: in standard deviations, and relative.
+MAX_FOCAL_CHANGE_SD, MAX_FOCAL_CHANGE = 6.0, 0.03
 
 
 def owner_of(name: str) -> str:
@@ -49,10 +51,6 @@ def checked_things(same: Iterable[str] | str) -> frozenset[str]:
     return frozenset(given)
 
 
-# Intrinsics of two calibrations of one camera differ by less: deviations of both, and the share of the focal length.
-DEVIATIONS, SHARE = 6.0, 0.03
-
-
 def others_by_pictures(old: PosePairs | None, new: PosePairs | None) -> dict[str, str]:
     """Return which of camera and target are plainly others in new pictures, with what they were and are."""
     before, now = (None if poses is None else poses.camera_calibration for poses in (old, new))
@@ -61,7 +59,7 @@ def others_by_pictures(old: PosePairs | None, new: PosePairs | None) -> dict[str
     found, (was, has) = {}, ("{} x {} pixels".format(*cam.image_size) for cam in (before, now))
     f, g = (cam.intrinsics["fx"] / cam.image_size[0] for cam in (before, now))
     sd = float(np.linalg.norm([cam.std["fx"] / cam.intrinsics["fx"] for cam in (before, now)]))
-    if abs(np.log(g / f)) > max(SHARE, DEVIATIONS * sd) or was != has:
+    if abs(np.log(g / f)) > max(MAX_FOCAL_CHANGE, MAX_FOCAL_CHANGE_SD * sd) or was != has:
         focal = (f"fx {cam.intrinsics['fx']:.0f} px of {size}" for cam, size in ((now, has), (before, was)))
         found[CAMERA] = ", in the result ".join(focal)
     boards = [cam.corners.board for cam in (before, now)]

@@ -39,8 +39,10 @@ from scipy.optimize import brentq
 from scipy.special import chdtrc, chdtri, chndtr
 
 from ...core.geometry.se3 import Array
+from ...core.numbers.rounding import CHAIN_ROUNDING, PRODUCT_ROUNDING, SOLUTION_ROUNDING, TINY
 from ...core.runtime.read_only import ReadOnlyArrays
-from ..noise.joint_covariance import JointFactor, checked_cholesky, substitute
+from ..noise.cholesky import checked_cholesky, substitute
+from ..noise.joint_covariance import JointFactor
 
 
 class Joint(Protocol):
@@ -160,7 +162,7 @@ class NewRows(ReadOnlyArrays):
         size = np.linalg.norm(white, axis=0)
         size = np.where(size > 0, size, 1.0)
         U, s, Vt = np.linalg.svd(white / size, full_matrices=False)
-        told = s > s.max(initial=0.0) * 1e-9
+        told = s > s.max(initial=0.0) * CHAIN_ROUNDING
         along = U.T[told] @ self.white
         back = (Vt[told].T / s[told]) / size[:, None]
         return Explained(back @ along, back @ back.T, float(along @ along))
@@ -274,7 +276,7 @@ class PredictiveReference(ReadOnlyArrays):
         mean = self.scale * self.dof / self.size
         logs = np.log(mean)
         variance = float(self.weight @ (logs - self.weight @ logs) ** 2)
-        return 2.0 / variance if variance > 1e-9 else float("inf")
+        return 2.0 / variance if variance > CHAIN_ROUNDING else float("inf")
 
     def p_value(self, d2: float, size: int | None = None) -> float:
         """Probability of a d^2 at least as large; ``size``: of so many of the numbers."""
@@ -317,22 +319,18 @@ def smallest_change(information: Array, noncentrality: float) -> tuple[float, fl
 
 def _worst(information: Array, noncentrality: float) -> float:
     values = np.linalg.eigvalsh(information)
-    return float(np.sqrt(noncentrality / values[0])) if values[0] > 1e-12 * values[-1] else float("inf")
-
-
-# Added to the diagonal of a covariance of unit diagonal before its Cholesky factor is taken: rounding.
-RIDGE = 1e-13
+    return float(np.sqrt(noncentrality / values[0])) if values[0] > SOLUTION_ROUNDING * values[-1] else float("inf")
 
 
 def factor_of(P: Array) -> Array:
-    """L, lower triangular, with ``P = L L^T``; what is negative by rounding counts as `RIDGE`."""
-    scale = np.sqrt(np.maximum(np.diag(P), np.finfo(float).tiny))
+    """L, lower triangular, with ``P = L L^T``; what is negative by rounding counts as `PRODUCT_ROUNDING`."""
+    scale = np.sqrt(np.maximum(np.diag(P), TINY))
     scaled = P / np.outer(scale, scale)
     try:
-        return np.asarray(scale[:, None] * np.linalg.cholesky(scaled + RIDGE * np.eye(len(P))))
+        return np.asarray(scale[:, None] * np.linalg.cholesky(scaled + PRODUCT_ROUNDING * np.eye(len(P))))
     except np.linalg.LinAlgError:
         values, vectors = np.linalg.eigh(scaled)
-        R = np.linalg.qr((vectors * np.sqrt(np.maximum(values, RIDGE))).T)[1]
+        R = np.linalg.qr((vectors * np.sqrt(np.maximum(values, PRODUCT_ROUNDING))).T)[1]
         return np.asarray(scale[:, None] * (R.T * np.where(np.diag(R) < 0, -1.0, 1.0)))
 
 

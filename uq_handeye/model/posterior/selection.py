@@ -18,15 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.geometry.se3 import Array, skew
+from ...core.numbers.rounding import CHAIN_ROUNDING, rounding
 from ...errors import InputError
 from ..noise.square_roots import gram
-
-# Smallest eigenvalue of information scaled to a unit diagonal that is more than rounding.
-SINGULAR = 1e-15
-
-# Exchanges must improve the criterion by this share (the determinant's logarithm by this much).
-_WORTH = 1e-9
-_MOST_ROUNDS = 20  # 2 or 3 are usual
 
 
 def value(covariance: Array, Q: Array | None) -> Array:
@@ -97,14 +91,15 @@ def exchanged(
     chosen = chosen.copy()
     best = float(value(covariance_of(information + gram(rows[chosen])), Q))
     still = 0
-    for place in np.tile(np.arange(len(chosen)), _MOST_ROUNDS):
+    # two or three rounds are usual; an exchange must improve the criterion by more than rounding
+    for place in np.tile(np.arange(len(chosen)), 20):
         others = np.delete(chosen, place)
         values = after(covariance_of(information + gram(rows[others])), rows, Q)
         if not repeat:
             values[others] = np.inf
         found = int(np.argmin(values))
         still += 1
-        if best - values[found] > _WORTH * (1.0 if Q is None else best):
+        if best - values[found] > CHAIN_ROUNDING * (1.0 if Q is None else best):
             chosen[place], best, still = found, float(values[found]), 0
         if still == len(chosen):
             break
@@ -116,7 +111,7 @@ def covariance_of(information: Array) -> Array:
     unit = 1.0 / np.sqrt(np.diagonal(information, axis1=-2, axis2=-1))
     scale = unit[..., :, None] * unit[..., None, :]
     values, vectors = np.linalg.eigh(information * scale)
-    if not (values[..., 0] > SINGULAR).all():
+    if not (values[..., 0] > rounding(4)).all():
         raise InputError(
             "The noise is too small for poses that leave a part of X open: rounding hides what is known. Give noise of "
             "1e-6 rad and m or more, or poses that determine X."

@@ -2,7 +2,7 @@ r"""Errors that are assumed where none are declared: those of camera and target,
 
 *Drift*: a camera mount or a target that creeps while the poses are taken. Model: a random walk of six components
 (theta, tau) over the poses in the order of their time, each with one standard deviation a step (rad, m). Its slow part
-is in the first `MODES` terms of the Karhunen-Loeve expansion over n steps,
+is in the first six terms of the Karhunen-Loeve expansion over n steps,
 
     b(i) = sum_k z_k sqrt(2 n) sin((k - 1/2) pi i / n) / ((k - 1/2) pi)
 
@@ -38,11 +38,6 @@ from .sizes import CLASSES, ROBOT_ACCURACY, SIZES
 from .view import LENS_SHARES, columns_about, median_distance, outline_columns, target_centre, view_scale
 
 DRIFT = "drift of the"
-MODES = 6
-# Poses below which a drift is not told from anything.
-FEWEST = 6
-# Numbers of the unknown outline of a target.
-OF_OUTLINE = 12
 
 
 def drift_columns(camera: Array, timestamps: Array, target: bool, walked: Array | None = None) -> Array:
@@ -52,7 +47,7 @@ def drift_columns(camera: Array, timestamps: Array, target: bool, walked: Array 
     """
     steps = np.sort(timestamps if walked is None else walked)
     n = len(steps)
-    rate = (np.arange(1, min(MODES, n) + 1) - 0.5) * np.pi
+    rate = (np.arange(1, min(6, n) + 1) - 0.5) * np.pi
     at, place = np.arange(1, n + 1), np.interp(timestamps, steps, np.arange(1, n + 1))
     mean, walk = (np.sqrt(2.0 * n) * np.sin(np.outer(k / n, rate)) / rate for k in (at, place))
     walk = walk - mean.mean(axis=0)  # the mean is in X or W
@@ -97,9 +92,10 @@ def assumed_outline() -> SharedError:
     """Return what the unknown outline of the target changes in the effects of the intrinsics, to be bound to poses.
 
     Of the 32 products of an error of the intrinsics with a change of the outline (`view.outline_columns`), of usual
-    sizes, the `OF_OUTLINE` principal ones at the poses.
+    sizes, the 12 principal ones at the poses.
     """
     size = SIZES[OUTLINE]
+    count = 12
     of_lens = SIZES[LENS].median * LENS_SHARES
     usual = np.tile([SIZES[FOCAL_LENGTH].median, *[SIZES[PRINCIPAL_POINT].median] * 2, *of_lens], 4)
 
@@ -108,12 +104,12 @@ def assumed_outline() -> SharedError:
         centre = target_centre(poses.camera, distance)
         K = usual * outline_columns(poses.camera, distance, centre)
         rows = (K * np.repeat([distance, 1.0], 3)[:, None]).reshape(-1, K.shape[-1])
-        axes = np.linalg.svd(rows.T @ rows)[0][:, :OF_OUTLINE]
-        axes *= np.sign(axes[np.abs(axes).argmax(axis=0), range(OF_OUTLINE)])  # the same wherever it is bound again
+        axes = np.linalg.svd(rows.T @ rows)[0][:, :count]
+        axes *= np.sign(axes[np.abs(axes).argmax(axis=0), range(count)])  # the same wherever it is bound again
         turn = usual[:, None] * axes
         return {
-            "parts": tuple(f"{OUTLINE}: {k + 1}" for k in range(OF_OUTLINE)),
-            "sd": np.full(OF_OUTLINE, size.median),
+            "parts": tuple(f"{OUTLINE}: {k + 1}" for k in range(count)),
+            "sd": np.full(count, size.median),
             "effect": lambda at: outline_columns(at.camera, distance, centre) @ turn,
         }
 
@@ -151,9 +147,12 @@ def stored_error(data: Mapping[str, Any]) -> SharedError:
     return error if any(data["sd"]) else error.switched_off()
 
 
-def assumed_drift(poses: PosePairs) -> tuple[SharedError, ...]:
-    """Return drifts of camera and target over the time of these poses; none without timestamps or in a simulation."""
-    if poses.timestamps is None or poses.truth is not None or poses.n < FEWEST:
+def assumed_drift(poses: PosePairs, min_poses: int = 6) -> tuple[SharedError, ...]:
+    """Return drifts of camera and target over the time of these poses.
+
+    There are none without timestamps, in a simulation, and with fewer poses, which cannot show any.
+    """
+    if poses.timestamps is None or poses.truth is not None or poses.n < min_poses:
         return ()
     found = []
     for of in ("camera", "target"):

@@ -36,30 +36,29 @@ from numpy.typing import ArrayLike
 
 from ...core.geometry.checks import as_transforms
 from ...core.geometry.se3 import Array, skew
+from ...core.numbers.rounding import SOLUTION_ROUNDING
 from ...errors import InputError
 from ..camera.description import spacing_of
 from ..camera.intrinsics_file import KnownIntrinsics
 from ..camera.models import LINEAR, MODELS, CameraModel
 from ..camera.result import CameraCalibration
+from ..noise.camera_noise import INTRINSICS, CameraNoise, checked_pixels
 from ..noise.joint_covariance import JointCovariance
-from ..noise.models import INTRINSICS, CameraNoise, checked_pixels
 from ..poses.pose_pairs import PosePairs
 from .shared_error import DEFAULT_SD, FOCAL_LENGTH, PRINCIPAL_POINT
 
 ESTIMATED, PINHOLE, EXACT = "estimated", "pinhole", "exact"
 # Coefficients that are estimated with the linear intrinsics.
 DISTORTION = ("k1", "k2", "p1", "p2")
-# Points of a target from which on a camera is calibrated with it.
-FEWEST = 8
-# A focal length below this is not in pixels.
-SHORTEST = 10.0
-# The board spans between these shares of its distance; and rises at least by this angle from its plane.
-SMALLEST, LARGEST = 0.01, 20.0
-EDGE_ON = np.radians(2.0)
-# Points may lie outside the picture by this share of it; and so many of the poses may be wrong.
-MARGIN, FEW = 0.1, 0.2
-# Smallest eigenvalue, of a unit diagonal, that still determines what it is of.
-SINGULAR = 1e-12
+# Smallest number of points of a target with which a camera is calibrated.
+MIN_POINTS_OF_BOARD = 8
+# Smallest focal length that can be in pixels.
+MIN_FOCAL_LENGTH_PX = 10.0
+# Smallest and largest width of a board over its distance, and its smallest angle to the line of sight.
+BOARD_SPAN = (0.01, 20.0)
+MIN_BOARD_TILT_RAD = np.radians(2.0)
+# Largest share of the picture by which points may lie outside of it, and largest share of poses in which they may.
+MAX_OUTSIDE, MAX_POSES_OUTSIDE = 0.1, 0.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,7 +185,7 @@ def _inverse(information: Array, what: str) -> Array:
     """Invert (..., k, k); raises `InputError` that begins with ``what`` where it is singular."""
     unit = 1.0 / np.sqrt(np.maximum(np.diagonal(information, axis1=-2, axis2=-1), np.finfo(float).tiny))
     scaled = information * unit[..., :, None] * unit[..., None, :]
-    if not (np.linalg.eigvalsh(scaled)[..., 0] > SINGULAR).all():
+    if not (np.linalg.eigvalsh(scaled)[..., 0] > SOLUTION_ROUNDING).all():
         raise InputError(f"{what}: give more points or poses, or intrinsics='exact' or their covariance.")
     return np.asarray(np.linalg.inv(scaled) * unit[..., :, None] * unit[..., None, :])
 
@@ -218,10 +217,11 @@ def _lens_of(given: Any, image_size: tuple[int, int] | None) -> Lens:
     else:
         lens = Lens(MODELS["pinhole"], _linear(given), None, image_size)
     fx, fy, cx, cy = lens.parameters[:4]
-    if not (np.isfinite(lens.parameters).all() and min(fx, fy) >= SHORTEST and min(cx, cy) > 0):
+    if not (np.isfinite(lens.parameters).all() and min(fx, fy) >= MIN_FOCAL_LENGTH_PX and min(cx, cy) > 0):
         raise InputError(
-            f"Expected `camera_matrix` in pixels, focal lengths of at least {SHORTEST:g} and a centre within the "
-            f"picture, got fx {fx:g}, fy {fy:g}, cx {cx:g}, cy {cy:g}: millimetres, degrees or normalised units?"
+            f"Expected `camera_matrix` in pixels, focal lengths of at least {MIN_FOCAL_LENGTH_PX:g} and a centre "
+            f"within the picture, got fx {fx:g}, fy {fy:g}, cx {cx:g}, cy {cy:g}: "
+            "millimetres, degrees or normalised units?"
         )
     return lens
 
@@ -255,7 +255,7 @@ def _of_known(given: KnownIntrinsics, image_size: tuple[int, int] | None) -> Len
 def _unknowns(lens: Lens, given: Any, points: int) -> tuple[Lens, Array, Array | None]:
     """The lens, the directions (k, p) in which its intrinsics are open, their covariance; None: to be estimated."""
     k = len(lens.parameters)
-    if given is None and lens.covariance is None and points < FEWEST:
+    if given is None and lens.covariance is None and points < MIN_POINTS_OF_BOARD:
         f = lens.parameters[:2].mean()
         directions = np.stack([np.eye(k)[:2].sum(axis=0), *np.eye(k)[2:4]], axis=-1)
         sd = f * np.array([DEFAULT_SD[FOCAL_LENGTH], DEFAULT_SD[PRINCIPAL_POINT], DEFAULT_SD[PRINCIPAL_POINT]])
@@ -293,7 +293,7 @@ def _unknowns(lens: Lens, given: Any, points: int) -> tuple[Lens, Array, Array |
     correlation = S / unit[:, None] / unit
     if not (np.isfinite(S).all() and np.abs(correlation - correlation.T).max() < 1e-6):
         raise InputError("Expected the covariance `intrinsics` to be finite and symmetric, in pixels^2.")
-    if not np.linalg.eigvalsh(correlation)[0] > SINGULAR:
+    if not np.linalg.eigvalsh(correlation)[0] > SOLUTION_ROUNDING:
         raise InputError(
             "Expected the covariance `intrinsics` to be positive definite, got a singular or an indefinite one. Where "
             "only the focal length is uncertain give its variance (1, 1); intrinsics='exact' has none."
@@ -305,7 +305,7 @@ def _require_scale(C: Array, P: Array) -> None:
     """Points and poses in one unit."""
     span = float(np.linalg.norm(np.ptp(P, axis=0)))
     away = float(np.median(np.linalg.norm(C[:, :3, 3], axis=-1)))
-    if not SMALLEST * away <= span <= LARGEST * away:
+    if not BOARD_SPAN[0] * away <= span <= BOARD_SPAN[1] * away:
         raise InputError(
             f"The `points` span {span:.3g} m and the board is {away:.3g} m away: expected both in metres, is one of "
             "them in millimetres?"
@@ -326,12 +326,12 @@ def _require_in_view(C: Array, P: Array, lens: Lens) -> None:
     pixels = lens.model.project(lens.parameters, points).pixels
     beyond = np.maximum(-pixels, pixels - lens.extent) / lens.extent
     out = np.median(beyond.max(axis=-1), axis=1)  # of half of the points
-    if (out > MARGIN).sum() > max(1.0, FEW * n):
+    if (out > MAX_OUTSIDE).sum() > max(1.0, MAX_POSES_OUTSIDE * n):
         k = int(out.argmax())
         middle = pixels[k].mean(axis=0)
         raise InputError(
-            f"The `camera_matrix` does not fit: in {int((out > MARGIN).sum())} of {n} poses the board lies out of the "
-            f"picture ({lens.extent[0]:.0f} x {lens.extent[1]:.0f} pixels), in pose {k} at ({middle[0]:.0f}, "
+            f"The `camera_matrix` does not fit: in {int((out > MAX_OUTSIDE).sum())} of {n} poses the board lies out of "
+            f"the picture ({lens.extent[0]:.0f} x {lens.extent[1]:.0f} pixels), in pose {k} at ({middle[0]:.0f}, "
             f"{middle[1]:.0f}). Is it of another camera or resolution, or are `points` of another board?"
         )
     middle_of, normal = P.mean(axis=0), np.linalg.svd(P - P.mean(axis=0))[2][2]
@@ -339,9 +339,10 @@ def _require_in_view(C: Array, P: Array, lens: Lens) -> None:
     if np.linalg.svd(P - middle_of, compute_uv=False)[2] > 1e-3 * np.ptp(P):
         return  # no plane: seen from everywhere
     rise = np.arcsin(np.abs(np.sum(towards * (C[:, :3, :3] @ normal), axis=1)) / np.linalg.norm(towards, axis=1))
-    if (rise < EDGE_ON).any():
+    if (rise < MIN_BOARD_TILT_RAD).any():
         k = int(rise.argmin())
         raise InputError(
-            f"Seen edge-on a board has no pose: in {int((rise < EDGE_ON).sum())} of {n} poses it is, in pose {k} at "
-            f"{np.degrees(rise[k]):.2g} degrees from its plane. Leave them out, or mend the frame of `points`."
+            f"Seen edge-on a board has no pose: in {int((rise < MIN_BOARD_TILT_RAD).sum())} of {n} poses it is, in "
+            f"pose {k} at {np.degrees(rise[k]):.2g} degrees from its plane. Leave them out, or mend the "
+            "frame of `points`."
         )

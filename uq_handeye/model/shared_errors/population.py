@@ -5,8 +5,8 @@ poses: twists ``(theta, tau)`` (left rotation, rad; additive translation, m; in 
 3-D RMS position error of the arm over its workspace is 1 m: an arm of 0.6 mm absolute accuracy has the error
 ``0.6e-3 K z``.
 
-**Arms.** Each geometry of `ARMS` is scaled so that its reach, of the flange from joint 2, is `SCALE` times the distance
-of the farthest pose from the base, with the tip of the poses as its flange, and placed at the poses by inverse
+**Arms.** Each geometry of `ARMS` is scaled so that its reach, of the flange from joint 2, is the distance of the
+farthest pose from the base, with the tip of the poses as its flange, and placed at the poses by inverse
 kinematics in its usual branch (`WorkPostures`). Columns F of its errors, with the standard deviations
 
 | offsets | tilts | lengths | harmonics 1, 2 | sag |
@@ -14,14 +14,14 @@ kinematics in its usual branch (`WorkPostures`). Columns F of its errors, with t
 | 0.6 mrad | 0.3 mrad | 0.25 mm per m of reach | 0.12 mrad | 0.3 mrad |
 
 **Gauge.** What a constant base and a constant flange do over the workspace is taken out: 12 numbers by least squares
-for each column at `WORKSPACE` postures spread over the limits of the joints, rotations weighted by `LEVER` of the
+for each column at some hundred postures spread over the limits of the joints, rotations weighted by 0.3 of the
 reach, with the same 12 numbers at the poses. Another sample of as many postures gives other frames: 12 further
 columns, motions of base and flange by what one posture contributes to those numbers, hold that; X and W absorb them.
 **Unit**: the RMS over the same postures.
 
-**Mixture.** The columns of all arms that reach at least half of the poses (the `FEWEST` that reach most, if fewer do),
+**Mixture.** The columns of all arms that reach at least half of the poses (the three that reach most, if fewer do),
 over the square root of their number, have the second moment of the mixture: ``K K^T = mean over arms K_a K_a^T``. A
-truncated singular value decomposition with translations over `TRANSLATION` leaves at most `RANK` columns: all but some
+truncated singular value decomposition with translations over `LENGTH_PER_RAD_M` leaves at most 32 columns: all but some
 1 % of the energy for poses of one region, 10 % for 60 poses all over the workspace, which are noise of each pose.
 
 *Scale.* Fourteen arms of the table in turn as the true one, its family left out of `ARMS`, 0.6 mm (known), 30 poses,
@@ -40,7 +40,8 @@ from numpy.typing import NDArray
 from ...core.geometry.se3 import Array
 from ...core.runtime.read_only import ReadOnlyArrays
 from ..kinematics.arms.known_arms import known_arm
-from ..kinematics.arms.stack import BLOCK, ERRORS, SAGS, SHIFTS, TURNS, WAVES, ArmStack, WorkPostures
+from ..kinematics.arms.stack import ERRORS, SAGS, SHIFTS, TURNS, WAVES, ArmStack
+from ..kinematics.arms.work_postures import WorkPostures
 from ..kinematics.workspace_gauge import twists
 
 ARMS: tuple[str, ...] = (
@@ -57,30 +58,22 @@ ARMS: tuple[str, ...] = (
     "panda",
     "gen3",
 )
-SCALE = 1.0
-OFFSET, TILT, LENGTH, HARMONIC, SAG = 0.6e-3, 0.3e-3, 0.25e-3, 0.12e-3, 0.3e-3
-WORKSPACE = 400
-LEVER = 0.3
-TRANSLATION = 0.5  # m
-RANK = 32
-# Part of the energy that the columns left out may have: of the mixture, and of each arm over its workspace.
-LEFT_OUT, WITHIN_ARM = 1e-3, 1e-4
-# Arms that are kept at least, those that reach most poses.
-FEWEST = 3
-# Between arms: frames of base and of flange are so many times as uncertain as by the sample of the workspace, and this
-# share of its errors far from the poses of the data is unknown again (`unseen`). Found by leaving families of arms out.
-UNLIKE_BASE, UNLIKE_FLANGE, UNSEEN = 10.0, 5.0, 0.5
-# Part of what z leaves of further poses that counts beside noise estimated from the data. What is left is the mean over
+# Standard deviations (rad, or of the reach) of the errors of each arm.
+OFFSET_SD, TILT_SD, LENGTH_SD, HARMONIC_SD, SAG_SD = 0.6e-3, 0.3e-3, 0.25e-3, 0.12e-3, 0.3e-3
+# Length over which translations count as rotations (rad) do.
+LENGTH_PER_RAD_M = 0.5
+# Ratio of the uncertainty of the frames of base and of flange between arms to that by a sample of the workspace; and
+# the share of the errors far from the poses of the data that is unknown again (`unseen`). Found by leaving families of
+# arms out.
+BASE_RATIO, FLANGE_RATIO, UNSEEN_SHARE = 10.0, 5.0, 0.5
+# Share of what z leaves of further poses that counts with noise estimated from the data. What z leaves is the mean over
 # the arms, and a few of them have most of it: of translations one arm has 0.29 of that variance, 0.13 to 0.24 with six
 # axes and 0.5 to 0.8 with seven (`studies.maintenance.what_is_left`, 70 sets of 0.6 mm, no noise; 0.22 without the
 # family of the arm in the population). Squared distances by it are 0.88 of what they should be, since small directions
 # hold more. How far p-values of unchanged rigs depend on it: `studies/maintenance/unknown_arms.md`.
 LEFT_BESIDE = 0.35
-# A pose is near another one if their tips are within this share of the reach, and their orientations within this angle
-# (rad); how steeply the share rises beyond.
-NEAR_TIP, NEAR_TURN, STEEP = 0.2, 0.5, 4
-# Further vectors of the range from which the columns are taken.
-MORE = 12
+# Distance of tips, over the reach, and of orientations at which poses have their errors in common.
+NEAR_TIP_SHARE, NEAR_TURN_RAD = 0.2, 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,30 +87,34 @@ class ArmPopulation:
     frames: Array  # (A, 12, 12) second moments of the motions of base and flange that are open
 
     @classmethod
-    def of(cls, names: tuple[str, ...]) -> ArmPopulation:
-        """Return the population of the arms of these names."""
+    def of(cls, names: tuple[str, ...], n_postures: int = 400, left_out: float = 1e-4) -> ArmPopulation:
+        """Return the population of the arms of these names.
+
+        Rotations are weighted by 0.3 of the reach; the columns of each arm hold all but ``left_out`` of its
+        energy over the workspace.
+        """
         stack = ArmStack.of([known_arm(name) for name in names])
         unit = np.empty((ERRORS, 1))
-        unit[TURNS, 0] = np.tile([TILT, TILT, OFFSET], 7)
-        unit[SHIFTS], unit[WAVES], unit[SAGS] = LENGTH, HARMONIC, SAG
-        q = stack.workspace(WORKSPACE)
+        unit[TURNS, 0] = np.tile([TILT_SD, TILT_SD, OFFSET_SD], 7)
+        unit[SHIFTS], unit[WAVES], unit[SAGS] = LENGTH_SD, HARMONIC_SD, SAG_SD
+        q = stack.workspace(n_postures)
         frames = stack.frames(q)
         F = stack.columns(q, frames).reshape(len(names), ERRORS, -1) * unit
         B = gauge_columns(frames.tip).reshape(len(names), 12, -1)
-        weight = np.repeat([LEVER] * 3 + [1.0] * 3, WORKSPACE)
+        weight = np.repeat([0.3] * 3 + [1.0] * 3, n_postures)
         gauge = (F * weight) @ np.linalg.pinv(B * weight)  # (A, 77, 12)
         free = F - gauge @ B
-        rms = np.sqrt((free[:, :, 3 * WORKSPACE :] ** 2).sum(axis=(1, 2)) / WORKSPACE)[:, None, None]
+        rms = np.sqrt((free[:, :, 3 * n_postures :] ** 2).sum(axis=(1, 2)) / n_postures)[:, None, None]
         energy, V = np.linalg.eigh((free * weight) @ (free * weight).mT)  # ascending
         lost = np.cumsum(energy, axis=1) / energy.sum(axis=1, keepdims=True)
-        kept = ERRORS - int((lost < WITHIN_ARM).sum(axis=1).min())
+        kept = ERRORS - int((lost < left_out).sum(axis=1).min())
         V = V[:, :, ERRORS - kept :].mT / rms
         mixing = np.concatenate([V * unit[:, 0], -V @ gauge], axis=2)
         # what the frames of base and flange would be by another sample of the workspace
-        of_posture = ((V @ free) * weight).reshape(len(names), -1, 6, WORKSPACE)
-        by_frame = (np.linalg.pinv(B * weight)).reshape(len(names), 6, WORKSPACE, 12)
+        of_posture = ((V @ free) * weight).reshape(len(names), -1, 6, n_postures)
+        by_frame = (np.linalg.pinv(B * weight)).reshape(len(names), 6, n_postures, 12)
         moves = np.einsum("aekn,aknj->aenj", of_posture, by_frame).reshape(len(names), -1, 12)
-        unlike = np.repeat([UNLIKE_BASE, UNLIKE_FLANGE], 6)
+        unlike = np.repeat([BASE_RATIO, FLANGE_RATIO], 6)
         return cls(names, stack, WorkPostures.of(stack), mixing, moves.mT @ moves * np.outer(unlike, unlike))
 
     def columns(self, poses: Array) -> tuple[Array, NDArray[np.bool_]]:
@@ -151,19 +148,24 @@ class BoundPopulation(ReadOnlyArrays):
 
     @classmethod
     def of(
-        cls, robot: Array, reach: float | None = None, arms: tuple[str, ...] | None = None, rank: int = RANK
+        cls,
+        robot: Array,
+        reach: float | None = None,
+        arms: tuple[str, ...] | None = None,
+        rank: int = 32,
+        min_arms: int = 3,
     ) -> BoundPopulation:
         """Bind the population to poses ``robot`` (n, 4, 4) base_T_tip; see the module.
 
-        ``reach`` (m) of the arm; None: `SCALE` times the farthest pose. ``rank``: the largest number of columns but for
-        those of base and flange.
+        ``reach`` (m) of the arm; None: the distance of the farthest pose. ``rank``: the largest number of columns but
+        for those of base and flange. ``min_arms``: of those that reach most poses.
         """
         robot, arms = np.asarray(robot, dtype=float), ARMS if arms is None else tuple(arms)
         if reach is None:
-            reach = SCALE * max(float(np.linalg.norm(robot[:, :3, 3], axis=-1).max()), 1e-6)
+            reach = max(float(np.linalg.norm(robot[:, :3, 3], axis=-1).max()), 1e-6)
         G, reached = _of_each_arm(arms, reach, robot)
         share = reached.mean(axis=1)
-        kept = (share >= 0.5) | (share >= np.sort(share)[-min(FEWEST, len(share))])
+        kept = (share >= 0.5) | (share >= np.sort(share)[-min(min_arms, len(share))])
         rows = _rows(G[kept])
         U, energy = truncated(rows, rank)
         basis = rows.T @ U / np.sqrt(np.maximum(energy, 1e-300))
@@ -182,10 +184,10 @@ class BoundPopulation(ReadOnlyArrays):
     def unseen(self, robot: Array, measured: bool = False) -> Array:
         """(n, 6, 6) covariance that z leaves of other poses (n, 4, 4), a share of whose variance is unknown again.
 
-        The share is ``UNSEEN^2 (1 - rho^2)^STEEP``, rho the correlation ``exp(-d^2 / 2)`` with the nearest pose of the
-        data: 0 at these. What is wrong with the geometries is smooth, and known where it was seen. ``measured``: beside
-        noise that was estimated from the data, which holds what is unknown again of a pose that is as far from the
-        others as the poses of the data are from each other; only what is above that of nine of ten is left, and
+        The share is ``UNSEEN_SHARE^2 (1 - rho^2)^4``, rho the correlation ``exp(-d^2 / 2)`` with the nearest pose of
+        the data: 0 at these. What is wrong with the geometries is smooth, and known where it was seen. ``measured``:
+        beside noise that was estimated from the data, which holds what is unknown again of a pose that is as far from
+        the others as the poses of the data are from each other; only what is above that of nine of ten counts, and
         `LEFT_BESIDE` of what z leaves.
         """
         whole, known = self._at(robot)
@@ -206,16 +208,16 @@ class BoundPopulation(ReadOnlyArrays):
 
     @staticmethod
     def _unknown_again(apart: Array) -> Array:
-        return np.asarray(UNSEEN**2 * (1.0 - np.exp(-apart)) ** STEEP)
+        return np.asarray(UNSEEN_SHARE**2 * (1.0 - np.exp(-apart)) ** 4)
 
     def _apart(self, robot: Array, without: int | None = None) -> Array:
-        """(n,) squared distance d^2 of poses from the nearest of the data, in units of `NEAR_TIP` and `NEAR_TURN`."""
+        """(n,) squared distance d^2 of poses from the nearest of the data, over `NEAR_TIP_SHARE`, `NEAR_TURN_RAD`."""
         found = np.empty(len(robot))
         data = self.robot if without is None else np.delete(self.robot, without, axis=0)
         for k, pose in enumerate(np.asarray(robot, dtype=float)):
-            tips = np.sum((data[:, :3, 3] - pose[:3, 3]) ** 2, axis=-1) / (NEAR_TIP * self.reach) ** 2
+            tips = np.sum((data[:, :3, 3] - pose[:3, 3]) ** 2, axis=-1) / (NEAR_TIP_SHARE * self.reach) ** 2
             cosine = 0.5 * (np.einsum("nij,ij->n", data[:, :3, :3], pose[:3, :3]) - 1.0)
-            found[k] = (tips + (np.arccos(np.clip(cosine, -1.0, 1.0)) / NEAR_TURN) ** 2).min(initial=np.inf)
+            found[k] = (tips + (np.arccos(np.clip(cosine, -1.0, 1.0)) / NEAR_TURN_RAD) ** 2).min(initial=np.inf)
         return found
 
     def _rows_at(self, robot: Array) -> Array:
@@ -224,7 +226,7 @@ class BoundPopulation(ReadOnlyArrays):
     @staticmethod
     def _unscaled(rows: Array) -> Array:
         K = rows.reshape(6, -1, rows.shape[-1]).swapaxes(0, 1).copy()
-        K[:, 3:] *= TRANSLATION
+        K[:, 3:] *= LENGTH_PER_RAD_M
         return K
 
 
@@ -239,27 +241,28 @@ def _of_each_arm(arms: tuple[str, ...], reach: float, robot: Array) -> tuple[Arr
     """Columns (A, c, 6, n) of each arm of this reach, rad and m, and whether it reaches the poses (A, n)."""
     known, poses = population(tuple(arms)), robot[:, :3].copy()
     poses[..., 3] /= reach
-    parts = [known.columns(poses[start : start + BLOCK]) for start in range(0, len(robot), BLOCK)]
+    parts = [known.columns(poses[start : start + 64]) for start in range(0, len(robot), 64)]
     G = np.concatenate([part[0] for part in parts], axis=-1)
     G[:, :, :3] /= reach
     return G, np.concatenate([part[1] for part in parts], axis=1)
 
 
 def _rows(G: Array) -> Array:
-    """(6n, M) all columns of the arms (A, c, 6, n), translations over `TRANSLATION`."""
-    scale = np.repeat([1.0, 1.0 / TRANSLATION], 3)[:, None] / np.sqrt(len(G))
+    """(6n, M) all columns of the arms (A, c, 6, n), translations over `LENGTH_PER_RAD_M`."""
+    scale = np.repeat([1.0, 1.0 / LENGTH_PER_RAD_M], 3)[:, None] / np.sqrt(len(G))
     return np.asarray((G * scale).reshape(-1, 6 * G.shape[-1]).T)
 
 
-def truncated(rows: Array, rank: int) -> tuple[Array, Array]:
+def truncated(rows: Array, rank: int, left_out: float = 1e-3) -> tuple[Array, Array]:
     """Return U (N, m) and energies (m,), m <= rank: ``U diag(energy) U^T`` is the second moment of ``rows`` (N, M).
 
-    But for `LEFT_OUT` of its trace.
-    The singular vectors are those within the range of ``rows rows^T rows S`` with a fixed random S (M, rank + `MORE`),
+    But for ``left_out`` of its trace.
+    The singular vectors are those within the range of ``rows rows^T rows S`` with a fixed random S (M, rank + 12),
     so that a permutation of the rows permutes the result.
     """
-    if min(rows.shape) > rank + MORE:
-        rows_of_range = rows @ (rows.T @ (rows @ _sketch(rows.shape[1], rank + MORE)))
+    more = 12
+    if min(rows.shape) > rank + more:
+        rows_of_range = rows @ (rows.T @ (rows @ _sketch(rows.shape[1], rank + more)))
     else:
         rows_of_range = rows if rows.shape[1] <= len(rows) else np.eye(len(rows))
     Q = np.linalg.qr(rows_of_range)[0]
@@ -267,7 +270,7 @@ def truncated(rows: Array, rank: int) -> tuple[Array, Array]:
     energy, U = np.linalg.eigh(small @ small.T)
     energy, U = np.maximum(energy[::-1], 0.0), U[:, ::-1]
     left = (rows**2).sum() - np.cumsum(energy[:rank])
-    m = int(np.count_nonzero(left > LEFT_OUT * energy.sum())) + 1
+    m = int(np.count_nonzero(left > left_out * energy.sum())) + 1
     m = min(m, rank)
     return np.asarray(Q @ U[:, :m]), energy[:m]
 

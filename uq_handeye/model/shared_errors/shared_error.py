@@ -42,11 +42,11 @@ from ...core.geometry.checks import as_numbers
 from ...core.geometry.se3 import Array
 from ...core.runtime.read_only import ReadOnlyArrays
 from ...errors import InputError
+from ..noise.camera_noise import INTRINSICS
 from ..noise.joint_covariance import group_of
-from ..noise.models import INTRINSICS
 from ..poses.pose_pairs import PosePairs
 from ..poses.timing import SIDES
-from .sizes import ROBOT_ACCURACY, RobotAccuracy, Size, stated_accuracy
+from .sizes import ROBOT_ACCURACY, SIZES, RobotAccuracy, Size, stated_accuracy
 from .view import intrinsics_columns, median_distance, target_centre
 
 FOCAL_LENGTH = "focal length"
@@ -59,16 +59,22 @@ VIEW, LENS, OUTLINE = "view", "lens distortion", "target outline"
 OF_ANY_POSES = frozenset(
     {FOCAL_LENGTH, PRINCIPAL_POINT, TARGET_SCALE, ROBOT_SCALE, CLOCK_OFFSET, VIEW, LENS, OUTLINE, ROBOT_ACCURACY}
 )
-# Poses that differ by less, of the reach of the arm, have the same columns of its errors.
-NEAR = 0.02
+# Largest difference of poses, over the reach of the arm, with the same columns of its errors.
+SAME_POSE_SHARE = 0.02
 # Those whose columns are made of the translations of the poses, and hold their noise.
 OF_LENGTHS = (FOCAL_LENGTH, PRINCIPAL_POINT, TARGET_SCALE, ROBOT_SCALE)
 
-# A target that differs by more than this is of another size than was given.
+# Relative error of the size of a target beyond which it is reported as another size.
 WRONG_SIZE = 3e-3
-# Of finished camera poses about which nothing is said (docs/explanation/shared_errors.md has the reasons): relative for
-# lengths and scales, rad for the principal point, s for the clock offset.
-DEFAULT_SD = {FOCAL_LENGTH: 1e-3, PRINCIPAL_POINT: 1e-3, TARGET_SCALE: 2e-4, ROBOT_SCALE: 1e-4, CLOCK_OFFSET: 1e-3}
+# Standard deviations of errors that are declared without one: relative for lengths and scales, rad for the principal
+# point, s for the clock offset.
+DEFAULT_SD = {
+    FOCAL_LENGTH: SIZES[FOCAL_LENGTH].median,
+    PRINCIPAL_POINT: SIZES[PRINCIPAL_POINT].median,
+    TARGET_SCALE: 2e-4,
+    ROBOT_SCALE: 1e-4,
+    CLOCK_OFFSET: 1e-3,
+}
 
 # In place of a standard deviation: 0, which switches an error off.
 EXACT = ("none", "exact")
@@ -324,7 +330,7 @@ def population_error(move: float, turn: float, reach: float | None) -> SharedErr
         accuracy = RobotAccuracy(move, turn, population.reach)
 
         def effect(at: PosePairs) -> Array:
-            near = at.n == poses.n and np.abs(at.robot - poses.robot).max() < NEAR * population.reach
+            near = at.n == poses.n and np.abs(at.robot - poses.robot).max() < SAME_POSE_SHARE * population.reach
             return K if near else population.columns(at.robot)
 
         return {

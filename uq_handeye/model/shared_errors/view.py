@@ -3,7 +3,7 @@ r"""Errors of finished camera poses that follow from the view: those of a lens, 
 Model: the error of a camera pose is a smooth function of how the target was seen, the same function for all poses of a
 rig. To first order it is linear in six coordinates c of the view, the direction ``t / |t|`` in which the target stood
 and its normal, both in the camera frame: centred over the poses (their mean is absorbed by X and W), divided by their
-standard deviation where that is above `LEAST`. Each of them moves each of the six components,
+standard deviation where that is above 0.1. Each of them moves each of the six components,
 
     xi = sum_jk z_jk c_j E_k,      E = ( [theta in rad]; [tau in units of the distance |t|] )
 
@@ -12,12 +12,12 @@ standard deviation where that is above `LEAST`. Each of them moves each of the s
 *Noise by the view.* The noise of a pose that was fitted to the corners of a flat target has a shape that its distance
 and tilt decide (T11): with the derivatives B of the lines of sight u (unit vectors) by the pose the covariance is
 ``(B^T B)^-1`` per square of their noise. Target and lens are not known here: the target is taken as a ring of points
-about where the cameras look (`target_centre`), as wide as `HALF` times the median distance says, so that only the size
-of the noise is left open. Lines of sight have no axes and a ring has none but its normal: how the camera's frame is
+about where the cameras look (`target_centre`), as wide as `HALF_WIDTH` times the median distance says, so that only the
+size of the noise is unknown. Lines of sight have no axes and a ring has none but its normal: how the camera's frame is
 turned changes nothing, nor how the target's is turned about its normal. That the normal is z is a convention, of boards
 and tags, and data confirm it: against the mean direction of the views, up to 18 degrees away, by 10 to 140 units of log
 probability. A frame with another axis as the normal is other knowledge of the target, not another choice of frame.
-Where the views contradict it, that is stand further than `FRONT` from z and -z on average, their mean direction is the
+Where the views contradict it, because they are 60 degrees or more from z and -z on average, their mean direction is the
 normal.
 
 *Intrinsics.* Focal length, centre, distortion and the ratio of the two focal lengths that are wrong by dk move the
@@ -37,33 +37,24 @@ import numpy as np
 
 from ...core.geometry.se3 import Array, skew
 
-# Standard deviation below which a coordinate of the view is not scaled up.
-LEAST = 0.1
-# Half of the width of the target over its distance, and points along each side; radius of the ring of the same second
-# moments over that half, and its points.
-HALF, POINTS = 0.15, 4
-RADIUS, RING = 1.05, 16
-# Angle (rad) of the mean direction of the views from z up to which z is the normal; and its length if they come from
-# all around, which contradicts nothing.
-FRONT, ALL_AROUND = 1.05, 0.3
-# A target seen edge-on counts as if it were tilted by this cosine, and one that is not in front of the camera as if its
-# points told their distance as little.
-EDGE_ON = 0.05
+# Half of the width of the target over its distance.
+HALF_WIDTH = 0.15
+# Cosine of the tilt of a target that is seen edge-on, and of the line of sight to one that is not in front of the
+# camera: with 0 the pose would have an unobservable direction.
+MIN_TILT_COSINE = 0.05
+# Smallest depth of a point, over the median distance of the target.
+MIN_DEPTH = 0.05
 # Standard deviations of k1, k2, p1, p2 and f_x / f_y over the first.
 LENS_SHARES = np.array([1.0, 3.0, 0.1, 0.1, 0.05])
-# Tangent of the angle from the axis beyond which no lens is asked: what is further out counts as seen there, or the
-# powers of that tangent that a distortion is made of would run away at poses to come.
-WIDEST = 1.0
-# Place of the target in its frame: steps of the search, and how far behind it the point may be, of the distance.
-STEPS, BEHIND = 6, 0.3
-# Change of the outline of the target by which derivatives are taken.
-BIT = 0.1
 
 
-def view_scale(camera: Array) -> tuple[Array, Array]:
-    """(6,) mean of the coordinates of the view over poses (n, 4, 4), and what they are divided by."""
+def view_scale(camera: Array, least_sd: float = 0.1) -> tuple[Array, Array]:
+    """(6,) mean of the coordinates of the view over poses (n, 4, 4), and what they are divided by.
+
+    That is their standard deviation, and at least ``least_sd``.
+    """
     seen = _coordinates(camera)
-    return seen.mean(axis=0), np.maximum(seen.std(axis=0), LEAST)
+    return seen.mean(axis=0), np.maximum(seen.std(axis=0), least_sd)
 
 
 def columns_about(camera: Array, mean: Array, scale: Array) -> Array:
@@ -82,25 +73,32 @@ def _coordinates(camera: Array) -> Array:
     return np.concatenate([t / np.maximum(np.linalg.norm(t, axis=-1, keepdims=True), 1e-12), camera[:, :3, 2]], axis=-1)
 
 
-def view_block(camera: Array, distance: float | None = None, centre: Array | None = None) -> Array:
+def view_block(
+    camera: Array,
+    distance: float | None = None,
+    centre: Array | None = None,
+) -> Array:
     """(n, 6, 6) square roots of the covariance of poses (n, 4, 4) for one rad of noise of the lines of sight.
 
-    ``distance`` (m) that gives the target its width and ``centre`` (3,) of its points; None: those of these poses.
+    ``distance`` (m) that gives the target its width and ``centre`` (3,) of its points; None: those of these poses. The
+    ring is as wide as gives it the second moments of the square.
     """
     R, t = camera[:, :3, :3], camera[:, :3, 3]
     distance = max(median_distance(camera) if distance is None else distance, 1e-6)
     centre = target_centre(camera, distance) if centre is None else centre
     about = R @ centre + t
-    own = np.maximum(np.linalg.norm(about, axis=-1), 0.05 * distance)
-    angle = 2.0 * np.pi * np.arange(RING) / RING
+    own = np.maximum(np.linalg.norm(about, axis=-1), MIN_DEPTH * distance)
+    angle = 2.0 * np.pi * np.arange(16) / 16
     across = _across(camera)  # (2, 3)
-    turned = HALF * distance * RADIUS * np.stack([np.cos(angle), np.sin(angle)], axis=-1) @ across @ R.mT  # (n, k, 3)
+    turned = (
+        HALF_WIDTH * distance * 1.05 * np.stack([np.cos(angle), np.sin(angle)], axis=-1) @ across @ R.mT
+    )  # (n, k, 3)
     at = turned + about[:, None]
-    away = np.maximum(np.linalg.norm(at, axis=-1), 0.05 * distance)[..., None]
+    away = np.maximum(np.linalg.norm(at, axis=-1), MIN_DEPTH * distance)[..., None]
     u = at / away
     by_point = (np.eye(3) - u[..., None] * u[..., None, :]) / away[..., None]
     by_pose = np.concatenate([-by_point @ skew(turned), by_point], axis=-1).reshape(len(camera), -1, 6)
-    information = _bounded(by_pose.mT @ by_pose, RING, distance, own)
+    information = _bounded(by_pose.mT @ by_pose, len(angle), distance, own)
     root = np.linalg.cholesky(np.linalg.inv(information))
     root[:, 3:] += skew(R @ centre) @ root[:, :3]  # the pose is that of the origin
     return np.asarray(root)
@@ -110,22 +108,22 @@ def target_centre(camera: Array, distance: float) -> Array:
     """(3,) about where cameras look at a target, in its frame: the point c seen in the same direction, in its plane.
 
     Least squares over the views, ``u_i(c) = (R_i c + t_i) / |R_i c + t_i|`` against their mean, distances that differ
-    do not move it. A target that an arm turns about its wrist has c behind it: what is known of c beforehand is `HALF`
-    of the distance from the origin in the plane, and `BEHIND` of it along the normal (standard deviations).
+    do not move it. A target that an arm turns about its wrist has c behind it: what is known of c beforehand is
+    `HALF_WIDTH` of the distance from the origin in the plane, and twice that along the normal (standard deviations).
     """
     return _centre(np.ascontiguousarray(camera, dtype=float).tobytes(), float(distance)).copy()
 
 
 @functools.lru_cache(maxsize=8)
 def _centre(poses: bytes, distance: float) -> Array:
-    """`target_centre` of poses (n, 4, 4) as bytes: every error that a view tells asks for it."""
+    """`target_centre` of poses (n, 4, 4) as bytes; kept, because every error that follows from the view needs it."""
     camera = np.frombuffer(poses).reshape(-1, 4, 4)
     R, t = camera[:, :3, :3], camera[:, :3, 3]
     axes = np.concatenate([_across(camera), _normal(camera)[None]])  # (3, 3)
-    by_c, c, sd = R @ axes.T, np.zeros(3), distance * np.array([HALF, HALF, BEHIND])
-    for _ in range(STEPS):
+    by_c, c, sd = R @ axes.T, np.zeros(3), distance * HALF_WIDTH * np.array([1.0, 1.0, 2.0])
+    for _ in range(6):
         at = by_c @ c + t
-        length = np.maximum(np.linalg.norm(at, axis=-1), 0.05 * distance)[:, None]
+        length = np.maximum(np.linalg.norm(at, axis=-1), MIN_DEPTH * distance)[:, None]
         u = at / length
         D = (by_c - u[:, :, None] * (u[:, None] @ by_c)) / length[:, :, None]
         off, D = u - u.mean(axis=0), D - D.mean(axis=0)
@@ -134,7 +132,7 @@ def _centre(poses: bytes, distance: float) -> Array:
             np.einsum("nij,nik->jk", D, D) + np.diag(prior), np.einsum("nij,ni->j", D, off) + prior * c
         )
         c /= max(1.0, float(np.abs(c / (2.0 * sd)).max()))
-    c = c[:2] * min(1.0, 2.0 * HALF * distance / max(float(np.linalg.norm(c[:2])), 1e-12))
+    c = c[:2] * min(1.0, 2.0 * HALF_WIDTH * distance / max(float(np.linalg.norm(c[:2])), 1e-12))
     return np.asarray(c @ axes[:2])
 
 
@@ -143,12 +141,16 @@ def _across(camera: Array) -> Array:
     return np.asarray(np.linalg.svd(_normal(camera)[None])[2][1:])
 
 
-def _normal(camera: Array) -> Array:
-    """(3,) the normal of the target, in its frame; see the module."""
+def _normal(camera: Array, largest_angle: float = 1.05, all_around: float = 0.3) -> Array:
+    """(3,) the normal of the target, in its frame; see the module.
+
+    z is the normal unless the mean direction of the views is further than ``largest_angle`` (rad) from it. A mean
+    shorter than ``all_around`` contradicts nothing.
+    """
     towards = -(camera[:, :3, :3].mT @ camera[:, :3, 3, None])[..., 0]  # from the target to the camera
     mean = (towards / np.maximum(np.linalg.norm(towards, axis=-1, keepdims=True), 1e-12)).mean(axis=0)
     length = float(np.linalg.norm(mean))
-    contradicted = abs(mean[2]) < np.cos(FRONT) * length and length > ALL_AROUND
+    contradicted = abs(mean[2]) < np.cos(largest_angle) * length and length > all_around
     return mean / length if contradicted else np.array([0.0, 0.0, 1.0])
 
 
@@ -156,8 +158,10 @@ def _bounded(information: Array, count: int, distance: float, own: Array) -> Arr
     """Information of poses without open directions: an edge-on target would leave its tilt open, and one that is far
     beside the others its distance.
     """
-    information[:, range(3), range(3)] += count * (EDGE_ON * HALF) ** 2
-    information[:, range(3, 6), range(3, 6)] += count * (EDGE_ON * HALF * distance / own[:, None] ** 2) ** 2
+    information[:, range(3), range(3)] += count * (MIN_TILT_COSINE * HALF_WIDTH) ** 2
+    information[:, range(3, 6), range(3, 6)] += (
+        count * (MIN_TILT_COSINE * HALF_WIDTH * distance / own[:, None] ** 2) ** 2
+    )
     return information
 
 
@@ -176,16 +180,18 @@ def intrinsics_columns(camera: Array, distance: float | None = None, centre: Arr
 def outline_columns(camera: Array, distance: float, centre: Array) -> Array:
     """(n, 6, 32) changes of the `intrinsics_columns` at poses (n, 4, 4) with the outline of the target.
 
-    By the logarithm of its width, that of its height, and its place along both in its usual half width.
+    By the logarithm of its width, that of its height, and its place along both in its usual half width; derivatives by
+    a finite change.
     """
     camera = np.asarray(camera, dtype=float)
+    change = 0.1
     before = intrinsics_columns(camera, distance, centre)
-    of, place, half = camera.tobytes(), tuple(centre.tolist()), HALF * distance
-    changed = [_by_intrinsics(of, distance, place, sides) for sides in ((np.exp(BIT), 1.0), (1.0, np.exp(BIT)))]
+    of, place, half = camera.tobytes(), tuple(centre.tolist()), HALF_WIDTH * distance
+    changed = [_by_intrinsics(of, distance, place, sides) for sides in ((np.exp(change), 1.0), (1.0, np.exp(change)))]
     for k in range(2):
-        moved = tuple((centre + BIT * half * np.eye(3)[k]).tolist())
+        moved = tuple((centre + change * half * np.eye(3)[k]).tolist())
         changed.append(_by_intrinsics(of, distance, moved))
-    return np.concatenate([(after - before) / BIT for after in changed], axis=-1)
+    return np.concatenate([(after - before) / change for after in changed], axis=-1)
 
 
 @functools.lru_cache(maxsize=8)  # focal length, principal point, lens and outline ask for the same poses in turn
@@ -213,16 +219,20 @@ def median_distance(camera: Array) -> float:
 
 
 def _fitted(camera: Array, distance: float, centre: Array, sides: tuple[float, float]) -> tuple[Array, Array, Array]:
-    """Directions (n, k, 2) of the points of the target, their derivatives (n, 2k, 6) by the poses, and B^T B."""
-    side = HALF * np.linspace(-1.0, 1.0, POINTS)
+    """Directions (n, k, 2) of the points of the target, their derivatives (n, 2k, 6) by the poses, and B^T B.
+
+    The target has four points along each side. Directions with a tangent above 1 count as seen there, or the powers of
+    the tangent that a distortion is made of would grow without bound at other poses.
+    """
+    side = HALF_WIDTH * np.linspace(-1.0, 1.0, 4)
     grid = np.stack(np.meshgrid(sides[0] * side, sides[1] * side), axis=-1).reshape(-1, 2)
     P = centre + np.pad(max(distance, 1e-6) * grid, [(0, 0), (0, 1)])
     turned = P @ camera[:, :3, :3].mT  # (n, k, 3)
     at = turned + camera[:, None, :3, 3]
-    near = 0.05 * max(distance, 1e-6)
+    near = MIN_DEPTH * max(distance, 1e-6)
     z = np.where(np.abs(at[..., 2]) > near, at[..., 2], near)
     directions = at[..., :2] / z[..., None]
-    directions /= np.maximum(1.0, np.linalg.norm(directions, axis=-1, keepdims=True) / WIDEST)
+    directions /= np.maximum(1.0, np.linalg.norm(directions, axis=-1, keepdims=True))
     by_point = np.zeros((*at.shape[:-1], 2, 3))
     by_point[..., 0, 0] = by_point[..., 1, 1] = 1.0 / z
     by_point[..., 2] = -directions / z[..., None]

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from ...errors import InputError, NotConvergedError
-from ...model.poses.pose_pairs import Stream
+from ...model.poses.stream import Stream
 from ..synchronisation.result import Synchronised
 from ..synchronisation.synchronise import synchronise
 

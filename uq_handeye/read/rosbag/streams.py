@@ -13,7 +13,7 @@ from ...errors import InputError, InputWarning
 from ...formats.contents import FRAMES
 from ...formats.ros_messages import frame_name, pair_text
 from ...model.camera.adjustment.two_minima import Minima
-from ...model.poses.pose_pairs import Stream
+from ...model.poses.stream import Stream
 from .bag import HINT
 from .camera_info import CameraInfo
 from .lens import RAW, RECTIFIED, Lens, lens_of

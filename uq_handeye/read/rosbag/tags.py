@@ -31,7 +31,8 @@ from ...model.camera.board_shape import flat_shape
 from ...model.camera.corners import Corners
 from ...model.camera.description import tag_points
 from ...model.camera.rays import rays
-from ...model.poses.pose_pairs import PosePairs, Stream
+from ...model.poses.pose_pairs import PosePairs
+from ...model.poses.stream import Stream
 from .camera_info import CameraInfo
 from .message_types import RosMessage
 from .track import Samples, TimedPoses

@@ -44,7 +44,8 @@ from ...errors import (
 )
 from ...findings import Finding, warn
 from ...model.noise.models import PoseNoise, is_joint
-from ...model.poses.pose_pairs import FEWEST, PosePairs, Stream, joint_values_at
+from ...model.poses.pose_pairs import PosePairs, joint_values_at
+from ...model.poses.stream import Stream
 from ...model.poses.timing import SIDES, Timing
 from .correlation import Correlation, best_correlation
 from .interpolation import MAX_GAP_INTERVALS, Interpolated, check_kind, error_of_interpolation, misses
@@ -355,8 +356,8 @@ def _assembled(
     offset = prior[0] if prior is not None and given.exact else at + shift
     found = pairing.interpolated(at)
     rows = np.flatnonzero(found.fine)
-    if len(rows) < FEWEST:
-        raise InputError(_too_few(pairing, origins, found, offset, FEWEST))
+    if len(rows) < MIN_POSES:
+        raise InputError(_too_few(pairing, origins, found, offset, MIN_POSES))
     gone = _left_out(pairing, origins, found)
     sources = tuple(stream.source for stream in (robot, camera) if stream.source is not None)
     stops = find_stops(pairing.robot_times, pairing.robot, pairing.camera_times, pairing.camera, at, pairing.max_gap)
@@ -415,9 +416,9 @@ def _assembled(
 
 
 def _of_stops(stops: list[Stop], setup: str, origin: float, sources: tuple[Source, ...], timing: Timing) -> PosePairs:
-    if len(stops) < FEWEST:
+    if len(stops) < MIN_POSES:
         raise InputError(
-            f"Expected at least {FEWEST} stops of robot and camera with still=True, found {len(stops)}. Stop "
+            f"Expected at least {MIN_POSES} stops of robot and camera with still=True, found {len(stops)}. Stop "
             "for half a second and more at each pose, or take the poses in motion (still=False)."
         )
     robot, camera = (np.stack(part) for part in zip(*((stop.robot, stop.camera) for stop in stops), strict=True))

@@ -49,8 +49,9 @@ from ...methods.estimators.robot_world import RobotWorldMethod
 from ...methods.propagation.noise_transport import noise_of_pairs
 from ...methods.propagation.published_fit import fit_published
 from ...model.noise.models import Noise, PairNoise
-from ...model.poses.motions import Motions, Residuals, relative_motions, residuals, spread_pairs, summarise
+from ...model.poses.motions import Motions, relative_motions, spread_pairs
 from ...model.poses.pose_pairs import PosePairs, pairs_of
+from ...model.poses.residuals import Residuals, residuals, summarise
 from ...model.shared_errors.shared_error import SharedError
 from .result import CHI2_95, Comparison, Row, against, squared_distance, without_numbers
 

@@ -27,7 +27,7 @@ from ...core.presentation.document import COLUMNS, WIDTH, document_of, to_text
 from ...core.presentation.html import to_html
 from ...errors import InputError
 from ...model.noise.models import Noise
-from ...model.poses.motions import Residuals
+from ...model.poses.residuals import Residuals
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -38,7 +38,7 @@ from ...errors import InputError
 from ...fit.one_model.component import Component
 from ...model.posterior.rows import NewRows, PredictiveReference, smallest_change
 from ...model.shared_errors.sizes import Size
-from ...model.shared_errors.view import HALF
+from ...model.shared_errors.view import HALF_WIDTH
 from ..description import ArmPoses, Rig
 from ..fit import whitened
 from ..graph import Graph
@@ -126,7 +126,7 @@ def parts_of(result: Any, rig: Rig, graph: Graph) -> tuple[Component, ...]:
     if not (lines or result.posterior.names):
         return ()
     before = result.rig, Graph.of(result.rig)
-    found = components_of(rig, graph, True, before, lines.get(WIDTH, HALF) / HALF)
+    found = components_of(rig, graph, True, before, lines.get(WIDTH, HALF_WIDTH) / HALF_WIDTH)
     known = [one for one in found if one.name in lines or set(one.parts) <= set(result.posterior.names)]
     return tuple(replace(one, size=Size(lines.get(one.name, one.size.median))) for one in known)
 

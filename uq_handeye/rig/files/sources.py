@@ -23,7 +23,8 @@ from ...core.formatting.units import parse_length
 from ...core.geometry.se3 import Array
 from ...errors import DegenerateMotionError, InputError, NotConvergedError
 from ...model.kinematics.chain import Kinematics
-from ...model.poses.pose_pairs import Stream, joint_values_at
+from ...model.poses.pose_pairs import joint_values_at
+from ...model.poses.stream import Stream
 from ...read.beside import read_joint_file
 from ..description import ArmPoses
 from .pose_rows import PoseRows

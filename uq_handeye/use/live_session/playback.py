@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from ...model.poses.pose_pairs import Stream
+from ...model.poses.stream import Stream
 from ...read.synchronisation.synchronise import synchronise
 from .sources import Pair
 

@@ -22,7 +22,7 @@ from ...core.formatting.units import MM_PER_M
 from ...core.geometry.se3 import Array, inverse
 from ...core.numbers.limits import MAX_NAMED
 from ...core.numbers.rounding import EPS
-from ...model.kinematics.arms.postures import postures_at
+from ...model.kinematics.arms.newton import postures_at
 from ..verification.touches_file import read_touches, require_metres
 from ..verification.verify import verify
 from .nodes import DARK, PALE, Colour, Nodes, Picture, nice

@@ -51,7 +51,7 @@ from scipy.special import chdtrc, chdtri, chndtr, fdtrc, gammainc, ndtr, ndtri
 from ...core.geometry.se3 import Array
 from ...core.runtime.read_only import ReadOnlyArrays
 from ...errors import InputError
-from ...model.noise.joint_covariance import checked_cholesky
+from ...model.noise.cholesky import checked_cholesky
 from ...model.posterior.rows import NewRows
 
 K = 0.5  # finds a shift of one standard deviation fastest

@@ -29,12 +29,13 @@ from ...calibration.evidence.new_poses import evidence_of_poses
 from ...calibration.prediction.predict import bound_to, errors_of_poses
 from ...calibration.result import Calibration
 from ...core.geometry.se3 import Array
+from ...model.noise.camera_noise import INTRINSICS
 from ...model.noise.joint_covariance import JointCovariance, group_of, joint_of
-from ...model.noise.models import INTRINSICS, PoseNoise, is_joint
+from ...model.noise.models import PoseNoise, is_joint
 from ...model.noise.square_roots import cholesky_of, whiten
 from ...model.poses.pose_pairs import PosePairs
 from ...model.posterior.owners import CAMERA, owner_of
-from ...model.shared_errors.population import TRANSLATION
+from ...model.shared_errors.population import LENGTH_PER_RAD_M
 
 # Intrinsics whose columns on common poses agree so well were not estimated from the pictures again.
 FIXED = 1e-6
@@ -147,7 +148,7 @@ def _of_errors(old: Calibration, new: Calibration, common: list[tuple[int, int]]
             first, second = (of[name] for of in of_poses)
             at = bound_to(new)
             assert at is not None
-            scale = np.repeat([1.0, 1.0 / TRANSLATION], 3)[:, None]
+            scale = np.repeat([1.0, 1.0 / LENGTH_PER_RAD_M], 3)[:, None]
             F_old, F_new = ((scale * error.at(at)).reshape(6 * at.n, -1) for error in (first, second))
             correlation[np.ix_(i, j)] = (np.linalg.pinv(F_new) @ F_old).T
     i, j = (np.flatnonzero([group_of(name) == INTRINSICS for name in part]) for part in names)

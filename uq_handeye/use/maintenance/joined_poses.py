@@ -24,9 +24,10 @@ from ...model.camera.models import LINEAR
 from ...model.camera.result import CameraCalibration
 from ...model.kinematics.chain import Kinematics
 from ...model.kinematics.kinematic_errors import KinematicErrors, effects_of_errors, poses_with_errors
+from ...model.noise.camera_noise import CameraNoise
 from ...model.noise.estimate import NoisePrior
 from ...model.noise.joint_covariance import JointCovariance
-from ...model.noise.models import CameraNoise, PoseNoise, is_joint
+from ...model.noise.models import PoseNoise, is_joint
 from ...model.noise.pose_prior import PosePrior
 from ...model.poses.pose_pairs import PosePairs
 from ...model.poses.timing import Timing

@@ -39,7 +39,7 @@ from ...core.geometry.se3 import perturb
 from ...errors import InputError, require_type
 from ...findings import Finding
 from ...model.noise.models import PoseNoise
-from ...model.poses.motions import sha256_of
+from ...model.poses.pose_data import sha256_of
 from ...model.poses.pose_pairs import PosePairs
 from ...model.posterior.owners import TARGET, THINGS, checked_things, others_by_pictures
 from ...model.posterior.rows import NewRows

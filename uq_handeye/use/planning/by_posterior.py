@@ -37,7 +37,7 @@ from ...core.formatting.units import parse_length
 from ...core.geometry.checks import as_numbers
 from ...core.geometry.se3 import Array
 from ...errors import DegenerateMotionError, InputError, NotConvergedError, require_integer, require_one_of
-from ...model.kinematics.arms.postures import postures_at
+from ...model.kinematics.arms.newton import postures_at
 from ...model.kinematics.chain import Kinematics
 from ...model.kinematics.joint import PRISMATIC
 from ...model.kinematics.kinematic_errors import KinematicErrors

@@ -1,8 +1,8 @@
 r"""Joint values of the poses of one data set, all in one branch of the inverse kinematics.
 
 *Branch.* An arm of the table has its usual one. Of another arm of six or seven revolute joints, the pose in the middle
-of all is solved from `STARTS` postures spread over the limits. Its different solutions are the branches; they are tried
-in the order of
+of all is solved from `N_STARTS` postures spread over the limits. Its different solutions are the branches, tried in the
+order of
 
     0.2 (RMS distance of the joints from the middle of their limits, over half the range)
         - 2 (mean height of the joint frames + mean distance in front) / reach
@@ -11,20 +11,14 @@ elbow up and in front first, until one reaches the poses. The flip of a spherica
 changes signs of the errors of the arm.
 
 *Postures.* Each pose starts from the middle posture; where that does not arrive, or beyond a singularity, from the
-nearest of `STORED` postures of the branch (`WorkPostures`): those that the middle posture reaches along a straight line
+nearest of stored postures of the branch (`WorkPostures`): those that the middle posture reaches along a straight line
 of joint values without a change of the sign of the Jacobian's determinant (with the elbow's roll held, for seven axes).
 The elbow of seven axes has the roll of the middle posture at the start and moves only by the least change of the
-joints; in the end, where a joint is far from its median over the poses, the pose starts once more from the medians, and
-the elbow slides to where the joints are nearest to the middle of their limits (`_relaxed`), as nothing else is known of
-it. What is left starts from the nearest pose that was reached. `postures_at` does the rest.
+joints; in the end it is moved to where the joints are nearest to the middle of their limits (`elbow.relaxed`), as
+nothing else is known of it. Poses that were not reached start from the nearest pose that was. `newton.postures_at` does
+the rest.
 
 Chains of other joints start from the middle posture, and then from the nearest pose that was reached.
-
-*Newton.* `postures_at` takes damped steps, of many postures at once, inside the limits. Each step solves ``min |r - J
-d|^2 + damping^2 |d|^2`` for the twist r from the pose of the tip to the one wanted, with lengths over `LENGTH` of the
-arm's reach so that they count as angles do, at most `LONGEST` rad (m) per joint, and is cut off at the joint limits.
-There is no search beyond that: a posture that does not reach its pose is told, and of several postures that do, it is
-one near the start.
 """
 
 from __future__ import annotations
@@ -34,37 +28,29 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from ....core.geometry.se3 import Array
-from ..chain import Kinematics
+from ..chain import POSTURES_PER_BLOCK, Kinematics
 from ..forward import fixed_transforms, spread_postures
+from .elbow import MAX_JOINT_CHANGE_RAD, relaxed
 from .known_arms import arm_names, known_arm
-from .stack import AXES, ROLL, ArmStack, Frames, WorkPostures, descend, spread
+from .newton import Postures, postures_at
+from .stack import AXES, LEVER_SHARE, ROLL, ArmStack, Frames, spread
+from .work_postures import WorkPostures, descend
 
-STARTS, STORED, ALONG = 96, 800, 5
-STEPS, ROUNDS, TRIED = 12, 3, 3
-# Where the data are to tell branches apart: postures of one pose from which they are followed, rounds, and the largest
-# change of a joint (rad) from one pose to its neighbour.
-BRANCHES, WAVES, LEAP = 16, 24, 1.5
-# Steps of the elbow to the middle of the limits: how many, by what share, by how much at most, and when it is there.
-SLIDES, SLIDE, LONGEST_SLIDE, SAME_ELBOW = 6, 0.7, 0.4, 0.05
-# Steps of an elbow that is turned either way.
-ELBOWS = 3
-# Poses that are solved together.
-BLOCK = 256
-# Postures of one pose that differ less (rad) are the same one.
-SAME = 0.3
-# A branch that reaches this share of the poses is taken.
-MOST = 0.9
+# Number of postures, spread over the joint limits, from which the first pose is solved.
+N_STARTS = 96
+# Largest difference of a joint between postures of one pose that count as the same.
+SAME_POSTURE_RAD = 0.3
+# Share of the poses that a branch must reach for the search to end with it.
+MIN_REACHED_SHARE = 0.9
 
 
-def postures_by_branch(kinematics: Kinematics, poses: Array) -> Postures:
+def postures_by_branch(kinematics: Kinematics, poses: Array, n_branches: int = 3) -> Postures:
     """Return joint values (n, L) whose tip is at ``poses`` (n, 4, 4) base_T_tip, in one branch, and which reached it.
 
     Joint values are inside the limits; angles are within half a turn of their circular mean where the limits allow it.
-    A pose that is not reached has a posture near it.
+    A pose that is not reached has a posture near it. ``n_branches``: the most that are tried.
     """
     poses = np.asarray(poses, dtype=float)
     arm = _standing(kinematics)
@@ -72,17 +58,17 @@ def postures_by_branch(kinematics: Kinematics, poses: Array) -> Postures:
         return _from_the_nearest(kinematics, poses)
     scaled = arm.standard(poses)
     best: Postures | None = None
-    for middle, work in _branches(arm, scaled[_middle(scaled)], TRIED):
+    for middle, work in _branches(arm, scaled[_middle(scaled)], n_branches):
         found = _in_branch(kinematics, arm, poses, scaled, middle, work)
         if best is None or found.reached.sum() > best.reached.sum():
             best = found
-        if best.reached.mean() >= MOST:
+        if best.reached.mean() >= MIN_REACHED_SHARE:
             break
     assert best is not None
     return best
 
 
-def all_branches(kinematics: Kinematics, poses: Array) -> list[Array]:
+def all_branches(kinematics: Kinematics, poses: Array, n_branches: int = 16) -> list[Array]:
     """Return joint values (n, L) of the poses (n, 4, 4) in each branch found that reaches all of them.
 
     Each solution of the pose in the middle is followed to the others in two ways: from neighbour to neighbour, and as
@@ -93,12 +79,12 @@ def all_branches(kinematics: Kinematics, poses: Array) -> list[Array]:
     if arm is None:
         return found
     scaled = arm.standard(poses)
-    for middle, work in _branches(arm, scaled[_middle(scaled)], BRANCHES):
+    for middle, work in _branches(arm, scaled[_middle(scaled)], n_branches):
         ways = [_in_branch(kinematics, arm, poses, scaled, middle, work)]
         if middle is not None:
             ways.append(_followed(kinematics, poses, scaled, arm.own(middle[None])[0]))
         for q in (_unwound(kinematics, way.q) for way in ways if way.reached.all()):
-            if all(np.abs(_wrapped(q - other)).max() > SAME for other in found):
+            if all(np.abs(_wrapped(q - other)).max() > SAME_POSTURE_RAD for other in found):
                 found.append(q)
     return found
 
@@ -107,71 +93,26 @@ def _in_branch(
     kinematics: Kinematics, arm: _Arm, poses: Array, scaled: Array, middle: Array | None, work: WorkPostures
 ) -> Postures:
     """Postures from the middle one, from the stored ones of its branch, and from the nearest poses reached."""
-    parts = [scaled[k : k + BLOCK] for k in range(0, len(poses), BLOCK)]
+    step = POSTURES_PER_BLOCK
+    parts = [scaled[k : k + step] for k in range(0, len(poses), step)]
     q = np.concatenate([_along_the_branch(arm.stack, middle, work, part) for part in parts])
     found = postures_at(kinematics, poses, _unwound(kinematics, arm.own(q)))
     if not found.reached.all() and found.reached.any():
         found = _repaired(kinematics, poses, scaled, found)
-    return _relaxed(kinematics, poses, found) if kinematics.n_joints == AXES else found
-
-
-def _relaxed(kinematics: Kinematics, poses: Array, found: Postures) -> Postures:
-    """Postures of seven axes slid along the motion that leaves the pose as it is, to the least sum of squares of the
-    joints about the middle of their limits, in half ranges; those far from the medians are solved from there first.
-    """
-    low, high = kinematics.limits.T
-    middle, half = 0.5 * (low + high), 0.5 * (high - low)
-    if not np.isfinite(half).all():
-        return found
-    q, reached = found.q.copy(), found.reached.copy()
-    usual = np.median(q[reached], axis=0) if reached.any() else middle
-    folded = np.flatnonzero(np.abs(q - usual).max(axis=1) > LEAP)  # perhaps the other way than the others
-    if folded.size:
-        again = postures_at(kinematics, poses[folded], np.tile(usual, (folded.size, 1)))
-        nearer = again.reached & (np.abs(again.q - usual).max(axis=1) < np.abs(q[folded] - usual).max(axis=1))
-        q[folded[nearer]], reached[folded[nearer]] = again.q[nearer], True
-    far = (((q - middle) / half) ** 2).sum(axis=-1)
-    for _ in range(SLIDES):
-        along = np.linalg.svd(kinematics.jacobian(q))[2][..., -1, :]
-        slope = ((q - middle) / half**2 * along).sum(axis=-1) / (along**2 / half**2).sum(axis=-1)
-        step = np.clip(-SLIDE * slope, -LONGEST_SLIDE, LONGEST_SLIDE)
-        again = postures_at(kinematics, poses, q + step[:, None] * along)
-        farther = (((again.q - middle) / half) ** 2).sum(axis=-1)
-        good = reached & again.reached & (farther < far)  # a step may end at a posture on another side
-        q[good], far[good] = again.q[good], farther[good]
-        if not good.any() or np.abs(step[good]).max() < SAME_ELBOW:
-            break
-    return Postures(q, reached)
-
-
-def elbow_moved(kinematics: Kinematics, poses: Array, q: Array, angle: float) -> tuple[Array, Array]:
-    """Joint values (n, L) at the same poses (n, 4, 4) with the elbow of seven axes turned either way.
-
-    ``angle`` (rad) along the joints, in `ELBOWS` steps; less where limits or reach allow no more.
-    """
-    ways = []
-    for step in (angle / ELBOWS, -angle / ELBOWS):
-        at, along = q, np.linalg.svd(kinematics.jacobian(q))[2][..., -1, :]
-        for _ in range(ELBOWS):
-            found = postures_at(kinematics, poses, at + step * along)
-            at = np.where(found.reached[:, None], found.q, at)
-            now = np.linalg.svd(kinematics.jacobian(at))[2][..., -1, :]
-            along = now * np.where((now * along).sum(axis=-1) < 0, -1.0, 1.0)[:, None]  # the same way round
-        ways.append(at)
-    return ways[0], ways[1]
+    return relaxed(kinematics, poses, found) if kinematics.n_joints == AXES else found
 
 
 def _followed(kinematics: Kinematics, poses: Array, scaled: Array, middle: Array) -> Postures:
     """Postures from that of the pose in the middle, each from that of its nearest neighbour reached before.
 
-    Joints change by less than `LEAP` as long as any pose is reached that way.
+    Joints change by less than `MAX_JOINT_CHANGE_RAD` as long as any pose is reached that way.
     """
     flat = _flat(scaled)
     q, reached = np.tile(middle, (len(poses), 1)), np.zeros(len(poses), dtype=bool)
     first = _middle(scaled)
     q[first] = postures_at(kinematics, poses[[first]], middle[None]).q[0]
     reached[first] = True
-    for _ in range(WAVES):
+    for _ in range(24):
         left = np.flatnonzero(~reached)
         if not len(left):
             break
@@ -179,7 +120,7 @@ def _followed(kinematics: Kinematics, poses: Array, scaled: Array, middle: Array
         soon = away.min(axis=1) <= np.median(away.min(axis=1))
         start = q[reached][away.argmin(axis=1)[soon]]
         again = postures_at(kinematics, poses[left[soon]], start)
-        good = again.reached & (np.abs(again.q - start).max(axis=1) < LEAP)
+        good = again.reached & (np.abs(again.q - start).max(axis=1) < MAX_JOINT_CHANGE_RAD)
         if not good.any():
             return _repaired(kinematics, poses, scaled, Postures(q, reached))
         q[left[soon][good]] = again.q[good]
@@ -189,7 +130,7 @@ def _followed(kinematics: Kinematics, poses: Array, scaled: Array, middle: Array
 
 def _flat(scaled: Array) -> Array:
     """(n, 12) coordinates of poses (n, 3, 4) whose differences count alike."""
-    return np.concatenate([scaled[..., :3].reshape(len(scaled), 9), scaled[..., 3] / LENGTH], axis=1)
+    return np.concatenate([scaled[..., :3].reshape(len(scaled), 9), scaled[..., 3] / LEVER_SHARE], axis=1)
 
 
 # Arms of six or seven revolute joints
@@ -257,14 +198,14 @@ def _usual_ranges(kinematics: Kinematics) -> Array | None:
     return None
 
 
-def _branches(arm: _Arm, pose: Array, most: int) -> Iterator[tuple[Array | None, WorkPostures]]:
+def _branches(arm: _Arm, pose: Array, most: int, steps: int = 24) -> Iterator[tuple[Array | None, WorkPostures]]:
     """The usual branch, then those of one pose (3, 4), up to ``most``: its posture (7,) and stored ones."""
     if arm.work is not None:
         yield None, arm.work
     stack = arm.stack
-    start = spread(stack.limits[0], STARTS)[None]
+    start = spread(stack.limits[0], N_STARTS)[None]
     low, high = stack.limits.transpose(2, 0, 1)[..., None]
-    q, frames, reached = descend(stack, start, np.repeat(pose[None], STARTS, axis=0), low, high, 2 * STEPS)
+    q, frames, reached = descend(stack, start, np.repeat(pose[None], N_STARTS, axis=0), low, high, steps)
     up, origin = arm.up, frames.p[0]  # (7, 3, n)
     ahead = pose[:, 3] - (pose[:, 3] @ up) * up
     ahead = ahead / max(float(np.linalg.norm(ahead)), 1e-9)
@@ -275,7 +216,7 @@ def _branches(arm: _Arm, pose: Array, most: int) -> Iterator[tuple[Array | None,
     found: list[Array] = []
     for k in order[reached[0, order]] if reached.any() else order[:1]:
         one = q[0, :, k]
-        if all(np.abs(_wrapped(one - other)).max() > SAME for other in found):
+        if all(np.abs(_wrapped(one - other)).max() > SAME_POSTURE_RAD for other in found):
             found.append(one)
             yield one, WorkPostures.at(stack, _same_branch(stack, one))
         if len(found) == most:
@@ -288,10 +229,10 @@ def _same_branch(stack: ArmStack, middle: Array) -> Array:
     limits[[0, ROLL, AXES - 1]] = np.array([0.0, middle[ROLL], 0.0])[:, None]
     centre = middle.copy()
     centre[[0, AXES - 1]] = 0.0
-    q = spread(limits, STORED)
-    along = np.linspace(0.0, 1.0, ALONG + 1)
-    line = centre[:, None, None] + along * (q - centre[:, None])[..., None]  # (7, S, ALONG + 1)
-    side = _side(stack, stack.frames(line.reshape(1, AXES, -1))).reshape(STORED, -1)
+    q = spread(limits, 800)
+    along = np.linspace(0.0, 1.0, 6)
+    line = centre[:, None, None] + along * (q - centre[:, None])[..., None]  # (7, S, 6)
+    side = _side(stack, stack.frames(line.reshape(1, AXES, -1))).reshape(q.shape[1], -1)
     same = (side == side[:, :1]).all(axis=1)
     return np.concatenate([centre[:, None], q[:, same]], axis=1)[None]
 
@@ -302,16 +243,18 @@ def _side(stack: ArmStack, frames: Frames) -> Array:
     return np.asarray(np.sign(np.linalg.det(np.moveaxis(J, -1, 0))))
 
 
-def _along_the_branch(stack: ArmStack, middle: Array | None, work: WorkPostures, poses: Array) -> Array:
+def _along_the_branch(
+    stack: ArmStack, middle: Array | None, work: WorkPostures, poses: Array, steps: int = 12
+) -> Array:
     """(n, 7) postures of poses (n, 3, 4) from the middle posture; from the stored ones where that leaves the branch."""
     if middle is None:
-        return np.asarray(work.find(poses, STEPS)[0][0].T)
+        return np.asarray(work.find(poses, steps)[0][0].T)
     start = np.repeat(middle[None, :, None], len(poses), axis=2)
-    q, frames, reached = descend(stack, start, poses, work.low, work.high, STEPS)
+    q, frames, reached = descend(stack, start, poses, work.low, work.high, steps)
     side = _side(stack, stack.frames(middle[None, :, None]))
     out, left = np.array(q[0].T), ~reached[0] | (_side(stack, frames) != side)
     if left.any():
-        again, frames, found = work.find(poses[left], STEPS)
+        again, frames, found = work.find(poses[left], steps)
         better = found[0] & (_side(stack, frames) == side) | ~reached[0, left]
         out[np.flatnonzero(left)[better]] = again[0].T[better]
     return out
@@ -321,7 +264,7 @@ def _repaired(kinematics: Kinematics, poses: Array, scaled: Array, found: Postur
     """``found`` with the postures of poses that were not reached tried from that of the nearest one that was."""
     q, reached = found.q.copy(), found.reached.copy()
     flat = _flat(scaled)
-    for _ in range(ROUNDS):
+    for _ in range(3):
         left = np.flatnonzero(~reached)
         nearest = ((flat[left, None] - flat[reached]) ** 2).sum(axis=-1).argmin(axis=1)
         again = postures_at(kinematics, poses[left], q[reached][nearest])
@@ -345,8 +288,8 @@ def _from_the_nearest(kinematics: Kinematics, poses: Array) -> Postures:
     """Postures from that of the middle pose, then from those of the nearest poses that were reached."""
     scaled = poses[:, :3].copy()
     scaled[..., 3] /= max(kinematics.reach, 1e-3)
-    start = spread_postures(_range(kinematics), kinematics.revolute, STARTS)
-    first = postures_at(kinematics, np.repeat(poses[_middle(scaled)][None], STARTS, axis=0), start)
+    start = spread_postures(_range(kinematics), kinematics.revolute, N_STARTS)
+    first = postures_at(kinematics, np.repeat(poses[_middle(scaled)][None], N_STARTS, axis=0), start)
     away = ((first.q - start.mean(axis=0)) ** 2).sum(axis=1) + np.where(first.reached, 0.0, 1e9)
     found = postures_at(kinematics, poses, np.repeat(first.q[np.argmin(away)][None], len(poses), axis=0))
     return _repaired(kinematics, poses, scaled, found) if found.reached.any() and not found.reached.all() else found
@@ -378,46 +321,3 @@ def _range(kinematics: Kinematics) -> Array:
 def _wrapped(angle: Array) -> Array:
     """Angles within half a turn."""
     return np.asarray((angle + np.pi) % (2 * np.pi) - np.pi)
-
-
-NEWTON_STEPS = 40
-LONGEST = 0.5
-LENGTH = 0.5
-DAMPING = 1e-2  # in the first step; it follows the size of the twist that is left
-REACHED = 1e-8  # rad, and of the reach
-
-
-class Postures(NamedTuple):
-    """Joint values found."""
-
-    q: Array  # (m, L) rad, m; inside the limits
-    reached: NDArray[np.bool_]  # (m,) whether the tip is at the pose that was wanted
-
-
-def postures_at(chain: Kinematics, poses: Array, start: Array, e: Array | None = None) -> Postures:
-    """Return postures (m, L) near ``start`` (m, L) whose tip is at ``poses`` (m, 4, 4) base_T_tip, errors e (m,)."""
-    low, high = chain.limits.T
-    q, scale = np.clip(start, low, high), LENGTH * max(chain.reach, 1e-3)
-    weights = np.array([1.0, 1.0, 1.0, *[1.0 / scale] * 3])
-    reached = np.zeros(len(q), dtype=bool)
-    open_ = np.arange(len(q))
-    for _ in range(NEWTON_STEPS):
-        T = chain.poses(q[open_], e)
-        left = twist_between(T, poses[open_]) * weights
-        size = np.linalg.norm(left, axis=-1)
-        reached[open_[size < REACHED]] = True
-        open_, left, size = open_[size >= REACHED], left[size >= REACHED], size[size >= REACHED]
-        if not len(open_):
-            break
-        J = chain.jacobian(q[open_], e) * weights[:, None]
-        damping = (DAMPING * np.minimum(size, 1.0)) ** 2
-        step = J.mT @ np.linalg.solve(J @ J.mT + (damping + 1e-14)[:, None, None] * np.eye(6), left[..., None])
-        longest = np.abs(step[..., 0]).max(axis=-1, keepdims=True)
-        q[open_] = np.clip(q[open_] + step[..., 0] * np.minimum(1.0, LONGEST / np.maximum(longest, LONGEST)), low, high)
-    return Postures(q, reached)
-
-
-def twist_between(T: Array, wanted: Array) -> Array:
-    """(m, 6) from T to the poses wanted: left rotation, additive translation."""
-    turn = Rotation.from_matrix(wanted[:, :3, :3] @ T[:, :3, :3].mT).as_rotvec()
-    return np.concatenate([turn, wanted[:, :3, 3] - T[:, :3, 3]], axis=-1)

@@ -50,14 +50,15 @@ from ....core.files.trees import parse_toml
 from ....core.formatting.units import ANGLE_UNITS, LENGTH_UNITS
 from ....core.geometry.checks import as_numbers
 from ....core.geometry.se3 import Array
+from ....core.numbers.limits import MAX_DESCRIPTION_BYTES
 from ....errors import InputError, among
 from ..joint import MAX_JOINTS, PRISMATIC, REVOLUTE, ChainParts, Joint
 
 CONVENTIONS = ("standard", "modified")
 KINDS = (REVOLUTE, PRISMATIC, "fixed")
-MAX_BYTES = 1_000_000
-# Numbers without a unit that are larger than these are in degrees or millimetres, not in rad or m.
-LARGEST_ANGLE, LARGEST_LIMIT, LARGEST_LENGTH = 2 * np.pi + 1e-3, 8 * np.pi + 1e-3, 10.0
+# Largest numbers without a unit; larger ones are in degrees or millimetres, not in rad or m.
+MAX_PLAIN_ANGLE_RAD, MAX_PLAIN_LIMIT_RAD = 2 * np.pi + 1e-3, 8 * np.pi + 1e-3
+MAX_PLAIN_LENGTH_M = 10.0
 
 _ANGLES, _LENGTHS = ("theta", "alpha"), ("d", "a")
 _PARTNER = {"theta": "alpha", "alpha": "theta", "d": "a", "a": "d"}
@@ -193,12 +194,12 @@ def _row(
         given = row.get(name, 0.0)
         if name == moving and _VARIABLE.fullmatch(str(given)):
             given = 0.0  # q1, theta_1 or *: the variable itself
-        largest = LARGEST_ANGLE if name in _ANGLES else LARGEST_LENGTH
+        largest = MAX_PLAIN_ANGLE_RAD if name in _ANGLES else MAX_PLAIN_LENGTH_M
         value[name] = _quantity(given, "angle" if name in _ANGLES else "length", units, largest, f"{at}, {name}")
     limits = (-np.inf, np.inf)
     if moving is not None:
         of = "angle" if kind == REVOLUTE else "length"
-        largest = LARGEST_LIMIT if kind == REVOLUTE else LARGEST_LENGTH
+        largest = MAX_PLAIN_LIMIT_RAD if kind == REVOLUTE else MAX_PLAIN_LENGTH_M
         value[moving] += _quantity(row.get("offset", 0.0), of, units, largest, f"{at}, offset")
         lower, upper = (
             end if row.get(name, end) == end else _quantity(row[name], of, units, largest, f"{at}, {name}")
@@ -266,7 +267,7 @@ def _toml(path: Path) -> tuple[list[dict[str, Any]], dict[str, Any]]:
 
 
 def _csv(path: Path) -> tuple[list[dict[str, Any]], dict[str, Any]]:
-    with opened(path, MAX_BYTES) as file:
+    with opened(path, MAX_DESCRIPTION_BYTES) as file:
         table = read_table(file, shown(path), SCHEMA)
     said = [found for text in table.comments if (found := _SAID.search(text[:200])) is not None]
     if len(table.lines) > 2 * MAX_JOINTS:

@@ -22,8 +22,10 @@ from ....core.files.open import StrPath, as_path, opened, shown
 from ....core.files.tree_values import got, is_map, item, number
 from ....core.files.trees import parse_tree
 from ....core.geometry.se3 import Array
+from ....core.numbers.limits import MAX_DESCRIPTION_BYTES
 from ....errors import InputError
 from ..joint import REVOLUTE, ChainParts, Joint
+from .dh import MAX_PLAIN_ANGLE_RAD, MAX_PLAIN_LENGTH_M
 from .urdf import Tree, chain_of, read_tree
 
 # The links whose origins the file has, and the joints that move them.
@@ -36,8 +38,6 @@ JOINTS = {
     "wrist_3": "wrist_3_joint",
 }
 BASES, TIPS = ("base", "base_link"), ("tool0", "flange")
-LIMIT = 2 * np.pi
-MAX_BYTES = 1_000_000
 
 
 def read_ur_calibration(
@@ -56,7 +56,7 @@ def read_ur_calibration(
     if base == "base_link":
         transforms[0] = _transform((0.0, 0.0, 0.0), (0.0, 0.0, np.pi)) @ transforms[0]
     joints = tuple(
-        Joint(f"{prefix}{name}", REVOLUTE, T, np.array([0.0, 0.0, 1.0]), -LIMIT, LIMIT)
+        Joint(f"{prefix}{name}", REVOLUTE, T, np.array([0.0, 0.0, 1.0]), -2 * np.pi, 2 * np.pi)
         for name, T in zip(JOINTS.values(), transforms, strict=True)
     )
     end = np.eye(4) if tip == "tool0" else _transform((0.0, 0.0, 0.0), (0.0, -np.pi / 2, -np.pi / 2))
@@ -79,7 +79,7 @@ def _in_urdf(origins: dict[str, Array], tree: Tree, base: str | None, tip: str |
 def _origins(path: StrPath) -> dict[str, Array]:
     path = as_path(path)
     name = shown(path)
-    with opened(path, MAX_BYTES) as file:
+    with opened(path, MAX_DESCRIPTION_BYTES) as file:
         tree = parse_tree(file.read(), name)
     if not is_map(tree) or "kinematics" not in tree:
         raise InputError(
@@ -93,9 +93,9 @@ def _origins(path: StrPath) -> dict[str, Array]:
         x, y, z, *angles = (
             number(item(fields, key, where), f"{where}.{key}") for key in ("x", "y", "z", "roll", "pitch", "yaw")
         )
-        if max(map(abs, angles)) > 2 * np.pi + 1e-3:
+        if max(map(abs, angles)) > MAX_PLAIN_ANGLE_RAD:
             raise InputError(f"{where}: expected roll, pitch and yaw in rad, got {angles}; are they in degrees?")
-        if max(map(abs, (x, y, z))) > 10.0:
+        if max(map(abs, (x, y, z))) > MAX_PLAIN_LENGTH_M:
             raise InputError(f"{where}: expected x, y and z in m, got {[x, y, z]}; are they in millimetres?")
         found[link] = _transform((x, y, z), tuple(angles))
     return found

@@ -29,7 +29,7 @@ from ....core.files.trees import MAX_DEPTH
 from ....core.geometry.se3 import Array
 from ....core.numbers.limits import MAX_DESCRIPTION_BYTES
 from ....errors import InputError
-from ..joint import MAX_LENGTH, PRISMATIC, REVOLUTE, ChainParts, Joint
+from ..joint import MAX_ORIGIN_M, PRISMATIC, REVOLUTE, ChainParts, Joint
 
 MOVING = {"revolute": REVOLUTE, "continuous": REVOLUTE, "prismatic": PRISMATIC}
 # Usual names of the frame at the end of an arm, best first.
@@ -321,7 +321,7 @@ def _moving(part: _Joint, origin: Array, where: str) -> Joint:
 def origin_of(part: _Joint, where: str) -> Array:
     """The ``<origin>`` (4, 4) of a joint."""
     xyz = _numbers(part, "origin", "xyz", (0.0, 0.0, 0.0), where)
-    if (longest := float(np.abs(xyz).max())) > MAX_LENGTH:
+    if (longest := float(np.abs(xyz).max())) > MAX_ORIGIN_M:
         raise InputError(
             f"{where}, line {part.line}: the origin of joint {short(part.name)} is {longest:g} m away; is the file in "
             "millimetres? URDF is in metres."
