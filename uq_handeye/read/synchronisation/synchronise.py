@@ -44,6 +44,7 @@ from ...errors import (
 )
 from ...findings import Finding, warn
 from ...model.noise.models import PoseNoise, is_joint
+from ...model.poses.pose_numbers import MIN_POSES
 from ...model.poses.pose_pairs import PosePairs, joint_values_at
 from ...model.poses.stream import Stream
 from ...model.poses.timing import SIDES, Timing
