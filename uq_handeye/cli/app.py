@@ -8,10 +8,9 @@ import shlex
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from types import FrameType
-from typing import Any
 
 import typer
 
@@ -27,7 +26,7 @@ from .commands.validate import cross_check_command, posterior_command, validate_
 from .exit_status import ExitStatus
 from .help import Command, Program, with_help_all
 from .messages import fail, fail_internally, messages
-from .options import with_messages
+from .options import Maker, with_messages
 
 # Typer carries its own copy of Click or uses the installed one, depending on its version.
 ClickException: type[Exception] = typer.BadParameter.__mro__[2]
@@ -63,7 +62,7 @@ def _start(context: typer.Context, version: bool = False) -> None:
 
 app.callback(invoke_without_command=True)(_start)
 
-_COMMANDS: dict[str, dict[str, Callable[..., Any]]] = {
+_COMMANDS: dict[str, dict[str, Maker]] = {
     "Calibrate": {
         "calibrate": calibrate_command,
         "live": live_command,

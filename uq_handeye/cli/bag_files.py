@@ -14,6 +14,7 @@ from .views import Views, camera_of
 
 if TYPE_CHECKING:
     from ..model.camera.adjustment.two_minima import Minima
+    from ..model.poses.pose_pairs import Stream
     from ..read.rosbag.camera_info import CameraInfo
     from ..read.rosbag.recording import Recording
     from ..read.rosbag.sensors import Sensors
@@ -124,10 +125,10 @@ class BagGiven:
 
     def _streams(
         self, recording: "Recording", robot: str | None, files: PoseFiles, seen: Views | None
-    ) -> "tuple[dict[str, Any], Views | None, Minima | None]":
+    ) -> "tuple[dict[str, Stream], Views | None, Minima | None]":
         from ..read.rosbag.streams import camera_stream, robot_stream
 
-        sides: dict[str, Any] = {}
+        sides: dict[str, Stream] = {}
         for role in ("robot", "camera"):
             wrong = [name for name in files.given_of(role) if not name.endswith("-frame")]
             if wrong and getattr(self, role):

@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ..core.files.about import read_about
 from ..core.runtime.progress import working
@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from ..calibration.statement.tolerance import Tolerance, Verdict
     from ..core.presentation.document import Document
     from ..fit.diagnostics.pose_table import PoseTable
+    from ..model.camera.result import CameraCalibration
+    from ..model.points.result import PointPoses
     from ..report.comparison.compare import Compared
     from ..trials.validation.cross_check.run import CrossCheck
 
@@ -133,8 +135,7 @@ def json_of(result: "Calibration", verdict: "Verdict | None") -> str:
     """Return the result as JSON text, with the verdict on the tolerance."""
     from ..core.files.json_files import json_text
 
-    more: dict[str, Any] = {} if verdict is None else {"verdict": verdict.to_dict()}
-    return json_text(result.to_dict() | more)
+    return json_text(result.to_dict() | ({} if verdict is None else {"verdict": verdict.to_dict()}))
 
 
 def status_of(result: "Calibration", verdict: "Verdict | None") -> int:
@@ -197,7 +198,7 @@ def wrote(directory: Path, names: Iterable[str]) -> str:
 
 
 def deliver_camera_poses(
-    found: Any, to_dict: Callable[[Any], dict[str, Any]], output: Path | None, as_json: bool, example: str
+    found: "CameraCalibration | PointPoses", text: Callable[[], str], output: Path | None, as_json: bool, example: str
 ) -> None:
     """Write camera poses into the folder of -o, and print them with the command that goes on with them.
 
@@ -207,9 +208,7 @@ def deliver_camera_poses(
         with timed(f"writing {output}"), working(f"writing {output}", progress_wanted()):
             found.write(output)
     if as_json:
-        from ..read import json_text
-
-        emit(json_text(to_dict(found)))
+        emit(text())
         return
     go_on = "uq-handeye calibrate robot.csv"
     if quiet():
@@ -225,7 +224,8 @@ class ReportOptions:
     """Title block of the report, and how it is printed."""
 
     about: dict[str, str]  # title block, by the names of `files.about.ABOUT`
-    of_report: dict[str, Any]  # arguments of `Calibration.report`
+    details: bool = False  # whether the folded sections of the report are open
+    paper: str = "a4"
 
 
 def report_options_of(
@@ -241,7 +241,7 @@ def report_options_of(
     for text in about or ():
         if not text.strip():
             raise InputError("Expected --about to name a TOML file or KEY=VALUE, got an empty text.")
-    return ReportOptions(read_about(about or ()), {"details": full_report, "paper": one_of(paper, "--paper", PAPERS)})
+    return ReportOptions(read_about(about or ()), full_report, one_of(paper, "--paper", PAPERS))
 
 
 # X for other programs, beside a result: file by the format of `export`.
@@ -282,12 +282,12 @@ class Outputs:
         result: "Calibration",
         verdict: "Verdict | None",
         check: "CrossCheck | None" = None,
-        of_report: dict[str, Any] | None = None,
+        wishes: ReportOptions | None = None,
     ) -> str:
         """Write the files, and return their names as a sentence."""
-        how, comparison = of_report or {}, not self.no_compare
+        wishes, comparison = wishes or ReportOptions({}), not self.no_compare
         methods: Compared | bool = comparison
-        folded = self.report is not None and (self.report.suffix.lower() != ".pdf" or how.get("details"))
+        folded = self.report is not None and (self.report.suffix.lower() != ".pdf" or wishes.details)
         if comparison and (folded or (self.report is not None and self.figures)):  # two pages have none
             from ..report.comparison.compare import compare_beside
 
@@ -304,7 +304,7 @@ class Outputs:
                     drawn = figures(result, check, compared)
                 names.append(_write_result(result, verdict, self.output, drawn))
         if self.report is not None:
-            write_report(result, self.report, methods, check, verdict=verdict, **how)
+            write_report(result, self.report, methods, check, wishes, verdict)
             names.append(str(self.report))
         return f"Wrote {' and '.join(names)}." if names else ""
 
@@ -344,17 +344,25 @@ def deliver_result(
 
     result = _with_command(result)
     verdict = wanted.verdict(result)
-    written = outputs.write(result, verdict, check, None if wishes is None else wishes.of_report)
+    written = outputs.write(result, verdict, check, wishes)
     last = (written, f"Next: {next_step(result, None if outputs.report is None else str(outputs.report))}.", more)
     return emit_result(result, verdict, as_json=outputs.as_json, last=tuple(filter(None, last)), threshold=threshold)
 
 
 def write_report(
-    result: "Calibration", file: Path, comparison: "Compared | bool", check: "CrossCheck | None", **options: Any
+    result: "Calibration",
+    file: Path,
+    comparison: "Compared | bool",
+    check: "CrossCheck | None",
+    wishes: ReportOptions | None = None,
+    verdict: "Verdict | None" = None,
 ) -> None:
     """Write the report, which names this command line."""
+    wishes = wishes or ReportOptions({})
     with timed(f"writing {file}"), working(f"writing {file}", progress_wanted()):
-        _with_command(result).report(file, comparison=comparison, cross_check=check, **options)
+        _with_command(result).report(
+            file, comparison=comparison, cross_check=check, verdict=verdict, details=wishes.details, paper=wishes.paper
+        )
 
 
 def _with_command(result: "Calibration") -> "Calibration":
@@ -370,7 +378,7 @@ def _write_result(
     from ..formats.export import exported
     from ..read import write_files
 
-    files: dict[str, Any] = {"result.json": json_of(result, verdict)}
+    files: dict[str, str | bytes] = {"result.json": json_of(result, verdict)}
     files |= {name: exported(result, format) for format, name in EXPORTS.items()}
     seen = getattr(result.data, "camera_calibration", None)
     if seen is not None:  # the intrinsics, with the poses and corners that belong to them
@@ -389,7 +397,7 @@ def _write_result(
 
 def _poses_csv(table: "PoseTable") -> str:
     """Format the table of the poses as pandas writes its `to_dataframe`, without loading pandas."""
-    columns: dict[str, Any] = {
+    columns: dict[str, Iterable[float | str | None]] = {
         table.item: range(len(table)),
         "rotation_deg": [math.degrees(angle) for angle in table.rotation.tolist()],
         "translation_mm": [1e3 * length for length in table.translation.tolist()],

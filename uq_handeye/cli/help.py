@@ -8,7 +8,7 @@ import inspect
 import re
 import sys
 import textwrap
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Annotated, Any
 
@@ -16,12 +16,13 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from .messages import coloured, note_options, terminal_width
-from .options import ARGUMENTS, MESSAGES, OPTIONS, SHOWN_UNDER, position, with_parameters
+from .options import ARGUMENTS, MESSAGES, OPTIONS, SHOWN_UNDER, Maker, position, with_parameters
 
 # Largest width of a page and of a name, in columns.
 WIDE, NAME = 100, 28
 
 EXAMPLES = "Examples:"
+AnyCommand = TyperCommand | TyperGroup
 
 _SENTENCE_END = re.compile(r"(?<!e\.g)\. ")
 
@@ -53,7 +54,7 @@ class Row:
         return shown if shown.endswith(".") else shown + "."
 
 
-def describe(command: Any) -> Description:
+def describe(command: AnyCommand) -> Description:
     """Return summary, examples and further paragraphs of a command."""
     summary, *parts = inspect.cleandoc(command.help or "").split("\n\n")
     examples = "\n\n".join(textwrap.dedent(part.partition("\n")[2]) for part in parts if part.startswith(EXAMPLES))
@@ -61,18 +62,19 @@ def describe(command: Any) -> Description:
     return Description(" ".join(summary.split()), examples, rest)
 
 
-def rows(command: Any) -> list[Row]:
+def rows(command: AnyCommand) -> list[Row]:
     """Return every argument and option that is not hidden, in the order of their groups."""
     found = [_row(value) for value in command.params if not getattr(value, "hidden", False)]
     return sorted(found, key=lambda row: position(row.group))
 
 
-def _row(value: Any) -> Row:
+def _row(value: Any) -> Row:  # a parameter of the copy of Click that Typer carries or uses
     group = getattr(value, "rich_help_panel", None)
     text = " ".join((getattr(value, "help", None) or "").split())
     if value.param_type_name == "argument":
-        many = "..." if value.nargs != 1 and "..." not in value.metavar else ""
-        return Row(value.metavar + many, text, ARGUMENTS, common=True)
+        shown = value.metavar or ""
+        many = "..." if value.nargs != 1 and "..." not in shown else ""
+        return Row(shown + many, text, ARGUMENTS, common=True)
     # Typer keeps the type of a value in other places from version to version; its name says enough
     takes = "" if getattr(value, "is_flag", False) or value.metavar == "" else value.metavar or value.name.upper()
     names = sorted(value.opts, key=len)
@@ -86,13 +88,14 @@ def _row(value: Any) -> Row:
 # ------------------------------------------------------------------------------------------------------------ text
 
 
-def help_text(context: Any, every: bool) -> str:
+def help_text(context: typer.Context, every: bool) -> str:
     """Return the help of the command of ``context``, of ``every`` option or of those that people use."""
     page = _Page()
-    if isinstance(context.command, TyperGroup):
-        _write_program(page, context, every)
-    else:
-        _write_command(page, context, every)
+    command = context.command
+    if isinstance(command, TyperGroup):
+        _write_program(page, command, context.command_path, every)
+    elif isinstance(command, TyperCommand):
+        _write_command(page, command, context, every)
     return "\n".join(page.lines) + "\n"
 
 
@@ -131,8 +134,8 @@ def _column(names: Iterable[str]) -> int:
     return min(max(map(len, names)), NAME) + 4
 
 
-def _write_command(page: _Page, context: Any, every: bool) -> None:
-    command, about = context.command, describe(context.command)
+def _write_command(page: _Page, command: TyperCommand, context: typer.Context, every: bool) -> None:
+    about = describe(command)
     pieces = [piece.replace("{", "").replace("}", "") for piece in command.collect_usage_pieces(context)]
     pieces.remove("[OPTIONS]")
     page.lines.append(f"{page.bold('Usage:')} {' '.join([context.command_path, *pieces, '[OPTIONS]'])}")
@@ -162,19 +165,20 @@ def _groups(found: list[Row], every: bool) -> Iterator[tuple[str, list[Row]]]:
     yield from groups.items()
 
 
-def _write_program(page: _Page, context: Any, every: bool) -> None:
-    about = describe(context.command)
-    page.lines.append(f"{page.bold('Usage:')} {context.command_path} COMMAND [OPTIONS]")
+def _write_program(page: _Page, program: TyperGroup, path: str, every: bool) -> None:
+    about = describe(program)
+    page.lines.append(f"{page.bold('Usage:')} {path} COMMAND [OPTIONS]")
     page.paragraph(about.summary)
     groups: dict[str, list[tuple[str, str]]] = {}
-    for name, command in context.command.commands.items():
-        groups.setdefault(str(command.rich_help_panel), []).append((name, describe(command).summary))
+    for name, command in program.commands.items():
+        if isinstance(command, TyperCommand):
+            groups.setdefault(str(command.rich_help_panel), []).append((name, describe(command).summary))
     for group, entries in groups.items():
         page.lines.append(page.bold(f"{group}:"))
         page.table(entries)
     if every:
         page.lines += ["", page.bold("Options:")]
-        page.table([(row.names, row.text) for row in rows(context.command)])
+        page.table([(row.names, row.text) for row in rows(program)])
     else:
         page.paragraph(" ".join(about.paragraphs))
 
@@ -229,7 +233,7 @@ HelpAll = Annotated[
 ]
 
 
-def with_help_all(command: Callable[..., Any]) -> Callable[..., Any]:
+def with_help_all(command: Maker) -> Maker:
     """Add the option ``--help-all`` to a command."""
 
     def run(help_all: bool = False, **given: Any) -> Any:

@@ -30,13 +30,14 @@ import inspect
 import os
 import re
 import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import cache, wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import typer
+from typer.models import ArgumentInfo, OptionInfo
 
 from ..core.files.about import ABOUT
 from ..core.files.lines import floats
@@ -46,6 +47,11 @@ from .messages import Messages, quiet, styled, terminal_width
 
 if TYPE_CHECKING:
     from ..core.presentation.document import Document
+
+# A command, or what makes a group of options.
+Maker = Callable[..., Any]
+# An argument or option as Typer takes it.
+Declared = ArgumentInfo | OptionInfo
 
 # Names of likelihood.ESTIMATORS, METHODS, ROBOT_WORLD_METHODS, SETUPS, request.COVARIANCES, FORMATS and CONTROLLERS.
 AT_THE_BOUND = ("efficient", "ml")
@@ -100,7 +106,7 @@ SHOWN_UNDER = {
 # ------------------------------------------------------------------------------------------- groups of options
 
 
-def maker_of(parameter: inspect.Parameter) -> Callable[..., Any] | None:
+def maker_of(parameter: inspect.Parameter) -> Maker | None:
     """Return what makes a parameter of further options: a group of them, or what ``Annotated[T, maker]`` names."""
     annotation = parameter.annotation
     if hasattr(annotation, "__dataclass_fields__"):
@@ -108,13 +114,13 @@ def maker_of(parameter: inspect.Parameter) -> Callable[..., Any] | None:
     return next((one for one in getattr(annotation, "__metadata__", ()) if callable(one)), None)
 
 
-def made(maker: Callable[..., Any], given: dict[str, Any]) -> Any:
+def made(maker: Maker, given: Mapping[str, Any]) -> Any:
     """Call a command, or make a group of options, with the values of all its options; see `parameters_of`."""
     own = inspect.signature(maker).parameters.values()
     return maker(**{p.name: made(of, given) if (of := maker_of(p)) else given[p.name] for p in own})
 
 
-def with_messages(command: Callable[..., Any]) -> Callable[..., Any]:
+def with_messages(command: Maker) -> Maker:
     """Add the options of `Messages` to a command; they are applied before anything else."""
     parameters = {parameter.name: parameter for parameter in parameters_of(Messages)}
 
@@ -125,9 +131,7 @@ def with_messages(command: Callable[..., Any]) -> Callable[..., Any]:
     return with_parameters(run, command, [*parameters_of(command), *parameters.values()])
 
 
-def with_parameters(
-    run: Callable[..., Any], command: Callable[..., Any], parameters: list[inspect.Parameter]
-) -> Callable[..., Any]:
+def with_parameters(run: Maker, command: Maker, parameters: list[inspect.Parameter]) -> Maker:
     """Return ``run`` with the name and help of ``command``, and the parameters where Typer looks for them."""
     parameters = [p.replace(kind=inspect.Parameter.KEYWORD_ONLY) for p in parameters]
     run = wraps(command)(run)
@@ -200,7 +204,7 @@ _ENTRY = re.compile(
 )
 
 
-def parameters_of(maker: Callable[..., Any]) -> list[inspect.Parameter]:
+def parameters_of(maker: Maker) -> list[inspect.Parameter]:
     """Return the parameters of a command or a group, each with its option where a docstring declares it.
 
     A parameter that is made of others (`maker_of`) stands for these; an option that two of them have is one.
@@ -237,7 +241,7 @@ def choices(names: Sequence[str]) -> Callable[[str], list[str]]:
     return complete
 
 
-def _declared(doc: str, names: dict[str, Any]) -> Iterator[tuple[str, Any]]:
+def _declared(doc: str, names: Mapping[str, Any]) -> Iterator[tuple[str, Declared]]:
     """Yield the name of the parameter and the option of each entry."""
     for section in _HEADING.split(inspect.cleandoc(doc))[1:]:
         heading = _GROUP.match(section)
@@ -305,7 +309,7 @@ class Common:
 
 
 @cache
-def _common() -> dict[str, Any]:
+def _common() -> dict[str, Declared]:
     return dict(_declared(Common.__doc__ or "", globals()))
 
 

@@ -134,7 +134,7 @@ def deliver_rig(result: "RigCalibration", wishes: "ReportOptions", wanted: Wante
     said = [f"{name}: {verdict}" for name, verdict in verdicts.items()]
     text = "\n".join([result.text(), *said]) + "\n"
     written = ""
-    page = {"about": wishes.about, "verdicts": verdicts, **wishes.of_report}
+    page = {"about": wishes.about, "verdicts": verdicts, "details": wishes.details, "paper": wishes.paper}
     if (output := outputs.output) is not None:
         from ..rig.page import rig_html
 

@@ -6,7 +6,7 @@ lists a ROS bag and writes its poses as tables, ``sync`` puts two streams on one
 
 import warnings
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ...core.runtime.progress import working
 from ...errors import InputError, InputWarning
@@ -19,6 +19,9 @@ from ..pictures import LensOptions
 from ..pose_files import StreamFiles
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from ...model.poses.pose_pairs import Stream
     from ...read.rosbag.recording import Recording
 
 TABLES = (".csv", ".txt", ".tsv")
@@ -84,8 +87,9 @@ def camera_command(
             warnings.simplefilter("ignore", InputWarning)  # the summary has them
         found = lens.calibrate(corners, size, board.shape())
     from ...model.camera.calibration_files import to_dict
+    from ...read import json_text
 
-    deliver_camera_poses(found, to_dict, output, as_json, "camera/")
+    deliver_camera_poses(found, lambda: json_text(to_dict(found)), output, as_json, "camera/")
 
 
 def points_command(
@@ -128,6 +132,7 @@ def points_command(
     from ...model.points.estimate import poses_from_points
     from ...model.points.point_file import read_points, read_target
     from ...model.points.result import to_dict
+    from ...read import json_text
 
     if target is None:
         raise InputError(
@@ -145,7 +150,7 @@ def points_command(
         if not as_json:
             warnings.simplefilter("ignore", InputWarning)  # the summary has them
         found = poses_from_points(measured, known, noise)
-    deliver_camera_poses(found, to_dict, output, as_json, "seen/")
+    deliver_camera_poses(found, lambda: json_text(to_dict(found)), output, as_json, "seen/")
 
 
 def bag_command(
@@ -230,7 +235,7 @@ def _tables(
     from ...read.rosbag.streams import camera_stream, robot_stream
 
     found: dict[str, str] = {}
-    streams: dict[str, Any] = {}
+    streams: dict[str, Stream] = {}
     if robot is not None:
         streams["robot"] = robot_stream(recording, robot)
     if camera is not None:
@@ -299,7 +304,7 @@ def sync_command(
         found = files.synchronised(max_offset=max_offset, still=still, max_gap=max_gap, interpolation=kind, seed=seed)
     from ...read import pose_text
 
-    def written() -> dict[str, Any]:
+    def written() -> "dict[str, str | Figure]":
         sides = {"robot.csv": found.poses.robot, "camera.csv": found.poses.camera}
         tables = {name: pose_text(poses, found.poses.timestamps) for name, poses in sides.items()}
         return tables | {"sync.json": found.to_json(), "sync": found.figure()}

@@ -2,9 +2,10 @@
 for people, ``certificate`` for the file.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 from ...core.files.about import read_about
 from ...core.files.csv_text import csv_text
@@ -32,9 +33,11 @@ if TYPE_CHECKING:
     from ...calibration.prediction.predict import CameraPrediction
     from ...calibration.result import Calibration
     from ...core.geometry.se3 import Array
+    from ...core.presentation.document import Paragraph
     from ...fit.diagnostics.task_space import PointUncertainty
     from ...rig.result import RigCalibration
 
+TableRow = list[float | str]
 # Number of rows printed; the files hold all.
 PRINTED = 40
 # Suffixes of a certificate.
@@ -190,8 +193,8 @@ def _read_places(
 # ---------------------------------------------------------------------------------------------------------- output
 
 
-def _point_rows(found: "PointUncertainty", times: "Array") -> list[list[Any]]:
-    rows: list[list[Any]] = [["timestamp", "point", *"xyz", "sd_x", "sd_y", "sd_z", "radius_95", *_pairs("xyz")]]
+def _point_rows(found: "PointUncertainty", times: "Array") -> list[TableRow]:
+    rows: list[TableRow] = [["timestamp", "point", *"xyz", "sd_x", "sd_y", "sd_z", "radius_95", *_pairs("xyz")]]
     radius = found.radius_95
     for i, time in enumerate(times.tolist()):
         for j in range(found.points.shape[1]):
@@ -199,7 +202,7 @@ def _point_rows(found: "PointUncertainty", times: "Array") -> list[list[Any]]:
     return rows
 
 
-def _pose_rows(seen: "CameraPrediction", times: "Array") -> list[list[Any]]:
+def _pose_rows(seen: "CameraPrediction", times: "Array") -> list[TableRow]:
     from scipy.spatial.transform import Rotation
 
     names = ("theta_x", "theta_y", "theta_z", "tau_x", "tau_y", "tau_z")
@@ -209,12 +212,12 @@ def _pose_rows(seen: "CameraPrediction", times: "Array") -> list[list[Any]]:
     return [head, *([time, *_plain(T[:3, 3], q, sd, S)] for time, T, q, sd, S in parts)]
 
 
-def _pairs(names: Any) -> list[str]:
+def _pairs(names: Sequence[str]) -> list[str]:
     """Names of the covariances above the diagonal and on it, row by row."""
     return [f"cov_{first}_{other}" for i, first in enumerate(names) for other in names[i:]]
 
 
-def _plain(*parts: Any) -> list[Any]:
+def _plain(*parts: "Array") -> TableRow:
     """Numbers in a row; of a matrix those on and above its diagonal."""
     import numpy as np
 
@@ -276,7 +279,7 @@ def _text_of_poses(seen: "CameraPrediction") -> str:
     )
 
 
-def _more(n: int) -> list[Any]:
+def _more(n: int) -> "list[Paragraph]":
     from ...core.presentation.document import Paragraph
 
     return [Paragraph(f"{n - PRINTED} more rows: -o DIR or --json has all.")] if n > PRINTED else []
@@ -385,7 +388,7 @@ def report_command(
     require_writable(file, "FILE", CERTIFICATES if certificate else REPORTS)
     stored = load(result)
     if certificate:
-        return _deliver_certificate(stored, file, wanted, wishes.about, wishes.of_report["paper"])
+        return _deliver_certificate(stored, file, wanted, wishes.about, wishes.paper)
     if isinstance(stored, RigCalibration):
         from ..rigs import deliver_rig
 
@@ -395,7 +398,12 @@ def report_command(
         return emit_result(stored, verdict)
     with timed(f"writing {file}"), working(f"writing {file}", progress_wanted()):
         written = stored.report(
-            file, comparison=not no_compare, about=wishes.about, verdict=verdict, **wishes.of_report
+            file,
+            comparison=not no_compare,
+            about=wishes.about,
+            verdict=verdict,
+            details=wishes.details,
+            paper=wishes.paper,
         )
     return emit_answer(stored, verdict, f"Wrote {written}")
 
@@ -407,7 +415,7 @@ def certificate_command(
     about: list[str] | None = None,
     paper: str = "a4",
 ) -> int:
-    """Write the certificate of a stored result, as report --certificate does.
+    """Write the certificate of a result: report --certificate.
 
     Examples:
       uq-handeye certificate result/result.json certificate.pdf
