@@ -77,12 +77,12 @@ def test_points_at_joints(stored):
 def test_what_the_camera_should_see(stored, noise):
     folder, result, _, ahead, _ = stored
     arguments = ("arm.json", "--joints", "next.csv", "--camera", *noise)
-    found = json.loads(predicted(folder, *arguments, "--json", "-o", "seen.csv"))
+    found = json.loads(predicted(folder, *arguments, "--json", "-o", "seen"))
     same = result.predict_camera(joints=ahead, new_measurement=not noise)
     np.testing.assert_allclose(found["poses"], same.poses, rtol=0, atol=1e-12)
     np.testing.assert_allclose(found["covariance"], same.covariance, rtol=1e-9, atol=1e-18)
     assert found["new_measurement"] == (not noise)
-    head, rows = table(folder / "seen.csv")
+    head, rows = table(folder / "seen" / "predictions.csv")
     np.testing.assert_allclose(rows[:, 1:4], same.poses[:, :3, 3], rtol=1e-12)
     np.testing.assert_allclose(rows[:, head.index("sd_tau_z")], same.std[:, 5], rtol=1e-9)
     assert len(head) == rows.shape[1] == 8 + 6 + 21
