@@ -100,7 +100,6 @@ if _typing.TYPE_CHECKING:
     from .use.maintenance.check_result import ChangeCheck
     from .use.maintenance.difference import Difference, difference
     from .use.maintenance.log import CheckSeries, log_check, read_checks
-    from .use.maintenance.series_alarm import SeriesAlarm, series_alarm
     from .use.maintenance.update import include_touches, update
     from .use.planning.plan import plan
     from .use.planning.result import Plan
@@ -158,7 +157,6 @@ __all__ = [
     "Rig",
     "RigCalibration",
     "ScalePrior",
-    "SeriesAlarm",
     "SharedError",
     "SharedEstimate",
     "SingularNoiseError",
@@ -223,7 +221,6 @@ __all__ = [
     "resolve_pose_ambiguity",
     "sample_posterior",
     "se3_from_so4",
-    "series_alarm",
     "simulate",
     "simulate_rig",
     "so4_covariance",
@@ -311,7 +308,6 @@ _LATER = {
     "use.live_session.api": ("Live", "live"),
     "use.maintenance.check": ("check",),
     "use.maintenance.check_result": ("ChangeCheck",),
-    "use.maintenance.series_alarm": ("SeriesAlarm", "series_alarm"),
     "use.maintenance.log": ("CheckSeries", "log_check", "read_checks"),
     "use.maintenance.difference": ("Difference", "difference"),
     "use.maintenance.update": ("include_touches", "update"),

@@ -1,4 +1,4 @@
-"""A calibration in use: false alarms, power and causes of checks, the alarm of a series, updates, real recordings.
+"""A calibration in use: false alarms, power and causes of checks, updates, real recordings.
 
     python -m studies.maintenance [--full] [-o results]
 
@@ -12,19 +12,16 @@ cell with noise given, 1,000 with noise estimated:
 - with noise given, 5 points touched (0.2 mm) and seen (0.3 mm): two sets without a bias, and biases of once and three
   times what is found in 95 %.
 
-18 series of 100 checks for each cell, with one false alarm in 50 checks stated: how often the alarm goes; and X that
-drifts from check 21 on by 1, 2 or 5 % of what one check finds in 95 %. 5 calibrations for each cell that are updated
-twice, in both orders, against the fit of all poses.
+5 calibrations for each cell that are updated twice, in both orders, against the fit of all poses.
 
 Real recordings, where `UQ_HANDEYE_DATA` names their folder: one part is calibrated, another held against it.
 
-Seeds 2121 to 2123.
+Seeds 2121 and 2123.
 """
 
 from __future__ import annotations
 
 from studies.common.study import Study, Tables
-from studies.maintenance.drifts import series_tables
 from studies.maintenance.figures import figures
 from studies.maintenance.findings import findings
 from studies.maintenance.real_sets import real_table
@@ -37,7 +34,6 @@ def measure(full: bool) -> Tables:
     real = real_table() if full else None
     return {
         **single_checks(full),
-        **series_tables(full),
         "updates": update_table(full),
         **({} if real is None else {"real": real}),
     }

@@ -9,7 +9,6 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from studies.common.study import Tables
-from studies.maintenance.drifts import BEFORE
 
 _STYLES = {
     ("eye-in-hand", "given"): ("#0072B2", "-", "o"),
@@ -17,12 +16,11 @@ _STYLES = {
     ("eye-to-hand", "given"): ("#D55E00", "-", "^"),
     ("eye-to-hand", "estimated"): ("#D55E00", "--", "v"),
 }
-_CHARTS = {"X": ("#0072B2", "-"), "target": ("#D55E00", "--"), "residuals": ("#CC79A7", ":")}
 
 
 def figures(tables: Tables) -> Mapping[str, Figure]:
-    """Draw p-values and power, and one drift."""
-    return {"checks": _checks(tables), "drift": _drift(tables)}
+    """Draw p-values and power."""
+    return {"checks": _checks(tables)}
 
 
 def _checks(tables: Tables) -> Figure:
@@ -54,18 +52,3 @@ def _checks(tables: Tables) -> Figure:
 def _name(cell: Any) -> tuple[str, str]:
     setup, noise = cell
     return str(setup), str(noise)
-
-
-def _drift(tables: Tables) -> Figure:
-    figure = Figure(figsize=(6.9, 2.6), layout="constrained")
-    axes = figure.subplots()
-    for name, of in tables["one_drift"].groupby("chart", sort=False):
-        colour, line = _CHARTS[str(name)]
-        axes.plot(of["check"], of["by_limit"], line, color=colour, linewidth=1.5, label=str(name))
-    axes.axhline(1.0, color="0.2", linewidth=1.0)
-    axes.axvline(BEFORE + 0.5, color="0.5", linewidth=0.8, linestyle="--")
-    axes.set_ylim(0, 3)
-    axes.set_xlabel("check")
-    axes.set_ylabel("CUSUM, by its limit")
-    axes.legend(frameon=False, fontsize=7.5, loc="upper left")
-    return figure

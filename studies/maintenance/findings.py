@@ -6,9 +6,7 @@ import numpy as np
 import pandas as pd
 
 from studies.common.study import Tables, markdown
-from studies.maintenance.drifts import BEFORE, EVERY
 from studies.maintenance.single_checks import LEVEL
-from uq_handeye.use.maintenance.series_alarm import EVERY as STATED
 
 # Aims: false alarms, power, right and wrong causes, updates in standard deviations.
 FALSE_ALARMS, POWER, RIGHT, WRONG = 0.01, 0.03, 0.90, 0.03
@@ -19,7 +17,7 @@ def findings(tables: Tables) -> str:
     """Return all of it."""
     parts = [
         _false_alarms(tables["false_alarms"]), _power(tables["power"]), _causes(tables["causes"]),
-        _run_lengths(tables["run_lengths"]), _drifts(tables["drifts"]), _updates(tables["updates"]),
+        _updates(tables["updates"]),
     ]  # fmt: skip
     parts.insert(3, _touches(tables["touches"]))
     if "real" in tables:
@@ -100,55 +98,6 @@ def _touches(of: pd.DataFrame) -> str:
         "found, three times it",
     )
     return "\n\n".join(["## Touched points", markdown(header, rows)])
-
-
-def _run_lengths(of: pd.DataFrame) -> str:
-    def length(c: pd.Series, name: str) -> str:
-        alarms = c[f"alarms, {name}"]
-        checks = c[f"checks, {name}"]
-        if not alarms:
-            return f"> {checks:.0f}"
-        return f"{checks / alarms:.0f} ± {checks / alarms**1.5:.0f}"
-
-    rows = [
-        (c["setup"], c["noise"], *(length(c, name) for name in ("together", "X", "target", "residuals", "p-values")))
-        for _, c in of.iterrows()
-    ]
-    alarms, checks = of["alarms, together"].sum(), of["checks, together"].sum()
-    found = f"{checks / max(alarms, 1):.0f} checks for each false alarm" if alarms else "no false alarm"
-    return "\n\n".join(
-        [
-            "## False alarms of a series",
-            markdown(
-                ("setup", "noise", "three charts together", "X", "target", "residuals", "p-values as if independent"),
-                rows,
-            ),
-            f"Average number of checks to a false alarm, where {EVERY:.0f} is stated: at least that for the three "
-            f"charts together, that for each of the others. Over all cells the three charts together took {found}.",
-        ]
-    )
-
-
-def _drifts(of: pd.DataFrame) -> str:
-    rows = [
-        (c["setup"], c["noise"], f"{100 * c['step']:.0f} %",
-         f"{c['found']:.0f} of {c['series'] - c['alarm_before']:.0f}", f"{c['delay']:.0f}",
-         f"{100 * c['size']:.0f} %", f"{c['single']:.0f}")
-        for _, c in of.iterrows()
-    ]  # fmt: skip
-    ratio = float((of["single"] / of["delay"]).median())
-    early = int(of["alarm_before"].sum())
-    return "\n\n".join(
-        [
-            "## Slow drifts",
-            markdown(
-                ("setup", "noise", "step", "found", "checks to the alarm", "drift by then", "checks to p < 0.001"), rows
-            ),
-            f"Medians; steps and drifts in units of the shift that one check shows with 95 % probability; one false "
-            f"alarm in {STATED:.0f} checks. A single check that is sure (p < 0.001) takes {ratio:.1f} times as long. "
-            f"In {early} of {int(of['series'].sum())} series the alarm went in the {BEFORE} checks before the drift.",
-        ]
-    )
 
 
 def _updates(of: pd.DataFrame) -> str:

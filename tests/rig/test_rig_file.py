@@ -409,8 +409,7 @@ def test_check_predict_plan_and_update_on_the_command_line(two_on_the_hand, caps
     by_camera = ["check", stored, path / "robot_new.csv", *cameras]
     assert run(*by_camera, "--json", "--log", path / "log.csv") == 0
     logged = json.loads(capsys.readouterr().out)
-    assert {key: logged[key] for key in by_file} == by_file
-    assert set(logged["series"]["charts"]) == {"left", "right", "target", "residuals"}
+    assert logged == by_file
     assert run(*by_camera, "--log", path / "log.csv") == 2 and "not logged twice" in capsys.readouterr().err
     assert run(*by_camera, "--tolerance", "1mm") == 3 and "CANNOT TELL" in capsys.readouterr().out
     assert run(*by_camera, "--same", "robot,left") == 0

@@ -1,6 +1,6 @@
 """A stored result later on: ``check`` and ``update`` by new poses, ``verify`` by touches, ``diff`` of two results.
 
-Behind ``check --log`` is the log of checks: one more line, and the alarm of the series.
+``check --log`` adds one line to the log of the checks of a calibration.
 """
 
 from contextlib import AbstractContextManager, nullcontext
@@ -31,21 +31,11 @@ from ..rigs import NEW_VIEWS, deliver_rig, new_views, refuse, stored_rig
 
 if TYPE_CHECKING:
     from ...core.geometry.se3 import Array
-    from ...core.presentation.document import Block
     from ...rig.checks.check import RigCheck
     from ...use.maintenance.check_result import ChangeCheck
-    from ...use.maintenance.log import CheckSeries
-    from ...use.maintenance.series_alarm import SeriesAlarm
     from ...use.verification.result import Verification
 
 
-def _blocks_of(series: "CheckSeries", alarm: "SeriesAlarm") -> "list[list[Block]]":
-    """Return the answer of the series of checks, which stands below that of the last one."""
-    from ...core.presentation.document import Paragraph, groups_of
-    from ...use.maintenance.series_alarm import alarm_document, series_sentences
-
-    blocks = [block for part in groups_of(alarm_document(alarm)) for block in part]
-    return [blocks[:1] if quiet() else [*blocks, *(Paragraph(text, hang="  ") for text in series_sentences(series))]]
 
 
 @dataclass(frozen=True)
@@ -60,16 +50,13 @@ class Asked:
         a rig also its own names. Default: all.
 
     Options (Series of checks):
-      * --log FILE.csv: Log of the checks of this calibration: add this one, and test the whole series for a slow drift.
-        Made if there is none.
-      --every N: Checks for each false alarm of --log, on average. Default: 500.
+      * --log FILE.csv: Log of the checks of this calibration, to which one line is added. Made if there is none.
     """
 
     tolerance: str | None = None
     level: float = 0.05
     log: Path | None = None
     same: list[str] | None = None
-    every: float | None = None
 
 
 def check_command(
@@ -93,53 +80,45 @@ def check_command(
       uq-handeye check result/rig.json today.toml
       uq-handeye check result/rig.json robot.csv --camera left=left.csv
 
-      # Every day: a log, with an alarm for slow drifts
+      # Every day: a log, and a figure of the whole series
       uq-handeye check result/result.json robot.csv camera.csv \\
-          --log checks.csv
+          --log checks.csv -o today/
 
     One pose is enough; three or more separate the causes. The exit status is 0
-    if unchanged, 4 if changed or if the series raises its alarm, 3 if these
-    poses cannot tell.
+    if unchanged, 4 if changed, 3 if these poses cannot tell.
 
     Options (Output):
       * -o, --output DIR <named_folder>: Folder for check.json and check.txt; with --log also series.png and series.svg.
     """
     from ...calibration.result import Calibration
-    from ...core.presentation.document import document_of
+    from ...core.presentation.document import Paragraph, document_of
     from ...model.posterior.owners import THINGS
     from ...use.maintenance.check import check
-    from ...use.maintenance.cusum import limit_for
     from ...use.maintenance.log import log_check
-    from ...use.maintenance.series_alarm import EVERY, series_alarm
 
     if (rig := stored_rig(result)) is not None:
-        refuse(*NEW_VIEWS, "--tolerance", "--level", "--same", "--log", "--every")
+        refuse(*NEW_VIEWS, "--tolerance", "--level", "--same", "--log")
 
-    if asked.every is not None:
-        if asked.log is None:
-            raise InputError("--every needs --log. Remove it.")
-        limit_for(asked.every)
     stored: Any = rig or Calibration.from_json(result)
     poses: Any = files.read(stored, str(result)) if rig is None else new_views(rig, files)
     with timed("checking"):
         found = check(stored, poses, tolerance=asked.tolerance, level=asked.level, same=names_of(asked.same, THINGS))
         series = None if asked.log is None else log_check(asked.log, stored, poses, found)
-        alarm = None if series is None else series_alarm(stored, series, asked.every or EVERY)
     text, said = found.to_json(), [*shown(document_of(found))]
-    if series is not None and alarm is not None:
-        text = json_text({**found.to_dict(), "series": alarm.to_dict()})
-        said += _blocks_of(series, alarm)
+    if series is not None and not quiet():
+        lines = [f"Check {len(series)} of the log {asked.log}.", *series.sentences]
+        said.append([Paragraph(line, hang="  ") for line in lines])
 
     def written() -> dict[str, Any]:
         files: dict[str, Any] = {"check.json": text, "check.txt": found.summary()}
-        if series is not None and alarm is not None:
+        if series is not None:
             from ...use.maintenance.series_figure import series_figure  # Matplotlib is slow to import
 
-            files["series"] = series_figure(series, alarm)
+            files["series"] = series_figure(series, "X" if rig is None else "move")
         return files
 
     deliver_answer(text, said, as_json, output, written)
-    return ExitStatus.CONTRADICTED if alarm is not None and alarm.alarm is not None else status_of(found)
+    return status_of(found)
 
 
 def status_of(found: "ChangeCheck | RigCheck") -> int:
