@@ -31,7 +31,7 @@ def update(folder, name, *options):
     return run("update", folder / "result.json", *files, *options)
 
 
-def test_update_and_its_difference(folder):
+def test_update_and_difference(folder):
     done = update(folder, "new", "-o", folder / "new")
     assert (done.returncode, done.stderr) == (0, "")
     assert (
@@ -41,14 +41,17 @@ def test_update_and_its_difference(folder):
     assert [part["poses"] for part in stored.provenance.options["together"]] == [15, 3]
     assert stored.provenance.command.startswith("uq-handeye update")
     done = run("diff", folder / "result.json", folder / "new" / "result.json", "-o", folder / "diff")
+    assert done.returncode == 2 and "15 poses in common" in done.stderr and "uq-handeye update" in done.stderr
+    assert len(done.stderr.splitlines()) == 1
+    files = (folder / "new_robot.csv", folder / "new_camera.csv")
+    assert run("calibrate", *files, "-o", folder / "second").returncode in (0, 3)
+    done = run("diff", folder / "result.json", folder / "second" / "result.json", "-o", folder / "diff")
     assert (done.returncode, done.stderr) == (0, "")
-    assert "15 poses are in both and count once" in " ".join(done.stdout.split())
+    assert "Assumed: independent errors" in " ".join(done.stdout.split())
     lines = done.stdout.splitlines()
     assert len(lines) <= 14
     assert max(len(line) for line in lines if not line.startswith("Wrote ")) <= 80  # its path may be long
-    assert json.loads((folder / "diff" / "diff.json").read_text())["common_poses"] == 15
-    quiet = run("diff", folder / "result.json", folder / "result.json", "-q")
-    assert "there is nothing to test" in " ".join(quiet.stdout.split()) and len(quiet.stdout.splitlines()) <= 2
+    assert json.loads((folder / "diff" / "diff.json").read_text())["how"] == "posterior"
 
 
 def test_refusals_are_one_line(folder):

@@ -233,9 +233,8 @@ def test_a_result_without_poses_is_updated_by_its_posterior(options, close):
     assert again.findings[-1].code == "maintenance.by_posterior" and "updated the joint" in str(again.findings[-1])
     with pytest.raises(uq.InputError, match="made with these poses already"):
         uq.update(again, second)
-    found = uq.difference(start, forward)
-    assert found.how == ("independent" if start.posterior.points is not None else "innovation")
-    assert found.p_value_X > 1e-3 and found.common == 18
+    with pytest.raises(uq.InputError, match=r"in common.*uq-handeye update"):
+        uq.difference(start, forward)
 
 
 @pytest.mark.parametrize("times", [None, np.arange(ALL) * 2.0], ids=["no times", "times"])
@@ -252,8 +251,8 @@ def test_a_file_without_poses_is_updated_as_one_with_them(times, lacks, tmp_path
     whole, found = quietly(poses), updated(uq.load(tmp_path / "bare.json"), second, although_changed=True)
     assert apart(found, whole) < 1e-9 and found.n_poses == ALL
     np.testing.assert_allclose(found.covariance, whole.covariance, rtol=1e-6, atol=1e-18)
-    apart_by = uq.difference(uq.load(tmp_path / "bare.json"), found)
-    assert apart_by.how == "posterior" and apart_by.common == 18 and apart_by.p_value_X > 1e-3
+    with pytest.raises(uq.InputError, match="18 poses in common"):
+        uq.difference(uq.load(tmp_path / "bare.json"), found)
 
 
 @pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])

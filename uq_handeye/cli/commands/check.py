@@ -205,17 +205,17 @@ def diff_command(
     """Print how far two results differ, with uncertainty.
 
     Examples:
-      uq-handeye diff old/result.json new/result.json
+      uq-handeye diff monday.json friday.json
       # Two sessions with the same robot and the same camera
       uq-handeye diff monday.json friday.json --same robot,camera
 
     The difference of X and of the target, its standard uncertainty, and the
-    probability of one as large if nothing has changed. Poses that both results
-    hold count once.
+    probability of one as large if nothing has changed. Results with poses in
+    common are refused: add new poses by update.
 
     Options (Estimation):
-      * --same NAMES: What is the same in both, out of robot,camera,target: its errors cancel in part. Default: all
-        three if the results have poses in common.
+      * --same NAMES: What is the same in both, out of robot,camera,target: its errors cancel in part. Default:
+        none.
 
     Arguments:
       OLD: Result file of before: result.json.
