@@ -41,9 +41,19 @@ def difference_covariance(old: Calibration, new: Calibration, same: frozenset[st
     of_errors = _information_of_errors(old, new, same)
     information = np.zeros((12 + of_errors.shape[0], 12 + of_errors.shape[1]))
     information[:12, :12], information[12:, 12:] = _information_of_prior(old, new), of_errors
-    cross = before.covariance[:12] @ information @ now.covariance[:, :12]
-    S = before.covariance[:12, :12] + now.covariance[:12, :12] - cross - cross.T
-    return np.asarray(0.5 * (S + S.T))
+    P_old, P_new = before.covariance[:12, :12], now.covariance[:12, :12]
+    cross = _as_covariance(before.covariance[:12] @ information @ now.covariance[:, :12], P_old, P_new)
+    return np.asarray(P_old + P_new - cross - cross.T)
+
+
+def _as_covariance(cross: Array, P_old: Array, P_new: Array) -> Array:
+    """Return the covariance of two estimates with the covariances P_old and P_new, no canonical correlation above 1.
+
+    Where sizes of errors were estimated, P holds their uncertainty too, and ``P_old I P_new`` is too large.
+    """
+    L_old, L_new = np.linalg.cholesky(P_old), np.linalg.cholesky(P_new)
+    U, values, V = np.linalg.svd(np.linalg.solve(L_old, np.linalg.solve(L_new, cross.T).T))
+    return np.asarray(L_old @ (U * np.minimum(values, 1.0)) @ V @ L_new.T)
 
 
 def _is_more_than_its_posterior(result: Calibration) -> bool:
