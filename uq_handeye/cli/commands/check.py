@@ -36,8 +36,6 @@ if TYPE_CHECKING:
     from ...use.verification.result import Verification
 
 
-
-
 @dataclass(frozen=True)
 class Asked:
     """Options of the question.
