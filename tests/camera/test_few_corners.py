@@ -12,6 +12,7 @@ from uq_handeye.model.camera.calibrate import calibrate_camera
 pytestmark = pytest.mark.slow
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::uq_handeye.errors.InputWarning")
 def test_auto_is_no_worse_than_a_pinhole_by_itself(monkeypatch):
     """3 x 2 corners, no distortion; ranked by linear prediction alone half of them got coefficients."""
@@ -30,6 +31,7 @@ def test_auto_is_no_worse_than_a_pinhole_by_itself(monkeypatch):
     assert chosen.count("pinhole") >= 8
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::uq_handeye.errors.InputWarning")
 @pytest.mark.parametrize(
     ("lens", "n", "sets", "least"),

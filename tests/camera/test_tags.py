@@ -135,6 +135,7 @@ def test_the_pictures_contradict_a_wrong_grid(rng, tmp_path, printed):
         )
 
 
+@pytest.mark.slow
 def test_of_several_tags_the_commonest_is_taken_and_they_are_named(rng, tmp_path):
     one, other = (uq.Board(1, 1, "40mm", "apriltag", first_id=k) for k in (5, 6))
     pictures = []
@@ -160,6 +161,7 @@ def test_of_several_tags_the_commonest_is_taken_and_they_are_named(rng, tmp_path
         uq.detect_board(save(tmp_path / "twice", shifted), any_tag)
 
 
+@pytest.mark.slow
 def test_a_board_that_is_not_found_names_the_tags_that_are(rng, tmp_path):
     images = save(tmp_path, picture(GRID, facing(GRID, 7, distance=0.45), rng))
     with pytest.raises(InputError, match=r"tags of 5X5_50: 8, 9, 10, 11, 12, 13 and more \(--dictionary 5X5_50\)\.$"):
@@ -169,6 +171,7 @@ def test_a_board_that_is_not_found_names_the_tags_that_are(rng, tmp_path):
         uq.detect_board(images, replace(TAG, dictionary="25h9"))
 
 
+@pytest.mark.slow
 def test_other_boards_and_mirror_images_are_named(rng, tmp_path):
     board = uq.Board(9, 6, 0.015, "charuco", marker=0.011)
     seen = picture(board, facing(board, 7, distance=0.45), rng)
@@ -233,6 +236,7 @@ def test_more_tags_than_the_dictionary_has_are_refused():
         tag_finder(uq.Board(10, 10, 0.04, "aruco", spacing=0.01))
 
 
+@pytest.mark.slow
 def test_lines_through_bent_edges_are_moved_back(rng):
     """A lens bends the edges that lines go through; with the camera known the corners are where they should be."""
     camera = np.array([500.0, 500, 320, 240, -0.25, 0.05, 0, 0, 0, 0, 0, 0])

@@ -39,6 +39,7 @@ def test_simulate_writes_what_simulate_makes(session):
     np.testing.assert_allclose(poses.camera, expected.camera, atol=1e-14)
 
 
+@pytest.mark.slow
 def test_calibrate_prints_and_writes(session, tmp_path):
     out = ("-o", tmp_path / "out", "--figures")
     done = run_process("calibrate", session / "robot.csv", session / "camera.csv", *NOISE, *out)
@@ -76,6 +77,7 @@ def files_of(folder):
     return folder / "robot.csv", folder / "camera.csv"
 
 
+@pytest.mark.slow
 def test_without_noise_it_is_estimated(session):
     """The numbers are those of the function, published methods and their kinds included."""
     files = files_of(session)
@@ -106,6 +108,7 @@ def test_without_noise_it_is_estimated(session):
     assert max(map(len, text.splitlines())) <= 120
 
 
+@pytest.mark.slow
 def test_robust_flag(session, tmp_path):
     lines = (session / "camera.csv").read_text().splitlines()
     fields = lines[5].split(",")
@@ -122,6 +125,7 @@ def test_robust_flag(session, tmp_path):
     assert "kept, but do not fit: 4" in plain.stdout
 
 
+@pytest.mark.slow
 def test_noise_file_equals_flags(session, tmp_path):
     file = tmp_path / "noise.toml"
     file.write_text(
@@ -134,6 +138,7 @@ def test_noise_file_equals_flags(session, tmp_path):
     assert "not both" in mixed.stderr
 
 
+@pytest.mark.slow
 def test_scale_and_units(session, tmp_path):
     files = session / "robot.csv", session / "camera.csv"
     limit, scaled = (
@@ -184,6 +189,7 @@ BAD_FILES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", BAD_FILES)
 def test_bad_files(session, tmp_path, name):
     edit, parts = BAD_FILES[name]
@@ -197,6 +203,7 @@ def test_bad_files(session, tmp_path, name):
     assert not out.exists()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "parts"),
     [
@@ -269,6 +276,7 @@ def test_warnings_go_to_stderr_and_leave_json_alone(session):
     assert len(json.loads(done.stdout)["warnings"]) == done.stderr.count("\n")
 
 
+@pytest.mark.slow
 def test_compare(session, tmp_path):
     files = session / "robot.csv", session / "camera.csv"
     done = run("compare", *files, *NOISE, "-o", tmp_path / "out")
@@ -285,6 +293,7 @@ def test_compare(session, tmp_path):
     assert (tmp_path / "out" / "comparison.png").read_bytes()[:4] == b"\x89PNG"
 
 
+@pytest.mark.slow
 def test_compare_prints_json_or_csv(session):
     files = session / "robot.csv", session / "camera.csv"
     some = ("--methods", " Park, tsai,,", "--reference", "Chou", "--pairs", "consecutive")
@@ -312,6 +321,7 @@ def test_compare_prints_json_or_csv(session):
         assert part in done.stderr
 
 
+@pytest.mark.slow
 def test_compare_keeps_its_table_if_every_method_fails(session, tmp_path):
     line = (session / "robot.csv").read_text().splitlines()
     fields = line[1].split(",")
@@ -326,6 +336,7 @@ def test_compare_keeps_its_table_if_every_method_fails(session, tmp_path):
     assert sorted(file.name for file in (tmp_path / "out").iterdir()) == ["comparison.csv", "comparison.json"]
 
 
+@pytest.mark.slow
 def test_compare_prints_its_table_even_if_it_cannot_write(session, tmp_path, monkeypatch):
     def full(*_):
         raise uq.InputError("Cannot write comparison.json: no space left on device.")
@@ -355,6 +366,7 @@ def test_help_names_the_methods():
         assert ",".join(uq.METHODS) in shown
 
 
+@pytest.mark.slow
 def test_pipe_that_closes_early(tmp_path):
     program = "from uq_handeye.cli.app import main; main()"
     with subprocess.Popen(
@@ -369,6 +381,7 @@ def test_pipe_that_closes_early(tmp_path):
     assert process.returncode == 0
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full here")
 def test_full_disk_behind_stdout():
     program = "from uq_handeye.cli.app import main; main()"
@@ -384,6 +397,7 @@ def test_full_disk_behind_stdout():
     assert done.stderr == "uq-handeye: error: Cannot write the output: No space left on device.\n"
 
 
+@pytest.mark.slow
 def test_figures_are_drawn_when_they_are_asked_for(session, tmp_path):
     out = ("calibrate", *files_of(session), "-o", tmp_path / "out")
     for more, drawn in ((*NOISE, "--figures"), PICTURES), (NOISE, []):
@@ -395,6 +409,7 @@ def test_figures_are_drawn_when_they_are_asked_for(session, tmp_path):
         assert (done.returncode, done.stdout) == (2, "") and "--figures needs -o DIR" in done.stderr
 
 
+@pytest.mark.slow
 def test_old_files_do_not_stay_beside_a_new_result(session, tmp_path, monkeypatch):
     def one(result, *_):
         return {} if result.covariance is None else {"ellipses": Figure(figsize=(1, 1))}
@@ -424,6 +439,7 @@ def test_overflow_and_seed(session):
     assert "--seed" in run("simulate", "-o", session / "never", "--seed", "-1").stderr
 
 
+@pytest.mark.slow
 def test_help_has_examples():
     assert run().stdout == run("--help").stdout
     assert run("--version").stdout == f"uq-handeye {uq.__version__}\n"
@@ -444,6 +460,7 @@ def test_demo_data_are_those_of_the_command_in_their_readme(tmp_path):
         np.testing.assert_allclose(made, kept, atol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("side", ["robot", "camera"])
 def test_noise_of_one_side_alone_leaves_the_other_to_the_data(session, side):
     """Not exact, as which X would seem far too sure; ``exact`` says so where it is meant."""
@@ -471,6 +488,7 @@ def test_noise_of_one_side_alone_leaves_the_other_to_the_data(session, side):
     assert refused.returncode == 2 and "both given" in refused.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.skipif("UQ_HANDEYE_DATA" not in os.environ, reason="UQ_HANDEYE_DATA is not set")
 @pytest.mark.parametrize("name", ["kuka_1", "nguyen_pham", "synthetic_camera_2"])
 def test_real_data(name):

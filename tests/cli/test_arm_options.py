@@ -94,6 +94,7 @@ def test_names_are_those_of_the_package():
 # ------------------------------------------------------------------------------------------------------------ numbers
 
 
+@pytest.mark.slow
 def test_a_single_file_beside_joints_is_that_of_the_camera(cell):
     folder, X, _ = cell
     found = found_in(folder, "camera.csv", *CHAIN, *GIVEN)
@@ -108,6 +109,7 @@ def test_a_single_file_beside_joints_is_that_of_the_camera(cell):
     assert np.trace(np.array(exact["covariance"])) < 0.5 * np.trace(np.array(found["covariance"]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "files",
     [("robot.csv", "camera.csv"), ("camera.csv", "--robot", "robot.csv")],
@@ -127,6 +129,7 @@ def test_poses_of_the_controller_and_joints_beside(cell, files):
     )
 
 
+@pytest.mark.slow
 def test_degrees_by_flag(cell):
     folder, X, _ = cell
     chain = ("--joints", "degrees.csv", "--urdf", "arm.urdf")
@@ -135,12 +138,14 @@ def test_degrees_by_flag(cell):
     assert close(found_in(folder, "camera.csv", *chain, "--joint-units", "deg", *GIVEN), X) < FAR
 
 
+@pytest.mark.slow
 def test_joints_pair_by_time(cell):
     folder, X, _ = cell
     found = found_in(folder, "some.csv", "--joints", "timed.csv", "--urdf", "arm.urdf", "--pair", "time", *GIVEN)
     assert found["n_poses"] == 7 and close(found, X) < FAR
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("robot", [(), ("--robot", "robot.csv")], ids=["joints alone", "beside poses"])
 def test_streams_with_clocks_of_their_own(tmp_path, robot):
     rng = np.random.default_rng([SEED, 23])
@@ -159,6 +164,7 @@ def test_streams_with_clocks_of_their_own(tmp_path, robot):
     assert found["time_offset"]["offset"] == pytest.approx(0.3, abs=2e-3)
 
 
+@pytest.mark.slow
 def test_errors_of_the_arm_are_estimated_unless_said_otherwise(cell):
     folder, X, _ = cell
     found = found_in(folder, "camera.csv", *CHAIN, "--robot-class", "cobot")
@@ -196,6 +202,7 @@ def far_apart(tmp_path_factory):
     return folder, X
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "model",
     [("--robot-model", "UR5e"), ("--robot-model", "ur5e", "--robot-class", "cobot"), ("--dh", "dh.csv")],
@@ -211,6 +218,7 @@ def test_an_arm_by_its_model_needs_no_joints(far_apart, model):
     np.testing.assert_allclose(found["X"], with_joints["X"], atol=2e-5 if same_branch else 1e-3)
 
 
+@pytest.mark.slow
 def test_a_class_sets_the_accuracy_of_an_unknown_arm(far_apart):
     folder = far_apart[0]
     found = {name: found_in(folder, "robot.csv", "camera.csv", "--robot-class", name) for name in CLASSES}
@@ -224,6 +232,7 @@ def test_a_class_sets_the_accuracy_of_an_unknown_arm(far_apart):
     assert max(known[1]["std"][3:]) > max(known[0]["std"][3:])  # declared, so it counts beside noise that is given, too
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tip", ["tool0", "l6"])
 def test_base_and_tip(cell, tip):
     folder, X, q = cell
@@ -232,6 +241,7 @@ def test_base_and_tip(cell, tip):
     assert close(found, np.linalg.inv(behind) @ ARM.poses(q[0]) @ X) < FAR
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", ["validate", "posterior", "cross-check", "compare"])
 def test_other_commands_have_the_errors_of_the_arm_in_their_noise(cell, command):
     folder = cell[0]
@@ -253,6 +263,7 @@ def test_other_commands_have_the_errors_of_the_arm_in_their_noise(cell, command)
 # ----------------------------------------------------------------------------------------------------------- refusals
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
@@ -285,6 +296,7 @@ def test_refuses_combinations_in_one_line(cell, arguments, words):
     assert words in refusal(cell[0], "camera.csv", *arguments)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
@@ -302,6 +314,7 @@ def test_refuses_beside_poses_in_one_line(cell, arguments, words):
     assert words in done.stderr and done.stderr.count("error:") == 1
 
 
+@pytest.mark.slow
 def test_refuses_files_given_twice_or_not_at_all(cell):
     folder = cell[0]
     text = refusal(folder, "robot.csv", "camera.csv", "--robot", "robot.csv", *CHAIN)
@@ -321,6 +334,7 @@ def test_names_the_joint_file_where_rows_are_missing(cell):
     assert "robot.csv has 16 poses and short.csv has 15 rows" in text
 
 
+@pytest.mark.slow
 def test_missing_joints_and_further_ones(cell):
     folder, X, q = cell
     write_joints(folder / "missing.csv", q[:, :5], ARM.names[:5])
@@ -329,6 +343,7 @@ def test_missing_joints_and_further_ones(cell):
     assert close(found_in(folder, "camera.csv", "--joints", "more.csv", "--urdf", "arm.urdf", *GIVEN), X) < FAR
 
 
+@pytest.mark.slow
 def test_a_urdf_of_another_arm_is_named(cell):
     folder = cell[0]
     (folder / "other.urdf").write_text(SIX_AXES.replace("0 0 0.27", "0 0 0.67"))
@@ -344,6 +359,7 @@ def test_a_urdf_of_another_arm_is_named(cell):
 needs_data = pytest.mark.skipif("UQ_HANDEYE_DATA" not in os.environ, reason="UQ_HANDEYE_DATA is not set")
 
 
+@pytest.mark.slow
 @needs_data
 def test_a_real_arm_by_its_joints():
     """FR3: the mount of the camera is known to about a millimetre; the controller's tool is turned by 45 degrees."""

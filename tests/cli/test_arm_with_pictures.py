@@ -87,6 +87,7 @@ def test_joints_travel_with_the_corners(table):
     np.testing.assert_allclose(arm.poses(some.joints), some.robot, rtol=0, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_pictures_and_joints_alone(tmp_path):
     """No file of poses at all: pictures, a board, joints and an arm."""
     pytest.importorskip("cv2")

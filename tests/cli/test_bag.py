@@ -56,6 +56,7 @@ def fixture_cell(tmp_path_factory):
 ASKED = ("--robot", "base_link:tool0", "--camera", "cam:tag36h11_0", "--tag", "80mm")
 
 
+@pytest.mark.slow
 def test_the_listing_and_its_command(cell):
     X, path = cell
     done = run("bag", path)
@@ -82,6 +83,7 @@ def test_the_listing_and_its_command(cell):
     assert plain["command"].split() == ["uq-handeye", "calibrate", "--bag", str(path), *ASKED[:-1], "LENGTH"]
 
 
+@pytest.mark.slow
 def test_tables_give_the_same_as_the_bag(cell, tmp_path):
     _, path = cell
     done = run("bag", path, *ASKED, "--joints", "/joint_states", "-o", tmp_path)
@@ -98,6 +100,7 @@ def test_tables_give_the_same_as_the_bag(cell, tmp_path):
     assert half.returncode == 0 and "base_link" in half.stderr
 
 
+@pytest.mark.slow
 def test_a_robot_whose_clock_starts_at_power_on(cell, tmp_path):
     X, path = cell
     assert run("bag", path, *ASKED[:2], "-o", tmp_path).returncode == 0
@@ -127,6 +130,7 @@ def test_poses_without_a_motion_that_shows_the_offset(tmp_path):
     np.testing.assert_allclose(json.loads(done.stdout)["X"], poses.truth.X, atol=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [
@@ -155,6 +159,7 @@ def test_a_bag_in_place_of_pose_files(cell):
         )
 
 
+@pytest.mark.slow
 def test_options_without_a_bag(tmp_path):
     for arguments, expected in (
         (["--camera", "cam:tag"], "--camera needs --bag FILE"),
@@ -181,6 +186,7 @@ def test_without_the_extra_one_line_says_how_to_get_it(cell, monkeypatch):
     assert "pip install '.[rosbag]'" in done.stderr
 
 
+@pytest.mark.slow
 def test_joint_values_of_the_bag_with_the_robot_model(tmp_path):
     arm, rng = Kinematics.from_urdf(SIX_AXES, tip="tool0"), np.random.default_rng(2)
     X, W = random_transforms(rng, (2,))

@@ -54,6 +54,7 @@ def squared_distance(out, truth):
     return float(xi @ np.linalg.solve(np.array(found["covariance"]), xi)), found
 
 
+@pytest.mark.slow
 def test_from_pictures_to_x_in_two_commands(rig):
     folder, truth = rig
     done = run("camera", "img/*.png", *BOARD, "-o", "camera", cwd=folder)
@@ -83,6 +84,7 @@ def test_from_pictures_to_x_in_two_commands(rig):
     assert isinstance(uq.read_poses(folder / "robot.csv", folder / "camera").camera_calibration, uq.CameraCalibration)
 
 
+@pytest.mark.slow
 def test_from_pictures_to_x_in_one_command(rig):
     folder, truth = rig
     command = ("calibrate", "robot.csv", "--images", "img/*.png", *BOARD, "--model", "pinhole", "--json")
@@ -108,6 +110,7 @@ def test_a_picture_too_few_is_said(rig, tmp_path):
     assert "has 9 poses and the pictures 7 pictures, none of them without a board" in done.stderr
 
 
+@pytest.mark.slow
 def test_half_turns_of_a_board_that_does_not_tell_are_resolved(rng, tmp_path):
     poses = write_pictures(tmp_path, Board(8, 6, 0.02), rng, n=8)
     files = sorted((tmp_path / "img").iterdir())

@@ -31,6 +31,7 @@ def test_writes_what_is_asked_for(folder):
     assert "CMM 12" in (page := (folder / "c.html").read_text()) and data["identifier"] in page
 
 
+@pytest.mark.slow
 def test_exit_status(folder):
     passed = run("certificate", "result.json", "--tolerance", "9mm,3deg", cwd=folder)
     assert passed.returncode == 0 and "PASS" in passed.stdout
@@ -41,6 +42,7 @@ def test_exit_status(folder):
     assert json.loads((folder / "refused.json").read_text())["result"] is None
 
 
+@pytest.mark.slow
 def test_bad_use_is_one_line(folder):
     for arguments, said in (
         (("result.json", "c.txt"), "Expected FILE to be named .html or .pdf or .json"),

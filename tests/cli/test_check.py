@@ -42,6 +42,7 @@ def test_unchanged(folder):
     assert check(folder, "one").returncode == 0
 
 
+@pytest.mark.slow
 def test_changed_with_files(folder):
     done = check(folder, "moved", "-o", folder / "out")
     assert done.returncode == 4
@@ -70,6 +71,7 @@ def test_cannot_tell(folder):
     assert "3 new poses" in done.stdout
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("options", "says"),
     [

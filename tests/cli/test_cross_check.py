@@ -47,6 +47,7 @@ def pressed(monkeypatch):
     return during
 
 
+@pytest.mark.slow
 def test_text_and_files(run):
     status, out, err = run("--trials", 300, "--no-posterior", "-o", "found")
     assert (status, err) == (0, "")
@@ -60,6 +61,7 @@ def test_text_and_files(run):
     assert run("--trials", 300, "--no-posterior", "-o", "found", "--resume")[0] == 0
 
 
+@pytest.mark.slow
 def test_ctrl_c_prints_what_there_is(run, pressed):
     pressed("efficient")
     status, out, err = run("--trials", 1000)

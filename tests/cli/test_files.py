@@ -42,6 +42,7 @@ def asked(monkeypatch):
 # ------------------------------------------------------------------------------------------------------ report
 
 
+@pytest.mark.slow
 def test_report_of_calibrate(session, tmp_path):
     """One real report: the command line as typed, the numbers of the result, no comparison where none is wanted."""
     done = run(
@@ -55,6 +56,7 @@ def test_report_of_calibrate(session, tmp_path):
     assert typed in html and "gripper_T_camera" in html
 
 
+@pytest.mark.slow
 def test_what_goes_into_the_report(session, tmp_path, asked):
     files = ("robot.csv", "camera.csv", *NOISE, "--report", tmp_path / "r.html")
     run("calibrate", *files, cwd=session)
@@ -69,6 +71,7 @@ def test_what_goes_into_the_report(session, tmp_path, asked):
         assert result.provenance.command.startswith("uq-handeye ")
 
 
+@pytest.mark.slow
 def test_the_title_block_goes_into_the_result_and_the_report(session, tmp_path, asked):
     (tmp_path / "cell.toml").write_text('cell = "B7"\noperator = "J. Doe"\n', encoding="utf-8")
     about = ("--about", tmp_path / "cell.toml", "--about", "operator=M. Roe")
@@ -90,6 +93,7 @@ def test_the_comparison_of_the_report_is_a_figure_of_the_folder(session, tmp_pat
     assert found.comparison.reference == "efficient (this result)"
 
 
+@pytest.mark.slow
 def test_cross_check_in_the_report(session, tmp_path, asked, monkeypatch):
     from uq_handeye.trials.validation.cross_check import run as module
 
@@ -104,6 +108,7 @@ def test_cross_check_in_the_report(session, tmp_path, asked, monkeypatch):
         assert result.provenance.command.endswith(("r.html", "--with-cross-check"))
 
 
+@pytest.mark.slow
 def test_report_of_a_stored_result(session, tmp_path, asked):
     done = run("report", "result.json", tmp_path / "again.html", cwd=session)
     said = "".join(done.stdout.split())  # long paths are broken where the line ends
@@ -117,6 +122,7 @@ def test_report_of_a_stored_result(session, tmp_path, asked):
     assert asked[1][2] is False
 
 
+@pytest.mark.slow
 def test_report_of_a_stored_result_is_that_of_calibrate(session, tmp_path):
     """But for date and command line, which are those of calibrate in both."""
     files = ("robot.csv", "camera.csv", *NOISE, "--report", tmp_path / "r.html", "--no-compare")
@@ -133,6 +139,7 @@ def test_report_of_a_stored_result_is_that_of_calibrate(session, tmp_path):
 # ------------------------------------------------------------------------------------------------ export and -o
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "options"),
     [
@@ -169,6 +176,7 @@ def test_a_result_that_is_not_usable_is_not_exported(tmp_path):
     assert len(done.stderr.splitlines()) == 1 and not (tmp_path / "x.urdf").exists()
 
 
+@pytest.mark.slow
 def test_known_figures_and_exports(session):
     """Files that an earlier run may have left in -o DIR are known by name."""
     result = uq.calibrate(uq.read_poses(session / "robot.csv", session / "camera.csv"), noise=MODEL)
@@ -203,6 +211,7 @@ def streams(tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow
 def test_sync_finds_the_offset_and_writes_pairs(streams, tmp_path):
     done = run("sync", "robot.csv", "camera.csv", "-o", tmp_path / "paired", cwd=streams)
     assert done.returncode == 0 and "offset" in done.stdout
@@ -215,6 +224,7 @@ def test_sync_finds_the_offset_and_writes_pairs(streams, tmp_path):
     assert json.loads(run("sync", "robot.csv", "camera.csv", "--json", cwd=streams).stdout) == data
 
 
+@pytest.mark.slow
 def test_calibrate_pairs_streams(streams):
     command = ("calibrate", "robot.csv", "camera.csv", "--pair", "async", "--json", "--no-robust")
     estimated, given = run(*command, cwd=streams), run(*command, "--offset", "0.03", cwd=streams)
@@ -226,6 +236,7 @@ def test_calibrate_pairs_streams(streams):
     assert max(X["std"][3:]) > max(exact["std"][3:])  # the uncertainty of the offset is in that of X
 
 
+@pytest.mark.slow
 def test_interpolated_poses_are_less_noisy_than_the_samples(streams):
     noise = ("--robot-noise", "1mrad,0.5mm", "--camera-noise", "1mrad,1mm")
     done = run("calibrate", "robot.csv", "camera.csv", "--pair", "async", "--json", "--no-robust", *noise, cwd=streams)
@@ -235,6 +246,7 @@ def test_interpolated_poses_are_less_noisy_than_the_samples(streams):
     np.testing.assert_allclose(camera, 1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("options", "parts"),
     [

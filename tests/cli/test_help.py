@@ -28,6 +28,7 @@ def lines_of(*arguments):
     return lines
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", COMMANDS)
 def test_help_is_two_screens(name):
     lines = lines_of(name, "--help")
@@ -38,6 +39,7 @@ def test_help_is_two_screens(name):
     assert lines[-1] == f"All options: uq-handeye {name} --help-all"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", COMMANDS)
 def test_help_all_lists_every_option(name):
     text = "\n".join(lines_of(name, "--help-all"))
@@ -63,6 +65,7 @@ def test_help_is_as_wide_as_the_terminal(monkeypatch):
     assert 50 < max(map(len, table)) <= 60
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", COMMANDS)
 def test_examples_can_be_typed(name):
     """Every option is there, and the shell would read it so."""

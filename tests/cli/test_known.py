@@ -27,6 +27,7 @@ def run(arguments, capsys, command="calibrate"):
     return ended.value.code, capsys.readouterr()
 
 
+@pytest.mark.slow
 def test_what_is_open_is_said_and_a_known_length_closes_it(files, capsys, tmp_path):
     arguments, truth = files
     code, printed = run(arguments, capsys)
@@ -40,6 +41,7 @@ def test_what_is_open_is_said_and_a_known_length_closes_it(files, capsys, tmp_pa
     assert json.loads(printed.out)["std"][5] < result["std"][5]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("command", "options"),
     [
@@ -57,6 +59,7 @@ def test_what_tests_a_covariance_asks_for_a_prior_where_a_part_is_open(command, 
     assert len(errors) == 1 and "leave a part of X open" in errors[0] and "--known, --prior-x" in errors[0]
 
 
+@pytest.mark.slow
 def test_a_known_length_lets_the_covariance_be_tested(files, capsys):
     arguments, truth = files
     known = ["--known", f"target z = {1e3 * truth.W[2, 3]:.6f}mm +- 1mm", "--trials", "300", "--json"]

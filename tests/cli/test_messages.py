@@ -63,6 +63,7 @@ def test_notes_and_warnings_stand_on_stderr_each_once(session, talkative):
     assert json.loads(done.stdout)["method"] == "efficient"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("quiet", ["-q", "--quiet"])
 @pytest.mark.parametrize("before", [True, False])
 def test_quiet_before_or_after_the_command(session, talkative, quiet, before):
@@ -107,6 +108,7 @@ def test_a_log_file_that_cannot_be_written_does_not_end_the_run(session):
     assert "warning: Cannot write the log file /dev/full any more" in done.stderr and done.stderr.count("\n") == 1
 
 
+@pytest.mark.slow
 def test_nothing_of_a_run_stays_behind(session, talkative):
     before = list(LOG.handlers), LOG.level, LOG.propagate, warnings.showwarning, list(warnings.filters)
     run("calibrate", "robot.csv", "camera.csv", "-v", "--no-color", cwd=session)
@@ -128,6 +130,7 @@ def test_an_internal_error_is_one_line_and_status_1(session, broken, tmp_path):
     assert "Traceback (most recent call last)" in (tmp_path / "log").read_text()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "parts"),
     [
@@ -183,6 +186,7 @@ def test_ctrl_c_while_the_program_is_being_loaded():
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "uq-handeye: interrupted\n")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("options", "status", "said"),
     [
@@ -223,6 +227,7 @@ def test_the_outcome_of_calibrate(session, tmp_path, options, status, said):
         assert said.startswith(data["verdict"]["verdict"]) and data["verdict"]["sentence"].startswith(said)
 
 
+@pytest.mark.slow
 def test_a_stored_result_meets_a_tolerance_or_not(session, tmp_path):
     stored = tmp_path / "result.json"
     stored.write_text(
@@ -238,6 +243,7 @@ def test_a_stored_result_meets_a_tolerance_or_not(session, tmp_path):
         assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1), done.stderr
 
 
+@pytest.mark.slow
 def test_the_demo_writes_its_report_and_ends_with_the_truth(tmp_path, monkeypatch):
     asked = []
     monkeypatch.setattr(uq.Calibration, "report", lambda self, path, **_: asked.append(path))
@@ -255,6 +261,7 @@ def test_the_demo_writes_its_report_and_ends_with_the_truth(tmp_path, monkeypatc
 # -------------------------------------------------------------------------------------------- colours, progress
 
 
+@pytest.mark.slow
 def test_colours_on_a_terminal_only(session):
     swapped = ("calibrate", "camera.csv", "robot.csv", *NOISE)
     status, seen = run_on_terminal(*swapped, cwd=session)
@@ -271,6 +278,7 @@ def test_colours_on_a_terminal_only(session):
     assert "\x1b" not in forced.stdout and json.loads(forced.stdout)
 
 
+@pytest.mark.slow
 def test_colours_of_help():
     assert "\x1b[" in run_on_terminal("calibrate", "--help")[1]
     assert "\x1b[" not in run_as_on_terminal("calibrate", "--help", NO_COLOR="1")[1]
