@@ -87,7 +87,8 @@ if _typing.TYPE_CHECKING:
     from .rig.calibrate import calibrate_rig, update_rig
     from .rig.description import ArmPoses, Rig, View
     from .rig.files.rig_file import read_rig
-    from .rig.result import EstimatedPose, RigCalibration
+    from .rig.poses import EstimatedPose
+    from .rig.result import RigCalibration
     from .rig.simulation import simulate_rig
     from .trials.simulation.rig import simulate
     from .trials.validation.cross_check.run import CrossCheck, cross_check
@@ -331,7 +332,8 @@ _LATER = {
     "model.points.measured": ("PointSet", "Target"),
     "rig.calibrate": ("calibrate_rig", "update_rig"),
     "rig.description": ("ArmPoses", "Rig", "View"),
-    "rig.result": ("EstimatedPose", "RigCalibration"),
+    "rig.poses": ("EstimatedPose",),
+    "rig.result": ("RigCalibration",),
     "rig.files.rig_file": ("read_rig",),
     "rig.simulation": ("simulate_rig",),
     "read.rosbag.streams": ("read_bag",),

@@ -21,7 +21,7 @@ from functools import cache
 from importlib import import_module
 from pathlib import Path
 from string import Formatter
-from typing import Any, ClassVar, Literal, SupportsFloat, TypeVar, get_args
+from typing import Any, ClassVar, Literal, SupportsFloat, TypeAlias, TypeVar, get_args
 
 from .errors import InputError, InputWarning
 
@@ -40,8 +40,10 @@ INPUT, OUTLIERS, NOISE, NEIGHBOURS = "input", "outliers", "noise level", "neighb
 RESIDUALS, HALVES, MOTION, SHARED, CAMERA = "residuals", "two halves", "motion", "shared errors", "camera"
 CHECKS = (INPUT, OUTLIERS, NOISE, NEIGHBOURS, RESIDUALS, HALVES, MOTION, SHARED)
 
+# Values of a finding: numbers, text, arrays, and lists and mappings of these, as its sentence takes them.
+Values: TypeAlias = Mapping[str, Any]
 # A template (`Template`), or a function of the values.
-Said = str | Callable[[Mapping[str, Any]], str]
+Said = str | Callable[[Values], str]
 
 
 def digits(value: SupportsFloat, significant: int = 3) -> str:
@@ -87,7 +89,7 @@ class Template(Formatter):
 _TEMPLATE = Template()
 
 
-def filled(template: str, values: Mapping[str, Any]) -> str:
+def filled(template: str, values: Values) -> str:
     """Return a template with its values."""
     return _TEMPLATE.vformat(template, (), values)
 
@@ -108,17 +110,17 @@ class Record:
     words: str | Callable[..., str]
     check: str = INPUT
     phrase: Said = ""
-    effect: float | Callable[[Mapping[str, Any]], float] = 1.0
+    effect: float | Callable[[Values], float] = 1.0
     rejects: bool = False
     remedy: Said = ""
     rows: Sequence[str] = ()
-    explains: bool | Callable[[Mapping[str, Any]], bool] = False
+    explains: bool | Callable[[Values], bool] = False
     explained: bool = False
     first: bool = False
     rank: int = LAST_RANK
 
 
-def _said(what: Said, values: Mapping[str, Any]) -> str:
+def _said(what: Said, values: Values) -> str:
     try:
         return what(values) if callable(what) else filled(what, values)
     except _OF_ANOTHER_VERSION:
@@ -148,7 +150,7 @@ class Finding:
 
     code: str
     severity: Severity
-    values: Mapping[str, Any] = field(default_factory=dict)
+    values: Values = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "values", _plain(self.values))

@@ -15,7 +15,7 @@ from uq_handeye.core.geometry.se3 import logarithm
 from uq_handeye.rig.fit import RigFit, fit
 from uq_handeye.rig.graph import Graph
 from uq_handeye.rig.noise import given_noise
-from uq_handeye.rig.result import relative_pose
+from uq_handeye.rig.poses import relative_pose
 from uq_handeye.rig.simulation import with_noise
 
 CASES = {

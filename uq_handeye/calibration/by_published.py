@@ -38,8 +38,10 @@ def by_published(job: Job) -> tuple[Calibration, list[Finding]]:
     noise, estimate, reference = job.noise, None, Reference()
     if noise is None:
         try:
-            beside = {"camera": job.camera_noise, "robot": job.robot_noise}
-            estimate = estimate_noise(job.data, job.request.prior, start=found.X, shared=job.shared, **beside)
+            estimate = estimate_noise(
+                job.data, job.request.prior, start=found.X, camera=job.camera_noise, robot=job.robot_noise,
+                shared=job.shared,
+            )  # fmt: skip
         except (InputError, NotConvergedError) as error:  # X does without
             unknown = Finding("calibration.noise_not_estimated", "caution", {"error": str(error)})
             return estimate_unweighted(job, found, None, [unknown])

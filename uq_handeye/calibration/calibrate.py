@@ -30,8 +30,10 @@ from ..fit.likelihood.gauss_helmert import ESTIMATORS
 from ..model.poses.motions import Motions, relative_motions
 from ..model.poses.pose_numbers import Selection, ranges, select_poses
 from ..model.poses.pose_pairs import PosePairs, pairs_of
+from ..model.shared_errors.shared_error import SharedError
 from ..model.shared_errors.sizes import Size
 from ..rig.description import Rig, require_left_out
+from ..rig.noise import NoiseByName
 from .by_likelihood import by_bundle, by_likelihood, poses_about_errors
 from .by_published import by_published
 from .estimate.analysis import Analysis
@@ -135,11 +137,11 @@ calibrate.__doc__ = documented(calibrate.__doc__)
 
 def _calibrate_rig(
     data: Rig,
-    noise: Any = None,
+    noise: NoiseByName | None = None,
     method: str | None = None,
     robust: bool | None = None,
     seed: int = 0,
-    shared: Any = None,
+    shared: Sequence[SharedError] | None = None,
     **others: Any,
 ) -> RigCalibration:
     """See `calibrate`; ``others`` are arguments that a rig does not take, unless they say nothing."""

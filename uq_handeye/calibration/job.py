@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple, cast
+from typing import NamedTuple, TypeAlias, cast
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..core.geometry.checks import as_numbers
 from ..core.geometry.se3 import Array, difference, perturb
@@ -42,6 +43,8 @@ from ..model.shared_errors.shared_error import CLOCK_OFFSET, LENS, OUTLINE, VIEW
 from ..model.shared_errors.sizes import ROBOT_ACCURACY, checked_sizes
 from .request import BUNDLE, Request, of_motions
 
+# A pose (4, 4) and its covariance (6, 6), as a prior is given.
+PoseAndCovariance: TypeAlias = tuple[ArrayLike, ArrayLike]
 # Other branches of the inverse kinematics are tried where one branch reaches at least this share of the poses.
 MIN_REACHED_SHARE = 0.6
 # Two branches of the inverse kinematics differ where the sine of half an angle between them exceeds this.
@@ -95,7 +98,7 @@ class Job:
     method: str
     robust: bool
     camera_noise: CameraNoise | None = None  # but for pixel noise or robot noise, which are to be estimated
-    robot_noise: Any = None  # covariance beside it, where it is known
+    robot_noise: Array | JointCovariance | None = None  # covariance beside it, where it is known
     shared: tuple[SharedError, ...] = ()  # what all poses share, as unknowns
     pose_prior: PosePrior | None = None  # of X and W; the noise has it too, where it is known
     arm: Arm | None = None  # the robot's joints, where its kinematic errors count
@@ -145,7 +148,9 @@ def _require_corners(data: PosePairs | Motions, noise: Noise | None, covariance:
         require_shared(noise.sides["robot"])
 
 
-def _open_noise(noise: Any) -> tuple[Noise | None, CameraNoise | None, Any]:
+def _open_noise(
+    noise: Noise | CameraNoise | None,
+) -> tuple[Noise | None, CameraNoise | None, Array | JointCovariance | None]:
     """The noise where it is known; else that of the camera but for its pixels, and the robot's if it is known."""
     match noise:
         case CameraNoise():
@@ -164,7 +169,9 @@ def _with_corners(noise: Noise | None, motions: Motions) -> Noise | None:
     return noise
 
 
-def _pose_prior(noise: Noise | None, X: Any, W: Any, method: str, motions: Motions) -> PosePrior | None:
+def _pose_prior(
+    noise: Noise | None, X: PoseAndCovariance | None, W: PoseAndCovariance | None, method: str, motions: Motions
+) -> PosePrior | None:
     """Return the prior of X and W: given here, or with the noise."""
     given = PosePrior.of(X, W)
     if noise is not None and noise.prior is not None:
@@ -180,7 +187,7 @@ def _pose_prior(noise: Noise | None, X: Any, W: Any, method: str, motions: Motio
     return given
 
 
-def job_of(request: Request, data: Any, about: tuple[PosePairs, Array] | None = None) -> Job:
+def job_of(request: Request, data: PosePairs | Motions, about: tuple[PosePairs, Array] | None = None) -> Job:
     """Return the request beside its data; raises `InputError` where they do not fit.
 
     ``about``: the poses as they came and the errors of the arm about which the data stand for them (`linear_about`).

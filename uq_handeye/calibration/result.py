@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core.files.json_files import json_text, parsed
+from ..core.files.json_values import JsonObject
 from ..core.formatting.numbers import digits
 from ..core.geometry import conventions
 from ..core.presentation.document import COLUMNS, document_of, to_text
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
 
     from ..report.page import CrossCheck, Methods
     from ..rig.result import RigCalibration
+    from .statement.tolerance import Verdict
 
 
 @dataclass(frozen=True, eq=False, init=False)
@@ -257,7 +259,7 @@ class Calibration(Statement, Plotted):
         comparison: Methods = True,
         cross_check: CrossCheck | None = None,
         about: Mapping[str, str] | None = None,
-        verdict: Any = None,
+        verdict: Verdict | None = None,
         details: bool = False,
         paper: str = "a4",
         certificate: bool = False,
@@ -294,8 +296,10 @@ class Calibration(Statement, Plotted):
         """
         from ..report.page import write_report
 
-        given = {"about": about, "verdict": verdict, "details": details, "paper": paper, "certificate": certificate}
-        return write_report(self, path, comparison=comparison, cross_check=cross_check, **given)
+        return write_report(
+            self, path, comparison=comparison, cross_check=cross_check, about=about, verdict=verdict, details=details,
+            paper=paper, certificate=certificate,
+        )  # fmt: skip
 
     def export(self, path: str | Path, format: str | None = None) -> Path:
         """X for another program: JSON, ROS, URDF, OpenCV, NPZ, or as a robot writes it; see `export`.
@@ -349,7 +353,7 @@ class Calibration(Statement, Plotted):
         return found
 
     @property
-    def _data_in_file(self) -> dict[str, Any] | None:
+    def _data_in_file(self) -> JsonObject | None:
         return None if self.data is None else data_to_dict(self.data)
 
     @classmethod
@@ -387,7 +391,7 @@ def load(path: str | Path) -> Calibration | RigCalibration:
     return kind.from_json(path, data)
 
 
-def _are_poses(value: Any, arm: FittedKinematics | None) -> bool:
+def _are_poses(value: ArrayLike | RigidTransform, arm: FittedKinematics | None) -> bool:
     """Return whether an argument is poses (..., 4, 4), and not values of four joints in four rows."""
     if hasattr(value, "as_matrix"):
         return True

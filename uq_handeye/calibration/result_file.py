@@ -17,6 +17,7 @@ from ..core.files.source import versions
 from ..core.geometry.checks import as_covariance, as_pose
 from ..core.geometry.conventions import CONVENTION
 from ..core.geometry.frames import SETUPS
+from ..core.geometry.se3 import Array
 from ..errors import InputError
 from ..fit.likelihood.constraint import require_noise_fits
 from ..fit.likelihood.gauss_helmert import ESTIMATORS
@@ -30,8 +31,9 @@ from ..model.posterior.posterior import Posterior
 from .estimate.analysis import StoredAnalysis
 from .estimate.parts import PARTS
 from .request import BUNDLE, COVARIANCES
+from .statement.accuracy import Statement
 
-C = TypeVar("C")
+C = TypeVar("C", bound=Statement)
 
 FORMAT = "uq-handeye calibration 4"
 UNITS = {"rotation": "rad", "translation": "m"}
@@ -84,7 +86,7 @@ def _require_stated(data: dict[str, Any]) -> None:
         raise ValueError(f"usable is {data['usable']!r:.40}, expected true or false")
 
 
-def _require_usable_as_stated(data: dict[str, Any], result: Any) -> None:
+def _require_usable_as_stated(data: dict[str, Any], result: Statement) -> None:
     """Raise where this version would have written another answer; the rules of others may differ."""
     origin = result.provenance
     if origin is None or origin.versions != versions():
@@ -94,7 +96,7 @@ def _require_usable_as_stated(data: dict[str, Any], result: Any) -> None:
             raise ValueError(f"{name} is {data[name]!r}, but its findings say {found!r}")
 
 
-def _require_whole(result: Any) -> None:
+def _require_whole(result: Statement) -> None:
     """Raise where the parts are not of one data set and one fit."""
     if (fit := result.fit) is not None and not (fit.dof > 0 and np.isclose(fit.sigma0**2, fit.chi2 / fit.dof)):
         raise ValueError(f"sigma0 {fit.sigma0!r} is not that of {fit.chi2!r} with {fit.dof!r} degrees of freedom")
@@ -120,7 +122,7 @@ def _require_whole(result: Any) -> None:
         raise ValueError(f"{count} {result.table.item}s, and parts that are of {sorted(sizes)}")
 
 
-def _require_one_data_set(data: PosePairs | Motions, result: Any) -> None:
+def _require_one_data_set(data: PosePairs | Motions, result: Statement) -> None:
     """Raise where the poses (or motions) are not as many as the result and its noise are of."""
     poses = data.poses
     match data:
@@ -135,7 +137,7 @@ def _require_one_data_set(data: PosePairs | Motions, result: Any) -> None:
     require_noise_fits(result.noise, motions)
 
 
-def _parts_of(data: dict[str, Any], kind: Any) -> dict[str, Any]:
+def _parts_of(data: dict[str, Any], kind: type[C]) -> dict[str, Any]:
     """The arguments of `Calibration`; raises whatever comes (KeyError for parts that are missing)."""
     for name, known in _KNOWN.items():
         if data[name] not in known:
@@ -172,5 +174,5 @@ def _parts_of(data: dict[str, Any], kind: Any) -> dict[str, Any]:
     return found
 
 
-def _covariance(data: dict[str, Any], name: str) -> Any:
+def _covariance(data: dict[str, Any], name: str) -> Array | None:
     return None if data[name] is None else as_covariance(data[name], name)

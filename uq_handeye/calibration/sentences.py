@@ -3,26 +3,25 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 from ..core.formatting.numbers import concise, digits, multiple, probability, signed, times_of_noise
-from ..findings import CAMERA, MOTION, NOISE, OUTLIERS, RESIDUALS, SHARED, sentence
+from ..findings import CAMERA, MOTION, NOISE, OUTLIERS, RESIDUALS, SHARED, Values, sentence
 from ..fit.diagnostics.sentences import along
 from ..model.poses.pose_numbers import ranges
 from .estimate.estimated import open_words
 
 
-def _of_two(v: Mapping[str, Any]) -> float:
+def _of_two(v: Values) -> float:
     return float(max(v["rotation"], v["translation"], key=lambda x: abs(math.log(x)) if x > 0 else 0.0))
 
 
-def _open_in_short(v: Mapping[str, Any]) -> str:
+def _open_in_short(v: Values) -> str:
     k = len(v["directions"])
     return f"{k} direction{'s' if k > 1 else ''} of X and W not determined"
 
 
-def _size_in_short(v: Mapping[str, Any]) -> str:
+def _size_in_short(v: Values) -> str:
     share = 100 * abs(1 / (1 + v["estimate"]) - 1)
     return f"target {digits(share, 2)} % {'larger' if v['estimate'] < 0 else 'smaller'} than given"
 
@@ -117,7 +116,7 @@ def _(method: str, rotation: float, translation: float, d2: float, count: int) -
     )
 
 
-def _directions(directions: Sequence[Mapping[str, Any]]) -> str:
+def _directions(directions: Sequence[Values]) -> str:
     """``the rotation of X about the camera's y and x axes``."""
     ways: dict[str, list[str]] = {}  # axes by what X does
     for of in directions:
@@ -135,7 +134,7 @@ def _directions(directions: Sequence[Mapping[str, Any]]) -> str:
 
 
 @sentence("calibration.shared_confounded")
-def _(name: str, unit: str, assumed: float, directions: Sequence[Mapping[str, Any]]) -> str:
+def _(name: str, unit: str, assumed: float, directions: Sequence[Values]) -> str:
     size = f"{digits(assumed, 2)} {unit}".rstrip()
     return (
         f"The {name} cannot be separated from {_directions(directions)}. Its assumed standard deviation, {size}, "
@@ -149,7 +148,7 @@ def _(name: str, unit: str, assumed: float, directions: Sequence[Mapping[str, An
     phrase="{name} as declared leaves X open",
     effect=1.5,
 )
-def _(name: str, unit: str, assumed: float, directions: Sequence[Mapping[str, Any]]) -> str:
+def _(name: str, unit: str, assumed: float, directions: Sequence[Values]) -> str:
     turns = directions[0]["what"] == "rotation"
     most = max(of["size"] for of in directions if of["what"] == directions[0]["what"])
     open_by = f"{digits(math.degrees(most), 2)} deg" if turns else f"{digits(1e3 * most, 2)} mm"

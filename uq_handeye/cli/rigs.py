@@ -128,13 +128,15 @@ def _reading(files: "PoseFiles") -> dict[str, dict[str, Any]]:
 def deliver_rig(result: "RigCalibration", wishes: "ReportOptions", wanted: Wanted, outputs: "Outputs") -> int:
     """Print the result of a rig, write its files, and return the exit status."""
     from ..read import json_text
-    from ..report.decision import verdicts_of_rig
+    from ..report.decision import badges_of, verdicts_of_rig
 
     verdicts = verdicts_of_rig(result, wanted.tolerance)
     said = [f"{name}: {verdict}" for name, verdict in verdicts.items()]
     text = "\n".join([result.text(), *said]) + "\n"
     written = ""
-    page = {"about": wishes.about, "verdicts": verdicts, "details": wishes.details, "paper": wishes.paper}
+    page = {
+        "about": wishes.about, "verdicts": badges_of(verdicts), "details": wishes.details, "paper": wishes.paper
+    }  # fmt: skip
     if (output := outputs.output) is not None:
         from ..rig.page import rig_html
 

@@ -15,18 +15,20 @@ import numpy as np
 
 from ..calibration.result import Calibration
 from ..calibration.statement.accuracy import NOT_USABLE
-from ..calibration.statement.tolerance import Tolerance, Verdict
+from ..calibration.statement.tolerance import Tolerance, ToleranceLike, Verdict
 from ..core.files.about import as_about
+from ..core.files.json_values import JsonObject
 from ..core.files.records import plain
 from ..core.geometry.conventions import CONVENTION
 from ..errors import InputError
 from ..rig.result import RigCalibration
 from .budget import LEVEL, BudgetRow, Stated, budget_rows, components_of, worst_of
-from .certificate_form import STANDING, Form
+from .certificate_form import Form
 from .certificate_sheets import sheets_of
 from .decision import Decision, decide, verdicts_of_rig
 from .rig_certificate import RigCertificate
 from .statements import (
+    STANDING,
     VALIDITY,
     conditions_of,
     coverage_of,
@@ -77,7 +79,7 @@ class Certificate(Form):
             reasons = ["the uncertainty of X is not known: no noise was given, and none could be estimated"]
         return tuple(reasons)
 
-    def _contents(self) -> dict[str, Any]:
+    def _contents(self) -> JsonObject:
         result = self.result
         return {
             "certified": self.certified,
@@ -117,8 +119,8 @@ def make_certificate(result: Calibration, **options: Any) -> Certificate: ...
 def make_certificate(  # type: ignore[misc]
     result: Any,
     *,
-    tolerance: Any = None,
-    at: Any = None,
+    tolerance: ToleranceLike | None = None,
+    at: str | float | None = None,
     verdict: Verdict | None = None,
     about: Mapping[str, str] | None = None,
     issued: str | None = None,
@@ -172,7 +174,7 @@ def make_certificate(  # type: ignore[misc]
     raise InputError(f"Expected `result` to be a Calibration, got {type(result).__name__}.")
 
 
-def _result(result: Calibration) -> dict[str, Any]:
+def _result(result: Calibration) -> JsonObject:
     accuracy, S = result.accuracy, result.covariance
     assert accuracy is not None and S is not None  # of a certified result
     limit = result.quantile(LEVEL)
@@ -200,9 +202,9 @@ def _result(result: Calibration) -> dict[str, Any]:
     }
 
 
-def _quantity(one: Stated) -> dict[str, Any]:
+def _quantity(one: Stated) -> JsonObject:
     """Return a number as a D-SI quantity; an infinite uncertainty, which is not determined, is left out."""
-    found: dict[str, Any] = {"label": one.name, "unit": UNITS[one.unit]}
+    found: JsonObject = {"label": one.name, "unit": UNITS[one.unit]}
     if one.value is not None:
         found["value"] = one.value
     if not np.isfinite(one.u):
@@ -221,7 +223,7 @@ def _quantity(one: Stated) -> dict[str, Any]:
     }
 
 
-def _budget(result: Calibration) -> dict[str, Any]:
+def _budget(result: Calibration) -> JsonObject:
     rows = budget_rows(result)
     return {
         "direction": "that of the largest variance, of translation and of rotation",
@@ -237,7 +239,7 @@ def _root(sizes: Sequence[float]) -> float:
     return float(np.sqrt(np.square(sizes).sum()))
 
 
-def _source(row: BudgetRow) -> dict[str, Any]:
+def _source(row: BudgetRow) -> JsonObject:
     return {
         "name": row.name,
         "type": row.type,

@@ -9,10 +9,11 @@ import hashlib
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from .._version import __version__
 from ..core.files.json_files import json_text
+from ..core.files.json_values import JsonObject
 from ..core.presentation.document import Block, Paragraph, Section
 from ..core.presentation.page import PAPERS, Page, page_path, write_page
 from .statements import STANDING
@@ -42,7 +43,14 @@ class Form:
         """Identifier of the contents, without the date: the same result and title block give the same."""
         return f"UQ-{hashlib.sha256(json.dumps(self._contents(), sort_keys=True).encode()).hexdigest()[:16].upper()}"
 
-    def page(self, of: str, subject: str, facts: Sequence[str], sheets: Sequence[Any], fields: Any) -> str:
+    def page(
+        self,
+        of: str,
+        subject: str,
+        facts: Sequence[str],
+        sheets: Sequence[Sequence[Section]],
+        fields: Sequence[tuple[str, str]],
+    ) -> str:
         """Return the page of its sheets; nothing in it looks like a result where none is certified."""
         name = f"{of} certificate" if self.certified else f"{NOT_CERTIFIED}: {of[0].lower()}{of[1:]}"
         foot = f"{self.identifier}, issued {self.issued} by uq-handeye {__version__}. {STANDING}"
@@ -50,10 +58,10 @@ class Form:
         numbered = [*facts, f"No. {self.identifier}", f"issued {self.issued}"]
         return Page(name, subject, numbered, [], sheets, fields, foot, signed, kind="certificate").html()
 
-    def _contents(self) -> dict[str, Any]:
+    def _contents(self) -> JsonObject:
         raise NotImplementedError
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonObject:
         """Return the certificate as plain numbers and text, in m and rad; see the reference page for the keys."""
         head = {"format": self._format, "identifier": self.identifier, "issued": self.issued}
         return head | {"issued_by": f"uq-handeye {__version__}", **self._contents()}

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -20,8 +20,10 @@ from ..calibration.statement.tolerance import (
     probability_of,
     probability_within,
 )
+from ..core.files.json_values import JsonObject
 from ..core.formatting.numbers import digits
 from ..core.numbers.rounding import SOLUTION_ROUNDING
+from ..core.presentation.document import Badge
 from ..rig.result import RigCalibration
 
 RULE = (
@@ -61,7 +63,7 @@ class Decision:
         compared = f"{digits(share, 2)} times" if share > 1 else f"{digits(100 * share, 2)} % of"
         return f"Guard band: the probability reaches {percent(MET)} at {self.guard_band}, {compared} the tolerance."
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonObject:
         """Return plain numbers and text, in m and rad."""
         band = None
         if self.guard_band is not None:
@@ -100,3 +102,8 @@ def verdicts_of_rig(result: RigCalibration, tolerance: Tolerance | None) -> dict
         p = probability_within(camera.covariance, result.reference, tolerance, camera.pose[:3, :3])
         found[name] = Verdict(PASS if p >= MET else FAIL if p <= MISSED else NOT_SHOWN, p, tolerance)
     return found
+
+
+def badges_of(verdicts: Mapping[str, Verdict]) -> list[Badge]:
+    """Return the verdict on each camera as a block of a page."""
+    return [Badge(f"{name}: {one.word}", one.sentence, one.status) for name, one in verdicts.items()]

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -17,15 +17,18 @@ from scipy.special import ndtri, stdtrit
 
 from ..calibration.statement.tolerance import Verdict, percent
 from ..core.files.about import ABOUT
+from ..core.files.json_values import JsonObject
 from ..core.files.records import plain
 from ..core.formatting.numbers import digits, probability
 from ..core.numbers.levels import CONTRADICTED
-from ..core.presentation.document import Answer, Badge, Block, Paragraph, Points, Section, Table
+from ..core.presentation.document import Answer, Block, Paragraph, Points, Section, Table
 from ..rig.page import FRAMES, headline, noise_table, rig_sketch
-from ..rig.result import EstimatedPose, RigCalibration
+from ..rig.poses import EstimatedPose
+from ..rig.result import RigCalibration
+from .budget import LEVEL
 from .certificate_form import Form, refused
-from .decision import RULE
-from .statements import ERROR_MODEL, LEVEL, VALIDITY
+from .decision import RULE, badges_of
+from .statements import ERROR_MODEL, VALIDITY
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,9 +54,9 @@ class RigCertificate(Form):
             found.append(f"the residuals are larger than the noise says ({probability(result.p_value)})")
         return tuple(found)
 
-    def _contents(self) -> dict[str, Any]:
+    def _contents(self) -> JsonObject:
         result = self.result
-        found: dict[str, Any] = {
+        found: JsonObject = {
             "certified": self.certified, "refusals": list(self.refusals), "about": dict(self.about),
             "decision": {name: one.to_dict() for name, one in self.verdicts.items()},
             "conditions": dict(self._conditions()), "noise": plain(result.noise),
@@ -65,7 +68,7 @@ class RigCertificate(Form):
             found["relative"] = {one.frame: self._stated(one) for one in result.pairs}
         return found
 
-    def _stated(self, one: EstimatedPose) -> dict[str, Any]:
+    def _stated(self, one: EstimatedPose) -> JsonObject:
         shift, turn = expanded(self.result, one)
         return one.to_dict() | {"expanded": {"level": LEVEL, "translation": plain(shift), "rotation": plain(turn)}}
 
@@ -97,7 +100,7 @@ class RigCertificate(Form):
 
     def _first(self) -> list[Section]:
         said: list[Block] = [Answer(*headline(self.result))]
-        said += [Badge(f"{name}: {one.word}", one.sentence, one.status) for name, one in self.verdicts.items()]
+        said += badges_of(self.verdicts)
         said += [Paragraph(RULE)] if self.verdicts else []
         caption = f"Position, quaternion, and expanded uncertainty ({percent(LEVEL)}) in the least certain direction."
         return [

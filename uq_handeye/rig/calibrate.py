@@ -21,7 +21,7 @@ from .checks.optimality import Optimality, better_start, prove
 from .checks.paths import judged_paths, named_error
 from .description import Rig
 from .fit import RigFit, Task, fit, onto_closed, rig_units
-from .noise import RigNoise, given_noise, plain_noise
+from .noise import NoiseByName, RigNoise, given_noise, plain_noise
 from .result import RigCalibration
 from .sizes import SHARED, Found, find_sizes, width_of_targets
 from .start import agreeing, require_tied, start_of
@@ -36,7 +36,7 @@ METHODS = ("efficient", "ml")
 
 def calibrate_rig(
     rig: Rig,
-    noise: Any = None,
+    noise: NoiseByName | None = None,
     *,
     method: str = "efficient",
     robust: bool = True,
@@ -81,7 +81,7 @@ def calibrate_rig(
     return replace(found, provenance={"request": request, "versions": versions()})
 
 
-def _calibrated(task: Task, noise: Any) -> RigCalibration:
+def _calibrated(task: Task, noise: NoiseByName | None) -> RigCalibration:
     start, kept = start_of(task.graph, task.seed)
     of_all = None if noise is None else given_noise(task.rig, task.graph, noise)
 

@@ -18,6 +18,7 @@ from difflib import get_close_matches
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..core.geometry.checks import as_numbers, as_transforms
 from ..core.geometry.se3 import Array, logarithm
@@ -88,8 +89,8 @@ class ArmPoses(ReadOnlyArrays):
     def by_kinematics(
         cls,
         kinematics: Kinematics,
-        poses: Any = None,
-        joints: Any = None,
+        poses: ArrayLike | None = None,
+        joints: ArrayLike | None = None,
         names: Sequence[Hashable] = (),
         source: str = "",
         robot_class: str | None = None,
@@ -348,7 +349,7 @@ class Rig(ReadOnlyArrays):
         return f"Rig({self.words}, {self.n_views} views)"
 
 
-def named(names: Any, count: int, whose: str) -> tuple[Hashable, ...]:
+def named(names: Sequence[Hashable], count: int, whose: str) -> tuple[Hashable, ...]:
     """Names of ``count`` poses, 0, 1, ... if there are none; raises `InputError` for others and for doubles."""
     if names is None or len(names) == 0:
         return tuple(range(count))
@@ -373,7 +374,7 @@ def require_left_out(where: str, **options: Any) -> None:
         raise InputError(f"`{given[0]}` is not an argument for the result {where}. Leave it out.")
 
 
-def require_names(arms: Iterable[str], cameras: Mapping[str, Any], targets: Mapping[str, Any]) -> None:
+def require_names(arms: Iterable[str], cameras: Mapping[str, str], targets: Mapping[str, str]) -> None:
     """Raise `InputError` for a name that occurs twice, and for what is on nothing, on two things or on no arm."""
     places = (WORLD, *arms)
     if twice := [name for name, count in Counter([*places, *cameras, *targets]).items() if count > 1]:

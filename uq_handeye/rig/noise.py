@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from ..core.files.json_values import Json
 from ..core.files.records import plain
 from ..core.formatting.units import parse_deviations
 from ..core.geometry.checks import checked_covariance
@@ -24,6 +25,11 @@ from .description import Rig
 from .graph import Graph
 
 EXACT = "exact"
+
+
+# Noise of one arm or camera: standard deviations of rotation and translation, a covariance, or "exact".
+NoiseOfOne: TypeAlias = tuple[str | float, str | float] | ArrayLike
+NoiseByName: TypeAlias = Mapping[str, NoiseOfOne] | PoseNoise
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +56,7 @@ class RigNoise(ReadOnlyArrays):
         return int(self.K_camera.shape[-1])
 
 
-def given_noise(rig: Rig, graph: Graph, noise: Any) -> RigNoise:
+def given_noise(rig: Rig, graph: Graph, noise: NoiseByName) -> RigNoise:
     """Return the noise that was given, for the poses of a graph; raises `InputError` where one is missing.
 
     ``noise``: mapping of the names of arms and cameras to (rotation, translation) standard deviations, covariances
@@ -100,7 +106,7 @@ def given_covariances(rig: Rig, graph: Graph) -> tuple[Array, NDArray[np.bool_]]
     return found, some
 
 
-def require_noise(rig: Rig, noise: Mapping[str, Any]) -> None:
+def require_noise(rig: Rig, noise: Mapping[str, NoiseOfOne]) -> None:
     """Raise `InputError` for a value that is no noise of its arm or camera."""
     for name in noise:
         _covariance(noise, name, len(rig.arms[name].poses) if name in rig.arms else None)
@@ -142,7 +148,7 @@ def kinematic_components(rig: Rig, graph: Graph, name: str) -> list[Component]:
     return [*found, Component(f"{name} {JOINT_NOISE}", "robot", SIZES[JOINT_NOISE], block=J)]
 
 
-def _by_name(rig: Rig, noise: Any) -> Any:
+def _by_name(rig: Rig, noise: NoiseByName) -> Mapping[str, NoiseOfOne]:
     """Noise by names of arms and cameras, of a `PoseNoise` the same of all."""
     if not isinstance(noise, PoseNoise):
         return noise
@@ -150,18 +156,19 @@ def _by_name(rig: Rig, noise: Any) -> Any:
     return {name: EXACT if S is None else S for S, names in sides for name in names}
 
 
-def plain_noise(rig: Rig, noise: Any) -> Any:
+def plain_noise(rig: Rig, noise: NoiseByName | None) -> Json:
     """Noise as it was given as plain values of a file, which `given_noise` takes; None where it is estimated."""
-    return plain(_by_name(rig, noise))
+    found: Json = None if noise is None else plain(_by_name(rig, noise))
+    return found
 
 
-def _covariance(noise: Mapping[str, Any], name: str, count: int | None) -> Array:
+def _covariance(noise: Mapping[str, NoiseOfOne], name: str, count: int | None) -> Array:
     """(6, 6), or (count, 6, 6)."""
     if name not in noise:
         raise InputError(
             f'Expected `noise` of {name!r}, such as ("0.5mrad", "0.3mm") or "exact"; or no noise, to estimate all.'
         )
-    value = noise[name]
+    value: Any = noise[name]
     if np.ndim(value) == 0 and value == EXACT:
         return np.zeros((6, 6))
     if np.shape(value) == (2,):

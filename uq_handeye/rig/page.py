@@ -16,7 +16,6 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -33,12 +32,13 @@ from ..core.presentation.html import macros
 from ..core.presentation.page import PAPERS, Page, page_path, write_page
 from .description import WORLD
 from .graph import Graph
+from .poses import EstimatedPose, RigPoses
 
 # It is a caution where a larger share of the views is rejected.
 MANY_REJECTED_SHARE = 0.1
 
 
-def rig_sketch(result: Any) -> Drawing:
+def rig_sketch(result: RigPoses) -> Drawing:
     """Return the drawing of a `RigCalibration`, by the macros of `sketch.svg.j2`."""
     turns, shifts = (np.array([one.sizes[k] for one in result.singles]) for k in (0, 1))
     most = [float(values[np.isfinite(values)].max(initial=0.0)) or 1.0 for values in (turns, shifts)]
@@ -64,7 +64,7 @@ def rig_sketch(result: Any) -> Drawing:
     )  # fmt: skip
 
 
-def _node(result: Any, one: Any, most: list[float]) -> dict[str, Any]:
+def _node(result: RigPoses, one: EstimatedPose, most: list[float]) -> dict[str, str | list[float] | None]:
     """Return what is drawn of a pose: its names, its sizes in words and as an ellipse."""
     name, (turn, shift), radii, said = one.name, one.sizes, None, "not determined"
     if np.isfinite([turn, shift]).all():
@@ -80,11 +80,11 @@ def _short(text: str) -> str:
 
 
 def write_rig_report(
-    result: Any,
+    result: RigPoses,
     path: str | Path,
     *,
     about: Mapping[str, str] | None = None,
-    verdicts: Mapping[str, Any] | None = None,
+    verdicts: Sequence[Badge] = (),
     details: bool = False,
     paper: str = PAPERS[0],
 ) -> Path:
@@ -96,8 +96,8 @@ def write_rig_report(
     path : path that ends in .html or .pdf
     about : mapping of names to text, or None
         Title block, by the names of `uq_handeye.core.files.about.ABOUT`.
-    verdicts : mapping of names of cameras to `Verdict`, or None
-        Whether each meets the tolerance.
+    verdicts : sequence of Badge
+        Whether each camera meets the tolerance.
     details : bool
         Open the folded sections.
     paper : "a4" or "letter"
@@ -108,16 +108,14 @@ def write_rig_report(
         Another suffix, or a file that cannot be written.
     """
     target = page_path(path, paper)
-    return write_page(
-        target, rig_html(result, about=as_about(about or {}), verdicts=verdicts or {}, details=details), paper
-    )
+    return write_page(target, rig_html(result, about=as_about(about or {}), verdicts=verdicts, details=details), paper)
 
 
 def rig_html(
-    result: Any,
+    result: RigPoses,
     *,
     about: Mapping[str, str] | None = None,
-    verdicts: Mapping[str, Any] | None = None,
+    verdicts: Sequence[Badge] = (),
     details: bool = False,
     date: str | None = None,
 ) -> str:
@@ -125,7 +123,7 @@ def rig_html(
     date = datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC") if date is None else date
     rig, titles = result.rig, about or {}
     first = [
-        Section("answer", "Result", _answer(result, verdicts or {}), wide=True),
+        Section("answer", "Result", _answer(result, verdicts), wide=True),
         Section("rig", "The rig", [rig_sketch(result)], wide=True),
         Section("poses", "Poses", [_poses(result)], wide=True),
     ]
@@ -164,7 +162,7 @@ FRAMES = (
 )
 
 
-def headline(result: Any) -> tuple[str, str]:
+def headline(result: RigPoses) -> tuple[str, str]:
     """Return the sentence that a rig is asked for, with its status: ok, caution or failed."""
     if result.reasons:
         return f"Not usable. {result.reasons[0]}", "failed"
@@ -186,10 +184,10 @@ def headline(result: Any) -> tuple[str, str]:
     return text, "caution" if caution or unlikely else "ok"
 
 
-def _answer(result: Any, verdicts: Mapping[str, Any]) -> list[Block]:
+def _answer(result: RigPoses, verdicts: Sequence[Badge]) -> list[Block]:
     text, status = headline(result)
     blocks: list[Block] = [Answer(text, status)]
-    blocks += [Badge(f"{name}: {v.word}", v.sentence, v.status) for name, v in verdicts.items()]
+    blocks += verdicts
     said = f"Chi-square of the residuals {result.chi_square:.0f} of {result.dof:.0f}, {probability(result.p_value)}."
     if result.p_value < CONTRADICTED.probability:
         said += " The residuals are larger than the noise says: the errors are larger than stated."
@@ -206,31 +204,31 @@ def _answer(result: Any, verdicts: Mapping[str, Any]) -> list[Block]:
 _HEAD = ["pose", "x (mm)", "y (mm)", "z (mm)", "position (mm)", "rotation (deg)"]
 
 
-def _rows(poses: Sequence[Any]) -> list[list[str]]:
+def _rows(poses: Sequence[EstimatedPose]) -> list[list[str]]:
     return [[one.frame, *(f"{MM_PER_M * x:.2f}" for x in one.pose[:3, 3]), *one.said] for one in poses]
 
 
-def _poses(result: Any) -> Table:
+def _poses(result: RigPoses) -> Table:
     rows = [[*row, str(one.count or "")] for row, one in zip(_rows(result.singles), result.singles, strict=True)]
     caption = "Position of each pose, and the root mean square length of its error (1 sigma)."
     return Table(caption, [*_HEAD, "views"], rows)
 
 
-def _pairs(result: Any) -> list[Block]:
+def _pairs(result: RigPoses) -> list[Block]:
     if not result.pairs:
         return [Paragraph("No two cameras are on one thing, so that no relative pose is constant.", empty=True)]
     caption = "From the joint covariance: errors that both share cancel, which separate calibrations do not know."
     return [Table(caption, _HEAD, _rows(result.pairs))]
 
 
-def _residuals(result: Any) -> tuple[Graph, Array, Array]:
+def _residuals(result: RigPoses) -> tuple[Graph, Array, Array]:
     """Graph, rotations (deg) and positions (mm) (E,) of the residuals of the views."""
     graph = Graph.of(result.rig)
     r = graph.linearise(result.poses).r
     return graph, DEG_PER_RAD * np.linalg.norm(r[:, :3], axis=1), MM_PER_M * np.linalg.norm(r[:, 3:], axis=1)
 
 
-def _by_pair(result: Any) -> Table:
+def _by_pair(result: RigPoses) -> Table:
     graph, turn, shift = _residuals(result)
     rows: list[list[str]] = []
     marked: set[int] = set()
@@ -249,7 +247,7 @@ def _by_pair(result: Any) -> Table:
     )  # fmt: skip
 
 
-def noise_table(result: Any) -> list[Block]:
+def noise_table(result: RigPoses) -> list[Block]:
     """Return the standard deviations of arms and cameras."""
     rows = [
         [name, digits(MM_PER_M * sizes[1], 2), digits(DEG_PER_RAD * sizes[0], 2)]
@@ -260,7 +258,7 @@ def noise_table(result: Any) -> list[Block]:
     return [Table(caption, ["arm or camera", "position (mm)", "rotation (deg)"], rows)]
 
 
-def _sizes(result: Any) -> list[Block]:
+def _sizes(result: RigPoses) -> list[Block]:
     if not result.components:
         return [Paragraph("Not estimated: the noise was given.", empty=True)]
     parts = [[part["name"], *(_sized(part[key], part["unit"]) for key in ("size", "low", "high"))]
@@ -276,7 +274,7 @@ def _sized(value: float, unit: str) -> str:
     return f"{digits(factor * value, 2)} {shown}"
 
 
-def _paths(result: Any) -> list[Block]:
+def _paths(result: RigPoses) -> list[Block]:
     if not result.paths:
         return [Paragraph("No two ways lead to one pose.", empty=True)]
     ordered = sorted(result.paths, key=lambda path: path.p)
@@ -292,7 +290,7 @@ def _paths(result: Any) -> list[Block]:
     ]  # fmt: skip
 
 
-def _optimality(result: Any) -> list[Block]:
+def _optimality(result: RigPoses) -> list[Block]:
     of = result.optimality
     rows = [["proven", "yes" if of.proven else "no"],
             ["relative gap to the lower bound", "no bound" if of.gap is None else f"{of.gap:.1e}"],
@@ -302,7 +300,7 @@ def _optimality(result: Any) -> list[Block]:
     return [Paragraph(of.words), Table("Dual bound of the isotropic problem.", ["", ""], rows)]
 
 
-def _largest(result: Any) -> Table:
+def _largest(result: RigPoses) -> Table:
     graph, turn, shift = _residuals(result)
     rows = []
     for e in np.argsort(-result.distances)[:60].tolist():
@@ -316,7 +314,7 @@ def _largest(result: Any) -> Table:
     )  # fmt: skip
 
 
-def _in_full(result: Any) -> Table:
+def _in_full(result: RigPoses) -> Table:
     rows = []
     for one in result.every:
         sd = [*(f"{MM_PER_M * s:.4f}" for s in one.std[3:]), *(f"{DEG_PER_RAD * s:.5f}" for s in one.std[:3])]

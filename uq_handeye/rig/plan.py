@@ -22,10 +22,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ..core.files.json_files import json_text
 from ..core.files.records import Record
@@ -35,10 +35,11 @@ from ..errors import InputError
 from ..fit.diagnostics.task_space import by_pose
 from ..model.noise.cholesky import checked_cholesky, substitute
 from ..model.noise.models import factor
-from .checks.check import new_noise
+from .checks.check import new_noise, posterior_of
 from .description import WORLD, ArmPoses, Rig, View
 from .graph import Graph, Sides
 from .noise import RigNoise
+from .poses import RigPoses
 
 # A candidate may exceed the distances and angles seen so far by this factor.
 MAX_BEYOND = 1.15
@@ -63,7 +64,7 @@ class RigPoints(Record):
 
 
 def predict_points(
-    result: Any, camera: str, points: Any, robot: Mapping[str, Any] | None = None, into: str = WORLD
+    result: RigPoses, camera: str, points: ArrayLike, robot: Mapping[str, ArrayLike] | None = None, into: str = WORLD
 ) -> RigPoints:
     """Predict where points in the frame of a camera are.
 
@@ -110,7 +111,7 @@ def predict_points(
     return RigPoints(into, np.ascontiguousarray(x), 0.5 * (found + found.mT))
 
 
-def _poses(robot: Mapping[str, Any] | None, arm: str) -> Array:
+def _poses(robot: Mapping[str, ArrayLike] | None, arm: str) -> Array:
     if robot is None or arm not in robot:
         raise InputError(f"Expected the robot poses of the arm {arm!r}, which carries a camera.")
     T = as_transforms(robot[arm], f"robot[{arm!r}]", stack=False)
@@ -118,15 +119,13 @@ def _poses(robot: Mapping[str, Any] | None, arm: str) -> Array:
 
 
 def _errors_of_cameras(
-    result: Any, names: Sequence[str], at: Mapping[str, Array], k: int
+    result: RigPoses, names: Sequence[str], at: Mapping[str, Array], k: int
 ) -> tuple[Array, Array, Array]:
     """Poses (c, k, 4, 4) of cameras at k robot poses, what errors do to them (c, k, 6, M), their covariance (M, M).
 
     The errors are those of the posterior and one of unit variance for each number of a robot pose of each arm.
     """
-    rig, posterior = result.rig, result.posterior
-    if posterior is None:
-        raise InputError("Expected the result of a rig with its posterior. Calibrate again.")
+    rig, posterior = result.rig, posterior_of(result)
     C = np.broadcast_to(perturb(np.eye(4), np.eye(6)[5]), (k, 4, 4))  # of a target 1 m ahead of each, that is exact
     arms = {name: arm.like(ArmPoses(at[name])) if name in at else arm for name, arm in rig.arms.items()}
     views = (View(name, _AHEAD, C, None if rig.cameras[name] == WORLD else tuple(range(k))) for name in names)
@@ -176,7 +175,7 @@ class RigPlan(Record):
     error: float
     lever: float
     steps: tuple[RigStep, ...]
-    robot: dict[str, Any]
+    robot: dict[str, list[list[list[float]]]]
 
     def text(self) -> str:
         """Return a table of the views."""
@@ -194,7 +193,7 @@ class RigPlan(Record):
 
 
 def plan_rig(
-    result: Any, candidates: Mapping[str, Any] | None = None, k: int = 5, *, sample: int = 200, seed: Any = 0
+    result: RigPoses, candidates: Mapping[str, ArrayLike] | None = None, k: int = 5, *, sample: int = 200, seed: int = 0
 ) -> RigPlan:
     """Choose the k views that make the cameras of a rig known best.
 
@@ -228,7 +227,7 @@ def plan_rig(
     Q = np.zeros((len(B[0, 0]), len(B[0, 0])))
     weight = np.repeat([lever**2, 1.0], 3) / cameras
     Q[np.arange(6 * cameras), np.arange(6 * cameras)] = np.tile(weight, cameras)
-    chosen = result.posterior.choose(B, min(k, len(B)), Q)
+    chosen = posterior_of(result).choose(B, min(k, len(B)), Q)
     errors = np.sqrt(np.maximum(chosen.values, 0.0)).tolist()
     steps = []
     for e, after in zip(chosen.chosen.tolist(), errors[1:], strict=True):
@@ -248,7 +247,7 @@ def _whitened_alone(graph: Graph, sides: Sides, noise: RigNoise) -> Array:
     return substitute(checked_cholesky(S), np.concatenate([graph.by_unknowns(sides), K], axis=-1))
 
 
-def _given(rig: Rig, candidates: Mapping[str, Any]) -> dict[str, Array]:
+def _given(rig: Rig, candidates: Mapping[str, ArrayLike]) -> dict[str, Array]:
     found = {}
     for name, T in candidates.items():
         if name not in rig.arms:
@@ -281,7 +280,7 @@ def _drawn(rig: Rig, sample: int, seed: int) -> dict[str, Array]:
     return found
 
 
-def _candidates(result: Any, robot: Mapping[str, Array]) -> tuple[Rig, NDArray[np.intp]]:
+def _candidates(result: RigPoses, robot: Mapping[str, Array]) -> tuple[Rig, NDArray[np.intp]]:
     """Views that may be taken, as a rig, and the number of the candidate of each."""
     rig, count = result.rig, len(next(iter(robot.values())))
     before: dict[tuple[str, str], list[Array]] = {}

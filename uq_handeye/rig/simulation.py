@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -13,7 +12,7 @@ from ..core.geometry.se3 import Array, perturb
 from ..model.noise.models import factor
 from .description import WORLD, ArmPoses, Rig, View
 from .graph import Graph
-from .noise import given_noise
+from .noise import NoiseByName, given_noise
 
 
 def simulate_rig(
@@ -22,7 +21,7 @@ def simulate_rig(
     *,
     arms: Sequence[str] = ("arm",),
     n_poses: int = 40,
-    noise: Any = None,
+    noise: NoiseByName | None = None,
     seen: float | Sequence[tuple[str, str]] = 1.0,
     axes: Array | None = None,
     seed: int | np.random.Generator = 0,
@@ -78,7 +77,7 @@ def simulate_rig(
     return (rig if noise is None else with_noise(rig, noise, rng)), truth
 
 
-def with_noise(rig: Rig, noise: Any, seed: int | np.random.Generator = 0) -> Rig:
+def with_noise(rig: Rig, noise: NoiseByName, seed: int | np.random.Generator = 0) -> Rig:
     """Return a rig of exact poses with noise drawn for each robot pose and each view."""
     rng, graph = np.random.default_rng(seed), Graph.of(rig)
     S = given_noise(rig, graph, noise)

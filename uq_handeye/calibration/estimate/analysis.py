@@ -12,7 +12,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ...core.files.records import Record, parts_of, unequal
 from ...core.geometry.checks import as_numbers, checked_covariance
@@ -115,7 +115,7 @@ class FittedKinematics(Record):
         """(..., 4, 4) ``FK(q; e)`` at the estimate, in the frames that X is stated in."""
         return poses_with_errors(self.chain, q, self.e, self.flange)
 
-    def poses(self, q: Any, robot: Array | None = None) -> Array:
+    def poses(self, q: ArrayLike, robot: Array | None = None) -> Array:
         """(..., 4, 4) ``FK(q; e)``, corrected by the estimate, at joints q (..., L).
 
         ``robot`` (..., 4, 4) are the controller's poses there: they are moved as the correction moves those of the
@@ -158,7 +158,7 @@ class FittedKinematics(Record):
             "calibration: give `joints` (--joints FILE.csv)."
         )
 
-    def checked(self, q: Any) -> Array:
+    def checked(self, q: ArrayLike) -> Array:
         """Joints (..., L), rad (prismatic: m); raises `InputError`."""
         values = as_numbers(q, "joints")
         count = self.chain.n_joints

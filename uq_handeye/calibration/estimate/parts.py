@@ -124,7 +124,12 @@ class Quality(Record):
 
 
 # The parts by their names on the result.
-PARTS: dict[str, Any] = {"origin": Origin, "solution": Solution, "errors": Errors, "quality": Quality}
+PARTS: dict[str, Any] = {
+    "origin": Origin,
+    "solution": Solution,
+    "errors": Errors,
+    "quality": Quality,
+}
 
 
 if TYPE_CHECKING:

@@ -14,15 +14,16 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ...core.geometry.se3 import Array, difference, perturb
 from ...core.numbers.rounding import CHAIN_ROUNDING
 from ...errors import InputError
 from ...fit.likelihood.constraint import Linearised, OnPoses, Unknowns
-from ...model.noise.joint_covariance import group_of, joint_of
+from ...model.noise.joint_covariance import JointCovariance, group_of, joint_of
 from ...model.noise.models import PoseNoise, is_joint, require_count
 from ...model.poses.pose_pairs import PosePairs
 from ...model.posterior.owners import THINGS, checked_things, require_same
@@ -44,6 +45,9 @@ from ..prediction.predict import (
     robot_ahead,
     shared_effects,
 )
+
+# Noise of new poses of one side: a covariance of each, or noises of sizes that the calibration found.
+NoiseAhead: TypeAlias = Array | JointCovariance | tuple[Fresh, ...] | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +71,7 @@ def evidence_of_poses(
     result: Estimated,
     poses: PosePairs,
     noise: PoseNoise | None = None,
-    joints: Any = None,
+    joints: ArrayLike | None = None,
     same: Iterable[str] | str = THINGS,
 ) -> PoseEvidence:
     """Hold new poses against a calibration.
@@ -168,7 +172,9 @@ def poses_less_shared_errors(result: Estimated, poses: PosePairs) -> PosePairs:
     return PosePairs(ahead.poses, camera, poses.setup)
 
 
-def _corrected(result: Estimated, poses: PosePairs, joints: Any) -> tuple[RobotAhead, Array, Any, Array]:
+def _corrected(
+    result: Estimated, poses: PosePairs, joints: ArrayLike | None
+) -> tuple[RobotAhead, Array, NoiseAhead, Array]:
     """The robot poses corrected, what shared errors do to the camera poses, the noise of these, and they corrected."""
     given = joints if joints is not None or result.kinematics is None else poses.joints
     ahead = robot_ahead(result, given, poses.robot, measured=True)
@@ -177,7 +183,7 @@ def _corrected(result: Estimated, poses: PosePairs, joints: Any) -> tuple[RobotA
     return ahead, F_C, of_camera, perturb(poses.camera, -(F_C @ estimate[:, None])[..., 0])
 
 
-def _effects_on_camera(result: Estimated, poses: PosePairs, robot: Array) -> tuple[Array, Any]:
+def _effects_on_camera(result: Estimated, poses: PosePairs, robot: Array) -> tuple[Array, NoiseAhead]:
     """(m, 6, q) what the errors of the posterior do to the new camera poses, and the noise of these.
 
     They are taken where the camera should be at the corrected robot poses, without the noise of what it measured.
@@ -197,7 +203,7 @@ def _effects_on_camera(result: Estimated, poses: PosePairs, robot: Array) -> tup
     return F, S
 
 
-def noise_of_pictures(result: Estimated, poses: PosePairs) -> Any:
+def noise_of_pictures(result: Estimated, poses: PosePairs) -> Array | JointCovariance | None:
     """Return the noise of camera poses that come with theirs: by the camera of the result what each has by itself."""
     seen = poses.camera_calibration
     if seen is None:
@@ -208,7 +214,9 @@ def noise_of_pictures(result: Estimated, poses: PosePairs) -> Any:
     return np.asarray(seen.covariance.own) if same else seen.covariance
 
 
-def _noise_of(poses: PosePairs, noise: PoseNoise | None, side: str, otherwise: Any) -> tuple[tuple[Fresh, ...], Array]:
+def _noise_of(
+    poses: PosePairs, noise: PoseNoise | None, side: str, otherwise: NoiseAhead
+) -> tuple[tuple[Fresh, ...], Array]:
     """Noises of each new pose of a side, and what they share by themselves (m, 6, z)."""
     S = otherwise if noise is None else getattr(noise, side)
     m = poses.n

@@ -23,7 +23,7 @@ from dataclasses import dataclass, replace
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ...core.files.records import INFINITE, Record
 from ...core.geometry.checks import as_numbers, as_transforms, checked_covariance
@@ -32,7 +32,7 @@ from ...errors import InputError
 from ...fit.diagnostics.task_space import by_pose
 from ...model.noise.camera_noise import INTRINSICS
 from ...model.noise.joint_covariance import group_of
-from ...model.posterior.rows import NewRows, at_points, factor_of
+from ...model.posterior.rows import Joint, NewRows, at_points, factor_of
 from ...model.shared_errors.shared_error import TARGET_SCALE
 from ...model.shared_errors.sizes import ROBOT_ACCURACY
 from ..estimate.estimated import Estimated
@@ -259,7 +259,7 @@ def evidence_of_touches(result: Estimated, touches: Touches) -> TouchEvidence:
     )  # fmt: skip
 
 
-def _estimated(posterior: Any) -> list[tuple[str, float]]:
+def _estimated(posterior: Joint) -> list[tuple[str, float]]:
     """Noises of poses that the calibration estimated, as shares of their sum where their size is 1."""
     if posterior.points is None:
         return []
@@ -270,7 +270,7 @@ def _estimated(posterior: Any) -> list[tuple[str, float]]:
     return [(one.name, w / stated) for w, one in named if one.name != "given"] if stated > 0 else []
 
 
-def _sizes_at(posterior: Any) -> Array:
+def _sizes_at(posterior: Joint) -> Array:
     """(d,) variance of the noise that the calibration estimated at each point of the sizes, over that stated."""
     parts = [(name, np.full((1, 1, 1), share)) for name, share in _estimated(posterior)]
     return at_points(posterior, np.ones((1, 1, 1)), parts).reshape(-1) if posterior.points is not None else np.ones(1)
@@ -380,7 +380,7 @@ def _roots(S: Array) -> Array:
     return np.stack([factor_of(one) for one in S.reshape(-1, *S.shape[-2:])]).reshape(S.shape)
 
 
-def _rows(value: Any, name: str, shape: tuple[int | None, ...], m: int) -> Array:
+def _rows(value: ArrayLike, name: str, shape: tuple[int | None, ...], m: int) -> Array:
     """Return m rows of a shape; one pose or covariance stands for all. Raises `InputError` for others."""
     rows = np.asarray(as_transforms(value, name, stack=False)) if shape == (4, 4) else as_numbers(value, name)
     rows = rows[None] if rows.ndim == len(shape) else rows

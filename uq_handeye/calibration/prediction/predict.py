@@ -22,9 +22,11 @@ seven axes, its gears), and at another pose that is there again. It counts witho
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal, NamedTuple
+from typing import Any, ClassVar, Literal, NamedTuple, TypeAlias
 
 import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import RigidTransform
 
 from ...core.files.records import Record
 from ...core.geometry.checks import as_numbers, as_transforms
@@ -49,6 +51,8 @@ from ...model.shared_errors.view import target_centre, view_block
 from ..estimate.analysis import FittedKinematics
 from ..estimate.estimated import Estimated
 
+# Robot poses (..., 4, 4) as they are given.
+PosesLike: TypeAlias = ArrayLike | RigidTransform
 # How far, along the joints, the elbow of an arm of seven axes is from where inverse kinematics places it at other
 # poses: RMS 1.3 to 1.9 rad of Pandas whose elbow is anywhere (`studies/one_model/new_program.md`).
 ELBOW_OFFSET_RAD = 1.6
@@ -139,7 +143,10 @@ class CameraAhead:
 
 
 def predict_camera(
-    result: Estimated, joints: Any = None, robot: Any = None, new_measurement: bool = True
+    result: Estimated,
+    joints: ArrayLike | None = None,
+    robot: PosesLike | None = None,
+    new_measurement: bool = True,
 ) -> CameraPrediction:
     """See `Calibration.predict_camera`."""
     posterior = posterior_of(result)
@@ -155,7 +162,7 @@ def predict_camera(
     return CameraPrediction(ahead.poses, posterior.predict(ahead.columns, noise), new_measurement)
 
 
-def camera_ahead(result: Estimated, joints: Any = None, robot: Any = None) -> CameraAhead:
+def camera_ahead(result: Estimated, joints: ArrayLike | None = None, robot: PosesLike | None = None) -> CameraAhead:
     """Camera poses at joints or robot poses, to first order in the errors of the posterior."""
     posterior = posterior_of(result)
     assert result.W is not None and result.setup is not None
@@ -193,12 +200,12 @@ def camera_at(result: Estimated, robot: Array) -> Array:
 
 def predict_points(
     result: Estimated,
-    points: Any,
-    joints: Any = None,
-    robot: Any = None,
-    points_covariance: Any = None,
-    reached_at: Any = None,
-    tool: Any = None,
+    points: ArrayLike,
+    joints: ArrayLike | None = None,
+    robot: PosesLike | None = None,
+    points_covariance: ArrayLike | None = None,
+    reached_at: ArrayLike | None = None,
+    tool: ArrayLike | None = None,
 ) -> PointUncertainty:
     """See `Calibration.predict`."""
     posterior_of(result)
@@ -266,7 +273,7 @@ def seen_at(result: Estimated, p: Array, ahead: RobotAhead | None, noise: Array 
     return InBase(b, by_all, new)
 
 
-def tip_at(ahead: RobotAhead, tool: Any) -> InBase:
+def tip_at(ahead: RobotAhead, tool: ArrayLike | None) -> InBase:
     """The tip of the tool (..., 3) in the flange, at robot poses."""
     tip = np.zeros(3) if tool is None else as_numbers(tool, "tool")
     if tip.ndim < 1 or tip.shape[-1] != 3 or not np.isfinite(tip).all():
@@ -279,7 +286,9 @@ def tip_at(ahead: RobotAhead, tool: Any) -> InBase:
     return InBase(lever + ahead.poses[..., :3, 3], by_all, by_G @ (ahead.noise + ahead.unseen) @ by_G.mT)
 
 
-def robot_ahead(result: Estimated, joints: Any, robot: Any, measured: bool = False) -> RobotAhead:
+def robot_ahead(
+    result: Estimated, joints: ArrayLike | None, robot: PosesLike | None, measured: bool = False
+) -> RobotAhead:
     """Poses by joints, corrected by the estimates, or as the controller gives them; raises `InputError`.
 
     ``measured``: with the noise of new measurements beside them (`BoundPopulation.unseen`).

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 from ...core.formatting.numbers import digits
-from ...findings import SHARED, sentence
+from ...findings import SHARED, Values, sentence
 
 # Errors of the arm are hardly visible where the data take away less of the prior variance, on average over its
 # groups.
 MIN_VISIBLE_SHARE = 0.3
 
 
-def _local_in_short(v: Mapping[str, Any]) -> str:
+def _local_in_short(v: Values) -> str:
     return f"poses span {digits(100 * v['span'], 2)} % of the reach: local"
 
 
@@ -23,7 +22,7 @@ def _local_in_short(v: Mapping[str, Any]) -> str:
     phrase=_local_in_short,
     effect=1.3,
 )
-def _(span: float, used: float, told: Sequence[Mapping[str, Any]], here: float, elsewhere: float) -> str:
+def _(span: float, used: float, told: Sequence[Values], here: float, elsewhere: float) -> str:
     shares = ", ".join(f"{digits(100 * of['share'], 2)} % of the {of['group']}" for of in told)
     mean = sum(of["share"] for of in told) / len(told) if told else 0.0
     visible = "are hardly visible in them" if mean < MIN_VISIBLE_SHARE else "are only partly visible in them"

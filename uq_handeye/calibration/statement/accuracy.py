@@ -32,7 +32,7 @@ from ...model.shared_errors.shared_error import FOCAL_LENGTH, LENS, OUTLINE, PRI
 from ...model.shared_errors.sizes import ROBOT_ACCURACY
 from ..estimate.estimated import Estimated, distance_of
 from .checks import PLAIN, Checked, included, lower_limit_of, not_included
-from .tolerance import Tolerance, Verdict, verdict_of
+from .tolerance import ToleranceLike, Verdict, verdict_of
 
 # A number is known by its prior where the data leave more than this share of the prior variance.
 MAX_PRIOR_SHARE = 0.5
@@ -313,9 +313,7 @@ class Statement(Checked):
             known = f"no better than {known}"
         return f"{self.frame} is known to {known}; {_ahead(accuracy)}."
 
-    def verdict(
-        self, tolerance: str | tuple[float | None, float | None] | Tolerance, at: str | float | None = None
-    ) -> Verdict:
+    def verdict(self, tolerance: ToleranceLike, at: str | float | None = None) -> Verdict:
         """Return whether X meets a tolerance: PASS, FAIL or NOT SHOWN, with the probability (`statement.tolerance`).
 
         Parameters

@@ -15,9 +15,10 @@ usable, a direction of X is open, the accuracy is a lower limit, or a check fail
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal, TypeAlias
 
 import numpy as np
 
@@ -43,6 +44,10 @@ FAIL: Word = "FAIL"
 NOT_SHOWN: Word = "NOT SHOWN"
 
 
+# A tolerance as it is given: text such as "1mm,0.1deg", numbers (m, rad), or itself.
+ToleranceLike: TypeAlias = "Tolerance | str | Sequence[str | float | None]"
+
+
 @dataclass(frozen=True)
 class Tolerance:
     """Largest errors that are accepted: a translation (m), a rotation (rad), or both.
@@ -65,7 +70,7 @@ class Tolerance:
             raise InputError("Expected a length in the tolerance beside `at` (--at), which is of a point; got none.")
 
     @classmethod
-    def read(cls, tolerance: Any, at: Any = None) -> Tolerance:
+    def read(cls, tolerance: ToleranceLike, at: str | float | None = None) -> Tolerance:
         """Return a tolerance from text such as ``"1mm,0.1deg"``, numbers (m, rad), or as it is.
 
         Raises `InputError` on anything else.
@@ -147,7 +152,7 @@ class Verdict(Record):
         return f"{of} within {tolerance}{known}{needs}."
 
 
-def verdict_of(result: Checked, tolerance: Any, at: Any = None) -> Verdict:
+def verdict_of(result: Checked, tolerance: ToleranceLike, at: str | float | None = None) -> Verdict:
     """Return whether X meets a tolerance; see the module.
 
     Raises `InputError` for a tolerance that cannot be read.
@@ -238,5 +243,5 @@ def _draws() -> tuple[Array, Array]:
     return np.asarray(ndtri(points[:, :6])), points[:, 6]
 
 
-def _length(value: Any, name: str) -> float:
+def _length(value: str | float, name: str) -> float:
     return parse_length(value, name) if isinstance(value, str) else float(value)

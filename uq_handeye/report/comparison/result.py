@@ -7,7 +7,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from ...calibration.statement.checks import Check
 from ...core.files.atomic import write_atomically
 from ...core.files.csv_text import frame_text
 from ...core.files.json_files import json_text
+from ...core.files.json_values import JsonObject
 from ...core.files.records import Record, attributes
 from ...core.formatting.units import DEG_PER_RAD, MM_PER_M
 from ...core.geometry.conventions import CONVENTION
@@ -128,7 +129,7 @@ class Comparison:
     def __str__(self) -> str:
         return self.to_text()
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonObject:
         """Everything as plain numbers, lists and text, with units and convention."""
         return {
             "format": _FORMAT,
@@ -272,7 +273,7 @@ def squared_distance(xi: Array, covariance: Array) -> float:
     return float(np.sum(parts[~flat] ** 2 / values[~flat]))
 
 
-def flat(row: Row, base: Row | None) -> dict[str, Any]:
+def flat(row: Row, base: Row | None) -> JsonObject:
     """The row of the data frame, beside the reference ``base``."""
     missing = np.full(6, np.nan)
     X = np.full((4, 4), np.nan) if row.X is None else row.X
@@ -281,7 +282,7 @@ def flat(row: Row, base: Row | None) -> dict[str, Any]:
     rms: tuple[float | None, float | None, float | None] = (None, None, None)
     if row.residuals is not None:
         rms = (row.residuals.error, row.residuals.rotation_rms, row.residuals.translation_rms)
-    entry: dict[str, Any] = {
+    entry: JsonObject = {
         "method": row.method,
         "year": row.year,
         "structure": row.structure,

@@ -22,7 +22,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +36,7 @@ from ...core.presentation.shown import Shown
 from ...core.runtime.read_only import ReadOnlyArrays
 from ...errors import InputError
 from ...fit.one_model.component import Component
+from ...model.posterior.posterior import Posterior
 from ...model.posterior.rows import NewRows, PredictiveReference, smallest_change
 from ...model.shared_errors.sizes import Size
 from ...model.shared_errors.view import HALF_WIDTH
@@ -43,6 +44,7 @@ from ..description import ArmPoses, Rig
 from ..fit import whitened
 from ..graph import Graph
 from ..noise import RigNoise, given_covariances
+from ..poses import RigPoses
 from ..sizes import ALL_TARGETS, WIDTH, components_of, model_of
 from .paths import AS_GOOD_CHI_SQUARE
 
@@ -77,7 +79,7 @@ class RigEvidence(ReadOnlyArrays):
         return _without(columns, self.free)[:, None, :]
 
 
-def like(result: Any, rig: Rig) -> Rig:
+def like(result: RigPoses, rig: Rig) -> Rig:
     """Return new poses and views as those of the calibrated rig; raises `InputError` for what it does not have."""
     if not isinstance(rig, Rig):
         raise InputError(f"Expected new views of a rig as a Rig (uq.Rig, uq.read_rig), got {type(rig).__name__}.")
@@ -95,14 +97,19 @@ def like(result: Any, rig: Rig) -> Rig:
     return Rig(arms, old.cameras, old.targets, rig.views)
 
 
-def new_noise(result: Any, rig: Rig, graph: Graph) -> RigNoise:
+def posterior_of(result: RigPoses) -> Posterior:
+    """Return the posterior of a result; raises `InputError` where it has none."""
+    if result.posterior is None:
+        raise InputError("Expected the result of a rig with its posterior. Calibrate again.")
+    return result.posterior
+
+
+def new_noise(result: RigPoses, rig: Rig, graph: Graph) -> RigNoise:
     """Return the noise of new poses and the columns of the shared errors.
 
     By the components that were found, at each new pose; where the noise was given, the mean of each arm and camera.
     """
-    posterior = result.posterior
-    if posterior is None:
-        raise InputError("Expected the result of a rig with its posterior. Calibrate again.")
+    posterior = posterior_of(result)
     mean = {one.name: one.covariance for one in posterior.noise}
     own = {"robot": np.zeros((graph.P, 6, 6)), "camera": np.zeros((graph.E, 6, 6))}
     K = {side: np.zeros((*S.shape[:2], len(posterior.names))) for side, S in own.items()}
@@ -120,20 +127,21 @@ def new_noise(result: Any, rig: Rig, graph: Graph) -> RigNoise:
     return RigNoise(own["robot"], own["camera"], K["robot"], K["camera"], posterior.names)
 
 
-def parts_of(result: Any, rig: Rig, graph: Graph) -> tuple[Component, ...]:
+def parts_of(result: RigPoses, rig: Rig, graph: Graph) -> tuple[Component, ...]:
     """Return the components of new poses, with the sizes that were found as known ones."""
     lines = {part["name"]: part["size"] for part in result.components}
-    if not (lines or result.posterior.names):
+    names = posterior_of(result).names
+    if not (lines or names):
         return ()
     before = result.rig, Graph.of(result.rig)
     found = components_of(rig, graph, True, before, lines.get(WIDTH, HALF_WIDTH) / HALF_WIDTH)
-    known = [one for one in found if one.name in lines or set(one.parts) <= set(result.posterior.names)]
+    known = [one for one in found if one.name in lines or set(one.parts) <= set(names)]
     return tuple(replace(one, size=Size(lines.get(one.name, one.size.median))) for one in known)
 
 
-def others_of(result: Any, same: Iterable[str] | str | None) -> NDArray[np.bool_]:
+def others_of(result: RigPoses, same: Iterable[str] | str | None) -> NDArray[np.bool_]:
     """(q,) shared errors of things that are not ``same``: names in the rig, or robot, camera, target, or none."""
-    rig, names = result.rig, result.posterior.names
+    rig, names = result.rig, posterior_of(result).names
     kinds = {"robot": list(rig.arms), "camera": list(rig.cameras), "target": list(rig.targets)}
     things = [name for of in kinds.values() for name in of]
     if same is None:
@@ -151,7 +159,7 @@ def others_of(result: Any, same: Iterable[str] | str | None) -> NDArray[np.bool_
     return np.array([owner not in kept for owner in owners], dtype=bool)
 
 
-def evidence_of_views(result: Any, rig: Rig, same: Iterable[str] | str | None = None) -> RigEvidence:
+def evidence_of_views(result: RigPoses, rig: Rig, same: Iterable[str] | str | None = None) -> RigEvidence:
     """Hold new views against the result of a rig; raises `InputError` for views of something else.
 
     Errors of things that are not the ``same`` are drawn again, as large as they were found to be.
@@ -159,7 +167,7 @@ def evidence_of_views(result: Any, rig: Rig, same: Iterable[str] | str | None = 
     rig = like(result, rig)
     graph = Graph.of(rig)
     noise = new_noise(result, rig, graph)
-    posterior = result.posterior
+    posterior = posterior_of(result)
     others = others_of(result, same)
     e = np.where(others, 0.0, posterior.estimate)[:, None]
     robot, C = perturb(graph.robot, -(noise.K_robot @ e)[..., 0]), perturb(graph.C, -(noise.K_camera @ e)[..., 0])
@@ -185,7 +193,7 @@ def evidence_of_views(result: Any, rig: Rig, same: Iterable[str] | str | None = 
     return RigEvidence(graph, rows, J, np.concatenate(edges), free, weights, scales)
 
 
-def _scales(result: Any, rig: Rig, graph: Graph, halves: list[Array], V: Array) -> Array:
+def _scales(result: RigPoses, rig: Rig, graph: Graph, halves: list[Array], V: Array) -> Array:
     """Mean of d^2 over its k numbers at each point of the open sizes, 1 at those that the noise was made with.
 
     With ``Sigma = 1 + V V^T`` of the whitened rows and T_c what component c adds to the 1: ``1 + sum_c
@@ -350,7 +358,12 @@ def _least(one: RigMove) -> str:
 
 
 def check_rig(
-    result: Any, rig: Rig, *, level: float = 0.05, tolerance: Any = None, same: Iterable[str] | str | None = None
+    result: RigPoses,
+    rig: Rig,
+    *,
+    level: float = 0.05,
+    tolerance: tuple[float | None, float | None] | None = None,
+    same: Iterable[str] | str | None = None,
 ) -> RigCheck:
     """Test whether a calibrated rig still holds.
 
@@ -361,7 +374,7 @@ def check_rig(
         New robot poses and views, with names and places of the calibrated rig; it may lack some of its things.
     level : float
         Probability of a false alarm.
-    tolerance : Tolerance, (translation (m), rotation (rad)) or None
+    tolerance : (translation (m), rotation (rad)) or None
         Change of a camera that must show; None: 1 % of the median distance of the targets, and 0.01 rad.
     same : names of arms, cameras and targets, or None
         Which of them are those of the calibration, so that their errors are the same; also robot, camera and target for
@@ -397,12 +410,10 @@ def check_rig(
     return RigCheck(status, p, d2, found.dof, found.graph.E, level, tuple(moves), views, unseen, limits, nu)
 
 
-def _limits(tolerance: Any, rig: Rig) -> tuple[float | None, float | None]:
+def _limits(tolerance: tuple[float | None, float | None] | None, rig: Rig) -> tuple[float | None, float | None]:
     if tolerance is None:
         distances = [np.linalg.norm(view.poses[:, :3, 3], axis=1) for view in rig.views]
         return VISIBLE_CHANGE * float(np.median(np.concatenate(distances))), VISIBLE_CHANGE
-    if hasattr(tolerance, "translation"):
-        return tolerance.translation, tolerance.rotation
     translation, rotation = tolerance
     return translation, rotation
 

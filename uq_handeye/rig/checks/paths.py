@@ -32,6 +32,7 @@ does not make a move.
 
 from __future__ import annotations
 
+from collections.abc import Hashable
 from dataclasses import dataclass, replace
 from typing import Annotated, Any, ClassVar
 
@@ -92,7 +93,7 @@ class RigPath(Record):
 
     name: str
     by: str | None
-    since: Any
+    since: Hashable
     chi_square: float
     dof: int
     p: float
@@ -117,13 +118,13 @@ def paths_of(rig: Rig, found: RigFit) -> tuple[RigPath, ...]:
     return (*_through_pairs(found, white), *_in_time(found, white, *moments_of(rig, graph)))
 
 
-def moments_of(rig: Rig, graph: Graph) -> tuple[NDArray[np.intp], tuple[Any, ...]]:
+def moments_of(rig: Rig, graph: Graph) -> tuple[NDArray[np.intp], tuple[Hashable, ...]]:
     """(E,) place in time of each view, and the names of all moments: sorted if numbers, else as they come."""
     names = dict.fromkeys(name for arm in rig.arms.values() for name in arm.names)
     names |= dict.fromkeys(name for view in rig.views for name in view.at or ())
     listed = list(names)
     if all(map(is_plain_number, listed)):
-        listed.sort()
+        listed.sort(key=float)  # type: ignore[arg-type]
     place = {name: k for k, name in enumerate(listed)}
     at = [[place[name] for name in view.at or ()] for view in rig.views]
     return np.array([at[v][k] for v, k in zip(graph.view.tolist(), graph.row.tolist(), strict=True)]), tuple(listed)
@@ -179,7 +180,7 @@ def _through_pairs(found: RigFit, white: list[Array]) -> list[RigPath]:
     return paths
 
 
-def _in_time(found: RigFit, white: list[Array], moment: NDArray[np.intp], names: tuple[Any, ...]) -> list[RigPath]:
+def _in_time(found: RigFit, white: list[Array], moment: NDArray[np.intp], names: tuple[Hashable, ...]) -> list[RigPath]:
     """Each pose from one moment on, the one of the largest chi-square."""
     graph, paths = found.graph, []
     for u in range(graph.m):

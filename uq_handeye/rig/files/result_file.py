@@ -6,11 +6,12 @@ other numbers (poses by name, relative poses) is written for other programs, and
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Hashable, Iterable, Mapping
 from typing import Any, TypeVar
 
 import numpy as np
 
+from ...core.files.json_values import Json, JsonObject
 from ...core.files.records import attributes, damaged, parts_of, plain, unequal, wrong_number
 from ...core.files.tree_values import is_map
 from ...core.geometry.se3 import Array
@@ -18,8 +19,9 @@ from ...errors import InputError
 from ...model.kinematics.chain import Kinematics
 from ...model.noise.pose_prior import PosePrior
 from ..description import ArmPoses, Rig, View
+from ..poses import RigPoses
 
-C = TypeVar("C")
+C = TypeVar("C", bound=RigPoses)
 
 FORMAT = "uq-handeye rig 2"
 # Parts of the file besides the fields, which follow from them.
@@ -32,7 +34,7 @@ def is_rig_result(data: Any) -> bool:
     return is_map(data) and str(data.get("format", "")).startswith("uq-handeye rig ")
 
 
-def to_dict(result: Any, fields: tuple[str, ...]) -> dict[str, Any]:
+def to_dict(result: RigPoses, fields: tuple[str, ...]) -> JsonObject:
     """Return the result as plain values: what follows for other programs first, then its fields."""
     found = {"format": FORMAT, **attributes(result, DERIVED)}
     for name in fields:
@@ -55,14 +57,14 @@ def from_dict(kind: type[C], data: Any) -> C:
     with damaged("The result"):
         if (where := wrong_number(data, "rig")) is not None:
             raise ValueError(where)
-        result: Any = kind(**parts_of(kind, data, "rig result", rig=rig_from_dict(data[_NAME])))
+        result = kind(**parts_of(kind, data, "rig result", rig=rig_from_dict(data[_NAME])))
         _require_whole(result)
         if (where := unequal(attributes(result, DERIVED), data, "rig")) is not None:
             raise ValueError(f"{where} does not fit the rest")
-    return result  # type: ignore[no-any-return]
+    return result
 
 
-def _require_whole(result: Any) -> None:
+def _require_whole(result: RigPoses) -> None:
     rig = result.rig
     names = (*rig.cameras, *rig.targets, *list(rig.arms)[1:])
     sizes = {"names": result.names == names, "poses": len(result.poses) == len(names),
@@ -77,9 +79,9 @@ def _require_whole(result: Any) -> None:
 # ------------------------------------------------------------------------------------------- rig
 
 
-def rig_to_dict(rig: Rig) -> dict[str, Any]:
+def rig_to_dict(rig: Rig) -> JsonObject:
     """Return a rig as plain values; raises `InputError` for names of poses that are neither numbers nor text."""
-    found: dict[str, Any] = {
+    found: JsonObject = {
         "arms": {
             name: {"names": _moments(arm.names), "source": arm.source, "poses": _rows(arm.poses)} | _joints(arm)
             for name, arm in rig.arms.items()
@@ -93,7 +95,7 @@ def rig_to_dict(rig: Rig) -> dict[str, Any]:
     }
     if rig.known:
         found["known"] = {
-            name: {"pose": prior.X.tolist(), "information": prior.information_X.tolist()}
+            name: {"pose": None if prior.X is None else prior.X.tolist(), "information": prior.information_X.tolist()}
             for name, prior in rig.known.items()
         }
     return found
@@ -115,7 +117,7 @@ def rig_from_dict(data: Mapping[str, Any]) -> Rig:
     return Rig(arms, data["cameras"], data["targets"], views, known or None)
 
 
-def _joints(arm: ArmPoses) -> dict[str, Any]:
+def _joints(arm: ArmPoses) -> JsonObject:
     if arm.kinematics is None or arm.joints is None:
         return {}
     own = {"kinematics": arm.kinematics.to_dict(), "joints": arm.joints.tolist()}
@@ -132,15 +134,16 @@ def _numbers(data: Mapping[str, Any], name: str) -> Array | None:
     return None if data.get(name) is None else np.array(data[name], dtype=float)
 
 
-def _moments(names: Any) -> list[Any]:
-    if wrong := [name for name in names if type(name) not in (int, float, str)]:
+def _moments(names: Iterable[Hashable]) -> list[float | str]:
+    found = [name for name in names if isinstance(name, int | float | str) and not isinstance(name, bool)]
+    if wrong := [name for name in names if name not in found]:
         raise InputError(f"Expected names of robot poses to be numbers or text, got {wrong[0]!r:.40}.")
-    return list(names)
+    return found
 
 
-def _rows(poses: Array) -> list[Any]:
+def _rows(poses: Array) -> Json:
     """Upper three rows of each pose (m, 3, 4)."""
-    found: list[Any] = poses[:, :3].tolist()
+    found: Json = poses[:, :3].tolist()
     return found
 
 

@@ -118,7 +118,8 @@ def check(  # type: ignore[misc]
     accepted = None if tolerance is None else Tolerance.read(tolerance)
     if isinstance(result, RigCalibration):
         require_left_out("of a rig", noise=noise, joints=joints)
-        return check_rig(result, poses, level=level, tolerance=accepted, same=None if same is THINGS else same)
+        limits = None if accepted is None else (accepted.translation, accepted.rotation)
+        return check_rig(result, poses, level=level, tolerance=limits, same=None if same is THINGS else same)
     evidence = evidence_of_poses(result, poses, noise, joints, same)
     _require_new(result, poses)
     reference = evidence.test.reference
