@@ -134,19 +134,18 @@ def deliver_rig(result: "RigCalibration", wishes: "ReportOptions", wanted: Wante
     said = [f"{name}: {verdict}" for name, verdict in verdicts.items()]
     text = "\n".join([result.text(), *said]) + "\n"
     written = ""
-    page = {
-        "about": wishes.about, "verdicts": badges_of(verdicts), "details": wishes.details, "paper": wishes.paper
-    }  # fmt: skip
+    badges = badges_of(verdicts)
     if (output := outputs.output) is not None:
         from ..rig.page import rig_html
 
-        html = rig_html(result, **{name: value for name, value in page.items() if name != "paper"})
+        html = rig_html(result, about=wishes.about, verdicts=badges, details=wishes.details)
         files: dict[str, str | bytes] = {"rig.json": json_text(result.to_dict()), "rig.txt": text, "report.html": html}
         with timed(f"writing {output}"):
             written = deliver(output, files)
     if outputs.report is not None:
         with timed(f"writing {outputs.report}"):
-            written += f"\nWrote {result.report(outputs.report, **page)}\n"
+            how = {"details": wishes.details, "paper": wishes.paper}
+            written += f"\nWrote {result.report(outputs.report, about=wishes.about, verdicts=badges, **how)}\n"
     if outputs.as_json:
         more_of: dict[str, Any] = {"usable": result.usable, "reasons": list(result.reasons)}
         more_of |= {"verdicts": {name: one.to_dict() for name, one in verdicts.items()}} if verdicts else {}

@@ -124,7 +124,7 @@ def moments_of(rig: Rig, graph: Graph) -> tuple[NDArray[np.intp], tuple[Hashable
     names |= dict.fromkeys(name for view in rig.views for name in view.at or ())
     listed = list(names)
     if all(map(is_plain_number, listed)):
-        listed.sort(key=float)  # type: ignore[arg-type]
+        listed.sort(key=float)
     place = {name: k for k, name in enumerate(listed)}
     at = [[place[name] for name in view.at or ()] for view in rig.views]
     return np.array([at[v][k] for v, k in zip(graph.view.tolist(), graph.row.tolist(), strict=True)]), tuple(listed)
