@@ -17,7 +17,7 @@ from uq_handeye.formats.controllers.forms import CONTROLLERS, written_poses
 from uq_handeye.formats.detect import read_contents
 from uq_handeye.formats.opencv_storage import matrix_lines
 from uq_handeye.read import read_poses, write_pose_file
-from uq_handeye.read.poses import read_robot_poses
+from uq_handeye.read.robot_poses import read_robot_poses
 
 X, W = np.eye(4), np.eye(4)
 X[:3, :3], X[:3, 3] = rz_ry_rx(0.2, 0.3, -0.4), [0.05, -0.02, 0.1]

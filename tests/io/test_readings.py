@@ -12,7 +12,7 @@ import uq_handeye as uq
 from uq_handeye.calibration.report.first_screen import next_step, step_after
 from uq_handeye.calibration.statement.checks import failures_in_words
 from uq_handeye.formats.contents import Reading, Side
-from uq_handeye.read.readings import chosen_readings, reading_beside
+from uq_handeye.read.readings import chosen_readings, reading_of_robot
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
 FRAMES = ("base_T_gripper", "camera_T_target")
@@ -209,7 +209,7 @@ def test_beside_a_calibrated_camera():
     poses = uq.simulate(12, noise=NOISE, seed=SEED)
     robot = sides(poses, numbers_of(poses, READINGS[1]), READINGS[:2])[0]
     rows = np.arange(2, 11)
-    chosen = reading_beside(robot, poses.camera[rows], rows, None, None, FRAMES[0], "eye-in-hand")
+    chosen = reading_of_robot(robot, poses.camera[rows], rows, None, None, FRAMES[0], "eye-in-hand")
     assert chosen.sides[0].readings == (READINGS[1],) and "xyz-rad" in chosen.notes[0]
 
 

@@ -391,6 +391,6 @@ def _is_camera_folder(path: Path) -> bool:
     """Return whether a folder is that of camera -o or points -o, not one of pose files."""
     if not path.is_dir():
         return False
-    from ..read.beside import is_folder_of_poses
+    from ..read.known_camera import is_folder_of_poses
 
     return is_folder_of_poses(path)

@@ -1,7 +1,4 @@
-"""Pose files of any format, paired to `PosePairs` or read as a `Stream`.
-
-Robot poses alone, in any format: those to predict at, and those to choose from.
-"""
+"""Pose files of any format, paired to `PosePairs` or read as a `Stream`."""
 
 from __future__ import annotations
 
@@ -10,11 +7,11 @@ import warnings
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
+from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypedDict, Unpack
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..core.files.open import StrPath, as_path, shown
 from ..core.files.source import Source
@@ -27,9 +24,11 @@ from ..formats.csv_poses import warn_if_back
 from ..formats.detect import read_contents
 from ..model.poses.pose_pairs import PosePairs
 from ..model.poses.stream import Stream
-from .beside import Joints, KnownCamera, give_joints, joints_of, known_camera
-from .matching import check_rows, match_times, warn_if_swapped
-from .readings import chosen_readings, reading_beside
+from .joints import Joints, give_joints, joints_of
+from .known_camera import KnownCamera, known_camera
+from .pairing_by_rows import check_rows, warn_if_swapped
+from .pairing_by_time import match_times
+from .readings import chosen_readings, reading_of_robot
 
 if TYPE_CHECKING:
     from ..model.camera.result import CameraCalibration
@@ -45,7 +44,7 @@ class OfArm(TypedDict, total=False):
     joint_units: str | None
 
 
-_PAIRINGS = ("rows", "time")
+PAIRINGS = ("rows", "time")
 # Something of the robot's side and of the camera's.
 Two = tuple[str | None, str | None]
 
@@ -127,7 +126,10 @@ def read_poses(
             raise InputError(f"Expected {missing}, or a file of robot poses.")
         request = request.of_camera()
     seen = known_camera(camera)
-    return _of_files(robot, camera, request) if seen is None else _with_calibrated(robot, seen, request)
+    if seen is not None:
+        return _with_calibrated(robot, seen, request)
+    assert camera is None or isinstance(camera, str | PathLike)
+    return _of_files(robot, camera, request)
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,9 +150,9 @@ class Asked:
     joint_units: str | None = None
 
     def __post_init__(self) -> None:
-        if self.pair is not None and not among(self.pair, _PAIRINGS):
+        if self.pair is not None and not among(self.pair, PAIRINGS):
             hint = "; async is `uq_handeye.synchronise` of two `read_stream`" if self.pair == "async" else ""
-            raise InputError(f"Expected `pair` (--pair) to be {' or '.join(_PAIRINGS)}, got {self.pair!r}{hint}.")
+            raise InputError(f"Expected `pair` (--pair) to be {' or '.join(PAIRINGS)}, got {self.pair!r}{hint}.")
         if self.setup is not None:
             require_one_of("setup", self.setup, SETUPS, "--setup")
         _ = self.sides, self.arm
@@ -173,15 +175,16 @@ class Asked:
     def of_camera(self) -> Asked:
         """Return the request where the poses of the robot are those of joint values."""
         units, formats, forms = ((None, of_camera) for _, of_camera in self.sides)
-        own: dict[str, Any] = {"units": ("m", units[1]), "format": formats, "rotation": forms, "quaternion": None}
-        return replace(self, **own, robot_frame=FRAMES["robot"][0])
+        return replace(
+            self, units=("m", units[1]), format=formats, rotation=forms, quaternion=None, robot_frame=FRAMES["robot"][0]
+        )
 
 
 read_poses.__signature__ = keywords_of(read_poses, Asked)  # type: ignore[attr-defined]
 
 
-def _of_files(robot_file: StrPath | None, camera: Any, asked: Asked) -> PosePairs:
-    """The poses of two files, or of one that holds both sides (``camera`` is None)."""
+def _of_files(robot_file: StrPath | None, camera: StrPath | None, asked: Asked) -> PosePairs:
+    """Return the poses of two files, or of one that holds both sides (``camera`` is None)."""
     units, formats, forms = asked.sides
     robot = _robot_of(robot_file, asked.arm, formats[0])
     first = robot.contents
@@ -250,7 +253,7 @@ class _Robot(NamedTuple):
         """Return the joint values at the rows of the robot."""
         if self.arm is None:
             return None
-        return self.arm.beside(side, tolerance) if self.file else self.arm.values
+        return self.arm.at_rows(side, tolerance) if self.file else self.arm.values
 
     @property
     def joint_source(self) -> tuple[Source, ...]:
@@ -283,7 +286,7 @@ def _with_calibrated(robot_file: StrPath | None, seen: KnownCamera, asked: Asked
         frame = FRAMES["robot"][1]
         sources = _noted(sources, 0, path, ["robot poses are gripper_T_base in this format, and inverted"])
     rows, notes = seen.rows_of(len(side), side.name, "poses" if robot.file else "rows")
-    chosen = reading_beside(side, seen.poses, rows, units, rotation, frame, setup)
+    chosen = reading_of_robot(side, seen.poses, rows, units, rotation, frame, setup)
     side = chosen.sides[0]
     sources = _noted(sources, 0, path, [note for note in chosen.notes if note])
     poses = finished(side, "robot", units, rotation, frame)
@@ -293,7 +296,17 @@ def _with_calibrated(robot_file: StrPath | None, seen: KnownCamera, asked: Asked
     times = None if side.timestamps is None else side.timestamps[rows]
     sources = (*sources, *robot.joint_source, *seen.source)
     findings = (*chosen.findings, *_inverted(asked.frames, True))
-    pairs = PosePairs(poses[rows], seen.poses, setup, times, sources=sources, findings=findings, **seen.of_pairs)
+    covariance = None if seen.points is None else seen.points.covariance
+    pairs = PosePairs(
+        poses[rows],
+        seen.poses,
+        setup,
+        times,
+        sources=sources,
+        findings=findings,
+        camera_covariance=covariance,
+        camera_calibration=seen.pictures,
+    )
     return pairs if values is None or robot.arm is None else give_joints(pairs, values[rows], robot.arm.name)
 
 
@@ -353,7 +366,7 @@ def read_stream(
         (source,) = _noted((source,), 0, location, [note])
     if arm is None:
         return Stream(found.timestamps, poses, source)
-    values = arm.values if path is None else arm.between(found)
+    values = arm.values if path is None else arm.at_times(found)
     rows = np.flatnonzero(np.isfinite(values).all(axis=1))
     if len(rows) < len(found):
         note = f"{len(found) - len(rows)} of {len(found)} poses are outside of the times of {arm.name}, and left out"
@@ -361,8 +374,8 @@ def read_stream(
     return Stream(found.timestamps[rows], poses[rows], source, values[rows])
 
 
-def _two(value: Any, name: str) -> Two:
-    """One value for both sides, or a pair."""
+def _two(value: str | Two | None, name: str) -> Two:
+    """Return one value for both sides, or a pair."""
     if isinstance(value, tuple | list):
         if len(value) != 2:
             raise InputError(f"Expected `{name}` to be one value or a pair (robot, camera), got {len(value)} values.")
@@ -370,7 +383,7 @@ def _two(value: Any, name: str) -> Two:
     return value, value
 
 
-def _rotations(rotation: Any, quaternion: Any) -> Two:
+def _rotations(rotation: str | Two | None, quaternion: str | Two | None) -> Two:
     """Return the forms of the rotations of both sides, by either name of the argument."""
     forms = []
     for form, order in zip(_two(rotation, "rotation"), _two(quaternion, "quaternion"), strict=True):
@@ -385,7 +398,7 @@ def _rotations(rotation: Any, quaternion: Any) -> Two:
 
 
 def side_of(contents: Contents, role: str, name: str) -> Side:
-    """The poses of one side of a file; raises `InputError` where it holds the other one only."""
+    """Return the poses of one side of a file; raises `InputError` where it holds the other one only."""
     side: Side | None = getattr(contents, role) or contents.only
     if side is None:
         other = "camera" if role == "robot" else "robot"
@@ -393,8 +406,8 @@ def side_of(contents: Contents, role: str, name: str) -> Side:
     return side
 
 
-def _setup(setup: str | None, contents: tuple[Contents, Contents], paths: Any) -> str:
-    """The setup: what is given, what the files say, eye-in-hand. They must not contradict each other."""
+def _setup(setup: str | None, contents: tuple[Contents, Contents], paths: tuple[Path, Path]) -> str:
+    """Return the setup: what is given, what the files say, eye-in-hand. They must not contradict each other."""
     said = setup
     by = "`setup` (--setup)"
     for one, path in zip(contents, paths, strict=True):
@@ -423,7 +436,7 @@ def _inverted(asked: tuple[str, str], said: bool) -> tuple[Finding, ...]:
 
 
 def _noted(
-    sources: tuple[Source, ...], k: int, path: Any, notes: Iterable[str], format: str | None = None
+    sources: tuple[Source, ...], k: int, path: Path, notes: Iterable[str], format: str | None = None
 ) -> tuple[Source, ...]:
     """Return the sources with notes of one of them, which are logged, and the format of the reading that was taken."""
     source = sources[k]
@@ -431,35 +444,3 @@ def _noted(
         _log.info("%s: %s", shown(path), note)
     new = replace(source, notes=(*source.notes, *notes), format=format or source.format)
     return (*sources[:k], new, *sources[k + 1 :])
-
-
-def read_robot_poses(
-    path: StrPath,
-    like: str | None = None,
-    *,
-    units: str | None = None,
-    format: str | None = None,
-    rotation: str | None = None,
-) -> tuple[NDArray[np.float64] | None, Array]:
-    """Return timestamps (n,), or None, and poses ``base_T_gripper`` (n, 4, 4) in metres.
-
-    Parameters
-    ----------
-    path : any of `uq_handeye.read.FORMATS`
-    like : format of the robot poses of the calibration, which decides where the numbers may be read in several ways
-    units, format, rotation : as in `read_poses`, of one side
-
-    Raises
-    ------
-    InputError
-        A file that cannot be read, of the camera's side only, or whose rotations may be read in several ways.
-    """
-    path = as_path(path)
-    contents, _ = read_contents(path, format)
-    side = contents.robot or contents.only
-    if side is None:
-        raise InputError(f"{shown(path)} holds camera poses only; expected robot poses.")
-    same = [reading for reading in side.readings if reading.format == like]
-    if len(side.readings) > 1 and rotation is None and len(same) == 1:
-        side = replace(side, readings=(same[0],))
-    return side.timestamps, finished(side, "robot", units, rotation, FRAMES["robot"][0])

@@ -11,37 +11,36 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import PurePath
-from typing import Any
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..core.geometry.se3 import Array, inverse
+from ..core.numbers.rounding import CHAIN_ROUNDING
 from ..errors import InputError
 from ..findings import Finding, warn
-from ..fit.input_checks.misread_files import LARGE_ROTATION, consistency
+from ..fit.input_checks.misread_files import LARGE_ROTATION, MAX_MISFIT_SHARE, consistency
 from ..formats.contents import FRAMES, SEQUENCES, VECTORS, Reading, Side, doubtful, finished, rotation_form
 from ..model.poses.residuals import rotation_angles
 
 # A reading is taken if the rotations of every other fit worse by this factor, or are the same and the translations do.
-DECIDED = 5.0
-# Rotations (rad) that are the same, whatever they are called.
-SAME = 1e-9
-# Translations of the target (share of the travel of the robot) below which a reading fits.
-FITS = 0.2
+DECISIVE_RATIO = 5.0
 # Fewest poses that decide.
-FEWEST = 4
-# Poses that are looked at.
-MOST = 200
+MIN_POSES_TO_DECIDE = 4
 
 Rows = NDArray[np.intp] | slice
-# The readings of each side that are open; None stands for what is decided already.
-Open = tuple[tuple[Reading | None, ...], ...]
+# RMS rotation (rad) and translation (m) of the target about its mean, and |t_X| (m).
+Misfit: TypeAlias = tuple[float, float, float]
+# A reading of each side; None stands for one that is decided already.
+ReadingPair: TypeAlias = tuple[Reading | None, ...]
+# The readings that each side may have.
+Readings: TypeAlias = tuple[ReadingPair, ...]
 
 
 @dataclass(frozen=True)
 class Chosen:
-    """Both sides with one reading each, and what is to be said of them; empty: nothing."""
+    """Both sides with one reading each, notes on them, and findings."""
 
     sides: list[Side]
     notes: tuple[str, str]
@@ -88,10 +87,10 @@ def chosen_readings(
     return replace(chosen, sides=[replace(side, readings=of) for side, of in zip(sides, readings, strict=True)])
 
 
-def reading_beside(
+def reading_of_robot(
     side: Side, camera: Array, rows: NDArray[np.intp], units: str | None, form: str | None, frame: str, setup: str
 ) -> Chosen:
-    """Return the robot's side with one reading, beside known poses of the camera (n, 4, 4), and what is to be said."""
+    """Return the robot's side with one reading, by known poses of the camera (n, 4, 4), and notes and findings."""
     seen = Side("the camera", camera[:, :3, 3], camera[:, :3, :3])
     return chosen_readings(
         (side, seen), (units, "m"), (form, None), (frame, FRAMES["camera"][0]), (rows, slice(None)), setup
@@ -107,7 +106,7 @@ class _Pair:
     rows: tuple[NDArray[np.intp], NDArray[np.intp]]
     setup: str
 
-    def chosen(self, open_readings: Open) -> Chosen:
+    def chosen(self, open_readings: Readings) -> Chosen:
         if all(readings == (None,) for readings in open_readings):
             found = self._another_form()
             return Chosen(list(self.sides), ("", ""), () if found is None else (found,))
@@ -118,7 +117,7 @@ class _Pair:
             fits.sort(key=lambda found: found[0][:2])
             if fits and (best := self._decided(fits)) is not None:
                 # Rotations about x, y, z renamed in a circle agree as well; only the translations tell.
-                far = next(fit[1] for fit, pair in fits if pair == best) > FITS * self._travel(best)
+                far = next(fit[1] for fit, pair in fits if pair == best) > MAX_MISFIT_SHARE * self._travel(best)
                 if far and (error := self._unlisted(open_readings)) is not None:
                     raise error
                 sides = [
@@ -129,7 +128,7 @@ class _Pair:
                 return Chosen(sides, (notes[0], notes[1]))
         raise self._undecided(open_readings)
 
-    def _undecided(self, open_readings: Open) -> InputError:
+    def _undecided(self, open_readings: Readings) -> InputError:
         """Return the error that no reading is taken, with the form by which robot and camera would agree if one is."""
         k = next(k for k, readings in enumerate(open_readings) if readings != (None,))
         side, role = self.sides[k], tuple(FRAMES)[k]
@@ -139,12 +138,12 @@ class _Pair:
                 f"{count} poses in {side.name}" for count, side in zip((n, m), self.sides, strict=True)
             )
             return doubtful(side, role, f", and {files} do not decide: one row per moment is expected in each file")
-        if n < FEWEST or not all(map(self._disagrees, product(*open_readings))):
+        if n < MIN_POSES_TO_DECIDE or not all(map(self._disagrees, product(*open_readings))):
             return doubtful(side, role, ", and the poses do not decide")
         why = ", and with none of these robot and camera agree (do the rows of the two files belong together?)"
         return self._unlisted(open_readings) or doubtful(side, role, why)
 
-    def _unlisted(self, open_readings: Open) -> InputError | None:
+    def _unlisted(self, open_readings: Readings) -> InputError | None:
         """Return the error that no reading of a file fits but another form does, if one does."""
         k = next(k for k, readings in enumerate(open_readings) if readings != (None,))
         names = ", ".join(map(str, self.sides[k].readings))
@@ -160,7 +159,7 @@ class _Pair:
                 )
         return None
 
-    def _disagrees(self, pair: tuple[Reading | None, ...]) -> bool:
+    def _disagrees(self, pair: ReadingPair) -> bool:
         """Return whether the rotations of robot and camera disagree, in both setups."""
         fits = (self.fit(pair), self._of_other_setup().fit(pair))
         return all(fit is None or fit[0] > LARGE_ROTATION for fit in fits)
@@ -168,53 +167,56 @@ class _Pair:
     def _of_other_setup(self) -> _Pair:
         return replace(self, setup="eye-to-hand" if self.setup == "eye-in-hand" else "eye-in-hand")
 
-    def _decided(self, fits: list[tuple[Any, tuple[Reading | None, ...]]]) -> tuple[Reading | None, ...] | None:
+    def _decided(self, fits: list[tuple[Misfit, ReadingPair]]) -> ReadingPair | None:
         """The readings that fit far better than all others, if any do.
 
         Two files in the same wrong order agree in rotation, so translations decide as well.
         """
-        if len(self.rows[0]) < FEWEST:
+        if len(self.rows[0]) < MIN_POSES_TO_DECIDE:
             return None
         for (angle, distance, _), pair in fits:
             if angle > LARGE_ROTATION:
                 continue
-            least = max(angle, SAME)
+            least = max(angle, CHAIN_ROUNDING)
             if all(
-                other_angle > DECIDED * least
-                or (other_distance > DECIDED * distance and angle < DECIDED * max(other_angle, SAME))
+                other_angle > DECISIVE_RATIO * least
+                or (
+                    other_distance > DECISIVE_RATIO * distance
+                    and angle < DECISIVE_RATIO * max(other_angle, CHAIN_ROUNDING)
+                )
                 or self._same(pair, other)
                 for (other_angle, other_distance, _), other in fits
             ):
                 return pair
         return None
 
-    def _same(self, first: tuple[Reading | None, ...], second: tuple[Reading | None, ...]) -> bool:
+    def _same(self, first: ReadingPair, second: ReadingPair) -> bool:
         """Return whether two pairs of readings give the same poses."""
         pairs = zip(self.poses(first), self.poses(second), strict=True)
-        return all(np.abs(a - b).max() < SAME for a, b in pairs)
+        return all(np.abs(a - b).max() < CHAIN_ROUNDING for a, b in pairs)
 
-    def _note(self, k: int, reading: Reading, fits: list[tuple[Any, tuple[Reading | None, ...]]]) -> str:
+    def _note(self, k: int, reading: Reading, fits: list[tuple[Misfit, ReadingPair]]) -> str:
         worse = [f"{pair[k]}" for _, pair in fits if pair[k] != reading]
         others = ", ".join(dict.fromkeys(worse))
         return f"rotations read as {reading}, with which robot and camera agree; with {others} they do not"
 
-    def fit(self, pair: tuple[Reading | None, ...]) -> tuple[float, float, float] | None:
+    def fit(self, pair: ReadingPair) -> Misfit | None:
         """Return the RMS rotation and translation of the target about its mean, and |t_X|; None: no X at all."""
         G, C = self.poses(pair)
         if len(G) < 3 or len(G) != len(C):
             return None
         return consistency(G if self.setup == "eye-in-hand" else inverse(G), C)
 
-    def thinned(self) -> _Pair:
-        """Return some of many poses, evenly: all are the same files."""
+    def thinned(self, most: int = 200) -> _Pair:
+        """Return about ``most`` of many poses, evenly: one reading holds for all poses of a file."""
         n, m = map(len, self.rows)
-        if n != m or n < 2 * MOST:
+        if n != m or n < 2 * most:
             return self
-        sides = tuple(_some(side, of[:: n // MOST]) for side, of in zip(self.sides, self.rows, strict=True))
+        sides = tuple(_some(side, of[:: n // most]) for side, of in zip(self.sides, self.rows, strict=True))
         every = np.arange(len(sides[0]))
         return replace(self, sides=sides, rows=(every, every))
 
-    def poses(self, pair: tuple[Reading | None, ...]) -> tuple[Array, Array]:
+    def poses(self, pair: ReadingPair) -> tuple[Array, Array]:
         """Return both sides as matrices, under the readings of a pair."""
         G, C = (
             finished(side if reading is None else replace(side, readings=(reading,)), role, unit, form, frame)[rows]
@@ -227,17 +229,17 @@ class _Pair:
     def _another_form(self) -> Finding | None:
         """Return a finding if angles or rotation vectors are of another order or unit by far."""
         angles = [side.rotation.ndim == 2 and side.rotation.shape[1] == 3 for side in self.sides]
-        if not any(angles) or len(self.rows[0]) < FEWEST:
+        if not any(angles) or len(self.rows[0]) < MIN_POSES_TO_DECIDE:
             return None
-        decided: tuple[Reading | None, ...] = (None, None)
+        decided: ReadingPair = (None, None)
         now = self.fit(decided)
         for fit in (now, self._of_other_setup().fit(decided)):
-            if fit is not None and fit[0] <= LARGE_ROTATION and fit[1] <= FITS * self._travel(decided):
+            if fit is not None and fit[0] <= LARGE_ROTATION and fit[1] <= MAX_MISFIT_SHARE * self._travel(decided):
                 return None
         for k, role in enumerate(FRAMES):
             side = self.sides[k]
             found = self._form_that_fits(k, ((None,), (None,)))
-            if found is not None and (now is None or now[1] > DECIDED * found[2]):
+            if found is not None and (now is None or now[1] > DECISIVE_RATIO * found[2]):
                 values = {
                     "name": PurePath(side.name).name,
                     "side": role,
@@ -249,7 +251,7 @@ class _Pair:
                 return Finding("poses.another_rotation", "failure", values)
         return None
 
-    def _form_that_fits(self, k: int, open_readings: Open) -> tuple[str, str | None, float] | None:
+    def _form_that_fits(self, k: int, open_readings: Readings) -> tuple[str, str | None, float] | None:
         """Return the form of the three numbers of one side that fits best, its length unit where that is open, and the
         distance; None if none does. The setup may be the other.
         """
@@ -268,11 +270,11 @@ class _Pair:
             for setup in (trial, trial._of_other_setup()):
                 fit = setup.fit(pair)
                 # Rotations about x, y, z renamed in a circle fit as well; only the translations tell.
-                if fit is not None and fit[0] < LARGE_ROTATION and fit[1] < FITS * trial._travel(pair):
+                if fit is not None and fit[0] < LARGE_ROTATION and fit[1] < MAX_MISFIT_SHARE * trial._travel(pair):
                     found.append((form, unit if len(units) > 1 else None, fit[1]))
         return min(found, key=lambda one: one[2], default=None)
 
-    def _turns_alike(self, pair: tuple[Reading | None, ...]) -> bool:
+    def _turns_alike(self, pair: ReadingPair) -> bool:
         """Return whether robot and camera rotate by the same angles from each pose to the next, whatever the setup."""
         G, C = (T[:, :3, :3] for T in self.poses(pair))
         if len(G) < 3 or len(G) != len(C):
@@ -280,7 +282,7 @@ class _Pair:
         difference = rotation_angles(G[:-1].mT @ G[1:]) - rotation_angles(C[:-1].mT @ C[1:])
         return bool(np.sqrt(np.mean(difference**2)) < 2.0 * LARGE_ROTATION)
 
-    def _travel(self, pair: tuple[Reading | None, ...]) -> float:
+    def _travel(self, pair: ReadingPair) -> float:
         """Return the standard deviation of the robot's position."""
         return float(np.linalg.norm(np.std(self.poses(pair)[0][:, :3, 3], axis=0)))
 

@@ -121,7 +121,7 @@ def plan_command(
     from ...calibration.findings import check_input
     from ...findings import warn
     from ...model.kinematics.joints_file import read_joints
-    from ...read.poses import read_robot_poses
+    from ...read.robot_poses import read_robot_poses
     from ...use.planning.plan import plan
 
     asked.require_possible(arm)

@@ -162,7 +162,7 @@ def _read_places(
     import numpy as np
 
     from ...model.kinematics.joints_file import read_joints
-    from ...read.poses import read_robot_poses
+    from ...read.robot_poses import read_robot_poses
 
     at: dict[str, Array] = {}
     names: dict[str, Path] = {}

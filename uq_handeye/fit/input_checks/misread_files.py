@@ -37,7 +37,7 @@ SMALL = 0.02
 # Readings of which one comes with the other.
 INVERSE = ("inverse robot", "inverse camera")
 # Another reading fits if its translation residuals are below this share of the travel of the robot.
-FITS = 0.2
+MAX_MISFIT_SHARE = 0.2
 # A factor (its logarithm) is that of a unit within these: of 2.54, and of 10, 25.4 and more, which no target has.
 UNIT_NEAR, UNIT_FAR = 0.03, 0.15
 
@@ -60,7 +60,7 @@ def other_readings(poses: PosePairs, turn: float, shift: float) -> list[dict[str
     for reading, robot, camera in rotation_readings(poses.robot, C):
         candidates.append((reading, robot if poses.setup == "eye-in-hand" else inverse(robot), camera))
     fitting: list[tuple[float, dict[str, Any]]] = []
-    largest = FITS * float(np.linalg.norm(np.std(G[:, :3, 3], axis=0)))
+    largest = MAX_MISFIT_SHARE * float(np.linalg.norm(np.std(G[:, :3, 3], axis=0)))
     for reading, robot, camera in candidates:
         fit = consistency(robot, camera)
         if fit is not None and reading["kind"] in INVERSE:
@@ -242,7 +242,7 @@ def alphabetical_rows(poses: PosePairs) -> Finding | None:
             if _disagreement(robot, camera) > 2.0 * LARGE_ROTATION:
                 continue
             fit = consistency(robot, camera)
-            if fit is not None and fit[0] < LARGE_ROTATION and fit[1] < FITS * travel:
+            if fit is not None and fit[0] < LARGE_ROTATION and fit[1] < MAX_MISFIT_SHARE * travel:
                 return Finding(ALPHABETICAL, "failure", {"file": file, "order": [int(k) for k in names[:4]]})
     return None
 

@@ -15,6 +15,8 @@ from ...errors import InputError
 from ...findings import Finding, warn
 
 SIDES = ("robot", "camera")
+# Streams are not interpolated across gaps of more median intervals than this.
+MAX_GAP_INTERVALS = 3.0
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,7 +20,8 @@ from ...core.geometry.se3 import Array, inverse
 from ...core.numbers.limits import MAX_LISTED
 from ...errors import InputError
 from ...formats.ros_messages import pair_text
-from ..synchronisation.interpolation import MAX_GAP_INTERVALS, at_times
+from ...model.poses.timing import MAX_GAP_INTERVALS
+from ..synchronisation.interpolation import at_times
 from .track import Pair, TimedPoses, Track, listed
 
 # Pairs of frames that a recording may have; each needs memory of its own.

@@ -51,8 +51,6 @@ from ...methods.procrustes.scaled import check_scale, se3_from_so4, so4_from_se3
 KINDS = ("so4", "geodesic")
 # The largest rotation (rad) between neighbouring samples: near half a turn either way round is possible.
 MAX_STEP_RAD = np.pi - 0.05
-# Streams are not interpolated across gaps of more median intervals than this.
-MAX_GAP_INTERVALS = 3.0
 # Entries of `Interpolated.problem`: a pose is there, or the time is before or after the stream, in a gap or half turn.
 FINE, BEFORE, AFTER, GAP, TURN = range(5)
 

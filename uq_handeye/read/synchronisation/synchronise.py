@@ -47,9 +47,9 @@ from ...model.noise.models import PoseNoise, is_joint
 from ...model.poses.pose_numbers import MIN_POSES
 from ...model.poses.pose_pairs import PosePairs, joint_values_at
 from ...model.poses.stream import Stream
-from ...model.poses.timing import SIDES, Timing
+from ...model.poses.timing import MAX_GAP_INTERVALS, SIDES, Timing
 from .correlation import Correlation, best_correlation
-from .interpolation import MAX_GAP_INTERVALS, Interpolated, check_kind, error_of_interpolation, misses
+from .interpolation import Interpolated, check_kind, error_of_interpolation, misses
 from .pairing import Pairing, noise_of_rows, thinned
 from .refinement import (
     ROWS_FOR_RESULT,

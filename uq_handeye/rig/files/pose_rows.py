@@ -21,8 +21,8 @@ from ...errors import InputError
 from ...formats.contents import FRAMES, Side, finished
 from ...formats.detect import read_contents
 from ...model.noise.joint_covariance import JointCovariance
-from ...read.beside import known_camera
-from ...read.matching import nearest
+from ...read.known_camera import known_camera
+from ...read.pairing_by_time import nearest
 from ...read.poses import side_of
 from ..description import WORLD, ArmPoses, Rig, View
 
@@ -148,10 +148,10 @@ def read_rows(
     Raises `InputError` for a file that cannot be read, holds the other side only, or leaves several readings.
     """
     if role == "camera" and (seen := known_camera(path)) is not None:
-        found: Any = seen.seen
+        found = seen.seen
         rows, S = tuple(np.asarray(found.rows).tolist()), found.covariance
         own, shared = (S.own, S.shared) if isinstance(S, JointCovariance) else (S.blocks, None)
-        root = b"" if seen.of_points else found.bundle.parameters.tobytes()
+        root = b"" if seen.pictures is None else seen.pictures.bundle.parameters.tobytes()
         return PoseRows(
             np.asarray(seen.poses), seen.name, seen.source[0], rows=rows, covariance=own, intrinsics=shared,
             calibration=root,

@@ -25,7 +25,7 @@ from ...errors import DegenerateMotionError, InputError, NotConvergedError
 from ...model.kinematics.chain import Kinematics
 from ...model.poses.pose_pairs import joint_values_at
 from ...model.poses.stream import Stream
-from ...read.beside import read_joint_file
+from ...read.joints import read_joint_file
 from ..description import ArmPoses
 from .pose_rows import PoseRows
 
@@ -70,7 +70,7 @@ def joint_rows(path: Any, chain: Kinematics, units: str | None, rows: PoseRows |
     q = read_joint_file(path, chain, units)
     if rows is None:
         return PoseRows(chain.poses(q.values), q.name, q.source, q.timestamps, joints=q.values, by_joints=True)
-    values = q.beside(rows.side, 0.0)
+    values = q.at_rows(rows.side, 0.0)
     if (lacking := np.flatnonzero(np.isnan(values).any(axis=1))).size:
         raise InputError(f"{q.name} has no joint values at {rows.names[lacking[0]]!s} of {rows.name}. Add them.")
     return replace(rows, joints=values)

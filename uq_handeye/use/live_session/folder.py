@@ -98,7 +98,7 @@ class Folder:
         Two files that are equally long, or one of both sides, are read as `calibrate` reads them.
         """
         from ...read import read_poses
-        from ...read.matching import count_arrived, read_arrived
+        from ...read.arrived import count_arrived, read_arrived
 
         robot, camera = self._sides()
         poses: PosePairs | None
@@ -121,7 +121,7 @@ class Folder:
 
     def _filled(self, path: Path) -> bool:
         """Return whether there are camera poses and joints, which a program that starts may not have written yet."""
-        from ...read.matching import count_arrived
+        from ...read.arrived import count_arrived
 
         joints = Path(self.how["joints"])
         return joints.exists() and count_arrived([path], role="camera") > 0
@@ -129,7 +129,7 @@ class Folder:
     def _with_pictures(self, pictures: Seen, robot: list[Path]) -> tuple[int, PosePairs | None]:
         from ...fit.input_checks.pose_ambiguity import resolve_board_rotation, resolve_pose_ambiguity
         from ...model.camera.board import find_corners, source_of
-        from ...read.matching import count_arrived, read_arrived
+        from ...read.arrived import count_arrived, read_arrived
 
         board, paths = pictures.read_board(), self._pictures()
         n = min(len(paths), count_arrived(robot, self.how.get("format", (None, None))[0]))
