@@ -15,14 +15,13 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_solve, solve_triangular
 
 from ...core.geometry.se3 import Array
-from ...core.numbers.rounding import SOLUTION_ROUNDING
 from .cholesky import checked_cholesky, substitute, substitute_transposed
 from .joint_covariance import JointCovariance, JointFactor
 
 Covariance = Array | JointCovariance
 Factor = Array | JointFactor
 # Smallest weight of a pose: it replaces a robust weight of 0.
-LEAST_WEIGHT = SOLUTION_ROUNDING
+LEAST_WEIGHT = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
