@@ -19,7 +19,7 @@ from support import SEED, assert_same_covariance, holds_for, rotation_vectors, r
 import uq_handeye as uq
 from uq_handeye.core.geometry.conventions import from_convention
 from uq_handeye.formats import export
-from uq_handeye.formats.controllers.forms import SINGLE, WRITTEN, written_poses
+from uq_handeye.formats.controllers.written import SINGLE, WRITTEN, written_poses
 from uq_handeye.formats.snippets import fixed_axis_angles, texts
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))

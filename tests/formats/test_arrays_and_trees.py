@@ -149,7 +149,7 @@ def test_mat_files(tmp_path, camera, monkeypatch):
         (tmp_path / "wrong.mat").write_bytes(wrong)
         with pytest.raises(InputError, match=message):
             read_poses(tmp_path / "wrong.mat", camera)
-    monkeypatch.setattr("uq_handeye.formats.numpy_poses.MAX_TABLE_BYTES", 100_000)
+    monkeypatch.setattr("uq_handeye.formats.matlab_poses.MAX_TABLE_BYTES", 100_000)
     savemat(tmp_path / "bomb.mat", {"T": np.zeros((4, 4, 2000))}, do_compression=True)
     with pytest.raises(InputError, match=r"at most 0\.1 MB unpacked"):
         read_poses(tmp_path / "bomb.mat", camera)

@@ -13,7 +13,8 @@ from support import SEED
 from uq_handeye.core.files.pose_names import pose_name
 from uq_handeye.errors import InputError
 from uq_handeye.formats.contents import finished
-from uq_handeye.formats.controllers.forms import CONTROLLERS, written_poses
+from uq_handeye.formats.controllers.forms import CONTROLLERS
+from uq_handeye.formats.controllers.written import written_poses
 from uq_handeye.formats.detect import read_contents
 from uq_handeye.formats.opencv_storage import matrix_lines
 from uq_handeye.read import read_poses, write_pose_file

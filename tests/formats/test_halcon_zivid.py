@@ -8,7 +8,7 @@ from matrix_forms import rig_of, rotation
 
 from uq_handeye.errors import InputError
 from uq_handeye.formats.detect import read_contents
-from uq_handeye.formats.matrices.makers import ALL_CODES
+from uq_handeye.formats.matrices.halcon import ALL_CODES
 from uq_handeye.read import read_poses
 
 ROBOT, CAMERA = rig_of(8)

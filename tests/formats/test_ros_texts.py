@@ -10,7 +10,8 @@ from support import random_transforms
 from uq_handeye.errors import InputError
 from uq_handeye.formats.contents import finished
 from uq_handeye.formats.detect import read_contents
-from uq_handeye.formats.ros_topic import is_ros_topic, is_tf_echo, read_ros_topic, read_tf_echo
+from uq_handeye.formats.ros_topic import is_ros_topic, read_ros_topic
+from uq_handeye.formats.tf_echo import is_tf_echo, read_tf_echo
 from uq_handeye.read import read_poses
 
 BASE = 1_700_000_000

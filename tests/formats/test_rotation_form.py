@@ -5,8 +5,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import uq_handeye as uq
-from uq_handeye.formats.contents import SEQUENCES, rotation_form
 from uq_handeye.formats.controllers.forms import CONTROLLERS
+from uq_handeye.formats.rotations import SEQUENCES, rotation_form
 
 UNIT = {"x": np.eye(3)[0], "y": np.eye(3)[1], "z": np.eye(3)[2]}
 

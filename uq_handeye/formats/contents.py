@@ -1,45 +1,25 @@
-"""Content of a pose file as a reader returns it, and its conversion to metres, matrices and one frame.
-
-Rotations as numbers: quaternions, rotation vectors, Euler angles of any order, matrices.
-
-A form is a text: ``xyzw`` and ``wxyz`` (quaternions), ``rotvec-rad`` and ``rotvec-deg`` (rotation vectors), an order of
-axes with the unit of the angles, such as ``ZYX-deg`` or ``xyz-rad``, or, for matrices 3x3, ``matrix`` and
-``transposed``. The axes are those of SciPy's ``Rotation.from_euler``: capital letters rotate about the rotated axes
-(intrinsic), small letters about the fixed axes (extrinsic). ``ZYX`` with angles a, b, c is ``Rz(a) Ry(b) Rx(c)``, and
-so is ``xyz`` with c, b, a.
-
-Poses of a folder or a pattern with one file per pose, as if they stood in one file.
-"""
+"""Content of a pose file as a reader returns it, and its conversion to metres, matrices and one frame."""
 
 from __future__ import annotations
 
 import re
-import warnings
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
-from hashlib import sha256
-from itertools import product
-from pathlib import Path, PurePath
-from typing import Any, cast
+from dataclasses import dataclass, field
+from pathlib import PurePath
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
-from ..core.files.folders import numbers_in
-from ..core.files.open import shown
-from ..core.files.source import Source
 from ..core.formatting.units import LENGTH_UNITS
 from ..core.geometry.checks import TOO_LONG, as_transforms, first_duplicate
 from ..core.geometry.se3 import Array, inverse
 from ..errors import InputError, among, require_one_of
+from .rotations import MATRICES, QUATERNIONS, RotationForm, rotation_form
 
 # The frames in which poses are used, and those that are inverted first.
 FRAMES = {"robot": ("base_T_gripper", "gripper_T_base"), "camera": ("camera_T_target", "target_T_camera")}
-
 # | |q| - 1 | of an accepted quaternion: four decimals pass, Euler angles and shifted columns do not.
 NORM_TOLERANCE = 1e-3
-
 COLUMNS = ("timestamp", "x", "y", "z", "qx", "qy", "qz", "qw")
 
 
@@ -188,7 +168,7 @@ def _form(side: Side, role: str, rotation: str | None) -> tuple[RotationForm, Re
         known = {9: " or ".join(MATRICES), 4: " or ".join(QUATERNIONS), 3: "Euler angles or a rotation vector"}[k]
         raise InputError(
             f"{side.name} holds {what}, and {rotation} does not apply to it: expected {known}. Leave `rotation` "
-            f"out for the {role} (--rotation, --quaternion)."
+            f"out for the {role} (--rotation {role}=..., --quaternion {role}=...)."
         )
     if not side.readings:
         return rotation_form({9: "matrix", 4: side.order}[k]), None
@@ -242,144 +222,6 @@ def check_numbers(side: Side) -> None:
         else:
             hint = "are the columns shifted, or are these Euler angles, a rotation vector or rounded numbers?"
         raise InputError(f"{where}: expected a unit quaternion, got the norm {norms[row]:.6g}: {hint}")
-
-
-QUATERNIONS = ("xyzw", "wxyz")
-MATRICES = ("matrix", "transposed")
-VECTORS = ("rotvec-rad", "rotvec-deg")
-# All orders of axes: no axis twice in a row.
-SEQUENCES = tuple(
-    "".join(axes)
-    for letters in ("XYZ", "xyz")
-    for axes in product(letters, repeat=3)
-    if axes[0] != axes[1] and axes[1] != axes[2]
-)
-
-# How many numbers each form has.
-_NUMBERS = {
-    **dict.fromkeys(QUATERNIONS, 4),
-    **dict.fromkeys(MATRICES, 9),
-    **dict.fromkeys((*VECTORS, *(f"{order}-{unit}" for order in SEQUENCES for unit in ("deg", "rad"))), 3),
-}
-
-
-@dataclass(frozen=True)
-class RotationForm:
-    """One of the forms: its ``text``, how many ``numbers`` it has, 3, 4 or 9."""
-
-    text: str
-    numbers: int
-
-    def decode(self, values: Array) -> Array:
-        """Rotation matrices (n, 3, 3) of numbers (n, k), or of matrices (n, 3, 3)."""
-        if self.text in MATRICES:
-            return values if self.text == "matrix" else np.swapaxes(values, -1, -2)
-        if self.text in QUATERNIONS:
-            rotation = Rotation.from_quat(values, scalar_first=self.text == "wxyz")
-        elif self.text in VECTORS:
-            rotation = Rotation.from_rotvec(values, degrees=self.degrees)
-        else:
-            rotation = Rotation.from_euler(cast(Any, self.text[:3]), values, degrees=self.degrees)
-        return np.asarray(rotation.as_matrix())
-
-    def encode(self, R: Array) -> Array:
-        """Numbers (n, k) of rotation matrices (n, 3, 3), or matrices; a quaternion has a scalar of at least 0."""
-        rotation = Rotation.from_matrix(R)
-        if self.text in QUATERNIONS:
-            return np.asarray(rotation.as_quat(canonical=True, scalar_first=self.text == "wxyz"))
-        if self.text in MATRICES:
-            return R if self.text == "matrix" else np.swapaxes(R, -1, -2)
-        if self.text in VECTORS:
-            return np.asarray(rotation.as_rotvec(degrees=self.degrees))
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", UserWarning)  # gimbal lock: SciPy sets the third angle to 0, which is right
-            return np.asarray(rotation.as_euler(cast(Any, self.text[:3]), degrees=self.degrees))
-
-    @property
-    def degrees(self) -> bool:
-        """True for angles and rotation vectors in degrees."""
-        return self.text.endswith("-deg")
-
-
-def rotation_form(text: Any) -> RotationForm:
-    """Return the form of a text; raises `InputError` for any other text."""
-    if among(text, _NUMBERS):
-        return RotationForm(text, _NUMBERS[text])
-    hint = ""
-    if among(text, (*SEQUENCES, "rotvec")):
-        hint = f"; add the unit of the angles: {text}-deg or {text}-rad"
-    elif str(text).lower() in ("rpy-deg", "rpy-rad"):
-        hint = f"; roll, pitch, yaw are xyz{text[3:].lower()}"
-    raise InputError(
-        "Expected `rotation` (--rotation) to be an order of Euler angles with its unit (ZYX-deg: rotated "
-        f"axes; xyz-rad: fixed axes), rotvec-rad, rotvec-deg, xyzw, wxyz, matrix or transposed, got {text!r}{hint}."
-    )
-
-
-def joined_contents(
-    name: str, paths: Sequence[Path], parts: Sequence[tuple[Contents, Source]], left: Sequence[str] = ()
-) -> tuple[Contents, Source]:
-    """The contents of several files as one, in their order; ``left`` are notes of what is not among them.
-
-    Raises `InputError` for a file that holds more than one pose, and for files of different formats, units or sides, by
-    the first name that differs.
-    """
-    contents, sources = zip(*parts, strict=True)
-    for path, one, source in zip(paths, contents, sources, strict=True):
-        if any((n := len(getattr(one, role))) != 1 for role in _sides_of(one)):
-            raise InputError(
-                f"Expected one pose in each file of the folder or pattern {name}, got {n} in {shown(path)}. Give a "
-                "file of several poses by its own name."
-            )
-        same = source.format == sources[0].format and one.setup == contents[0].setup
-        if not same or _sides_of(one) != _sides_of(contents[0]):
-            raise InputError(
-                f"{shown(path)} ({source.format}) is not like {shown(paths[0])} ({sources[0].format}): expected "
-                f"files of one format, side and setup in {name}."
-            )
-    total = sha256()
-    for source in sources:
-        total.update(bytes.fromhex(source.sha256))
-    notes = list(dict.fromkeys(note for source in sources for note in source.notes))[:5]
-    notes += left
-    notes.append(f"{len(paths)} files, {shown(Path(paths[0].name))} to {shown(Path(paths[-1].name))}, by their names")
-    size = sum(source.size for source in sources)
-    source = Source(shown(Path(Path(name).name)), sources[0].format, size, total.hexdigest(), tuple(notes))
-    joined = {role: _joined(name, paths, [getattr(one, role) for one in contents]) for role in _sides_of(contents[0])}
-    return replace(contents[0], **joined, notes=tuple(notes)), source
-
-
-def _sides_of(contents: Contents) -> list[str]:
-    return [role for role in ("robot", "camera", "only") if getattr(contents, role) is not None]
-
-
-def _joined(name: str, paths: Sequence[Path], sides: Sequence[Side]) -> Side:
-    first = sides[0]
-    for path, side in zip(paths, sides, strict=True):
-        kinds = [(one.rotation.shape[1:], one.order, one.units, one.frame) for one in (first, side)]
-        if kinds[0] != kinds[1]:
-            raise InputError(
-                f"{shown(path)} is not like {shown(paths[0])}: other units, frames or numbers of rotations."
-            )
-    # Of several readings those are left that hold for every file.
-    readings = tuple(reading for reading in first.readings if all(reading in side.readings for side in sides))
-    if first.readings and not readings:
-        raise InputError(f"The files of {name} leave no common reading of the rotations. Give --format.")
-    times = [side.timestamps for side in sides if side.timestamps is not None]
-    stamps = np.concatenate(times) if len(times) == len(sides) else None
-    if stamps is not None and first_duplicate(stamps) is not None:  # each file counts from 0
-        stamps = None
-    return replace(
-        first,
-        name=name,
-        translation=np.concatenate([side.translation for side in sides]),
-        rotation=np.concatenate([side.rotation for side in sides]),
-        timestamps=stamps,
-        rows=None,
-        readings=readings,
-        labels=tuple(shown(Path(path.name)) for path in paths),
-        numbers=numbers_in(path.name for path in paths),
-    )
 
 
 def conversion(name: str, load: str) -> str:

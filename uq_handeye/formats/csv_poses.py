@@ -6,13 +6,6 @@ and further columns are not used. Fields are separated by commas, or, where the 
 then may have decimal commas) or tabs. Blank lines, comment lines that start with ``#``, spaces and quotes around
 fields, a byte order mark and Windows line ends are tolerated, and so is a header that is a comment; everything else
 that is not such a table is an error that names the file, the line as an editor numbers it, and the column.
-
-TUM trajectories: ``timestamp tx ty tz qx qy qz qw`` per line, separated by spaces; ``#`` starts a comment line.
-
-Seconds, metres, unit quaternion with the scalar last. A line with these names before the first row is taken, as a
-comment or without #, though the format has none; it may say that the scalar comes first. Source of the rules: TUM RGB-D
-benchmark, "File Formats" (cvg.cit.tum.de/data/datasets/rgbd-dataset/file_formats), and its reader in ``evo``
-(MichaelGrupp/evo, ``evo/tools/file_interface.py``).
 """
 
 from __future__ import annotations
@@ -36,10 +29,9 @@ from ..core.geometry.se3 import Array
 from ..core.numbers.limits import MAX_TABLE_BYTES
 from ..errors import InputError, InputWarning
 from .columns import SECONDS, counts_poses, meaning_and_unit
-from .contents import COLUMNS, QUATERNIONS, Contents, Side, finished, require_units
+from .contents import COLUMNS, Contents, Side, finished, require_units
 
 HEADER = ",".join(COLUMNS)
-
 # Columns of points in place of poses.
 _POINTS = ("point", "point_id", "marker", "marker_id", "feature", "feature_id")
 OF_POINTS = "of points, uq-handeye points -o DIR makes camera poses (docs/how-to/points.md)"
@@ -227,49 +219,3 @@ def _missing_line(n: int) -> str:
         f"add it as the first line, as the columns stand in the file: {names}, or with qw first; for other numbers see "
         "docs/how-to/controller.md"
     )
-
-
-TUM_COLUMNS = ("timestamp", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
-
-_MATRIX = "; matrices are read as --format matrix, or by their content"
-_HINTS = {4: _MATRIX, 7: "; add a time, or the row number, as the first column", 12: _MATRIX, 16: _MATRIX}
-
-
-def names_order(words: list[str]) -> str | None:
-    """The order of the quaternion in a line of names of the columns, or None for any other line."""
-    meant = [meaning_and_unit(word)[0] for word in words]
-    order = "".join(column[-1] for column in meant[4:] if column.startswith("q"))
-    return order if meant[:4] == list(COLUMNS[:4]) and order in QUATERNIONS else None
-
-
-def _tum_places(names: list[str], line: str, where: str) -> Places:
-    named = names_order(names) is not None
-    if len(names) != len(TUM_COLUMNS):
-        hint = _HINTS.get(len(names), "; docs/formats.md has the formats")
-        raise InputError(
-            f"{where}: expected the 8 numbers {' '.join(TUM_COLUMNS)} separated by spaces, got {len(names)} fields, "
-            f"{short(line)}{hint}."
-        )
-    return Places(range(len(TUM_COLUMNS)), names=None if named else TUM_COLUMNS)
-
-
-TUM_SCHEMA = Schema(
-    f"the columns {' '.join(TUM_COLUMNS)}",
-    "pose",
-    _tum_places,
-    named=lambda names: names_order(names) is not None,
-    marks=" ",
-    decimal_commas=False,
-    needs=lambda count: _HINTS.get(count, "; docs/formats.md has the formats"),
-)
-
-
-def read_tum(file: BinaryIO, name: str) -> Contents:
-    """The poses of a TUM file, as they stand there."""
-    table = read_table(file, name, TUM_SCHEMA)
-    order = names_order(table.names) or "xyzw"
-    notes = ("quaternions with the scalar first, as the columns are named",) if order == "wxyz" else ()
-    columns = (*TUM_COLUMNS[:4], *(f"q{letter}" for letter in order))
-    values = table.values
-    side = Side(name, values[:, 1:4], values[:, 4:], values[:, 0].copy(), table.lines, "line", order, columns)
-    return Contents(only=side, notes=notes)

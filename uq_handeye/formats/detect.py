@@ -1,9 +1,4 @@
-"""Detection of the format of a file by its content, and its poses as they stand there.
-
-Formats of text that their first lines tell: programs of robots, what tools of ROS print, files of one pose.
-
-Files that people give in place of poses, by their first bytes or their suffix: each refused with what to do.
-"""
+"""Detection of the format of a file by its content, and its poses as they stand there."""
 
 from __future__ import annotations
 
@@ -11,8 +6,7 @@ import difflib
 import logging
 import re
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from functools import cache, partial
+from dataclasses import replace
 from io import BufferedReader, BytesIO
 from pathlib import Path
 from typing import Any, BinaryIO, cast
@@ -24,66 +18,29 @@ from ..core.files.open import Hashed, opened, require_size, shown
 from ..core.files.pose_names import pose_name
 from ..core.files.source import Source
 from ..core.files.tree_values import fields_of, got, is_list, is_map, items_of
-from ..core.files.trees import is_json, parse_toml, parse_tree
+from ..core.files.trees import is_json, parse_tree
 from ..core.numbers.limits import MAX_DESCRIPTION_BYTES, MAX_TABLE_BYTES
 from ..errors import InputError
-from .contents import COLUMNS, Contents, conversion, joined_contents
-from .controllers.forms import CONTROLLERS, in_convention
-from .controllers.registry import ABOUT, NAMES, entries_of, is_records, kind_of, read_controller
+from .contents import COLUMNS, Contents
+from .controllers.forms import CONTROLLERS
+from .controllers.readings import in_convention
+from .controllers.records import entries_of, is_records
 from .controllers.tables import names_a_pose
-from .csv_poses import OF_POINTS, is_points_header, names_order, read_csv, read_tum
-from .json_poses import NAMES as MOVEIT_NAMES
-from .json_poses import ONE_SIDE, is_message, read_easy_handeye, read_easy_handeye2, read_json, read_moveit, samples_of
-from .matrices.arrays import listed, matrices_of, read_matrix_tree
-from .matrices.makers import is_franka, is_halcon, is_zivid, read_franka, read_halcon, read_zivid
-from .matrices.text import is_matrix_text, is_tree, read_matrix_text
-from .numpy_poses import START as MAT_START
-from .numpy_poses import read_mat, read_npy, read_npz
+from .csv_poses import OF_POINTS, is_points_header, read_csv
+from .easy_handeye import read_easy_handeye, read_easy_handeye2
+from .foreign_files import refuse_foreign
+from .json_poses import ONE_SIDE, is_message, read_json, samples_of
+from .many_files import joined_contents
+from .matlab_poses import START as MAT_START
+from .matlab_poses import read_mat
+from .matrices.matrix_trees import listed, matrices_of, read_matrix_tree
+from .matrices.text import is_tree
+from .moveit import NAMES as MOVEIT_NAMES
+from .moveit import read_moveit
+from .numpy_poses import read_npy, read_npz
 from .opencv_storage import PAIRS, is_of_opencv, is_storage, read_opencv
-from .ros_topic import is_ros_topic, is_tf_echo, read_ros_topic, read_tf_echo
-
-
-@dataclass(frozen=True)
-class TextFormat:
-    """A format of text.
-
-    Parameters
-    ----------
-    about : what it is in a few words, for help texts
-    read : returns the poses of a text; the second argument is the name of the file, for messages
-    is_it : whether the first 64 kB of a text are of this format, and of no other
-    """
-
-    about: str
-    read: Callable[[str, str], Contents]
-    is_it: Callable[[str], bool]
-
-
-def _is_kind(name: str, head: str) -> bool:
-    return kind_of(head) == name
-
-
-TEXTS: dict[str, TextFormat] = {
-    "tf-echo": TextFormat("what tf2_echo and tf_echo print", read_tf_echo, is_tf_echo),
-    "ros-topic": TextFormat("what ros2 topic echo and rostopic echo print", read_ros_topic, is_ros_topic),
-    "franka": TextFormat("O_T_EE of Franka robots: tables, JSON, printed states", read_franka, is_franka),
-    "zivid": TextFormat("a transform of Zivid, YAML, in mm", read_zivid, is_zivid),
-    "halcon": TextFormat("what write_pose of HALCON writes", read_halcon, is_halcon),
-    **{name: TextFormat(ABOUT[name], partial(read_controller, name), partial(_is_kind, name)) for name in NAMES},
-    "matrix": TextFormat("4x4 or 3x4 matrices in text, also KITTI", read_matrix_text, is_matrix_text),
-}
-
-
-# Numbers alone, which the others may hold as well.
-_LAST = ("matrix", "table")
-
-
-def named_by(head: str) -> list[str]:
-    """Return the formats that a text may have, by its beginning."""
-    named = [name for name, known in TEXTS.items() if name not in _LAST and known.is_it(head)]
-    last = ("table",) if names_a_pose(head) else _LAST
-    return named or [name for name in last if TEXTS[name].is_it(head)][:1]
-
+from .text_formats import TEXTS, named_by
+from .tum_poses import names_order, read_tum
 
 # What each is, in a few words, for help texts.
 FORMATS = {
@@ -99,7 +56,6 @@ FORMATS = {
     "json": "robot and camera, lists of 4x4 matrices or of translation and quaternion",
     **{name: known.about for name, known in TEXTS.items()},
 }
-
 _TABLES: dict[str, Callable[[BinaryIO, str], Contents]] = {"csv": read_csv, "tum": read_tum}
 _ARRAYS: dict[str, Callable[[bytes, str], Contents]] = {"npz": read_npz, "npy": read_npy, "mat": read_mat}
 _TREES: dict[str, Callable[[Any, str], Contents]] = {
@@ -110,7 +66,6 @@ _TREES: dict[str, Callable[[Any, str], Contents]] = {
     "json": read_json,
     "matrix": read_matrix_tree,
 }
-
 # Suffixes that say the format, so that nothing needs to be said.
 _SUFFIXES = {
     ".csv": "csv",
@@ -121,19 +76,14 @@ _SUFFIXES = {
     ".mat": "mat",
     ".samples": "easy_handeye2",
 }
-
 # Beginnings of arrays.
 _BINARY = {b"PK\x03\x04": "npz", b"PK\x05\x06": "npz", b"\x93NUMPY": "npy", MAT_START: "mat"}
-
 # Marks of text in UTF-16, which spreadsheets write.
 _UTF16 = (b"\xff\xfe", b"\xfe\xff")
-
 # What word processors and spreadsheets write for a minus and for spaces.
 _PLAIN = str.maketrans({"\u2212": "-", "\u2013": "-", **dict.fromkeys("\u00a0\u202f\u2009\u2007", " "), "\ufeff": ""})
-
 # What is looked at to tell the format.
 _HEAD = 65536
-
 _log = logging.getLogger("uq_handeye")
 
 
@@ -378,42 +328,3 @@ _MARKS: dict[str, Callable[[Any], bool]] = {
     "opencv": lambda tree: is_storage(tree) or bool({pair[0] for pair in PAIRS} & _keys(tree)),
     "json": _is_json,
 }
-
-
-_HDF = b"\x89HDF\r\n\x1a\n"
-_ZIP = b"PK\x03\x04"
-_PICKLED = (".pkl", ".pickle", ".joblib", ".p")
-
-
-@cache
-def _foreign() -> dict[str, dict[str, str]]:
-    """Return what files that hold no poses are, in words, and which of them each beginning tells."""
-    return parse_toml(Path(__file__).with_name("foreign.toml"))
-
-
-def refuse_foreign(head: bytes, name: str, suffix: str) -> None:
-    """Raise `InputError` for a file that holds no poses that can be read, by its first bytes."""
-    words, starts = _foreign().values()
-    for start, what in starts.items():
-        if head.startswith(start.encode("latin-1")):
-            raise InputError(f"{name} {words[what]}")
-    if suffix.lower() == ".zdf":
-        raise InputError(f"{name} is a frame of Zivid, and {words['cloud'].removeprefix('is ')}")
-    if head.startswith(_HDF):
-        raise InputError(
-            f"{name} is an HDF5 file: write the poses (n, 4, 4) by numpy.save (docs/formats.md, NPZ and NPY)."
-        )
-    pickled = head[:1] == b"\x80" and head[1:2] in (b"\x02", b"\x03", b"\x04", b"\x05")
-    if pickled or (suffix.lower() in _PICKLED and not head.startswith((b"\x93NUMPY", _ZIP))):
-        module = "joblib" if suffix.lower() == ".joblib" else "pickle"
-        load = "joblib.load(FILE)" if module == "joblib" else "pickle.load(open(FILE, 'rb'))"
-        raise InputError(
-            f"{name} is a pickle of Python, which is never loaded: it can run any code. {conversion(name, load)}"
-        )
-    if head.startswith(_ZIP):
-        member = head[30 : 30 + int.from_bytes(head[26:28], "little")]
-        office = b"[Content_Types].xml" in head[:4096] or member.startswith((b"xl/", b"docProps/"))
-        if office or suffix.lower() == ".ods":
-            raise InputError(f"{name} {words['sheet']}")
-        if member and not member.endswith(b".npy") and suffix.lower() != ".npz":
-            raise InputError(f"{name} is a ZIP archive: unpack it, and give the file or the folder of the poses.")

@@ -20,7 +20,8 @@ from ..core.files.open import StrPath, as_path, shown
 from ..core.geometry.conventions import TOOLKIT
 from ..core.geometry.se3 import Array
 from ..errors import InputError, require_one_of
-from .controllers.forms import CONTROLLERS, WRITTEN, written_poses
+from .controllers.forms import CONTROLLERS
+from .controllers.written import WRITTEN, written_poses
 from .snippets import NOT_DETERMINED, OWN_FRAMES, Transform, open_comments, opencv_name, template, transforms_of
 
 

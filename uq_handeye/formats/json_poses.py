@@ -9,27 +9,6 @@ A POSE is a 4x4 matrix (four rows, or 16 numbers row by row) or
 first. ``rotation`` may be a 3x3 matrix, and a ``geometry_msgs/Pose`` or ``Transform``, with x, y, z, w by names, is a
 POSE as well. ``setup`` and all times may be left out. ``robot`` and ``camera`` may be called by their frames
 (`pose_name`).
-
-Samples of easy_handeye (ROS 1) and easy_handeye2 (ROS 2), in YAML.
-
-easy_handeye2 saves ``parameters`` and ``samples``, each with ``robot`` and ``tracking``
-(marcoesposito1988/easy_handeye2: ``easy_handeye2/easy_handeye2/handeye_sampler.py``, ``save_samples``, and
-``easy_handeye2_msgs/msg/SampleList.msg``). easy_handeye saves no samples; its service ``get_sample_list`` prints
-``hand_world_samples`` and ``camera_marker_samples`` (IFL-CAMP/easy_handeye:
-``easy_handeye/src/easy_handeye/handeye_server.py`` and ``easy_handeye/msg/SampleList.msg``), which
-``rosservice call`` writes as YAML.
-
-Each is a ``geometry_msgs/Transform``: metres, quaternion by names. ``tracking`` is ``camera_T_target``. ``robot`` is
-what enters AX = XB (``_get_transforms`` in the samplers of both): ``base_T_gripper`` where the camera is on the hand,
-``gripper_T_base`` where it is not.
-
-Samples of MoveIt calibration, in YAML: a list of maps with ``effector_wrt_world`` and ``object_wrt_sensor``.
-
-Each is a 4x4 matrix of 16 numbers, row by row, in metres: ``base_T_gripper`` and ``camera_T_target`` for both mounts of
-the camera. Source of the rules: moveit/moveit_calibration,
-``moveit_calibration_gui/handeye_calibration_rviz_plugin/src/handeye_control_widget.cpp``, ``saveSamplesBtnClicked``.
-
-A prior of X or W in a file: a pose with its covariance, or an earlier result.
 """
 
 from __future__ import annotations
@@ -38,25 +17,18 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
-from ..core.files.one_line import short
-from ..core.files.open import StrPath, as_path, opened
 from ..core.files.pose_names import pose_name
 from ..core.files.tree_values import fields_of, got, is_list, is_map, item, items_of, matrix, number, transform, vector
-from ..core.files.trees import parse_tree
-from ..core.geometry.checks import as_transforms
 from ..core.geometry.frames import SETUPS
 from ..core.geometry.se3 import Array
-from ..core.numbers.limits import MAX_DESCRIPTION_BYTES
 from ..errors import InputError
 from .contents import Contents, Side, matrices_side
-from .controllers.registry import records_side
-from .matrices.arrays import is_poses, matrices_of, numbers_of, side_of_array
+from .controllers.records import records_side
+from .matrices.arrays import is_poses, side_of_array
+from .matrices.matrix_trees import matrices_of, numbers_of
 
 QUATERNIONS = {"quaternion_xyzw": "xyzw", "quaternion_wxyz": "wxyz"}
-
-
 ONE_SIDE = "poses"
 MESSAGE = ("timestamp", *(f"translation.{axis}" for axis in "xyz"), *(f"rotation.{axis}" for axis in "xyzw"))
 
@@ -178,175 +150,3 @@ def _side(values: Any, name: str, within: str, frame: str | None, times: Any) ->
     columns = ("timestamp", *(f"translation[{k}]" for k in range(3)), *(f"{keys[0]}[{k}]" for k in range(4)))
     table = np.array(rows)
     return Side(f"{name}{within}", table[:, :3], table[:, 3:], order=order, columns=columns, **options)
-
-
-FRAMES = ("robot_base_frame", "robot_effector_frame", "tracking_base_frame", "tracking_marker_frame")
-FIELDS = ("timestamp", *(f"translation.{a}" for a in "xyz"), *(f"rotation.{a}" for a in "xyzw"))
-
-
-def read_easy_handeye2(tree: Any, name: str) -> Contents:
-    """``samples: [{robot, tracking}, ...]``, with ``parameters``; or the list only."""
-    _refuse_result(tree, name)
-    samples = tree if is_list(tree) else item(tree, "samples", name)
-    if not items_of(samples):
-        raise InputError(f"{name}, samples: expected a list of samples, got {got(samples)}.")
-    parts = [
-        [transform(item(sample, part, f"{name}, sample {k}"), f"{name}, sample {k}, {part}") for part in _parts(sample)]
-        for k, sample in enumerate(samples)
-    ]
-    return _contents(np.array(parts), fields_of(tree).get("parameters"), name)
-
-
-def _parts(sample: Any) -> tuple[str, str]:
-    """The names of both sides; easy_handeye calls the tracking ``optical`` within its server."""
-    old = "optical" in fields_of(sample) and "tracking" not in sample
-    return "robot", "optical" if old else "tracking"
-
-
-def read_easy_handeye(tree: Any, name: str) -> Contents:
-    """``hand_world_samples`` and ``camera_marker_samples``, also below ``samples``."""
-    _refuse_result(tree, name)
-    lists = fields_of(fields_of(tree).get("samples")) or tree
-    sides = []
-    for part in ("hand_world_samples", "camera_marker_samples"):
-        values = item(lists, part, name)
-        if "transforms" in fields_of(values):  # visp_hand2eye_calibration/TransformArray
-            values = values["transforms"]
-        if not items_of(values):
-            raise InputError(f"{name}, {part}: expected a list of transforms, got {got(values)}.")
-        sides.append([transform(value, f"{name}, {part}, sample {k}") for k, value in enumerate(values)])
-    if len(sides[0]) != len(sides[1]):
-        raise InputError(
-            f"{name}: expected as many hand_world_samples as camera_marker_samples, got {len(sides[0])} and "
-            f"{len(sides[1])}."
-        )
-    parameters = tree.get("parameters", tree if "eye_on_hand" in tree else None)
-    return _contents(np.array(sides).swapaxes(0, 1), parameters, name)
-
-
-def _refuse_result(tree: Any, name: str) -> None:
-    if {"transform", "transformation"} & set(fields_of(tree)):
-        raise InputError(
-            f"{name} is a result of easy_handeye, one transform; expected its samples (easy_handeye2: the button Save "
-            "samples writes NAME.samples; easy_handeye: rosservice call .../get_sample_list > samples.yaml)."
-        )
-
-
-def _contents(parts: Any, parameters: Any, name: str) -> Contents:
-    """Contents from (n, 2, 7) numbers of robot and tracking, and the parameters of the tool."""
-    options: dict[str, Any] = {"counted": "sample", "columns": FIELDS}
-    robot, camera = (Side(name, parts[:, k, :3], parts[:, k, 3:], **options) for k in range(2))
-    setup, notes = _setup(parameters, name)
-    return Contents(robot, camera, setup=setup, robot_enters=True, notes=tuple(notes))
-
-
-def _setup(parameters: Any, name: str) -> tuple[str | None, list[str]]:
-    if not is_map(parameters):
-        return None, []
-    notes = []
-    frames = [f"{key} {short(str(parameters[key]))}" for key in FRAMES if parameters.get(key)]
-    if frames:
-        notes.append(f"frames of the tool: {', '.join(frames)}")
-    key = "calibration_type" if "calibration_type" in parameters else "eye_on_hand"
-    says = parameters.get(key)
-    if says is None or says == "":
-        return None, notes
-    known = {"eye_in_hand": "eye-in-hand", "eye_on_base": "eye-to-hand", True: "eye-in-hand", False: "eye-to-hand"}
-    if (setup := None if is_map(says) or is_list(says) else known.get(says)) is None:
-        raise InputError(f"{name}, parameters.{key}: expected eye_in_hand or eye_on_base, got {got(says)}.")
-    return setup, [*notes, f"{setup}, from {key}: {says}"]
-
-
-NAMES = ("effector_wrt_world", "object_wrt_sensor")
-
-
-def read_moveit(tree: Any, name: str) -> Contents:
-    """The samples of a tree."""
-    if "joint_values" in fields_of(tree):
-        raise InputError(f"{name} holds joint states; expected the samples, which MoveIt saves by 'Save samples'.")
-    if not items_of(tree):
-        raise InputError(f"{name}: expected a list of samples with {' and '.join(NAMES)}, got {got(tree)}.")
-    sides = [
-        np.array(
-            [matrix(item(s, key, f"{name}, sample {k}"), f"{name}, sample {k}, {key}") for k, s in enumerate(tree)]
-        )
-        for key in NAMES
-    ]
-    robot, camera = (
-        matrices_side(name, T, counted="sample", frame=frame)
-        for T, frame in zip(sides, ("base_T_gripper", "camera_T_target"), strict=True)
-    )
-    return Contents(robot, camera)
-
-
-_FORM = (
-    "'pose' (4 x 4), or 'translation' and 'quaternion' (x, y, z, w), with 'covariance' (6 x 6) or 'std' (6) of "
-    "(theta, tau) in rad and m, null where nothing is known"
-)
-
-
-def read_prior(path: StrPath, of: str = "X") -> tuple[Array, Array]:
-    """Read the prior of X or W from a YAML or JSON file, as ``prior_X`` or ``prior_W`` of `calibrate`.
-
-    Parameters
-    ----------
-    path : path of the file
-        Either a mapping with ``pose`` (4 x 4, metres), or ``translation`` (3) and ``quaternion`` (x, y, z, w), and
-        ``covariance`` (6 x 6) or ``std`` (6) of ``xi = (theta, tau)`` in rad and m: left rotation, additive
-        translation, in the parent frame of the pose. ``null`` in ``std``, and on the diagonal of ``covariance``, is a
-        component that is not known. Or the JSON of an earlier result, whose open components are not known.
-    of : "X" or "W"
-        Which pose of an earlier result.
-
-    Returns
-    -------
-    (pose (4, 4), covariance (6, 6)), infinite on the diagonal where nothing is known.
-
-    Raises
-    ------
-    InputError
-        A file that cannot be read or that holds something else.
-    """
-    target = as_path(path)
-    with opened(target, MAX_DESCRIPTION_BYTES) as file:
-        tree = parse_tree(file.read(), str(target))
-    if not is_map(tree):
-        raise InputError(f"{target}: expected {_FORM}, or an earlier result.")
-    if str(tree.get("format", "")).startswith("uq-handeye calibration"):
-        return _of_result(tree, of, str(target))
-    if ("covariance" in tree) == ("std" in tree):
-        raise InputError(f"{target}: expected either 'covariance' or 'std', {_FORM}.")
-    try:
-        if "pose" in tree:
-            pose = np.array(tree["pose"], dtype=float)
-        else:
-            pose = np.eye(4)
-            pose[:3, :3] = Rotation.from_quat(np.array(tree["quaternion"], dtype=float)).as_matrix()
-            pose[:3, 3] = tree["translation"]
-        if "std" in tree:
-            covariance = np.diag(_numbers(tree["std"], (6,)) ** 2)
-        else:
-            covariance = _numbers(tree["covariance"], (6, 6))
-    except (KeyError, TypeError, ValueError) as error:
-        raise InputError(f"{target}: expected {_FORM}, got {error}.") from error
-    return as_transforms(pose, str(target), stack=False), covariance
-
-
-def _numbers(value: Any, shape: tuple[int, ...]) -> Array:
-    """Infinity for null."""
-    S = np.array(value, dtype=object)
-    if S.shape != shape:
-        raise ValueError(f"an array of shape {S.shape}")
-    return np.array([np.inf if x is None else float(x) for x in S.ravel()]).reshape(shape)
-
-
-def _of_result(tree: dict[str, Any], of: str, name: str) -> tuple[Array, Array]:
-    pose, covariance = tree.get(of), tree.get("covariance" if of == "X" else "covariance_W")
-    std = tree.get("std" if of == "X" else "std_W")
-    if pose is None or covariance is None or std is None:
-        raise InputError(f"{name}: this result holds no {of} with a covariance.")
-    S = np.array(covariance, dtype=float)
-    unknown = np.array([value is None for value in std])
-    S[unknown], S[:, unknown] = 0.0, 0.0
-    S[unknown, unknown] = np.inf
-    return as_transforms(pose, name, stack=False), S

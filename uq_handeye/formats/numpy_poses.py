@@ -6,13 +6,6 @@ the names of OpenCV's arguments (`opencv_storage.PAIRS`); ``timestamps`` for bot
 ``rvecs`` and ``tvecs`` only, holds one side. Matrices may lack their last row, (n, 3, 4), be flat, (n, 16), or stand
 column by column (`matrices.arrays`). Nothing is unpickled, and the sizes that a file declares are checked before
 anything is read. Source of the rules: numpy/numpy, ``numpy/lib/_format_impl.py``.
-
-Poses in MAT-files of MATLAB, versions 5 to 7: arrays of numbers by name, and cells of matrices.
-
-Arrays are 4 x 4 x n as MATLAB counts poses, or in any shape that arrays of NumPy may have (`arrays`). Names are
-those of `pose_name`; a single array of another name is one side. Objects and functions are not made, and what
-a compressed file unpacks to is counted before it is read. Source: MathWorks, "MAT-File Format"; read by
-``scipy.io.loadmat``.
 """
 
 from __future__ import annotations
@@ -20,7 +13,6 @@ from __future__ import annotations
 import io
 import math
 import zipfile
-import zlib
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, BinaryIO
@@ -36,14 +28,12 @@ from ..core.geometry.se3 import Array
 from ..core.numbers.limits import MAX_TABLE_BYTES
 from ..errors import InputError
 from .contents import Contents, Side, conversion
-from .controllers.registry import records_side
 from .matrices.arrays import is_poses, side_of_array
 from .opencv_storage import Joined, joined_pairs
 
 MAX_ARRAYS = 100
 FRANKA = "O_T_EE"
 TIMES = ("timestamps", "timestamp", "times", "t")
-
 # Other names of rotations and translations.
 _ALIASES = {"rvec": "rvecs", "tvec": "tvecs", "rotations": "R", "translations": "t", "Rs": "R", "ts": "t"}
 
@@ -195,99 +185,3 @@ def _header(file: BinaryIO) -> tuple[tuple[int, ...], np.dtype[Any], int]:
     reader = npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0
     shape, _, dtype = reader(file)
     return shape, dtype, start
-
-
-MAX_CELLS = 100_000
-START = b"MATLAB 5.0 MAT-file"
-HELP = "docs/formats.md, MATLAB"
-
-_HEADER, _COMPRESSED, _PIECE = 128, 15, 1 << 20
-
-
-def read_mat(data: bytes, name: str) -> Contents:
-    """Return the poses of a file."""
-    arrays = _arrays(data, name)
-    joined = joined_pairs({key: _by_first_axis(values) for key, values in arrays.items()}, name)
-
-    def times_of(key: str) -> Array | None:
-        return arrays[key].reshape(-1) if key in arrays else None
-
-    if (contents := _of_arrays(arrays, joined, times_of, name)) is not None:
-        return contents
-    if (vectors := _of_vectors(arrays, name)) is not None:
-        return Contents(only=vectors)
-    found = short(", ".join(f"{key} {values.shape}" for key, values in arrays.items()) or "none")
-    raise InputError(
-        f"{name}: expected the arrays robot and camera, each 4 x 4 x n, or a single one, got {found} ({HELP})."
-    )
-
-
-def _by_first_axis(values: Array) -> Array:
-    """Return rotations and translations that MATLAB counts by the last axis, counted by the first."""
-    if values.ndim == 3 and values.shape[:2] in ((3, 3), (3, 1), (1, 3)):
-        return np.moveaxis(values, -1, 0)
-    return values.T if values.ndim == 2 and values.shape[0] == 3 != values.shape[1] else values
-
-
-def _of_vectors(arrays: dict[str, Array], name: str) -> Side | None:
-    """Return poses of one vector per column of a table, by the names of the columns; None where they are none."""
-    columns = {key: values.reshape(-1) for key, values in arrays.items() if max(values.shape, default=0) == values.size}
-    if len({len(values) for values in columns.values()}) != 1:
-        return None
-    rows = np.column_stack(list(columns.values())).tolist()
-    return records_side([dict(zip(columns, row, strict=True)) for row in rows], name)
-
-
-def _arrays(data: bytes, name: str) -> dict[str, Array]:
-    """The arrays of numbers of a file, and cells of matrices as one array."""
-    from scipy.io import loadmat, whosmat
-
-    def file() -> Any:
-        return io.BytesIO(data)
-
-    with refused(f"{name}: the MAT-file is damaged"):
-        _check_size(data, name)
-        wanted = [
-            key
-            for key, shape, kind in whosmat(file())
-            if kind in ("double", "single", "cell") and int(np.prod(shape)) <= MAX_TABLE_BYTES // 8
-        ]
-        loaded: dict[str, Any] = loadmat(file(), variable_names=wanted) if wanted else {}
-    arrays: dict[str, Array] = {}
-    for key in wanted:
-        values = _numbers_of(loaded.get(key))
-        if values is not None:
-            arrays[key] = values
-    return arrays
-
-
-def _numbers_of(values: Any) -> Array | None:
-    """An array of numbers, or the matrices of a cell; None for anything else."""
-    if values is None:
-        return None
-    if values.dtype.kind in "fiu":
-        return np.asarray(values, dtype=float)
-    if values.dtype != object or not 0 < values.size <= MAX_CELLS:
-        return None
-    cells: list[NDArray[Any]] = list(values.reshape(-1, order="F"))
-    alike = all(cell.dtype.kind in "fiu" and cell.shape == (4, 4) for cell in map(np.asarray, cells))
-    return np.stack(cells).astype(float) if alike else None
-
-
-def _check_size(data: bytes, name: str) -> None:
-    """Raise `InputError` for a file that unpacks to more than `MAX_TABLE_BYTES`, or is cut off."""
-    order = "little" if data[126:128] == b"IM" else "big"
-    at, total = _HEADER, 0
-    while at + 8 <= len(data):
-        kind, size = (int.from_bytes(data[at + k : at + k + 4], order) for k in (0, 4))  # type: ignore[arg-type]
-        if at + 8 + size > len(data):
-            raise InputError(f"{name}: the file is cut off: it declares more than it holds.")
-        if kind == _COMPRESSED:
-            unpacker = zlib.decompressobj()
-            piece = data[at + 8 : at + 8 + size]
-            while piece and total <= MAX_TABLE_BYTES:
-                total += len(unpacker.decompress(piece, _PIECE))
-                piece = unpacker.unconsumed_tail
-        if total > MAX_TABLE_BYTES:
-            raise InputError(f"{name}: expected at most {MAX_TABLE_BYTES / 1e6:g} MB unpacked, got more.")
-        at += 8 + size

@@ -19,9 +19,10 @@ from ..core.geometry.frames import SETUPS
 from ..core.geometry.se3 import Array
 from ..errors import InputError, InputWarning, among, keywords_of, require_known, require_one_of
 from ..findings import Finding
-from ..formats.contents import FRAMES, QUATERNIONS, Contents, Side, finished, rotation_form
+from ..formats.contents import FRAMES, Contents, Side, finished
 from ..formats.csv_poses import warn_if_back
 from ..formats.detect import read_contents
+from ..formats.rotations import QUATERNIONS, rotation_form
 from ..model.poses.pose_pairs import PosePairs
 from ..model.poses.stream import Stream
 from .joints import Joints, give_joints, joints_of

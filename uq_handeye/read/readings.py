@@ -21,7 +21,8 @@ from ..core.numbers.rounding import CHAIN_ROUNDING
 from ..errors import InputError
 from ..findings import Finding, warn
 from ..fit.input_checks.misread_files import LARGE_ROTATION, MAX_MISFIT_SHARE, consistency
-from ..formats.contents import FRAMES, SEQUENCES, VECTORS, Reading, Side, doubtful, finished, rotation_form
+from ..formats.contents import FRAMES, Reading, Side, doubtful, finished
+from ..formats.rotations import SEQUENCES, VECTORS, rotation_form
 from ..model.poses.residuals import rotation_angles
 
 # A reading is taken if the rotations of every other fit worse by this factor, or are the same and the translations do.

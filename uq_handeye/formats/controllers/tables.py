@@ -30,7 +30,8 @@ from ..columns import (
 )
 from ..contents import NORM_TOLERANCE, Contents, Side
 from ..number_table import FEWEST, TITLE_LINES, NumberTable, names_of, read_number_table
-from .forms import CONTROLLERS, PoseForm, interpret
+from .forms import CONTROLLERS, PoseForm
+from .readings import interpret
 
 HELP = "see docs/how-to/controller.md"
 # Rows that tell whether a text is a table of poses.

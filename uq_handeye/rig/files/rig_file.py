@@ -40,7 +40,7 @@ from ...core.files.records import read
 from ...core.files.tree_values import is_list, is_map
 from ...core.files.trees import parse_toml
 from ...errors import InputError
-from ...formats.json_poses import read_prior
+from ...formats.priors import read_prior
 from ...model.kinematics.chain import Kinematics
 from ..description import WORLD, ArmPoses, Rig, nearest_names, require_in_rig, require_names
 from ..noise import require_noise

@@ -19,7 +19,8 @@ from ...core.presentation.document import Document, Paragraph, Table, document_o
 from ...core.presentation.shown import Shown
 from ...core.runtime.read_only import ReadOnlyArrays
 from ...errors import InputError
-from ...formats.controllers.forms import CONTROLLERS, SINGLE, WRITTEN, columns, in_form, written_poses
+from ...formats.controllers.forms import CONTROLLERS
+from ...formats.controllers.written import SINGLE, WRITTEN, columns, in_form, written_poses
 from ...model.noise.models import PoseNoise
 from ...read import pose_text, write_atomically
 from .weak_prior import PRIOR

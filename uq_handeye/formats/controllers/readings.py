@@ -1,0 +1,174 @@
+"""Readings of the numbers of poses: the rotation and the length unit, by the convention and by the size of the numbers.
+
+A convention says degrees or radians, millimetres or metres. Numbers of the wrong size contradict it: no robot reaches
+20 m, none is calibrated within 5 mm, and no angle in radians is beyond a turn. Then the numbers are right, and a note
+says so; where both may be, both are readings, and the other side decides.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ...core.geometry.se3 import Array
+from ...errors import InputError
+from ..contents import Contents, Reading, Side
+from ..rotations import rotation_form
+from .forms import CONTROLLERS, PoseForm
+
+# Translations: all below the first are in m, some beyond the second in mm; between them both may be.
+METRES, MILLIMETRES = 5.0, 20.0
+# An angle in rad is at most a turn; the rest is rounding.
+TURN = 2.0 * np.pi + 1e-3
+# Forms of three numbers whose names do not say which they are.
+_UNSAID = (
+    ("ur", "rotvec-rad"), ("rpy", "xyz-rad"), ("table", "XYZ-rad"), ("table", "ZYX-rad"), ("table", "ZYZ-rad"),
+    ("kuka", "ZYX-deg"), ("fanuc", "xyz-deg"), ("staubli", "XYZ-deg"), ("kawasaki", "ZYZ-deg"),
+    ("table", "rotvec-deg"),
+)  # fmt: skip
+# The same by the names rx, ry, rz (each about its own axis), and alpha, beta, gamma.
+_BY_AXES = (
+    ("ur", "rotvec-rad"), ("rpy", "xyz-rad"), ("table", "XYZ-rad"),
+    ("yaskawa", "xyz-deg"), ("staubli", "XYZ-deg"), ("table", "rotvec-deg"),
+)  # fmt: skip
+_BY_KIND: dict[str, tuple[tuple[str, str], ...]] = {
+    "abc": (("kuka", "ZYX-deg"),),
+    "wpr": (("fanuc", "xyz-deg"),),
+    "oat": (("kawasaki", "ZYZ-deg"),),
+    "aer": (("comau", "ZYZ-deg"),),
+    "uvw": (("epson", "ZYX-deg"),),
+    "rpy": (("rpy", "xyz-rad"),),
+    "rotvec": (("ur", "rotvec-rad"),),
+    "rxyz": _BY_AXES,
+    "euler": _UNSAID,
+    "unsaid": _UNSAID,
+}
+
+
+def interpret(
+    kind: str, translation: Array, rotation: Array, form: PoseForm | None, length: str | None, angle: str | None
+) -> tuple[tuple[Reading, ...], list[str]]:
+    """Return the readings of poses, and what is to be said of them.
+
+    Parameters
+    ----------
+    kind : what the names of the rotation are, a key of `columns.ROTATIONS` or `columns.QUATERNIONS`; "unsaid"
+    translation, rotation : the numbers, (n, 3) and (n, 3) or (n, 4)
+    form : the maker that is asked for, or that the file names; None: by ``kind``
+    length, angle : units that the file itself says
+    """
+    readings: list[Reading] = []
+    for name, text in _forms(kind, rotation, translation, form):
+        maker = CONTROLLERS.get(name)
+        for said in _angles(text, rotation, angle, only=form is not None):
+            units = (length,) if length else _lengths(translation, None if maker is None else maker.units)
+            readings += [Reading(name, said, unit) for unit in units]
+    # Those that are the maker's own come first, and what says the same as one before is left out.
+    readings.sort(key=lambda one: one.format not in CONTROLLERS or CONTROLLERS[one.format].rotation != one.rotation)
+    distinct: dict[tuple[str, str | None], Reading] = {}
+    for reading in readings:
+        distinct.setdefault((reading.rotation, reading.units), reading)
+    found = tuple(distinct.values())
+    makers = {reading.format for reading in found}
+    return found, _contradictions(found, form or (CONTROLLERS.get(makers.pop()) if len(makers) == 1 else None))
+
+
+def in_convention(contents: Contents, form: PoseForm) -> Contents:
+    """Return poses of arrays or JSON in the convention of a maker that is asked for.
+
+    Raises `InputError` for matrices, and for numbers that the file itself names otherwise.
+    """
+    sides: dict[str, Any] = {}
+    notes: list[str] = []
+    for role in ("robot", "camera", "only"):
+        side: Side | None = getattr(contents, role)
+        if side is None:
+            continue
+        if got := _against(side, form):
+            raise InputError(
+                f"{side.name}: expected x, y, z, {', '.join(form.columns)} ({form.maker}), got {got}. Leave --format "
+                "out; see docs/how-to/controller.md."
+            )
+        angle = "deg" if form.rotation.endswith("-deg") else None
+        readings, said = interpret("unsaid", side.translation, side.rotation, form, side.units, angle)
+        sides[role] = replace(side, readings=readings)
+        notes += said
+    return replace(contents, notes=(*contents.notes, *notes), **sides)
+
+
+def _against(side: Side, form: PoseForm) -> str | None:
+    """Return what a file holds in place of the numbers of a maker; None where it may hold these."""
+    if side.rotation.ndim == 3:
+        return "matrices"
+    if side.rotation.shape[1] != rotation_form(form.rotation).numbers:
+        return f"{side.rotation.shape[1]} numbers per rotation"
+    said = {reading.rotation for reading in side.readings} or {side.order}
+    names = tuple(name.lower() for name in side.columns[4:])
+    if len(said) > 1 or names == tuple(name.lower() for name in form.columns):
+        return None
+    stem = said.pop().partition("-")[0]
+    return None if stem == form.rotation.partition("-")[0] else f"the numbers {', '.join(side.columns[4:])} ({stem})"
+
+
+def _forms(kind: str, rotation: Array, translation: Array, form: PoseForm | None) -> Sequence[tuple[str, str]]:
+    if rotation.shape[1] == 4:
+        if form is not None and rotation_form(form.rotation).numbers == 4:
+            return ((form.name, form.rotation),)
+        small = translation.size > 0 and np.nanmax(np.abs(translation)) < MILLIMETRES
+        return {
+            "named": (("table", "xyzw"),),
+            "q1234": (("abb", "wxyz"), ("table", "xyzw")) if small else (("abb", "wxyz"),),
+            "q0123": (("abb", "wxyz"),),
+        }.get(kind, (("abb", "wxyz"), ("table", "xyzw")))
+    if form is not None:
+        return ((form.name, form.rotation),)
+    return _BY_KIND[kind]
+
+
+def _angles(text: str, rotation: Array, unit: str | None, only: bool) -> list[str]:
+    """Return the form with the unit, or both units, that the numbers may have."""
+    found = rotation_form(text)
+    if found.numbers != 3:
+        return [text]
+    stem = text[:-3]
+    if unit is not None:
+        return [stem + unit]
+    largest = _largest(np.linalg.norm(rotation, axis=1) if stem == "rotvec-" else rotation)
+    if largest > TURN:
+        return [f"{stem}deg"]
+    if text.endswith("rad") and (only or len(rotation) > 1 or stem == "rotvec-"):
+        return [text]
+    return [text, stem + ("deg" if text.endswith("rad") else "rad")]
+
+
+def _lengths(translation: Array, usual: str | None) -> tuple[str, ...]:
+    """Return the length units that the numbers may be in, the maker's first."""
+    largest = _largest(translation)
+    if largest < METRES:
+        return ("m",)
+    if largest > MILLIMETRES:
+        return ("mm",)
+    return ("mm", "m") if usual == "mm" else ("m", "mm")
+
+
+def _largest(numbers: Array) -> float:
+    finite = np.abs(numbers[np.isfinite(numbers)])
+    return float(finite.max()) if finite.size else 0.0
+
+
+def _contradictions(readings: Sequence[Reading], form: PoseForm | None) -> list[str]:
+    """Return notes of units other than those of the convention."""
+    if form is None:
+        return []
+    notes = []
+    lengths = {reading.units for reading in readings}
+    if form.units not in lengths:
+        (other,) = lengths if len(lengths) == 1 else ("several units",)
+        notes.append(f"translations in {other}, as their size shows or the file says; {form.name} has {form.units}")
+    angles = {reading.rotation for reading in readings}
+    if form.rotation not in angles and len(angles) == 1:
+        notes.append(f"rotations {angles.pop()}, as their size shows or the file says; {form.name} has {form.rotation}")
+    return notes

@@ -1,0 +1,88 @@
+"""A prior of X or W in a file: a pose with its covariance, or an earlier result."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from ..core.files.open import StrPath, as_path, opened
+from ..core.files.tree_values import is_map
+from ..core.files.trees import parse_tree
+from ..core.geometry.checks import as_transforms
+from ..core.geometry.se3 import Array
+from ..core.numbers.limits import MAX_DESCRIPTION_BYTES
+from ..errors import InputError
+
+_FORM = (
+    "'pose' (4 x 4), or 'translation' and 'quaternion' (x, y, z, w), with 'covariance' (6 x 6) or 'std' (6) of "
+    "(theta, tau) in rad and m, null where nothing is known"
+)
+
+
+def read_prior(path: StrPath, of: str = "X") -> tuple[Array, Array]:
+    """Read the prior of X or W from a YAML or JSON file, as ``prior_X`` or ``prior_W`` of `calibrate`.
+
+    Parameters
+    ----------
+    path : path of the file
+        Either a mapping with ``pose`` (4 x 4, metres), or ``translation`` (3) and ``quaternion`` (x, y, z, w), and
+        ``covariance`` (6 x 6) or ``std`` (6) of ``xi = (theta, tau)`` in rad and m: left rotation, additive
+        translation, in the parent frame of the pose. ``null`` in ``std``, and on the diagonal of ``covariance``, is a
+        component that is not known. Or the JSON of an earlier result, whose open components are not known.
+    of : "X" or "W"
+        Which pose of an earlier result.
+
+    Returns
+    -------
+    (pose (4, 4), covariance (6, 6)), infinite on the diagonal where nothing is known.
+
+    Raises
+    ------
+    InputError
+        A file that cannot be read or that holds something else.
+    """
+    target = as_path(path)
+    with opened(target, MAX_DESCRIPTION_BYTES) as file:
+        tree = parse_tree(file.read(), str(target))
+    if not is_map(tree):
+        raise InputError(f"{target}: expected {_FORM}, or an earlier result.")
+    if str(tree.get("format", "")).startswith("uq-handeye calibration"):
+        return _of_result(tree, of, str(target))
+    if ("covariance" in tree) == ("std" in tree):
+        raise InputError(f"{target}: expected either 'covariance' or 'std', {_FORM}.")
+    try:
+        if "pose" in tree:
+            pose = np.array(tree["pose"], dtype=float)
+        else:
+            pose = np.eye(4)
+            pose[:3, :3] = Rotation.from_quat(np.array(tree["quaternion"], dtype=float)).as_matrix()
+            pose[:3, 3] = tree["translation"]
+        if "std" in tree:
+            covariance = np.diag(_numbers(tree["std"], (6,)) ** 2)
+        else:
+            covariance = _numbers(tree["covariance"], (6, 6))
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(f"{target}: expected {_FORM}, got {error}.") from error
+    return as_transforms(pose, str(target), stack=False), covariance
+
+
+def _numbers(value: Any, shape: tuple[int, ...]) -> Array:
+    """Infinity for null."""
+    S = np.array(value, dtype=object)
+    if S.shape != shape:
+        raise ValueError(f"an array of shape {S.shape}")
+    return np.array([np.inf if x is None else float(x) for x in S.ravel()]).reshape(shape)
+
+
+def _of_result(tree: dict[str, Any], of: str, name: str) -> tuple[Array, Array]:
+    pose, covariance = tree.get(of), tree.get("covariance" if of == "X" else "covariance_W")
+    std = tree.get("std" if of == "X" else "std_W")
+    if pose is None or covariance is None or std is None:
+        raise InputError(f"{name}: this result holds no {of} with a covariance.")
+    S = np.array(covariance, dtype=float)
+    unknown = np.array([value is None for value in std])
+    S[unknown], S[:, unknown] = 0.0, 0.0
+    S[unknown, unknown] = np.inf
+    return as_transforms(pose, name, stack=False), S
