@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from uq_handeye.model.camera.adjustment.variable_projection import STILL, diagonal, minimised, reduced
+from uq_handeye.model.camera.adjustment.variable_projection import CONVERGED_SHARE, diagonal, minimised, reduced
 
 N, M, F = 5, 20, 3
 
@@ -65,7 +65,7 @@ def test_it_is_the_minimum_over_everything_at_once(rng, known, far):
     normal = found.information + (prior[1].T @ prior[1] if known else 0.0)
     assert found.squares == pytest.approx(cost, rel=1e-10)
     off = found.values - v
-    assert off @ information @ off < 2 * STILL * cost
+    assert off @ information @ off < 2 * CONVERGED_SHARE * cost
     np.testing.assert_allclose(found.blocks, p, atol=1e-5)
     np.testing.assert_allclose(normal, information, rtol=1e-4, atol=1e-4 * np.abs(information).max())
     _, A, B = problem.rows(found.values, found.blocks)
@@ -78,7 +78,7 @@ def test_it_is_the_minimum_over_everything_at_once(rng, known, far):
 def test_pictures_taken_one_by_one_are_the_same(rng, monkeypatch):
     problem, (values, blocks) = Problem.random(rng, 0.05)
     whole = minimised(problem, values + 0.1, blocks)
-    monkeypatch.setattr("uq_handeye.model.camera.adjustment.variable_projection.AT_ONCE", 2 * M * (F + 6))
+    monkeypatch.setattr("uq_handeye.model.camera.adjustment.variable_projection.MAX_NUMBERS_TOGETHER", 2 * M * (F + 6))
     for part, same in zip(minimised(problem, values + 0.1, blocks), whole, strict=True):
         np.testing.assert_allclose(part, same, rtol=1e-9, atol=1e-9)
 

@@ -14,10 +14,8 @@ if TYPE_CHECKING:
 
 
 # Names of camera.description.KINDS.
-KINDS = ("chessboard", "charuco", "aprilgrid", "aruco", "apriltag")
-
-
-TAGS = KINDS[2:]
+TAGS = ("aprilgrid", "aruco", "apriltag")
+KINDS = ("chessboard", "charuco", *TAGS)
 
 
 @dataclass(frozen=True)

@@ -21,8 +21,6 @@ if TYPE_CHECKING:
 
 # Names of camera.models.MODELS, and "auto", repeated here so that help and completion load quickly.
 MODEL_NAMES = ("auto", "pinhole", "brown", "fisheye")
-
-
 COEFFICIENT_NAMES = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
 
 

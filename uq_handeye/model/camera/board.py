@@ -17,6 +17,8 @@ import numpy as np
 
 from ...core.files.open import StrPath
 from ...core.files.source import Source
+from ...core.formatting.units import MM_PER_M
+from ...core.numbers.limits import MAX_LISTED
 from ...core.runtime.progress import progress_bar
 from ...errors import InputError, InputWarning, require_type
 from .charuco import charuco_finder
@@ -33,8 +35,6 @@ FINDERS = {
     "chessboard": chessboard_finder, "charuco": charuco_finder,
     "aprilgrid": tag_finder, "aruco": tag_finder, "apriltag": tag_finder,
 }  # fmt: skip
-
-
 # What to look at where a board is in no picture.
 COUNTED = {
     "chessboard": "Counted are inner corners, one less than squares.",
@@ -46,13 +46,11 @@ COUNTED = {
     "single": "Check the dictionary (--dictionary), the id (`first_id`, --first-id), and that white paper surrounds "
     "the tag.",
 }
-
-
-# Share of the pictures of the commonest tag in which another is worth a word.
-OFTEN = 0.1
-
-
-LOOKED_AT = 3  # pictures in which other tags are looked for where the board is in none
+# Another tag is named where it is in more than this share of the pictures of the commonest one.
+MIN_SHARE_OF_COMMONEST_TAG = 0.1
+# Looks by the content of the picture and the board, the latest last: a session that grows looks at each picture once.
+_LOOKS: OrderedDict[tuple[bytes, Board], _Look] = OrderedDict()
+MAX_KEPT_LOOKS = 2000
 
 
 def detect_board(images: str | Iterable[StrPath], board: Board, *, progress: bool = False) -> Corners:
@@ -124,7 +122,7 @@ def find_corners(images: str | Iterable[StrPath], board: Board, progress: bool) 
         kind = "single" if board.single else board.kind
         raise InputError(
             f"No {board} was found in any of {len(paths)} pictures, the first {names[0]}: is it that board? "
-            f"{COUNTED[kind]}{other_tags(board, map(_picture, paths[:LOOKED_AT]))}"
+            f"{COUNTED[kind]}{other_tags(board, map(_picture, paths[:3]))}"
         )
     if missing:
         warnings.warn(
@@ -157,13 +155,6 @@ class _Look(NamedTuple):
     tags: list[Tags]
 
 
-# Looks by the content of the picture and the board, the latest last: a session that grows looks at each picture once.
-_LOOKS: OrderedDict[tuple[bytes, Board], _Look] = OrderedDict()
-
-
-MOST_LOOKS = 2000
-
-
 def _look(path: Path, board: Board) -> _Look:
     """Look for the board in a picture, or return what was found in one of the same content before."""
     data = _content(path)
@@ -174,7 +165,7 @@ def _look(path: Path, board: Board) -> _Look:
         seen = (tag_finder(board, tags) if board.kind in TAGS else FINDERS[board.kind](board))(picture)
         look = _Look((picture.shape[1], picture.shape[0]), seen, tags)
     _LOOKS[key] = look
-    while len(_LOOKS) > MOST_LOOKS:
+    while len(_LOOKS) > MAX_KEPT_LOOKS:
         _LOOKS.popitem(last=False)
     return look
 
@@ -186,7 +177,11 @@ def _commonest(ids: list[list[int]]) -> int | None:
         return None
     most = max(counts.values())
     one = min(number for number, count in counts.items() if count == most)
-    often = [f"{number} ({count} pictures)" for number, count in sorted(counts.items()) if count > OFTEN * most]
+    often = [
+        f"{number} ({count} pictures)"
+        for number, count in sorted(counts.items())
+        if count > MIN_SHARE_OF_COMMONEST_TAG * most
+    ]
     if len(often) > 1:
         warnings.warn(
             f"Several tags are in the pictures: {listed(often)}. Tag {one} was taken; `first_id` (--first-id) chooses "
@@ -219,10 +214,10 @@ def _ambiguous(board: Board) -> str:
     )
 
 
-def listed(names: Sequence[str], most: int = 20) -> str:
+def listed(names: Sequence[str]) -> str:
     """Names in a sentence, not all if they are too many."""
-    rest = f" and {len(names) - most} more" if len(names) > most else ""
-    return ", ".join(names[:most]) + rest
+    rest = f" and {len(names) - MAX_LISTED} more" if len(names) > MAX_LISTED else ""
+    return ", ".join(names[:MAX_LISTED]) + rest
 
 
 def source_of(images: str | Iterable[StrPath], board: Board) -> Source:
@@ -235,5 +230,5 @@ def source_of(images: str | Iterable[StrPath], board: Board) -> Source:
         size += len(data)
     names = _names(paths)
     sides = "squares" if board.kind in SQUARES else "tags"
-    note = f"{board}, {sides} of {1e3 * board.side:g} mm; the hash is of all pictures one after the other"
+    note = f"{board}, {sides} of {MM_PER_M * board.side:g} mm; the hash is of all pictures one after the other"
     return Source(f"{names[0]} to {names[-1]} ({len(paths)})", "pictures", size, total.hexdigest(), (note,))

@@ -22,28 +22,18 @@ from ...core.files.open import StrPath, as_path, opened, shown
 from ...core.files.table import Places, Schema, read_table
 from ...core.formatting.units import LENGTH_UNITS
 from ...core.geometry.se3 import Array
+from ...core.numbers.limits import MAX_DESCRIPTION_BYTES
 from ...errors import InputError
 from ...formats.columns import meaning_and_unit
 from .board_shape import MEASURED, BoardShape
 from .measured_board import MeasuredBoard
 
-MAX_BOARD_BYTES = 20_000_000
-
-
 HEADER = "x,y,z"
-
-
 AXES = ("x", "y", "z")
-
-
 NOMINAL = tuple(f"nominal_{axis}" for axis in AXES)
-
-
 BOARD = "board: "
-
-
 # No board is bent by more than this share of its size.
-MOVED = 0.1
+MAX_BEND_SHARE = 0.1
 
 
 class BoardTable(NamedTuple):
@@ -90,7 +80,7 @@ def shape_of(table: BoardTable) -> BoardShape:
     if len(np.unique(table.nominal, axis=0)) < len(table.nominal):
         raise InputError(f"{table.name}: expected every point of the board once, got one twice; write the file again.")
     moved = table.points - table.nominal
-    if (most := float(np.abs(moved).max())) > MOVED * float(np.ptp(table.nominal, axis=0).max()):
+    if (most := float(np.abs(moved).max())) > MAX_BEND_SHARE * float(np.ptp(table.nominal, axis=0).max()):
         raise InputError(
             f"{table.name}: expected points as measured near to those as meant, got one that is {most:.3g} m off: were "
             "columns changed, or their unit?"
@@ -105,7 +95,7 @@ def read_board_table(path: StrPath) -> BoardTable:
     """All that a file of points says; raises `InputError` as `read_board_points` does."""
     location = as_path(path)
     name = shown(location)
-    with opened(location, MAX_BOARD_BYTES) as file:
+    with opened(location, MAX_DESCRIPTION_BYTES) as file:
         table = read_table(file, name, SCHEMA)
     table.require_finite()
     values = table.values * _factors(table.names, name)

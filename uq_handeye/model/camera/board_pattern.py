@@ -22,16 +22,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...core.geometry.se3 import Array
+from ...core.numbers.levels import CONTRADICTED
+from ...core.numbers.rounding import CHAIN_ROUNDING, TINY
 from ...core.runtime.read_only import ReadOnlyArrays
 from ...errors import InputError
 from .adjustment.bundle import Bundle, Sight
 from .adjustment.variable_projection import reduced
 from .board_shape import BoardShape, polynomial_shape
 from .corners import Corners
-from .residual_pattern import LARGE, RARE
-
-# Share of the largest eigenvalue of M_j below which a direction is not seen.
-SEEN = 1e-9
+from .residual_pattern import MIN_PATTERN_SHARE
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +47,7 @@ class BoardPattern(ReadOnlyArrays):
     @property
     def found(self) -> bool:
         """True if there is a pattern that matters."""
-        return self.p_value < RARE and self.share > LARGE
+        return self.p_value < CONTRADICTED.probability and self.share > MIN_PATTERN_SHARE
 
 
 def board_pattern_of(bundle: Bundle, corners: Corners) -> BoardPattern:
@@ -69,8 +68,8 @@ def board_pattern_of(bundle: Bundle, corners: Corners) -> BoardPattern:
         return total
 
     e, V = np.linalg.eigh(summed(D.mT @ D))
-    told = e > SEEN * max(float(e.max()), np.finfo(float).tiny)
-    root = np.where(told, 1.0 / np.sqrt(np.where(told, e, 1.0)), 0.0)[:, None, :] * V  # (u, 3, 3) root root^T = M^-1
+    seen = e > CHAIN_ROUNDING * max(float(e.max()), TINY)
+    root = np.where(seen, 1.0 / np.sqrt(np.where(seen, e, 1.0)), 0.0)[:, None, :] * V  # (u, 3, 3) root root^T = M^-1
     g = summed((D.mT @ r[..., None])[..., 0])
     own = D @ root[row]  # (n, most, 2, 3)
     Q = np.linalg.qr(B)[0].reshape(n, most, 2, 6)
@@ -80,7 +79,7 @@ def board_pattern_of(bundle: Bundle, corners: Corners) -> BoardPattern:
     to_shared = root.mT @ G  # (u, 3, f)
     S = bundle.covariance[np.ix_(bundle.free, bundle.free)]
     of_shared = float(np.einsum("uif,fg,uig->", to_shared, S, to_shared)) / s**2
-    nu = max(float(told.sum()) - of_poses - of_shared, 1.0)
+    nu = max(float(seen.sum()) - of_poses - of_shared, 1.0)
     T = float(np.sum((root.mT @ g[..., None]) ** 2)) / s**2
     share = np.sqrt(max(T - nu, 0.0) / (2 * int(bundle.used.sum())))
     mean = (root @ root.mT @ g[..., None])[..., 0]
@@ -110,7 +109,7 @@ def visible_bow(bundle: Bundle, corners: Corners) -> float:
         information[: len(of), : len(of)] += np.linalg.inv(bundle.prior.covariance[np.ix_(of, of)])
     size = np.sqrt(np.diag(information))
     e, V = np.linalg.eigh(information / np.outer(size, size))
-    if e[0] <= SEEN:
+    if e[0] <= CHAIN_ROUNDING:
         return float("inf")
     C = ((V / e) @ V.T / np.outer(size, size))[-shape.q :, -shape.q :]
     values, vectors = np.linalg.eigh(C)

@@ -31,33 +31,19 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from ...core.geometry.se3 import Array
+from ...core.numbers.rounding import CHAIN_ROUNDING, SOLUTION_ROUNDING, TINY
 from ...core.runtime.read_only import ReadOnlyArrays
 from ...errors import InputError
 from .measured_board import MeasuredBoard, board_axes
 
 FLAT, MEASURED = "flat", "measured"
-
-
-BOWS = {"bow2": 2, "bow3": 3, "bow4": 4}  # degree of the height
-
-
+BOWS = ("bow2", "bow3", "bow4")  # by the degree of the height
 PLANES = ("plane1", "plane2")
-
-
 # All that a polynomial can be: a bow, a shape in the plane, or both.
 SHAPES = (FLAT, *BOWS, *PLANES, *(f"{bow}+{plane}" for bow in BOWS for plane in PLANES))
-
-
-# Share of a field that must remain beside the others for the points to tell it, and height that is no plane.
-TOLD, PLANE = 1e-6, 1e-6
-
-
-# What rounding makes of components of a field that are 0.
-ROUNDED = 1e-12
-
-
-# Points nearer to each other than this share of the board are the same: they may come from tables in other units.
-SAME = 1e-6
+# Points of a board that is flat are off their plane, and the same point in two tables differs, by less than this share
+# of the size of the board: numbers in tables are rounded.
+MAX_THICKNESS_SHARE = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +73,7 @@ class BoardShape(ReadOnlyArrays):
         if np.array_equal(points, self.points):
             return np.arange(len(points))
         distance, found = KDTree(self.points).query(points)
-        far = np.asarray(distance > SAME * np.ptp(self.points, axis=0).max())
+        far = np.asarray(distance > MAX_THICKNESS_SHARE * np.ptp(self.points, axis=0).max())
         if far.any():
             odd = points[int(np.argmax(far))]
             raise InputError(
@@ -123,11 +109,11 @@ def polynomial_shape(name: str, points: Array) -> BoardShape:
     if name == FLAT:
         return flat
     parts = name.split("+")
-    degree = max(BOWS.get(part, 0) for part in parts)
+    degree = max(int(part[-1]) if part in BOWS else 0 for part in parts)
     unique = flat.points
     axes = board_axes(unique)
     local = (unique - unique.mean(axis=0)) @ axes.T
-    if np.ptp(local[:, 2]) > PLANE * np.ptp(local[:, :2]):
+    if np.ptp(local[:, 2]) > MAX_THICKNESS_SHARE * np.ptp(local[:, :2]):
         raise InputError(f"The points of the board lie in no plane, and {name!r} is the shape of a flat board.")
     x, y = (local[:, :2] / np.abs(local[:, :2]).max()).T
     none, one = np.zeros_like(x), np.ones_like(x)
@@ -144,12 +130,12 @@ def polynomial_shape(name: str, points: Array) -> BoardShape:
         for text, field in (("xx", x * x), ("xy", x * y), ("yy", y * y)):
             named += [(f"x {text}", (field, none, none)), (f"y {text}", (none, field, none))]
     M = np.array([np.stack(field, axis=-1).ravel() for field in (*rigid, *(field for _, field in named))]).T
-    Q, R = np.linalg.qr(M / np.maximum(np.linalg.norm(M, axis=0), np.finfo(float).tiny))
+    Q, R = np.linalg.qr(M / np.maximum(np.linalg.norm(M, axis=0), TINY))
     left = np.diag(R)
-    if M.shape[1] > M.shape[0] or (np.abs(left) < TOLD).any():
+    if M.shape[1] > M.shape[0] or (np.abs(left) < CHAIN_ROUNDING).any():
         raise InputError(f"The {len(unique)} points of the board do not determine a shape {name!r}: take 'flat'.")
     B = (Q * np.sign(left))[:, len(rigid) :] * np.sqrt(len(unique))
-    B[np.abs(B) < ROUNDED] = 0.0  # heights and shapes in the plane have nothing in common
+    B[np.abs(B) < SOLUTION_ROUNDING] = 0.0  # heights and shapes in the plane have nothing in common
     fields = axes.T @ B.reshape(len(unique), 3, -1)
     names = tuple(text for text, _ in named)
     return BoardShape(name, names, unique, flat.offset, fields, np.full(len(names), np.inf))

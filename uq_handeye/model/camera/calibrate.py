@@ -10,12 +10,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...core.geometry.se3 import Array
+from ...core.numbers.levels import CONTRADICTED, UNUSUAL
 from ...errors import InputError, NotConvergedError, require_type
 from ...findings import Finding, warn
 from .adjustment.bent_edges import bias
@@ -27,35 +27,23 @@ from .adjustment.picture_weights import picture_weights
 from .adjustment.setting import Known
 from .board_pattern import BoardPattern, board_pattern_of
 from .board_shape import BoardShape, polynomial_shape, possible_shapes
-from .corners import Corners, without_pictures
+from .corners import MIN_CORNERS, Corners, without_pictures
 from .models import LINEAR, MODELS
 from .residual_pattern import Pattern, pattern_of
 from .result import CameraCalibration
 
 # Pictures that must remain where others are left out as a whole.
-FEWEST_PICTURES = 3
-
-
-FEWEST_POINTS = 5  # of a board: the four of a single tag do not calibrate a camera
-
-
-# A focal length less certain than this share of it is warned of.
-UNCERTAIN = 0.01
-
-
-# Estimates of coefficients within so many standard deviations of 0 are not told apart from it.
-SMALL = 2.0
-
-
-TELLING = 0.001  # pixels that corners are moved by without a word
-
-
-# Squares wider than high by this share, and by so many standard deviations, are warned of.
-STRETCHED, CERTAIN = 5e-4, 3.0
-
-
-# Pixel noise (px, and as a share of the picture) beyond which corners are those of another board.
-LARGE_NOISE, LARGE_SHARE = 3.0, 0.002
+MIN_PICTURES = 3
+# Standard deviation of the focal length, relative, above which distances are too uncertain.
+MAX_FOCAL_SD_SHARE = 0.01
+# Corners that bent edges moved by less are not mentioned.
+MIN_SHIFT_PX = 0.001
+# Squares that are wider than high by less, relative, are not mentioned.
+MIN_STRETCH = 5e-4
+# Pixel noise above it is that of corners of another board.
+MAX_PIXEL_NOISE_PX = 3.0
+# Share of the corners that may be outliers.
+MAX_LEFT_OUT_SHARE = 0.02
 
 
 def calibrate_camera(
@@ -106,20 +94,20 @@ def calibrate_camera(
     require_type("corners", corners, Corners, "Corners (read_corners, detect_board)")
     size = _checked_size(corners.image_size if image_size is None else image_size, corners)
     known = dict(intrinsics or {})
-    if len(corners.on_board[0]) < FEWEST_POINTS and (open_ones := [name for name in LINEAR if name not in known]):
+    if len(corners.on_board[0]) <= MIN_CORNERS and (open_ones := [name for name in LINEAR if name not in known]):
         raise InputError(
             f"{len(corners.on_board[0])} points, such as the corners of a single tag, do not calibrate a camera: give "
             f"its {', '.join(open_ones)} as `intrinsics` (--camera-matrix)."
         )
     wrong: list[str] = []
-    if (bad := unlike_a_board(corners)).any() and corners.n - bad.sum() >= FEWEST_PICTURES:
+    if (bad := unlike_a_board(corners)).any() and corners.n - bad.sum() >= MIN_PICTURES:
         wrong += np.array(corners.names)[bad].tolist()
         corners = _rejected(corners, bad)
     lenses, shapes = _lenses(model, coefficients), _shapes(shape, corners)
     moved: list[Finding] = []
     while True:
         setting, bundle, candidates = search(corners, size, lenses, shapes, known)
-        if (bad := spoilt(corners, bundle)).any() and corners.n - bad.sum() >= FEWEST_PICTURES:
+        if (bad := spoilt(corners, bundle)).any() and corners.n - bad.sum() >= MIN_PICTURES:
             wrong += np.array(corners.names)[bad].tolist()
             corners = _rejected(corners, bad)
         elif corners.window is not None:
@@ -142,7 +130,7 @@ def calibrate_camera(
     pattern = pattern_of(bundle, corners, size)
     board_pattern = board_pattern_of(bundle, corners)
     findings = [*_findings(bundle, corners, pattern, board_pattern, model == "auto"), *moved]
-    if bundle.pixel_noise > max(LARGE_NOISE, LARGE_SHARE * max(size)):
+    if bundle.pixel_noise > MAX_PIXEL_NOISE_PX:
         values = {"pixels": bundle.pixel_noise, "board": corners.board.partition(" ")[0].partition("=")[2]}
         findings.insert(0, Finding("camera.another_board", "caution", values))
     if wrong:
@@ -179,7 +167,7 @@ def _rejected(corners: Corners, bad: NDArray[np.bool_]) -> Corners:
 def _moved(d: Array) -> list[Finding]:
     """Report how far corners (k, 2) were moved, in pixels; nothing where no edge is bent."""
     distance = np.linalg.norm(d, axis=1)
-    if distance.max(initial=0.0) < TELLING:
+    if distance.max(initial=0.0) < MIN_SHIFT_PX:
         return []
     values = {"largest": float(distance.max()), "rms": float(np.sqrt(np.mean(distance**2)))}
     return [Finding("camera.bent_edges", "note", values)]
@@ -193,17 +181,17 @@ def _findings(
     deviations = np.sqrt(np.diag(bundle.covariance))
     of = dict(zip(bundle.names, zip(bundle.parameters, deviations, bundle.free, strict=True), strict=True))
     focal, sd, free = of["fx"]
-    if free and sd > UNCERTAIN * focal:
+    if free and sd > MAX_FOCAL_SD_SHARE * focal:
         found.append(Finding("camera.focal_uncertain", "caution", {"share": sd / focal}))
     small = [
         {"name": name, "value": value, "std": sd}
         for name, (value, sd, free) in of.items()
-        if free and name in bundle.model.coefficients and abs(value) < SMALL * sd
+        if free and name in bundle.model.coefficients and value**2 < UNUSUAL.chi_square(1) * sd**2
     ]
     if small and not automatic:
         found.append(Finding("camera.coefficients_near_zero", "caution", {"coefficients": small}))
     left_out = int((~bundle.used).sum())
-    if left_out > 0.02 * corners.m:
+    if left_out > MAX_LEFT_OUT_SHARE * corners.m:
         found.append(Finding("camera.corners_left_out", "caution", {"count": left_out, "n": corners.m}))
     if pattern.found:
         values = {"share": pattern.share, "model": bundle.model.name, "tried_all": automatic}
@@ -212,12 +200,12 @@ def _findings(
         values = {"share": board_pattern.share, "shape": bundle.shape.name}
         found.append(Finding("camera.board_pattern", "caution", values))
     stretch, sd = bundle.board.stretch
-    if abs(stretch) > max(STRETCHED, CERTAIN * sd):
+    if abs(stretch) > max(MIN_STRETCH, np.sqrt(CONTRADICTED.chi_square(1)) * sd):
         found.append(Finding("camera.squares_stretched", "caution", {"stretch": stretch, "std": sd}))
     return found
 
 
-def _checked_size(image_size: Any, corners: Corners) -> tuple[int, int]:
+def _checked_size(image_size: tuple[int, int] | None, corners: Corners) -> tuple[int, int]:
     """(width, height), once the corners lie in a picture of that size."""
     try:
         width, height = (int(value) for value in image_size)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.geometry.se3 import Array, skew
+from ...core.numbers.levels import CONTRADICTED
 from ...errors import InputError
 from ...findings import Finding, texts
 from ..noise.joint_covariance import JointCovariance
@@ -19,14 +20,7 @@ from .board_pattern import BoardPattern
 from .corners import Corners, without_pictures
 from .measured_board import MeasuredBoard
 from .rays import pixel_deviation
-from .residual_pattern import LARGE, Pattern
-
-# Bins of the distance from the centre.
-BINS = 12
-# The mean of a cell is beyond chance where it is so many of its deviations long: once in 1,000.
-BEYOND = float(np.sqrt(2 * np.log(1000)))
-# Nodes of the map along the longer side of the picture.
-NODES = 49
+from .residual_pattern import MIN_PATTERN_SHARE, Pattern
 
 
 @dataclass(frozen=True, eq=False)
@@ -216,28 +210,29 @@ def picture_rms(cam: Calibrated) -> Array:
 def cells_that_matter(cam: Calibrated) -> NDArray[np.bool_]:
     """(CELLS, CELLS) where the mean residual is beyond chance and not small beside the pixel noise."""
     length = np.linalg.norm(cam.pattern.mean, axis=-1)
-    s = cam.pixel_noise
-    beyond = length > BEYOND * s / np.sqrt(np.maximum(cam.pattern.count, 1))
-    return np.asarray(beyond & (length > LARGE * np.sqrt(2) * s) & (cam.pattern.count > 0))
+    s, chance = cam.pixel_noise, np.sqrt(CONTRADICTED.chi_square(2))
+    beyond = length > chance * s / np.sqrt(np.maximum(cam.pattern.count, 1))
+    return np.asarray(beyond & (length > MIN_PATTERN_SHARE * np.sqrt(2) * s) & (cam.pattern.count > 0))
 
 
 def radial_means(cam: Calibrated) -> tuple[Array, Array, Array]:
-    """Distance from the centre, mean outward residual (pixels) and number of corners of up to BINS rings."""
+    """Distance from the centre, mean outward residual (pixels) and number of corners of up to 12 rings."""
     used = cam.bundle.used
     away = cam.corners.pixels[used] - cam.bundle.parameters[2:4]
     radius = np.linalg.norm(away, axis=1)
     outward = np.sum(cam.bundle.residuals[used] * away, axis=1) / np.maximum(radius, 1e-9)
-    ring = np.minimum((BINS * radius / (radius.max() or 1.0)).astype(int), BINS - 1)
-    count = np.bincount(ring, minlength=BINS)
+    rings = 12
+    ring = np.minimum((rings * radius / (radius.max() or 1.0)).astype(int), rings - 1)
+    count = np.bincount(ring, minlength=rings)
     some = count > 0
-    at, mean = (np.bincount(ring, values, BINS)[some] / count[some] for values in (radius, outward))
+    at, mean = (np.bincount(ring, values, rings)[some] / count[some] for values in (radius, outward))
     return at, mean, count[some].astype(float)
 
 
 def certainty(cam: Calibrated) -> tuple[Array, Array, Array]:
     """Pixels u, v (rows, columns) of a grid over the picture, and the standard deviation there."""
     width, height = cam.image_size
-    nodes = [max(round(NODES * length / max(width, height)), 9) for length in (width, height)]
+    nodes = [max(round(49 * length / max(width, height)), 9) for length in (width, height)]
     u, v = np.meshgrid(np.linspace(-0.5, width - 0.5, nodes[0]), np.linspace(-0.5, height - 0.5, nodes[1]))
     bundle = cam.bundle
     deviation = pixel_deviation(

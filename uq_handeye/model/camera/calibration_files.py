@@ -24,11 +24,7 @@ from .corners_file import corners_text
 from .intrinsics_file import FORMAT, opencv_text
 
 POSES, COVARIANCE, INTRINSICS, CORNERS = "camera.csv", "camera_covariance.npz", "intrinsics.json", "corners.csv"
-
-
 BOARD = "board.csv"
-
-
 CONVENTION = (
     f"camera_T_target of row k; covariance of all errors = blkdiag(own) + F F^T with F = shared reshaped to (6n, q); "
     f"{TOOLKIT}; m and rad"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
@@ -13,25 +13,24 @@ from .corner_refinement import Found, Picture, refined
 from .description import Board
 from .dictionaries import dictionary_of
 
-# Fewest corners that are worth a pose.
-FEWEST = 6
+if TYPE_CHECKING:
+    from cv2.aruco import CharucoDetector
 
-
-# Half the side of the window in which a corner is refined: a share of the white around the markers, whose corners are
-# no part of a corner of the board.
-SHARE_OF_MARKERS = 0.33
+# A view of fewer corners gives no pose worth its noise.
+MIN_CORNERS_OF_VIEW = 6
 
 
 def charuco_finder(board: Board) -> Callable[[Picture], Found]:
     cv2 = opencv()
     words = dictionary_of(board.dictionary)
 
-    share = SHARE_OF_MARKERS * (1.0 - float(board.marker or 0.0) / board.side)
+    # Half the window is a third of the white around the markers, whose corners are no part of a corner of the board.
+    share = 0.33 * (1.0 - float(board.marker or 0.0) / board.side)
 
-    def detector(legacy: bool) -> Any:
+    def detector(legacy: bool) -> CharucoDetector:
         layout = cv2.aruco.CharucoBoard((board.columns, board.rows), board.side, float(board.marker or 0.0), words)
         layout.setLegacyPattern(legacy)
-        return cv2.aruco.CharucoDetector(layout)
+        return cast("CharucoDetector", cv2.aruco.CharucoDetector(layout))
 
     try:
         # Boards with an even number of rows began with a white square before OpenCV 4.6; prints of both are about.
@@ -42,7 +41,7 @@ def charuco_finder(board: Board) -> Callable[[Picture], Found]:
     def find(picture: Picture) -> Found:
         for k, one in enumerate(detectors):
             corners, ids, _, _ = one.detectBoard(picture)
-            if ids is None or len(ids) < FEWEST:
+            if ids is None or len(ids) < MIN_CORNERS_OF_VIEW:
                 continue
             numbers = np.asarray(ids, dtype=np.intp).ravel()
             if np.linalg.matrix_rank(board.points[numbers, :2] - board.points[numbers[0], :2]) < 2:

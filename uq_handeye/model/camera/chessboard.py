@@ -12,8 +12,6 @@ from .adjustment.opencv import opencv
 from .corner_refinement import Found, Picture, refined
 from .description import Board
 
-SHARE = 0.4  # half the side of the window in which a corner is refined, of the distance to the nearest
-
 
 def chessboard_finder(board: Board) -> Callable[[Picture], Found]:
     cv2 = opencv()
@@ -33,7 +31,7 @@ def chessboard_finder(board: Board) -> Callable[[Picture], Found]:
             )
             if not ok:
                 return None
-        pixels, window = refined(picture, corners, SHARE)
+        pixels, window = refined(picture, corners, share=0.4)
         order = _ordered(pixels.reshape(board.rows, board.columns, 2), picture).ravel()
         return numbers, pixels[order], window[order]
 
@@ -42,7 +40,7 @@ def chessboard_finder(board: Board) -> Callable[[Picture], Found]:
 
 def _ordered(grid: Array, picture: Picture) -> NDArray[np.intp]:
     """Numbers (rows, columns) of corners (rows, columns, 2) such that z points away and the colours, or else the
-    picture, tell where x points."""
+    picture, decide where x points."""
     number = np.arange(grid.shape[0] * grid.shape[1]).reshape(grid.shape[:2])
     along = (grid[:, 1:] - grid[:, :-1]).mean(axis=(0, 1))
     down = (grid[1:] - grid[:-1]).mean(axis=(0, 1))

@@ -9,19 +9,9 @@ from ...core.geometry.se3 import Array
 from .adjustment.opencv import opencv
 from .corners import smoothing
 
-WINDOW = (2, 30)  # bounds of half the side of the window in which a corner is refined, pixels
-
-
-RIM = 2  # pixels beyond the window that a corner moved a little, and the gradient, take
-
-
 Picture = NDArray[np.uint8]
-
-
 # Numbers of the board's points, their pixels, and half the widths of the windows in which these were refined.
 Seen = tuple[NDArray[np.intp], Array, NDArray[np.intp]]
-
-
 Found = Seen | None
 
 
@@ -38,8 +28,8 @@ def refined(
         apart = np.linalg.norm(flat[:, None] - flat, axis=-1) + 1e9 * np.eye(len(flat))
         room = apart.min(axis=1)
         room = np.minimum(room, 1.2 * np.median(room))  # a neighbour may not have been found
-    rim = np.minimum(flat, np.array(picture.shape[::-1]) - 1 - flat).min(axis=1) - RIM
-    windows = np.clip(np.minimum(share * room, rim), *WINDOW).astype(np.intp)
+    rim = np.minimum(flat, np.array(picture.shape[::-1]) - 1 - flat).min(axis=1) - 2  # the gradient needs two more
+    windows = np.clip(np.minimum(share * room, rim), 2, 30).astype(np.intp)
     enough = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 100, 1e-4)
     grey, sigma = picture.astype(np.float32), smoothing(windows)
     smooth = {s: cv2.GaussianBlur(grey, (0, 0), s) for s in set(sigma.tolist())}

@@ -12,17 +12,13 @@ from numpy.typing import NDArray
 
 from ...core.geometry.checks import as_numbers
 from ...core.geometry.se3 import Array
+from ...core.numbers.limits import MAX_ROWS
 from ...errors import InputError
 
-FEWEST = 4  # corners of a picture, for its pose
-
-
-# Beyond these is no picture, board or pixel.
-LARGEST = {"row": 1e9, "points": 1e5, "pixels": 1e6}
-
-
-# Pixels that a picture is smoothed by before its corners are refined, and at most so much of the window's half width.
-SMOOTH, SMOOTH_SHARE = 1.8, 0.25
+# The pose of a picture needs four corners.
+MIN_CORNERS = 4
+# No picture is as large: beyond is a reading error.
+MAX_PIXELS = 1e6
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,18 +52,22 @@ class Corners:
                 "Expected `row` (m,), `points` (m, 3) and `pixels` (m, 2) with m > 0, got "
                 f"{row.shape}, {points.shape} and {pixels.shape}."
             )
-        for name, values in (("row", row), ("points", points), ("pixels", pixels)):
-            if not (np.abs(values) <= LARGEST[name]).all():  # nor NaN
-                raise InputError(f"Expected `{name}` to be finite and at most {LARGEST[name]:g}, got others.")
+        for name, values, most in (
+            ("row", row, MAX_ROWS),
+            ("points", points, MAX_PIXELS),
+            ("pixels", pixels, MAX_PIXELS),
+        ):
+            if not (np.abs(values) <= most).all():  # nor NaN
+                raise InputError(f"Expected `{name}` to be finite and at most {most:g}, got others.")
         if (row != np.floor(row)).any() or row.min() < 0:
             raise InputError("Expected `row` to be the numbers of pictures, 0 and up, got others.")
         order = np.argsort(row, kind="stable")
         numbers, counts = np.unique(row, return_counts=True)
-        if counts.min() < FEWEST:
+        if counts.min() < MIN_CORNERS:
             few = int(np.argmin(counts))
             raise InputError(
-                f"Expected at least {FEWEST} corners in every picture, got {counts[few]} in row {numbers[few]:.0f}: "
-                "leave that picture out."
+                f"Expected at least {MIN_CORNERS} corners in every picture, got {counts[few]} in row "
+                f"{numbers[few]:.0f}: leave that picture out."
             )
         names = tuple(str(name) for name in self.names) or tuple(f"row {number:.0f}" for number in numbers)
         if len(names) != len(numbers):
@@ -166,4 +166,4 @@ def smoothing(window: NDArray[Any]) -> Array:
     The pixels of a sharp picture are too far apart for its edges, and where a corner seems to be depends on where it
     lies between pixels: by 0.033 pixels RMS in rendered pictures, 0.013 with a Gaussian of 1 and 0.010 with 1.8.
     """
-    return np.minimum(SMOOTH, SMOOTH_SHARE * np.asarray(window, dtype=float))
+    return np.minimum(1.8, 0.25 * np.asarray(window, dtype=float))

@@ -25,15 +25,9 @@ from ...formats.contents import require_units
 from .corners import Corners
 
 COLUMNS = ("row", "x", "y", "z", "u", "v")
-
-
 HEADER = ",".join(COLUMNS)
-
-
-# Points farther apart (m) are on no board.
-LONGEST = 10.0
-
-
+# Points farther apart are on no board: they are in another unit.
+MAX_BOARD_SPAN_M = 10.0
 _log = logging.getLogger("uq_handeye")
 
 
@@ -87,7 +81,7 @@ def corners_and_used(path: StrPath, units: str = "m") -> tuple[Corners, NDArray[
         corners = Corners(value["row"], points, pixels, _pictures(table, value["row"]))
     except InputError as error:
         raise InputError(f"{name}: {str(error)[0].lower()}{str(error)[1:]}") from error
-    if (span := float(np.linalg.norm(np.ptp(points, axis=0)))) > LONGEST:
+    if (span := float(np.linalg.norm(np.ptp(points, axis=0)))) > MAX_BOARD_SPAN_M:
         warnings.warn(
             f"{name}: their points span {span:.3g} m, more than a board does: they look like millimetres. Read them "
             'with units="mm" (--units mm).',

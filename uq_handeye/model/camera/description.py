@@ -37,19 +37,13 @@ from ...errors import InputError, require_integer
 from .dictionaries import dictionary_name
 
 SQUARES, TAGS = ("chessboard", "charuco"), ("aprilgrid", "aruco", "apriltag")
-
-
 KINDS = (*SQUARES, *TAGS)
-
-
 # Dictionary of the markers where none is named.
 DICTIONARIES = {"charuco": "4X4_50", "aruco": "4X4_50", "aprilgrid": "APRILTAG_36H11", "apriltag": "APRILTAG_36H11"}
-
-
-LARGEST = 200  # corners along a side
-
-
-WIDEST = 3.0  # gap between tags, in sides of a tag
+# Corners or tags along a side of a board.
+MAX_COLUMNS = 200
+# Gap between tags, in sides of a tag.
+MAX_GAP_SIDES = 3.0
 
 
 @dataclass(frozen=True)
@@ -95,8 +89,10 @@ class Board:
         tags = self.kind in TAGS
         for name in ("columns", "rows"):
             require_integer(name, getattr(self, name), 1 if tags else 3)
-            if getattr(self, name) > LARGEST:
-                raise InputError(f"Expected `{name}` of the board to be at most {LARGEST}, got {getattr(self, name)}.")
+            if getattr(self, name) > MAX_COLUMNS:
+                raise InputError(
+                    f"Expected `{name}` of the board to be at most {MAX_COLUMNS}, got {getattr(self, name)}."
+                )
         object.__setattr__(self, "square", _positive(self.square, "square"))
         if self.dictionary is None:
             object.__setattr__(self, "dictionary", DICTIONARIES.get(self.kind, "4X4_50"))
@@ -141,10 +137,10 @@ class Board:
             raise InputError(f"Expected `spacing`, the gap between the tags of the {self.kind} board, got none.")
         share = self.kind == "aprilgrid" and not isinstance(self.spacing, str)
         gap = self.side * _positive(self.spacing, "spacing") if share else _positive(self.spacing, "spacing")
-        if gap > WIDEST * self.side:
+        if gap > MAX_GAP_SIDES * self.side:
             raise InputError(
-                f"Expected the `spacing` of tags of {self.side:g} m to be smaller than {WIDEST:g} sides, got a gap of "
-                f"{gap:g} m. Of aprilgrid a number is the gap as a share of the side, of aruco it is in metres."
+                f"Expected the `spacing` of tags of {self.side:g} m to be smaller than {MAX_GAP_SIDES:g} sides, got a "
+                f"gap of {gap:g} m. Of aprilgrid a number is the gap as a share of the side, of aruco it is in metres."
             )
         object.__setattr__(self, "spacing", gap / self.side if self.kind == "aprilgrid" else gap)
 

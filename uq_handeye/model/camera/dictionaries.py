@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,40 +11,46 @@ from ...core.files.one_line import short
 from ...errors import InputError
 from .adjustment.opencv import opencv
 
-# Code of the first tag of each family, row by row from its upper left, white 1, as AprilTag defines it.
-APRILTAGS = {"APRILTAG_16H5": 0x231B, "APRILTAG_25H9": 0x155CBF1, "APRILTAG_36H10": 0x1CA92A687}
+if TYPE_CHECKING:
+    from cv2.aruco import Dictionary
+
+# Families of tags of AprilTag, as OpenCV names them.
+APRILTAGS = ("APRILTAG_16H5", "APRILTAG_25H9", "APRILTAG_36H10", "APRILTAG_36H11")
+# Code of the first tag of 36h11 as AprilTag defines it, row by row from its upper left, white 1.
+FIRST_CODE_OF_36H11 = 0xD5D628584
 
 
-APRILTAGS |= {"APRILTAG_36H11": 0xD5D628584}
-
-
-def dictionary_name(name: Any) -> str:
+def dictionary_name(name: str | None) -> str:
     """Return the name that OpenCV has, in capitals and without ``DICT_``, of one such as ``tag36h11`` or ``4x4_50``."""
     text = str(name).upper().removeprefix("DICT_").removeprefix("TAG")
     return f"APRILTAG_{text}" if f"APRILTAG_{text}" in APRILTAGS else text
 
 
-def dictionary_of(name: Any) -> Any:
+def dictionary_names() -> list[str]:
+    """Names of all predefined dictionaries of OpenCV, without ``DICT_``."""
+    return [key.removeprefix("DICT_") for key in sorted(dir(opencv().aruco)) if key.startswith("DICT_")]
+
+
+def dictionary_of(name: str | None) -> Dictionary:
     """Return a predefined dictionary of OpenCV; raises `InputError` for other names."""
-    aruco = opencv().aruco
-    known = {key.removeprefix("DICT_").upper(): key for key in sorted(dir(aruco)) if key.startswith("DICT_")}
+    known = {key.upper(): key for key in dictionary_names()}
     if (text := dictionary_name(name)) not in known:
-        names = ", ".join(key.removeprefix("DICT_") for key in known.values())
-        raise InputError(f"Expected `dictionary` to be one of {names}, got {short(str(name))}.")
-    return aruco.getPredefinedDictionary(getattr(aruco, known[text]))
+        raise InputError(f"Expected `dictionary` to be one of {', '.join(known.values())}, got {short(str(name))}.")
+    aruco = opencv().aruco
+    return cast("Dictionary", aruco.getPredefinedDictionary(getattr(aruco, f"DICT_{known[text]}")))
 
 
-def bits_of(words: Any, number: int) -> NDArray[np.bool_]:
+def bits_of(words: Dictionary, number: int) -> NDArray[np.bool_]:
     """Return the bits (k, k) of a marker as OpenCV draws it, white True, without its border."""
     cells = words.markerSize + 2
     drawn = np.asarray(words.generateImageMarker(number, 4 * cells, borderBits=1))
     return np.asarray(drawn[2::4, 2::4] > 127)[1:-1, 1:-1]
 
 
-def drawn_upside_down(name: Any) -> bool:
-    """Return whether OpenCV draws the tags of a family half a turn from how AprilTag does: version 4 did so."""
-    if (code := APRILTAGS.get(dictionary_name(name))) is None:
+def drawn_upside_down(name: str | None) -> bool:
+    """Return whether OpenCV draws the tags of a family half a turn from how AprilTag does: version 4 draws all so."""
+    if dictionary_name(name) not in APRILTAGS:
         return False
-    bits = bits_of(dictionary_of(name), 0)
-    upright = np.array([code >> k & 1 for k in reversed(range(bits.size))], dtype=bool).reshape(bits.shape)
-    return bool((bits[::-1, ::-1] == upright).all())
+    bits = bits_of(dictionary_of("APRILTAG_36H11"), 0)
+    upright = np.array([FIRST_CODE_OF_36H11 >> k & 1 for k in reversed(range(bits.size))], dtype=bool)
+    return bool((bits[::-1, ::-1] == upright.reshape(bits.shape)).all())

@@ -26,7 +26,6 @@ from .calibrated import Calibrated
 from .models import LINEAR, MODELS
 
 FORMAT = "uq-handeye camera 1"
-
 # Names of the camera matrix and the coefficients in OpenCV's samples, ROS and programs of people.
 _MATRIX = ("camera_matrix", "cameraMatrix", "K", "k")
 _COEFFICIENTS = ("distortion_coefficients", "distCoeffs", "dist_coeffs", "D", "d")

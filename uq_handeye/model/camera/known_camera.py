@@ -10,13 +10,10 @@ from ...errors import InputError, NotConvergedError
 from .adjustment.bent_edges import bias
 from .adjustment.bundle import poses_only
 from .adjustment.initial_guess import poses_of
-from .adjustment.two_minima import AMBIGUOUS, better_start
+from .adjustment.two_minima import MAX_AMBIGUOUS_POINTS, better_start
 from .corners import Corners
 from .rays import rays
 from .result import CameraCalibration
-
-# Corners of a picture for a pose with a test of its own.
-FEWEST_CORNERS = 4
 
 
 def poses_by_known_camera(seen: CameraCalibration, corners: Corners) -> CameraCalibration:
@@ -28,22 +25,17 @@ def poses_by_known_camera(seen: CameraCalibration, corners: Corners) -> CameraCa
     Raises
     ------
     InputError
-        Pictures of another size, or with fewer than four corners of the board.
+        Pictures of another size.
     NotConvergedError
         The poses do not converge with these intrinsics.
     """
     if corners.image_size is not None and corners.image_size != seen.image_size:
         got, expected = ("{} x {}".format(*size) for size in (corners.image_size, seen.image_size))
         raise InputError(f"Expected pictures of {expected} pixels, as those of the calibration, got {got}.")
-    few = np.flatnonzero(np.bincount(corners.picture, minlength=corners.n) < FEWEST_CORNERS)
-    if len(few):
-        raise InputError(
-            f"Picture {corners.names[int(few[0])]} shows fewer than {FEWEST_CORNERS} corners: leave it out."
-        )
     before = seen.bundle
     seen_at = rays(before.model, before.intrinsics, corners.pixels)
     poses = poses_of(corners, np.ascontiguousarray(seen_at[:, :2] / seen_at[:, 2:]))
-    if len(before.shape.points) < AMBIGUOUS:
+    if len(before.shape.points) < MAX_AMBIGUOUS_POINTS:
         poses = better_start(before.model, before.parameters, before.shape, corners, poses)
     bundle = poses_only(before, corners, poses)
     if corners.window is not None:

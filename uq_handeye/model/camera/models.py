@@ -30,8 +30,6 @@ from numpy.typing import NDArray
 from ...core.geometry.se3 import Array
 
 LINEAR = ("fx", "fy", "cx", "cy")
-
-
 Pair = tuple[Array, Array]  # along u and v, each of the shape of the points
 
 

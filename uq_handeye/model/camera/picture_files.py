@@ -14,16 +14,10 @@ import numpy as np
 
 from ...core.files.folders import natural
 from ...core.files.open import StrPath, as_path, opened, shown
+from ...core.numbers.limits import MAX_TABLE_BYTES
 from ...errors import InputError
 from .adjustment.opencv import opencv
 from .corner_refinement import Picture
-from .description import Board as Board
-from .description import board_of as board_of
-from .description import spacing_of as spacing_of
-from .description import tag_points as tag_points
-
-MAX_BYTES = 500_000_000  # of a picture's file
-
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm", ".webp")
 
@@ -62,10 +56,8 @@ def _names(paths: list[Path]) -> list[str]:
 
 
 _HEARING = threading.Lock()
-
-
-# Pixels a side below which no board can be found, and detectors fail.
-SMALLEST = 32
+# Detectors fail in smaller pictures.
+MIN_PICTURE_SIDE_PX = 32
 
 
 @contextmanager
@@ -92,7 +84,7 @@ def _picture(path: Path) -> Picture:
 
 
 def _content(path: Path) -> bytes:
-    with opened(path, MAX_BYTES) as file:
+    with opened(path, MAX_TABLE_BYTES) as file:
         return file.read()
 
 
@@ -106,9 +98,11 @@ def _decoded(content: bytes, path: Path) -> Picture:
         picture = None
     if picture is None:
         raise InputError(f"{shown(path)}: expected a picture (PNG, JPEG, TIFF, BMP, ...), got none that can be read.")
-    if min(picture.shape[:2]) < SMALLEST:
+    if min(picture.shape[:2]) < MIN_PICTURE_SIDE_PX:
         size = " x ".join(map(str, picture.shape[1::-1]))
-        raise InputError(f"{shown(path)}: expected a picture of at least {SMALLEST} pixels a side, got {size}.")
+        raise InputError(
+            f"{shown(path)}: expected a picture of at least {MIN_PICTURE_SIDE_PX} pixels a side, got {size}."
+        )
     if picture.dtype != np.uint8:
         picture = cv2.normalize(picture, None, 0, 255, cv2.NORM_MINMAX, cv2.CV_8U)
     return np.asarray(picture)

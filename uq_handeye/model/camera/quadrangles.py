@@ -22,36 +22,17 @@ from ...core.geometry.se3 import Array
 from .adjustment.opencv import opencv
 from .corner_refinement import Picture
 
-PLACES = 48  # along an edge
+# Half the length of the profile across an edge; where there is room, twice that in the first half of the rounds.
+MAX_HALF_PROFILE_PX = 5.0
+# A profile with less than this share of the median contrast of its edge is not of that edge.
+MIN_CONTRAST_SHARE = 0.4
+# Offsets farther from the line of their edge than this, in robust standard deviations, do not count.
+MAX_OFFSET_SD = 3.0
 
 
-ACROSS = 33  # places across it
-
-
-TIP = 3.0  # pixels at both ends of an edge that are left out, and at most this share of it:
-
-
-TIP_SHARE = 0.2
-
-
-# Half the profile in pixels: at most, at least, and so much shorter than the distance to the next structure, which is
-# blurred as well.
-FARTHEST, NEAREST, BLURRED = 5.0, 1.0, 2.0
-
-
-ROUNDS = 9
-
-
-WIDE = 4  # rounds with twice as long profiles
-
-
-CLEAR = 0.4  # share of the median contrast below which a profile is not of the edge
-
-
-FAR = 3.0  # robust standard deviations beyond which a place does not count
-
-
-def corners_by_edges(picture: Picture, quads: Array, border: float, gap: float) -> tuple[Array, NDArray[np.bool_]]:
+def corners_by_edges(
+    picture: Picture, quads: Array, border: float, gap: float, rounds: int = 9
+) -> tuple[Array, NDArray[np.bool_]]:
     """Corners (k, 4, 2) of quadrangles whose corners are known to a few pixels, in their order around each; and which
     of the quadrangles (k,) have four clear edges.
 
@@ -59,16 +40,17 @@ def corners_by_edges(picture: Picture, quads: Array, border: float, gap: float) 
     """
     grey, found = picture.astype(np.float32), np.array(quads, dtype=float)
     inside = _area(found)
-    for k in range(ROUNDS):
+    for k in range(rounds):
         start, along = found, np.roll(found, -1, axis=1) - found
         length = np.maximum(np.linalg.norm(along, axis=-1), 1e-9)
         tangent = along / length[..., None]
         outward = np.stack([tangent[..., 1], -tangent[..., 0]], axis=-1) * np.sign(inside)[:, None, None]
         room = np.abs(inside)[:, None] / (2.0 * length) * min(border, gap)  # area over length: the width across it
-        h = np.clip(room - BLURRED, NEAREST, FARTHEST)
-        h = np.maximum(h, np.minimum(0.8 * room, 2 * FARTHEST)) if k < WIDE else h
-        tip = np.minimum(TIP, TIP_SHARE * length)
-        s = tip[..., None] + (length - 2 * tip)[..., None] * (np.arange(PLACES) + 0.5) / PLACES  # (k, 4, PLACES)
+        h = np.clip(room - 2.0, 1.0, MAX_HALF_PROFILE_PX)  # the next structure is blurred by two pixels as well
+        h = np.maximum(h, np.minimum(0.8 * room, 2 * MAX_HALF_PROFILE_PX)) if k < rounds // 2 else h
+        tip = np.minimum(3.0, 0.2 * length)  # pixels at both ends of an edge that are left out
+        places = np.arange(48) + 0.5
+        s = tip[..., None] + (length - 2 * tip)[..., None] * places / len(places)  # (k, 4, places)
         offset, clear = _offsets(grey, start, tangent, outward, s, h)
         line, enough = _lines(s, offset, clear)
         line = line * enough[..., None]  # others stay where they are
@@ -85,12 +67,12 @@ def corners_by_edges(picture: Picture, quads: Array, border: float, gap: float) 
 def _offsets(
     grey: NDArray[np.float32], start: Array, tangent: Array, outward: Array, s: Array, h: Array
 ) -> tuple[Array, Array]:
-    """Return how far (k, 4, PLACES) outside of the line the edge is, and whether there is one."""
+    """Return how far (k, 4, places) outside of the line the edge is, and whether there is one."""
     cv2 = opencv()
-    o = h[..., None] * np.linspace(-1.0, 1.0, ACROSS)
+    o = h[..., None] * np.linspace(-1.0, 1.0, 33)
     at = (start[..., None, :] + s[..., None] * tangent[..., None, :])[..., None, :]
-    at = at + o[:, :, None, :, None] * outward[..., None, None, :]  # (k, 4, PLACES, ACROSS, 2)
-    flat = at.astype(np.float32).reshape(-1, PLACES * ACROSS, 2)
+    at = at + o[:, :, None, :, None] * outward[..., None, None, :]  # (k, 4, places, across, 2)
+    flat = at.astype(np.float32).reshape(4 * len(at), at.shape[2] * at.shape[3], 2)
     seen = cv2.remap(grey, flat[..., 0], flat[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     seen = seen.reshape(at.shape[:-1]).astype(float)
     # of the ends the mean over the places of the edge: they are of one black and one white
@@ -99,7 +81,7 @@ def _offsets(
     share = (seen - low[..., None, None]) / contrast[..., None, None]
     total = 0.5 * (share[..., 1:] + share[..., :-1]).mean(axis=-1)  # integral over 2h
     offset = h[..., None] * (1.0 - 2.0 * total)
-    clear = (seen[..., -1] - seen[..., 0] > CLEAR * contrast[..., None]) & (high - low > 5.0)[..., None]
+    clear = (seen[..., -1] - seen[..., 0] > MIN_CONTRAST_SHARE * contrast[..., None]) & (high - low > 5.0)[..., None]
     return offset, clear & (np.abs(offset) < 0.8 * h[..., None])
 
 
@@ -115,8 +97,8 @@ def _lines(s: Array, offset: Array, clear: Array) -> tuple[Array, Array]:
         line = np.stack([mean - slope * middle, slope], axis=-1)
         left = np.abs(offset - line[..., :1] - line[..., 1:] * s)
         scale = 1.4826 * np.median(np.where(clear, left, np.nanmax(left)), axis=-1)
-        weight = clear * (left < np.maximum(FAR * scale, 0.02)[..., None])
-    return line, weight.sum(axis=-1) > 0.4 * PLACES
+        weight = clear * (left < np.maximum(MAX_OFFSET_SD * scale, 0.02)[..., None])
+    return line, weight.sum(axis=-1) > 0.4 * s.shape[-1]
 
 
 def _meet(point: Array, direction: Array) -> Array:

@@ -13,26 +13,21 @@ import numpy as np
 from ...core.geometry.se3 import Array
 from .models import CameraModel
 
-STEPS = 30
+# A direction is one of a pixel where its projection is nearer than this; the steps end a thousand times nearer.
+MAX_RAY_ERROR_PX = 1e-3
 
 
-LONGEST = 0.2  # rad, of a step
-
-
-CLOSE, SEEN = 1e-6, 1e-3  # pixels: where the steps end, and within which a direction is one
-
-
-def rays(model: CameraModel, parameters: Array, pixels: Array) -> Array:
+def rays(model: CameraModel, parameters: Array, pixels: Array, max_steps: int = 30) -> Array:
     """Unit vectors (..., 3) in the camera frame; nan where no direction is seen at that pixel."""
     away = (pixels - parameters[2:4]) / parameters[:2]
     radius = np.linalg.norm(away, axis=-1)
     angle = np.minimum(radius, 2.5) if model.name == "fisheye" else np.arctan(radius)
     across = away * (np.sin(angle) / np.maximum(radius, 1e-12))[..., None]
     d = np.concatenate([across, np.cos(angle)[..., None]], axis=-1)
-    for _ in range(STEPS):
+    for _ in range(max_steps):
         seen = model.project(parameters, d)
         off = pixels - seen.pixels
-        if np.abs(off).max(initial=0.0) <= CLOSE:
+        if np.abs(off).max(initial=0.0) <= 1e-3 * MAX_RAY_ERROR_PX:
             break
         J = seen.by_point
         # J^+ = J^T (J J^T)^-1, a little damped where the model folds
@@ -40,12 +35,12 @@ def rays(model: CameraModel, parameters: Array, pixels: Array) -> Array:
         square = square + 1e-12 * np.trace(square, axis1=-2, axis2=-1)[..., None, None] * np.eye(2)
         step = (J.mT @ np.linalg.solve(square, off[..., None]))[..., 0]
         length = np.linalg.norm(step, axis=-1, keepdims=True)
-        d = d + step * np.minimum(1.0, LONGEST / np.maximum(length, 1e-12))
+        d = d + step * np.minimum(1.0, 0.2 / np.maximum(length, 1e-12))
         if model.name != "fisheye":  # these see nothing behind the camera
             d[..., 2] = np.maximum(d[..., 2], 1e-3)
         d /= np.linalg.norm(d, axis=-1, keepdims=True)
     off = pixels - model.project(parameters, d).pixels
-    seen_there = np.asarray(np.abs(off).max(axis=-1, keepdims=True) < SEEN)
+    seen_there = np.asarray(np.abs(off).max(axis=-1, keepdims=True) < MAX_RAY_ERROR_PX)
     return np.where(seen_there, d, np.nan)
 
 

@@ -20,15 +20,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.geometry.se3 import Array
+from ...core.numbers.levels import CONTRADICTED
 from ...core.runtime.read_only import ReadOnlyArrays
 from .adjustment.bundle import Bundle
 from .corners import Corners
 
+# Cells of the picture along each side.
 CELLS = 8
-
-
-# A pattern is told where chance makes it so rarely and it is so large a share of the pixel noise.
-RARE, LARGE = 1e-3, 0.3
+# A pattern matters where it is larger than this share of the pixel noise, and beyond chance.
+MIN_PATTERN_SHARE = 0.3
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +43,7 @@ class Pattern(ReadOnlyArrays):
     @property
     def found(self) -> bool:
         """True if there is a pattern that matters: the model is wrong, or the board is not flat."""
-        return self.p_value < RARE and self.share > LARGE
+        return self.p_value < CONTRADICTED.probability and self.share > MIN_PATTERN_SHARE
 
 
 def pattern_of(bundle: Bundle, corners: Corners, image_size: tuple[int, int]) -> Pattern:

@@ -18,12 +18,14 @@ from ...core.files.trees import parse_tree
 from ...core.geometry.checks import as_transforms
 from ...core.geometry.se3 import Array
 from ...core.numbers.limits import MAX_DESCRIPTION_BYTES, MAX_TABLE_BYTES
+from ...core.numbers.rounding import CHAIN_ROUNDING
 from ...errors import InputError
 from ...findings import Finding
 from ...formats.csv_poses import read_pose_file
 from ...formats.numpy_poses import unpacked
 from .adjustment.bundle import Asked, Bundle, Prior, Sight
 from .adjustment.criterion import Candidate
+from .adjustment.outliers import MAX_DISTANCE_SD
 from .board_pattern import board_pattern_of
 from .board_shape import FLAT, BoardShape, flat_shape
 from .calibration_files import CORNERS, COVARIANCE, INTRINSICS, POSES
@@ -34,15 +36,7 @@ from .models import MODELS
 from .residual_pattern import pattern_of
 from .result import CameraCalibration
 
-# Poses of camera.csv, whose quaternions are rounded, are those of the archive within this.
-ROUNDED = 1e-9
-
-
 _OTHER_RUN = "not of the same run, or one was changed by hand; write the folder again with uq-handeye camera."
-
-
-# Residuals beyond so many times the pixel noise are not those of the corners that were calibrated with.
-FAR = 10.0
 
 
 def read_camera(folder: StrPath) -> CameraCalibration:
@@ -74,7 +68,7 @@ def read_camera(folder: StrPath) -> CameraCalibration:
     if not (
         np.array_equal(rows, found.rows)
         and np.array_equal(arrays["rows"], found.rows)
-        and np.abs(poses - found.poses).max() < ROUNDED * max(1.0, float(np.abs(found.poses).max()))
+        and np.abs(poses - found.poses).max() < CHAIN_ROUNDING * max(1.0, float(np.abs(found.poses).max()))
     ):
         raise InputError(f"{name}: {POSES}, {COVARIANCE} and {CORNERS} are {_OTHER_RUN}")
     return found
@@ -204,7 +198,7 @@ def calibration_from_parts(
         board_pattern_of(bundle, corners),
         findings,
     )
-    if np.sqrt(np.mean(bundle.residuals[used] ** 2)) > FAR * bundle.pixel_noise + 1e-6:
+    if np.sqrt(np.mean(bundle.residuals[used] ** 2)) > MAX_DISTANCE_SD * bundle.pixel_noise + 1e-6:
         raise InputError(
             f"{CORNERS} does not fit the poses and intrinsics beside it: it is of another run, or changed."
         )

@@ -12,27 +12,21 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ...core.formatting.units import MM_PER_M
 from ...core.geometry.se3 import Array
+from ...core.numbers.levels import IMPOSSIBLE
 from .adjustment.opencv import opencv
-from .description import WIDEST, Board
+from .description import MAX_GAP_SIDES, Board
 
 Tags = tuple[NDArray[np.intp], Array]  # ids (k,) and corners (k, 4, 2) of one picture
-
-
-SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
-
-
-# Offset across, in sides, up to which a tag is a neighbour in a row or column.
-ALIGNED = 0.25
-
-
-# Pairs of neighbours of which there must be so many, and pictures that are looked at.
-FEWEST_SEEN, MOST_COLUMNS = 8, 40
-
-
-# Difference of the gap from the one that was given, in sides, and in standard errors, from which on it is wrong; and
-# what the distortion of a wide lens makes of it, times the square of the share of the picture that a tag is wide.
-WRONG, CLEAR_GRID, BENT = 0.006, 6.0, 3.0
+# A tag is a neighbour in the same row or column where it is off by less than this across, in sides.
+MAX_NEIGHBOUR_OFFSET_SIDES = 0.25
+# Columns, gap and direction of the ids count where so many pairs of neighbours show them.
+MIN_NEIGHBOURS = 8
+# The gap that was given is doubted where that of the pictures differs by more than this, in sides; the distortion of a
+# wide lens adds this multiple of the square of the share of the picture that a tag is wide.
+MIN_GAP_ERROR_SIDES = 0.006
+GAP_ERROR_BY_DISTORTION_SIDES = 3.0
 
 
 class Grid(NamedTuple):
@@ -45,26 +39,27 @@ class Grid(NamedTuple):
 
 
 def grid_as_seen(pictures: list[Tags]) -> Grid:
-    """Return what neighbouring tags say of their grid."""
+    """Return the grid that neighbouring tags show."""
+    square = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], dtype=np.float32)
     along: list[float] = []
     down: list[int] = []
     turns: list[float] = []
-    for ids, quads in pictures[:MOST_COLUMNS]:
+    for ids, quads in pictures:
         for k, quad in enumerate(quads):
-            H = opencv().getPerspectiveTransform(quad.astype(np.float32), SQUARE.astype(np.float32))
+            H = opencv().getPerspectiveTransform(quad.astype(np.float32), square)
             at = opencv().perspectiveTransform(quads.reshape(-1, 1, 2), H).reshape(-1, 4, 2).mean(axis=1) - 0.5
-            near = (np.abs(at) < 2.0 + WIDEST).all(axis=1) & (np.abs(at).max(axis=1) > 0.5)
-            row = near & (np.abs(at[:, 1]) < ALIGNED) & (np.abs(ids - ids[k]) == 1)
+            near = (np.abs(at) < 2.0 + MAX_GAP_SIDES).all(axis=1) & (np.abs(at).max(axis=1) > 0.5)
+            row = near & (np.abs(at[:, 1]) < MAX_NEIGHBOUR_OFFSET_SIDES) & (np.abs(ids - ids[k]) == 1)
             along += np.abs(at[row, 0]).tolist()
             right = np.sign(np.sum(at[row, 0] * (ids[row] - ids[k])))  # of growing ids; the tag may stand upside down
-            column = near & (np.abs(at[:, 0]) < ALIGNED)
+            column = near & (np.abs(at[:, 0]) < MAX_NEIGHBOUR_OFFSET_SIDES)
             if column.any():
                 nearest = np.argmin(np.where(column, np.abs(at[:, 1]), np.inf))
                 down.append(abs(int(ids[nearest] - ids[k])))
                 turns.append(right * np.sign(at[nearest, 1] * (ids[nearest] - ids[k])))
-    columns = int(np.median(down)) if len(down) >= FEWEST_SEEN else None
-    upwards = bool(np.sum(turns) < 0) if abs(np.sum(turns)) >= FEWEST_SEEN else None
-    if len(along) < FEWEST_SEEN:
+    columns = int(np.median(down)) if len(down) >= MIN_NEIGHBOURS else None
+    upwards = bool(np.sum(turns) < 0) if abs(np.sum(turns)) >= MIN_NEIGHBOURS else None
+    if len(along) < MIN_NEIGHBOURS:
         return Grid(columns, None, upwards=upwards)
     values = np.array(along) - 1.0
     gap = float(np.median(values))
@@ -72,7 +67,7 @@ def grid_as_seen(pictures: list[Tags]) -> Grid:
 
 
 def contradiction(board: Board, pictures: list[Tags], width: int) -> str | None:
-    """Return what the pictures, so many pixels wide, say against a grid of tags; None: nothing."""
+    """Return what the pictures, ``width`` pixels wide, show against a grid of tags; None: nothing."""
     if min(board.columns, board.rows) < 2:
         return None
     found = grid_as_seen(pictures)
@@ -87,12 +82,15 @@ def contradiction(board: Board, pictures: list[Tags], width: int) -> str | None:
     given = board.gap / board.side
     sides = [np.linalg.norm(quads[:, 1] - quads[:, 0], axis=1) for _, quads in pictures]
     share = float(np.median(np.concatenate(sides))) / width if sides else 0.0
-    if found.gap is None or abs(found.gap - given) < max(WRONG + BENT * share**2, CLEAR_GRID * found.error):
+    if found.gap is None or abs(found.gap - given) < max(
+        MIN_GAP_ERROR_SIDES + GAP_ERROR_BY_DISTORTION_SIDES * share**2,
+        np.sqrt(IMPOSSIBLE.chi_square(1)) * found.error,
+    ):
         return None
     if board.kind == "aprilgrid":
         option = f"spacing={found.gap:.3g} (--spacing {found.gap:.3g})"
     else:
-        option = f"`spacing` about {1e3 * found.gap * board.side:.3g} mm (--spacing)"
+        option = f"`spacing` about {MM_PER_M * found.gap * board.side:.3g} mm (--spacing)"
     return (
         f"The tags of the pictures are {found.gap:.3g} of their side apart, not {given:.3g}. Measure the gap and give "
         f"it: {option}."

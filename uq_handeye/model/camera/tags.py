@@ -9,7 +9,7 @@ read as well.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,32 +22,15 @@ from .description import Board
 from .dictionaries import dictionary_of, drawn_upside_down
 from .quadrangles import corners_by_edges
 
-# Fewest tags of a grid that are worth a pose: one has two.
-FEWEST = 2
+if TYPE_CHECKING:
+    from cv2.aruco import ArucoDetector
 
-
-# How much darker than its surroundings black is (`adaptiveThreshConstant`): that of OpenCV, which poor contrast needs,
-# and where tags are missing a larger one, which parts tags that blur joins to the squares at their corners.
-CONSTANTS = (7.0, 15.0)
-
-
-# Half the side of the window of a chessboard corner, as a share of the distance to the next structure.
-SHARE = 0.6
-
-
-# Tags farther from their place in the grid than this share of their side are others.
-ASTRAY = 0.5
-
-
-# Pixels from the rim of the picture within which a corner is not used.
-RIM = 3
-
-
+# Tags of a grid that a picture must show: one may be of another board.
+MIN_TAGS = 2
+# Corners nearer to the rim of the picture are not used.
+MIN_RIM_PX = 3
 # Grey beyond a corner, between black 0 and white 1, below which there is a square.
-DARK = 0.35
-
-
-MOST = 0.5  # share of the corners of a print with squares that have one, at least
+MAX_GREY_OF_SQUARE = 0.35
 
 
 class Layout(NamedTuple):
@@ -79,10 +62,15 @@ def tag_finder(board: Board, seen: list[tuple[NDArray[np.intp], Array]] | None =
             "another `dictionary` (--dictionary), or a smaller `first_id` (--first-id)."
         )
 
-    def detector(border: int, constant: float) -> Any:
-        how = cv2.aruco.DetectorParameters()
-        how.markerBorderBits, how.adaptiveThreshConstant = border, constant
-        return cv2.aruco.ArucoDetector(words, how)
+    def detectors_of(border: int) -> list[ArucoDetector]:
+        """Return two detectors: as OpenCV has it, which poor contrast needs, and one that parts tags that blur joins.
+
+        Black must be so much darker than its surroundings; where tags are missing, twice as much as by default.
+        """
+        usual, darker = cv2.aruco.DetectorParameters(), cv2.aruco.DetectorParameters()
+        usual.markerBorderBits = darker.markerBorderBits = border
+        darker.adaptiveThreshConstant = 15.0
+        return [cv2.aruco.ArucoDetector(words, how) for how in (usual, darker)]
 
     wanted = set() if board.single and board.first_id is None else set(layout.ids.tolist())
 
@@ -100,7 +88,7 @@ def tag_finder(board: Board, seen: list[tuple[NDArray[np.intp], Array]] | None =
         return np.array(ids, dtype=np.intp), np.array(quads).reshape(-1, 4, 2)
 
     borders = [2, 1] if board.kind == "aprilgrid" else [1, 2]
-    detectors = {border: [detector(border, constant) for constant in CONSTANTS] for border in borders}
+    detectors = {border: detectors_of(border) for border in borders}
     upside_down = drawn_upside_down(board.dictionary)
     # Which corner of OpenCV's is the upper left one. Grids of AprilTags are about that OpenCV 4 drew.
     turns = [2, 0] if upside_down else [0, 2]
@@ -132,8 +120,8 @@ def _room(board: Board) -> float:
 
 
 def _inside(quads: Array, picture: Picture) -> NDArray[np.bool_]:
-    far = np.array(picture.shape[::-1]) - 1 - RIM
-    return np.asarray(((quads >= RIM) & (quads <= far)).all(axis=(1, 2)))
+    far = np.array(picture.shape[::-1]) - 1 - MIN_RIM_PX
+    return np.asarray(((quads >= MIN_RIM_PX) & (quads <= far)).all(axis=(1, 2)))
 
 
 def _chosen(
@@ -150,14 +138,14 @@ def _chosen(
     place = {int(number): k for k, number in enumerate(layout.ids)}
     rows = np.array([place.get(int(number), -1) for number in ids], dtype=np.intp)
     rows, quads = rows[rows >= 0], quads[rows >= 0]
-    if len(np.unique(rows)) < FEWEST:
+    if len(np.unique(rows)) < MIN_TAGS:
         return None
     best: tuple[int, int, Array, NDArray[np.bool_]] | None = None
     for turn in turns:
         turned = np.roll(quads, -turn, axis=1)
         off = _off(layout.points[rows], turned)
         size = _size(quads)
-        near = off < ASTRAY * size
+        near = off < 0.5 * size  # others lie astray by half a side
         for row in np.unique(rows[near]):  # of the same id the nearest
             same = np.flatnonzero((rows == row) & near)
             near[same] = False
@@ -165,7 +153,7 @@ def _chosen(
         if best is None or near.sum() > best[0]:
             best = int(near.sum()), turn, turned, near
     assert best is not None
-    if best[0] < FEWEST:
+    if best[0] < MIN_TAGS:
         return None
     turns.sort(key=lambda turn: turn != best[1])  # it will be this one in all pictures
     return rows[best[3]], best[2][best[3]]
@@ -178,7 +166,7 @@ def _size(quads: Array) -> Array:
 
 def _off(points: Array, quads: Array) -> Array:
     """(k,) pixels by which the tags are off a homography of most of them."""
-    within = 0.5 * ASTRAY * float(np.median(_size(quads)))
+    within = 0.25 * float(np.median(_size(quads)))
     H, _ = opencv().findHomography(points.reshape(-1, 1, 2), quads.reshape(-1, 1, 2), opencv().RANSAC, within)
     if H is None:
         return np.full(len(quads), np.inf)
@@ -194,9 +182,9 @@ def _seen(layout: Layout, tags: NDArray[np.intp], quads: Array, picture: Picture
     pixels = quads.copy()
     if layout.board.kind == "aprilgrid" and not layout.board.single:
         crossed = _crossed(layout.board, quads, picture)
-        if crossed.mean() > MOST:
+        if crossed.mean() > 0.5:  # a print with squares
             room = size * min(border, _room(layout.board))
-            found, width = refined(picture, quads[crossed], SHARE, room[crossed])
+            found, width = refined(picture, quads[crossed], share=0.6, room=room[crossed])
             near = np.linalg.norm(found - quads[crossed], axis=1) < np.maximum(1.0, 0.5 * room[crossed])
             at = tuple(index[near] for index in np.nonzero(crossed))
             pixels[at], window[at] = found[near], width[near]
@@ -211,7 +199,7 @@ def _crossed(board: Board, quads: Array, picture: Picture) -> NDArray[np.bool_]:
     side = 0.5 * _room(board) * (quads - np.roll(quads, 1, axis=1)) + 0.5 * (np.roll(quads, -1, axis=1) - quads)
     inwards = 0.05 * (np.roll(quads, 1, axis=1) + np.roll(quads, -1, axis=1) - 2 * quads)
     square, white, dark = (_grey(picture, quads + shift) for shift in (away, side, inwards))
-    return np.asarray(square - dark < DARK * (white - dark))
+    return np.asarray(square - dark < MAX_GREY_OF_SQUARE * (white - dark))
 
 
 def _grey(picture: Picture, at: Array) -> Array:

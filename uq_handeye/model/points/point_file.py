@@ -26,6 +26,7 @@ from ...core.files.one_line import short
 from ...core.files.open import StrPath, as_path, opened, shown
 from ...core.files.table import Places, Schema, Table, read_table
 from ...core.geometry.se3 import Array
+from ...core.numbers.limits import MAX_TABLE_BYTES
 from ...errors import InputError, InputWarning
 from ...formats.columns import meaning_and_unit
 from ...formats.contents import require_units
@@ -34,8 +35,17 @@ from .measured import PointSet, Target
 _UNIT = r"(?P<unit>[ _]?(?:\[\w+\]|\(\w+\)|(?<=[ _])(?:m|mm|cm|in)))?"
 _BEHIND = re.compile(rf"(?P<name>.*\w)[ _.:/-](?P<axis>[xyz]){_UNIT}", re.IGNORECASE)
 _BEFORE = re.compile(rf"(?P<axis>[xyz])[ _]?(?P<name>\d+){_UNIT}", re.IGNORECASE)
-# Points of a row.
-FEWEST, MOST = 2, 10_000
+POSE = ("pose", "row", "view", "frame", "shot", "scan", "capture", "image", "picture", "station", "position")
+POINT = ("point", "marker", "feature", "sphere", "ball", "corner", "label", "target", "name", "tag", "fiducial")
+ENDINGS = ("", "_id", "id", " id", "_no", "_nr", "_number", "_name", "_index", "_idx", "#")
+TIMES = ("timestamp", "time", "stamp", "t")
+PAGE = "docs/formats.md, points"
+# Points of a camera that are farther away (median) look like millimetres.
+MAX_MEDIAN_DISTANCE_M = 30.0
+
+_WHOLE = re.compile(r"(\d+)\.0*")  # 3.0 is 3
+
+_log = logging.getLogger("uq_handeye")
 
 
 def _wide(header: list[str]) -> tuple[dict[str, list[int]], str]:
@@ -48,7 +58,7 @@ def _wide(header: list[str]) -> tuple[dict[str, list[int]], str]:
                 places.setdefault(match["name"], {})[match["axis"].lower()] = k
                 units.add((match["unit"] or "").lower())
         points = {name: [axes[a] for a in "xyz"] for name, axes in places.items() if len(axes) == 3}
-        if FEWEST <= len(points) <= MOST and len(units) == 1:
+        if len(points) > 1 and len(units) == 1:
             return points, units.pop().strip(" _[]()")
     return {}, ""
 
@@ -67,20 +77,6 @@ def _unfolded(table: Table) -> Table:
         lines=np.repeat(table.lines, m),
         texts=[(pose, point) for pose in poses for point in points],
     )
-
-
-MAX_BYTES = 200_000_000
-POSE = ("pose", "row", "view", "frame", "shot", "scan", "capture", "image", "picture", "station", "position")
-POINT = ("point", "marker", "feature", "sphere", "ball", "corner", "label", "target", "name", "tag", "fiducial")
-ENDINGS = ("", "_id", "id", " id", "_no", "_nr", "_number", "_name", "_index", "_idx", "#")
-TIMES = ("timestamp", "time", "stamp", "t")
-PAGE = "docs/formats.md, points"
-# Median distance (m) from which on points of a camera look like millimetres.
-FAR = 30.0
-
-_WHOLE = re.compile(r"(\d+)\.0*")  # 3.0 is 3
-
-_log = logging.getLogger("uq_handeye")
 
 
 def read_points(path: StrPath, units: str | None = None) -> PointSet:
@@ -105,7 +101,11 @@ def read_points(path: StrPath, units: str | None = None) -> PointSet:
         measured = PointSet(row, point, xyz)
     except InputError as error:
         raise InputError(f"{table.name}: {str(error)[0].lower()}{str(error)[1:]}") from error
-    if units is None and unit is None and (far := float(np.median(np.linalg.norm(xyz, axis=1)))) > FAR:
+    if (
+        units is None
+        and unit is None
+        and (far := float(np.median(np.linalg.norm(xyz, axis=1)))) > MAX_MEDIAN_DISTANCE_M
+    ):
         warnings.warn(
             f"{table.name}: the points are {far:.3g} m away (median): they look like millimetres. Read them with "
             'units="mm" (--units mm).',
@@ -133,7 +133,7 @@ def _seen(path: StrPath, units: str | None, schema: Schema) -> tuple[Table, NDAr
     """A table, the rows (k,) of points that were seen, their coordinates (k, 3) in metres, and the unit it names."""
     location = as_path(path)
     name = shown(location)
-    with opened(location, MAX_BYTES) as file:
+    with opened(location, MAX_TABLE_BYTES) as file:
         table = read_table(file, name, schema)
     table = _unfolded(table) if len(table.places.numbers) > 3 else table
     unit = meaning_and_unit(table.column(0).lower())[1]

@@ -41,12 +41,9 @@ from ....core.geometry.se3 import Array
 from ..corners import Corners, smoothing
 from .bundle import Bundle
 
-# Second differences over +- so many times the half width: near the root of <s^2>.
-STEP = 0.5
-# sigma in pixels beside the smoothing: of a lens in focus (0.5), pixels (0.3), and the differences and the
+# Blur of a picture before it is smoothed: of a lens in focus (0.5), pixels (0.3), and the differences and the
 # interpolation that `cornerSubPix` takes gradients from (0.7).
-BLUR = 0.9
-NODES, WEIGHTS = np.polynomial.legendre.leggauss(12)  # on (-1, 1)
+BLUR_PX = 0.9
 
 
 def bias(bundle: Bundle, corners: Corners) -> Array:
@@ -63,7 +60,7 @@ def bias(bundle: Bundle, corners: Corners) -> Array:
     model, parameters = bundle.model, bundle.intrinsics
     seen = model.project(parameters, at)
     scale = np.linalg.norm(axes @ seen.by_point.mT, axis=-1)  # (m, 2) pixels per length along the board
-    step = STEP * a[:, None] / scale
+    step = 0.5 * a[:, None] / scale  # second differences over half the window: near the root of <s^2>
     after, before = (model.project(parameters, at[:, None] + way * step[..., None] * axes).pixels for way in (1, -1))
     first, second = 0.5 * (after - before), after - 2 * seen.pixels[:, None] + before  # by one step
     length = np.linalg.norm(first, axis=-1)
@@ -80,9 +77,10 @@ def shift(a: Array, tangent: Array, curvature: Array) -> Array:
     x, y = tangent[..., 0, :], tangent[..., 1, :]
     apart = np.abs(x[..., 0] * y[..., 1] - x[..., 1] * y[..., 0])  # sine of the angle between the edges
     end = (a[:, None] + 0.5) / np.abs(tangent).max(axis=-1)  # the outermost pixels reach half a pixel further
-    s = 0.5 * end[..., None] * (1 + NODES)
+    nodes, weights = np.polynomial.legendre.leggauss(12)  # on (-1, 1)
+    s = 0.5 * end[..., None] * (1 + nodes)
     met = erf(s * (apart / (np.sqrt(2) * blur(a)))[:, None, None])
-    weight = WEIGHTS * np.exp(-((s / a[:, None, None]) ** 2)) * met**2
+    weight = weights * np.exp(-((s / a[:, None, None]) ** 2)) * met**2
     mean_square = np.sum(weight * s**2, axis=-1) / np.sum(weight, axis=-1)
     wide = (blur(a) ** 2)[:, None]
     lever = mean_square * (1 + 2 * wide / a[:, None] ** 2) - wide
@@ -96,7 +94,7 @@ def _solved(tangent: Array, curvature: Array, lever: Array) -> Array:
 
 def blur(a: Array) -> Array:
     """sigma of the pictures in which corners were refined in windows of half width ``a``."""
-    return np.asarray(np.hypot(BLUR, smoothing(a)))
+    return np.asarray(np.hypot(BLUR_PX, smoothing(a)))
 
 
 def _normal(tangent: Array) -> Array:

@@ -31,20 +31,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....core.geometry.se3 import Array, perturb
+from ....core.numbers.rounding import SOLUTION_ROUNDING, TINY
 from ....core.runtime.read_only import ReadOnlyArrays
 from ....errors import InputError
 from ..board_shape import BoardShape
-from ..corners import Corners
+from ..corners import MAX_PIXELS, Corners
 from ..measured_board import MeasuredBoard
 from ..models import CameraModel, Projected
-from .variable_projection import Minimum, minimised
-
-# Smallest eigenvalue of the information on the parameters, scaled to a unit diagonal, that still determines them.
-SINGULAR = 1e-12
-# Poses ahead that are looked at together.
-AT_ONCE = 500
-# Residual, in pixels, of a point that would be behind the camera: no step goes there.
-LOST = 1e6
+from .variable_projection import MAX_NUMBERS_TOGETHER, Minimum, minimised
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,7 +189,8 @@ class Sight:
         k, (n, most) = len(self.model.names), self.weights.shape
         free = np.ones(len(parameters), dtype=bool) if free is None else free
         turned, seen, in_front = self._projected(parameters, poses, free[:k])
-        r = np.where(in_front[:, None], seen.pixels.mT - self.pixels, LOST) * self.weights[:, None]
+        # Behind the camera a point has a residual that no step accepts.
+        r = np.where(in_front[:, None], seen.pixels.mT - self.pixels, MAX_PIXELS) * self.weights[:, None]
         weight = (self.weights * in_front)[:, None, None]
         B = np.empty((n, 6, 2, most))
         x, y, z = (turned[:, [axis]] for axis in range(3))
@@ -298,8 +293,9 @@ def response_ahead(bundle: Bundle, points: Array, poses: Array) -> Array:
     """
     row = bundle.shape.rows(points)
     found = []
-    for start in range(0, len(poses), AT_ONCE):
-        some = poses[start : start + AT_ONCE]
+    together = max(1, MAX_NUMBERS_TOGETHER // (2 * len(points) * (len(bundle.parameters) + 6)))
+    for start in range(0, len(poses), together):
+        some = poses[start : start + together]
         m, u = len(some), len(points)
         every = np.tile(row.astype(np.intp), (m, 1))
         sight = Sight(bundle.model, bundle.shape, every, np.zeros((m, 2, u)), np.ones((m, u)))
@@ -355,9 +351,9 @@ def _bundle(
 
 def _inverse(information: Array, names: NDArray[np.str_]) -> Array:
     """The covariance of the parameters; raises `InputError` that names those which are not determined."""
-    unit = 1.0 / np.sqrt(np.maximum(np.diag(information), np.finfo(float).tiny))
+    unit = 1.0 / np.sqrt(np.maximum(np.diag(information), TINY))
     values, vectors = np.linalg.eigh(information * unit[:, None] * unit)
-    if not (len(values) == 0 or values[0] > SINGULAR):
+    if not (len(values) == 0 or values[0] > SOLUTION_ROUNDING):
         part = np.abs(vectors[:, 0]) > 0.1
         raise InputError(
             f"The pictures do not determine {', '.join(names[part])}: only some combination of them. Take pictures in "

@@ -29,12 +29,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ....core.numbers.rounding import TINY
 from ..board_shape import FLAT
 
-# A difference of BIC that speaks clearly (R. Kass, A. Raftery, J. Amer. Stat. Assoc. 90 (1995)).
-CLEARLY = 10.0
-
-
+# A difference of BIC above it is very strong evidence (R. Kass, A. Raftery, J. Amer. Stat. Assoc. 90 (1995)).
+CLEAR_BIC_DIFFERENCE = 10.0
 DECENTRING = frozenset(("p1", "p2"))
 
 
@@ -61,13 +60,13 @@ def best(candidates: Sequence[Candidate]) -> Candidate | None:
         whole = [c for c in fitted if c.model == "brown" and set(c.coefficients) >= DECENTRING]
         found = min(whole, key=lambda c: c.bic, default=found)
     wide = min((c for c in fitted if c.model == "fisheye"), key=lambda c: c.bic, default=None)
-    return wide if found is None or (wide is not None and wide.bic < found.bic - CLEARLY) else found
+    return wide if found is None or (wide is not None and wide.bic < found.bic - CLEAR_BIC_DIFFERENCE) else found
 
 
 def criterion(squares: float, coordinates: int, pictures: int, parameters: int) -> float:
     """BIC of what is left, see the module."""
     nu = max(coordinates - 6 * pictures, 1)
-    return float(nu * np.log(max(squares, np.finfo(float).tiny) / nu) + price(parameters, nu))
+    return float(nu * np.log(max(squares, TINY) / nu) + price(parameters, nu))
 
 
 def price(parameters: int, nu: int) -> float:

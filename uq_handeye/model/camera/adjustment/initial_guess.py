@@ -9,27 +9,15 @@ from numpy.typing import NDArray
 
 from ....core.geometry.se3 import Array
 from ....errors import InputError
+from ..board_shape import MAX_THICKNESS_SHARE
 from ..corners import Corners, picked
 from ..models import CameraModel
 from .opencv import opencv
 
-# Focal lengths of a fisheye that are tried, as multiples of half the picture's width per radian.
-FISHEYE_FOCAL = np.geomspace(0.3, 3.0, 16)
-
-
-ENOUGH = 60  # corners of a picture, for a start
-
-
-WIDEST = np.radians(80.0)  # corners farther from the axis are not used for the start
-
-
-# The distortion of a fisheye that is a pinhole: tan(phi) as a series.
-TANGENT = (1 / 3, 2 / 15, 17 / 315, 62 / 2835)
-
-
-# Median distance from a homography, as a share of the spread of a picture's corners, and as a multiple of that of most
-# pictures, beyond which the corners are not those of a board: distortion alone does not bend one so much.
-BENT, OFTEN = 0.1, 5.0
+# The corners of a picture are not those of a board where their median distance from a homography is beyond this share
+# of their spread, and this multiple of that of most pictures: distortion alone does not bend a board so much.
+MAX_SHARE_OFF_HOMOGRAPHY = 0.1
+MAX_RATIO_OFF_HOMOGRAPHY = 5.0
 
 
 def first_guess(model: CameraModel, corners: Corners, image_size: tuple[int, int]) -> tuple[Array, Array]:
@@ -90,11 +78,11 @@ def unlike_a_board(corners: Corners) -> NDArray[np.bool_]:
     few = _thinned(corners)
     try:
         off = _off_homography(few, _flat(few)[:, :2], 0)
-        if (off > BENT).any():  # few wrong corners may bend least squares, not the least median
+        if (off > MAX_SHARE_OFF_HOMOGRAPHY).any():  # few wrong corners may bend least squares, not the least median
             off = _off_homography(corners, _flat(corners)[:, :2], opencv().LMEDS)
     except InputError:
         return np.zeros(corners.n, dtype=bool)
-    return np.asarray(off > max(BENT, OFTEN * float(np.median(off))))
+    return np.asarray(off > max(MAX_SHARE_OFF_HOMOGRAPHY, MAX_RATIO_OFF_HOMOGRAPHY * float(np.median(off))))
 
 
 def _off_homography(corners: Corners, flat: Array, method: int) -> Array:
@@ -111,9 +99,9 @@ def _off_homography(corners: Corners, flat: Array, method: int) -> Array:
     return off
 
 
-def _thinned(corners: Corners) -> Corners:
-    """About ENOUGH corners of each picture, spread as multiples of the golden section are, whatever the columns."""
-    part = (corners.place * 0.618034) % 1.0 < ENOUGH / np.bincount(corners.picture)[corners.picture]
+def _thinned(corners: Corners, enough: int = 60) -> Corners:
+    """About ``enough`` corners of each picture, spread as multiples of the golden section are, whatever the columns."""
+    part = (corners.place * 0.618034) % 1.0 < enough / np.bincount(corners.picture)[corners.picture]
     return picked(corners, part)
 
 
@@ -121,9 +109,9 @@ def _flat(corners: Corners) -> Array:
     """The points in coordinates of their plane, (m, 3) with z = 0."""
     centre = corners.points.mean(axis=0)
     _, sizes, axes = np.linalg.svd(corners.points - centre, full_matrices=False)
-    if sizes[2] > 1e-6 * sizes[0]:
+    if sizes[2] > MAX_THICKNESS_SHARE * sizes[0]:
         raise InputError("Expected the points of the board to lie in a plane, or `intrinsics` to start from.")
-    if sizes[1] <= 1e-6 * sizes[0]:
+    if sizes[1] <= MAX_THICKNESS_SHARE * sizes[0]:
         raise InputError("Expected the points of the board to span a plane, got points of one line.")
     axes[2] = np.cross(axes[0], axes[1])
     flat = (corners.points - centre) @ axes.T
@@ -134,18 +122,21 @@ def _flat(corners: Corners) -> Array:
 def _fisheye(model: CameraModel, corners: Corners, flat: Array, image_size: tuple[int, int]) -> tuple[Array, Array]:
     """Choose, of equidistant lenses of many focal lengths and a pinhole, the one that predicts the corners best."""
     width, height = image_size
-    starts = [np.array([f, f, 0.5 * (width - 1), 0.5 * (height - 1), 0, 0, 0, 0]) for f in FISHEYE_FOCAL * 0.5 * width]
+    # Focal lengths as multiples of half the width of the picture per radian. Corners far from the axis are not used.
+    focal_lengths, widest = np.geomspace(0.3, 3.0, 16) * 0.5 * width, np.radians(80.0)
+    pinhole = (1 / 3, 2 / 15, 17 / 315, 62 / 2835)  # the fisheye that is a pinhole: tan(phi) as a series
+    starts = [np.array([f, f, 0.5 * (width - 1), 0.5 * (height - 1), 0, 0, 0, 0]) for f in focal_lengths]
     with suppress(InputError):  # of a wide lens, where it may fail
-        starts.append(np.concatenate([_linear(corners, flat, image_size), TANGENT]))
+        starts.append(np.concatenate([_linear(corners, flat, image_size), pinhole]))
     best: tuple[float, Array, Array] | None = None
     for parameters in starts:
         away = (corners.pixels - parameters[2:4]) / parameters[:2]
         radius = np.linalg.norm(away, axis=1)
         equidistant = not parameters[4:].any()
-        keep = radius < (WIDEST if equidistant else np.inf)
+        keep = radius < (widest if equidistant else np.inf)
         if np.bincount(corners.picture[keep], minlength=corners.n).min() < 6:
             continue
-        stretch = np.tan(np.minimum(radius, WIDEST)) / np.maximum(radius, 1e-9) if equidistant else np.ones(corners.m)
+        stretch = np.tan(np.minimum(radius, widest)) / np.maximum(radius, 1e-9) if equidistant else np.ones(corners.m)
         try:
             poses = poses_of(corners, away * stretch[:, None], keep)
         except InputError:  # those kept may lie on one line

@@ -21,7 +21,7 @@ from ..board_shape import BoardShape
 from ..corners import Corners
 from ..models import MODELS
 from .bundle import Bundle
-from .criterion import CLEARLY, Candidate, best, criterion
+from .criterion import CLEAR_BIC_DIFFERENCE, Candidate, best, criterion
 from .outliers import without_outliers
 from .setting import Known, Setting
 
@@ -35,16 +35,8 @@ CANDIDATES: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("brown", ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")),
     ("fisheye", ("k1", "k2", "k3", "k4")),
 )
-
-
 # Coefficients that a model has unless the caller names others.
 USUAL = {"pinhole": (), "brown": ("k1", "k2", "p1", "p2"), "fisheye": ("k1", "k2", "k3", "k4")}
-
-
-# A first fit has at most so many coefficients: the denominator of the rational model is left to later ones.
-FIRST = 5
-
-
 Lens = tuple[str, tuple[str, ...]]  # a model and the coefficients that are free
 
 
@@ -79,7 +71,7 @@ def search(
             reasons.append(error)
             continue
         tried = (*(found.candidates if found else ()), *other.candidates)
-        if found is None or _bic(other) < _bic(found) - CLEARLY:
+        if found is None or _bic(other) < _bic(found) - CLEAR_BIC_DIFFERENCE:
             found = other
         found = found._replace(candidates=tried)
     if found is None:
@@ -110,14 +102,15 @@ def _best_of(
     other: Found | None,
 ) -> Found:
     """Return the best of nested lenses; ``other`` is the best of the lenses that these are not nested with."""
-    few = [lens for lens in lenses if len(lens[1]) <= FIRST] or lenses
+    # A first fit leaves the denominator of the rational model to later ones.
+    few = [lens for lens in lenses if "k6" not in lens[1]] or lenses
     lens = max(few, key=lambda lens: len(lens[1]))
     if other is None:
         first = _first_fit(corners, size, lens, shapes[0], known)
     else:
         setting = Setting.of(MODELS[lens[0]], lens[1], known, other.setting.shape)
         first = Found(setting, setting.fit(corners, _as_fisheye(other.bundle, corners), other.bundle.used), ())
-        if not _bic(first) < _bic(other) - CLEARLY:  # then no shape of the board will make it the best
+        if not _bic(first) < _bic(other) - CLEAR_BIC_DIFFERENCE:  # then no shape of the board will make it the best
             return first._replace(candidates=(_candidate(first, lens),))
     by_name = {shape.name: shape for shape in shapes}
     fitted = {(lens, first.setting.shape.name): first}

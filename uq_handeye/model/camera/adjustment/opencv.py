@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
+from types import ModuleType
 
 from ....errors import MissingExtraError
 
 
-def opencv() -> Any:
+def opencv() -> ModuleType:
     """The module cv2, or a `MissingExtraError` that says how to get it."""
     try:
         import cv2

@@ -24,25 +24,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....core.geometry.se3 import Array
-from ..corners import FEWEST, Corners
+from ..corners import MIN_CORNERS, Corners
 from .bundle import Bundle
 
-FAR = 6.0
-
-
-MOST_ROUNDS = 20
-
-
-_Q95, _Q50 = 2.4477, 1.1774  # quantiles of the length of a standard Gaussian in the plane
+# Distance of a corner from its predicted place, over the pixel noise, beyond which it is left out.
+MAX_DISTANCE_SD = 6.0
 
 
 def tail_deviation(distance: Array) -> float:
     """s of the distances (m,); see the module."""
-    return float(min(np.quantile(distance, 0.95) / _Q95, 3.0 * np.median(distance) / _Q50))
+    # Quantiles of the length of a standard Gaussian vector in the plane: 1 - exp(-d^2 / 2).
+    q95, q50 = np.sqrt(2 * np.log([20.0, 2.0]))
+    return float(min(np.quantile(distance, 0.95) / q95, 3.0 * np.median(distance) / q50))
 
 
 def without_outliers(
-    corners: Corners, adjust: Callable[[NDArray[np.bool_], Bundle | None], Bundle], before: Bundle | None = None
+    corners: Corners,
+    adjust: Callable[[NDArray[np.bool_], Bundle | None], Bundle],
+    before: Bundle | None = None,
+    max_rounds: int = 20,
 ) -> tuple[Bundle, NDArray[np.bool_]]:
     """The bundle on the good corners, and which corners (m,) are so.
 
@@ -51,13 +51,13 @@ def without_outliers(
     """
     used = np.ones(corners.m, dtype=bool) if before is None else before.used
     found = adjust(used, before)
-    for _ in range(MOST_ROUNDS):
+    for _ in range(max_rounds):
         distance = np.linalg.norm(found.residuals, axis=1) * np.sqrt(found.weights)[corners.picture]
-        limit = FAR * tail_deviation(distance[used])
+        limit = MAX_DISTANCE_SD * tail_deviation(distance[used])
         worst = np.maximum.reduceat(np.where(used, distance, 0.0), np.flatnonzero(corners.place == 0))
         out = used & (distance > np.maximum(limit, 0.5 * worst[corners.picture]))
         kept = np.bincount(corners.picture[used & ~out], minlength=corners.n)
-        out &= (kept >= FEWEST)[corners.picture]
+        out &= (kept >= MIN_CORNERS)[corners.picture]
         back = ~used & (distance <= limit)
         if not (out.any() or back.any()):
             break
@@ -69,7 +69,7 @@ def without_outliers(
 def spoilt(corners: Corners, found: Bundle) -> NDArray[np.bool_]:
     """Pictures (n,) of which less than half of the corners fit, or that count corners beyond the limit."""
     distance = np.linalg.norm(found.residuals, axis=1)
-    beyond = distance > FAR * tail_deviation(distance[found.used])
+    beyond = distance > MAX_DISTANCE_SD * tail_deviation(distance[found.used])
     total, kept, bad = (
         np.bincount(corners.picture[part], minlength=corners.n)
         for part in (np.ones(corners.m, dtype=bool), found.used, found.used & beyond)

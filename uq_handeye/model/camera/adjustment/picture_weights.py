@@ -25,11 +25,12 @@ from __future__ import annotations
 import numpy as np
 
 from ....core.geometry.se3 import Array
+from ....core.numbers.rounding import HALF_DIGITS
 from ..corners import Corners
 from .bundle import Bundle
 
-# Between which nu is looked for: from pictures that say nothing of each other to pictures that are all alike.
-LEAST, MOST = 0.1, 1e6
+# Degrees of freedom nu of pictures that have next to nothing in common.
+MIN_COMMON_DOF = 0.1
 
 
 def picture_weights(bundle: Bundle, corners: Corners) -> Array:
@@ -40,11 +41,11 @@ def picture_weights(bundle: Bundle, corners: Corners) -> Array:
     part = corners.picture[bundle.used]
     squares = np.bincount(part, np.sum(bundle.residuals[bundle.used] ** 2, axis=1), corners.n)
     freedom = np.maximum(2.0 * np.bincount(part, minlength=corners.n) - 6.0, 0.0)
-    told = (freedom > 0) & (squares > 0)
-    if told.sum() < 2 or bundle.freedom <= 0:  # exact corners, or too few of them
+    known = (freedom > 0) & (squares > 0)
+    if known.sum() < 2 or bundle.freedom <= 0:  # exact corners, or too few of them
         return np.ones(corners.n)
     freedom *= bundle.freedom / freedom.sum()
-    common, nu = common_variance(squares[told] / freedom[told], freedom[told])
+    common, nu = common_variance(squares[known] / freedom[known], freedom[known])
     own = squares / np.where(freedom > 0, freedom, 1.0)
     share = freedom / (freedom + nu)  # of its own variance: 0 where nu is infinite
     weights = bundle.pixel_noise**2 / ((1 - share) * common + share * own)
@@ -58,10 +59,11 @@ def common_variance(variances: Array, freedom: Array) -> tuple[float, float]:
 
     e = np.log(variances) - digamma(freedom / 2) + np.log(freedom / 2)
     spread = float(e.var(ddof=1) - polygamma(1, freedom / 2).mean())
-    low, high = np.log(LEAST), np.log(MOST)
-    if spread <= polygamma(1, MOST / 2):  # no more than chance
+    most = 1.0 / HALF_DIGITS  # so large a nu weighs all pictures alike
+    low, high = np.log(MIN_COMMON_DOF), np.log(most)
+    if spread <= polygamma(1, most / 2):  # no more than chance
         return float(np.average(variances, weights=freedom)), np.inf
-    nu = LEAST
-    if spread < polygamma(1, LEAST / 2):
+    nu = MIN_COMMON_DOF
+    if spread < polygamma(1, MIN_COMMON_DOF / 2):
         nu = float(np.exp(brentq(lambda x: np.log(polygamma(1, np.exp(x) / 2) / spread), low, high)))
     return float(np.exp(e.mean() + digamma(nu / 2) - np.log(nu / 2))), nu

@@ -15,7 +15,7 @@ from ..corners import Corners
 from ..models import LINEAR, CameraModel
 from .bundle import Asked, Bundle, Prior, adjust
 from .initial_guess import first_guess, poses_of
-from .two_minima import AMBIGUOUS, better_start
+from .two_minima import MAX_AMBIGUOUS_POINTS, better_start
 
 # A value, which is exact, or a value and its standard deviation.
 Known = Mapping[str, float | tuple[float, float]]
@@ -67,7 +67,7 @@ class Setting(Asked):
         else:
             parameters = self.values
         poses = poses_of(corners, (corners.pixels - parameters[2:4]) / parameters[:2])
-        if len(self.shape.points) < AMBIGUOUS:
+        if len(self.shape.points) < MAX_AMBIGUOUS_POINTS:
             poses = better_start(self.model, parameters, self.shape, corners, poses)
         return parameters, poses
 

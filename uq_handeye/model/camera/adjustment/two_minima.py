@@ -22,19 +22,14 @@ from ..corners import Corners
 from ..models import CameraModel
 from .bundle import Asked, Bundle, Sight, adjust, poses_only
 
-# Points of a target below which the start of a fit is looked at for the other minimum.
-AMBIGUOUS = 8
-
-
-# Differences of the sums of squares, over s^2, from which on a picture decides alone.
-DOUBTFUL = 60.0
-
-
-MANY = 20.0  # times this many before the second minimum is reached
-
-
-# Rotation (rad) between two minima from which on they are two.
-TWO = np.radians(0.5)
+# A target of fewer points may have a second minimum at the start of a fit.
+MAX_AMBIGUOUS_POINTS = 8
+# A picture decides alone where the sums of squares of both minima, over s^2, differ by more than this.
+DECISIVE_SQUARES = 60.0
+# The same before the second minimum is reached, by one linear step: that step overestimates the difference.
+DECISIVE_SQUARES_OF_START = 20.0 * DECISIVE_SQUARES
+# Minima nearer to each other than this rotation are one.
+MIN_ROTATION_BETWEEN_MINIMA_DEG = 0.5
 
 
 class Minima(NamedTuple):
@@ -49,8 +44,8 @@ class Minima(NamedTuple):
         """(n,) pictures that do not decide alone."""
         R = self.poses[..., :3, :3]
         cosine = 0.5 * (np.trace(R[0].mT @ R[1], axis1=-2, axis2=-1) - 1.0)
-        two = np.arccos(np.clip(cosine, -1.0, 1.0)) > TWO
-        return np.asarray(two & (self.squares[1] - self.squares[0] < DOUBTFUL))
+        two = np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))) > MIN_ROTATION_BETWEEN_MINIMA_DEG
+        return np.asarray(two & (self.squares[1] - self.squares[0] < DECISIVE_SQUARES))
 
 
 def flipped(poses: Array, middle: Array) -> Array:
@@ -74,7 +69,7 @@ def may_be_ambiguous(bundle: Bundle, corners: Corners) -> bool:
     r, _, B = sight.rows(bundle.parameters, start, free)
     left = r - (B @ np.linalg.solve(B.mT @ B, B.mT @ r[..., None]))[..., 0]
     gain = np.sum(left**2, axis=-1) - _squares(bundle, corners)
-    return bool((gain < MANY * DOUBTFUL * bundle.pixel_noise**2).any())
+    return bool((gain < DECISIVE_SQUARES_OF_START * bundle.pixel_noise**2).any())
 
 
 def both_minima(bundle: Bundle, corners: Corners) -> Minima:

@@ -14,8 +14,9 @@ Levenberg-Marquardt in these coordinates, each damped by its own diagonal (D. Ma
 follows the decrease found over that predicted (H. Nielsen, IMM-REP-1999-05, Technical University of Denmark).
 
 A point is predicted to lie as much above the minimum as the undamped step lowers the sum of squares. It is the last one
-where that is less than the share NEAR of it, and the step, if it gains like the one before, leaves less than STILL: for
-N residuals within ``sqrt(STILL N)`` standard deviations of the minimum. That step needs no further evaluation.
+where that is less than NEAR_SHARE of it, and the step, if it gains like the one before, leaves less than
+CONVERGED_SHARE: for N residuals within ``sqrt(CONVERGED_SHARE N)`` standard deviations of the minimum. That step needs
+no further evaluation.
 """
 
 from __future__ import annotations
@@ -25,17 +26,12 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from ....core.geometry.se3 import Array
+from ....core.numbers.rounding import HALF_DIGITS, PRODUCT_ROUNDING
 
-STILL, NEAR = 1e-11, 1e-7
-MOST_STEPS = 100
-# Damping of the first step, by how much it falls at most and grows at first, and beyond which nothing can be improved.
-DAMPING, FALL, GROWTH, STUCK = 1e-6, 0.1, 4.0, 1e8
-# What a normal matrix of unit diagonal has for eigenvalues where it is singular.
-RANK = 1e-14
-
-# Numbers in the rows of the pictures that are taken at a time: they stay in the cache, and memory small.
-AT_ONCE = 2**18
-
+# The last step leaves less than this share of the sum of squares; it is undamped, and predicts a fall below NEAR_SHARE.
+CONVERGED_SHARE, NEAR_SHARE = 1e-11, 1e-7
+# Numbers in the rows of the pictures that are evaluated together, so that they stay in the cache.
+MAX_NUMBERS_TOGETHER = 2**18
 Rows = tuple[Array, Array, Array]  # r (n, m), A (n, m, f), B (n, m, 6)
 
 
@@ -109,7 +105,7 @@ class Normal(NamedTuple):
         n, f = len(poses), len(values)
         off = prior[1] @ (values - prior[0])
         squares, S, g = float(off @ off), np.zeros((f, f)), prior[1].T @ off
-        step = max(1, AT_ONCE // (problem.m * (f + 6)))
+        step = max(1, MAX_NUMBERS_TOGETHER // (problem.m * (f + 6)))
         found = []
         for part in (slice(first, first + step) for first in range(0, n, step)):
             r, A, B = problem.rows(values, poses[part], part)
@@ -139,7 +135,9 @@ class Normal(NamedTuple):
         return moves[0], moves[1] + self.blocks.G @ moves[0], fall
 
 
-def minimised(problem: Problem, values: Array, blocks: Array, prior: tuple[Array, Array] | None = None) -> Minimum:
+def minimised(
+    problem: Problem, values: Array, blocks: Array, prior: tuple[Array, Array] | None = None, max_steps: int = 100
+) -> Minimum:
     """The minimum from a start; ``prior`` is v_0 (f,) and R (f, f).
 
     Raises `LinAlgError` where the start has residuals that are not finite.
@@ -148,24 +146,25 @@ def minimised(problem: Problem, values: Array, blocks: Array, prior: tuple[Array
     here = Normal.of(problem, values, blocks, prior)
     if here is None:
         raise np.linalg.LinAlgError("The residuals of the start are not finite.")
-    damping, growth, steps, before = DAMPING, GROWTH, 1, 0.0
+    damping, growth, steps, before = 1e-6, 4.0, 1, 0.0
     while True:
         move, step, above = here.step(0.0)
         rate = min(1.0, above / before) if before else 1.0
-        near = above <= NEAR * here.squares and rate * above <= STILL * here.squares
+        stuck = damping * HALF_DIGITS > 1.0  # so damped a step is rounding error
+        near = above <= NEAR_SHARE * here.squares and rate * above <= CONVERGED_SHARE * here.squares
         if near:
             values, blocks = values + move, problem.moved(blocks, step)
             here = here._replace(squares=here.squares - above)
-        if near or damping > STUCK or steps == MOST_STEPS:
+        if near or stuck or steps == max_steps:
             of = here.blocks
-            return Minimum(values, blocks, here.squares, here.information, of.V, of.G, near or damping > STUCK, steps)
+            return Minimum(values, blocks, here.squares, here.information, of.V, of.G, near or stuck, steps)
         move, step, fall = here.step(damping)
         there = values + move, problem.moved(blocks, step)
         found = Normal.of(problem, *there, prior)
         steps += 1
         if found is not None and found.squares < here.squares:
-            damping *= max(FALL, 1.0 - (2.0 * (here.squares - found.squares) / fall - 1.0) ** 3)
-            growth, before, here = GROWTH, above, found
+            damping *= max(0.1, 1.0 - (2.0 * (here.squares - found.squares) / fall - 1.0) ** 3)
+            growth, before, here = 4.0, above, found
             values, blocks = there
         else:
             damping, growth = growth * max(damping, here.least), 2 * growth
@@ -185,4 +184,4 @@ def diagonal(H: Array) -> tuple[Array, Array]:
     size = np.einsum("...ii->...i", H)
     unit = 1.0 / np.sqrt(np.where(size > 0, size, np.inf))
     e, Q = np.linalg.eigh(H * unit[..., :, None] * unit[..., None, :])
-    return np.where(e > RANK * e[..., -1:], e, np.inf), unit[..., :, None] * Q
+    return np.where(e > PRODUCT_ROUNDING * e[..., -1:], e, np.inf), unit[..., :, None] * Q

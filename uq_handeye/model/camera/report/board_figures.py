@@ -18,6 +18,7 @@ from matplotlib.text import Text
 from matplotlib.ticker import MaxNLocator
 
 from ....core.formatting.numbers import fixed
+from ....core.formatting.units import MM_PER_M
 from ....core.geometry.se3 import Array
 from ....core.presentation.figure_parts import (
     INK,
@@ -37,26 +38,14 @@ from ..calibrated import Calibrated
 from .frames import framed, marked, named_axes, scale_beside
 from .text import board_pattern_words, board_words
 
-# Share of the board beyond the outermost points that is drawn.
-RIM = 0.06
-
-
 # Both signs, dark where far from 0; contours and labels say the same in grey.
 COLOURS = "RdBu_r"
-
-
-# Length of the arrows, of which _SHARE per cent are shorter, by the distance of two points.
-LONGEST, _SHARE = 1.6, 95.0
-
-
-# Diameter of a dot by the distance of two points.
-DOT = 0.6
 
 
 def board_map(cam: Calibrated) -> Picture | None:
     """Map of the height with contours in mm; None where the shape of the board has no height."""
     board = cam.board
-    height = 1e3 * board.heights
+    height = MM_PER_M * board.heights
     if not np.ptp(height) > 0:
         return None
     at = _in_plane(cam)
@@ -78,7 +67,7 @@ def board_map(cam: Calibrated) -> Picture | None:
     _label_contours(
         figure, axis.clabel(lines, fmt=lambda level: f"{level + 0.0:g}", fontsize=SMALL, inline=False), named
     )
-    sd = 1e3 * board.deviations[:, 2]
+    sd = MM_PER_M * board.deviations[:, 2]
     alt = f"Map of the height of the board over its plane. {board_words(cam)}"
     caption = (
         f"{board_words(cam)} Height of the board over the plane nearest to its points (dots), seen from the front, "
@@ -104,14 +93,14 @@ def _label_contours(figure: Figure, labels: Sequence[Text], named: Sequence[Text
 def by_point(cam: Calibrated) -> Picture:
     """Residuals by the points of the board."""
     at, board, found = _in_plane(cam), cam.board, cam.board_pattern
-    moved = 1e3 * found.mean @ board.axes.T  # mm
-    typical = float(np.percentile(np.linalg.norm(moved[:, :2], axis=1), _SHARE))
+    moved = MM_PER_M * found.mean @ board.axes.T  # mm
+    typical = float(np.percentile(np.linalg.norm(moved[:, :2], axis=1), 95))
     spacing = float(np.sqrt(np.prod(np.ptp(at, axis=0)) / len(at)))
-    factor = round_number(LONGEST * spacing / max(typical, 1e-9))
-    most = max(float(np.percentile(np.abs(moved[:, 2]), _SHARE)), 1e-9)
+    factor = round_number(1.6 * spacing / max(typical, 1e-9))
+    most = max(float(np.percentile(np.abs(moved[:, 2]), 95)), 1e-9)
     figure, axis = framed(float(np.ptp(at[:, 1]) / np.ptp(at[:, 0])), 1.6, 1.5)
     wide = 72.0 * axis.get_position().width * WIDTH
-    size = float(np.clip((DOT * wide * spacing / np.ptp(at[:, 0])) ** 2, 2.0, 60.0))
+    size = float(np.clip((0.6 * wide * spacing / np.ptp(at[:, 0])) ** 2, 2.0, 60.0))
     _board_axes(axis, cam)
     x, y = at.T
     dots = axis.scatter(x, y, c=moved[:, 2], cmap=COLOURS, vmin=-most, vmax=most, s=size, linewidths=0.3,
@@ -129,7 +118,7 @@ def by_point(cam: Calibrated) -> Picture:
         figure.suptitle("The residuals follow the points of the board", fontsize=TEXT, color=ORANGE, fontweight="bold")
     words = board_pattern_words(cam)
     alt = f"What the residuals say of each point of the board, from the front. {words}"
-    chance = 1e3 * np.sqrt(np.mean(found.deviation**2, axis=0))
+    chance = MM_PER_M * np.sqrt(np.mean(found.deviation**2, axis=0))
     caption = (
         f"{words} Where all pictures together put each point, minus where it was taken to be: arrows within the plane "
         f"of the board, enlarged {factor:,g} times, and colours along z. Where the shape is right, arrows and colours "
@@ -141,7 +130,7 @@ def by_point(cam: Calibrated) -> Picture:
 
 def _in_plane(cam: Calibrated) -> Array:
     """(u, 2) x and y of the points as meant along the axes of the board, mm."""
-    return np.asarray(1e3 * cam.board.nominal @ cam.board.axes[:2].T)
+    return np.asarray(MM_PER_M * cam.board.nominal @ cam.board.axes[:2].T)
 
 
 def _board_axes(axis: Axes, cam: Calibrated) -> None:
@@ -149,6 +138,6 @@ def _board_axes(axis: Axes, cam: Calibrated) -> None:
     at = _in_plane(cam)
     plain(axis)
     low, high = at.min(axis=0), at.max(axis=0)
-    rim = RIM * float((high - low).max())
+    rim = 0.06 * float((high - low).max())
     axis.set(xlim=(low[0] - rim, high[0] + rim), ylim=(high[1] + rim, low[1] - rim), aspect="equal")
     named_axes(axis, "x of the board (mm)", "y (mm)", ticks=(6, 5), steps=[1, 2, 5, 10])

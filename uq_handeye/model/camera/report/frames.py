@@ -21,13 +21,10 @@ from ....core.presentation.figure_parts import (
     plain,
 )
 
-# Height of the frame of a picture or board that stands upright.
-MAX_FRAME_HEIGHT_IN = 5.0
-
 
 def framed(ratio: float, beside: float, more: float) -> tuple[Figure, Axes]:
     """A figure with one frame, height over width ``ratio``, ``beside`` inches left free for labels, ``more`` above."""
-    wide = min(WIDTH - beside, MAX_FRAME_HEIGHT_IN / ratio)
+    wide = min(WIDTH - beside, 5.0 / ratio)  # no frame is taller than 5 inches
     figure = canvas(more + wide * ratio)
     side = 0.5 * max(WIDTH - beside - wide, 0.0)
     return figure, figure.add_subplot(

@@ -11,6 +11,7 @@ import numpy as np
 from ...._version import __version__
 from ....core.files.source import versions
 from ....core.formatting.numbers import column, fixed
+from ....core.formatting.units import MM_PER_M
 from ....core.geometry.conventions import CONVENTION
 from ....core.presentation.document import Block, Code, Paragraph, Points, Section, Table
 from ....core.presentation.ellipses import render
@@ -32,8 +33,8 @@ from .text import (
     scope_words,
 )
 
-# Tables list all pictures and outliers up to so many, of more the worst.
-MOST_LISTED, WORST = 60, 40
+# Pictures and outliers that a table lists: of more, the worst.
+MAX_TABLE_ROWS = 60
 
 
 def report_files(cam: Calibrated) -> dict[str, str | bytes]:
@@ -119,7 +120,7 @@ def _outliers(cam: Calibrated) -> Block:
         return Paragraph("None: every corner is where the others put it.")
     corners = cam.corners
     distance = np.linalg.norm(cam.bundle.residuals, axis=1)
-    listed = [j for j, _ in found[: MOST_LISTED if len(found) <= MOST_LISTED else WORST]]
+    listed = [j for j, _ in found[:MAX_TABLE_ROWS]]
     rows = [
         [
             corners.names[corners.picture[j]], str(corners.place[j]), f"{corners.pixels[j, 0]:.1f}",
@@ -145,15 +146,15 @@ def _choice(cam: Calibrated) -> list[Block]:
 
 def _poses(cam: Calibrated) -> Block:
     corners, rms = cam.corners, picture_rms(cam)
-    if corners.n <= MOST_LISTED:
+    if corners.n <= MAX_TABLE_ROWS:
         shown, which = list(range(corners.n)), f"All {corners.n} pictures"
     else:
-        shown = sorted(np.argsort(-rms, kind="stable")[:WORST].tolist())
-        which = f"The {WORST} of {corners.n:,} pictures with the largest residuals"
+        shown = sorted(np.argsort(-rms, kind="stable")[:MAX_TABLE_ROWS].tolist())
+        which = f"The {MAX_TABLE_ROWS} of {corners.n:,} pictures with the largest residuals"
     used = np.bincount(corners.picture[cam.bundle.used], minlength=corners.n)
     every = np.bincount(corners.picture, minlength=corners.n)
     S = cam.covariance
-    own, whole = (1e3 * np.sqrt(M[:, 3:, 3:].diagonal(axis1=1, axis2=2)) for M in (S.own, S.blocks))
+    own, whole = (MM_PER_M * np.sqrt(M[:, 3:, 3:].diagonal(axis1=1, axis2=2)) for M in (S.own, S.blocks))
     columns = {
         "picture": [corners.names[i] for i in shown],
         "row": [str(row) for row in corners.rows[shown]],

@@ -13,10 +13,13 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 from matplotlib.ticker import MaxNLocator
 
 from ....core.formatting.numbers import digits
+from ....core.geometry.se3 import Array
+from ....core.numbers.limits import MAX_DRAWN_POINTS
 from ....core.presentation.figure_parts import (
     BLUE,
     GRID,
@@ -34,26 +37,9 @@ from ....core.presentation.figure_parts import (
     round_number,
 )
 from ..calibrated import Calibrated, cells_that_matter, picture_rms, radial_means
-from ..residual_pattern import CELLS, LARGE
+from ..residual_pattern import CELLS, MIN_PATTERN_SHARE
 from .frames import named_axes, picture_axes, picture_canvas
 from .text import coverage_words, noise_words, pattern_words
-
-# More arrows are drawn as an image: a drawing of each would make a large file.
-MANY = 2500
-
-
-# More pictures are drawn with smaller dots.
-MANY_PICTURES = 200
-
-
-# Length of the arrow of a large residual (95 % are smaller), as a share of the longer side of the picture.
-_TYPICAL = 0.02
-
-
-_CROSS: dict[str, Any] = {
-    "marker": "X", "linestyle": "", "color": ORANGE, "markersize": 6.5, "markeredgecolor": "white",
-    "markeredgewidth": 0.6,
-}  # fmt: skip
 
 
 def by_picture(cam: Calibrated) -> Picture:
@@ -65,7 +51,7 @@ def by_picture(cam: Calibrated) -> Picture:
     plain(axis)
     rms = picture_rms(cam)
     number = corners.rows.astype(float)
-    size = 4.0 if corners.n <= MANY_PICTURES else 2.0
+    size = 4.0 if corners.n <= 200 else 2.0
     axis.plot(number, rms, "o", color=BLUE, markersize=size, markeredgewidth=0, label="RMS of the corners used")
     noise = cam.bundle.picture_noise
     axis.plot(number, noise, "_", color=INK, markersize=7, label="noise of the picture, by which they count")
@@ -74,7 +60,7 @@ def by_picture(cam: Calibrated) -> Picture:
     )
     if (~used).any():
         out = number[corners.picture[~used]]
-        axis.plot(out, distance[~used], **_CROSS, label=f"distance of a corner left out ({int((~used).sum()):,})")
+        _crosses(axis, out, distance[~used], f"distance of a corner left out ({int((~used).sum()):,})")
     highest = float(max(rms.max(), cam.pixel_noise, distance[~used].max(initial=0.0)))
     if highest > 12 * cam.pixel_noise:
         axis.set_yscale("log")
@@ -99,23 +85,30 @@ def by_picture(cam: Calibrated) -> Picture:
     return Picture(finished(figure), alt, caption)
 
 
+def _crosses(axis: Axes, x: Array, y: Array, label: str) -> list[Line2D]:
+    """Crosses at the corners that were left out."""
+    return axis.plot(
+        x, y, "X", color=ORANGE, markersize=6.5, markeredgecolor="white", markeredgewidth=0.6, label=label, zorder=5
+    )
+
+
 def over_picture(cam: Calibrated) -> Picture:
     """All residuals as arrows at their corners."""
     corners, used, residuals = cam.corners, cam.bundle.used, cam.bundle.residuals
     width, height = cam.image_size
     figure, axis = picture_canvas(cam.image_size, 0.8)
     typical = max(2.45 * cam.pixel_noise, 1e-9)  # 95 % are shorter
-    factor = round_number(_TYPICAL * max(width, height) / typical)
+    factor = round_number(0.02 * max(width, height) / typical)
     u, v = corners.pixels[used].T
     axis.quiver(
         u, v, *residuals[used].T, angles="xy", scale_units="xy", scale=1.0 / factor, color=BLUE, headwidth=3.5,
-        width=0.0009 if used.sum() > MANY else 0.0016, rasterized=bool(used.sum() > MANY),
+        width=0.0009 if used.sum() > MAX_DRAWN_POINTS else 0.0016, rasterized=bool(used.sum() > MAX_DRAWN_POINTS),
     )  # fmt: skip
     handles = [axis.plot([], [], color=BLUE, linewidth=1.2, label=f"residual, {factor:,g} times enlarged")[0]]
     if (~used).any():
         out = corners.pixels[~used]
         label = f"corner left out ({int((~used).sum()):,})"
-        handles += axis.plot(*out.T, **_CROSS, label=label, zorder=5)
+        handles += _crosses(axis, out[:, 0], out[:, 1], label)
     figure.legend(handles=handles, loc="outside upper right", ncols=2, frameon=False, fontsize=SMALL)
     left = int((~used).sum())
     alt = f"Residuals of all corners over the picture, in true proportions; {left} corners were left out."
@@ -148,9 +141,9 @@ def over_cells(cam: Calibrated) -> Picture:
     alt = f"Mean residuals over the picture by cell, and by the distance from the centre. {pattern_words(cam)}"
     caption = (
         f"{pattern_words(cam)} Left: the mean residual (measured less predicted) of each cell, enlarged {factor:,g} "
-        f"times; orange ones are beyond chance and larger than {LARGE:g} of the pixel noise. Right: its part away from "
-        f"the centre, with bars of 2 sigma, and grey where it is below {LARGE:g} of the noise. A right model leaves "
-        "short arrows without order, and a curve about 0."
+        f"times; orange ones are beyond chance and larger than {MIN_PATTERN_SHARE:g} of the pixel noise. Right: its "
+        f"part away from the centre, with bars of 2 sigma, and grey where it is below {MIN_PATTERN_SHARE:g} of the noise. "
+        "A right model leaves short arrows without order, and a curve about 0."
     )
     return Picture(finished(figure), alt, caption)
 
@@ -177,7 +170,7 @@ def _cells(axis: Axes, cam: Calibrated) -> float:
     centres = (np.stack([columns, rows], axis=-1) + 0.5) * cell - 0.5
     for chosen, colour, name in (
         (~matters, BLUE, "chance, or too small to matter"),
-        (matters, ORANGE, f"beyond chance, and more than {LARGE:g} of the noise"),
+        (matters, ORANGE, f"beyond chance, and more than {MIN_PATTERN_SHARE:g} of the noise"),
     ):
         part = chosen[rows, columns]
         if not part.any():
@@ -202,7 +195,7 @@ def _radial(axis: Axes, cam: Calibrated) -> None:
         radius, mean, 2 * s / np.sqrt(count), fmt="o-", color=BLUE, markersize=3.5, linewidth=1.0, elinewidth=1.0,
         capsize=2.0,
     )  # fmt: skip
-    axis.axhspan(-LARGE * s, LARGE * s, color="0.93", zorder=0.4)
+    axis.axhspan(-MIN_PATTERN_SHARE * s, MIN_PATTERN_SHARE * s, color="0.93", zorder=0.4)
     top = 1.15 * max(s, float(np.max(np.abs(mean) + 2 * s / np.sqrt(count))))
     axis.set_ylim(-top, top)
     axis.set_xlim(0.0, 1.06 * float(radius.max()))

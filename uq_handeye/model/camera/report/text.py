@@ -5,22 +5,21 @@ from __future__ import annotations
 import numpy as np
 
 from ....core.formatting.numbers import concise, fixed, probability
+from ....core.formatting.units import MM_PER_M
+from ....core.numbers.levels import CONTRADICTED
+from ....core.numbers.limits import MAX_LISTED
 from ....core.presentation.document import Block, Caution, Document, Heading, Paragraph, Table
 from ..adjustment.criterion import best
 from ..calibrated import Calibrated, covered, distances, tilts
 from ..models import LINEAR
-from ..residual_pattern import CELLS, RARE
+from ..residual_pattern import CELLS
 
-# Corners left out that the text lists, the farthest first; the files list them all.
-MOST_LISTED = 12
 # Models that the text compares the chosen one with, itself counted.
-NEAREST = 5
-# A picture with corners in fewer of its cells is covered badly.
-LITTLE = 0.5
-# Noise of the pictures that differs by this factor is told.
-UNEQUAL = 1.5
-# Squares are said to be stretched where they are by so many standard deviations.
-TOLD = 3.0
+MAX_COMPARED_MODELS = 5
+# Corners in a smaller share of the cells of the picture leave the distortion extrapolated.
+MIN_COVERED_SHARE = 0.5
+# Noise that differs by this factor between pictures is mentioned.
+MIN_NOISE_RATIO = 1.5
 UNITS = dict.fromkeys(LINEAR, "pixels")
 NOTATION = "12.345(67) means 12.345 with a standard deviation of 0.067"
 
@@ -32,7 +31,7 @@ def camera_document(cam: Calibrated, details: bool = False) -> Document:
         [Heading(title(cam)), Paragraph(answer(cam))],
         *map(Caution, cam.warnings),
         Table(f"Intrinsics ({NOTATION}):", ["", ""], rows, frozenset({1})),
-        [Paragraph(noise_words(cam)), *_outlier_lines(cam, None if details else MOST_LISTED)],
+        [Paragraph(noise_words(cam)), *_outlier_lines(cam, None if details else MAX_LISTED)],
         *(Paragraph(str(finding)) for finding in cam.findings if finding.severity == "note"),
         *(Paragraph(text) for text in (pattern_words(cam), board_pattern_words(cam))),
         *(Paragraph(text) for text in (coverage_words(cam), boards_words(cam))),
@@ -65,11 +64,11 @@ def board_words(cam: Calibrated) -> str:
     bow, sd = board.bow
     said = "The board does not bow"
     if bow > 0:
-        said = f"The board bows by {concise(1e3 * bow, 1e3 * sd)} mm over {fixed(board.size, 2)} m"
+        said = f"The board bows by {concise(MM_PER_M * bow, MM_PER_M * sd)} mm over {fixed(board.size, 2)} m"
     if board.in_plane > 0:
         said += f"; in the plane its points are off by {_length(board.in_plane)} mm RMS"
         stretch, sd = board.stretch
-        if abs(stretch) > TOLD * sd:
+        if stretch**2 > CONTRADICTED.chi_square(1) * sd**2:
             longer = "wider than high" if stretch > 0 else "higher than wide"
             said += f", its squares {concise(100 * abs(stretch), 100 * sd)} % {longer}"
     return f"{said}."
@@ -86,7 +85,7 @@ def board_pattern_words(cam: Calibrated) -> str:
             f"The residuals follow the points of the board, {share} ({p}): in all pictures alike points lie elsewhere "
             f"than where a {cam.shape} board has them. The covariance does not contain that."
         )
-    if found.p_value < RARE:
+    if found.p_value < CONTRADICTED.probability:
         return f"The residuals follow the points of the board by {share} ({p}): too small to matter."
     return f"The residuals do not follow the points of the board ({p})."
 
@@ -98,7 +97,7 @@ def _shapes_compared(cam: Calibrated) -> bool:
 
 def _length(value: float) -> str:
     """Millimetres of metres."""
-    return fixed(1e3 * value, 2)
+    return fixed(MM_PER_M * value, 2)
 
 
 def title(cam: Calibrated) -> str:
@@ -122,7 +121,7 @@ def answer(cam: Calibrated) -> str:
     else:
         first = (
             f"The focal length is known to {fixed(sd, 2)} pixels ({fixed(100 * sd / fx, 2)} %, 1 sigma): every "
-            f"distance from the camera shares an error of {fixed(1e3 * sd / fx, 2)} mm per m."
+            f"distance from the camera shares an error of {fixed(MM_PER_M * sd / fx, 2)} mm per m."
         )
     corner = f"A corner is seen to {fixed(cam.pixel_noise, 2)} pixels."
     return f"{first} {board_words(cam)} {corner} {pattern_words(cam, short=True)}"
@@ -149,7 +148,7 @@ def noise_words(cam: Calibrated) -> str:
         f"{cam.bundle.freedom:,} degrees of freedom."
     )
     least, most = cam.bundle.picture_noise.min(), cam.bundle.picture_noise.max()
-    if most > UNEQUAL * least:
+    if most > MIN_NOISE_RATIO * least:
         text += f" Pictures differ, from {fixed(least, 2)} to {fixed(most, 2)} pixels, and count accordingly."
     left = m - used
     if not left:
@@ -189,7 +188,7 @@ def pattern_words(cam: Calibrated, short: bool = False) -> str:
         )
         several = len({candidate.model for candidate in cam.candidates}) > 1
         more += "No other model that was tried is better." if several else "Use another model ('auto')."
-    elif found.p_value < RARE:
+    elif found.p_value < CONTRADICTED.probability:
         text = f"The residuals have a pattern over the picture of {share}: too small to matter."
         more = f" With this many corners it is significant ({probability(found.p_value, 2)})."
     else:
@@ -202,7 +201,7 @@ def coverage_words(cam: Calibrated) -> str:
     """Describe which part of the picture the corners covered."""
     share = covered(cam)
     text = f"Corners were in {share:.0%} of the picture ({int((cam.pattern.count > 0).sum())} of {CELLS**2} cells)."
-    if share < LITTLE:
+    if share < MIN_COVERED_SHARE:
         text += " Where there were none, the distortion is extrapolated: take pictures with the board at the rim."
     return text
 
@@ -226,7 +225,7 @@ def model_choice(cam: Calibrated, caption: str = "", chosen: str = "*", details:
         f"Model and shape of the board chosen of {len(cam.candidates)} by the smallest Bayesian information criterion "
         f"(BIC), of a lens that distorts with p1 and p2 at least: {model_name(cam)}, board {cam.bundle.shape.name}."
     )
-    most = len(cam.candidates) if details or len(cam.candidates) <= NEAREST + 2 else NEAREST
+    most = len(cam.candidates) if details or len(cam.candidates) <= MAX_COMPARED_MODELS + 2 else MAX_COMPARED_MODELS
     least, winner = min((c.bic for c in cam.candidates), default=0.0), best(cam.candidates)
     rows = [
         [

@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.lines import Line2D
 
 from ....core.formatting.numbers import fixed
+from ....core.numbers.limits import MAX_DRAWN_POINTS
 from ....core.presentation.figure_parts import (
     GREEN,
     ON_MAP,
@@ -21,7 +22,6 @@ from ....core.presentation.figure_parts import (
 )
 from ..calibrated import Calibrated, certainty, distances, tilts
 from .frames import framed, marked, named_axes, picture_canvas, scale_beside
-from .residual_figures import MANY
 from .text import boards_words
 
 
@@ -38,9 +38,10 @@ def over_certainty(cam: Calibrated) -> Picture | None:
     levels = np.geomspace(low, high, 13) if high > 8 * low > 0 else np.linspace(low, max(high, 1.001 * low + 1e-9), 13)
     drawn = axis.contourf(u, v, np.ma.masked_invalid(deviation), levels=levels, cmap="Blues")
     used = cam.bundle.used
+    many = bool(used.sum() > MAX_DRAWN_POINTS)
     axis.plot(
-        *cam.corners.pixels[used].T, ".", color=ON_MAP, markersize=1.0 if used.sum() > MANY else 2.0, markeredgewidth=0,
-        rasterized=bool(used.sum() > MANY),
+        *cam.corners.pixels[used].T, ".", color=ON_MAP, markersize=1.0 if many else 2.0, markeredgewidth=0,
+        rasterized=many,
     )  # fmt: skip
     bar = scale_beside(figure, axis, drawn, "standard deviation (pixels)")
     bar.set_ticks(levels[::2].tolist(), labels=[fixed(level, 2) for level in levels[::2]])
@@ -63,7 +64,7 @@ def boards_seen(cam: Calibrated) -> Picture:
     """Distance and tilt of the board in each picture."""
     figure, axis = framed(0.45, 1.0, 1.0)
     plain(axis)
-    many = cam.corners.n > MANY
+    many = cam.corners.n > MAX_DRAWN_POINTS
     axis.plot(
         distances(cam), tilts(cam), "o", color=GREEN, markersize=2.0 if many else 5.0, markeredgewidth=0,
         rasterized=many,
