@@ -14,7 +14,7 @@ from studies.camera_covariance import SIZE, board, recorded
 from tests.support import jacobian
 from uq_handeye.core.geometry.se3 import perturb
 from uq_handeye.errors import InputError
-from uq_handeye.model.camera.adjustment.bundle import LOST, Sight
+from uq_handeye.model.camera.adjustment.bundle import MAX_PIXELS, Sight
 from uq_handeye.model.camera.adjustment.criterion import criterion
 from uq_handeye.model.camera.adjustment.setting import Setting
 from uq_handeye.model.camera.board_shape import SHAPES, BoardShape, flat_shape, polynomial_shape, possible_shapes
@@ -113,7 +113,7 @@ def test_what_moves_no_point_and_what_is_behind_the_camera_pull_nothing(rng):
     poses[1, 2, 3] -= 10.0
     r, A, B = sight.rows(parameters, poses)
     assert not A[..., 4:].any() and not A[1].any() and not B[1].any()
-    assert (r[1] == LOST).all() and A[0, :, :4].any() and B[0].any()
+    assert (r[1] == MAX_PIXELS).all() and A[0, :, :4].any() and B[0].any()
 
 
 @pytest.mark.slow

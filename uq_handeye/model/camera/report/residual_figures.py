@@ -142,7 +142,7 @@ def over_cells(cam: Calibrated) -> Picture:
     caption = (
         f"{pattern_words(cam)} Left: the mean residual (measured less predicted) of each cell, enlarged {factor:,g} "
         f"times; orange ones are beyond chance and larger than {MIN_PATTERN_SHARE:g} of the pixel noise. Right: its "
-        f"part away from the centre, with bars of 2 sigma, and grey where it is below {MIN_PATTERN_SHARE:g} of the noise. "
+        f"part away from the centre, with bars of 2 sigma, and grey where it is below {MIN_PATTERN_SHARE:g} of it. "
         "A right model leaves short arrows without order, and a curve about 0."
     )
     return Picture(finished(figure), alt, caption)
