@@ -25,12 +25,13 @@ from .estimate.estimated import distance_of
 from .prediction.corrected_urdf import CorrectedUrdf, write_corrected_urdf
 from .prediction.predict import CameraPrediction, predict_camera, predict_points
 from .prediction.workspace import WorkspacePrediction, over_workspace
-from .report.facts import Facts, Plotted, facts_of
+from .report.facts import Facts, facts_of, figure_names
 from .result_file import AS_NOISE, DERIVED, FORMAT, UNITS, from_dict
 from .statement.accuracy import Statement
 
 if TYPE_CHECKING:
     import pandas as pd
+    from matplotlib.figure import Figure
     from scipy.spatial.transform import RigidTransform
 
     from ..report.page import CrossCheck, Methods
@@ -39,7 +40,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False, init=False)
-class Calibration(Statement, Plotted):
+class Calibration(Statement):
     """X of AX = XB and what is known about it.
 
     Model: ``X = (R, t)`` with the error ``xi = (theta, tau)``, ``R = exp([theta]x) R_hat``,
@@ -300,6 +301,29 @@ class Calibration(Statement, Plotted):
             self, path, comparison=comparison, cross_check=cross_check, about=about, verdict=verdict, details=details,
             paper=paper, certificate=certificate,
         )  # fmt: skip
+
+    @property
+    def figures(self) -> tuple[str, ...]:
+        """The names that `plot` takes for this result."""
+        return figure_names(self)
+
+    def plot(self, name: str | None = None) -> Figure:
+        """Return a figure as a Matplotlib Figure, which notebooks show.
+
+        Parameters
+        ----------
+        name : str or None
+            One of `figures`: "ellipses", "rig", "residuals", "budget", "shared", "task_space", "workspace" or "methods"
+            (which compares the methods first). None: the first of them.
+
+        Raises
+        ------
+        InputError
+            A name that is not among `figures`.
+        """
+        from ..report.figures import figure_of
+
+        return figure_of(self, name)
 
     def export(self, path: str | Path, format: str | None = None) -> Path:
         """X for another program: JSON, ROS, URDF, OpenCV, NPZ, or as a robot writes it; see `export`.

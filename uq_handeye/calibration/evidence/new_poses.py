@@ -27,13 +27,13 @@ from ...model.noise.joint_covariance import JointCovariance, group_of, joint_of
 from ...model.noise.models import PoseNoise, is_joint, require_count
 from ...model.poses.pose_pairs import PosePairs
 from ...model.posterior.owners import THINGS, checked_things, require_same
+from ...model.posterior.posterior import FreshNoise
 from ...model.posterior.rows import NewRows, at_points
 from ...model.shared_errors.assumed import DRIFT, drift_columns
 from ...model.shared_errors.sizes import ROBOT_ACCURACY
 from ..estimate.estimated import Estimated
 from ..prediction.predict import (
     NONE,
-    Fresh,
     RobotAhead,
     camera_at,
     fresh_of_camera,
@@ -47,7 +47,7 @@ from ..prediction.predict import (
 )
 
 # Noise of new poses of one side: a covariance of each, or noises of sizes that the calibration found.
-NoiseAhead: TypeAlias = Array | JointCovariance | tuple[Fresh, ...] | None
+NoiseAhead: TypeAlias = Array | JointCovariance | tuple[FreshNoise, ...] | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,7 +130,7 @@ def evidence_of_poses(
     arm = next((one for one in posterior.noise if one.name == ROBOT_ACCURACY), None)
     unseen = D_G @ ahead.unseen @ D_G.mT
     if arm is not None:
-        carried.append((Fresh(arm.name, NONE, arm.size, arm.by_point), unseen / arm.size**2))
+        carried.append((FreshNoise(arm.name, "robot", NONE, arm.size, arm.by_point), unseen / arm.size**2))
         unseen = 0.0 * unseen
     own = sum((one.size**2 * S for one, S in carried), unseen)
     parts = tuple((one.name, S) for one, S in carried if len(one.by_point) and one.name != "given")
@@ -216,7 +216,7 @@ def noise_of_pictures(result: Estimated, poses: PosePairs) -> Array | JointCovar
 
 def _noise_of(
     poses: PosePairs, noise: PoseNoise | None, side: str, otherwise: NoiseAhead
-) -> tuple[tuple[Fresh, ...], Array]:
+) -> tuple[tuple[FreshNoise, ...], Array]:
     """Noises of each new pose of a side, and what they share by themselves (m, 6, z)."""
     S = otherwise if noise is None else getattr(noise, side)
     m = poses.n
@@ -224,12 +224,12 @@ def _noise_of(
         return S or (), np.zeros((m, 6, 0))
     require_count(S, m, side, "poses")
     if (joint := joint_of(S)) is not None:
-        return (Fresh("given", np.asarray(joint.own), 1.0, NONE),), np.asarray(joint.shared)
+        return (FreshNoise("given", side, np.asarray(joint.own), 1.0, NONE),), np.asarray(joint.shared)
     if is_joint(S):
         raise InputError(
             f"Expected the noise of new {side} poses as (6, 6), (m, 6, 6) or JointCovariance, got an array."
         )
-    return (Fresh("given", np.broadcast_to(S, (m, 6, 6)), 1.0, NONE),), np.zeros((m, 6, 0))
+    return (FreshNoise("given", side, np.broadcast_to(S, (m, 6, 6)), 1.0, NONE),), np.zeros((m, 6, 0))
 
 
 class Residual(NamedTuple):

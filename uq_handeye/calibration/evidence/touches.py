@@ -32,13 +32,13 @@ from ...errors import InputError
 from ...fit.diagnostics.task_space import by_pose
 from ...model.noise.camera_noise import INTRINSICS
 from ...model.noise.joint_covariance import group_of
+from ...model.posterior.posterior import FreshNoise
 from ...model.posterior.rows import Joint, NewRows, at_points, factor_of
 from ...model.shared_errors.shared_error import TARGET_SCALE
 from ...model.shared_errors.sizes import ROBOT_ACCURACY
 from ..estimate.estimated import Estimated
 from ..prediction.predict import (
     NONE,
-    Fresh,
     RobotAhead,
     own_noise,
     poses_so_far,
@@ -305,7 +305,7 @@ def _with_noise(ahead: RobotAhead, touches: Touches) -> RobotAhead:
     if touches.robot_noise is None:
         return ahead
     noise = np.broadcast_to(touches.robot_noise, ahead.noise.shape)
-    return replace(ahead, fresh=(Fresh("given", noise, 1.0, NONE),))
+    return replace(ahead, fresh=(FreshNoise("given", "robot", noise, 1.0, NONE),))
 
 
 def _poses_of_points(result: Estimated, touches: Touches) -> Array:

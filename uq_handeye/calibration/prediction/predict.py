@@ -43,7 +43,7 @@ from ...model.noise.camera_noise import INTRINSICS
 from ...model.noise.joint_covariance import group_of
 from ...model.poses.motions import Motions
 from ...model.poses.pose_pairs import PosePairs
-from ...model.posterior.posterior import Posterior
+from ...model.posterior.posterior import FreshNoise, Posterior
 from ...model.shared_errors.assumed import bound_again, error_by_part
 from ...model.shared_errors.shared_error import SharedError
 from ...model.shared_errors.sizes import ROBOT_ACCURACY
@@ -101,16 +101,7 @@ class CameraPrediction(Record):
         return np.asarray(np.sqrt(np.diagonal(self.covariance, axis1=-2, axis2=-1)))
 
 
-class Fresh(NamedTuple):
-    """One noise at poses to come: covariance (..., 6, 6) of size 1 there, its size, and that at each point (d,)."""
-
-    name: str
-    covariance: Array
-    size: float
-    by_point: Array
-
-
-def total_of(fresh: tuple[Fresh, ...], shape: tuple[int, ...]) -> Array:
+def total_of(fresh: tuple[FreshNoise, ...], shape: tuple[int, ...]) -> Array:
     """(..., 6, 6) of noises together."""
     return sum((one.size**2 * one.covariance for one in fresh), np.zeros((*shape, 6, 6)))
 
@@ -121,7 +112,7 @@ class RobotAhead:
 
     poses: Array  # (..., 4, 4) base_T_gripper, corrected by the estimates
     columns: Array  # (..., 6, q) error of the pose by (e - estimate) of each shared error
-    fresh: tuple[Fresh, ...]  # of joints and pose, drawn again
+    fresh: tuple[FreshNoise, ...]  # of joints and pose, drawn again
     unseen: Array  # (..., 6, 6) of errors of the robot there of which its poses so far say nothing
 
     @property
@@ -356,27 +347,29 @@ def _of_elbow(fitted: FittedKinematics, posterior: Posterior, q: Array, here: Ar
     return np.asarray(S).reshape(*q.shape[:-1], 6, 6)
 
 
-def _fresh_of_robot(result: Estimated, G: Array, of_joints: Array | None) -> tuple[Fresh, ...]:
+def _fresh_of_robot(result: Estimated, G: Array, of_joints: Array | None) -> tuple[FreshNoise, ...]:
     posterior, fitted, found = posterior_of(result), result.kinematics, []
     if not posterior.noise:
-        found.append(Fresh("given", np.broadcast_to(own_noise(result, "robot"), (*G.shape[:-2], 6, 6)), 1.0, NONE))
+        found.append(
+            FreshNoise("given", "robot", np.broadcast_to(own_noise(result, "robot"), (*G.shape[:-2], 6, 6)), 1.0, NONE)
+        )
         if of_joints is not None and fitted is not None:
-            found.append(Fresh(JOINT_NOISE, of_joints, fitted.joint_noise, NONE))
+            found.append(FreshNoise(JOINT_NOISE, "robot", of_joints, fitted.joint_noise, NONE))
         return tuple(found)
     for one in posterior.noise:
         if one.side != "robot" or one.name == ROBOT_ACCURACY or (one.name == JOINT_NOISE and of_joints is None):
             continue
         S = of_joints if one.name == JOINT_NOISE else np.broadcast_to(one.covariance, (*G.shape[:-2], 6, 6))
         assert S is not None
-        found.append(Fresh(one.name, S, one.size, one.by_point))
+        found.append(FreshNoise(one.name, one.side, S, one.size, one.by_point))
     return tuple(found)
 
 
-def fresh_of_camera(result: Estimated, camera: Array) -> tuple[Fresh, ...]:
+def fresh_of_camera(result: Estimated, camera: Array) -> tuple[FreshNoise, ...]:
     """Noises of camera poses (m, 4, 4) to come."""
     posterior, shape = posterior_of(result), (len(camera), 6, 6)
     if not posterior.noise:
-        return (Fresh("given", np.broadcast_to(own_noise(result, "camera"), shape), 1.0, NONE),)
+        return (FreshNoise("given", "camera", np.broadcast_to(own_noise(result, "camera"), shape), 1.0, NONE),)
     found = []
     for one in posterior.noise:
         if one.side == "camera":
@@ -386,7 +379,7 @@ def fresh_of_camera(result: Estimated, camera: Array) -> tuple[Fresh, ...]:
                 centre = np.zeros(3) if of is None else target_centre(of.camera, one.distance)
                 B = view_block(camera, one.distance, centre)
                 S = B @ B.mT
-            found.append(Fresh(one.name, S, one.size, one.by_point))
+            found.append(FreshNoise(one.name, one.side, S, one.size, one.by_point))
     return tuple(found)
 
 

@@ -8,7 +8,7 @@ covariance.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -21,7 +21,7 @@ from ...fit.diagnostics.sentences import direction_words
 from ..estimate.estimated import Estimated, distance_of
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    pass
 
 _SOURCES = {
     "model": "the noise given",
@@ -154,34 +154,7 @@ FIGURES = {
 }
 
 
-class Plotted:
-    """Figures of a `Calibration` by name."""
-
-    @property
-    def figures(self) -> tuple[str, ...]:
-        """The names that `plot` takes for this result."""
-        return figure_names(self)
-
-    def plot(self: Any, name: str | None = None) -> Figure:
-        """Return a figure as a Matplotlib Figure, which notebooks show.
-
-        Parameters
-        ----------
-        name : str or None
-            One of `figures`: "ellipses", "rig", "residuals", "budget", "shared", "task_space", "workspace" or "methods"
-            (which compares the methods first). None: the first of them.
-
-        Raises
-        ------
-        InputError
-            A name that is not among `figures`.
-        """
-        from ...report.figures import figure_of
-
-        return figure_of(self, name)
-
-
-def figure_names(result: Any) -> tuple[str, ...]:
+def figure_names(result: Estimated) -> tuple[str, ...]:
     """Return the names of the figures that a result can have, in the order of `FIGURES`."""
     determined = result.covariance is not None
     poses = None if result.data is None else result.data.poses

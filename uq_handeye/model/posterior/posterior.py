@@ -39,8 +39,9 @@ from .selection import Selection, covariance_of, select
 class FreshNoise(Record):
     """One noise of new measurements: errors (theta, tau) of a pose of one side, drawn again.
 
-    ``covariance`` (6, 6) is that of size 1 at a usual pose; what follows from the pose itself (the view of the target,
-    joints, errors of an arm beyond those it shares) is made there by name. ``distance`` (m) goes with the view.
+    ``covariance`` (6, 6) is that of size 1 at a usual pose, or (..., 6, 6) at each of some poses; what follows from the
+    pose itself (the view of the target, joints, errors of an arm beyond those it shares) is made there by name.
+    ``distance`` (m) goes with the view.
     """
 
     _where: ClassVar[str] = "posterior.noise"

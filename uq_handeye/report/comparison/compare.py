@@ -20,7 +20,7 @@ import warnings
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, NamedTuple, cast
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -38,7 +38,6 @@ from ...errors import (
     MissingExtraError,
     NotConvergedError,
     among,
-    require_known,
 )
 from ...fit.likelihood.constraint import require_noise_fits
 from ...fit.likelihood.gauss_helmert import ESTIMATORS
@@ -77,7 +76,8 @@ def compare(
     pairs: str | ArrayLike = "all",
     reference: str = OWN,
     shared: Sequence[SharedError] | None = None,
-    **run: bool,
+    timed: bool = True,
+    progress: bool = False,
 ) -> Comparison:
     """Every method on the same pairs, each with its own covariance, beside the answer of `calibrate`.
 
@@ -124,8 +124,7 @@ def compare(
     >>> [(row.method, row.agrees) for row in comparison.rows]
     [('efficient', True), ('park', True)]
     """
-    require_known("compare", run, Running)
-    how, taken = Running(**run), cast(Any, pairs_of(data, camera, setup))
+    taken = pairs_of(data, camera, setup)
     names = _names(methods, reference)
     motions, available = _motions(taken, pairs)
     require_noise_fits(noise, motions)
@@ -152,7 +151,7 @@ def compare(
         own = replace(own, residuals=answers[0].residuals)
     estimated = noise is None and used is not None
     work = Work(motions, used, estimated, available, seen, checks)
-    return compare_rows(names, work, {OWN: own}, reference, how)
+    return compare_rows(names, work, {OWN: own}, reference, timed, progress)
 
 
 def explained_motions(result: Calibration, motions: Motions) -> Motions:
@@ -166,13 +165,6 @@ def explained_motions(result: Calibration, motions: Motions) -> Motions:
     return relative_motions(poses_less_shared_errors(result, poses), motions.pairs)
 
 
-class Running(NamedTuple):
-    """Timing of the methods, and a bar on stderr."""
-
-    timed: bool = True
-    progress: bool = False
-
-
 class Work(NamedTuple):
     """Data that all methods of a comparison are given; their residuals are those of the motions ``seen``."""
 
@@ -184,17 +176,19 @@ class Work(NamedTuple):
     checks: tuple[Check, ...] = ()
 
 
-def compare_rows(names: Sequence[str], work: Work, found: dict[str, Row], reference: str, run: Running) -> Comparison:
+def compare_rows(
+    names: Sequence[str], work: Work, found: dict[str, Row], reference: str, timed: bool, progress: bool = False
+) -> Comparison:
     """The comparison of these methods; the rows that are ``found`` already are taken as they are."""
     motions, noise = work.motions, work.noise
     poses = motions.poses
     found = dict(found)
     with warnings.catch_warnings(record=True) as others:  # of progress itself, and what numpy says
         warnings.simplefilter("always")
-        with progress_bar("compare", len(names), "methods", run.progress) as advance:
+        with progress_bar("compare", len(names), "methods", progress) as advance:
             for name in sorted(names, key=lambda name: name != reference):
                 if name not in found:
-                    found[name] = _row_of(name, motions, noise, run.timed)
+                    found[name] = _row_of(name, motions, noise, timed)
                 advance(1)
     rows = [found[name] for name in names]
     base = next((found[name] for name in (reference, *names) if found[name].failure is None), None)
@@ -453,5 +447,5 @@ def compare_beside(result: Calibration) -> Compared:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # those that matter are in the table
         work = Work(motions, noise, estimated, available, explained_motions(result, motions))
-        found = compare_rows(names, work, {base.method: base}, base.method, Running(timed=False))
+        found = compare_rows(names, work, {base.method: base}, base.method, timed=False)
     return Compared(found, "", note)

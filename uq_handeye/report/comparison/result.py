@@ -38,13 +38,6 @@ CHI2_95 = UNUSUAL.chi_square(6)
 _FORMAT = "uq-handeye comparison 1"
 
 
-class UnknownMethodError(InputError, KeyError):
-    """A comparison was asked for a method that it does not have; the message lists those that it has."""
-
-    def __str__(self) -> str:  # KeyError would quote it
-        return str(self.args[0])
-
-
 @dataclass(frozen=True, eq=False)
 class Comparison:
     """One row per method, in the order asked for; see `compare`."""
@@ -67,7 +60,7 @@ class Comparison:
             if row.method == method:
                 return row
         names = ", ".join(row.method for row in self.rows)
-        raise UnknownMethodError(f"Expected the name of a method compared, one of {names}; got {method!r}.")
+        raise InputError(f"Expected the name of a method compared, one of {names}; got {method!r}.")
 
     def __contains__(self, method: object) -> bool:
         return any(row.method == method for row in self.rows)
