@@ -115,6 +115,7 @@ def test_the_result_file_keeps_them(result, tmp_path):
             uq.Calibration.from_dict(json.loads(text) | damage)
 
 
+@pytest.mark.slow
 def test_text_and_figures_show_them(result):
     assert "20 of 24 poses" in result.summary()
     assert "4 of 24 poses are excluded" in result.summary(verbose=True)

@@ -14,6 +14,8 @@ from uq_handeye.model.camera.corners_file import corners_text
 from uq_handeye.model.camera.description import Board
 from uq_handeye.read import read_poses
 
+pytestmark = pytest.mark.slow
+
 FAR = stats.chi2.ppf(CONFIDENCE, 6)
 NAMES = ("x", "y", "z", "yaw", "pitch", "roll")
 AXES = {"x": "1 0 0", "y": "0 1 0", "z": "0 0 1", "yaw": "0 0 1", "pitch": "0 1 0", "roll": "1 0 0"}
@@ -87,7 +89,6 @@ def test_joints_travel_with_the_corners(table):
     np.testing.assert_allclose(arm.poses(some.joints), some.robot, rtol=0, atol=1e-12)
 
 
-@pytest.mark.slow
 def test_pictures_and_joints_alone(tmp_path):
     """No file of poses at all: pictures, a board, joints and an arm."""
     pytest.importorskip("cv2")

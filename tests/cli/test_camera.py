@@ -144,6 +144,7 @@ def test_half_turns_of_a_board_that_does_not_tell_are_resolved(rng, tmp_path):
     assert squared_distance(done.stdout, X)[0] < 6 * stats.f.ppf(CONFIDENCE, 6, 36)
 
 
+@pytest.mark.slow
 def test_corners_of_another_program(table):
     folder, truth = table
     done = run("calibrate", "robot.csv", "camera", "--json", cwd=folder)
@@ -151,6 +152,7 @@ def test_corners_of_another_program(table):
     assert squared_distance(done.stdout, truth)[0] < FAR
 
 
+@pytest.mark.slow
 def test_the_board_as_measured_is_that_of_the_next_pictures(rig, table):
     """The board.csv from pictures says which board it is; from a table it does not, and serves tables."""
     folder, _ = rig
@@ -172,6 +174,7 @@ def test_the_board_as_measured_is_that_of_the_next_pictures(rig, table):
     assert done.returncode == 2 and "does not name the kind of board" in done.stderr
 
 
+@pytest.mark.slow
 def test_json_is_that_of_the_folder(table):
     folder, _ = table
     done = run("camera", "corners.csv", "--image-size", "640X480", "--model", "pinhole", "--json", cwd=folder)
@@ -181,6 +184,7 @@ def test_json_is_that_of_the_folder(table):
     assert "Nothing was written: give -o camera/" in text
 
 
+@pytest.mark.slow
 def test_known_intrinsics_of_a_file(table):
     folder, _ = table
     (folder / "factory.json").write_text('{"fx": [750.0, 0.1], "fy": [746.0, 0.1], "image_size": [640, 480]}')
@@ -196,6 +200,7 @@ def test_known_intrinsics_of_a_file(table):
     assert done.returncode == 2 and "pictures of 1280 x 960 pixels, got 640 x 480. Scale fx" in done.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "command",
     [
@@ -214,6 +219,7 @@ def test_other_commands_take_the_folder(table, command):
     assert done.returncode == 0, done.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

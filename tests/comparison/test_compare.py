@@ -68,6 +68,7 @@ def no_constant(name):
     raise AssertionError(f"{name} in JSON")
 
 
+@pytest.mark.slow
 def test_all_methods_have_a_row_as_calibrate_gives_it(poses, everything):
     assert [row.method for row in everything.rows] == list(uq.METHODS)
     assert (everything.reference, everything.frame, everything.n_poses) == ("4dpa", "gripper_T_camera", 12)
@@ -143,6 +144,7 @@ def test_a_shifted_method_differs(poses, monkeypatch):
     assert "DIFFERS" in result.to_text(verbose=True)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("error", "text"),
     [
@@ -285,6 +287,7 @@ def test_refuses_what_no_method_could_use(poses, arguments, match):
         compare(**({"data": poses} | arguments))
 
 
+@pytest.mark.slow
 def test_without_noise(poses):
     result = compare(poses, methods=FEW)
     assert result.noise_estimated and not compare(poses, noise=NOISE, methods=FEW).noise_estimated
@@ -335,6 +338,7 @@ def test_motions_with_noise_of_pairs(rng):
         np.testing.assert_allclose(row.X, X, atol=1e-3)
 
 
+@pytest.mark.slow
 def test_many_poses_share_spread_pairs(monkeypatch):
     poses = uq.simulate(210, noise=NOISE, seed=1)
     result = compare(poses, methods=("park", "4dpa"), noise=NOISE)
@@ -456,6 +460,7 @@ def test_lookup(everything):
     assert isinstance(everything, Comparison)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("noise", [None, NOISE], ids=["estimated", "given"])
 @pytest.mark.parametrize("wrong", [False, True], ids=["good", "outlier"])
@@ -481,6 +486,7 @@ def test_the_reference_is_the_answer_of_calibrate(poses, noise, wrong):
         assert result["park"].agrees
 
 
+@pytest.mark.slow
 def test_all_methods_stand_beside_the_answer(poses):
     result = uq.compare(poses, noise=NOISE)
     assert [row.method for row in result.rows] == ["efficient", *uq.METHODS]

@@ -96,6 +96,7 @@ def boxes(figure):
     return [entry for entry in found if entry[0].strip()]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 def test_texts_neither_overlap_nor_leave_the_figure(agreeing, name):
     figure = comparison_picture(CASES[name](agreeing)).figure
@@ -139,6 +140,7 @@ def marks(axis):
     return [(line.get_color(), line.get_marker()) for line in axis.lines if len(line.get_xdata()) == 1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["agree", "three differ"])
 def test_bars_are_those_of_the_rows(agreeing, name):
     comparison = CASES[name](agreeing)
@@ -154,6 +156,7 @@ def test_bars_are_those_of_the_rows(agreeing, name):
                 np.testing.assert_allclose(bar.get_xdata() * factor(axis), ends, atol=2e-4 * (high - low))
 
 
+@pytest.mark.slow
 def test_who_differs_is_marked_and_named(agreeing):
     comparison = CASES["three differ"](agreeing)
     figure = drawn(comparison)
@@ -166,6 +169,7 @@ def test_who_differs_is_marked_and_named(agreeing):
     assert sum("differs" in name for name in names) == 3
 
 
+@pytest.mark.slow
 def test_an_outlier_does_not_squash_the_others(agreeing):
     plain, wild = (columns(drawn(CASES[name](agreeing)))[3] for name in ("agree", "outlier"))
     extent = [np.ptp(axis.get_xlim()) * factor(axis) for axis in (plain, wild)]
@@ -175,6 +179,7 @@ def test_an_outlier_does_not_squash_the_others(agreeing):
     assert len(shown) == 1 and float(shown[0]) == pytest.approx(value, rel=0.06)
 
 
+@pytest.mark.slow
 def test_failures_are_left_out(agreeing):
     names = [text.get_text() for text in drawn(CASES["failures"](agreeing)).axes[0].get_yticklabels()]
     assert len(names) == len(agreeing.rows) - 3 and not {"gwak", "shiu", "tsai"} & set(names)
@@ -186,18 +191,21 @@ def test_nothing_to_draw(agreeing):
     assert comparison_picture(dataclasses.replace(agreeing, rows=(agreeing["4dpa"],))) is None
 
 
+@pytest.mark.slow
 def test_without_noise_there_are_points_alone(agreeing):
     figure = drawn(no_noise(agreeing))
     bars = [line for axis in figure.axes for line in axis.lines if line.get_solid_capstyle() == "butt"]
     assert bars == []
 
 
+@pytest.mark.slow
 def test_files_are_repeatable_and_small(agreeing):
     figure = drawn(CASES["three differ"](agreeing))
     assert len(render(figure, "png")) < 250_000
     assert render(drawn(CASES["three differ"](agreeing)), "svg") == render(figure, "svg")
 
 
+@pytest.mark.slow
 def test_matplotlib_is_loaded_for_the_figure_alone():
     code = (
         "import sys, uq_handeye.report.comparison.compare; "

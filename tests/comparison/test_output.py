@@ -159,6 +159,7 @@ def printed(text):
     return numbers, poses
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("turn", [0.0, 1.5])
 def test_printed_numbers_are_those_of_calibrate(turn):
     """Every number of text and CSV against the `Calibration` of the same method, in the units of the headings."""

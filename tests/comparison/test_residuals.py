@@ -17,6 +17,7 @@ def scaled():
     return uq.PosePairs(poses.robot, camera)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::uq_handeye.InputWarning")
 def test_the_best_fit_looks_best(scaled, tmp_path):
     """The X of methods that take up the wrong size fits the measured translations better, and is worse."""
