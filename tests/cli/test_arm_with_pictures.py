@@ -62,6 +62,7 @@ def table(tmp_path_factory):
     return folder, poses.truth.X
 
 
+@pytest.mark.slow
 def test_folder_of_a_camera(table):
     folder, X = table
     d2, found = squared_distance(run("calibrate", "camera", *CHAIN, cwd=folder), X)
@@ -69,6 +70,7 @@ def test_folder_of_a_camera(table):
     assert found["provenance"]["sources"][0]["name"] == "joints.csv"
 
 
+@pytest.mark.slow
 def test_rows_of_the_joints_are_those_of_the_pictures(table, tmp_path):
     folder, _ = table
     rows = (folder / "joints.csv").read_text().splitlines()
@@ -78,6 +80,7 @@ def test_rows_of_the_joints_are_those_of_the_pictures(table, tmp_path):
     assert "joints.csv has 13 rows and" in done.stderr and "16 pictures" in done.stderr
 
 
+@pytest.mark.slow
 def test_joints_travel_with_the_corners(table):
     from uq_handeye import Kinematics
 
@@ -89,6 +92,7 @@ def test_joints_travel_with_the_corners(table):
     np.testing.assert_allclose(arm.poses(some.joints), some.robot, rtol=0, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_pictures_and_joints_alone(tmp_path):
     """No file of poses at all: pictures, a board, joints and an arm."""
     pytest.importorskip("cv2")

@@ -50,6 +50,7 @@ def poses():
     )
 
 
+@pytest.mark.slow
 def test_a_healthy_problem_shows_no_broken_relation(paper, poses):
     assert paper.broken == poses.broken == ()
     assert [r.holds for r in paper.relations if r.law] == [True] * 8
@@ -78,6 +79,7 @@ def test_a_healthy_problem_shows_no_broken_relation(paper, poses):
     assert "posterior" not in [row.key for row in poses.rows] and poses.posterior is None
 
 
+@pytest.mark.slow
 def test_formulas_at_the_truth(poses):
     simulated = uq.simulate(12, noise=ON_POSES, seed=SEED)
     truth = simulated.truth
@@ -92,6 +94,7 @@ def test_formulas_at_the_truth(poses):
     assert_same_covariance(poses.row("ml").covariance, uq.maximum_likelihood(simulated, ON_POSES).covariance_X, 1e-9)
 
 
+@pytest.mark.slow
 def test_formulas_of_motions():
     """(45) and Nguyen and Pham's own, where the truth is known to us."""
     X, A, B, _ = motions()
@@ -107,6 +110,7 @@ def test_formulas_of_motions():
     assert "no cross-covariance" in check.row("nguyen-own").note
 
 
+@pytest.mark.slow
 def test_numbers_of_a_row(paper):
     row, errors = paper.row("4dpa-pairs"), paper.runs["4dpa"].errors
     P = row.covariance
@@ -129,6 +133,7 @@ def test_numbers_of_a_row(paper):
     assert replace(row, nees=6.9).consistent is False
 
 
+@pytest.mark.slow
 def test_literal_covariance_is_singular(paper):
     row = paper.row("4dpa-literal")
     assert row.singular and row.log_determinant is None and row.nees is None
@@ -139,6 +144,7 @@ def test_literal_covariance_is_singular(paper):
     assert (sampled / row.std > np.sqrt(60) * 0.85).all()
 
 
+@pytest.mark.slow
 def test_large_noise_is_named_in_the_text():
     rng = np.random.default_rng(3)
     _, A, B = exact_motions(rng, 60)
@@ -153,6 +159,7 @@ def test_large_noise_is_named_in_the_text():
     assert failures > 0 and f"{failures} of 500 trials gave no estimate" in " ".join(text.split())
 
 
+@pytest.mark.slow
 def test_heavy_tails_are_no_excuse_for_a_covariance_that_is_wrong():
     """Rare large errors: what chance explains would then be anything, so that inside of it nothing holds."""
     noise = uq.PoseNoise.isotropic(camera=(0.4, "1mm"))
@@ -193,6 +200,7 @@ def test_a_posterior_that_did_not_converge(monkeypatch, poses):
     assert check.relation("posterior-bound").holds is None and check.broken == ()
 
 
+@pytest.mark.slow
 def test_very_many_pairs(monkeypatch):
     monkeypatch.setattr(cross_check_rows, "MOST_PAIRS", 60)
     monkeypatch.setattr(cross_check_rows, "MOST", 2000)
@@ -224,6 +232,7 @@ def test_interrupted(monkeypatch):
     assert "Not run" in check.row("posterior").note and check.posterior is None
 
 
+@pytest.mark.slow
 def test_a_run_that_was_cut_short_says_so_first(monkeypatch):
     real = cross_check_rows.monte_carlo
 
@@ -274,6 +283,7 @@ def test_words_and_units_of_the_text(poses):
     assert all(len(_figures(value)) <= 7 for value in 10.0 ** np.arange(-30, 30) * 9.996)
 
 
+@pytest.mark.slow
 def test_noise_on_pairs_of_poses_and_estimated_noise():
     data = uq.simulate(10, noise=ON_POSES, seed=SEED)
     check = cross_check(data, noise=uq.PairNoise.isotropic(B=("1mrad", "1mm")), trials=100, posterior=False)
@@ -285,6 +295,7 @@ def test_noise_on_pairs_of_poses_and_estimated_noise():
     assert "estimated from the data" in check.to_text(verbose=True)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif("UQ_HANDEYE_DATA" not in os.environ, reason="UQ_HANDEYE_DATA is not set")
 def test_a_real_data_set():
     folder = Path(os.environ["UQ_HANDEYE_DATA"]) / "kuka_1"
@@ -293,6 +304,7 @@ def test_a_real_data_set():
     assert check.row("4dpa-pairs").nees > 50 and check.row("4dpa-poses").consistent
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_numbers(poses):
     data = uq.simulate(12, noise=ON_POSES, seed=SEED)
     again = cross_check(data, noise=ON_POSES, trials=800, seed=SEED, posterior=False)
@@ -300,6 +312,7 @@ def test_the_same_seed_gives_the_same_numbers(poses):
         assert np.array_equal(one.covariance, other.covariance) and one.nees == other.nees
 
 
+@pytest.mark.slow
 def test_output(paper, tmp_path):
     plain = json.loads(paper.to_json(tmp_path / "check.json"))
     assert plain == json.loads((tmp_path / "check.json").read_text())

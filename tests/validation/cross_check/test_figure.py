@@ -31,6 +31,7 @@ def curves(axis):
     return [line for line in axis.lines if len(line.get_xdata()) == 181]
 
 
+@pytest.mark.slow
 def test_ellipses_are_those_of_the_rows(figure, check):
     keys = ["4dpa-poses", "4dpa-sampled", "nguyen-own", "bound", "posterior"]
     assert [text.get_text() for text in figure.legends[0].get_texts()] == [

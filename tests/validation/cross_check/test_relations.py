@@ -29,6 +29,7 @@ def wishart(rng, P, samples):
     return np.atleast_2d(stats.wishart(samples - 1, P / (samples - 1)).rvs(random_state=rng))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("samples", [100, T])
 def test_chance(samples):
     rng = np.random.default_rng(SEED)
@@ -77,6 +78,7 @@ def broken(e):
     return {r.name for r in relations(e) if r.law and r.holds is False}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("samples", [200, T])
 @pytest.mark.parametrize("on_poses", [False, True])
 def test_healthy_covariances_break_nothing(samples, on_poses):
@@ -85,6 +87,7 @@ def test_healthy_covariances_break_nothing(samples, on_poses):
     assert alarms <= 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("wrong", "names"),
     [

@@ -262,6 +262,7 @@ def test_one_independent_axis_is_named_as_the_worst_direction(rng):
     assert abs(c.size - 0.2) < 4 * c.size_error
 
 
+@pytest.mark.slow
 def test_the_error_of_the_size_is_that_of_replications(rng):
     P = np.eye(6)
     found = [judged(draw(rng, _scaled(P, 1, 1.5), (500,)), P) for _ in range(400)]

@@ -96,6 +96,7 @@ def test_the_text_says_the_verdict_first_and_every_number_with_its_unit(rng):
     assert end.endswith("Ended: all trials. Note: one chunk was damaged")
 
 
+@pytest.mark.slow
 def test_every_run_has_a_text_without_nan(rng):
     for name, result in cases(rng).items():
         text, short = (
@@ -128,6 +129,7 @@ def texts_of(drawn):
     return [text for text in found if text.get_text()]
 
 
+@pytest.mark.slow
 def test_every_run_has_a_figure_with_nothing_cut_off_or_overlapping(rng):
     for name, result in cases(rng).items():
         drawn = validation_figure(result)
@@ -163,6 +165,7 @@ def test_the_band_holds_true_covariances_and_no_wrong_ones(rng):
     assert 1e-5 < tails.max() < 0.005  # wider than one interval at each quantile would be
 
 
+@pytest.mark.slow
 def test_what_is_drawn_is_what_the_numbers_say(rng):
     result = run(rng, truth=P * np.diag([1, 1, 1, 1, 1.44, 1]))
     c = result.consistency
@@ -173,6 +176,7 @@ def test_what_is_drawn_is_what_the_numbers_say(rng):
     assert stats.chi2.cdf(x[middle] ** 2, 6) == pytest.approx(c.coverage[0, 2], abs=0.01)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["png", "svg"])
 def test_the_same_run_gives_the_same_file(rng, kind):
     result = run(rng, trials=200)

@@ -89,6 +89,7 @@ def test_the_numbers_of_an_independent_simulator(ten_thousand, problem, rng):
     assert np.abs(eigenvalues - 1).max() < 4 * np.sqrt(2 / 6_000 + 2 / 10_000) * 1.5  # six at once
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("factor", [0.9, 1.1])
 @pytest.mark.parametrize("part", [slice(6), slice(3), slice(3, 6)], ids=["all", "rotation", "translation"])
 def test_standard_deviations_10_percent_off_are_rejected(problem, ten_thousand, factor, part):
@@ -126,6 +127,7 @@ def test_the_covariance_of_each_trial(problem):
     assert result.mean_nees != again.mean_nees
 
 
+@pytest.mark.slow
 def test_real_data_are_simulated_around_their_fit(poses):
     measured = uq.PosePairs(poses.robot, poses.camera)
     result = monte_carlo(measured, noise=NOISE, method="efficient", trials=2_000, seed=SEED)
@@ -196,6 +198,7 @@ def test_chunks_get_smaller_where_the_problem_is_large(poses):
 # ---------------------------------------------------------------------------------------------------------- digits
 
 
+@pytest.mark.slow
 def test_it_stops_once_the_digits_are_stable(problem):
     result = monte_carlo(problem[0], noise=problem[1], digits=1, seed=SEED)
     assert result.complete and result.reason == "stable to 1 digit" and result.stability.stable
@@ -234,6 +237,7 @@ def test_an_interrupt_keeps_what_is_done(problem, ten_thousand, monkeypatch):
 # ----------------------------------------------------------------------------------------------------------- output
 
 
+@pytest.mark.slow
 def test_json_table_figure_and_text(ten_thousand, tmp_path):
     text = ten_thousand.to_json(tmp_path / "result.json")
     assert text == (tmp_path / "result.json").read_text() and not re.search(r"NaN|Infinity", text)
@@ -266,6 +270,7 @@ def test_numpy_integers(problem):
     assert result.trials == 10_000 and result.seed == SEED and json.loads(result.to_json())["stability"]["digits"] == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("variance", [1e-60, 1e-8, 1e60])
 def test_errors_that_are_exactly_zero_in_some_directions(poses, variance, tmp_path):
     """Translations alone are noisy, so that rotations are found exactly."""
@@ -275,6 +280,7 @@ def test_errors_that_are_exactly_zero_in_some_directions(poses, variance, tmp_pa
     result.figure(tmp_path / "figure.png")
 
 
+@pytest.mark.slow
 def test_how_arrays_lie_in_memory_changes_nothing(poses):
     def turned(a):
         return np.ascontiguousarray(a.swapaxes(-1, -2)).swapaxes(-1, -2)

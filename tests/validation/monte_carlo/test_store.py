@@ -75,6 +75,7 @@ def killed_and_resumed(tmp_path, trials, workers, least_kills):
             return
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("trials", "workers", "kills"), [(24_500, 1, 2), (30_500, 2, 1)])
 def test_killed_at_any_moment_and_resumed(tmp_path, trials, workers, kills):
     killed_and_resumed(tmp_path, trials, workers, kills)
@@ -118,6 +119,7 @@ def test_leftovers_are_removed(problem, folder, whole):
     assert not list(folder.glob("**/.uq-handeye-*"))
 
 
+@pytest.mark.slow
 def test_covariances_of_each_trial_are_resumed(problem, tmp_path):
     first = run(problem, tmp_path / "run", covariance="each", trials=2500)
     again = run(problem, tmp_path / "run", covariance="each", trials=2500, resume=True)
@@ -227,6 +229,7 @@ DAMAGES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("damage", DAMAGES.values(), ids=DAMAGES)
 def test_a_damaged_chunk_is_worked_out_again_and_said(problem, folder, whole, damage, monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
@@ -239,6 +242,7 @@ def test_a_damaged_chunk_is_worked_out_again_and_said(problem, folder, whole, da
     assert run(problem, folder, resume=True).resumed == TRIALS  # the damage is gone
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("other", ["seed", "noise", "method"])
 def test_a_chunk_of_another_run_is_not_mixed_in(problem, folder, whole, tmp_path, other):
     """A chunk of the same number, and whole, but of another seed, noise or method."""

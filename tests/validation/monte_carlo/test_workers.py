@@ -260,6 +260,7 @@ def loky():
     return pytest.importorskip("loky").ProcessPoolExecutor(2)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")  # of loky
 @pytest.mark.parametrize("make", [Scrambled, partial(ThreadPoolExecutor, 3), spawning, loky])
 def test_the_same_bits_by_any_executor(problem, alone, make):
@@ -273,6 +274,7 @@ def test_covariances_of_each_trial_by_an_executor(problem, scrambled):
     assert_same(monte_carlo(problem[0], **options, executor=scrambled), monte_carlo(problem[0], **options))
 
 
+@pytest.mark.slow
 def test_what_an_executor_did_is_resumed(problem, alone, scrambled, monkeypatch, tmp_path):
     options = {"noise": problem[1], "trials": TRIALS, "seed": SEED, "directory": tmp_path / "run"}
     with monkeypatch.context() as context:
@@ -309,6 +311,7 @@ def after(monkeypatch, chunks, do):
     monkeypatch.setattr(module.Tally, "add", add)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [2, 4])
 def test_same_bits(problem, alone, at_once, count):
     motions, noise = problem
@@ -316,6 +319,7 @@ def test_same_bits(problem, alone, at_once, count):
     assert multiprocessing.active_children() == []
 
 
+@pytest.mark.slow
 def test_a_worker_that_is_killed_ends_the_run_with_what_is_done(problem, alone, at_once, monkeypatch, tmp_path):
     def kill():
         os.kill(multiprocessing.active_children()[0].pid, signal.SIGKILL)
@@ -332,6 +336,7 @@ def test_a_worker_that_is_killed_ends_the_run_with_what_is_done(problem, alone, 
     assert again.complete and again.resumed >= 6_000
 
 
+@pytest.mark.slow
 def test_workers_end_with_the_one_that_started_them(tmp_path):
     program = tmp_path / "program.py"
     program.write_text(PROGRAM)
@@ -348,6 +353,7 @@ def test_workers_end_with_the_one_that_started_them(tmp_path):
         process.communicate()
 
 
+@pytest.mark.slow
 def test_a_program_needs_no_guard(tmp_path):
     """Workers do not import the program that asks for them; it may come from anywhere."""
     program = tmp_path / "program.py"
@@ -407,6 +413,7 @@ def cluster():
         yield client
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")  # of distributed
 def test_dask_gives_the_same_bits_though_a_worker_is_killed(problem, alone, at_once, cluster, monkeypatch):
     pids = list(cluster.run(os.getpid).values())
@@ -416,6 +423,7 @@ def test_dask_gives_the_same_bits_though_a_worker_is_killed(problem, alone, at_o
     assert_same(result, alone)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")
 def test_dask_by_its_address(problem, alone, at_once, cluster):
     motions, noise = problem
