@@ -19,6 +19,7 @@ from functools import lru_cache
 
 from ..core.files.table import name_and_unit
 from ..core.formatting.units import LENGTH_UNITS
+from ..core.numbers.limits import MAX_NAME_CHARACTERS
 from .contents import COLUMNS
 
 # Other names of the columns, in small letters, that mean one thing only.
@@ -28,7 +29,6 @@ ALIASES = {
     **{f"{prefix}{axis}": f"q{axis}" for prefix in ("q_", "quat_") for axis in "xyzw"},
 }
 # Longest name of a column.
-LONGEST = 200
 SECONDS = {"s": 1.0, "sec": 1.0, "seconds": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 # Units of angles, as columns name them.
 ANGLES = {"deg": "deg", "degree": "deg", "degrees": "deg", "°": "deg", "rad": "rad", "radian": "rad", "radians": "rad"}
@@ -126,7 +126,7 @@ def meaning_and_unit(name: str) -> tuple[str, str | None]:
     >>> meaning_and_unit("x [mm]"), meaning_and_unit("pose.orientation.w"), meaning_and_unit("time_ns")
     (('x', 'mm'), ('qw', None), ('timestamp', 'ns'))
     """
-    if len(name) > LONGEST:
+    if len(name) > MAX_NAME_CHARACTERS:
         return name, None
     small = name.lower()
     if small == "%time":
@@ -161,7 +161,7 @@ def name_in_table(name: str) -> tuple[str, str | None]:
     >>> name_in_table("X [mm]"), name_in_table("roll_deg"), name_in_table("actual_TCP_pose_3")
     (('x', 'mm'), ('roll', 'deg'), ('rotvec_x', None))
     """
-    if len(name) > LONGEST:
+    if len(name) > MAX_NAME_CHARACTERS:
         return name, None
     name = name.strip().strip("\"'")
     for small in (name.lower(), re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name).lower()):  # toolPoseX

@@ -19,7 +19,7 @@ from ..core.files.pose_names import pose_name
 from ..core.files.source import Source
 from ..core.files.tree_values import fields_of, got, is_list, is_map, items_of
 from ..core.files.trees import is_json, parse_tree
-from ..core.numbers.limits import MAX_DESCRIPTION_BYTES, MAX_TABLE_BYTES
+from ..core.numbers.limits import HEAD_BYTES, MAX_DESCRIPTION_BYTES, MAX_TABLE_BYTES
 from ..errors import InputError
 from .contents import COLUMNS, Contents
 from .controllers.forms import CONTROLLERS
@@ -83,7 +83,6 @@ _UTF16 = (b"\xff\xfe", b"\xfe\xff")
 # What word processors and spreadsheets write for a minus and for spaces.
 _PLAIN = str.maketrans({"\u2212": "-", "\u2013": "-", **dict.fromkeys("\u00a0\u202f\u2009\u2007", " "), "\ufeff": ""})
 # What is looked at to tell the format.
-_HEAD = 65536
 _log = logging.getLogger("uq_handeye")
 
 
@@ -114,8 +113,8 @@ def _of_file(path: Path, format: str | None) -> tuple[Contents, Source]:
     name = shown(path)
     with opened(path, MAX_TABLE_BYTES) as raw:
         hashed = Hashed(raw)
-        with BufferedReader(cast(Any, hashed), _HEAD) as file:
-            head = file.peek(_HEAD)
+        with BufferedReader(cast(Any, hashed), HEAD_BYTES) as file:
+            head = file.peek(HEAD_BYTES)
             refuse_foreign(head, name, path.suffix)
             kind = _kind(head, name, path.suffix) if format is None else _of(format, head)
             found, contents = format, None
@@ -128,7 +127,7 @@ def _of_file(path: Path, format: str | None) -> tuple[Contents, Source]:
                 if any(help in str(error) for help in ("docs/", "--", "import numpy")):
                     raise
                 raise InputError(f"{error} Formats: docs/formats.md.") from error
-            while file.read(_HEAD):  # a reader may stop before the end; the hash is of the whole file
+            while file.read(HEAD_BYTES):  # a reader may stop before the end; the hash is of the whole file
                 pass
     notes = list(contents.notes)
     if format is None and _SUFFIXES.get(path.suffix.lower()) != found:
@@ -147,12 +146,12 @@ def _of(format: str, head: bytes = b"") -> str:
 
 
 def _read(file: BufferedReader, kind: str, format: str | None, path: Path, name: str) -> tuple[str, Contents]:
-    if kind in _TABLES and _is_plain(file.peek(_HEAD)):
+    if kind in _TABLES and _is_plain(file.peek(HEAD_BYTES)):
         return kind, _TABLES[kind](file, name)
     limit = MAX_TABLE_BYTES if kind in _ARRAYS else MAX_DESCRIPTION_BYTES
     pieces: list[bytes] = []
     total = 0
-    while piece := file.read(_HEAD):
+    while piece := file.read(HEAD_BYTES):
         pieces.append(piece)
         total += len(piece)
         require_size(total, limit, path)
@@ -241,7 +240,7 @@ def _kind(head: bytes, name: str, suffix: str) -> str:
     lines = (line.strip() for line in head.removeprefix(b"\xef\xbb\xbf").split(b"\n"))
     first = next((line for line in lines if line and not line.startswith(b"#")), b"")
     if not first:
-        if len(head) >= _HEAD:
+        if len(head) >= HEAD_BYTES:
             raise _unknown(name, head[:80])
         raise InputError(f"{name}: the file is empty; expected poses in a format of docs/formats.md.")
     words, fields = first.split(), re.split(rb"[,;\t]", first)

@@ -17,17 +17,17 @@ from numpy.typing import NDArray
 
 from ..core.files.one_line import refused, short
 from ..core.geometry.se3 import Array
-from ..core.numbers.limits import MAX_TABLE_BYTES
+from ..core.numbers.limits import MAX_ROWS, MAX_TABLE_BYTES
 from ..errors import InputError
 from .contents import Contents, Side
 from .controllers.records import records_side
 from .numpy_poses import _of_arrays
 from .opencv_storage import joined_pairs
 
-MAX_CELLS = 100_000
 START = b"MATLAB 5.0 MAT-file"
 HELP = "docs/formats.md, MATLAB"
-_HEADER, _COMPRESSED, _PIECE = 128, 15, 1 << 20
+# Bytes of the header of a file, and type of a compressed element.
+_HEADER, _COMPRESSED = 128, 15
 
 
 def read_mat(data: bytes, name: str) -> Contents:
@@ -93,7 +93,7 @@ def _numbers_of(values: Any) -> Array | None:
         return None
     if values.dtype.kind in "fiu":
         return np.asarray(values, dtype=float)
-    if values.dtype != object or not 0 < values.size <= MAX_CELLS:
+    if values.dtype != object or not 0 < values.size <= MAX_ROWS:
         return None
     cells: list[NDArray[Any]] = list(values.reshape(-1, order="F"))
     alike = all(cell.dtype.kind in "fiu" and cell.shape == (4, 4) for cell in map(np.asarray, cells))
@@ -112,7 +112,7 @@ def _check_size(data: bytes, name: str) -> None:
             unpacker = zlib.decompressobj()
             piece = data[at + 8 : at + 8 + size]
             while piece and total <= MAX_TABLE_BYTES:
-                total += len(unpacker.decompress(piece, _PIECE))
+                total += len(unpacker.decompress(piece, 1 << 20))
                 piece = unpacker.unconsumed_tail
         if total > MAX_TABLE_BYTES:
             raise InputError(f"{name}: expected at most {MAX_TABLE_BYTES / 1e6:g} MB unpacked, got more.")

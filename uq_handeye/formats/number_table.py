@@ -21,17 +21,15 @@ import numpy as np
 from ..core.files.folders import numbers_in
 from ..core.files.lines import NO_VALUE
 from ..core.files.one_line import short
-from ..core.files.table import Places, Table, no_number, other_count, too_many
+from ..core.files.table import MAX_COMMENTS, Places, Table, no_number, other_count, too_many
 from ..core.numbers.limits import MAX_LINE_CHARACTERS, MAX_ROWS
 from ..errors import InputError
 from .columns import counts_poses, meaning_and_unit, seconds_of
 
 # Lines before the names or the first numbers that may hold a title.
-TITLE_LINES = 30
-# Comments that may hold the names of the columns.
-MOST_COMMENTS = 200
+MAX_TITLE_LINES = 30
 # Numbers that a pose of a table without names has at least.
-FEWEST = 6
+MIN_NUMBERS = 6
 
 NUMBER = r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?"
 # A number with its unit; Fortran writes 1.0D+00, C 1.0f.
@@ -118,7 +116,7 @@ def read_number_table(
     if names is None and not rows:
         rows = _one_pose(text)
     if names is None and not rows:
-        raise InputError(f"{name}: expected a table of poses, got no line of at least {FEWEST} numbers; {help}.")
+        raise InputError(f"{name}: expected a table of poses, got no line of at least {MIN_NUMBERS} numbers; {help}.")
     if not rows:
         raise InputError(f"{name}: no rows below the names of the columns; expected one line per pose.")
     return _table(name, names, rows, notes, help)
@@ -164,7 +162,7 @@ def _named_rows(
         content = line.strip()
         if _COMMENT.match(content) and not NO_VALUE.match(content.encode()):
             comments += 1
-            if names is None and not rows and comments < MOST_COMMENTS:
+            if names is None and not rows and comments < MAX_COMMENTS:
                 names = tuple(found) if is_header(found := names_of(content)) else None
             continue
         named = _named_row(number, content, is_header)
@@ -187,19 +185,19 @@ def _named_rows(
             separator = _separator(content, len(names or ()))
         fields = _split(content, separator)
         numbers = [field for field in fields if number_of(_point(field, separator)) is not None]
-        if not rows and len(numbers) < (FEWEST if names is None else 1):
+        if not rows and len(numbers) < (MIN_NUMBERS if names is None else 1):
             found = _split(content, _separator(content))
             if is_header(both := found) or is_header(both := _with_above(last, found)):
                 names = tuple(both)
                 continue
             title, last = title + 1, found
-            if title > TITLE_LINES:
+            if title > MAX_TITLE_LINES:
                 break
             continue
         above, before = before, fields
         if rows and not numbers and is_header(fields):  # files put together repeat the names
             continue
-        if names is None and not numbers and number < TITLE_LINES and is_header(both := _with_above(above, fields)):
+        if names is None and not numbers and number < MAX_TITLE_LINES and is_header(both := _with_above(above, fields)):
             names, rows = tuple(both), []  # what came before was no pose
             continue
         if separator != "," and any("," in field for field in numbers):
@@ -222,7 +220,7 @@ def _lines_of(text: str, name: str) -> Iterator[tuple[int, str]]:
     if begin.startswith(("[", "(", "{", "array", "np.")) or re.match(r"[A-Za-z_]\w*\s*=\s*(np\.)?(array)?\(?\[", begin):
         maps = list(islice(_MAP.finditer(text), MAX_ROWS + 1))
         groups = maps or list(islice(_GROUP.finditer(text), MAX_ROWS + 1))
-        if groups and len(_ANY_NUMBER.findall(groups[0][1][:MAX_LINE_CHARACTERS])) >= FEWEST:
+        if groups and len(_ANY_NUMBER.findall(groups[0][1][:MAX_LINE_CHARACTERS])) >= MIN_NUMBERS:
             if len(groups) == 1 and re.search(r"[;\n]", groups[0][1].strip()):  # a matrix of MATLAB
                 inner = "\n" * text.count("\n", 0, groups[0].start()) + groups[0][1].replace(";", "\n")
                 yield from ((k, line) for k, line in enumerate(inner.split("\n"), start=1) if line.strip())
@@ -255,7 +253,7 @@ def _named_row(number: int, content: str, is_header: Callable[[Sequence[str]], b
     """Return a line in which each number stands behind its name."""
     measured = _MEASURED.search(content)
     pairs = _NAMED.findall(content if measured is None else measured[0])
-    if len(pairs) < FEWEST or not is_header(names := [pair[0] for pair in pairs]):
+    if len(pairs) < MIN_NUMBERS or not is_header(names := [pair[0] for pair in pairs]):
         return None
     return Row(number, [pair[1] for pair in pairs], tuple(names), tuple(pair[2].lower() for pair in pairs))
 
@@ -278,7 +276,7 @@ def _stacked_rows(text: str, is_header: Callable[[Sequence[str]], bool]) -> Iter
 def _one_pose(text: str) -> list[Row]:
     """Return six or seven numbers below each other, one per line, as one pose."""
     lines = [line.strip() for line in text.split("\n", 40) if line.strip() and not _COMMENT.match(line.strip())]
-    whole = len(lines) in (FEWEST, FEWEST + 1) and all(number_of(line) is not None for line in lines)
+    whole = len(lines) in (MIN_NUMBERS, MIN_NUMBERS + 1) and all(number_of(line) is not None for line in lines)
     return [Row(1, lines)] if whole else []
 
 
@@ -292,7 +290,7 @@ def _group(content: str) -> str | None:
     for match in _INNER.finditer(content):
         inner = match[1].strip()
         fields = re.split(r"\s*[,;]\s*|\s+", inner)
-        numbers = len(fields) >= FEWEST and all(number_of(field) is not None for field in fields[:FEWEST])
+        numbers = len(fields) >= MIN_NUMBERS and all(number_of(field) is not None for field in fields[:MIN_NUMBERS])
         if numbers and not _JOINTS.search(content[max(0, match.start() - 40) : match.start()]):
             return inner
     return None
@@ -309,7 +307,7 @@ def _separator(content: str, columns: int = 0) -> str | None:
         return "\t"
     if "," in bare:
         words = bare.split()
-        if len(words) >= FEWEST and len(words) >= columns and all(COMMA_NUMBER.fullmatch(word) for word in words):
+        if len(words) >= MIN_NUMBERS and len(words) >= columns and all(COMMA_NUMBER.fullmatch(word) for word in words):
             return None
         return ","
     return None

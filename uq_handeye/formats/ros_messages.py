@@ -13,9 +13,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from ..core.files.tree_values import is_map
-
-# Transforms and poses of one message; characters of a name.
-MOST, LONGEST = 10_000, 120
+from ..core.numbers.limits import MAX_NAME_CHARACTERS, MAX_ROWS
 
 
 class Stamped(NamedTuple):
@@ -49,7 +47,7 @@ def frame_name(text: Any) -> str:
 def printed_name(text: str) -> str:
     """Return a name as people can read and type it: escaped where it does not print, and cut where it is endless."""
     text = text if text.isprintable() else ascii(text)[1:-1]
-    return text if len(text) <= LONGEST else f"{text[:LONGEST]}..."
+    return text if len(text) <= MAX_NAME_CHARACTERS else f"{text[:MAX_NAME_CHARACTERS]}..."
 
 
 def part(value: Any, name: str) -> Any:
@@ -119,8 +117,8 @@ def _listed(value: Any, name: str) -> list[Any]:
         items = list(value)
     except TypeError:
         raise MessageError(f"a list of {name}") from None
-    if len(items) > MOST:
-        raise MessageError(f"at most {MOST} {name}")
+    if len(items) > MAX_ROWS:
+        raise MessageError(f"at most {MAX_ROWS} {name}")
     return items
 
 

@@ -9,15 +9,14 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from ..core.geometry.se3 import Array
+from ..core.numbers.limits import MAX_LISTED
 from ..errors import InputError
 from .contents import Contents, Side
 from .ros_messages import Stamped
 
 FIELDS = ("stamp", *(f"translation.{a}" for a in "xyz"), *(f"rotation.{a}" for a in "xyzw"))
-# Pairs that a message names.
-NAMED = 8
 # Poses that differ by less (m, rad) are of a robot that stood still, seen with noise.
-REST, TURNED = 2e-3, 5e-3
+MAX_SHIFT_AT_REST_M, MAX_ROTATION_AT_REST_RAD = 2e-3, 5e-3
 # | |q| - 1 | that rounding to so many decimals explains; more decimals are held to the rule of all formats.
 ROUNDED = {1: 0.11, 2: 0.011, 3: 0.0011}
 
@@ -26,7 +25,7 @@ def pairs_text(records: list[Stamped]) -> str:
     """Return the pairs of frames with their counts: ``base:tool0 (12)``."""
     counts = Counter(record.pair for record in records)
     names = [f"{name} ({count})" for name, count in counts.items()]
-    return ", ".join(names[:NAMED]) + (f" and {len(names) - NAMED} more" if len(names) > NAMED else "")
+    return ", ".join(names[:MAX_LISTED]) + (f" and {len(names) - MAX_LISTED} more" if len(names) > MAX_LISTED else "")
 
 
 def side_of(records: list[Stamped], lines: list[int], name: str, notes: list[str]) -> Contents:
@@ -81,10 +80,10 @@ def _at_rest(numbers: Array) -> float | None:
     if apart == 0.0 and not np.ptp(numbers[:, 3:], axis=0).any():
         return 0.0
     norms = np.linalg.norm(numbers[:, 3:], axis=1)
-    if not apart < REST or not np.isfinite(norms).all() or not (norms > 0.5).all():
+    if not apart < MAX_SHIFT_AT_REST_M or not np.isfinite(norms).all() or not (norms > 0.5).all():
         return None
     R = Rotation.from_quat(numbers[:, 3:])
-    return apart if (R[0].inv() * R).magnitude().max() < TURNED else None
+    return apart if (R[0].inv() * R).magnitude().max() < MAX_ROTATION_AT_REST_RAD else None
 
 
 def unit_quaternions(q: Array, decimals: int) -> Array:

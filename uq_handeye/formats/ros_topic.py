@@ -13,6 +13,7 @@ import re
 from collections.abc import Iterator
 
 from ..core.files.lines import is_number
+from ..core.numbers.limits import MAX_LISTED
 from ..errors import InputError
 from .contents import Contents
 from .echoed_messages import PRINTED, SAID, EchoError, messages_of
@@ -24,12 +25,6 @@ _FIRST = re.compile(
 )
 _PART = re.compile(r"(^|[\s{-])(position|translation):\s*($|\{)", re.MULTILINE)
 _NAMES = ("x", "y", "z", "qx", "qy", "qz", "qw")
-# Numbers after the frames of the lines of --csv: a pose, and one with its covariance.
-_COUNTS = (7, 43)
-# Fields of a TransformStamped.
-_TRANSFORM = 11
-# Fields that a message names.
-NAMED = 10
 
 
 def is_ros_topic(head: str) -> bool:
@@ -75,7 +70,7 @@ def records_of(text: str, name: str, notes: list[str]) -> Iterator[tuple[int, li
                 raise InputError(f"{name}, line {error.line}: {error}.") from None
             raise InputError(
                 f"{name}, the message at line {line}: expected {problem}, got the fields "
-                f"{', '.join(list(fields)[:NAMED]) or 'none'}; echo a topic of poses or /tf (docs/how-to/ros.md)."
+                f"{', '.join(list(fields)[:MAX_LISTED]) or 'none'}; echo a topic of poses or /tf (docs/how-to/ros.md)."
             ) from None
         begun = True
         yield line, found
@@ -84,8 +79,8 @@ def records_of(text: str, name: str, notes: list[str]) -> Iterator[tuple[int, li
 def _csv_row(line: str) -> list[Stamped] | None:
     """Return the poses of a line of --csv, several of a TFMessage; None for any other line."""
     fields = [field.strip() for field in line.strip().split(",")]
-    if len(fields) > _TRANSFORM and len(fields) % _TRANSFORM == 0:
-        parts = [fields[k : k + _TRANSFORM] for k in range(0, len(fields), _TRANSFORM)]
+    if len(fields) > 11 and len(fields) % 11 == 0:
+        parts = [fields[k : k + 11] for k in range(0, len(fields), 11)]
         found = [one for part in parts if (one := _csv_pose(part)) is not None and one.child]
         return found if len(found) == len(parts) else None
     one = _csv_pose(fields)
@@ -99,7 +94,7 @@ def _csv_pose(fields: list[str]) -> Stamped | None:
     while frames < len(fields) and not is_number(fields[frames].encode()):
         frames += 1
     count = len(fields) - frames
-    if frames not in (3, 4) or count not in _COUNTS or (count == 43 and frames == 4):
+    if frames not in (3, 4) or count not in (7, 43) or (count == 43 and frames == 4):
         return None
     if not all(is_number(field.encode()) for field in fields[frames:]):
         return None

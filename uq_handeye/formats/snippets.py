@@ -28,7 +28,7 @@ from .opencv_storage import matrix_lines, yaml_number
 OF_MOTIONS = ("frame_of_A", "frame_of_B")
 
 # Standard deviation (m) along open directions in formats that have no infinity.
-OPEN_DEVIATION = 1e3
+OPEN_SD_M = 1e3
 
 OWN_FRAMES = "Put the names of your own frames in; the camera is the frame with z forward, which ROS calls optical."
 AXES = ("x", "y", "z", "qx", "qy", "qz", "qw")
@@ -83,8 +83,8 @@ def transforms_of(result: Any) -> tuple[Transform, Transform]:
 
 
 def with_open(covariance: Array, U: Array) -> Array:
-    """Covariance (6, 6) with `OPEN_DEVIATION` along the open directions U (k, 6)."""
-    return np.asarray(covariance + OPEN_DEVIATION**2 * (U.T @ U))
+    """Covariance (6, 6) with `OPEN_SD_M` along the open directions U (k, 6)."""
+    return np.asarray(covariance + OPEN_SD_M**2 * (U.T @ U))
 
 
 def open_comments(result: Any) -> list[str]:
@@ -93,7 +93,7 @@ def open_comments(result: Any) -> list[str]:
         return []
     return [
         f"Open, not determined by the motions: {'; '.join(result.open_words)}.",
-        f"Along these the covariance has a standard deviation of {OPEN_DEVIATION:g} m (angles: times "
+        f"Along these the covariance has a standard deviation of {OPEN_SD_M:g} m (angles: times "
         f"{result.opened.lever:.3g} m), which stands for infinity.",
     ]
 

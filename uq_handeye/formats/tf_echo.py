@@ -33,7 +33,7 @@ _TRANSLATION = re.compile(r"-?\s*Translation:\s*" + _NUMBERS)
 _QUATERNION = re.compile(r"-?\s*(?:Rotation:)?\s*in Quaternion\s*(?:\(xyzw\))?\s*" + _NUMBERS)
 _DEGREES = re.compile(r"-?\s*(?:Rotation:)?\s*in RPY \(degrees?\)\s*" + _NUMBERS)
 # Decimals up to which the degrees are used in place of the quaternion, and a rotation is named coarse.
-FEW, COARSE = 6, 4
+FEW_DECIMALS, COARSE_DECIMALS = 6, 4
 
 
 def is_tf_echo(head: str) -> bool:
@@ -63,12 +63,12 @@ def read_tf_echo(text: str, name: str) -> Contents:
     numbers = np.array(rows, dtype=float)
     decimals = max(block.decimals for block in blocks)
     numbers[:, 3:] = unit_quaternions(numbers[:, 3:], decimals)
-    if decimals <= FEW and all(block.degrees is not None for block in blocks):
+    if decimals <= FEW_DECIMALS and all(block.degrees is not None for block in blocks):
         degrees = np.array([block.degrees for block in blocks])
         numbers[:, 3:], by_angles = _by_degrees(numbers[:, 3:], degrees, decimals)
         if by_angles:
             notes.append("rotations from the lines in degrees, which have more digits than the quaternions")
-    if decimals <= COARSE:
+    if decimals <= COARSE_DECIMALS:
         notes.append(
             f"{decimals} decimals: translations are rounded to {10.0 ** (3 - decimals):g} mm; ros2 topic echo has all "
             "digits, tf2_echo more with -p 9"

@@ -20,7 +20,7 @@ from ..core.files.open import StrPath
 from ..core.formatting.numbers import probability
 from ..errors import InputError
 from ..formats.export import Several, write_several
-from ..formats.snippets import OPEN_DEVIATION, Transform, with_open
+from ..formats.snippets import OPEN_SD_M, Transform, with_open
 from .checks.check import RigCheck, check_rig
 from .description import WORLD, Rig
 from .files.result_file import from_dict, to_dict
@@ -116,7 +116,7 @@ def several_of(result: RigPoses) -> Several:
     if opened := [one.frame for one in result.every if len(one.open)]:
         comments = [
             f"Open, not determined by the motions in all directions: {', '.join(opened)}.",
-            f"Along open directions the covariance has a standard deviation of {OPEN_DEVIATION:g} m (angles: times "
+            f"Along open directions the covariance has a standard deviation of {OPEN_SD_M:g} m (angles: times "
             f"{result.lever:.3g} m), which stands for infinity.",
         ]
     first = next(iter(result.rig.arms))

@@ -33,7 +33,7 @@ T = TypeVar("T")
 
 # Numbers that are worked out from others again may differ from those in the file by this, relative to the largest of
 # their row: files come from other machines.
-ROUNDING = 1e-5
+FILE_ROUNDING = 1e-5
 _LARGEST = int(np.finfo(float).max)
 
 
@@ -44,14 +44,14 @@ def unequal(again: Any, data: Any, path: str) -> str | None:
     """
     kind = type(again)
     if is_plain_number(again) and is_plain_number(data):
-        return None if abs(again - data) <= ROUNDING * abs(again) else path
+        return None if abs(again - data) <= FILE_ROUNDING * abs(again) else path
     if kind is not type(data) or (kind is list and len(again) != len(data)):
         return path
     if kind is dict:
         parts = ((part, data.get(name, MISSING), f"{path}.{name}") for name, part in again.items())
     elif kind is list:
         if again and all(map(is_plain_number, again)) and all(map(is_plain_number, data)):
-            alike = again == data or np.allclose(again, data, rtol=0.0, atol=ROUNDING * float(np.abs(again).max()))
+            alike = again == data or np.allclose(again, data, rtol=0.0, atol=FILE_ROUNDING * float(np.abs(again).max()))
             return None if alike else path
         parts = ((part, other, f"{path}[{k}]") for k, (part, other) in enumerate(zip(again, data, strict=True)))
     else:

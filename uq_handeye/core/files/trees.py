@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ...errors import InputError
-from ..numbers.limits import MAX_DESCRIPTION_BYTES
+from ..numbers.limits import HEAD_BYTES, MAX_DESCRIPTION_BYTES
 from .lines import decoded
 from .one_line import Words, one_line, refused, short
 from .open import opened, shown
@@ -90,7 +90,7 @@ def is_json(head: str) -> bool:
         _, end = json.JSONDecoder().raw_decode(text)
     except (ValueError, RecursionError) as error:
         place = getattr(error, "pos", math.inf)  # unless it is no error of JSON, which its reader says
-        return place == math.inf or (len(head) >= 60_000 and place > len(text) - 1000)  # cut off
+        return place == math.inf or (len(head) > 0.9 * HEAD_BYTES and place > len(text) - 1000)  # cut off
     return end == len(text)
 
 

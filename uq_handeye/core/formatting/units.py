@@ -28,7 +28,7 @@ _QUANTITY = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*([^\d\
 
 
 # Largest ratio that may be written without a unit.
-PLAIN = 0.01
+MAX_BARE_RATIO = 0.01
 
 
 def _parse(value: str | float, units: dict[str, float], kind: str, name: str) -> float:
@@ -76,7 +76,12 @@ def parse_ratio(value: str | float, name: str = "ratio") -> float:
     >>> parse_ratio("0.1%"), parse_ratio("0.001")
     (0.001, 0.001)
     """
-    if isinstance(value, str) and (match := _QUANTITY.fullmatch(value)) and not match[2] and float(match[1]) <= PLAIN:
+    if (
+        isinstance(value, str)
+        and (match := _QUANTITY.fullmatch(value))
+        and not match[2]
+        and float(match[1]) <= MAX_BARE_RATIO
+    ):
         value = float(match[1])
     return _parse(value, RATIO_UNITS, "a ratio", name)
 

@@ -10,14 +10,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ..numbers.rounding import SOLUTION_ROUNDING
 from .se3 import Array
 
 # Determinant over that of the isotropic matrix of equal trace below which LAPACK inverts: cofactors cancel there.
-FLAT = 1e-7
-# Ratio of eigenvalues below which a covariance is singular: rounding leaves so much of an eigenvalue 0.
-SINGULAR = 1e-13
+MIN_RELATIVE_DETERMINANT = 1e-7
 # Added to squared angles, so that 0 / 0 does not come up.
-TINY = 1e-300
+SQUARE_OFFSET = 1e-300
 
 EYE = np.eye(3)
 # Arrays and `take`, which is several times faster than a list between brackets.
@@ -26,8 +25,7 @@ _PACK, _PACK_TRANSPOSED = np.array([0, 4, 8, 5, 2, 1]), np.array([0, 4, 8, 7, 6,
 _UNPACK = np.array([0, 5, 4, 5, 1, 3, 4, 3, 2])
 _COFACTOR = np.array([[1, 2, 0, 4, 5, 3], [2, 0, 1, 5, 3, 4], [3, 4, 5, 0, 1, 2], [3, 4, 5, 3, 4, 5]])
 # [v]x, row by row, is _CROSS v; the sum of a x b is minus the entries of sum a b^T times _CROSS.
-_CROSS = np.zeros((9, 3))
-_CROSS[(7, 2, 3), (0, 1, 2)], _CROSS[(5, 6, 1), (0, 1, 2)] = 1.0, -1.0
+_CROSS = np.cross(np.eye(3)[None], np.eye(3)[:, None]).reshape(9, 3) + 0.0
 
 
 def _information_of_moments() -> Array:
@@ -81,7 +79,7 @@ def rotation(v: Array) -> Array:
 
 def _sinc(squares: Array) -> tuple[Array, Array]:
     """``sin(a) / a`` and ``(1 - cos a) / a^2`` of ``a^2``."""
-    half = 0.5 * np.sqrt(squares + TINY)
+    half = 0.5 * np.sqrt(squares + SQUARE_OFFSET)
     sine = np.sin(half) / half
     return np.cos(half) * sine, 0.5 * sine * sine
 
@@ -141,12 +139,12 @@ def packed_inverse(S: Array, indefinite_raises: bool) -> tuple[Array, NDArray[np
     determinant = S[:, 0] * inverse[:, 0] + S[:, 5] * inverse[:, 5] + S[:, 4] * inverse[:, 4]
     third = (S[:, 0] + S[:, 1] + S[:, 2]) / 3.0
     bad: NDArray[np.bool_] | None = None
-    if (determinant > FLAT * third * third * third).all():
+    if (determinant > MIN_RELATIVE_DETERMINANT * third * third * third).all():
         inverse /= determinant[:, None]
     else:
         full = np.moveaxis(unpack(S), 3, 1)
         values, vectors = np.linalg.eigh(full)
-        regular = values[..., 0] > SINGULAR * values[..., 2]
+        regular = values[..., 0] > SOLUTION_ROUNDING * values[..., 2]
         if not regular.all():
             if indefinite_raises:
                 raise NotDefinite(values[~regular][0])

@@ -10,6 +10,8 @@ from __future__ import annotations
 MAX_DESCRIPTION_BYTES = 20_000_000
 # Tables, arrays and results: a million poses with their covariances.
 MAX_TABLE_BYTES = 1_000_000_000
+# Beginning of a file by which its format is recognised.
+HEAD_BYTES = 65_536
 # A file that is uploaded in the live page.
 MAX_UPLOAD_BYTES = 50_000_000
 # Files that a pattern names.

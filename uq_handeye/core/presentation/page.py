@@ -165,7 +165,7 @@ FLAGS = (
 )
 PAPERS = ("a4", "letter")
 # Seconds that a browser may take.
-PATIENCE = 120
+BROWSER_TIMEOUT_S = 120
 
 
 def page_path(path: str | Path, paper: str, suffixes: Sequence[str] = (".html", ".pdf")) -> Path:
@@ -253,7 +253,7 @@ def _by_browser(html: str, browser: str) -> bytes:
             page.as_uri(),
         ]  # fmt: skip
         try:
-            subprocess.run(command, capture_output=True, timeout=PATIENCE, check=True)
+            subprocess.run(command, capture_output=True, timeout=BROWSER_TIMEOUT_S, check=True)
             return pdf.read_bytes()
         except (OSError, subprocess.SubprocessError) as error:
             reason = getattr(error, "strerror", None) or type(error).__name__

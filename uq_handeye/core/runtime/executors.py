@@ -19,9 +19,9 @@ from typing import Any
 from ...errors import InputError, MissingExtraError
 
 # Seconds to reach a Dask scheduler, and until it has a worker.
-CONNECT, PATIENCE = 10.0, 30.0
+CONNECT_TIMEOUT_S, WORKER_TIMEOUT_S = 10.0, 30.0
 # Processes that one pool can wait for.
-MOST_WORKERS = 61 if sys.platform == "win32" else 10_000
+MAX_WORKERS = 61 if sys.platform == "win32" else 10_000
 
 ONE_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 
@@ -37,7 +37,7 @@ class LocalProcesses(ProcessPoolExecutor):
 
     def __init__(self, workers: int) -> None:
         self._context = _Context()
-        super().__init__(min(workers, MOST_WORKERS), mp_context=self._context, initializer=_begin)
+        super().__init__(min(workers, MAX_WORKERS), mp_context=self._context, initializer=_begin)
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
@@ -128,12 +128,12 @@ def connect_to_dask(address: str) -> Iterator[tuple[Executor, int]]:
     """
     distributed = _distributed()
     try:
-        client = distributed.Client(address, timeout=CONNECT, set_as_default=False)
+        client = distributed.Client(address, timeout=CONNECT_TIMEOUT_S, set_as_default=False)
     except (OSError, ValueError, TypeError) as error:
         raise InputError(f"Cannot reach the Dask scheduler {address!r}: {error}") from error
     try:
         try:
-            client.wait_for_workers(1, timeout=PATIENCE)
+            client.wait_for_workers(1, timeout=WORKER_TIMEOUT_S)
         except TimeoutError as error:
             raise InputError("The Dask scheduler has no workers; start some with `dask worker ADDRESS`.") from error
         yield client.get_executor(pure=False), sum(client.ncores().values())

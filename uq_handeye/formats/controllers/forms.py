@@ -38,3 +38,8 @@ CONTROLLERS = {
     name: PoseForm(name, **form | {"columns": tuple(form["columns"])})
     for name, form in parse_toml(Path(__file__).with_name("controllers.toml")).items()
 }
+
+
+def forms_of(*names: str) -> tuple[tuple[str, str], ...]:
+    """Return makers with the form of their rotations, by ``controllers.toml``; other names are forms themselves."""
+    return tuple((name, CONTROLLERS[name].rotation) if name in CONTROLLERS else ("table", name) for name in names)

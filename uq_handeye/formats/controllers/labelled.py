@@ -18,7 +18,7 @@ from ...errors import InputError
 from ..contents import Contents
 from ..number_table import NUMBER
 from .records import records_side
-from .tables import HELP
+from .tables import HEAD_LINES, HELP
 
 _NUMBERS = re.compile(rf"[\[(\s]*{NUMBER}(?:[\s,;]+{NUMBER}){{2,15}}[\])\s]*,?")
 _LABEL = r"(?<![\w.])([A-Za-z][\w .-]{0,60}(?:\([^()]{0,60}\))?)"
@@ -31,9 +31,6 @@ _ROTATIONS = {
     **dict.fromkeys(("rpy", "roll"), "rpy"),
     **dict.fromkeys(("quaternion", "quat", "orientation", "orient", "rotation", "rot", "euler", "q"), "orientation"),
 }  # fmt: skip
-_LOOKED_AT = 40
-# Longest line with parts of a pose.
-LONGEST = 2000
 
 
 def is_labelled(head: str) -> bool:
@@ -41,7 +38,7 @@ def is_labelled(head: str) -> bool:
     if head.lstrip().startswith("{") or (head.lstrip().startswith("<") and "<origin" not in head):  # of URDF
         return False
     try:
-        first = next(_entries(head, _LOOKED_AT), None)
+        first = next(_entries(head, HEAD_LINES), None)
     except (InputError, csv.Error):
         return False
     return first is not None and len(first) == 2
@@ -73,7 +70,7 @@ def _entries(text: str, most: int | None) -> Iterator[dict[str, Any]]:
 def _of_lines(text: str) -> Iterator[dict[str, Any]]:
     entry: dict[str, Any] = {}
     for line in text.split("\n"):
-        if len(line) > LONGEST:
+        if len(line) > MAX_LINE_CHARACTERS:
             continue
         for label, numbers in _PART.findall(line):
             found = _part(label, list(map(float, _ANY.findall(numbers))))

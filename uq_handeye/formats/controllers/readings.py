@@ -17,31 +17,23 @@ from ...core.geometry.se3 import Array
 from ...errors import InputError
 from ..contents import Contents, Reading, Side
 from ..rotations import rotation_form
-from .forms import CONTROLLERS, PoseForm
+from .forms import CONTROLLERS, PoseForm, forms_of
 
-# Translations: all below the first are in m, some beyond the second in mm; between them both may be.
-METRES, MILLIMETRES = 5.0, 20.0
-# An angle in rad is at most a turn; the rest is rounding.
-TURN = 2.0 * np.pi + 1e-3
-# Forms of three numbers whose names do not say which they are.
-_UNSAID = (
-    ("ur", "rotvec-rad"), ("rpy", "xyz-rad"), ("table", "XYZ-rad"), ("table", "ZYX-rad"), ("table", "ZYZ-rad"),
-    ("kuka", "ZYX-deg"), ("fanuc", "xyz-deg"), ("staubli", "XYZ-deg"), ("kawasaki", "ZYZ-deg"),
-    ("table", "rotvec-deg"),
-)  # fmt: skip
-# The same by the names rx, ry, rz (each about its own axis), and alpha, beta, gamma.
-_BY_AXES = (
-    ("ur", "rotvec-rad"), ("rpy", "xyz-rad"), ("table", "XYZ-rad"),
-    ("yaskawa", "xyz-deg"), ("staubli", "XYZ-deg"), ("table", "rotvec-deg"),
-)  # fmt: skip
-_BY_KIND: dict[str, tuple[tuple[str, str], ...]] = {
-    "abc": (("kuka", "ZYX-deg"),),
-    "wpr": (("fanuc", "xyz-deg"),),
-    "oat": (("kawasaki", "ZYZ-deg"),),
-    "aer": (("comau", "ZYZ-deg"),),
-    "uvw": (("epson", "ZYX-deg"),),
-    "rpy": (("rpy", "xyz-rad"),),
-    "rotvec": (("ur", "rotvec-rad"),),
+# Translations that are all below the first are in m, and beyond the second in mm; between them both may be.
+MAX_ROBOT_REACH_M, MIN_ROBOT_REACH_MM = 5.0, 20.0
+# An angle in rad is at most a full circle; the rest is rounding.
+MAX_ANGLE_RAD = 2.0 * np.pi + 1e-3
+# Forms of three numbers whose names do not say which they are; and by the names rx, ry, rz, each about its own axis.
+_UNSAID = forms_of("ur", "rpy", "XYZ-rad", "ZYX-rad", "ZYZ-rad", "kuka", "fanuc", "staubli", "kawasaki", "rotvec-deg")
+_BY_AXES = forms_of("ur", "rpy", "XYZ-rad", "yaskawa", "staubli", "rotvec-deg")
+_BY_KIND = {
+    "abc": forms_of("kuka"),
+    "wpr": forms_of("fanuc"),
+    "oat": forms_of("kawasaki"),
+    "aer": forms_of("comau"),
+    "uvw": forms_of("epson"),
+    "rpy": forms_of("rpy"),
+    "rotvec": forms_of("ur"),
     "rxyz": _BY_AXES,
     "euler": _UNSAID,
     "unsaid": _UNSAID,
@@ -117,7 +109,7 @@ def _forms(kind: str, rotation: Array, translation: Array, form: PoseForm | None
     if rotation.shape[1] == 4:
         if form is not None and rotation_form(form.rotation).numbers == 4:
             return ((form.name, form.rotation),)
-        small = translation.size > 0 and np.nanmax(np.abs(translation)) < MILLIMETRES
+        small = translation.size > 0 and np.nanmax(np.abs(translation)) < MIN_ROBOT_REACH_MM
         return {
             "named": (("table", "xyzw"),),
             "q1234": (("abb", "wxyz"), ("table", "xyzw")) if small else (("abb", "wxyz"),),
@@ -137,7 +129,7 @@ def _angles(text: str, rotation: Array, unit: str | None, only: bool) -> list[st
     if unit is not None:
         return [stem + unit]
     largest = _largest(np.linalg.norm(rotation, axis=1) if stem == "rotvec-" else rotation)
-    if largest > TURN:
+    if largest > MAX_ANGLE_RAD:
         return [f"{stem}deg"]
     if text.endswith("rad") and (only or len(rotation) > 1 or stem == "rotvec-"):
         return [text]
@@ -147,9 +139,9 @@ def _angles(text: str, rotation: Array, unit: str | None, only: bool) -> list[st
 def _lengths(translation: Array, usual: str | None) -> tuple[str, ...]:
     """Return the length units that the numbers may be in, the maker's first."""
     largest = _largest(translation)
-    if largest < METRES:
+    if largest < MAX_ROBOT_REACH_M:
         return ("m",)
-    if largest > MILLIMETRES:
+    if largest > MIN_ROBOT_REACH_MM:
         return ("mm",)
     return ("mm", "m") if usual == "mm" else ("m", "mm")
 

@@ -7,6 +7,7 @@ from functools import lru_cache
 
 from ...core.files.lines import floats
 from ...core.files.trees import is_json
+from ...core.numbers.limits import HEAD_BYTES
 from ..columns import seconds_of
 from ..contents import COLUMNS, Contents
 from ..csv_poses import is_csv_header
@@ -18,8 +19,6 @@ from .labelled import is_labelled, read_labelled
 from .programs import PROGRAMS, read_program
 from .tables import read_pose_table, table_kind
 
-# What is looked at to tell a table.
-HEAD = 65_536
 # The comment above what `export` and `plan` write.
 _WRITTEN = re.compile(r"# .{0,100}, as (.{1,40}?) writes (?:it|them)\b")
 NAMES = (*CONTROLLERS, "table")
@@ -84,6 +83,6 @@ def read_controller(format: str, text: str, name: str) -> Contents:
         return read_program(format, text, name)
     if format == "table" and has_lists(text):
         return read_program("abb", text, name, sure=False)
-    if table_kind(text[:HEAD]) is None and is_labelled(text[:HEAD]):
+    if table_kind(text[:HEAD_BYTES]) is None and is_labelled(text[:HEAD_BYTES]):
         return read_labelled(text, name)
     return read_pose_table(text, name, CONTROLLERS.get(format))

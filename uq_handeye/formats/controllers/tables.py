@@ -29,13 +29,13 @@ from ..columns import (
     pose_columns,
 )
 from ..contents import NORM_TOLERANCE, Contents, Side
-from ..number_table import FEWEST, TITLE_LINES, NumberTable, names_of, read_number_table
+from ..number_table import MAX_TITLE_LINES, MIN_NUMBERS, NumberTable, names_of, read_number_table
 from .forms import CONTROLLERS, PoseForm
 from .readings import interpret
 
 HELP = "see docs/how-to/controller.md"
 # Rows that tell whether a text is a table of poses.
-_LOOKED_AT = 50
+HEAD_LINES = 50
 _POSITION = ("x", "y", "z")
 # Words before the columns of one side, in a table of both.
 _ROBOTS = ("robot", "gripper", "hand", "tool", "tool0", "tcp", "ee", "eef", "flange", "arm", "base")
@@ -61,7 +61,7 @@ def _of_sets(table: NumberTable, form: PoseForm | None) -> Contents | None:
     Raises `InputError` for sets of poses that are not those of robot and camera.
     """
     names = table.headings
-    if len(twice := [one for one in dict.fromkeys(names) if names.count(one) > 1]) >= FEWEST:
+    if len(twice := [one for one in dict.fromkeys(names) if names.count(one) > 1]) >= MIN_NUMBERS:
         raise InputError(
             f"{table.name}: expected one set of poses, got {short(', '.join(twice))} twice. Keep one of them; {HELP}."
         )
@@ -112,7 +112,7 @@ def is_table_header(names: Sequence[str]) -> bool:
 
 def names_a_pose(head: str) -> bool:
     """Return whether one of the first lines of a text names the columns of poses."""
-    return any(is_table_header(names_of(line)) for line in head.split("\n", TITLE_LINES)[:TITLE_LINES])
+    return any(is_table_header(names_of(line)) for line in head.split("\n", MAX_TITLE_LINES)[:MAX_TITLE_LINES])
 
 
 def pose_side(table: NumberTable, counted: str) -> Side:
@@ -124,7 +124,7 @@ def pose_side(table: NumberTable, counted: str) -> Side:
 
 def table_kind(head: str) -> str | None:
     """Return the format that the beginning of a text is a table of: a maker, "table" where that is open, or None."""
-    text = "\n".join(head.splitlines()[:_LOOKED_AT]) if head.count("\n") > _LOOKED_AT else head
+    text = "\n".join(head.splitlines()[:HEAD_LINES]) if head.count("\n") > HEAD_LINES else head
     try:
         table = read_number_table(text, "", is_table_header, "", guessed=text is not head or len(head) > 65_000)
         columns = _columns(table, None)

@@ -12,11 +12,11 @@ from ...core.geometry.se3 import Array
 from ...errors import InputError
 from ..contents import NORM_TOLERANCE, Reading, Side, matrices_side
 from ..controllers.readings import interpret
-from .layout import COUNTS, MOST_BEFORE, found_in, with_last_row
+from .layout import COUNTS, MAX_NUMBERS_BEFORE, found_in, with_last_row
 
 HELP = "docs/formats.md, NPZ and NPY"
 _ONE = ((4, 4), (3, 4), (16,), (12,), (7,), (6,))  # shapes of one pose
-_PER_ROW = tuple(count + before for count in COUNTS for before in range(MOST_BEFORE + 1))
+_PER_ROW = tuple(count + before for count in COUNTS for before in range(MAX_NUMBERS_BEFORE + 1))
 # Shapes that people give in place of poses, and what they are.
 _OTHERS = {(3, 3): "; rotations alone hold no poses: add the translations", (3,): "; rotations are missing"}
 QUATERNIONS = ("xyzw", "wxyz")

@@ -15,15 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.geometry.se3 import Array
-from ..contents import Reading
+from ..contents import NORM_TOLERANCE, Reading
 
 # max |R^T R - I| of numbers that are meant as a rotation, and max deviation of a last row that is meant.
-MEANT, LAST_ROW = 0.05, 1e-3
+MAX_ROTATION_DEFECT = 0.05
 LAST = np.array([0.0, 0.0, 0.0, 1.0])
 # Numbers of a pose that are read as one matrix.
 COUNTS = (16, 12)
 # Numbers that may stand before them: row numbers, times.
-MOST_BEFORE = 2
+MAX_NUMBERS_BEFORE = 2
 BOTH = (Reading("matrix", "matrix"), Reading("matrix", "transposed"))
 _NOTES = {
     "rows": "matrices 4x4 row by row",
@@ -62,7 +62,7 @@ def found_in(table: Array) -> Found | None:
     best: tuple[float, int, str] | None = None
     for count in COUNTS:
         others = table.shape[1] - count
-        if not 0 <= others <= MOST_BEFORE:
+        if not 0 <= others <= MAX_NUMBERS_BEFORE:
             continue
         for before in range(others, -1, -1):
             for layout, fits in _FITS[count].items():
@@ -84,13 +84,13 @@ def fitting(numbers: Array) -> bool:
 
 def _last(rows: Array) -> NDArray[np.bool_]:
     with np.errstate(all="ignore"):
-        return np.asarray(np.abs(rows - LAST).max(axis=1) < LAST_ROW)
+        return np.asarray(np.abs(rows - LAST).max(axis=1) < NORM_TOLERANCE)
 
 
 def _rotations(R: Array) -> NDArray[np.bool_]:
     """Return whether matrices (n, 3, 3) are meant as rotations, also mirrored ones."""
     with np.errstate(all="ignore"):
-        return np.asarray(np.abs(np.swapaxes(R, 1, 2) @ R - np.eye(3)).max(axis=(1, 2)) < MEANT)
+        return np.asarray(np.abs(np.swapaxes(R, 1, 2) @ R - np.eye(3)).max(axis=(1, 2)) < MAX_ROTATION_DEFECT)
 
 
 _FITS: dict[int, dict[str, Callable[[Array], NDArray[np.bool_]]]] = {

@@ -15,12 +15,12 @@ import numpy as np
 from ...core.files.folders import natural
 from ...core.files.tree_values import got, is_list, is_map, is_plain_number, items_of
 from ...core.geometry.se3 import Array
+from ...core.numbers.limits import MAX_ROWS
 from ...errors import InputError
 from ..contents import Contents
 from .arrays import is_poses, side_of_array
 
 # Numbers that are looked at.
-MOST = 10_000_000
 _NUMBERED = re.compile(r"(.*?)[\[(_ -]*(\d+)[\])]*(\.[A-Za-z]\w*)?")
 
 
@@ -34,7 +34,7 @@ def numbers_of(value: Any) -> Array | None:
             return None
         shape.append(lengths.pop())
         level = [inner for entry in level for inner in entry]
-        if len(level) > MOST:
+        if len(level) > MAX_ROWS:
             return None
     if not shape or not all(map(is_plain_number, level)):
         return None

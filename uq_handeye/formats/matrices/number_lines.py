@@ -9,6 +9,7 @@ from typing import NamedTuple
 from ...core.files.one_line import short
 from ...errors import InputError
 from ..number_table import COMMA_NUMBER, number_of
+from .layout import COUNTS
 
 _COMMENT = re.compile(r"(#|//|%|--).*")
 # Bounded, so that long lines take no longer than they are.
@@ -19,9 +20,7 @@ _LABEL = re.compile(r"[:\[({]")
 _FACTOR = re.compile(r"^\s*\d(\.\d+)?e[+-]?\d+\s*\*\s*$", re.IGNORECASE)
 _MARKS = str.maketrans("[](){};|\t\"'", " " * 11)
 # Words in front of the numbers of a line: a file, a name.
-MOST_WORDS = 3
-# Numbers of a line that holds a whole matrix.
-LONG = 12
+MAX_LABEL_WORDS = 3
 
 
 class NumberLine(NamedTuple):
@@ -66,9 +65,11 @@ def number_lines(text: str, name: str) -> Iterator[NumberLine]:
         if first and len(known) - first < 3:  # "Pose 3", "Columns 1 through 4"
             continue
         last = len(known) - known[::-1].index(True)
-        if last - first >= LONG and len(known) - last <= MOST_WORDS:  # the name of a picture behind the numbers
+        if (
+            last - first >= min(COUNTS) and len(known) - last <= MAX_LABEL_WORDS
+        ):  # the name of a picture behind the numbers
             words, known, values = words[:last], known[:last], values[:last]
-        if first > MOST_WORDS or not all(known[first:]):
+        if first > MAX_LABEL_WORDS or not all(known[first:]):
             wrong = words[first + known[first:].index(False)] if not all(known[first:]) else words[0]
             raise NotNumbersError(f"{where}: expected numbers of a matrix, got {short(wrong)}.")
         yield NumberLine(line, tuple(value for value in values[first:] if value is not None))

@@ -17,21 +17,20 @@ from numpy.typing import NDArray
 
 from ...core.files.trees import is_json
 from ...core.geometry.se3 import Array
+from ...core.numbers.limits import HEAD_BYTES
 from ...errors import InputError
 from ..contents import Contents
-from .layout import COUNTS, MOST_BEFORE, fitting, found_in
+from .layout import COUNTS, MAX_NUMBERS_BEFORE, fitting, found_in
 from .matrix_contents import HELP, contents_of
 from .named_columns import names_matrices, read_columns
 from .number_lines import NotNumbersError, NumberLine, number_lines
 
-_PER_LINE = tuple(count + before for count in COUNTS for before in range(MOST_BEFORE + 1))
+_PER_LINE = tuple(count + before for count in COUNTS for before in range(MAX_NUMBERS_BEFORE + 1))
 _YAML = re.compile(r"^\s*(- |---\s*$|%YAML)|^\s*\{\s*([\"'A-Za-z]|$)")
 # An entry of YAML that holds a list, or an item of a list.
 _ENTRY = re.compile(r"^\s*(- )*[\"']?\w+[\"']?\s*:\s*([\[{][^\]}\n]*,|\n\s*- )", re.MULTILINE)
 # Of 12 or 16 numbers, those of a robtarget or a jointtarget that say "no external axis".
-_NONE = 1e8
-# Characters that are seen of a longer text.
-_CUT = 60000
+NO_EXTERNAL_AXIS = 1e8
 
 
 def is_matrix_text(head: str) -> bool:
@@ -40,7 +39,7 @@ def is_matrix_text(head: str) -> bool:
         return False
     if names_matrices(head):
         return True
-    cut = len(head) >= _CUT
+    cut = len(head) > 0.9 * HEAD_BYTES  # characters of more than one byte
     lines: list[NumberLine] = []
     try:
         for line in number_lines(head[: head.rfind("\n")] if cut and "\n" in head else head, ""):
@@ -55,7 +54,7 @@ def is_matrix_text(head: str) -> bool:
         (count,) = counts
         table = np.array([line.values for line in lines])
         if count in COUNTS:
-            return bool(np.abs(table).max() < _NONE) or not np.isfinite(table).all()
+            return bool(np.abs(table).max() < NO_EXTERNAL_AXIS) or not np.isfinite(table).all()
         if count in _PER_LINE:
             return fitting(table)
         if count == 4 and len(lines) >= 3:
@@ -161,7 +160,7 @@ def _groups(lines: Sequence[NumberLine], rows: int) -> tuple[Array, NDArray[np.i
 
 def _no_layout(row: Array, where: str, count: int) -> InputError:
     numbers = ", ".join(f"{value:g}" for value in row[-4:])
-    if count - 16 in range(MOST_BEFORE + 1):
+    if count - 16 in range(MAX_NUMBERS_BEFORE + 1):
         return InputError(
             f"{where}: expected a matrix 4x4 whose last row (or, column by column, every fourth number) is 0, 0, 0, 1; "
             f"the numbers end with {numbers} ({HELP})."
