@@ -218,6 +218,10 @@ def picture(arrows: dict[str, set[str]]) -> str:
     return "\n".join([*parts, "</svg>"]) + "\n"
 
 
+def main(folder: Path) -> None:
+    """Write the picture."""
+    (folder / "architecture.svg").write_text(picture(graph()), encoding="utf-8")
+
+
 if __name__ == "__main__":
-    target = Path(sys.argv[1]) if len(sys.argv) > 1 else ROOT / "docs" / "images"
-    (target / "architecture.svg").write_text(picture(graph()), encoding="utf-8")
+    main(Path(sys.argv[1]) if len(sys.argv) > 1 else ROOT / "docs" / "images")

@@ -197,6 +197,11 @@ def perturbations() -> Figure:
 
 FIGURES = {"eye_in_hand": eye_in_hand, "eye_to_hand": eye_to_hand, "motions": motions, "perturbations": perturbations}
 
-if __name__ == "__main__":
-    folder = Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).resolve().parents[1] / "images"
+
+def main(folder: Path) -> None:
+    """Write the pictures."""
     write_files(folder, {f"{name}.svg": render(figure(), "svg") for name, figure in FIGURES.items()})
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).resolve().parents[1] / "images")

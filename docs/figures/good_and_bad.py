@@ -9,7 +9,6 @@ Writes report_good.png, report_cautions.png and report_not_usable.png (the first
 
 from __future__ import annotations
 
-import runpy
 import sys
 import tempfile
 import warnings
@@ -20,6 +19,9 @@ import numpy as np
 import uq_handeye as uq
 from uq_handeye.read import write_files
 from uq_handeye.report.page import report_html
+
+sys.path.insert(0, str(Path(__file__).parent))
+from report import screen
 
 SIZE = 820, 1060
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
@@ -48,7 +50,6 @@ def not_usable() -> uq.Calibration:
 
 
 def main(folder: Path) -> None:
-    of_report = runpy.run_path(str(Path(__file__).parent / "report.py"))
     pictures = {}
     for make in (good, cautions, not_usable):
         with warnings.catch_warnings():
@@ -60,8 +61,7 @@ def main(folder: Path) -> None:
         with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as scratch:
             page = Path(scratch) / "report.html"
             page.write_text(report_html(result), encoding="utf-8")
-            picture = of_report["screen"](page, f"{scratch}/profile", dark=False, size=SIZE)
-            pictures[f"report_{make.__name__}.png"] = of_report["png"](picture)
+            pictures[f"report_{make.__name__}.png"] = screen(page, f"{scratch}/profile", dark=False, size=SIZE)
     write_files(folder, pictures)
 
 

@@ -15,7 +15,7 @@ import shutil
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -34,7 +34,7 @@ from uq_handeye.use.live_session.api import live
 from uq_handeye.use.live_session.view import view_page
 
 sys.path.insert(0, str(Path(__file__).parent))
-from report import png
+from shown import png, visible_words
 
 SOFTWARE = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--hide-scrollbars", "--ignore-gpu-blocklist")
 DESK, PHONE = (1280, 800), (390, 844)
@@ -94,7 +94,7 @@ def shot(driver: Any, url: str, then: str = "") -> bytes:
     driver.execute_script(close + then)
     time.sleep(3.0)
     data = driver.execute_cdp_cmd("Page.captureScreenshot", {"format": "png"})["data"]
-    return png(Image.open(io.BytesIO(base64.b64decode(data))))
+    return png(Image.open(io.BytesIO(base64.b64decode(data))), visible_words(driver))
 
 
 def session(folder: Path, n: int = 14) -> Any:
@@ -175,7 +175,12 @@ PICTURES: dict[str, Callable[[], bytes]] = {
     name.removesuffix("_png"): make for name, make in globals().copy().items() if name.endswith("_png")
 }
 
-if __name__ == "__main__":
-    folder = Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parents[1] / "images"
-    for name in sys.argv[2:] or PICTURES:
+
+def main(folder: Path, names: Iterable[str] = PICTURES) -> None:
+    """Write the pictures of these names."""
+    for name in names:
         (folder / f"{name}.png").write_bytes(PICTURES[name]())
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parents[1] / "images", sys.argv[2:] or PICTURES)

@@ -39,8 +39,12 @@ def calibrated() -> uq.Calibration:
     return uq.calibrate(poses, kinematics=arm, kinematic_errors=uq.KinematicErrors(robot_class="industrial"))
 
 
-if __name__ == "__main__":
-    target = Path(sys.argv[1]) if len(sys.argv) > 1 else DOCS / "images"
+def main(folder: Path) -> None:
+    """Write the picture."""
     found = calibrated().over_workspace
     assert found is not None
-    write_files(target, {"workspace.png": render(workspace_figure(found), "png")})
+    write_files(folder, {"workspace.png": render(workspace_figure(found), "png")})
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]) if len(sys.argv) > 1 else DOCS / "images")
