@@ -17,7 +17,6 @@ from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial.transform import Rotation
 
 from ..core.files.atomic import write_atomically
 from ..core.files.folders import numbers_in
@@ -25,6 +24,7 @@ from ..core.files.one_line import short
 from ..core.files.open import StrPath, as_path, opened, shown
 from ..core.files.table import MARKS, Places, Schema, in_order, numbers_only, read_table, split_names
 from ..core.geometry.checks import as_transforms, first_duplicate
+from ..core.geometry.rotations import Rotation
 from ..core.geometry.se3 import Array
 from ..core.numbers.limits import MAX_TABLE_BYTES
 from ..errors import InputError, InputWarning

@@ -15,11 +15,11 @@ import re
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from ..core.files.one_line import short
 from ..core.files.pose_names import pose_name
 from ..core.files.tree_values import fields_of, got, is_list, is_map, items_of, number
+from ..core.geometry.rotations import Rotation
 from ..core.geometry.se3 import Array
 from ..errors import InputError
 from .contents import Contents, matrices_side

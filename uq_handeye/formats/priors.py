@@ -5,12 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from ..core.files.open import StrPath, as_path, opened
 from ..core.files.tree_values import is_map
 from ..core.files.trees import parse_tree
 from ..core.geometry.checks import as_transforms
+from ..core.geometry.rotations import Rotation
 from ..core.geometry.se3 import Array
 from ..core.numbers.limits import MAX_DESCRIPTION_BYTES
 from ..errors import InputError

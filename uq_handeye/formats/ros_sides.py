@@ -6,8 +6,8 @@ from collections import Counter
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
+from ..core.geometry.rotations import Rotation
 from ..core.geometry.se3 import Array
 from ..core.numbers.limits import MAX_LISTED
 from ..errors import InputError

@@ -15,10 +15,10 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from ..core.formatting.numbers import Snippet, short
 from ..core.geometry.conventions import TOOLKIT, to_convention
+from ..core.geometry.rotations import Rotation
 from ..core.geometry.se3 import Array, inverse_jacobian
 from ..core.presentation.html import macros
 from ..core.runtime.read_only import ReadOnlyArrays

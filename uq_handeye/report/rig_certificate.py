@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 from scipy.special import ndtri, stdtrit
 
 from ..calibration.statement.tolerance import Verdict, percent
@@ -20,6 +19,7 @@ from ..core.files.about import ABOUT
 from ..core.files.json_values import JsonObject
 from ..core.files.records import plain
 from ..core.formatting.numbers import digits, probability
+from ..core.geometry.rotations import Rotation
 from ..core.numbers.levels import CONTRADICTED
 from ..core.presentation.document import Answer, Block, Paragraph, Points, Section, Table
 from ..rig.page import FRAMES, headline, noise_table, rig_sketch

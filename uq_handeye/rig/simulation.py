@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
+from ..core.geometry.rotations import Rotation
 from ..core.geometry.se3 import Array, perturb
 from ..model.noise.models import factor
 from .description import WORLD, ArmPoses, Rig, View

@@ -20,11 +20,11 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from ..calibration.calibrate import calibrate
 from ..calibration.result import Calibration
 from ..core.files.open import StrPath, as_path
+from ..core.geometry.rotations import Rotation
 from ..core.geometry.se3 import Array, inverse
 from ..errors import InputError, InputWarning, NotConvergedError
 from ..model.poses.pose_pairs import PosePairs

@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.spatial.transform import Rotation
 
 from ...core.files.records import Record
 from ...core.geometry import conventions
 from ...core.geometry.frames import SETUPS, TARGETS
 from ...core.geometry.pose_numbers import principal_axes
+from ...core.geometry.rotations import Rotation
 from ...core.geometry.se3 import Array, inverse, inverse_jacobian
 from ...errors import InputError
 from ...findings import Finding, texts

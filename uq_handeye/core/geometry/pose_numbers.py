@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
+from .rotations import vectors
 from .se3 import Array, left_jacobian, skew
 
 # What the six numbers are.
@@ -40,11 +40,11 @@ def pose_numbers(
 
 def rotation_vector(X: Array, base: Array | None) -> Array:
     """The rotation vector (3,) of X nearest to that of ``base``: near 180 degrees a vector and its opposite are one."""
-    vector = np.asarray(Rotation.from_matrix(X[:3, :3]).as_rotvec())
+    vector = vectors(X[:3, :3])
     angle = float(np.linalg.norm(vector))
     if base is None or angle == 0:
         return vector
-    target = Rotation.from_matrix(base[:3, :3]).as_rotvec()
+    target = vectors(base[:3, :3])
     other = vector * (1 - 2 * np.pi / angle)
     return other if np.linalg.norm(other - target) < np.linalg.norm(vector - target) else vector
 

@@ -5,16 +5,16 @@ inside the toolkit is ``xi = (theta, tau)``, rotation first, **left** rotation, 
 
     R = exp([theta]x) R_hat,   t = t_hat + tau                         (radians and the length unit of t)
 
-Everything that SciPy's ``Rotation`` and ``RigidTransform`` do (exponentials, logarithms, means) is left to
-them; here are the skew matrix, the SO(3) Jacobian, the derivatives of composed poses in the convention
-above, and the validation of input matrices.
+Here are the skew matrix, the SO(3) Jacobian and the derivatives of composed poses in the convention above;
+vectors and quaternions of rotations are in `rotations`, Euler angles and means are left to SciPy.
 """
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial.transform import Rotation
+
+from .rotations import matrices, vectors
 
 Array = NDArray[np.float64]
 
@@ -60,13 +60,13 @@ def inverse(T: Array) -> Array:
 def logarithm(R: Array) -> Array:
     """Rotation vectors (..., 3) of rotations (..., 3, 3).
 
-    ``angle / sin(angle)`` times the axial vector, which keeps the digits of small angles; SciPy's near half a turn.
+    ``angle / sin(angle)`` times the axial vector, which keeps the digits of small angles; near half a turn `vectors`.
     """
     axial = 0.5 * vee(R)
     sine = np.sqrt((axial * axial).sum(axis=-1))
     angle = np.arctan2(sine, 0.5 * (R[..., 0, 0] + R[..., 1, 1] + R[..., 2, 2] - 1.0))
     if angle.max(initial=0.0) > NEAR_HALF_TURN:
-        return np.asarray(Rotation.from_matrix(R.reshape(-1, 3, 3)).as_rotvec().reshape(R.shape[:-1]))
+        return vectors(R)
     # sin(angle) / angle is 1 to rounding where angle^2 / 6 is
     ratio = np.divide(angle, sine, out=np.ones_like(sine), where=sine > 1e-12)
     return np.asarray(axial * ratio[..., None])
@@ -116,8 +116,6 @@ def perturb(T: Array, xi: Array) -> Array:
     """``(exp([theta]x) R, t + tau)`` for ``xi = (theta, tau)``; (..., 4, 4), (..., 6) broadcast."""
     shape = np.broadcast_shapes(T.shape[:-2], xi.shape[:-1])
     result = np.array(np.broadcast_to(T, (*shape, 4, 4)))
-    theta = np.array(xi[..., :3])  # SciPy wants an array that it could write to
-    turn = Rotation.from_rotvec(theta.reshape(-1, 3)).as_matrix().reshape(*xi.shape[:-1], 3, 3)
-    result[..., :3, :3] = turn @ T[..., :3, :3]
+    result[..., :3, :3] = matrices(xi[..., :3]) @ T[..., :3, :3]
     result[..., :3, 3] += xi[..., 3:]
     return result

@@ -24,10 +24,10 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import ArrayLike
-from scipy.spatial.transform import Rotation
 
 from ...errors import InputError
 from ..geometry.checks import as_covariance, as_pose
+from ..geometry.rotations import Rotation
 from ..geometry.se3 import Array
 from .figure_parts import NamedFigure, settle_layout
 from .figure_parts import render as render

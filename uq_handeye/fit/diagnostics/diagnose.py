@@ -26,10 +26,10 @@ from __future__ import annotations
 from collections.abc import Collection
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 from scipy.special import chdtrc
 
 from ...core.geometry.pose_numbers import principal_axes
+from ...core.geometry.rotations import quaternions
 from ...core.geometry.se3 import Array, skew
 from ...errors import InputError
 from ...findings import Finding
@@ -174,11 +174,11 @@ def _influence(C: Array, B: Array, e: Array) -> Influence:
 
 def _diversity(A: Array, poses: PosePairs | None) -> Diversity:
     if poses is None:
-        u = Rotation.from_matrix(A[:, :3, :3]).as_quat()[:, :3]
+        u = quaternions(A[:, :3, :3])[:, :3]
         total = u.T @ u
     else:
         # u = vec(conj(q_j) q_i) is bilinear, u_a = q_j^T E_a q_i: the sum over all pairs is tr(Q E_a Q E_b^T).
-        q = Rotation.from_matrix(poses.effective_robot[:, :3, :3]).as_quat()
+        q = quaternions(poses.effective_robot[:, :3, :3])
         Q = q.T @ q
         total = np.einsum("apq,bpq->ab", Q @ _TURNS @ Q, _TURNS)
     values, axes = principal_axes(total / max(float(np.trace(total)), 1e-300))

@@ -22,10 +22,10 @@ from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 from scipy.special import betainc, chdtrc, ndtr
 
 from ...core.files.records import Record
+from ...core.geometry.rotations import matrices_of_quaternions, quaternions, vectors
 from ...core.geometry.se3 import Array
 from ...findings import Finding
 from ...model.noise.joint_covariance import joint_of
@@ -272,10 +272,11 @@ def _regressors(pose: Array) -> Array:
 
     Directions with less than 3 % of the spread of the widest are left out: noise would make up much of them.
     """
-    turn = Rotation.from_matrix(pose[:, :3, :3])
-    turn = turn.mean().inv() * turn
+    R = pose[:, :3, :3]
+    q = quaternions(R)
+    mean = matrices_of_quaternions(np.linalg.eigh(q.T @ q)[1][:, -1])
     parts = []
-    for values in (pose[:, :3, 3], turn.as_rotvec()):
+    for values in (pose[:, :3, 3], vectors(mean.T @ R)):
         values = values - values.mean(axis=0)
         parts.append(values / max(float(np.linalg.norm(values)), 1e-12))
     left, singular, _ = np.linalg.svd(np.concatenate(parts, axis=1), full_matrices=False)

@@ -11,10 +11,10 @@ from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from ...core.files.source import Source
 from ...core.formatting.units import LENGTH_UNITS
+from ...core.geometry.rotations import Rotation
 from ...core.geometry.se3 import Array, inverse
 from ...errors import DegenerateMotionError
 from ...findings import Finding

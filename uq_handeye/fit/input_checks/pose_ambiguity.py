@@ -33,8 +33,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
+from ...core.geometry.rotations import Rotation
 from ...core.geometry.se3 import Array, inverse, skew
 from ...errors import DegenerateMotionError, InputError, InputWarning, NotConvergedError
 from ...findings import Finding

@@ -29,9 +29,6 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import KDTree
 
 from ...core.geometry.se3 import Array
 from ...core.runtime.read_only import ReadOnlyArrays
@@ -347,6 +344,10 @@ def repeated_rows(poses: PosePairs) -> tuple[tuple[int, ...], ...]:
     if np.diff(np.sort(numbers.sum(axis=1))).min(initial=np.inf) > 24 * SAME:  # as those of equal poses are not
         return ()
     single, where = np.unique(numbers + 0.0, axis=0, return_inverse=True)
+    from scipy.sparse import coo_array  # slow to import
+    from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import KDTree
+
     near = KDTree(single).query_pairs(SAME * np.sqrt(24), output_type="ndarray")
     near = near[np.abs(single[near[:, 0]] - single[near[:, 1]]).max(axis=1, initial=0.0) <= SAME]
     links = coo_array((np.ones(len(near)), (near[:, 0], near[:, 1])), shape=(len(single), len(single)))

@@ -27,10 +27,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 from scipy.special import chdtri
 
 from ...core.geometry.nearest_rotation import orthonormalise
+from ...core.geometry.rotations import Rotation
 from ...core.geometry.se3 import Array, vee
 from ...errors import DegenerateMotionError
 from ...methods.procrustes.limit import solve_limit

@@ -18,10 +18,10 @@ from __future__ import annotations
 import re
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from ...core.files.lines import floats
 from ...core.files.one_line import short
+from ...core.geometry.rotations import Rotation
 from ...core.geometry.se3 import Array
 from ...errors import InputError
 from ..contents import Contents, Reading, matrices_side

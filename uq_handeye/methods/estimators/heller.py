@@ -10,8 +10,8 @@ from warnings import catch_warnings, simplefilter
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
+from ...core.geometry.rotations import Rotation
 from ...core.geometry.se3 import Array
 from ...core.numbers.rounding import EPS, HALF_DIGITS, PRODUCT_ROUNDING, SOLUTION_ROUNDING, THIRD_DIGITS
 from ...errors import MissingExtraError

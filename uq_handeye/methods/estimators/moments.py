@@ -20,9 +20,9 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from ...core.geometry.checks import CHUNK
+from ...core.geometry.rotations import Rotation
 from ...core.geometry.se3 import Array, vee
 from ...core.numbers.rounding import THIRD_DIGITS
 from ...model.noise.models import PairNoise

@@ -11,7 +11,6 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from ...core.geometry.nearest_rotation import orthonormalise
 from ...core.geometry.packed3x3 import (
@@ -32,6 +31,7 @@ from ...core.geometry.packed3x3 import (
     times,
     unpack,
 )
+from ...core.geometry.rotations import Rotation
 from ...core.geometry.se3 import Array, vee
 from ...errors import InputError
 from ...model.noise.models import PairNoise

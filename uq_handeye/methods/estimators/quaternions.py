@@ -15,9 +15,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from ...core.geometry.nearest_rotation import orthonormalise
+from ...core.geometry.rotations import Rotation
 from ...core.geometry.se3 import Array, left_jacobian, pose, skew, vee
 from ...core.numbers.rounding import CHAIN_ROUNDING, HALF_DIGITS
 from .method import require

@@ -11,9 +11,9 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from ...core.geometry.nearest_rotation import orthonormalise
+from ...core.geometry.rotations import Rotation
 from ...core.geometry.se3 import Array, pose, skew, vee
 from ...core.numbers.rounding import HALF_DIGITS
 from ..procrustes.degeneracy import MIN_SPREAD_RATIO, NO_ROTATION

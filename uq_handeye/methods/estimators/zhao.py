@@ -40,9 +40,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import eigh
-from scipy.spatial.transform import Rotation
 
 from ...core.geometry.checks import CHUNK
+from ...core.geometry.rotations import Rotation
 from ...core.geometry.se3 import Array, perturb
 from ...core.numbers.rounding import CHAIN_ROUNDING, EPS, HALF_DIGITS, SOLUTION_ROUNDING
 from ...errors import InputError, NotConvergedError

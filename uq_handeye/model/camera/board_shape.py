@@ -28,7 +28,6 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
 
 from ...core.geometry.se3 import Array
 from ...core.numbers.rounding import CHAIN_ROUNDING, SOLUTION_ROUNDING, TINY
@@ -72,6 +71,8 @@ class BoardShape(ReadOnlyArrays):
         """(m,) which of the board's points these (m, 3) are; raises `InputError` for others."""
         if np.array_equal(points, self.points):
             return np.arange(len(points))
+        from scipy.spatial import KDTree  # slow to import
+
         distance, found = KDTree(self.points).query(points)
         far = np.asarray(distance > MAX_THICKNESS_SHARE * np.ptp(self.points, axis=0).max())
         if far.any():

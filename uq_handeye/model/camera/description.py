@@ -28,7 +28,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.spatial import KDTree
 
 from ...core.files.one_line import short
 from ...core.formatting.units import parse_length
@@ -225,6 +224,8 @@ def spacing_of(points: Array) -> float | None:
     points = np.unique(points, axis=0)
     if len(points) < 4:
         return None
+    from scipy.spatial import KDTree  # slow to import
+
     nearest = np.asarray(KDTree(points).query(points, k=2)[0])[:, 1]
     return float(np.min(nearest)) if np.ptp(nearest) < 1e-3 * np.min(nearest) else None
 

@@ -19,9 +19,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from ...core.formatting.units import parse_angle, parse_length
+from ...core.geometry.rotations import Rotation
 from ...core.geometry.se3 import Array
 from ...errors import InputError
 from .chain import Kinematics

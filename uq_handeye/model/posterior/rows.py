@@ -35,7 +35,6 @@ from typing import Any, ClassVar, NamedTuple, Protocol, Self
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
-from scipy.optimize import brentq
 from scipy.special import chdtrc, chdtri, chndtr
 
 from ...core.geometry.se3 import Array
@@ -288,6 +287,8 @@ class PredictiveReference(ReadOnlyArrays):
         if self.noise_given:
             return float(self.scale[0] * chdtri(self.dof[0], 1.0 - level))
         ends = self.scale * chdtri(self.dof, 1.0 - level)
+        from scipy.optimize import brentq  # slow to import
+
         return float(brentq(lambda x: self.p_value(x) - (1.0 - level), ends.min(), ends.max(), rtol=1e-6))
 
     def power(self, noncentrality: float, level: float = 0.05) -> float:
@@ -304,6 +305,8 @@ class PredictiveReference(ReadOnlyArrays):
         high = limit
         while self._power(high, limit) < power:
             high *= 2.0
+        from scipy.optimize import brentq  # slow to import
+
         return float(brentq(lambda x: self._power(x, limit) - power, 0.0, high, rtol=1e-6))
 
     def deviance(self, d2: float) -> float:

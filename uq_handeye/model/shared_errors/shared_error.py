@@ -34,11 +34,11 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from ...core.formatting.numbers import digits
 from ...core.formatting.units import parse_angle, parse_length, parse_ratio, parse_time
 from ...core.geometry.checks import as_numbers
+from ...core.geometry.rotations import Rotation
 from ...core.geometry.se3 import Array
 from ...core.runtime.read_only import ReadOnlyArrays
 from ...errors import InputError

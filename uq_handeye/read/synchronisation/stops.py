@@ -17,8 +17,8 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
+from ...core.geometry.rotations import Rotation
 from ...core.geometry.se3 import Array, logarithm
 from .interpolation import noise_floor
 

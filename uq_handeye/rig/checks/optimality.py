@@ -30,10 +30,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, cho_factor, cho_solve, cholesky
-from scipy.spatial.transform import Rotation
 
 from ...core.files.records import Record
 from ...core.geometry.nearest_rotation import nearest_rotation
+from ...core.geometry.rotations import Rotation
 from ...core.geometry.se3 import Array, logarithm
 from ..description import Rig
 from ..fit import Prior, RigFit, fit

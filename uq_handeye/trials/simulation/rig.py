@@ -8,11 +8,11 @@ from types import NoneType
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from ...core.formatting.units import parse_angle, parse_length
 from ...core.geometry.checks import as_transforms
 from ...core.geometry.frames import SETUPS
+from ...core.geometry.rotations import Rotation
 from ...core.geometry.se3 import Array, inverse, perturb, pose
 from ...errors import InputError, keywords_of, require_integer, require_known, require_type
 from ...model.noise.joint_covariance import JointCovariance

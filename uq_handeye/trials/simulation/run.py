@@ -24,8 +24,8 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
+from ...core.geometry.rotations import Rotation
 from ...core.geometry.se3 import Array, block, difference, logarithm, skew
 from ...core.runtime.read_only import scratch
 from ...errors import InputError

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial.transform import Rotation
 
+from ...core.geometry.rotations import Rotation
 from ...core.geometry.se3 import Array
 
 if TYPE_CHECKING:

@@ -11,8 +11,8 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
+from ...core.geometry.rotations import Rotation
 from ...core.geometry.se3 import Array
 from ...errors import InputError, MissingExtraError
 from ...formats.ros_messages import MessageError, Stamped, poses_in

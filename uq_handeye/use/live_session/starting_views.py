@@ -8,8 +8,8 @@ depths that differ. They are views, ``camera_T_target``; a path of the arm to ea
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
+from ...core.geometry.rotations import Rotation
 from ...core.geometry.se3 import Array
 
 # Tilt and its direction, turn about the line of sight (deg), distance over the usual one.

@@ -8,8 +8,8 @@ from __future__ import annotations
 from typing import Protocol
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
+from ...core.geometry.rotations import Rotation
 from ...core.geometry.se3 import Array
 from ...errors import InputError, MissingExtraError
 from .sources import Side

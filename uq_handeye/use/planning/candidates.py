@@ -21,9 +21,9 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from ...core.geometry.checks import as_transforms
+from ...core.geometry.rotations import Rotation
 from ...core.geometry.se3 import Array, inverse, pose, skew
 from ...errors import InputError
 from ...model.poses.pose_pairs import PosePairs

@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from ...core.files.csv_text import csv_text
 from ...core.files.records import attributes
 from ...core.geometry.conventions import CONVENTION
 from ...core.geometry.frames import SETUPS
+from ...core.geometry.rotations import Rotation
 from ...core.geometry.se3 import Array
 from ...core.presentation.document import Document, Paragraph, Table, document_of
 from ...core.presentation.shown import Shown

@@ -27,7 +27,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from ...calibration.estimate.estimated import Estimated
 from ...calibration.evidence.touches import Touches
@@ -37,6 +36,7 @@ from ...core.files.one_line import short
 from ...core.files.open import StrPath, as_path, opened, shown
 from ...core.files.table import Places, Schema, Table, name_and_unit, read_table
 from ...core.formatting.units import ANGLE_UNITS, LENGTH_UNITS
+from ...core.geometry.rotations import Rotation
 from ...core.geometry.se3 import Array, pose
 from ...errors import InputError, require_one_of
 from ...model.kinematics.chain import Kinematics

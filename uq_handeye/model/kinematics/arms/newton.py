@@ -12,8 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
+from ....core.geometry.rotations import Rotation
 from ....core.geometry.se3 import Array
 from ....core.numbers.rounding import HALF_DIGITS, PRODUCT_ROUNDING
 from ..chain import Kinematics

@@ -39,7 +39,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from ....core.files.lines import is_number
 from ....core.files.one_line import short
@@ -49,6 +48,7 @@ from ....core.files.tree_values import is_list, is_map, is_plain_number
 from ....core.files.trees import parse_toml
 from ....core.formatting.units import ANGLE_UNITS, LENGTH_UNITS
 from ....core.geometry.checks import as_numbers
+from ....core.geometry.rotations import Rotation
 from ....core.geometry.se3 import Array
 from ....core.numbers.limits import MAX_DESCRIPTION_BYTES
 from ....errors import InputError, among

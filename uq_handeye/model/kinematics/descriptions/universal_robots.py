@@ -15,12 +15,12 @@ links.
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from ....core.files.one_line import short
 from ....core.files.open import StrPath, as_path, opened, shown
 from ....core.files.tree_values import got, is_map, item, number
 from ....core.files.trees import parse_tree
+from ....core.geometry.rotations import Rotation
 from ....core.geometry.se3 import Array
 from ....core.numbers.limits import MAX_DESCRIPTION_BYTES
 from ....errors import InputError

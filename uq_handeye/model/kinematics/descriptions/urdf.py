@@ -20,12 +20,12 @@ from xml.parsers import expat
 from xml.sax.saxutils import escape
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from ....core.files.lines import decoded, is_number
 from ....core.files.one_line import one_line, short
 from ....core.files.open import StrPath, as_path, opened, shown
 from ....core.files.trees import MAX_DEPTH
+from ....core.geometry.rotations import Rotation
 from ....core.geometry.se3 import Array
 from ....core.numbers.limits import MAX_DESCRIPTION_BYTES
 from ....errors import InputError
