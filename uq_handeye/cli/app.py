@@ -10,19 +10,13 @@ import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from functools import cache
+from importlib import import_module
 from types import FrameType
 
 import typer
 
 from ..errors import InputError, NotConvergedError
-from .commands.calibrate import calibrate_command, demo_command
-from .commands.camera import bag_command, camera_command, points_command, sync_command
-from .commands.check import check_command, diff_command, update_command, verify_command
-from .commands.live import live_command, view_command
-from .commands.plan import compare_command, plan_command
-from .commands.predict import certificate_command, export_command, predict_command, report_command
-from .commands.simulate import codegen_command, simulate_command
-from .commands.validate import cross_check_command, posterior_command, validate_command
 from .exit_status import ExitStatus
 from .help import Command, Program, with_help_all
 from .messages import fail, fail_internally, messages
@@ -32,16 +26,32 @@ from .options import Maker, with_messages
 ClickException: type[Exception] = typer.BadParameter.__mro__[2]
 
 
-app = typer.Typer(
-    cls=Program,
-    help="""Estimate the pose X of a camera on a robot or in its cell (AX = XB), and its uncertainty.
-
-    Start with uq-handeye demo. Examples and options: uq-handeye COMMAND --help.
-    """,
-    pretty_exceptions_enable=False,
-    rich_markup_mode=None,
-    context_settings={"help_option_names": ["-h", "--help"]},
-)
+# Commands by group of the help, each with the module of `commands` that has it.
+_COMMANDS: dict[str, dict[str, str]] = {
+    "Calibrate": {
+        "calibrate": "calibrate",
+        "live": "live",
+        "demo": "calibrate",
+        "camera": "camera",
+        "points": "camera",
+        "sync": "camera",
+        "bag": "camera",
+    },
+    "Use the result": {
+        "view": "live",
+        "report": "predict",
+        "export": "predict",
+        "predict": "predict",
+        "check": "check",
+        "update": "check",
+        "diff": "check",
+        "verify": "check",
+        "certificate": "predict",
+    },
+    "Improve and compare": {"plan": "plan", "compare": "plan"},
+    "Check the covariance": {"validate": "validate", "cross-check": "validate", "posterior": "validate"},
+    "Simulate and generate code": {"simulate": "simulate", "codegen": "simulate"},
+}
 
 
 @with_help_all
@@ -60,40 +70,34 @@ def _start(context: typer.Context, version: bool = False) -> None:
         print(context.get_help())
 
 
-app.callback(invoke_without_command=True)(_start)
+@cache
+def program(only: str | None = None) -> typer.Typer:
+    """Return the program with all its commands, or with one: a run does not wait for the options of the others."""
+    made = typer.Typer(
+        cls=Program,
+        help="""Estimate the pose X of a camera on a robot or in its cell (AX = XB), and its uncertainty.
 
-_COMMANDS: dict[str, dict[str, Maker]] = {
-    "Calibrate": {
-        "calibrate": calibrate_command,
-        "live": live_command,
-        "demo": demo_command,
-        "camera": camera_command,
-        "points": points_command,
-        "sync": sync_command,
-        "bag": bag_command,
-    },
-    "Use the result": {
-        "view": view_command,
-        "report": report_command,
-        "export": export_command,
-        "predict": predict_command,
-        "check": check_command,
-        "update": update_command,
-        "diff": diff_command,
-        "verify": verify_command,
-        "certificate": certificate_command,
-    },
-    "Improve and compare": {"plan": plan_command, "compare": compare_command},
-    "Check the covariance": {
-        "validate": validate_command,
-        "cross-check": cross_check_command,
-        "posterior": posterior_command,
-    },
-    "Simulate and generate code": {"simulate": simulate_command, "codegen": codegen_command},
-}
-for group, commands in _COMMANDS.items():
-    for name, command in commands.items():
-        app.command(name, cls=Command, rich_help_panel=group)(with_help_all(with_messages(command)))
+        Start with uq-handeye demo. Examples and options: uq-handeye COMMAND --help.
+        """,
+        pretty_exceptions_enable=False,
+        rich_markup_mode=None,
+        context_settings={"help_option_names": ["-h", "--help"]},
+    )
+    made.callback(invoke_without_command=True)(_start)
+    for group, commands in _COMMANDS.items():
+        for name, module in commands.items():
+            if only in (None, name):
+                place = import_module(f".commands.{module}", __package__)
+                command: Maker = getattr(place, f"{name.replace('-', '_')}_command")
+                made.command(name, cls=Command, rich_help_panel=group)(with_help_all(with_messages(command)))
+    return made
+
+
+def __getattr__(name: str) -> typer.Typer:
+    """``app``: the whole program, for shells that complete it and for documentation."""
+    if name == "app":
+        return program()
+    raise AttributeError(name)
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -144,7 +148,8 @@ def _interrupts() -> Iterator[list[int]]:
 
 def _status_of(arguments: list[str], interrupted: list[int]) -> int:
     try:
-        status = app(arguments, prog_name="uq-handeye", standalone_mode=False)
+        named = arguments[0] if arguments and any(arguments[0] in group for group in _COMMANDS.values()) else None
+        status = program(named)(arguments, prog_name="uq-handeye", standalone_mode=False)
         if sys.stdout is not None:  # it may be closed
             sys.stdout.flush()
     except (Exception, KeyboardInterrupt) as error:
