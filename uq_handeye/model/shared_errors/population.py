@@ -99,23 +99,33 @@ class ArmPopulation:
         unit[SHIFTS], unit[WAVES], unit[SAGS] = LENGTH_SD, HARMONIC_SD, SAG_SD
         q = stack.workspace(n_postures)
         frames = stack.frames(q)
-        F = stack.columns(q, frames).reshape(len(names), ERRORS, -1) * unit
+        F = stack.columns(q, frames).reshape(len(names), ERRORS, -1)
         B = gauge_columns(frames.tip).reshape(len(names), 12, -1)
         weight = np.repeat([0.3] * 3 + [1.0] * 3, n_postures)
-        gauge = (F * weight) @ np.linalg.pinv(B * weight)  # (A, 77, 12)
-        free = F - gauge @ B
-        rms = np.sqrt((free[:, :, 3 * n_postures :] ** 2).sum(axis=(1, 2)) / n_postures)[:, None, None]
-        energy, V = np.linalg.eigh((free * weight) @ (free * weight).mT)  # ascending
+        inverse = np.linalg.pinv(B * weight)
+        gauge, rms, second = np.empty((len(names), ERRORS, 12)), np.empty((len(names), 1, 1)), []
+        for a, free in enumerate(F):  # arm by arm, which a cache holds
+            free *= unit
+            gauge[a] = (free * weight) @ inverse[a]
+            free -= gauge[a] @ B[a]
+            shifts = free[:, 3 * n_postures :]
+            rms[a] = np.sqrt(np.vdot(shifts, shifts) / n_postures)
+            free *= weight
+            second.append(free @ free.T)
+        energy, V = np.linalg.eigh(np.array(second))  # ascending
         lost = np.cumsum(energy, axis=1) / energy.sum(axis=1, keepdims=True)
         kept = ERRORS - int((lost < left_out).sum(axis=1).min())
         V = V[:, :, ERRORS - kept :].mT / rms
         mixing = np.concatenate([V * unit[:, 0], -V @ gauge], axis=2)
         # what the frames of base and flange would be by another sample of the workspace
-        of_posture = ((V @ free) * weight).reshape(len(names), -1, 6, n_postures)
-        by_frame = (np.linalg.pinv(B * weight)).reshape(len(names), 6, n_postures, 12)
-        moves = np.einsum("aekn,aknj->aenj", of_posture, by_frame).reshape(len(names), -1, 12)
+        moved = np.empty((len(names), 12, 12))
+        for a, free in enumerate(F):
+            of_posture = (V[a] @ free).reshape(-1, 6, n_postures).transpose(2, 0, 1)
+            by_frame = inverse[a].reshape(6, n_postures, 12).swapaxes(0, 1)
+            moves = (of_posture @ by_frame).reshape(-1, 12)
+            moved[a] = moves.T @ moves
         unlike = np.repeat([BASE_RATIO, FLANGE_RATIO], 6)
-        return cls(names, stack, WorkPostures.of(stack), mixing, moves.mT @ moves * np.outer(unlike, unlike))
+        return cls(names, stack, WorkPostures.of(stack), mixing, moved * np.outer(unlike, unlike))
 
     def columns(self, poses: Array) -> tuple[Array, NDArray[np.bool_]]:
         """Return columns (A, c, 6, n) at ``poses`` (n, 3, 4), and whether the arms reach them (A, n); lengths over the

@@ -92,7 +92,7 @@ class ArmStack:
     def workspace(self, n: int) -> Array:
         """(A, 7, n) postures that fill the limits of the joints evenly, the flange above the floor of the base."""
         q = np.stack([spread(limits, 4 * n) for limits in self.limits])
-        below = self.frames(q).tip[:, 2, 3] <= 0.0
+        below = self.tips(q)[:, 2, 3] <= 0.0
         order = np.argsort(below, axis=-1, kind="stable")[:, :n]
         return np.asarray(np.take_along_axis(q, order[:, None], axis=-1))
 

@@ -17,7 +17,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
 from xml.parsers import expat
-from xml.sax.saxutils import escape
+from html import escape
 
 import numpy as np
 
@@ -385,7 +385,7 @@ def with_origins(path_or_text: StrPath, origins: Mapping[str, Placed], comment: 
         here = parser.CurrentByteIndex
         stack.append((tag, attributes.get("name", "")))
         if not stack[:-1] and comment:
-            edits.append((here, here, f"<!-- {escape(comment).replace('--', '- -')} -->\n"))
+            edits.append((here, here, f"<!-- {escape(comment, quote=False).replace('--', '- -')} -->\n"))
         depth, joint = len(stack), stack[1][1] if len(stack) > 1 and stack[1][0] == "joint" else ""
         if joint not in origins:
             return
