@@ -8,9 +8,11 @@ import inspect
 import re
 import sys
 import textwrap
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from typing import Annotated, Any
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Any, get_args
 
 import typer
 from typer.core import TyperCommand, TyperGroup
@@ -192,6 +194,34 @@ class _WithHelp:
     def format_help(self, context: Any, formatter: Any) -> None:
         context.color = coloured(sys.stdout)  # what prints the text takes escapes out unless it is told not to
         formatter.write(help_text(context, every=False))
+
+    def get_params(self, ctx: Any) -> Any:
+        """Return the parameters; those that hold one value take it by `_taken`."""
+        callback: Any = getattr(self, "callback", None)
+        annotations = getattr(callback, "__annotations__", {})
+        found = super().get_params(ctx)  # type: ignore[misc]
+        for parameter in found:
+            if parameter.nargs == 1 and not isinstance(parameter.process_value, partial):
+                first = next(iter(get_args(annotations.get(parameter.name))), None)
+                kind = {str | None: str, str: str, Path | None: Path, Path: Path}.get(first)
+                parameter.process_value = partial(_taken, parameter, parameter.process_value, kind)
+        return found
+
+
+def _taken(
+    parameter: Any, process: Callable[[Any, Any], Any], kind: type[str | Path] | None, context: Any, value: Any
+) -> Any:
+    """Return the value of a parameter by its own ``process``, unless that has nothing to do.
+
+    Typer builds a validator of Pydantic for each parameter; what is absent, a default, text or a path needs none.
+    """
+    if kind is not None and isinstance(value, str):
+        value = kind(value)
+    elif value is None and not parameter.required:
+        value = () if parameter.multiple else None
+    elif value is not parameter.default:
+        return process(context, value)
+    return value if parameter.callback is None else parameter.callback(context, parameter, value)
 
 
 class Command(_WithHelp, TyperCommand):

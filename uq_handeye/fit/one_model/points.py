@@ -82,12 +82,12 @@ class OpenSizes(ReadOnlyArrays):
 
     @cached_property
     def _mixture(self) -> tuple[Array, Array, Array, Array]:
-        """Means (d, N), covariances (d, N, N), their P, and what brings it to the covariance that is stated."""
+        """Means (d, N), covariances of the model (d, N, N), P, and what brings it to the covariance that is stated."""
         p, (mean, M) = self.model.p, self._carried
         found = [self._told(theta) for theta in self.theta]
         means = np.array([m - mean for m, _ in found]) @ M.T
-        covariances = M @ np.array([S for _, S in found]) @ M.T
-        P = np.tensordot(self.weights, covariances, axes=1) + (self.weights * means.T) @ means
+        covariances = np.array([S for _, S in found])
+        P = M @ np.tensordot(self.weights, covariances, axes=1) @ M.T + (self.weights * means.T) @ means
         to_stated = np.eye(len(P))
         to_stated[:p, :p] = _carrying(P[:p, :p], self.base.covariance[:p, :p] - self.beside)
         return means, covariances, P, to_stated
@@ -97,11 +97,11 @@ class OpenSizes(ReadOnlyArrays):
         """The mixture."""
         p = self.model.p
         means, covariances, P, to_stated = self._mixture
-        P, covariances = to_stated @ P @ to_stated.T, to_stated @ covariances @ to_stated.T
+        P = to_stated @ P @ to_stated.T
         P[:p, :p] = self.base.covariance[:p, :p]
-        covariances[:, :p, :p] += self.beside
         back = solve_triangular(factor_of(P), np.eye(len(P)), lower=True)
-        means, each = means @ to_stated.T, back @ covariances @ back.T
+        whole = back @ to_stated @ self._carried[1]
+        means, each = means @ to_stated.T, whole @ covariances @ whole.T + back[:, :p] @ self.beside @ back[:, :p].T
         points = SizePoints(self.names, self.theta, self.weights, means @ back.T, 0.5 * (each + each.mT))
         return replace(self.base, covariance=0.5 * (P + P.T), points=points, source=self)
 
