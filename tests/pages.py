@@ -52,7 +52,6 @@ SHOWN = [
             "shared_errors",
             "update",
             "validation",
-            "check_series",
             "verify",
             "which_poses",
         )
