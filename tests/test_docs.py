@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 import yaml
-from pages import DOCS, ROOT, SHOWN, blocks, missing, prepare, run_page
-from stream_cases import motion, streams
+from fixtures.pages import DOCS, ROOT, SHOWN, blocks, missing, prepare, run_page
+from fixtures.streams import motion, streams
 
 import uq_handeye as uq
 from uq_handeye.model.kinematics.kinematic_errors import POPULATIONS

@@ -6,7 +6,7 @@ import tomllib
 from graphlib import TopologicalSorter
 
 import pytest
-from pages import DOCS, ROOT
+from fixtures.pages import DOCS, ROOT
 
 PAGE = (DOCS / "explanation" / "architecture.md").read_text(encoding="utf-8")
 SCRIPT = runpy.run_path(str(DOCS / "figures" / "architecture.py"))

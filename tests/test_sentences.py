@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from calibration_cases import NOISE, PAIR_NOISE, motions_alone, quietly, with_wrong
+from fixtures.rigs import NOISE, PAIR_NOISE, motions_alone, quietly, with_wrong
 from support import SEED
 
 import uq_handeye as uq

@@ -4,7 +4,7 @@ import re
 import runpy
 
 import pytest
-from pages import DOCS
+from fixtures.pages import DOCS
 
 SCRIPT = runpy.run_path(str(DOCS / "figures" / "tables.py"))
 

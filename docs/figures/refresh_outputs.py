@@ -25,7 +25,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
 
-from pages import FLAGS, SHOWN, Block, missing, prepare, run_page  # noqa: E402
+from fixtures.pages import FLAGS, SHOWN, Block, missing, prepare, run_page  # noqa: E402
 
 ALIKE = 0.45  # least share of words that two texts have in common, for one to replace the other
 WIDTH = 120

@@ -2,9 +2,9 @@
 
 Model: ``G X C = W`` with a Gaussian error on every robot and camera pose. GTSAM has the same poses and noise in a
 factor graph with latent robot poses, `LevenbergMarquardt` and `Marginals`; the graphs are those of the tests
-(tests/gtsam_graphs.py). Seed 2019. Real poses are compared where UQ_HANDEYE_DATA names their folder. Needs GTSAM (extra
-`test`; without it the exit code is 2). Quick: simulated poses, and 10 and 30 poses for the times. The paper does not
-compare with GTSAM.
+(tests/fixtures/gtsam_graphs.py). Seed 2019. Real poses are compared where UQ_HANDEYE_DATA names their folder. Needs
+GTSAM (extra `test`; without it the exit code is 2). Quick: simulated poses, and 10 and 30 poses for the times. The
+paper does not compare with GTSAM.
 
 Agreement: the largest ``|eigenvalue - 1|`` of the covariances of X and of W whitened by GTSAM's, and the distance of
 the two X and W in standard deviations, the larger of the two; with GTSAM's own errors (right perturbation, logarithm of

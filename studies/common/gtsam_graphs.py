@@ -11,8 +11,8 @@ from typing import Any
 
 @cache
 def gtsam_graphs() -> Any:
-    """The module ``tests/gtsam_graphs.py``; GTSAM must be installed."""
+    """The module ``tests/fixtures/gtsam_graphs.py``; GTSAM must be installed."""
     folder = str(Path(__file__).resolve().parents[2] / "tests")
     if folder not in sys.path:
         sys.path.insert(0, folder)
-    return importlib.import_module("gtsam_graphs")
+    return importlib.import_module("fixtures.gtsam_graphs")

@@ -1,7 +1,7 @@
 """The programs of the study of peers: how each is given poses and their noise, and what it gives back.
 
 All see the same poses ``G_i X C_i = W`` (eye-in-hand) and start from nothing else. GTSAM and SymForce have no hand-eye
-solver: the graph is written here (SymForce) or in tests/gtsam_graphs.py (GTSAM), with latent robot poses, the
+solver: the graph is written here (SymForce) or in tests/fixtures/gtsam_graphs.py (GTSAM), with latent robot poses, the
 model of `ml`, from 4DPA's X. Covariances are converted to ``xi = (theta, tau)``: left rotation, additive translation,
 rad and m. A program that is not installed is left out.
 """

@@ -1,7 +1,7 @@
 """One simulated session, and what calibrate() makes of it with noise given and estimated."""
 
 import pytest
-from calibration_cases import NOISE, quietly
+from fixtures.rigs import NOISE, quietly
 from support import SEED
 
 import uq_handeye as uq

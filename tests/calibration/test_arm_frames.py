@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from arm_cases import SIX_AXES, motion
-from rig_of_arm import ARM, rig
+from fixtures.arms import SIX_AXES, motion
+from fixtures.rigs_on_arms import ARM, rig
 from support import difference
 
 import uq_handeye as uq

@@ -3,7 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
-from calibration_cases import NOISE, quietly
+from fixtures.rigs import NOISE, quietly
 from scipy.spatial.transform import RigidTransform, Rotation
 
 import uq_handeye as uq

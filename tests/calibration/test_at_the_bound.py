@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from calibration_cases import CLOSE, FITS, NOISE, PAIR_NOISE, SETUPS, motions_alone, quietly
+from fixtures.rigs import CLOSE, FITS, NOISE, PAIR_NOISE, SETUPS, motions_alone, quietly
 from scipy import stats
 from support import (
     CONFIDENCE,

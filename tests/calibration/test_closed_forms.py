@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from calibration_cases import NOISE, quietly
+from fixtures.rigs import NOISE, quietly
 
 import uq_handeye as uq
 from uq_handeye.calibration.findings import closed_forms

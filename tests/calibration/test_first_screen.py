@@ -3,11 +3,11 @@
 import re
 from dataclasses import replace
 
-import few_axes
 import numpy as np
 import pytest
-from calibration_cases import NOISE, PAIR_NOISE, motions_alone, quietly, with_wrong
-from rig_of_arm import ARM, rig
+from fixtures import few_axes
+from fixtures.rigs import NOISE, PAIR_NOISE, motions_alone, quietly, with_wrong
+from fixtures.rigs_on_arms import ARM, rig
 from support import SEED
 
 import uq_handeye as uq

@@ -6,8 +6,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from calibration_cases import quietly
-from cli_cases import MODEL, NOISE, run
+from fixtures.commands import MODEL, NOISE, run
+from fixtures.rigs import quietly
 from support import moved
 
 import uq_handeye as uq

@@ -5,7 +5,7 @@ import json
 
 import numpy as np
 import pytest
-from calibration_cases import NOISE, PAIR_NOISE, SETUPS, motions_alone, quietly, with_wrong
+from fixtures.rigs import NOISE, PAIR_NOISE, SETUPS, motions_alone, quietly, with_wrong
 from support import (
     SEED,
     assert_same_covariance,

@@ -7,7 +7,7 @@ import warnings
 
 import numpy as np
 import pytest
-from calibration_cases import NOISE, SETUPS, quietly, with_wrong
+from fixtures.rigs import NOISE, SETUPS, quietly, with_wrong
 from scipy import stats
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation, RotationSpline

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from calibration_cases import quietly
+from fixtures.rigs import quietly
 from scipy.stats import chi2
 from support import SEED
 

@@ -4,9 +4,9 @@ import itertools
 
 import numpy as np
 import pytest
-from arm_cases import measured, motion, random_chain
-from calibration_cases import quietly
-from rig_of_arm import ARM, CAMERA, rig
+from fixtures.arms import measured, motion, random_chain
+from fixtures.rigs import quietly
+from fixtures.rigs_on_arms import ARM, CAMERA, rig
 
 import uq_handeye as uq
 from uq_handeye.core.geometry.se3 import perturb

@@ -5,8 +5,8 @@ import warnings
 
 import numpy as np
 import pytest
-from calibration_cases import NOISE, quietly
-from cli_cases import run
+from fixtures.commands import run
+from fixtures.rigs import NOISE, quietly
 from scipy.spatial.transform import Rotation
 from support import moved
 

@@ -3,7 +3,7 @@
 import cv2
 import numpy as np
 import pytest
-from cli_cases import run
+from fixtures.commands import run
 
 import uq_handeye as uq
 from uq_handeye.model.camera.board import find_corners

@@ -2,7 +2,17 @@
 
 import numpy as np
 import pytest
-from picture_cases import CAMERA, SIZE, camera_to_board, facing, picture, projected, save, simulated_rig, write_pictures
+from fixtures.pictures import (
+    CAMERA,
+    SIZE,
+    camera_to_board,
+    facing,
+    picture,
+    projected,
+    save,
+    simulated_rig,
+    write_pictures,
+)
 from support import assert_same_covariance, difference
 
 import uq_handeye as uq

@@ -7,7 +7,7 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
-from picture_cases import CAMERA, SIZE, camera_to_board, seen_corners, simulated_rig
+from fixtures.pictures import CAMERA, SIZE, camera_to_board, seen_corners, simulated_rig
 
 import uq_handeye as uq
 from uq_handeye.errors import InputError, InputWarning

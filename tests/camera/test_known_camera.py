@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from picture_cases import simulated_rig
+from fixtures.pictures import simulated_rig
 
 import uq_handeye as uq
 from uq_handeye.model.camera.corners import without_pictures

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from report_cases import Page, overlapping
+from fixtures.reports import Page, overlapping
 from support import SEED
 
 import uq_handeye as uq

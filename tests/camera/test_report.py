@@ -7,8 +7,8 @@ from importlib import resources
 import numpy as np
 import pytest
 import yaml
-from picture_cases import CAMERA, SIZE, seen_corners
-from report_cases import Page, overlapping
+from fixtures.pictures import CAMERA, SIZE, seen_corners
+from fixtures.reports import Page, overlapping
 from support import SEED, jacobian, rotations, transforms
 
 import uq_handeye as uq

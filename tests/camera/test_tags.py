@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from picture_cases import SIZE, facing, picture, projected, save
+from fixtures.pictures import SIZE, facing, picture, projected, save
 
 import uq_handeye as uq
 from studies.common.pictures import Camera

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cli_cases import NOISE, run, run_process
+from fixtures.commands import NOISE, run, run_process
+from fixtures.pages import ROOT
 from matplotlib.figure import Figure
-from pages import ROOT
 
 import uq_handeye as uq
 from uq_handeye.cli import app as cli

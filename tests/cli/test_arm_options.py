@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from arm_cases import SIX_AXES, motion
-from cli_cases import run
+from fixtures.arms import SIX_AXES, motion
+from fixtures.commands import run
 from scipy import stats
 from support import CONFIDENCE, SEED, difference, moved, random_transforms
 

@@ -4,8 +4,8 @@ import json
 
 import numpy as np
 import pytest
-from cli_cases import run
-from picture_cases import simulated_rig, write_pictures
+from fixtures.commands import run
+from fixtures.pictures import simulated_rig, write_pictures
 from scipy import stats
 from scipy.spatial.transform import Rotation
 from support import CONFIDENCE, SEED, difference

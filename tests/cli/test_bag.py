@@ -7,10 +7,10 @@ import sys
 
 import numpy as np
 import pytest
-from arm_cases import SIX_AXES
-from bag_cases import START, Writer, pixels_of
-from cli_cases import run
-from stream_cases import motion
+from fixtures.arms import SIX_AXES
+from fixtures.bags import START, Writer, pixels_of
+from fixtures.commands import run
+from fixtures.streams import motion
 from support import moved, random_transforms
 
 import uq_handeye as uq

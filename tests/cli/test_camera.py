@@ -6,8 +6,8 @@ from hashlib import sha256
 
 import numpy as np
 import pytest
-from cli_cases import run
-from picture_cases import SIZE, simulated_rig, write_pictures
+from fixtures.commands import run
+from fixtures.pictures import SIZE, simulated_rig, write_pictures
 from scipy import stats
 from support import CONFIDENCE, SEED, difference
 

@@ -3,7 +3,7 @@
 import json
 
 import pytest
-from cli_cases import run
+from fixtures.commands import run
 from support import SEED
 
 import uq_handeye as uq

@@ -5,7 +5,7 @@ import os
 from pathlib import Path
 
 import pytest
-from monte_carlo_cases import NOISE
+from fixtures.trials import NOISE
 
 from uq_handeye import simulate
 from uq_handeye.cli import app as cli

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from cli_cases import MODEL, NOISE, run
-from stream_cases import motion, streams
+from fixtures.commands import MODEL, NOISE, run
+from fixtures.streams import motion, streams
 from support import SEED
 
 import uq_handeye as uq

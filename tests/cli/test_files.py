@@ -8,7 +8,7 @@ from html import unescape
 
 import numpy as np
 import pytest
-from cli_cases import MODEL, NOISE, run, write_session
+from fixtures.commands import MODEL, NOISE, run, write_session
 
 import uq_handeye as uq
 from uq_handeye.cli.delivery import EXPORTS, FIGURES

@@ -5,8 +5,8 @@ import shlex
 
 import pytest
 import typer
-from cli_cases import run
-from pages import ROOT
+from fixtures.commands import run
+from fixtures.pages import ROOT
 
 from uq_handeye.cli import app as cli
 from uq_handeye.cli.help import EXAMPLES, describe, rows

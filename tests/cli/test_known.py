@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from few_axes import rig
+from fixtures.few_axes import rig
 from support import SEED
 
 from uq_handeye.read import write_pose_file

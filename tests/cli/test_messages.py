@@ -12,7 +12,7 @@ import warnings
 
 import numpy as np
 import pytest
-from cli_cases import NOISE, run, run_as_on_terminal, run_on_terminal, run_process, write_session
+from fixtures.commands import NOISE, run, run_as_on_terminal, run_on_terminal, run_process, write_session
 
 import uq_handeye as uq
 from uq_handeye import InputWarning

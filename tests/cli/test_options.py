@@ -12,7 +12,7 @@ from typing import Annotated
 import numpy as np
 import pytest
 import typer
-from cli_cases import NOISE, run, write_session
+from fixtures.commands import NOISE, run, write_session
 
 import uq_handeye as uq
 from uq_handeye.calibration.request import BUNDLE, COVARIANCES

@@ -3,7 +3,7 @@
 import errno
 
 import pytest
-from cli_cases import run
+from fixtures.commands import run
 
 # There are no such input files, so that an error about the output shows that it came first.
 FILES = ("robot.csv", "camera.csv")

@@ -5,7 +5,7 @@ import warnings
 
 import numpy as np
 import pytest
-from pages import DOCS
+from fixtures.pages import DOCS
 from scipy.spatial.transform import Rotation
 
 from uq_handeye import PoseNoise, read_poses, simulate

@@ -4,9 +4,9 @@ import json
 
 import numpy as np
 import pytest
-from arm_cases import SIX_AXES
-from arm_sessions import chain, looking, measured
-from cli_cases import run
+from fixtures.arm_sessions import chain, looking, measured
+from fixtures.arms import SIX_AXES
+from fixtures.commands import run
 
 from uq_handeye.model.kinematics.joints_file import read_joints
 from uq_handeye.read import write_pose_file

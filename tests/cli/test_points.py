@@ -4,8 +4,8 @@ import json
 
 import numpy as np
 import pytest
-from cli_cases import run
-from points_cases import rig
+from fixtures.commands import run
+from fixtures.point_sets import rig
 from support import SEED
 
 

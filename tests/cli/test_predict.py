@@ -5,8 +5,8 @@ import json
 
 import numpy as np
 import pytest
-from arm_cases import SIX_AXES
-from cli_cases import MODEL, run
+from fixtures.arms import SIX_AXES
+from fixtures.commands import MODEL, run
 from support import SEED, moved, random_transforms
 
 import uq_handeye as uq

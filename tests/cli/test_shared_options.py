@@ -4,8 +4,8 @@ import json
 
 import numpy as np
 import pytest
-from cli_cases import MODEL, NOISE, run
-from stream_cases import motion, streams
+from fixtures.commands import MODEL, NOISE, run
+from fixtures.streams import motion, streams
 
 import uq_handeye as uq
 from uq_handeye.read import write_pose_file

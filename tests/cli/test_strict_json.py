@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from cli_cases import MODEL, run
+from fixtures.commands import MODEL, run
 
 import uq_handeye as uq
 from uq_handeye.read import write_pose_file

@@ -4,8 +4,8 @@ import json
 
 import numpy as np
 import pytest
-from cli_cases import run
-from picture_cases import write_pictures
+from fixtures.commands import run
+from fixtures.pictures import write_pictures
 from support import SEED
 
 import uq_handeye as uq

@@ -11,7 +11,7 @@ import warnings
 
 import numpy as np
 import pytest
-from monte_carlo_cases import NOISE
+from fixtures.trials import NOISE
 
 from uq_handeye import read_poses, simulate
 from uq_handeye.cli import app as cli

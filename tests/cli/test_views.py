@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from cli_cases import run
+from fixtures.commands import run
 from scipy import stats
 from support import CONFIDENCE, SEED, difference
 

@@ -6,7 +6,7 @@ from itertools import islice
 
 import numpy as np
 import pytest
-from cli_cases import run
+from fixtures.commands import run
 
 import uq_handeye as uq
 from uq_handeye.cli.commands import live as watching

@@ -8,7 +8,7 @@ import warnings
 
 import numpy as np
 import pytest
-from comparison_cases import compare
+from fixtures.comparisons import compare
 from scipy import stats
 from support import difference, exact_motions, moved, noisy_motions, random_covariance, whitened_eigenvalues
 

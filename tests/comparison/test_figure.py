@@ -7,7 +7,7 @@ import sys
 
 import numpy as np
 import pytest
-from comparison_cases import compare
+from fixtures.comparisons import compare
 from support import moved
 
 import uq_handeye as uq

@@ -9,8 +9,8 @@ import re
 import numpy as np
 import pandas as pd
 import pytest
-from comparison_cases import compare
-from pages import DOCS
+from fixtures.comparisons import compare
+from fixtures.pages import DOCS
 from support import difference, moved
 
 import uq_handeye as uq

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from calibration_cases import NOISE, quietly
+from fixtures.rigs import NOISE, quietly
 
 import uq_handeye as uq
 from uq_handeye.report.comparison.compare import compare_beside

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from calibration_cases import NOISE, quietly
+from fixtures.rigs import NOISE, quietly
 from scipy import stats
 from support import SEED
 

@@ -4,8 +4,8 @@ import json
 
 import numpy as np
 import pytest
-from arm_cases import SIX_AXES, measured
-from calibration_cases import quietly
+from fixtures.arms import SIX_AXES, measured
+from fixtures.rigs import quietly
 from support import SEED
 
 import uq_handeye as uq

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from calibration_cases import quietly
-from cli_cases import run
+from fixtures.commands import run
+from fixtures.rigs import quietly
+from fixtures.touches import NOISE, TIP, TRUTH, calibration, touches
 from support import SEED
-from touch_cases import NOISE, TIP, TRUTH, calibration, touches
 
 import uq_handeye as uq
 from uq_handeye.calibration.evidence.new_poses import evidence_of_poses

@@ -6,7 +6,7 @@ import re
 import numpy as np
 import pandas as pd
 import pytest
-from pages import ROOT
+from fixtures.pages import ROOT
 
 from uq_handeye.core.files.csv_text import csv_text, frame_text, plain_text, safe_text
 from uq_handeye.model.camera.corners import Corners

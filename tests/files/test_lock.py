@@ -6,7 +6,7 @@ import sys
 
 import numpy as np
 import pytest
-from cli_cases import MODEL, run, write_session
+from fixtures.commands import MODEL, run, write_session
 
 import uq_handeye as uq
 from uq_handeye.core.files.locks import held, locked

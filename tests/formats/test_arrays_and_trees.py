@@ -8,7 +8,7 @@ import zipfile
 import numpy as np
 import pytest
 import yaml
-from matrix_forms import rig_of
+from fixtures.matrix_texts import rig_of
 from scipy.spatial.transform import Rotation
 
 from uq_handeye.errors import InputError

@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from controller_poses import CONVENTIONS, NAMES, RXYZ, beside, csv, drawn, program, rz_ry_rx
+from fixtures.controller_texts import CONVENTIONS, NAMES, RXYZ, beside, csv, drawn, program, rz_ry_rx
 from support import SEED
 
 from uq_handeye.cli.app import main

@@ -4,7 +4,7 @@ import inspect
 import re
 
 import pytest
-from pages import DOCS
+from fixtures.pages import DOCS
 
 from uq_handeye.formats import export
 from uq_handeye.formats.detect import read_contents

@@ -6,7 +6,7 @@ import warnings
 import numpy as np
 import pytest
 import scipy.io
-from controller_poses import beside, drawn, rz_ry_rx
+from fixtures.controller_texts import beside, drawn, rz_ry_rx
 from scipy.spatial.transform import Rotation
 from support import SEED
 

@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from matrix_forms import rig_of, rotation
+from fixtures.matrix_texts import rig_of, rotation
 
 from uq_handeye.errors import InputError
 from uq_handeye.formats.detect import read_contents

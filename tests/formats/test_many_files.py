@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from matrix_forms import blocks, rig_of
+from fixtures.matrix_texts import blocks, rig_of
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 

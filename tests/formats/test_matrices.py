@@ -1,9 +1,9 @@
-"""Poses written as matrices, in the forms of `matrix_forms`: read to 1e-9, or refused by name."""
+"""Poses written as matrices, in the forms of `fixtures.matrix_texts`: read to 1e-9, or refused by name."""
 
 import numpy as np
 import pytest
-from cli_cases import run
-from matrix_forms import FORMS, FRANKA, R33, blocks, columns16, lines, names, rig_of, rows16, table, timed
+from fixtures.commands import run
+from fixtures.matrix_texts import FORMS, FRANKA, R33, blocks, columns16, lines, names, rig_of, rows16, table, timed
 
 from uq_handeye.errors import InputError
 from uq_handeye.formats.matrices.text import is_matrix_text

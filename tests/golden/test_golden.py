@@ -12,7 +12,7 @@ import re
 from pathlib import Path
 
 import pytest
-from calibration_cases import NOISE, PAIR_NOISE, motions_alone, quietly, with_wrong
+from fixtures.rigs import NOISE, PAIR_NOISE, motions_alone, quietly, with_wrong
 
 import uq_handeye as uq
 from uq_handeye.calibration.report.first_screen import step_after

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from calibration_cases import quietly
+from fixtures.rigs import quietly
 from scipy.spatial.transform import Rotation
 from support import difference, moved
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from picture_cases import simulated_rig
+from fixtures.pictures import simulated_rig
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation, RotationSpline
 from support import SEED, moved, random_transforms, transforms

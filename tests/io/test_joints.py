@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from arm_cases import SIX_AXES, motion
+from fixtures.arms import SIX_AXES, motion
 from support import random_transforms
 
 import uq_handeye as uq

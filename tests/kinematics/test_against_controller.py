@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from arm_cases import SIX_AXES, motion
+from fixtures.arms import SIX_AXES, motion
 from support import moved
 
 from uq_handeye.errors import InputError

@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from arm_cases import SIX_AXES, motion, pose_and_twists, random_chain, to_axis, twist_between
+from fixtures.arms import SIX_AXES, motion, pose_and_twists, random_chain, to_axis, twist_between
 from hypothesis import given, settings
 from hypothesis import strategies as st
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from arm_cases import motion
+from fixtures.arms import motion
 
 from uq_handeye.errors import InputError
 from uq_handeye.model.kinematics.chain import Kinematics

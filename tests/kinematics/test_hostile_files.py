@@ -6,7 +6,7 @@ import warnings
 
 import numpy as np
 import pytest
-from arm_cases import SIX_AXES
+from fixtures.arms import SIX_AXES
 from hypothesis import given, settings
 from hypothesis import strategies as st
 

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from arm_cases import random_chain
-from arm_sessions import chain, drawn_errors
+from fixtures.arm_sessions import chain, drawn_errors
+from fixtures.arms import random_chain
 
 from uq_handeye.core.numbers.rounding import HALF_DIGITS
 from uq_handeye.model.kinematics.arms.elbow import elbow_moved

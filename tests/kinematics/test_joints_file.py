@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from arm_cases import SIX_AXES
-from pages import DOCS
+from fixtures.arms import SIX_AXES
+from fixtures.pages import DOCS
 
 from uq_handeye.errors import InputError, InputWarning
 from uq_handeye.model.kinematics.chain import Joint, Kinematics

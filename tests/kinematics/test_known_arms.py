@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from arm_cases import random_chain
+from fixtures.arms import random_chain
 
 from uq_handeye.errors import InputError
 from uq_handeye.model.kinematics.arms.known_arms import arm_names, known_arm

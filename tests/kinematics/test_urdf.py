@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from arm_cases import SIX_AXES
+from fixtures.arms import SIX_AXES
 from pytransform3d.urdf import UrdfTransformManager
 
 from uq_handeye.errors import InputError

@@ -1,6 +1,6 @@
 """`ml` against GTSAM: X and its covariance from a factor graph with latent robot poses, on real and simulated poses.
 
-The graphs are those of ``gtsam_graphs``. GTSAM's errors are right perturbations ``T Exp(xi)`` with
+The graphs are those of ``fixtures.gtsam_graphs``. GTSAM's errors are right perturbations ``T Exp(xi)`` with
 the full logarithm of SE(3), so that a Gaussian of ours is one of theirs only to first order: the two maxima differ by
 the order of residual times deviation, and the covariances by the size of the residuals in rad. With our error
 convention written into GTSAM's factors nothing of that difference is left, however large the residuals.
@@ -10,7 +10,7 @@ import os
 
 import numpy as np
 import pytest
-from gtsam_graphs import (
+from fixtures.gtsam_graphs import (
     REAL,
     Difference,
     anisotropic,

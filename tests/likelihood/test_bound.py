@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from likelihood_cases import KINDS
+from fixtures.likelihood_problems import KINDS
 from support import (
     assert_same_covariance,
     difference,

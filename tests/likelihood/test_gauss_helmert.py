@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from likelihood_cases import KINDS, as_joint, distance, problem, reference
+from fixtures.likelihood_problems import KINDS, as_joint, distance, problem, reference
 from support import assert_same_covariance, difference, draw, exact_poses, moved, nees, random_covariance
 
 import uq_handeye as uq

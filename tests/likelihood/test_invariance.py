@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from calibration_cases import NOISE, SETUPS, quietly
+from fixtures.rigs import NOISE, SETUPS, quietly
 from scipy.spatial.transform import Rotation
 from support import SEED, difference, moved, random_transforms
 

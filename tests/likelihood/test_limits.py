@@ -4,7 +4,7 @@ import tracemalloc
 
 import numpy as np
 import pytest
-from likelihood_cases import KINDS, distance, problem, reference
+from fixtures.likelihood_problems import KINDS, distance, problem, reference
 from support import (
     assert_same_covariance,
     difference,

@@ -4,7 +4,7 @@ right.
 
 import numpy as np
 import pytest
-from few_axes import CLOSED, COUNT, KINDS, NOISE, rig, squared
+from fixtures.few_axes import CLOSED, COUNT, KINDS, NOISE, rig, squared
 from numpy.testing import assert_allclose
 from scipy import stats
 from support import SEED, difference, moved, rotation_vectors, rotations, transforms

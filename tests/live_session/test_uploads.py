@@ -140,7 +140,7 @@ def zipped(files, **how):
 
 def test_the_folder_of_a_bag_as_zip(page, tmp_path):
     pytest.importorskip("rosbags", reason="rosbags (extra rosbag) is not installed")
-    from bag_cases import START, Writer
+    from fixtures.bags import START, Writer
 
     with Writer(tmp_path, "mcap") as bag:
         for k in range(8):

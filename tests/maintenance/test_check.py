@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from cli_cases import run
-from rig_of_arm import ARM, rig
+from fixtures.commands import run
+from fixtures.rigs_on_arms import ARM, rig
 from scipy.stats import binom
 
 import uq_handeye as uq

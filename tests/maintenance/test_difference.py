@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from calibration_cases import NOISE, PAIR_NOISE, motions_alone, quietly
+from fixtures.rigs import NOISE, PAIR_NOISE, motions_alone, quietly
 from scipy import stats
 
 import uq_handeye as uq

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from series_cases import new_poses, plain_check, rig
+from fixtures.check_series import new_poses, plain_check, rig
 
 import uq_handeye as uq
 from uq_handeye.use.maintenance.log import COLUMNS, hash_of_result, log_check, read_checks

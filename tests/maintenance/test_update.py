@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from calibration_cases import NOISE, PAIR_NOISE, motions_alone, quietly
-from rig_of_arm import ARM, rig
+from fixtures.rigs import NOISE, PAIR_NOISE, motions_alone, quietly
+from fixtures.rigs_on_arms import ARM, rig
 
 import uq_handeye as uq
 from studies.camera_covariance import ROBOT, poses_of, recorded

@@ -6,7 +6,7 @@ import warnings
 import numpy as np
 import pytest
 import support
-from calibration_cases import quietly
+from fixtures.rigs import quietly
 from scipy import stats
 
 import uq_handeye as uq

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from arm_sessions import session
+from fixtures.arm_sessions import session
 
 import uq_handeye as uq
 from uq_handeye.errors import DegenerateMotionError, InputError

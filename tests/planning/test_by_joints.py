@@ -5,8 +5,8 @@ import json
 
 import numpy as np
 import pytest
-from arm_sessions import CAMERA, W, X, chain, declared, drawn_errors, looking, measured
-from calibration_cases import quietly
+from fixtures.arm_sessions import CAMERA, W, X, chain, declared, drawn_errors, looking, measured
+from fixtures.rigs import quietly
 from support import assert_same_covariance
 
 import uq_handeye as uq

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from few_axes import rig
+from fixtures.few_axes import rig
 from scipy.spatial.transform import Rotation
 from support import (
     SEED,

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from points_cases import noisy, pose_errors
+from fixtures.point_sets import noisy, pose_errors
 from scipy import stats
 from support import CONFIDENCE, SEED, rotation_vectors, rotations, transforms
 

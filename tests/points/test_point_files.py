@@ -6,8 +6,8 @@ import warnings
 
 import numpy as np
 import pytest
-from pages import DOCS
-from points_cases import rig
+from fixtures.pages import DOCS
+from fixtures.point_sets import rig
 from support import SEED
 
 import uq_handeye as uq

@@ -4,7 +4,7 @@ import warnings
 
 import numpy as np
 import pytest
-from points_cases import pose_errors, rig
+from fixtures.point_sets import pose_errors, rig
 from scipy import stats
 from support import CONFIDENCE, SEED
 

@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from stream_cases import motion, streams
+from fixtures.streams import motion, streams
 from support import random_transforms
 
 import uq_handeye as uq

@@ -4,9 +4,9 @@ import json
 
 import numpy as np
 import pytest
-from arm_cases import SIX_AXES
-from arm_sessions import Session, calibrated, chain, drawn_errors, measured
-from cli_cases import run
+from fixtures.arm_sessions import Session, calibrated, chain, drawn_errors, measured
+from fixtures.arms import SIX_AXES
+from fixtures.commands import run
 
 from uq_handeye import InputError
 from uq_handeye.calibration.prediction.corrected_urdf import corrected_urdf

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from arm_sessions import calibrated, declared, session
+from fixtures.arm_sessions import calibrated, declared, session
 
 from uq_handeye.model.kinematics.kinematic_errors import effects_of_errors
 

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from arm_sessions import Session, calibrated, chain, drawn_errors, looking, measured, session
-from calibration_cases import quietly
+from fixtures.arm_sessions import Session, calibrated, chain, drawn_errors, looking, measured, session
+from fixtures.rigs import quietly
 
 import uq_handeye as uq
 from uq_handeye.calibration.prediction.workspace import range_shares

@@ -5,10 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from arm_cases import SIX_AXES, motion
-from calibration_cases import quietly
-from picture_cases import camera_to_board, seen_corners
-from rig_of_arm import ARM, CAMERA, CENTRE, GEOMETRY, JOINT_NOISE, rig, squares
+from fixtures.arms import SIX_AXES, motion
+from fixtures.pictures import camera_to_board, seen_corners
+from fixtures.rigs import quietly
+from fixtures.rigs_on_arms import ARM, CAMERA, CENTRE, GEOMETRY, JOINT_NOISE, rig, squares
 from scipy.spatial.transform import RigidTransform
 
 import uq_handeye as uq

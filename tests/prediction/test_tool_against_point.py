@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from arm_cases import SIX_AXES, measured
-from calibration_cases import quietly
+from fixtures.arms import SIX_AXES, measured
+from fixtures.rigs import quietly
 from scipy.stats import chi2
 from support import SEED
 

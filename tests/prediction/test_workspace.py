@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from arm_cases import SIX_AXES, measured, transform
-from calibration_cases import quietly
+from fixtures.arms import SIX_AXES, measured, transform
+from fixtures.rigs import quietly
 from support import SEED
 
 import uq_handeye as uq

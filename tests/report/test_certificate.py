@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from few_axes import NOISE as OPEN_NOISE
-from few_axes import rig as open_rig
-from report_cases import Page
+from fixtures.few_axes import NOISE as OPEN_NOISE
+from fixtures.few_axes import rig as open_rig
+from fixtures.reports import Page
 from support import SEED
 
 import uq_handeye as uq

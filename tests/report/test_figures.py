@@ -8,9 +8,9 @@ from importlib import resources
 
 import numpy as np
 import pytest
-from picture_cases import simulated_rig
+from fixtures.pictures import simulated_rig
+from fixtures.reports import overlapping
 from PIL import Image
-from report_cases import overlapping
 from scipy.stats import chi2
 from support import SEED, moved
 

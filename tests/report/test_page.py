@@ -17,7 +17,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from report_cases import Page
+from fixtures.reports import Page
 from support import SEED
 
 import uq_handeye as uq

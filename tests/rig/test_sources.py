@@ -5,10 +5,10 @@ import json
 import numpy as np
 import pandas as pd
 import pytest
-from arm_cases import SIX_AXES, random_transform
-from bag_cases import START, Writer
-from rig_of_arm import ARM, CENTRE, GEOMETRY
-from stream_cases import motion
+from fixtures.arms import SIX_AXES, random_transform
+from fixtures.bags import START, Writer
+from fixtures.rigs_on_arms import ARM, CENTRE, GEOMETRY
+from fixtures.streams import motion
 
 import uq_handeye as uq
 from uq_handeye.core.geometry.se3 import inverse, logarithm, perturb

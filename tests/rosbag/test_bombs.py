@@ -7,7 +7,7 @@ import zlib
 import lz4.frame
 import numpy as np
 import pytest
-from bag_cases import START, Writer
+from fixtures.bags import START, Writer
 from rosbags.rosbag2.storage_mcap import zstd
 
 from uq_handeye.errors import InputError

@@ -6,7 +6,7 @@ import warnings
 
 import numpy as np
 import pytest
-from bag_cases import KINDS, START, Writer
+from fixtures.bags import KINDS, START, Writer
 
 from uq_handeye.errors import InputError, InputWarning
 from uq_handeye.read.rosbag import bag as opening

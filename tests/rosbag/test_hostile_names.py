@@ -5,8 +5,8 @@ import time
 
 import numpy as np
 import pytest
-from bag_cases import KINDS, START, Writer
-from cli_cases import run
+from fixtures.bags import KINDS, START, Writer
+from fixtures.commands import run
 
 import uq_handeye as uq
 

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from bag_cases import CENTRE, FOCAL, START, Writer, pixels_of
-from cli_cases import run
+from fixtures.bags import CENTRE, FOCAL, START, Writer, pixels_of
+from fixtures.commands import run
 from scipy.spatial.transform import Rotation
 
 from uq_handeye.errors import InputError, InputWarning

@@ -5,9 +5,9 @@ from contextlib import closing
 
 import numpy as np
 import pytest
-from bag_cases import CENTRE, FOCAL, KINDS, START, Writer, pixels_of, stamped
+from fixtures.bags import CENTRE, FOCAL, KINDS, START, Writer, pixels_of, stamped
+from fixtures.streams import motion, streams
 from scipy.spatial.transform import Rotation
-from stream_cases import motion, streams
 from support import random_transforms
 
 import uq_handeye as uq

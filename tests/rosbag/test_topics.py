@@ -4,7 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from bag_cases import START, Writer
+from fixtures.bags import START, Writer
 from support import random_transforms
 
 from uq_handeye.errors import InputError

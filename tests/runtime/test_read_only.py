@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from cli_cases import MODEL
-from picture_cases import simulated_rig
+from fixtures.commands import MODEL
+from fixtures.pictures import simulated_rig
 from support import writable
 
 import uq_handeye as uq

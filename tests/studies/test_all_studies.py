@@ -11,9 +11,9 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-from pages import DOCS, ROOT
+from fixtures.pages import DOCS, ROOT
+from fixtures.study_tables import quick_tables
 from PIL import Image
-from study_cases import quick_tables
 
 from studies.__main__ import described
 from studies.common.study import FINDINGS, RUN, read_tables

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
+from fixtures.study_tables import quick_tables
 from scipy.stats import chi2
-from study_cases import quick_tables
 
 import uq_handeye as uq
 from studies import laser_camera

@@ -3,7 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
-from study_cases import quick_tables
+from fixtures.study_tables import quick_tables
 
 from studies.nguyen_cross_term import findings, in_unit, of_own, of_stopping, units
 from uq_handeye.core.geometry.se3 import perturb

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pandas as pd
 import pytest
-from pages import DOCS, ROOT
+from fixtures.pages import DOCS, ROOT
 
 import uq_handeye as uq
 from studies import peers

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
+from fixtures.study_tables import quick_tables
 from scipy.spatial.transform import Rotation
-from study_cases import quick_tables
 
 import uq_handeye as uq
 from studies.common.scores import nees, true_means

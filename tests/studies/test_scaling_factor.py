@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 import pytest
-from study_cases import quick_tables
+from fixtures.study_tables import quick_tables
 
 import uq_handeye as uq
 from studies import scaling_factor as study

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from study_cases import quick_tables
+from fixtures.study_tables import quick_tables
 
 import uq_handeye as uq
 from studies import shared_poses

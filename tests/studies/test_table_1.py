@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from pages import DOCS
-from study_cases import quick_tables
+from fixtures.pages import DOCS
+from fixtures.study_tables import quick_tables
 from support import SEED
 
 import uq_handeye as uq

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from stream_cases import motion, some, streams
+from fixtures.streams import motion, some, streams
 from support import SEED, random_transforms, rotations, transforms
 
 from uq_handeye import InputError

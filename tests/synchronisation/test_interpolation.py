@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from stream_cases import motion
+from fixtures.streams import motion
 from support import SEED, difference, jacobian, moved, random_transforms, rotations, transforms
 
 from uq_handeye import InputError, orthonormalise, so4_from_se3

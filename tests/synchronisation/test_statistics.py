@@ -4,8 +4,8 @@ streams with known truth.
 
 import numpy as np
 import pytest
+from fixtures.streams import motion, pose_noise, streams
 from scipy import stats
-from stream_cases import motion, pose_noise, streams
 from support import CONFIDENCE, SEED, difference, is_consistent, mean_interval, moved, nees
 
 import uq_handeye as uq

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from stream_cases import NOISE, motion, pose_noise, some, streams
+from fixtures.streams import NOISE, motion, pose_noise, some, streams
 from support import SEED, assert_same_covariance, difference, random_transforms, rotations, transforms
 
 import uq_handeye as uq

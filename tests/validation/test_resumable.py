@@ -6,7 +6,7 @@ import signal
 import time
 
 import pytest
-from monte_carlo_cases import NOISE, poses_of_program, start
+from fixtures.trials import NOISE, poses_of_program, start
 from support import SEED
 
 import uq_handeye as uq

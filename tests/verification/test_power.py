@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from fixtures.touches import ROBOT, TIP, calibration, touches
 from scipy.stats import chi2, kstest, ncx2
 from support import SEED
-from touch_cases import ROBOT, TIP, calibration, touches
 
 import uq_handeye as uq
 from uq_handeye.calibration.evidence.touches import evidence_of_touches

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from arm_cases import SIX_AXES
+from fixtures.arms import SIX_AXES
 from scipy.spatial.transform import Rotation
 from support import random_transforms
 

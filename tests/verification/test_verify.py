@@ -5,10 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from cli_cases import run
+from fixtures.commands import run
+from fixtures.touches import NOISE, POINT_SD, TOUCH_SD, TRUTH, calibration, touches
 from scipy.spatial.transform import Rotation
 from support import SEED
-from touch_cases import NOISE, POINT_SD, TOUCH_SD, TRUTH, calibration, touches
 
 import uq_handeye as uq
 from uq_handeye.core.geometry.se3 import inverse

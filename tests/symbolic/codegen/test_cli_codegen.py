@@ -4,7 +4,7 @@ import subprocess
 import sys
 
 import pytest
-from cli_cases import run, run_process
+from fixtures.commands import run, run_process
 
 import uq_handeye as uq
 from uq_handeye.cli.commands import simulate as cli_codegen

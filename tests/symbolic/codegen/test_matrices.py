@@ -9,7 +9,7 @@ import sys
 import drivers
 import numpy as np
 import pytest
-from pages import ROOT
+from fixtures.pages import ROOT
 from support import random_transforms, rotation_vectors, rotations, transforms
 
 import uq_handeye as uq

@@ -5,7 +5,7 @@ import re
 
 import numpy as np
 import pytest
-from monte_carlo_cases import NOISE, assert_same, pairs_problem
+from fixtures.trials import NOISE, assert_same, pairs_problem
 from scipy import stats
 from support import (
     SEED,

@@ -11,7 +11,7 @@ import zipfile
 
 import numpy as np
 import pytest
-from monte_carlo_cases import NOISE, PROGRAM, assert_same, pairs_problem, poses_of_program, start
+from fixtures.trials import NOISE, PROGRAM, assert_same, pairs_problem, poses_of_program, start
 from support import SEED
 
 from uq_handeye import InputError, InputWarning, PairNoise

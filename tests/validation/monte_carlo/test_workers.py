@@ -15,7 +15,7 @@ from multiprocessing.context import SpawnProcess
 
 import numpy as np
 import pytest
-from monte_carlo_cases import PROGRAM, assert_same, pairs_problem, start
+from fixtures.trials import PROGRAM, assert_same, pairs_problem, start
 from support import SEED
 
 from uq_handeye import DegenerateMotionError, InputError, MissingExtraError, NotConvergedError

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from likelihood_cases import KINDS, problem
+from fixtures.likelihood_problems import KINDS, problem
 from scipy import linalg, stats
 from support import difference, jacobian, moved
 

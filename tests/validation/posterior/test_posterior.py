@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import matplotlib
 import numpy as np
 import pytest
-from likelihood_cases import KINDS, problem
+from fixtures.likelihood_problems import KINDS, problem
 from scipy import stats
 from support import (
     EQUATION_70,
