@@ -8,7 +8,6 @@ import numpy as np
 
 from ...core.geometry.nearest_rotation import orthonormalise
 from ...core.geometry.se3 import Array, pose
-from ...model.noise.models import PairNoise
 from ..procrustes.pairs import pair_blocks, trial_blocks
 from .kronecker import kronecker_factors, normal_equations, residual_gradient
 from .linear import Normal, normal, require_axes, require_scale, slopes, turn_of
@@ -52,17 +51,17 @@ def _andreff_slopes(moments: Moments, N: int) -> list[Array]:
     return [by_moments.reshape(-1, 6, *moments[0].shape[1:])]
 
 
-class _Refined(MomentSolver):
-    def estimate(self, A: Array, B: Array, noise: PairNoise | None) -> Estimate:
-        equations, x = _andreff_linear(self.moments(A, B, None), A.shape[1])
-        gradient = np.zeros_like(x)
-        for trials, pairs in product(trial_blocks(*A.shape[:2]), pair_blocks(A.shape[1])):
-            gradient[trials] += residual_gradient(A[trials, pairs], B[trials, pairs], x[trials])
-        return _andreff_projected(x - equations.solve(gradient))
+def _andreff_refined(A: Array, B: Array, moments: Moments) -> Estimate:
+    """Apply one step of iterative refinement by the residuals of the motions (T, N, 4, 4) themselves."""
+    equations, x = _andreff_linear(moments, A.shape[1])
+    gradient = np.zeros_like(x)
+    for trials, pairs in product(trial_blocks(*A.shape[:2]), pair_blocks(A.shape[1])):
+        gradient[trials] += residual_gradient(A[trials, pairs], B[trials, pairs], x[trials])
+    return _andreff_projected(x - equations.solve(gradient))
 
 
 ANDREFF = Method(
     **published("andreff"),
-    solver=_Refined(kronecker_factors, _andreff, slopes=_andreff_slopes, axes=False),
+    solver=MomentSolver(kronecker_factors, _andreff, slopes=_andreff_slopes, refined=_andreff_refined, axes=False),
     mathematics=_andreff.__doc__,
 )

@@ -8,7 +8,7 @@ data, undamped.
 
 from __future__ import annotations
 
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,13 +28,6 @@ PUBLISHED_ITERATIONS = 10
 MAX_SWING = 0.3
 
 
-class Rule(NamedTuple):
-    """Rule that ends an iteration."""
-
-    stop: Stop
-    most: int
-
-
 class Descent:
     """Gauss-Newton steps of the trials that have not yet ended: damped, counted, and judged.
 
@@ -43,8 +36,8 @@ class Descent:
     only, damping grows while the steps swing to and fro. Convergence is judged by the full step only.
     """
 
-    def __init__(self, T: int, rule: Rule, published: float) -> None:
-        self.rule, self.published = rule, published
+    def __init__(self, T: int, stop: Stop, max_iterations: int, published: float) -> None:
+        self.stop, self.max_iterations, self.published = stop, max_iterations, published
         self.trials: NDArray[np.intp] = np.arange(T)
         self.converged = np.zeros(T, dtype=bool)
         self.iterations = np.zeros(T, dtype=np.intp)
@@ -66,7 +59,7 @@ class Descent:
         self.note(gradient, information)
         # near the minimum rounding alone raises the sum, and must not undo good steps
         rejected = ~(squares <= (1.0 + HALF_DIGITS) * self.squares + EPS)
-        if self.rule.stop == "published" or self.count == 1 or not rejected.any():
+        if self.stop == "published" or self.count == 1 or not rejected.any():
             self.squares = squares
             if self.damping.any():
                 self.damping = _less(self.damping)
@@ -86,7 +79,7 @@ class Descent:
     def relaxed_step(self, impossible: NDArray[np.bool_] | None) -> tuple[Array, NDArray[np.bool_]]:
         """The step (T, 3) of the second stage, and which trials end with it; impossible ones without convergence."""
         step, length, converged = self._full_step()
-        if self.rule.stop == "scaled" and self.count > 2:
+        if self.stop == "scaled" and self.count > 2:
             swings = (length > MAX_SWING * self.length) & ((self.last * self.gradient).sum(axis=-1) < 0)
             if swings.any() or self.damping.any():
                 self.damping = np.where(swings, np.clip(2.0 * self.damping, 0.5, 8.0), 0.7 * self.damping)
@@ -108,7 +101,7 @@ class Descent:
             raise
         step = np.asarray(solved[:, :, 0], dtype=float)
         length = np.sqrt(np.maximum((step * self.gradient).sum(axis=-1), 0.0))
-        if self.rule.stop == "published":
+        if self.stop == "published":
             return step, length, np.sqrt((step * step).sum(axis=-1)) < self.published
         # Near the minimum, a step that is no shorter than the last one is rounding.
         stalled = (length < THIRD_DIGITS) & (length >= self.length)
@@ -130,7 +123,7 @@ class Descent:
         self.length = length
         self.iterations[self.trials] = self.count
         self.converged[self.trials] = converged
-        return step, converged | (self.count >= self.rule.most)
+        return step, converged | (self.count >= self.max_iterations)
 
     def keep(self, keep: NDArray[np.bool_]) -> None:
         """Go on with some of the trials."""

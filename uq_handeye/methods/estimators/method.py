@@ -23,7 +23,7 @@ from ...core.geometry.se3 import Array
 from ...errors import DegenerateMotionError, InputError, NotConvergedError
 from ...model.noise.models import PairNoise
 from ..procrustes.limit import solve_limit
-from ..procrustes.pairs import as_pairs
+from ..procrustes.pairs import MotionsLike, as_pairs
 
 
 class Estimate(NamedTuple):
@@ -32,7 +32,6 @@ class Estimate(NamedTuple):
     X: Array  # (..., 4, 4)
     converged: NDArray[np.bool_]  # (...); always true in closed form
     iterations: NDArray[np.intp]  # (...); 0 in closed form
-    detail: Any = None  # what the method knows beyond X; None for most
 
 
 class Singular(Exception):
@@ -104,14 +103,12 @@ class PoseFactors(NamedTuple):
     of: Callable[[slice], Array]  # d (xi_A, xi_B) / dz (2, m, 12, 12) of some pairs, z of the one and of the other pose
 
 
-class CovarianceOfMany(Protocol):
-    """A covariance that holds in the limit of many data."""
+class LimitedCovariance(NamedTuple):
+    """A covariance of X that holds in the limit of many data."""
 
-    @property
-    def value(self) -> Array: ...  # (6, 6)
-
-    @property
-    def share(self) -> float: ...  # of the information about X, in some direction, to which that limit does not apply
+    value: Array  # (6, 6)
+    inverse: Array  # (6, 6) of the information H, without the scatter of the data
+    share: float  # of the information, in the direction where it is largest, to which that limit does not apply
 
 
 class SolverWithCovariance(Solver, Protocol):
@@ -119,7 +116,7 @@ class SolverWithCovariance(Solver, Protocol):
 
     def covariance(
         self, A: Array, B: Array, X: Array, noise: PairNoise | ErrorFactors | PoseFactors
-    ) -> CovarianceOfMany: ...
+    ) -> LimitedCovariance: ...
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -176,7 +173,7 @@ class Method(Published):
         """Authors, year, title and DOI in one line."""
         return f"{self.authors} ({self.year}). {self.title}. doi:{self.doi}"
 
-    def __call__(self, A: Any, B: Any) -> Array:
+    def __call__(self, A: MotionsLike, B: MotionsLike) -> Array:
         """X (..., 4, 4) of the motions A and B (..., N, 4, 4).
 
         Raises
@@ -190,7 +187,7 @@ class Method(Published):
         """
         return require_converged(self, self.estimate(A, B)).X
 
-    def estimate(self, A: Any, B: Any, noise: PairNoise | None = None) -> Estimate:
+    def estimate(self, A: MotionsLike, B: MotionsLike, noise: PairNoise | None = None) -> Estimate:
         """X with its convergence, problem by problem; ``noise`` serves the methods that weight by it."""
         A, B = as_pairs(A, B)
         A, B = as_transforms(A, "A"), as_transforms(B, "B")
@@ -200,9 +197,7 @@ class Method(Published):
         flat_A, flat_B = A.reshape(-1, N, 4, 4), B.reshape(-1, N, 4, 4)
         with explained(self.name, lambda k: (flat_A[k], flat_B[k]), batch):
             found = self.solver.estimate(flat_A, flat_B, noise)
-        return Estimate(
-            found.X.reshape(*batch, 4, 4), found.converged.reshape(batch), found.iterations.reshape(batch), found.detail
-        )
+        return Estimate(found.X.reshape(*batch, 4, 4), found.converged.reshape(batch), found.iterations.reshape(batch))
 
 
 def require_converged(method: Method, estimate: Estimate) -> Estimate:

@@ -43,6 +43,7 @@ class MomentSolver:
     solution: Callable[[Moments, int], Estimate]  # of the moments of N pairs
     nearby: Callable[[Moments, int, Array], Array] | None = None  # X (T, 4, 4) by a short way from a neighbour
     slopes: Callable[[Moments, int], list[Array]] | None = None  # d xi_X / d M (T, 6, p, q), where it is known exactly
+    refined: Callable[[Array, Array, Moments], Estimate] | None = None  # by the motions themselves, after the moments
     axes: bool = True  # whether it needs to know the signs of rotation axes
 
     def moments(self, A: Array, B: Array, signs: Signs | None) -> Moments:
@@ -62,7 +63,8 @@ class MomentSolver:
 
     def estimate(self, A: Array, B: Array, noise: PairNoise | None) -> Estimate:
         signs = axis_signs(A, B) if self.axes else None
-        return self.solution(self.moments(A, B, signs), A.shape[1])
+        moments = self.moments(A, B, signs)
+        return self.solution(moments, A.shape[1]) if self.refined is None else self.refined(A, B, moments)
 
     def derivatives(self, A: Array, B: Array, noise: PairNoise | None, X: Array) -> Callable[[slice], Derivatives]:
         signs = axis_signs(A, B) if self.axes else None

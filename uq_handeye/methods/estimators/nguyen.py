@@ -37,7 +37,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from types import NoneType
-from typing import Any
 
 import numpy as np
 
@@ -46,8 +45,8 @@ from ...core.geometry.packed3x3 import EYE, cross, product, unpack
 from ...core.geometry.se3 import Array, pose
 from ...errors import InputError, require_type
 from ...model.noise.models import PairNoise, require_count
-from ..procrustes.pairs import as_pairs, trial_blocks
-from .gauss_newton import PUBLISHED_ITERATIONS, Rule, Stop
+from ..procrustes.pairs import MotionsLike, as_pairs, trial_blocks
+from .gauss_newton import PUBLISHED_ITERATIONS, Stop
 from .method import Derivatives, Estimate, Method, published
 from .nguyen_stages import (
     CrossTerm,
@@ -163,8 +162,8 @@ class NguyenDerivatives:
 
 
 def nguyen(
-    A: Any,
-    B: Any,
+    A: MotionsLike,
+    B: MotionsLike,
     noise: PairNoise | None = None,
     *,
     cross_term: CrossTerm = "derived",
@@ -217,9 +216,9 @@ def nguyen(
         require_count(noise.A, N, "A", "motions")
         require_count(noise.B, N, "B", "motions")
     flat_A, flat_B = A.reshape(-1, N, 4, 4), B.reshape(-1, N, 4, 4)
-    rule = Rule(stop, PUBLISHED_ITERATIONS if stop == "published" else int(max_iterations))
+    most = PUBLISHED_ITERATIONS if stop == "published" else int(max_iterations)
     parts = [
-        _solve(flat_A[trials], flat_B[trials], noise, cross_term, rule, trials.start, batch)
+        _solve(flat_A[trials], flat_B[trials], noise, cross_term, stop, most, trials.start, batch)
         for trials in trial_blocks(len(flat_A), N)
     ]
     joined = parts[0] if len(parts) == 1 else NguyenResult(*map(np.concatenate, zip(*parts, strict=True)))
@@ -227,16 +226,23 @@ def nguyen(
 
 
 def _solve(
-    A: Array, B: Array, noise: PairNoise | None, cross_term: CrossTerm, rule: Rule, first: int, batch: tuple[int, ...]
+    A: Array,
+    B: Array,
+    noise: PairNoise | None,
+    cross_term: CrossTerm,
+    stop: Stop,
+    most: int,
+    first: int,
+    batch: tuple[int, ...],
 ) -> NguyenResult:
     T = len(A)
     length = np.ones(T) if noise is not None else typical_length(A, B)
     data = measured(A, B, noise, length)
     R = starting_rotation(data, first, batch)
-    turn = rotation_stage(data, R, rule)
+    turn = rotation_stage(data, R, stop, most)
     refined = refined_rotations(data.S_a, turn.a, turn.W)
     moved = translation_data(data, turn.R, refined, covariance_of(turn.F), cross_term)
-    shift = translation_stage(moved, rule, cross_term)
+    shift = translation_stage(moved, stop, most, cross_term)
     return NguyenResult(
         pose(turn.R, shift.t),
         moved.Sigma_R,
@@ -252,7 +258,7 @@ class _Solver:
 
     def estimate(self, A: Array, B: Array, noise: PairNoise | None) -> Estimate:
         result = nguyen(A, B, noise)
-        return Estimate(result.X, result.converged, result.iterations.sum(axis=-1), result)
+        return Estimate(result.X, result.converged, result.iterations.sum(axis=-1))
 
     def derivatives(self, A: Array, B: Array, noise: PairNoise | None, X: Array) -> Callable[[slice], Derivatives]:
         at = covariances_at(A, B, X, noise, "derived")

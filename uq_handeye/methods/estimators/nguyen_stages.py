@@ -7,7 +7,7 @@ over to `translation_stage`.
 
 from __future__ import annotations
 
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,7 +37,7 @@ from ...errors import InputError
 from ...model.noise.models import PairNoise
 from ..procrustes.degeneracy import are_determined, raise_undetermined
 from ..procrustes.limit import signed_svd
-from .gauss_newton import Descent, Rule
+from .gauss_newton import Descent, Stop
 from .quaternions import NEAR_HALF_TURN_RAD
 
 CrossTerm = Literal["derived", "published"]
@@ -72,7 +72,7 @@ class Measured(NamedTuple):
     t: Array  # (2, T, 3, m)
     S_t: Array  # (2, T or 1, 3, 3, m or 1)
 
-    def take(self, keep: Any) -> Measured:
+    def take(self, keep: NDArray[np.bool_]) -> Measured:
         """The rotation stage's data of some of the trials."""
         return self._replace(alpha=self.alpha[keep], beta=self.beta[keep], S_a=self.S_a[keep], S_b=self.S_b[keep])
 
@@ -181,10 +181,10 @@ def at_rotation(data: Measured, R: Array) -> tuple[Array, Array, Array, Array, A
     return squares, sum_of_crosses(a, weighted), sum_of_informations(a, packed), a, W
 
 
-def rotation_stage(data: Measured, R: Array, rule: Rule, published_step: float = 1e-10) -> Turn:
+def rotation_stage(data: Measured, R: Array, stop: Stop, max_iterations: int, published_step: float = 1e-10) -> Turn:
     """Iterate the rotation from R; the rule 'published' ends at steps below ``published_step`` (rad)."""
     T, _, m = data.alpha.shape
-    descent = Descent(T, rule, published_step)
+    descent = Descent(T, stop, max_iterations, published_step)
     result = R.copy(), np.empty((T, 3, 3)), np.empty((T, 3, m)), np.empty((T, 3, 3, m))
     before = R
     while True:
@@ -220,7 +220,7 @@ class Moved(NamedTuple):
     S_q_phi: Array  # (T, 3, 3, m): Cov(q, phi)
     Sigma_R: Array  # (T, 3, 3)
 
-    def take(self, keep: Any) -> Moved:
+    def take(self, keep: NDArray[np.bool_]) -> Moved:
         return Moved(*(x[keep] for x in self))
 
 
@@ -271,13 +271,15 @@ def residual_covariance(data: Moved, V: Array) -> tuple[Array, Array]:
     return plus_symmetric(data.S_q, half), V_phi
 
 
-def translation_stage(data: Moved, rule: Rule, cross_term: CrossTerm, published_step: float = 1e-5) -> Shift:
+def translation_stage(
+    data: Moved, stop: Stop, max_iterations: int, cross_term: CrossTerm, published_step: float = 1e-5
+) -> Shift:
     """Gauss-Newton on t and the latent rotations ``exp(-[n]x) R_A``; the n are eliminated and follow each step.
 
     The rule 'published' ends at steps below ``published_step``, in the length unit of the data.
     """
     T = len(data.q)
-    descent = Descent(T, rule, published_step)
+    descent = Descent(T, stop, max_iterations, published_step)
     result = np.empty((T, 3)), np.empty((T, 3, 3))
     D = data.R_A - EYE[:, :, None]
     normal, right = np.einsum("tijm,tikm->tjk", D, D), np.einsum("tijm,tim->tj", D, data.q)

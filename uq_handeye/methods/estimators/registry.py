@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from ...core.geometry.se3 import Array
 from ...errors import InputError, among
+from ..procrustes.pairs import MotionsLike
 from ..procrustes.scaled import solve_4dpa
 from .andreff import ANDREFF
 from .dual_quaternions import CONDURACHE, DANIILIDIS, FOURDPA, LU
@@ -25,7 +24,7 @@ METHODS: dict[str, Method] = {method.name: method for method in (*_PUBLISHED, ZH
 ROBOT_WORLD_METHODS: dict[str, RobotWorldMethod] = {method.name: method for method in (LI, SHAH)}
 
 
-def find(name: Any) -> Method:
+def find(name: str) -> Method:
     """The method of that name, or an `InputError` that lists the names."""
     if among(name, ROBOT_WORLD_METHODS):
         raise InputError(
@@ -38,7 +37,7 @@ def find(name: Any) -> Method:
     return METHODS[name]
 
 
-def solve(A: Any, B: Any, *, method: str = "4dpa", scale: float | None = None) -> Array:
+def solve(A: MotionsLike, B: MotionsLike, *, method: str = "4dpa", scale: float | None = None) -> Array:
     """X from ``A_i X = X B_i`` by any method of `METHODS`.
 
     Parameters

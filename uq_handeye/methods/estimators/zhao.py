@@ -35,7 +35,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from itertools import pairwise
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,7 +47,7 @@ from ...core.numbers.rounding import CHAIN_ROUNDING, EPS, HALF_DIGITS, SOLUTION_
 from ...errors import InputError, NotConvergedError
 from ...model.noise.models import PairNoise
 from .dual_quaternions import LU
-from .method import Derivatives, ErrorFactors, Estimate, Method, PoseFactors, published
+from .method import Derivatives, ErrorFactors, Estimate, LimitedCovariance, Method, PoseFactors, published
 from .quaternions import Signs, axis_signs, dual_quaternions, left_matrix, quaternions, right_matrix
 
 # Number of motions above which a linear program takes too long.
@@ -211,23 +210,17 @@ def _linear_program(r: Array, J: Array, trust: float, highest_cost: float = 1e6)
     equations = np.hstack([(J / column).T, -np.eye(6), np.eye(6)])
     bounds = [(-1.0, 1.0)] * len(r) + [(0.0, None)] * 12
     # the tightest tolerances that HiGHS accepts
-    options: dict[str, float | bool] = {
-        "primal_feasibility_tolerance": 1e-10,
-        "dual_feasibility_tolerance": 1e-10,
-        "presolve": False,
-    }
-    found = linprog(cost, A_eq=equations, b_eq=np.zeros(6), bounds=bounds, method="highs-ds", options=options)
+    found = linprog(
+        cost,
+        A_eq=equations,
+        b_eq=np.zeros(6),
+        bounds=bounds,
+        method="highs-ds",
+        options={"primal_feasibility_tolerance": 1e-10, "dual_feasibility_tolerance": 1e-10, "presolve": False},
+    )
     if found.status != 0:
         return None
     return np.asarray(found.eqlin.marginals * size / column)
-
-
-class LimitedCovariance(NamedTuple):
-    """Sigma_X with the densities of the residuals limited by itself."""
-
-    value: Array  # (6, 6)
-    inverse: Array  # (6, 6): H^-1
-    share: float  # of the information in H from residuals better known than X, in the direction where it is largest
 
 
 def lad_covariance(A: Array, B: Array, X: Array, noise: PairNoise | ErrorFactors | PoseFactors) -> LimitedCovariance:

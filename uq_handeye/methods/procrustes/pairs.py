@@ -3,16 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ...core.geometry.checks import CHUNK, as_numbers
 from ...core.geometry.se3 import Array
 from ...errors import InputError
 
+if TYPE_CHECKING:
+    from scipy.spatial.transform import RigidTransform
 
-def as_pairs(A: Any, B: Any) -> tuple[Array, Array]:
+# Motions (..., N, 4, 4) of robot or camera, as an array or as rigid transforms of SciPy.
+MotionsLike: TypeAlias = "ArrayLike | RigidTransform"
+
+
+def as_pairs(A: MotionsLike, B: MotionsLike) -> tuple[Array, Array]:
     """Shapes made equal; the values are checked where they are read."""
     A = as_numbers(A.as_matrix() if hasattr(A, "as_matrix") else A, "A")
     B = as_numbers(B.as_matrix() if hasattr(B, "as_matrix") else B, "B")

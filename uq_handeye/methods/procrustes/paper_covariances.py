@@ -7,7 +7,7 @@ Sigma_R, Sigma_t and the cross terms follow from it; `so4_covariance` has Sigma_
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from ...core.geometry.se3 import Array, vee
 from ...errors import require_type
 from ...model.noise.models import PairNoise, require_count
 from .. import _closed_form
-from .pairs import as_pairs, pair_blocks
+from .pairs import MotionsLike, as_pairs, pair_blocks
 from .scaled import solve_scaled
 from .scaled_sensitivity import Linearised, ScaledDerivatives, columns_by_octonion, linearised
 
@@ -32,7 +32,7 @@ class OctonionCovariance(NamedTuple):
 
 
 def octonion_covariance(
-    A: Any, B: Any, noise: PairNoise, *, scale: float = PAPER_SCALE, literal: bool = False
+    A: MotionsLike, B: MotionsLike, noise: PairNoise, *, scale: float = PAPER_SCALE, literal: bool = False
 ) -> OctonionCovariance:
     """Sigma_sigma (42)-(48): both diagonal blocks and the cross block (46)-(47), for independent pairs.
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from itertools import product
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,10 +22,10 @@ from ...errors import DegenerateMotionError, InputError
 from .. import _closed_form
 from .degeneracy import MIN_SPREAD_RATIO
 from .limit import solve_limit
-from .pairs import as_pairs, pair_blocks, trial_blocks
+from .pairs import MotionsLike, as_pairs, pair_blocks, trial_blocks
 
 
-def solve_4dpa(A: Any, B: Any, scale: float | None) -> Array:
+def solve_4dpa(A: MotionsLike, B: MotionsLike, scale: float | None) -> Array:
     """X (..., 4, 4) by 4DPA at the scaling factor ``scale``, or in its limit (None); see `estimators.solve`."""
     A, B = as_pairs(A, B)
     return solve_limit(A, B) if scale is None else solve_scaled(A, B, scale).X

@@ -26,9 +26,10 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Iterator
-from typing import Any, NamedTuple, TypeVar, cast
+from typing import NamedTuple, TypeVar, cast
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ...core.geometry.checks import CHUNK, as_transforms
 from ...core.geometry.se3 import Array
@@ -47,7 +48,7 @@ from ..estimators.method import (
 )
 from ..estimators.registry import find
 from ..procrustes.limit import Suspicious, require_transforms, solve_limit
-from ..procrustes.pairs import as_pairs, pair_blocks, trial_blocks
+from ..procrustes.pairs import MotionsLike, as_pairs, pair_blocks, trial_blocks
 from ..procrustes.paper_covariances import PAPER_SCALE, literal_covariance
 from ..procrustes.scaled import solve_scaled
 from ..procrustes.scaled_sensitivity import ScaledDerivatives, linearised
@@ -64,11 +65,11 @@ Result = TypeVar("Result")
 
 
 def propagate(
-    A: Any,
-    B: Any = None,
+    A: MotionsLike | Motions,
+    B: MotionsLike | Noise | None = None,
     noise: Noise | None = None,
     *,
-    X: Any = None,
+    X: ArrayLike | None = None,
     method: str = "4dpa",
     scale: float | None = None,
     kind: str | None = None,
@@ -125,11 +126,11 @@ def propagate(
 
 
 def propagate_and_check(
-    A: Any,
-    B: Any = None,
+    A: MotionsLike | Motions,
+    B: MotionsLike | Noise | None = None,
     noise: Noise | None = None,
     *,
-    X: Any = None,
+    X: ArrayLike | None = None,
     method: str = "4dpa",
     scale: float | None = None,
     kind: str | None = None,
@@ -197,10 +198,17 @@ class _Problem(NamedTuple):
 
 
 def _problem(
-    A: Any, B: Any, noise: Noise | None, X: Any, method: str, scale: float | None, kind: str | None
+    A: MotionsLike | Motions,
+    B: MotionsLike | Noise | None,
+    noise: Noise | None,
+    X: ArrayLike | None,
+    method: str,
+    scale: float | None,
+    kind: str | None,
 ) -> _Problem:
-    motions = A if isinstance(A, Motions) else None
-    if motions is not None:
+    motions: Motions | None = None
+    if isinstance(A, Motions):
+        motions = A
         if isinstance(B, PairNoise | PoseNoise) and noise is None:
             noise, B = B, None
         if B is not None:
@@ -208,7 +216,7 @@ def _problem(
         A, B = motions.A, motions.B
     require_type("noise", noise, (PairNoise, PoseNoise), "PairNoise or PoseNoise")
     assert noise is not None
-    A, B = as_pairs(A, B)
+    A, B = as_pairs(A, cast(MotionsLike, B))
     start = data_side(noise, kind, motions, A.shape[-3])
     batch, N = A.shape[:-3], A.shape[-3]
     if X is not None:

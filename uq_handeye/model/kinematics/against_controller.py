@@ -18,11 +18,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from itertools import combinations, permutations
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ...core.files.json_values import JsonObject
 from ...core.geometry.checks import as_transforms
 from ...core.geometry.nearest_rotation import orthonormalise
 from ...core.geometry.se3 import Array, inverse, logarithm
@@ -143,7 +144,7 @@ class ControllerComparison(ReadOnlyArrays):
             found.append(Finding("kinematics.rows_apart", "caution", row | left))
         return found
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonObject:
         """Plain numbers: rad and m."""
         return {
             "base": None if self.base is None else self.base.tolist(),

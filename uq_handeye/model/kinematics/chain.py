@@ -28,6 +28,7 @@ from typing import Any, Literal, Unpack
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ...core.files.json_values import JsonObject
 from ...core.files.open import StrPath
 from ...core.formatting.units import parse_angle, parse_length
 from ...core.geometry.checks import as_numbers
@@ -55,7 +56,7 @@ from .errors import (
     harmonics,
 )
 from .forward import (
-    Motion,
+    Frames,
     axis_twists,
     fixed_transforms,
     forward,
@@ -382,7 +383,7 @@ class Kinematics(ReadOnlyArrays):
         F = self.columns(values)[..., kept] * -sd[kept]
         return JointCovariance(J @ J.mT, F, tuple(self.errors[k].name for k in kept))
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonObject:
         """Return the nominal chain as plain text and numbers, for files; None stands for a limit that is not there."""
         return parts_to_dict(ChainParts(self.name, self.base, self.tip, self.joints, self.end, self.up))
 
@@ -477,7 +478,7 @@ class _Posture:
             self.shift = np.moveaxis(layout.spread(e, layout.shifts, 3), 0, -1)
 
     @cached_property
-    def nominal(self) -> Motion:
+    def nominal(self) -> Frames:
         return forward(self.chain._fixed, self.chain.revolute, self.q)
 
     @cached_property
@@ -488,7 +489,7 @@ class _Posture:
         return np.where(chain._loaded[:, None], raw / chain._largest_loads[:, None], 0.0)
 
     @cached_property
-    def true(self) -> Motion:
+    def true(self) -> Frames:
         if self.e is None:
             return self.nominal
         layout = self.chain._layout

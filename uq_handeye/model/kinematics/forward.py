@@ -41,16 +41,16 @@ from .joint import Joint
 LEVER_M = 0.3
 
 
-class Motion(NamedTuple):
-    """The frames of n postures."""
+class Frames(NamedTuple):
+    """The frames of n postures of one arm, or of several with a leading axis."""
 
-    R: Array  # (L, 3, 3, n) axes of the joint frames, after the geometric errors and before they move
-    p: Array  # (L, 3, n) their origins
-    tip: Array  # (3, 4, n) rotation and position of the tip
+    R: Array  # (..., L, 3, 3, n) axes of the joint frames, z along the joint, with their errors, before they move
+    p: Array  # (..., L, 3, n) their origins
+    tip: Array  # (..., 3, 4, n) rotation and position of the tip
 
     def levers(self) -> Array:
-        """(L, 3, n) from the joints to the tip."""
-        return np.asarray(self.tip[:, 3] - self.p)
+        """(..., L, 3, n) from the joints to the tip."""
+        return np.asarray(self.tip[..., None, :, 3, :] - self.p)
 
 
 def align(axis: Array) -> Array:
@@ -77,7 +77,7 @@ def fixed_transforms(joints: Sequence[Joint], end: Array) -> Array:
 
 def forward(
     fixed: Array, revolute: NDArray[np.bool_], q: Array, a: Array | None = None, shift: Array | None = None
-) -> Motion:
+) -> Frames:
     """The frames for joint values q (L, n), with errors ``E_k = (exp [a_k]x, l_k)`` before each motion.
 
     ``a`` and ``shift`` (L, 3, n or 1): all a_k and l_k, rad and m, in the frame of the joint, whose z is its
@@ -104,7 +104,7 @@ def forward(
             position = state[:, 3] + q[k] * state[:, 2]
         state = np.matmul(fixed[k + 1, :3].T, moved)  # (4, 3) times (3, 3, n)
         state[:, 3] += position
-    return Motion(R, p, state)
+    return Frames(R, p, state)
 
 
 def rotations(a: Array) -> Array:
@@ -124,7 +124,7 @@ def turned(W: Array, lever: Array) -> Array:
     return out
 
 
-def axis_twists(motion: Motion, revolute: NDArray[np.bool_]) -> Array:
+def axis_twists(motion: Frames, revolute: NDArray[np.bool_]) -> Array:
     """(L, 6, n) twist of the tip per unit of each joint: ``(z; z x lever)`` revolute, ``(0; z)`` prismatic."""
     z = motion.R[:, :, 2]
     twists = np.empty((len(z), 6, z.shape[-1]))
@@ -151,7 +151,7 @@ def spread_postures(limits: Array, revolute: NDArray[np.bool_], n: int) -> Array
     return np.asarray(low + unit * (high - low))
 
 
-def shift_rates(motion: Motion, revolute: NDArray[np.bool_]) -> Array:
+def shift_rates(motion: Frames, revolute: NDArray[np.bool_]) -> Array:
     """(L, 3, n) s_k, derivative by joint k of the sum of the positions of what follows it."""
     L = len(motion.p)
     count = np.arange(L, 0, -1.0)[:, None, None]
@@ -169,12 +169,12 @@ def shift_rates(motion: Motion, revolute: NDArray[np.bool_]) -> Array:
     return np.where(revolute[:, None, None], turn, count * z)
 
 
-def loads(motion: Motion, revolute: NDArray[np.bool_], up: Array) -> Array:
+def loads(motion: Frames, revolute: NDArray[np.bool_], up: Array) -> Array:
     """(L, n) raw_k."""
     return np.asarray(-np.einsum("i,kin->kn", up, shift_rates(motion, revolute)))
 
 
-def load_rates(motion: Motion, revolute: NDArray[np.bool_], up: Array) -> Array:
+def load_rates(motion: Frames, revolute: NDArray[np.bool_], up: Array) -> Array:
     """(L, L, n) ``d raw_k / d q_j``."""
     rates = shift_rates(motion, revolute)
     level = np.where(revolute[:, None, None], np.cross(up, motion.R[:, :, 2], axisb=1, axisc=1), 0.0)  # u x z_j

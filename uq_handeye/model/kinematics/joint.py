@@ -11,8 +11,9 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from ...core.files.json_values import JsonObject
 from ...core.files.records import array_of, plain
 from ...core.files.tree_values import is_list, is_map
 from ...core.formatting.units import ANGLE_UNITS, LENGTH_UNITS
@@ -102,7 +103,7 @@ class ChainParts(NamedTuple):
     up: Array | None = None  # (3,) direction against gravity in the base, where it is said
 
 
-def require_name(name: Any, what: str) -> None:
+def require_name(name: str, what: str) -> None:
     """Raise `InputError` unless it is a printable text of reasonable length."""
     if not isinstance(name, str) or not name.strip() or not name.isprintable() or len(name) > MAX_NAME_CHARACTERS:
         raise InputError(
@@ -110,7 +111,7 @@ def require_name(name: Any, what: str) -> None:
         )
 
 
-def checked_origin(value: Any, what: str) -> Array:
+def checked_origin(value: ArrayLike, what: str) -> Array:
     """A (4, 4) transform whose translation may be that of a robot in metres."""
     T = as_transforms(value, what, stack=False)
     if T.shape != (4, 4):
@@ -124,7 +125,7 @@ _OF_CHAIN = ("name", "base", "tip", "end", "up")
 _OF_JOINT = ("name", "kind", "origin", "axis", "lower", "upper")
 
 
-def parts_to_dict(parts: ChainParts) -> dict[str, Any]:
+def parts_to_dict(parts: ChainParts) -> JsonObject:
     """Plain text and numbers, for files; None stands for an infinite limit."""
     joints = [plain({name: getattr(joint, name) for name in _OF_JOINT}) for joint in parts.joints]
     return {**plain({name: getattr(parts, name) for name in _OF_CHAIN}), "joints": joints}

@@ -19,7 +19,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any, BinaryIO, NamedTuple
+from typing import BinaryIO, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,7 +33,6 @@ from ...core.geometry.se3 import Array
 from ...core.numbers.limits import MAX_TABLE_BYTES
 from ...errors import InputError
 from ...formats.columns import SECONDS, meaning_and_unit
-from ...formats.numpy_poses import MAX_TABLE_BYTES as MAX_ARRAY_BYTES
 from ...formats.numpy_poses import TIMES, read_one_array, unpacked
 from .chain import Kinematics
 from .descriptions.urdf import nearest
@@ -124,9 +123,9 @@ def read_joints(path: StrPath | NamedJoints, arm: Kinematics | Sequence[str], un
         with opened(path, MAX_TABLE_BYTES) as file:
             start = file.peek(8)[:8] if hasattr(file, "peek") else b""
             if start.startswith((b"PK\3\4", b"\x93NUMPY")):
-                data = file.read(MAX_ARRAY_BYTES + 1)
-                if len(data) > MAX_ARRAY_BYTES:
-                    raise InputError(f"{name}: expected at most {MAX_ARRAY_BYTES / 1e6:g} MB, got more.")
+                data = file.read(MAX_TABLE_BYTES + 1)
+                if len(data) > MAX_TABLE_BYTES:
+                    raise InputError(f"{name}: expected at most {MAX_TABLE_BYTES / 1e6:g} MB, got more.")
                 times, values, named = _from_arrays(data, name, wanted)
             else:
                 times, values, named, lines = _from_csv(file, name, wanted)
@@ -141,7 +140,7 @@ def read_joints(path: StrPath | NamedJoints, arm: Kinematics | Sequence[str], un
     return JointTable(times, q, tuple(wanted.notes))
 
 
-def _wanted(arm: Any, units: str | None) -> _Wanted:
+def _wanted(arm: Kinematics | Sequence[str], units: str | None) -> _Wanted:
     if isinstance(arm, Kinematics):
         names, kinds, limits = arm.names, tuple(joint.kind for joint in arm.joints), arm.limits
     elif isinstance(arm, str) or not isinstance(arm, Sequence) or not arm or not all(isinstance(n, str) for n in arm):

@@ -15,7 +15,7 @@ Joint noise is drawn again for every pose and rotates joint k by ``N(0, joint_sd
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,7 @@ from ...core.formatting.units import parse_angle, parse_length
 from ...core.geometry.rotations import Rotation
 from ...core.geometry.se3 import Array
 from ...errors import InputError
+from ..noise.joint_covariance import Index
 from .chain import Kinematics
 from .errors import LENGTHS, OFFSETS, SAG, TILTS, TRANSMISSION
 from .forward import LEVER_M
@@ -258,7 +259,7 @@ class KinematicColumns(NamedTuple):
     given: KinematicErrors
     elbow: Array | None = None  # (n, 6, of the errors) what F changes by with the elbow of an arm of seven axes
 
-    def rows(self, index: NDArray[Any]) -> KinematicColumns:
+    def rows(self, index: Index) -> KinematicColumns:
         """Return the columns at some of the poses."""
         elbow = None if self.elbow is None else self.elbow[index]
         return self._replace(F=self.F[index], J=self.J[index], elbow=elbow)

@@ -11,17 +11,16 @@ calibration, which do not.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ...core.files.json_values import JsonObject
 from ...core.geometry.se3 import Array
 from ...core.runtime.read_only import ReadOnlyArrays
 from ...errors import InputError
-from .joint_covariance import JointCovariance
+from .joint_covariance import Index, JointCovariance
 
 # The name of the shared columns of a camera, in the budget of X.
 INTRINSICS = "intrinsics"
@@ -39,7 +38,7 @@ class CameraNoise(ReadOnlyArrays):
     scales: NDArray[np.bool_]  # (q,) the shared columns that grow with s: F_1; the others are F_0
     pixel_sd: float | None = None  # s in pixels; None: to be estimated
     square: float | None = None  # m, between neighbouring points of the board; None: they have no one distance
-    views: Mapping[str, Any] | None = None  # plain numbers of the board and the camera, of which it was made
+    views: JsonObject | None = None  # plain numbers of the board and the camera, of which it was made
 
     def __post_init__(self) -> None:
         if self.scales.shape != self.joint.shared.shape[-1:] or self.joint.own.ndim != 3:
@@ -54,7 +53,7 @@ class CameraNoise(ReadOnlyArrays):
         return self.joint.n
 
     @property
-    def sides(self) -> dict[str, Any]:
+    def sides(self) -> dict[str, CameraNoise | None]:
         """Covariances by name, as of `PoseNoise`: that of the robot is not known."""
         return {"robot": None, "camera": self}
 
@@ -80,7 +79,7 @@ class CameraNoise(ReadOnlyArrays):
         shared = self.joint.shared * np.where(self.scales, s, 1.0)
         return replace(self.joint, own=s * s * self.joint.own, shared=shared)
 
-    def rows(self, index: NDArray[Any]) -> CameraNoise:
+    def rows(self, index: Index) -> CameraNoise:
         """Return the noise of some of the poses."""
         return replace(self, joint=self.joint.rows(index))
 
@@ -93,7 +92,7 @@ class CameraNoise(ReadOnlyArrays):
         return np.asarray(self.joint.shared[..., ~self.scales])
 
 
-def checked_pixels(value: Any) -> float:
+def checked_pixels(value: float | str) -> float:
     """A standard deviation in pixels, a number or text such as "0.2px"."""
     try:
         s = float(str(value).strip().removesuffix("px"))

@@ -11,6 +11,7 @@ from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
+from ...core.files.json_values import Json, JsonObject
 from ...core.files.records import Record, parts_of, read
 from ...core.files.tree_values import is_map
 from ...core.formatting.units import parse_angle, parse_length
@@ -245,7 +246,7 @@ class NoiseEstimate(Record):
         raise KeyError(name)
 
     @property
-    def sides(self) -> dict[str, Any] | None:
+    def sides(self) -> JsonObject | None:
         """Noise of each side that has one, as plain values."""
         if self.noise is None:
             return None
@@ -262,13 +263,14 @@ class NoiseEstimate(Record):
         return cls(**parts_of(cls, data, "noise_estimate", noise=noise))
 
 
-def _side_to_dict(S: Array | JointCovariance) -> Any:
+def _side_to_dict(S: Array | JointCovariance) -> Json:
     """Standard deviations of rotation and translation; a joint covariance, or others of corners, as they are."""
-    if hasattr(S, "to_dict"):
+    if isinstance(S, JointCovariance):
         return S.to_dict()
     deviations = np.sqrt(np.diag(S)) if S.shape == (6, 6) else np.zeros(6)
+    two: list[float] = deviations[[0, 3]].tolist()
     if np.array_equal(S, np.diag(np.repeat(deviations[[0, 3]], 3) ** 2)):
-        return deviations[[0, 3]].tolist()
+        return two
     return {"covariance": S.tolist()}
 
 

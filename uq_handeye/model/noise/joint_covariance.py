@@ -19,16 +19,20 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
+from ...core.files.json_values import JsonObject
 from ...core.geometry.checks import checked_covariance
 from ...core.geometry.se3 import Array
 from ...core.runtime.read_only import ReadOnlyArrays
 from ...errors import InputError
 from .cholesky import checked_cholesky, substitute, substitute_transposed
+
+# Poses by their numbers or by a mask.
+Index: TypeAlias = NDArray[np.intp] | NDArray[np.bool_]
 
 
 def group_of(name: str) -> str:
@@ -103,7 +107,7 @@ class JointCovariance(ReadOnlyArrays):
         """F (..., 6n, q)."""
         return self.shared.reshape(*self.shared.shape[:-3], 6 * self.n, self.shared.shape[-1])
 
-    def __array__(self, dtype: Any = None, copy: bool | None = None) -> Array:
+    def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> Array:
         dense = np.array(np.broadcast_to(self.flat @ self.flat.mT, self.shape), dtype=dtype)
         blocks = dense.reshape(*dense.shape[:-2], self.n, 6, self.n, 6)
         index = np.arange(self.n)
@@ -136,7 +140,7 @@ class JointCovariance(ReadOnlyArrays):
         """(..., n, 6, 6) the covariance of each pose by itself."""
         return np.asarray(self.own + self.shared @ self.shared.mT)
 
-    def rows(self, index: NDArray[Any]) -> JointCovariance:
+    def rows(self, index: Index) -> JointCovariance:
         """Return the joint covariance of some of the poses."""
         return JointCovariance(self.own[..., index, :, :], self.shared[..., index, :, :], self.names)
 
@@ -158,7 +162,7 @@ class JointCovariance(ReadOnlyArrays):
             return JointCovariance(self.own + other.own, shared, self.names + other.names)
         return JointCovariance(self.own + other, self.shared, self.names)
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonObject:
         """Plain numbers, for files; `from_dict` reads them."""
         named = {"names": list(self.names)} if any(self.names) else {}
         same = self.own.ndim == 3 and (self.own == self.own[:1]).all()  # one block serves all poses
@@ -181,7 +185,7 @@ class JointCovariance(ReadOnlyArrays):
         return JointFactor.of(self.own, self.shared)
 
 
-def joint_of(S: Any) -> JointCovariance | None:
+def joint_of(S: Array | JointCovariance | None) -> JointCovariance | None:
     """Return a covariance that is kept as what it is made of; None for any other, and for none."""
     return S if isinstance(S, JointCovariance) else None
 

@@ -14,8 +14,9 @@ from functools import cached_property, partial
 from typing import Any, ClassVar, Literal, Self, cast
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike
 
+from ...core.files.json_values import JsonObject
 from ...core.files.records import Record
 from ...core.files.tree_values import is_map
 from ...core.formatting.numbers import digits
@@ -26,11 +27,11 @@ from ...core.presentation.document import Block, Document, Paragraph, Table, doc
 from ...core.presentation.html import html_of
 from ...errors import InputError
 from .camera_noise import CameraNoise
-from .joint_covariance import JointCovariance
+from .joint_covariance import Index, JointCovariance
 from .pose_prior import PosePrior
+from .square_roots import Covariance, rows_of, weighted
 from .square_roots import is_joint as is_joint
 from .square_roots import marginals as marginals
-from .square_roots import rows_of, weighted
 
 Deviations = tuple[str | float, str | float]
 
@@ -74,7 +75,7 @@ class _TwoSides(Record):
     def _with(self, sides: dict[str, Any]) -> Self:
         return cast(Self, cast(Any, type(self))(**sides, prior=self.prior))
 
-    def rows(self, index: NDArray[Any]) -> Self:
+    def rows(self, index: Index) -> Self:
         """Return the noise of some of the poses or motions, by their numbers or a mask; of a joint covariance its
         marginal.
         """
@@ -188,16 +189,17 @@ def _isotropic(value: Deviations | None, name: str) -> Array | None:
     return np.diag([rotation**2] * 3 + [translation**2] * 3)
 
 
-def is_of_each(covariance: Any) -> bool:
+def is_of_each(covariance: Covariance | None) -> bool:
     """Return whether the poses have covariances of their own."""
     return covariance is not None and (is_joint(covariance) or np.ndim(covariance) == 3)
 
 
-def size_words(covariance: Any) -> tuple[str, str]:
+def size_words(covariance: Covariance | CameraNoise | None) -> tuple[str, str]:
     """Return standard deviations per axis of rotation and translation as text, of many poses their medians."""
     if covariance is None:
         return "exact", "exact"
-    variances = np.diagonal(marginals(getattr(covariance, "joint", covariance)), axis1=-2, axis2=-1)
+    joint = covariance.joint if isinstance(covariance, CameraNoise) else covariance
+    variances = np.diagonal(marginals(joint), axis1=-2, axis2=-1)
     std = np.median(np.sqrt(np.maximum(variances, 0.0)).reshape(-1, 6), axis=0)
     return _axes(np.degrees(std[:3]), "deg"), _axes(1e3 * std[3:], "mm")
 
@@ -208,7 +210,7 @@ def _axes(std: Array, unit: str) -> str:
     return f"{', '.join(f'{name} {digits(float(value), 2)}' for name, value in zip('xyz', std, strict=True))} {unit}"
 
 
-def require_count(covariance: Any, count: int, name: str, what: str) -> None:
+def require_count(covariance: Covariance | CameraNoise | None, count: int, name: str, what: str) -> None:
     """Raise unless ``covariance`` fits ``count`` poses or motions."""
     if isinstance(covariance, CameraNoise):
         covariance = covariance.covariance()  # which says what to do where its pixel noise is not known
@@ -219,7 +221,7 @@ def require_count(covariance: Any, count: int, name: str, what: str) -> None:
         raise InputError(f"Expected the covariance `{name}` to cover {count} {what}, got {found}.")
 
 
-def factor(covariance: Any) -> Array:
+def factor(covariance: ArrayLike | JointCovariance) -> Array:
     """L with ``covariance = L L^T``, also for singular covariances; (..., k, k) -> (..., k, k)."""
     covariance = np.asarray(covariance)
     try:
@@ -229,7 +231,7 @@ def factor(covariance: Any) -> Array:
         return np.asarray(vectors * np.sqrt(np.clip(values, 0.0, None))[..., None, :])
 
 
-def noise_to_dict(noise: Noise | None) -> dict[str, Any] | None:
+def noise_to_dict(noise: Noise | None) -> JsonObject | None:
     """Type and covariances as plain numbers."""
     return None if noise is None else noise.to_dict()
 
@@ -273,7 +275,7 @@ def _notes(name: str, covariance: Any) -> list[str]:
     return found
 
 
-def _extent(covariance: Any, item: str) -> str:
+def _extent(covariance: Covariance | CameraNoise | None, item: str) -> str:
     """Return what the numbers hold for."""
     if covariance is None or covariance.shape == (6, 6):
         return f"every {item}"
@@ -281,7 +283,7 @@ def _extent(covariance: Any, item: str) -> str:
     return f"{count:,} {item}s, median"
 
 
-def _correlation(covariance: Any) -> float:
+def _correlation(covariance: ArrayLike) -> float:
     S = np.asarray(covariance).reshape(-1, 6, 6)
     std = np.sqrt(np.diagonal(S, axis1=-2, axis2=-1))
     scale = np.where(std > 0, std, 1.0)

@@ -14,15 +14,14 @@ is to be estimated.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
+from ...core.files.json_values import Json
 from ...core.files.open import StrPath, as_path, shown
 from ...core.files.tree_values import is_list, is_map
 from ...core.files.trees import parse_toml
 from ...core.formatting.units import parse_deviations
-from ...core.geometry.checks import checked_covariance, is_number
+from ...core.geometry.checks import checked_covariance
 from ...core.geometry.se3 import Array
 from ...errors import InputError
 from .models import PairNoise, PoseNoise
@@ -67,7 +66,7 @@ def read_noise_file(path: StrPath) -> PoseNoise | PairNoise | None:
     return PairNoise(covariances.get("A"), covariances.get("B"))
 
 
-def _covariance(table: str, content: Any, name: str) -> Array:
+def _covariance(table: str, content: Json, name: str) -> Array:
     """The covariance that one table describes."""
     where = f"{name}, [{table}]"
     if not is_map(content):
@@ -92,16 +91,16 @@ def _covariance(table: str, content: Any, name: str) -> Array:
     return np.diag([rotation**2] * 3 + [translation**2] * 3)
 
 
-def _require_numbers(value: Any, what: str) -> None:
+def _require_numbers(value: Json, what: str) -> None:
     """Raise for what NumPy would quietly turn into numbers, text and booleans, and for what is none of a float."""
     if is_list(value):
         for item in value:
             _require_numbers(item, what)
-    elif not is_number(value):
+    elif isinstance(value, bool) or not isinstance(value, int | float):
         raise InputError(f"Expected {what}, got {_short(value)}.")
     elif 1e308 < abs(value) < np.inf:
         raise InputError("Expected numbers below 1e308, got a larger one.")
 
 
-def _short(value: Any) -> str:
+def _short(value: Json) -> str:
     return f"{value!a:.40}"

@@ -16,11 +16,13 @@ from typing import Any
 
 import numpy as np
 
+from ...core.files.json_values import JsonObject
 from ...core.geometry.checks import as_transforms
 from ...core.geometry.se3 import Array, left_jacobian, logarithm, perturb
 from ...core.numbers.rounding import SOLUTION_ROUNDING
 from ...core.runtime.read_only import ReadOnlyArrays
 from ...errors import InputError
+from .joint_covariance import Index
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +93,7 @@ class PosePrior(ReadOnlyArrays):
             result[start : start + 6, start : start + 6] = known
         return result
 
-    def rows(self, index: Any) -> PosePrior:
+    def rows(self, index: Index | tuple[int, ...] | slice) -> PosePrior:
         """Return the prior of some of the problems that the means belong to."""
         X, W = (T if T is None or T.ndim == 2 else T[index] for T in (self.X, self.W))
         return replace(self, X=X, W=W)
@@ -130,7 +132,7 @@ class PosePrior(ReadOnlyArrays):
             means[name] = perturb(np.broadcast_to(at, (*z.shape[:-1], 4, 4)), errors)
         return replace(self, **means)
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonObject:
         """Plain numbers, by name."""
         return {name: {"mean": mean.tolist(), "information": known.tolist()} for name, _, mean, known in self.parts()}
 

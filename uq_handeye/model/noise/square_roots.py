@@ -8,15 +8,14 @@ S has one of three forms: blocks (..., n, 6, 6), independent from pose to pose, 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal
+from typing import ClassVar, Literal, overload
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import cho_solve, solve_triangular
 
 from ...core.geometry.se3 import Array
 from .cholesky import checked_cholesky, substitute, substitute_transposed
-from .joint_covariance import JointCovariance, JointFactor
+from .joint_covariance import Index, JointCovariance, JointFactor
 
 Covariance = Array | JointCovariance
 Factor = Array | JointFactor
@@ -41,7 +40,7 @@ class _Blocks:
     def factor(self) -> Array:
         return checked_cholesky(self.M)
 
-    def rows(self, index: NDArray[Any]) -> Array:
+    def rows(self, index: Index) -> Array:
         return self.M if self.M.ndim == 2 else np.asarray(self.M[..., index, :, :])
 
     def weighted(self, scale: Array) -> Array:
@@ -75,7 +74,7 @@ class _Dense(_Blocks):
 
     own = blocks
 
-    def rows(self, index: NDArray[Any]) -> Array:
+    def rows(self, index: Index) -> Array:
         numbers = np.arange(self.M.shape[-1] // 6)[index]
         flat = (6 * numbers[:, None] + np.arange(6)).ravel()
         return np.asarray(self.M[..., flat[:, None], flat])
@@ -107,22 +106,27 @@ class _Dense(_Blocks):
         return np.asarray(2.0 * np.log(np.diagonal(self.M, axis1=-2, axis2=-1)).sum(axis=-1))
 
 
-def form_of(M: Any) -> Any:
+@overload
+def form_of(M: Array) -> _Blocks: ...
+@overload
+def form_of(M: JointCovariance) -> JointCovariance: ...
+@overload
+def form_of(M: JointFactor) -> JointFactor: ...
+def form_of(M: Array | JointCovariance | JointFactor) -> _Blocks | JointCovariance | JointFactor:
     """Return what knows how to deal with S or with L: itself where it is no array."""
     if not isinstance(M, np.ndarray):
         return M
     return (_Blocks if M.shape[-1] == 6 else _Dense)(M)
 
 
-def is_joint(S: Any) -> bool:
+def is_joint(S: Covariance) -> bool:
     """Return whether the errors of different poses are correlated."""
     return bool(form_of(S).correlated)
 
 
 def cholesky_of(S: Covariance) -> Factor:
     """L with ``S = L L^T``; raises where the noise leaves a part of the residuals exact."""
-    factor: Factor = form_of(S).factor
-    return factor
+    return form_of(S).factor
 
 
 def whiten(factor: Factor, values: Array) -> Array:
@@ -145,7 +149,7 @@ def log_determinant(factor: Factor) -> Array:
     return np.asarray(form_of(factor).log_determinant())
 
 
-def marginals(S: Any) -> Array:
+def marginals(S: Covariance) -> Array:
     """(..., n, 6, 6) the covariance of each pose by itself; (6, 6) where one serves all."""
     return np.asarray(form_of(S).blocks)
 
@@ -155,12 +159,12 @@ def weighed_blocks(S: Covariance) -> Array:
     return np.asarray(form_of(S).own)
 
 
-def rows_of(S: Any, index: NDArray[Any]) -> Any:
+def rows_of(S: Covariance, index: Index) -> Covariance:
     """S of some of the poses or motions, by their numbers or a mask: their own, or their part of a joint one."""
     return form_of(S).rows(index)
 
 
-def weighted(S: Covariance, weights: Array) -> Any:
+def weighted(S: Covariance, weights: Array) -> Covariance:
     """S with `weighed_blocks` divided by the weights; a weight of 0 becomes `LEAST_WEIGHT`."""
     return form_of(S).weighted(1.0 / np.maximum(weights, LEAST_WEIGHT))
 

@@ -10,7 +10,6 @@ holds exactly on poses without noise.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,6 +18,7 @@ from ...core.geometry.checks import as_transforms
 from ...core.geometry.se3 import Array, inverse
 from ...core.runtime.read_only import ReadOnlyArrays
 from ...errors import InputError, require_type
+from ..noise.joint_covariance import Index
 from .pose_pairs import PosePairs
 
 
@@ -63,7 +63,7 @@ class Motions(ReadOnlyArrays):
         """Number of pairs."""
         return int(self.A.shape[-3])
 
-    def rows(self, index: NDArray[Any]) -> Motions:
+    def rows(self, index: Index) -> Motions:
         """Some of the motions, by their numbers or a mask."""
         pairs = None if self.pairs is None else self.pairs[index]
         return Motions(self.A[..., index, :, :], self.B[..., index, :, :], pairs, self.poses)
@@ -102,7 +102,7 @@ def relative_motions(poses: PosePairs, pairs: str | ArrayLike = "consecutive") -
     return Motions(A, B, index, poses)
 
 
-def pair_indices(n: int, pairs: Any = "consecutive") -> NDArray[np.intp]:
+def pair_indices(n: int, pairs: str | ArrayLike = "consecutive") -> NDArray[np.intp]:
     """Pose numbers (N, 2) of the pairs; see `relative_motions`."""
     if isinstance(pairs, str):
         if pairs == "consecutive":

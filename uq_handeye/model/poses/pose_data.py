@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ...core.files.json_values import Json, JsonObject
 from ...core.files.records import array_of
 from ...core.files.source import Source
 from ...core.geometry.se3 import Array
@@ -29,7 +31,7 @@ def sha256_of(*stacks: Array) -> str:
     return digest.hexdigest()
 
 
-def data_to_dict(data: PosePairs | Motions) -> dict[str, Any]:
+def data_to_dict(data: PosePairs | Motions) -> JsonObject:
     """The poses with all that is known of them; motions alone where there are no poses.
 
     The truth of simulated poses and the files they came from are left out.
@@ -49,7 +51,7 @@ def data_to_dict(data: PosePairs | Motions) -> dict[str, Any]:
     }
 
 
-def _stacks(data: Any, *names: str) -> dict[str, Any]:
+def _stacks(data: PosePairs | Motions, *names: str) -> JsonObject:
     stacks = {name: getattr(data, name) for name in names}
     return {"sha256": sha256_of(*stacks.values()), **{name: T.tolist() for name, T in stacks.items()}}
 
@@ -86,11 +88,11 @@ def data_from_dict(data: dict[str, Any], setup: str | None, sources: tuple[Sourc
     return relative_motions(poses, pairs.astype(np.intp))
 
 
-def _stack(value: Any, name: str) -> Array:
+def _stack(value: Sequence[Json], name: str) -> Array:
     return array_of(value, (len(value), 4, 4), name)
 
 
-def _camera_to_dict(camera: Any) -> dict[str, Any]:
+def _camera_to_dict(camera: CameraCalibration) -> JsonObject:
     from ..camera.calibration_files import camera_to_dict
 
     return camera_to_dict(camera)

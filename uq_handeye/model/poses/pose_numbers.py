@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ...errors import InputError
 
@@ -27,8 +27,8 @@ class Selection(NamedTuple):
 
 def select_poses(
     n: int,
-    exclude: Any = None,
-    only: Any = None,
+    exclude: str | ArrayLike | None = None,
+    only: str | ArrayLike | None = None,
     names: Sequence[str] = ("`exclude`", "`only`"),
     fewest: int = MIN_POSES,
 ) -> Selection | None:
@@ -54,6 +54,7 @@ def select_poses(
     if exclude is not None and only is not None:
         raise InputError(f"{names[0]} and {names[1]} are both given. Give one of them.")
     name, given = (names[0], exclude) if only is None else (names[1], only)
+    assert given is not None
     listed = numbers_of(given, name)
     if (wrong := [k for k in listed if not 0 <= k < n]) != []:
         raise InputError(f"Expected {name} to name poses between 0 and {n - 1}, counted from 0, got {wrong[0]}.")
@@ -68,7 +69,7 @@ def select_poses(
     return Selection(np.flatnonzero(kept), np.flatnonzero(~kept))
 
 
-def numbers_of(given: Any, name: str) -> list[int]:
+def numbers_of(given: str | ArrayLike, name: str) -> list[int]:
     """Return pose numbers of a sequence of integers, or of text such as ``"12,14-16"``, where ranges include their end.
 
     Raises `InputError` for anything else.

@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from ...core.files.source import Source
 from ...core.geometry.checks import as_numbers, as_transforms, first_duplicate
@@ -30,14 +30,14 @@ from ...core.geometry.se3 import Array, inverse
 from ...core.runtime.read_only import read_only
 from ...errors import InputError, require_one_of
 from ...findings import Finding
-from ..noise.joint_covariance import JointCovariance
+from ..noise.joint_covariance import Index, JointCovariance
 from .timing import Timing
 
 if TYPE_CHECKING:
     from ..camera.result import CameraCalibration
 
 
-def as_joint_values(value: Any, n: int) -> Array:
+def as_joint_values(value: ArrayLike, n: int) -> Array:
     """Return the joint values of n poses as a read-only array (n, L); raise `InputError` for anything else."""
     joints = np.array(as_numbers(value, "joints"))
     if joints.ndim != 2 or len(joints) != n or joints.shape[1] == 0:
@@ -156,17 +156,17 @@ class PosePairs:
     def __len__(self) -> int:
         return self.n
 
-    def __getitem__(self, index: int | slice | NDArray[Any] | list[Any]) -> PosePairs:
+    def __getitem__(self, index: int | slice | Index | list[int]) -> PosePairs:
         """Some of the poses, as `rows`: by a number, a slice, numbers or a mask."""
         return self.rows(np.atleast_1d(np.arange(self.n)[index]))
 
-    def __array__(self, *_: Any, **__: Any) -> NDArray[Any]:
+    def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> Array:
         raise InputError("Expected an array of poses, got PosePairs, which hold two: `robot` and `camera`.")
 
     def __repr__(self) -> str:
         return f"PosePairs({self.n} poses, {self.setup})"
 
-    def rows(self, index: NDArray[Any], camera_index: NDArray[Any] | None = None) -> PosePairs:
+    def rows(self, index: Index, camera_index: Index | None = None) -> PosePairs:
         """Some of the poses, by their numbers or a mask, with all that is known about them.
 
         Camera rows other than those of the robot pair the two again; timestamps and joints are those of the robot rows.
@@ -199,7 +199,7 @@ class PosePairs:
         return self.robot if self.setup == "eye-in-hand" else inverse(self.robot)
 
 
-def checked_times(values: Any, n: int) -> Array:
+def checked_times(values: ArrayLike, n: int) -> Array:
     """Times of n poses, finite and each once."""
     times = np.array(as_numbers(values, "timestamps"))
     if times.shape != (n,) or not np.isfinite(times).all():
@@ -213,7 +213,7 @@ def checked_times(values: Any, n: int) -> Array:
     return times
 
 
-def frozen_poses(value: Any, name: str) -> Array:
+def frozen_poses(value: ArrayLike, name: str) -> Array:
     T = np.array(as_transforms(value, name), order="C")  # rounding follows the order in memory
     T.flags.writeable = False
     return T

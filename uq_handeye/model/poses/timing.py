@@ -6,13 +6,13 @@ from dataclasses import dataclass
 from typing import Annotated, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...core.files.records import Record
 from ...core.geometry.checks import as_numbers
 from ...core.geometry.se3 import Array
 from ...errors import InputError
 from ...findings import Finding, warn
+from ..noise.joint_covariance import Index
 
 SIDES = ("robot", "camera")
 # Streams are not interpolated across gaps of more median intervals than this.
@@ -49,7 +49,7 @@ class Timing(Record):
     def __len__(self) -> int:
         return len(self.rate)
 
-    def rows(self, index: NDArray[Any]) -> Timing:
+    def rows(self, index: Index) -> Timing:
         """Return the timing of some of the poses; the offset is known as well as before."""
         return Timing(self.offset, self.std, self.rate[index], self.side)
 

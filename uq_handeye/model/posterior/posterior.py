@@ -23,8 +23,9 @@ from functools import cached_property
 from typing import Annotated, Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from ...core.files.json_values import Json, JsonObject
 from ...core.files.records import Record, array_of
 from ...core.geometry.se3 import Array
 from ...core.runtime.read_only import ReadOnlyArrays
@@ -79,7 +80,7 @@ class OpenSource(Protocol):
     def without_beside(self) -> Posterior: ...
     def absorbed(self, new: NewRows) -> Absorbed: ...
     def at(self, theta: Array, weights: Array) -> OpenSource: ...
-    def to_dict(self) -> dict[str, Any]: ...
+    def to_dict(self) -> JsonObject: ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,7 +155,7 @@ class Posterior(ReadOnlyArrays):
 
     # ------------------------------------------------------------------------------------------- what it is asked
 
-    def predict(self, functions: Any, noise: Any = None) -> Array:
+    def predict(self, functions: ArrayLike, noise: Array | None = None) -> Array:
         """Covariance (..., k, k) of linear functions (..., k, N) of s, with noise (..., k, k) of their own."""
         F = np.asarray(functions, dtype=float)
         if F.ndim < 2 or F.shape[-1] != len(self.covariance):
@@ -187,11 +188,11 @@ class Posterior(ReadOnlyArrays):
 
     # ------------------------------------------------------------------------------------------- file
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonObject:
         """Plain numbers and text."""
         if self.source is not None:
             return self.source.to_dict()
-        more: dict[str, Any] = {} if self.blocks == ("X", "W") else {"blocks": list(self.blocks)}
+        more: JsonObject = {} if self.blocks == ("X", "W") else {"blocks": list(self.blocks)}
         if self.noise:
             more["noise"] = [one.to_dict() for one in self.noise]
         if self.bound is not None:
@@ -232,6 +233,6 @@ class Absorbed(NamedTuple):
     move: Array  # (N,) of s: the new estimate of a pose is the old one less its move, of an error the old one plus it
 
 
-def _poses(rows: Any) -> Array:
+def _poses(rows: Sequence[Json]) -> Array:
     given = array_of(rows, (len(rows), 3, 4), "posterior.bound")
     return np.concatenate([given, np.broadcast_to([[[0.0, 0.0, 0.0, 1.0]]], (len(given), 1, 4))], axis=1)

@@ -33,8 +33,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from ...core.files.json_values import JsonObject
 from ...core.formatting.numbers import digits
 from ...core.formatting.units import parse_angle, parse_length, parse_ratio, parse_time
 from ...core.geometry.checks import as_numbers
@@ -205,7 +206,7 @@ class SharedError(ReadOnlyArrays):
         return cls(CLOCK_OFFSET, "s", "robot", _sd(sd, CLOCK_OFFSET, parse_time), (CLOCK_OFFSET,), _rate)
 
     @classmethod
-    def columns(cls, name: str, F: Any, sd: Any, side: str, *, unit: str = "") -> SharedError:
+    def columns(cls, name: str, F: ArrayLike, sd: ArrayLike, side: str, *, unit: str = "") -> SharedError:
         """An error of the user's own: ``F`` (n, 6, k) is its effect on ``side`` per unit, ``sd`` one or (k,).
 
         ``F`` holds (theta, tau) per unit, rad and m, in the parent frame of the poses: base or camera.
@@ -271,7 +272,7 @@ class SharedError(ReadOnlyArrays):
             )
         return F
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonObject:
         """Plain numbers and text that `from_dict` makes the error of; not of the user's own columns."""
         return {
             "name": self.name,
@@ -383,7 +384,7 @@ def _sd(value: float | str, name: str, parse: Callable[[str | float, str], float
     return sd
 
 
-def _require_sd(sd: Array, name: str, given: Any = None) -> None:
+def _require_sd(sd: Array, name: str, given: float | str | None = None) -> None:
     if not (np.isfinite(sd) & (sd >= 0)).all():
         got = sd.tolist() if given is None else repr(given)
         raise InputError(f"Expected the standard deviation of the {name} to be finite and >= 0, got {got}.")

@@ -31,11 +31,11 @@ import numpy as np
 
 from ....core.geometry.se3 import Array
 from ..chain import POSTURES_PER_BLOCK, Kinematics
-from ..forward import fixed_transforms, spread_postures
+from ..forward import Frames, fixed_transforms, spread_postures
 from .elbow import MAX_JOINT_CHANGE_RAD, relaxed
 from .known_arms import arm_names, known_arm
 from .newton import Postures, postures_at
-from .stack import AXES, LEVER_SHARE, ROLL, ArmStack, Frames, spread
+from .stack import AXES, LEVER_SHARE, ROLL, ArmStack, spread
 from .work_postures import WorkPostures, descend
 
 # Number of postures, spread over the joint limits, from which the first pose is solved.
@@ -281,7 +281,7 @@ def _middle(poses: Array) -> int:
     return int(np.argmin(((flat - flat.mean(axis=0)) ** 2).sum(axis=1)))
 
 
-# Any chain
+# Chains of other joints
 
 
 def _from_the_nearest(kinematics: Kinematics, poses: Array) -> Postures:

@@ -22,14 +22,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ....core.geometry.se3 import Array
 from ....core.numbers.rounding import CHAIN_ROUNDING
-from ..forward import fixed_transforms, spread_postures
+from ..forward import Frames, fixed_transforms, spread_postures
 from .known_arms import KnownArm
 
 # Number of joints of every arm here, and the place of the joint that rolls the elbow.
@@ -39,18 +38,6 @@ TURNS, SHIFTS, WAVES, SAGS = slice(0, 21), slice(21, 42), slice(42, 70), slice(7
 ERRORS = SAGS.stop
 # Share of the reach of an arm over which lengths count as angles (rad) do.
 LEVER_SHARE = 0.5
-
-
-class Frames(NamedTuple):
-    """The joint frames before they move, and the tip, of n postures of each arm."""
-
-    R: Array  # (A, 7, 3, 3, n), z along the axis
-    p: Array  # (A, 7, 3, n)
-    tip: Array  # (A, 3, 4, n)
-
-    def levers(self) -> Array:
-        """(A, 7, 3, n) from the joints to the tip."""
-        return np.asarray(self.tip[:, None, :, 3] - self.p)
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,7 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....core.geometry.se3 import Array
-from .stack import AXES, LEVER_SHARE, ArmStack, Frames
+from ..forward import Frames
+from .stack import AXES, LEVER_SHARE, ArmStack
 
 
 @dataclass(frozen=True, eq=False)
