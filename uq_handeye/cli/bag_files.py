@@ -14,7 +14,7 @@ from .views import Views, camera_of
 
 if TYPE_CHECKING:
     from ..model.camera.adjustment.two_minima import Minima
-    from ..model.poses.pose_pairs import Stream
+    from ..model.poses.stream import Stream
     from ..read.rosbag.camera_info import CameraInfo
     from ..read.rosbag.recording import Recording
     from ..read.rosbag.sensors import Sensors

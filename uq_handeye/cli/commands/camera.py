@@ -21,7 +21,7 @@ from ..pose_files import StreamFiles
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from ...model.poses.pose_pairs import Stream
+    from ...model.poses.stream import Stream
     from ...read.rosbag.recording import Recording
 
 TABLES = (".csv", ".txt", ".tsv")
