@@ -102,6 +102,21 @@ def test_help_and_completion_load_nothing_that_takes_long():
     assert not loaded & {"pandas", "matplotlib", "sympy", "emcee", "scipy", "numpy", "yaml", "jinja2"}
 
 
+def test_a_calibration_loads_nothing_that_it_does_not_need(tmp_path):
+    """Each of these takes as long to import as NumPy or the poses to be calibrated."""
+    write_session(tmp_path)
+    program = (
+        "import sys\nfrom uq_handeye.cli.app import main\n"
+        "try: main(['calibrate', 'robot.csv', 'camera.csv'])\nexcept SystemExit: pass\n"
+        "print(sorted(sys.modules))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, timeout=300, check=True
+    )
+    loaded = set(eval(done.stdout.splitlines()[-1]))
+    assert not loaded & {"scipy.spatial", "scipy.sparse", "scipy.optimize", "pydantic", "pandas", "jinja2"}
+
+
 # -------------------------------------------------------------------------------------------- groups of options
 
 

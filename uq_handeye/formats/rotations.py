@@ -15,8 +15,8 @@ from itertools import product
 from typing import Any, cast
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
+from ..core.geometry.rotations import Rotation, matrices_of_quaternions
 from ..core.geometry.se3 import Array
 from ..errors import InputError, among
 
@@ -50,8 +50,8 @@ class RotationForm:
         if self.text in MATRICES:
             return values if self.text == "matrix" else np.swapaxes(values, -1, -2)
         if self.text in QUATERNIONS:
-            rotation = Rotation.from_quat(values, scalar_first=self.text == "wxyz")
-        elif self.text in VECTORS:
+            return matrices_of_quaternions(np.roll(values, -1, axis=-1) if self.text == "wxyz" else values)
+        if self.text in VECTORS:
             rotation = Rotation.from_rotvec(values, degrees=self.degrees)
         else:
             rotation = Rotation.from_euler(cast(Any, self.text[:3]), values, degrees=self.degrees)

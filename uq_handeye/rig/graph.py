@@ -26,8 +26,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from ..core.geometry.se3 import Array, block, inverse, logarithm, skew
 from .description import WORLD, Rig
@@ -146,6 +144,9 @@ class Graph:
     @cached_property
     def group(self) -> Index:
         """(E,) number of the group of each edge: edges with robot poses that edges connect."""
+        from scipy.sparse import coo_array  # slow to import
+        from scipy.sparse.csgraph import connected_components
+
         left, right = self.side
         both = (left < self.P) & (right < self.P)
         joined = coo_array((np.ones(both.sum()), (left[both], right[both])), shape=(self.P + 1, self.P + 1))

@@ -22,11 +22,10 @@ seven axes, its gears), and at another pose that is there again. It counts witho
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple, TypeAlias, Union
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.spatial.transform import RigidTransform
 
 from ...core.files.records import Record
 from ...core.geometry.checks import as_numbers, as_transforms
@@ -51,8 +50,11 @@ from ...model.shared_errors.view import target_centre, view_block
 from ..estimate.analysis import FittedKinematics
 from ..estimate.estimated import Estimated
 
+if TYPE_CHECKING:  # slow to import
+    from scipy.spatial.transform import RigidTransform
+
 # Robot poses (..., 4, 4) as they are given.
-PosesLike: TypeAlias = ArrayLike | RigidTransform
+PosesLike: TypeAlias = Union[ArrayLike, "RigidTransform"]
 # How far, along the joints, the elbow of an arm of seven axes is from where inverse kinematics places it at other
 # poses: RMS 1.3 to 1.9 rad of Pandas whose elbow is anywhere (`studies/one_model/new_program.md`).
 ELBOW_OFFSET_RAD = 1.6
