@@ -30,6 +30,7 @@ def made(variances, relative, types=None):
     return Budget(tuple("abc"[: len(parts)]), parts, np.eye(4), types, np.array(relative))
 
 
+@pytest.mark.slow
 def test_what_is_declared_is_of_type_B_and_what_is_estimated_of_type_A(poses, by_default):
     of = dict(zip(by_default.budget.sources, by_default.budget.types, strict=True))
     shared = {"focal length", "principal point x", "principal point y", "target scale"}
@@ -67,6 +68,7 @@ def test_independent_estimates_follow_welch_and_satterthwaite():
     assert np.isinf(declared.dof) and declared.k == pytest.approx(1.959964, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_expanded_uncertainty_holds_as_often_as_it_says():
     """One measured source of 6 degrees of freedom beside a declared one, 10,000 draws."""
     rng = np.random.default_rng(SEED)

@@ -76,6 +76,7 @@ def test_joints_of_an_exact_arm_are_their_noise(arm, poses):
     assert budget.sources == ("joint noise", "camera rotation", "camera translation")
 
 
+@pytest.mark.slow
 def test_it_comes_back_from_the_file(estimated, tmp_path):
     estimated.to_json(tmp_path / "result.json")
     stored = Calibration.from_json(tmp_path / "result.json")

@@ -90,6 +90,7 @@ def test_influence_predicts_the_fit_without_the_pose(rng):
         np.testing.assert_allclose(found.shift[k] / sd, difference(rest.X, fit.X) / sd, atol=0.05)
 
 
+@pytest.mark.slow
 def test_p_values_of_single_poses_are_uniform():
     p_values = []
     for k in range(60):
@@ -414,6 +415,7 @@ def test_residuals_that_follow_each_other_widen_the_deviation_of_a_scale_error(r
         assert probe.visible and abs(probe.z) < abs(other.z)
 
 
+@pytest.mark.slow
 def test_scale_errors_are_found_with_their_sign_and_size():
     noise = uq.PoseNoise.isotropic(robot=("0.05mrad", "0.05mm"), camera=("0.1mrad", "0.1mm"))
     z, estimates = [], []
@@ -554,6 +556,7 @@ def test_robust_weights(rng):
     assert found.influence.share[4] < 1e-9 and np.abs(found.influence.shift_sd[4]) < 1e-5
 
 
+@pytest.mark.slow
 def test_a_rejected_pose_does_not_leak_into_the_others():
     """Whitened with a joint S that does not know the weights, it would: sigma_0 far above 1."""
     n, wrong, trials = 20, 7, 10
@@ -607,6 +610,7 @@ def test_focal_length_hides_from_independent_camera_noise(name):
         assert error @ linalg.solve(fit.covariance_X, error) > 16.8  # the 99 % point of 6 degrees of freedom
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::uq_handeye.InputWarning")
 def test_a_correlation_is_not_tested_on_the_residuals_that_it_was_estimated_from():
     """The same correlation is not reported twice, by two cautions."""

@@ -39,6 +39,7 @@ def test_it_passes_as_often_as_it_says(setup, n):
     assert d2_of(small, NOISE, n, setup, geometries=1)[1].mean() < 0.85
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("split", ["interleaved", "contiguous"])
 def test_every_split(split):
     _, passed = d2_of(NOISE, NOISE, 16, geometries=2, split=split)
@@ -50,6 +51,7 @@ def test_every_split(split):
         assert sorted([*first, *second]) == list(range(n)) and abs(len(first) - len(second)) <= 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("setup", SETUPS)
 def test_halves_of_a_joint_noise_are_correlated(rng, setup):
     """The covariance of the difference by numerical derivatives of both estimates."""

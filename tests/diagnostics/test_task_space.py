@@ -141,6 +141,7 @@ def test_errors_of_points(call, text):
 # ------------------------------------------------------------------------------------------------------ budget
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["one", "each", "joint"])
 def test_the_budget_of_a_fit_is_that_of_numerical_derivatives(rng, setup, kind):
     n = 6

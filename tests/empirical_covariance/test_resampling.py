@@ -217,6 +217,7 @@ def test_where_every_third_pose_is_worse_the_sandwich_is_right_and_the_model_is_
     assert whitened_eigenvalues(found.covariance_X.mean(axis=0), sampled).max() < 0.3
 
 
+@pytest.mark.slow
 def test_sandwich_of_4dpa_is_the_sampling_covariance():
     poses, _ = simulated()
     errors = difference(solve_all_pairs(poses), poses.truth.X)
@@ -242,6 +243,7 @@ def solved(problem, robot, camera):
     return X, mean_target(poses, X)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("method", "setup"),
     [(name, "eye-in-hand") for name in (*SMOOTH, *ROBOT_WORLD_METHODS)]
@@ -281,6 +283,7 @@ def solved_again(method, poses, rows, noise=None):
     return X, mean_target(drawn, X)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["4dpa", "shah"])
 def test_bootstrap_of_other_methods_is_that_of_solving_again_to_first_order(method):
     noise = uq.PoseNoise(0.01 * NOISE.robot, 0.01 * NOISE.camera)
@@ -359,6 +362,7 @@ def test_too_few_poses_and_a_pose_that_carries_all_are_refused(rng):
         sandwich(efficient(poses, small))
 
 
+@pytest.mark.slow
 def test_what_a_method_does_not_allow_is_said():
     poses, _ = one_fit()
     consecutive = uq.relative_motions(poses)

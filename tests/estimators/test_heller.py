@@ -56,6 +56,7 @@ def test_residuals_of_this_file(rng):
     assert np.abs(residuals(A, B, X)).max() < 1e-14
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("unit", [1.0, 1000.0])
 def test_noise_free(rng, unit):
     pytest.importorskip("cvxpy")
@@ -68,6 +69,7 @@ def test_noise_free(rng, unit):
         assert np.abs(difference(estimate.X, X) / np.repeat([1.0, unit], 3)).max() < 1e-9
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("unit", [0.05, 1.0, 20.0])
 def test_is_the_global_minimum(rng, unit):
     """Against a descent from many poses, in any unit of length."""
@@ -92,6 +94,7 @@ def test_is_the_global_minimum(rng, unit):
     )
 
 
+@pytest.mark.slow
 def test_hard_problems_are_certified(rng):
     """Two motions and much noise, where W has nearly equal minima."""
     pytest.importorskip("cvxpy")

@@ -67,6 +67,7 @@ def test_the_registry_holds_the_methods_of_table_I():
     assert {name for name in NAMES if uq.METHODS[name].extra} == {"heller"}
 
 
+@pytest.mark.slow
 def test_exact_motions(method, rng):
     """200 random problems, 1 to 179 degrees: 1e-9, or 1e-6 where a program or an iteration ends at a tolerance."""
     count = 40 if method.name in SLOW else 200
@@ -101,6 +102,7 @@ def test_leading_axes(method, rng):
     np.testing.assert_allclose(X[..., :3, :3] @ X[..., :3, :3].mT, np.broadcast_to(np.eye(3), (2, 3, 3, 3)), atol=1e-12)
 
 
+@pytest.mark.slow
 def test_blocks_of_many_pairs_give_the_same_sums(rng):
     X, A, B = noisy_motions(rng, 20_000, 1e-3)
     some = (
@@ -119,6 +121,7 @@ def test_blocks_of_many_pairs_give_the_same_sums(rng):
             np.testing.assert_allclose(uq.solve(some[0][k], some[1][k], method=name), parts[k], atol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("angle", [0.0, 0.7])
 @pytest.mark.parametrize("axis", [None, [1.0, 0, 0], [0, 1.0, 0], [0, 0, 1.0]], ids=["any", "x", "y", "z"])
 def test_motions_about_one_axis_are_refused(method, rng, axis, angle):
@@ -280,6 +283,7 @@ def brute_force(name, A, B, noise, step):
     return sum(np.einsum("anj,jk,bnk->ab", J[:, k], S, J[:, k]) for k, S in enumerate((noise.A, noise.B)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SMOOTH)
 def test_the_covariance_is_that_of_brute_force(name, rng):
     """On exact data; on noisy data too for all that do not take their weights from a linearisation."""
@@ -293,6 +297,7 @@ def test_the_covariance_is_that_of_brute_force(name, rng):
         assert_same_covariance(uq.propagate(A, B, noise, method=name), brute_force(name, A, B, noise, 1e-4), 1e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CLOSED)
 @pytest.mark.parametrize("angles", [(0.01, 0.03), (3.0, np.pi)])
 def test_the_covariance_at_extreme_angles(name, angles, rng):
@@ -302,6 +307,7 @@ def test_the_covariance_at_extreme_angles(name, angles, rng):
     assert_same_covariance(uq.propagate(A, B, noise, method=name), brute_force(name, A, B, noise, step), 1e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [name for name in SMOOTH if name != "condurache"])
 def test_the_covariance_at_exact_half_turns_of_a_programmed_robot(name, rng):
     """Right where the canonical quaternion of A changes its sign, with a camera that is noisy.

@@ -130,6 +130,7 @@ def partitioned(residual, S, by_X, by_latent):
     return step, update, Sigma, Y, V
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("cross_term", ["derived", "published"])
 @pytest.mark.parametrize("sd", [1e-3, 3e-2])
 def test_eliminated_latents_give_the_literal_estimate(rng, cross_term, sd):
@@ -187,6 +188,7 @@ def test_jacobians(rng):
         )
 
 
+@pytest.mark.slow
 def test_axes_that_noise_turned_round(rng):
     """A third of the motions turn by 179.9 degrees: at 1 degree of noise, B's axis often has the other sign."""
     X, A, B = exact_motions(rng, 60)
@@ -290,6 +292,7 @@ def test_nees_of_the_whole_covariance(rng):
     np.testing.assert_allclose(Sigma[:, :3, :3], result.Sigma_R, rtol=1e-6, atol=1e-14)
 
 
+@pytest.mark.slow
 def test_cross_covariance_of_q_and_refined_rotation(rng):
     """The samples themselves: Cov(q_k, phi_k) of each pair is the derived one, and not the published one."""
     X, A, B = exact_motions(rng, 4)
@@ -413,6 +416,7 @@ def test_the_minimum_is_reached_when_told_so(rng):
     assert nees(gradient[result.converged], F[result.converged]).max() < 1e-8
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("translation", [1e-3, 1e-4, 1e-5])
 def test_accurate_translations_converge(rng, translation):
     """10 mrad, all B with nearly the same translation or with any: nothing fails with the derived cross-covariance."""

@@ -114,6 +114,7 @@ def condurache(A, B):
     return transforms(R, np.linalg.solve(slope, -at_zero))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("reference", [tsai, shiu, chou, lu, condurache], ids=lambda f: f.__name__)
 @pytest.mark.parametrize("N", [2, 3, 30])
 def test_against_the_stacked_equations(reference, N, rng):

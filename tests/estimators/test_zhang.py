@@ -38,6 +38,7 @@ def squares(A, B, X):
     return np.sum((E @ q) ** 2) + np.sum((F @ q + E @ q_dual) ** 2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("unit", [1.0, 1000.0])
 def test_noise_free(rng, unit):
     for _ in range(200):
@@ -49,6 +50,7 @@ def test_noise_free(rng, unit):
         assert np.abs(difference(estimate.X, X) / np.repeat([1.0, unit], 3)).max() < 1e-9
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("unit", [0.05, 1.0, 20.0])
 def test_is_a_minimum(rng, unit):
     """Against descents from many poses, in any unit of length."""
@@ -69,6 +71,7 @@ def test_is_a_minimum(rng, unit):
             np.testing.assert_allclose(result.x, 0.0, atol=1e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("unit", [1.0, 1000.0])
 def test_agrees_with_heller(rng, unit):
     pytest.importorskip("cvxpy")

@@ -43,6 +43,7 @@ def residuals(A, B, X):
     return np.concatenate([E @ q, F @ q + E @ q_dual], axis=-1).reshape(-1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("unit", [1.0, 1000.0])
 def test_noise_free(rng, unit):
     for _ in range(100):
@@ -86,6 +87,7 @@ def test_linear_program_is_the_textbook_one(rng):
         np.testing.assert_allclose(zhao._linear_program(r, J, trust), primal.x[:6], atol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("unit", [0.05, 1.0, 20.0])
 def test_is_a_minimum(rng, unit):
     """No lower value nearby, by searches without derivatives, in any unit of length; and six residuals vanish."""
@@ -221,6 +223,7 @@ def test_covariance_of_pose_noise_is_true(rng):
     assert not is_consistent(xi, independent)
 
 
+@pytest.mark.slow
 def test_residuals_without_variance(rng):
     """Noise of translations alone: the rotation is exact, and the covariance says so."""
     trials, N = 200, 30

@@ -36,6 +36,7 @@ def test_poses_taken_in_are_the_fit_of_all(setup):
     assert found.provenance.options["more"] == 8 and found.posterior.estimate[0] == mine.estimate
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tool_sd", [0.0, 3e-4, np.inf])
 def test_touches_make_x_better_and_truthful(tool_sd):
     """NEES of X over calibrations of their own, near 6."""
@@ -73,6 +74,7 @@ def test_a_result_with_touches_is_stored_and_takes_them_once(tmp_path):
         uq.include_touches(quietly(found.data, noise=NOISE, shared=[], covariance="sandwich"), case)
 
 
+@pytest.mark.slow
 def test_the_command_takes_touches_in(tmp_path):
     from uq_handeye.read import write_pose_file
 

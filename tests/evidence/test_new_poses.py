@@ -85,6 +85,7 @@ def test_the_errors_of_an_arm_are_those_of_the_calibration(rng):
     assert np.mean(anew) > np.mean(same) + 4 * error
 
 
+@pytest.mark.slow
 def test_at_a_pose_of_the_calibration_nothing_of_the_arm_is_new(rng):
     accuracy = SharedError.robot_accuracy("1mm, 0deg")
     old, _ = both(rng, "eye-in-hand")

@@ -34,6 +34,7 @@ with held(sys.argv[1]):
 """
 
 
+@pytest.mark.slow
 def test_no_change_is_lost(tmp_path):
     file = tmp_path / "number"
     file.write_text("0")
@@ -82,6 +83,7 @@ def at_once(commands):
     return [process.wait(120) for process in running]
 
 
+@pytest.mark.slow
 def test_checks_and_updates_at_once(tmp_path):
     truth = write_session(tmp_path, 20)
     for name, rows in (("old", np.arange(14)), *((f"new{k}", np.array([14 + 2 * k, 15 + 2 * k])) for k in range(3))):

@@ -70,6 +70,7 @@ def test_arrays_of_franka(tmp_path, camera):
         np.testing.assert_allclose(read_poses(tmp_path / "robot.npz", camera, format=format).robot, ROBOT, atol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", TREES)
 def test_trees(tmp_path, camera, form):
     for suffix, text in (

@@ -72,6 +72,7 @@ STYLES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("maker", CONVENTIONS)
 def test_tables(robot_file, rigs, maker):
     numbers, T = rigs[maker]
@@ -80,6 +81,7 @@ def test_tables(robot_file, rigs, maker):
         assert check(path, T, maker).format == maker, style
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("maker", PROGRAMS)
 def test_programs(robot_file, rigs, maker):
     numbers, T = rigs[maker]

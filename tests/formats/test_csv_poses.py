@@ -258,6 +258,7 @@ def test_line_without_end_is_refused_early(file):
 numbers = st.floats(-1e6, 1e6)
 
 
+@pytest.mark.slow
 @settings(max_examples=60, deadline=None)
 @given(data=st.data(), n=st.integers(1, 4))
 def test_round_trip(tmp_path_factory, data, n):

@@ -205,6 +205,7 @@ def write_forms(storage, T, names, form):
 OPENCV_FORMS = ["sequences", "rows", "vectors", "stacked", "flattened", "4x4", "4n x 4", "n x 4 x 4"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("suffix", ["yml", "xml", "json"])
 @pytest.mark.parametrize("form", OPENCV_FORMS)
 def test_opencv(tmp_path, rig, form, suffix):

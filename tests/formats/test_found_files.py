@@ -72,6 +72,7 @@ TABLES = {
 }  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", TABLES)
 def test_tables_and_logs(tmp_path, kind):
     poses = read(tmp_path, TABLES[kind])
@@ -93,6 +94,7 @@ def test_both_sides_in_one_table(tmp_path):
         read(tmp_path, "\n".join([names.replace("robot", "left").replace("cam", "right"), *rows]))
 
 
+@pytest.mark.slow
 def test_one_number_per_line_and_a_robot_at_rest(tmp_path):
     for k, (p, r) in enumerate(zip(PLACES, VECTORS, strict=True)):
         (tmp_path / f"pose_{k}.txt").write_text("\n".join(map(repr, [*p, *r])))

@@ -96,6 +96,7 @@ def zivid_older(M):
     return f"%YAML:1.0\n---\nPoseState: !!opencv-matrix\n   rows: 4\n   cols: 4\n   dt: d\n   data: [ {data} ]\n"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", [zivid_today, zivid_flow, zivid_older])
 def test_zivid(tmp_path, form):
     for side, poses in (("robot", ROBOT), ("camera", CAMERA)):

@@ -300,6 +300,7 @@ def test_deep_yaml_ends_early(file):
 CONTENTS = [path.read_bytes() for path in sorted(SAMPLES.iterdir()) if path.suffix != ".md"]
 
 
+@pytest.mark.slow
 @holds_for(
     examples=400,
     data=st.one_of(

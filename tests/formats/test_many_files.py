@@ -55,6 +55,7 @@ def test_what_lies_beside_poses(tmp_path, camera):
     check(read_poses(folder / "*.yaml", camera))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["with blanks", "with [1] brackets", "it's", "äöü"])
 def test_patterns_in_folders_of_any_name(tmp_path, name):
     write(tmp_path / name, ROBOT, "robot_{k}.txt")

@@ -25,6 +25,7 @@ def check(poses, atol=1e-9):
     np.testing.assert_allclose(poses.camera, CAMERA, rtol=0, atol=atol)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", FORMS)
 def test_matrices_in_text(tmp_path, camera, form):
     path = tmp_path / "robot.txt"
@@ -103,6 +104,7 @@ def test_texts_that_are_wrong(tmp_path, camera, text, message):
     assert "\n" not in str(error.value)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("format", ["matrix", "franka"])
 def test_long_and_wild_texts_end_soon(tmp_path, camera, format):
     rng = np.random.default_rng(3)
@@ -131,6 +133,7 @@ def test_what_belongs_to_other_readers(tmp_path):
     assert not is_matrix_text("- effector_wrt_world: [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]\n")
 
 
+@pytest.mark.slow
 def test_by_the_command_line(tmp_path, camera):
     """Millimetres without a unit are named with the option, and a transposed rotation too."""
     millimetres = ROBOT.copy()

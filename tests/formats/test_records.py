@@ -42,6 +42,7 @@ FORMS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", FORMS)
 @pytest.mark.parametrize("below", [None, "poses", "robot"])
 def test_maps_of_one_pose(poses, tmp_path, form, below):

@@ -242,6 +242,7 @@ def test_what_is_wrong_is_one_line(text, expected):
     assert "\n" not in str(error.value)
 
 
+@pytest.mark.slow
 def test_a_file_per_pose(poses, tmp_path):
     for k, T in enumerate(poses):
         (tmp_path / f"a{k}.txt").write_text(tf_echo([T, T, T], 12))
@@ -252,6 +253,7 @@ def test_a_file_per_pose(poses, tmp_path):
     assert any("the same pose 3 times, taken once" in note for note in found.sources[0].notes)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_texts_are_told_from_all_other_formats(poses, tmp_path, kind):
     for ros in (1, 2):

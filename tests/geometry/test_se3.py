@@ -57,6 +57,7 @@ def test_skew_and_vee(rng):
     assert se3.skew([1, 2, 3]).dtype == float
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("angle", ANGLES)
 def test_left_jacobian_against_the_power_series(angle):
     for theta in angle * AXES:
@@ -296,6 +297,7 @@ def test_refuses_wrong_shapes_and_types(value, message):
         checks.as_transforms(value, "A")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("extra", [-1, 0, 1])
 @pytest.mark.parametrize("kind", ["NaN in the translation", "sheared", "last row [0, 0, 0.001, 1]"])
 def test_chunk_boundaries(extra, kind):
@@ -337,6 +339,7 @@ def stretched(seed, exponent, constant_volume):
     return random_transforms(rng)[:3, :3] @ stretch
 
 
+@pytest.mark.slow
 @holds_for(
     examples=400,
     seed=st.integers(0, 2**32 - 1),

@@ -43,6 +43,7 @@ def good(request):
     return uq.simulate(25, noise=NOISE, setup=request.param, seed=2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
 @pytest.mark.parametrize("noise", [NOISE, uq.PoseNoise.isotropic(camera=("1deg", "5mm"))])
 def test_nothing_is_said_about_good_data(setup, noise):
@@ -50,6 +51,7 @@ def test_nothing_is_said_about_good_data(setup, noise):
         assert said(uq.simulate(25, noise=noise, setup=setup, seed=seed), noise) == ""
 
 
+@pytest.mark.slow
 def test_wrong_setup_and_inverted_files(good):
     other = "eye-to-hand" if good.setup == "eye-in-hand" else "eye-in-hand"
     for wrong in (
@@ -67,6 +69,7 @@ def test_wrong_setup_and_inverted_files(good):
     assert f"the setup is {good.setup}, or the robot file holds inverse poses (X would be {length:.2g}"[:-1] in text
 
 
+@pytest.mark.slow
 def test_swapped_files(good):
     if good.setup == "eye-in-hand":
         assert "files are swapped" in said(changed(good, robot=good.camera, camera=good.robot))
@@ -75,6 +78,7 @@ def test_swapped_files(good):
     )
 
 
+@pytest.mark.slow
 def test_wrong_pairing(good):
     for shift in (1, 5):
         text = said(changed(good, camera=np.roll(good.camera, shift, axis=0)))
@@ -84,6 +88,7 @@ def test_wrong_pairing(good):
     assert "disagree on the rotation angles" in text and "do not belong together" in text
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
 def test_large_noise_is_no_wrong_pairing(setup):
     """Rows belong together whose rotations differ by far less than rotations do by chance."""
@@ -101,6 +106,7 @@ def test_a_row_in_another_unit_leaves_the_lengths():
     assert "input_checks.far" in codes and "input_checks.setup_by_lengths" not in codes
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
 def test_the_noise_given_is_only_blamed_where_it_was_given(setup):
     poses = uq.simulate(20, noise=NOISE, seed=3, setup=setup)
@@ -123,6 +129,7 @@ def test_one_wrong_detection():
     assert "pose 7 (" in text
 
 
+@pytest.mark.slow
 def test_millimetres(good):
     robot = good.robot.copy()
     robot[:, :3, 3] *= 1000
@@ -132,6 +139,7 @@ def test_millimetres(good):
     assert "camera translations reach" not in text
 
 
+@pytest.mark.slow
 def test_columns(good):
     robot = good.robot.copy()
     robot[:, 2, 3] = robot[:, 1, 3]
@@ -216,6 +224,7 @@ def rescaled(T, factor):
     return wrong
 
 
+@pytest.mark.slow
 def test_quaternion_order(good):
     for files, which in (
         (("robot",), "the robot file"),
@@ -228,6 +237,7 @@ def test_quaternion_order(good):
         assert "inverse poses" not in text  # which would fit in rotation alone
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("noise", [NOISE, None])
 @pytest.mark.parametrize("factor", [0.001, 0.0254, 0.5, 1.25, 10, 1000])
 def test_units_of_one_file(good, factor, noise):
@@ -243,6 +253,7 @@ def test_size_of_the_target_with_noise(good):
     assert "The translations of robot and camera do not match" in text
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("millimetres", [10, 30, 300])
 @pytest.mark.parametrize("noise", [NOISE, None])
 def test_one_translation(millimetres, noise):
@@ -300,6 +311,7 @@ def test_poses_of_a_small_tag_differ_as_their_covariances_do():
     assert f"pose {k} (" in said(uq.PosePairs(G, camera), noise, robust=False)
 
 
+@pytest.mark.slow
 def test_axes_exchanged_and_drift(good):
     robot = good.robot.copy()
     robot[:, :2, 3] = robot[:, [1, 0], 3]
@@ -466,6 +478,7 @@ def test_noise_in_a_wrong_unit_is_named(good):
         quietly(good, noise=uq.PoseNoise.isotropic(robot=(20.0, 0.05), camera=(100.0, 0.5)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("side", ["robot", "camera"])
 def test_a_side_that_did_not_move_is_the_cause_that_is_named(good, side):
     poses = changed(good, **{side: np.repeat(getattr(good, side)[:1], good.n, axis=0)})

@@ -19,6 +19,7 @@ def measured():
     return uq.PosePairs(poses.robot, poses.camera)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("calibrated", [False, True])
 @pytest.mark.parametrize("noise", [NOISE, SMALL], ids=["right", "too small"])
@@ -55,6 +56,7 @@ def test_noise_that_cannot_be_checked():
     assert "it was not checked: the data are exact, simulated without noise" in exact.verdict
 
 
+@pytest.mark.slow
 def test_the_report_says_it_too(without_rendering):
     result = uq.calibrate(measured(), noise=NOISE)
     check = uq.cross_check(result, trials=100, posterior=False)

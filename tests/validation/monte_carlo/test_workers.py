@@ -432,6 +432,7 @@ def test_dask_by_its_address(problem, alone, at_once, cluster):
         assert_same(monte_carlo(motions, noise=noise, trials=TRIALS, seed=SEED, executor=executor), alone)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM])
 def test_a_scheduler_that_dies_leaves_the_trials_so_far(problem, alone, at_once, monkeypatch, how):

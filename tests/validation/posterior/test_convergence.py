@@ -25,6 +25,7 @@ def chain_of(*columns):
     return np.stack(columns, axis=-1)
 
 
+@pytest.mark.slow
 def test_autocorrelation_time_of_a_known_process(rng):
     chain = chain_of(autoregressive(rng, 0.5, 1500, 64), autoregressive(rng, 0.8, 1500, 64))
     np.testing.assert_allclose(autocorrelation_time(chain), [3.0, 9.0], rtol=0.12)
@@ -78,6 +79,7 @@ def test_what_is_not_known_is_not_fulfilled():
     assert found.to_dict()["r_hat"] == [None, None]
 
 
+@pytest.mark.slow
 def test_names_keep_their_columns(rng):
     chain = rng.normal(loc=[0.0, 5.0], size=(20, 8, 2))
     data = inference_data(chain, NAMES, np.zeros((20, 8)))

@@ -75,6 +75,7 @@ def profile(given, X):
     return -0.5 * float(e @ e)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_against_the_least_errors_for_each_X(kind, rng):
     given = problem(kind, rng, n=6, sd=1e-4)
@@ -112,6 +113,7 @@ def test_scales_against_dense_matrices(kind, joint, rng):
     np.testing.assert_allclose(found - found[0], np.array(expected) - expected[0], rtol=1e-8, atol=1e-8)
 
 
+@pytest.mark.slow
 def test_integral_over_W(rng):
     """The same number, up to a constant, by integrating the density of X and W on a grid of Gauss and Hermite."""
     given = problem("eye-in-hand", rng, n=5, sd=1e-4)
@@ -190,6 +192,7 @@ def by_importance(given, density, x, draws):
     return np.array(found)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("deviations", [("10mrad", "10mm"), ("1mrad", "0.1mm"), ("10mrad", "0.1mm")])
 def test_mean_and_deviations_with_every_latent_motion_integrated(deviations, rng):
     """No first order in the reference: the true motions are integrated, X is reweighted."""

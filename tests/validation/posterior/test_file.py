@@ -129,6 +129,7 @@ def test_arrays_that_are_no_chain_are_refused(rng, tmp_path, change):
         load(path)
 
 
+@pytest.mark.slow
 def test_resumed_chain_is_the_same(whole, tmp_path):
     for steps in (5, 33, 60):
         file = tmp_path / f"{steps}.h5"
@@ -141,6 +142,7 @@ def test_resumed_chain_is_the_same(whole, tmp_path):
         assert same(again, resumed)
 
 
+@pytest.mark.slow
 def test_interrupt_keeps_whole_rounds(whole, tmp_path, monkeypatch):
     file = tmp_path / "chain.h5"
     calls = []
@@ -173,6 +175,7 @@ print("ended", flush=True)
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name == "nt", reason="no kill -9")
 def test_killed_at_any_moment(tmp_path, rng):
     reference = sample_posterior(POSES, NOISE, samples=5_000, walkers=32)
@@ -189,6 +192,7 @@ def test_killed_at_any_moment(tmp_path, rng):
     assert same(sample_posterior(POSES, NOISE, samples=5_000, walkers=32, file=file, resume=True), reference)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "named"),
     [
@@ -214,6 +218,7 @@ def test_another_run_is_refused(change, named, tmp_path_factory):
     assert file.read_bytes() == before
 
 
+@pytest.mark.slow
 def test_more_may_be_asked_for(tmp_path):
     file = tmp_path / "chain.h5"
     few = sample_posterior(POSES, NOISE, file=file, samples=500, walkers=32)
@@ -222,6 +227,7 @@ def test_more_may_be_asked_for(tmp_path):
     assert same(more, sample_posterior(POSES, NOISE, samples=9000, walkers=32))
 
 
+@pytest.mark.slow
 def test_damage_is_refused(rng, tmp_path):
     path = tmp_path / "chain.h5"
     chain = some_chain(rng, 20)
@@ -255,6 +261,7 @@ def test_what_is_there_is_not_overwritten(rng, tmp_path):
     assert path.read_bytes() == b"mine"
 
 
+@pytest.mark.slow
 def test_one_process_at_a_time(rng, tmp_path):
     path, program = tmp_path / "chain.h5", [sys.executable, "-c", HOLDER, str(tmp_path / "chain.h5")]
     with subprocess.Popen(program, stdout=subprocess.PIPE) as process:

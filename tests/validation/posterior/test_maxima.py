@@ -38,6 +38,7 @@ def posteriors(contradicting):
     return [sampled(*contradicting, seed) for seed in (SEED, np.int64(SEED + 1))]
 
 
+@pytest.mark.slow
 def test_both_maxima_have_samples_and_seeds_agree_on_the_share(posteriors):
     shares, worth = [], []
     for posterior in posteriors:
@@ -51,6 +52,7 @@ def test_both_maxima_have_samples_and_seeds_agree_on_the_share(posteriors):
     assert abs(shares[0] - shares[1]) < 4 * error
 
 
+@pytest.mark.slow
 def test_two_maxima_are_said_in_words(posteriors):
     posterior = posteriors[0]
     text = " ".join(posterior.summary().split())
@@ -70,6 +72,7 @@ def test_repr_is_short(posteriors):
     assert len(repr(posterior)) < 100
 
 
+@pytest.mark.slow
 def test_numpy_scalars_are_numbers(posteriors, contradicting):
     region = posteriors[0].hpd(np.float32(0.5))
     assert region.level == 0.5 and type(region.level) is float

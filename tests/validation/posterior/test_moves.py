@@ -55,11 +55,13 @@ def test_target():
     np.testing.assert_allclose(log_target(np.stack([y, y], axis=1)), expected, rtol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shares", [(1.0, 0.0, 0.0), (0.5, 0.4, 0.1), SHARES])
 def test_targets_stay_as_they_are(shares):
     assert np.abs(deviations(moves_of(wide(), shares))).max() < 4.5
 
 
+@pytest.mark.slow
 def test_a_wrong_hastings_factor_shows(monkeypatch):
     monkeypatch.setattr(posterior_moves.Proposal, "log_density", lambda self, y: np.zeros(len(y)))
     assert np.abs(deviations(moves_of(wide(), (1.0, 0.0, 0.0)))).max() > 10.0

@@ -39,6 +39,7 @@ def posterior():
     return sample_posterior(POSES, NOISE, samples=4000)
 
 
+@pytest.mark.slow
 def test_nothing_of_it_can_be_written_to(posterior):
     assert writable(posterior) == []
 
@@ -49,6 +50,7 @@ def agree(covariance, reference, effective):
     return bool((np.abs(np.sqrt(whitened_eigenvalues(covariance, reference)) - 1) < edge).all())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_covariance_is_that_of_the_bound(kind, rng):
     given = problem(kind, rng, n=10, sd=3e-4)
@@ -60,6 +62,7 @@ def test_covariance_is_that_of_the_bound(kind, rng):
     assert found.frame == {"motions": None, "eye-in-hand": "gripper_T_camera", "eye-to-hand": "base_T_camera"}[kind]
 
 
+@pytest.mark.slow
 def test_equation_70_at_exact_data(rng):
     """The bar of the paper's experiment: 10,000 effective samples, deviations within 3 % of the bound at the truth."""
     X, A, B = exact_motions(rng, 60)
@@ -85,6 +88,7 @@ def test_the_truth_lies_where_the_posterior_says(rng):
     assert not is_consistent(np.array(errors), 0.25 * np.array(covariances))
 
 
+@pytest.mark.slow
 def test_seeds():
     options = {"samples": 300, "walkers": 32}
     one, same, other = (sample_posterior(POSES, NOISE, seed=seed, **options) for seed in (1, 1, 2))
@@ -121,6 +125,7 @@ def test_shortest_intervals(rng):
     assert np.mean((samples >= low) & (samples <= high)) >= 0.9
 
 
+@pytest.mark.slow
 def test_nothing_is_reported_before_it_has_converged(tmp_path):
     with pytest.raises(NotConvergedError, match=r"has not converged: .*Raise max_steps") as caught:
         sample_posterior(POSES, NOISE, max_steps=30)
@@ -153,6 +158,7 @@ def test_to_arviz(posterior):
     assert data["sample_stats"]["lp"].shape == (walkers, steps)
 
 
+@pytest.mark.slow
 def test_it_needs_no_extra(tmp_path):
     """A new interpreter that cannot import ArviZ, xarray or pandas samples and keeps the chain."""
     done = subprocess.run([sys.executable, "-c", NO_EXTRA, str(tmp_path / "chain.h5")], capture_output=True, text=True)
@@ -188,6 +194,7 @@ def test_json_and_text(posterior):
     assert "as those of a Gaussian do" in text
 
 
+@pytest.mark.slow
 def test_figure(posterior, tmp_path):
     style = dict(matplotlib.rcParams)
     figure = posterior.figure(tmp_path / "corner.png")
@@ -212,6 +219,7 @@ def test_contours_hold_what_they_say(rng):
         assert abs(threshold / np.exp(-0.5 * level**2) - 1) < 0.05
 
 
+@pytest.mark.slow
 def test_scales_find_a_wrong_noise(rng):
     """Deviations of the camera told three times too small, of the robot right."""
     told = uq.PairNoise.isotropic(("1mrad", "1mm"), ("1mrad", "1mm"))
@@ -230,6 +238,7 @@ def test_scales_find_a_wrong_noise(rng):
     assert low < 3 < high
 
 
+@pytest.mark.slow
 def test_student_t_bears_wrong_poses():
     poses = uq.simulate(20, noise=NOISE, seed=4)
     camera = np.array(poses.camera)
