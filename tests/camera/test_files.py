@@ -190,7 +190,7 @@ def folder(tmp_path_factory):
         ("intrinsics.json", lambda data: b"[1, 2]", "expected the format 'uq-handeye camera 1', got a list of 2"),
         ("intrinsics.json", of_json(format="uq-handeye calibration 3"), "got 'uq-handeye calibration 3'"),
         ("intrinsics.json", of_json(model="brown"), "k1"),
-        ("intrinsics.json", of_json(model=["brown"]), "not what uq-handeye camera writes"),
+        ("intrinsics.json", of_json(model=["brown"]), "model: expected one of pinhole, brown"),
         ("intrinsics.json", of_json(parameters={"fx": "a"}), "expected a number"),
         ("intrinsics.json", of_json(covariance=[[1.0]]), "expected a list of 4 numbers"),
         ("intrinsics.json", of_json(covariance=(-np.eye(4)).tolist()), "not of the same run"),

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ..core.files.lines import floats
 from ..errors import InputError
@@ -97,8 +97,7 @@ class BoardOptions(Options):
             raise InputError("--marker applies to a ChArUco board. Remove it, or say --pattern charuco.")
         if self.marker is None:
             raise InputError("--pattern charuco needs the side of its markers. Add --marker LENGTH.")
-        more: dict[str, Any] = {} if self.dictionary is None else {"dictionary": self.dictionary}
-        return Board(columns, rows, square, "charuco", read_length(self.marker, "--marker"), **more)
+        return Board(columns, rows, square, "charuco", read_length(self.marker, "--marker"), self.dictionary)
 
     @property
     def of_kalibr(self) -> bool:
@@ -120,7 +119,7 @@ class BoardOptions(Options):
         if self.spacing is None and columns * rows > 1 and kind != "apriltag":
             shown = "0.3 (a share of the side) or 6mm" if kind == "aprilgrid" else "6mm"
             raise InputError(f"--pattern {kind} needs the gap between tags. Add --spacing, e.g. {shown}.")
-        spacing: Any = None
+        spacing: float | str | None = None
         if self.spacing is not None:
             share = floats([self.spacing])
             spacing = share[0] if share else self.spacing

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 from ..core.runtime.progress import working
 from ..errors import InputError
@@ -12,9 +12,11 @@ from .options import Options, one_of
 from .views import CameraMatrix, ViewOptions, Views, camera_of, intrinsics_of
 
 if TYPE_CHECKING:
+    from ..model.camera.adjustment.setting import Known
     from ..model.camera.board_shape import BoardShape
     from ..model.camera.corners import Corners
     from ..model.camera.description import Board
+    from ..model.camera.intrinsics_file import KnownIntrinsics
     from ..model.camera.result import CameraCalibration
     from ..model.poses.pose_pairs import PosePairs
 
@@ -50,7 +52,7 @@ class LensOptions(Options):
         corners: "Corners",
         image_size: tuple[int, int] | None,
         measured: "BoardShape | None" = None,
-        camera: "KnownCamera | None" = None,
+        camera: "KnownIntrinsics | None" = None,
     ) -> "CameraCalibration":
         """Calibrate the camera from corners, of a board that may have been ``measured`` before, or take the intrinsics
         of a known ``camera``."""
@@ -63,13 +65,13 @@ class LensOptions(Options):
                 return calibrate_camera(
                     corners,
                     image_size,
-                    camera.model,
+                    camera.model or "auto",
                     coefficients=(),
                     intrinsics=camera.values,
                     shape=measured or "flat",
                 )
         model = None if self.model is None else one_of(self.model, "--model", MODEL_NAMES)
-        values: Any = None
+        values: Known | None = None
         if self.intrinsics is not None:
             from ..model.camera.intrinsics_file import read_intrinsics
 
@@ -94,13 +96,6 @@ class LensOptions(Options):
             )  # fmt: skip
 
 
-class KnownCamera(NamedTuple):
-    """Intrinsics of a camera that is not calibrated from the pictures."""
-
-    model: str
-    values: dict[str, float | tuple[float, float]]  # exact, or with a standard deviation
-
-
 @dataclass(frozen=True)
 class Pictures:
     """Pictures, with the board and the camera model."""
@@ -108,7 +103,7 @@ class Pictures:
     images: str
     board: BoardOptions
     lens: LensOptions
-    known: KnownCamera | None = field(default=None, kw_only=True)  # for a single tag
+    known: "KnownIntrinsics | None" = field(default=None, kw_only=True)  # for a single tag
     of_result: "CameraCalibration | None" = field(default=None, kw_only=True)  # that of a calibration, for new pictures
 
     def read_board(self) -> "Board":
@@ -178,8 +173,9 @@ def _pictures(images: str, board: BoardOptions, lens: LensOptions, options: View
     return Pictures(images, board, lens, known=_known(camera_of(options.camera_matrix), exact))
 
 
-def _known(camera: CameraMatrix, exact: bool) -> KnownCamera:
+def _known(camera: CameraMatrix, exact: bool) -> "KnownIntrinsics":
     """Return known intrinsics with standard deviations, by default those of finished poses of a tag."""
+    from ..model.camera.intrinsics_file import KnownIntrinsics
     from ..model.camera.models import LINEAR, MODELS
     from ..model.shared_errors.shared_error import DEFAULT_SD, FOCAL_LENGTH, PRINCIPAL_POINT
 
@@ -188,13 +184,14 @@ def _known(camera: CameraMatrix, exact: bool) -> KnownCamera:
     model = camera.model or ("brown" if set(camera.values) - set(LINEAR) else "pinhole")
     values = {name: camera.values.get(name, 0.0) for name in MODELS[model].names}
     if exact:
-        return KnownCamera(model, dict(values))
+        return KnownIntrinsics(dict(values), model, None)
     sd = {name: camera.sd[name] for name in values if name in camera.sd}
     if not any(sd.values()):
         f = 0.5 * (values["fx"] + values["fy"])
         of = {"fx": FOCAL_LENGTH, "fy": FOCAL_LENGTH, "cx": PRINCIPAL_POINT, "cy": PRINCIPAL_POINT}
         sd = {name: f * DEFAULT_SD[sort] for name, sort in of.items()}
-    return KnownCamera(model, {name: (value, sd[name]) if name in sd else value for name, value in values.items()})
+    given = {name: (value, sd[name]) if name in sd else value for name, value in values.items()}
+    return KnownIntrinsics(given, model, None)
 
 
 def pictures_of(

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from ..core.files.lines import floats
 from ..errors import InputError
@@ -10,6 +10,9 @@ from .boards import BoardOptions, read_length
 from .options import Options
 
 if TYPE_CHECKING:
+    from ..core.geometry.se3 import Array
+    from ..model.camera.intrinsics_file import KnownIntrinsics
+    from ..model.camera.result import CameraCalibration
     from ..model.noise.camera_noise import CameraNoise
     from ..model.noise.estimate import NoisePrior
     from ..model.noise.models import Noise, PoseNoise
@@ -90,7 +93,7 @@ class Views:
         values = camera_of(self.options.camera_matrix).values
         return 0.5 * (values["fx"] + values["fy"])
 
-    def _points(self) -> Any:
+    def _points(self) -> "Array":
         tag, board = self.options.tag, self.board
         if tag is not None:
             if board.given:
@@ -110,7 +113,7 @@ class Views:
 class CameraMatrix(NamedTuple):
     """Camera of --camera-matrix: as `camera_noise` takes it, and its parameters with the standard deviations given."""
 
-    given: Any
+    given: "CameraCalibration | KnownIntrinsics | list[float]"
     values: dict[str, float]
     sd: dict[str, float]
     model: str | None

@@ -208,7 +208,7 @@ def _findings(
 def _checked_size(image_size: tuple[int, int] | None, corners: Corners) -> tuple[int, int]:
     """(width, height), once the corners lie in a picture of that size."""
     try:
-        width, height = (int(value) for value in image_size)
+        width, height = (int(value) for value in image_size or ())
     except (TypeError, ValueError) as error:
         raise InputError(f"Expected `image_size` to be (width, height) in pixels, got {image_size!r}.") from error
     low, high = corners.pixels.min(axis=0), corners.pixels.max(axis=0)

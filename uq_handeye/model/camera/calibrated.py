@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -138,7 +138,7 @@ class Calibrated:
         points, _ = self.corners.on_board
         return np.asarray(response_ahead(bundle, points, poses)[..., bundle.free] @ T)
 
-    def select(self, index: NDArray[Any]) -> Self:
+    def select(self, index: NDArray[np.intp] | NDArray[np.bool_]) -> Self:
         """Select pictures by their numbers or a mask: the same camera, nothing is estimated again."""
         numbers = np.arange(self.corners.n)[index]
         kept = np.isin(self.corners.picture, numbers)

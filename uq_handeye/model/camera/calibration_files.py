@@ -15,8 +15,10 @@ from typing import Any
 import numpy as np
 
 from ...core.files.json_files import json_text
+from ...core.files.json_values import JsonObject
 from ...core.files.records import attributes, plain
 from ...core.geometry.conventions import TOOLKIT
+from ...core.geometry.se3 import Array
 from ...formats.csv_poses import pose_text
 from .board_file import board_text
 from .calibrated import Calibrated
@@ -31,7 +33,7 @@ CONVENTION = (
 )
 
 
-def bundle_arrays(cam: Calibrated) -> dict[str, Any]:
+def bundle_arrays(cam: Calibrated) -> dict[str, Array]:
     """Parts of the joint covariance of the poses, by name."""
     bundle = cam.bundle
     return {
@@ -65,7 +67,7 @@ def camera_files(cam: Calibrated) -> dict[str, str | bytes]:
     }
 
 
-def to_dict(cam: Calibrated) -> dict[str, Any]:
+def to_dict(cam: Calibrated) -> JsonObject:
     """All but poses and corners as plain numbers and text."""
     return {
         "format": FORMAT,
@@ -91,7 +93,7 @@ def to_dict(cam: Calibrated) -> dict[str, Any]:
     }
 
 
-def board_dict(cam: Calibrated) -> dict[str, Any]:
+def board_dict(cam: Calibrated) -> JsonObject:
     """The shape of the board in numbers; lengths in m."""
     shape, board = cam.bundle.shape, cam.board
     (bow, bow_std), (stretch, stretch_std) = board.bow, board.stretch
@@ -117,7 +119,7 @@ def is_camera_folder(path: Path) -> bool:
     return not names or bool(names & {CORNERS, COVARIANCE, INTRINSICS})
 
 
-def camera_to_dict(cam: Calibrated) -> dict[str, Any]:
+def camera_to_dict(cam: Calibrated) -> JsonObject:
     """All but the poses, which stand beside it, and the windows that the corners were found in.
 
     The points of the board are listed once; corners name them by number.
@@ -132,5 +134,5 @@ def camera_to_dict(cam: Calibrated) -> dict[str, Any]:
         "names": list(corners.names),
         "left_out": np.flatnonzero(~cam.bundle.used).tolist(),
     }
-    arrays = {name: plain(np.asarray(value)) for name, value in bundle_arrays(cam).items()}
+    arrays: JsonObject = {name: plain(np.asarray(value)) for name, value in bundle_arrays(cam).items()}
     return {**to_dict(cam), "seen": seen, "arrays": arrays}

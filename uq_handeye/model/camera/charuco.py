@@ -49,7 +49,7 @@ def charuco_finder(board: Board) -> Callable[[Picture], Found]:
             if k:
                 detectors.reverse()  # it will be this one in all pictures
             # Releases of OpenCV differ by half a pixel here; refined once more, all give the same.
-            return numbers, *refined(picture, corners, share)
+            return numbers, *refined(picture, np.asarray(corners, dtype=float), share)
         return None
 
     return find

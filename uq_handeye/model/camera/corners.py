@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ...core.geometry.checks import as_numbers
 from ...core.geometry.se3 import Array
@@ -72,7 +71,7 @@ class Corners:
         names = tuple(str(name) for name in self.names) or tuple(f"row {number:.0f}" for number in numbers)
         if len(names) != len(numbers):
             raise InputError(f"Expected {len(numbers)} `names`, one for each picture, got {len(names)}.")
-        kept: dict[str, NDArray[Any]] = {"row": row.astype(np.intp), "points": points, "pixels": pixels}
+        kept: dict[str, Array | NDArray[np.intp]] = {"row": row.astype(np.intp), "points": points, "pixels": pixels}
         if self.window is not None:
             window = as_numbers(self.window, "window")
             if window.shape != (m,) or not np.isfinite(window).all() or (window != np.floor(window)).any():
@@ -81,9 +80,9 @@ class Corners:
                 )
             kept["window"] = window.astype(np.intp)
         for name, value in kept.items():
-            value = np.array(value[order])
-            value.flags.writeable = False
-            object.__setattr__(self, name, value)
+            ordered = value[order]
+            ordered.flags.writeable = False
+            object.__setattr__(self, name, ordered)
         object.__setattr__(self, "names", names)
         object.__setattr__(self, "missing", tuple(str(name) for name in self.missing))
 
@@ -134,10 +133,10 @@ class Corners:
         points, which = np.unique(self.points, axis=0, return_inverse=True)
         return points, which.ravel()
 
-    def by_picture(self, values: Any, empty: float = 0.0) -> Array:
-        """Values (m, ...) of corners as (n, most, ...), pictures with fewer corners filled up with ``empty``."""
+    def by_picture(self, values: ArrayLike) -> Array:
+        """Values (m, ...) of corners as (n, most, ...), 0 where a picture has fewer corners."""
         values = np.asarray(values, dtype=float)
-        padded = np.full((self.n, int(self.place.max()) + 1, *values.shape[1:]), empty)
+        padded = np.zeros((self.n, int(self.place.max()) + 1, *values.shape[1:]))
         padded[self.picture, self.place] = values
         return padded
 
@@ -159,7 +158,7 @@ def without_pictures(corners: Corners, out: NDArray[np.bool_]) -> Corners:
     return picked(corners, ~out[corners.picture], tuple(np.array(corners.names)[~out].tolist()))
 
 
-def smoothing(window: NDArray[Any]) -> Array:
+def smoothing(window: ArrayLike) -> Array:
     """Standard deviation, in pixels, of the Gaussian that a picture is smoothed with before ``cornerSubPix`` looks for
     corners in a ``window`` of this half width.
 

@@ -25,7 +25,6 @@ the camera rolls. Where both are even or both odd, half a turn (of a square boar
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -201,12 +200,10 @@ def board_of(text: str) -> Board:
     """Return the board of `Board.text`; raises `InputError` for other text."""
     try:
         values = dict(part.split("=", 1) for part in text.split())
-        more: dict[str, Any] = {name: float(values[name]) for name in ("marker", "spacing") if name in values}
-        if "dictionary" in values:
-            more["dictionary"] = values["dictionary"]
-        if "first_id" in values:
-            more["first_id"] = int(values["first_id"])
-        return Board(int(values["columns"]), int(values["rows"]), float(values["square"]), values["kind"], **more)
+        marker, spacing = (float(values[name]) if name in values else None for name in ("marker", "spacing"))
+        first_id = int(values["first_id"]) if "first_id" in values else None
+        numbers = int(values["columns"]), int(values["rows"]), float(values["square"])
+        return Board(*numbers, values["kind"], marker, values.get("dictionary"), spacing, first_id)
     except (KeyError, ValueError) as error:
         raise InputError(
             f"Expected a board such as kind=chessboard columns=9 rows=6 square=0.02, got {short(text)}."
@@ -230,7 +227,7 @@ def spacing_of(points: Array) -> float | None:
     return float(np.min(nearest)) if np.ptp(nearest) < 1e-3 * np.min(nearest) else None
 
 
-def _positive(value: Any, name: str) -> float:
+def _positive(value: float | str, name: str) -> float:
     length = parse_length(value, f"`{name}`")
     if not length > 0:
         raise InputError(f"Expected `{name}` to be a length above 0, got {value!r}.")

@@ -8,10 +8,11 @@ OpenCV, ``calibrateCamera`` and ``fisheye`` (docs.opencv.org, calib3d); ROS, ``s
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from ...core.files.json_values import Json, JsonObject
 from ...core.files.one_line import short
 from ...core.files.open import StrPath, as_path, opened, shown
 from ...core.files.tree_values import fields_of, got, is_list, is_map, items_of, number
@@ -89,7 +90,7 @@ def read_intrinsics(path: StrPath, model: str | None = None) -> KnownIntrinsics:
     return KnownIntrinsics({key: _entry(value, f"{name}, {key}") for key, value in entries.items()}, said, size)
 
 
-def _entry(value: Any, where: str) -> float | tuple[float, float]:
+def _entry(value: Json, where: str) -> float | tuple[float, float]:
     if is_list(value):
         if len(value) != 2:
             raise InputError(f"{where}: expected a value, or a value and its standard deviation, got {got(value)}.")
@@ -100,17 +101,17 @@ def _entry(value: Any, where: str) -> float | tuple[float, float]:
     return number(value, where)
 
 
-def _of_ours(tree: dict[str, Any], name: str) -> dict[str, float | tuple[float, float]]:
+def _of_ours(tree: JsonObject, name: str) -> dict[str, float | tuple[float, float]]:
     std = fields_of(tree.get("std"))
     values: dict[str, float | tuple[float, float]] = {}
-    for key, value in tree["parameters"].items():
+    for key, value in fields_of(tree["parameters"]).items():
         mean = number(value, f"{name}, parameters, {short(key)}")
         deviation = number(std[key], f"{name}, std, {short(key)}") if key in std else 0.0
         values[key] = (mean, deviation) if deviation > 0 else mean
     return values
 
 
-def _model(tree: dict[str, Any], name: str) -> str | None:
+def _model(tree: JsonObject, name: str) -> str | None:
     for key in ("model", "camera_model", "distortion_model"):
         if tree.get(key) is not None:
             if str(tree[key]) not in _MODELS:
@@ -119,11 +120,11 @@ def _model(tree: dict[str, Any], name: str) -> str | None:
     return "fisheye" if tree.get("fisheye_model") == 1 else None
 
 
-def _size(tree: dict[str, Any], name: str) -> tuple[int, int] | None:
+def _size(tree: JsonObject, name: str) -> tuple[int, int] | None:
     if "image_size" in tree:
-        value = tree["image_size"]
-        if len(items_of(value)) != 2:
-            raise InputError(f"{name}, image_size: expected width and height, got {got(value)}.")
+        value = items_of(tree["image_size"])
+        if len(value) != 2:
+            raise InputError(f"{name}, image_size: expected width and height, got {got(tree['image_size'])}.")
     elif {"image_width", "image_height"} <= set(tree):
         value = [tree["image_width"], tree["image_height"]]
     elif {"width", "height"} <= set(tree):  # a message of ROS
@@ -134,9 +135,7 @@ def _size(tree: dict[str, Any], name: str) -> tuple[int, int] | None:
     return int(width), int(height)
 
 
-def _of_opencv(
-    tree: dict[str, Any], name: str, model: str | None
-) -> tuple[dict[str, float | tuple[float, float]], str]:
+def _of_opencv(tree: JsonObject, name: str, model: str | None) -> tuple[dict[str, float | tuple[float, float]], str]:
     """Values and model; coefficients in OpenCV's order."""
     key = next(key for key in _MATRIX if key in tree)
     K = stack(tree[key], f"{name}, {key}").reshape(-1)

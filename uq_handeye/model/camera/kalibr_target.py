@@ -7,8 +7,7 @@ corners), ``rowSpacingMeters`` and ``colSpacingMeters``.
 
 from __future__ import annotations
 
-from typing import Any
-
+from ...core.files.json_values import JsonObject
 from ...core.files.one_line import short
 from ...core.files.open import StrPath, as_path, opened, shown
 from ...core.files.tree_values import is_map, number
@@ -43,13 +42,13 @@ def read_target(path: StrPath) -> Board:
     raise InputError(f"{name}: expected a target of Kalibr, {EXAMPLE}, got target_type {short(kind) or 'none'}.")
 
 
-def _number(tree: dict[str, Any], key: str, name: str) -> float:
+def _number(tree: JsonObject, key: str, name: str) -> float:
     if key not in tree:
         raise InputError(f"{name}: expected {key} of a {tree['target_type']}, got none.")
     return number(tree[key], f"{name}, {key}")
 
 
-def _count(tree: dict[str, Any], key: str, name: str) -> int:
+def _count(tree: JsonObject, key: str, name: str) -> int:
     value = _number(tree, key, name)
     if value != int(value):
         raise InputError(f"{name}, {key}: expected a whole number, got {value:g}.")

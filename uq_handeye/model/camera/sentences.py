@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 from ...core.formatting.numbers import concise, digits
 from ...findings import CAMERA, sentence
@@ -36,8 +35,8 @@ def _(pixels: float, board: str) -> str:
 
 
 @sentence("camera.coefficients_near_zero", check=CAMERA, phrase="some lens coefficients are not significant")
-def _(coefficients: Sequence[Mapping[str, Any]]) -> str:
-    named = "; ".join(f"{one['name']} = {one['value']:.2g} +- {one['std']:.2g}" for one in coefficients)
+def _(coefficients: Sequence[Mapping[str, str | float]]) -> str:
+    named = "; ".join(f"{one['name']} = {float(one['value']):.2g} +- {float(one['std']):.2g}" for one in coefficients)
     return (
         f"These coefficients are consistent with 0: {named}. Leave them out with `coefficients` (--coefficients), or "
         "take corners nearer to the rim of the picture."

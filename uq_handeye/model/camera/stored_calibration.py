@@ -5,15 +5,16 @@ What belongs together is checked: the residuals must follow from poses, intrinsi
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from ...core.files.json_values import Json, JsonObject
 from ...core.files.one_line import OF_DATA, refused, short
 from ...core.files.open import StrPath, as_path, opened, shown
 from ...core.files.records import array_of
-from ...core.files.tree_values import fields_of, got, item, number, vector
+from ...core.files.tree_values import fields_of, got, is_list, item, number, vector
 from ...core.files.trees import parse_tree
 from ...core.geometry.checks import as_transforms
 from ...core.geometry.se3 import Array
@@ -27,7 +28,7 @@ from .adjustment.bundle import Asked, Bundle, Prior, Sight
 from .adjustment.criterion import Candidate
 from .adjustment.outliers import MAX_DISTANCE_SD
 from .board_pattern import board_pattern_of
-from .board_shape import FLAT, BoardShape, flat_shape
+from .board_shape import BoardShape
 from .calibration_files import CORNERS, COVARIANCE, INTRINSICS, POSES
 from .corners import Corners
 from .corners_file import corners_and_used
@@ -74,28 +75,35 @@ def read_camera(folder: StrPath) -> CameraCalibration:
     return found
 
 
-def _numbers(arrays: dict[str, Any], key: str, shape: tuple[int, ...]) -> Array:
+def _list(value: Json, where: str) -> Sequence[Json]:
+    """Return the items of a list; raises `InputError` for anything else."""
+    if not is_list(value):
+        raise InputError(f"{where}: expected a list, got {got(value)}.")
+    return value
+
+
+def _numbers(arrays: Mapping[str, ArrayLike], key: str, shape: tuple[int, ...]) -> Array:
     return array_of(arrays.get(key, ()), shape, f"{key} of {COVARIANCE}")
 
 
-def _prior(value: Any, free: NDArray[np.bool_], where: str) -> Prior | None:
+def _prior(value: Json, free: NDArray[np.bool_], where: str) -> Prior | None:
     """Return the prior of the fit; that of parameters that are not estimated is not used, and may be singular."""
     if value is None:
         return None
     k = len(free)
     mean = np.array(vector(item(value, "mean", where), k, f"{where}, mean"), dtype=float)
-    S = np.array([vector(row, k, f"{where}, covariance") for row in item(value, "covariance", where)], dtype=float)
+    S = np.array(
+        [vector(row, k, f"{where}, covariance") for row in _list(item(value, "covariance", where), where)], dtype=float
+    )
     if S.shape != (k, k) or (S != S.T).any() or np.linalg.eigvalsh(S[np.ix_(free, free)]).min(initial=1.0) <= 0:
         raise InputError(f"{where}, covariance: expected one, {k} x {k}, positive definite for what was estimated.")
     return Prior(mean, S)
 
 
-def _shape(tree: Any, arrays: dict[str, Any], corners: Corners) -> BoardShape:
-    """Return the shape of the board; flat where the folder is of a version that knew no other."""
-    if "board" not in tree:
-        return flat_shape(corners.points)
-    names = tuple(map(str, tree["board"]["names"]))
-    u, q = len(arrays["board_points"]), len(names)
+def _shape(board: JsonObject, arrays: Mapping[str, ArrayLike]) -> BoardShape:
+    """Return the shape of the board."""
+    names = tuple(map(str, _list(board["names"], "board, names")))
+    u, q = len(np.asarray(arrays["board_points"])), len(names)
     sd = np.asarray(arrays["board_sd"], dtype=float)
     if sd.shape != (q,) or not (sd > 0).all():
         raise InputError(
@@ -103,17 +111,23 @@ def _shape(tree: Any, arrays: dict[str, Any], corners: Corners) -> BoardShape:
         )
     parts = {"points": (u, 3), "offset": (u, 3), "fields": (u, 3, q)}
     points, offset, fields = (_numbers(arrays, f"board_{part}", shape) for part, shape in parts.items())
-    return BoardShape(str(tree["board"]["shape"]), names, points, offset, fields, sd)
+    return BoardShape(str(board["shape"]), names, points, offset, fields, sd)
 
 
-def _candidate(one: dict[str, Any], name: str) -> Candidate:
+def _candidate(one: JsonObject, name: str) -> Candidate:
     """A camera model that was compared; None in the file stands for an infinite number."""
     bic, rms = (float("inf") if one[key] is None else number(one[key], f"{name}, {key}") for key in ("bic", "rms"))
-    return Candidate(str(one["model"]), tuple(map(str, one["coefficients"])), bic, rms, str(one.get("board", FLAT)))
+    return Candidate(
+        str(one["model"]),
+        tuple(map(str, _list(one["coefficients"], f"{name}, coefficients"))),
+        bic,
+        rms,
+        str(one["board"]),
+    )
 
 
 def calibration_from_parts(
-    tree: Any, corners: Corners, used: Any, arrays: dict[str, Any], name: str
+    tree: JsonObject, corners: Corners, used: NDArray[np.bool_], arrays: Mapping[str, ArrayLike], name: str
 ) -> CameraCalibration:
     """The calibration of what `to_dict` and `bundle_arrays` wrote, its corners and which were used.
 
@@ -125,20 +139,19 @@ def calibration_from_parts(
     if fields_of(tree).get("format") != FORMAT:
         came = short(str(tree["format"])) if "format" in fields_of(tree) else got(tree)
         raise InputError(f"{name}: expected the format {FORMAT!r}, got {came}.")
-    if tree["model"] not in MODELS:
-        raise InputError(f"{name}, model: expected one of {', '.join(MODELS)}, got {short(str(tree['model']))}.")
-    model = MODELS[tree["model"]]
+    if (called := str(tree["model"])) not in MODELS:
+        raise InputError(f"{name}, model: expected one of {', '.join(MODELS)}, got {short(called)}.")
+    model, board = MODELS[called], fields_of(tree["board"])
     k, n = len(model.names), corners.n
-    shape = _shape(tree, arrays, corners)
+    shape = _shape(board, arrays)
     p = k + shape.q
     parameters = np.array([number(item(tree["parameters"], key, name), f"{name}, {key}") for key in model.names])
-    of_lens = np.array([vector(row, k, f"{name}, covariance") for row in tree["covariance"]])
-    if "board" in tree:
-        bend = vector(tree["board"]["coefficients"], shape.q, f"{name}, board")
-        parameters = np.concatenate([parameters, np.array(bend, dtype=float)])
-        covariance = _numbers(arrays, "covariance", (p, p))
-    else:  # of a version that took every board as flat
-        covariance = of_lens
+    of_lens = np.array(
+        [vector(row, k, f"{name}, covariance") for row in _list(tree["covariance"], f"{name}, covariance")]
+    )
+    bend = vector(board["coefficients"], shape.q, f"{name}, board")
+    parameters = np.concatenate([parameters, np.array(bend, dtype=float)])
+    covariance = _numbers(arrays, "covariance", (p, p))
     if of_lens.shape != (k, k) or (covariance != covariance.T).any():
         raise InputError(f"{name}, covariance: expected a symmetric matrix, {k} x {k}.")
     if not np.array_equal(covariance[:k, :k], of_lens):
@@ -150,7 +163,9 @@ def calibration_from_parts(
     weights = _numbers(arrays, "weights", (n,))
     if (weights <= 0).any():
         raise InputError(f"{COVARIANCE}, weights: expected weights of the pictures above 0, got {weights.min():.3g}.")
-    free = np.isin((*model.names, *shape.names), [*tree["estimated"], *shape.names])
+    free = np.isin(
+        (*model.names, *shape.names), [*map(str, _list(tree["estimated"], f"{name}, estimated")), *shape.names]
+    )
     if not np.array_equal(_numbers(arrays, "parameters", (p,)), parameters):
         raise InputError(f"{name} and {COVARIANCE} are {_OTHER_RUN}")
     if (own != own.mT).any() or np.linalg.eigvalsh(own).min() < 0:
@@ -172,9 +187,11 @@ def calibration_from_parts(
         by_parameters,
         weights,
         bool(tree["converged"]),
-        int(tree["iterations"]),
+        int(number(tree["iterations"], f"{name}, iterations")),
     )
-    candidates = tuple(_candidate(one, name) for one in tree["candidates"])
+    candidates = tuple(
+        _candidate(one, name) for one in map(fields_of, _list(tree["candidates"], f"{name}, candidates"))
+    )
     size = (width, height)
     corners = Corners(
         corners.row,
@@ -182,13 +199,9 @@ def calibration_from_parts(
         corners.pixels,
         corners.names,
         image_size=size,
-        missing=tuple(map(str, tree["pictures_without_board"])),
-        board=str(tree.get("board", {}).get("printed", "")),
+        missing=tuple(map(str, _list(tree["pictures_without_board"], f"{name}, pictures_without_board"))),
+        board=str(board["printed"]),
     )
-    if "findings" in tree:
-        findings = tuple(map(Finding.from_dict, tree["findings"]))
-    else:  # of a version that had sentences only
-        findings = tuple(Finding("stored.text", "caution", {"text": str(text)}) for text in tree["warnings"])
     found = CameraCalibration(
         bundle,
         corners,
@@ -196,7 +209,7 @@ def calibration_from_parts(
         candidates,
         pattern_of(bundle, corners, size),
         board_pattern_of(bundle, corners),
-        findings,
+        tuple(map(Finding.from_dict, _list(tree["findings"], f"{name}, findings"))),
     )
     if np.sqrt(np.mean(bundle.residuals[used] ** 2)) > MAX_DISTANCE_SD * bundle.pixel_noise + 1e-6:
         raise InputError(
@@ -207,7 +220,7 @@ def calibration_from_parts(
     return found
 
 
-def camera_from_dict(data: dict[str, Any], poses: Array) -> CameraCalibration:
+def camera_from_dict(data: JsonObject, poses: Array) -> CameraCalibration:
     """The inverse of `camera_to_dict`, for the poses ``camera_T_target`` (n, 4, 4) beside it.
 
     Raises
@@ -216,7 +229,7 @@ def camera_from_dict(data: dict[str, Any], poses: Array) -> CameraCalibration:
         Anything else.
     """
     try:
-        seen = data["seen"]
+        seen = fields_of(data["seen"])
         points = np.array(seen["points"], dtype=float)
         which = _plain_numbers(seen["point"], len(points))
         row = _plain_numbers(seen["row"], None)
@@ -225,7 +238,9 @@ def camera_from_dict(data: dict[str, Any], poses: Array) -> CameraCalibration:
         used[_plain_numbers(seen["left_out"], corners.m)] = False
         if corners.n != len(poses) or (np.diff(row) < 0).any():
             raise InputError(f"{corners.n} pictures, and {len(poses)} poses")
-        arrays = {name: np.array(value, dtype=float) for name, value in data["arrays"].items()} | {"poses": poses}
+        arrays = {name: np.array(value, dtype=float) for name, value in fields_of(data["arrays"]).items()} | {
+            "poses": poses
+        }
         if (sd := arrays.get("board_sd")) is not None:  # None in the file: nothing is known of the shape beforehand
             arrays["board_sd"] = np.where(np.isnan(sd), np.inf, sd)
         return calibration_from_parts(data, corners, used, arrays, "camera_calibration")
@@ -233,7 +248,7 @@ def camera_from_dict(data: dict[str, Any], poses: Array) -> CameraCalibration:
         raise InputError(f"data.camera_calibration is damaged ({str(error).rstrip('.')})") from error
 
 
-def _plain_numbers(values: Any, below: int | None) -> Any:
+def _plain_numbers(values: ArrayLike, below: int | None) -> NDArray[np.intp]:
     """Integers from 0 (and below a count); raises `InputError`."""
     found = np.array(values, dtype=float)
     if found.ndim != 1 or (found != np.floor(found)).any() or (found < 0).any():

@@ -7,8 +7,6 @@ pictures show with the board that was named.
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -29,17 +27,11 @@ MIN_GAP_ERROR_SIDES = 0.006
 GAP_ERROR_BY_DISTORTION_SIDES = 3.0
 
 
-class Grid(NamedTuple):
-    """Columns, gap (sides) with its standard error, and whether ids grow upwards; None: not seen."""
+def _neighbours(pictures: list[Tags]) -> tuple[list[float], list[int], list[float]]:
+    """Return distances (sides) of neighbours in rows; differences of ids in columns, and whether these grow upwards.
 
-    columns: int | None
-    gap: float | None
-    error: float = np.inf
-    upwards: bool | None = None
-
-
-def grid_as_seen(pictures: list[Tags]) -> Grid:
-    """Return the grid that neighbouring tags show."""
+    The last are -1 where ids grow upwards in the frame in which they grow to the right, else 1.
+    """
     square = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], dtype=np.float32)
     along: list[float] = []
     down: list[int] = []
@@ -57,41 +49,39 @@ def grid_as_seen(pictures: list[Tags]) -> Grid:
                 nearest = np.argmin(np.where(column, np.abs(at[:, 1]), np.inf))
                 down.append(abs(int(ids[nearest] - ids[k])))
                 turns.append(right * np.sign(at[nearest, 1] * (ids[nearest] - ids[k])))
-    columns = int(np.median(down)) if len(down) >= MIN_NEIGHBOURS else None
-    upwards = bool(np.sum(turns) < 0) if abs(np.sum(turns)) >= MIN_NEIGHBOURS else None
-    if len(along) < MIN_NEIGHBOURS:
-        return Grid(columns, None, upwards=upwards)
-    values = np.array(along) - 1.0
-    gap = float(np.median(values))
-    return Grid(columns, gap, 1.5 * float(np.median(np.abs(values - gap))) / np.sqrt(len(values)), upwards)
+    return along, down, turns
 
 
 def contradiction(board: Board, pictures: list[Tags], width: int) -> str | None:
     """Return what the pictures, ``width`` pixels wide, show against a grid of tags; None: nothing."""
     if min(board.columns, board.rows) < 2:
         return None
-    found = grid_as_seen(pictures)
-    if found.columns is not None and found.columns != board.columns and found.columns > 0:
+    along, down, turns = _neighbours(pictures)
+    columns = int(np.median(down)) if len(down) >= MIN_NEIGHBOURS else board.columns
+    if columns not in (0, board.columns):
         return (
-            f"The tags of the pictures lie in rows of {found.columns}, not of {board.columns}: give columns and rows, "
-            f"--board {found.columns}xROWS."
+            f"The tags of the pictures lie in rows of {columns}, not of {board.columns}: give columns and rows, "
+            f"--board {columns}xROWS."
         )
-    if found.upwards is not None and found.upwards != (board.kind == "aprilgrid"):
-        kind, way = ("aprilgrid", "upwards, as those of Kalibr") if found.upwards else ("aruco", "downwards")
+    upwards = bool(np.sum(turns) < 0)
+    if abs(np.sum(turns)) >= MIN_NEIGHBOURS and upwards != (board.kind == "aprilgrid"):
+        kind, way = ("aprilgrid", "upwards, as those of Kalibr") if upwards else ("aruco", "downwards")
         return f"The ids of the tags grow {way}: it is kind={kind!r} (--pattern {kind})."
-    given = board.gap / board.side
+    if len(along) < MIN_NEIGHBOURS:
+        return None
+    gaps, given = np.array(along) - 1.0, board.gap / board.side
+    gap = float(np.median(gaps))
+    error = 1.5 * float(np.median(np.abs(gaps - gap))) / np.sqrt(len(gaps))
     sides = [np.linalg.norm(quads[:, 1] - quads[:, 0], axis=1) for _, quads in pictures]
-    share = float(np.median(np.concatenate(sides))) / width if sides else 0.0
-    if found.gap is None or abs(found.gap - given) < max(
-        MIN_GAP_ERROR_SIDES + GAP_ERROR_BY_DISTORTION_SIDES * share**2,
-        np.sqrt(IMPOSSIBLE.chi_square(1)) * found.error,
-    ):
+    share = float(np.median(np.concatenate(sides))) / width
+    smallest = MIN_GAP_ERROR_SIDES + GAP_ERROR_BY_DISTORTION_SIDES * share**2
+    if abs(gap - given) < max(smallest, np.sqrt(IMPOSSIBLE.chi_square(1)) * error):
         return None
     if board.kind == "aprilgrid":
-        option = f"spacing={found.gap:.3g} (--spacing {found.gap:.3g})"
+        option = f"spacing={gap:.3g} (--spacing {gap:.3g})"
     else:
-        option = f"`spacing` about {MM_PER_M * found.gap * board.side:.3g} mm (--spacing)"
+        option = f"`spacing` about {MM_PER_M * gap * board.side:.3g} mm (--spacing)"
     return (
-        f"The tags of the pictures are {found.gap:.3g} of their side apart, not {given:.3g}. Measure the gap and give "
+        f"The tags of the pictures are {gap:.3g} of their side apart, not {given:.3g}. Measure the gap and give "
         f"it: {option}."
     )

@@ -81,7 +81,7 @@ def tag_finder(board: Board, seen: list[tuple[NDArray[np.intp], Array]] | None =
         for one in detectors[border]:
             corners, numbers, _ = one.detectMarkers(picture)
             if numbers is not None:
-                ids += np.asarray(numbers).ravel().tolist()
+                ids += np.asarray(numbers, dtype=np.intp).ravel().tolist()
                 quads += [np.asarray(corner, dtype=float).reshape(4, 2) for corner in corners]
             if wanted.issubset(ids) and ids:
                 break

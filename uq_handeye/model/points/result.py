@@ -6,7 +6,6 @@ import io
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +17,7 @@ from ...core.files.json_values import JsonObject
 from ...core.files.one_line import OF_DATA, refused, short
 from ...core.files.open import StrPath, as_path, opened, shown
 from ...core.files.records import array_of
-from ...core.files.tree_values import fields_of, got
+from ...core.files.tree_values import fields_of, got, items_of
 from ...core.files.trees import parse_tree
 from ...core.geometry.checks import as_transforms
 from ...core.geometry.conventions import TOOLKIT
@@ -180,7 +179,7 @@ def read_point_poses(folder: StrPath) -> PointPoses:
     return found
 
 
-def _point_poses(path: Path, tree: Mapping[str, Any], arrays: Mapping[str, Array]) -> PointPoses:
+def _point_poses(path: Path, tree: JsonObject, arrays: Mapping[str, Array]) -> PointPoses:
     target, points = read_target(path / TARGET), read_points(path / POINTS)
     k, m, n = len(points), len(target.names), len(arrays["rows"])
     shapes = {"covariance": (n, 6, 6), "rows": (n,), "target": (m, 3), "poses": (n, 4, 4)}
@@ -208,8 +207,8 @@ def _point_poses(path: Path, tree: Mapping[str, Any], arrays: Mapping[str, Array
         points=points,
         residuals=residuals,
         used=_used(path, k),
-        refused=tuple((int(one["pose"]), str(one["why"])) for one in tree["refused"]),
-        findings=tuple(map(Finding.from_dict, tree["findings"])),
+        refused=tuple((int(one["pose"]), str(one["why"])) for one in map(fields_of, items_of(tree["refused"]))),
+        findings=tuple(map(Finding.from_dict, items_of(tree["findings"]))),
     )
 
 

@@ -25,7 +25,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -164,7 +163,7 @@ class Sight:
     weights: Array  # (n, most): what residuals are multiplied by, 0 for corners that do not count
 
     @classmethod
-    def of(cls, model: CameraModel, shape: BoardShape, corners: Corners, used: NDArray[Any]) -> Sight:
+    def of(cls, model: CameraModel, shape: BoardShape, corners: Corners, used: NDArray[np.bool_] | Array) -> Sight:
         points, which = corners.on_board
         row = corners.by_picture(shape.rows(points)[which]).astype(np.intp)
         pixels = np.ascontiguousarray(corners.by_picture(corners.pixels).mT)
@@ -280,10 +279,17 @@ def adjust(
     return bundle
 
 
-def poses_only(bundle: Bundle, corners: Corners, poses: Array, **how: Any) -> Bundle:
-    """Return the poses of least squares from these on, with the parameters of a bundle; ``how`` as in `adjust`."""
+def poses_only(
+    bundle: Bundle,
+    corners: Corners,
+    poses: Array,
+    used: NDArray[np.bool_] | None = None,
+    weights: Array | None = None,
+) -> Bundle:
+    """Return the poses of least squares from these on, with the parameters of a bundle; the rest as in `adjust`."""
     asked = Asked.poses_only(bundle.model, bundle.shape)
-    return adjust(asked, corners, (np.array(bundle.parameters), poses), pixel_noise=bundle.pixel_noise, **how)
+    start = np.array(bundle.parameters), poses
+    return adjust(asked, corners, start, used=used, weights=weights, pixel_noise=bundle.pixel_noise)
 
 
 def response_ahead(bundle: Bundle, points: Array, poses: Array) -> Array:

@@ -74,9 +74,9 @@ def may_be_ambiguous(bundle: Bundle, corners: Corners) -> bool:
 
 def both_minima(bundle: Bundle, corners: Corners) -> Minima:
     """Return both minima of the pictures of a camera, its intrinsics as they are; see the module."""
-    how = {"used": bundle.used, "weights": bundle.weights}
-    first = poses_only(bundle, corners, bundle.poses, **how)
-    second = poses_only(bundle, corners, flipped(first.poses, corners.on_board[0].mean(axis=0)), **how)
+    first = poses_only(bundle, corners, bundle.poses, bundle.used, bundle.weights)
+    start = flipped(first.poses, corners.on_board[0].mean(axis=0))
+    second = poses_only(bundle, corners, start, bundle.used, bundle.weights)
     pair = (first, second)
     squares = np.array([_squares(one, corners) for one in pair]) / bundle.pixel_noise**2
     stay = ~np.isfinite(squares[1]) | (second.poses[:, 2, 3] <= 0)

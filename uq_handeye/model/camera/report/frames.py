@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Sequence
 
 from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colorbar import Colorbar
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 from matplotlib.ticker import MaxNLocator
@@ -32,18 +34,26 @@ def framed(ratio: float, beside: float, more: float) -> tuple[Figure, Axes]:
     )
 
 
-def named_axes(axis: Axes, x: str, y: str, title: str = "", ticks: tuple[int, int] = (0, 0), **how: Any) -> None:
-    """Names of both axes, a title, and at most so many ticks along each where they are given."""
+def named_axes(
+    axis: Axes,
+    x: str,
+    y: str,
+    title: str = "",
+    ticks: tuple[int, int] | None = None,
+    *,
+    integer: bool = False,
+    steps: Sequence[float] | None = None,
+) -> None:
+    """Names of both axes, a title, and the largest numbers of ``ticks``: at whole numbers, or at ``steps``."""
     axis.set_xlabel(x, fontsize=TEXT)
     axis.set_ylabel(y, fontsize=TEXT)
     if title:
         axis.set_title(title, fontsize=TEXT, loc="left")
-    for line, most in zip((axis.xaxis, axis.yaxis), ticks, strict=True):
-        if most:
-            line.set_major_locator(MaxNLocator(nbins=most, **how))
+    for line, most in zip((axis.xaxis, axis.yaxis), ticks or (), strict=False):
+        line.set_major_locator(MaxNLocator(nbins=most, integer=integer, steps=steps))
 
 
-def scale_beside(figure: Figure, axis: Axes, drawn: Any, name: str) -> Any:
+def scale_beside(figure: Figure, axis: Axes, drawn: ScalarMappable, name: str) -> Colorbar:
     """The colours of a map beside it, with the name of what they mean."""
     bar = figure.colorbar(drawn, cax=axis.inset_axes((1.02, 0.0, 0.028, 1.0)))
     bar.ax.tick_params(labelsize=SMALL, length=2.5, color=QUIET)

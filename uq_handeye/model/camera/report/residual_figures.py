@@ -9,7 +9,6 @@ This module imports Matplotlib; import it where it is used.
 from __future__ import annotations
 
 import textwrap
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -126,7 +125,7 @@ def over_cells(cam: Calibrated) -> Picture:
     width, height = cam.image_size
     half = 0.55 * WIDTH
     figure = canvas(float(np.clip(1.45 + (half - 0.6) * height / width, 3.2, 6.0)))
-    axes: Any = figure.subplots(1, 2, width_ratios=[1.35, 1.0])
+    left, right = figure.subplots(1, 2, width_ratios=[1.35, 1.0])
     found = cam.pattern.found
     figure.suptitle(
         textwrap.fill(pattern_words(cam, short=True), 80 if found else 100),
@@ -135,8 +134,8 @@ def over_cells(cam: Calibrated) -> Picture:
         fontweight="bold" if found else "normal",
     )
     figure.get_layout_engine().set(wspace=0.05)  # type: ignore[union-attr, call-arg]
-    factor = _cells(axes[0], cam)
-    _radial(axes[1], cam)
+    factor = _cells(left, cam)
+    _radial(right, cam)
     figure.legend(loc="outside lower center", ncols=3, frameon=False, fontsize=SMALL, columnspacing=1.4)
     alt = f"Mean residuals over the picture by cell, and by the distance from the centre. {pattern_words(cam)}"
     caption = (
@@ -157,8 +156,10 @@ def _cells(axis: Axes, cam: Calibrated) -> float:
     cell = np.array([width, height]) / CELLS
     for k, (row, column) in enumerate(np.argwhere(count == 0)):
         u, v = cell * (column, row) - 0.5
-        style: dict[str, Any] = {"facecolor": "0.94", "edgecolor": "0.7", "hatch": "////", "linewidth": 0}
-        axis.add_patch(Rectangle((u, v), *cell, label="no corner" if k == 0 else None, **style))
+        label = "no corner" if k == 0 else None
+        axis.add_patch(
+            Rectangle((u, v), *cell, label=label, facecolor="0.94", edgecolor="0.7", hatch="////", linewidth=0)
+        )
     for k in range(1, CELLS):
         axis.axvline(k * cell[0] - 0.5, color=GRID, linewidth=0.6, zorder=0.5)
         axis.axhline(k * cell[1] - 0.5, color=GRID, linewidth=0.6, zorder=0.5)
