@@ -46,7 +46,7 @@ SOURCES = (
 
 
 class ForeignEntry(ValueError):
-    """A cache file that is not the entry asked for: another key, another shape, or not an entry at all."""
+    """A cache file that is not the wanted entry: another key, another shape, or not an entry at all."""
 
 
 @cache
@@ -99,7 +99,7 @@ def _read(path: Path) -> Any:
 
 
 def _write(path: Path, text: str) -> None:
-    """Write beside the target, then rename: a reader sees the old entry or the new one, never a part."""
+    """Write a temporary file, then rename it: a reader sees the old entry or the new one, never a part."""
     path.parent.mkdir(parents=True, exist_ok=True)
     handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.stem}-", suffix=".tmp")
     try:

@@ -1,4 +1,4 @@
-"""Every closed form of the registry as a NumPy function, made when first asked for: ``functions.W(H)``.
+"""Every closed form of the registry as a NumPy function, made on first use: ``functions.W(H)``.
 
 Those that the package runs are checked in (`uq_handeye.methods._closed_form`). The text of the others is printed from
 their derivation, which the cache holds (`cache`), and compiled once per process.

@@ -39,7 +39,7 @@ def _section(form: ClosedForm, derived: Derived) -> str:
 
 
 def _display(form: ClosedForm, derived: Derived) -> str:
-    """The matrix as it stands if it fits the page, else by its shared subexpressions, else entry by entry."""
+    """The matrix as it is if it fits the page, else by its shared subexpressions, else entry by entry."""
     name = _name(form.name)
     if _fits(form, derived.entries):
         return _equation(name, _matrix(form, derived.entries))

@@ -1,4 +1,4 @@
-"""Theory T2: what is left of F2(T, d) in Problem 2 as d goes to infinity, u(T) and w(T).
+"""Theory T2: the limit of F2(T, d) in Problem 2 as d goes to infinity, u(T) and w(T).
 
 Problem 2 sees E = F2(T, d) only through the vector parts of a_left(E) and c_right(E) (T1; the scalar parts
 enter F11 and F22 as multiples of the identity). Both are affine in 1/d:

@@ -67,7 +67,7 @@ def numpy_module(docstring: str, functions: Iterable[str]) -> str:
 
 
 def numpy_package(docstring: str, names: Mapping[str, Sequence[str]]) -> str:
-    """The generated `__init__`: banner, docstring, re-exports of {module: names}, loaded when first asked for.
+    """The generated `__init__`: banner, docstring, re-exports of {module: names}, loaded on first use.
 
     The limit, which most calls take, needs none of the functions; compiled, they are most of the package.
     """

@@ -70,7 +70,7 @@ def _descend(G: Array, g: Array, start: Array, max_steps: int = 100) -> Estimate
         s = scale[active]
         gradient, hessian = gradient * s, hessian * s[:, :, None] * s[:, None, :]
         curvature, axes = np.linalg.eigh(hessian)
-        # damped by the negative curvature, if any, and by what failed steps asked for
+        # damped by the negative curvature, if any, and more after steps that failed
         floor = np.maximum(damping[active], np.maximum(0.0, -1.5 * curvature[:, 0]))
         denominator = np.maximum(
             curvature + floor[:, None], PRODUCT_ROUNDING * np.abs(curvature).max(axis=1, keepdims=True)

@@ -1,11 +1,11 @@
 """Unit quaternions and rotation axes of motions with consistent signs, and dual quaternions.
 
 A rotation by nearly 180 degrees has two unit quaternions, ``(w, v)`` and ``(-w, -v)`` with w near 0, of which noise
-chooses; if it chooses differently for A and B, the pair contradicts all others. The publications leave this open. Here
-the quaternion of A has ``w >= 0``, and so has that of B, except that for motions beyond 170 degrees the sign of B's is
-the one for which ``v_A . R v_B > 0``, R the rotation that fits the vectors ``sin(angle) axis``, which have no such
-ambiguity. The pair of quaternions then is a smooth function of the data, up to a common sign, which products of the
-two do not see.
+chooses; if it chooses differently for A and B, the pair contradicts all others. The publications do not treat this.
+Here the quaternion of A has ``w >= 0``, and so has that of B, except that for motions beyond 170 degrees the sign of
+B's is the one for which ``v_A . R v_B > 0``, R the rotation that fits the vectors ``sin(angle) axis``, which have no
+such ambiguity. The pair of quaternions then is a smooth function of the data, up to a common sign, which products of
+the two do not see.
 
 Quaternions are ``(w, x, y, z)``.
 """

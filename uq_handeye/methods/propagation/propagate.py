@@ -162,7 +162,7 @@ def pose_sensitivities(
 
 
 class _Problem(NamedTuple):
-    """Checked problem whose covariance is asked for: motions (T, N, 4, 4), and the start of a sum for some of the
+    """Checked problem of a covariance: motions (T, N, 4, 4), and the start of a sum for some of the
     trials.
     """
 

@@ -2,7 +2,7 @@ r"""The controller's poses of a robot against the forward kinematics of its join
 
 A controller may give its poses in another base frame B and at another tool E than the chain of the URDF, G_i = B T_i E
 with T_i = FK(q_i). The frames are fitted, none, tool, base or both, and the simplest is taken that explains the poses
-as well as the others; what is left in mm and deg is the difference of the two kinematics. With Z_i = T_i^-1 G_i the
+as well as the others; the remaining difference in mm and deg is that of the two kinematics. With Z_i = T_i^-1 G_i the
 tool is the mean of Z_i, with Z_i = G_i T_i^-1 the base; both together are a hand-eye problem, which is solved by the
 axes of the relative rotations (R_E), the mean (R_B), linear least squares (translations) and a few Gauss-Newton steps
 on none of which the frames depend much. Each fit is repeated on the poses that it explains best: a row whose joints
@@ -187,7 +187,7 @@ def compare_with_controller(kinematics: Kinematics, joints: Array, robot: Array)
 
 
 class _Fit(NamedTuple):
-    """Frames, and what is left with them."""
+    """Frames, and the difference of the poses with them."""
 
     base: Array | None
     tool: Array | None

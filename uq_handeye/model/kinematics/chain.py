@@ -188,7 +188,7 @@ class Kinematics(ReadOnlyArrays):
 
         ``base`` is ``base`` (the controller's, left out) or ``base_link``, ``tip`` is ``tool0`` (left out) or
         ``flange``; with ``urdf`` they are any of its links, and the origins of its six joints are replaced by those of
-        the file. ``prefix`` stands before the names of the joints.
+        the file. ``prefix`` precedes the names of the joints.
         """
         return cls._from_parts(read_ur_calibration(path, urdf, base, tip, prefix), up)
 
@@ -384,7 +384,7 @@ class Kinematics(ReadOnlyArrays):
         return JointCovariance(J @ J.mT, F, tuple(self.errors[k].name for k in kept))
 
     def to_dict(self) -> JsonObject:
-        """Return the nominal chain as plain text and numbers, for files; None stands for a limit that is not there."""
+        """Return the nominal chain as plain text and numbers, for files; None is a limit that does not exist."""
         return parts_to_dict(ChainParts(self.name, self.base, self.tip, self.joints, self.end, self.up))
 
     @classmethod
@@ -467,7 +467,7 @@ class Kinematics(ReadOnlyArrays):
 
 
 class _Posture:
-    """Some postures q (L, n) with errors e (n or 1, m): what is made of them when it is asked for."""
+    """Some postures q (L, n) with errors e (n or 1, m): with frames and loads that are computed once."""
 
     def __init__(self, chain: Kinematics, q: Array, e: Array | None) -> None:
         self.chain, self.q, self.e = chain, q, e

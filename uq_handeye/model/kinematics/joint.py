@@ -126,7 +126,7 @@ _OF_JOINT = ("name", "kind", "origin", "axis", "lower", "upper")
 
 
 def parts_to_dict(parts: ChainParts) -> JsonObject:
-    """Plain text and numbers, for files; None stands for an infinite limit."""
+    """Plain text and numbers, for files; None is an infinite limit."""
     joints = [plain({name: getattr(joint, name) for name in _OF_JOINT}) for joint in parts.joints]
     return {**plain({name: getattr(parts, name) for name in _OF_CHAIN}), "joints": joints}
 
@@ -162,17 +162,17 @@ def require_within_limits(
     names: Sequence[str],
     kinds: Sequence[str],
     limits: Array | None,
-    told: NDArray[np.bool_],
+    with_unit: NDArray[np.bool_],
     at: Callable[[int], str],
     remedy: str = "Give --joint-units {unit}.",
 ) -> None:
     """Refuse values (n, L) far outside the limits (L, 2), naming a unit that would fit; warn of those a little outside.
 
-    ``told`` (L,): the unit was given; ``at`` names a row, ``remedy`` what to do where another unit would fit.
+    ``with_unit`` (L,): the unit was given; ``at`` names a row, ``remedy`` what to do where another unit would fit.
     """
     usual = np.array([(-MAX_VALUE_WITHOUT_UNIT[kind], MAX_VALUE_WITHOUT_UNIT[kind]) for kind in kinds])
     limits = np.full((len(kinds), 2), [-np.inf, np.inf]) if limits is None else limits
-    checked = np.where(np.isfinite(limits) | told[:, None], limits, usual)
+    checked = np.where(np.isfinite(limits) | with_unit[:, None], limits, usual)
     near = np.array([LIMIT_TOLERANCE[kind] for kind in kinds])
     beyond = np.maximum(checked[:, 0] - q, q - checked[:, 1])
     if (beyond > near).any():
@@ -181,9 +181,9 @@ def require_within_limits(
         same = np.array([kind == kinds[k] for kind in kinds])
         smaller = DEGREE if revolute else MILLIMETRE
         other, flag = None, None
-        if _inside(q * smaller, checked, near, same) and not told[k]:
+        if _inside(q * smaller, checked, near, same) and not with_unit[k]:
             other, flag = ("degrees", "deg") if revolute else ("millimetres", "mm")
-        elif _inside(q / smaller, checked, near, same) and told[k]:
+        elif _inside(q / smaller, checked, near, same) and with_unit[k]:
             other, flag = ("radians", "rad") if revolute else ("metres", "m")
         hint = (
             f"in {other}? {remedy.format(unit=flag)}"
@@ -197,7 +197,7 @@ def require_within_limits(
         rows = f" (and {more} more rows)" if more else ""
         text = _outside(q[row, k], checked[k], kinds[k] == REVOLUTE)
         warnings.warn(f"{at(row)}, joint {names[k]}{rows}: {text}.", InputWarning, stacklevel=4)
-    turning = np.array([kind == REVOLUTE for kind in kinds]) & told
+    turning = np.array([kind == REVOLUTE for kind in kinds]) & with_unit
     if len(q) > 2 and turning.any() and 0 < np.abs(q[:, turning]).max() <= 2 * np.pi * DEGREE:
         warnings.warn(
             f"{at(0).rpartition(', ')[0]}: all joints stay within {np.rad2deg(np.abs(q[:, turning]).max()):.2g} deg of "

@@ -183,7 +183,7 @@ def _check_finite(values: Array, wanted: _Wanted, at: Callable[[int], str]) -> N
 def _in_units(values: Array, named: list[str | None], wanted: _Wanted, at: Callable[[int], str], name: str) -> Array:
     """Values in rad and m, checked against the limits of the joints."""
     q = np.empty_like(values)
-    told = np.zeros(len(named), dtype=bool)
+    with_unit = np.zeros(len(named), dtype=bool)
     for kind in (REVOLUTE, PRISMATIC):
         of_kind = [k for k, other in enumerate(wanted.kinds) if other == kind]
         units = {named[k] for k in of_kind}
@@ -201,10 +201,10 @@ def _in_units(values: Array, named: list[str | None], wanted: _Wanted, at: Calla
                 raise InputError(f"{name}: {column} is in {unit}, and `units` (--joint-units) says {said}.")
             factor = {**ANGLE_UNITS, **LENGTH_UNITS}[unit or said or ("rad" if kind == REVOLUTE else "m")]
             q[:, k] = factor * values[:, k]
-            told[k] = unit is not None or said is not None
+            with_unit[k] = unit is not None or said is not None
         if of_kind and (known := (units - {None}) or ({said} if said else set())):
             wanted.notes.append(f"{kind} joints in {', '.join(sorted(map(str, known)))}")
-    require_within_limits(q, wanted.names, wanted.kinds, wanted.limits, told, at)
+    require_within_limits(q, wanted.names, wanted.kinds, wanted.limits, with_unit, at)
     return q
 
 

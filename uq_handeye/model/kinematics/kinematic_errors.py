@@ -87,7 +87,7 @@ class KinematicErrors:
         Of each of the three lengths from joint to joint.
     joint_sd : float (rad), text or None
         Standard deviation of the joint noise of each pose, as it is; None: it is estimated, and 0 for declared errors
-        beside noise that is given.
+        with noise that is given.
     robot_class : "industrial", "cobot", "hobby" or None
         Where a standard deviation is None: that of the population of such arms; None: of industrial ones, but where
         some are declared, the others are 0.

@@ -69,8 +69,9 @@ def frames_of(chain: Kinematics) -> dict[str, Array]:
     """(12, 12) motions of base and flange that a sample of the workspace would give, by errors of each group.
 
     The frames are a least squares fit to n postures: each contributes ``(sum B^T w^2 B)^-1 B_i^T w^2 f_i`` to them, f_i
-    what is left of the errors there, of standard deviation 1 each. The columns are a root of the sum of the squares of
-    these contributions, the variance of the fit over samples, times ``n / 400``, for samples of 400 postures.
+    the errors there without these frames, of standard deviation 1 each. The columns are a root of the sum of the
+    squares of these contributions, the variance of the fit over samples, times ``n / 400``, for samples of 400
+    postures.
     """
     q = workspace_postures(chain)
     left, B = aligned_columns(chain, q), twists(chain.poses(q))

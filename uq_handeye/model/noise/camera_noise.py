@@ -30,7 +30,7 @@ INTRINSICS = "intrinsics"
 class CameraNoise(ReadOnlyArrays):
     """Covariance of n camera poses, for a standard deviation of one pixel; `camera_noise` makes it.
 
-    It stands as ``noise`` of `calibrate`, or as ``camera`` of `PoseNoise`. Where ``pixel_sd`` is None, `calibrate`
+    It may be the ``noise`` of `calibrate`, or ``camera`` of `PoseNoise`. Where ``pixel_sd`` is None, `calibrate`
     estimates it from the residuals.
     """
 

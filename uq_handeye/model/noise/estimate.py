@@ -25,7 +25,7 @@ from .models import Noise, PairNoise, PoseNoise, is_joint
 # Units of components, and the factor to those that people read.
 SHOWN = {"rad": (180 / np.pi, "deg"), "m": (1e3, "mm"), "px": (1.0, "px")}
 
-# Errors that the corners of a picture share: what residuals indicate beside a known robot (`beside_camera`).
+# Errors that the corners of a picture share: what residuals indicate if the robot is known (`beside_camera`).
 CAMERA_EXCESS = "camera beyond its corners"
 PICTURE_SHIFT = "shift of each picture"
 
@@ -137,7 +137,7 @@ class CameraFactor:
     """Factor on the covariance of the camera poses that the residuals indicate: 1 if it is valid (`beside_camera`)."""
 
     value: float  # kappa, of variances
-    dof: float  # kappa times it is chi-square with so many degrees of freedom, if the covariance is true
+    dof: float  # kappa times dof is chi-square with dof degrees of freedom, if the covariance is valid
     p_value: float  # two-sided
 
 
@@ -180,10 +180,10 @@ class NoiseEstimate(Record):
     noise: PoseNoise | PairNoise | None  # None: exact data
     components: tuple[Component, ...]
     findings: tuple[Finding, ...]  # what the data can and cannot tell
-    variances: Annotated[Array, "m"]  # (3,), beside a camera covariance (1,) to (3,)
+    variances: Annotated[Array, "m"]  # (3,), with a camera covariance (1,) to (3,)
     covariance: Annotated[Array, "m", "m"]  # (m, m)
     dof: float  # residual degrees of freedom: 6 n - p, a pose of weight w counts as w poses
-    camera_factor: CameraFactor | None = None  # beside a camera covariance that is known, where the data can tell
+    camera_factor: CameraFactor | None = None  # of a given camera covariance, where the data determine it
     shape: float | None = None  # degrees of freedom of the t that X follows, its sizes integrated over; None: Gaussian
     names: tuple[str, ...] = ()  # of the components that `variances` are of; empty: by what was estimated, as above
     of_model: tuple[FoundComponent, ...] = ()  # all errors of the joint model
@@ -226,7 +226,7 @@ class NoiseEstimate(Record):
             component.name.partition(" ")[0] not in ("robot", "camera", "A", "B")
             for component in self.components
             if component.status in ("fixed", "prior")
-        ):  # what is assumed of an arm beside a camera that the residuals gave
+        ):  # assumed of an arm, with a camera whose noise is that of the residuals
             return False
         if any(
             component.name in (CAMERA_EXCESS, PICTURE_SHIFT) and component.value > 0 for component in self.components

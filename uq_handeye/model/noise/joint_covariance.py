@@ -11,7 +11,7 @@ B of the blocks, ``V = B^-1 F``, ``V^T V = Y diag(h^2 - 1) Y^T`` and ``U = V Y``
     Sigma = L L^T,   L = B (I + V V^T)^(1/2),   L^-1 = (I - U diag(1 / (h (1 + h))) U^T) B^-1
 
 which `JointFactor` applies without forming it. A column may bear the name of what it is
-the error of (a focal length); what an estimate says of it is told by that name. Columns whose names agree before ": "
+the error of (a focal length); results report it by that name. Columns whose names agree before ": "
 ("joint offsets: elbow", "joint offsets: wrist") are the numbers of one error, and one source of a budget (`group_of`).
 """
 
@@ -49,7 +49,7 @@ class JointCovariance(ReadOnlyArrays):
     """``blkdiag(own) + F F^T`` of n poses: own (..., n, 6, 6) and the n blocks of F, shared (..., n, 6, q).
 
     ``names`` (q) of the columns: one standard deviation of the error so named; empty text where a column has none.
-    It stands where a (6n, 6n) array may stand, has its shape, multiplies like it, and ``np.asarray`` forms it.
+    It may be given where a (6n, 6n) array may, has its shape, multiplies like it, and ``np.asarray`` forms it.
 
     >>> S = JointCovariance(np.tile(np.eye(6), (3, 1, 1)), np.ones((3, 6, 1)))
     >>> S.shape, float(np.asarray(S)[0, 17]), S.n

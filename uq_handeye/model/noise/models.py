@@ -106,7 +106,7 @@ class _TwoSides(Record):
 class PairNoise(_TwoSides):
     """Independent noise on each motion: covariances of ``A`` and ``B``, 6x6 or (N, 6, 6); None is exact.
 
-    ``prior``: what is known of X beforehand, which is a measurement beside the motions (`PosePrior`).
+    ``prior``: what is known of X beforehand, which counts as a measurement like the motions (`PosePrior`).
     """
 
     SIDES: ClassVar[tuple[str, str]] = ("A", "B")
@@ -142,7 +142,7 @@ class PoseNoise(_TwoSides):
     None means exact. ``camera`` may be a `CameraNoise`: that which `calibrate` estimates the pixel noise of, and the
     robot's if it is None, unless its ``pixel_sd`` is known.
 
-    ``prior``: what is known of X and W beforehand, which is a measurement beside the poses (`PosePrior`).
+    ``prior``: what is known of X and W beforehand, which counts as a measurement like the poses (`PosePrior`).
     """
 
     SIDES: ClassVar[tuple[str, str]] = ("robot", "camera")
@@ -171,7 +171,7 @@ Noise = PairNoise | PoseNoise
 
 
 def with_prior(noise: Noise, prior: PosePrior | None) -> Noise:
-    """The noise with what is known of X and W beside it, of motions X only; as it is where that is None."""
+    """Return the noise with a prior of X and W, of motions of X only; the noise as it is without a prior."""
     if prior is None:
         return noise
     return replace(noise, prior=prior if noise.ITEM == "pose" else prior.without_W())

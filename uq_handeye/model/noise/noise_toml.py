@@ -8,7 +8,7 @@
     covariance = [[...], ...]    # 6 x 6, or n x 6 x 6: one per pose; [robot] and [camera] also 6n x 6n: joint
 
 A table that is left out means that the quantity is exact. Frames as in `models`. The table [shared]
-holds errors that all poses share and is read by `uq_handeye.model.shared_errors.shared_toml`; beside it alone the noise
+holds errors that all poses share and is read by `uq_handeye.model.shared_errors.shared_toml`; with it alone the noise
 is to be estimated.
 """
 
@@ -41,7 +41,7 @@ def read_noise_file(path: StrPath) -> PoseNoise | PairNoise | None:
     ------
     InputError
         One line that names the file and the key: a file that cannot be read or is not TOML, unknown tables
-        or keys, [robot] or [camera] beside [A] or [B], standard deviations without unit or below zero,
+        or keys, [robot] or [camera] together with [A] or [B], standard deviations without unit or below zero,
         covariances of the wrong shape, not finite, not symmetric or not positive semidefinite.
     """
     path = as_path(path)

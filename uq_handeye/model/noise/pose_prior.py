@@ -203,6 +203,6 @@ def _root_of_inverse(information: Array) -> Array:
     """L (6, 6) with ``L L^T`` the covariance of what is known, 0 for the rest."""
     unit, diagonal = _unit_diagonal(information)
     values, vectors = np.linalg.eigh(unit)
-    told = values > SOLUTION_ROUNDING
-    root = np.where(told, 1.0 / np.sqrt(np.where(told, values, 1.0)), 0.0)
+    known = values > SOLUTION_ROUNDING
+    root = np.where(known, 1.0 / np.sqrt(np.where(known, values, 1.0)), 0.0)
     return np.asarray(vectors * root / np.sqrt(diagonal)[:, None])

@@ -2,9 +2,9 @@
 
 Frames: ``robot[k] = base_T_gripper(k)``, ``camera[k] = camera_T_target(k)``. Two setups:
 
-- ``eye-in-hand``: the camera sits on the gripper, the target stands still; ``X = gripper_T_camera`` and
+- ``eye-in-hand``: the camera sits on the gripper, the target does not move; ``X = gripper_T_camera`` and
   ``base_T_gripper X camera_T_target = base_T_target`` is constant.
-- ``eye-to-hand``: the camera stands still, the target sits on the gripper; ``X = base_T_camera`` and
+- ``eye-to-hand``: the camera does not move, the target sits on the gripper; ``X = base_T_camera`` and
   ``gripper_T_base X camera_T_target = gripper_T_target`` is constant. It is the same equation with the
   robot poses inverted.
 
@@ -54,7 +54,7 @@ def as_joint_values(value: ArrayLike, n: int) -> Array:
 def joint_values_at(times: Array, joints: Array, wanted: Array) -> Array:
     """Interpolate joint values (n, L) at increasing ``times`` (n,) linearly: (m, L) at the times ``wanted`` (m,).
 
-    A step of a joint by more than half a turn is taken as it stands in the data, not the short way round: joint values
+    A step of a joint by more than half a turn is taken as it is in the data, not the short way round: joint values
     count turns.
     """
     return np.stack([np.interp(wanted, times, column) for column in joints.T], axis=-1)

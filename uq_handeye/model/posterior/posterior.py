@@ -11,8 +11,8 @@ P is `covariance`, the mean square about the estimate. m_d and C_d are kept rela
 ``L^-1 C_d L^-T``, so that they stay with the posterior when it is refined. Where sizes are known there is one point.
 
 Noise of new measurements is drawn again (`FreshNoise`): its covariance at a pose times the square of its size at each
-point. Errors whose columns belong to poses (an arm of which nothing is known, the view) are told at other poses by the
-poses that they were bound to, which are kept as well (`bound`).
+point. Errors whose columns belong to poses (an arm of which nothing is known, the view) are computed at other poses
+from the poses that they were bound to, which are kept as well (`bound`).
 """
 
 from __future__ import annotations
@@ -153,7 +153,7 @@ class Posterior(ReadOnlyArrays):
         """Numbers (among the q) of the errors of some owners."""
         return np.array([k for k, name in enumerate(self.names) if owner_of(name) in owners], dtype=np.intp)
 
-    # ------------------------------------------------------------------------------------------- what it is asked
+    # ------------------------------------------------------------------------------------------- predictions and tests
 
     def predict(self, functions: ArrayLike, noise: Array | None = None) -> Array:
         """Covariance (..., k, k) of linear functions (..., k, N) of s, with noise (..., k, k) of their own."""

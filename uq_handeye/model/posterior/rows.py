@@ -78,7 +78,7 @@ class Explained(NamedTuple):
     gain: float  # by how much d^2 falls
 
 
-class Told(NamedTuple):
+class ErrorsGiven(NamedTuple):
     """The errors of the estimates once the measurements are known."""
 
     mean: Array  # (12 + q,) of s: estimates less truth, so that the new estimate is the old one less it
@@ -161,12 +161,12 @@ class NewRows(ReadOnlyArrays):
         size = np.linalg.norm(white, axis=0)
         size = np.where(size > 0, size, 1.0)
         U, s, Vt = np.linalg.svd(white / size, full_matrices=False)
-        told = s > s.max(initial=0.0) * CHAIN_ROUNDING
-        along = U.T[told] @ self.white
-        back = (Vt[told].T / s[told]) / size[:, None]
+        determined = s > s.max(initial=0.0) * CHAIN_ROUNDING
+        along = U.T[determined] @ self.white
+        back = (Vt[determined].T / s[determined]) / size[:, None]
         return Explained(back @ along, back @ back.T, float(along @ along))
 
-    def absorbed(self) -> Told:
+    def absorbed(self) -> ErrorsGiven:
         """Return the errors of the estimates, given these measurements."""
         own = replace(self, by_unit=self.by_unit[..., :0])
         V, r = own.whitened(self.by_unit), own.whitened(self.r[..., None])[:, 0]
@@ -175,7 +175,7 @@ class NewRows(ReadOnlyArrays):
         A = np.zeros((len(self.posterior.A), V.shape[1]))
         A[:, :p] = self.posterior.A
         covariance = A @ cho_solve(inner, A.T)
-        return Told(A @ cho_solve(inner, V.T @ r), 0.5 * (covariance + covariance.T))
+        return ErrorsGiven(A @ cho_solve(inner, V.T @ r), 0.5 * (covariance + covariance.T))
 
     @cached_property
     def test(self) -> Test:
@@ -278,7 +278,7 @@ class PredictiveReference(ReadOnlyArrays):
         return 2.0 / variance if variance > CHAIN_ROUNDING else float("inf")
 
     def p_value(self, d2: float, size: int | None = None) -> float:
-        """Probability of a d^2 at least as large; ``size``: of so many of the numbers."""
+        """Probability of a d^2 at least as large; ``size``: of only some of the numbers."""
         share = 1.0 if size is None else size / self.size
         return float(np.clip(self.weight @ chdtrc(share * self.dof, max(d2, 0.0) / self.scale), 0.0, 1.0))
 

@@ -6,7 +6,7 @@ is in the first six terms of the Karhunen-Loeve expansion over n steps,
 
     b(i) = sum_k z_k sqrt(2 n) sin((k - 1/2) pi i / n) / ((k - 1/2) pi)
 
-so that drift is so many columns times six. What moves is the *camera*, about its own origin (a left error of
+so that drift has six columns for each term. What moves is the *camera*, about its own origin (a left error of
 ``camera_T_target``), or the *target*, about its own (a right one). There is no drift where there are no timestamps: the
 order of the rows of a file means nothing.
 """

@@ -44,7 +44,7 @@ def shared_columns(errors: Sequence[SharedError], poses: PosePairs) -> dict[str,
 
 
 def with_shared(noise: PoseNoise, columns: Mapping[str, JointCovariance]) -> PoseNoise:
-    """The noise and, beside it, the `shared_columns`."""
+    """Return the noise with the `shared_columns` added to each side."""
     sides = {side: add_columns(getattr(noise, side), columns.get(side)) for side in SIDES}
     return replace(noise, robot=sides["robot"], camera=sides["camera"])
 

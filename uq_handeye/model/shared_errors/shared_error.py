@@ -100,7 +100,7 @@ class SharedError(ReadOnlyArrays):
     stated: str = ""  # in words, where the numbers are in units of what was declared
     bind: Callable[[PosePairs], dict[str, Any]] | None = None  # what changes once it belongs to poses; None: bound
     left: Array | None = None  # (n, 6, 6) per unit^2 that its numbers leave of the poses that it is bound to
-    unseen: Callable[[PosePairs, bool], Array] | None = None  # the same of other poses, beside measured noise or not
+    unseen: Callable[[PosePairs, bool], Array] | None = None  # the same of other poses, with measured noise or without
     accuracy: RobotAccuracy | None = None  # of a robot, once it is bound
     declared: tuple[float, float, float | None] | None = (
         None  # accuracy of a robot (m, rad) and its reach (m), as given

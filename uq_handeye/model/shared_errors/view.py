@@ -156,7 +156,7 @@ def _normal(camera: Array, largest_angle: float = 1.05, all_around: float = 0.3)
 
 def _bounded(information: Array, count: int, distance: float, own: Array) -> Array:
     """Information of poses without open directions: an edge-on target would leave its tilt open, and one that is far
-    beside the others its distance.
+    away from the others its distance.
     """
     information[:, range(3), range(3)] += count * (MIN_TILT_COSINE * HALF_WIDTH) ** 2
     information[:, range(3, 6), range(3, 6)] += (

@@ -42,7 +42,7 @@ _PARTS = ("parent", "child", "origin", "axis", "limit", "mimic")
 
 @dataclass
 class _Joint:
-    """A joint as it stands in the file."""
+    """A joint as the file has it."""
 
     name: str
     type: str
