@@ -91,7 +91,8 @@ if _typing.TYPE_CHECKING:
     from .rig.result import RigCalibration
     from .rig.simulation import simulate_rig
     from .trials.simulation.rig import simulate
-    from .trials.validation.cross_check.run import CrossCheck, cross_check
+    from .trials.validation.cross_check.result import CrossCheck
+    from .trials.validation.cross_check.run import cross_check
     from .trials.validation.monte_carlo.run import MonteCarlo, monte_carlo
     from .trials.validation.posterior.density import ScalePrior
     from .trials.validation.posterior.result import Posterior

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from studies.common.study import Tables, markdown
-from uq_handeye.trials.validation.cross_check.relations import number
+from uq_handeye.trials.validation.cross_check.ratios import number
 
 LABELS = {
     "4dpa-pairs": "4DPA, sum over pairs",

@@ -25,7 +25,7 @@ from uq_handeye.methods.procrustes.paper_covariances import PAPER_SCALE
 from uq_handeye.methods.procrustes.scaled import se3_from_so4, so4_from_se3, solve_4dpa
 from uq_handeye.trials.simulation.experiment import Experiment, experiment
 from uq_handeye.trials.simulation.run import run
-from uq_handeye.trials.validation.cross_check.rows import SINGULAR, formulas
+from uq_handeye.trials.validation.cross_check.rows import formulas, is_singular
 
 SEED = 2019
 PAIRS = 60
@@ -109,8 +109,7 @@ def judged(key: str, S: Array, drawn: Sample, each: Array | None = None) -> dict
         "bias (sd)": float(np.abs(drawn.errors.mean(axis=0) / np.sqrt(np.diag(C))).max()),
     }
     names = ("NEES", "NEES from", "NEES to", "coverage", "coverage from", "coverage to")
-    unit = np.sqrt(np.diag(S))
-    if np.linalg.eigvalsh(S / np.outer(unit, unit))[0] < SINGULAR:
+    if is_singular(S):
         return line | dict.fromkeys(names, np.nan)
     distances = nees(drawn.errors, S if each is None else each)
     share = binomtest(int((distances < chi2.ppf(LEVEL, 6)).sum()), T)

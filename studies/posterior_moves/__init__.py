@@ -41,11 +41,11 @@ from uq_handeye.core.presentation.figure_parts import (
 )
 from uq_handeye.core.runtime.progress import progress_bar
 from uq_handeye.fit.one_model.noise_of_data import estimate_noise
-from uq_handeye.trials.validation.posterior import chain as posterior_moves
-from uq_handeye.trials.validation.posterior.chain import Proposal, moves_of
+from uq_handeye.trials.validation.posterior import proposal as posterior_moves
+from uq_handeye.trials.validation.posterior.convergence import autocorrelation_time, by_arviz
 from uq_handeye.trials.validation.posterior.density import Density, ScalePrior, density_of
-from uq_handeye.trials.validation.posterior.result import autocorrelation_time, by_arviz
-from uq_handeye.trials.validation.posterior.sample import ROUND, burn_in, sample_steps, sampler_of
+from uq_handeye.trials.validation.posterior.proposal import Proposal, moves_of
+from uq_handeye.trials.validation.posterior.sampling import ROUND_STEPS, burn_in, sample_steps, sampler_of
 
 WALKERS = 128
 LONG_ENOUGH = 50  # autocorrelation times
@@ -90,7 +90,7 @@ def problems() -> dict[str, Density]:
 
 def sampled(density: Density, moves: Callable[[Proposal], Any], asked: int, most: int) -> dict[str, Any]:
     state, proposal, _ = burn_in(density, np.zeros((1, density.d)), WALKERS, SEED)
-    state = sample_steps(sampler_of(density, proposal, WALKERS, emcee.backends.Backend()), state, ROUND)
+    state = sample_steps(sampler_of(density, proposal, WALKERS, emcee.backends.Backend()), state, ROUND_STEPS)
     sampler = emcee.EnsembleSampler(WALKERS, density.d, density, moves=moves(proposal), vectorize=True)
     seconds, part = 0.0, 60
     while True:
@@ -156,10 +156,11 @@ def findings(tables: Tables) -> str:
     behind = (others.max(axis=1) / others[MIX]).max()
     named = "; ".join(f"{moves} in {count}" for moves, count in best["moves"].value_counts().items())
     short = (~table["long_enough"].astype(bool)).sum()
+    mix = ", ".join(f"{100 * share:g} %" for share in (moves_of.__defaults__ or ((),))[0])
     return "\n\n".join(
         [
-            f"Proposal of the independence move: Student-t of {posterior_moves.DOF:g} degrees of freedom; mix of the "
-            f"package: {', '.join(f'{100 * share:g} %' for share in posterior_moves.SHARES)} independence, "
+            f"Proposal of the independence move: Student-t of {posterior_moves.PROPOSAL_DOF:g} degrees of freedom; "
+            f"mix of the package: {mix} independence, "
             "differential "
             "evolution, snooker. Effective samples of the worst coordinate per second of sampling, as multiples of the "
             "stretch move's on the same posterior.",

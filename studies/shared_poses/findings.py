@@ -10,7 +10,7 @@ import pandas as pd
 from scipy.stats import binom, linregress, t
 
 from studies.common.study import Tables, markdown
-from uq_handeye.trials.validation.cross_check.relations import number
+from uq_handeye.trials.validation.cross_check.ratios import number
 
 INDEPENDENT, AWARE = "NEES, pairs independent", "NEES, pose-aware"
 NAMES = {

@@ -17,7 +17,8 @@ from uq_handeye import read_poses, simulate
 from uq_handeye.cli import app as cli
 from uq_handeye.cli.commands import validate as cli_validate
 from uq_handeye.read import write_pose_file
-from uq_handeye.trials.validation.monte_carlo.chunks import Work, WorkersLostError
+from uq_handeye.trials.validation.monte_carlo.chunks import Work
+from uq_handeye.trials.validation.monte_carlo.crew import WorkersLostError
 from uq_handeye.trials.validation.monte_carlo.run import monte_carlo
 
 OPTIONS = ("--robot-noise", "0.02deg,0.05mm", "--camera-noise", "0.1deg,0.5mm")

@@ -18,7 +18,7 @@ from uq_handeye.model.posterior.rows import PredictiveReference
 from uq_handeye.read import write_pose_file
 from uq_handeye.trials.simulation.rig import RIGS
 from uq_handeye.use.maintenance.causes import columns_of_causes, compare_causes
-from uq_handeye.use.verification.verify import verify_poses
+from uq_handeye.use.verification.verify_poses import verify_poses
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
 SETUPS = ("eye-in-hand", "eye-to-hand")

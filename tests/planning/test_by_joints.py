@@ -13,7 +13,7 @@ import uq_handeye as uq
 from uq_handeye import InputError
 from uq_handeye.model.kinematics.forward import spread_postures
 from uq_handeye.model.kinematics.joints_file import read_joints
-from uq_handeye.use.planning.by_posterior import sample_joints
+from uq_handeye.use.planning.by_joints import sample_joints
 
 ARM = chain()
 NOISE = uq.PoseNoise.isotropic(robot=(1e-6, 1e-6), camera=CAMERA)

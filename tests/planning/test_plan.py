@@ -44,7 +44,7 @@ from uq_handeye.use.planning import plan as planning
 from uq_handeye.use.planning.by_posterior import CRITERIA
 from uq_handeye.use.planning.candidates import sample_candidates
 from uq_handeye.use.planning.plan import plan
-from uq_handeye.use.planning.weak_prior import OPEN, PRIOR
+from uq_handeye.use.planning.weak_prior import OPEN_SD, WEAK_PRIOR_SD
 
 NOISE = PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
 SETUPS = ("eye-in-hand", "eye-to-hand")
@@ -279,7 +279,7 @@ def test_parallel_axes(setup, noisy, seed):
     found = plan(data, k=3, noise=NOISE, seed=seed)
     ((direction),) = found.open_directions
     assert abs(direction[3:] @ axis) > 0.999
-    assert found.worst[0, 1] == pytest.approx(PRIOR, rel=1e-3)
+    assert found.worst[0, 1] == pytest.approx(WEAK_PRIOR_SD, rel=1e-3)
     assert found.worst[1, 1] < 3e-3
     error = difference(found.X, X)
     assert np.linalg.norm(error[:3]) < 6e-3
@@ -317,10 +317,10 @@ def test_a_direction_is_open_by_its_standard_deviation():
         found = plan(PosePairs(G, C), k=1, noise=NOISE)
         smallest, *_, largest = np.linalg.eigvalsh(bound(PosePairs(G, C), NOISE, X))
         largest = np.inf if smallest < 1e-12 * largest else np.sqrt(largest)  # without variance: open
-        assert (len(found.open_directions) == 1) == (largest > OPEN)
-        if largest <= OPEN:
+        assert (len(found.open_directions) == 1) == (largest > OPEN_SD)
+        if largest <= OPEN_SD:
             assert_same_covariance(found.covariance_before, bound(PosePairs(G, C), NOISE, X), 1e-4)
-        seen.add(largest > OPEN)
+        seen.add(largest > OPEN_SD)
     assert seen == {True, False}
 
 

@@ -7,7 +7,7 @@ from support import SEED
 
 import uq_handeye as uq
 from uq_handeye.report.page import report_html
-from uq_handeye.trials.validation.cross_check.run import verdict
+from uq_handeye.trials.validation.cross_check.text import verdict
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
 SMALL = uq.PoseNoise.isotropic(robot=("0.01deg", "0.025mm"), camera=("0.05deg", "0.25mm"))

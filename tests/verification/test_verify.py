@@ -13,7 +13,7 @@ from support import SEED
 import uq_handeye as uq
 from uq_handeye.core.geometry.se3 import inverse
 from uq_handeye.read import write_pose_file
-from uq_handeye.use.verification.verify import verify_poses
+from uq_handeye.use.verification.verify_poses import verify_poses
 
 DEVIATIONS = ("--tcp-sd", "0.2mm", "--point-sd", "0.3mm")
 

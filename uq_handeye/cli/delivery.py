@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from ..model.camera.result import CameraCalibration
     from ..model.points.result import PointPoses
     from ..report.comparison.compare import Compared
-    from ..trials.validation.cross_check.run import CrossCheck
+    from ..trials.validation.cross_check.result import CrossCheck
 
 
 @dataclass(frozen=True)

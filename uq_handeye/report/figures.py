@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from ..calibration.result import Calibration
     from ..core.geometry.se3 import Array
     from ..fit.diagnostics.pose_table import PoseTable
-    from ..trials.validation.cross_check.run import CrossCheck
+    from ..trials.validation.cross_check.result import CrossCheck
     from .comparison.result import Comparison
 
 

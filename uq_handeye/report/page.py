@@ -30,7 +30,7 @@ from ..core.presentation.document import Answer, Badge, Block, Checks, Drawing, 
 from ..core.presentation.page import PAPERS, Page, drawing, page_path, write_page
 from ..errors import InputError, require_type
 from ..findings import Finding
-from ..trials.validation.cross_check.run import CrossCheck as CrossCheck
+from ..trials.validation.cross_check.result import CrossCheck as CrossCheck
 from .certificate import make_certificate
 from .comparison.compare import Compared, compare_beside
 from .comparison.result import Comparison

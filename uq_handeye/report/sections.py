@@ -31,7 +31,7 @@ from ..core.numbers.limits import MAX_LISTED, MAX_NAMED
 from ..core.presentation.document import Block, Code, Drawing, Paragraph, Points, Section, Table
 from ..fit.diagnostics.budget import EACH, SHARED
 from ..model.camera.report.text import answer, boards_words, coverage_words, model_name, noise_words, parameter_rows
-from ..trials.validation.cross_check.run import state, verdict
+from ..trials.validation.cross_check.text import state, verdict
 from .budget import gum_table
 from .comparison.text import methods_table
 from .figures import poses_of
@@ -39,7 +39,7 @@ from .figures import poses_of
 if TYPE_CHECKING:
     from ..calibration.result import Calibration
     from ..calibration.statement.tolerance import Verdict
-    from ..trials.validation.cross_check.run import CrossCheck
+    from ..trials.validation.cross_check.result import CrossCheck
     from .comparison.compare import Compared
     from .comparison.result import Comparison
 

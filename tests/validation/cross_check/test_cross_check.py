@@ -22,7 +22,8 @@ import uq_handeye as uq
 from uq_handeye.core.presentation.document import WIDTH
 from uq_handeye.findings import Finding
 from uq_handeye.trials.validation.cross_check import rows as cross_check_rows
-from uq_handeye.trials.validation.cross_check.run import _figures, _sentence, cross_check
+from uq_handeye.trials.validation.cross_check.run import cross_check
+from uq_handeye.trials.validation.cross_check.text import _figures, _sentence
 from uq_handeye.trials.validation.posterior import sample as posterior
 from uq_handeye.trials.validation.sentences import INTERRUPTED
 
@@ -202,8 +203,8 @@ def test_a_posterior_that_did_not_converge(monkeypatch, poses):
 
 @pytest.mark.slow
 def test_very_many_pairs(monkeypatch):
-    monkeypatch.setattr(cross_check_rows, "MOST_PAIRS", 60)
-    monkeypatch.setattr(cross_check_rows, "MOST", 2000)
+    monkeypatch.setattr(cross_check_rows, "MAX_PAIRS_OF_NGUYEN", 60)
+    monkeypatch.setattr(cross_check_rows, "MAX_POSES_OF_TRIALS", 2000)
     data = uq.simulate(12, noise=ON_POSES, seed=SEED)  # 66 pairs
     check = cross_check(data, noise=ON_POSES, trials=300, posterior=False)
     assert "66 pairs are too many" in check.row("nguyen-sampled").note
@@ -212,7 +213,7 @@ def test_very_many_pairs(monkeypatch):
     assert check.row("ml-sampled").trials == 166 and "166 trials in place of 300" in check.row("ml-sampled").note
     assert check.row("4dpa-pairs").covariance is not None and check.relation("4dpa-first-order").holds
     assert "166 trials in place of 300" in check.to_text(verbose=True)
-    monkeypatch.setattr(cross_check_rows, "MOST_PAIRS_ONCE", 65)
+    monkeypatch.setattr(cross_check_rows, "MAX_PAIRS", 65)
     check = cross_check(data, noise=ON_POSES, trials=100, posterior=False)
     for key in ("4dpa-pairs", "4dpa-literal", "nguyen-own", "nguyen-first-order"):
         assert "66 pairs are too many" in check.row(key).note

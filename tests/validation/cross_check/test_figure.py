@@ -8,7 +8,7 @@ from support import SEED
 
 import uq_handeye as uq
 from uq_handeye.trials.validation.cross_check.run import cross_check
-from uq_handeye.trials.validation.figures_of_covariances import cross_check_figure
+from uq_handeye.trials.validation.figure_of_cross_check import cross_check_figure
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
 

@@ -7,7 +7,9 @@ import pytest
 from scipy import stats
 from support import SEED, random_covariance, whitened_eigenvalues
 
-from uq_handeye.trials.validation.cross_check.relations import CONFIDENCE, Evidence, chance, ratios, relations
+from uq_handeye.core.numbers.levels import CONTRADICTED
+from uq_handeye.trials.validation.cross_check.ratios import chance, ratios
+from uq_handeye.trials.validation.cross_check.relations import Evidence, relations
 
 T = 10_000
 
@@ -37,8 +39,10 @@ def test_chance(samples):
     found = [ratios(wishart(rng, P, samples), P, samples) for _ in range(400)]
     low, high = chance(samples)
     outside = sum(r.least < low or r.largest > high for r in found)
-    assert outside <= stats.binom.ppf(0.999, 400, 2 * (1 - CONFIDENCE))
-    assert sum(abs(r.overall - 1) > r.spread for r in found) <= stats.binom.ppf(0.999, 400, 2 * (1 - CONFIDENCE))
+    assert outside <= stats.binom.ppf(0.999, 400, 2 * CONTRADICTED.probability)
+    assert sum(abs(r.overall - 1) > r.spread for r in found) <= stats.binom.ppf(
+        0.999, 400, 2 * CONTRADICTED.probability
+    )
     assert max(r.largest for r in found) > 1 + 0.6 * (high - 1)  # and no wider than need be
     assert all(r.equal for r in found)
     # heavy tails widen it

@@ -10,7 +10,7 @@ from support import SEED, draw
 
 from uq_handeye.core.presentation.document import COLUMNS, to_text
 from uq_handeye.core.presentation.ellipses import render
-from uq_handeye.trials.validation.figures_of_trials import band, validation_figure
+from uq_handeye.trials.validation.figure_of_monte_carlo import band, validation_figure
 from uq_handeye.trials.validation.monte_carlo.consistency import Sums, consistency
 from uq_handeye.trials.validation.monte_carlo.result import monte_carlo_document
 from uq_handeye.trials.validation.monte_carlo.sums import BELOW, COMPONENTS

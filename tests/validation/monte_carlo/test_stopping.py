@@ -9,10 +9,10 @@ from support import SEED, draw, random_covariance
 
 from uq_handeye.errors import InputError
 from uq_handeye.findings import Finding
-from uq_handeye.trials.validation.monte_carlo.sums import (
-    BLOCK,
-    FIRST,
-    LEAST,
+from uq_handeye.trials.validation.monte_carlo.consistency import MIN_TRIALS
+from uq_handeye.trials.validation.monte_carlo.stopping import (
+    BLOCK_TRIALS,
+    MIN_BLOCKS,
     NAMES,
     Stability,
     numerical_tolerance,
@@ -36,7 +36,7 @@ def until_stable(rng, P, digits, most):
     """Add blocks until stable; return the collector and the number of blocks."""
     stability = Stability(digits)
     for _ in range(most):
-        stability.add(draw(rng, P, (BLOCK,)), np.ones(BLOCK, bool))
+        stability.add(draw(rng, P, (BLOCK_TRIALS,)), np.ones(BLOCK_TRIALS, bool))
         if stability.stable:
             break
     return stability
@@ -90,7 +90,7 @@ def test_a_run_stops_and_its_numbers_are_as_good_as_asked(rng, digits):
     P = random_covariance(rng)
     summary = until_stable(rng, P, digits, 150).summary()
     assert summary.stable and summary.reason == "" and summary.unstable == ()
-    assert summary.blocks >= FIRST and summary.blocks_expected <= summary.blocks
+    assert summary.blocks >= MIN_BLOCKS and summary.blocks_expected <= summary.blocks
     correlation = P / np.sqrt(np.outer(np.diag(P), np.diag(P)))
     truth = [*np.zeros(6), *np.sqrt(np.diag(P)), np.linalg.eigvalsh(correlation)[-1], np.sqrt(stats.chi2.ppf(0.95, 6))]
     off = np.abs(summary.values - truth) / summary.tolerance
@@ -101,15 +101,15 @@ def test_no_stop_before_the_first_test_nor_with_few_trials(rng):
     P = random_covariance(rng)
     stability = Stability(1)
     assert not stability.stable and stability.summary().values is None
-    for _ in range(1, FIRST):
-        stability.add(draw(rng, P, (BLOCK,)), np.ones(BLOCK, bool))
-        assert not stability.stable and f"{FIRST} are needed" in stability.summary().reason
-    few = filled([draw(rng, P, (BLOCK,)) for _ in range(FIRST)], 4).summary()
+    for _ in range(1, MIN_BLOCKS):
+        stability.add(draw(rng, P, (BLOCK_TRIALS,)), np.ones(BLOCK_TRIALS, bool))
+        assert not stability.stable and f"{MIN_BLOCKS} are needed" in stability.summary().reason
+    few = filled([draw(rng, P, (BLOCK_TRIALS,)) for _ in range(MIN_BLOCKS)], 4).summary()
     assert not few.stable and few.blocks_expected > 100 and "not to 4 digits yet" in few.reason
 
 
 def test_one_digit_is_singular(rng):
-    blocks = [(1 + 9 * (k % 2)) * draw(rng, np.eye(6), (500,)) for k in range(FIRST)]
+    blocks = [(1 + 9 * (k % 2)) * draw(rng, np.eye(6), (500,)) for k in range(MIN_BLOCKS)]
     assert "not to 1 digit yet" in filled(blocks, np.int64(1)).summary().reason
     assert [str(Finding(STABLE, "note", {"digits": k})) for k in (1, 2)] == ["stable to 1 digit", "stable to 2 digits"]
 
@@ -117,7 +117,7 @@ def test_one_digit_is_singular(rng):
 def test_numbers_that_drift_do_not_become_stable(rng):
     """A run whose spread grows from block to block never gets two digits, where a steady one does."""
     P = np.eye(6)
-    steady = [draw(rng, P, (BLOCK,)) for _ in range(40)]
+    steady = [draw(rng, P, (BLOCK_TRIALS,)) for _ in range(40)]
     assert filled(steady, 2).stable
     drifting = [block * (1 + 0.02 * k) for k, block in enumerate(steady)]
     summary = filled(drifting, 2).summary()
@@ -126,7 +126,7 @@ def test_numbers_that_drift_do_not_become_stable(rng):
 
 def test_the_same_blocks_give_the_same_bits_and_failures_are_left_out(rng):
     P = random_covariance(rng)
-    blocks = [draw(rng, P, (500,)) for _ in range(FIRST)]
+    blocks = [draw(rng, P, (500,)) for _ in range(MIN_BLOCKS)]
     a, b = filled(blocks, 2).summary(), filled(blocks, 2).summary()
     assert all(np.array_equal(x, y) for x, y in zip(a, b, strict=True))
     failed, alone = Stability(2), Stability(2)
@@ -138,10 +138,10 @@ def test_the_same_blocks_give_the_same_bits_and_failures_are_left_out(rng):
 
 
 def test_blocks_without_estimates_are_never_stable(rng):
-    stability = filled([draw(rng, np.eye(6), (BLOCK,)) for _ in range(20)], 1)
+    stability = filled([draw(rng, np.eye(6), (BLOCK_TRIALS,)) for _ in range(20)], 1)
     assert stability.stable
-    stability.add(np.zeros((BLOCK, 6)), np.zeros(BLOCK, bool))
-    assert not stability.stable and f"fewer than {LEAST} estimates" in stability.summary().reason
+    stability.add(np.zeros((BLOCK_TRIALS, 6)), np.zeros(BLOCK_TRIALS, bool))
+    assert not stability.stable and f"fewer than {MIN_TRIALS} estimates" in stability.summary().reason
     alone = Stability(1)
     alone.add(np.zeros((10, 6)), np.zeros(10, bool))
     assert alone.summary().values is None and "1 of 1 blocks" in alone.summary().reason

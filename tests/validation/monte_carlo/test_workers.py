@@ -22,17 +22,10 @@ from uq_handeye import DegenerateMotionError, InputError, MissingExtraError, Not
 from uq_handeye.core.runtime.executors import connect_to_dask
 from uq_handeye.core.runtime.threads import one_thread
 from uq_handeye.trials.simulation.experiment import experiment
-from uq_handeye.trials.validation.monte_carlo import chunks as workers
+from uq_handeye.trials.validation.monte_carlo import crew as workers
 from uq_handeye.trials.validation.monte_carlo import run as module
-from uq_handeye.trials.validation.monte_carlo.chunks import (
-    Crew,
-    Work,
-    WorkersLostError,
-    compute_chunks,
-    from_bytes,
-    to_bytes,
-    versions,
-)
+from uq_handeye.trials.validation.monte_carlo.chunks import Work, compute_chunks, from_bytes, to_bytes, versions
+from uq_handeye.trials.validation.monte_carlo.crew import Crew, WorkersLostError
 from uq_handeye.trials.validation.monte_carlo.run import monte_carlo
 from uq_handeye.trials.validation.sentences import INTERRUPTED, WORKERS_LOST
 
@@ -54,7 +47,7 @@ def alone(problem):
 def at_once(monkeypatch):
     """Workers are started however short the run is, and get small groups."""
     monkeypatch.setattr(workers, "START_SECONDS", 0.0)
-    monkeypatch.setattr(workers, "MOST_IN_GROUP", 3)
+    monkeypatch.setattr(workers, "MAX_GROUP_CHUNKS", 3)
 
 
 def work_of(problem, trials=TRIALS):
@@ -181,8 +174,8 @@ def scrambled():
 @pytest.mark.parametrize(("ahead", "group"), [(1, 1), (3, 1), (4, 7)])
 @pytest.mark.parametrize("there", [(), (0, 1, 2), (5, 17, 18, 99), range(100)])
 def test_chunks_come_in_order_and_a_bounded_number_ahead(scrambled, monkeypatch, ahead, group, there):
-    monkeypatch.setattr(workers, "LEAST_AHEAD", ahead)
-    monkeypatch.setattr(workers, "MOST_IN_GROUP", group)
+    monkeypatch.setattr(workers, "MIN_GROUPS_AHEAD", ahead)
+    monkeypatch.setattr(workers, "MAX_GROUP_CHUNKS", group)
     work, arrived, looked_at = Numbered(100), [], []
     stored = {index: f"chunk {index}" for index in there}
 
@@ -193,19 +186,19 @@ def test_chunks_come_in_order_and_a_bounded_number_ahead(scrambled, monkeypatch,
     crew = Crew(work, to_bytes(work), look, lambda index, chunk: arrived.append(index), 1, scrambled)
     found = []
     for chunk in crew.chunks():
-        assert len(looked_at) <= len(found) + workers.WINDOW * max(ahead, workers.AHEAD) * group
+        assert len(looked_at) <= len(found) + workers.GROUPS_PER_WORKER * max(ahead, workers.GROUPS_PER_WORKER) * group
         found.append(chunk)
     assert found == [f"chunk {index}" for index in range(100)]
     assert looked_at == list(range(100))
     assert sorted(arrived) == sorted(set(range(100)) - set(there))
-    assert scrambled.most <= max(ahead, workers.AHEAD)
+    assert scrambled.most <= max(ahead, workers.GROUPS_PER_WORKER)
     if group == 1 and ahead == 3 and not there:
         assert arrived != sorted(arrived)
 
 
 def test_large_work_is_in_flight_only_a_few_times(scrambled, monkeypatch):
-    monkeypatch.setattr(workers, "MOST_BYTES", 3_000)
-    monkeypatch.setattr(workers, "MOST_IN_GROUP", 1)
+    monkeypatch.setattr(workers, "MAX_BYTES_AHEAD", 3_000)
+    monkeypatch.setattr(workers, "MAX_GROUP_CHUNKS", 1)
     work = Numbered(50)
     crew = Crew(work, to_bytes(work) + bytes(1000), lambda _: None, lambda *_: None, 500, scrambled)
     assert len(list(crew.chunks())) == 50 and scrambled.most == 2
@@ -241,7 +234,7 @@ def test_an_executor_that_is_shut_down(problem, alone):
 
 def test_what_is_left_is_cancelled(problem, scrambled, monkeypatch):
     """The executor stays usable."""
-    monkeypatch.setattr(workers, "LEAST_AHEAD", 4)
+    monkeypatch.setattr(workers, "MIN_GROUPS_AHEAD", 4)
     after(monkeypatch, 2, interrupt)
     result = monte_carlo(problem[0], noise=problem[1], trials=10**6, seed=SEED, executor=scrambled)
     assert result.ended.code == INTERRUPTED and result.trials == 2000

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from uq_handeye.trials.validation.posterior.result import (
+from uq_handeye.trials.validation.posterior.convergence import (
     PosteriorDiagnostics,
     autocorrelation_time,
     by_arviz,
     diagnose,
-    inference_data,
 )
+from uq_handeye.trials.validation.posterior.result import inference_data
 
 NAMES = ("theta_x", "tau_y")
 

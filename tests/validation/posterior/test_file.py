@@ -15,16 +15,10 @@ import pytest
 
 import uq_handeye as uq
 from uq_handeye.errors import InputError, NotConvergedError
-from uq_handeye.trials.validation.posterior import sample as posterior_run
-from uq_handeye.trials.validation.posterior.chain import (
-    Chain,
-    HeldBackend,
-    _require_plain,
-    chain_of,
-    content_of,
-    single,
-)
+from uq_handeye.trials.validation.posterior import sampling as posterior_run
+from uq_handeye.trials.validation.posterior.chain import Chain, HeldBackend, _require_plain, chain_of, content_of
 from uq_handeye.trials.validation.posterior.density import ScalePrior
+from uq_handeye.trials.validation.posterior.proposal import single
 from uq_handeye.trials.validation.posterior.sample import sample_posterior
 from uq_handeye.trials.validation.resumable import Run
 
@@ -165,9 +159,9 @@ def test_interrupt_keeps_whole_rounds(whole, tmp_path, monkeypatch):
 PROGRAM = """
 import sys
 import uq_handeye as uq
-from uq_handeye.trials.validation.posterior import sample as posterior_run
+from uq_handeye.trials.validation.posterior import sampling as posterior_run
 from uq_handeye.trials.validation.posterior.sample import sample_posterior
-posterior_run.PAUSE = 0.0
+posterior_run.MIN_PAUSE_S = 0.0
 noise = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("1mrad", "1mm"))
 print("begun", flush=True)
 sample_posterior(uq.simulate(8, noise=noise, seed=5), noise, samples=5_000, walkers=32, file=sys.argv[1], resume=True)

@@ -25,7 +25,7 @@ from ..rigs import calibrate_rig_files, is_rig
 from .live import Watch, question_of, watched
 
 if TYPE_CHECKING:
-    from ...trials.validation.cross_check.run import CrossCheck
+    from ...trials.validation.cross_check.result import CrossCheck
 
 # Written by the demo where no other report is asked for.
 DEMO_REPORT = Path("demo_report.html")

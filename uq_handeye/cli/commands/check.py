@@ -282,7 +282,7 @@ def verify_command(
 
 def _by_poses(stored: Any, poses: tuple[Path, Path], touching: TouchOptions, as_json: bool, output: Path | None) -> int:
     from ...read import read_poses
-    from ...use.verification.verify import verify_poses
+    from ...use.verification.verify_poses import verify_poses
 
     data = read_poses(*poses, setup=stored.setup, units=one_of(touching.units, "--units", UNITS))
     found = verify_poses(stored, data)

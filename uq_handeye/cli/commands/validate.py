@@ -319,7 +319,7 @@ def posterior_command(
         )
     emit(result.to_json() if as_json else result.summary())
     if output is not None:
-        from ...trials.validation.figures_of_covariances import corner  # Matplotlib is slow to import
+        from ...trials.validation.corner_plot import corner
 
         deliver(output, {"posterior.json": result.to_json(), "corner": corner(result)})
         if not as_json:

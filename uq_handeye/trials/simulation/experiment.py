@@ -13,12 +13,13 @@ from __future__ import annotations
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Protocol, cast
+from typing import Protocol, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...core.geometry.se3 import Array, inverse
+from ...core.numbers.rounding import CHAIN_ROUNDING, TINY
 from ...errors import DegenerateMotionError, InputError, NotConvergedError, SingularNoiseError, among, require_type
 from ...fit.likelihood.constraint import constraint_of, require_noise_fits
 from ...fit.likelihood.gauss_helmert import ESTIMATORS, Fit, bound, corrected, maximum_likelihood
@@ -29,12 +30,10 @@ from ...methods.propagation.all_pairs import AllPairs, solve_all_pairs
 from ...methods.propagation.noise_transport import noise_of_pairs
 from ...methods.propagation.published_fit import Published
 from ...methods.propagation.target_pose import mean_target
+from ...model.noise.estimate import NoiseEstimate
 from ...model.noise.models import Noise, PairNoise, PoseNoise
 from ...model.poses.motions import Motions, pair_indices, relative_motions
 from ...model.poses.pose_pairs import PosePairs, Truth
-
-# Eigenvalue of a correlation matrix below which a direction has no variance: one that is open.
-RANK = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +78,7 @@ class Experiment:
         return Motions(first, second) if poses is None or not self.on_poses else PosePairs(first, second, poses.setup)
 
     @property
-    def choice(self) -> Any:
+    def choice(self) -> str | NDArray[np.intp]:
         """Pairs to make of the poses, as `relative_motions` takes them."""
         return "all" if self.pairs is None else self.pairs
 
@@ -144,7 +143,7 @@ def sides_of(data: PosePairs | Motions) -> tuple[Array, Array]:
     return (data.robot, data.camera) if data.poses is data else (data.A, data.B)  # type: ignore[union-attr]
 
 
-def motions_of(data: PosePairs | Motions, pairs: Any = "all") -> Motions:
+def motions_of(data: PosePairs | Motions, pairs: str | ArrayLike = "all") -> Motions:
     """The motions that ``pairs`` makes of poses, or the motions given."""
     return relative_motions(data, pairs) if isinstance(data, PosePairs) else data
 
@@ -152,7 +151,8 @@ def motions_of(data: PosePairs | Motions, pairs: Any = "all") -> Motions:
 class Fitted(Protocol):
     """Interface of a `Calibration`, which stands above this package, as far as it is read."""
 
-    noise_estimate: Any
+    @property
+    def noise_estimate(self) -> NoiseEstimate | None: ...
 
     @property
     def used(self) -> tuple[PosePairs | Motions, Noise]: ...
@@ -165,13 +165,12 @@ def problem_of(
 
     Raises `InputError` for a calibration beside other noise, or one without poses or noise.
     """
-    fitted: Any = data
-    if not hasattr(fitted, "used"):
-        return fitted, noise, noise is None  # what is neither is refused where it is used
+    if isinstance(data, PosePairs | Motions) or not hasattr(data, "used"):
+        return cast(PosePairs | Motions, data), noise, noise is None  # what is neither is refused where it is used
     if noise is not None:
         raise InputError("Expected no `noise` beside a calibration, which brings the noise that it used.")
-    used, of_used = fitted.used
-    return used, of_used, fitted.noise_estimate is not None
+    used, of_used = data.used
+    return used, of_used, data.noise_estimate is not None
 
 
 def experiment(
@@ -262,9 +261,9 @@ def _require_closed(truth: PosePairs | Motions, noise: Noise, X: Array | None = 
 
 def _require_rank(found: Array) -> None:
     """Raise `DegenerateMotionError` where a covariance of X (6, 6) has open directions: there is none to be tested."""
-    unit = np.sqrt(np.maximum(np.diag(found), 1e-300))
+    unit = np.sqrt(np.maximum(np.diag(found), TINY))
     values, vectors = np.linalg.eigh(found / np.outer(unit, unit))
-    open_ = values < RANK
+    open_ = values < CHAIN_ROUNDING
     if open_.any():
         directions = vectors[:, open_].T / unit
         raise DegenerateMotionError(

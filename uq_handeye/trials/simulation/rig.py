@@ -8,6 +8,7 @@ from types import NoneType
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ...core.formatting.units import parse_angle, parse_length
 from ...core.geometry.checks import as_transforms
@@ -33,8 +34,8 @@ RIGS = {"eye-in-hand": (_CAMERA_ON_GRIPPER, _BOARD_ON_TABLE), "eye-to-hand": (_C
 class Scene:
     """Rig and target of `simulate`, and where the camera looks from."""
 
-    X: Any = None
-    W: Any = None
+    X: ArrayLike | None = None
+    W: ArrayLike | None = None
     distance: tuple[str | float, str | float] = ("0.4m", "0.8m")
     tilt: str | float = "35deg"
     roll: str | float = "60deg"

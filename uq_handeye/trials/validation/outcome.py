@@ -22,10 +22,13 @@ import numpy as np
 
 from ..._version import __version__
 from ...core.files.atomic import write_atomically
+from ...core.files.json_values import JsonObject
 from ...core.files.open import StrPath, as_path
 from ...core.formatting.numbers import digits, probability
 from ...core.geometry.conventions import CONVENTION
 from ...core.geometry.frames import SETUPS
+from ...core.numbers.levels import CONTRADICTED
+from ...core.numbers.rounding import THIRD_DIGITS
 from ...core.presentation.document import COLUMNS, WIDTH, Block, Checks, Document, Paragraph, document_of, to_text
 from ...core.presentation.html import to_html
 from ...core.presentation.shown import Shown
@@ -43,10 +46,8 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
-# A ratio of residuals to noise that chance hardly ever makes, and one that matters.
-UNLIKELY, MATTERS = 1e-3, 1.1
-# Ratio below which the residuals are rounding.
-EXACT = 1e-6
+# Residuals up to this ratio to the noise, either way, are no reason to doubt it.
+HARMLESS_RATIO = 1.1
 
 
 @dataclass(frozen=True)
@@ -93,10 +94,10 @@ class NoiseOfData:
         """Words before the checks that warn."""
         return f"On these data {'calibrate warns' if self.by == 'calibrate' else 'the residuals contradict it'}:"
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonObject:
         """Return plain values for JSON."""
-        stated = {} if self.stated is None else {"stated": list(self.stated)}
-        return {"by": self.by, "sentence": str(self), "checks": [asdict(check) for check in self.checks]} | stated
+        found: JsonObject = {"by": self.by, "sentence": str(self), "checks": [asdict(check) for check in self.checks]}
+        return found if self.stated is None else found | {"stated": list(self.stated)}
 
 
 def part_of(what: str, stated: tuple[float, float] | None) -> str:
@@ -151,10 +152,10 @@ def _level(data: PosePairs | Motions, noise: Noise | None) -> NoiseCheck:
         fit = goodness_of_fit(maximum_likelihood(data, noise))
     if fit is None:
         return NoiseCheck("noise level", "not run", "these data have no residuals to compare it with")
-    if fit.sigma0 < EXACT:
+    if fit.sigma0 < THIRD_DIGITS:
         return NoiseCheck("noise level", "not run", "the data are exact, simulated without noise")
     p = 1.0 if fit.p_value is None else fit.p_value
-    if p > UNLIKELY or abs(log(fit.sigma0)) < log(MATTERS):
+    if p > CONTRADICTED.probability or abs(log(fit.sigma0)) < log(HARMLESS_RATIO):
         return NoiseCheck("noise level", "ok", f"the residuals agree with it ({probability(p, 2)})")
     larger = fit.sigma0 > 1
     ratio = digits(fit.sigma0 if larger else 1 / fit.sigma0, 2)
@@ -198,7 +199,7 @@ def place_of(data: PosePairs | Motions) -> dict[str, Any]:
 
 
 @singledispatch
-def figure_of(result: Any) -> Figure:
+def figure_of(result: Outcome) -> Figure:
     """Return the figure of a result. Each topic registers the function that draws its own result."""
     raise TypeError(f"Expected a result with a figure, got {type(result).__name__}.")
 
@@ -208,7 +209,7 @@ class Outcome(Shown):
 
     kind: ClassVar[str]  # in files
 
-    def head(self, **units: str) -> dict[str, Any]:
+    def head(self, **units: str) -> JsonObject:
         """Return the beginning of the file: its format, the version that wrote it, convention and units."""
         units = {"rotation": "rad", "translation": "m", **units}
         form = f"uq-handeye {self.kind} 1"
@@ -232,7 +233,7 @@ class Outcome(Shown):
 
     def drawn(self) -> Figure:
         """Return the figure as Matplotlib has it, which is slow to import."""
-        for name in ("figures_of_trials", "figures_of_covariances"):
+        for name in ("figure_of_monte_carlo", "figure_of_cross_check", "corner_plot"):
             import_module(f"{__package__}.{name}")
         return figure_of(self)
 

@@ -33,22 +33,24 @@ from typing import Any, TypeVar
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ..._version import __version__
 from ...core.files.atomic import write_atomically
+from ...core.files.json_values import Json, JsonObject
 from ...core.files.locks import locked
 from ...core.files.open import as_path, reason, shown
+from ...core.numbers.limits import MAX_DESCRIPTION_BYTES, MAX_NAMED
 from ...errors import InputError
 from ...model.noise.joint_covariance import JointCovariance
 from ...model.noise.models import Noise, noise_to_dict
 from ...model.poses.motions import Motions
 from ...model.poses.pose_pairs import PosePairs
 
-MOST_MANIFEST = 1_000_000  # bytes
-MOST_NAMED = 5  # differences in a message
-MOST_ASKED = 10**15  # trials that a manifest may name
-DIGEST = 32  # bytes at the end of a piece
+# Trials that a run may be asked for: years of work, and less than what would overflow a sum.
+MAX_TRIALS = 10**12
+# Bytes of the SHA-256 at the end of a piece.
+DIGEST = hashlib.sha256().digest_size
 START = b'\n{"format": '  # of the manifest in a single file
 
 T = TypeVar("T")
@@ -74,7 +76,7 @@ class Kept:
     resume: bool = False
     progress: bool = False
 
-    def kept(self, identity: Mapping[str, Any], kind: str, **more: Any) -> Run:
+    def kept(self, identity: Mapping[str, Json], kind: str, **more: Any) -> Run:
         """Return the run of that identity in the folder; parameters as for `Run`."""
         return Run(self.directory, identity, self.resume, kind, **more)
 
@@ -109,9 +111,7 @@ def _sha256_of_noise(noise: Noise) -> str:
     return hashlib.sha256(json.dumps(noise_to_dict(noise), sort_keys=True).encode()).hexdigest()
 
 
-def identity_of(
-    data: PosePairs | Motions, noise: Noise | None, arrays: Mapping[str, Any], **more: Any
-) -> dict[str, Any]:
+def identity_of(data: PosePairs | Motions, noise: Noise | None, arrays: Mapping[str, Any], **more: Json) -> JsonObject:
     """Return what the numbers of a run depend on.
 
     Parameters
@@ -139,19 +139,19 @@ def identity_of(
     }
 
 
-def _require_same(path: Path, there: Mapping[str, Any], mine: Mapping[str, Any], what: str) -> None:
+def _require_same(path: Path, there: Mapping[str, Json], mine: Mapping[str, Json], what: str) -> None:
     """Raise the `InputError` that names what differs between the identity in a file or folder and that of this run."""
     names = [name for name in {**mine, **there} if there.get(name) != mine.get(name)]
     if names:
         found = [f"{_short(name)} ({_short(there.get(name))}, now {_short(mine.get(name))})" for name in names]
-        more = [f"and {len(names) - MOST_NAMED} more"] if len(names) > MOST_NAMED else []
+        more = [f"and {len(names) - MAX_NAMED} more"] if len(names) > MAX_NAMED else []
         raise InputError(
-            f"{shown(path)} holds another run, which differs in {', '.join(found[:MOST_NAMED] + more)}: ask for the "
+            f"{shown(path)} holds another run, which differs in {', '.join(found[:MAX_NAMED] + more)}: ask for the "
             f"same, or name a new {what}."
         )
 
 
-def _short(value: Any) -> str:
+def _short(value: Json) -> str:
     """Return a name or value for a message, on one line; of hashes and other long ones the beginning."""
     text = "none" if value is None else str(value) if type(value) in (str, int, float) else type(value).__name__
     text = text if len(text) <= 40 else f"{text[:8]}..."
@@ -186,7 +186,7 @@ class Run:
     def __init__(
         self,
         path: str | os.PathLike[str] | None,
-        identity: Mapping[str, Any],
+        identity: Mapping[str, Json],
         resume: bool,
         kind: str,
         *,
@@ -257,12 +257,12 @@ class Run:
     def _require_ours(self, path: Path, file: Path) -> None:
         """Raise `InputError` where the manifest is none, of another run, or of one that was asked for more."""
         try:
-            content = _read(file, None if self._pieces is None else MOST_MANIFEST)
+            content = _read(file, None if self._pieces is None else MAX_DESCRIPTION_BYTES)
             if self._pieces is None:
                 content = START + content[:-DIGEST].rpartition(START)[2]
             manifest = json.loads(content)
             there, trials = dict(manifest["run"]), int(manifest["trials"])
-            if manifest["format"] != self._manifest["format"] or not 0 <= trials <= MOST_ASKED:
+            if manifest["format"] != self._manifest["format"] or not 0 <= trials <= MAX_TRIALS:
                 raise ValueError("it is of another kind or version")
         except (ValueError, TypeError, LookupError, RecursionError) as error:
             raise self._foreign(file) from error
@@ -348,7 +348,7 @@ class Run:
         return {} if self.path is None else {keyword: self.path / name, "resume": True}
 
 
-def packed(arrays: Mapping[str, Any]) -> bytes:
+def packed(arrays: Mapping[str, ArrayLike]) -> bytes:
     """Arrays as the content of an npz file."""
     buffer = io.BytesIO()
     np.savez(buffer, allow_pickle=False, **arrays)

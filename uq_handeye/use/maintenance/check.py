@@ -19,6 +19,7 @@ from ...calibration.prediction.predict import poses_so_far
 from ...calibration.statement.tolerance import Tolerance
 from ...core.formatting.numbers import digits
 from ...core.geometry.se3 import Array, difference
+from ...core.numbers.levels import DOUBTFUL, UNUSUAL
 from ...errors import InputError
 from ...findings import Finding
 from ...model.noise.models import PoseNoise
@@ -30,30 +31,25 @@ from ...rig.result import RigCalibration
 from .causes import (
     CAMERA_MOVED,
     FOCAL_LENGTH,
-    LENS,
     ONE_POSE,
-    SMALL_FACTOR,
     TARGET_MOVED,
     TARGET_SIZE,
     Causes,
     columns_of_causes,
     compare_causes,
     distances,
-    misread,
-    scale_finding,
 )
 from .check_result import CANNOT_TELL, CHANGED, UNCHANGED, ChangeCheck, Detectable, detectable_changes
 from .joined_poses import common_poses
+from .misread import misread, scale_finding
 
-# Level of the test: the share of false alarms.
-LEVEL = 0.05
 # Without a tolerance: poses that would miss a shift of this share of the distance of the target, or a rotation of this
 # angle (rad), cannot say that nothing has changed.
-BLIND = 0.01
-# A p-value above which what is assumed of the robot is larger than the new poses show.
-OVERSTATED = 0.99
+BLIND_SHARE = 0.01
 # Poses of joints that are farther from those of the files (rad, share of the reach) are of another arm.
-ANOTHER_ARM = 0.05
+ANOTHER_ARM_SHARE = 0.05
+# Where the focal length explains the poses, a smaller factor on translations than 1.2 is no other reading of the files.
+MIN_FACTOR_BESIDE_LENS = 0.2
 
 
 @overload
@@ -67,7 +63,7 @@ def check(  # type: ignore[misc]
     noise: PoseNoise | None = None,
     joints: ArrayLike | None = None,
     tolerance: Any = None,
-    level: float = LEVEL,
+    level: float = UNUSUAL.probability,
     same: Iterable[str] | str = THINGS,
 ) -> ChangeCheck | RigCheck:
     """Check whether a calibration still holds, by new poses of the same rig.
@@ -134,7 +130,9 @@ def check(  # type: ignore[misc]
     else:
         coarse = _coarse(detectable, accepted, evidence)
         status, findings = (UNCHANGED, []) if coarse is None else (CANNOT_TELL, [coarse])
-        if p_value > OVERSTATED and any(one.accuracy is not None and one.default for one in result.shared):
+        if p_value > 1 - DOUBTFUL.probability and any(
+            one.accuracy is not None and one.default for one in result.shared
+        ):
             findings.append(Finding("maintenance.overstated", "note"))
     named, so_far = causes.named, poses_so_far(result)
     moved = causes[TARGET_MOVED if named is not None and named.name == TARGET_MOVED else CAMERA_MOVED]
@@ -161,7 +159,11 @@ def check(  # type: ignore[misc]
 
 
 def _of_change(
-    result: Estimated, poses: PosePairs, evidence: PoseEvidence, causes: Causes, asked: tuple[Any, Any, Any]
+    result: Estimated,
+    poses: PosePairs,
+    evidence: PoseEvidence,
+    causes: Causes,
+    asked: tuple[PoseNoise | None, ArrayLike | None, Iterable[str] | str],
 ) -> tuple[str, list[Finding]]:
     """Status and findings of poses that contradict the calibration; ``asked``: noise, joints and what is the same."""
     noise, joints, same = asked
@@ -178,8 +180,9 @@ def _of_change(
 
     first = causes.named
     lens = any(one.name == FOCAL_LENGTH and one.explains for one in causes.all)
-    factor = LENS if lens else SMALL_FACTOR
-    other = misread(result.X, result.W, poses, evidence, d2_of, least_factor=factor)
+    other = misread(
+        result.X, result.W, poses, evidence, d2_of, **{"least_factor": MIN_FACTOR_BESIDE_LENS} if lens else {}
+    )
     if other is None and first is not None and first.name == TARGET_SIZE:
         other = scale_finding("camera", float(1.0 + first.estimate[0]))
     if other is not None:
@@ -191,14 +194,14 @@ def _of_change(
     return CHANGED, [Finding("maintenance.few_poses", "note", {"n": poses.n})] if poses.n < 3 else []
 
 
-def _others(result: Estimated, poses: PosePairs, joints: Any) -> dict[str, str]:
+def _others(result: Estimated, poses: PosePairs, joints: ArrayLike | None) -> dict[str, str]:
     """Return which of robot, camera and target are plainly others by what the files hold, in words."""
     found, fitted = others_by_pictures(poses_so_far(result), poses), result.kinematics
     q = poses.joints if joints is None else joints
     if fitted is not None and q is not None:
         off = difference(fitted.chain.poses(fitted.checked(q)), poses.robot)
         turn, shift = (float(np.median(np.linalg.norm(part, axis=-1))) for part in (off[:, :3], off[:, 3:]))
-        if turn > ANOTHER_ARM or shift > ANOTHER_ARM * fitted.chain.reach:
+        if turn > ANOTHER_ARM_SHARE or shift > ANOTHER_ARM_SHARE * fitted.chain.reach:
             found[ROBOT] = (
                 f"the joints are those of poses {digits(1e3 * shift, 2)} mm and {digits(np.degrees(turn), 2)} deg away "
                 f"for {fitted.chain.name}, the arm of the result"
@@ -221,7 +224,7 @@ def _coarse(detectable: Detectable, accepted: Tolerance | None, evidence: PoseEv
     """Return what these poses would have missed, if that matters."""
     if accepted is None:
         distance = float(np.median(np.linalg.norm(evidence.camera[:, :3, 3], axis=-1)))
-        limits: tuple[float | None, float | None] = BLIND * distance, BLIND
+        limits: tuple[float | None, float | None] = BLIND_SHARE * distance, BLIND_SHARE
     else:
         limits = accepted.translation, accepted.rotation
     found = detectable.X_translation, detectable.X_rotation

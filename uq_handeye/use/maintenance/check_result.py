@@ -16,21 +16,13 @@ import numpy as np
 from ...core.files.records import Record
 from ...core.formatting.numbers import concise, digits, plus_minus, probability
 from ...core.geometry.se3 import Array
+from ...core.numbers.levels import POWER
 from ...core.presentation.document import COLUMNS, Answer, Block, Paragraph, document_of
 from ...core.presentation.shown import Shown
 from ...findings import Finding
 from ...model.posterior.rows import PredictiveReference, smallest_change
-from .causes import (
-    CAMERA_MOVED,
-    FOCAL_LENGTH,
-    IMAGE_CENTRE,
-    MISREAD,
-    ONE_POSE,
-    TARGET_MOVED,
-    TARGET_SIZE,
-    Cause,
-    Causes,
-)
+from .causes import CAMERA_MOVED, FOCAL_LENGTH, IMAGE_CENTRE, ONE_POSE, TARGET_MOVED, TARGET_SIZE, Cause, Causes
+from .misread import MISREAD
 
 UNCHANGED, CHANGED, CANNOT_TELL = "unchanged", "changed", "cannot tell"
 
@@ -132,10 +124,6 @@ class ChangeCheck(Record, Shown):
     __str__ = Shown.summary
 
 
-# The probability of finding it.
-POWER = 0.95
-
-
 @dataclass(frozen=True)
 class Detectable(Record):
     """Smallest shifts (m) and rotations (rad) of X and of W that show in every direction with probability ``power``.
@@ -153,9 +141,12 @@ class Detectable(Record):
 
 def detectable_changes(of_X: Array, of_W: Array, reference: PredictiveReference, level: float) -> Detectable:
     """Build it from the information (6, 6) of changes of X and of W."""
-    noncentrality = reference.noncentrality(POWER, level)
+    noncentrality = reference.noncentrality(POWER.probability, level)
     return Detectable(
-        *smallest_change(of_X, noncentrality), *smallest_change(of_W, noncentrality), power=POWER, level=level
+        *smallest_change(of_X, noncentrality),
+        *smallest_change(of_W, noncentrality),
+        power=POWER.probability,
+        level=level,
     )
 
 

@@ -35,9 +35,9 @@ from ...model.shared_errors.assumed import default_errors, replace_defaults, sto
 from ...model.shared_errors.camera_noise import camera_noise_at
 
 # Median distances that differ by this factor are not of one unit.
-UNIT = 50.0
+ANOTHER_UNIT_RATIO = 50.0
 # Corners of one picture differ by less, once bent edges are taken out by two calibrations of the camera; px.
-SAME_PIXEL = 0.02
+SAME_CORNER_PX = 0.02
 # Standard deviations of a camera's prior from which on it says nothing (`camera.adjustment.setting`).
 _SILENT = {True: 1e6, False: 1e3}
 
@@ -93,7 +93,7 @@ def require_joinable(old: PosePairs, new: PosePairs) -> None:
         )
     for side in ("robot", "camera"):
         before, now = (float(np.median(np.linalg.norm(getattr(p, side)[:, :3, 3], axis=-1))) for p in (old, new))
-        if min(before, now) > 0 and not 1 / UNIT < now / before < UNIT:
+        if min(before, now) > 0 and not 1 / ANOTHER_UNIT_RATIO < now / before < ANOTHER_UNIT_RATIO:
             raise InputError(
                 f"The new {side} poses are {now:.3g} m away and those of the result {before:.3g} m: expected both in "
                 f"metres. Name the unit of the file (--units {side}=...)."
@@ -151,7 +151,7 @@ def _same_corners(new: PosePairs, k: int, old: PosePairs, i: int) -> bool:
     if seen is None or before is None:
         return True
     one, other = seen.corners.pixels[seen.corners.picture == k], before.corners.pixels[before.corners.picture == i]
-    return one.shape == other.shape and bool(np.abs(one - other).max() < SAME_PIXEL)
+    return one.shape == other.shape and bool(np.abs(one - other).max() < SAME_CORNER_PX)
 
 
 def _joined_times(old: Array | None, new: Array | None) -> Array | None:

@@ -33,9 +33,11 @@ from ...calibration.evidence.new_poses import evidence_of_poses
 from ...calibration.evidence.touches import Touches, TouchEvidence, evidence_of_touches, with_tool
 from ...calibration.prediction.predict import posterior_of
 from ...calibration.result import Calibration
+from ...core.files.json_values import Json, JsonObject
 from ...core.formatting.numbers import digits, probability
 from ...core.geometry.checks import as_numbers
 from ...core.geometry.se3 import perturb
+from ...core.numbers.levels import UNUSUAL
 from ...errors import InputError, require_type
 from ...findings import Finding
 from ...model.noise.models import PoseNoise
@@ -46,9 +48,9 @@ from ...model.posterior.rows import NewRows
 from ...rig.calibrate import update_rig
 from ...rig.description import Rig, require_left_out
 from ...rig.result import RigCalibration
-from .causes import MISREAD
 from .check import check
 from .joined_poses import arguments, holds_request, joined_poses, measured_poses, require_joinable, with_bound_poses
+from .misread import MISREAD
 
 # Name, among the options of a provenance, of what was put together: hash and number of poses of each part.
 TOGETHER = "together"
@@ -155,7 +157,7 @@ def _by_posterior(
     poses: PosePairs,
     noise: PoseNoise | None,
     although_changed: bool,
-    parts: list[dict[str, Any]],
+    parts: list[JsonObject],
     same: Iterable[str] | str,
 ) -> Calibration:
     """The update of the joint posterior: where the result lacks its poses, what was asked of them, or touches; and
@@ -214,7 +216,7 @@ def gain(old: Calibration, new: Calibration, count: int) -> str:
     )
 
 
-def parts_of(result: Calibration) -> list[dict[str, Any]]:
+def parts_of(result: Calibration) -> list[JsonObject]:
     """Return hash and number of poses of each data set that a result was made of."""
     origin = result.provenance
     if origin is None:
@@ -222,16 +224,12 @@ def parts_of(result: Calibration) -> list[dict[str, Any]]:
     return list(origin.options.get(TOGETHER, [{"sha256": origin.data_sha256, "poses": result.n_poses}]))
 
 
-def part_of(poses: PosePairs) -> dict[str, Any]:
+def part_of(poses: PosePairs) -> JsonObject:
     """Return hash and number of poses of one data set."""
     return {"sha256": sha256_of(poses.robot, poses.camera), "poses": poses.n}
 
 
-# p-value below which touches contradict the poses.
-CONTRADICTS = 0.05
-
-
-def absorbed_into(result: Calibration, evidence: NewRows, finding: Finding, options: Mapping[str, Any]) -> Calibration:
+def absorbed_into(result: Calibration, evidence: NewRows, finding: Finding, options: Mapping[str, Json]) -> Calibration:
     """Return a calibration with the evidence taken in.
 
     Parameters
@@ -285,12 +283,12 @@ def absorbed_into(result: Calibration, evidence: NewRows, finding: Finding, opti
     return replace(result, **parts)
 
 
-def touches_taken(result: Estimated) -> list[dict[str, Any]]:
+def touches_taken(result: Estimated) -> list[JsonObject]:
     """Return the sets of touches that a calibration has taken in, of its provenance."""
     return [] if result.provenance is None else list(result.provenance.options.get("touches", []))
 
 
-def _touches_held(result: Calibration) -> list[dict[str, Any]]:
+def _touches_held(result: Calibration) -> list[JsonObject]:
     """Return the touches that a calibration has taken in, as its file holds them."""
     request = None if result.provenance is None else result.provenance.request
     return [] if request is None else list(request.get("touches", []))
@@ -337,7 +335,7 @@ def include_touches(result: Calibration, touches: Touches) -> Calibration:
     p = float(chdtrc(dof, d2)) if dof > 0 else 1.0
     rms = float(np.sqrt(np.mean(np.sum(np.square(evidence.r), axis=-1))))
     values = {"count": touches.m, "d2": d2, "dof": dof, "p_value": p, "rms": rms}
-    finding = Finding("evidence.touches_used", "caution" if p < CONTRADICTS else "note", values)
+    finding = Finding("evidence.touches_used", "caution" if p < UNUSUAL.probability else "note", values)
     found = absorbed_into(result, evidence, finding, {"touches": [*used, {"sha256": key, "count": touches.m}]})
     origin = found.provenance
     if origin is None or origin.request is None:

@@ -27,14 +27,12 @@ from ...model.shared_errors.shared_error import OF_ANY_POSES, SharedError
 from .by_posterior import Known, PlanRequest
 from .plan import plan, plan_from
 
-# Share of the variance of X from which on the errors that all poses share are what limits it.
-LIMITS = 0.8
+# From this share of the variance of X on the errors that all poses share are what limits it.
+LIMITING_VARIANCE_SHARE = 0.8
 # Parts of the accuracy that more poses average.
 AVERAGED = ("noise of", "correlated errors")
-# Poses from which on the accuracy that is assumed by the residuals has settled.
-ENOUGH = 10
-# Candidates for the next pose.
-CANDIDATES = 100
+# From this number of poses on the accuracy that is assumed by the residuals has converged.
+MIN_POSES_SETTLED = 10
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +55,7 @@ class NextPose:
 
 
 def next_pose(
-    result: Calibration, noise: Noise | None, shared: list[SharedError] | None, seed: int = 0
+    result: Calibration, noise: Noise | None, shared: list[SharedError] | None, seed: int = 0, candidates: int = 100
 ) -> NextPose | None:
     """Return the pose that would gain most, of robot poses drawn around the target; None where none can be planned.
 
@@ -74,17 +72,17 @@ def next_pose(
             told = all(error.name in OF_ANY_POSES for error in shared or ())  # also what it does to new poses
             if told and result.posterior is not None and result.opened is None:
                 known = Known(result, data, result.noise_estimate is not None)
-                found = plan_from(known, PlanRequest(k=1, criterion="trace", sample=CANDIDATES, seed=seed).of(data))
+                found = plan_from(known, PlanRequest(k=1, criterion="trace", sample=candidates, seed=seed).of(data))
             else:
                 errors = None if shared is None else [error for error in shared if error.name in OF_ANY_POSES]
-                found = plan(data, k=1, noise=given, shared=errors, sample=CANDIDATES, seed=seed)
+                found = plan(data, k=1, noise=given, shared=errors, sample=candidates, seed=seed)
     except (InputError, NotConvergedError):
         return None
     if result.opened is not None or found.length is None:
         return NextPose(found.robot[0], float("nan"))
     size = max(_mean_square(result.covariance, found.length), float(found.criterion_before))
     saved = float(found.criterion_before - found.criterion_values[0])
-    least = result.noise_estimate is not None and (result.n_poses or 0) < ENOUGH
+    least = result.noise_estimate is not None and (result.n_poses or 0) < MIN_POSES_SETTLED
     return NextPose(found.robot[0], 1.0 - float(np.sqrt(max(size - saved, 0.0) / size)), least)
 
 
@@ -126,7 +124,7 @@ def limit_of(result: Calibration, verdict: Verdict | None) -> str | None:
 
     With a tolerance: where X would not meet it without any noise of the poses. Otherwise where errors that all poses
     share make up most of the variance. Errors that are assumed by the residuals are too large at first: with these
-    nothing is said of the limit of fewer than `ENOUGH` poses.
+    nothing is said of the limit of fewer than `MIN_POSES_SETTLED` poses.
     """
     if not result.has_budget or result.accuracy is None or result.covariance_kind != "model":
         return None
@@ -145,7 +143,7 @@ def limit_of(result: Calibration, verdict: Verdict | None) -> str | None:
             parts[name] += _mean_square(S, length)
     largest = max(parts, key=lambda name: parts[name])
     what = next((text for text in result.accuracy.included if text.startswith(largest)), largest)
-    if "(assumed)" in what and (result.n_poses or 0) < ENOUGH:
+    if "(assumed)" in what and (result.n_poses or 0) < MIN_POSES_SETTLED:
         return None
     share = _mean_square(floor, length) / _mean_square(total, length)
     makes = f"what limits X is the {what}; errors that all poses share make {100 * share:.0f} % of its variance"
@@ -154,7 +152,7 @@ def limit_of(result: Calibration, verdict: Verdict | None) -> str | None:
         if probability_within(floor, Reference(), verdict.tolerance, result.X[:3, :3]) < MET:
             return f"More poses will not reach {verdict.tolerance}: {makes}."
         return None
-    return f"More poses will hardly help: {makes}." if share >= LIMITS else None
+    return f"More poses will hardly help: {makes}." if share >= LIMITING_VARIANCE_SHARE else None
 
 
 def _mean_square(S: Array, length: float) -> float:

@@ -28,23 +28,13 @@ from ...core.geometry.se3 import Array, inverse, pose, skew
 from ...errors import InputError
 from ...model.poses.pose_pairs import PosePairs
 
-DISTANCE = (0.8, 1.2)  # of the nearest and the farthest so far
-MORE_TILT, MOST_TILT = np.radians(15.0), np.radians(75.0)
-MORE_ROLL = np.radians(30.0)
-GROWN = 0.15
-
-# At 3 kB each in planning.
-MOST = 100_000
-
-# As many draws as this for each candidate asked for: most of them may fall outside the box.
-_DRAWS = 50
-_DRAWN_AT_ONCE = 20_000
-
+# Candidates at most, at 3 kB each in planning.
+MAX_CANDIDATES = 100_000
 _HALF_TURN = np.diag([1.0, -1.0, -1.0, 1.0])
 
 
 def sample_candidates(
-    data: PosePairs, X: Array, W: Array, n: int = 200, *, seed: int | np.random.Generator = 0
+    data: PosePairs, X: Array, W: Array, n: int = 200, *, seed: int | np.random.Generator = 0, grown: float = 0.15
 ) -> Array:
     """Up to ``n`` robot poses ``base_T_gripper`` (m, 4, 4) around the target, near the poses so far; see the module.
 
@@ -57,6 +47,8 @@ def sample_candidates(
         ``gripper_T_target``.
     n : int
         Fewer come back only if fewer than n of 50 n draws fall into the box.
+    grown : float
+        By which the box of the robot positions so far is grown; see the module.
 
     Raises
     ------
@@ -68,7 +60,7 @@ def sample_candidates(
     rng = np.random.default_rng(seed)
     where = data.robot[:, :3, 3]
     low, high = where.min(axis=0), where.max(axis=0)
-    margin = GROWN * max(float(np.linalg.norm(high - low)), float(np.linalg.norm(data.camera[:, :3, 3], axis=-1).max()))
+    margin = grown * max(float(np.linalg.norm(high - low)), float(np.linalg.norm(data.camera[:, :3, 3], axis=-1).max()))
 
     def draw(size: int) -> Array:
         robot = robot_of(draw_camera_poses(data.camera, size, rng), X, W, data.setup)
@@ -79,10 +71,12 @@ def sample_candidates(
         f"poses that look at the target keeps the robot within {1e3 * margin:.0f} mm of where it has been. Is X right? "
         "If so, give candidates of your own."
     )
-    return drawn(draw, n, _DRAWS, 4, _DRAWN_AT_ONCE, why)
+    return drawn(draw, n, why)
 
 
-def drawn(draw: Callable[[int], Array], n: int, draws: int, ahead: int, at_once: int, why: str) -> Array:
+def drawn(
+    draw: Callable[[int], Array], n: int, why: str, draws: int = 50, ahead: int = 4, at_once: int = 20_000
+) -> Array:
     """The first n of what ``draw`` keeps of so many draws, of ``draws`` n at most; raises `InputError` if of none.
 
     ``ahead``: draws for each that is missing; ``at_once`` at most; ``why``: words behind "None of N".
@@ -101,14 +95,16 @@ def drawn(draw: Callable[[int], Array], n: int, draws: int, ahead: int, at_once:
 
 def require_number(n: int) -> None:
     """Raise `InputError` unless so many candidates can be drawn."""
-    if isinstance(n, bool) or not isinstance(n, int | np.integer) or not 1 <= n <= MOST:
-        raise InputError(f"Expected the number of candidates to be an integer between 1 and {MOST}, got {n!r}.")
+    if isinstance(n, bool) or not isinstance(n, int | np.integer) or not 1 <= n <= MAX_CANDIDATES:
+        raise InputError(
+            f"Expected the number of candidates to be an integer between 1 and {MAX_CANDIDATES}, got {n!r}."
+        )
 
 
 def require_choice(count: int, k: int, repeat: bool) -> None:
     """Raise `InputError` unless k poses can be chosen out of ``count`` candidates."""
-    if count > MOST:
-        raise InputError(f"Expected at most {MOST} candidates, got {count}: thin them out.")
+    if count > MAX_CANDIDATES:
+        raise InputError(f"Expected at most {MAX_CANDIDATES} candidates, got {count}: thin them out.")
     if k > count and not repeat:
         raise InputError(
             f"Expected at most as many poses as candidates, got k = {k} and {count} candidates; give more, or let "
@@ -122,7 +118,15 @@ def robot_of(camera: Array, X: Array, W: Array, setup: str) -> Array:
     return np.asarray(G_inverse if setup == "eye-to-hand" else inverse(G_inverse))
 
 
-def draw_camera_poses(camera: Array, size: int, rng: np.random.Generator) -> Array:
+def draw_camera_poses(
+    camera: Array,
+    size: int,
+    rng: np.random.Generator,
+    distances: tuple[float, float] = (0.8, 1.2),
+    more_tilt_deg: float = 15.0,
+    most_tilt_deg: float = 75.0,
+    more_roll_deg: float = 30.0,
+) -> Array:
     """Drawn camera poses (size, 4, 4); see the module."""
     distance = np.linalg.norm(camera[:, :3, 3], axis=-1)
     if distance.min() <= 0.0:
@@ -136,15 +140,15 @@ def draw_camera_poses(camera: Array, size: int, rng: np.random.Generator) -> Arr
     tilt = float(np.arccos(np.clip(turned[:, 2, 2], -1.0, 1.0)).max())
     # Rz(a) Ry(b) Rz(c): the roll a + c.
     roll = np.arctan2(turned[:, 1, 0] - turned[:, 0, 1], turned[:, 0, 0] + turned[:, 1, 1])
-    most_roll = min(np.pi, float(np.abs(roll).max()) + MORE_ROLL)
+    most_roll = min(np.pi, float(np.abs(roll).max()) + np.radians(more_roll_deg))
 
-    away = rng.uniform(DISTANCE[0] * distance.min(), DISTANCE[1] * distance.max(), size)
+    away = rng.uniform(distances[0] * distance.min(), distances[1] * distance.max(), size)
     first, second = view[rng.integers(len(view), size=(2, size))]
     share = rng.uniform(size=(size, 1))
     seen = share * first + (1 - share) * second
     seen /= np.linalg.norm(seen, axis=-1, keepdims=True)
     azimuth = rng.uniform(-np.pi, np.pi, size)
-    tilts = rng.uniform(0.0, min(tilt + MORE_TILT, MOST_TILT), size)
+    tilts = rng.uniform(0.0, min(tilt + np.radians(more_tilt_deg), np.radians(most_tilt_deg)), size)
     rolls = rng.uniform(-most_roll, most_roll, size)
     look = mean @ Rotation.from_euler("ZYZ", np.stack([azimuth, tilts, rolls - azimuth], axis=1)).as_matrix()
     return pose(_swing(seen) @ look.mT, away[:, None] * seen)

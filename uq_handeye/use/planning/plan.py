@@ -32,6 +32,7 @@ import warnings
 from typing import Any, overload
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ...calibration.calibrate import calibrate
 from ...calibration.prediction.predict import camera_ahead
@@ -45,19 +46,21 @@ from ...model.shared_errors.shared_error import OF_ANY_POSES, checked_errors
 from ...rig.description import require_left_out
 from ...rig.plan import RigPlan, plan_rig
 from ...rig.result import RigCalibration
-from .by_posterior import Known, PlanRequest, plan_by_joints, plan_within_reach, planned
+from . import text as text  # registers the text of a plan
+from .by_joints import plan_by_joints, plan_within_reach
+from .by_posterior import Known, PlanRequest, planned
 from .candidates import sample_candidates
 from .result import Plan
-from .weak_prior import OPEN, WeaklyKnown
+from .weak_prior import OPEN_SD, WeaklyKnown
 
 GIVE = "Give `noise` (--robot-noise and --camera-noise, or --noise)."
 
 
 @overload
-def plan(data: RigCalibration, candidates: Any = None, k: int = 5, **options: Any) -> RigPlan: ...
+def plan(data: RigCalibration, candidates: ArrayLike | None = None, k: int = 5, **options: Any) -> RigPlan: ...
 @overload
-def plan(data: PosePairs, candidates: Any = None, k: int = 5, **options: Any) -> Plan: ...
-def plan(data: Any, candidates: Any = None, k: int = 5, **asked: Any) -> Any:
+def plan(data: PosePairs, candidates: ArrayLike | None = None, k: int = 5, **options: Any) -> Plan: ...
+def plan(data: Any, candidates: ArrayLike | None = None, k: int = 5, **asked: Any) -> Any:
     """The next k poses that most reduce the uncertainty of X, and the covariance of X predicted after each.
 
     Parameters
@@ -179,10 +182,10 @@ def _so_far(data: PosePairs, asked: PlanRequest) -> Known:
 
 
 def _is_determined(result: Calibration) -> bool:
-    """Return whether no direction of X is less certain than `OPEN`."""
+    """Return whether no direction of X is less certain than `OPEN_SD`."""
     if result.posterior is None or result.opened is not None:
         return False
-    return bool(np.linalg.eigvalsh(result.posterior.covariance[:6, :6])[-1] <= OPEN**2)
+    return bool(np.linalg.eigvalsh(result.posterior.covariance[:6, :6])[-1] <= OPEN_SD**2)
 
 
 def _of_each_pose(noise: Any, data: PosePairs) -> PoseNoise:

@@ -1,13 +1,13 @@
 r"""Information of the poses so far about X and W, for planning: also where they leave a part of X open.
 
 With ``I`` the information (12, 12) about ``(xi_X, xi_W)`` (T5), W eliminated leaves ``I_XX - I_XW I_WW^-1 I_WX``. An
-eigenvector along which that is worth less than a standard deviation of OPEN (0.1 rad or 0.1 m) is *open*: parallel axes
-leave the translation along them, pure translations all of it. There measured motions say little but noise; an estimate
-that believed them would put X a metre away. So
+eigenvector along which that is worth less than a standard deviation of 0.1 rad or 0.1 m is *open*: parallel axes leave
+the translation along them, pure translations all of it. There measured motions say little but noise; an estimate that
+believed them would put X a metre away. So
 
 - X is that of `likelihood.open_start`, with the prior that what the gripper carries (camera, or target for eye-to-hand)
-  is within `NEAR` of its origin, where no other one is given;
-- the information along open directions is replaced by that of a weak prior, standard deviation PRIOR (1 rad, 1 m).
+  is within 0.1 m of its origin, where no other one is given;
+- the information along open directions is replaced by that of a weak prior, standard deviation 1 rad and 1 m.
 
 A prior of X or W that the noise has counts beside the poses. Where nothing is open there is no weak one; X and the
 information are those of `likelihood.efficient`, unless its residuals are so far above the noise that 4DPA may have
@@ -33,14 +33,10 @@ from ...model.poses.pose_pairs import PosePairs
 from ...model.posterior.posterior import Posterior
 from ...model.posterior.selection import covariance_of
 
-# Standard deviations per axis, rad and m.
-PRIOR = 1.0
-OPEN = 0.1
-# How far from the origin of the gripper what it carries is taken to be, m.
-NEAR = 0.1
-
-# Root mean square residual over its noise that 4DPA is trusted with; a wrong X shows far more, wrong noise costs time.
-_LARGE_RESIDUAL = 3.0
+# Standard deviation per axis of the weak prior, rad and m.
+WEAK_PRIOR_SD = 1.0
+# A direction of X with a larger standard deviation is open, rad and m.
+OPEN_SD = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,8 +73,10 @@ class WeaklyKnown:
         return cls(at.X, at.W, noise, posterior, data, directions)
 
 
-def so_far(data: PosePairs, noise: PoseNoise) -> tuple[Unknowns, Array, Array]:
+def so_far(data: PosePairs, noise: PoseNoise, max_residual: float = 3.0) -> tuple[Unknowns, Array, Array]:
     """X and W, the information (12, 12) with the weak prior where it is needed, and the open directions (r, 6).
+
+    ``max_residual``: root mean square residual over its noise up to which X is trusted; a wrong X has a far larger one.
 
     Raises `InputError` for noise that does not fit.
     """
@@ -86,7 +84,7 @@ def so_far(data: PosePairs, noise: PoseNoise) -> tuple[Unknowns, Array, Array]:
         found = efficient(data, noise)
         residual, J = found.white
         at, information = found.unknowns, gram(J) + _of_prior(noise, found.unknowns)
-        explained = bool(np.sum(residual**2) <= _LARGE_RESIDUAL**2 * (6 * data.n - 12))
+        explained = bool(np.sum(residual**2) <= max_residual**2 * (6 * data.n - 12))
     except DegenerateMotionError:
         explained = False
     if not explained or _open_part(information)[0].size:
@@ -99,13 +97,13 @@ def so_far(data: PosePairs, noise: PoseNoise) -> tuple[Unknowns, Array, Array]:
         information = gram(whiten(factor, linear.J)) + _of_prior(noise, at)
     values, directions = _open_part(information)
     unknown = np.array(information)
-    unknown[:6, :6] += directions.T @ ((PRIOR**-2.0 - values)[:, None] * directions)
+    unknown[:6, :6] += directions.T @ ((WEAK_PRIOR_SD**-2.0 - values)[:, None] * directions)
     return at, unknown, directions
 
 
-def _on_the_gripper(setup: str) -> PosePrior | None:
+def _on_the_gripper(setup: str, near_m: float = 0.1) -> PosePrior | None:
     """Return the prior that what the gripper carries is near its origin."""
-    near = np.eye(4), np.diag([np.inf] * 3 + [NEAR**2] * 3)
+    near = np.eye(4), np.diag([np.inf] * 3 + [near_m**2] * 3)
     return PosePrior.of(X=near) if setup == "eye-in-hand" else PosePrior.of(W=near)
 
 
@@ -115,7 +113,7 @@ def _of_prior(noise: PoseNoise, at: Unknowns) -> Array | float:
 
 
 def _open_part(information: Array) -> tuple[Array, Array]:
-    """Information (r,), once W is eliminated, along the unit vectors (r, 6) in which X is less certain than OPEN."""
+    """Information (r,), once W is eliminated, along the unit vectors (r, 6) in which X is less certain than OPEN_SD."""
     across = information[:6, 6:]
     values, vectors = np.linalg.eigh(information[:6, :6] - across @ np.linalg.solve(information[6:, 6:], across.T))
-    return values[values < OPEN**-2.0], vectors[:, values < OPEN**-2.0].T
+    return values[values < OPEN_SD**-2.0], vectors[:, values < OPEN_SD**-2.0].T

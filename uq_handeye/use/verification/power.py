@@ -1,4 +1,4 @@
-r"""A bias that touches share: its estimate, its tests, the size that would show, and the touches to add.
+"""A bias that touches share: its estimate, its tests, the size that would show, and the number of touches it takes.
 
 With the whitened differences w and the columns B of a bias (an offset in the base) and T of a tool that is not known,
 both whitened, Q the projection that leaves T out,
@@ -6,42 +6,34 @@ both whitened, Q the projection that leaves T out,
     b = (B^T Q B)^-1 B^T Q w,    Cov b = (B^T Q B)^-1,    |Q w|^2 = b^T Cov(b)^-1 b + scatter
 
 The two parts are chi-square and independent if nothing has changed, with 3 and with 3 m - 3 - rank T degrees of
-freedom. Where sizes are open, each has the distribution that the posterior gives it (`NewRows.reference_along`).
+freedom. Where sizes are estimated, each has the distribution that the posterior gives it (`NewRows.reference_along`).
 
-*Level.* Each of two tests is made at ``1 - sqrt(1 - LEVEL)``, so that both together have the `LEVEL`.
+*Level.* Each of two tests is made at ``1 - sqrt(1 - level)``, so that both together have the level of an unusual
+result.
 
-*Power.* A bias beta makes the first part non-central, ``lambda = beta^T Cov(b)^-1 beta``. It shows with the probability
-`POWER` where lambda is at least that of the reference: in the worst direction from the size
+*Power.* A bias beta makes the first part non-central, ``lambda = beta^T Cov(b)^-1 beta``. It shows with a probability
+of 95 % where lambda is at least that of the reference: in the worst direction from the size
 ``sqrt(lambda * largest eigenvalue of Cov b)`` on. n times as many touches of the same kind divide the noise of touching
 and seeing by n; X, the shared errors and the tool stay, and set the limit.
-Further touches are those of the candidates that make the bias known best.
 """
 
 from __future__ import annotations
 
 from bisect import bisect_left
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from itertools import product
-from typing import Any
 
 import numpy as np
 
-from ...calibration.estimate.estimated import Estimated
-from ...calibration.evidence.touches import Touches, TouchEvidence, evidence_of_touches
-from ...core.geometry.checks import as_numbers
+from ...calibration.evidence.touches import TouchEvidence
 from ...core.geometry.se3 import Array
+from ...core.numbers.levels import POWER, UNUSUAL
+from ...core.numbers.rounding import CHAIN_ROUNDING
 from ...core.runtime.read_only import ReadOnlyArrays
-from ...errors import InputError
 from ...model.posterior.rows import PredictiveReference
-from .result import LEVEL, POWER, NextTouch
 
-# Most touches that are ever recommended.
-MOST = 10_000
-# Of the information on a bias, the part that is rounding.
-_ROUNDING = 1e-9
-# Number by which the noise is divided to stand for any number of touches.
-_ANY = 1e8
+# Touches at most that are recommended.
+MAX_TOUCHES = 10_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,10 +92,14 @@ class Bias(ReadOnlyArrays):
         return level_of_each(max(sum(p is not None for p in self.p_values), 1))
 
     def detectable(self, level: float) -> float:
-        """Smallest bias, in the worst direction, that these touches would show with `POWER` probability."""
+        """Smallest bias, in the worst direction, that these touches would show with a probability of 95 %."""
         if self.dof < 3:
             return float("inf")
-        size = _of_known_noise(level) if self.reference.noise_given else self.reference.noncentrality(POWER, level)
+        size = (
+            _of_known_noise(level)
+            if self.reference.noise_given
+            else self.reference.noncentrality(POWER.probability, level)
+        )
         return float(np.sqrt(size)) * self.worst[0]
 
 
@@ -116,12 +112,12 @@ def bias_of(evidence: TouchEvidence, tool_known: bool = True) -> Bias:
     of_tool = np.zeros((3 * m, 0))
     if not tool_known:
         U, s, _ = np.linalg.svd(T, full_matrices=False)
-        of_tool = U[:, s > s.max() * _ROUNDING]
+        of_tool = U[:, s > s.max() * CHAIN_ROUNDING]
         B, w = (x - of_tool @ (of_tool.T @ x) for x in (B, w))
     U, s, Vt = np.linalg.svd(B, full_matrices=False)
     # In units of what the bias would be known to without the tool.
     whole = np.linalg.norm(white[:, :3], axis=0).max()
-    told = s > whole * np.sqrt(_ROUNDING)
+    told = s > whole * np.sqrt(CHAIN_ROUNDING)
     U, back = U[:, told], Vt[told].T / s[told]
     along = U.T @ w
     rest = w - U @ along
@@ -132,79 +128,24 @@ def bias_of(evidence: TouchEvidence, tool_known: bool = True) -> Bias:
 
 
 def level_of_each(tests: int) -> float:
-    """Level of each of the independent tests that together have `LEVEL`."""
-    return float(1.0 - (1.0 - LEVEL) ** (1.0 / tests))
+    """Level of each of the independent tests that together have that of an unusual result."""
+    return float(1.0 - (1.0 - UNUSUAL.probability) ** (1.0 / tests))
 
 
 @lru_cache(maxsize=100)
 def _of_known_noise(level: float) -> float:
-    return PredictiveReference.given(3).noncentrality(POWER, level)
+    return PredictiveReference.given(3).noncentrality(POWER.probability, level)
 
 
-def limit(evidence: TouchEvidence, tool_known: bool, level: float) -> float:
-    """Smallest bias that any number of touches of the same kind would show."""
-    return bias_of(evidence.repeated(_ANY), tool_known).detectable(level)
+def limit(evidence: TouchEvidence, tool_known: bool, level: float, many: float = 1e8) -> float:
+    """Smallest bias that any number of touches of the same kind would show; ``many`` stands for any number."""
+    return bias_of(evidence.repeated(many), tool_known).detectable(level)
 
 
 def touches_needed(evidence: TouchEvidence, tool_known: bool, size: float, level: float) -> int | None:
-    """Number of touches of the same kind until a bias of the size shows; None: no number would, or more than `MOST`."""
+    """Number of touches of the same kind until a bias of the size shows; None: more than `MAX_TOUCHES`, or none."""
 
     def shows(n: int) -> bool:
         return bias_of(evidence.repeated(n / len(evidence.r)), tool_known).detectable(level) <= size
 
-    return bisect_left(range(MOST), True, lo=1, key=shows) if shows(MOST) else None
-
-
-# Views that are considered, and touches that are proposed.
-MOST_VIEWS = 12
-PROPOSED = 3
-
-
-def next_touches(
-    result: Estimated, touches: Touches, evidence: TouchEvidence, level: float, candidates: Any = None
-) -> tuple[NextTouch, ...]:
-    """Choose touches one after the other, each the one after which the smallest bias would show.
-
-    Candidates are points of the region seen so far (the corners of its box and its centre), or those given, from each
-    robot pose at which points were seen. A touch has the orientation of the tool of its view's touch.
-    """
-    views = np.arange(touches.m)
-    if result.setup == "eye-in-hand" or touches.board is not None:
-        first = evidence.at * 0.0 if touches.robot is None else touches.robot[:, :3, 3]
-        keys = first if touches.board is None else np.hstack([first, touches.board[:, :3, 3]])
-        views = np.sort(np.unique(keys, axis=0, return_index=True)[1])
-    else:
-        views = views[:1]
-    views = views[np.linspace(0, len(views) - 1, min(len(views), MOST_VIEWS)).round().astype(int)]
-    points = _region(touches.seen) if candidates is None else _given(candidates)
-    pairs = list(product(views.tolist(), points))
-    rows = np.array([view for view, _ in pairs])
-    more = replace(touches.rows(rows), seen=np.array([p for _, p in pairs]))
-    at = evidence_of_touches(result, more).at
-    more = replace(more, touched=None if more.touched is None else at)
-    if more.touched_robot is not None:  # moved to the points, in the orientation of the touches they are made of
-        poses = np.array(more.touched_robot)
-        poses[:, :3, 3] += at - evidence.at[rows]
-        more = replace(more, touched_robot=poses)
-    new = evidence_of_touches(result, more)
-    every = evidence_of_touches(result, touches.joined(more))
-    m, chosen, found = touches.m, list(range(touches.m)), []
-    for _ in range(PROPOSED):
-        sizes = [bias_of(every.rows(np.array([*chosen, m + j]))).detectable(level) for j in range(len(pairs))]
-        best = int(np.argmin(sizes))
-        chosen.append(m + best)
-        found.append(NextTouch(more.seen[best], new.at[best], int(rows[best]), float(sizes[best])))
-    return tuple(found)
-
-
-def _region(seen: Array) -> Array:
-    """Corners and centre of the box of the points, each once."""
-    ends = np.stack([seen.min(axis=0), seen.max(axis=0)], axis=1)
-    return np.unique([*product(*ends), ends.mean(axis=1)], axis=0)
-
-
-def _given(candidates: Any) -> Array:
-    points = np.atleast_2d(as_numbers(candidates, "candidates"))
-    if points.ndim != 2 or points.shape[-1] != 3 or not len(points) or not np.isfinite(points).all():
-        raise InputError(f"Expected `candidates` to be finite points (c, 3) in metres, got shape {points.shape}.")
-    return points
+    return bisect_left(range(MAX_TOUCHES), True, lo=1, key=shows) if shows(MAX_TOUCHES) else None

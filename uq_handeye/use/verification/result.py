@@ -11,12 +11,10 @@ from scipy.special import ndtri, stdtrit
 from ...core.files.records import Record
 from ...core.formatting.numbers import digits, plus_minus, probability
 from ...core.geometry.se3 import Array
+from ...core.numbers.levels import POWER, UNUSUAL
 from ...core.presentation.document import COLUMNS, Answer, Document, Paragraph, Points, Table, document_of
 from ...core.presentation.shown import Shown
 from ...findings import Finding
-
-LEVEL = 0.05
-POWER = 0.95
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,8 +40,8 @@ class PointTable(Record):
 
     @property
     def flagged(self) -> Array:
-        """(m,) True for points that differ from what the calibration says, tested at `LEVEL` for all of them."""
-        return np.asarray(np.nan_to_num(self.p_value, nan=1.0) < LEVEL / len(self.names))
+        """(m,) True for points that differ from what the calibration says, tested at 5 % for all of them."""
+        return np.asarray(np.nan_to_num(self.p_value, nan=1.0) < UNUSUAL.probability / len(self.names))
 
 
 @dataclass(frozen=True)
@@ -90,7 +88,7 @@ class Verification(Record, Shown):
         Degrees of freedom of the variance of the bias where the calibration estimated noise; None: it was given.
     points : PointTable
     detectable : float
-        Smallest bias, in the worst direction, that these touches would have shown with `POWER` probability, m.
+        Smallest bias, in the worst direction, that these touches would have shown with 95 % probability, m.
     limit : float
         The same for any number of such touches, m.
     worst : (3,)
@@ -112,8 +110,8 @@ class Verification(Record, Shown):
         "covariance std interval_95=interval worst_direction=worst detectable limit needed next tool tool_std points "
         "findings warnings"
     )
-    level: ClassVar[float] = LEVEL
-    power: ClassVar[float] = POWER
+    level: ClassVar[float] = UNUSUAL.probability
+    power: ClassVar[float] = POWER.probability
     frame: ClassVar[str] = "base"
 
     bias: Array
@@ -143,7 +141,7 @@ class Verification(Record, Shown):
     @property
     def contradicted(self) -> bool:
         """True if the touches contradict the calibration at the level of 5 %."""
-        return self.p_value is not None and self.p_value < LEVEL
+        return self.p_value is not None and self.p_value < UNUSUAL.probability
 
     @property
     def std(self) -> Array:
@@ -166,10 +164,6 @@ class Verification(Record, Shown):
     def warnings(self) -> tuple[str, ...]:
         """Sentences of the findings that are more than a note."""
         return tuple(str(one) for one in self.findings if one.severity != "note")
-
-
-# Points that the table of a terminal shows.
-MOST_ROWS = 30
 
 
 @document_of.register(Verification)
@@ -228,8 +222,8 @@ def _power(found: Verification) -> str:
         return "Power: no bias would have shown in every direction."
     direction = ", ".join(f"{x + 0.0:.2f}" for x in found.worst)
     return (
-        f"Power: a bias of {_mm(found.detectable)} mm would have shown with {100 * POWER:.0f} % probability, in the "
-        f"worst direction ({direction}); tests at {100 * LEVEL:.0f} %."
+        f"Power: a bias of {_mm(found.detectable)} mm would have shown with {100 * POWER.probability:.0f} % "
+        f"probability, in the worst direction ({direction}); tests at {100 * UNUSUAL.probability:.0f} %."
     )
 
 
@@ -269,9 +263,9 @@ def _next(found: Verification) -> str:
     )
 
 
-def _table(found: Verification) -> Table:
+def _table(found: Verification, max_rows: int = 30) -> Table:
     points, rows = found.points, []
-    order = np.sort(np.argsort(np.nan_to_num(points.p_value, nan=1.0), kind="stable")[:MOST_ROWS])
+    order = np.sort(np.argsort(np.nan_to_num(points.p_value, nan=1.0), kind="stable")[:max_rows])
     for k in order.tolist():
         sd, p = np.sqrt(np.trace(points.covariance[k]) / 3.0), points.p_value[k]
         rows.append(

@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ...core.formatting.numbers import digits
+from ...core.numbers.limits import MAX_NAMED
 from ...findings import sentence
-
-# Names that are listed.
-_LISTED = 10
 
 
 @sentence("verification.inverted_robot")
@@ -49,7 +47,7 @@ def _(count: int, tested: bool) -> str:
 
 @sentence("verification.points_differ")
 def _(names: Sequence[str], count: int) -> str:
-    listed = ", ".join(names[:_LISTED]) + (", ..." if len(names) > _LISTED else "")
+    listed = ", ".join(names[:MAX_NAMED]) + (", ..." if len(names) > MAX_NAMED else "")
     one = len(names) == 1
     return (
         f"{len(names)} of {count} points {'differs' if one else 'differ'} from the calibration more than chance "

@@ -27,6 +27,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ...calibration.estimate.estimated import Estimated
 from ...calibration.evidence.touches import Touches
@@ -38,13 +39,11 @@ from ...core.files.table import Places, Schema, Table, name_and_unit, read_table
 from ...core.formatting.units import ANGLE_UNITS, LENGTH_UNITS
 from ...core.geometry.rotations import Rotation
 from ...core.geometry.se3 import Array, pose
+from ...core.numbers.limits import MAX_TABLE_BYTES
 from ...errors import InputError, require_one_of
 from ...model.kinematics.chain import Kinematics
 from ...model.kinematics.joint import PRISMATIC
-
-MAX_BYTES = 50_000_000
-# A quaternion whose norm is further from 1 is none.
-_NORM = 1e-2
+from ..maintenance.joined_poses import ANOTHER_UNIT_RATIO
 
 # Units behind the name of a column, and how names of numbers begin.
 _UNITS = ("mm", "cm", "um", "in", "deg", "rad", "mrad")
@@ -117,7 +116,7 @@ def read_touches(
     units: str = "m",
     touch_sd: float | None = None,
     point_sd: float | None = None,
-    board: Any = None,
+    board: ArrayLike | None = None,
     **more: Any,
 ) -> Touches:
     """Read points that were seen and touched.
@@ -175,7 +174,7 @@ def read_touches(
     return Touches(**parts)
 
 
-def _board_poses(table: _Touches, board: Any, m: int) -> Array:
+def _board_poses(table: _Touches, board: ArrayLike | None, m: int) -> Array:
     """(m, 4, 4) of the view of each point."""
     name = table.table.name
     if board is None:
@@ -196,13 +195,16 @@ def _board_poses(table: _Touches, board: Any, m: int) -> Array:
     return np.broadcast_to(poses, (m, 4, 4))
 
 
-def _poses(table: _Touches, prefix: str) -> Array | None:
-    """(m, 4, 4) of the robot; None where there are no columns of them."""
+def _poses(table: _Touches, prefix: str, max_norm_error: float = 0.01) -> Array | None:
+    """(m, 4, 4) of the robot; None where there are no columns of them.
+
+    A quaternion whose norm is further from 1 than ``max_norm_error`` is none.
+    """
     if not table.group(prefix, _POSE):
         return None
     q = np.stack([table.numbers(f"{prefix}{part}") for part in _POSE[3:]], axis=-1)
     norm = np.linalg.norm(q, axis=-1)
-    if (wrong := np.abs(norm - 1.0) > _NORM).any():
+    if (wrong := np.abs(norm - 1.0) > max_norm_error).any():
         k = int(wrong.argmax())
         raise InputError(
             f"{table.table.at(k)}, columns {prefix}qx ... {prefix}qw: expected a unit quaternion, got one of norm "
@@ -259,7 +261,7 @@ def _table(path: StrPath, units: str, arm: Kinematics | None) -> _Touches:
         return Places(numbers, [k for k, name in enumerate(only) if name == "point"])
 
     schema = Schema("a header such as seen_x,seen_y,seen_z,touched_x,...", "touch", places, quotes=True)
-    with opened(path, MAX_BYTES) as file:
+    with opened(path, MAX_TABLE_BYTES) as file:
         table = read_table(file, shown(path), schema)
     return _Touches(table, {name: k for k, name in enumerate(found)}, found, units)
 
@@ -272,16 +274,13 @@ def _meaning(column: str, joints: Sequence[str]) -> tuple[str, str | None]:
     return _OTHER_NAMES.get(small, small), unit
 
 
-# A length that differs from those of the calibration by more than this factor has another unit.
-_ANOTHER_UNIT = 50.0
-# Lengths (m) of a camera and of a robot of which nothing is known.
-_CAMERA, _ROBOT = 0.7, 0.8
+def require_metres(result: Estimated, touches: Touches, camera_m: float = 0.7, robot_m: float = 0.8) -> None:
+    """Raise `InputError` where lengths are some hundred times those of the calibration, or smaller by such a factor.
 
-
-def require_metres(result: Estimated, touches: Touches) -> None:
-    """Raise `InputError` where lengths are some hundred times those of the calibration, or so much smaller."""
+    ``camera_m``, ``robot_m``: lengths of a camera and of a robot of which nothing is known.
+    """
     data = poses_so_far(result)
-    camera, robot = (_CAMERA, _ROBOT) if data is None else (_size(data.camera), _size(data.robot))
+    camera, robot = (camera_m, robot_m) if data is None else (_size(data.camera), _size(data.robot))
     distances = {
         "points that the camera saw": (touches.seen if touches.board is None else None, camera),
         "poses of the board": (touches.board, camera),
@@ -292,9 +291,9 @@ def require_metres(result: Estimated, touches: Touches) -> None:
     for what, (values, usual) in distances.items():
         size = usual if values is None else _size(values)
         unit, do = "mm", "Give --units mm, or divide by 1000."
-        if 0 < size * _ANOTHER_UNIT < usual:
+        if 0 < size * ANOTHER_UNIT_RATIO < usual:
             unit, do = "m, read as mm", "Give --units m."
-        elif size <= _ANOTHER_UNIT * usual:
+        elif size <= ANOTHER_UNIT_RATIO * usual:
             continue
         raise InputError(
             f"The {what} lie {size:.3g} m away (median), those of the calibration {usual:.2g} m: they seem to be in "

@@ -1,66 +1,52 @@
-r"""Points that the camera saw and the robot touched, or independent poses, against a stored calibration.
+"""Test of a stored calibration by points that the camera saw and the robot touched.
 
-*Poses* (`evidence.new_poses`): chi-square of their residuals. Where the camera poses come from corners, the corners of
-the board as predicted from the robot pose, X and W are compared with those of the board as seen. The covariance
-predicts the RMS distance ``sqrt(mean trace(J S J^T))``, J the derivative of a corner by the pose of the board, S the
-covariance of a new pose measured. Without distortion of the lens.
+The answer says whether the touches fit the calibration, how large a bias is, which bias these touches would have shown,
+how many it takes to show one of a given size, and where to touch next (`power`, `next_touches`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ...calibration.estimate.estimated import Estimated
-from ...calibration.evidence.new_poses import evidence_of_poses
 from ...calibration.evidence.touches import Touches, TouchEvidence, evidence_of_touches
-from ...calibration.prediction.predict import predict_camera
-from ...core.files.records import Record
-from ...core.formatting.numbers import digits, probability
 from ...core.formatting.units import parse_deviations, parse_length
 from ...core.geometry.checks import as_numbers
 from ...core.geometry.se3 import Array, inverse
-from ...core.presentation.document import COLUMNS, Answer, Document, Paragraph, document_of
-from ...core.presentation.shown import Shown
+from ...core.numbers.rounding import THIRD_DIGITS
 from ...errors import InputError, keywords_of, require_known
 from ...findings import Finding
-from ...fit.diagnostics.task_space import by_pose
-from ...model.camera.intrinsics_file import camera_matrix
-from ...model.poses.pose_pairs import PosePairs
-from ..maintenance.causes import misread
 from ..maintenance.update import require_other_touches
-from .power import Bias, bias_of, limit, next_touches, touches_needed
-from .result import LEVEL, Needed, PointTable, Verification
+from .next_touches import next_touches
+from .power import Bias, bias_of, limit, touches_needed
+from .result import Needed, PointTable, Verification
 from .touches_file import require_metres
-
-# Size of a bias (m) whose number of touches is stated where none is asked for.
-SHOWN = 0.5e-3
-# An inverted robot pose explains touches if it divides their RMS difference by so much.
-_EXPLAINS = 10.0
 
 
 @dataclass(frozen=True, eq=False)
 class VerifyRequest:
     """The arguments of `verify` beside the calibration and the points; see there."""
 
-    robot: Any = None
-    joints: Any = None
-    touched_robot: Any = None
-    touched_joints: Any = None
-    tool: Any = None
-    touch_sd: Any = None
-    point_sd: Any = None
+    robot: ArrayLike | None = None
+    joints: ArrayLike | None = None
+    touched_robot: ArrayLike | None = None
+    touched_joints: ArrayLike | None = None
+    tool: ArrayLike | None = None
+    touch_sd: float | str | ArrayLike | None = None
+    point_sd: float | str | ArrayLike | None = None
     tool_sd: float | str = 0.0
-    board: Any = None
-    board_covariance: Any = None
+    board: ArrayLike | None = None
+    board_covariance: ArrayLike | None = None
     same_camera: bool = True
-    robot_noise: Any = None
+    robot_noise: tuple[str | float, str | float] | ArrayLike | None = None
     names: Sequence[str] = ()
-    show: float | str = SHOWN
-    candidates: Any = None
+    show: float | str = 5e-4
+    candidates: ArrayLike | None = None
 
     @property
     def size(self) -> float:
@@ -69,7 +55,7 @@ class VerifyRequest:
             raise InputError(f"Expected `show` (--show) to be above 0, got {self.show!r}.")
         return size
 
-    def touches(self, seen: Any, touched: Any) -> Touches:
+    def touches(self, seen: ArrayLike, touched: ArrayLike | None) -> Touches:
         """Return the points with what belongs to them."""
         parts = {part.name: getattr(self, part.name) for part in fields(Touches) if hasattr(self, part.name)}
         given = None if touched is None else as_numbers(touched, "touched")
@@ -86,7 +72,9 @@ class VerifyRequest:
         return Touches(**parts)
 
 
-def verify(result: Estimated, seen: Any, touched: Any = None, **asked: Any) -> Verification:
+def verify(
+    result: Estimated, seen: ArrayLike | Touches, touched: ArrayLike | None = None, **asked: Any
+) -> Verification:
     """Test a calibration by points that its camera saw and a tool touched.
 
     Model: `evidence.touches`. The difference of touch and point has the covariance of X, the shared errors, the robot,
@@ -159,7 +147,7 @@ def verify(result: Estimated, seen: Any, touched: Any = None, **asked: Any) -> V
     level, (p_bias, p_scatter), (worst, direction) = bias.level, bias.p_values, bias.worst
     at_least = limit(evidence, known, level)
     tool = None if known else evidence.explained_by(evidence.by_tool)
-    part = np.abs(bias.hidden.T @ bias.hidden) > 1e-6
+    part = np.abs(bias.hidden.T @ bias.hidden) > THIRD_DIGITS
     hidden = np.diag(part)
     covariance = np.where(part, 0.0, bias.covariance)
     covariance[np.diag_indices(3)] = np.where(hidden, np.inf, np.diag(bias.covariance))
@@ -200,7 +188,7 @@ def point_table(evidence: TouchEvidence, touches: Touches) -> PointTable:
     return PointTable(touches.names, evidence.r, S, p)
 
 
-def covariances_of(sd: Any, m: int) -> Array | None:
+def covariances_of(sd: float | str | ArrayLike | None, m: int) -> Array | None:
     """Covariances (3, 3) or (m, 3, 3) of points by one standard deviation, one of each, of each axis, or themselves."""
     if sd is None:
         return None
@@ -216,7 +204,7 @@ def covariances_of(sd: Any, m: int) -> Array | None:
     return np.broadcast_to(values, (m, 3))[..., None] ** 2 * np.eye(3)
 
 
-def robot_covariance(noise: Any) -> Array | None:
+def robot_covariance(noise: tuple[str | float, str | float] | ArrayLike | None) -> Array | None:
     """Covariance (6, 6) of one robot pose by the standard deviations of rotation and translation, or itself."""
     if noise is None:
         return None
@@ -238,19 +226,25 @@ def tool_deviation(sd: float | str) -> float:
     return value
 
 
-def _length(value: Any, name: str) -> Array:
+def _length(value: float | str | ArrayLike, name: str) -> Array:
     return as_numbers(value if np.ndim(value) else parse_length(value, name), name)
 
 
 def _findings(
-    result: Estimated, touches: Touches, evidence: TouchEvidence, bias: Bias, points: PointTable
+    result: Estimated,
+    touches: Touches,
+    evidence: TouchEvidence,
+    bias: Bias,
+    points: PointTable,
+    min_ratio: float = 10.0,
 ) -> list[Finding]:
+    """Return the findings; inverted robot poses are named where they explain ``min_ratio`` times as much."""
     found = []
     rms = float(np.sqrt(np.mean(np.sum(evidence.r**2, axis=-1))))
     if result.setup == "eye-in-hand" and touches.robot is not None:
         other = replace(touches, robot=inverse(touches.robot))
         other_rms = float(np.sqrt(np.mean(np.sum(evidence_of_touches(result, other).r ** 2, axis=-1))))
-        if other_rms * _EXPLAINS < rms:
+        if other_rms * min_ratio < rms:
             found.append(Finding("verification.inverted_robot", "caution", {"rms": rms, "other": other_rms}))
     if touches.seen_covariance is None and touches.board is None:
         sd = float(np.sqrt(np.einsum("mii->", evidence.own - touches.touch_noise) / (3.0 * touches.m)))
@@ -266,108 +260,3 @@ def _findings(
         names = [points.names[k] for k in index]
         found.append(Finding("verification.points_differ", "caution", {"names": names, "count": touches.m}))
     return found
-
-
-@dataclass(frozen=True)
-class Reprojection:
-    """Distance of corners and predicted corners in the picture, px."""
-
-    rms: float
-    expected: float
-    corners: int
-
-
-@dataclass(frozen=True)
-class PoseVerification(Record, Shown):
-    """Independent poses against a calibration."""
-
-    columns = COLUMNS
-    _in_file: ClassVar[str] = "contradicted p_value d2 dof noise_dof n_poses rms expected reprojection=pixels findings"
-
-    n_poses: int
-    d2: float
-    dof: int
-    p_value: float
-    noise_dof: float | None
-    rms: tuple[float, float]  # of the residuals, rad and m
-    expected: tuple[float, float]  # of them, if nothing has changed
-    pixels: Reprojection | None
-    findings: tuple[Finding, ...] = ()  # how the files may be misread
-
-    @property
-    def contradicted(self) -> bool:
-        """True if the poses contradict the calibration at the level of 5 %."""
-        return self.p_value < LEVEL
-
-
-def verify_poses(result: Estimated, poses: PosePairs) -> PoseVerification:
-    """Test a calibration by an independent data set of the same cell.
-
-    Raises
-    ------
-    InputError
-        A calibration without joint covariance, poses of another setup.
-    """
-    evidence = evidence_of_poses(result, poses)
-    reference = evidence.test.reference
-    noise_dof = None if reference.noise_given else reference.noise_dof
-    p = reference.p_value(evidence.d2)
-    squares = np.stack([evidence.r**2, np.diag(evidence.covariance).reshape(evidence.r.shape)])
-    rms, expected = np.sqrt(squares.reshape(2, -1, 2, 3).sum(axis=-1).mean(axis=1)).tolist()  # of both, rad and m
-    other = None
-    if p < LEVEL and result.W is not None:
-        other = misread(
-            result.X, result.W, poses, evidence, lambda of, _=None: evidence_of_poses(result, of).d2, least_factor=0
-        )
-    return PoseVerification(
-        poses.n, evidence.d2, evidence.dof, p, noise_dof, (rms[0], rms[1]), (expected[0], expected[1]),
-        _reprojected(result, poses), () if other is None else (other,),
-    )  # fmt: skip
-
-
-def _reprojected(result: Estimated, poses: PosePairs) -> Reprojection | None:
-    """Return how far the corners of the board are from the prediction; None for poses without corners."""
-    seen = poses.camera_calibration
-    if seen is None or result.W is None:
-        return None
-    joints = None if result.kinematics is None else poses.joints
-    predicted = predict_camera(result, joints, poses.robot)
-    K = camera_matrix(seen)
-    points, _ = seen.corners.on_board
-    squares, expected = 0.0, 0.0
-    for pose, S, measured in zip(predicted.poses, predicted.covariance, poses.camera, strict=True):
-        arm = points @ pose[:3, :3].T
-        there, here = arm + pose[:3, 3], points @ measured[:3, :3].T + measured[:3, 3]
-        x, y, z = there.T
-        squares += float(np.sum(((there[:, :2] / z[:, None] - here[:, :2] / here[:, 2:]) @ K[:2, :2].T) ** 2))
-        by_point = np.zeros((len(points), 2, 3))
-        by_point[:, 0, 0] = by_point[:, 1, 1] = 1.0 / z
-        by_point[:, 0, 2], by_point[:, 1, 2] = -x / z**2, -y / z**2
-        J = K[:2, :2] @ by_point @ by_pose(arm)  # (u, 2, 6)
-        expected += float(np.einsum("nij,jk,nik->", J, S, J))
-    count = len(points) * poses.n
-    return Reprojection(float(np.sqrt(squares / count)), float(np.sqrt(expected / count)), count)
-
-
-@document_of.register(PoseVerification)
-def pose_verification_document(found: PoseVerification) -> Document:
-    """The answer, the residuals, the picture."""
-    one, p = found.n_poses == 1, probability(found.p_value, 2)
-    n = f"{found.n_poses} independent {'pose' if one else 'poses'}"
-    word, verb = ("CONTRADICTED", "contradict") if found.contradicted else ("AGREES", "agree")
-    verb += ("s" if one else "") + ("" if found.contradicted else " with")
-    law = "chi-square" if found.noise_dof is None else "a mixture over the sizes of the errors"
-    (turn, shift), (turn_0, shift_0) = found.rms, found.expected
-    lines = [
-        f"d^2 {digits(found.d2)} of {found.dof} numbers ({law}).",
-        f"Residuals: {digits(np.degrees(turn), 2)} deg and {digits(1e3 * shift, 2)} mm RMS; the covariance predicts "
-        f"{digits(np.degrees(turn_0), 2)} deg and {digits(1e3 * shift_0, 2)} mm.",
-    ]
-    if (seen := found.pixels) is not None:
-        lines.append(
-            f"Re-projection of {seen.corners} corners: {digits(seen.rms, 2)} px RMS; the covariance predicts "
-            f"{digits(seen.expected, 2)} px."
-        )
-    answer = Answer(f"{word}: {n} {verb} the calibration ({p}).", "failed" if found.contradicted else "ok")
-    findings = [Paragraph(str(finding), hang="  ") for finding in found.findings]
-    return [[answer, *findings], [Paragraph(line, hang="  ") for line in lines]]

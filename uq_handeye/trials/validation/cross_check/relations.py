@@ -1,33 +1,15 @@
-r"""Relations between the covariances of one problem: those that must hold (T8), and those that are only claimed.
+"""Relations between the covariances of one problem: those that must hold (T8), and those that are only claimed.
 
 Model: sampled covariances S of T trials of an estimator, covariances P from formulas, and the Cramer-Rao bound C, all
-of ``xi = (theta, tau)`` (rad and m) in one convention. Two of them are compared by the ratios of standard deviations
-over all directions,
-
-    r^2 = eigenvalues of P^-1 S
-
-which need no unit (`ratios`). To first order in the noise, and for an unbiased estimator,
+of ``xi = (theta, tau)`` (rad and m) in one convention. To first order in the noise, and for an unbiased estimator,
 
     S = P of that estimator;   S = C for `efficient` and `ml`, and for the posterior;   S >= C for every estimator
 
-A relation is broken where ratios are outside of what chance and `ratios.TOLERANCE` explain.
+A relation is broken where the ratios of standard deviations are outside of what chance and the tolerance explain
+(`ratios`).
 
 (45) of the paper takes one error for all pairs and the mean derivative; by Jensen's inequality it is then smaller than
 the true covariance of N pairs with equal noise by sqrt(N) in standard deviation or more.
-
-The ratios of standard deviations of two covariances over all directions, and what chance makes of them.
-
-Model: S sampled from T errors ``xi = (theta, tau)`` (rad and m) of covariance P; ``r^2`` the eigenvalues of ``P^-1 S``.
-
-Sampling alone lets the ratios of a true P range over an interval (extreme eigenvalues of a Wishart matrix,
-`consistency`; widened for heavy tails), and the root of the mean of their squares over a narrower one. Both are taken
-at `CONFIDENCE`, so that about ten comparisons together err in at most one of 100 runs, and widened by `TOLERANCE`: what
-is left of second order in the noise is not worth an alarm below it. S and P are not equal where a ratio or that mean
-is outside.
-
-Where tails are heavy (`HEAVY`) and widen that interval beyond `WIDE`, almost any covariance would lie in it: then
-equality is broken if the ratio over all directions is above `CLEARLY` and a test of `consistency` rejects, and cannot
-be told otherwise.
 """
 
 from __future__ import annotations
@@ -35,143 +17,18 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from ....core.files.json_values import JsonObject
 from ....core.geometry.se3 import Array
-from ..monte_carlo.consistency import FEWEST, extreme_eigenvalues, heavy_from, in_words
+from ..monte_carlo.consistency import HARMLESS_SD_ERROR, MIN_TRIALS_FOR_SPREAD, heavy_from
 from ..monte_carlo.run import MonteCarlo
-from ..monte_carlo.sums import COMPONENTS
+from .ratios import WIDE_RATIO, Ratios, chance, number, ratios
 
-TOLERANCE = 0.05  # of a standard deviation
-CONFIDENCE, SIGMAS = 0.999, 3.3  # of each comparison; the same for what is normal
-WIDE = 1.2  # times either way: what chance explains beyond it for heavy tails alone tells nothing
-CLEARLY = 1.1  # times over all directions: too small whatever the tails
-
-
-class Ratios(NamedTuple):
-    """Standard deviations of one covariance over those of another, over all directions."""
-
-    least: float
-    largest: float
-    low: float  # what chance explains
-    high: float
-    overall: float  # root of the mean of the squared ratios
-    spread: float  # by how much chance moves that, either way
-    where_least: str
-    where_largest: str
-    kurtosis: float | None = None  # of the samples, where their tails are heavy
-    rejected: bool = False  # by a test of the samples against the covariance below
-
-    @property
-    def not_below(self) -> bool:
-        return self.least >= self.low * (1 - TOLERANCE)
-
-    @property
-    def not_above(self) -> bool:
-        return self.largest <= self.high * (1 + TOLERANCE)
-
-    @property
-    def shapeless(self) -> bool:
-        """True if tails are so heavy that being inside of what chance explains tells nothing."""
-        return self.kurtosis is not None and (self.high > WIDE or self.low < 1 / WIDE)
-
-    @property
-    def equal(self) -> bool | None:
-        """None: cannot be told."""
-        whole = abs(self.overall - 1) <= self.spread + TOLERANCE
-        if not (self.not_below and self.not_above and whole):
-            return False
-        if not self.shapeless:
-            return True
-        return False if self.overall > CLEARLY and self.rejected else None
-
-    @property
-    def farthest(self) -> tuple[float, str]:
-        """The ratio that is farthest off, and the direction."""
-        if self.largest * self.least >= 1:
-            return self.largest, self.where_largest
-        return self.least, self.where_least
-
-    @property
-    def text(self) -> str:
-        over = f"{number(self.least)} to {number(self.largest)} times"
-        return f"{over} (overall {number(self.overall)} times)"
-
-    @property
-    def margin(self) -> str:
-        """Description of what counts as equal."""
-        if self.shapeless:
-            assert self.kurtosis is not None
-            told = "cannot be told: " if self.equal is None else ""
-            return (
-                f"{told}the errors have heavy tails, which no covariance describes (fourth moment "
-                f"{number(1 + self.kurtosis)} times that of Gaussian errors)"
-            )
-        return (
-            f"chance explains {self.low:.3f} to {self.high:.3f} over all directions ({1 - self.spread:.3f} to "
-            f"{1 + self.spread:.3f} overall), and {100 * TOLERANCE:g} % more are tolerated"
-        )
-
-
-def ratios(
-    S: Array,
-    P: Array,
-    samples: int | None = None,
-    kurtosis: float | None = None,
-    part: slice = slice(0, 6),
-    *,
-    rejected: bool = False,
-) -> Ratios:
-    """Standard deviations of S, drawn from so many ``samples``, over those of P.
-
-    Parameters
-    ----------
-    S, P : (6, 6)
-    samples : int or None
-        Trials; None where both are from formulas.
-    kurtosis : float or None
-        Of the trials, relative to Gaussian ones: heavier tails widen what chance explains.
-    part : slice
-        Components that are compared.
-    rejected : bool
-        Whether a test of `consistency` rejects P for these trials.
-    """
-    from scipy.linalg import eigh
-
-    S, P = S[part, part], P[part, part]
-    unit = np.sqrt(np.diag(P))
-    values, vectors = eigh(S / np.outer(unit, unit), P / np.outer(unit, unit))
-    r = np.sqrt(np.maximum(values, np.finfo(float).tiny))
-    low = high = 1.0
-    spread = 0.0
-    if samples is not None:
-        low, high = chance(samples, kurtosis)
-        # the mean of d^2 has the variance (E d^4 - k^2) / T; its root half of that deviation, relative to k
-        spread = SIGMAS * float(np.sqrt((1 + 4 * max(kurtosis or 0.0, 0.0)) / (2 * len(r) * samples)))
-    names = COMPONENTS[part]
-    overall = float(np.sqrt(np.mean(r * r)))
-    where = [in_words(vectors[:, k], names) for k in (0, -1)]
-    heavy = kurtosis if samples is not None and kurtosis is not None and kurtosis > heavy_from(samples) else None
-    return Ratios(float(r[0]), float(r[-1]), low, high, overall, spread, where[0], where[1], heavy, rejected)
-
-
-def chance(samples: int, kurtosis: float | None = None) -> tuple[float, float]:
-    """Between what all ratios of standard deviations lie with `CONFIDENCE` where the covariance is consistent."""
-    widened = np.sqrt(1 + 1.5 * max(kurtosis or 0.0, 0.0))
-    low, high = np.exp(0.5 * widened * np.log(extreme_eigenvalues(samples - 1, CONFIDENCE)))
-    return float(low), float(high)
-
-
-def number(value: float | np.floating[Any]) -> str:
-    """Three digits around 1, fewer decimals for larger numbers."""
-    decimals = 3 if value < 2 else 2 if value < 10 else 1 if value < 100 else 0
-    return f"{value:,.{decimals}f}"
-
-
-NEAR = 1.5  # times the standard deviations of the bound
-SLIGHTLY = 0.8  # times the standard deviations of 4DPA
+# Standard deviations up to this multiple of those of the bound count as near.
+NEAR_BOUND_RATIO = 1.5
 
 
 @dataclass(frozen=True)
@@ -185,7 +42,7 @@ class Relation:
     text: str  # with numbers
     advice: str = ""  # where it does not hold: what that means and what to do
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonObject:
         """Plain values for JSON."""
         return asdict(self)
 
@@ -209,6 +66,8 @@ class Evidence(NamedTuple):
 
 
 Found = tuple[bool | None, str, str]  # whether it holds, text with numbers, advice
+
+
 _LAWS: list[tuple[str, str, bool, tuple[str, ...], tuple[str, ...], Callable[[Evidence], Found]]] = []
 
 
@@ -244,8 +103,8 @@ def _judged(
     for method in methods:
         if method not in e.runs:
             reasons.append(e.missing.get(f"{method}-sampled", f"{method} has no trials"))
-        elif e.runs[method].consistency.sums.count < FEWEST:
-            reasons.append(f"{FEWEST} trials of {method} with an estimate are the fewest that tell anything")
+        elif e.runs[method].consistency.sums.count < MIN_TRIALS_FOR_SPREAD:
+            reasons.append(f"{MIN_TRIALS_FOR_SPREAD} trials of {method} with an estimate are needed at least")
     if reasons:
         return Relation(name, statement, law, None, "; ".join(reason.rstrip(".") for reason in reasons))
     try:
@@ -256,6 +115,8 @@ def _judged(
 
 
 _FIRST_ORDER = "The errors of {} in Monte Carlo have the covariance that first order predicts for it"
+
+
 _BOUND = "The errors of `{}` in Monte Carlo have the covariance of the Cramer-Rao bound"
 
 
@@ -314,26 +175,28 @@ def _posterior(e: Evidence) -> Found:
 @_relation("none-below-bound", "No method has a smaller covariance than the Cramer-Rao bound", "bound")
 def _none_below(e: Evidence) -> Found:
     """(6)"""
-    told = [method for method, run in e.runs.items() if run.consistency.sums.count >= FEWEST]
+    told = [method for method, run in e.runs.items() if run.consistency.sums.count >= MIN_TRIALS_FOR_SPREAD]
     found = {method: _of_run(e, method, "bound") for method in told}
     if not found:
-        return None, f"fewer than {FEWEST} trials of every method", ""
+        return None, f"fewer than {MIN_TRIALS_FOR_SPREAD} trials of every method", ""
     text = "least standard deviation over that of the bound: "
     text += ", ".join(f"{method} {r.least:.3f} (chance alone {r.low:.3f})" for method, r in found.items())
     below = [method for method, r in found.items() if not r.not_below]
-    untold = [m for m, r in found.items() if m not in below and r.shapeless and r.least < 1 - TOLERANCE]
+    untold = [m for m, r in found.items() if m not in below and r.shapeless and r.least < 1 - HARMLESS_SD_ERROR]
     failed = [method for method in below if e.runs[method].failures]
     advice = f"{_and(below)} would be better than any unbiased estimator can be. "
     if failed:
         advice += f"Trials of {_and(failed)} that gave no estimate are left out, which flatters the rest. "
     advice += "Else the estimate is biased, or the bound is not valid: the noise is beyond first order."
-    text = f"{text}; {100 * TOLERANCE:g} % below it are tolerated"
+    text = f"{text}; {100 * HARMLESS_SD_ERROR:g} % below it are tolerated"
     if untold and not below:
         return None, f"{text}. It cannot be told of {_and(untold)}: the errors have heavy tails", ""
     return not below, text, advice
 
 
 _UNKNOWING = "That has no meaning here: pairs share poses, and their covariances take them as independent"
+
+
 _PARTS = {"rotation": slice(0, 3), "translation": slice(3, 6)}
 
 
@@ -349,7 +212,7 @@ def _nguyen_not_below(e: Evidence) -> Found:
     if e.shared:
         return None, f"{text}. {_UNKNOWING}", ""
     advice = "It promises more than any estimator can keep: the noise is beyond first order."
-    return r.not_below, f"{text}; {100 * TOLERANCE:g} % below are tolerated", advice
+    return r.not_below, f"{text}; {100 * HARMLESS_SD_ERROR:g} % below are tolerated", advice
 
 
 @_relation(
@@ -373,9 +236,9 @@ def _nguyen_near(e: Evidence) -> Found:
             "all pairs share the error of the rotation, and correlations of rotation and translation noise. Use "
             "the first-order covariance of their estimator (propagate(..., method='nguyen'))."
         )
-    if far := [name for name, r in found.items() if r.largest > NEAR]:
+    if far := [name for name, r in found.items() if r.largest > NEAR_BOUND_RATIO]:
         advice.append(f"Their estimate of the {_and(far)} leaves much of the data unused: prefer `efficient`.")
-    return not advice, f"{text}; near is {1 - TOLERANCE:g} to {NEAR:g} times", " ".join(advice)
+    return not advice, f"{text}; near is {1 - HARMLESS_SD_ERROR:g} to {NEAR_BOUND_RATIO:g} times", " ".join(advice)
 
 
 @_relation(
@@ -396,7 +259,11 @@ def _nguyen_below_4dpa(e: Evidence) -> Found:
         return (False, text, "Theirs is the larger one in some direction: the claim is of one experiment.")
     if per_axis.max() > 1:
         return None, f"{text}: about the same in some direction", ""
-    return True, f"{text}: {'smaller, not slightly' if per_axis.min() < SLIGHTLY else 'slightly smaller'}", ""
+    return (
+        True,
+        f"{text}: {'smaller, not slightly' if per_axis.min() < 1 - 4 * HARMLESS_SD_ERROR else 'slightly smaller'}",
+        "",
+    )
 
 
 @_relation(
@@ -407,12 +274,12 @@ def _literal(e: Evidence) -> Found:
     S, T, kurtosis = _sampled(e)
     per_axis = _per_axis(S, e.covariances["4dpa-literal"])  # by axes: (45) may be singular
     high = chance(T, kurtosis)[1]
-    small = per_axis.min() > high * (1 + TOLERANCE)
+    small = per_axis.min() > high * (1 + HARMLESS_SD_ERROR)
     text = (
         f"its standard deviations are {_range(per_axis)} times too small per axis; with {e.pairs:,} pairs it is at "
         f"least about {number(np.sqrt(e.pairs))}"
     )
-    if not small and high > WIDE and (kurtosis or 0.0) > heavy_from(T):
+    if not small and high > WIDE_RATIO and (kurtosis or 0.0) > heavy_from(T):
         return None, f"{text}. It cannot be told: the errors have heavy tails", ""
     advice = "For these few motions (45) happens not to be too small. It is wrong all the same; do not use it."
     return bool(small), text, advice

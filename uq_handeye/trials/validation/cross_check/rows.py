@@ -15,8 +15,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.linalg import block_diag
 
+from ....core.files.json_values import JsonObject
 from ....core.files.records import attributes
 from ....core.geometry.se3 import Array
+from ....core.numbers.levels import DOUBTFUL
+from ....core.numbers.rounding import HALF_DIGITS
 from ....core.runtime.read_only import ReadOnlyArrays
 from ....errors import InputError, NotConvergedError
 from ....findings import Finding
@@ -28,7 +31,7 @@ from ....model.noise.models import Noise
 from ....model.poses.motions import Motions
 from ....model.poses.pose_pairs import PosePairs
 from ...simulation.experiment import Experiment
-from ..monte_carlo.consistency import nees_interval
+from ..monte_carlo.consistency import MIN_TRIALS, nees_interval
 from ..monte_carlo.run import MonteCarlo, Running, monte_carlo
 from ..resumable import NotKeptError, Run
 from ..sentences import INTERRUPTED
@@ -38,16 +41,11 @@ if TYPE_CHECKING:
 
 NAMES = {"4dpa": "4DPA", "nguyen": "Nguyen and Pham", "efficient": "efficient", "ml": "ml"}
 METHODS = tuple(NAMES)
-# Poses or pairs of all trials of one method together: about a minute; beyond it there are fewer trials.
-MOST = 5_000_000
-# Pairs beyond which there are no trials of Nguyen and Pham, who take all of them in each; and beyond which no pairs are
-# formed at all.
-MOST_PAIRS, MOST_PAIRS_ONCE = 20_000, 200_000
+# Poses or pairs of all trials of one method together, which take about a minute; beyond it there are fewer trials.
+MAX_POSES_OF_TRIALS = 5_000_000
+# Pairs that trials of Nguyen and Pham take, all of them in each; and pairs that are formed at all.
+MAX_PAIRS_OF_NGUYEN, MAX_PAIRS = 20_000, 200_000
 TOO_MANY = "{:,} pairs are too many for it: give Motions of fewer."
-FEWEST_TRIALS = 100
-NEES_CONFIDENCE = 0.99
-# Smallest eigenvalue of a correlation matrix that is above rounding: (45) is worked out to eps d^2, about 1e-8.
-SINGULAR = 1e-7
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,8 +93,7 @@ class Row(ReadOnlyArrays):
             return False
         if not (self.std > 0).all():
             return True
-        correlation = self.covariance / np.outer(self.std, self.std)
-        return bool(np.linalg.eigvalsh(correlation)[0] < SINGULAR)
+        return is_singular(self.covariance)
 
     @property
     def consistent(self) -> bool | None:
@@ -106,7 +103,7 @@ class Row(ReadOnlyArrays):
         low, high = self.nees_interval
         return low <= self.nees <= high
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonObject:
         """Plain values in rad, m and s."""
         return attributes(
             self,
@@ -115,11 +112,20 @@ class Row(ReadOnlyArrays):
         )
 
 
+def is_singular(covariance: Array) -> bool:
+    """Return whether the correlation matrix of a covariance is singular up to rounding.
+
+    (45) is computed to about ``eps d^2``, the square root of eps; eight times that is rounding.
+    """
+    std = np.sqrt(np.diag(covariance))
+    return bool(np.linalg.eigvalsh(covariance / np.outer(std, std))[0] < 8 * HALF_DIGITS)
+
+
 def formulas(data: PosePairs | Motions, problem: Experiment) -> list[Row]:
     """Return the formulas at the truth, and of `efficient` and `ml` at the data."""
     noise, theirs = problem.noise, replace(problem, method="nguyen")
     N = problem.number_of_pairs
-    too_many = TOO_MANY.format(N) if N > MOST_PAIRS_ONCE else ""
+    too_many = TOO_MANY.format(N) if N > MAX_PAIRS else ""
     rows = [_row("4dpa-pairs", "4DPA, pairs independent", "4dpa", lambda: problem.predicted("pairs"), too_many)]
     if problem.on_poses:
         rows.append(_row("4dpa-poses", "4DPA, pose-aware", "4dpa", lambda: problem.predicted("poses")))
@@ -207,9 +213,9 @@ def _sampled(
 ) -> Row:
     """Trials of one method, which are kept in ``runs``."""
     method, size = problem.method, problem.size
-    if method == "nguyen" and size > MOST_PAIRS:
+    if method == "nguyen" and size > MAX_PAIRS_OF_NGUYEN:
         return replace(empty, note=TOO_MANY.format(size))
-    affordable = min(trials, max(FEWEST_TRIALS, MOST // size))
+    affordable = min(trials, max(MIN_TRIALS, MAX_POSES_OF_TRIALS // size))
 
     def work() -> Array | None:
         runs[method] = monte_carlo(data, noise=problem.noise, method=method, trials=affordable, **options)
@@ -276,5 +282,5 @@ def judged(row: Row, runs: dict[str, MonteCarlo], effective: int | None) -> Row:
     T = float(run.consistency.sums.count)
     if effective is not None:
         T = 1 / (1 / T + 1 / effective)
-    low, high = nees_interval(T, 6, NEES_CONFIDENCE)
+    low, high = nees_interval(T, 6, 1 - DOUBTFUL.probability)
     return replace(row, nees=float(np.trace(np.linalg.solve(P, moment))), nees_interval=(float(low), float(high)))

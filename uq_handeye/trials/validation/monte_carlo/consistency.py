@@ -17,7 +17,7 @@ and, with ``lambda`` the eigenvalues of ``P^-1 S`` (ratios of variances, sampled
 
 the likelihood ratio of ``S = P`` with Bartlett's correction (Muirhead, Aspects of Multivariate Statistical Theory,
 1982, 8.4; Anderson, An Introduction to Multivariate Statistical Analysis, 2003, 10.8). The interval of the extreme
-eigenvalues comes from `DRAWS` simulated Wishart matrices (Bartlett's decomposition, fixed seed).
+eigenvalues comes from simulated Wishart matrices (Bartlett's decomposition, fixed seed).
 
 The covariance is consistent if none of seven tests rejects: mean NEES and coverage of each part, likelihood ratio;
 probabilities corrected by Holm, so that a consistent covariance is rejected with at most ``1 - confidence``. Trials
@@ -42,19 +42,23 @@ from scipy.special import betainc, betaincinv, chdtrc, fdtrc, gammainc, gammainc
 
 from ....core.geometry.checks import checked_covariance
 from ....core.geometry.se3 import Array
+from ....core.numbers.rounding import SOLUTION_ROUNDING, TINY
 from ....core.runtime.read_only import ReadOnlyArrays
 from ....errors import InputError
 from .sums import LEVELS, PARTS, SIZES, Sums, in_words, lower_factor
 
 __all__ = ["LEVELS", "PARTS", "Consistency", "Sums", "consistency", "in_words"]
 
-FEWEST = 30  # trials with which the sampled covariance is judged as a matrix
-DRAWS = 20_000  # of Wishart matrices: the 0.5 % quantile to about 0.02 of the deviation of an eigenvalue
-HARMLESS = 0.05  # relative error of a standard deviation that hardly matters to anyone
-# Fourth moment of the errors, relative to Gaussian ones of the same covariance, minus 1: from here tails are heavy.
-HEAVY = 0.5
-# Share of trials without an estimate from which on no covariance of the others describes what a user gets.
-MOST_FAILED = 0.01
+# With fewer trials the sampled covariance is not judged as a matrix, direction by direction.
+MIN_TRIALS_FOR_SPREAD = 30
+# With fewer trials the verdict says first what they cannot show.
+MIN_TRIALS = 100
+# A relative error of a standard deviation below this matters to hardly anyone.
+HARMLESS_SD_ERROR = 0.05
+# Tails are heavy from this excess of the fourth moment over that of Gaussian errors of the same covariance.
+HEAVY_KURTOSIS = 0.5
+# With a larger share of trials without an estimate no covariance of the others describes what a user gets.
+MAX_FAILED_SHARE = 0.01
 LIKELIHOOD_RATIO = "likelihood ratio of the covariance"
 
 
@@ -99,7 +103,7 @@ class Consistency(ReadOnlyArrays):
 
     @property
     def consistent(self) -> bool | None:
-        """True if no test rejects; None where none does and more than `MOST_FAILED` of the trials gave no estimate.
+        """True if no test rejects; None where none does and more than 1 % of the trials gave no estimate.
 
         A covariance that is true of the errors of those that did says nothing about the others.
         """
@@ -109,8 +113,8 @@ class Consistency(ReadOnlyArrays):
 
     @property
     def many_failed(self) -> bool:
-        """True if more than `MOST_FAILED` of the trials gave no estimate."""
-        return self.failures > MOST_FAILED * self.trials
+        """True if more than `MAX_FAILED_SHARE` of the trials gave no estimate."""
+        return self.failures > MAX_FAILED_SHARE * self.trials
 
     @property
     def std(self) -> Array | None:
@@ -190,7 +194,7 @@ class Consistency(ReadOnlyArrays):
         """Tests reject, but standard deviations are right to 5 % and shares in ellipsoids to 0.01."""
         if self.consistent is not False or self.size is None or self.size_error is None or self.coverage is None:
             return False
-        return abs(self.size) + 2 * self.size_error < HARMLESS and np.abs(self.coverage - LEVELS).max() < 0.01
+        return abs(self.size) + 2 * self.size_error < HARMLESS_SD_ERROR and np.abs(self.coverage - LEVELS).max() < 0.01
 
 
 def consistency(sums: Sums, predicted: ArrayLike | None, confidence: float = 0.99, *, own: bool = False) -> Consistency:
@@ -246,10 +250,15 @@ def _moments(sums: Sums) -> dict[str, Any]:
         np.fill_diagonal(S, np.maximum(np.diag(S), 0.0))  # rounding, where errors do not vary
         unit = np.sqrt(np.diag(S))
         found |= {"covariance": S, "bias_error": unit / np.sqrt(T)}
-        if T >= FEWEST and unit.all() and np.linalg.cond(correlation := S / np.outer(unit, unit)) < 1e12:
+        if T >= MIN_TRIALS_FOR_SPREAD and unit.all() and is_regular(correlation := S / np.outer(unit, unit)):
             squared = T * float(b / unit @ np.linalg.solve(correlation, b / unit))
             found["bias_p_value"] = float(fdtrc(6, T - 6, (T - 6) / (6 * (T - 1)) * squared))
     return found
+
+
+def is_regular(correlation: Array) -> bool:
+    """Return whether a correlation matrix can be inverted."""
+    return bool(np.linalg.cond(correlation) < 1 / SOLUTION_ROUNDING)
 
 
 def _nees(sums: Sums, confidence: float, p_values: dict[str, float]) -> dict[str, Any]:
@@ -277,7 +286,7 @@ def _coverage(sums: Sums, confidence: float, p_values: dict[str, float]) -> dict
     return {"coverage": k / T, "coverage_interval": np.stack([low, high], axis=-1), "coverage_p_values": p}
 
 
-def smaller_tail(k: NDArray[Any], T: int, below: Array, above: Array) -> Array:
+def smaller_tail(k: NDArray[np.int64], T: int, below: Array, above: Array) -> Array:
     """The smaller of P(K >= k) and P(K <= k) for K ~ binomial(T, below), with ``above = 1 - below``."""
     at_least = np.where(k > 0, betainc(np.maximum(k, 1), T - k + 1, below), 1.0)
     at_most = np.where(k < T, betainc(np.maximum(T - k, 1), k + 1, above), 1.0)
@@ -293,14 +302,14 @@ def nees_interval(T: float, sizes: ArrayLike, confidence: float) -> Array:
 def _spread(T: int, predicted: Array | None, covariance: Array | None, p_values: dict[str, float]) -> dict[str, Any]:
     """Sampled against predicted covariance."""
     names = ("eigenvalues", "directions", "likelihood_ratio")
-    if predicted is None or covariance is None or T < FEWEST:
+    if predicted is None or covariance is None or T < MIN_TRIALS_FOR_SPREAD:
         return dict.fromkeys(names)
     from scipy.linalg import eigh
 
     n, unit = T - 1, np.sqrt(np.diag(predicted))
     S, P = (C / np.outer(unit, unit) for C in (covariance, predicted))
     values, vectors = eigh(S, P)
-    values = np.maximum(values, np.finfo(float).tiny)
+    values = np.maximum(values, TINY)
     directions = vectors.T / np.linalg.norm(vectors.T, axis=1, keepdims=True)
     rho = 1 - (2 * 6 + 1 - 2 / (6 + 1)) / (6 * n)
     ratio = rho * n * float(np.sum(values - np.log(values) - 1))
@@ -309,12 +318,15 @@ def _spread(T: int, predicted: Array | None, covariance: Array | None, p_values:
 
 
 @lru_cache(maxsize=64)
-def extreme_eigenvalues(n: int, confidence: float) -> tuple[float, float]:
-    """Quantiles of the smallest and the largest eigenvalue of W / n, W ~ Wishart(n, I_6), from `DRAWS` draws."""
+def extreme_eigenvalues(n: int, confidence: float, draws: int = 20_000) -> tuple[float, float]:
+    """Quantiles of the smallest and the largest eigenvalue of W / n, W ~ Wishart(n, I_6), from simulated matrices.
+
+    20,000 draws give the 0.5 % quantile to about 0.02 of the standard deviation of an eigenvalue.
+    """
     rng = np.random.default_rng(102)
-    L = np.tril(rng.standard_normal((DRAWS, 6, 6)), -1)
+    L = np.tril(rng.standard_normal((draws, 6, 6)), -1)
     index = np.arange(6)
-    L[:, index, index] = np.sqrt(rng.chisquare(n - index, (DRAWS, 6)))
+    L[:, index, index] = np.sqrt(rng.chisquare(n - index, (draws, 6)))
     values = np.linalg.eigvalsh(L @ L.mT / n)
     tail = (1 - confidence) / 2
     return float(np.quantile(values[:, 0], tail)), float(np.quantile(values[:, -1], 1 - tail))
@@ -322,7 +334,7 @@ def extreme_eigenvalues(n: int, confidence: float) -> tuple[float, float]:
 
 def heavy_from(samples: int) -> float:
     """The kurtosis from which tails are heavy, beyond what so many Gaussian errors show by chance."""
-    return max(HEAVY, 4 / float(np.sqrt(6 * samples)))
+    return max(HEAVY_KURTOSIS, 4 / float(np.sqrt(6 * samples)))
 
 
 def _kurtosis(sums: Sums, predicted: Array | None, found: dict[str, Any]) -> dict[str, Any]:
@@ -339,7 +351,7 @@ def _kurtosis(sums: Sums, predicted: Array | None, found: dict[str, Any]) -> dic
     weighted = np.linalg.solve(predicted / np.outer(unit, unit), b)
     shifted = float(weighted @ (found["covariance"] / np.outer(unit, unit)) @ weighted)
     expected = (values.sum() + float(b @ weighted)) ** 2 + 2 * float(values @ values) + 4 * shifted
-    value = float(sums.nees_squared[0] / sums.count / max(expected, np.finfo(float).tiny) - 1)
+    value = float(sums.nees_squared[0] / sums.count / max(expected, TINY) - 1)
     return {"kurtosis": value, "kurtosis_error": float(np.sqrt(8 / (6 * 8) / sums.count))}
 
 

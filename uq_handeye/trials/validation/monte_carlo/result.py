@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
+from ....core.files.json_values import JsonObject
 from ....core.files.records import attributes, plain
 from ....core.formatting.numbers import digits
 from ....core.geometry.se3 import Array
@@ -19,7 +20,7 @@ from ...simulation.experiment import Experiment
 from ..outcome import NoiseOfData, Outcome, limit, limit_blocks
 from ..sentences import ALL
 from .consistency import LEVELS, PARTS, Consistency
-from .sums import Summary
+from .stopping import Summary
 from .text import SECTIONS, WHO, answer, details, failures, few_axes, few_numbers, verdict
 
 if TYPE_CHECKING:
@@ -137,7 +138,7 @@ class MonteCarlo(Outcome, ReadOnlyArrays):
         what = {True: "consistent", False: "not consistent", None: "undecided"}[self.consistent]
         return f"MonteCarlo({self.method}, {self.trials:,} trials, {what}{'' if self.complete else ', incomplete'})"
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonObject:
         """Everything but the single errors as plain numbers, lists and text, with units and convention."""
         c = self.consistency
         return {
@@ -164,7 +165,7 @@ class MonteCarlo(Outcome, ReadOnlyArrays):
         import pandas as pd
 
         c = self.consistency
-        columns: dict[str, Any] = {
+        columns: dict[str, Array | list[str] | None] = {
             "axis": [f"{part}_{axis}" for part in ("rotation", "translation") for axis in "xyz"],
             "unit": ["rad"] * 3 + ["m"] * 3,
             "std_predicted": c.predicted_std,

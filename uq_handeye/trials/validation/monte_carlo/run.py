@@ -29,6 +29,7 @@ from numpy.typing import ArrayLike
 
 from ....core.geometry.checks import checked_covariance
 from ....core.geometry.se3 import Array
+from ....core.numbers.rounding import TINY
 from ....core.runtime.progress import progress_bar
 from ....core.runtime.threads import one_thread
 from ....errors import InputError, InputWarning, keywords_of, require_integer, require_known, require_type
@@ -39,21 +40,20 @@ from ....model.poses.pose_pairs import PosePairs
 from ....model.poses.timing import warn_left_out
 from ...simulation.experiment import Fitted, experiment, problem_of
 from ..outcome import noise_of_data, place_of
-from ..resumable import Kept, Run
+from ..resumable import MAX_TRIALS, Kept, Run
 from ..sentences import ALL, INTERRUPTED, STABLE, WORKERS_LOST
-from .chunks import Chunk, Crew, Work, WorkersLostError, chunk_size, from_bytes, to_bytes
+from .chunks import Chunk, Work, chunk_size, from_bytes, to_bytes
 from .consistency import Sums, consistency
+from .crew import Crew, WorkersLostError
 from .result import MonteCarlo
-from .sums import BLOCK, Stability
+from .stopping import BLOCK_TRIALS, Stability
 
 __all__ = ["MonteCarlo", "monte_carlo"]
 
-# Errors that are kept, trial by trial: 48 MB.
+# Errors that are kept, trial by trial (48 MB), and trials where only the digits are given.
 KEPT = 1_000_000
-# Trials at most, given or where only the digits are; workers at most.
-MOST, MOST_FOR_DIGITS, MOST_WORKERS = 10**12, 1_000_000, 10_000
-# Variances of a covariance that is given, rad^2 or m^2: beyond these, squares of what is weighed by it overflow.
-VARIANCES = (1e-60, 1e60)
+# More processes than any cluster has.
+MAX_WORKERS = 10_000
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,8 +65,8 @@ class Running(Kept):
 
     def __post_init__(self) -> None:
         require_integer("workers", self.workers, 1)
-        if self.workers > MOST_WORKERS:
-            raise InputError(f"Expected `workers` to be at most {MOST_WORKERS:,}, got {self.workers:,}.")
+        if self.workers > MAX_WORKERS:
+            raise InputError(f"Expected `workers` to be at most {MAX_WORKERS:,}, got {self.workers:,}.")
         known = "a concurrent.futures.Executor, such as ProcessPoolExecutor() or distributed.Client().get_executor()"
         require_type("executor", self.executor, (Executor, NoneType), known)
 
@@ -79,12 +79,12 @@ class Trials(Running):
     digits: int | None = None
 
     def __post_init__(self) -> None:
-        trials = (10_000 if self.digits is None else MOST_FOR_DIGITS) if self.trials is None else self.trials
+        trials = (10_000 if self.digits is None else KEPT) if self.trials is None else self.trials
         require_integer("trials", trials, 2)
-        if trials > MOST:
-            raise InputError(f"Expected `trials` to be at most {MOST:,}, got {trials:,}.")
-        if self.digits is not None and trials < BLOCK:
-            raise InputError(f"Expected `trials` to be at least {BLOCK:,} with `digits`, got {trials:,}.")
+        if trials > MAX_TRIALS:
+            raise InputError(f"Expected `trials` to be at most {MAX_TRIALS:,}, got {trials:,}.")
+        if self.digits is not None and trials < BLOCK_TRIALS:
+            raise InputError(f"Expected `trials` to be at least {BLOCK_TRIALS:,} with `digits`, got {trials:,}.")
         object.__setattr__(self, "trials", int(trials))
         super().__post_init__()
 
@@ -252,7 +252,7 @@ class Tally:
         self._state = (total, own + chunk.own, rows + len(kept), trials + len(chunk.errors))
         if self.stability is not None:
             self._block.append(chunk)
-            if len(self._block) * self.work.chunk == BLOCK:
+            if len(self._block) * self.work.chunk == BLOCK_TRIALS:
                 block, self._block = self._block, []
                 if len(block[-1].errors) == self.work.chunk:  # not the last one, cut short
                     errors, ok = (
@@ -297,7 +297,7 @@ def _run(tally: Tally, message: bytes, kept: Run, run: Trials) -> Finding:
     return Finding(ALL, "note")
 
 
-def _tested(covariance: Any, predicted: Callable[[], Array]) -> tuple[Array | None, str]:
+def _tested(covariance: str | ArrayLike | None, predicted: Callable[[], Array]) -> tuple[Array | None, str]:
     """The covariance that is tested, None where each trial has its own, and which it is."""
     if covariance is None:
         return np.ascontiguousarray(predicted()), "first order"
@@ -308,14 +308,14 @@ def _tested(covariance: Any, predicted: Callable[[], Array]) -> tuple[Array | No
     S = checked_covariance(covariance, "covariance", joint=False)
     if S.shape != (6, 6):
         raise InputError(f"Expected `covariance` to be None, 'each' or a (6, 6) array, got shape {S.shape}.")
-    variances = np.diag(S)
+    variances, least = np.diag(S), TINY**0.2  # its fourth power is a number, and so is that of its inverse
     for name, wrong, limit in (
-        ("small", variances[(variances > 0) & (variances < VARIANCES[0])], VARIANCES[0]),
-        ("large", variances[variances > VARIANCES[1]], VARIANCES[1]),
+        ("small", variances[(variances > 0) & (variances < least)], least),
+        ("large", variances[variances > 1 / least], 1 / least),
     ):
         if wrong.size:
             raise InputError(
                 f"Expected the variances of `covariance` in rad^2 and m^2, got {wrong[0]:.3g}, which is too {name} "
-                f"({'below' if name == 'small' else 'above'} {limit:g}) to weigh errors by."
+                f"({'below' if name == 'small' else 'above'} {limit:.0e}) to weigh errors by."
             )
     return np.ascontiguousarray(S), "given"

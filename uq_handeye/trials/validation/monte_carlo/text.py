@@ -8,17 +8,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ....core.formatting.numbers import digits, fixed, probability
+from ....core.numbers.levels import CONTRADICTED, IMPOSSIBLE, INTERVAL, RARE
+from ....core.numbers.rounding import TINY
 from ....core.presentation.document import Block, Paragraph, Table
-from .consistency import HARMLESS, LIKELIHOOD_RATIO
+from .consistency import HARMLESS_SD_ERROR, LIKELIHOOD_RATIO, MIN_TRIALS
 from .sums import COMPONENTS, LEVELS, PARTS, SIZES, UNITS, in_words
 
 if TYPE_CHECKING:
     from .consistency import Consistency
 
 WHO = "Monte Carlo"
-FEW = 100  # estimates below which the verdict says first what they cannot tell
-# Kurtosis beyond so many standard errors, mean spread beyond so many, is no chance.
-_CLEAR, _SHIFTED = 4.0, 3.0
 
 
 def verdict(c: Consistency, method: str | None = None) -> str:
@@ -38,7 +37,7 @@ def answer(c: Consistency, method: str | None) -> str:
             f"Only {T:,} of {c.trials:,} trials gave an estimate: all that follows is of these, and the covariance "
             f"does not describe the other {c.failures:,} ({digits(100 * c.failures / c.trials, 2)} %)."
         )
-    if T < FEW:
+    if T < MIN_TRIALS:
         few = "the spread in single directions cannot be judged, only the NEES and the shares in ellipsoids."
         if c.size_by_chance is not None:
             few = f"standard deviations that are wrong by less than {digits(100 * c.size_by_chance, 2)} % may not show."
@@ -87,7 +86,7 @@ def few_numbers(c: Consistency) -> list[Block]:
     """Return the share of the errors in the 95 % ellipsoid, and whether X is biased."""
     if c.coverage is None or c.coverage_interval is None:
         return []
-    k = LEVELS.index(0.95)
+    k = LEVELS.index(INTERVAL.probability)
     share, low, high = (_share(x, c) for x in (c.coverage[0, k], *c.coverage_interval[0, k]))
     text = f"The 95 % ellipsoid holds {share} % of the errors ({percent(c.confidence)} interval: {low} to {high} %)."
     if c.bias_p_value is not None:
@@ -101,7 +100,7 @@ def _consistent(c: Consistency, method: str | None) -> str:
     T = c.sums.count
     count = f"{T:,} {'estimates' if c.failures else 'trials'}"
     start = f"{_subject(c, method)} consistent with this noise, as far as {count} can tell"
-    if T < FEW:
+    if T < MIN_TRIALS:
         start = "No test contradicts the covariance" if not c.own else "No test contradicts the trials' own covariances"
     if c.size is None or c.size_by_chance is None:
         return f"{start}: {_expected(c)}."
@@ -129,9 +128,9 @@ def _inconsistent(c: Consistency, method: str | None) -> str:
         return (
             f"{subject} not exactly consistent with this noise: standard deviations differ by {_change(c.overall)} "
             f"over all directions, by {_change(c.size)} (+- {error}) at most. That is significant with {of}, but of no "
-            f"practical weight below {percent(HARMLESS)}."
+            f"practical weight below {percent(HARMLESS_SD_ERROR)}."
         )
-    tails = abs(c.kurtosis) > _CLEAR * c.kurtosis_error
+    tails = abs(c.kurtosis) > np.sqrt(RARE.chi_square(1)) * c.kurtosis_error
     if c.same_spread and tails:
         heavy = "heavier" if c.kurtosis > 0 else "lighter"
         return (
@@ -148,7 +147,8 @@ def _inconsistent(c: Consistency, method: str | None) -> str:
     low, high = c.eigenvalues[[0, 5]] / c.eigenvalue_interval
     wide = 1 + 1.5 * max(c.kurtosis, 0.0)
     spread = np.log(c.eigenvalues[5]) - np.log(c.eigenvalues[0])
-    shifted = abs(c.overall) > _SHIFTED * np.sqrt((1 + 3.5 * max(c.kurtosis, 0.0)) / (12 * (c.sums.count - 1)))
+    sd = np.sqrt((1 + 3.5 * max(c.kurtosis, 0.0)) / (12 * (c.sums.count - 1)))
+    shifted = abs(c.overall) > np.sqrt(CONTRADICTED.chi_square(1)) * sd
     word = ("too small" if c.overall > 0 else "too large") if shifted and not (low < 1 and high > 1) else "wrong"
     if spread < np.sqrt(wide) * np.log(c.eigenvalue_interval[1] / c.eigenvalue_interval[0]):
         text = f"standard deviations are {_change(c.overall, says)}, in all directions alike"
@@ -172,10 +172,10 @@ def _inconsistent(c: Consistency, method: str | None) -> str:
 def _axes_off(c: Consistency) -> str:
     """Single axes whose standard deviation is clearly off, unless all are."""
     assert c.std is not None and c.predicted_std is not None and c.kurtosis is not None
-    ratio = np.maximum(c.std / c.predicted_std, np.finfo(float).tiny)
+    ratio = np.maximum(c.std / c.predicted_std, TINY)
     per_cent = 100 * (ratio - 1)
     error = 0.5 * np.sqrt((2 + 3 * max(c.kurtosis, 0.0)) / c.sums.count)
-    off = np.flatnonzero(np.abs(np.log(ratio)) > _CLEAR * error)
+    off = np.flatnonzero(np.abs(np.log(ratio)) > np.sqrt(RARE.chi_square(1)) * error)
     if len(off) == 6:
         return ""
     if len(off) == 0:
@@ -200,7 +200,7 @@ def _holds(c: Consistency) -> str:
         return ""
     part = parts[0]
     p = c.coverage_p_values[part]
-    level = np.flatnonzero(p <= max(p.min(), 1e-6))[-1]
+    level = np.flatnonzero(p <= max(p.min(), IMPOSSIBLE.probability))[-1]
     of = "" if part == 0 else f" of the {PARTS[part]}"
     share, low, high = (_share(x, c) for x in (c.coverage[part, level], *c.coverage_interval[part, level]))
     return f"; the {percent(LEVELS[level])} ellipsoid{of} holds {share} % of the errors ({low} to {high})"

@@ -44,6 +44,7 @@ from scipy.linalg import solve_triangular
 
 from ....core.geometry.checks import is_number
 from ....core.geometry.se3 import Array
+from ....core.numbers.rounding import TINY
 from ....errors import DegenerateMotionError, InputError
 from ....fit.likelihood.constraint import Constraint, block_diagonal, constraint_of, covariances_of, residual_covariance
 from ....fit.likelihood.gauss_helmert import Fit, corrected, maximum_likelihood
@@ -51,12 +52,11 @@ from ....model.noise.models import Noise, is_joint
 from ....model.noise.square_roots import cholesky_of, gram, whiten
 from ....model.poses.motions import Motions
 from ....model.poses.pose_pairs import PosePairs
+from ...simulation.run import BLOCK_POSES
 
 AXES = ("theta_x", "theta_y", "theta_z", "tau_x", "tau_y", "tau_z")
-# Residuals of so many poses (motions) of all walkers at once: 2 kB each.
-AT_ONCE = 16384
-# A scale further from 1 than this factor has no probability: far outside of any data, and short of overflow.
-FARTHEST = np.log(1e6)
+# The logarithm of a scale beyond this has no probability: far outside of any data, and short of overflow.
+MAX_LOG_SCALE = np.log(1e6)
 
 
 @dataclass(frozen=True)
@@ -139,13 +139,13 @@ class Density:
         volumes: its Jacobian [[1, 1 + a], [1, a]] has the determinant -1 for every a.
         """
         w = float(self.share.mean())
-        second = total - 0.5 * np.logaddexp(np.log(max(w, 1e-300)) + 2.0 * ratio, np.log(max(1.0 - w, 1e-300)))
+        second = total - 0.5 * np.logaddexp(np.log(max(w, TINY)) + 2.0 * ratio, np.log(max(1.0 - w, TINY)))
         return np.stack([second + ratio, second], axis=-1)
 
     def __call__(self, y: Array) -> Array:
         """Log-density (K,) of coordinates (K, d), up to a constant."""
         y = np.atleast_2d(y)
-        rows = max(1, AT_ONCE // len(self.share))
+        rows = max(1, BLOCK_POSES // len(self.share))
         return np.concatenate([self._block(y[k : k + rows]) for k in range(0, len(y), rows)])
 
     def _block(self, y: Array) -> Array:
@@ -157,7 +157,7 @@ class Density:
             return self._at_scale_1(z) + known
         log_s = x[:, -k:]
         prior = -0.5 * ((log_s / self.scales.deviations) ** 2).sum(axis=1)
-        outside = (np.abs(log_s) > FARTHEST).any(axis=1)
+        outside = (np.abs(log_s) > MAX_LOG_SCALE).any(axis=1)
         squares = np.ones((2, len(y)))
         squares[list(self.scales.sides)] = np.exp(2.0 * np.where(outside[:, None], 0.0, log_s)).T
         variances = self.share[..., None] * squares[0] + (1.0 - self.share[..., None]) * squares[1]

@@ -1,18 +1,4 @@
-"""Convergence of a chain: autocorrelation time, split R-hat and effective sample size, all of them.
-
-For each coordinate, over the walkers and the steps kept:
-
-- *autocorrelation time* tau (steps): emcee's estimate, averaged over walkers (Goodman and Weare 2010); the chain must
-  be 50 tau long for it to be trusted;
-- *split R-hat*, rank-normalised, bulk and folded (Vehtari et al. 2021, doi:10.1214/20-BA1221), by ArviZ: below 1.01;
-- *effective sample size*, bulk and tail (the smaller of the 5 % and the 95 % quantile), by ArviZ: at least as many as
-  asked.
-
-The walkers of an ensemble move depend on each other through it; that they are taken as chains is customary, and tau is
-the check that does not need it.
-
-The sampled posterior.
-"""
+"""Result of `sample_posterior`: samples of X, and the mean, covariance and regions of highest density made of them."""
 
 from __future__ import annotations
 
@@ -21,123 +7,32 @@ import warnings
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from types import ModuleType
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from ....core.files.atomic import write_atomically
+from ....core.files.json_values import JsonObject
 from ....core.files.records import attributes
-from ....core.formatting.numbers import digits
 from ....core.geometry.checks import is_number
 from ....core.geometry.conventions import CONVENTION
 from ....core.geometry.se3 import Array
-from ....core.presentation.document import Block, Document, Paragraph, Table, document_of, to_text
+from ....core.presentation.document import to_text
 from ....core.runtime.read_only import ReadOnlyArrays
 from ....errors import InputError, MissingExtraError, NotConvergedError
-from ....findings import Finding
 from ....model.noise.models import Noise
-from ..monte_carlo.sums import LEVELS, UNITS
-from ..outcome import Outcome, part_of
+from ..monte_carlo.sums import LEVELS
+from ..outcome import Outcome
+from .convergence import PosteriorDiagnostics
 from .density import ScalePrior
-
-LONGEST_R_HAT = 1.01
-LENGTHS = 50  # of the autocorrelation time
-
-
-@dataclass(frozen=True, eq=False)
-class PosteriorDiagnostics(ReadOnlyArrays):
-    """Diagnostics of how well a chain represents its posterior; arrays (d,) follow ``names``. NaN is "not known"."""
-
-    names: tuple[str, ...]
-    autocorrelation_time: Array  # steps
-    r_hat: Array
-    ess_bulk: Array
-    ess_tail: Array
-    acceptance: float  # share of proposals accepted
-    walkers: int
-    steps: int  # kept, of each walker
-    burn_in: int  # steps before
-    asked: int  # effective samples
-
-    @property
-    def findings(self) -> tuple[Finding, ...]:
-        """Criteria that are not fulfilled; empty if the chain has converged."""
-        found = []
-        values: dict[str, Any]
-        longest = float(self.autocorrelation_time.max())  # NaN if any is
-        if not self.steps >= LENGTHS * longest:
-            values = {"steps": self.steps, "lengths": LENGTHS, "autocorrelation_time": _known(longest)}
-            found.append(Finding("posterior.short_chain", "failure", values))
-        if not (self.r_hat < LONGEST_R_HAT).all():
-            k = int(np.argmax(self.r_hat))  # that of a NaN if there is one
-            values = {"name": self.names[k], "r_hat": _known(self.r_hat[k]), "limit": LONGEST_R_HAT}
-            found.append(Finding("posterior.r_hat", "failure", values))
-        for effective, part in ((self.ess_bulk, "bulk"), (self.ess_tail, "tail")):
-            if not (effective >= self.asked).all():
-                k = int(np.argmin(effective))
-                values = {"part": part, "name": self.names[k], "effective": _known(effective[k]), "asked": self.asked}
-                found.append(Finding("posterior.few_samples", "failure", values))
-        return tuple(found)
-
-    @property
-    def faults(self) -> tuple[str, ...]:
-        """The same in words."""
-        return tuple(map(str, self.findings))
-
-    @property
-    def converged(self) -> bool:
-        return not self.findings
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain values for JSON; None for what is not known."""
-        return attributes(
-            self,
-            "names autocorrelation_time r_hat ess_bulk ess_tail acceptance walkers steps burn_in asked converged "
-            "faults findings",
-        )
-
-
-def _known(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
-
-
-def autocorrelation_time(chain: Array) -> Array:
-    """tau (d,) in steps of a chain (steps, walkers, d); NaN where a walker never moved or there are too few steps."""
-    from emcee.autocorr import integrated_time
-
-    if len(chain) < 4 or (np.ptp(chain, axis=0) == 0).any():
-        return np.full(chain.shape[-1], np.nan)
-    return np.asarray(integrated_time(chain, tol=0, quiet=True))
-
-
-def diagnose(chain: Array, names: tuple[str, ...], acceptance: float, burn_in: int, asked: int) -> PosteriorDiagnostics:
-    """All of them, of a chain (steps, walkers, d)."""
-    steps, walkers, d = chain.shape
-    tau = autocorrelation_time(chain)
-    r_hat, bulk, tail = (np.full(d, np.nan) for _ in range(3))
-    if steps >= 4:
-        r_hat, bulk, tail = by_arviz(chain)
-    return PosteriorDiagnostics(names, tau, r_hat, bulk, tail, acceptance, walkers, steps, burn_in, asked)
-
-
-def by_arviz(chain: Array) -> tuple[Array, Array, Array]:
-    """Split R-hat, bulk and tail ESS (d,)."""
-    from arviz_stats import base
-
-    stats: Any = base.array_stats  # type: ignore[attr-defined]
-    of_walkers = {"chain_axis": 1, "draw_axis": 0}
-    return (
-        stats.rhat(chain, method="rank", **of_walkers),
-        stats.ess(chain, method="bulk", **of_walkers),
-        stats.ess(chain, method="tail", prob=(0.05, 0.95), **of_walkers),
-    )
 
 
 def inference_data(chain: Array, names: tuple[str, ...], log_density: Array | None = None) -> Any:
     """ArviZ's ``InferenceData`` (before 1.0) or ``DataTree``: a variable per coordinate, a chain per walker."""
     az = arviz()
     by_walker = np.swapaxes(chain, 0, 1)
-    groups: dict[str, Any] = {"posterior": {name: by_walker[..., k] for k, name in enumerate(names)}}
+    groups: dict[str, dict[str, Array]] = {"posterior": {name: by_walker[..., k] for k, name in enumerate(names)}}
     if log_density is not None:
         groups["sample_stats"] = {"lp": log_density.T}
     with warnings.catch_warnings():  # more chains than draws: so it is with many walkers
@@ -145,7 +40,7 @@ def inference_data(chain: Array, names: tuple[str, ...], log_density: Array | No
         return az.from_dict(**groups) if int(az.__version__.partition(".")[0]) < 1 else az.from_dict(groups)
 
 
-def arviz() -> Any:
+def arviz() -> ModuleType:
     """ArviZ, or `MissingExtraError`."""
     try:
         with warnings.catch_warnings():  # it announces its next major version
@@ -312,9 +207,9 @@ class Posterior(Outcome, ReadOnlyArrays):
             write_atomically(path, render(figure, Path(path).suffix.lstrip(".").lower()))
         return figure
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonObject:
         """Plain values for JSON: what the samples say, not the samples, which are in the file and `to_arviz`."""
-        result: dict[str, Any] = {
+        result: JsonObject = {
             "format": "uq-handeye posterior 1",
             "converged": self.converged,
             "convention": CONVENTION,
@@ -345,103 +240,3 @@ def shortest(samples: Array, level: float) -> Array:
     first = np.argmin(ordered[count:] - ordered[:-count], axis=0)
     columns = np.arange(samples.shape[1])
     return np.stack([ordered[first, columns], ordered[first + count, columns]], axis=1)
-
-
-SHAPE_LEVELS = (0.5, 0.68, 0.9, 0.95, 0.99)
-
-
-@document_of.register(Posterior)
-def posterior_document(posterior: Posterior, verbose: bool = False) -> Document:
-    """A headline, a table of the six axes, the shape, the scales and the diagnostics; or what is missing."""
-    part = part_of("noise whose sizes are known but for these scales" if posterior.scales else "noise of known sizes",
-                   posterior.stated)  # fmt: skip
-    about = f"Posterior of {posterior.frame or 'X'}, {_model(posterior)}.{part}"
-    start: list[Block | list[Block]] = [Paragraph(about)]
-    diagnostics = Paragraph(_diagnostics(posterior))
-    if not posterior.converged:
-        faults = "; ".join(posterior.diagnostics.faults)
-        return [*start, Paragraph(f"NOT CONVERGED, so that there are no numbers to report: {faults}."), diagnostics]
-    if posterior.maxima > 1:
-        start.append(Paragraph(_maxima(posterior)))
-    shape: list[Block] = [Paragraph(_shape(posterior))]
-    for side, s in posterior.scale_samples.items():
-        low, middle, high = np.quantile(s, [0.025, 0.5, 0.975])
-        text = f"Noise of {side}: {digits(middle)} times the standard deviations given "
-        shape.append(Paragraph(f"{text}({digits(low)} to {digits(high)} with 95 %)."))
-    return [*start, _table(posterior), shape, [diagnostics, Paragraph(_not_covered(posterior))]]
-
-
-def _maxima(posterior: Posterior) -> str:
-    """Say that no ellipsoid describes the posterior."""
-    which = "neither" if posterior.maxima == 2 else "none of them"
-    return (
-        f"The posterior has {posterior.maxima} separate maxima: the data contradict each other. Mean and covariance "
-        f"describe {which}; look at the corner plot and the samples."
-    )
-
-
-def _model(posterior: Posterior) -> str:
-    likelihood = (
-        "Gaussian" if posterior.student_t is None else f"Student-t ({posterior.student_t:g} degrees of freedom)"
-    )
-    noise = "noise estimated from the data" if posterior.noise_estimated else "noise given"
-    scales = "" if posterior.scales is None else ", its scales free"
-    return f"{likelihood} likelihood, flat prior on X, {noise}{scales}"
-
-
-def _table(posterior: Posterior) -> Table:
-    intervals = posterior.hpd(0.95).intervals
-    bound = np.sqrt(np.diag(posterior.bound))
-    head = ["", "unit", "mean - ml", "sd", "sd of ml", "ratio", "95 % from", "to", "R-hat", "ESS bulk", "ESS tail"]
-    rows = []
-    found = posterior.diagnostics
-    for k, axis in enumerate(posterior.names[:6]):
-        values: Array = np.array([posterior.mean[k], posterior.std[k], bound[k]]) * UNITS[k]
-        low, high = intervals[k] * UNITS[k]
-        rows.append(
-            [
-                axis,
-                "deg" if k < 3 else "mm",
-                f"{values[0]:+.2g}",
-                digits(values[1]),
-                digits(values[2]),
-                f"{values[1] / values[2]:.3f}",
-                f"{low:+.3g}",
-                f"{high:+.3g}",
-                f"{found.r_hat[k]:.4f}",
-                f"{found.ess_bulk[k]:.0f}",
-                f"{found.ess_tail[k]:.0f}",
-            ]
-        )
-    return Table("", head, rows)
-
-
-def _shape(posterior: Posterior) -> str:
-    regions = [posterior.hpd(level) for level in SHAPE_LEVELS]
-    contents = ", ".join(f"{100 * region.content:.1f} %" for region in regions)
-    levels = ", ".join(f"{100 * level:g} %" for level in SHAPE_LEVELS)
-    verdict = (
-        "as those of a Gaussian do"
-        if all(region.gaussian for region in regions)
-        else "which is not what those of a Gaussian do: rely on the samples and intervals, not on the covariance alone"
-    )
-    return f"The {levels} ellipsoids of the samples' mean and covariance hold {contents} of the samples, {verdict}."
-
-
-def _diagnostics(posterior: Posterior) -> str:
-    found = posterior.diagnostics
-    tau = found.autocorrelation_time
-    longest = "unknown" if np.isnan(tau).any() else f"{tau.max():.1f} steps"
-    return (
-        f"{found.walkers} walkers, {found.steps} steps each after {found.burn_in} of burn-in; longest autocorrelation "
-        f"time {longest}; {100 * found.acceptance:.0f} % of the proposals accepted; seed {posterior.seed}; "
-        f"{posterior.seconds:.1f} s."
-    )
-
-
-def _not_covered(posterior: Posterior) -> str:
-    student = "" if posterior.student_t is None else " Standard deviations given are the scale of the Student-t."
-    return (
-        "theta: left rotation, tau: translation, in the parent frame of X. Errors that poses share and the noise does "
-        f"not say (wrong intrinsics, wrong robot kinematics) are not covered.{student}"
-    )

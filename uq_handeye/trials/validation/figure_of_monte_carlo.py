@@ -3,7 +3,7 @@
 Quantiles of the distance ``d = sqrt(xi^T P^-1 xi)`` of the errors of all trials against those of the chi distribution
 with 6 (joint) or 3 degrees of freedom (rotation, translation). The grey band holds the whole curve of a consistent
 covariance with the confidence of the verdict: it is simultaneous over all quantiles, of equal local level, that level
-found from `DRAWS` simulated histograms (Aldor-Noiman et al., The American Statistician 67, 2013). Standard deviations
+found from simulated histograms (Aldor-Noiman et al., The American Statistician 67, 2013). Standard deviations
 of the axes and shares in the ellipsoids, with their intervals, are in the tables.
 
 This module imports Matplotlib; import it where it is used.
@@ -13,12 +13,12 @@ from __future__ import annotations
 
 import textwrap
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
+from numpy.typing import ArrayLike
 from scipy.special import gammaincinv
 from scipy.stats import binom
 
@@ -30,12 +30,7 @@ from .monte_carlo.sums import ABOVE, BELOW, PARTS, SIZES, edges
 from .monte_carlo.text import nees_number, percent, verdict
 from .outcome import figure_of
 
-DRAWS = 1_000  # of histograms: the local level to about a third of itself, the band to some 3 %
 COLOURS = ("black", "#D55E00", "#0072B2")  # of the parts, after Okabe and Ito
-_WIDTH = 10.8
-_BAND = "0.86"
-_FEWEST = 10  # trials that make a curve
-_SHOWN = (0.5, 0.99, 0.9999, 0.999999)  # quantiles marked in the upper panels
 
 
 @figure_of.register
@@ -45,15 +40,15 @@ def validation_figure(result: MonteCarlo) -> Figure:
     # Per cent signs stay with their numbers.
     words = textwrap.wrap(verdict(c).replace(" %", "\N{NO-BREAK SPACE}%"), 195, break_on_hyphens=False)
     top = 0.8 + 0.145 * len(words)  # inches above the panels
-    height = 3.4 if c.sums.count else 0.4
-    figure = NamedFigure(figsize=(_WIDTH, height + top))
+    height, width = 3.4 if c.sums.count else 0.4, 10.8
+    figure = NamedFigure(figsize=(width, height + top))
 
     def place(x: float, y: float, across: float, up: float) -> Axes:
         """Axes with their lower left corner at x, y, all in inches."""
         total = height + top
-        return figure.add_axes((x / _WIDTH, y / total, across / _WIDTH, up / total))
+        return figure.add_axes((x / width, y / total, across / width, up / total))
 
-    left = 0.15 / _WIDTH
+    left = 0.15 / width
     figure.text(left, 1 - 0.12 / (height + top), heading(result), fontsize=10, fontweight="bold", va="top")
     figure.text(left, 1 - 0.36 / (height + top), "\n".join(words), fontsize=7.5, va="top", linespacing=1.3)
     if c.sums.count == 0:
@@ -72,7 +67,7 @@ def _quantiles(axis: Axes, c: Consistency, part: int) -> None:
     """Observed against expected quantiles of d of one part, with the band."""
     T, size = c.sums.count, SIZES[part]
     axis.set_title(PARTS[part], fontsize=8.5, fontweight="bold", color=COLOURS[part], loc="left", pad=13)
-    if T < _FEWEST:
+    if T < 10:  # too few for a curve
         return _empty(axis)
     observed = np.sqrt(edges(size))
     below = np.cumsum(c.sums.histogram[part])[:-1]
@@ -83,11 +78,11 @@ def _quantiles(axis: Axes, c: Consistency, part: int) -> None:
     held = (high > 0) & (low < T)
     x = _expected(below, T, size)
     reach = float(max(_expected(np.array(T), T, size), observed[inside].max(initial=0.0))) * 1.04
-    axis.fill_betweenx(observed[held], left[held], right[held], color=_BAND, linewidth=0, zorder=1)
+    axis.fill_betweenx(observed[held], left[held], right[held], color="0.86", linewidth=0, zorder=1)
     axis.plot([0, reach], [0, reach], color="0.5", linewidth=0.7, zorder=2)
     axis.plot(x[inside], observed[inside], color=COLOURS[part], linewidth=1.6, zorder=4)
     last = 0.0
-    for level in _SHOWN:
+    for level in (0.5, 0.99, 0.9999, 0.999999):
         at = float(np.sqrt(2 * gammaincinv(size / 2, level)))
         if last + 0.16 * reach < at < 0.93 * reach and level < 1 - 0.3 / T:
             last = at
@@ -115,23 +110,24 @@ def _quantiles(axis: Axes, c: Consistency, part: int) -> None:
 
 
 @lru_cache(maxsize=8)
-def band(trials: int, confidence: float) -> tuple[Array, Array]:
+def band(trials: int, confidence: float, draws: int = 1_000) -> tuple[Array, Array]:
     """Numbers of trials at or below each edge, lowest and highest (B,), that hold a true histogram everywhere.
 
-    Simultaneously, with probability ``confidence``; at each edge alone with the same, higher probability.
+    Simultaneously, with probability ``confidence``; at each edge alone with the same, higher probability, which follows
+    from simulated histograms: 1,000 give the band to some 3 %.
     """
     rng = np.random.default_rng(102)
     cells = np.diff(np.concatenate([[0.0], BELOW]))
     upper = BELOW > 0.5  # differences of numbers near 1 lose the tail
     cells[upper] = -np.diff(np.concatenate([[1 - BELOW[~upper][-1]], ABOVE[upper]]))
     cells = np.append(cells, ABOVE[-1])
-    k = np.cumsum(rng.multinomial(trials, cells / cells.sum(), DRAWS), axis=1)[:, :-1]
+    k = np.cumsum(rng.multinomial(trials, cells / cells.sum(), draws), axis=1)[:, :-1]
     local = float(np.quantile(smaller_tail(k, trials, BELOW, ABOVE).min(axis=1), 1 - confidence))
     low, high = binom.ppf(local, trials, BELOW), trials - binom.ppf(local, trials, ABOVE)
     return np.clip(low, 0, trials), np.clip(high, 0, trials)
 
 
-def _expected(below: Any, trials: int, size: int) -> Array:
+def _expected(below: ArrayLike, trials: int, size: int) -> Array:
     """The quantile of chi at which so many of the trials lie below."""
     p = (np.asarray(below) + 0.5) / (trials + 1)
     return np.asarray(np.sqrt(2 * gammaincinv(size / 2, p)))

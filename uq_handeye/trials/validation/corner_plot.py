@@ -1,8 +1,4 @@
-"""A cross-check as a figure: the ellipses of its covariances in the 15 pairs of components (`ellipses`), as Fig. 5 of
-the paper and with rotation against translation. All are drawn about 0, the posterior too, so that sizes and directions
-can be compared.
-
-The corner plot of a posterior: each coordinate, and the density of each pair, beside the Gaussian of the bound.
+"""Corner plot of a posterior: each coordinate, and the density of each pair, beside the Gaussian of the bound.
 
 On the diagonal the histogram of the samples and the normal density of the `ml` covariance; below it the smoothed
 density of two coordinates, with contours that hold 39.3 %, 86.5 % and 98.9 % of the samples (what the 1, 2 and 3 sigma
@@ -15,8 +11,6 @@ This module imports Matplotlib; import it where it is used.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -26,35 +20,11 @@ from matplotlib.ticker import MaxNLocator
 from scipy.ndimage import gaussian_filter
 
 from ...core.geometry.se3 import Array
-from ...core.presentation.ellipses import LEVELS, SYMBOLS, covariance_ellipses, display_unit
+from ...core.presentation.ellipses import LEVELS, SYMBOLS, display_unit
 from ...core.presentation.figure_parts import NamedFigure, settle_layout
-from .cross_check.run import CrossCheck
 from .outcome import figure_of
 from .posterior.result import Posterior
 
-# Rows of a cross-check that are drawn: of each group the first there is, and its name.
-DRAWN = (
-    (("4dpa-poses", "4dpa-pairs"), "4DPA, first order"),
-    (("4dpa-sampled",), "4DPA, Monte Carlo"),
-    (("nguyen-own",), "Nguyen and Pham, own"),
-    (("bound",), "bound (efficient, ml)"),
-    (("posterior",), "posterior"),
-)
-
-
-@figure_of.register
-def cross_check_figure(check: CrossCheck) -> Figure:
-    """The ellipses, with the errors of the trials of 4DPA."""
-    known = {row.key: row.covariance for row in check.rows if row.covariance is not None}
-    drawn = {label: known[key] for keys, label in DRAWN if (key := next(filter(known.__contains__, keys), ""))}
-    (label, first), *others = drawn.items() or [("none", np.zeros((6, 6)))]
-    samples = check.runs["4dpa"].errors if "4dpa" in check.runs else None
-    return covariance_ellipses(check.X, first, samples=samples, others=dict(others), label=label, title=check.frame)
-
-
-BINS = 60
-REACH = 4.0  # standard deviations to either side
-SMOOTHING = 0.2  # standard deviations
 COLOUR, OVERLAY = "#0072B2", "#D55E00"
 
 
@@ -62,7 +32,7 @@ COLOUR, OVERLAY = "#0072B2", "#D55E00"
 def corner(posterior: Posterior) -> Figure:
     """The six coordinates of X; raises `NotConvergedError` for a chain that has not converged."""
     x = posterior.samples
-    reach = REACH * np.maximum(posterior.std, np.sqrt(np.diag(posterior.bound)))
+    reach = 4.0 * np.maximum(posterior.std, np.sqrt(np.diag(posterior.bound)))
     shift = posterior.mean
     units = [display_unit(float(value), "rad" if k < 3 else "m") for k, value in enumerate(reach)]
     scale = np.array([factor for factor, _ in units])
@@ -70,7 +40,7 @@ def corner(posterior: Posterior) -> Figure:
     bound = posterior.bound / scale[:, None] / scale
 
     figure = NamedFigure(figsize=(9.5, 9.8), layout="constrained")
-    axes: Any = figure.subplots(6, 6)
+    axes = figure.subplots(6, 6)
     for row in range(6):
         for column in range(6):
             axis = axes[row, column]
@@ -94,16 +64,16 @@ def corner(posterior: Posterior) -> Figure:
     return figure
 
 
-def _marginal(axis: Axes, x: Array, variance: float, ends: tuple[float, float]) -> None:
-    axis.hist(x, BINS, range=ends, density=True, histtype="stepfilled", color=COLOUR, alpha=0.35)
+def _marginal(axis: Axes, x: Array, variance: float, ends: tuple[float, float], bins: int = 60) -> None:
+    axis.hist(x, bins, range=ends, density=True, histtype="stepfilled", color=COLOUR, alpha=0.35)
     at = np.linspace(*ends, 201)
     axis.plot(at, np.exp(-0.5 * at**2 / variance) / np.sqrt(2 * np.pi * variance), "--", color=OVERLAY, linewidth=1.2)
     axis.set_yticks([])
 
 
-def _joint(axis: Axes, x: Array, bound: Array, ends: Array) -> None:
-    counts, across, along = np.histogram2d(x[:, 0], x[:, 1], BINS, ends.T)
-    smooth = gaussian_filter(counts, SMOOTHING * BINS / (2 * REACH))
+def _joint(axis: Axes, x: Array, bound: Array, ends: Array, bins: int = 60) -> None:
+    counts, across, along = np.histogram2d(x[:, 0], x[:, 1], bins, ends.T)
+    smooth = gaussian_filter(counts, 0.2 * bins / 8.0)  # 0.2 of the 8 standard deviations that the axes show
     middle = [0.5 * (edges[1:] + edges[:-1]) for edges in (across, along)]
     axis.contourf(*middle, smooth.T, _thresholds(smooth), cmap="Blues", alpha=0.75, extend="max")
     axis.contour(*middle, smooth.T, _thresholds(smooth), colors=COLOUR, linewidths=0.9)
