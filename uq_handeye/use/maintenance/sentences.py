@@ -20,7 +20,7 @@ def _(
     factor: float = 1.0,
     shift: int = 0,
 ) -> str:
-    of, ending = ("both files", "") if file is None else (f"the {file} file", f"{file}-")
+    of, side = ("both files", "") if file is None else (f"the {file} file", f"{file}=")
     if kind in ("quaternion", "transposed", "mirrored"):
         return f"The poses agree with the calibration if {in_words({'kind': kind, 'file': file, 'order': order})}."
     early, late = ("camera", "robot") if shift > 0 else ("robot", "camera")
@@ -29,7 +29,7 @@ def _(
     options = " ".join(frames.values() if file is None else [frames.get(file, "")])
     by_kind = {
         "unit": f"{of} {'are' if file is None else 'is'} in {unit}, not {given}: give the unit "
-        f"(--{ending}units {unit}).",
+        f"(--units {side}{unit}).",
         "scale": f"the {file} translations are multiplied by {factor:.4g}: "
         + (
             "they are of another arm, or were scaled."
