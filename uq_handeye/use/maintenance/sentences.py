@@ -28,8 +28,7 @@ def _(
     frames = {"robot": "--robot-frame gripper_T_base", "camera": "--camera-frame target_T_camera"}
     options = " ".join(frames.values() if file is None else [frames.get(file, "")])
     by_kind = {
-        "unit": f"{of} {'are' if file is None else 'is'} in {unit}, not {given}: give the unit "
-        f"(--units {side}{unit}).",
+        "unit": f"{of} {'are' if file is None else 'is'} in {unit}, not {given}: give the unit (--units {side}{unit}).",
         "scale": f"the {file} translations are multiplied by {factor:.4g}: "
         + (
             "they are of another arm, or were scaled."
