@@ -26,7 +26,8 @@ if _typing.TYPE_CHECKING:
         NotConvergedError,
         SingularNoiseError,
     )
-    from .fit.input_checks.pose_ambiguity import resolve_board_rotation, resolve_pose_ambiguity
+    from .fit.input_checks.board_rotation import resolve_board_rotation
+    from .fit.input_checks.pose_ambiguity import resolve_pose_ambiguity
     from .fit.likelihood.gauss_helmert import bound, efficient, maximum_likelihood
     from .fit.likelihood.rig_bundle import Agreement
     from .fit.likelihood.shared_estimates import SharedEstimate

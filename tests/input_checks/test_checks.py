@@ -12,7 +12,8 @@ from scipy.spatial.transform import Rotation
 from support import difference, moved
 
 import uq_handeye as uq
-from uq_handeye.fit.input_checks.checks import check_fit, check_poses
+from uq_handeye.fit.input_checks.columns import check_poses
+from uq_handeye.fit.input_checks.residuals import check_fit
 from uq_handeye.model.poses.residuals import residuals, rotation_angles, summarise
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))

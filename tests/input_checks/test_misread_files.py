@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 import uq_handeye as uq
 from uq_handeye.calibration.report.first_screen import next_step, step_after
 from uq_handeye.core.files.source import Source
-from uq_handeye.fit.input_checks.checks import check_fit
 from uq_handeye.fit.input_checks.misread_files import other_readings
+from uq_handeye.fit.input_checks.residuals import check_fit
 from uq_handeye.model.poses.residuals import pose_residuals
 from uq_handeye.read import write_pose_file
 

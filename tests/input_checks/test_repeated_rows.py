@@ -7,8 +7,8 @@ import pytest
 
 import uq_handeye as uq
 from uq_handeye.core.geometry.se3 import perturb
-from uq_handeye.fit.input_checks.checks import check_poses
-from uq_handeye.fit.input_checks.shifted_rows import SAME, repeated_rows
+from uq_handeye.fit.input_checks.columns import check_poses
+from uq_handeye.fit.input_checks.repeated_rows import SAME_NUMBER, repeated_rows
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
 POSES = replace(uq.simulate(12, noise=NOISE, seed=2), timestamps=None)
@@ -40,7 +40,7 @@ def test_found_and_named(rows, groups, words):
 def test_rounding_and_what_is_measured_again(rng):
     robot, camera = (np.concatenate([T, T]) for T in (POSES.robot, POSES.camera))
     rounded = camera.copy()
-    rounded[12:, :3] += rng.uniform(-0.9, 0.9, (12, 3, 4)) * SAME
+    rounded[12:, :3] += rng.uniform(-0.9, 0.9, (12, 3, 4)) * SAME_NUMBER
     assert repeated_rows(uq.PosePairs(robot, rounded)) == tuple((k, k + 12) for k in range(12))
     again = perturb(camera, 1e-4 * rng.standard_normal((24, 6)))
     assert repeated_rows(uq.PosePairs(robot, again)) == () and said(uq.PosePairs(robot, again)) == []

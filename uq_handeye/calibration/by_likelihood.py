@@ -19,7 +19,8 @@ from ..findings import Finding
 from ..fit.diagnostics.budget import MOTION, SIZES_OPEN
 from ..fit.diagnostics.pose_table import pose_table
 from ..fit.empirical_covariance.resampled import resampled
-from ..fit.input_checks.checks import check_fit, check_motions, misread, require_signal
+from ..fit.input_checks.residuals import check_fit, check_motions, misread
+from ..fit.input_checks.rotations import require_signal
 from ..fit.likelihood.constraint import Constraint, Unknowns
 from ..fit.likelihood.gauss_helmert import (
     FITS,

@@ -11,7 +11,8 @@ from ..core.geometry.se3 import Array
 from ..errors import InputError, NotConvergedError
 from ..findings import Finding
 from ..fit.empirical_covariance.resampled import Resampled, resampled
-from ..fit.input_checks.checks import check_fit, check_motions, require_signal
+from ..fit.input_checks.residuals import check_fit, check_motions
+from ..fit.input_checks.rotations import require_signal
 from ..fit.likelihood.gauss_helmert import Fit, efficient
 from ..fit.likelihood.goodness_of_fit import Reference, components_of, effective_dof
 from ..fit.one_model.noise_of_data import estimate_noise

@@ -25,7 +25,7 @@ from ..errors import (
     require_known,
 )
 from ..findings import Finding, renumbered, warn, without_consequences
-from ..fit.input_checks.shifted_rows import counted_once
+from ..fit.input_checks.repeated_rows import counted_once
 from ..fit.likelihood.gauss_helmert import ESTIMATORS
 from ..model.poses.motions import Motions, relative_motions
 from ..model.poses.pose_numbers import Selection, ranges, select_poses

@@ -16,10 +16,12 @@ from ..core.numbers.rounding import TINY
 from ..errors import DegenerateMotionError, InputError, NotConvergedError
 from ..findings import GROSS_EXCESS, Finding, Severity, without_consequences
 from ..fit.diagnostics.pose_table import PoseTable, pose_table
-from ..fit.input_checks.checks import check_fit, check_poses, check_rotations
-from ..fit.input_checks.misread_files import alphabetical_rows
+from ..fit.input_checks.alphabetical_rows import alphabetical_rows
+from ..fit.input_checks.columns import check_poses
 from ..fit.input_checks.pose_ambiguity import CODE as POSE_AMBIGUITY
 from ..fit.input_checks.pose_ambiguity import flipped_rows
+from ..fit.input_checks.residuals import check_fit
+from ..fit.input_checks.rotations import check_rotations
 from ..fit.input_checks.shifted_rows import find_shift, shifted_run
 from ..fit.likelihood.constraint import Unknowns
 from ..fit.likelihood.gauss_helmert import Fit

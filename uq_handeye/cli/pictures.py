@@ -118,7 +118,7 @@ class Pictures:
         """Return robot poses with the camera poses of the pictures; ``how`` are further arguments of `read_poses`."""
         from dataclasses import replace
 
-        from ..fit.input_checks.pose_ambiguity import resolve_board_rotation
+        from ..fit.input_checks.board_rotation import resolve_board_rotation
         from ..model.camera.board import find_corners, source_of
         from ..model.camera.report.text import model_name
         from ..read import read_poses

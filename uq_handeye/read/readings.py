@@ -20,7 +20,7 @@ from ..core.geometry.se3 import Array, inverse
 from ..core.numbers.rounding import CHAIN_ROUNDING
 from ..errors import InputError
 from ..findings import Finding, warn
-from ..fit.input_checks.misread_files import LARGE_ROTATION, MAX_MISFIT_SHARE, consistency
+from ..fit.input_checks.consistency import LARGE_ROTATION_RAD, MAX_MISFIT_SHARE, consistency
 from ..formats.contents import FRAMES, Reading, Side, doubtful, finished
 from ..formats.rotations import SEQUENCES, VECTORS, rotation_form
 from ..model.poses.residuals import rotation_angles
@@ -163,7 +163,7 @@ class _Pair:
     def _disagrees(self, pair: ReadingPair) -> bool:
         """Return whether the rotations of robot and camera disagree, in both setups."""
         fits = (self.fit(pair), self._of_other_setup().fit(pair))
-        return all(fit is None or fit[0] > LARGE_ROTATION for fit in fits)
+        return all(fit is None or fit[0] > LARGE_ROTATION_RAD for fit in fits)
 
     def _of_other_setup(self) -> _Pair:
         return replace(self, setup="eye-to-hand" if self.setup == "eye-in-hand" else "eye-in-hand")
@@ -176,7 +176,7 @@ class _Pair:
         if len(self.rows[0]) < MIN_POSES_TO_DECIDE:
             return None
         for (angle, distance, _), pair in fits:
-            if angle > LARGE_ROTATION:
+            if angle > LARGE_ROTATION_RAD:
                 continue
             least = max(angle, CHAIN_ROUNDING)
             if all(
@@ -235,7 +235,7 @@ class _Pair:
         decided: ReadingPair = (None, None)
         now = self.fit(decided)
         for fit in (now, self._of_other_setup().fit(decided)):
-            if fit is not None and fit[0] <= LARGE_ROTATION and fit[1] <= MAX_MISFIT_SHARE * self._travel(decided):
+            if fit is not None and fit[0] <= LARGE_ROTATION_RAD and fit[1] <= MAX_MISFIT_SHARE * self._travel(decided):
                 return None
         for k, role in enumerate(FRAMES):
             side = self.sides[k]
@@ -271,7 +271,7 @@ class _Pair:
             for setup in (trial, trial._of_other_setup()):
                 fit = setup.fit(pair)
                 # Rotations about x, y, z renamed in a circle fit as well; only the translations tell.
-                if fit is not None and fit[0] < LARGE_ROTATION and fit[1] < MAX_MISFIT_SHARE * trial._travel(pair):
+                if fit is not None and fit[0] < LARGE_ROTATION_RAD and fit[1] < MAX_MISFIT_SHARE * trial._travel(pair):
                     found.append((form, unit if len(units) > 1 else None, fit[1]))
         return min(found, key=lambda one: one[2], default=None)
 
@@ -281,7 +281,7 @@ class _Pair:
         if len(G) < 3 or len(G) != len(C):
             return False
         difference = rotation_angles(G[:-1].mT @ G[1:]) - rotation_angles(C[:-1].mT @ C[1:])
-        return bool(np.sqrt(np.mean(difference**2)) < 2.0 * LARGE_ROTATION)
+        return bool(np.sqrt(np.mean(difference**2)) < 2.0 * LARGE_ROTATION_RAD)
 
     def _travel(self, pair: ReadingPair) -> float:
         """Return the standard deviation of the robot's position."""

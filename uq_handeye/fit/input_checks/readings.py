@@ -6,11 +6,13 @@ A reading is what `misread_files.other_readings` returns: a mapping with its ``k
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 from ...core.formatting.numbers import digits
 
-Reading = Mapping[str, Any]
+# A reading as plain values by name, as a finding holds it.
+Reading: TypeAlias = dict[str, Any]
+ReadingValues: TypeAlias = Mapping[str, Any]
 
 # Where the camera is, by the setup.
 CAMERA = {"eye-in-hand": "if the camera is on the gripper", "eye-to-hand": "if the camera is fixed"}
@@ -34,7 +36,7 @@ def option_of(file: str, argument: str, value: str, other: str | None = None) ->
     return f"{argument}=({pair}) (--{argument} {file}={value})"
 
 
-def in_words(reading: Reading) -> Words:
+def in_words(reading: ReadingValues) -> Words:
     """Return a reading in words."""
     kind = reading["kind"]
     if kind == "scale":
@@ -53,7 +55,7 @@ def in_words(reading: Reading) -> Words:
     return Words(short, f"{text}{length}: {option}", remedy)
 
 
-def _of_frame(v: Reading) -> tuple[str, str, str, str]:
+def _of_frame(v: ReadingValues) -> tuple[str, str, str, str]:
     setup, given, (side, frame) = v.get("setup"), v.get("given"), FRAMES[v["kind"]]
     option = f"no {side}_frame (--{side}-frame)" if given else f'{side}_frame="{frame}" (--{side}-frame {frame})'
     remedy = f"run again {f'without --{side}-frame' if given else f'with --{side}-frame {frame}'}"
@@ -75,7 +77,7 @@ def _of_frame(v: Reading) -> tuple[str, str, str, str]:
     return short, text, f'setup="{setup}" (--setup {setup}), or {option}', remedy
 
 
-def _of_rotation(v: Reading) -> tuple[str, str, str, str]:
+def _of_rotation(v: ReadingValues) -> tuple[str, str, str, str]:
     file, order = v.get("file"), v.get("order")
     value = str(order or v["kind"])
     of, who, seem = ("both files", "both files have", "both files seem")
@@ -95,10 +97,10 @@ def _of_rotation(v: Reading) -> tuple[str, str, str, str]:
     return short, text, option, f"run again with --{argument} {'' if file is None else f'{file}='}{value}"
 
 
-def _of_scale(v: Reading) -> tuple[str, str, str]:
+def _of_scale(v: ReadingValues) -> tuple[str, str, str]:
     file, unit, factor = v.get("file"), v.get("unit"), float(v["factor"])
-    told = file is not None and unit is not None
-    if v.get("bag") and told:
+    known = file is not None and unit is not None
+    if v.get("bag") and known:
         write, give = "with uq-handeye bag -o DIR", f"give --units {file}={unit}"
         cause = f"the {file} poses are in {unit}. Write them {write} and {give}"
         return f"the {file} poses seem to be in {unit}", cause, f"write the poses {write} and {give}"
@@ -115,10 +117,10 @@ def _of_scale(v: Reading) -> tuple[str, str, str]:
         )
         short = f"the target seems to be {digits(factor, 3)} times as large as given"
         return short, f"{cause}pictures", "measure the target and give its true size; else check the focal length"
-    short = f"the {file} file seems to be in {unit}" if told else "robot and camera seem to be in different units"
+    short = f"the {file} file seems to be in {unit}" if known else "robot and camera seem to be in different units"
     cause = "one file is in another unit (--units robot=..., --units camera=...)"
     remedy = "check the units of both files (--units robot=..., --units camera=...) and the size of the target"
-    if told:
+    if known:
         cause = f"the {file} file is in {unit}, {option_of(str(file), 'units', str(unit), 'm')}"
         remedy = f"run again with --units {file}={unit}"
     if unit == "m":
@@ -127,13 +129,13 @@ def _of_scale(v: Reading) -> tuple[str, str, str]:
     return short, f"{cause}, or the size of the target is wrong", remedy
 
 
-def of_lengths(values: Mapping[str, Any]) -> str:
+def of_lengths(values: ReadingValues) -> str:
     """Return what to do where another setup has lengths that are more likely."""
     frame = "without --robot-frame" if values["inverted"] else "--robot-frame gripper_T_base"
     return f"{CAMERA[values['setup']]}, run again with --setup {values['setup']} and {frame}"
 
 
-def of_readings(values: Mapping[str, Any]) -> str:
+def of_readings(values: ReadingValues) -> str:
     """Return what to do where the files fit in other readings, or in none that was tried.
 
     Where the setup is the likeliest, inverse camera poses that fit as well are the second way.

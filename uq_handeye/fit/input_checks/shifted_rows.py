@@ -1,4 +1,4 @@
-r"""Rows of two pose files that were paired with a shift: found by rotation angles, confirmed by a fit; repeated rows.
+r"""Rows of two pose files that were paired with a shift: found by rotation angles, confirmed by a fit.
 
 Model: robot row i was taken at the moment of camera row ``i + k(i)``, k constant over long stretches of the file. A
 detection that failed and was left out moves all later camera rows up by one (k falls by 1), a camera row without a
@@ -14,12 +14,10 @@ angles of (i, i + l) and (i + k, i + k + l), or of the lags backwards, whichever
 changes, one of the two sides has the same k. The path k(i) with the smallest sum of costs, a price for each change
 included, is found by dynamic programming (Viterbi) in O(n K).
 
-What the angles suggest is told only if a fit confirms it. X and W are fitted robustly (`robust.consensus`) to the rows
-as paired again; their residuals take the place of the angles as the cost, which gives the rows of the changes. Over the
-rows that moved, the median residuals of rotation and of translation must both fall below 0.3 of what they are in a
-robust fit to the rows as given, and must be like those of the rows that did not move.
-
-Poses that were given more than once, wherever they stand (files put together twice, rows copied), count once.
+What the angles suggest is reported only if a fit confirms it. X and W are fitted robustly (`robust.consensus`) to the
+rows as paired again; their residuals take the place of the angles as the cost, which gives the rows of the changes.
+Over the rows that moved, the median residuals of rotation and of translation must both fall below `CONFIRMED_RATIO` of
+what they are in a robust fit to the rows as given, and must be like those of the rows that did not move.
 """
 
 from __future__ import annotations
@@ -34,31 +32,29 @@ from ...core.geometry.se3 import Array
 from ...core.runtime.read_only import ReadOnlyArrays
 from ...errors import DegenerateMotionError, InputError
 from ...findings import Finding
-from ...model.poses.pose_numbers import MIN_POSES, Selection
 from ...model.poses.pose_pairs import PosePairs
 from ...model.poses.residuals import rotation_angles
 from ..likelihood.consensus import consensus, misfit
 from ..likelihood.constraint import OnPoses, Unknowns
 
-# Largest shift, in rows, and as a share of the rows.
-MOST_ROWS, MOST_SHARE = 50, 1 / 3
-# Lags of the motions, as multiples of the smallest lag over which the robot turns by TURN (rad), or nearly.
-LAGS = (1, 2, 3, 4, 5, 6)
-TURN = np.radians(8.0)
-# Price of a change of k, in rows that do not fit at all.
-CHANGE = 3.0
-# Angle differences count in full from this multiple of their typical size on; below this size (rad) none differs.
-BOUND, EXACT = 6.0, 1e-6
-# The cost of a row with no partner: as much as one that half fits.
-UNPAIRED = 0.5
-# Rows below which a stretch, or a whole file, proves nothing.
-FEWEST = 6
-# Once there is a fit: squared residuals count up to FAR times the median, and stretches from this number of rows on.
-FAR, SHORT = 50.0, 3
-# Rows fit if their residuals stay below so many times the median of the good ones.
-NEIGHBOURLY = 4.0
-# What the residuals of the rows that moved must fall to; and how much worse than the other rows they may fit.
-CONFIRMED, ALIKE = 0.3, 3.0
+# Motions are compared over this many lags: 1, 2, 3, ... times the smallest one over which the robot rotates enough.
+LAGS = 6
+# The robot rotates enough over a lag if the median of its angles is above this.
+LAG_ROTATION_RAD = np.radians(8.0)
+# Price of a change of the shift, in rows that do not fit at all.
+CHANGE_COST = 3.0
+# The cost of a row without a partner: as much as one that half fits.
+UNPAIRED_COST = 0.5
+# Differences of angles count in full from this multiple of their typical size on.
+MAX_DIFFERENCE_RATIO = 6.0
+# Differences of angles (rad) and residuals (rad, m) below this are rounding of the numbers in the files.
+MIN_DIFFERENCE = 1e-6
+# Rows below which a stretch, or a whole file, proves nothing. Once there is a fit, half of them do.
+MIN_STRETCH_ROWS = 6
+# The median residuals of the rows that moved must fall to this share of what they were.
+CONFIRMED_RATIO = 0.3
+# They may be this many times as large as those of the rows that did not move.
+SIMILAR_RESIDUAL_RATIO = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,22 +82,24 @@ class Shift(ReadOnlyArrays):
         return Finding("input_checks.shifted_rows", "failure", values)
 
     def apply(self, poses: PosePairs) -> PosePairs:
-        """The poses paired again; timestamps are those of the robot rows."""
+        """Return the poses paired again; timestamps are those of the robot rows."""
         return poses.rows(self.robot_rows, self.camera_rows)
 
 
-def find_shift(poses: PosePairs) -> Shift | None:
-    """The shift of the camera rows against the robot rows, whole or from some row on, or None if there is none.
+def find_shift(poses: PosePairs, max_shift: int = 50) -> Shift | None:
+    """Return the shift of the camera rows against the robot rows, whole or from some row on, or None if there is none.
 
     Parameters
     ----------
     poses : PosePairs
         n pairs as given, in the order in which they were taken; no leading axes.
+    max_shift : int
+        The largest shift that is tried, in rows; a third of the rows at most.
 
     Returns
     -------
     Shift or None
-        None where the rows fit as they are; where no shift (up to n/3 and 50 rows) makes the residuals of the rows that
+        None where the rows fit as they are; where no shift makes the residuals of the rows that
         it moves fall below 0.3 of theirs; and where rows hardly move from one to the next, so that a shift does not
         show.
 
@@ -113,17 +111,17 @@ def find_shift(poses: PosePairs) -> Shift | None:
     if not isinstance(poses, PosePairs) or poses.robot.ndim != 3:
         raise InputError("Expected `poses` to be PosePairs of one data set, without leading axes.")
     n = poses.n
-    if n < 2 * FEWEST:
+    if n < 2 * MIN_STRETCH_ROWS:
         return None
-    most = min(int(n * MOST_SHARE), MOST_ROWS)
+    most = min(n // 3, max_shift)
     shifts = np.arange(-most, most + 1)
-    stretches = _stretches(shifts[_viterbi(_angle_cost(poses, shifts))], FEWEST)
+    stretches = _stretches(shifts[_viterbi(_angle_cost(poses, shifts))], MIN_STRETCH_ROWS)
     if stretches == [(0, n, 0)]:
         return None
     as_given = OnPoses(poses.robot, poses.camera, poses.setup == "eye-to-hand")
     robot_rows, camera_rows = _rows(stretches, n)
     anew = OnPoses(poses.robot[robot_rows], poses.camera[camera_rows], as_given.inverted)
-    if len(robot_rows) < max(FEWEST, n // 2):
+    if len(robot_rows) < max(MIN_STRETCH_ROWS, n // 2):
         return None
     rng = np.random.default_rng(0)
     try:
@@ -133,10 +131,10 @@ def find_shift(poses: PosePairs) -> Shift | None:
         return None  # no fit, nothing to confirm it with
     squares = np.median(misfit(anew, found), axis=0)
     cost = _residual_cost(as_given, found, squares, shifts)
-    stretches = _refined(_stretches(shifts[_viterbi(cost)], SHORT), cost, shifts)
+    stretches = _refined(_stretches(shifts[_viterbi(cost)], MIN_STRETCH_ROWS // 2), cost, shifts)
     robot_rows, camera_rows = _rows(stretches, n)
     moved = robot_rows != camera_rows
-    if moved.sum() < FEWEST:
+    if moved.sum() < MIN_STRETCH_ROWS:
         return None
     now = np.sqrt(misfit(OnPoses(poses.robot[robot_rows], poses.camera[camera_rows], as_given.inverted), found))
     before = np.sqrt(misfit(as_given, given))[robot_rows[moved]]
@@ -144,17 +142,19 @@ def find_shift(poses: PosePairs) -> Shift | None:
     ratio = fits / np.maximum(np.median(before, axis=0), 1e-12)
     if max(abs(k) for _, _, k in stretches) == most:
         return None  # the edge of what was looked at: the true shift may lie beyond
-    unlike = len(others) >= FEWEST and bool((fits > ALIKE * np.median(others, axis=0) + EXACT).any())
-    if unlike or not (ratio < CONFIRMED).all():
+    unlike = len(others) >= MIN_STRETCH_ROWS and bool(
+        (fits > SIMILAR_RESIDUAL_RATIO * np.median(others, axis=0) + MIN_DIFFERENCE).any()
+    )
+    if unlike or not (ratio < CONFIRMED_RATIO).all():
         return None
     return Shift(robot_rows, camera_rows, tuple(stretches), (float(ratio[0]), float(ratio[1])), n)
 
 
-def shifted_run(poses: PosePairs, at: Unknowns, wrong: NDArray[np.bool_]) -> Finding | None:
+def shifted_run(poses: PosePairs, at: Unknowns, wrong: NDArray[np.bool_], ratio: float = 4.0) -> Finding | None:
     """Return a finding if wrong rows in a run, too few for `find_shift`, fit their neighbours in the run.
 
-    ``at`` is what the other poses agree on. Where a row is lost near an end of the file, all rows from there to the end
-    are wrong, and fit once they are moved by one.
+    ``at`` is what the other poses agree on. Rows fit if their residuals stay below ``ratio`` times the median. Where a
+    row is lost near an end of the file, all rows from there to the end are wrong, and fit once they are moved by one.
     """
     inverted = poses.setup == "eye-to-hand"
     typical = np.median(misfit(OnPoses(poses.robot[~wrong], poses.camera[~wrong], inverted), at), axis=0)
@@ -165,7 +165,7 @@ def shifted_run(poses: PosePairs, at: Unknowns, wrong: NDArray[np.bool_]) -> Fin
             if len(rows) < 2:
                 continue
             moved = misfit(OnPoses(poses.robot[rows], poses.camera[rows + shift], inverted), at)
-            if (moved < NEIGHBOURLY**2 * typical + EXACT**2).all():
+            if (moved < ratio**2 * typical + MIN_DIFFERENCE**2).all():
                 values = {
                     "first": int(rows[0]),
                     "last": int(rows[-1]),
@@ -177,19 +177,16 @@ def shifted_run(poses: PosePairs, at: Unknowns, wrong: NDArray[np.bool_]) -> Fin
     return None
 
 
-# --------------------------------------------------------------------------------------------- the path by angles
-
-
 def _angle_cost(poses: PosePairs, shifts: NDArray[np.intp]) -> Array:
-    """Cost (n, K) in [0, 1] of each partner by the angles of the motions from and to it."""
+    """Return the cost (n, K) in [0, 1] of each partner by the angles of the motions from and to it."""
     n = poses.n
     base = _base_lag(poses.robot[:, :3, :3])
     # difference[i, k, l] of the angles over lag l from robot row i and from camera row i + k; NaN outside
-    forward = np.full((n, len(shifts), len(LAGS)), np.nan)
+    forward = np.full((n, len(shifts), LAGS), np.nan)
     backward = np.full_like(forward, np.nan)
     partner = np.arange(n)[:, None] + shifts
-    for column, multiple in enumerate(LAGS):
-        lag = base * multiple
+    for column in range(LAGS):
+        lag = base * (column + 1)
         if lag >= n:
             break
         robot, camera = (_angles(T[:, :3, :3], lag, inner) for T, inner in ((poses.robot, True), (poses.camera, False)))
@@ -201,15 +198,15 @@ def _angle_cost(poses: PosePairs, shifts: NDArray[np.intp]) -> Array:
     size = min(_typical(forward), _typical(backward))
     cost = np.minimum(_cost(forward, size), _cost(backward, size))
     # A row without a partner costs the same whatever k.
-    cost[(partner < 0) | (partner >= n)] = UNPAIRED
+    cost[(partner < 0) | (partner >= n)] = UNPAIRED_COST
     return cost
 
 
 def _base_lag(R: Array) -> int:
-    """The smallest lag over which the robot mostly rotates by TURN, at most a twelfth of the rows."""
+    """Return the smallest lag over which the robot mostly rotates enough, at most a twelfth of the rows."""
     n = len(R)
-    lag, largest = 1, max(1, n // (2 * len(LAGS)))
-    while lag < largest and np.median(_angles(R, lag, True)) < TURN:
+    lag, largest = 1, max(1, n // (2 * LAGS))
+    while lag < largest and np.median(_angles(R, lag, True)) < LAG_ROTATION_RAD:
         lag = min(largest, lag + max(1, lag // 2))
     return lag
 
@@ -221,40 +218,37 @@ def _angles(R: Array, lag: int, inner: bool) -> Array:
 
 
 def _typical(difference: Array) -> float:
-    """The usual size of angle differences where rows belong together: the median over rows of the best shift."""
+    """Return the usual size of angle differences where rows belong together: the median over rows of the best shift."""
     known = np.isfinite(difference).sum(axis=-1)
     mean = np.where(known >= 3, np.nansum(difference, axis=-1) / np.maximum(known, 1), np.inf)
     best = mean.min(axis=1)
     best = best[np.isfinite(best)]
-    return max(float(np.median(best)), EXACT) if best.size else np.inf
+    return max(float(np.median(best)), MIN_DIFFERENCE) if best.size else np.inf
 
 
 def _cost(difference: Array, size: float) -> Array:
     """Mean over the lags of the bounded squared difference; 1 where fewer than two lags lie inside."""
     known = np.isfinite(difference)
-    bounded = np.minimum(np.where(known, difference, 0.0) / (BOUND * size), 1.0) ** 2
+    bounded = np.minimum(np.where(known, difference, 0.0) / (MAX_DIFFERENCE_RATIO * size), 1.0) ** 2
     count = known.sum(axis=-1)
     return np.where(count >= 2, (bounded * known).sum(axis=-1) / np.maximum(count, 1), 1.0)
 
 
 def _viterbi(cost: Array) -> NDArray[np.intp]:
-    """The column (n,) of each row with the smallest sum of ``cost`` (n, K) and CHANGE for each change of column."""
+    """Return the column (n,) of each row with the smallest sum of ``cost`` (n, K) and CHANGE_COST for each change."""
     n, K = cost.shape
     total, came = cost[0], np.empty((n, K), dtype=np.intp)
     stay = np.arange(K)
     for i in range(1, n):  # each row needs the one before it
         best = int(np.argmin(total))
-        change = total > total[best] + CHANGE
+        change = total > total[best] + CHANGE_COST
         came[i] = np.where(change, best, stay)
-        total = cost[i] + np.where(change, total[best] + CHANGE, total)
+        total = cost[i] + np.where(change, total[best] + CHANGE_COST, total)
     path = np.empty(n, dtype=np.intp)
     path[-1] = int(np.argmin(total))
     for i in range(n - 1, 0, -1):
         path[i - 1] = came[i, path[i]]
     return path
-
-
-# ------------------------------------------------------------------------------------------ stretches of equal shift
 
 
 def _stretches(path: NDArray[np.intp], fewest: int) -> list[tuple[int, int, int]]:
@@ -289,21 +283,31 @@ def _rows(stretches: list[tuple[int, int, int]], n: int) -> tuple[NDArray[np.int
     return np.concatenate(robot), np.concatenate(camera)
 
 
-def _residual_cost(as_given: OnPoses, unknowns: Unknowns, squares: Array, shifts: NDArray[np.intp]) -> Array:
-    """Cost (n, K) in [0, 1] of each partner by its squared residuals, in units of the medians ``squares`` (2,)."""
+def _residual_cost(
+    as_given: OnPoses, unknowns: Unknowns, squares: Array, shifts: NDArray[np.intp], limit: float = 50.0
+) -> Array:
+    """Return the cost (n, K) in [0, 1] of each partner by its squared residuals.
+
+    They are in units of the medians ``squares`` (2,), and count up to ``limit`` of these.
+    """
     n = len(as_given.first)
-    cost = np.full((n, len(shifts)), UNPAIRED)
+    cost = np.full((n, len(shifts)), UNPAIRED_COST)
     for column, k in enumerate(shifts):
         rows = np.arange(max(0, -k), min(n, n - k))
         pairs = OnPoses(as_given.first[rows], as_given.second[rows + k], as_given.inverted)
-        cost[rows, column] = np.minimum((misfit(pairs, unknowns) / np.maximum(squares, 1e-24)).sum(axis=-1) / FAR, 1.0)
+        cost[rows, column] = np.minimum(
+            (misfit(pairs, unknowns) / np.maximum(squares, 1e-24)).sum(axis=-1) / limit, 1.0
+        )
     return cost
 
 
 def _refined(
     stretches: list[tuple[int, int, int]], cost: Array, shifts: NDArray[np.intp]
 ) -> list[tuple[int, int, int]]:
-    """Each change moved to the first of its robot rows that have no partner, which the path leaves open."""
+    """Return the stretches with each change moved to its best place.
+
+    The path of smallest cost cannot choose which of the rows at a change have no partner.
+    """
     found = list(stretches)
     for s in range(len(found) - 1):
         (first, edge, old), (_, after, new) = found[s], found[s + 1]
@@ -315,83 +319,3 @@ def _refined(
         edge = first + int(begins[np.argmin(total)])
         found[s], found[s + 1] = (first, edge, old), (edge, after, new)
     return found
-
-
-# -------------------------------------------------------------------------------------- rows given more than once
-
-# Largest difference (rad, m) of numbers that are the same but for rounding; no camera measures so well.
-SAME = 1e-6
-# Runs of repeated rows that are named.
-MOST_RUNS = 4
-
-
-def repeated_rows(poses: PosePairs) -> tuple[tuple[int, ...], ...]:
-    """Return groups of poses that are equal within rounding, of robot and camera together.
-
-    Each group holds the numbers of two or more equal pairs, ascending: the first is the original, the others add no
-    information and are to count once with it. Groups are in the order of their first pose; poses without an equal are
-    in none. A robot that stood still while the camera measured again gives no group: its camera poses differ.
-
-    >>> import uq_handeye as uq
-    >>> poses = uq.simulate(4, noise=uq.PoseNoise.isotropic(camera=("0.1deg", "0.5mm")), seed=1)
-    >>> rows = [0, 1, 2, 3, 1, 0]
-    >>> repeated_rows(uq.PosePairs(poses.robot[rows], poses.camera[rows]))
-    ((0, 5), (1, 4))
-    """
-    if poses.robot.ndim != 3:
-        return ()
-    numbers = np.concatenate([T[:, :3].reshape(poses.n, 12) for T in (poses.robot, poses.camera)], axis=1)
-    if np.diff(np.sort(numbers.sum(axis=1))).min(initial=np.inf) > 24 * SAME:  # as those of equal poses are not
-        return ()
-    single, where = np.unique(numbers + 0.0, axis=0, return_inverse=True)
-    from scipy.sparse import coo_array  # slow to import
-    from scipy.sparse.csgraph import connected_components
-    from scipy.spatial import KDTree
-
-    near = KDTree(single).query_pairs(SAME * np.sqrt(24), output_type="ndarray")
-    near = near[np.abs(single[near[:, 0]] - single[near[:, 1]]).max(axis=1, initial=0.0) <= SAME]
-    links = coo_array((np.ones(len(near)), (near[:, 0], near[:, 1])), shape=(len(single), len(single)))
-    label = connected_components(links, directed=False)[1][where.reshape(-1)]
-    order = np.argsort(label, kind="stable")
-    groups = np.split(order, np.flatnonzero(np.diff(label[order])) + 1)
-    return tuple(sorted(tuple(group.tolist()) for group in groups if len(group) > 1))
-
-
-def rows_again(poses: PosePairs) -> list[tuple[int, int]]:
-    """Return each row that repeats an earlier one, with the first that it repeats, ascending."""
-    return sorted((row, group[0]) for group in repeated_rows(poses) for row in group[1:])
-
-
-def said_again(again: list[tuple[int, int]], n: int) -> Finding:
-    """Return the finding about rows of n poses that repeat earlier ones."""
-    values = {"file": "pose", "count": len(again), "n": n, "runs": runs_of(again)[:MOST_RUNS]}
-    return Finding("input_checks.repeated_rows", "caution", values)
-
-
-def counted_once(poses: PosePairs, asked: Selection | None) -> tuple[Selection | None, list[Finding]]:
-    """Return which poses count where those that repeat an earlier one count once with it, and what is said of that.
-
-    ``asked``: those that were selected before. Nothing is left out where fewer than `MIN_POSES` poses would remain.
-    """
-    kept = np.arange(poses.n) if asked is None else asked.kept
-    again = rows_again(poses if asked is None else poses.rows(kept))
-    if not again or len(kept) - len(again) < MIN_POSES:
-        return asked, []
-    again = [(int(kept[row]), int(kept[first])) for row, first in again]
-    left = np.setdiff1d(kept, [row for row, _ in again])
-    return Selection(left, np.setdiff1d(np.arange(poses.n), left)), [said_again(again, poses.n)]
-
-
-def runs_of(again: list[tuple[int, int]]) -> list[list[int]]:
-    """Return runs ``[first, last, first of the originals]`` of repeated rows and their originals, both ascending.
-
-    >>> runs_of([(3, 0), (4, 1), (7, 1)])
-    [[3, 4, 0], [7, 7, 1]]
-    """
-    runs: list[list[int]] = []
-    for row, original in again:
-        if runs and row == runs[-1][1] + 1 and original == runs[-1][2] + row - runs[-1][0]:
-            runs[-1][1] = row
-        else:
-            runs.append([row, row, original])
-    return runs

@@ -127,7 +127,8 @@ class Folder:
         return joints.exists() and count_arrived([path], role="camera") > 0
 
     def _with_pictures(self, pictures: Seen, robot: list[Path]) -> tuple[int, PosePairs | None]:
-        from ...fit.input_checks.pose_ambiguity import resolve_board_rotation, resolve_pose_ambiguity
+        from ...fit.input_checks.board_rotation import resolve_board_rotation
+        from ...fit.input_checks.pose_ambiguity import resolve_pose_ambiguity
         from ...model.camera.board import find_corners, source_of
         from ...read.arrived import count_arrived, read_arrived
 
