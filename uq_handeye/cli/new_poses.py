@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from ..errors import InputError, NotConvergedError
-from .arm import Arm, ChainOptions, ErrorOptions, TouchesToUse, arm_alone, split_sizes
+from .arm import Arm, ChainOptions, ErrorOptions, arm_alone, split_sizes
 from .bag_files import RobotGiven, given_of_robot
 from .boards import KINDS as BOARDS
 from .boards import BoardOptions
@@ -18,6 +18,7 @@ from .noise import Given, given_of, noise_of
 from .options import AT_THE_BOUND, BUNDLE, COVARIANCE_NAMES, PUBLISHED, ROBOT_WORLD, one_of, said_of
 from .pictures import LensOptions, Pictures, pictures_of
 from .pose_files import PoseFiles
+from .touches import TouchesToUse
 from .views import Views, views_of
 
 if TYPE_CHECKING:

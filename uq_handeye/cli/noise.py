@@ -1,100 +1,16 @@
-"""Options of the noise and of prior knowledge of X and W.
-
-Options of the errors that all poses share.
-"""
+"""Options of the noise of robot and camera poses, also as a prior by data sheets."""
 
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 from ..errors import InputError
-from .options import ACCURACY_CLASSES, one_of, said_of
+from .shared_errors import SharedOptions
 
 if TYPE_CHECKING:
     from ..model.noise.estimate import NoisePrior
     from ..model.noise.models import Noise, PoseNoise
-    from ..model.poses.pose_pairs import PosePairs
-    from ..model.shared_errors.shared_error import SharedError
-    from .views import Views
-
-# Values of --shared.
-DEFAULTS = ("defaults", "none")
-
-
-@dataclass(frozen=True)
-class SharedOptions:
-    """Options of the errors that all poses share.
-
-    Options (Shared errors):
-      --shared NAME <DEFAULTS>: Shared errors that are not declared: defaults or none. defaults, for camera poses
-        without corners and estimated noise: focal length 0.1%, principal point 0.001, target scale 0.03% (within a
-        factor of 4), lens, view and robot accuracy. Default: defaults.
-      --focal-sd SD: Relative standard deviation of the focal length, e.g. 0.1%, or exact. Default: by --shared.
-      --principal-point-sd SD: Standard deviation of the principal point per axis, relative to the focal length, e.g.
-        0.001; in pixels, e.g. 1px, if the focal length is known; or exact. Default: by --shared.
-      --target-scale-sd SD: Relative standard deviation of the target size, e.g. 0.02%, or exact. Default: by --shared.
-      --robot-scale-sd SD: Relative standard deviation of the robot's length scale, e.g. 0.01%, or exact.
-      * --robot-accuracy MM[,DEG]: Robot accuracy by its data sheet. Translation and rotation, e.g. 0.5mm,0.05deg, RMS
-        over the workspace; or exact. Where it is not declared it is known within a factor of 3, or as --robot-class
-        says. Default: 0.6 mm.
-      --offset-sd SD: Standard deviation of the clock offset, e.g. 1ms, or exact. Default with --pair async: estimated.
-    """
-
-    shared: str | None = None
-    focal_sd: str | None = None
-    principal_point_sd: str | None = None
-    target_scale_sd: str | None = None
-    robot_scale_sd: str | None = None
-    robot_accuracy: str | None = None
-    offset_sd: str | None = None
-    robot_class: str | None = None
-
-    def errors(
-        self, poses: "PosePairs", noise: "Noise | None", file: Path | None = None, views: "Views | None" = None
-    ) -> "list[SharedError] | None":
-        """Return the declared errors of options and noise file with the remaining defaults, or None."""
-        from ..model.shared_errors.assumed import assumed_accuracy, replace_defaults
-        from ..model.shared_errors.shared_error import SharedError, checked_errors
-        from ..read import read_shared_errors
-
-        focal_length_px = None if views is None else views.focal_length_px
-        if poses.camera_calibration is not None:
-            found = poses.camera_calibration.intrinsics
-            focal_length_px = 0.5 * (found["fx"] + found["fy"])
-        in_file = () if file is None else read_shared_errors(file, focal_length_px=focal_length_px)
-        declared = {error.name: error for error in in_file}
-        for name, text, make in (
-            ("--focal-sd", self.focal_sd, SharedError.focal_length),
-            (
-                "--principal-point-sd",
-                self.principal_point_sd,
-                lambda sd: SharedError.principal_point(sd, focal_length_px=focal_length_px),
-            ),
-            ("--target-scale-sd", self.target_scale_sd, SharedError.target_scale),
-            ("--robot-scale-sd", self.robot_scale_sd, SharedError.robot_scale),
-            ("--robot-accuracy", self.robot_accuracy, SharedError.robot_accuracy),
-            ("--offset-sd", self.offset_sd, SharedError.clock_offset),
-        ):
-            if text is not None:
-                with said_of(name):
-                    error = make(text)
-                declared[error.name] = error
-        if self.robot_class is not None:
-            if self.robot_accuracy is not None:
-                raise InputError("--robot-class and --robot-accuracy both give the accuracy. Remove one of them.")
-            accuracy = assumed_accuracy(one_of(self.robot_class, "--robot-class", ACCURACY_CLASSES))
-            declared[accuracy.name] = replace(accuracy, default=False)
-        none = self.shared is not None and one_of(self.shared, "--shared", DEFAULTS) == "none"
-        if not declared and not none:
-            return None
-        if noise is not None and noise.ITEM == "motion" and declared:
-            raise InputError("Shared errors need noise of poses ([robot], [camera]), got noise of motions ([A], [B]).")
-        errors = list(declared.values())
-        if declared and noise is None:
-            errors = replace_defaults(declared.values(), views is not None or poses.camera_known, not none)
-        return list(checked_errors(errors, poses))
-
 
 BOTH_EXACT = "Robot and camera cannot both be exact. Give the standard deviations of one, or neither option."
 # Value in place of standard deviations: that side has no noise.
@@ -206,29 +122,6 @@ def noise_of(given: Annotated["Given", given_of], prior: Annotated["NoisePrior |
     if given.prior is not None:
         raise InputError("The noise and a prior of it are both given. Give one of them.")
     return replace(given, prior=prior)
-
-
-def pose_prior_of(
-    prior_x: Path | None = None, prior_w: Path | None = None, known: list[str] | None = None
-) -> "dict[str, Any]":
-    """Return the priors of X and W as arguments of `calibrate`.
-
-    Options (Prior knowledge):
-      --prior-x FILE: Prior of X: YAML or JSON with pose and covariance, or the result.json of an earlier run.
-      --prior-w FILE: Prior of the target pose W, likewise.
-      --known TEXT: Measured coordinate of camera or target, e.g. 'target z = 120mm +- 1mm'. Repeatable.
-    """
-    from ..model.noise.known_values import parse_known_values as known_values
-    from ..read import read_prior
-
-    found: dict[str, Any] = dict(known_values(*known)) if known else {}
-    for path, name, of in ((prior_x, "prior_X", "X"), (prior_w, "prior_W", "W")):
-        if path is None:
-            continue
-        if name in found:
-            raise InputError(f"--prior-{of.lower()} and --known describe the same pose. Give one of them.")
-        found[name] = read_prior(path, of)
-    return found
 
 
 def _deviations(value: str, name: str) -> tuple[float, float]:

@@ -27,6 +27,7 @@ and a test holds them against the registries.
 
 import difflib
 import inspect
+import math
 import os
 import re
 import sys
@@ -343,6 +344,17 @@ def metres(text: str, option: str) -> float:
 
     found = floats([text])
     return parse_length(text, option) if found is None else found[0]
+
+
+def coordinates(text: str, name: str) -> list[float]:
+    """Return the three lengths (m) of an option such as ``0mm,0mm,300mm``."""
+    parts = [part.strip() for part in text.split(",")]
+    if len(parts) != 3:
+        raise InputError(f"Expected {name} to be X,Y,Z such as 0mm,0mm,300mm, got {text!r}.")
+    values = [metres(part, name) for part in parts]
+    if not (far := max(map(abs, values))) <= 10.0 or not all(map(math.isfinite, values)):
+        raise InputError(f"{name} {text}: {far:g} m is too far. Write the unit, e.g. 0mm,0mm,300mm.")
+    return values
 
 
 def fraction(value: float) -> float:

@@ -6,11 +6,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
-from .arm import coordinates
 from .delivery import Wanted, deliver, deliver_answer
 from .exit_status import ExitStatus
 from .messages import given_options, quiet, timed, withheld
-from .options import AT_THE_BOUND, PAIRINGS, SETUP_NAMES, emit, one_of
+from .options import AT_THE_BOUND, PAIRINGS, SETUP_NAMES, coordinates, emit, one_of
 
 if TYPE_CHECKING:
     from ..rig.description import Rig

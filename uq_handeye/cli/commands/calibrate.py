@@ -19,8 +19,8 @@ from ..delivery import (
 )
 from ..messages import LOG, fail, progress_wanted, quiet, timed, withheld
 from ..new_poses import Data, Estimation, problem_for
-from ..noise import pose_prior_of
 from ..options import require_writable
+from ..pose_prior import pose_prior_of
 from ..rigs import calibrate_rig_files, is_rig
 from .live import Watch, question_of, watched
 

@@ -12,7 +12,6 @@ from ...core.files.csv_text import csv_text
 from ...core.files.json_files import json_text
 from ...core.files.locks import held
 from ...errors import InputError, NotConvergedError
-from ..arm import TouchOptions
 from ..delivery import (
     Outputs,
     ReportOptions,
@@ -28,6 +27,7 @@ from ..messages import quiet, timed, withheld
 from ..new_poses import NewPoses
 from ..options import UNITS, one_of, shown
 from ..rigs import NEW_VIEWS, deliver_rig, new_views, refuse, stored_rig
+from ..touches import TouchOptions
 
 if TYPE_CHECKING:
     from ...core.geometry.se3 import Array

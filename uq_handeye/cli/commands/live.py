@@ -8,13 +8,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from ...errors import InputError
-from ..arm import TouchesToUse, arm_alone
+from ..arm import arm_alone
 from ..delivery import Outputs, Wanted, wanted_of
 from ..messages import LOG, quiet
 from ..noise import Given, noise_of
 from ..options import emit
 from ..pictures import Pictures, pictures_of
 from ..pose_files import PoseFiles, StreamFiles
+from ..touches import TouchesToUse
 
 if TYPE_CHECKING:
     from ...calibration.result import Calibration

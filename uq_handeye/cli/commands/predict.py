@@ -11,7 +11,6 @@ from ...core.files.about import read_about
 from ...core.files.csv_text import csv_text
 from ...core.runtime.progress import working
 from ...errors import InputError
-from ..arm import coordinates
 from ..delivery import (
     REPORTS,
     Outputs,
@@ -26,7 +25,7 @@ from ..delivery import (
 )
 from ..exit_status import ExitStatus
 from ..messages import LOG, fail, progress_wanted, quiet, timed
-from ..options import CONTROLLER_NAMES, PAPERS, emit, emit_document, one_of, require_writable
+from ..options import CONTROLLER_NAMES, PAPERS, coordinates, emit, emit_document, one_of, require_writable
 from ..rigs import predict_stored_rig, stored_rig
 
 if TYPE_CHECKING:

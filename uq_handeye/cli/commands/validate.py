@@ -12,8 +12,8 @@ from ..delivery import REPORTS, deliver, deliver_answer, write_report, wrote
 from ..exit_status import ExitStatus
 from ..messages import LOG, progress_wanted, timed, verbose
 from ..new_poses import Session
-from ..noise import pose_prior_of
 from ..options import EVERY_METHOD, emit, emit_document, methods_of, require_writable
+from ..pose_prior import pose_prior_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
