@@ -286,6 +286,7 @@ def test_single_poses_are_named_once():
     assert text.count("pose 11 (") == 1 and "biases X" in text
 
 
+@pytest.mark.slow
 def test_poses_of_a_small_tag_differ_as_their_covariances_do():
     """Those that see it frontally are worse by a factor of 20, which is no sign of outliers; one that is wrong is."""
     rng = np.random.default_rng(0)
@@ -336,6 +337,7 @@ def test_motions_without_poses():
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("deviation", ["2deg", "3deg", "5deg"])
 def test_large_but_honest_noise(deviation):
     noise = uq.PoseNoise.isotropic(camera=(deviation, "20mm"))
@@ -346,6 +348,7 @@ def test_large_but_honest_noise(deviation):
         assert "too small" not in text
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("n", [3, 4, 5])
 def test_few_poses_are_no_sign_of_overstated_noise(n):
     texts = [said(uq.simulate(n, noise=NOISE, seed=seed)) for seed in range(200)]
@@ -375,6 +378,7 @@ def assert_open(poses, noise, exact):
     assert (np.abs(difference(result.X, truth)) < 5 * result.std)[told].all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("given", [True, False])
 @pytest.mark.parametrize("kind", ["half turns", "planar", "translations"])
 def test_rotations_lost_in_the_noise_are_no_answer(kind, given):
@@ -413,6 +417,7 @@ QUIET = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", QUIET)
 def test_nothing_is_said_about_noise_that_was_declared(case):
     noise, options = QUIET[case]
@@ -441,6 +446,7 @@ def test_same_file_twice(good):
     assert "the same file was given twice" in said(changed(good, camera=good.robot))
 
 
+@pytest.mark.slow
 @needs_data
 @pytest.mark.parametrize("name", ["kuka_1", "synthetic_camera_2"])
 def test_good_real_data(name):
@@ -453,6 +459,7 @@ def test_good_real_data(name):
     assert "rows of the two files" not in text
 
 
+@pytest.mark.slow
 @needs_data
 @pytest.mark.parametrize("noise", [NOISE, None])
 def test_the_data_set_of_the_paper_does_not_pass_silently(noise):

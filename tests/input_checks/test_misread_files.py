@@ -55,6 +55,7 @@ def said(files, **options):
     return " | ".join(str(item.message) for item in caught)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("robot", "camera", "option", "argument"),
     [
@@ -81,6 +82,7 @@ def test_the_option_that_is_named_mends_it(good, tmp_path, robot, camera, option
     assert said(files, setup=good.setup, **argument) == ""
 
 
+@pytest.mark.slow
 def test_wrong_setup(good, tmp_path):
     files = tmp_path / "robot.csv", tmp_path / "camera.csv"
     for file, T in zip(files, (good.robot, good.camera), strict=True):
@@ -205,6 +207,7 @@ def test_both_files_inverse_and_swapped_files(good, distance):
         assert "swapped" not in text + swapped
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
 @pytest.mark.parametrize("distance", [("0.4m", "0.8m"), ("1m", "2m"), ("2m", "4m")])
 def test_a_rig_with_a_long_bracket_is_left_alone(setup, distance):
@@ -272,6 +275,7 @@ def test_no_factor_is_named_where_the_rotations_do_not_fit(seed):
     assert kinds == ["inverse camera", "inverse robot"]
 
 
+@pytest.mark.slow
 def test_the_same_file_twice_is_what_the_headline_says():
     poses = uq.simulate(15, noise=NOISE, seed=2)
     with pytest.warns(uq.InputWarning):

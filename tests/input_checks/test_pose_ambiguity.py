@@ -85,6 +85,7 @@ def test_both_minima_predict_the_same_corners_of_a_far_tag():
     np.testing.assert_allclose(flipped(other, np.zeros(3)), far, atol=1e-12 * far.max())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("with_views", [False, True])
 def test_flipped_poses_of_another_program_are_named(with_views):
     truth, poses = seen_tag(5, side=0.03, noise=0.2)

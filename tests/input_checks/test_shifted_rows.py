@@ -56,6 +56,7 @@ def dirty(poses, rng):
     return uq.PosePairs(poses.robot, camera, poses.setup)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("make", [still_poses, video])
 @pytest.mark.parametrize("k", [1, 2, 5, -1, -3])
 def test_whole_file(make, k):
@@ -116,6 +117,7 @@ def test_drop_in_a_video():
     assert abs(found.stretches[1][0] - 120) <= 3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("make", [still_poses, video])
 def test_silent_where_rows_belong_together(make):
     for n in (8, 12, 15, 31, 60, 200):
@@ -126,6 +128,7 @@ def test_silent_where_rows_belong_together(make):
             assert find_shift(dirty(poses, rng)) is None
 
 
+@pytest.mark.slow
 def test_silent_where_no_shift_helps():
     """Camera rows in random order, a wrong setup, poses that never turn, frames that hardly differ."""
     rng = np.random.default_rng(SEED)
@@ -175,6 +178,7 @@ def test_rows_that_belong_together_cost_no_robust_fit(monkeypatch):
     assert len(fits) == 2
 
 
+@pytest.mark.slow
 @needs_data
 def test_real_arm():
     folder = Path(os.environ["UQ_HANDEYE_DATA"]) / "kuka_1"

@@ -166,6 +166,7 @@ def test_rows_that_do_not_belong_together_are_not_blamed_on_the_reading():
         chosen_readings([pair[0], side_of(pair[1], slice(11))], (None, None), (None, None), FRAMES, ALL, "eye-in-hand")
 
 
+@pytest.mark.slow
 def test_the_result_names_the_rotations_and_not_the_rows(tmp_path):
     """The roll, pitch and yaw of a pendant, read as the rotation vector of its program."""
     poses = uq.simulate(15, noise=NOISE, seed=SEED)

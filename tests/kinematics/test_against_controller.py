@@ -97,6 +97,7 @@ def scaled(G, factor):
     return T
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("reading", "read", "words"),
     [
@@ -122,6 +123,7 @@ def test_what_would_explain_poses_of_another_arm(rng, arm, joints, reading, read
     assert "more than any tolerance of an arm" in str(finding)
 
 
+@pytest.mark.slow
 def test_another_arm_without_an_explanation(rng, arm, joints):
     other = Kinematics.from_urdf(SIX_AXES.replace("0 0 0.27", "0 0 0.57"))
     found = compare_with_controller(other, joints, noisy(rng, arm.poses(joints)))

@@ -55,6 +55,7 @@ def differences(function, x, step=STEP):
     return np.array(found).T
 
 
+@pytest.mark.slow
 @settings(max_examples=25, deadline=None)
 @given(st.text("RP", min_size=1, max_size=7), st.integers(0, 2**31))
 def test_random_chains_agree_with_the_product_of_their_factors(kinds, seed):
@@ -68,6 +69,7 @@ def test_random_chains_agree_with_the_product_of_their_factors(kinds, seed):
     np.testing.assert_allclose(chain.columns(q), algebraic_columns(chain, q), atol=1e-12)
 
 
+@pytest.mark.slow
 @settings(max_examples=15, deadline=None)
 @given(st.text("RP", min_size=1, max_size=5), st.integers(0, 2**31), st.sampled_from([0.0, 1e-3, 0.3]))
 def test_derivatives_are_those_of_the_exact_poses(kinds, seed, size):

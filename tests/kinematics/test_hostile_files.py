@@ -50,6 +50,7 @@ def joints(path):
     return read_joints(path, ["shoulder", "elbow_1"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("read", "seed", "suffix"),
     [

@@ -17,6 +17,7 @@ def spread(arm, n):
     return spread_postures(arm.limits, np.array([joint.is_revolute for joint in arm.joints]), n)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("errors", [False, True])
 def test_postures_have_the_poses_wanted(errors):
     arm, rng = chain(), np.random.default_rng(0)
@@ -57,6 +58,7 @@ def test_an_elbow_that_is_turned_leaves_the_pose():
     assert (np.linalg.norm(ways[0] - ways[1], axis=1) > 1.0).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_columns_hold_an_elbow_that_is_elsewhere_at_all_poses(sign):
     """A Panda whose elbow is 0.2 rad further round at all poses than where its joints are taken to be.

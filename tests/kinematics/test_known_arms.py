@@ -88,6 +88,7 @@ def test_the_table_is_that_of_the_published_dh_parameters():
 
 
 # Reach (m) of the wrist's centre or the flange of the data sheets, from the axis of joint 1, straight out.
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "reach", "behind"),
     [("irb120", 0.58, 0.072), ("irb1200", 0.901, 0.082), ("irb2600", 1.653, 0.085), ("kr6r900", 0.901, 0.08),
@@ -137,6 +138,7 @@ def cluster(name, rng, n=40, width=0.4):
     return centre + rng.uniform(-width, width, (n, len(centre)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [name for name in arm_names() if len(known_arm(name).usual) == 6])
 def test_the_joints_of_a_cluster_of_poses_are_found(name):
     q = cluster(name, np.random.default_rng(3))
@@ -147,6 +149,7 @@ def test_the_joints_of_a_cluster_of_poses_are_found(name):
     assert same.mean() >= 0.9
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["irb120", "ur5e", "crx10ia", "m1013", "tx260"])
 def test_the_branch_of_an_arm_that_is_not_in_the_table(name):
     """The order of the poses changes nothing."""

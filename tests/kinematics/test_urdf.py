@@ -189,6 +189,7 @@ def test_what_is_refused(text, arguments, message):
     assert "\n" not in str(error.value) and len(str(error.value)) < 500
 
 
+@pytest.mark.slow
 def test_hostile_files(tmp_path):
     bomb = "".join(f'<!ENTITY b{k} "{f"&b{k - 1};" * 10}">' for k in range(1, 9))
     for document_type in (

@@ -30,6 +30,7 @@ from uq_handeye.fit.likelihood.gauss_helmert import maximum_likelihood
 needs_data = pytest.mark.skipif("UQ_HANDEYE_DATA" not in os.environ, reason="UQ_HANDEYE_DATA is not set")
 
 
+@pytest.mark.slow
 @needs_data
 @pytest.mark.parametrize("name", REAL)
 def test_real_poses(name):
@@ -56,6 +57,7 @@ def test_simulated_poses(setup, sd):
     assert max(found.spread) < 0.01 and max(found.shift) < 0.05, (found.spread, found.shift)
 
 
+@pytest.mark.slow
 def test_what_differs_is_the_model_of_the_errors():
     """Ten times the noise, about ten times the difference of the covariances: another Gaussian, not another method.
 

@@ -263,6 +263,7 @@ def test_residual_covariance_over_leading_axes(joint, rng):
         np.testing.assert_allclose(whole[index], one, rtol=1e-10, atol=1e-18)
 
 
+@pytest.mark.slow
 def test_residual_covariance_is_that_of_sampled_residuals(rng):
     """S is the scatter of r at true unknowns."""
     n, trials = 3, 20_000

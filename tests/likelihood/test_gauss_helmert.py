@@ -20,6 +20,7 @@ from uq_handeye.fit.likelihood.starts import start_of
 from uq_handeye.model.noise.square_roots import gram, weighted, whiten
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sd", [1e-4, 3e-2])
 @pytest.mark.parametrize(("kind", "joint"), [*((k, False) for k in KINDS), *((k, True) for k in KINDS[:2])])
 def test_ml_is_the_constrained_maximum(kind, joint, sd, rng):
@@ -35,6 +36,7 @@ def test_ml_is_the_constrained_maximum(kind, joint, sd, rng):
     assert distance(found, given.X, given.W, covariance) < 7.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_efficient_is_nearer_to_the_maximum_than_one_step(kind, rng):
     """RMS distances in standard deviations at 3 mrad and 3 mm, over 200 data sets."""
@@ -112,6 +114,7 @@ def test_millimetres_give_the_same_answer(kind, sd, rng):
         assert distance(millimetres, longer(metres.X), None, millimetres.covariance_X) < 1e-8
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("method", [efficient, maximum_likelihood])
 @pytest.mark.parametrize("joint", [False, True])

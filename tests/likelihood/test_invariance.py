@@ -11,6 +11,8 @@ from uq_handeye.core.geometry.se3 import block, skew
 from uq_handeye.fit.likelihood.consensus import consensus
 from uq_handeye.fit.likelihood.constraint import constraint_of
 
+pytestmark = pytest.mark.slow
+
 # Frames by which poses are multiplied; "target" is of noise that is carried along, "target turned" leaves it as it is,
 # "target spun" turns about the normal of the target, which by convention is its z.
 CHANGES = ("rows", "target", "target turned", "target spun", "base", "gripper", "camera")

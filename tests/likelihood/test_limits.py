@@ -43,6 +43,7 @@ def test_ml_on_exact_data(kind, rng):
     assert_same_covariance(found.covariance_X, bound(data, given.noise, given.X), 1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["eye-in-hand", "motions"])
 def test_ml_converges_at_large_noise(kind, rng):
     """30 mrad and 10 mm on both sides, 300 data sets."""

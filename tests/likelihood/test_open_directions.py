@@ -23,6 +23,7 @@ def mean_is(squares, dof, factor=1.0):
     return low < factor * np.mean(squares) < high
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "setup"),
     [("scara", "eye-in-hand"), ("scara", "eye-to-hand"), ("vehicle", "eye-in-hand"), ("gantry", "eye-to-hand")],

@@ -62,6 +62,7 @@ def test_estimated_noise_is_covered():
     assert abs(np.mean(p) - 0.5) < 4 / np.sqrt(12 * 25)  # nor is it far too careful
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["left", "right", "board"])
 def test_the_pose_that_moved_is_named(name):
     exact, truth = simulate_rig(
@@ -89,6 +90,7 @@ def test_the_pose_that_moved_is_named(name):
     )
 
 
+@pytest.mark.slow
 def test_what_the_calibration_left_open_raises_no_alarm():
     exact, _ = simulate_rig({"left": "arm"}, {"board": "world"}, n_poses=40, axes=np.eye(3)[:1], seed=3)
     old, new = split(exact, 25)
@@ -145,6 +147,7 @@ def test_predicted_points_are_consistent():
         assert chi2.ppf(1e-4, 3 * draws) < square < chi2.ppf(1 - 1e-4, 3 * draws), pair
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("into", ["world", "front"])
 def test_derivatives_of_points_with_two_arms_are_those_of_differences(into):
     exact, _ = simulate_rig(*TWO_ARMS, arms=("a", "b"), n_poses=15, seed=7)
@@ -201,6 +204,7 @@ def test_planned_views_help_as_predicted_and_more_than_others():
     assert len(result.plan(k=3, sample=50).steps) == 3
 
 
+@pytest.mark.slow
 def test_the_public_functions_take_rigs():
     """`uq.check` and the others say of a rig what its own functions do."""
     exact, _ = simulate_rig(*HAND, n_poses=40, seed=7)
@@ -227,6 +231,7 @@ def test_the_public_functions_take_rigs():
         uq.check(result, uq.simulate(n_poses=5, seed=1))
 
 
+@pytest.mark.slow
 def test_what_is_not_the_same_widens_the_test():
     """Another right camera has another focal length: with its own errors drawn again less is a contradiction."""
     old, new, *_ = drawn(HAND, 40, 30, 8)

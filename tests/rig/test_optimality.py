@@ -40,6 +40,7 @@ def test_constraints_vanish_on_rotations_alone():
     assert np.linalg.matrix_rank(A.reshape(len(A), -1)) == len(A) == 20
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("count", "place"), [(1, "arm"), (1, "world"), (2, "arm"), (2, "world"), (5, "arm"), (5, "world")]
 )
@@ -54,6 +55,7 @@ def test_simulated_rigs_are_proven(count, place):
     assert optimality.distance < 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("axes", [TWO_AXES, NEAR_AXES])
 @pytest.mark.parametrize(
     ("cameras", "targets"),
@@ -86,6 +88,7 @@ def test_every_planted_minimum_is_rejected_and_left(cameras, targets, axes):
     assert planted or axes is TWO_AXES
 
 
+@pytest.mark.slow
 def test_a_fit_in_a_local_minimum_is_left_for_the_global_one(monkeypatch):
     """The start of `calibrate_rig` is planted: the estimate is the same as from its own start."""
     exact, _ = simulate_rig({"c": "arm"}, {"t": "world"}, n_poses=12, axes=NEAR_AXES, seed=0)

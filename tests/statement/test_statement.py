@@ -84,6 +84,7 @@ def test_cautions_come_in_the_order_of_their_effect():
     assert any(one.rejects for one in found)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("wrong", "reason"),
     [

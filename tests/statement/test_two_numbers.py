@@ -29,6 +29,7 @@ def test_the_poses_alone_give_the_covariance_for_known_errors(result):
     assert own.translation < result.accuracy.translation / 1.25
 
 
+@pytest.mark.slow
 def test_words_name_what_to_declare(result):
     text = two_numbers(result.accuracy)
     assert text.startswith("These poses alone give ") and "--robot-accuracy" in text

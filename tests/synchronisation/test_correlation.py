@@ -15,6 +15,7 @@ def correlated(robot, camera, low=-5.0, high=5.0, max_gap=0.2):
     return best_correlation((robot.timestamps, robot.poses), (camera.timestamps, camera.poses), low, high, max_gap)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
 @pytest.mark.parametrize("rates", [(100.0, 20.0), (20.0, 100.0), (30.0, 30.0), (125.0, 7.0)])
 def test_the_peak_is_at_the_offset(setup, rates):

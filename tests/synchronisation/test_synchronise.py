@@ -59,6 +59,7 @@ def plain():
 # ------------------------------------------------------------------------------------------------ what it finds
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("interpolation", ["so4", "geodesic"])
 @pytest.mark.parametrize(
     ("setup", "rates", "side"),
@@ -91,6 +92,7 @@ def test_both_interpolations_agree(plain):
     assert np.abs(other.poses.robot - sync.poses.robot).max() < 1e-6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("robot_shift", "camera_shift"), [(1.7e9, 1.7e9), (-5.0, 3.0), (1.7e9, 0.0)])
 def test_clocks_of_any_origin(plain, robot_shift, camera_shift):
     *_, robot, camera, sync = plain
@@ -108,6 +110,7 @@ def test_order_does_not_matter(plain):
     assert np.array_equal(shuffled.poses.camera, sync.poses.camera)
 
 
+@pytest.mark.slow
 def test_a_fifth_of_wrong_detections(plain):
     *_, robot, camera, _ = plain
     rng = np.random.default_rng(SEED)
@@ -158,6 +161,7 @@ def test_samples_that_neighbours_share_count_in_the_noise():
 # --------------------------------------------------------------------------------------- the offset that is given
 
 
+@pytest.mark.slow
 def test_an_offset_taken_as_exact(plain):
     *_, robot, camera, _ = plain
     given = uq.synchronise(robot, camera, offset=OFFSET)
@@ -168,6 +172,7 @@ def test_an_offset_taken_as_exact(plain):
     assert uq.synchronise(robot, some(camera, slice(0, None, 100)), offset=OFFSET).poses.n >= 3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("offset", [-OFFSET, (-OFFSET, 1e-4)])
 def test_an_offset_of_the_wrong_sign_is_contradicted(plain, offset):
     *_, robot, camera, _ = plain
@@ -243,6 +248,7 @@ def test_times_in_another_unit(plain, scale, unit):
         uq.synchronise(robot, again(camera, scale * 10 if scale > 1 else 1e-5))
 
 
+@pytest.mark.slow
 def test_a_coarse_clock_is_said(plain):
     *_, robot, camera, _ = plain
     rng = np.random.default_rng(SEED)
@@ -293,6 +299,7 @@ def test_arguments_are_checked(plain):
         uq.synchronise(robot, camera, noise=uq.PoseNoise(robot=np.tile(np.eye(6), (len(robot), 1, 1))))
 
 
+@pytest.mark.slow
 def test_a_motion_that_repeats_itself_is_said():
     rng = np.random.default_rng(SEED)
 
@@ -337,6 +344,7 @@ def stop_and_go(rng):
     return pose
 
 
+@pytest.mark.slow
 def test_one_averaged_pose_for_each_stop():
     rng = np.random.default_rng(SEED)
     X, _, robot, camera = streams(rng, stop_and_go(rng), OFFSET, 30.0, rates=(100.0, 20.0), noise=LARGER)
@@ -368,6 +376,7 @@ def test_a_robot_that_never_stops(plain):
 # ------------------------------------------------------------------------------------- the offset in X's covariance
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
 @pytest.mark.parametrize("rates", [(100.0, 20.0), (20.0, 100.0)])
 def test_sensitivity_is_the_derivative_of_the_estimate(setup, rates):
@@ -401,6 +410,7 @@ def test_covariance_is_that_of_the_joint_fit():
     assert sync.model_std == pytest.approx(np.sqrt(joint[12, 12]), rel=0.02)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["efficient", "ml"])
 @pytest.mark.parametrize("robust", [True, False])
 def test_calibrate_takes_the_offset_in(plain, method, robust, tmp_path):
@@ -421,6 +431,7 @@ def test_calibrate_takes_the_offset_in(plain, method, robust, tmp_path):
     assert back.to_dict() == result.to_dict()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["sandwich", "bootstrap"])
 def test_other_covariances_take_it_in(plain, kind):
     poses = plain[-1].poses.rows(np.arange(0, 220, 10))
@@ -515,6 +526,7 @@ def test_contributions_larger_than_the_model():
 # --------------------------------------------------------------------------------------------------- what it shows
 
 
+@pytest.mark.slow
 def test_summary_figure_and_json(plain, tmp_path):
     sync = plain[-1]
     text = sync.summary()
@@ -546,6 +558,7 @@ def test_figure_and_summary_without_an_estimate(plain, tmp_path):
 # ------------------------------------------------------------------------------------------------------ a real robot
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(DATA is None, reason="UQ_HANDEYE_DATA is not set")
 def test_a_real_arm_that_moves_while_it_is_recorded():
     """The offset of the data set's README, -0.0149 s from the least robust residual, lies within three deviations; X is

@@ -31,6 +31,7 @@ CASES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("wrong", CASES.values(), ids=CASES)
 @pytest.mark.parametrize("noise", [None, NOISE], ids=["noise estimated", "noise given"])
@@ -61,6 +62,7 @@ def test_one_x(wrong, noise):
     assert trials.noise_estimated == check.noise_estimated == (noise is None)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")
 def test_the_posterior_of_a_calibration():
     result = uq.calibrate(measured(CASES["an outlier"]))

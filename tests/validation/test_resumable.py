@@ -41,6 +41,7 @@ def kept(folder):
     return [path for path in folder.rglob("*") if path.suffix in (".npz", ".h5")]
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name == "nt", reason="no kill -9")
 def test_killed_at_any_moment_and_resumed(tmp_path):
     reference = run()
@@ -76,6 +77,7 @@ def test_another_cross_check_is_refused(tmp_path):
         uq.cross_check(poses_of_program(), noise=NOISE, resume=True)
 
 
+@pytest.mark.slow
 def test_a_disk_that_is_full_is_no_row(tmp_path, monkeypatch):
     written = iter(range(100))
 

@@ -44,6 +44,7 @@ def test_p_values_are_uniform_and_a_bias_is_found(setup):
     assert abs(np.mean(power) - 0.95) < 4 * np.sqrt(0.95 * 0.05 / SETS)
 
 
+@pytest.mark.slow
 def test_bias_and_scatter_add_to_the_whole():
     rng = np.random.default_rng(SEED)
     evidence = evidence_of_touches(calibration("eye-in-hand", rng), touches("eye-in-hand", rng))
@@ -77,6 +78,7 @@ def test_touches_needed_reach_the_size_and_no_number_passes_the_limit():
     assert touches_needed(evidence, True, 0.9 * least, level) is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("setup", SETUPS)
 def test_an_unknown_tool_is_estimated_where_orientations_differ(setup):
     rng = np.random.default_rng(SEED)

@@ -69,6 +69,7 @@ def test_a_bias_is_an_exit_status_and_an_answer(cell):
     assert short.stdout.count("\n") <= 2
 
 
+@pytest.mark.slow
 def test_millimetres_are_recognised(cell):
     folder, *_ = cell
     done = run("verify", folder / "result.json", folder / "mm.csv", *DEVIATIONS)
