@@ -282,7 +282,6 @@ def test_sizes_are_checked_before_anything_is_unpacked(file, monkeypatch):
 
 
 def test_trees_of_limited_size(file, monkeypatch):
-    monkeypatch.setattr("uq_handeye.formats.json_poses.MAX_DESCRIPTION_BYTES", 100)
     monkeypatch.setattr("uq_handeye.formats.detect.MAX_DESCRIPTION_BYTES", 100)
     assert "expected at most" in message(file("a: " + "1" * 100))
 

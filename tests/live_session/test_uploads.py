@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 import uq_handeye as uq
 from uq_handeye.core.geometry.se3 import inverse
 from uq_handeye.model.camera import board
+from uq_handeye.model.camera.description import board_of
 from uq_handeye.read import write_pose_file
 from uq_handeye.use.live_session import uploads
 from uq_handeye.use.live_session.folder import Folder, board_text
@@ -94,7 +95,7 @@ def test_a_picture_is_looked_at_once(page, tmp_path, monkeypatch):
 )
 def test_boards_of_every_kind(given, text):
     found = board_text(*given)
-    assert set(text.split()) <= set(found.split()) and board.board_of(found).text == found
+    assert set(text.split()) <= set(found.split()) and board_of(found).text == found
     with pytest.raises(uq.InputError):
         board_text(given[0], "x", "-1mm")
     with pytest.raises(uq.InputError):

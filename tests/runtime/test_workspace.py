@@ -6,13 +6,13 @@ import numpy as np
 from support import noisy_motions, random_covariance
 
 import uq_handeye as uq
-from uq_handeye.core.runtime.read_only import KEEP, scratch
+from uq_handeye.core.runtime.scratch import MAX_KEPT_NUMBERS, scratch
 
 
 def test_kept_and_not_kept():
     assert np.shares_memory(scratch("test", 3, 4), scratch("test", 12))
     assert not np.shares_memory(scratch("test", 3), scratch("other", 3))
-    assert not np.shares_memory(scratch("test", KEEP + 1), scratch("test", KEEP + 1))
+    assert not np.shares_memory(scratch("test", MAX_KEPT_NUMBERS + 1), scratch("test", MAX_KEPT_NUMBERS + 1))
 
 
 def test_results_stay(rng):

@@ -17,7 +17,7 @@ from ..core.files.one_line import short
 from ..core.files.open import Hashed, opened, require_size, shown
 from ..core.files.pose_names import pose_name
 from ..core.files.source import Source
-from ..core.files.tree_values import fields_of, got, is_list, is_map, items_of
+from ..core.files.tree_values import Tree, fields_of, got, is_list, is_map, items_of
 from ..core.files.trees import is_json, parse_tree
 from ..core.numbers.limits import HEAD_BYTES, MAX_DESCRIPTION_BYTES, MAX_TABLE_BYTES
 from ..errors import InputError
@@ -58,7 +58,7 @@ FORMATS = {
 }
 _TABLES: dict[str, Callable[[BinaryIO, str], Contents]] = {"csv": read_csv, "tum": read_tum}
 _ARRAYS: dict[str, Callable[[bytes, str], Contents]] = {"npz": read_npz, "npy": read_npy, "mat": read_mat}
-_TREES: dict[str, Callable[[Any, str], Contents]] = {
+_TREES: dict[str, Callable[[Tree, str], Contents]] = {
     "easy_handeye": read_easy_handeye,
     "easy_handeye2": read_easy_handeye2,
     "moveit": read_moveit,
@@ -168,7 +168,8 @@ def _read(file: BufferedReader, kind: str, format: str | None, path: Path, name:
     if format in (None, "json", "opencv") or format in CONTROLLERS:
         tree = listed(tree)
         if is_of_opencv(tree):
-            tree = {key: [entry[key] for entry in tree] for key in tree[0] if all(key in entry for entry in tree)}
+            rows = items_of(tree)
+            tree = {key: [row[key] for row in rows] for key in rows[0] if all(key in row for row in rows)}
         elif is_message(tree) and not _marked(tree):
             tree = [tree]
         elif not _marked(tree) and matrices_of(tree) is None:
@@ -266,12 +267,12 @@ def _unknown(name: str, start: bytes) -> InputError:
     )
 
 
-def _marked(tree: Any) -> bool:
+def _marked(tree: Tree) -> bool:
     """Return whether a tree is of a format by its keys."""
     return any(is_it(tree) for is_it in _MARKS.values())
 
 
-def _tree_format(tree: Any, name: str) -> str:
+def _tree_format(tree: Tree, name: str) -> str:
     """The format of YAML, JSON or XML, by its keys."""
     found = [format for format, is_it in _MARKS.items() if is_it(tree)]
     if len(found) == 1:
@@ -286,12 +287,12 @@ def _tree_format(tree: Any, name: str) -> str:
     )
 
 
-def _keys(tree: Any) -> set[Any]:
+def _keys(tree: Tree) -> set[str]:
     """The keys of a map, or of the first item of a list."""
     return set(fields_of(next(iter(items_of(tree)), tree)))
 
 
-def _is_json(tree: Any) -> bool:
+def _is_json(tree: Tree) -> bool:
     if is_list(tree):
         first = next(iter(tree), None)
         return (
@@ -305,22 +306,22 @@ def _is_json(tree: Any) -> bool:
         return True
     keys = _keys(tree)
     named = "format" in keys or any(pose_name(key) is not None for key in keys)
-    return named and not is_storage(tree) and "R_gripper2base" not in tree
+    return named and not is_storage(tree) and "R_gripper2base" not in keys
 
 
-def _is_easy_handeye(tree: Any) -> bool:
+def _is_easy_handeye(tree: Tree) -> bool:
     marks = {"hand_world_samples", "camera_marker_samples"}
     return is_map(tree) and bool(marks & (_keys(tree) | _keys(tree.get("samples"))))
 
 
-def _is_easy_handeye2(tree: Any) -> bool:
+def _is_easy_handeye2(tree: Tree) -> bool:
     if is_list(tree):
         return "robot" in _keys(tree) and bool(_keys(tree) & {"tracking", "optical"})
     samples = is_list(fields_of(tree).get("samples")) and not samples_of(tree)
     return samples or ("parameters" in _keys(tree) and bool(_keys(tree) & {"transform", "transformation"}))
 
 
-_MARKS: dict[str, Callable[[Any], bool]] = {
+_MARKS: dict[str, Callable[[Tree], bool]] = {
     "easy_handeye": _is_easy_handeye,
     "easy_handeye2": _is_easy_handeye2,
     "moveit": lambda tree: bool(_keys(tree) & {*MOVEIT_NAMES, "joint_values"}),

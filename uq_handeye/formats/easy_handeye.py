@@ -14,12 +14,11 @@ what enters AX = XB (``_get_transforms`` in the samplers of both): ``base_T_grip
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from ..core.files.one_line import short
-from ..core.files.tree_values import fields_of, got, is_list, is_map, item, items_of, transform
+from ..core.files.tree_values import Tree, fields_of, got, is_list, is_map, item, items_of, transform
+from ..core.geometry.se3 import Array
 from ..errors import InputError
 from .contents import Contents, Side
 
@@ -27,7 +26,7 @@ FRAMES = ("robot_base_frame", "robot_effector_frame", "tracking_base_frame", "tr
 FIELDS = ("timestamp", *(f"translation.{a}" for a in "xyz"), *(f"rotation.{a}" for a in "xyzw"))
 
 
-def read_easy_handeye2(tree: Any, name: str) -> Contents:
+def read_easy_handeye2(tree: Tree, name: str) -> Contents:
     """``samples: [{robot, tracking}, ...]``, with ``parameters``; or the list only."""
     _refuse_result(tree, name)
     samples = tree if is_list(tree) else item(tree, "samples", name)
@@ -35,18 +34,18 @@ def read_easy_handeye2(tree: Any, name: str) -> Contents:
         raise InputError(f"{name}, samples: expected a list of samples, got {got(samples)}.")
     parts = [
         [transform(item(sample, part, f"{name}, sample {k}"), f"{name}, sample {k}, {part}") for part in _parts(sample)]
-        for k, sample in enumerate(samples)
+        for k, sample in enumerate(items_of(samples))
     ]
     return _contents(np.array(parts), fields_of(tree).get("parameters"), name)
 
 
-def _parts(sample: Any) -> tuple[str, str]:
+def _parts(sample: Tree) -> tuple[str, str]:
     """The names of both sides; easy_handeye calls the tracking ``optical`` within its server."""
-    old = "optical" in fields_of(sample) and "tracking" not in sample
+    old = "optical" in fields_of(sample) and "tracking" not in fields_of(sample)
     return "robot", "optical" if old else "tracking"
 
 
-def read_easy_handeye(tree: Any, name: str) -> Contents:
+def read_easy_handeye(tree: Tree, name: str) -> Contents:
     """``hand_world_samples`` and ``camera_marker_samples``, also below ``samples``."""
     _refuse_result(tree, name)
     lists = fields_of(fields_of(tree).get("samples")) or tree
@@ -54,20 +53,21 @@ def read_easy_handeye(tree: Any, name: str) -> Contents:
     for part in ("hand_world_samples", "camera_marker_samples"):
         values = item(lists, part, name)
         if "transforms" in fields_of(values):  # visp_hand2eye_calibration/TransformArray
-            values = values["transforms"]
+            values = fields_of(values)["transforms"]
         if not items_of(values):
             raise InputError(f"{name}, {part}: expected a list of transforms, got {got(values)}.")
-        sides.append([transform(value, f"{name}, {part}, sample {k}") for k, value in enumerate(values)])
+        sides.append([transform(value, f"{name}, {part}, sample {k}") for k, value in enumerate(items_of(values))])
     if len(sides[0]) != len(sides[1]):
         raise InputError(
             f"{name}: expected as many hand_world_samples as camera_marker_samples, got {len(sides[0])} and "
             f"{len(sides[1])}."
         )
-    parameters = tree.get("parameters", tree if "eye_on_hand" in tree else None)
+    fields = fields_of(tree)
+    parameters = fields.get("parameters", tree if "eye_on_hand" in fields else None)
     return _contents(np.array(sides).swapaxes(0, 1), parameters, name)
 
 
-def _refuse_result(tree: Any, name: str) -> None:
+def _refuse_result(tree: Tree, name: str) -> None:
     if {"transform", "transformation"} & set(fields_of(tree)):
         raise InputError(
             f"{name} is a result of easy_handeye, one transform; expected its samples (easy_handeye2: the button Save "
@@ -75,15 +75,14 @@ def _refuse_result(tree: Any, name: str) -> None:
         )
 
 
-def _contents(parts: Any, parameters: Any, name: str) -> Contents:
+def _contents(parts: Array, parameters: Tree, name: str) -> Contents:
     """Contents from (n, 2, 7) numbers of robot and tracking, and the parameters of the tool."""
-    options: dict[str, Any] = {"counted": "sample", "columns": FIELDS}
-    robot, camera = (Side(name, parts[:, k, :3], parts[:, k, 3:], **options) for k in range(2))
+    robot, camera = (Side(name, parts[:, k, :3], parts[:, k, 3:], counted="sample", columns=FIELDS) for k in range(2))
     setup, notes = _setup(parameters, name)
     return Contents(robot, camera, setup=setup, robot_enters=True, notes=tuple(notes))
 
 
-def _setup(parameters: Any, name: str) -> tuple[str | None, list[str]]:
+def _setup(parameters: Tree, name: str) -> tuple[str | None, list[str]]:
     if not is_map(parameters):
         return None, []
     notes = []

@@ -9,10 +9,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from typing import Any
 
 from ..core.files.one_line import short
-from ..core.files.tree_values import fields_of, is_map
+from ..core.files.tree_values import Tree, fields_of, is_map
 from ..core.files.trees import parse_yaml
 from ..errors import InputError
 
@@ -39,7 +38,7 @@ class EchoError(Exception):
         self.line = line
 
 
-def messages_of(text: str) -> Iterator[tuple[int, dict[str, Any], EchoError | None, bool]]:
+def messages_of(text: str) -> Iterator[tuple[int, dict[str, Tree], EchoError | None, bool]]:
     """Yield each message: its first line, its fields, what is wrong with it, and whether ``---`` ends it."""
     begun = 0
     lines: list[tuple[int, str]] = []
@@ -72,7 +71,7 @@ def _in_braces(text: str) -> str:
     return _FIELD.sub(r"\1: ", text.replace(")", "}"))
 
 
-def _parsed(lines: list[tuple[int, str]]) -> tuple[dict[str, Any], EchoError | None]:
+def _parsed(lines: list[tuple[int, str]]) -> tuple[dict[str, Tree], EchoError | None]:
     """Return the fields of one message as nested dicts and lists; numbers stay text until they are asked for."""
     flow = lines[0][1].lstrip().startswith("{")  # of --flow-style
     try:

@@ -11,7 +11,7 @@ import io
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,7 +22,16 @@ from ..core.geometry.se3 import Array
 from ..errors import InputError, require_one_of
 from .controllers.forms import CONTROLLERS
 from .controllers.written import WRITTEN, written_poses
-from .snippets import NOT_DETERMINED, OWN_FRAMES, Transform, open_comments, opencv_name, template, transforms_of
+from .snippets import (
+    NOT_DETERMINED,
+    OWN_FRAMES,
+    Exportable,
+    Transform,
+    open_comments,
+    opencv_name,
+    template,
+    transforms_of,
+)
 
 
 class Several(NamedTuple):
@@ -39,11 +48,11 @@ class Several(NamedTuple):
         return [*self.poses, *self.relative]
 
 
-def _ros_one(result: Any) -> str:
+def _ros_one(result: Exportable) -> str:
     return str(template().ros_one(*transforms_of(result), open_comments(result)))
 
 
-def _launch_one(result: Any) -> str:
+def _launch_one(result: Exportable) -> str:
     X, _ = transforms_of(result)
     head = f"{X.name} by uq-handeye: translation first (m), then the unit quaternion, scalar last."
     return str(template().launch([head, OWN_FRAMES, *open_comments(result)], [X]))
@@ -55,7 +64,7 @@ def _launch_several(of: Several) -> str:
     return str(template().launch([head, OWN_FRAMES, *of.comments, *followed], of.poses))
 
 
-def _urdf_one(result: Any) -> str:
+def _urdf_one(result: Exportable) -> str:
     X, _ = transforms_of(result)
     no_place = "URDF has no place for the covariance; the JSON and ROS files do."
     said = " ".join([NOT_DETERMINED if X.covariance is None else no_place, *open_comments(result)[:1]])
@@ -73,7 +82,7 @@ def _urdf_several(of: Several) -> str:
     return str(template().urdf([head, *followed], of.poses))
 
 
-def _opencv_one(result: Any) -> str:
+def _opencv_one(result: Exportable) -> str:
     said = NOT_DETERMINED if result.covariance is None else f"Covariances of {TOOLKIT}"
     return str(template().opencv(open_comments(result), [(X, opencv_name(X)) for X in transforms_of(result)], said))
 
@@ -82,7 +91,7 @@ def _opencv_several(of: Several) -> str:
     return str(template().opencv(of.comments, [(X, X.name) for X in of.every], f"Covariances of {TOOLKIT}"))
 
 
-def _npz_one(result: Any) -> bytes:
+def _npz_one(result: Exportable) -> bytes:
     return _npz(
         X=result.X,
         X_inverse=result.inverse,
@@ -103,7 +112,7 @@ def _npz_several(of: Several) -> bytes:
     return _npz(**found, convention=f"covariances of {TOOLKIT} the parent")
 
 
-def _npz(**arrays: Any) -> bytes:
+def _npz(**arrays: Array | str | None) -> bytes:
     """Arrays by name; texts are zero-dimensional arrays, so that nothing is pickled."""
     buffer = io.BytesIO()
     known = {name: np.asarray(value) for name, value in arrays.items() if value is not None}
@@ -111,7 +120,7 @@ def _npz(**arrays: Any) -> bytes:
     return buffer.getvalue()
 
 
-def _pose_form(result: Any, format: str) -> str:
+def _pose_form(result: Exportable, format: str) -> str:
     """X as the controller of a robot, or software of a 3-D camera, writes a pose (`controllers.forms`).
 
     Comments say what it is, and how well it is known; the full covariance is in the JSON and ROS files.
@@ -128,7 +137,7 @@ def _pose_form(result: Any, format: str) -> str:
     return written_poses(X.T[None], format, [X.name], [head, said, *open_comments(result)])
 
 
-_OF_ONE: dict[str, Callable[[Any], str | bytes]] = {
+_OF_ONE: dict[str, Callable[[Exportable], str | bytes]] = {
     "json": lambda result: str(result.to_json()),
     "ros": _ros_one,
     "launch": _launch_one,
@@ -160,7 +169,7 @@ _SUFFIXES = {
 }
 
 
-def write_export(result: Any, path: StrPath, format: str | None = None) -> Path:
+def write_export(result: Exportable, path: StrPath, format: str | None = None) -> Path:
     """Write X for another program, whole or not at all.
 
     Parameters
@@ -186,7 +195,7 @@ def write_export(result: Any, path: StrPath, format: str | None = None) -> Path:
     return target
 
 
-def exported(result: Any, format: str) -> str | bytes:
+def exported(result: Exportable, format: str) -> str | bytes:
     """Return the content of a file of one of `FORMATS`."""
     return _OF_ONE[format](result)
 

@@ -14,12 +14,23 @@ POSE as well. ``setup`` and all times may be left out. ``robot`` and ``camera`` 
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 from ..core.files.pose_names import pose_name
-from ..core.files.tree_values import fields_of, got, is_list, is_map, item, items_of, matrix, number, transform, vector
+from ..core.files.tree_values import (
+    Tree,
+    fields_of,
+    got,
+    is_list,
+    is_map,
+    item,
+    items_of,
+    matrix,
+    number,
+    transform,
+    vector,
+)
 from ..core.geometry.frames import SETUPS
 from ..core.geometry.se3 import Array
 from ..errors import InputError
@@ -33,17 +44,18 @@ ONE_SIDE = "poses"
 MESSAGE = ("timestamp", *(f"translation.{axis}" for axis in "xyz"), *(f"rotation.{axis}" for axis in "xyzw"))
 
 
-def is_message(value: Any) -> bool:
+def is_message(value: Tree) -> bool:
     """Return whether a pose looks like a ``geometry_msgs/Pose`` or ``Transform``, stamped or not."""
     return any(is_map(fields_of(value).get(name)) for name in ("rotation", "orientation", "transform", "pose"))
 
 
-def read_json(tree: Any, name: str) -> Contents:
+def read_json(tree: Tree, name: str) -> Contents:
     """The poses of a tree."""
     if str(fields_of(tree).get("format", "")).startswith("uq-handeye calibration"):
         raise InputError(f"{name} is a result of uq-handeye; expected poses (the command export reads results).")
-    if ONE_SIDE in fields_of(tree) and not any(map(pose_name, tree)):
-        return Contents(only=_side(tree[ONE_SIDE], name, f", {ONE_SIDE}", None, tree.get("timestamps")))
+    fields = fields_of(tree)
+    if ONE_SIDE in fields and not any(map(pose_name, fields)):
+        return Contents(only=_side(fields[ONE_SIDE], name, f", {ONE_SIDE}", None, fields.get("timestamps")))
     if samples_of(tree):
         tree = _turned(tree, name)
     if is_list(tree):
@@ -70,7 +82,7 @@ def read_json(tree: Any, name: str) -> Contents:
     return Contents(sides.get("robot"), sides.get("camera"), setup=setup, notes=tuple(notes))
 
 
-def samples_of(tree: Any) -> list[Any]:
+def samples_of(tree: Tree) -> list[dict[str, Tree]]:
     """The samples, maps that hold both sides by `pose_name`; none if the tree is no such list."""
     samples = items_of(fields_of(tree).get("samples", tree))
     first = fields_of(next(iter(samples), None))
@@ -78,21 +90,21 @@ def samples_of(tree: Any) -> list[Any]:
     return samples if roles == {"robot", "camera"} else []
 
 
-def _turned(tree: Any, name: str) -> dict[str, Any]:
+def _turned(tree: Tree, name: str) -> dict[str, Tree]:
     """Samples as a list of each side."""
     samples = samples_of(tree)
     keys = [key for key in samples[0] if pose_name(key) is not None]
-    turned: dict[str, Any] = {
+    turned: dict[str, Tree] = {
         key: [item(sample, key, f"{name}, sample {k}") for k, sample in enumerate(samples)] for key in keys
     }
     if "timestamp" in samples[0]:
         turned["timestamps"] = [item(sample, "timestamp", f"{name}, sample {k}") for k, sample in enumerate(samples)]
     if "setup" in fields_of(tree):
-        turned["setup"] = tree["setup"]
+        turned["setup"] = fields_of(tree)["setup"]
     return turned
 
 
-def _rigid(value: Any, where: str) -> Array:
+def _rigid(value: Tree, where: str) -> Array:
     """A 4x4 matrix from ``translation`` and the 3x3 ``rotation``."""
     rows = item(value, "rotation", where)
     if len(items_of(rows)) != 3:
@@ -100,36 +112,37 @@ def _rigid(value: Any, where: str) -> Array:
             f"{where}, rotation: expected a 3x3 matrix, or a quaternion as quaternion_xyzw, got {got(rows)}."
         )
     T = np.eye(4)
-    T[:3, :3] = [vector(row, 3, f"{where}, rotation[{k}]") for k, row in enumerate(rows)]
+    T[:3, :3] = [vector(row, 3, f"{where}, rotation[{k}]") for k, row in enumerate(items_of(rows))]
     T[:3, 3] = vector(item(value, "translation", where), 3, f"{where}, translation")
     return T
 
 
-def _side(values: Any, name: str, within: str, frame: str | None, times: Any) -> Side:
-    if not items_of(values):
-        raise InputError(f"{name}{within}: expected a list of poses, got {got(values)}.")
+def _side(given: Tree, name: str, within: str, frame: str | None, times: Tree) -> Side:
+    values = items_of(given)
+    if not values:
+        raise InputError(f"{name}{within}: expected a list of poses, got {got(given)}.")
     where = [f"{name}{within}, pose {k}" for k in range(len(values))]
-    options: dict[str, Any] = {"frame": frame}
+    stamps: Array | None = None
     if times is not None:
         n = 1 if (numbers := numbers_of(values)) is not None and numbers.shape in ((4, 4), (16,)) else len(values)
-        options["timestamps"] = np.array(vector(times, n, f"{name}, timestamps"))
+        stamps = np.array(vector(times, n, f"{name}, timestamps"))
     if not is_map(values[0]) and (numbers := numbers_of(values)) is not None and is_poses(numbers.shape):
-        return side_of_array(numbers, f"{name}{within}", options["frame"], options.get("timestamps"))[0]
+        return side_of_array(numbers, f"{name}{within}", frame, stamps)[0]
     if not is_map(values[0]):
         T = np.array([matrix(value, at) for value, at in zip(values, where, strict=True)])
-        return matrices_side(f"{name}{within}", T, **options)
+        return matrices_side(f"{name}{within}", T, frame=frame, timestamps=stamps)
     if is_message(values[0]):
         parts = np.array([transform(value, at) for value, at in zip(values, where, strict=True)])
-        return Side(f"{name}{within}", parts[:, :3], parts[:, 3:], columns=MESSAGE, **options)
+        return Side(f"{name}{within}", parts[:, :3], parts[:, 3:], columns=MESSAGE, frame=frame, timestamps=stamps)
     if is_list(next(iter(items_of(values[0].get("rotation"))), None)):
         T = np.array([_rigid(value, at) for value, at in zip(values, where, strict=True)])
-        return matrices_side(f"{name}{within}", T, **options)
+        return matrices_side(f"{name}{within}", T, frame=frame, timestamps=stamps)
     keys = [key for key in QUATERNIONS if key in values[0]]
     if len(keys) != 1:
         if (found := matrices_of(values)) is not None:
-            return side_of_array(found[0], f"{name}{within}", frame, options.get("timestamps"))[0]
+            return side_of_array(found[0], f"{name}{within}", frame, stamps)[0]
         if (side := records_side(values, f"{name}{within}")) is not None:
-            return replace(side, **options)
+            return replace(side, frame=frame, timestamps=side.timestamps if stamps is None else stamps)
         raise InputError(
             f"{where[0]}: expected a 4x4 matrix, or translation and quaternion_xyzw or quaternion_wxyz, got "
             f"{got(values[0])}."
@@ -142,11 +155,13 @@ def _side(values: Any, name: str, within: str, frame: str | None, times: Any) ->
     if "timestamp" in values[0]:
         if times is not None:
             raise InputError(f"{name}: expected either timestamps or a timestamp in each pose, got both.")
-        stamps = [
+        each = [
             number(item(value, "timestamp", at), f"{at}, timestamp") for value, at in zip(values, where, strict=True)
         ]
-        options["timestamps"] = np.array(stamps)
+        stamps = np.array(each)
     order = QUATERNIONS[keys[0]]
     columns = ("timestamp", *(f"translation[{k}]" for k in range(3)), *(f"{keys[0]}[{k}]" for k in range(4)))
     table = np.array(rows)
-    return Side(f"{name}{within}", table[:, :3], table[:, 3:], order=order, columns=columns, **options)
+    return Side(
+        f"{name}{within}", table[:, :3], table[:, 3:], order=order, columns=columns, frame=frame, timestamps=stamps
+    )

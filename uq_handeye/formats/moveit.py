@@ -7,18 +7,16 @@ the camera. Source of the rules: moveit/moveit_calibration,
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
-from ..core.files.tree_values import fields_of, got, item, items_of, matrix
+from ..core.files.tree_values import Tree, fields_of, got, item, items_of, matrix
 from ..errors import InputError
 from .contents import Contents, matrices_side
 
 NAMES = ("effector_wrt_world", "object_wrt_sensor")
 
 
-def read_moveit(tree: Any, name: str) -> Contents:
+def read_moveit(tree: Tree, name: str) -> Contents:
     """The samples of a tree."""
     if "joint_values" in fields_of(tree):
         raise InputError(f"{name} holds joint states; expected the samples, which MoveIt saves by 'Save samples'.")
@@ -26,7 +24,10 @@ def read_moveit(tree: Any, name: str) -> Contents:
         raise InputError(f"{name}: expected a list of samples with {' and '.join(NAMES)}, got {got(tree)}.")
     sides = [
         np.array(
-            [matrix(item(s, key, f"{name}, sample {k}"), f"{name}, sample {k}, {key}") for k, s in enumerate(tree)]
+            [
+                matrix(item(s, key, f"{name}, sample {k}"), f"{name}, sample {k}, {key}")
+                for k, s in enumerate(items_of(tree))
+            ]
         )
         for key in NAMES
     ]

@@ -18,7 +18,7 @@ import numpy as np
 
 from ..core.files.one_line import short
 from ..core.files.pose_names import pose_name
-from ..core.files.tree_values import fields_of, got, is_list, is_map, items_of, number
+from ..core.files.tree_values import Tree, fields_of, got, is_list, is_map, items_of, number
 from ..core.geometry.rotations import Rotation
 from ..core.geometry.se3 import Array
 from ..errors import InputError
@@ -50,7 +50,7 @@ _QUATERNIONS = tuple(
 _VIEWS = ("extrinsic_parameters", "Extrinsic_Parameters")
 
 
-def read_opencv(tree: Any, name: str) -> Contents:
+def read_opencv(tree: Tree, name: str) -> Contents:
     """The poses of a tree."""
     expected = "R_gripper2base, t_gripper2base, R_target2cam and t_target2cam"
     if not is_map(tree):
@@ -107,7 +107,7 @@ def read_opencv(tree: Any, name: str) -> Contents:
     return Contents(sides.get("robot"), sides.get("camera"), notes=tuple(notes))
 
 
-def _poses_alone(tree: dict[str, Any]) -> dict[str, Array]:
+def _poses_alone(tree: dict[str, Tree]) -> dict[str, Array]:
     """Return the entries that hold 16 numbers per pose, under whatever names."""
     found = {}
     for key, value in tree.items():
@@ -176,37 +176,39 @@ def _vectors(values: Array, where: str) -> Array:
     return values.reshape(-1, 3)
 
 
-def stack(value: Any, where: str) -> Array:
+def stack(value: Tree, where: str) -> Array:
     """The numbers of a matrix, or of a sequence of matrices or numbers, in their order."""
     if _is_matrix(value):
         return _matrix(value, where)
     if items_of(value):
-        if all(_is_matrix(entry) for entry in value):
-            return np.concatenate([_matrix(entry, f"{where}[{k}]").reshape(-1) for k, entry in enumerate(value)])
-        if all(map(is_list, value)):
-            return np.concatenate([stack(entry, f"{where}[{k}]").reshape(-1) for k, entry in enumerate(value)])
-        return np.array([number(entry, f"{where}[{k}]") for k, entry in enumerate(value)])
+        entries = items_of(value)
+        if all(_is_matrix(entry) for entry in entries):
+            return np.concatenate([_matrix(entry, f"{where}[{k}]").reshape(-1) for k, entry in enumerate(entries)])
+        if all(map(is_list, entries)):
+            return np.concatenate([stack(entry, f"{where}[{k}]").reshape(-1) for k, entry in enumerate(entries)])
+        return np.array([number(entry, f"{where}[{k}]") for k, entry in enumerate(entries)])
     raise InputError(f"{where}: expected a matrix of OpenCV or a list of them, got {got(value)}.")
 
 
-def _is_matrix(value: Any) -> bool:
+def _is_matrix(value: Tree) -> bool:
     found = set(fields_of(value))
     return "data" in found and ({"rows", "cols"} <= found or "sizes" in found)
 
 
-def is_of_opencv(tree: Any) -> bool:
+def is_of_opencv(tree: Tree) -> bool:
     """Return whether a list holds a map per pose under the names of the arguments of ``cv::calibrateHandEye``."""
     names = {name for R_name, t_name, *_ in PAIRS[:-1] for name in (R_name, t_name)}
-    return bool(items_of(tree)) and all(len(names & set(fields_of(entry))) > 1 for entry in tree)
+    return bool(items_of(tree)) and all(len(names & set(fields_of(entry))) > 1 for entry in items_of(tree))
 
 
-def is_storage(tree: Any) -> bool:
+def is_storage(tree: Tree) -> bool:
     """Return whether a tree holds a matrix of OpenCV, directly or in a list."""
     return any(_is_matrix(next(iter(items_of(value)), value)) for value in fields_of(tree).values())
 
 
-def _matrix(value: dict[str, Any], where: str) -> Array:
+def _matrix(tree: Tree, where: str) -> Array:
     """The numbers of an ``opencv-matrix`` or ``opencv-nd-matrix``."""
+    value = fields_of(tree)
     dt = value.get("dt", "d")
     kind = re.fullmatch(r"(\d*)([ucwsifdh])", str(dt))
     if kind is None:

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from ..core.files.open import StrPath, as_path, opened
-from ..core.files.tree_values import is_map
+from ..core.files.tree_values import Tree, is_map, items_of
 from ..core.files.trees import parse_tree
 from ..core.geometry.checks import as_transforms
 from ..core.geometry.rotations import Rotation
@@ -68,7 +66,7 @@ def read_prior(path: StrPath, of: str = "X") -> tuple[Array, Array]:
     return as_transforms(pose, str(target), stack=False), covariance
 
 
-def _numbers(value: Any, shape: tuple[int, ...]) -> Array:
+def _numbers(value: Tree, shape: tuple[int, ...]) -> Array:
     """Infinity for null."""
     S = np.array(value, dtype=object)
     if S.shape != shape:
@@ -76,13 +74,13 @@ def _numbers(value: Any, shape: tuple[int, ...]) -> Array:
     return np.array([np.inf if x is None else float(x) for x in S.ravel()]).reshape(shape)
 
 
-def _of_result(tree: dict[str, Any], of: str, name: str) -> tuple[Array, Array]:
+def _of_result(tree: dict[str, Tree], of: str, name: str) -> tuple[Array, Array]:
     pose, covariance = tree.get(of), tree.get("covariance" if of == "X" else "covariance_W")
     std = tree.get("std" if of == "X" else "std_W")
     if pose is None or covariance is None or std is None:
         raise InputError(f"{name}: this result holds no {of} with a covariance.")
     S = np.array(covariance, dtype=float)
-    unknown = np.array([value is None for value in std])
+    unknown = np.array([value is None for value in items_of(std)])
     S[unknown], S[:, unknown] = 0.0, 0.0
     S[unknown, unknown] = np.inf
     return as_transforms(pose, name, stack=False), S

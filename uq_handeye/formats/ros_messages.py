@@ -10,10 +10,13 @@ child in the frame of the header: ``parent_T_child``.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 from ..core.files.tree_values import is_map
 from ..core.numbers.limits import MAX_NAME_CHARACTERS, MAX_ROWS
+
+# A message or part of one: nested dicts of a text, or an object of rclpy, rospy or rosbags: no type is common to them.
+Message: TypeAlias = Any
 
 
 class Stamped(NamedTuple):
@@ -39,7 +42,7 @@ def pair_text(parent: str, child: str) -> str:
     return f"{parent or '?'}:{child or '?'}"
 
 
-def frame_name(text: Any) -> str:
+def frame_name(text: Message) -> str:
     """Return the name of a frame; ROS 1 may put a slash before it."""
     return printed_name(str(text or "").strip().removeprefix("/"))
 
@@ -50,12 +53,12 @@ def printed_name(text: str) -> str:
     return text if len(text) <= MAX_NAME_CHARACTERS else f"{text[:MAX_NAME_CHARACTERS]}..."
 
 
-def part(value: Any, name: str) -> Any:
+def part(value: Message, name: str) -> Message:
     """Return a field of a message, or None."""
     return value.get(name) if is_map(value) else getattr(value, name, None)
 
 
-def stamp_of(header: Any) -> float | None:
+def stamp_of(header: Message) -> float | None:
     """Return the time of a header in seconds, or None if it has none."""
     stamp = part(header, "stamp")
     for names in (("sec", "nanosec"), ("secs", "nsecs")):
@@ -65,7 +68,7 @@ def stamp_of(header: Any) -> float | None:
     return None
 
 
-def number(value: Any, name: str) -> float:
+def number(value: Message, name: str) -> float:
     """Return a number, or raise `MessageError`."""
     try:
         return float(value)
@@ -73,7 +76,7 @@ def number(value: Any, name: str) -> float:
         raise MessageError(f"a number in {name}") from None
 
 
-def poses_in(message: Any) -> list[Stamped]:
+def poses_in(message: Message) -> list[Stamped]:
     """Return every pose of a message, in its order; raises `MessageError` if it holds none."""
     found = _poses(message, None, "", "")
     if found is None:
@@ -81,7 +84,7 @@ def poses_in(message: Any) -> list[Stamped]:
     return found
 
 
-def _poses(value: Any, time: float | None, parent: str, child: str) -> list[Stamped] | None:
+def _poses(value: Message, time: float | None, parent: str, child: str) -> list[Stamped] | None:
     """Return the poses of a message or of a part of it; None if it is none that is known."""
     header = part(value, "header")
     if header is not None:
@@ -112,7 +115,7 @@ def _poses(value: Any, time: float | None, parent: str, child: str) -> list[Stam
     return None
 
 
-def _listed(value: Any, name: str) -> list[Any]:
+def _listed(value: Message, name: str) -> list[Message]:
     try:
         items = list(value)
     except TypeError:
@@ -122,7 +125,7 @@ def _listed(value: Any, name: str) -> list[Any]:
     return items
 
 
-def _marker(item: Any) -> str:
+def _marker(item: Message) -> str:
     """Return the name of a tag or marker by its number: tag_3 of apriltag_ros, marker_3 of aruco_msgs."""
     ids, name = part(item, "id"), "marker_"
     ids = part(item, "marker_id") if ids is None else ids
@@ -135,7 +138,7 @@ def _marker(item: Any) -> str:
     return name + "_".join(f"{number(k, 'id'):.0f}" for k in values)
 
 
-def _numbers(value: Any, names: tuple[str, str], time: float | None, parent: str, child: str) -> Stamped:
+def _numbers(value: Message, names: tuple[str, str], time: float | None, parent: str, child: str) -> Stamped:
     fields = []
     for name, axes in zip(names, ("xyz", "xyzw"), strict=True):
         inner = part(value, name)

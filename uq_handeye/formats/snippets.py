@@ -10,9 +10,10 @@ Frames by name, quaternion and angles about fixed axes of a pose, for every expo
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -34,6 +35,45 @@ OWN_FRAMES = "Put the names of your own frames in; the camera is the frame with 
 AXES = ("x", "y", "z", "qx", "qy", "qz", "qw")
 
 NOT_DETERMINED = "The covariance is not determined, so it is left out."
+
+
+class Open(Protocol):
+    """Directions of X and W that the motions do not determine, and the length that compares angles with them."""
+
+    @property
+    def basis(self) -> Array: ...
+    @property
+    def of_X(self) -> Array: ...
+    @property
+    def lever(self) -> float: ...
+
+
+class Exportable(Protocol):
+    """The parts of a calibration that exports hold: X and W with their covariances, and what was not determined."""
+
+    @property
+    def X(self) -> Array: ...
+    @property
+    def inverse(self) -> Array: ...
+    @property
+    def covariance(self) -> Array | None: ...
+    @property
+    def covariance_inverse(self) -> Array | None: ...
+    @property
+    def W(self) -> Array | None: ...
+    @property
+    def covariance_W(self) -> Array | None: ...
+    @property
+    def setup(self) -> str | None: ...
+    @property
+    def frame(self) -> str: ...
+    @property
+    def frame_W(self) -> str: ...
+    @property
+    def opened(self) -> Open | None: ...
+    @property
+    def open_words(self) -> Sequence[str]: ...
+    def to_json(self) -> str: ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +108,7 @@ class Transform(ReadOnlyArrays):
         return None if self.covariance is None else to_convention(self.covariance, self.T, convention) + 0.0
 
 
-def transforms_of(result: Any) -> tuple[Transform, Transform]:
+def transforms_of(result: Exportable) -> tuple[Transform, Transform]:
     """X and its inverse."""
     parent, child = OF_MOTIONS if result.setup is None else result.frame.split("_T_")
     covariance, of_inverse = result.covariance, result.covariance_inverse
@@ -87,7 +127,7 @@ def with_open(covariance: Array, U: Array) -> Array:
     return np.asarray(covariance + OPEN_SD_M**2 * (U.T @ U))
 
 
-def open_comments(result: Any) -> list[str]:
+def open_comments(result: Exportable) -> list[str]:
     """Return the comments of an export about open directions; none where there are none."""
     if result.opened is None:
         return []
@@ -185,7 +225,7 @@ _FORMS = (
 )  # fmt: skip
 
 
-def texts(result: Any) -> list[Snippet]:
+def texts(result: Exportable) -> list[Snippet]:
     """NumPy, OpenCV, ROS, GTSAM and URDF forms of X, then of its inverse."""
     found = []
     for X in transforms_of(result):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from typing import Any, TypeGuard
+from typing import Any, TypeAlias, TypeGuard
 
 import numpy as np
 
@@ -11,42 +11,45 @@ from ...errors import InputError
 from ..geometry.se3 import Array
 from .one_line import short
 
+# What a file of YAML, JSON, TOML or XML holds: maps, lists, texts, numbers, yes or no, nothing.
+Tree: TypeAlias = "dict[str, Any] | list[Any] | str | float | bool | None"
 
-def fields_of(value: Any) -> dict[Any, Any]:
+
+def fields_of(value: Tree) -> dict[str, Any]:
     """Return the entries of a map; none of anything else."""
     return value if isinstance(value, dict) else {}
 
 
-def items_of(value: Any) -> list[Any]:
+def items_of(value: Tree) -> list[Any]:
     """Return the items of a list; none of anything else."""
     return value if isinstance(value, list) else []
 
 
-def is_map(value: Any) -> TypeGuard[dict[Any, Any]]:
+def is_map(value: Tree) -> TypeGuard[dict[str, Any]]:
     """Return whether a value is a map, also an empty one."""
     return fields_of(value) is value
 
 
-def is_list(value: Any) -> TypeGuard[list[Any]]:
+def is_list(value: Tree) -> TypeGuard[list[Any]]:
     """Return whether a value is a list, also an empty one."""
     return items_of(value) is value
 
 
-def is_plain_number(value: Any) -> TypeGuard[float]:
+def is_plain_number(value: Tree) -> TypeGuard[float]:
     """Return whether a value is a number, and not true or false."""
     return isinstance(value, int | float) and value is not True and value is not False
 
 
-def got(value: Any) -> str:
+def got(value: Tree) -> str:
     """Describe the value that was received, in few words."""
     if is_map(value):
         return f"the keys {short(', '.join(map(str, value)))}"
-    if type(value) in (list, tuple):
+    if isinstance(value, list | tuple):
         return f"a list of {len(value)}"
     return "nothing" if value is None else short(str(value))
 
 
-def number(value: Any, where: str) -> float:
+def number(value: Tree, where: str) -> float:
     """A finite number."""
     if not is_plain_number(value):
         raise InputError(f"{where}: expected a number, got {got(value)}.")
@@ -59,16 +62,17 @@ def number(value: Any, where: str) -> float:
     return float(value)
 
 
-def item(value: Any, key: str, where: str) -> Any:
+def item(value: Tree, key: str, where: str) -> Tree:
     """``value[key]`` of a map."""
     if not is_map(value):
         raise InputError(f"{where}: expected a map with {key}, got {got(value)}.")
     if key not in value:
         raise InputError(f"{where}: expected the field {key}, got {got(value)}.")
-    return value[key]
+    found: Tree = value[key]
+    return found
 
 
-def vector(value: Any, size: int, where: str) -> list[float]:
+def vector(value: Tree, size: int, where: str) -> list[float]:
     """Check and return a list of ``size`` finite numbers."""
     if not is_list(value) or len(value) != size:
         raise InputError(f"{where}: expected a list of {size} numbers, got {got(value)}.")
@@ -78,11 +82,11 @@ def vector(value: Any, size: int, where: str) -> list[float]:
 _TRANSFORM = ("translation", "rotation")
 
 
-def transform(value: Any, where: str) -> list[float]:
+def transform(value: Tree, where: str) -> list[float]:
     """x, y, z and the quaternion x, y, z, w of a ``geometry_msgs/Transform`` or ``Pose``, stamped or not."""
     for outer in ("transform", "pose"):
-        if outer in fields_of(value) and not {"translation", "position"} & set(value):
-            return transform(value[outer], f"{where}, {outer}")
+        if outer in fields_of(value) and not {"translation", "position"} & set(fields_of(value)):
+            return transform(fields_of(value)[outer], f"{where}, {outer}")
     names = ("position", "orientation") if "position" in fields_of(value) else _TRANSFORM
     numbers: list[float] = []
     for part, axes in zip(names, ("xyz", "xyzw"), strict=True):
@@ -91,10 +95,10 @@ def transform(value: Any, where: str) -> list[float]:
     return numbers
 
 
-def matrix(value: Any, where: str) -> Array:
+def matrix(value: Tree, where: str) -> Array:
     """A 4x4 matrix: four rows of four numbers, or 16 numbers row by row."""
     if len(items_of(value)) == 16:
         return np.array(vector(value, 16, where)).reshape(4, 4)
     if len(items_of(value)) != 4:
         raise InputError(f"{where}: expected a 4x4 matrix, got {got(value)}.")
-    return np.array([vector(row, 4, f"{where}[{k}]") for k, row in enumerate(value)])
+    return np.array([vector(row, 4, f"{where}[{k}]") for k, row in enumerate(items_of(value))])

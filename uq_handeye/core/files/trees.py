@@ -20,7 +20,7 @@ from ..numbers.limits import HEAD_BYTES, MAX_DESCRIPTION_BYTES
 from .lines import decoded
 from .one_line import Words, one_line, refused, short
 from .open import opened, shown
-from .tree_values import is_list, is_map
+from .tree_values import Tree, is_list, is_map
 
 if TYPE_CHECKING:
     from xml.etree.ElementTree import Element
@@ -34,7 +34,7 @@ _BETWEEN = re.compile(r"[\s,]*")
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|[-+]?\.(inf|Inf|INF)|\.(nan|Nan|NaN|NAN)")
 
 
-def parse_tree(data: bytes, name: str, several: bool = False) -> Any:
+def parse_tree(data: bytes, name: str, several: bool = False) -> Tree:
     """The content of a YAML, JSON or XML file; `InputError` with the line for what is none of them.
 
     With ``several``, documents that follow each other (JSON lines, YAML with ``---`` between) are a list; else a second
@@ -62,8 +62,8 @@ _OF_JSON: Words = (
 )
 
 
-def _json(text: str, name: str, several: bool) -> Any:
-    def once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+def _json(text: str, name: str, several: bool) -> Tree:
+    def once(pairs: list[tuple[str, Tree]]) -> dict[str, Tree]:
         found = dict(pairs)
         if len(found) < len(pairs):
             keys = [key for key, _ in pairs]
@@ -71,11 +71,12 @@ def _json(text: str, name: str, several: bool) -> Any:
         return found
 
     decoder = json.JSONDecoder(object_pairs_hook=once)
-    found: list[Any] = []
+    found: list[Tree] = []
     end = _after(text, 0)
     with refused(name, _OF_JSON):
         if not several:
-            return decoder.decode(text)
+            whole: Tree = decoder.decode(text)
+            return whole
         while end < len(text) or not found:
             value, end = decoder.raw_decode(text, end)
             found.append(value)
@@ -103,11 +104,12 @@ def _after(text: str, end: int) -> int:
 class _Builder:
     """Lists and dicts from the events of PyYAML."""
 
-    def __init__(self, name: str, several: bool, scalar: Callable[[str], Any]) -> None:
+    def __init__(self, name: str, several: bool, scalar: Callable[[str], Tree]) -> None:
         self.name, self.several, self.scalar = name, several, scalar
-        self.documents: list[Any] = []
-        self.root: Any = None
-        self.stack: list[tuple[Any, list[str]]] = []  # a container and, of a dict, the key that waits for its value
+        self.documents: list[Tree] = []
+        self.root: Tree = None
+        # A container and, of a dict, the key that waits for its value.
+        self.stack: list[tuple[dict[str, Tree] | list[Tree], list[str]]] = []
 
     def take(self, event: Any) -> None:
         """Take one event; raises `InputError` with its line for what is refused."""
@@ -120,7 +122,7 @@ class _Builder:
         elif kind in ("SequenceStart", "MappingStart"):
             if len(self.stack) >= MAX_DEPTH:
                 raise self._error(line, _DEEP)
-            container: Any = [] if kind == "SequenceStart" else {}
+            container: dict[str, Tree] | list[Tree] = [] if kind == "SequenceStart" else {}
             self._add(container, line)
             self.stack.append((container, []))
         elif kind in ("SequenceEnd", "MappingEnd"):
@@ -132,12 +134,12 @@ class _Builder:
             if len(self.documents) > 1 and not self.several:
                 raise self._error(line, "one YAML document, got a second one")
 
-    def _add(self, value: Any, line: int) -> None:
+    def _add(self, value: Tree, line: int) -> None:
         if not self.stack:
             self.root = value
             return
         container, key = self.stack[-1]
-        if is_list(container):
+        if isinstance(container, list):
             container.append(value)
         elif key:
             container[key.pop()] = value
@@ -152,7 +154,7 @@ class _Builder:
         return InputError(f"{self.name}, line {line}: expected {words}.")
 
 
-def parse_yaml(text: str, name: str, several: bool = False, texts: bool = False) -> Any:
+def parse_yaml(text: str, name: str, several: bool = False, texts: bool = False) -> Tree:
     """The content of YAML, as `parse_tree` reads it; ``texts``: every scalar stays text, and an empty one is None."""
     import yaml  # slow to import
 
@@ -164,7 +166,9 @@ def parse_yaml(text: str, name: str, several: bool = False, texts: bool = False)
     with refused(name, ((InputError, None), ((yaml.YAMLError, RecursionError, ValueError), _of_yaml))):
         for event in yaml.parse(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader)):
             builder.take(event)
-    found = [root for root in builder.documents if root is not None] or [None]  # an empty one between two separators
+    found: list[Tree] = [root for root in builder.documents if root is not None] or [
+        None
+    ]  # an empty one between two separators
     return found if len(found) > 1 else found[0]
 
 
@@ -177,7 +181,7 @@ def _of_yaml(error: Exception) -> str:
     return f"{at}: expected {_DEEP}" if "nesting depth" in problem else f"{at}: not YAML: {one_line(problem)}"
 
 
-def _scalar(text: str) -> Any:
+def _scalar(text: str) -> str | float | bool | None:
     """A plain scalar of YAML: a number, yes or no, nothing, or text."""
     if _NUMBER.fullmatch(text):
         return float(re.sub(r"\.(?=[iInN])", "", text))
@@ -186,7 +190,7 @@ def _scalar(text: str) -> Any:
     return None if text in ("", "~", "null") else text
 
 
-def _xml(text: str, name: str) -> Any:
+def _xml(text: str, name: str) -> Tree:
     """OpenCV's XML: elements are keys, elements named ``_`` are items, texts are numbers where they are."""
     from xml.etree import ElementTree
 
@@ -207,7 +211,7 @@ def _xml(text: str, name: str) -> Any:
     return _of_element(element, name) if len(element) else {}
 
 
-def _of_element(element: Element, name: str) -> Any:
+def _of_element(element: Element, name: str) -> Tree:
     if not len(element):
         return _words(element.text or "")
     values = [(child.tag, _of_element(child, name)) for child in element]
@@ -219,7 +223,7 @@ def _of_element(element: Element, name: str) -> Any:
     return found
 
 
-def _words(text: str) -> Any:
+def _words(text: str) -> Tree:
     """The numbers of an element, or its text."""
     words = text.split()
     if words and all(map(_NUMBER.fullmatch, words)):

@@ -22,8 +22,6 @@ For ``paper`` the diagonal blocks are Sigma_R (58) and Sigma_t (59), the off-dia
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -58,7 +56,7 @@ def theta_from_paper(Sigma_R: ArrayLike) -> Array:
     return np.asarray(0.5 * np.trace(S, axis1=-2, axis2=-1)[..., None, None] * _EYE - S)
 
 
-def jacobian(T: Any, convention: str) -> Array:
+def jacobian(T: ArrayLike, convention: str) -> Array:
     """``d(coordinates of the convention) / d xi`` at ``T`` (..., 4, 4): (..., 6, 6)."""
     T = as_transforms(T, "T", stack=False)
     R_T = T[..., :3, :3].mT
@@ -75,7 +73,7 @@ def jacobian(T: Any, convention: str) -> Array:
     raise InputError(f"Unknown convention {convention!r}; expected one of {', '.join(CONVENTIONS)}.")
 
 
-def to_convention(covariance: ArrayLike, T: Any, convention: str) -> Array:
+def to_convention(covariance: ArrayLike, T: ArrayLike, convention: str) -> Array:
     """The toolkit's 6x6 covariance of the pose ``T`` in another convention.
 
     >>> S = np.diag([1.0, 2, 3, 4, 5, 6])
@@ -91,7 +89,7 @@ def to_convention(covariance: ArrayLike, T: Any, convention: str) -> Array:
     return np.asarray(J @ S @ J.mT)
 
 
-def from_convention(covariance: ArrayLike, T: Any, convention: str) -> Array:
+def from_convention(covariance: ArrayLike, T: ArrayLike, convention: str) -> Array:
     """The covariance of the pose ``T``, given in another convention, in the toolkit's: undoes `to_convention`."""
     S = _six_by_six(covariance)
     if convention == "paper":

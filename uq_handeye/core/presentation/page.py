@@ -17,6 +17,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, fields, replace
 from importlib import resources
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 from markupsafe import Markup
@@ -30,6 +31,24 @@ from .html import PAGE, section_html
 
 # Later rules go before earlier ones. By the kind of page.
 STYLES = {"report": ("report.css", "figures.css"), "certificate": ("report.css", "certificate.css")}
+
+BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome", "microsoft-edge")
+# Nothing from the network, no first-run pages, no state that stays. Without its sandbox it also runs in a container and
+# as root; what it opens is the report alone, whose policy forbids every request and every script but its own.
+FLAGS = (
+    "--headless=new",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--disable-dev-shm-usage",
+)
+PAPERS = ("a4", "letter")
+# Time that a browser may take.
+BROWSER_TIMEOUT_S = 120
 
 
 @dataclass(frozen=True)
@@ -149,25 +168,6 @@ document.querySelectorAll("button.copy").forEach(function (button) {
 """
 
 
-BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome", "microsoft-edge")
-# Nothing from the network, no first-run pages, no state that stays. Without its sandbox it also runs in a container and
-# as root; what it opens is the report alone, whose policy forbids every request and every script but its own.
-FLAGS = (
-    "--headless=new",
-    "--no-sandbox",
-    "--disable-gpu",
-    "--disable-quic",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-    "--disable-dev-shm-usage",
-)
-PAPERS = ("a4", "letter")
-# Seconds that a browser may take.
-BROWSER_TIMEOUT_S = 120
-
-
 def page_path(path: str | Path, paper: str, suffixes: Sequence[str] = (".html", ".pdf")) -> Path:
     """Return the path of a page that can be written; raises `InputError` for another suffix or paper."""
     found = Path(path)
@@ -212,16 +212,17 @@ def found_browser() -> str | None:
     return next((path for name in BROWSERS if (path := shutil.which(name)) is not None), None)
 
 
-def found_weasyprint() -> Any:
+def found_weasyprint() -> ModuleType | None:
     """The package, or None where it or the libraries that it needs (Pango) are not installed."""
     try:
         import weasyprint  # type: ignore[import-untyped]
     except (ImportError, OSError):
         return None
-    return weasyprint
+    found: ModuleType = weasyprint
+    return found
 
 
-def _by_weasyprint(html: str, weasyprint: Any) -> bytes:
+def _by_weasyprint(html: str, weasyprint: ModuleType) -> bytes:
     with _silent("weasyprint", "fontTools"):  # it warns of style that is for screens alone
         return bytes(weasyprint.HTML(string=html, base_url=None, url_fetcher=_refuse).write_pdf())
 

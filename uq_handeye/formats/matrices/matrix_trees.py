@@ -13,21 +13,20 @@ from typing import Any
 import numpy as np
 
 from ...core.files.folders import natural
-from ...core.files.tree_values import got, is_list, is_map, is_plain_number, items_of
+from ...core.files.tree_values import Tree, got, is_list, is_map, is_plain_number, items_of
 from ...core.geometry.se3 import Array
 from ...core.numbers.limits import MAX_ROWS
 from ...errors import InputError
 from ..contents import Contents
 from .arrays import is_poses, side_of_array
 
-# Numbers that are looked at.
 _NUMBERED = re.compile(r"(.*?)[\[(_ -]*(\d+)[\])]*(\.[A-Za-z]\w*)?")
 
 
-def numbers_of(value: Any) -> Array | None:
+def numbers_of(value: Tree) -> Array | None:
     """Lists of numbers as an array, or None for anything else."""
     shape: list[int] = []
-    level = [value]
+    level: list[Any] = [value]
     while all(map(is_list, level)) and len(shape) < 4:
         lengths = {len(entry) for entry in level}
         if len(lengths) != 1 or lengths == {0}:
@@ -41,7 +40,7 @@ def numbers_of(value: Any) -> Array | None:
     return np.array(level, dtype=float).reshape(shape)
 
 
-def matrices_of(tree: Any) -> tuple[Array, str] | None:
+def matrices_of(tree: Tree) -> tuple[Array, str] | None:
     """Return the matrices of a tree, and under which names they stood; None if they are not told without doubt."""
     values = numbers_of(tree)
     if values is not None:
@@ -57,15 +56,16 @@ def matrices_of(tree: Any) -> tuple[Array, str] | None:
             keys = sorted(found, key=natural)
             return _stacked([found[key][0] for key in keys], f"{keys[0]} to {keys[-1]}")
         return None
-    if items_of(tree) and all(map(is_map, tree)):
-        each = [matrices_of(entry) for entry in tree]
+    entries = items_of(tree)
+    if entries and all(map(is_map, entries)):
+        each = [matrices_of(entry) for entry in entries]
         names = {None if one is None else one[1] for one in each}
         if len(names) == 1 and None not in names:
             return _stacked([one[0] for one in each if one is not None], str(names.pop()))
     return None
 
 
-def listed(tree: Any) -> Any:
+def listed(tree: Tree) -> Tree:
     """Return maps with an entry per pose by numbered names (``"0"``, ``pose_1``) as lists, also below other names.
 
     The pose vector of ViSP (``vpPoseVector::saveYAML``: six rows, metres and rotation vector) becomes one by names.
@@ -100,7 +100,7 @@ def _stacked(parts: list[Array], name: str) -> tuple[Array, str] | None:
     return np.stack(parts), name
 
 
-def read_matrix_tree(tree: Any, name: str) -> Contents:
+def read_matrix_tree(tree: Tree, name: str) -> Contents:
     """Return the poses of a tree."""
     found = matrices_of(tree)
     if found is None:

@@ -14,11 +14,10 @@ Source: zivid/zivid-python-samples, ``source/sample_utils/save_load_matrix.py`` 
 from __future__ import annotations
 
 import re
-from typing import Any
 
 import numpy as np
 
-from ...core.files.tree_values import fields_of, got, is_list, number
+from ...core.files.tree_values import fields_of, got, is_list, items_of, number
 from ...core.files.trees import parse_tree
 from ...errors import InputError
 from ..contents import Contents, Reading, matrices_side
@@ -37,16 +36,16 @@ def is_zivid(head: str) -> bool:
 
 def read_zivid(text: str, name: str) -> Contents:
     """Return the pose of a file."""
-    tree: Any = parse_tree(text.encode(), name)
+    tree = parse_tree(text.encode(), name)
     key = next((key for key in _KEYS if key in fields_of(tree)), None)
     if key is None:
         raise InputError(f"{name}: expected FloatMatrix or PoseState (docs/formats.md, Zivid), got {got(tree)}.")
-    value, where = tree[key], f"{name}, {key}"
+    value, where = fields_of(tree)[key], f"{name}, {key}"
     if key == "FloatMatrix":
         if "Data" not in fields_of(value):
             raise InputError(f"{where}: expected Data with a matrix 4x4, got {got(value)}.")
-        data, where = value["Data"], f"{where}, Data"
-        flat = [entry for row in data for entry in (row if is_list(row) else [row])] if data else []
+        data, where = items_of(value["Data"]), f"{where}, Data"
+        flat = [entry for row in data for entry in (row if is_list(row) else [row])]
         numbers = np.array([number(entry, where) for entry in flat])
     else:
         numbers = stack(value, where).reshape(-1)

@@ -25,7 +25,7 @@ import numpy as np
 
 from ...core.geometry.checks import CHUNK, as_transforms, entry_rows, surely_transforms
 from ...core.geometry.se3 import Array
-from ...core.runtime.read_only import scratch
+from ...core.runtime.scratch import scratch
 from ...core.runtime.threads import cores
 from .degeneracy import are_determined, raise_undetermined
 from .pairs import pair_blocks, trial_blocks

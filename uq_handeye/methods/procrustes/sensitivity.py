@@ -25,7 +25,7 @@ import numpy as np
 
 from ...core.geometry.checks import entry_rows, surely_transforms
 from ...core.geometry.se3 import Array, skew
-from ...core.runtime.read_only import scratch
+from ...core.runtime.scratch import scratch
 from ...errors import DegenerateMotionError
 from .degeneracy import MIN_SPREAD_RATIO, NO_ROTATION, are_determined, infinite_directions, name_axis
 from .limit import Suspicious

@@ -17,7 +17,7 @@ from scipy.linalg import block_diag
 
 from ...core.geometry.checks import entry_rows
 from ...core.geometry.se3 import Array, block, inverse, skew
-from ...core.runtime.read_only import scratch
+from ...core.runtime.scratch import scratch
 from ...errors import InputError
 from ...model.noise.models import Noise, PairNoise, PoseNoise, factor, is_joint, marginals, require_count
 from ...model.poses.motions import Motions

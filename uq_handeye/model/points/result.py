@@ -163,7 +163,7 @@ def read_point_poses(folder: StrPath) -> PointPoses:
     with opened(path / SUMMARY, MAX_DESCRIPTION_BYTES) as file:
         tree = parse_tree(file.read(), shown(path / SUMMARY))
     if fields_of(tree).get("format") != FORMAT:
-        came = short(str(tree["format"])) if "format" in fields_of(tree) else got(tree)
+        came = short(str(fields_of(tree)["format"])) if "format" in fields_of(tree) else got(tree)
         raise InputError(f"{shown(path / SUMMARY)}: expected the format {FORMAT!r}, got {came}.")
     with opened(path / COVARIANCE, MAX_TABLE_BYTES) as file:
         arrays = unpacked(file.read(), shown(path / COVARIANCE))

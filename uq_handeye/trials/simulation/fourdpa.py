@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from ...core.geometry.rotations import Rotation
 from ...core.geometry.se3 import Array, block, logarithm, skew
 from ...core.numbers.rounding import CHAIN_ROUNDING, TINY
-from ...core.runtime.read_only import scratch
+from ...core.runtime.scratch import scratch
 from ...errors import InputError
 from ...methods.procrustes.limit import solve_moments
 from ...model.noise.models import PairNoise

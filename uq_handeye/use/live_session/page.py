@@ -133,7 +133,11 @@ class Page(BrowserPage):
     def _steps(self, label: str, steps: dict[str, Callable[[], Answer]]) -> None:
         """Add small buttons in one row."""
         group = self._gui.add_button_group(label, tuple(steps))
-        group.on_click(lambda _: self._tried(lambda: steps[group.value]()))
+
+        def work() -> None:
+            steps[group.value]()
+
+        group.on_click(lambda _: self._tried(work))
 
     def _say(self, problem: str) -> None:
         self.session.note(problem)
