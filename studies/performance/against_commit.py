@@ -50,7 +50,7 @@ import sys, importlib.machinery
 sys.path.insert(0, sys.argv.pop(1))
 sys.meta_path.insert(0, importlib.machinery.PathFinder)
 """
-COMMAND = FROM_TREE + "from uq_handeye.cli.app import main; main()"
+COMMAND = FROM_TREE + "from uq_handeye.__main__ import main; main()"
 SIMULATE = """
 import uq_handeye as uq
 noise = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import partial
 
 from .contents import Contents
-from .controllers.registry import ABOUT, NAMES, kind_of, read_controller
+from .controllers.forms import ABOUT, NAMES
 from .controllers.tables import names_a_pose
 from .matrices.franka import is_franka, read_franka
 from .matrices.halcon import is_halcon, read_halcon
@@ -37,7 +37,15 @@ class TextFormat:
 
 
 def _is_kind(name: str, head: str) -> bool:
+    from .controllers.registry import kind_of  # slow to import: patterns of the languages of all makers
+
     return kind_of(head) == name
+
+
+def _read_controller(format: str, text: str, name: str) -> Contents:
+    from .controllers.registry import read_controller
+
+    return read_controller(format, text, name)
 
 
 TEXTS: dict[str, TextFormat] = {
@@ -46,7 +54,7 @@ TEXTS: dict[str, TextFormat] = {
     "franka": TextFormat("O_T_EE of Franka robots: tables, JSON, printed states", read_franka, is_franka),
     "zivid": TextFormat("a transform of Zivid, YAML, in mm", read_zivid, is_zivid),
     "halcon": TextFormat("what write_pose of HALCON writes", read_halcon, is_halcon),
-    **{name: TextFormat(ABOUT[name], partial(read_controller, name), partial(_is_kind, name)) for name in NAMES},
+    **{name: TextFormat(ABOUT[name], partial(_read_controller, name), partial(_is_kind, name)) for name in NAMES},
     "matrix": TextFormat("4x4 or 3x4 matrices in text, also KITTI", read_matrix_text, is_matrix_text),
 }
 

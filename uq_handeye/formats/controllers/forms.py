@@ -38,6 +38,12 @@ CONTROLLERS = {
     name: PoseForm(name, **form | {"columns": tuple(form["columns"])})
     for name, form in parse_toml(Path(__file__).with_name("controllers.toml")).items()
 }
+# Names of the formats of controllers, and what each is in a few words, for help texts.
+NAMES = (*CONTROLLERS, "table")
+ABOUT = {
+    **{name: f"{form.maker}: x, y, z, {', '.join(form.columns)}" for name, form in CONTROLLERS.items()},
+    "table": "numbers of poses in columns, with or without names",
+}
 
 
 def forms_of(*names: str) -> tuple[tuple[str, str], ...]:

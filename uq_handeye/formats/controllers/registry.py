@@ -21,11 +21,6 @@ from .tables import read_pose_table, table_kind
 
 # The comment above what `export` and `plan` write.
 _WRITTEN = re.compile(r"# .{0,100}, as (.{1,40}?) writes (?:it|them)\b")
-NAMES = (*CONTROLLERS, "table")
-ABOUT = {
-    **{name: f"{form.maker}: x, y, z, {', '.join(form.columns)}" for name, form in CONTROLLERS.items()},
-    "table": "numbers of poses in columns, with or without names",
-}
 # What a text of another format begins with.
 _OTHERS = ("%YAML", "---", '<?xml version="1.0"?>\n<opencv')
 

@@ -120,10 +120,10 @@ class ArmPopulation:
         # what the frames of base and flange would be by another sample of the workspace
         moved = np.empty((len(names), 12, 12))
         for a, free in enumerate(F):
-            of_posture = (V[a] @ free).reshape(-1, 6, n_postures).transpose(2, 0, 1)
-            by_frame = inverse[a].reshape(6, n_postures, 12).swapaxes(0, 1)
-            moves = (of_posture @ by_frame).reshape(-1, 12)
-            moved[a] = moves.T @ moves
+            of_posture = (V[a] @ free).reshape(-1, 6, n_postures)
+            moments = np.einsum("ekn,eln->kln", of_posture, of_posture)
+            by_frame = inverse[a].reshape(6, n_postures, 12)
+            moved[a] = inverse[a].T @ np.einsum("kln,lnj->knj", moments, by_frame).reshape(-1, 12)
         unlike = np.repeat([BASE_RATIO, FLANGE_RATIO], 6)
         return cls(names, stack, WorkPostures.of(stack), mixing, moved * np.outer(unlike, unlike))
 

@@ -79,7 +79,7 @@ class ArmStack:
     def workspace(self, n: int) -> Array:
         """(A, 7, n) postures that fill the limits of the joints evenly, the flange above the floor of the base."""
         q = np.stack([spread(limits, 4 * n) for limits in self.limits])
-        below = self.tips(q)[:, 2, 3] <= 0.0
+        below = self._heights(q) <= 0.0
         order = np.argsort(below, axis=-1, kind="stable")[:, :n]
         return np.asarray(np.take_along_axis(q, order[:, None], axis=-1))
 
@@ -108,6 +108,20 @@ class ArmStack:
             state = self.fixed[:, None, k + 1].mT @ moved  # (4, 3) times (3, n)
             state[:, :, 3] += position
         return Frames(R, p, state)
+
+    def _heights(self, q: Array) -> Array:
+        """Return the heights of the tips (A, n) at postures: the last row of each product of `frames`."""
+        cosine, sine = np.cos(q), np.sin(q)
+        state = np.repeat(self.fixed[:, 0, 2, :, None], q.shape[-1], axis=-1)  # (A, 4, n)
+        for k in range(AXES):
+            x, y = state[:, 0], state[:, 1]
+            moved = np.stack(
+                [cosine[:, k] * x + sine[:, k] * y, cosine[:, k] * y - sine[:, k] * x, state[:, 2]], axis=1
+            )
+            height = state[:, 3]
+            state = self.fixed[:, k + 1].mT @ moved
+            state[:, 3] += height
+        return np.asarray(state[:, 3])
 
     def tips(self, q: Array, block: int = 128) -> Array:
         """Return the tips (A, 3, 4, n) at many postures."""
