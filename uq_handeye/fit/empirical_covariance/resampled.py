@@ -1,4 +1,4 @@
-r"""Covariances that need no noise model, of every estimator (`sandwich`): `resampled`.
+r"""Covariances of X and W of any estimator that need no noise model, by pose.
 
 Each pose is one draw from an unknown distribution of errors, independent of the others.
 Motions that came without poses take the place of poses. Units and conventions: ``xi = (theta, tau)``,
@@ -212,7 +212,7 @@ class OfMethod:
         if self.of_all_pairs and (everything := AllPairs(poses)).precise:
             return everything.sensitivities(X)[0]
         motions = relative_motions(poses, "all") if self.motions is None else self.motions
-        # for methods that do not weight it only says whose derivatives are asked for
+        # for methods that do not weight it only says which derivatives are computed
         noise = self.noise if isinstance(self.noise, PoseNoise) else PoseNoise(robot=np.eye(6))
         if noise.robot is None:
             noise = PoseNoise(robot=np.zeros((6, 6)), camera=noise.camera)

@@ -1,5 +1,4 @@
-r"""Definition of a simulated trial: exact data, the noise that is drawn on them, and the method that is run on each
-draw.
+r"""Definition of a simulated trial: exact data, the noise that is drawn on them, and the method that is tested.
 
 Model: true poses with ``G_i X C_i = W``, or true motions with ``A_i X = X B_i``; the measured ones are
 ``R = exp([theta]x) R_true``, ``t = t_true + tau`` with ``xi = (theta, tau)`` drawn from the noise (rad, m). The true
@@ -84,7 +83,7 @@ class Experiment:
 
     @cached_property
     def everything(self) -> AllPairs | None:
-        """4DPA of all pairs of the true poses without forming them, where that is asked for and keeps enough digits."""
+        """4DPA of all pairs of the true poses without forming them; None otherwise, and where digits are lost."""
         poses = self.truth.poses
         if poses is not self.truth or self.method != "4dpa" or self.pairs is not None or self.scale is not None:
             return None
@@ -149,7 +148,7 @@ def motions_of(data: PosePairs | Motions, pairs: str | ArrayLike = "all") -> Mot
 
 
 class Fitted(Protocol):
-    """Interface of a `Calibration`, which stands above this package, as far as it is read."""
+    """The part of a `Calibration`, which is defined in a higher package, that is read here."""
 
     @property
     def noise_estimate(self) -> NoiseEstimate | None: ...
@@ -163,7 +162,7 @@ def problem_of(
 ) -> tuple[PosePairs | Motions, Noise | None, bool]:
     """Data, noise, and whether the noise is estimated: as given, or those that a calibration used.
 
-    Raises `InputError` for a calibration beside other noise, or one without poses or noise.
+    Raises `InputError` for a calibration together with other noise, or one without poses or noise.
     """
     if isinstance(data, PosePairs | Motions) or not hasattr(data, "used"):
         return cast(PosePairs | Motions, data), noise, noise is None  # what is neither is refused where it is used

@@ -44,7 +44,7 @@ SINC = [
 def fourdpa_on_drawn(
     A: Array, B: Array, X: Array, noise: PairNoise, rng: np.random.Generator, trials: int
 ) -> tuple[Array, NDArray[np.bool_]]:
-    """Errors xi (trials, 6) of 4DPA's X on so many draws, and which trials determine it (the others are rows of 0).
+    """Return errors xi (trials, 6) of 4DPA's X, and which trials determine it (the others are rows of 0).
 
     A, B (N, 4, 4) are true motions that fit X (4, 4). Numbers depend on the generator and on N only.
     """

@@ -40,7 +40,7 @@ class Trials(NamedTuple):
 
 
 class Estimates(NamedTuple):
-    """X of some trials (m, 4, 4), whether they converged, and each one's covariance (m, 6, 6) if asked for."""
+    """X of some trials (m, 4, 4), whether they converged, and each one's covariance (m, 6, 6) or None."""
 
     X: Array
     ok: NDArray[np.bool_]

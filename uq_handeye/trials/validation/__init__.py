@@ -1,3 +1,3 @@
-"""The claim of a covariance put to the test: simulated trials, the posterior, and everything side by side."""
+"""Tests of a covariance: by simulated trials, by the posterior, and by a comparison of all covariances."""
 
 from . import sentences as sentences

@@ -1,4 +1,4 @@
-"""Corner plot of a posterior: each coordinate, and the density of each pair, beside the Gaussian of the bound.
+"""Corner plot of a posterior: each coordinate and the density of each pair, with the Gaussian of the bound.
 
 On the diagonal the histogram of the samples and the normal density of the `ml` covariance; below it the smoothed
 density of two coordinates, with contours that hold 39.3 %, 86.5 % and 98.9 % of the samples (what the 1, 2 and 3 sigma

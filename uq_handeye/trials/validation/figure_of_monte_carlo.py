@@ -1,4 +1,4 @@
-"""A Monte Carlo run as a figure: whether the errors of the trials follow the covariance, seen at a glance.
+"""Figure of a Monte Carlo run: the errors of the trials against what the covariance predicts.
 
 Quantiles of the distance ``d = sqrt(xi^T P^-1 xi)`` of the errors of all trials against those of the chi distribution
 with 6 (joint) or 3 degrees of freedom (rotation, translation). The grey band holds the whole curve of a consistent
@@ -128,7 +128,7 @@ def band(trials: int, confidence: float, draws: int = 1_000) -> tuple[Array, Arr
 
 
 def _expected(below: ArrayLike, trials: int, size: int) -> Array:
-    """The quantile of chi at which so many of the trials lie below."""
+    """Return the quantile of chi that ``below`` of the trials lie under."""
     p = (np.asarray(below) + 0.5) / (trials + 1)
     return np.asarray(np.sqrt(2 * gammaincinv(size / 2, p)))
 

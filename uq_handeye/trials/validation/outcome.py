@@ -1,10 +1,8 @@
-"""Checks of the noise that a validation draws, against its data.
+"""Results of validations: their text, figure and file, and checks of the noise that they draw against their data.
 
 A validation draws the noise that is given or estimated and tests whether a covariance follows from it. It cannot tell
 whether that noise is the noise of these data; their residuals can. A calibration has tested them (its ``checks``). For
 poses or motions alone, the residuals of maximum likelihood are compared with the noise (`goodness_of_fit`).
-
-Words, figure and file of the results of validations, made in one way.
 """
 
 from __future__ import annotations
@@ -101,7 +99,7 @@ class NoiseOfData:
 
 
 def part_of(what: str, stated: tuple[float, float] | None) -> str:
-    """Return a sentence with what is spoken of, beside what a calibration with open sizes states; empty without it."""
+    """Return the sentence that a validation is about ``what`` only, with the accuracy by calibrate; or none."""
     if stated is None:
         return ""
     move, turn = digits(1e3 * stated[0], 2), digits(float(np.degrees(stated[1])), 2)
@@ -133,7 +131,7 @@ def noise_of_data(data: object, used: PosePairs | Motions, noise: Noise | None, 
 
 
 def stated_of(result: Any) -> tuple[float, float] | None:
-    """Return what a calibration with open sizes states of X (m, rad), where that is more than noise of known sizes
+    """Return the accuracy of X (m, rad) by a calibration that estimated sizes, where it exceeds noise of known sizes
     makes; None also for data without one.
     """
     S, known = getattr(result, "covariance", None), getattr(result, "bound", None)

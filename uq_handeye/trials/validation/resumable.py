@@ -1,15 +1,15 @@
-r"""A run that can be ended at any moment, also by kill -9, and gone on with to the same bits.
+r"""A run that can be interrupted at any moment, also by kill -9, and resumed to the same bits.
 
 Model: a run is a set of pieces (the trials of a chunk, a chain). Each depends on its own name and on
-the identity of the run only: what the numbers depend on, large arrays by their SHA-256. A run is gone on with only
-where its identity is the same. What is kept of it is
+the identity of the run only: what the numbers depend on, large arrays by their SHA-256. A run is resumed only where
+its identity is the same. It is kept as
 
 - a folder: ``manifest.json`` with the identity, and a folder with one file per piece (``chunks/000000.npz``), or
 - a single file for a single piece, with the manifest as a line behind its content, or
 - nothing, where no path is given.
 
-Behind a piece stand 32 bytes, the SHA-256 of identity, name and content. Every file is written whole or not at all:
-from what any end of the program leaves, ``resume`` goes on. A piece that is damaged, or belongs to another run or
+A piece ends in 32 bytes, the SHA-256 of identity, name and content. Every file is written whole or not at all:
+``resume`` continues from whatever an interruption leaves. A piece that is damaged, or belongs to another run or
 place, is made again and never used.
 
 Files are not trusted: nothing is read before its size and its SHA-256 are those of a piece, and no pickles ever.
@@ -47,7 +47,7 @@ from ...model.noise.models import Noise, noise_to_dict
 from ...model.poses.motions import Motions
 from ...model.poses.pose_pairs import PosePairs
 
-# Trials that a run may be asked for: years of work, and less than what would overflow a sum.
+# Largest number of trials of a run: years of work, and less than what would overflow a sum.
 MAX_TRIALS = 10**12
 # Bytes of the SHA-256 at the end of a piece.
 DIGEST = hashlib.sha256().digest_size
@@ -168,14 +168,14 @@ class Run:
     identity : mapping
         What the numbers depend on (`identity_of`).
     resume : bool
-        Whether to go on with what is there. Otherwise nothing may be there.
+        Whether to continue what is there. Otherwise nothing may be there.
     kind : str
         Name of such a run in its manifest and in messages.
     pieces : str or None
         Folder of the pieces in the folder of the run; empty: it holds further runs (`within`). None: ``path`` is the
         single file of a single piece.
     asked : int
-        Trials that are asked for. A run may be gone on with for more than before, not for fewer.
+        Number of trials. A run may be resumed for more than before, not for fewer.
     size : int
         Trials in a whole piece, to say what is there.
 
@@ -255,7 +255,7 @@ class Run:
                 leftover.unlink(missing_ok=True)
 
     def _require_ours(self, path: Path, file: Path) -> None:
-        """Raise `InputError` where the manifest is none, of another run, or of one that was asked for more."""
+        """Raise `InputError` where the manifest is none, of another run, or of one with more trials."""
         try:
             content = _read(file, None if self._pieces is None else MAX_DESCRIPTION_BYTES)
             if self._pieces is None:
@@ -309,7 +309,7 @@ class Run:
                 write_atomically(self.path, content + self._digest(name, content))
 
     def load(self, name: str, read: Callable[[bytes], T], most: int | None = None) -> T | None:
-        """Return what ``read`` makes of a piece of at most so many bytes; None where there is none to rely on.
+        """Return what ``read`` makes of a piece of at most ``most`` bytes; None where there is none to rely on.
 
         `damaged` names those that were there; a single file is refused by `InputError`.
         """

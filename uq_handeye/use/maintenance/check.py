@@ -1,4 +1,4 @@
-"""check(): whether a calibration still holds, by one or more new poses.
+"""Check whether a calibration still holds, by one or more new poses.
 
 The residuals of the new poses against the stored result, with its joint covariance, are tested as a whole
 (`reference`). Whatever the answer, it says which change these poses would have shown (`power`); where something has

@@ -1,4 +1,4 @@
-r"""ChangeCheck: whether a calibration still holds, and if not, what has changed; its text of ten lines.
+r"""Result of `check`: whether a calibration still holds, and if not, what has changed; and its text.
 
 *The smallest change that would have shown*: power of the chi-square test of the posterior (`posterior.rows`). A change
 a of columns C, ``E r = C a``, has the noncentrality ``a^T I a``, ``I = C^T Sigma^-1 C``. With lambda the noncentrality

@@ -1,4 +1,4 @@
-"""Poses of two sessions as one data set, and the question that a result was asked, about all of them.
+"""Poses of two sessions as one data set, and the arguments with which a result is computed again for all of them.
 
 Robot and camera poses, joints, times, and the camera adjusted with all pictures; the arguments of `calibrate`.
 """
@@ -173,7 +173,7 @@ def _joined_timing(old: Timing | None, new: Timing | None) -> Timing | None:
 
 
 def adjusted_again(seen: CameraCalibration, more: Corners) -> CameraCalibration:
-    """Return the camera of all pictures, asked for as the camera of the old ones was."""
+    """Return the camera of all pictures, calibrated with the options of the old ones."""
     old = seen.corners
     if seen.image_size != more.image_size and more.image_size is not None:
         raise InputError(
@@ -194,7 +194,7 @@ def adjusted_again(seen: CameraCalibration, more: Corners) -> CameraCalibration:
 
 
 def _asked(seen: CameraCalibration) -> dict[str, Any]:
-    """Arguments of `calibrate_camera` that the camera was asked for with."""
+    """Return the arguments of `calibrate_camera` with which the camera was calibrated."""
     bundle = seen.bundle
     names, free = bundle.model.names, bundle.free[: len(bundle.model.names)]
     lenses = {(one.model, one.coefficients) for one in seen.candidates}
@@ -280,13 +280,13 @@ def arguments(
 
 
 def holds_request(result: Calibration) -> bool:
-    """Return whether the result holds its poses and all that was asked of them."""
+    """Return whether the result holds its poses and the arguments of its calibration."""
     origin = result.provenance
     return isinstance(result.data, PosePairs) and origin is not None and origin.request is not None
 
 
 def with_bound_poses(result: Calibration) -> Calibration:
-    """Return a result whose file lacks its poses or what was asked with the poses that its posterior is bound to.
+    """Return a result whose file lacks its poses or its arguments with the poses that its posterior is bound to.
 
     As it is where these are not all that the fit had: corners or points, clocks, joints, more than the defaults.
     """

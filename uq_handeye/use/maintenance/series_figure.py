@@ -1,4 +1,4 @@
-"""A series of checks as a figure: the shift of X that each check by itself estimates, over the checks.
+"""Figure of a series of checks: the shift of X that each check by itself estimates.
 
 This module imports Matplotlib; import it where it is used.
 """

@@ -45,7 +45,7 @@ CRITERIA = ("trace", "logdet", "point")
 
 @dataclass(frozen=True, eq=False)
 class PlanRequest:
-    """The arguments of `plan` beside the poses; see there. Raises `InputError` for those that fit no poses."""
+    """The arguments of `plan` in addition to the poses; see there. Raises `InputError` for those that fit no poses."""
 
     candidates: ArrayLike | None = None
     k: int = 5

@@ -77,7 +77,7 @@ def sample_candidates(
 def drawn(
     draw: Callable[[int], Array], n: int, why: str, draws: int = 50, ahead: int = 4, at_once: int = 20_000
 ) -> Array:
-    """The first n of what ``draw`` keeps of so many draws, of ``draws`` n at most; raises `InputError` if of none.
+    """Return the first n of what ``draw`` keeps, of ``draws`` n draws at most; raises `InputError` if it keeps none.
 
     ``ahead``: draws for each that is missing; ``at_once`` at most; ``why``: words behind "None of N".
     """
@@ -94,7 +94,7 @@ def drawn(
 
 
 def require_number(n: int) -> None:
-    """Raise `InputError` unless so many candidates can be drawn."""
+    """Raise `InputError` unless ``n`` candidates can be drawn."""
     if isinstance(n, bool) or not isinstance(n, int | np.integer) or not 1 <= n <= MAX_CANDIDATES:
         raise InputError(
             f"Expected the number of candidates to be an integer between 1 and {MAX_CANDIDATES}, got {n!r}."

@@ -30,7 +30,7 @@ from .touches_file import require_metres
 
 @dataclass(frozen=True, eq=False)
 class VerifyRequest:
-    """The arguments of `verify` beside the calibration and the points; see there."""
+    """The arguments of `verify` in addition to the calibration and the points; see there."""
 
     robot: ArrayLike | None = None
     joints: ArrayLike | None = None

@@ -54,12 +54,12 @@ class Ratios(NamedTuple):
 
     @property
     def shapeless(self) -> bool:
-        """True if tails are so heavy that being inside of what chance explains tells nothing."""
+        """True if tails are so heavy that a ratio inside of what chance explains proves nothing."""
         return self.kurtosis is not None and (self.high > WIDE_RATIO or self.low < 1 / WIDE_RATIO)
 
     @property
     def equal(self) -> bool | None:
-        """None: cannot be told."""
+        """True if chance explains the ratios; None where heavy tails leave it undecided."""
         whole = abs(self.overall - 1) <= self.spread + HARMLESS_SD_ERROR
         if not (self.not_below and self.not_above and whole):
             return False
@@ -104,7 +104,7 @@ def ratios(
     *,
     rejected: bool = False,
 ) -> Ratios:
-    """Standard deviations of S, drawn from so many ``samples``, over those of P.
+    """Standard deviations of S, drawn from ``samples`` trials, over those of P.
 
     Parameters
     ----------

@@ -38,7 +38,7 @@ class Relation:
     name: str
     statement: str
     law: bool  # False: a claim, which may fail without anything being wrong
-    holds: bool | None  # None: cannot be told, or has no meaning here; the text says why
+    holds: bool | None  # None: undecided, or without meaning here; the text says why
     text: str  # with numbers
     advice: str = ""  # where it does not hold: what that means and what to do
 
@@ -97,7 +97,7 @@ def _judged(
     methods: tuple[str, ...],
     judge: Callable[[Evidence], Found],
 ) -> Relation:
-    """The relation, or why it cannot be told."""
+    """Return the relation with its verdict, or with the reason why there is none."""
     needed = [key.format(own=e.own) for key in keys]
     reasons = [e.missing.get(key, f"{key} was not asked for") for key in needed if key not in e.covariances]
     for method in methods:

@@ -333,7 +333,7 @@ def extreme_eigenvalues(n: int, confidence: float, draws: int = 20_000) -> tuple
 
 
 def heavy_from(samples: int) -> float:
-    """The kurtosis from which tails are heavy, beyond what so many Gaussian errors show by chance."""
+    """Return the kurtosis from which tails are heavy, beyond what Gaussian errors show by chance."""
     return max(HEAVY_KURTOSIS, 4 / float(np.sqrt(6 * samples)))
 
 

@@ -1,4 +1,4 @@
-"""Result of a Monte Carlo run: its errors, the covariance that was tested, and the words, figure and file of both."""
+"""Result of a Monte Carlo run: its errors, the covariance that was tested, and their text, figure and file."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ class MonteCarlo(Outcome, ReadOnlyArrays):
 
     @property
     def complete(self) -> bool:
-        """True if it is all that was asked for: all trials, or as stable as wanted."""
+        """True if all trials are done, or the result is as stable as requested."""
         return self.ended.code == ALL if self.stability is None else self.stability.stable
 
     @property
@@ -81,7 +81,7 @@ class MonteCarlo(Outcome, ReadOnlyArrays):
 
     @property
     def ended_early(self) -> bool:
-        """True if workers were lost, or the user ended it, before as many trials were done as were asked for."""
+        """True if workers were lost, or the user ended it, before all trials were done."""
         return not self.complete and self.trials < self.asked
 
     @property

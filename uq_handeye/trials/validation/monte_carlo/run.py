@@ -1,4 +1,4 @@
-r"""Monte Carlo: the noise drawn again and again, X estimated from each draw, and what its errors say of a covariance.
+r"""Monte Carlo simulation: noise is drawn many times, X estimated from each draw, a covariance tested by the errors.
 
 Model: true poses (or motions), those of a simulation or, around real data, those that maximum likelihood finds; on them
 errors ``xi = (theta, tau)`` drawn from the noise (`trials.experiment`). Each trial gives the error of its X,
@@ -125,7 +125,7 @@ def monte_carlo(
         What is tested: the first-order covariance of the method at the truth; that which every trial would report of
         itself; or one that is given.
     digits : int or None
-        Stop when the result is stable to so many significant digits (1 to 4), after JCGM 102 (`stopping`).
+        Stop when the result is stable to ``digits`` significant digits (1 to 4), after JCGM 102 (`stopping`).
     directory : path or None
         Folder for the chunks.
     resume : bool

@@ -146,7 +146,7 @@ class Stability:
 
 
 def numerical_tolerance(value: float, digits: int) -> float:
-    """Half a unit of the last of so many significant digits (JCGM 102, 7.8.2): 0.5 for 12 and 12.3 with two digits.
+    """Return half a unit of the last of ``digits`` significant digits (JCGM 102, 7.8.2): 0.5 for 12.3 with two.
 
     Raises `InputError` for zero, which has no significant digits.
     """

@@ -1,4 +1,4 @@
-"""A Monte Carlo run in words: whether the covariance is consistent first, then the numbers with units."""
+"""Text of a Monte Carlo run: whether the covariance is consistent, then the numbers with units."""
 
 from __future__ import annotations
 
@@ -304,7 +304,7 @@ def _share(x: float, c: Consistency) -> str:
 
 
 def nees_number(x: float, c: Consistency) -> str:
-    """A mean NEES with the decimals that so many trials give it."""
+    """Return a mean NEES with the decimals that the number of trials gives it."""
     return f"{x:.{2 if c.sums.count < 50_000 else 3 if c.sums.count < 5_000_000 else 4}f}"
 
 

@@ -1,4 +1,4 @@
-"""Proposals of `sample_posterior`: an independence sampler beside ensemble moves.
+"""Proposals of `sample_posterior`: an independence sampler and ensemble moves.
 
 The posterior is nearly Gaussian with a covariance that is known before the first step. A proposal that forgets where
 the walker is, drawn from a multivariate Student-t near that Gaussian, is then accepted most of the time, and the chain

@@ -112,7 +112,7 @@ class Posterior(Outcome, ReadOnlyArrays):
 
     @property
     def converged(self) -> bool:
-        """True if there are as many effective samples as asked, of every coordinate, by all criteria."""
+        """True if every coordinate has the requested number of effective samples, by all criteria."""
         return self.diagnostics.converged
 
     def require_converged(self) -> None:

@@ -71,7 +71,7 @@ def sample_posterior(
     max_steps: int = 10_000,
     **kept: Any,
 ) -> Posterior:
-    """Samples of the posterior of X with a flat prior, until so many are effective.
+    """Sample the posterior of X with a flat prior, until ``samples`` are effective.
 
     Sampled are X, W and, where ``scales`` is free, one factor on the noise of each side. The sizes of the errors of
     `calibrate` (kinds of noise, view, target, arm, drift) are not sampled: a calibration brings its noise with the
