@@ -131,8 +131,8 @@ def noise_of_data(data: object, used: PosePairs | Motions, noise: Noise | None, 
 
 
 def stated_of(result: Any) -> tuple[float, float] | None:
-    """Return the accuracy of X (m, rad) by a calibration that estimated sizes, where it exceeds noise of known sizes
-    makes; None also for data without one.
+    """Return the accuracy of X (m, rad) by a calibration that estimated sizes, where it exceeds that of known sizes;
+    None also for data without one.
     """
     S, known = getattr(result, "covariance", None), getattr(result, "bound", None)
     if S is None or known is None or np.allclose(S, known, rtol=1e-6):
