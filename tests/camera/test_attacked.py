@@ -43,7 +43,7 @@ def test_what_is_given_again_is_named(tmp_path, again):
         text += text.splitlines()[1] + "\n"
     path = tmp_path / "corners.csv"
     path.write_text(text, encoding="utf-8")
-    words = r"row 1 and row 5 hold the same corners" if again == "picture" else "stands twice in row 0"
+    words = r"row 1 and row 5 hold the same corners" if again == "picture" else "is twice in row 0"
     with pytest.raises(uq.InputError, match=words):
         read_corners(path)
     done = run("camera", path, "--image-size", "640x480")

@@ -46,12 +46,12 @@ def test_a_camera_is_read_as_it_was_written(rng, tmp_path, model):
     cam = replace(cam, candidates=(Candidate("pinhole", (), -7.5, 0.1), Candidate("brown", ("k1", "k2"), inf, inf)))
     write_files(tmp_path / "camera", camera_files(cam))
     read = uq.read_camera(tmp_path / "camera")
-    asked = cam.bundle.asked, read.bundle.asked
-    for here, there in ((cam.bundle, read.bundle), asked, (cam.bundle.shape, read.bundle.shape)):
+    unknowns = cam.bundle.unknowns, read.bundle.unknowns
+    for here, there in ((cam.bundle, read.bundle), unknowns, (cam.bundle.shape, read.bundle.shape)):
         for field in fields(there):
             one, other = getattr(here, field.name), getattr(there, field.name)
             same = np.array_equal(one, other) if isinstance(one, np.ndarray) else one == other
-            assert same or field.name in ("asked", "shape"), field.name
+            assert same or field.name in ("unknowns", "shape"), field.name
     for name in ("own", "shared"):
         np.testing.assert_array_equal(getattr(read.covariance, name), getattr(cam.covariance, name))
     for name in ("row", "points", "pixels", "names", "missing", "image_size"):
@@ -252,7 +252,7 @@ def test_corners_of_any_order_of_columns_with_names_and_units(rng, tmp_path, cap
     np.testing.assert_array_equal(found.pixels, pixels[order])
     file.write_text("\n".join(["u;v;row;name;X [mm];Y [mm];Z [mm];score", *lines]))
     np.testing.assert_array_equal(uq.read_corners(file).points, found.points)
-    with pytest.raises(InputError, match="names its points in mm, and `units` says cm"):
+    with pytest.raises(InputError, match="names its points in mm, and `units` is cm"):
         uq.read_corners(file, units="cm")
     file.write_text("\n".join(["u;v;row;name;X [mm];Y [mm];Z;score", *lines]))
     with pytest.raises(InputError, match="expected one unit for x, y and z"):

@@ -34,7 +34,7 @@ def distances(weighted, spread, sets=SETS):
         seen = poses.camera_calibration
         covariance = seen.covariance
         if not weighted:
-            same = adjust(seen.bundle.asked, seen.corners, (seen.bundle.parameters, seen.poses))
+            same = adjust(seen.bundle.unknowns, seen.corners, (seen.bundle.parameters, seen.poses))
             F = same.by_parameters @ np.linalg.cholesky(same.covariance)
             poses, covariance = uq.PosePairs(poses.robot, same.poses), uq.JointCovariance(same.own, F)
         fit = efficient(poses, uq.PoseNoise(ROBOT, covariance))

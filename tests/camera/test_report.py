@@ -16,7 +16,7 @@ from uq_handeye.core.formatting.numbers import concise, fixed
 from uq_handeye.core.presentation.document import Paragraph
 from uq_handeye.core.presentation.figure_parts import WIDTH
 from uq_handeye.errors import InputError
-from uq_handeye.model.camera.adjustment.bundle import Asked
+from uq_handeye.model.camera.adjustment.bundle import BundleUnknowns
 from uq_handeye.model.camera.adjustment.criterion import Candidate
 from uq_handeye.model.camera.calibrate import calibrate_camera
 from uq_handeye.model.camera.calibrated import (
@@ -333,8 +333,8 @@ def test_intrinsics_to_copy_are_those_of_the_camera(right, model):
     values = np.concatenate([right.bundle.parameters[:4], [-0.2, 0.05, 1e-5, 2e-5][: len(kind.coefficients)]])
     values = np.pad(values, (0, len(kind.names) - len(values)))
     k = len(values)
-    asked = Asked(kind, right.bundle.shape, np.ones(k, dtype=bool))
-    bundle = replace(right.bundle, asked=asked, parameters=values, covariance=np.eye(k))
+    unknowns = BundleUnknowns(kind, right.bundle.shape, np.ones(k, dtype=bool))
+    bundle = replace(right.bundle, unknowns=unknowns, parameters=values, covariance=np.eye(k))
     opencv, ros, python = camera_snippets(replace(right, bundle=bundle))
     K = np.array([[values[0], 0, values[2]], [0, values[1], values[3]], [0, 0, 1]])
     info = yaml.safe_load(ros.text)

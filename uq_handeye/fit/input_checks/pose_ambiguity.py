@@ -27,7 +27,7 @@ from ...core.geometry.se3 import Array
 from ...core.numbers.levels import UNUSUAL
 from ...errors import DegenerateMotionError, InputError, NotConvergedError
 from ...findings import Finding
-from ...model.camera.adjustment.bundle import Asked, adjust
+from ...model.camera.adjustment.bundle import BundleUnknowns, adjust
 from ...model.camera.adjustment.two_minima import Minima, both_minima, flipped, may_be_ambiguous
 from ...model.camera.board_shape import flat_shape
 from ...model.camera.corners import Corners
@@ -136,7 +136,7 @@ def _refitted(seen: CameraCalibration, poses: Array) -> CameraCalibration:
     """Return the camera fitted once more from these poses on."""
     before = seen.bundle
     start = np.array(before.parameters), poses
-    bundle = adjust(before.asked, seen.corners, start, used=before.used, weights=before.weights)
+    bundle = adjust(before.unknowns, seen.corners, start, used=before.used, weights=before.weights)
     return replace(seen, bundle=bundle)
 
 
@@ -176,5 +176,5 @@ def _other_minimum(camera: Array, views: Mapping[str, Any]) -> Array | None:
     row = np.repeat(np.arange(n), len(points))
     corners = Corners(row, np.tile(points, (n, 1)), pixels.reshape(-1, 2))
     start = flipped(camera, points.mean(axis=0))
-    asked = Asked.poses_only(model, flat_shape(points))
-    return np.asarray(adjust(asked, corners, (parameters, start), pixel_noise=1.0).poses)
+    unknowns = BundleUnknowns.poses_only(model, flat_shape(points))
+    return np.asarray(adjust(unknowns, corners, (parameters, start), pixel_noise=1.0).poses)

@@ -71,7 +71,7 @@ def read_board(path: StrPath) -> BoardShape:
 
 
 def shape_of(table: BoardTable) -> BoardShape:
-    """The shape of a board that was measured; raises `InputError` where the file does not say what was meant."""
+    """The shape of a board that was measured; raises `InputError` where the file has no nominal points."""
     if table.nominal is None:
         raise InputError(
             f"{table.name}: expected the board.csv of uq-handeye camera -o, with the columns {', '.join(NOMINAL)}, "
@@ -92,7 +92,7 @@ def shape_of(table: BoardTable) -> BoardShape:
 
 
 def read_board_table(path: StrPath) -> BoardTable:
-    """All that a file of points says; raises `InputError` as `read_board_points` does."""
+    """Read a file of points in full; raises `InputError` as `read_board_points` does."""
     location = as_path(path)
     name = shown(location)
     with opened(location, MAX_DESCRIPTION_BYTES) as file:

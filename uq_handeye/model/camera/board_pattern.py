@@ -42,7 +42,7 @@ class BoardPattern(ReadOnlyArrays):
     deviation: Array  # (u, 3) what chance makes of it, s times the roots of the diagonal of M_j^-1, m
     p_value: float
     share: float  # rms of the pattern beyond chance over s
-    visible: float  # bow (m, highest minus lowest) that the pictures tell from a flat board; inf where none is
+    visible: float  # bow (m, highest minus lowest) that the pictures distinguish from a flat board; inf where none is
 
     @property
     def found(self) -> bool:
@@ -93,7 +93,7 @@ def visible_bow(bundle: Bundle, corners: Corners) -> float:
     """Return the height (m, highest minus lowest point) from which BIC (of many corners) takes a bow of degree 2.
 
     With the covariance C of its q coefficients, all others estimated, that is ``w^T C^-1 w = q ln nu``; the largest
-    over the principal axes of C. Infinite where the points or the pictures do not tell such a bow.
+    over the principal axes of C. Infinite where the points or the pictures do not show such a bow.
     """
     try:
         shape = polynomial_shape("bow2", corners.points)

@@ -102,7 +102,7 @@ def flat_shape(points: Array) -> BoardShape:
 def polynomial_shape(name: str, points: Array) -> BoardShape:
     """The shape ``name`` of `SHAPES` for the board with the points (m, 3), some of which may be the same.
 
-    Raises `InputError`: another name; points that lie in no plane, or too few of them to tell the coefficients.
+    Raises `InputError`: another name; points that lie in no plane, or too few of them to determine the coefficients.
     """
     if name not in SHAPES:
         raise InputError(f"Expected `shape` to be auto or one of {', '.join(SHAPES)}, got {name!r}.")
@@ -143,7 +143,7 @@ def polynomial_shape(name: str, points: Array) -> BoardShape:
 
 
 def possible_shapes(points: Array) -> list[BoardShape]:
-    """All of `SHAPES` that the points (m, 3) of the board can tell, flat first."""
+    """Return all of `SHAPES` that the points (m, 3) of the board determine, flat first."""
     found = []
     for name in SHAPES:
         with suppress(InputError):

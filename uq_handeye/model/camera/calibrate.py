@@ -63,7 +63,7 @@ def calibrate_camera(
         At least three pictures, with the board tilted in different ways. Those that `detect_board` found (`window`)
         are moved to where they would be if the lens bent no edges; the result has them so.
     image_size : (width, height) or None
-        Pixels. None: as the corners say (`detect_board`).
+        Pixels. None: as the corners have it (`detect_board`).
     model : "pinhole", "brown", "fisheye" or "auto"
         "auto" takes the best of several by BIC, see `model_choice`.
     coefficients : names or None
@@ -76,7 +76,7 @@ def calibrate_camera(
     shape : "auto", "flat", "bow2", "bow3", "bow4", "plane1", "plane2", both as in "bow3+plane2", or BoardShape
         How the board differs from what was meant: height over its plane by polynomials of degree 2, 3 or 4, aspect and
         shear, and degree 2 in the plane; estimated together with the camera. "auto" takes the best by BIC, flat where
-        the pictures do not say otherwise. A `BoardShape` is one that was measured before (`read_board`).
+        the pictures show no other shape. A `BoardShape` is one that was measured before (`read_board`).
 
     Returns
     -------

@@ -100,7 +100,7 @@ class Calibrated:
         """Covariance of the poses, per pixel^2, for errors that are as large in all pictures, whatever their weights.
 
         Of each pose by itself ``(B_i^T B_i)^-1``; of the intrinsics ``sum w_i^2 / sum w_i`` times that of the noise,
-        as if all pictures told as much of them.
+        as if all pictures determined them equally well.
         """
         w, s = self.bundle.weights, self.bundle.pixel_noise
         found = self.covariance
@@ -147,7 +147,7 @@ class Calibrated:
         corners, bundle = self.corners, self.bundle
         return replace(
             self,
-            # How many pictures there were is no longer known.
+            # The number of pictures is no longer known.
             corners=replace(
                 without_pictures(corners, ~np.isin(np.arange(corners.n), numbers)), missing=(), image_size=None
             ),
@@ -208,7 +208,7 @@ def picture_rms(cam: Calibrated) -> Array:
 
 
 def cells_that_matter(cam: Calibrated) -> NDArray[np.bool_]:
-    """(CELLS, CELLS) where the mean residual is beyond chance and not small beside the pixel noise."""
+    """(CELLS, CELLS) where the mean residual is beyond chance and not small compared with the pixel noise."""
     length = np.linalg.norm(cam.pattern.mean, axis=-1)
     s, chance = cam.pixel_noise, np.sqrt(CONTRADICTED.chi_square(2))
     beyond = length > chance * s / np.sqrt(np.maximum(cam.pattern.count, 1))

@@ -120,7 +120,7 @@ def is_camera_folder(path: Path) -> bool:
 
 
 def camera_to_dict(cam: Calibrated) -> JsonObject:
-    """All but the poses, which stand beside it, and the windows that the corners were found in.
+    """Return all but the poses, which the other object has, and the windows of the corners.
 
     The points of the board are listed once; corners name them by number.
     """

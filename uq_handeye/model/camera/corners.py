@@ -93,7 +93,7 @@ class Corners:
             part = self.picture == k
             points, pixels = self.points[part], self.pixels[part]
             if len(np.unique(points, axis=0)) < len(points):
-                raise InputError(f"{where}: a point of the board stands twice in {self.names[k]}. Leave one out.")
+                raise InputError(f"{where}: a point of the board is twice in {self.names[k]}. Leave one out.")
             order = np.lexsort(points.T)
             first = before.setdefault(np.concatenate([points[order], pixels[order]], axis=1).tobytes(), k)
             if first != k:

@@ -38,7 +38,7 @@ def read_corners(path: StrPath, units: str = "m") -> Corners:
     ----------
     path : path of the file
     units : str
-        Length unit of ``x, y, z``: m, mm, ..., where the header does not say it (``x_mm``, ``x [mm]``); those returned
+        Length unit of ``x, y, z``: m, mm, ..., where the header does not name it (``x_mm``, ``x [mm]``); those returned
         are in metres.
 
     Raises
@@ -59,15 +59,15 @@ def corners_and_used(path: StrPath, units: str = "m") -> tuple[Corners, NDArray[
     name = shown(location)
     with opened(location, MAX_TABLE_BYTES) as file:
         table = read_table(file, name, SCHEMA)
-    meant, said = zip(*(_name_and_unit(table.column(k)) for k in range(table.values.shape[1])), strict=True)
+    meant, units_named = zip(*(_name_and_unit(table.column(k)) for k in range(table.values.shape[1])), strict=True)
     if left := [one for one in table.names if _name_and_unit(one)[0] not in (*meant, "name")]:
         _log.info("%s: not used: the columns %s", name, short(", ".join(left)))
-    if len(set(said[1:4])) > 1:
+    if len(set(units_named[1:4])) > 1:
         raise InputError(f"{name}: expected one unit for x, y and z, got {short(', '.join(table.names))}.")
-    if said[1] is not None:
-        if units not in ("m", said[1]):
-            raise InputError(f"{name} names its points in {said[1]}, and `units` says {units}. Leave `units` out.")
-        factor = require_units(said[1])
+    if units_named[1] is not None:
+        if units not in ("m", units_named[1]):
+            raise InputError(f"{name} names its points in {units_named[1]}, and `units` is {units}. Leave `units` out.")
+        factor = require_units(units_named[1])
     table.require_finite("; leave out corners that were not seen")
     value = dict(zip(meant, table.values.T, strict=True))
     points = np.stack([value[axis] for axis in "xyz"], axis=-1) * factor

@@ -192,7 +192,7 @@ class Board:
 
 
 def _ends(count: int, side: float, gap: float) -> Array:
-    """Both ends (2 count,) of so many sides, one after the other with a gap between."""
+    """Both ends (2 count,) of ``count`` sides, one after the other with a gap between."""
     return np.asarray((np.arange(count)[:, None] * (side + gap) + [0.0, side]).ravel())
 
 

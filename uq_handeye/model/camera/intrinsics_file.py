@@ -1,6 +1,6 @@
-"""Intrinsics in files: our own JSON, OpenCV's FileStorage, and what the maker of a camera says.
+"""Intrinsics in files and texts: JSON of this package, OpenCV's FileStorage, camera_info of ROS, data of a maker.
 
-And as texts that people copy into other programs, each with its convention and units beside it. Sources of the rules:
+The texts are for other programs, each with its convention and units. Sources of the rules:
 OpenCV, ``calibrateCamera`` and ``fisheye`` (docs.opencv.org, calib3d); ROS, ``sensor_msgs/msg/CameraInfo.msg``
 (ros2/common_interfaces) and the files of ``camera_calibration_parsers``.
 """
@@ -46,7 +46,7 @@ class KnownIntrinsics(NamedTuple):
     """Intrinsics as a file states them; ``values`` is what `calibrate_camera` takes as ``intrinsics``."""
 
     values: Mapping[str, float | tuple[float, float]]
-    model: str | None  # where the file says it
+    model: str | None  # where the file names it
     image_size: tuple[int, int] | None
 
 
@@ -60,7 +60,7 @@ def read_intrinsics(path: StrPath, model: str | None = None) -> KnownIntrinsics:
         standard deviation; the ``intrinsics.json`` of `CameraCalibration.write`, with its standard deviations but not
         their correlations; or ``camera_matrix`` and ``distortion_coefficients`` of OpenCV's FileStorage or ROS, exact.
     model : "pinhole", "brown", "fisheye" or None
-        Of which the coefficients are, where the file does not say.
+        Model of the coefficients, where the file does not name it.
 
     Raises
     ------
@@ -74,20 +74,20 @@ def read_intrinsics(path: StrPath, model: str | None = None) -> KnownIntrinsics:
     if not is_map(tree):
         raise InputError(f'{name}: expected intrinsics such as {{"fx": 1080.0, "fy": [1080.0, 2.0]}}, got {got(tree)}.')
     size = _size(tree, name)
-    said = _model(tree, name)
-    if said is not None and model not in (None, "auto", said):
-        raise InputError(f"{name} says that the model is {said}, and `model` (--model) says {model}.")
+    named = _model(tree, name)
+    if named is not None and model not in (None, "auto", named):
+        raise InputError(f"The model of {name} is {named}, and `model` (--model) is {model}.")
     if any(key in tree for key in _MATRIX):
-        values, said = _of_opencv(tree, name, said or (None if model == "auto" else model))
-        return KnownIntrinsics(values, said, size)
+        values, named = _of_opencv(tree, name, named or (None if model == "auto" else model))
+        return KnownIntrinsics(values, named, size)
     if is_map(tree.get("parameters")):
-        return KnownIntrinsics(_of_ours(tree, name), said, size)
+        return KnownIntrinsics(_of_ours(tree, name), named, size)
     entries = {key: value for key, value in tree.items() if key in _NAMES}
     unknown = [key for key in tree if key not in (*_NAMES, "model", "image_size", "image_width", "image_height")]
     if unknown or not entries:
         what = f"unknown: {short(', '.join(unknown))}" if unknown else "none of them"
         raise InputError(f"{name}: expected the names {', '.join(_NAMES)}, or camera_matrix of OpenCV; {what}.")
-    return KnownIntrinsics({key: _entry(value, f"{name}, {key}") for key, value in entries.items()}, said, size)
+    return KnownIntrinsics({key: _entry(value, f"{name}, {key}") for key, value in entries.items()}, named, size)
 
 
 def _entry(value: Json, where: str) -> float | tuple[float, float]:

@@ -40,7 +40,7 @@ class Projected(NamedTuple):
     """
 
     pixels: Array  # (..., 2)
-    by_parameters: Array  # (..., 2, k) in the order of the model's names, of those that were asked for
+    by_parameters: Array  # (..., 2, k) in the order of the model's names, of the free ones
     by_point: Array  # (..., 2, 3)
 
 

@@ -62,7 +62,7 @@ MIN_PICTURE_SIDE_PX = 32
 
 @contextmanager
 def _unheard() -> Iterator[None]:
-    """Send what decoders in C say of a damaged picture, straight to file descriptor 2, nowhere: we say it in a line."""
+    """Discard what decoders in C write on a damaged picture to file descriptor 2: the error has it in one line."""
     with _HEARING:
         try:
             kept = os.dup(2)

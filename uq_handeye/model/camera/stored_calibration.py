@@ -24,7 +24,7 @@ from ...errors import InputError
 from ...findings import Finding
 from ...formats.csv_poses import read_pose_file
 from ...formats.numpy_poses import unpacked
-from .adjustment.bundle import Asked, Bundle, Prior, Sight
+from .adjustment.bundle import Bundle, BundleUnknowns, Prior, Sight
 from .adjustment.criterion import Candidate
 from .adjustment.outliers import MAX_DISTANCE_SD
 from .board_pattern import board_pattern_of
@@ -176,7 +176,7 @@ def calibration_from_parts(
         raise InputError(f"{CORNERS} and {COVARIANCE} are {_OTHER_RUN}") from error
     predicted = sight.predicted(parameters, poses)[corners.picture, corners.place]
     bundle = Bundle(
-        Asked(model, shape, free, _prior(tree.get("prior"), free, f"{name}, prior")),
+        BundleUnknowns(model, shape, free, _prior(tree.get("prior"), free, f"{name}, prior")),
         parameters,
         poses,
         corners.pixels - predicted,
@@ -213,7 +213,7 @@ def calibration_from_parts(
     )
     if np.sqrt(np.mean(bundle.residuals[used] ** 2)) > MAX_DISTANCE_SD * bundle.pixel_noise + 1e-6:
         raise InputError(
-            f"{CORNERS} does not fit the poses and intrinsics beside it: it is of another run, or changed."
+            f"{CORNERS} does not fit the poses and intrinsics of its folder: it is of another run, or changed."
         )
     if free.any() and np.linalg.eigvalsh(covariance[np.ix_(free, free)]).min() <= 0:
         raise InputError(f"{name}, covariance: expected one that is positive definite for the estimated parameters.")
@@ -221,7 +221,7 @@ def calibration_from_parts(
 
 
 def camera_from_dict(data: JsonObject, poses: Array) -> CameraCalibration:
-    """The inverse of `camera_to_dict`, for the poses ``camera_T_target`` (n, 4, 4) beside it.
+    """Return the inverse of `camera_to_dict`, with the poses ``camera_T_target`` (n, 4, 4).
 
     Raises
     ------

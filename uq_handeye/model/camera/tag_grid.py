@@ -19,7 +19,7 @@ from .description import MAX_GAP_SIDES, Board
 Tags = tuple[NDArray[np.intp], Array]  # ids (k,) and corners (k, 4, 2) of one picture
 # A tag is a neighbour in the same row or column where it is off by less than this across, in sides.
 MAX_NEIGHBOUR_OFFSET_SIDES = 0.25
-# Columns, gap and direction of the ids count where so many pairs of neighbours show them.
+# Columns, gap and direction of the ids are used where this number of pairs of neighbours shows them.
 MIN_NEIGHBOURS = 8
 # The gap that was given is doubted where that of the pictures differs by more than this, in sides; the distortion of a
 # wide lens adds this multiple of the square of the share of the picture that a tag is wide.

@@ -82,7 +82,7 @@ def noise_findings(found: Fit) -> list[Finding]:
 
 
 def target_findings(found: Fit, point: NDArray[np.intp], names: NDArray[np.str_]) -> list[Finding]:
-    """Return what the residuals say against the target; ``point`` (k,) is the index in ``names`` of each point."""
+    """Return what in the target the residuals contradict; ``point`` (k,) is the index of each point in ``names``."""
     scale, sd = scale_error(found)
     if abs(scale) > max(np.sqrt(RARE.chi_square(1)) * sd, MIN_SCALE_ERROR):
         return [Finding("points.scale", "caution", {"scale": scale, "std": sd})]

@@ -6,7 +6,7 @@ name or a number. Other names of both columns are taken as well (`POSE`, `POINT`
 with an empty coordinate or NaN was not seen. Further columns are not used. Without a header five fields a line are
 pose, point and coordinates, and four those of a target.
 
-Trackers write tables with one row per pose (``pose,A_x,A_y,A_z,B_x,...``). The axis stands behind the name
+Trackers write tables with one row per pose (``pose,A_x,A_y,A_z,B_x,...``). The axis is behind the name
 of the point (``A_x``, ``A x [mm]``, ``A.x_mm``) or before its number (``x1``).
 """
 
@@ -86,7 +86,7 @@ def read_points(path: StrPath, units: str | None = None) -> PointSet:
     ----------
     path : path of the file
     units : str or None
-        Length unit of ``x, y, z``: m, mm, ...; None: what the header says, else m. Those returned are in metres.
+        Length unit of ``x, y, z``: m, mm, ...; None: that of the header, else m. Those returned are in metres.
 
     Raises
     ------
@@ -138,7 +138,7 @@ def _seen(path: StrPath, units: str | None, schema: Schema) -> tuple[Table, NDAr
     table = _unfolded(table) if len(table.places.numbers) > 3 else table
     unit = meaning_and_unit(table.column(0).lower())[1]
     if unit is not None and units not in (None, "m", unit):
-        raise InputError(f"{name} names its coordinates in {unit}, and `units` says {units}. Leave `units` out.")
+        raise InputError(f"{name} names its coordinates in {unit}, and `units` is {units}. Leave `units` out.")
     factor = require_units(unit or units or "m")
     if (wrong := np.isinf(table.values).any(axis=1)).any():
         raise InputError(f"{table.at(int(np.argmax(wrong)))}: expected finite coordinates, got infinity.")
@@ -160,7 +160,7 @@ def _texts(table: Table) -> list[list[str]]:
 
 
 def _pose_numbers(table: Table, names: list[str]) -> NDArray[np.int64]:
-    """Numbers of the poses: as they stand there where all are whole numbers, else by their first appearance."""
+    """Numbers of the poses: those of the file where all are whole numbers, else by first appearance."""
     index = {name: k for k, name in enumerate(dict.fromkeys(names))}
     values = {name: float(name) if is_number(name.encode()) else math.nan for name in index}
     timed = _is_time(table.names[table.places.texts[0]].lower())

@@ -24,7 +24,7 @@ from ...core.geometry.se3 import Array
 from ...errors import DegenerateMotionError, InputError, NotConvergedError
 from ...fit.input_checks.pose_ambiguity import MIN_POSES_TO_DECIDE, decide
 from ...formats.ros_messages import MessageError, number, part
-from ...model.camera.adjustment.bundle import Asked, Bundle, adjust
+from ...model.camera.adjustment.bundle import Bundle, BundleUnknowns, adjust
 from ...model.camera.adjustment.initial_guess import poses_of
 from ...model.camera.adjustment.two_minima import Minima, both_minima
 from ...model.camera.board_shape import flat_shape
@@ -109,7 +109,7 @@ def adjusted(corners: Corners, info: CameraInfo) -> Bundle:
             "Corners of the tag lie where the camera sees nothing. Check its intrinsics (--camera-matrix)."
         )
     start = poses_of(corners, np.ascontiguousarray(seen[:, :2] / seen[:, 2:]))
-    return adjust(Asked.poses_only(model, flat_shape(corners.points)), corners, (parameters, start))
+    return adjust(BundleUnknowns.poses_only(model, flat_shape(corners.points)), corners, (parameters, start))
 
 
 def pixels_off(corners: Corners, bundle: Bundle, poses: Array) -> Array:

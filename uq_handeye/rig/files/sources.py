@@ -121,7 +121,7 @@ def rows_of_corners(path: Path, intrinsics: Any, folder: Path, units: str | None
 
 def _adjusted(model: Any, values: Array, corners: Corners) -> tuple[Corners, Bundle]:
     """Poses by the good corners of the good pictures, with the noise of each picture, and the corners of these."""
-    from ...model.camera.adjustment.bundle import Asked, adjust
+    from ...model.camera.adjustment.bundle import BundleUnknowns, adjust
     from ...model.camera.adjustment.initial_guess import poses_of
     from ...model.camera.adjustment.outliers import spoilt, without_outliers
     from ...model.camera.adjustment.picture_weights import picture_weights
@@ -131,18 +131,18 @@ def _adjusted(model: Any, values: Array, corners: Corners) -> tuple[Corners, Bun
     from ...model.camera.rays import rays
 
     shape = flat_shape(corners.on_board[0])
-    asked = Asked.poses_only(model, shape)
+    unknowns = BundleUnknowns.poses_only(model, shape)
     seen = rays(model, values, corners.pixels)
     start = poses_of(corners, np.ascontiguousarray(seen[:, :2] / seen[:, 2:]))
     start = better_start(model, values, shape, corners, start)
     found, good = without_outliers(
         corners,
-        lambda used, before: adjust(asked, corners, (values, start if before is None else before.poses), used=used),
+        lambda used, before: adjust(unknowns, corners, (values, start if before is None else before.poses), used=used),
     )
     if found.converged and (bad := spoilt(corners, found)).any() and not bad.all():
         return _adjusted(model, values, without_pictures(corners, bad))
     weights = picture_weights(found, corners)
-    return corners, adjust(asked, corners, (values, found.poses), used=good, weights=weights)
+    return corners, adjust(unknowns, corners, (values, found.poses), used=good, weights=weights)
 
 
 def _intrinsics(given: Any, folder: Path) -> tuple[Any, Array, Array]:

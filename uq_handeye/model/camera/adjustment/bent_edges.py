@@ -47,7 +47,7 @@ BLUR_PX = 0.9
 
 
 def bias(bundle: Bundle, corners: Corners) -> Array:
-    """(m, 2) pixels by which corners are found beside where they are; 0 where no ``window`` is known."""
+    """(m, 2) displacement of detected corners from their true places, pixels; 0 where no ``window`` is known."""
     d = np.zeros((corners.m, 2))
     if corners.window is None:
         return d

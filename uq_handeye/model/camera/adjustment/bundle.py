@@ -49,8 +49,8 @@ class Prior(ReadOnlyArrays):
 
 
 @dataclass(frozen=True, eq=False)
-class Asked(ReadOnlyArrays):
-    """Parameters that are estimated beside the poses: k intrinsics of a model, q coefficients of the board's shape."""
+class BundleUnknowns(ReadOnlyArrays):
+    """Parameters estimated together with the poses: k intrinsics of a model, q coefficients of the board's shape."""
 
     model: CameraModel
     shape: BoardShape
@@ -58,8 +58,8 @@ class Asked(ReadOnlyArrays):
     prior: Prior | None = None
 
     @classmethod
-    def poses_only(cls, model: CameraModel, shape: BoardShape) -> Asked:
-        """Return what estimates nothing but the poses."""
+    def poses_only(cls, model: CameraModel, shape: BoardShape) -> BundleUnknowns:
+        """Return unknowns without any free parameter: only the poses are estimated."""
         return cls(model, shape, np.zeros(len(model.names) + shape.q, dtype=bool))
 
     @property
@@ -70,15 +70,15 @@ class Asked(ReadOnlyArrays):
 
 @dataclass(frozen=True, eq=False)
 class Bundle(ReadOnlyArrays):
-    """Parameters and poses at the minimum, what is left, and their covariance to first order.
+    """Parameters and poses at the minimum, residuals, and the covariance to first order.
 
     The p parameters are the k intrinsics of the model and the q coefficients of the board's shape, in this order.
     """
 
-    asked: Asked
+    unknowns: BundleUnknowns
     parameters: Array  # (p,)
     poses: Array  # (n, 4, 4) camera_T_target
-    residuals: Array  # (m, 2) measured less predicted pixels, also of corners that were left out
+    residuals: Array  # (m, 2) measured minus predicted pixels, also of corners that were left out
     used: NDArray[np.bool_]  # (m,)
     pixel_noise: float  # s, pixels per coordinate
     covariance: Array  # (p, p) of the parameters; 0 where fixed
@@ -91,27 +91,27 @@ class Bundle(ReadOnlyArrays):
     @property
     def model(self) -> CameraModel:
         """Camera model."""
-        return self.asked.model
+        return self.unknowns.model
 
     @property
     def shape(self) -> BoardShape:
         """Shape of the board."""
-        return self.asked.shape
+        return self.unknowns.shape
 
     @property
     def free(self) -> NDArray[np.bool_]:
         """(p,) parameters that were estimated."""
-        return self.asked.free
+        return self.unknowns.free
 
     @property
     def prior(self) -> Prior | None:
         """Prior that the parameters were fitted with."""
-        return self.asked.prior
+        return self.unknowns.prior
 
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the parameters."""
-        return self.asked.names
+        return self.unknowns.names
 
     @property
     def intrinsics(self) -> Array:
@@ -145,7 +145,7 @@ class Bundle(ReadOnlyArrays):
 
     @property
     def freedom(self) -> int:
-        """Coordinates less parameters, of those used."""
+        """Degrees of freedom: coordinates of the corners used minus unknowns."""
         return 2 * int(self.used.sum()) - 6 * len(self.poses) - int(self.free.sum())
 
 
@@ -227,8 +227,8 @@ class Sight:
 class _Problem:
     """The free parameters are the values of `variable_projection`, the camera poses its blocks."""
 
-    def __init__(self, asked: Asked, sight: Sight, parameters: Array) -> None:
-        self.asked, self.sight, self.parameters, self.free = asked, sight, parameters, asked.free
+    def __init__(self, unknowns: BundleUnknowns, sight: Sight, parameters: Array) -> None:
+        self.unknowns, self.sight, self.parameters, self.free = unknowns, sight, parameters, unknowns.free
 
     def all(self, values: Array) -> Array:
         """All parameters (p,)."""
@@ -248,7 +248,7 @@ class _Problem:
 
 
 def adjust(
-    asked: Asked,
+    unknowns: BundleUnknowns,
     corners: Corners,
     start: tuple[Array, Array],
     *,
@@ -258,19 +258,19 @@ def adjust(
 ) -> Bundle:
     """Minimise from ``start`` (parameters, poses) over the free parameters and all poses.
 
-    ``used`` (m,) says which corners count, ``weights`` (n,) how much those of each
-    picture do. ``pixel_noise`` None: estimated from those used, ``s^2 = |r|^2 / (coordinates - parameters)``; with a
-    prior it weighs the prior too, and the fit is repeated until both agree.
+    ``used`` (m,) are the corners that count, ``weights`` (n,) those of the corners of each picture. ``pixel_noise``
+    None: estimated from the corners used, ``s^2 = |r|^2 / (coordinates - parameters)``; with a prior it weighs the
+    prior too, and the fit is repeated until both agree.
     """
     used = np.ones(corners.m, dtype=bool) if used is None else used
     weights = np.ones(corners.n) if weights is None else weights
-    sight = Sight.of(asked.model, asked.shape, corners, used * np.sqrt(weights)[corners.picture])
-    problem, prior = _Problem(asked, sight, start[0].copy()), asked.prior
-    values, poses = start[0][asked.free], start[1]
+    sight = Sight.of(unknowns.model, unknowns.shape, corners, used * np.sqrt(weights)[corners.picture])
+    problem, prior = _Problem(unknowns, sight, start[0].copy()), unknowns.prior
+    values, poses = start[0][unknowns.free], start[1]
     s = 1.0 if pixel_noise is None else pixel_noise
     rounds = 1 if prior is None or pixel_noise is not None else 4
     for _ in range(rounds):
-        found = minimised(problem, values, poses, None if prior is None else prior_rows(prior, asked.free, s))
+        found = minimised(problem, values, poses, None if prior is None else prior_rows(prior, unknowns.free, s))
         bundle = _bundle(problem, corners, used, weights, found, pixel_noise)
         values, poses = found.values, found.blocks
         if abs(bundle.pixel_noise - s) <= 1e-3 * s:
@@ -287,9 +287,9 @@ def poses_only(
     weights: Array | None = None,
 ) -> Bundle:
     """Return the poses of least squares from these on, with the parameters of a bundle; the rest as in `adjust`."""
-    asked = Asked.poses_only(bundle.model, bundle.shape)
+    unknowns = BundleUnknowns.poses_only(bundle.model, bundle.shape)
     start = np.array(bundle.parameters), poses
-    return adjust(asked, corners, start, used=used, weights=weights, pixel_noise=bundle.pixel_noise)
+    return adjust(unknowns, corners, start, used=used, weights=weights, pixel_noise=bundle.pixel_noise)
 
 
 def response_ahead(bundle: Bundle, points: Array, poses: Array) -> Array:
@@ -332,7 +332,7 @@ def _bundle(
     squares = float(np.sum((sight.weights[..., None] * off) ** 2))
     s = pixel_noise if pixel_noise is not None else float(np.sqrt(squares / max(freedom, 1)))
     information = found.information / s**2
-    if (prior := problem.asked.prior) is not None:
+    if (prior := problem.unknowns.prior) is not None:
         information = information + np.linalg.inv(prior.covariance[np.ix_(free, free)])
     p = len(free)
     covariance, by_parameters = np.zeros((p, p)), np.zeros((len(poses), 6, p))
@@ -340,7 +340,7 @@ def _bundle(
     by_parameters[..., free] = found.G
     own = s**2 * np.linalg.inv(found.V)
     return Bundle(
-        problem.asked,
+        problem.unknowns,
         parameters,
         poses,
         off[corners.picture, corners.place],

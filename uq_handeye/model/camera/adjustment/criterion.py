@@ -9,7 +9,7 @@ the smallest is best. nu and not N: the poses of the pictures take 6 numbers eac
 marginal likelihood has the exponent nu / 2; with N the profile likelihood counts what they take as evidence (J. Neyman,
 E. Scott, Econometrica 16 (1948)), which for boards of few corners takes coefficients that are not there. The last
 factor is the correction for few residuals (A. McQuarrie, Statistics & Probability Letters 44 (1999)): ln Q falls by
-more than chi-square says where p is no small part of nu; with many corners it is 1.
+more than chi-square predicts where p is no small part of nu; with many corners it is 1.
 The criterion takes residuals of different corners as independent. Where they are not it takes more coefficients than
 there are; that does little harm, as X is then only a little less certain, while one that is missing shifts X.
 
@@ -43,7 +43,7 @@ class Candidate(NamedTuple):
     model: str
     coefficients: tuple[str, ...]
     bic: float  # infinite where the fit did not succeed
-    rms: float  # pixels per coordinate, of what is left
+    rms: float  # of the residuals, pixels per coordinate
     shape: str = FLAT  # of the board
 
     @property
@@ -64,7 +64,7 @@ def best(candidates: Sequence[Candidate]) -> Candidate | None:
 
 
 def criterion(squares: float, coordinates: int, pictures: int, parameters: int) -> float:
-    """BIC of what is left, see the module."""
+    """BIC of the sum of squares of the residuals; see the module."""
     nu = max(coordinates - 6 * pictures, 1)
     return float(nu * np.log(max(squares, TINY) / nu) + price(parameters, nu))
 

@@ -3,7 +3,7 @@
 All lenses are fitted with a flat board, then all shapes with the best
 lens, and so on in turn until the best stays. Each starts from the best of those that are nested in it, simple ones
 first: from few pictures a rich lens finds a focal length far off, from which a plain one does not find back. Models
-that are not nested, a fisheye beside a lens with polynomials in the plane, are fitted both.
+that are not nested, such as a fisheye and a lens with polynomials in the plane, are both fitted.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ def search(
     """
     if len(lenses) == len(shapes) == 1:
         return _first_fit(corners, size, lenses[0], shapes[0], known)
-    # What is known of k5 says nothing about a model without it.
+    # A known k5 does not apply to a model without it.
     lenses = [lens for lens in lenses if set(known) <= set(MODELS[lens[0]].names)] or lenses
     found: Found | None = None
     reasons = []
@@ -143,8 +143,8 @@ def _best_of(
             raise InputError(f"The model {lenses[0][0]!r} does not fit the corners, whatever the shape of the board.")
         before, here = here, next(key for key, one in tried.items() if one is chosen)
         if across and here == before:
-            beside = tuple(one for (lens, name), one in tried.items() if lens == here[0] or name == here[1])
-            return fitted[here]._replace(candidates=beside)
+            compared = tuple(one for (lens, name), one in tried.items() if lens == here[0] or name == here[1])
+            return fitted[here]._replace(candidates=compared)
         across = not across
 
 

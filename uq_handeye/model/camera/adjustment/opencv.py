@@ -8,7 +8,7 @@ from ....errors import MissingExtraError
 
 
 def opencv() -> ModuleType:
-    """The module cv2, or a `MissingExtraError` that says how to get it."""
+    """Return the module cv2; raises `MissingExtraError` with the command that installs it."""
     try:
         import cv2
     except ImportError as error:

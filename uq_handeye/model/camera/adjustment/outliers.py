@@ -67,7 +67,7 @@ def without_outliers(
 
 
 def spoilt(corners: Corners, found: Bundle) -> NDArray[np.bool_]:
-    """Pictures (n,) of which less than half of the corners fit, or that count corners beyond the limit."""
+    """Pictures (n,) of which fewer than half of the corners fit, or that use corners beyond the limit."""
     distance = np.linalg.norm(found.residuals, axis=1)
     beyond = distance > MAX_DISTANCE_SD * tail_deviation(distance[found.used])
     total, kept, bad = (

@@ -15,7 +15,7 @@ Stat. Appl. Genet. Mol. Biol. 3 (2004), doi:10.2202/1544-6115.1027):
 
 Pictures that differ no more than by chance all have v_0 (nu infinite), those that differ a lot keep their own.
 
-Residuals that are small within a picture say little of the errors that its corners share: edges that run along the
+Residuals that are small within a picture show little of the errors that its corners share: edges that run along the
 pixels in a rendered picture, the light, a blur to one side. Hence no picture counts for more than the median one does:
 ``w_i = s^2 / v_i`` or, where that is less, the median of these.
 """
@@ -53,7 +53,7 @@ def picture_weights(bundle: Bundle, corners: Corners) -> Array:
 
 
 def common_variance(variances: Array, freedom: Array) -> tuple[float, float]:
-    """v_0 and nu of variances (n,) that are known with so many degrees of freedom each; see the module."""
+    """v_0 and nu of variances (n,) that are known with ``freedom`` (n,) degrees of freedom; see the module."""
     from scipy.optimize import brentq  # slow to import
     from scipy.special import digamma, polygamma
 

@@ -13,7 +13,7 @@ from ....errors import InputError
 from ..board_shape import BoardShape
 from ..corners import Corners
 from ..models import LINEAR, CameraModel
-from .bundle import Asked, Bundle, Prior, adjust
+from .bundle import Bundle, BundleUnknowns, Prior, adjust
 from .initial_guess import first_guess, poses_of
 from .two_minima import MAX_AMBIGUOUS_POINTS, better_start
 
@@ -22,7 +22,7 @@ Known = Mapping[str, float | tuple[float, float]]
 
 
 @dataclass(frozen=True, eq=False)
-class Setting(Asked):
+class Setting(BundleUnknowns):
     """Choice of the estimated ones of p parameters, with their start and prior."""
 
     values: Array = field(default_factory=lambda: np.zeros(0))  # (p,) nan where the start must find them
@@ -51,7 +51,7 @@ class Setting(Asked):
             free[k] = sd > 0
         if not np.isfinite(deviation[free]).any():
             return cls(model, shape, free, None, values)
-        # What is not known gets so wide a prior that it says nothing.
+        # A prior so wide that it has no effect stands for one that is not known.
         wide = np.where(np.isin(names, LINEAR), 1e6, 1e3)
         prior = Prior(mean, np.diag(np.where(np.isfinite(deviation), deviation, wide) ** 2))
         return cls(model, shape, free, prior, values)
@@ -89,8 +89,8 @@ class Setting(Asked):
         """The bundle from a start, or from one that was fitted ``before`` with this setting."""
         at = start if before is None else (before.parameters, before.poses)
         try:
-            asked = Asked(self.model, self.shape, self.free, self.prior)
-            return adjust(asked, corners, at, used=used, weights=weights, pixel_noise=pixel_noise)
+            unknowns = BundleUnknowns(self.model, self.shape, self.free, self.prior)
+            return adjust(unknowns, corners, at, used=used, weights=weights, pixel_noise=pixel_noise)
         except np.linalg.LinAlgError as error:
             raise InputError(
                 f"The model {self.model.name!r} does not fit the corners: they look farther to the side than it can "

@@ -20,7 +20,7 @@ from ....core.geometry.se3 import Array
 from ..board_shape import BoardShape
 from ..corners import Corners
 from ..models import CameraModel
-from .bundle import Asked, Bundle, Sight, adjust, poses_only
+from .bundle import Bundle, BundleUnknowns, Sight, adjust, poses_only
 
 # A target of fewer points may have a second minimum at the start of a fit.
 MAX_AMBIGUOUS_POINTS = 8
@@ -95,5 +95,5 @@ def _squares(bundle: Bundle, corners: Corners) -> Array:
 
 def better_start(model: CameraModel, parameters: Array, shape: BoardShape, corners: Corners, poses: Array) -> Array:
     """Return, of poses (n, 4, 4) to start from and those that look alike, the ones that lead to the lower minimum."""
-    once = adjust(Asked.poses_only(model, shape), corners, (np.array(parameters), poses), pixel_noise=1.0)
+    once = adjust(BundleUnknowns.poses_only(model, shape), corners, (np.array(parameters), poses), pixel_noise=1.0)
     return np.asarray(both_minima(once, corners).poses[0])

@@ -79,7 +79,7 @@ class Blocks(NamedTuple):
 
     @property
     def covariance(self) -> Array:
-        """(n, 6, 6) of the blocks beside the values, V^-1."""
+        """(n, 6, 6) of the blocks, given the values, V^-1."""
         inverse = (self.Q / self.e[:, None]) @ self.Q.mT
         return 0.5 * (inverse + inverse.mT)
 

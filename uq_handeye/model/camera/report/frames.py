@@ -54,7 +54,7 @@ def named_axes(
 
 
 def scale_beside(figure: Figure, axis: Axes, drawn: ScalarMappable, name: str) -> Colorbar:
-    """The colours of a map beside it, with the name of what they mean."""
+    """Colour bar of a map, with the name of its quantity."""
     bar = figure.colorbar(drawn, cax=axis.inset_axes((1.02, 0.0, 0.028, 1.0)))
     bar.ax.tick_params(labelsize=SMALL, length=2.5, color=QUIET)
     bar.outline.set_visible(False)

@@ -173,7 +173,7 @@ def _poses(cam: Calibrated) -> Block:
 
 
 def _repeat(cam: Calibrated) -> Block:
-    """Corners as they were used, what was asked for, versions."""
+    """Corners as they were used, settings, versions."""
     digest = hashlib.sha256()
     for values in (cam.corners.row, cam.corners.points, cam.corners.pixels):
         digest.update(np.ascontiguousarray(values, dtype="<f8").tobytes())
@@ -184,5 +184,5 @@ def _repeat(cam: Calibrated) -> Block:
         ["model", f"auto, out of {len(cam.candidates)}" if cam.candidates else f"{cam.model}, as given"],
         *([f"version of {name}", value] for name, value in versions().items()),
     ]
-    caption = "Corners as used (row, points, pixels; float64, little-endian), what was asked for, versions"
+    caption = "Corners as used (row, points, pixels; float64, little-endian), settings, versions"
     return Table(caption, ["what", "value"], facts, frozenset({1}), verbatim=True)

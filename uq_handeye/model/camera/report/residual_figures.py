@@ -1,6 +1,6 @@
 r"""Residuals of the corners as figures: picture by picture, all over the picture, and their mean by cell and radius.
 
-Model: a residual is where a corner was measured less where the camera is predicted to see it, in pixels, u to the right
+Model: a residual is the measured minus the predicted place of a corner, in pixels, u to the right
 and v down. Where the model is right, means of residuals are chance: that of m corners has the standard deviation
 ``s / sqrt(m)`` per coordinate, with s the pixel noise (`camera.residual_pattern`).
 This module imports Matplotlib; import it where it is used.
@@ -112,7 +112,7 @@ def over_picture(cam: Calibrated) -> Picture:
     left = int((~used).sum())
     alt = f"Residuals of all corners over the picture, in true proportions; {left} corners were left out."
     caption = (
-        f"Residuals (measured less predicted) of the {int(used.sum()):,} corners used, enlarged {factor:,g} times, at "
+        f"Residuals (measured minus predicted) of the {int(used.sum()):,} corners used, enlarged {factor:,g} times, at "
         f"their places in the picture, u to the right and v down. {coverage_words(cam)}"
     )
     if left:
@@ -139,7 +139,7 @@ def over_cells(cam: Calibrated) -> Picture:
     figure.legend(loc="outside lower center", ncols=3, frameon=False, fontsize=SMALL, columnspacing=1.4)
     alt = f"Mean residuals over the picture by cell, and by the distance from the centre. {pattern_words(cam)}"
     caption = (
-        f"{pattern_words(cam)} Left: the mean residual (measured less predicted) of each cell, enlarged {factor:,g} "
+        f"{pattern_words(cam)} Left: the mean residual (measured minus predicted) of each cell, enlarged {factor:,g} "
         f"times; orange ones are beyond chance and larger than {MIN_PATTERN_SHARE:g} of the pixel noise. Right: its "
         f"part away from the centre, with bars of 2 sigma, and grey where it is below {MIN_PATTERN_SHARE:g} of it. "
         "A right model leaves short arrows without order, and a curve about 0."

@@ -47,7 +47,7 @@ def scope_words(cam: Calibrated) -> str:
     covered = "" if cam.bundle.shape.q == 0 else " and the shape of the board that was estimated with them"
     return (
         f"The standard deviations are 1 sigma, to first order, of independent noise of the corners{covered}. {board} "
-        "another size than was said, a focus or zoom that changed, blur by motion and a rolling shutter are not "
+        "another size than was given, a focus or zoom that changed, blur by motion and a rolling shutter are not "
         "covered."
     )
 
@@ -128,7 +128,7 @@ def answer(cam: Calibrated) -> str:
 
 
 def parameter_rows(cam: Calibrated) -> list[tuple[str, str, str, str]]:
-    """Name, value with its standard deviation, unit, and what is to be said; coefficients that are 0 and were not
+    """Name, value with its standard deviation, unit, and a remark; coefficients that are 0 and were not
     estimated are left out."""
     rows = []
     for name, value in cam.intrinsics.items():
