@@ -30,8 +30,8 @@ from .elimination import Derived, derive
 from .matrices import ClosedForm
 
 SCHEMA = 1
-LARGEST = 4_000_000  # bytes; the largest entry of the registry has about 50 kB
-LARGEST_POWER = 8
+MAX_ENTRY_BYTES = 4_000_000  # bytes; the largest entry of the registry has about 50 kB
+MAX_POWER = 8
 # every module whose text can change what an entry holds
 SOURCES = (
     "octonion.py",
@@ -92,10 +92,10 @@ def derived(form: ClosedForm, build: Callable[[ClosedForm], Derived] = derive) -
 
 def _read(path: Path) -> Any:
     status = path.stat()
-    if not stat.S_ISREG(status.st_mode) or status.st_size > LARGEST:
-        raise ForeignEntry(f"{path.name} is not a file of at most {LARGEST} bytes")
+    if not stat.S_ISREG(status.st_mode) or status.st_size > MAX_ENTRY_BYTES:
+        raise ForeignEntry(f"{path.name} is not a file of at most {MAX_ENTRY_BYTES} bytes")
     with path.open("rb") as stream:
-        return json.loads(stream.read(LARGEST))  # bounded although the file may have grown since
+        return json.loads(stream.read(MAX_ENTRY_BYTES))  # bounded although the file may have grown since
 
 
 def _write(path: Path, text: str) -> None:
@@ -180,7 +180,7 @@ def _from_tree(tree: Any, symbols: dict[str, Symbol]) -> Expr:
             return Add(*(_from_tree(argument, symbols) for argument in rest))
         case ["*", *rest] if len(rest) > 1:
             return Mul(*(_from_tree(argument, symbols) for argument in rest))
-        case ["^", base, power] if _is_integer(power) and 0 < abs(power) <= LARGEST_POWER:
+        case ["^", base, power] if _is_integer(power) and 0 < abs(power) <= MAX_POWER:
             expression = _from_tree(base, symbols)
             if not expression.is_number:  # powers of numbers would let a small file ask for a huge result
                 return Pow(expression, Integer(power))

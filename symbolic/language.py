@@ -19,7 +19,7 @@ from sympy.codegen.rewriting import create_expand_pow_optimization
 from .elimination import Derived
 from .matrices import FORMS, Argument, ClosedForm
 
-WIDTH = 110
+CODE_WIDTH = 110
 COMMAND = "uq-handeye codegen"
 STEM = "handeye_matrices"
 Form = tuple[ClosedForm, Derived]
@@ -175,7 +175,7 @@ class Language:
             current = ""
             for part in re.split(at, line):
                 joined = f"{current} {part}" if current else self.indent + part
-                if len(joined) + len(self.continued) > WIDTH and current:
+                if len(joined) + len(self.continued) > CODE_WIDTH and current:
                     result.append(current + self.continued)
                     joined = self.indent * 2 + part
                 current = joined
@@ -187,12 +187,12 @@ class Language:
         rows = [f"{form.meaning}.", f"Source: {form.equation}."]
         rows += [f"{self.argument(a)} ({shape_of(a.shape)}): {a.meaning}." for a in form.arguments]
         rows.append(f"Gives {shape_of(form.shape)}.")
-        width = WIDTH - len(self.comment) - 1
+        width = CODE_WIDTH - len(self.comment) - 1
         return commented("\n".join(part for row in rows for part in textwrap.wrap(row, width)), self.comment)
 
     def head(self, version: str) -> str:
         """The comments at the top of a file."""
-        return banner(self.comment, version, [CONVENTIONS, textwrap.fill(self.arrays, WIDTH - 2)])
+        return banner(self.comment, version, [CONVENTIONS, textwrap.fill(self.arrays, CODE_WIDTH - 2)])
 
 
 def shape_of(shape: tuple[int, ...]) -> str:

@@ -9,11 +9,11 @@ from sympy import Expr
 from sympy.printing.latex import LatexPrinter
 
 from .elimination import Derived
-from .language import CONVENTIONS, STEM, WIDTH, Form, banner, shape_of
+from .language import CODE_WIDTH, CONVENTIONS, STEM, Form, banner, shape_of
 from .matrices import ClosedForm
 
-WIDEST_ROW = 72  # characters of an entry row, without commands, that fit the page
-LONGEST_SUM = 8  # terms on a line
+MAX_ROW_CHARACTERS = 72  # characters of an entry row, without commands, that fit the page
+MAX_TERMS_PER_LINE = 8  # terms on a line
 PRINTER = LatexPrinter({"fold_short_frac": False})
 PREAMBLE = r"""\documentclass[10pt]{article}
 \usepackage[margin=20mm]{geometry}
@@ -34,7 +34,7 @@ def latex_files(forms: list[Form], version: str) -> dict[str, str]:
 def _section(form: ClosedForm, derived: Derived) -> str:
     rows = [f"{form.meaning}.", f"Source: {form.equation}."]
     rows += [f"{a.name} ({shape_of(a.shape)}): {a.meaning}." for a in form.arguments]
-    text = "\n\n".join("\n".join(textwrap.wrap(_escaped(row), WIDTH)) for row in rows)
+    text = "\n\n".join("\n".join(textwrap.wrap(_escaped(row), CODE_WIDTH)) for row in rows)
     return "\n".join([f"\\subsection*{{\\texttt{{{_escaped(form.name)}}}}}", text, _display(form, derived)])
 
 
@@ -70,7 +70,7 @@ def _rows(form: ClosedForm, values: tuple[Expr, ...]) -> list[list[str]]:
 def _fits(form: ClosedForm, values: tuple[Expr, ...]) -> bool:
     rows = _rows(form, values)
     widths = [max(len(re.sub(r"\\[a-z]+|[{}_^ ]", "", row[k])) for row in rows) for k in range(len(rows[0]))]
-    return sum(widths) + 2 * len(widths) <= WIDEST_ROW
+    return sum(widths) + 2 * len(widths) <= MAX_ROW_CHARACTERS
 
 
 def _matrix(form: ClosedForm, values: tuple[Expr, ...]) -> str:
@@ -81,7 +81,7 @@ def _matrix(form: ClosedForm, values: tuple[Expr, ...]) -> str:
 def _sum(value: Expr) -> str:
     """A sum over several lines if it is long."""
     parts = re.split(r" (?=[+-] )", PRINTER.doprint(value))
-    lines = [" ".join(parts[i : i + LONGEST_SUM]) for i in range(0, len(parts), LONGEST_SUM)]
+    lines = [" ".join(parts[i : i + MAX_TERMS_PER_LINE]) for i in range(0, len(parts), MAX_TERMS_PER_LINE)]
     return " \\\\\n&\\quad ".join(lines)
 
 

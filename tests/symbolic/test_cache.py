@@ -105,7 +105,7 @@ def test_huge_entry_is_not_read(entry, build, monkeypatch):
     monkeypatch.setattr(cache.json, "loads", lambda text: pytest.fail("read"))
     assert cache.derived(FORM, build) == derive(FORM)
     assert build.calls == 1
-    assert entry.stat().st_size < cache.LARGEST
+    assert entry.stat().st_size < cache.MAX_ENTRY_BYTES
 
 
 def test_folder_in_place_of_an_entry(entry, build):

@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from ..core.geometry.checks import is_number
 from ..core.geometry.se3 import Array
+from ..core.numbers.limits import MIN_POSES
 from ..core.numbers.rounding import TINY
 from ..errors import InputError
 from ..formats.contents import Side
-from ..model.poses.pose_numbers import MIN_POSES
 
 # Rows are synchronous within this: rounding of printed times, in which an arm at 1 m/s moves by a micrometre.
 SYNCHRONOUS_S = 1e-6

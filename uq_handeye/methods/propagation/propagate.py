@@ -57,7 +57,7 @@ from .noise_transport import DataSide, Shared, Start, data_side, noise_of_pairs
 from .validity import find_curved, find_few, find_precise_residuals
 
 # Number of pairs whose derivatives are held at once, about 2 kB each: larger blocks cost more in fresh pages.
-BLOCK = CHUNK // 8
+PAIRS_PER_BLOCK = CHUNK // 8
 # Largest number of pairs times error components of their poses for which every two pairs are compared.
 MAX_COMPARED = 5_000_000
 
@@ -190,9 +190,9 @@ class _Problem(NamedTuple):
 
     def _sums(self, derivatives: Callable[[slice], Derivatives]) -> Iterator[tuple[DataSide, Array]]:
         T, N = self.A.shape[:2]
-        for trials in trial_blocks(T, N, BLOCK):
+        for trials in trial_blocks(T, N, PAIRS_PER_BLOCK):
             of_X, of_data = derivatives(trials), self.start(trials)
-            for pairs in pair_blocks(N, BLOCK):
+            for pairs in pair_blocks(N, PAIRS_PER_BLOCK):
                 of_data.add(of_X.block(self.A[trials, pairs], self.B[trials, pairs], pairs), pairs)
             yield of_data, of_X.weight(N)
 

@@ -9,11 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ...core.numbers.limits import MIN_POSES
 from ...errors import InputError
-
-# Smallest number of poses of a calibration.
-MIN_POSES = 3
-
 
 _RANGE = re.compile(r"(\d+)(?:\s*-\s*(\d+))?")
 

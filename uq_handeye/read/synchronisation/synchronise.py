@@ -32,7 +32,7 @@ from ...core.geometry.checks import is_number
 from ...core.geometry.frames import SETUPS
 from ...core.geometry.se3 import Array
 from ...core.numbers.levels import RARE
-from ...core.numbers.limits import MAX_NAMED
+from ...core.numbers.limits import MAX_NAMED, MIN_POSES
 from ...errors import (
     InputError,
     NotConvergedError,
@@ -44,7 +44,6 @@ from ...errors import (
 )
 from ...findings import Finding, warn
 from ...model.noise.models import PoseNoise, is_joint
-from ...model.poses.pose_numbers import MIN_POSES
 from ...model.poses.pose_pairs import PosePairs, joint_values_at
 from ...model.poses.stream import Stream
 from ...model.poses.timing import MAX_GAP_INTERVALS, SIDES, Timing

@@ -35,7 +35,7 @@ from ..forward import Frames, fixed_transforms, spread_postures
 from .elbow import MAX_JOINT_CHANGE_RAD, relaxed
 from .known_arms import arm_names, known_arm
 from .newton import Postures, postures_at
-from .stack import AXES, LEVER_SHARE, ROLL, ArmStack, spread
+from .stack import LEVER_SHARE, N_AXES, ROLL, ArmStack, spread
 from .work_postures import WorkPostures, descend
 
 # Number of postures, spread over the joint limits, from which the first pose is solved.
@@ -43,7 +43,7 @@ N_STARTS = 96
 # Largest difference of a joint between postures of one pose that count as the same.
 SAME_POSTURE_RAD = 0.3
 # Share of the poses that a branch must reach for the search to end with it.
-MIN_REACHED_SHARE = 0.9
+MIN_BRANCH_SHARE = 0.9
 
 
 def postures_by_branch(kinematics: Kinematics, poses: Array, n_branches: int = 3) -> Postures:
@@ -62,7 +62,7 @@ def postures_by_branch(kinematics: Kinematics, poses: Array, n_branches: int = 3
         found = _in_branch(kinematics, arm, poses, scaled, middle, work)
         if best is None or found.reached.sum() > best.reached.sum():
             best = found
-        if best.reached.mean() >= MIN_REACHED_SHARE:
+        if best.reached.mean() >= MIN_BRANCH_SHARE:
             break
     assert best is not None
     return best
@@ -99,7 +99,7 @@ def _in_branch(
     found = postures_at(kinematics, poses, _unwound(kinematics, arm.own(q)))
     if not found.reached.all() and found.reached.any():
         found = _repaired(kinematics, poses, scaled, found)
-    return relaxed(kinematics, poses, found) if kinematics.n_joints == AXES else found
+    return relaxed(kinematics, poses, found) if kinematics.n_joints == N_AXES else found
 
 
 def _followed(kinematics: Kinematics, poses: Array, scaled: Array, middle: Array) -> Postures:
@@ -160,7 +160,7 @@ class _Arm(NamedTuple):
 def _standing(kinematics: Kinematics) -> _Arm | None:
     """The arm in that form; None for chains of other joints."""
     L = kinematics.n_joints
-    if L not in (AXES - 1, AXES) or not kinematics.revolute.all():
+    if L not in (N_AXES - 1, N_AXES) or not kinematics.revolute.all():
         return None
     fixed = fixed_transforms(kinematics.joints, kinematics.end)
     base, end = fixed[0].copy(), fixed[L].copy()
@@ -168,7 +168,7 @@ def _standing(kinematics: Kinematics) -> _Arm | None:
     on_axis[2, 3] = end[2, 3]
     fixed[0], fixed[L] = np.eye(4), on_axis
     limits, moves = _range(kinematics), np.ones(L, dtype=bool)
-    if L < AXES:
+    if L < N_AXES:
         fixed = np.insert(fixed, ROLL, np.eye(4), axis=0)
         limits, moves = np.insert(limits, ROLL, 0.0, axis=0), np.insert(moves, ROLL, False)
     reach = max(kinematics.reach, 1e-3)
@@ -178,9 +178,9 @@ def _standing(kinematics: Kinematics) -> _Arm | None:
         fixed[None, :, :3],
         moves[None],
         limits[None],
-        (limits if usual is None else np.insert(usual, ROLL, 0.0, axis=0) if L < AXES else usual)[None],
+        (limits if usual is None else np.insert(usual, ROLL, 0.0, axis=0) if L < N_AXES else usual)[None],
         np.array([reach]),
-        np.full((1, AXES), np.inf),
+        np.full((1, N_AXES), np.inf),
     )
     work = None if usual is None else WorkPostures.of(stack)
     return _Arm(stack, base, np.linalg.inv(end) @ on_axis, work, base[:3, :3].T @ kinematics.up)
@@ -209,7 +209,7 @@ def _branches(arm: _Arm, pose: Array, most: int, steps: int = 24) -> Iterator[tu
     up, origin = arm.up, frames.p[0]  # (7, 3, n)
     ahead = pose[:, 3] - (pose[:, 3] @ up) * up
     ahead = ahead / max(float(np.linalg.norm(ahead)), 1e-9)
-    placed = np.einsum("kin,i->n", origin - origin[:1], up + ahead) / AXES
+    placed = np.einsum("kin,i->n", origin - origin[:1], up + ahead) / N_AXES
     half = np.maximum((high - low)[0] / 2, 1e-9)
     off = np.sqrt((((q[0] - (high + low)[0] / 2) / half) ** 2).mean(axis=0))
     order = np.argsort(0.2 * off - 2.0 * placed, kind="stable")
@@ -226,13 +226,13 @@ def _branches(arm: _Arm, pose: Array, most: int, steps: int = 24) -> Iterator[tu
 def _same_branch(stack: ArmStack, middle: Array) -> Array:
     """(1, 7, S) postures that a straight line joins to ``middle`` (7,) without a singularity, joints 1 and 7 at 0."""
     limits = stack.limits[0].copy()
-    limits[[0, ROLL, AXES - 1]] = np.array([0.0, middle[ROLL], 0.0])[:, None]
+    limits[[0, ROLL, N_AXES - 1]] = np.array([0.0, middle[ROLL], 0.0])[:, None]
     centre = middle.copy()
-    centre[[0, AXES - 1]] = 0.0
+    centre[[0, N_AXES - 1]] = 0.0
     q = spread(limits, 800)
     along = np.linspace(0.0, 1.0, 6)
     line = centre[:, None, None] + along * (q - centre[:, None])[..., None]  # (7, S, 6)
-    side = _side(stack, stack.frames(line.reshape(1, AXES, -1))).reshape(q.shape[1], -1)
+    side = _side(stack, stack.frames(line.reshape(1, N_AXES, -1))).reshape(q.shape[1], -1)
     same = (side == side[:, :1]).all(axis=1)
     return np.concatenate([centre[:, None], q[:, same]], axis=1)[None]
 

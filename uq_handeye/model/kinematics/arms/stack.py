@@ -32,7 +32,7 @@ from ..forward import Frames, fixed_transforms, spread_postures
 from .known_arms import KnownArm
 
 # Number of joints of every arm here, and the place of the joint that rolls the elbow.
-AXES, ROLL = 7, 2
+N_AXES, ROLL = 7, 2
 # Places of the errors in e, and their number.
 TURNS, SHIFTS, WAVES, SAGS = slice(0, 21), slice(21, 42), slice(42, 70), slice(70, 77)
 ERRORS = SAGS.stop
@@ -57,18 +57,18 @@ class ArmStack:
 
         Reach and largest loads are those over a number of postures of the workspace.
         """
-        fixed, moves = np.zeros((len(arms), AXES + 1, 3, 4)), np.ones((len(arms), AXES), dtype=bool)
-        limits, usual = np.zeros((2, len(arms), AXES, 2))
+        fixed, moves = np.zeros((len(arms), N_AXES + 1, 3, 4)), np.ones((len(arms), N_AXES), dtype=bool)
+        limits, usual = np.zeros((2, len(arms), N_AXES, 2))
         for a, arm in enumerate(arms):
             B = fixed_transforms(arm.parts.joints, arm.parts.end)[:, :3]
             bounds = np.array([(joint.lower, joint.upper) for joint in arm.parts.joints])
             ranges = arm.usual
-            if len(bounds) < AXES:  # the elbow does not roll
+            if len(bounds) < N_AXES:  # the elbow does not roll
                 B = np.insert(B, ROLL, np.eye(3, 4), axis=0)
                 bounds, ranges = (np.insert(x, ROLL, 0.0, axis=0) for x in (bounds, ranges))
                 moves[a, ROLL] = False
             fixed[a], limits[a], usual[a] = B, bounds, ranges
-        stack = cls(fixed, moves, limits, usual, np.ones(len(arms)), np.full((len(arms), AXES), np.inf))
+        stack = cls(fixed, moves, limits, usual, np.ones(len(arms)), np.full((len(arms), N_AXES), np.inf))
         frames = stack.frames(stack.workspace(512))
         reach = np.linalg.norm(frames.tip[:, :, 3] - frames.p[:, 1], axis=1).max(axis=-1)
         largest = np.abs(stack._raw_loads(frames)).max(axis=-1)
@@ -88,18 +88,18 @@ class ArmStack:
         the middle of its range.
         """
         ranges = self.usual.copy()
-        ranges[:, [0, AXES - 1]] = 0.0
+        ranges[:, [0, N_AXES - 1]] = 0.0
         ranges[:, ROLL] = ranges[:, ROLL].mean(axis=-1, keepdims=True)
         return np.stack([spread(usual, n) for usual in ranges])
 
     def frames(self, q: Array) -> Frames:
         """Return the frames at postures q (A, 7, n)."""
         A, _, n = q.shape
-        R, p = np.empty((A, AXES, 3, 3, n)), np.empty((A, AXES, 3, n))
+        R, p = np.empty((A, N_AXES, 3, 3, n)), np.empty((A, N_AXES, 3, n))
         cosine, sine = np.cos(q)[:, :, None], np.sin(q)[:, :, None]
         state = np.repeat(self.fixed[:, 0, ..., None], n, axis=-1)  # (A, 3, 4, n)
         moved = np.empty((A, 3, 3, n))
-        for k in range(AXES):
+        for k in range(N_AXES):
             R[:, k], p[:, k] = state[:, :, :3], state[:, :, 3]
             moved[:, :, 0] = cosine[:, k] * state[:, :, 0] + sine[:, k] * state[:, :, 1]
             moved[:, :, 1] = cosine[:, k] * state[:, :, 1] - sine[:, k] * state[:, :, 0]
@@ -145,7 +145,7 @@ class ArmStack:
         out[:, SHIFTS, 3:] = axes.reshape(A, 21, 3, n)
         sine, cosine = np.sin(q), np.cos(q)
         waves = np.stack([sine, cosine, 2.0 * sine * cosine, 1.0 - 2.0 * sine * sine], axis=2)  # `harmonics`
-        np.multiply(J[:, :, None], waves[:, :, :, None], out=out[:, WAVES].reshape(A, AXES, 4, 6, n))
+        np.multiply(J[:, :, None], waves[:, :, :, None], out=out[:, WAVES].reshape(A, N_AXES, 4, 6, n))
         np.multiply(J, (self._raw_loads(frames) / self.largest_loads[..., None])[:, :, None], out=out[:, SAGS])
         return out
 

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from ....core.geometry.se3 import Array
 from ..forward import Frames
-from .stack import AXES, LEVER_SHARE, ArmStack
+from .stack import LEVER_SHARE, N_AXES, ArmStack
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +51,7 @@ class WorkPostures:
         tips = _about_z(-azimuth) @ tip[..., :3]
         squares = (features**2).sum(axis=-1, keepdims=True)
         table = np.concatenate([-2.0 * features, squares], axis=-1).swapaxes(1, 2).astype(np.float32)
-        free = np.isin(np.arange(AXES), (0, AXES - 1)) | (np.diff(stack.usual)[..., 0] > 2 * np.pi - 1e-6)
+        free = np.isin(np.arange(N_AXES), (0, N_AXES - 1)) | (np.diff(stack.usual)[..., 0] > 2 * np.pi - 1e-6)
         low = np.where(free, -np.inf, stack.usual[..., 0] - margin_rad)
         high = np.where(free, np.inf, stack.usual[..., 1] + margin_rad)
         held = ~stack.moves
@@ -73,7 +73,7 @@ class WorkPostures:
         q[..., 0] += azimuth * self.stack.fixed[:, None, 0, 2, 2]
         left = self.tips[arm, nearest].mT @ (_about_z(-azimuth) @ poses[..., :3])
         turn = np.arctan2(left[..., 1, 0] - left[..., 0, 1], left[..., 0, 0] + left[..., 1, 1])
-        q[..., AXES - 1] += turn * self.stack.fixed[:, None, AXES, 2, 2]
+        q[..., N_AXES - 1] += turn * self.stack.fixed[:, None, N_AXES, 2, 2]
         return np.ascontiguousarray(q.swapaxes(1, 2))
 
 

@@ -36,13 +36,15 @@ import re
 from collections.abc import Mapping, Sequence
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias, cast
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from ....core.files.json_values import Json
 from ....core.files.lines import is_number
 from ....core.files.one_line import short
-from ....core.files.open import as_path, opened, shown
+from ....core.files.open import StrPath, as_path, opened, shown
 from ....core.files.table import Places, Schema, in_order, name_and_unit, read_table
 from ....core.files.tree_values import is_list, is_map, is_plain_number
 from ....core.files.trees import parse_toml
@@ -60,6 +62,10 @@ KINDS = (REVOLUTE, PRISMATIC, "fixed")
 MAX_PLAIN_ANGLE_RAD, MAX_PLAIN_LIMIT_RAD = 2 * np.pi + 1e-3, 8 * np.pi + 1e-3
 MAX_PLAIN_LENGTH_M = 10.0
 
+# A field of a row: a number, text, or text with the unit of its column.
+Cell: TypeAlias = float | str | tuple[str, str | None]
+Row: TypeAlias = dict[str, Cell]
+
 _ANGLES, _LENGTHS = ("theta", "alpha"), ("d", "a")
 _PARTNER = {"theta": "alpha", "alpha": "theta", "d": "a", "a": "d"}
 _FIELDS = ("joint", *_ANGLES, *_LENGTHS, "type", "lower", "upper", "offset")
@@ -72,12 +78,12 @@ _QUANTITY = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*([^\d\
 
 
 def read_dh(
-    table: Any,
+    table: StrPath | ArrayLike | Sequence[Mapping[str, Cell]],
     convention: str | None,
     *,
     names: Sequence[str] | None,
     kinds: Sequence[str] | None,
-    limits: Any,
+    limits: ArrayLike | None,
     angle: str | None,
     length: str | None,
 ) -> ChainParts:
@@ -128,16 +134,21 @@ def read_dh(
     return ChainParts(name, base, tip, tuple(joints), T, up)
 
 
-def _rows(table: Any, names: Any, kinds: Any, limits: Any) -> list[dict[str, Any]]:
+def _rows(
+    table: ArrayLike | Sequence[Mapping[str, Cell]],
+    names: Sequence[str] | None,
+    kinds: Sequence[str] | None,
+    limits: ArrayLike | None,
+) -> list[Row]:
     """Rows of fields from an array, or from dicts."""
     if isinstance(table, Sequence) and table and all(isinstance(row, Mapping) for row in table):
         if names is not None or kinds is not None or limits is not None:
             raise InputError("Rows of DH parameters given as dicts hold names, types and limits themselves.")
-        return _known(table, "the DH table, row")
+        return _known(cast("Sequence[Mapping[str, Cell]]", table), "the DH table, row")
     numbers = as_numbers(table, "the DH table")
     if numbers.ndim != 2 or numbers.shape[1] != 4:
         raise InputError(f"Expected the DH table to have shape (L, 4), theta, d, a, alpha; got {numbers.shape}.")
-    rows: list[dict[str, Any]] = [dict(zip(("theta", "d", "a", "alpha"), row, strict=True)) for row in numbers.tolist()]
+    rows: list[Row] = [dict(zip(("theta", "d", "a", "alpha"), row, strict=True)) for row in numbers.tolist()]
     for values, keys in ((names, "joint"), (kinds, "type")):
         if values is not None:
             if isinstance(values, str) or len(values) != len(rows):
@@ -153,9 +164,9 @@ def _rows(table: Any, names: Any, kinds: Any, limits: Any) -> list[dict[str, Any
     return _known(rows, "the DH table, row")
 
 
-def _known(rows: Sequence[Mapping[Any, Any]], where: str) -> list[dict[str, Any]]:
+def _known(rows: Sequence[Mapping[str, Cell]], where: str) -> list[Row]:
     """Rows by the names of fields, without those that are empty."""
-    found: list[dict[str, Any]] = []
+    found: list[Row] = []
     for k, row in enumerate(rows):
         names = [_NAMES.get(str(key).lower(), str(key).lower()) for key in row]
         for name, key in zip(names, row, strict=True):
@@ -168,7 +179,7 @@ def _known(rows: Sequence[Mapping[Any, Any]], where: str) -> list[dict[str, Any]
     return found
 
 
-def _unit(says: Any, asked: str | None, what: str, known: dict[str, float], where: str) -> str | None:
+def _unit(says: Json, asked: str | None, what: str, known: dict[str, float], where: str) -> str | None:
     for unit in (says, asked):
         if unit is not None and not among(unit, known):
             raise InputError(f"Expected the {what} unit of {where} to be one of {', '.join(known)}, got {unit!r:.40}.")
@@ -181,7 +192,7 @@ def _unit(says: Any, asked: str | None, what: str, known: dict[str, float], wher
 
 
 def _row(
-    row: dict[str, Any], convention: str, units: dict[str, str | None], at: str, default: str
+    row: Row, convention: str, units: dict[str, str | None], at: str, default: str
 ) -> tuple[Array, Array, tuple[str, str, tuple[float, float]] | None]:
     """The fixed transforms before and behind the motion of a row, and name, kind and limits of its joint."""
     kind = str(row.get("type", REVOLUTE)).lower()
@@ -212,7 +223,7 @@ def _row(
     before, after = (np.eye(4), along @ across) if convention == "standard" else (across, along)
     if moving is None:
         return before, after, None
-    return before, after, (row.get("joint", default), kind, limits)
+    return before, after, (cast(str, row.get("joint", default)), kind, limits)
 
 
 def _screw(axis: int, turn: float, shift: float) -> Array:
@@ -223,7 +234,7 @@ def _screw(axis: int, turn: float, shift: float) -> Array:
     return T
 
 
-def _quantity(value: Any, of: str, units: dict[str, str | None], largest: float, at: str) -> float:
+def _quantity(value: Cell, of: str, units: dict[str, str | None], largest: float, at: str) -> float:
     """A number in rad or m, from a number or text with or without a unit."""
     known, unit = (ANGLE_UNITS, units["angle"]) if of == "angle" else (LENGTH_UNITS, units["length"])
     if isinstance(value, tuple):  # a field of a CSV file, with the unit of its column
@@ -255,7 +266,7 @@ def _quantity(value: Any, of: str, units: dict[str, str | None], largest: float,
 # Files
 
 
-def _toml(path: Path) -> tuple[list[dict[str, Any]], dict[str, Any]]:
+def _toml(path: Path) -> tuple[list[Row], dict[str, Any]]:
     about, where = parse_toml(path), shown(path)
     for key in about:
         if key not in _OF_FILE:
@@ -266,7 +277,7 @@ def _toml(path: Path) -> tuple[list[dict[str, Any]], dict[str, Any]]:
     return _known(joints, f"{where}, joint"), about
 
 
-def _csv(path: Path) -> tuple[list[dict[str, Any]], dict[str, Any]]:
+def _csv(path: Path) -> tuple[list[Row], dict[str, Any]]:
     with opened(path, MAX_DESCRIPTION_BYTES) as file:
         table = read_table(file, shown(path), SCHEMA)
     said = [found for text in table.comments if (found := _SAID.search(text[:200])) is not None]
@@ -274,7 +285,7 @@ def _csv(path: Path) -> tuple[list[dict[str, Any]], dict[str, Any]]:
         raise InputError(f"{table.at(2 * MAX_JOINTS)}: expected at most {2 * MAX_JOINTS} rows.")
     header = [_column(name) for name in table.names]
     units = dict(header)
-    rows: list[dict[str, Any]] = []
+    rows: list[Row] = []
     for k, texts in enumerate(table.texts):
         row = {name: value for value, (name, _) in zip(texts, header, strict=True) if value}
         moving = "d" if row.get("type", "").lower().startswith("p") else "theta"
