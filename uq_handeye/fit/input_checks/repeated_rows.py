@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from ...core.numbers.limits import MIN_POSES
 from ...findings import Finding
-from ...model.poses.pose_numbers import MIN_POSES, Selection
+from ...model.poses.pose_numbers import Selection
 from ...model.poses.pose_pairs import PosePairs
 
 # Numbers (rad, m) that differ by less are the same but for rounding: no camera measures so well.
