@@ -113,7 +113,7 @@ class ArmStack:
         """Return the heights of the tips (A, n) at postures: the last row of each product of `frames`."""
         cosine, sine = np.cos(q), np.sin(q)
         state = np.repeat(self.fixed[:, 0, 2, :, None], q.shape[-1], axis=-1)  # (A, 4, n)
-        for k in range(AXES):
+        for k in range(N_AXES):
             x, y = state[:, 0], state[:, 1]
             moved = np.stack(
                 [cosine[:, k] * x + sine[:, k] * y, cosine[:, k] * y - sine[:, k] * x, state[:, 2]], axis=1
