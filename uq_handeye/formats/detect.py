@@ -229,7 +229,10 @@ def _kind(head: bytes, name: str, suffix: str) -> str:
         return binary
     if head.startswith(b"\x1f\x8b"):
         raise InputError(f"{name} is compressed by gzip; unpack it first.")
-    first_line = head.partition(b"\n")[0].decode(errors="replace")
+    lines = head.split(b"\n", 2)
+    first_line = lines[0].decode(errors="replace")
+    if first_line.strip() == ",".join(COLUMNS) and all(map(is_number, b"".join(lines[1:2]).strip().split(b","))):
+        return "csv"  # as the table of poses is defined, so that no other format needs a look
     if is_points_header(first_line) and not names_a_pose(first_line):
         raise InputError(f"{name}: expected poses, got a table of points: {OF_POINTS}.")
     if (b"\0" not in head or head.startswith(_UTF16)) and (named := named_by(_text(head))):
@@ -238,8 +241,8 @@ def _kind(head: bytes, name: str, suffix: str) -> str:
                 f"{name}: the content fits {' and '.join(named)}; say which of them by `format` (--format)."
             )
         return named[0]
-    lines = (line.strip() for line in head.removeprefix(b"\xef\xbb\xbf").split(b"\n"))
-    first = next((line for line in lines if line and not line.startswith(b"#")), b"")
+    stripped = (line.strip() for line in head.removeprefix(b"\xef\xbb\xbf").split(b"\n"))
+    first = next((line for line in stripped if line and not line.startswith(b"#")), b"")
     if not first:
         if len(head) >= HEAD_BYTES:
             raise _unknown(name, head[:80])
