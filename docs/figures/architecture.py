@@ -23,7 +23,7 @@ ROOT = Path(__file__).resolve().parents[2]
 # The lazy doors upward: a result writes its own page and draws its own figures.
 DOORS = {
     ("uq_handeye.calibration.result", "uq_handeye.report.page"),
-    ("uq_handeye.calibration.report.facts", "uq_handeye.report.figures"),
+    ("uq_handeye.calibration.result", "uq_handeye.report.figures"),
 }
 # Modules at the top of the package that stand together; the others there only hand names on.
 TOP = ("errors", "findings")

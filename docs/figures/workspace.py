@@ -14,7 +14,7 @@ import tempfile
 from pathlib import Path
 
 import uq_handeye as uq
-from uq_handeye.calibration.report.figures import workspace_figure
+from uq_handeye.calibration.report.workspace_figure import workspace_figure
 from uq_handeye.core.presentation.ellipses import render
 from uq_handeye.read import write_files
 

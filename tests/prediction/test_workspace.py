@@ -8,8 +8,8 @@ from support import SEED
 
 import uq_handeye as uq
 from uq_handeye.calibration.prediction.workspace import WorkspacePrediction, brought_to, ends, over_workspace
-from uq_handeye.calibration.report.figures import workspace_figure
-from uq_handeye.calibration.report.text import arm_sentences
+from uq_handeye.calibration.report.arm import arm_sentences
+from uq_handeye.calibration.report.workspace_figure import workspace_figure
 from uq_handeye.core.presentation.ellipses import render
 from uq_handeye.report.figures import pictures
 

@@ -16,8 +16,9 @@ from support import SEED, moved
 
 import uq_handeye as uq
 from uq_handeye.calibration.estimate.analysis import StoredAnalysis
-from uq_handeye.calibration.report.facts import ahead
-from uq_handeye.calibration.report.figures import budget_figure, residual_figure, shared_figure, task_space_figure
+from uq_handeye.calibration.report.figures import budget_figure, shared_figure, task_space_figure
+from uq_handeye.calibration.report.points_ahead import ahead
+from uq_handeye.calibration.report.residual_figure import residual_figure
 from uq_handeye.calibration.report.rig_figure import rig, rig_figure, rig_scene
 from uq_handeye.core.presentation.ellipses import render
 from uq_handeye.core.presentation.figure_parts import BLUE, GREEN, WIDTH, inline_svg

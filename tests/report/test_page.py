@@ -33,8 +33,8 @@ from uq_handeye.findings import Finding
 from uq_handeye.model.poses.timing import TimeOffset, Timing
 from uq_handeye.report import sections
 from uq_handeye.report.comparison.compare import compare_beside
-from uq_handeye.report.page import colour_of, report_html
-from uq_handeye.report.sections import NO_COVARIANCE
+from uq_handeye.report.page import report_html
+from uq_handeye.report.sections import NO_COVARIANCE, colour_of
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
 FOLDED = [

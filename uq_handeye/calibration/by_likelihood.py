@@ -1,4 +1,4 @@
-"""X by `efficient` or `ml`, with its covariance, at the Cramer-Rao bound; bundle adjustment, which starts there."""
+"""X by `efficient` or `ml`, with its covariance at the Cramer-Rao bound, and what the result states about the fit."""
 
 from __future__ import annotations
 
@@ -31,7 +31,6 @@ from ..fit.likelihood.gauss_helmert import (
     open_at,
 )
 from ..fit.likelihood.goodness_of_fit import goodness_of_fit
-from ..fit.likelihood.rig_bundle import Agreement, adjust_rig
 from ..fit.likelihood.robust import RobustFit, fit_robustly
 from ..fit.likelihood.shared_estimates import (
     estimates_of,
@@ -47,7 +46,6 @@ from ..fit.one_model.telling import tell
 from ..fit.one_model.weights import TAILS, fitted_again, settle, weigh, weigh_from_two_starts
 from ..methods.propagation.published_fit import Published, fit_published
 from ..model.kinematics.kinematic_errors import DECLARED_AS, JOINT_NOISE
-from ..model.noise.estimate import CAMERA_EXCESS, PICTURE_SHIFT
 from ..model.noise.joint_covariance import group_of
 from ..model.noise.models import Noise, PoseNoise, is_of_each, with_prior
 from ..model.poses.motions import Motions, relative_motions
@@ -69,20 +67,14 @@ from ..model.shared_errors.shared_error import (
 )
 from ..model.shared_errors.sizes import ROBOT_ACCURACY
 from .by_published import bare_result, estimate_unweighted, reference_for, reference_of
+from .closed_forms import closed_forms
+from .contradictions import against_corners, against_data_sheet, against_prior, shared_findings
 from .estimate.analysis import Analysis, FittedKinematics
 from .estimate.parts import FourDPA
-from .findings import (
-    against_corners,
-    against_data_sheet,
-    against_prior,
-    closed_forms,
-    said_open,
-    shared_findings,
-    wrong_poses,
-)
+from .findings import said_open, wrong_poses
 from .job import Job
 from .prediction.workspace import local_findings
-from .request import BUNDLE, of_motions
+from .request import of_motions
 from .result import Calibration
 
 # The errors of an arm are linearised again where their second order moves its poses by more than this, in standard
@@ -93,9 +85,6 @@ MAX_SECOND_ORDER_SD = 0.05
 MAX_REJECTED_SHARE = 0.15
 # Another branch of the inverse kinematics is taken where the logarithm of its evidence is larger by this.
 MIN_LOG_EVIDENCE_GAIN = 1.0
-# A bundle adjustment that differs from `efficient` by more standard deviations, or by a larger ratio of variances,
-# is a caution.
-MAX_BUNDLE_DIFFERENCE = 1.5
 # Errors whose columns at other poses are told by those that they were bound to.
 OF_POSES = frozenset({ROBOT_ACCURACY, VIEW, LENS, OUTLINE, FOCAL_LENGTH, f"{PRINCIPAL_POINT} x"})
 
@@ -419,44 +408,3 @@ def _time_offset(poses: PosePairs | None, fit: Fit, covariance: Array) -> tuple[
     added = float(move[:6] @ np.linalg.pinv(covariance, rcond=SINGULAR, hermitian=True) @ move[:6])
     sensitivity = tuple(float(value) for value in g[:6])
     return TimeOffset(timing.offset, timing.std, timing.side, sensitivity, added / (1.0 + added)), move
-
-
-def by_bundle(job: Job) -> tuple[Calibration, list[Finding]]:
-    """`efficient`, which finds noise and outliers, and the bundle adjustment from there: of independent poses."""
-    result, findings = by_likelihood(replace(job, method="efficient", request=replace(job.request, correlation="none")))
-    analysis, poses = result.analysis, job.poses
-    assert isinstance(analysis, Analysis) and isinstance(analysis.noise, PoseNoise) and poses is not None
-    assert result.covariance is not None
-    fit, robot = analysis.fit, analysis.noise.robot
-    components = () if result.noise_estimate is None else result.noise_estimate.components
-    calibration = poses.camera_calibration
-    corners = 0.0 if calibration is None else float(np.median(np.bincount(calibration.corners.picture)))
-    # A shift of a picture that the data tell is noise of its corners that moves their mean by as much.
-    times = {CAMERA_EXCESS: 1.0, PICTURE_SHIFT: corners}
-    told = [part for part in components if part.name == CAMERA_EXCESS or part.status == "estimated"]
-    excess = float(np.sqrt(sum(times.get(part.name, 0.0) * part.value**2 for part in told)))
-    found = adjust_rig(poses, robot, fit.unknowns, fit.weights, excess)
-    agreement = Agreement.of(found.X, found.covariance_X, fit.X, fit.covariance_X)
-    of_offset = result.covariance - fit.covariance_X
-    angle, distance = residuals(job.motions.A, job.motions.B, found.X)
-    result = replace(
-        result,
-        X=found.X,
-        W=found.W,
-        covariance=found.covariance_X + of_offset,
-        covariance_W=found.covariance_W,
-        method=BUNDLE,
-        iterations=found.iterations,
-        residuals=summarise(angle, distance),
-        agreement=agreement,
-    )
-    low, high = agreement.eigenvalues[0], agreement.eigenvalues[-1]
-    if max(agreement.distance, high, 1 / low if low > 0 else np.inf) >= MAX_BUNDLE_DIFFERENCE:
-        values = {
-            "distance": agreement.distance,
-            "largest": np.abs(agreement.by_component).max(),
-            "variance_low": agreement.eigenvalues[0],
-            "variance_high": agreement.eigenvalues[-1],
-        }
-        findings.append(Finding("calibration.bundle_differs", "caution", values))
-    return result, findings

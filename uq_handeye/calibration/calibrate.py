@@ -34,7 +34,8 @@ from ..model.shared_errors.shared_error import SharedError
 from ..model.shared_errors.sizes import Size
 from ..rig.description import Rig, require_left_out
 from ..rig.noise import NoiseByName
-from .by_likelihood import by_bundle, by_likelihood, poses_about_errors
+from .by_bundle import by_bundle
+from .by_likelihood import by_likelihood, poses_about_errors
 from .by_published import by_published
 from .estimate.analysis import Analysis
 from .estimate.parts import Provenance, provenance

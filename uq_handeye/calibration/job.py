@@ -1,35 +1,26 @@
-"""A request beside its data: noise, errors and arm that fit each other, and what the methods work on."""
+"""A request with its data: noise, shared errors and arm that fit each other, and what the estimators work on."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple, TypeAlias, cast
+from typing import TypeAlias, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..core.geometry.checks import as_numbers
-from ..core.geometry.se3 import Array, difference, perturb
+from ..core.geometry.se3 import Array
 from ..core.numbers.limits import MIN_POSES_FOR_ROBUST
 from ..errors import InputError, among, require_type
-from ..findings import digits
 from ..fit.likelihood.constraint import Constraint, constraint_of, require_noise_fits
 from ..fit.likelihood.gauss_helmert import ESTIMATORS
 from ..fit.likelihood.rig_bundle import require_shared
 from ..methods.estimators.registry import ROBOT_WORLD_METHODS
 from ..methods.propagation.all_pairs import AllPairs
-from ..model.kinematics.against_controller import ControllerComparison, compare_with_controller
-from ..model.kinematics.arms.newton import postures_at
-from ..model.kinematics.chain import Kinematics
 from ..model.kinematics.kinematic_errors import (
     ESTIMATE,
-    JOINT_NOISE,
     KinematicColumns,
-    KinematicErrors,
-    effects_of_errors,
-    poses_with_errors,
 )
 from ..model.noise.camera_noise import CameraNoise
 from ..model.noise.joint_covariance import JointCovariance
@@ -38,53 +29,14 @@ from ..model.noise.pose_prior import PosePrior
 from ..model.poses.motions import Motions, relative_motions, spread_pairs
 from ..model.poses.pose_pairs import PosePairs
 from ..model.shared_errors.assumed import replace_defaults
-from ..model.shared_errors.in_noise import add_columns, errors_of_arm, kinematic_covariance, shared_columns, with_shared
+from ..model.shared_errors.in_noise import shared_columns, with_shared
 from ..model.shared_errors.shared_error import CLOCK_OFFSET, LENS, OUTLINE, VIEW, SharedError, checked_errors
 from ..model.shared_errors.sizes import ROBOT_ACCURACY, checked_sizes
+from .arm import Arm, _arm_of, with_declared
 from .request import BUNDLE, Request, of_motions
 
 # A pose (4, 4) and its covariance (6, 6), as a prior is given.
 PoseAndCovariance: TypeAlias = tuple[ArrayLike, ArrayLike]
-# Other branches of the inverse kinematics are tried where one branch reaches at least this share of the poses.
-MIN_REACHED_SHARE = 0.6
-# Two branches of the inverse kinematics differ where the sine of half an angle between them exceeds this.
-MIN_BRANCH_DIFFERENCE = 0.1
-
-
-class Arm(NamedTuple):
-    """A robot by its joints."""
-
-    kinematics: Kinematics  # in the base frame and with the tool of the measured poses
-    joints: Array  # (n, L) rad, m
-    errors: KinematicErrors
-    against: ControllerComparison  # the measured poses against those of the joints
-    measured: PosePairs  # as they came
-    at: Array | None = None  # (m,) errors about which the model is linear; None: 0
-    by_poses: bool = False  # joints by inverse kinematics, in a branch that is one of several
-
-    def other_branches(self) -> list[Arm]:
-        """Return the arm in the other branches of its inverse kinematics that reach the poses."""
-        from ..model.kinematics.arms.postures import all_branches
-
-        found = all_branches(self.kinematics, self.measured.robot) if self.by_poses else []
-        apart = [q for q in found if np.abs(np.sin(0.5 * (q - self.joints))).max() > MIN_BRANCH_DIFFERENCE]
-        return [self._replace(joints=q) for q in apart]
-
-    @property
-    def columns(self) -> KinematicColumns:
-        """Derivatives of the robot poses by the kinematic errors."""
-        return self.errors.columns(self.kinematics, self.joints, self.at, self.by_poses)
-
-    def linear_about(self, e: Array) -> Array:
-        """(n, 4, 4) poses of the robot in place of those measured, for errors e (m,) of the arm.
-
-        ``FK(q; e)`` less ``F(e) e``, where ``FK(q; 0)`` was measured: with it the errors have the mean 0 as before, and
-        ``F(e)`` times them is right to the second order about e.
-        """
-        of = self.kinematics, self.joints, e, self.errors.flange
-        nominal, true = self.kinematics.poses(self.joints), poses_with_errors(*of)
-        linear = perturb(true, -(effects_of_errors(*of) @ e))
-        return perturb(self.measured.robot, difference(linear, nominal))
 
 
 @dataclass(frozen=True, eq=False)
@@ -299,65 +251,6 @@ def _require_open_sizes(job: Job) -> None:
             raise InputError(
                 f"Expected `columns` of the component {part.name!r} of {len(job.data)} poses, got {len(part.columns)}."
             )
-
-
-def with_declared(noise: PoseNoise, columns: KinematicColumns) -> tuple[PoseNoise, tuple[SharedError, ...]]:
-    """The noise with joint noise, which comes with it; and the errors of the arm as declared, which do not."""
-    deviations = columns.given.standard_deviations
-    joint = kinematic_covariance(columns, deviations | {JOINT_NOISE: float(columns.given.joint_sd or 0.0)})
-    own = replace(joint, shared=joint.shared[..., :0], names=())
-    return replace(noise, robot=add_columns(noise.robot, own)), errors_of_arm(columns, deviations)
-
-
-def _arm_of(request: Request, poses: PosePairs | None, noise: Noise | None) -> Arm | None:
-    """The arm of poses as they came, where joints and kinematics are given; raises `InputError`."""
-    joints, kinematics, errors = request.joints, request.kinematics, request.kinematic_errors
-    method = request.taken_method
-    if kinematics is None:
-        if joints is not None or errors is not None:
-            raise InputError("Expected `kinematics` beside joints and kinematic errors: Kinematics.from_urdf(...).")
-        return None
-    if poses is None or of_motions(noise):
-        raise InputError("Expected poses, with PoseNoise or none, beside `kinematics`: joints say nothing of motions.")
-    if method not in ESTIMATORS:
-        raise InputError(f"Method {method!r} takes no kinematic errors; use efficient or ml.")
-    given = poses.joints if joints is None else joints
-    q = joints_by_poses(kinematics, poses) if given is None else as_numbers(given, "joints")
-    if q.shape != (poses.n, kinematics.n_joints) or not np.isfinite(q).all():
-        raise InputError(
-            f"Expected `joints` to be finite numbers {(poses.n, kinematics.n_joints)}, of {poses.n} poses and the "
-            f"joints {', '.join(kinematics.names)}, got shape {q.shape}."
-        )
-    errors = KinematicErrors() if errors is None else errors
-    against = compare_with_controller(kinematics, q, poses.robot)
-    if not against.same_arm:
-        raise InputError(" ".join(map(str, against.findings)))
-    return Arm(against.adapt(kinematics), q, errors, against, poses, by_poses=given is None)
-
-
-def joints_by_poses(kinematics: Kinematics, poses: PosePairs) -> Array:
-    """Return joint values (n, L) of the poses by inverse kinematics, in the branch that they share.
-
-    Raises `InputError` where the arm does not reach the poses.
-    """
-    from ..model.kinematics.arms.postures import postures_by_branch
-
-    found = postures_by_branch(kinematics, poses.robot)
-    if found.reached.mean() >= MIN_REACHED_SHARE:  # another branch for the others: their errors are much the same
-        for start in kinematics.spread(60):
-            left = ~found.reached
-            if not left.any():
-                break
-            again = postures_at(kinematics, poses.robot[left], np.tile(start, (int(left.sum()), 1)))
-            found.q[left], found.reached[left] = again.q, again.reached
-    if not found.reached.all():
-        off = np.linalg.norm(kinematics.poses(found.q)[:, :3, 3] - poses.robot[:, :3, 3], axis=-1)
-        raise InputError(
-            f"The arm {kinematics.name} does not reach {int((~found.reached).sum())} of {poses.n} robot poses: it ends "
-            f"up to {digits(1e3 * off.max(), 3)} mm away. Give the chain up to the frame whose poses these are "
-            "(--base, --tip), with the tool that the controller had; or joints (--joints)."
-        )
-    return found.q
 
 
 def take_offset(

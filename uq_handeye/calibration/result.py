@@ -25,7 +25,8 @@ from .estimate.estimated import distance_of
 from .prediction.corrected_urdf import CorrectedUrdf, write_corrected_urdf
 from .prediction.predict import CameraPrediction, predict_camera, predict_points
 from .prediction.workspace import WorkspacePrediction, over_workspace
-from .report.facts import Facts, facts_of, figure_names
+from .report.facts import Facts, facts_of
+from .report.figure_names import figure_names
 from .result_file import AS_NOISE, DERIVED, FORMAT, UNITS, from_dict
 from .statement.accuracy import Statement
 

@@ -1,4 +1,4 @@
-"""The numbers of a certificate: six components of X, scalar statements and the GUM budget, all from the result.
+"""Stated uncertainties and the uncertainty budget in the terms of the GUM (JCGM 100), all from the result.
 
 Nothing is estimated here. The standard uncertainties are those of `Calibration.covariance`, effects and degrees of
 freedom those of `Calibration.budget`, the statements in the worst direction those of `Calibration.accuracy`. A
@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..calibration.report.analysis import freedom, shorten_budget, shown_budget
+from ..calibration.report.budget import freedom, shorten_budget, shown_budget
 from ..calibration.result import Calibration
 from ..calibration.statement.accuracy import budget_of_model
 from ..calibration.statement.checks import shared_groups, sizes_of

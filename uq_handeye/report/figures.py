@@ -13,17 +13,14 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ..calibration.estimate.estimated import distance_of
-from ..calibration.report.analysis import budget_shares, shown_budget
-from ..calibration.report.facts import FIGURES, ahead, figure_names
-from ..calibration.report.figures import (
-    budget_figure,
-    residual_figure,
-    shared_figure,
-    task_space_figure,
-    workspace_figure,
-)
+from ..calibration.report.arm import prediction_words, workspace_caption
+from ..calibration.report.budget import budget_shares, shown_budget
+from ..calibration.report.figure_names import FIGURES, figure_names
+from ..calibration.report.figures import budget_figure, shared_figure, task_space_figure
+from ..calibration.report.points_ahead import ahead
+from ..calibration.report.residual_figure import residual_figure
 from ..calibration.report.rig_figure import MAX_FRAMES, rig, rig_figure, rig_scene
-from ..calibration.report.text import prediction_words, workspace_caption
+from ..calibration.report.workspace_figure import workspace_figure
 from ..calibration.statement.checks import shared_groups
 from ..core.formatting.numbers import digits
 from ..core.presentation.ellipses import covariance_ellipses, held, small_ellipses

@@ -11,19 +11,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .._version import __version__
-from ..calibration.report.analysis import (
-    KINDS,
-    budget_table,
-    covariance_table,
-    noise_blocks,
-    pair_table,
-    pose_table,
-    tests_not_run,
-    worst_words,
-)
-from ..calibration.report.facts import ahead
+from ..calibration.report.analysis import covariance_table, tests_not_run
+from ..calibration.report.arm import arm_sentences
+from ..calibration.report.budget import KINDS, budget_table, worst_words
 from ..calibration.report.first_screen import status_of
-from ..calibration.report.text import arm_sentences, included_words, shared_blocks
+from ..calibration.report.noise import noise_blocks
+from ..calibration.report.points_ahead import ahead
+from ..calibration.report.residuals import pair_table, pose_table
+from ..calibration.report.shared_errors import included_words, shared_blocks
 from ..calibration.statement.checks import not_included
 from ..core.formatting.numbers import concise, fixed
 from ..core.geometry.conventions import CONVENTION

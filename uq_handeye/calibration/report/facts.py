@@ -1,8 +1,6 @@
-"""The numbers of a calibration that its text, page, notebook, certificate and tables show, computed once; its figures.
+"""Numbers and words of a calibration that its text, page, notebook and certificate show, computed once.
 
-Points in front of the camera by their distance: model `task_space`; the point itself is exact, so that only the error
-of X counts. "Worst" is the standard deviation in the worst direction, the root of the largest eigenvalue of the point's
-covariance.
+These are X and W as six numbers with their standard deviations, the least certain directions, and correlations.
 """
 
 from __future__ import annotations
@@ -18,7 +16,7 @@ from ...core.geometry.pose_numbers import POSE_NUMBERS, pose_numbers, principal_
 from ...core.geometry.se3 import Array
 from ...fit.diagnostics.result import UNKNOWN_FRAME
 from ...fit.diagnostics.sentences import direction_words
-from ..estimate.estimated import Estimated, distance_of
+from ..estimate.estimated import Estimated
 
 if TYPE_CHECKING:
     pass
@@ -107,65 +105,3 @@ def _directions(result: Estimated, parent: str) -> tuple[str, ...]:
         text = direction_words(name, factor * sd[0], factor * sd[-1], axes[0], parent)
         sentences.append(f"{text[0].upper()}{text[1:]}.")
     return tuple(sentences)
-
-
-_STEPS = np.array([0.25, 0.5, 0.75, 1.0, 1.5, 2.0])  # of the table, in distances to the target
-
-
-class Ahead(NamedTuple):
-    """Points straight ahead of the camera."""
-
-    distance: Array  # (k,) m
-    worst: Array  # (k,) m, standard deviation in the worst direction
-    across: Array  # (k,) m, in the worst direction across the line of sight
-    along: Array  # (k,) m, along it
-    radius_95: Array  # (k,) m
-
-
-def ahead(result: Estimated, distances: Array | None = None) -> Ahead:
-    """The uncertainty of points on the optical axis; without ``distances`` (m) those of a small table.
-
-    Raises `InputError` where the covariance of X is not determined.
-    """
-    if distances is None:
-        distances = np.array([float(f"{x:.2g}") for x in distance_of(result.analysis)[0] * _STEPS])
-    found = result.uncertainty_at(np.stack([0 * distances, 0 * distances, distances], axis=-1))
-    R = result.X[:3, :3]
-    in_camera = R.T @ found.covariance @ R
-    root = np.sqrt(np.maximum(np.linalg.eigvalsh(in_camera[..., :2, :2])[..., -1], 0.0))
-    return Ahead(distances, worst_deviation(found.covariance), root, np.sqrt(in_camera[..., 2, 2]), found.radius_95)
-
-
-def worst_deviation(covariance: Array) -> Array:
-    """Standard deviation (...) in the worst direction, of covariances (..., k, k)."""
-    return np.asarray(np.sqrt(np.maximum(np.linalg.eigvalsh(covariance)[..., -1], 0.0)))
-
-
-# Names and titles of all figures.
-FIGURES = {
-    "ellipses": "Ellipses of the errors of X",
-    "rig": "The rig in the base frame",
-    "residuals": "Residuals of each pose",
-    "budget": "Uncertainty budget of X",
-    "shared": "Errors that all poses share",
-    "task_space": "Uncertainty of a point in front of the camera",
-    "workspace": "Accuracy over the workspace",
-    "methods": "Published methods on the same data",
-}
-
-
-def figure_names(result: Estimated) -> tuple[str, ...]:
-    """Return the names of the figures that a result can have, in the order of `FIGURES`."""
-    determined = result.covariance is not None
-    poses = None if result.data is None else result.data.poses
-    there = {
-        "ellipses": determined,
-        "rig": poses is not None,
-        "residuals": result.table is not None and len(result.table) > 0,
-        "budget": result.analysis is not None,
-        "shared": len(result.shared) > 0,
-        "task_space": determined and result.opened is None,
-        "workspace": result.kinematics is not None,
-        "methods": result.data is not None,
-    }
-    return tuple(name for name in FIGURES if there[name])

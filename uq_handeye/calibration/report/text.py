@@ -1,8 +1,4 @@
-"""A calibration in words: the long text with all that is known, a unit on every number; and the form in notebooks.
-
-Errors that all poses share, as a table, and what the total includes of them; the time offset; the arm: what X means,
-what the data told of it, how far the tool misses.
-"""
+"""The long text of a calibration, with a unit on every number, and its form in notebooks."""
 
 from __future__ import annotations
 
@@ -17,7 +13,6 @@ from ...core.numbers.limits import MAX_LISTED
 from ...core.presentation.document import (
     Block,
     Caution,
-    Cell,
     Checks,
     Code,
     Document,
@@ -28,29 +23,16 @@ from ...core.presentation.document import (
     document_of,
 )
 from ...core.presentation.html import blocks_html, heat_html, html_of, matrix_html, to_html
-from ...fit.diagnostics.result import ScaleError
-from ...fit.diagnostics.sentences import relative
-from ...fit.likelihood.shared_estimates import SharedEstimate, SharedGroup
-from ...model.kinematics.kinematic_errors import DECLARED, ESTIMATE, EXACT, PHYSICAL
-from ...model.shared_errors.shared_error import CLOCK_OFFSET, ROBOT_SCALE, TARGET_SCALE, WRONG_SIZE
-from ..estimate.analysis import FittedKinematics
 from ..result import Calibration
-from ..statement.checks import included, shared_groups, sizes_of
 from ..statement.tolerance import Verdict
-from .analysis import (
-    beside_blocks,
-    budget_table,
-    covariance_table,
-    diagnosis_blocks,
-    flagged_blocks,
-    noise_blocks,
-    pair_table,
-    worst_words,
-)
+from .analysis import beside_blocks, covariance_table, diagnosis_blocks
+from .arm import arm_blocks, arm_sentences
+from .budget import budget_table, worst_words
 from .first_screen import accuracy_blocks, answer_blocks, checks_block, data_words, first_screen, matrix_block, title_of
+from .noise import noise_blocks
+from .residuals import flagged_blocks, pair_table
+from .shared_errors import included_words, shared_blocks
 
-# The mean error of nominal poses is stated from this share of the 95 % radius on.
-MIN_NOMINAL_SHARE = 0.05
 # Notes that the long text shows beside the cautions.
 SHOWN_NOTES = ("calibration.excluded", "kinematics.against_controller")
 
@@ -195,207 +177,4 @@ def _folds(result: Calibration) -> dict[str, list[Block]]:
     }
 
 
-CAPTION = (
-    "Errors that all poses share: standard deviation assumed, estimate with its standard deviation in brackets after "
-    "the fit, and share of the variance of X in the direction where it counts most. An error is used / true - 1 for "
-    "lengths: +1 % says that the true value is 1 % smaller than the one used."
-)
-OF_MANY = (
-    " An error of many numbers is one row: the standard deviation assumed of each, the root mean square (RMS) of the "
-    "estimates, how much of the variance assumed the data took away, and the share of all numbers together."
-)
-# Findings that belong to the table.
-SHARED_CODES = ("calibration.shared_confounded", "calibration.shared_opens")
-
-
-def shared_table(result: Calibration) -> Table | None:
-    """One row for each error that was declared or assumed, then those that were not; None where nothing is known."""
-    groups = shared_groups(result)
-    parts = () if result.noise_estimate is None else result.noise_estimate.components
-    of_population = {part.name for part in parts if part.status == "population"}
-    rows: list[list[Cell]] = [_declared(group, group.parts[0].error in of_population) for group in groups]
-    if (found := result.time_offset) is not None and found.std > 0:
-        known = concise(1e3 * found.offset, 1e3 * found.std, "ms")
-        rows.append([CLOCK_OFFSET, "estimated from the streams", known, f"{100 * found.share:.1f} %"])
-    if result.analysis is not None:
-        names = {error.name for error in result.shared}
-        rows += [
-            [probe.name, (_undeclared(probe), 3)] for probe in result.analysis.diagnostics.probes
-            if probe.name not in names
-        ]  # fmt: skip
-    caption = CAPTION + (OF_MANY if any(group.count > 1 for group in groups) else "")
-    return Table(caption, ["error", "assumed", "found", "share"], rows, frozenset({1})) if rows else None
-
-
-def shared_blocks(result: Calibration) -> list[Block]:
-    """The table, and what is to be known beside it."""
-    table = shared_table(result)
-    notes = [str(found) for found in result.findings if found.code in SHARED_CODES and found.severity == "note"]
-    if look_alike(result):
-        notes.append("Target scale and robot scale have the same effect on the residuals and cannot be separated.")
-    if text := offset_sentence(result):
-        notes.append(text)
-    return [*([] if table is None else [table]), *([Points(notes)] if notes else [])]
-
-
-def look_alike(result: Calibration) -> bool:
-    """Return whether the residuals indicate a scale that may be the target's or the robot's."""
-    probes = () if result.analysis is None else result.analysis.diagnostics.probes
-    asked = {probe.name for probe in probes if probe.asked_for}
-    asked |= {error.name for error in result.shared if error.name == TARGET_SCALE and error.beyond(WRONG_SIZE) > 0.5}
-    return bool(asked & {TARGET_SCALE, ROBOT_SCALE})
-
-
-def _declared(group: SharedGroup, estimated: bool) -> list[Cell]:
-    how = "estimated" if estimated else "default" if group.default else "declared"
-    share = f"{100 * group.share:.1f} %"
-    if group.count > 1:
-        return [f"{group.name} ({group.count})", f"{sizes_of(group)} ({how})", found_of(group), share]
-    error = group.parts[0]
-    factor, unit = error.shown
-    found = concise(factor * error.estimate, factor * error.sd, unit)
-    return [error.name, f"{amount(error)} ({how})", found, share]
-
-
-def found_of(group: SharedGroup) -> str:
-    """RMS of the estimates of a group, and how much the data told of it."""
-    sizes = (f"{digits(float(np.sqrt(np.mean(group.of_unit(unit)[1] ** 2))), 2)} {unit}" for unit in group.units)
-    if group.parts[0].stated:
-        return f"told {100 * group.told:.0f} %"
-    rms = ", ".join(size.rstrip() for size in sizes)
-    return f"RMS {rms}; told {100 * group.told:.0f} %"
-
-
-def _undeclared(probe: ScaleError) -> str:
-    if probe.covered:
-        return "in the covariance of the camera poses, with the other intrinsics"
-    if probe.reason is not None:
-        return "not declared: the distances from camera to target are not known"
-    move = f"0.1 % moves X by {digits(probe.shift_sd, 2)} of its standard deviations"
-    if not probe.visible:
-        return f"not declared: the residuals do not show it; {move}"
-    return f"not declared: the residuals indicate {relative(probe.estimate, probe.sd)}; {move}"
-
-
-def amount(error: SharedEstimate) -> str:
-    """The standard deviation assumed, in the unit that people read."""
-    factor, unit = error.shown
-    return f"{digits(factor * error.prior_sd, 2)} {unit}".rstrip()
-
-
 # -------------------------------------------------------------------------------------------- what the total includes
-
-
-def included_words(result: Calibration) -> str:
-    """Say which shared errors the covariance of X includes, as a sentence."""
-    parts = included(result)
-    defaults = sum(default for _, default in parts)
-    if not parts:
-        return "Errors that all poses share are not included."
-    said = {0: "", len(parts): " (defaults)" if len(parts) > 1 else " (default)"}.get(defaults)
-    named = [part if said is not None or not default else f"{part} (default)" for part, default in parts]
-    return f"This total includes what all poses share: {', '.join(named)}{said or ''}."
-
-
-def offset_sentence(result: Calibration) -> str:
-    """Say what the time offset of the poses adds to the covariance of X; empty where there is none."""
-    found = result.time_offset
-    if found is None:
-        return ""
-    if found.std == 0:
-        said = "taken as exact, as given: its uncertainty is not in the covariance of X."
-        return f"Time offset: {1e3 * found.offset:.6g} ms, {said}"
-    move = found.std * np.array(found.sensitivity)
-    if not move.any():
-        said = "The robot stands still at these poses: the offset does not matter for X."
-        return f"Time offset: {concise(1e3 * found.offset, 1e3 * found.std, 'ms')}. {said}"
-    turn, shift = np.degrees(np.linalg.norm(move[:3])), 1e3 * np.linalg.norm(move[3:])
-    return (
-        f"Time offset: {concise(1e3 * found.offset, 1e3 * found.std, 'ms')} (robot_time = camera_time + offset; the "
-        f"{found.side} was interpolated). One standard deviation of it moves X by {digits(turn, 2)} deg and "
-        f"{digits(float(shift), 2)} mm; this is in the covariance of X, where it makes up "
-        f"{100 * found.share:.2g} % of the variance in the direction in which it counts most."
-    )
-
-
-_HOW = {
-    ESTIMATE: "standard deviations estimated from the data and what such arms have",
-    DECLARED: "standard deviations as declared",
-    EXACT: "taken as exact",
-}
-
-
-def arm_blocks(result: Calibration) -> list[Block]:
-    """The arm under its heading; nothing where the calibration knows no joints."""
-    sentences = arm_sentences(result)
-    return [Heading("The arm:"), *map(Paragraph, sentences)] if sentences else []
-
-
-def arm_sentences(result: Calibration) -> list[str]:
-    """Describe what is known of the arm, what X means, and what a prediction is worth."""
-    fitted = result.kinematics
-    if fitted is None:
-        return []
-    chain = fitted.chain
-    text = f"{chain.name}, {chain.n_joints} joints from {chain.base} to {chain.tip}; its errors: {_HOW[fitted.how]}."
-    if fitted.joint_noise > 0:
-        text += f" Joint noise {digits(np.degrees(fitted.joint_noise), 2)} deg."
-    if told := told_words(fitted):
-        text += f" {told}"
-    meaning = [] if fitted.how == EXACT else [meaning_words(result, fitted)]
-    return [text, *meaning, *([said] if (said := prediction_words(result)) else [])]
-
-
-def told_words(fitted: FittedKinematics) -> str:
-    """Say how much of what was assumed of each group the data took away."""
-    told = [f"{group} {100 * share:.0f} %" for group, share in fitted.told().items()]
-    return f"Share of the assumed variance that the data resolved: {', '.join(told)}." if told else ""
-
-
-def meaning_words(result: Calibration, fitted: FittedKinematics) -> str:
-    """Say which flange (or base) X belongs to, and what it is to be used with."""
-    frame = result.frame.split("_T_")[0]
-    if fitted.flange == PHYSICAL:
-        return f"X is the camera in the machined {frame}; errors of the first and last joint are in its covariance."
-    return (
-        f"X is the camera in the {frame} frame of the controller: use it with the corrected kinematics "
-        "(`result.predict`, `uq-handeye predict`), and do not compare it with drawings of the mount "
-        '(`flange="physical"` is for that).'
-    )
-
-
-def prediction_words(result: Calibration) -> str:
-    """Say how far the tool misses what the camera sees, near the calibrated poses and anywhere; and with nominal
-    poses.
-    """
-    found = result.over_workspace
-    if found is None:
-        return ""
-    at = f" from {found.distance:.2g} m away" if result.setup == "eye-in-hand" else ""
-    text = f"A point that the camera sees{at}, and the flange brought to it: within {_mm(found.anywhere)} mm (95 %) "
-    text += "anywhere in the workspace"
-    text += "." if found.near is None else f", within {_mm(found.near)} mm near the calibrated poses."
-    if found.nominal > MIN_NOMINAL_SHARE * found.anywhere:
-        text += (
-            f" With nominal poses in place of the corrected ones add {_mm(found.nominal)} mm (RMS): a mean error, "
-            "which is not part of the covariance."
-        )
-    return text
-
-
-def workspace_caption(result: Calibration) -> str:
-    """Explain how to read the figure of the workspace."""
-    reached = "the flange is brought to a point that the camera sees"
-    if result.setup == "eye-in-hand" and result.over_workspace is not None:
-        reached += f" {result.over_workspace.distance:.2g} m ahead"
-    return (
-        f"How far the tool misses where {reached}: 95 % radius, with errors of X and of the arm and the noise of the "
-        "joints; the camera's own error of the point comes on top. Postures are drawn over the joint limits; "
-        "obstacles and collisions are not looked at. Left by the place of the flange, as the mean about each; "
-        "right by its distance from the nearest calibrated pose. The dashed line is the mean error of who goes on "
-        "with the nominal poses; it is not in the radius."
-    )
-
-
-def _mm(length: float) -> str:
-    return digits(1e3 * length, 2)

@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ...calibration.arm import joints_by_poses
 from ...calibration.calibrate import calibrate
 from ...calibration.estimate.estimated import Estimated
-from ...calibration.job import joints_by_poses
 from ...calibration.prediction.predict import CameraAhead, camera_ahead
 from ...calibration.result import Calibration
 from ...core.geometry.checks import as_numbers

@@ -1,0 +1,164 @@
+"""Findings where the data contradict what was declared: data sheets, corners, shared errors, priors.
+
+Also errors that the data cannot separate from X.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.special import chdtr, chdtrc
+
+from ..core.numbers.levels import CONTRADICTED, DOUBTFUL, RARE
+from ..findings import GROSS_EXCESS, Finding, Severity
+from ..fit.likelihood.gauss_helmert import Fit
+from ..fit.likelihood.goodness_of_fit import GoodnessOfFit
+from ..fit.likelihood.shared_estimates import SharedEstimate, group_test
+from ..model.camera.description import spacing_of
+from ..model.noise.estimate import NoiseEstimate
+from ..model.noise.joint_covariance import group_of
+from ..model.posterior.posterior import Posterior
+from ..model.shared_errors.shared_error import TARGET_SCALE, WRONG_SIZE
+from .job import Job
+from .result import Calibration
+
+# An estimate is compared with its prior where the data take away at least this share of the prior variance.
+MIN_SHARE_FROM_DATA = 1e-3
+# The data do not resolve an error whose standard deviation stays above this share of the declared one.
+UNRESOLVED_SD = 0.95
+# An error is confounded with X where it makes a larger share of the variance along one direction.
+DOMINANT_SHARE = 0.8
+# X is hardly determined where a confounded error moves it by more (rad, or relative to the distance of the target).
+MAX_CONFOUNDED_SIZE = 0.02
+
+
+def against_data_sheet(result: Calibration) -> list[Finding]:
+    """Return a finding if the residuals contradict the noise that was given."""
+    estimate, fit = result.noise_estimate, result.fit
+    if (
+        estimate is None
+        or fit is None
+        or fit.p_value is None
+        or not estimate.has_prior
+        or fit.p_value > RARE.probability
+    ):
+        return []
+    rotation, translation = fit.rotation_sigma0, fit.translation_sigma0
+    severity: Severity = "failure" if max(rotation, translation) > GROSS_EXCESS else "caution"
+    values = {"rotation": rotation, "translation": translation, "p_value": fit.p_value}
+    return [Finding("calibration.data_sheet_contradicted", severity, values)]
+
+
+def against_corners(estimate: NoiseEstimate, judged: GoodnessOfFit) -> list[Finding]:
+    """Return findings if the residuals contradict the covariance of camera poses from corners.
+
+    Noise that is estimated makes up for residuals that are larger; of those that are smaller than the camera's
+    covariance alone allows the lower tail of chi-square tells.
+    """
+    found = [one for one in estimate.findings if one.severity != "note"]
+    p = float(chdtr(judged.dof, judged.chi2))
+    if estimate.camera_known and p < RARE.probability:
+        values = {"factor": judged.chi2 / judged.dof, "p_value": p, "dof": judged.dof}
+        found.append(Finding("noise_estimation.camera_factor", "caution", values))
+    return found
+
+
+def shared_findings(job: Job, result: Calibration, joint: Posterior, wrong_size: float | None = None) -> list[Finding]:
+    """Shared errors that contradict what was assumed of them, that show a wrong size, that X cannot be told from.
+
+    The numbers of one error (`group_of`) are tested together: of many single ones some are far out by chance.
+    ``wrong_size``: the probability that the target has another size; None: by its Gaussian.
+    """
+    found = []
+    by_name: dict[str, list[SharedEstimate]] = {}
+    for error in result.shared_at_sizes:
+        by_name.setdefault(group_of(error.name), []).append(error)
+    for name, errors in by_name.items():
+        declared = len(errors) > 1 and not errors[0].default  # sizes that are assumed were found by these data
+        test = group_test(joint, job.shared, name) if declared else None
+        # An arm of right accuracy is within a factor of 2 of the population that stands for it.
+        within = (0.5, 2.0) if errors[0].accuracy is not None else (0.0, 1.0)
+        if test is not None and (test.times > within[1] or test.times < within[0]):
+            severity: Severity = "caution" if test.times > 1 else "note"
+            of_group = {"name": name, "count": len(errors), "times": test.times, "p_value": test.p_value}
+            if test.p_value < (CONTRADICTED.probability if severity == "caution" else DOUBTFUL.probability):
+                found.append(Finding("calibration.group_contradicted", severity, of_group))
+    single = [errors[0] for errors in by_name.values() if len(errors) == 1]
+    for error in single:
+        alone, sd = error.alone, error.alone_sd
+        told = alone is not None and sd is not None and MIN_SHARE_FROM_DATA * sd**2 < error.prior_sd**2
+        if told and (error.p_value or 0) < CONTRADICTED.probability:
+            factor, unit = error.shown
+            numbers = {"estimate": alone, "sd": sd, "assumed": error.prior_sd}
+            shown = {name: factor * number for name, number in numbers.items() if number is not None}
+            values = {"name": error.name, "unit": unit, "p_value": error.p_value} | shown
+            found.append(Finding("calibration.shared_contradicted", "caution", values))
+        probability = error.beyond(WRONG_SIZE) if wrong_size is None else wrong_size
+        if error.name == TARGET_SCALE and probability > 0.5:
+            size = {"estimate": error.estimate, "sd": error.sd, "square": _square_of(job), "probability": probability}
+            found.append(Finding("calibration.target_size", "caution", size))
+    groups: dict[str, list[SharedEstimate]] = {}
+    for error in single:
+        if error.share > DOMINANT_SHARE:
+            groups.setdefault(error.error, []).append(error)
+    return found + [finding for name, errors in groups.items() for finding in _confounded(result, name, errors)]
+
+
+def _confounded(result: Calibration, name: str, errors: Sequence[SharedEstimate]) -> list[Finding]:
+    """Report along which directions most of an error goes into X; a caution where X is hardly determined then."""
+    assert result.covariance is not None and result.analysis is not None
+    S, R = result.covariance, result.X[:3, :3]
+    distance, directions, hardly = result.analysis.diagnostics.spectrum.length_m, [], False
+    for error in errors:
+        parts = {"rotation": error.effect[:3], "translation": error.effect[3:]}
+        blocks = {"rotation": S[:3, :3], "translation": S[3:, 3:]}
+        # Along what is open X does not move, and has no variance there.
+        shares = {part: float(e @ np.linalg.pinv(blocks[part], 1e-12, hermitian=True) @ e) for part, e in parts.items()}
+        kind = max(parts, key=lambda part: shares[part])
+        size = float(np.linalg.norm(parts[kind]))
+        directions.append({"what": kind, "axis": R.T @ parts[kind] / size, "size": size})
+        hardly |= size > (MAX_CONFOUNDED_SIZE if kind == "rotation" else MAX_CONFOUNDED_SIZE * distance)
+    factor, unit = errors[0].shown
+    values = {"name": name, "unit": unit, "assumed": factor * errors[0].prior_sd, "directions": directions}
+    if hardly and not errors[0].default:
+        return [Finding("calibration.shared_opens", "caution", values)]
+    untold = all(error.sd > UNRESOLVED_SD * error.prior_sd for error in errors)
+    return [Finding("calibration.shared_confounded", "note", values)] if untold else []
+
+
+def _square_of(job: Job) -> float | None:
+    """The side of the squares (m) of the board that was seen; None where that is not known."""
+    seen = None if job.poses is None else job.poses.camera_calibration
+    if seen is not None:
+        return spacing_of(seen.corners.points)
+    return None if job.camera_noise is None else job.camera_noise.square
+
+
+def against_prior(fit: Fit) -> list[Finding]:
+    """Return a finding if the prior of X and W contradicts the data.
+
+    The estimate less the prior's mean has the covariance ``Lambda^-1 - C`` along what data and prior both determine;
+    its square is chi-square with as many degrees of freedom.
+    """
+    if fit.prior is None:
+        return []
+    chi2, dof = 0.0, 0
+    information, pull, _ = fit.prior.normal_equations(fit.X, fit.W)
+    scale = np.sqrt(np.diag(information))
+    told = scale > 0
+    unit = information[np.ix_(told, told)] / np.outer(scale[told], scale[told])
+    values, vectors = np.linalg.eigh(unit)
+    half = scale[told, None] * vectors * np.sqrt(values)  # Lambda = half half^T
+    of_mean = (vectors.T @ (pull[told] / scale[told])) / np.sqrt(values)  # half^T xi
+    mu, V = np.linalg.eigh(np.eye(len(values)) - half.T @ fit.covariance[np.ix_(told, told)] @ half)
+    both = mu > MIN_SHARE_FROM_DATA
+    chi2, dof = float(((V.T @ of_mean)[both] ** 2 / mu[both]).sum()), int(both.sum())
+    if dof == 0:
+        return []
+    p_value = float(chdtrc(dof, chi2))
+    name = " and ".join(part[0] for part in fit.prior.parts())
+    values_of = {"of": name, "chi2": chi2, "dof": dof, "p_value": p_value}
+    if p_value < RARE.probability:
+        return [Finding("calibration.prior_contradicted", "caution", values_of)]
+    return [Finding("calibration.prior_agrees", "note", values_of)]

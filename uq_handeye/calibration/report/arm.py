@@ -1,0 +1,103 @@
+"""The robot arm of a calibration in words.
+
+It states which flange X belongs to, what the data determined of the arm's errors, and how far the tool misses a point
+that the camera sees.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...core.formatting.numbers import digits
+from ...core.presentation.document import (
+    Block,
+    Heading,
+    Paragraph,
+)
+from ...model.kinematics.kinematic_errors import DECLARED, ESTIMATE, EXACT, PHYSICAL
+from ..estimate.analysis import FittedKinematics
+from ..result import Calibration
+
+# The mean error of nominal poses is stated from this share of the 95 % radius on.
+MIN_NOMINAL_SHARE = 0.05
+_HOW = {
+    ESTIMATE: "standard deviations estimated from the data and what such arms have",
+    DECLARED: "standard deviations as declared",
+    EXACT: "taken as exact",
+}
+
+
+def arm_blocks(result: Calibration) -> list[Block]:
+    """The arm under its heading; nothing where the calibration knows no joints."""
+    sentences = arm_sentences(result)
+    return [Heading("The arm:"), *map(Paragraph, sentences)] if sentences else []
+
+
+def arm_sentences(result: Calibration) -> list[str]:
+    """Describe what is known of the arm, what X means, and what a prediction is worth."""
+    fitted = result.kinematics
+    if fitted is None:
+        return []
+    chain = fitted.chain
+    text = f"{chain.name}, {chain.n_joints} joints from {chain.base} to {chain.tip}; its errors: {_HOW[fitted.how]}."
+    if fitted.joint_noise > 0:
+        text += f" Joint noise {digits(np.degrees(fitted.joint_noise), 2)} deg."
+    if told := told_words(fitted):
+        text += f" {told}"
+    meaning = [] if fitted.how == EXACT else [meaning_words(result, fitted)]
+    return [text, *meaning, *([said] if (said := prediction_words(result)) else [])]
+
+
+def told_words(fitted: FittedKinematics) -> str:
+    """Say how much of what was assumed of each group the data took away."""
+    told = [f"{group} {100 * share:.0f} %" for group, share in fitted.told().items()]
+    return f"Share of the assumed variance that the data resolved: {', '.join(told)}." if told else ""
+
+
+def meaning_words(result: Calibration, fitted: FittedKinematics) -> str:
+    """Say which flange (or base) X belongs to, and what it is to be used with."""
+    frame = result.frame.split("_T_")[0]
+    if fitted.flange == PHYSICAL:
+        return f"X is the camera in the machined {frame}; errors of the first and last joint are in its covariance."
+    return (
+        f"X is the camera in the {frame} frame of the controller: use it with the corrected kinematics "
+        "(`result.predict`, `uq-handeye predict`), and do not compare it with drawings of the mount "
+        '(`flange="physical"` is for that).'
+    )
+
+
+def prediction_words(result: Calibration) -> str:
+    """Say how far the tool misses what the camera sees, near the calibrated poses and anywhere; and with nominal
+    poses.
+    """
+    found = result.over_workspace
+    if found is None:
+        return ""
+    at = f" from {found.distance:.2g} m away" if result.setup == "eye-in-hand" else ""
+    text = f"A point that the camera sees{at}, and the flange brought to it: within {_mm(found.anywhere)} mm (95 %) "
+    text += "anywhere in the workspace"
+    text += "." if found.near is None else f", within {_mm(found.near)} mm near the calibrated poses."
+    if found.nominal > MIN_NOMINAL_SHARE * found.anywhere:
+        text += (
+            f" With nominal poses in place of the corrected ones add {_mm(found.nominal)} mm (RMS): a mean error, "
+            "which is not part of the covariance."
+        )
+    return text
+
+
+def workspace_caption(result: Calibration) -> str:
+    """Explain how to read the figure of the workspace."""
+    reached = "the flange is brought to a point that the camera sees"
+    if result.setup == "eye-in-hand" and result.over_workspace is not None:
+        reached += f" {result.over_workspace.distance:.2g} m ahead"
+    return (
+        f"How far the tool misses where {reached}: 95 % radius, with errors of X and of the arm and the noise of the "
+        "joints; the camera's own error of the point comes on top. Postures are drawn over the joint limits; "
+        "obstacles and collisions are not looked at. Left by the place of the flange, as the mean about each; "
+        "right by its distance from the nearest calibrated pose. The dashed line is the mean error of who goes on "
+        "with the nominal poses; it is not in the radius."
+    )
+
+
+def _mm(length: float) -> str:
+    return digits(1e3 * length, 2)

@@ -1,0 +1,117 @@
+"""The uncertainty budget of X as a table (JCGM 100): the share of each source, combined and expanded uncertainty."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ...core.formatting.numbers import digits, fixed
+from ...core.formatting.units import DEG_PER_RAD, MM_PER_M
+from ...core.geometry.se3 import Array
+from ...core.presentation.document import Cell, Table
+from ...fit.diagnostics.budget import Budget
+from ...model.noise.models import is_joint
+from ..estimate.analysis import joint_sides
+from ..result import Calibration
+from ..statement.checks import PLAIN
+
+KINDS = ("rotation", "translation")
+# Ending of the name of the sources that are one row.
+OTHERS = " others"
+DOF = "effective degrees of freedom"
+BUDGET_CAPTION = (
+    "Uncertainty budget of X (JCGM 100): standard uncertainties u of translation (mm) and rotation (deg) per axis ("
+    "root mean square), share of the variance, degrees of freedom; type A is evaluated from the data, type B declared"
+)
+
+
+def shown_budget(result: Calibration) -> Budget | None:
+    """The budget, coupled errors of a side as one source; None where it is not known."""
+    if not result.has_budget:
+        return None
+    budget = result.budget
+    for side in ("robot", "camera", "A", "B"):
+        parts = [name for what in KINDS if (name := f"{side} {what}") in budget.sources]
+        # Where errors are coupled, the shares of one kind may be beyond 100 % and below 0: only the sum counts.
+        S = getattr(result.noise, side, None)
+        dense = S is not None and is_joint(S) and side not in joint_sides(result.noise)
+        if parts and (dense or f"{side} coupling" in budget.sources):
+            parts += [name for name in budget.sources if name == f"{side} coupling"]
+            merged = budget.merged(parts)
+            whole, named = " + ".join(parts), f"{side} (rotation and translation)"
+            budget = replace(merged, sources=tuple(named if name == whole else name for name in merged.sources))
+    return budget
+
+
+def budget_table(result: Calibration, most: int | None = None) -> Table | None:
+    """Return standard uncertainties by source, combined and expanded, in the terms of JCGM 100; None: not known.
+
+    Beyond ``most`` sources the smallest are one row.
+    """
+    budget = shown_budget(result)
+    if budget is None:
+        return None
+    budget = shorten_budget(budget, most)
+    factors = {"X translation": MM_PER_M, "X rotation": DEG_PER_RAD}
+    standard, shares, whole = budget.standard, budget.group_shares, budget.expanded()
+    rows: list[list[Cell]] = []
+    largest = np.max([shares[name] for name in factors], axis=0)
+    for k in sorted(range(len(largest)), key=lambda k: (budget.sources[k].endswith(OTHERS), -largest[k])):
+        source = PLAIN.get(budget.sources[k], budget.sources[k])
+        sizes = [fixed(factor * standard[name][k], 2) for name, factor in factors.items()]
+        parts = [f"{100 * shares[name][k]:.1f}" for name in factors]
+        rows.append([source, budget.types[k], *sizes, *parts, freedom(float(budget.dof[k]))])
+    rows.append([])
+    of = [(factor, whole[name]) for name, factor in factors.items()]
+    for title, cells in (
+        ("combined, u_c", [fixed(factor * found.u) for factor, found in of]),
+        (DOF, [freedom(found.dof) for _, found in of]),
+        ("coverage factor k for 95 %", [f"{found.k:.2f}" for _, found in of]),
+        ("expanded, U = k u_c", [fixed(factor * found.U) for factor, found in of]),
+    ):
+        rows.append([title, "", *cells, "", "", ""])
+    head = ["source", "type", "u (mm)", "u (deg)", "% of mm", "% of deg", "dof"]
+    if not np.isfinite([*budget.dof, *(found.dof for _, found in of)]).any():  # said once
+        rows = [row[:-1] for row in rows if not row or row[0] != DOF]
+        return Table(f"{BUDGET_CAPTION}; all degrees of freedom are infinite", head[:-1], rows, frozenset({1}))
+    return Table(BUDGET_CAPTION, head, rows, frozenset({1}))
+
+
+def shorten_budget(budget: Budget, most: int | None) -> Budget:
+    """Return the budget with its smallest sources as one, so that ``most`` remain."""
+    if most is None or len(budget.sources) <= most:
+        return budget
+    sizes = np.max([budget.group_shares[f"X {kind}"] for kind in KINDS], axis=0)
+    small = set(np.argsort(-sizes, kind="stable")[most - 1 :].tolist())
+    names = [name for k, name in enumerate(budget.sources) if k in small]
+    merged = budget.merged(names)
+    whole = " + ".join(names)
+    return replace(merged, sources=tuple(f"{len(names)}{OTHERS}" if n == whole else n for n in merged.sources))
+
+
+def freedom(dof: float) -> str:
+    """Return degrees of freedom as a whole number, cut off as in JCGM 100, G.4.1; many count as infinite."""
+    return "infinite" if not dof < 1000 else f"{int(dof)}" if dof >= 10 else digits(dof, 2)
+
+
+def worst_words(result: Calibration) -> str:
+    """The expanded uncertainty in the direction in which X is least certain."""
+    budget = shown_budget(result)
+    if budget is None:
+        return ""
+    found = budget.expanded(worst=True)
+    move, turn = found["X translation"], found["X rotation"]
+    return (
+        f"In the worst direction U is {digits(MM_PER_M * move.U, 2)} mm (k = {move.k:.2f}) and "
+        f"{digits(DEG_PER_RAD * turn.U, 2)} deg (k = {turn.k:.2f}), which covers 95 % of the errors."
+    )
+
+
+def budget_shares(result: Calibration) -> dict[str, Array]:
+    """Shares (2,) of the variances of X's rotation and translation by source; nothing where there is no budget."""
+    budget = shown_budget(result)
+    if budget is None:
+        return {}
+    shares = np.stack([budget.group_shares[f"X {kind}"] for kind in KINDS], axis=-1)  # (sources, 2)
+    return dict(zip(budget.sources, shares, strict=True))

@@ -1,0 +1,141 @@
+"""Errors that all poses share, the time offset among them, as a table and in words.
+
+For each error: what was assumed, what was estimated; and which errors the total includes.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...core.formatting.numbers import concise, digits
+from ...core.presentation.document import (
+    Block,
+    Cell,
+    Points,
+    Table,
+)
+from ...fit.diagnostics.result import ScaleError
+from ...fit.diagnostics.sentences import relative
+from ...fit.likelihood.shared_estimates import SharedEstimate, SharedGroup
+from ...model.shared_errors.shared_error import CLOCK_OFFSET, ROBOT_SCALE, TARGET_SCALE, WRONG_SIZE
+from ..result import Calibration
+from ..statement.checks import included, shared_groups, sizes_of
+
+CAPTION = (
+    "Errors that all poses share: standard deviation assumed, estimate with its standard deviation in brackets after "
+    "the fit, and share of the variance of X in the direction where it counts most. An error is used / true - 1 for "
+    "lengths: +1 % says that the true value is 1 % smaller than the one used."
+)
+OF_MANY = (
+    " An error of many numbers is one row: the standard deviation assumed of each, the root mean square (RMS) of the "
+    "estimates, how much of the variance assumed the data took away, and the share of all numbers together."
+)
+# Findings that belong to the table.
+SHARED_CODES = ("calibration.shared_confounded", "calibration.shared_opens")
+
+
+def shared_table(result: Calibration) -> Table | None:
+    """One row for each error that was declared or assumed, then those that were not; None where nothing is known."""
+    groups = shared_groups(result)
+    parts = () if result.noise_estimate is None else result.noise_estimate.components
+    of_population = {part.name for part in parts if part.status == "population"}
+    rows: list[list[Cell]] = [_declared(group, group.parts[0].error in of_population) for group in groups]
+    if (found := result.time_offset) is not None and found.std > 0:
+        known = concise(1e3 * found.offset, 1e3 * found.std, "ms")
+        rows.append([CLOCK_OFFSET, "estimated from the streams", known, f"{100 * found.share:.1f} %"])
+    if result.analysis is not None:
+        names = {error.name for error in result.shared}
+        rows += [
+            [probe.name, (_undeclared(probe), 3)] for probe in result.analysis.diagnostics.probes
+            if probe.name not in names
+        ]  # fmt: skip
+    caption = CAPTION + (OF_MANY if any(group.count > 1 for group in groups) else "")
+    return Table(caption, ["error", "assumed", "found", "share"], rows, frozenset({1})) if rows else None
+
+
+def shared_blocks(result: Calibration) -> list[Block]:
+    """The table, and what is to be known beside it."""
+    table = shared_table(result)
+    notes = [str(found) for found in result.findings if found.code in SHARED_CODES and found.severity == "note"]
+    if look_alike(result):
+        notes.append("Target scale and robot scale have the same effect on the residuals and cannot be separated.")
+    if text := offset_sentence(result):
+        notes.append(text)
+    return [*([] if table is None else [table]), *([Points(notes)] if notes else [])]
+
+
+def look_alike(result: Calibration) -> bool:
+    """Return whether the residuals indicate a scale that may be the target's or the robot's."""
+    probes = () if result.analysis is None else result.analysis.diagnostics.probes
+    asked = {probe.name for probe in probes if probe.asked_for}
+    asked |= {error.name for error in result.shared if error.name == TARGET_SCALE and error.beyond(WRONG_SIZE) > 0.5}
+    return bool(asked & {TARGET_SCALE, ROBOT_SCALE})
+
+
+def _declared(group: SharedGroup, estimated: bool) -> list[Cell]:
+    how = "estimated" if estimated else "default" if group.default else "declared"
+    share = f"{100 * group.share:.1f} %"
+    if group.count > 1:
+        return [f"{group.name} ({group.count})", f"{sizes_of(group)} ({how})", found_of(group), share]
+    error = group.parts[0]
+    factor, unit = error.shown
+    found = concise(factor * error.estimate, factor * error.sd, unit)
+    return [error.name, f"{amount(error)} ({how})", found, share]
+
+
+def found_of(group: SharedGroup) -> str:
+    """RMS of the estimates of a group, and how much the data told of it."""
+    sizes = (f"{digits(float(np.sqrt(np.mean(group.of_unit(unit)[1] ** 2))), 2)} {unit}" for unit in group.units)
+    if group.parts[0].stated:
+        return f"told {100 * group.told:.0f} %"
+    rms = ", ".join(size.rstrip() for size in sizes)
+    return f"RMS {rms}; told {100 * group.told:.0f} %"
+
+
+def _undeclared(probe: ScaleError) -> str:
+    if probe.covered:
+        return "in the covariance of the camera poses, with the other intrinsics"
+    if probe.reason is not None:
+        return "not declared: the distances from camera to target are not known"
+    move = f"0.1 % moves X by {digits(probe.shift_sd, 2)} of its standard deviations"
+    if not probe.visible:
+        return f"not declared: the residuals do not show it; {move}"
+    return f"not declared: the residuals indicate {relative(probe.estimate, probe.sd)}; {move}"
+
+
+def amount(error: SharedEstimate) -> str:
+    """The standard deviation assumed, in the unit that people read."""
+    factor, unit = error.shown
+    return f"{digits(factor * error.prior_sd, 2)} {unit}".rstrip()
+
+
+def included_words(result: Calibration) -> str:
+    """Say which shared errors the covariance of X includes, as a sentence."""
+    parts = included(result)
+    defaults = sum(default for _, default in parts)
+    if not parts:
+        return "Errors that all poses share are not included."
+    said = {0: "", len(parts): " (defaults)" if len(parts) > 1 else " (default)"}.get(defaults)
+    named = [part if said is not None or not default else f"{part} (default)" for part, default in parts]
+    return f"This total includes what all poses share: {', '.join(named)}{said or ''}."
+
+
+def offset_sentence(result: Calibration) -> str:
+    """Say what the time offset of the poses adds to the covariance of X; empty where there is none."""
+    found = result.time_offset
+    if found is None:
+        return ""
+    if found.std == 0:
+        said = "taken as exact, as given: its uncertainty is not in the covariance of X."
+        return f"Time offset: {1e3 * found.offset:.6g} ms, {said}"
+    move = found.std * np.array(found.sensitivity)
+    if not move.any():
+        said = "The robot stands still at these poses: the offset does not matter for X."
+        return f"Time offset: {concise(1e3 * found.offset, 1e3 * found.std, 'ms')}. {said}"
+    turn, shift = np.degrees(np.linalg.norm(move[:3])), 1e3 * np.linalg.norm(move[3:])
+    return (
+        f"Time offset: {concise(1e3 * found.offset, 1e3 * found.std, 'ms')} (robot_time = camera_time + offset; the "
+        f"{found.side} was interpolated). One standard deviation of it moves X by {digits(turn, 2)} deg and "
+        f"{digits(float(shift), 2)} mm; this is in the covariance of X, where it makes up "
+        f"{100 * found.share:.2g} % of the variance in the direction in which it counts most."
+    )

@@ -1,0 +1,65 @@
+"""Editing of a report: no sentence twice, and advice that holds code in the section for those who repeat the run."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from ..core.presentation.document import Block, Paragraph, Points, Section
+from ..trials.validation.cross_check.run import CrossCheck as CrossCheck
+
+if TYPE_CHECKING:
+    pass
+
+# Sections for those who repeat the run or take X into their software.
+FOR_PROGRAMMERS = ("forms", "repeat")
+ADVICE = "Advice for repeating the run:"
+# An option, an argument, a call, or an attribute of a result.
+_CODE = re.compile(
+    r"(?<![\w-])--[a-z]|\b[a-z_]+=[\w\"'\[(]|\b(?:calibrate|compare|report|[a-z]+_[a-z_]+)\(|\bresult\.[a-z_]+\b"
+)
+_BETWEEN = re.compile(r"(?<=[.!?]) (?=[A-Z])")
+
+
+def edited(pages: Sequence[Sequence[Section]]) -> list[list[Section]]:
+    """Return the sections without sentences that stand before, and without code.
+
+    Sentences with options of the command or arguments of functions are moved to the section "repeat", if there is one.
+    """
+    said: set[str] = set()
+    advice: list[str] = []
+
+    def kept(text: str) -> str:
+        """Return the sentences that were not said yet and hold no code."""
+        found = []
+        for sentence in _BETWEEN.split(text):
+            if _CODE.search(sentence):
+                advice.append(sentence)
+            elif sentence not in said:
+                found.append(sentence)
+        said.update(sentence for sentence in found if len(sentence) > 40)
+        return " ".join(found)
+
+    def of_block(block: Block) -> list[Block]:
+        match block:
+            case Paragraph(empty=False):
+                text = kept(block.text)
+                return [replace(block, text=text)] if text else []
+            case Points():
+                items = [(text, k in block.marked) for k, item in enumerate(block.items) if (text := kept(item))]
+                marked = frozenset(k for k, (_, stands_out) in enumerate(items) if stands_out)
+                return [Points([text for text, _ in items], marked)] if items else []
+        return [block]
+
+    def of_section(section: Section) -> Section:
+        if section.anchor in FOR_PROGRAMMERS:
+            return section
+        return replace(section, blocks=[part for block in section.blocks for part in of_block(block)])
+
+    found = [[of_section(section) for section in page] for page in pages]
+    extra = [Paragraph(ADVICE), Points(list(dict.fromkeys(advice)))] if advice else []
+    return [
+        [replace(s, blocks=[*s.blocks, *extra]) if s.anchor == "repeat" else s for s in sections] for sections in found
+    ]
