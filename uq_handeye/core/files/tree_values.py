@@ -9,10 +9,11 @@ import numpy as np
 
 from ...errors import InputError
 from ..geometry.se3 import Array
+from .json_values import Json
 from .one_line import short
 
-# What a file of YAML, JSON, TOML or XML holds: maps, lists, texts, numbers, yes or no, nothing.
-Tree: TypeAlias = "dict[str, Any] | list[Any] | str | float | bool | None"
+# Content of a file of YAML, JSON, TOML or XML; parts of it are taken by the functions below, which check them.
+Tree: TypeAlias = Json
 
 
 def fields_of(value: Tree) -> dict[str, Any]:
