@@ -5,9 +5,10 @@ Robot and camera poses, joints, times, and the camera adjusted with all pictures
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import Any, NamedTuple, cast
+from functools import partial
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -256,7 +257,7 @@ def arguments(
     assert result.provenance is not None
     options, request = result.provenance.options, _request(result)
     shared = None if request["shared"] is None else [stored_error(error) for error in request["shared"]]
-    noise_of_all = _noise(request["noise"], poses, _Rows(result, numbers), noise)
+    noise_of_all = _noise(request["noise"], poses, partial(_of_each_pose, result, numbers), noise)
     by_views = isinstance(noise_of_all, CameraNoise)
     if shared is None and (noise_of_all is None or by_views) and request["simulated"]:
         known = by_views or poses.camera_known
@@ -330,7 +331,9 @@ def _beforehand(prior: Mapping[str, Any] | None) -> dict[str, Any]:
     return found
 
 
-def _noise(given: Mapping[str, Any] | None, poses: PosePairs, rows: _Rows, new: PoseNoise | None) -> Any:
+def _noise(
+    given: Mapping[str, Any] | None, poses: PosePairs, of_each: Callable[[Array, Array], Array], new: PoseNoise | None
+) -> Any:
     """Return the noise of all poses, or None where it is to be estimated."""
     if given is None:
         if new is not None:
@@ -340,7 +343,7 @@ def _noise(given: Mapping[str, Any] | None, poses: PosePairs, rows: _Rows, new: 
         return None
     if "A" in given:
         raise InputError("The result has noise of motions (PairNoise): an update needs noise of poses.")
-    robot, camera = (_side(name, given[name], poses, rows, new) for name in ("robot", "camera"))
+    robot, camera = (_side(name, given[name], poses, of_each, new) for name in ("robot", "camera"))
     if robot is None and type(given["camera"]) is dict:
         return camera
     if robot is None and camera is None:
@@ -348,7 +351,9 @@ def _noise(given: Mapping[str, Any] | None, poses: PosePairs, rows: _Rows, new: 
     return PoseNoise(robot, camera)
 
 
-def _side(name: str, old: Any, poses: PosePairs, rows: _Rows, noise: PoseNoise | None) -> Any:
+def _side(
+    name: str, old: Any, poses: PosePairs, of_each: Callable[[Array, Array], Array], noise: PoseNoise | None
+) -> Any:
     """Return the covariance of a side for all poses: one for each, or (n, 6, 6)."""
     new = None if noise is None else getattr(noise, name)
     match old, new:
@@ -378,20 +383,17 @@ def _side(name: str, old: Any, poses: PosePairs, rows: _Rows, noise: PoseNoise |
         return before
     if before.ndim == 2 and np.array_equal(before, new):
         return before
-    return rows.each(before, np.asarray(new))
+    return of_each(before, np.asarray(new))
 
 
-class _Rows(NamedTuple):
-    """Poses of a result and new ones, by their numbers among both."""
+def _of_each_pose(result: Calibration, numbers: NDArray[np.intp], old: Array, new: Array) -> Array:
+    """(n, 6, 6) the covariance of each pose, by their numbers among the poses of the result and the new ones.
 
-    result: Calibration
-    numbers: NDArray[np.intp]
-
-    def each(self, old: Array, new: Array) -> Array:
-        """(n, 6, 6) the covariance of each pose; those of excluded poses, which do not count, are any."""
-        n = len(self.result.data or ())
-        m = int(max(self.numbers.max() + 1 - n, 0)) if new.ndim == 2 else len(new)
-        whole = np.tile(old if old.ndim == 2 else old[0], (n, 1, 1))
-        if old.ndim > 2:
-            whole[counted(self.result)] = old
-        return np.concatenate([whole, np.broadcast_to(new, (m, 6, 6))])[self.numbers]
+    Those of excluded poses, which do not count, are any.
+    """
+    n = len(result.data or ())
+    m = int(max(numbers.max() + 1 - n, 0)) if new.ndim == 2 else len(new)
+    whole = np.tile(old if old.ndim == 2 else old[0], (n, 1, 1))
+    if old.ndim > 2:
+        whole[counted(result)] = old
+    return np.concatenate([whole, np.broadcast_to(new, (m, 6, 6))])[numbers]
