@@ -68,6 +68,7 @@ CASES = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("what", "known"), CASES)
 def test_x_is_the_same(what, known):
     limit = SECOND_ORDER if what == "target" else ROUNDING
@@ -84,6 +85,7 @@ def test_x_is_the_same(what, known):
     assert flagged >= 10  # the test is one of robust weights
 
 
+@pytest.mark.slow
 def test_x_is_the_same_however_a_target_is_turned_whose_normal_is_not_z():
     """Views across z contradict the convention: their mean direction is the normal, in whatever frame."""
     for seed in range(6):
@@ -102,6 +104,7 @@ def test_x_is_the_same_however_a_target_is_turned_whose_normal_is_not_z():
         assert np.sqrt(apart @ np.linalg.solve(found[0].covariance, apart)) < ROUNDING
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("what", [*CHANGES, "target far"])
 def test_the_start_is_the_same(what):
     """Without noise given, and for a target frame a metre away from the target."""

@@ -124,6 +124,7 @@ def picture(width, height, kind="PNG"):
         return file.getvalue()
 
 
+@pytest.mark.slow
 def test_pictures_are_looked_at_before_they_are_kept(tmp_path):
     assert keep_picture(tmp_path, "../a.png", picture(640, 480)).name == "picture.png"
     assert thumbnail(tmp_path / "picture.png").shape == (180, 240, 3)
@@ -134,6 +135,7 @@ def test_pictures_are_looked_at_before_they_are_kept(tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["picture.png"]
 
 
+@pytest.mark.slow
 def test_what_files_hold_is_shown_as_text_and_bounded(tmp_path):
     """Zip bombs, HTML and formulas in a file end as one line that says what cannot be read."""
     session = Session(Folder(tmp_path))

@@ -36,6 +36,7 @@ def taken(folder, n, **how):
     return session
 
 
+@pytest.mark.slow
 def test_an_answer_after_each_pose(tmp_path):
     session = Session(Folder(tmp_path / "new"))
     said = [session.add(POSES.robot[k], POSES.camera[k]).lines[0] for k in range(5)]
@@ -44,6 +45,7 @@ def test_an_answer_after_each_pose(tmp_path):
     assert after < before and session.curve == [(n, session._sizes[n, ()]) for n in (3, 4, 5)]
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::uq_handeye.InputWarning")
 def test_the_same_bits_as_calibrate_on_the_same_files(tmp_path):
     session = taken(tmp_path, 14)
@@ -58,6 +60,7 @@ def test_the_same_bits_as_calibrate_on_the_same_files(tmp_path):
     np.testing.assert_array_equal(session.answer.result.X, again.X)
 
 
+@pytest.mark.slow
 def test_growing_files_of_another_program(tmp_path):
     session = Session(Folder(tmp_path), Question(tolerance=Tolerance.read("5mm,1deg")))
     for k in (2, 9, 14):
@@ -72,6 +75,7 @@ def test_growing_files_of_another_program(tmp_path):
         session.add(POSES.robot[0], POSES.camera[0])
 
 
+@pytest.mark.slow
 def test_what_is_left_out_is_remembered(tmp_path):
     taken(tmp_path, 8).leave_out(2)
     session = Session(Folder(tmp_path))
@@ -84,6 +88,7 @@ def test_what_is_left_out_is_remembered(tmp_path):
         Session(Folder(tmp_path))
 
 
+@pytest.mark.slow
 def test_killed_at_once_after_a_pose(tmp_path):
     """Every pose that was answered is there, and a line cut off in the middle is not."""
     program = (
@@ -108,6 +113,7 @@ def test_killed_at_once_after_a_pose(tmp_path):
     assert session.add(POSES.robot[5], POSES.camera[5]).n == 6
 
 
+@pytest.mark.slow
 def test_json_lines(tmp_path):
     text = line(0, timestamp=1.5) + "nonsense\n" + "".join(line(k, timestamp=1.5 + k) for k in range(1, 8))
     session = Session(Folder(tmp_path))
@@ -141,6 +147,7 @@ def test_poses_that_are_none(tmp_path):
     assert not (tmp_path / OWN).exists()
 
 
+@pytest.mark.slow
 def test_the_curve_is_filled_up_afterwards(tmp_path):
     session = taken(tmp_path, 12)
     while session.fill():

@@ -47,6 +47,7 @@ def pictures(n=10, seed=1):
     return poses, found
 
 
+@pytest.mark.slow
 def test_pictures_in_place_of_camera_poses(page, tmp_path):
     poses, seen = pictures()
     write_pose_file(tmp_path / "r.csv", poses.robot)
@@ -66,6 +67,7 @@ def test_pictures_in_place_of_camera_poses(page, tmp_path):
     np.testing.assert_array_equal(again.answer.result.X, answer.result.X)
 
 
+@pytest.mark.slow
 def test_a_picture_is_looked_at_once(page, tmp_path, monkeypatch):
     poses, seen = pictures(4)
     write_pose_file(tmp_path / "r.csv", poses.robot)
@@ -109,6 +111,7 @@ def test_the_page_asks_for_what_a_kind_of_board_has(page):
         assert (page._board.visible, page._second.visible, page._words.visible) == tuple(map(bool, shown))
 
 
+@pytest.mark.slow
 def test_pictures_of_a_charuco_board(page, tmp_path):
     cv2 = pytest.importorskip("cv2", reason="OpenCV (extra camera) is not installed")
     poses = uq.simulate(n_poses=8, distance=("0.5m", "0.7m"), tilt="20deg", roll="40deg", seed=1)
@@ -197,6 +200,7 @@ def test_touches_are_drawn_beside_each_answer(page):
     assert "expected a header with seen_x" in page._said.content
 
 
+@pytest.mark.slow
 def test_a_bag_is_played_into_the_session(page, monkeypatch):
     """The streams of a bag, which a stand-in reads, come as pairs of poses."""
     times = np.linspace(0.0, 20.0, 401)

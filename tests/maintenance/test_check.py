@@ -39,6 +39,7 @@ def moved(setup, m=6, seed=7, X=(0,) * 6, W=(0,) * 6):
     return uq.simulate(m, noise=NOISE, setup=setup, seed=seed, **at)
 
 
+@pytest.mark.slow
 def test_chi_square_where_noise_is_given(results):
     """False alarms, also of half the covariance; power as the noncentral chi-square says."""
     alarms, power, of_wrong = [], [], []
@@ -65,6 +66,7 @@ def test_chi_square_where_noise_is_given(results):
     assert abs(np.mean(power)) < 0.045
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("setup", SETUPS)
 def test_estimated_noise_raises_the_limit(setup):
     result = old_result(setup, n=10)
@@ -212,6 +214,7 @@ def test_refused(results):
         uq.check(results["eye-in-hand"], poses, level=2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("setup", SETUPS)
 def test_causes_at_three_times_what_shows(results, setup):
     """Named right in most; the image centre never without X.
@@ -244,6 +247,7 @@ def test_causes_at_three_times_what_shows(results, setup):
     assert mistaken <= binom.ppf(0.999, 24, 0.05)
 
 
+@pytest.mark.slow
 def test_an_assumed_accuracy_that_hides_changes_is_said():
     noise = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
     old, new = uq.simulate(15, noise=noise, seed=1), uq.simulate(6, seed=2)
@@ -285,6 +289,7 @@ def test_nothing_may_be_the_same(results):
         uq.difference(old_result(noise=NOISE, shared=[]), replace(result, X=result.X + 0.0), same="none")
 
 
+@pytest.mark.slow
 def test_the_command_takes_the_same_things_once_or_several_times(results, tmp_path):
     results["eye-in-hand"].save(tmp_path / "result.json")
     poses = moved("eye-in-hand", m=8)
@@ -300,6 +305,7 @@ def test_the_command_takes_the_same_things_once_or_several_times(results, tmp_pa
         assert wrong.returncode == 2 and "Expected `same` (--same)" in wrong.stdout + wrong.stderr
 
 
+@pytest.mark.slow
 def test_poses_that_are_plainly_of_another_rig_are_not_a_change():
     """Named by what the files hold: the arm by its joints, camera and target by their pictures."""
     found = rig(np.random.default_rng(1))
@@ -354,6 +360,7 @@ def creeping(seed, m, rng):
     return uq.PosePairs(drawn.robot, camera, drawn.setup, np.arange(m) * 2.0)
 
 
+@pytest.mark.slow
 def test_drift_goes_on_in_the_session_of_new_poses():
     """A camera that creeps has not changed; without the drift of the new session every second check says so."""
     p_values, still = [], []
@@ -366,6 +373,7 @@ def test_drift_goes_on_in_the_session_of_new_poses():
     assert np.sum(np.array(p_values) < 0.05) <= 1 and np.sum(np.array(still) < 0.05) >= 2
 
 
+@pytest.mark.slow
 def test_poses_between_those_of_the_calibration_share_its_drift():
     """They show smaller changes than those of another session, and do not contradict; in memory and from a file."""
     p_values, sizes = [], []

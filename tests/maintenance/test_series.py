@@ -113,6 +113,7 @@ def test_the_columns_are_described():
     assert len(COLUMNS) == len(set(COLUMNS)) == 7 + 12 + 1
 
 
+@pytest.mark.slow
 def test_check_log_adds_a_line_and_draws_the_series(calibrated, tmp_path, capsys):
     from uq_handeye.cli.app import main
     from uq_handeye.read import write_pose_file

@@ -53,6 +53,7 @@ def parts_of(poses, *sizes):
     return [poses.rows(np.arange(*ends[k : k + 2])) for k in range(len(sizes))]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("setup", "options", "close"),
     [
@@ -119,6 +120,7 @@ def test_poses_that_contradict_the_result_are_refused():
     assert updated(result, moved, although_changed=True).n_poses == ALL
 
 
+@pytest.mark.slow
 def test_camera_noise_by_views_is_that_of_all_views():
     poses = replace(uq.simulate(ALL, noise=NOISE, seed=8), truth=None)
     first, second = parts_of(poses, 25, 1)
@@ -127,6 +129,7 @@ def test_camera_noise_by_views_is_that_of_all_views():
     assert apart(updated(quietly(first, noise=asked(first)), second), whole) < 1e-9
 
 
+@pytest.mark.slow
 def test_an_arm_is_asked_again_by_its_joints():
     large = {"joint offsets": 0.02, "joint tilts": 0.02, "link lengths": 5e-3}
     poses = rig(np.random.default_rng(0), n=16, sd=large).poses
@@ -144,6 +147,7 @@ def test_an_arm_is_asked_again_by_its_joints():
         uq.update(start, replace(second, joints=None))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["efficient", "bundle"])
 def test_the_camera_is_adjusted_with_all_pictures(method):
     corners, robot, _ = recorded(np.random.default_rng(11), 12)
@@ -237,6 +241,7 @@ def test_a_result_without_poses_is_updated_by_its_posterior(options, close):
         uq.difference(start, forward)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("times", [None, np.arange(ALL) * 2.0], ids=["no times", "times"])
 @pytest.mark.parametrize("lacks", ["poses", "poses and request"])
 def test_a_file_without_poses_is_updated_as_one_with_them(times, lacks, tmp_path):
@@ -255,6 +260,7 @@ def test_a_file_without_poses_is_updated_as_one_with_them(times, lacks, tmp_path
         uq.difference(uq.load(tmp_path / "bare.json"), found)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
 def test_open_sizes_are_found_again_beside_touches(setup):
     """The rows that the posterior is made of tell them, also from a file; columns of old poses are not taken again."""

@@ -133,6 +133,7 @@ def test_draws_have_the_covariance(rng, structured):
         assert_same_covariance(np.cov(xi.T), np.kron(np.eye(n), np.ones((6, 6))) * np.asarray(S), 0.07)
 
 
+@pytest.mark.slow
 def test_calibrate_validate_and_files_take_it(rng, tmp_path, both_ways):
     poses, noise, dense = both_ways(rng, n=15)
     result, expected = uq.calibrate(poses, noise=noise), uq.calibrate(poses, noise=dense)

@@ -169,6 +169,7 @@ def test_joint_and_counts(rng):
             require_count(S, 4, "camera", "poses")
 
 
+@pytest.mark.slow
 @holds_for(seed=st.integers(0, 2**32 - 1), size=st.sampled_from([6, 12, 30]), rank=st.integers(0, 30))
 def test_factor(seed, size, rank):
     """``L L^T`` is the covariance, of full rank or not, on its own and among others."""

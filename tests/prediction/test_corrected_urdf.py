@@ -27,6 +27,7 @@ def result():
     return calibrated(Session(ARM, e, measured(ARM, e, q, rng), q))
 
 
+@pytest.mark.slow
 def test_the_corrected_urdf_has_the_poses_of_the_errors_exported(result):
     found = corrected_urdf(result.kinematics, SIX_AXES)
     assert 3 <= len(found.exported) < len(result.kinematics.kept)
@@ -93,6 +94,7 @@ def test_another_arm_and_no_arm_are_refused(result):
         with_origins("<!DOCTYPE robot><robot/>", {})
 
 
+@pytest.mark.slow
 def test_on_the_command_line(result, tmp_path):
     (tmp_path / "arm.urdf").write_text(SIX_AXES)
     result.to_json(tmp_path / "result.json")

@@ -13,6 +13,7 @@ def found():
     return case, calibrated(case)
 
 
+@pytest.mark.slow
 def test_each_error_that_counts_has_a_row(found):
     case, result = found
     rows = result.kinematics.table()

@@ -34,6 +34,7 @@ def test_local_poses_are_named():
     assert str(found) in result.warnings
 
 
+@pytest.mark.slow
 def test_poses_all_over_the_joint_ranges_are_not():
     arm, rng = chain(), np.random.default_rng(2)
     e = drawn_errors(arm, rng)
@@ -41,6 +42,7 @@ def test_poses_all_over_the_joint_ranges_are_not():
     assert not found_in(calibrated(Session(arm, e, measured(arm, e, q, rng), q)))
 
 
+@pytest.mark.slow
 def test_an_arm_that_is_exact_or_unknown_has_none():
     arm, rng = chain(), np.random.default_rng(2)
     poses = measured(arm, np.zeros(len(arm.errors)), looking(arm, rng, 15, 0.1), rng)

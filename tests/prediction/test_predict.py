@@ -36,6 +36,7 @@ def calibrated(found, errors=DECLARED, **options):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
 def test_predicted_camera_poses_are_as_uncertain_as_stated(rng, setup):
     draws, near, far, wrong = 40, [], [], []
@@ -57,6 +58,7 @@ def test_predicted_camera_poses_are_as_uncertain_as_stated(rng, setup):
     assert np.mean(wrong) / 6 > 3  # without the arm the same test fails
 
 
+@pytest.mark.slow
 def test_the_physical_flange_needs_the_columns_of_its_frames(rng):
     def square(result, X):
         off = np.concatenate([logarithm(result.X[:3, :3] @ X[:3, :3].T), result.X[:3, 3] - X[:3, 3]])
@@ -109,6 +111,7 @@ def test_without_an_arm_predictions_go_by_robot_poses(rng):
         result.predict_camera(np.zeros(6))
 
 
+@pytest.mark.slow
 def test_a_new_measurement_shares_the_intrinsics_of_the_calibration(rng):
     """Poses by the estimated intrinsics err with them as X does: taken as independent d^2 is 5 times too large."""
     board, size, draws = uq.Board(9, 6, 0.03), (900, 900), 14
@@ -156,6 +159,7 @@ def test_a_file_predicts_the_same(rng, tmp_path):
         uq.Calibration.from_dict(data)
 
 
+@pytest.mark.slow
 def test_poses_of_another_arm_are_refused(rng):
     found = rig(rng)
     other = uq.Kinematics.from_urdf(SIX_AXES.replace('xyz="0 0 0.27"', 'xyz="0 0 0.7"'))
@@ -163,6 +167,7 @@ def test_poses_of_another_arm_are_refused(rng):
         uq.calibrate(found.poses, noise=NOISE, kinematics=other)
 
 
+@pytest.mark.slow
 def test_what_does_not_fit_is_refused(rng):
     found = rig(rng)
     result = calibrated(found)
@@ -225,6 +230,7 @@ def test_joints_in_degrees_are_refused(rng):
         result.predict_camera(joints=np.rad2deg(CENTRE))
 
 
+@pytest.mark.slow
 def test_a_calibrated_pose_is_never_less_certain_than_one_far_away():
     """Two arms of which nothing is known, and one without errors."""
     for arm, accuracy in (("ur5", 0.6e-3), ("panda", 2e-3), ("irb120", 0.0)):
@@ -239,6 +245,7 @@ def test_a_calibrated_pose_is_never_less_certain_than_one_far_away():
         assert len(far) > 3 and near.max() < other.min()
 
 
+@pytest.mark.slow
 def test_joints_make_predictions_better():
     """Far from the calibrated poses, of arms of 2 mm: nearer to the truth than without them, and not less certain."""
     off, stated = np.empty((3, 2)), np.empty((3, 2))
@@ -255,6 +262,7 @@ def test_joints_make_predictions_better():
     assert (off[:, 1] < off[:, 0]).all() and (stated[:, 1] < stated[:, 0]).all()
 
 
+@pytest.mark.slow
 def test_poses_of_seven_axes_leave_the_elbow_open():
     """An arm of 2 mm, known by its joints, at other poses without joints: less certain, and nearly as far off."""
     drawn = arm_set("panda", 2e-3, np.random.default_rng(1), n=30, spread="anywhere")

@@ -39,6 +39,7 @@ def result(request):
     return calibrated(request.param)
 
 
+@pytest.mark.slow
 def test_far_from_the_calibrated_poses_the_tool_misses_by_more(result):
     found = result.over_workspace
     assert found is result.over_workspace  # computed once
@@ -68,6 +69,7 @@ def test_radii_are_those_of_predict():
     np.testing.assert_allclose(result.over_workspace.near_radius_95[: len(radius)], radius, rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_words(result, tmp_path, without_rendering):
     said = " ".join(arm_sentences(result))
     assert "anywhere in the workspace" in said and "near the calibrated poses" in said
@@ -79,6 +81,7 @@ def test_words(result, tmp_path, without_rendering):
     assert page.index('id="full"') < page.index('id="arm"') < page.index('id="ellipses"')
 
 
+@pytest.mark.slow
 def test_figure(result):
     assert "workspace" in pictures(result, only=["workspace"])
     assert render(workspace_figure(result.over_workspace), "svg") == render(
@@ -94,11 +97,13 @@ def test_without_an_arm_there_is_none():
     assert exact.kinematics is None or ("taken as exact" in said and "With nominal poses" not in said)
 
 
+@pytest.mark.slow
 def test_the_physical_flange_is_said():
     said = " ".join(arm_sentences(calibrated(errors=uq.KinematicErrors("declared", joint_sd=2e-4, flange="physical"))))
     assert "machined" in said and "frame of the controller" not in said
 
 
+@pytest.mark.slow
 def test_a_turntable_whose_flange_stays_where_it_is_is_drawn():
     k = np.full(40, 1e-3)
     found = WorkspacePrediction(

@@ -60,6 +60,7 @@ def test_orthonormalise_is_a_rotation_and_keeps_rotations(rng, n):
     np.testing.assert_allclose(uq.orthonormalise(M[1, 7]), R[1, 7], rtol=0, atol=1e-14)
 
 
+@pytest.mark.slow
 @holds_for(seed=SEEDS, n=st.sampled_from([2, 3, 4, 5]), log_noise=st.floats(-6, 0))
 def test_orthonormalise_is_nearest(seed, n, log_noise):
     """No rotation near or far is nearer in the Frobenius norm; determinants of both signs."""
@@ -116,6 +117,7 @@ def test_register_against_scipy(rng, mirror):
     np.testing.assert_allclose(t, V.mean(axis=0) - reference.apply(U.mean(axis=0)), rtol=0, atol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("n", [3, 4])
 @pytest.mark.parametrize("mirror", [False, True])
 def test_register_is_optimal(rng, n, mirror):
@@ -296,6 +298,7 @@ def loop_T2(A, B):
     return transforms(R, -np.linalg.solve(M, b))
 
 
+@pytest.mark.slow
 @holds_for(seed=SEEDS, N=st.integers(3, 30), log_sd=st.floats(-4, -0.5))
 def test_limit_against_T2_pair_by_pair(seed, N, log_sd):
     _, A, B = noisy_motions(np.random.default_rng(seed), N, 10**log_sd)

@@ -38,6 +38,7 @@ def test_equals_the_pairs_formed(setup, n, rng):
         np.testing.assert_allclose(whitened(everything.propagate(noise, X), expected), 1.0, atol=1e-10)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
 @pytest.mark.parametrize("side", ["robot", "camera"])
 def test_covariance_by_numerical_derivative(setup, side, rng):
@@ -106,6 +107,7 @@ def test_spread_pairs(n):
         assert (pairs[:, 1] - pairs[:, 0]).max() == n - 1
 
 
+@pytest.mark.slow
 def test_many_poses_are_diagnosed_on_some_pairs():
     noise = uq.PoseNoise.isotropic(camera=("0.1deg", "0.5mm"))
     result = uq.calibrate(uq.simulate(1000, noise=noise, seed=1), noise=noise, method="4dpa")

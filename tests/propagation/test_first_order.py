@@ -58,6 +58,7 @@ def codes(findings):
 # -------------------------------------------------------------------------------------------------------- zhao
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "variance"),
     [("wide", ISOTROPIC), ("small", ISOTROPIC), ("small", ONLY_TRANSLATION)],
@@ -76,6 +77,7 @@ def test_zhao_agrees_with_samples_where_nothing_is_said(rng, kind, variance):
     assert ratios[0] > 0.5 and ratios[-1] < 2.0, ratios
 
 
+@pytest.mark.slow
 def test_zhao_says_where_residuals_known_better_than_X_hold_it(rng):
     """Nearly one axis and no noise of rotations: sampled variances are ten times as large and more."""
     trials, largest = 80, []
@@ -138,6 +140,7 @@ def nguyen_case(rng, kind, variance, size):
     return whitened_eigenvalues(covariance, by_derivatives(G, C, weights, X, variance)), findings
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["wide", "small"])
 @pytest.mark.parametrize("variance", [ISOTROPIC, MOSTLY_TRANSLATION, MOSTLY_ROTATION])
 def test_nguyen_is_the_derivative_where_nothing_is_said(rng, kind, variance):
@@ -149,6 +152,7 @@ def test_nguyen_is_the_derivative_where_nothing_is_said(rng, kind, variance):
             assert findings == [] and np.abs(ratios - 1.0).max() < 0.1, (ratios, findings)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("variance", [ISOTROPIC, MOSTLY_ROTATION])
 def test_nguyen_says_where_its_error_is_curved(rng, variance):
     cases = [nguyen_case(rng, "axis", variance, 1.0) for _ in range(5)]

@@ -82,6 +82,7 @@ def rounded(T):
     return np.array(T.tolist(), dtype=float)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("distance", np.logspace(-6, 0, 7))
 def test_no_digit_is_lost_that_the_data_have(rng, distance):
     """All motions within the distance (rad) of half a turn."""

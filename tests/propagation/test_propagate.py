@@ -135,6 +135,7 @@ def loop_T3(A, B, X, S_A, S_B):
     return Q @ S @ Q.T
 
 
+@pytest.mark.slow
 @holds_for(seed=st.integers(0, 2**32 - 1), N=st.integers(3, 12), log_sd=st.floats(-4, -1.5), away=st.floats(0, 0.02))
 def test_pairs_against_T3_pair_by_pair(seed, N, log_sd, away):
     """Equality at the solution, and at another X given by the user."""
@@ -240,6 +241,7 @@ def test_units_are_free(rng, scale, tolerance, unit):
 CUSTOM = [[0, 4], [4, 2], [1, 0], [3, 1], [2, 4], [0, 4]]
 
 
+@pytest.mark.slow
 @SETUPS
 @pytest.mark.parametrize("pairs", ["consecutive", "all", "disjoint", CUSTOM], ids=str)
 @pytest.mark.parametrize("kind", ["common", "per pose", "joint", "joint, strongly correlated", "mixed"])
@@ -367,6 +369,7 @@ def test_batch_of_pairs_is_a_loop(rng, scale):
             assert_same_covariance(common_X[k], one, 1e-9)
 
 
+@pytest.mark.slow
 @SETUPS
 @pytest.mark.parametrize("kind", ["poses", "pairs"])
 @pytest.mark.parametrize("scale", [None, 1e3])
@@ -386,6 +389,7 @@ def test_batch_of_poses_is_a_loop(rng, setup, kind, scale):
             assert_same_covariance(batch[k], uq.propagate(motions, noise, kind=kind, scale=scale), 1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("extra", [0, 1])
 def test_many_pairs_are_the_loop_over_pairs(rng, extra):
     """Across the chunk boundary, with covariances that differ from pair to pair."""
@@ -596,6 +600,7 @@ EQUATION_70 = uq.PairNoise(
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scale", [None, 1e4])
 def test_literal_form_at_equation_70(rng, scale):
     """60 pairs, the noise of (70): (45) predicts standard deviations too small by far, in every direction.

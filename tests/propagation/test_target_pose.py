@@ -25,6 +25,7 @@ def setup(request):
     return request.param
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["4dpa", "park", "lu", *ON_POSES])
 def test_exact_poses(method, setup):
     poses = uq.simulate(n_poses=8, setup=setup, seed=3)
@@ -38,6 +39,7 @@ def test_exact_poses(method, setup):
     assert f"{result.frame_W} (" in result.summary(verbose=True)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::uq_handeye.InputWarning")  # random poses are no usual rig
 @pytest.mark.parametrize("joint", [False, True])
 @pytest.mark.parametrize("method", ["4dpa", "horaud", *ON_POSES])
@@ -133,6 +135,7 @@ def test_parallel_axes_are_refused(method, rng):
         uq.ROBOT_WORLD_METHODS[method](poses)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ON_POSES)
 def test_few_poses_in_mm(method, rng):
     """An ill-conditioned least squares: exact to 1e-9 of a metre, and so are its derivatives to 1e-4."""

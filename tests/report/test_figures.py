@@ -57,6 +57,7 @@ def table(n=50, flags=None, seed=SEED):
     return PoseTable("pose", *(np.abs(rng.normal(size=(2, n))) * 1e-3), 6 * ones, ones / n, ones, flag)
 
 
+@pytest.mark.slow
 def test_all_figures_have_the_width_of_a_page_and_words(drawn):
     assert list(drawn) == ALL
     for picture in drawn.values():
@@ -64,6 +65,7 @@ def test_all_figures_have_the_width_of_a_page_and_words(drawn):
         assert len(picture.alt) > 60 and len(picture.caption) > 60
 
 
+@pytest.mark.slow
 def test_figures_by_name(both, drawn):
     _, result = both
     assert result.figures == (*ALL, "methods")
@@ -106,6 +108,7 @@ def test_what_cannot_be_drawn_is_left_out(result):
     assert list(figures(replace(stored, covariance=None))) == ["rig", "residuals", "budget"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["residuals", "budget", "task_space"])
 def test_no_text_overlaps(drawn, name):
     assert overlapping(drawn[name].figure) == []
@@ -137,6 +140,7 @@ def test_the_rig_stands_where_the_poses_are(both):
     np.testing.assert_allclose(seen[:, :3, 3], poses.camera[:, :3, 3], atol=0.02)
 
 
+@pytest.mark.slow
 def test_the_ellipsoid_is_that_of_the_translation_in_the_base_frame(both, drawn):
     poses, result = both
     scene = rig(poses, result.X, result.W, result.covariance, None)
@@ -156,6 +160,7 @@ def test_the_ellipsoid_is_that_of_the_translation_in_the_base_frame(both, drawn)
     assert f"{scene.factor:,.0f} times enlarged" in drawn["rig"].caption
 
 
+@pytest.mark.slow
 def test_the_scene_that_can_be_turned_is_the_rig(both, drawn):
     poses, result = both
     scene = json.loads(drawn["rig"].scene)
@@ -362,6 +367,7 @@ def test_a_cross_check_is_laid_over_the_ellipses():
         figures(to_hand, check)
 
 
+@pytest.mark.slow
 def test_inline_svg_is_the_same_again_and_shares_no_id(drawn, both):
     first = {name: inline_svg(picture.figure, name) for name, picture in drawn.items()}
     again = {"residuals": residual_figure(both[1].table), "task_space": task_space_figure(both[1])}

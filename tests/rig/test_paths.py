@@ -63,6 +63,7 @@ def test_false_alarms_are_rare(still):
     assert sum(bool(found.findings) for found in still) <= binom.ppf(1 - 1e-4, DRAWS, 5e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("cameras", "targets"), [HAND, CELL, SINGLE])
 @pytest.mark.parametrize("since", [20, 30])
 def test_what_moved_is_named_with_the_moment(cameras, targets, since):
@@ -81,6 +82,7 @@ def test_what_moved_is_named_with_the_moment(cameras, targets, since):
     assert np.mean(said) > (0.8 if len(cameras) == 1 else 0.95)  # one camera, one board: the two are nearly alike
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("since", [20, 30])
 def test_a_move_of_a_hundred_times_the_noise_is_named_not_rejected(since):
     exact, _ = simulate_rig(*CELL, n_poses=40, seed=5)

@@ -65,6 +65,7 @@ def test_derivatives_are_those_of_differences():
         np.testing.assert_allclose((sides.robot[0] + sides.robot[1])[..., a], by_all, atol=1e-7)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
 @pytest.mark.parametrize(("method", "wrong"), [("efficient", 0), ("ml", 0), ("efficient", 4)])
 @pytest.mark.filterwarnings("ignore::uq_handeye.InputWarning")
@@ -82,6 +83,7 @@ def test_one_camera_is_calibrate(setup, method, wrong):
     assert found.chi_square == pytest.approx(single.fit.chi2, rel=1e-10)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::uq_handeye.InputWarning")
 @pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
 @pytest.mark.parametrize(("wrong", "timed", "method"), [(0, False, "efficient"), (4, False, "ml"), (0, True, "ml")])
@@ -160,6 +162,7 @@ def test_one_camera_goes_through_the_engine_as_calibrate_does():
     np.testing.assert_allclose(conditional[0].covariance, conditional[1].covariance, rtol=1e-7, atol=1e-16)
 
 
+@pytest.mark.slow
 def test_noise_of_arm_and_cameras_is_found():
     exact, truth = simulate_rig({"c1": "world", "c2": "world", "c3": "world"}, {"t": "arm"}, n_poses=60, seed=5)
     noise = {"arm": ("0.5mrad", "0.3mm"), "c1": SIZE, "c2": SIZE, "c3": ("2mrad", "1.2mm")}
@@ -176,6 +179,7 @@ def test_noise_of_arm_and_cameras_is_found():
     assert 0.85 < total / (24 * trials) < 1.25
 
 
+@pytest.mark.slow
 def test_the_width_of_the_targets_is_found_by_the_noise_of_the_views():
     """A target a quarter as wide as assumed, where cameras look: poses are noisy in tilt and distance."""
     exact, truth = simulate_rig({"c1": "world", "c2": "world"}, {"t": "arm"}, n_poses=60, seed=5)
@@ -215,6 +219,7 @@ def test_shared_errors_by_name():
         uq.calibrate_rig(rig, shared=("focus",))
 
 
+@pytest.mark.slow
 def test_targets_of_one_printer_share_an_error_of_size():
     """All tags 1 % larger than told: the cameras are as far off as stated; by itself each size is drawn to the mean."""
     tags = {f"t{k}": "world" for k in range(8)}
@@ -254,6 +259,7 @@ def test_fixed_camera_through_a_board_that_a_camera_on_the_hand_sees():
     assert e @ np.linalg.solve(found.cameras["front"].covariance, e) < chi2.ppf(1 - 1e-5, 6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("cameras", "targets", "pairs", "count", "of_pair"),
     [
@@ -285,6 +291,7 @@ def test_a_wrong_view_and_a_wrong_robot_pose_are_separated():
     assert xi @ np.linalg.solve(found.covariance, xi) < chi2.ppf(1 - 1e-5, 24)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif("UQ_HANDEYE_DATA" not in os.environ, reason="UQ_HANDEYE_DATA is not set")
 def test_a_robot_pose_without_which_views_contradict_each_other_too_is_not_to_blame():
     """One camera is wrong at pose 245 of the rendered cell: it was the robot's, with a chi-square of 7191 of 930."""

@@ -56,6 +56,7 @@ def folder(tmp_path):
     return tmp_path, truth
 
 
+@pytest.mark.slow
 def test_rows_match_by_time_whatever_their_order(folder, capsys):
     path, truth = folder
     rig, noise = uq.read_rig(path / "rig.toml")
@@ -81,6 +82,7 @@ def test_nearest_times_need_a_tolerance(folder):
     assert uq.read_rig(path / "rig.toml")[0].views[0].at[0] == 0.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
@@ -125,6 +127,7 @@ def test_what_is_wrong_is_one_line_with_the_name_in_the_file(folder, old, new, m
     assert run("calibrate", path / "rig.toml") == 2
 
 
+@pytest.mark.slow
 def test_parts_that_nothing_ties_and_wrong_places_are_told(folder, capsys):
     path, _ = folder
     for old, new, status, said in (
@@ -140,6 +143,7 @@ def test_parts_that_nothing_ties_and_wrong_places_are_told(folder, capsys):
         assert said in (printed.err if status == 2 else printed.out)
 
 
+@pytest.mark.slow
 def test_one_axis_only_is_an_answer_in_part(tmp_path, capsys):
     noise = dict.fromkeys(("arm", "left"), ("0.5mrad", "0.3mm"))
     rig, _ = simulate_rig({"left": "arm"}, {"board": "world"}, n_poses=15, noise=noise, axes=[[0, 0, 1]], seed=1)
@@ -150,6 +154,7 @@ def test_one_axis_only_is_an_answer_in_part(tmp_path, capsys):
     assert "Not determined: 1 direction, of left, target" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "option",
     [
@@ -189,6 +194,7 @@ def cameras_of(path, left="left.csv"):
     return ["--camera", f"left={path / left}", "--camera", f"right={path / 'right.csv'}"]
 
 
+@pytest.mark.slow
 def test_cameras_by_name_are_the_rig_file_that_says_so(two_on_the_hand, capsys):
     path = two_on_the_hand
     assert run("calibrate", path / "rig.toml", "--json") == 0
@@ -200,6 +206,7 @@ def test_cameras_by_name_are_the_rig_file_that_says_so(two_on_the_hand, capsys):
         assert by_file[part] == by_name[part], part
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("more", "message"),
     [
@@ -227,6 +234,7 @@ def test_rows_are_never_matched_by_order_where_files_differ(two_on_the_hand, cap
     assert "do not say which rows belong together" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_views_match_by_the_names_of_poses(two_on_the_hand, capsys):
     """A column `name`, in other orders, in place of times."""
     path = two_on_the_hand
@@ -242,6 +250,7 @@ def test_views_match_by_the_names_of_poses(two_on_the_hand, capsys):
     np.testing.assert_allclose(by_name["cameras"]["left"]["pose"], by_time["cameras"]["left"]["pose"], atol=1e-6)
 
 
+@pytest.mark.slow
 def test_a_tolerance_is_met_by_each_camera(two_on_the_hand, capsys):
     path = two_on_the_hand
     assert run("calibrate", path / "rig.toml", "--tolerance", "5mm,1deg") == 0
@@ -268,6 +277,7 @@ def assert_same(one, two):
         assert type(one) is type(two) and one == two
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("noise", ["given", "estimated"])
 def test_a_result_is_read_back_bit_by_bit(tmp_path, noise):
     sizes = dict.fromkeys(("a", "b", "left", "front"), ("0.5mrad", "0.3mm"))
@@ -284,6 +294,7 @@ def test_a_result_is_read_back_bit_by_bit(tmp_path, noise):
     assert isinstance(again, uq.RigCalibration) and again.text() == result.text()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("damage", "message"),
     [
@@ -368,6 +379,7 @@ def test_the_report_shows_the_rig_its_pairs_noise_and_findings(two_on_the_hand, 
     assert run("calibrate", path / "rig.toml", "--report", path / "r.txt") == 2
 
 
+@pytest.mark.slow
 def test_the_report_says_that_the_noise_is_too_small_and_what_was_rejected(two_on_the_hand):
     rig, _ = uq.read_rig(two_on_the_hand / "rig.toml")
     small = dict.fromkeys(("arm", "left", "right"), ("0.2mrad", "0.1mm"))
@@ -378,6 +390,7 @@ def test_the_report_says_that_the_noise_is_too_small_and_what_was_rejected(two_o
     assert page == rig_html(result, date="today")
 
 
+@pytest.mark.slow
 def test_a_rig_that_is_not_determined_says_so_in_its_report():
     rig, _ = simulate_rig({"left": "arm"}, {"board": "world"}, n_poses=20, axes=np.eye(3)[:1], seed=1)
     rig = with_noise(rig, dict.fromkeys(("arm", "left"), ("0.5mrad", "0.3mm")), 1)
@@ -445,6 +458,7 @@ def test_check_predict_plan_and_update_on_the_command_line(two_on_the_hand, caps
 # ------------------------------------------------------------------------------------------- certificate, drawing
 
 
+@pytest.mark.slow
 def test_a_certificate_states_every_pose_of_a_rig(two_on_the_hand, capsys):
     path = two_on_the_hand
     assert run("calibrate", path / "rig.toml", "-o", path / "out") == 0
@@ -470,6 +484,7 @@ def test_a_certificate_states_every_pose_of_a_rig(two_on_the_hand, capsys):
     assert run("certificate", stored, "--tolerance", "1um,0.0001deg") == 5
 
 
+@pytest.mark.slow
 def test_a_rig_in_which_something_moved_is_not_certified(two_on_the_hand):
     path = two_on_the_hand
     rig, noise = uq.read_rig(path / "rig.toml")
@@ -486,6 +501,7 @@ def test_a_rig_in_which_something_moved_is_not_certified(two_on_the_hand):
     assert run("certificate", path / "moved.json") == 3
 
 
+@pytest.mark.slow
 def test_the_report_has_the_certificate_of_the_minimum_and_a_drawing_of_many_cameras():
     cameras = {f"camera <{k}> with a long name": "world" if k else "arm" for k in range(5)}
     targets = {f"tag {k}": "world" if k == 1 else "arm" for k in range(4)}

@@ -66,6 +66,7 @@ def of_arm(path, rng, n=25):
     return truth, q
 
 
+@pytest.mark.slow
 def test_an_arm_by_its_joints_is_known_with_its_kinematic_errors(tmp_path):
     squares = []
     for seed in range(8):
@@ -164,6 +165,7 @@ def with_corners(path, seed, intrinsics_sd=1.0):
     return truth
 
 
+@pytest.mark.slow
 def test_corners_by_known_intrinsics_carry_their_errors(tmp_path):
     squares = []
     for seed in range(20):
@@ -232,6 +234,7 @@ def bag(tmp_path_factory):
     return path, truth
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::uq_handeye.InputWarning")
 def test_a_bag_is_a_source_with_a_clock_for_each_camera(bag):
     path, truth = bag

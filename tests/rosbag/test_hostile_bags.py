@@ -40,6 +40,7 @@ def refused(path):
     return text
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_bags_that_are_cut_off_or_damaged(tmp_path, kind):
     whole = file_of(cell(tmp_path, kind))
@@ -71,6 +72,7 @@ def test_bags_that_are_cut_off_or_damaged(tmp_path, kind):
     assert refusals >= 5
 
 
+@pytest.mark.slow
 def test_what_is_complete_of_a_cut_off_file_is_read(tmp_path):
     with Writer(tmp_path, "mcap") as bag:
         for k in range(9000):  # two chunks

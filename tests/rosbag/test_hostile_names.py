@@ -10,6 +10,8 @@ from fixtures.commands import run
 
 import uq_handeye as uq
 
+pytestmark = pytest.mark.slow
+
 POSES = uq.simulate(12, seed=1)
 F = ("--robot", "base:tool0", "--camera", "camera:tag0")
 

@@ -59,6 +59,7 @@ def test_the_corners_say_which_picture_they_lie_in(raw):
         lens_of(track, no_P, SIDE, given="rectified")
 
 
+@pytest.mark.slow
 def test_a_small_tag_does_not_decide_and_few_detections_do_not():
     for raw in (True, False):
         for seed in range(3):
@@ -82,6 +83,7 @@ def written(folder, n):
     return C, bag.path
 
 
+@pytest.mark.slow
 def test_a_bag_of_raw_detections(tmp_path):
     C, path = written(tmp_path, 60)
     found = camera_stream(read_recording(path), "cam:tag36h11_0", tag=SIDE)

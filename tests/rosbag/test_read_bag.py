@@ -39,6 +39,7 @@ def write_poses(folder, kind, robot, camera):
     return bag.path
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::uq_handeye.InputWarning")
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_stream_with_a_clock_offset_is_that_of_the_table(tmp_path, hand_held, kind):
@@ -81,6 +82,7 @@ def links(rng, n):
     return slow, fast, rail, arm, base, flange
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["ros1", "mcap"])
 def test_a_chain_with_static_links_and_links_of_two_rates(tmp_path, kind):
     rng = np.random.default_rng(3)
