@@ -20,6 +20,9 @@ from .adjustment.opencv import opencv
 from .corner_refinement import Picture
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm", ".webp")
+# Detectors fail in smaller pictures.
+MIN_PICTURE_SIDE_PX = 32
+_DESCRIPTOR_2 = threading.Lock()
 
 
 def picture_paths(images: str | Iterable[StrPath]) -> list[Path]:
@@ -55,15 +58,10 @@ def _names(paths: list[Path]) -> list[str]:
     return [shown(Path(name)) for name in (bare if len(set(bare)) == len(bare) else map(str, paths))]
 
 
-_HEARING = threading.Lock()
-# Detectors fail in smaller pictures.
-MIN_PICTURE_SIDE_PX = 32
-
-
 @contextmanager
 def _unheard() -> Iterator[None]:
     """Discard what decoders in C write on a damaged picture to file descriptor 2: the error has it in one line."""
-    with _HEARING:
+    with _DESCRIPTOR_2:
         try:
             kept = os.dup(2)
         except OSError:  # closed

@@ -91,7 +91,7 @@ def _prior(value: Json, free: NDArray[np.bool_], where: str) -> Prior | None:
     if value is None:
         return None
     k = len(free)
-    mean = np.array(vector(item(value, "mean", where), k, f"{where}, mean"), dtype=float)
+    mean = np.array(vector(item(value, "mean", where), k, f"{where}, mean"), dtype=np.float64)
     S = np.array(
         [vector(row, k, f"{where}, covariance") for row in _list(item(value, "covariance", where), where)], dtype=float
     )
@@ -127,7 +127,7 @@ def _candidate(one: JsonObject, name: str) -> Candidate:
 
 
 def calibration_from_parts(
-    tree: JsonObject, corners: Corners, used: NDArray[np.bool_], arrays: Mapping[str, ArrayLike], name: str
+    data: Json, corners: Corners, used: NDArray[np.bool_], arrays: Mapping[str, ArrayLike], name: str
 ) -> CameraCalibration:
     """The calibration of what `to_dict` and `bundle_arrays` wrote, its corners and which were used.
 
@@ -136,8 +136,9 @@ def calibration_from_parts(
     InputError
         Parts that do not belong together; KeyError, TypeError, ValueError or IndexError on anything else.
     """
-    if fields_of(tree).get("format") != FORMAT:
-        came = short(str(tree["format"])) if "format" in fields_of(tree) else got(tree)
+    tree = fields_of(data)
+    if tree.get("format") != FORMAT:
+        came = short(str(tree["format"])) if "format" in tree else got(data)
         raise InputError(f"{name}: expected the format {FORMAT!r}, got {came}.")
     if (called := str(tree["model"])) not in MODELS:
         raise InputError(f"{name}, model: expected one of {', '.join(MODELS)}, got {short(called)}.")
