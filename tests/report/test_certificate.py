@@ -10,7 +10,7 @@ import pytest
 from fixtures.few_axes import NOISE as OPEN_NOISE
 from fixtures.few_axes import rig as open_rig
 from fixtures.reports import Page
-from support import SEED
+from support import SEED, missing
 
 import uq_handeye as uq
 from uq_handeye.core.files.about import ABOUT
@@ -211,11 +211,12 @@ def test_a_stored_result_gives_the_same(results, tmp_path):
         assert made(uq.Calibration.from_json(path)).identifier == made(results[case]).identifier
 
 
-@pytest.mark.skipif(pdf.found_weasyprint() is None, reason="needs WeasyPrint")
+@pytest.mark.browser
 def test_two_pages_with_everything_given(results):
     """A full title block, a budget of many sources, a verdict; on letter, which is shorter than A4."""
-    import weasyprint
-
+    weasyprint = pdf.found_weasyprint()
+    if weasyprint is None:
+        missing("browser", "needs WeasyPrint (extra pdf) and Pango (Debian: libpango-1.0-0, libpangoft2-1.0-0)")
     result = results["estimated"]
     b = result.budget
     assert len(budget_rows(result, 3)) == 3

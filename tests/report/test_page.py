@@ -18,7 +18,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from fixtures.reports import Page
-from support import SEED
+from support import SEED, missing
 
 import uq_handeye as uq
 from uq_handeye.calibration.estimate.parts import Provenance
@@ -259,12 +259,14 @@ def test_code_is_only_for_those_who_repeat_the_run(small):
     assert 'It fits with setup="eye-to-hand" (--setup eye-to-hand).' in words.words("repeat")
 
 
+@pytest.mark.browser
 @pytest.mark.parametrize(
     ("case", "paper"), [("demo", "a4"), ("kuka_1", "letter"), ("not usable", "letter"), ("exact", "a4")]
 )
 @pytest.mark.filterwarnings("ignore::uq_handeye.errors.InputWarning")
 def test_two_printed_pages(case, paper, tmp_path):
-    pytest.importorskip("weasyprint", reason="WeasyPrint (extra pdf) is not installed")
+    if pdf.found_weasyprint() is None:
+        missing("browser", "needs WeasyPrint (extra pdf) and Pango (Debian: libpango-1.0-0, libpangoft2-1.0-0)")
     if case in ("kuka_1", "not usable") and "UQ_HANDEYE_DATA" not in os.environ:
         pytest.skip("needs UQ_HANDEYE_DATA")
     of = replace(printed(case), about=dict.fromkeys(ABOUT, "A text of the length that a text may have, 80 signs or so"))
@@ -462,8 +464,10 @@ def test_pdf_by_a_browser_that_fails_says_so(small, tmp_path, monkeypatch):
         small.report(tmp_path / "report.pdf", comparison=False)
 
 
+@pytest.mark.browser
 def test_pdf_by_weasyprint(tmp_path):
-    pytest.importorskip("weasyprint", reason="WeasyPrint (extra pdf) is not installed")
+    if pdf.found_weasyprint() is None:
+        missing("browser", "needs WeasyPrint (extra pdf) and Pango (Debian: libpango-1.0-0, libpangoft2-1.0-0)")
     path = CASES["published"]().report(tmp_path / "report.pdf", comparison=False)
     assert path.read_bytes().startswith(b"%PDF") and path.stat().st_size > 50_000
 
