@@ -36,6 +36,7 @@ def parsed(label):
     return first + "xyz".index(symbol[-2]), FACTORS[unit.strip("()")]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [1.0, 1e-6, 1e3])
 def test_ellipses_are_those_of_the_covariance(size):
     covariance = size**2 * COVARIANCE
@@ -62,6 +63,7 @@ def test_ellipses_are_those_of_the_covariance(size):
     assert len(seen) == 15
 
 
+@pytest.mark.slow
 def test_equal_scales_until_they_hide_something():
     def reach(covariance):
         axes = covariance_ellipses(X, covariance).get_axes()
@@ -72,6 +74,7 @@ def test_equal_scales_until_they_hide_something():
     assert len(set(reach(np.diag([0, 4, 9, 1, 1, 1]) * 1e-6))) == 1
 
 
+@pytest.mark.slow
 def test_samples_and_others():
     samples = np.random.default_rng(0).multivariate_normal(np.zeros(6), COVARIANCE, size=7000)
     others = {"Monte Carlo": COVARIANCE * 1.1, "bound": COVARIANCE * 0.9}
@@ -93,6 +96,7 @@ def test_samples_and_others():
     assert figure.get_suptitle() == "A title"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "covariance",
     [

@@ -512,6 +512,7 @@ def test_order_and_sense_of_the_pairs_are_free(seed, N, log_sd):
     assert error(uq.solve(A, B), X) < tolerance
 
 
+@pytest.mark.slow
 @holds_for(**NOISY, log_unit=st.floats(-3, 3))
 def test_units_are_free(seed, N, log_sd, log_unit):
     _, A, B, X, tolerance = noisy(seed, N, log_sd)
@@ -609,6 +610,7 @@ def loop_free_T2(A, B):
     return transforms(R, -np.linalg.solve(M, np.sum(np.cross(w, p) + np.cross(u, q), axis=0)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", [(), (7,), (3 * CHUNK // 10,)])
 @pytest.mark.parametrize("cores", [1, 2, 3])
 def test_threads_are_seamless(rng, monkeypatch, shape, cores):

@@ -92,6 +92,7 @@ def test_figures_by_name_are_those_that_can_be_drawn(result):
         replace(bare, table=None, analysis=None).plot()
 
 
+@pytest.mark.slow
 def test_what_cannot_be_drawn_is_left_out(result):
     poses = uq.simulate(n_poses=8, noise=NOISE, seed=SEED)
     motions = uq.relative_motions(poses, "consecutive")
@@ -187,6 +188,7 @@ def test_a_long_recording_is_a_small_scene_with_its_rejected_poses():
     assert found["rejected"] == [0] and found["names"][0] == "pose 0"
 
 
+@pytest.mark.slow
 def test_the_target_has_the_outline_of_its_corners():
     board = uq.Board(9, 6, "20mm")
     poses, corners = simulated_rig(board, np.random.default_rng(SEED), n=8)
@@ -234,6 +236,7 @@ def test_residuals_show_every_pose_and_name_the_worst():
     assert legend[:3] == ["kept (1,998)", "downweighted (1)", "rejected (1)"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("largest", [2.6, 15.0, 400.0, 37_982.0, 4e9])
 def test_d2_has_few_plain_ticks_and_shows_every_pose_and_the_limit(largest):
     some = table(30)
@@ -268,11 +271,13 @@ def test_what_stands_still_is_seen_whole(both):
     assert (drawn >= low).all() and (drawn <= high).all()
 
 
+@pytest.mark.slow
 def test_residuals_of_very_many_poses_stay_a_small_drawing():
     text = inline_svg(residual_figure(table(30_000)), "residuals")
     assert len(text) < 700_000 and "data:image/png" in text
 
 
+@pytest.mark.slow
 def test_residuals_of_one_pose_and_of_none():
     for values in (np.zeros(1), np.ones(1)):
         one = replace(table(1), rotation=values, translation=values, distance2=values)
@@ -353,6 +358,7 @@ def test_the_task_space_of_a_pure_translation_error_is_flat(result):
 # ------------------------------------------------------------------------------------------ cross-check and inline SVG
 
 
+@pytest.mark.slow
 def test_a_cross_check_is_laid_over_the_ellipses():
     poses = uq.simulate(n_poses=8, noise=NOISE, seed=SEED)
     result = uq.calibrate(poses, noise=NOISE)
@@ -380,6 +386,7 @@ def test_inline_svg_is_the_same_again_and_shares_no_id(drawn, both):
         assert text.startswith("<svg ") and "<metadata>" not in text and "<?xml" not in text
 
 
+@pytest.mark.slow
 def test_every_colour_follows_the_page(drawn):
     """Each has a rule for dark pages, but those of the map of the task space."""
     rules = (resources.files("uq_handeye.core.presentation") / "figures.css").read_text(encoding="utf-8")
@@ -390,6 +397,7 @@ def test_every_colour_follows_the_page(drawn):
         assert len(used) > 2 and used - of_map <= known, stem
 
 
+@pytest.mark.slow
 def test_nothing_is_cut_at_the_rim():
     """No ink on the outermost pixels of any picture; names of methods are the longest labels."""
     result = uq.calibrate(uq.simulate(n_poses=8, noise=NOISE, seed=SEED), noise=NOISE)

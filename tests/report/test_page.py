@@ -98,6 +98,7 @@ CASES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", CASES)
 @pytest.mark.filterwarnings("ignore::uq_handeye.errors.InputWarning")
 def test_every_kind_of_result_has_every_section(case, quick):
@@ -140,6 +141,7 @@ def repeated(found):
     ]
 
 
+@pytest.mark.slow
 def test_the_number_comes_first_and_x_has_its_deviations(result, page):
     assert page.words("answer").startswith(f"Result {result.headline}")
     words = page.words("x")
@@ -153,12 +155,14 @@ def test_the_number_comes_first_and_x_has_its_deviations(result, page):
     assert translation in page.words("full") and rotation in page.words("full")
 
 
+@pytest.mark.slow
 def test_every_check_is_a_line_with_its_word(result, page):
     words = page.words("checks")
     for check in result.checks:
         assert f"{check.status} {check.name} {pretty(check.text)}" in words
 
 
+@pytest.mark.slow
 def test_points_ahead_agree_with_the_headline(result, page):
     accuracy = result.accuracy
     row = re.search(r"([\d.]+) m \(target\) ([\d.]+) ([\d.]+)", page.words("ahead"))
@@ -200,6 +204,7 @@ def test_the_colour_is_that_of_terminal_and_notebook(statuses, usable, word, col
     assert colour_of(of) != "ok"
 
 
+@pytest.mark.slow
 def test_the_verdict_stands_on_page_one(result, quick):
     for tolerance, word in (("1m,10deg", "PASS"), ("0.001mm", "FAIL")):
         verdict = result.verdict(tolerance)
@@ -208,6 +213,7 @@ def test_the_verdict_stands_on_page_one(result, quick):
         assert f"{verdict.word} {verdict.sentence}" in words
 
 
+@pytest.mark.slow
 def test_cautions_stand_out_in_the_order_of_their_effect(small):
     texts = [f"The axes are <parallel>, number {k}. {'x' * 300}." for k in range(8)]
     of = replace(small, findings=tuple(found for text in texts for found in caution(text)))
@@ -221,6 +227,7 @@ def test_cautions_stand_out_in_the_order_of_their_effect(small):
     assert "cautions" not in Page(report_html(small)).texts
 
 
+@pytest.mark.slow
 def test_what_was_not_tested_is_said(quick):
     few = uq.calibrate(simulated(n=5), noise=NOISE)
     for found in (few, uq.calibrate(simulated(n=5), noise=NOISE, method="park")):

@@ -27,6 +27,7 @@ def cell(bag, tool="tool0"):
         bag.tf(START + k, ("base", tool, POSES.robot[k]), ("camera", "tag0", POSES.camera[k]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["to\x1b[31mol\n0", "\u202etool0", "t" * 5000])
 def test_names_are_escaped_and_cut(tmp_path, name):
     path = bag_of(tmp_path, "mcap", lambda bag: cell(bag, name))
@@ -38,6 +39,7 @@ def test_names_are_escaped_and_cut(tmp_path, name):
     assert done.returncode in (0, 5, 6) and json.loads(done.stdout)["n_poses"] == 12  # as listed, so it is given
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_frame_in_itself_and_a_joint_twice(tmp_path, kind):
     def fill(bag):
@@ -50,6 +52,7 @@ def test_a_frame_in_itself_and_a_joint_twice(tmp_path, kind):
     assert "expected transforms between two frames" in done.stdout and "expected each joint once" in done.stdout
 
 
+@pytest.mark.slow
 def test_long_chains_and_many_frames(tmp_path):
     """A chain of 3,000 frames took a minute."""
     T = POSES.robot

@@ -114,6 +114,7 @@ def test_a_chain_with_static_links_and_links_of_two_rates(tmp_path, kind):
         assert "\n" not in str(error.value) and "uq-handeye bag" in str(error.value)
 
 
+@pytest.mark.slow
 def test_gaps_and_repeated_transforms(tmp_path):
     rng = np.random.default_rng(4)
     slow, fast, rail, arm, _, _ = links(rng, 30)
@@ -154,6 +155,7 @@ def write_tags(folder, kind, X, W, *, noise=0.0, n=24, tf=False, info=True):
     return bag.path, times, G, C
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_tags_by_their_corners(tmp_path, kind):
     X, W = random_transforms(np.random.default_rng(2), (2,))
@@ -185,6 +187,7 @@ def test_tags_by_their_corners(tmp_path, kind):
             camera_stream(recording, spec, tag=tag)
 
 
+@pytest.mark.slow
 def test_a_bag_of_ros_2_without_definitions_and_frames_with_slashes(tmp_path):
     X, W = random_transforms(np.random.default_rng(2), (2,))
     path, _, G, C = write_tags(tmp_path, "sqlite3", X, W, n=6)

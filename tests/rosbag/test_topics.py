@@ -49,6 +49,7 @@ def test_tags_of_apriltag_ros_of_ros_1(tmp_path, poses):
     assert guess(recording).camera == "/tag_detections"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("named", ["aruco_ros", "ros2_aruco", "aruco_opencv"])
 def test_markers(tmp_path, poses, named):
     with Writer(tmp_path, "sqlite3") as bag:
