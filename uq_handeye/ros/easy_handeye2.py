@@ -27,6 +27,7 @@ from ..core.files.open import StrPath, as_path
 from ..core.geometry.rotations import Rotation
 from ..core.geometry.se3 import Array, inverse
 from ..errors import InputError, InputWarning, NotConvergedError
+from ..formats.ros_messages import Message
 from ..model.poses.pose_pairs import PosePairs
 
 # Names that its window shows, and the method of each.
@@ -123,7 +124,7 @@ class EasyHandeyeBackend:
         return _calibration(parameters, result.X) if result.usable else None
 
 
-def poses_of_samples(parameters: Any, samples: Any, fewest: int = 3) -> PosePairs:
+def poses_of_samples(parameters: Message, samples: Message, fewest: int = 3) -> PosePairs:
     """Return the samples of easy_handeye2 or easy_handeye as `PosePairs`.
 
     Parameters
@@ -174,19 +175,19 @@ def _arguments(given: tuple[Any, ...], algorithm: str | None) -> tuple[Any, Any,
     return node, given[-2], given[-1], algorithm
 
 
-def _field(value: Any, name: str) -> Any:
+def _field(value: Message, name: str) -> Message:
     """Return a field of a message or an item of a dict, or None."""
     return value.get(name) if isinstance(value, Mapping) else getattr(value, name, None)
 
 
-def _side(sample: Any, names: tuple[str, ...]) -> Any:
+def _side(sample: Message, names: tuple[str, ...]) -> Message:
     for name in names:
         if (found := _field(sample, name)) is not None:
             return _field(found, "transform") if _field(found, "transform") is not None else found
     raise InputError(f"Expected samples with {' or '.join(names)}, got {type(sample).__name__} without.")
 
 
-def _matrix(transform: Any, where: str) -> Array:
+def _matrix(transform: Message, where: str) -> Array:
     """Return a ``geometry_msgs/Transform`` as (4, 4)."""
     values = []
     for part, axes in (("translation", "xyz"), ("rotation", "xyzw")):
@@ -201,7 +202,7 @@ def _matrix(transform: Any, where: str) -> Array:
     return T
 
 
-def _setup(parameters: Any) -> str:
+def _setup(parameters: Message) -> str:
     says = _field(parameters, "calibration_type")
     if says in (None, ""):
         says = _field(parameters, "eye_on_hand")
@@ -212,7 +213,7 @@ def _setup(parameters: Any) -> str:
     return SETUPS[says]
 
 
-def _name_of(parameters: Any) -> str:
+def _name_of(parameters: Message) -> str:
     """Return the name of the calibration, without what leads out of a folder."""
     name = str(_field(parameters, "name") or "calibration")
     return (
@@ -228,7 +229,7 @@ def _write(result: Calibration, folder: Path, name: str) -> str:
     return f"{whole} and {ros}"
 
 
-def _calibration(parameters: Any, X: Array) -> Any:
+def _calibration(parameters: Message, X: Array) -> Message:
     """Return X as the message of easy_handeye2, of easy_handeye, or with the same fields where neither is installed."""
     x, y, z = map(float, X[:3, 3])
     qx, qy, qz, qw = map(float, Rotation.from_matrix(X[:3, :3]).as_quat())

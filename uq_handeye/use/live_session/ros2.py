@@ -15,7 +15,7 @@ import numpy as np
 from ...core.geometry.rotations import Rotation
 from ...core.geometry.se3 import Array
 from ...errors import InputError, MissingExtraError
-from ...formats.ros_messages import MessageError, Stamped, poses_in
+from ...formats.ros_messages import Message, MessageError, Stamped, poses_in
 from .sources import Side
 
 MAX_AGE_S = 2.0
@@ -50,9 +50,9 @@ class Topic(Side):
 
     def __init__(self, name: str, now: Clock) -> None:
         self._name, self._now = name, now
-        self._last: tuple[Any, float] | None = None
+        self._last: tuple[Message, float] | None = None
 
-    def receive(self, message: Any) -> None:
+    def receive(self, message: Message) -> None:
         """Keep the newest message, and when it came."""
         self._last = message, self._now()
 
@@ -107,7 +107,7 @@ class Node:
         self._rclpy.shutdown()
 
 
-def _pose(message: Any, name: str, now: Clock, came: float | None = None) -> tuple[Array, float | None]:
+def _pose(message: Message, name: str, now: Clock, came: float | None = None) -> tuple[Array, float | None]:
     """Return the one pose of a message, and its stamp; None: a static transform."""
     try:
         found: list[Stamped] = poses_in(message)
