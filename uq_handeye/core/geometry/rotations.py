@@ -82,10 +82,10 @@ def quaternions(R: Array) -> Array:
 
 def matrices_of_quaternions(q: ArrayLike) -> Array:
     """Return the matrices (..., 3, 3) of quaternions (..., 4), (x, y, z, w), of any length but 0."""
-    q = np.asarray(q, dtype=float)
-    q = q / np.sqrt((q * q).sum(axis=-1, keepdims=True))
-    products = 2.0 * q[..., :, None] * q[..., None, :]
-    R = np.empty((*q.shape[:-1], 3, 3))
+    given = np.asarray(q, dtype=float)
+    unit = given / np.sqrt((given * given).sum(axis=-1, keepdims=True))
+    products = 2.0 * unit[..., :, None] * unit[..., None, :]
+    R = np.empty((*unit.shape[:-1], 3, 3))
     for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
         R[..., i, i] = 1.0 - products[..., j, j] - products[..., k, k]
         R[..., i, j] = products[..., i, j] - products[..., k, 3]
