@@ -23,13 +23,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated, Any, ClassVar, NamedTuple
+from typing import Annotated, ClassVar, NamedTuple
 
 import numpy as np
 from scipy.special import ndtri, stdtrit
 
+from ...core.files.json_values import JsonObject
 from ...core.files.records import Record, attributes, parts_of
 from ...core.geometry.se3 import Array
+from ...core.numbers.rounding import CHAIN_ROUNDING, TINY
 from ...errors import InputError
 from ...model.noise.camera_noise import INTRINSICS
 from ...model.noise.estimate import NoiseEstimate
@@ -45,10 +47,6 @@ from .task_space import _points, by_pose
 
 # Sources of a covariance that poses share errors in (`JointCovariance`), behind the name of the side.
 EACH, SHARED = "(each pose)", "(shared)"
-# Differences of covariances below this are 0, as correlations.
-ROUNDED = 1e-9
-
-
 # The source of a budget for what open sizes of the errors move X and W by.
 SIZES_OPEN = "sizes of the errors"
 # How far X and W were from their means over the session (`assumed`: drift).
@@ -94,7 +92,7 @@ class Budget(Record):
     def dof(self) -> Array:
         """(sources,) degrees of freedom; infinite where the source is declared."""
         own = np.diag(self._relative)
-        return np.asarray(np.where(own > 0, 2.0 / np.maximum(own, 1e-300), np.inf))
+        return np.asarray(np.where(own > 0, 2.0 / np.maximum(own, TINY), np.inf))
 
     @property
     def standard(self) -> dict[str, Array]:
@@ -182,7 +180,7 @@ class Budget(Record):
         variances = np.diagonal(self.covariances, axis1=1, axis2=2)
         return {name: _shares(variances[:, part].sum(axis=1)) for name, part in self.groups.items()}
 
-    def budget_at(self, point: Any) -> Budget:
+    def budget_at(self, point: Sequence[float] | Array) -> Budget:
         """The budget of a point (3,) in camera coordinates (m), expressed in the parent frame of X."""
         p = _points(point)
         if p.shape != (3,) or len(self.covariance) == 3:
@@ -211,8 +209,8 @@ class Budget(Record):
         """
         names = tuple(dict.fromkeys(labels))
         of = np.array([[label == name for label in labels] for name in names], dtype=float)
-        size = np.trace(covariances / np.maximum(np.diag(covariances.sum(axis=0)), 1e-300), axis1=1, axis2=2)
-        weight = of * np.maximum(size, 1e-300)
+        size = np.trace(covariances / np.maximum(np.diag(covariances.sum(axis=0)), TINY), axis1=1, axis2=2)
+        weight = of * np.maximum(size, TINY)
         weight = weight / weight.sum(axis=1, keepdims=True)
         kinds = [{kind for label, kind in zip(labels, types, strict=True) if label == name} for name in names]
         mixed = tuple(kind.pop() if len(kind) == 1 else "A, B" for kind in kinds)
@@ -236,7 +234,7 @@ class Budget(Record):
         return "\n".join(lines)
 
     @property
-    def in_file(self) -> dict[str, Any]:
+    def in_file(self) -> JsonObject:
         """Parts that a result file holds."""
         return attributes(self, self._stored)
 
@@ -246,7 +244,7 @@ class Budget(Record):
         return self.expanded()
 
     @classmethod
-    def of(cls, data: Any, X: Array) -> Budget:
+    def of(cls, data: JsonObject, X: Array) -> Budget:
         """Return the budget that `to_dict` wrote, for the X that it belongs to."""
         found = cls(**parts_of(cls, data, "analysis.budget", X=X))
         R, size = found._relative, found.covariances.shape[-1]
@@ -413,10 +411,10 @@ def _without(own: Array, parts: Sequence[Array]) -> Array:
     """Covariances (n, 6, 6) without some of their parts; 0 where the difference is rounding."""
     rest = own - np.sum(parts, axis=0)
     size = np.sqrt(np.diagonal(own, axis1=-2, axis2=-1))
-    return np.where(np.abs(rest) > ROUNDED * size[..., :, None] * size[..., None, :], rest, 0.0)
+    return np.where(np.abs(rest) > CHAIN_ROUNDING * size[..., :, None] * size[..., None, :], rest, 0.0)
 
 
-def _by_kind(name: str, D: Array, S: Any) -> list[tuple[str, Array]]:
+def _by_kind(name: str, D: Array, S: Array) -> list[tuple[str, Array]]:
     """Sources and covariances of rotation, translation and, where there is one, their coupling."""
     turn, shift = D.copy(), D.copy()
     turn[..., 3:], shift[..., :3] = 0.0, 0.0

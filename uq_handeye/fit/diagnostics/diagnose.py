@@ -28,9 +28,12 @@ from collections.abc import Collection
 import numpy as np
 from scipy.special import chdtrc
 
+from ...core.formatting.units import DEG_PER_RAD, MM_PER_M
 from ...core.geometry.pose_numbers import principal_axes
 from ...core.geometry.rotations import quaternions
 from ...core.geometry.se3 import Array, skew
+from ...core.numbers.levels import CONTRADICTED
+from ...core.numbers.rounding import TINY
 from ...errors import InputError
 from ...findings import Finding
 from ...model.noise.camera_noise import INTRINSICS
@@ -43,14 +46,13 @@ from ...model.shared_errors.shared_error import FOCAL_LENGTH, ROBOT_SCALE, TARGE
 from ..likelihood.constraint import covariances_of
 from ..likelihood.gauss_helmert import Fit, corrected
 from ..likelihood.shared_estimates import SIGNAL
-from .residual_patterns import RARE, Autocorrelation, residual_tests
+from .residual_patterns import Autocorrelation, residual_tests
 from .result import PROBED, UNKNOWN_FRAME, Diagnostics, Diversity, Influence, ScaleError, Spectrum
 
-_MM, _DEG = 1e3, 180.0 / np.pi
-
-
-# A pose that sees the target so many times as far away as the median pose is in another unit, and is no distance.
-MISPLACED = 10.0
+# A pose that sees the target this many times as far away as the median pose is in another unit.
+OTHER_UNIT_RATIO = 10.0
+# The relative error of a shared length whose effect on X is reported.
+REPORTED_SCALE = 1e-3
 
 
 def diagnose(fit: Fit, data: PosePairs | Motions, noise: Noise, correlation_estimated: bool = False) -> Diagnostics:
@@ -105,7 +107,7 @@ def diagnose(fit: Fit, data: PosePairs | Motions, noise: Noise, correlation_esti
     frame = UNKNOWN_FRAME if poses is None else "base" if poses.setup == "eye-to-hand" else "gripper"
     counts = second if fit.weights is None else second[fit.weights > 0.5]  # one in another unit weighs nothing
     away = np.linalg.norm(counts[:, :3, 3], axis=-1)
-    distance = float(np.sqrt(np.mean(away[away <= MISPLACED * np.median(away)] ** 2)))
+    distance = float(np.sqrt(np.mean(away[away <= OTHER_UNIT_RATIO * np.median(away)] ** 2)))
     return Diagnostics(
         n=n,
         item="pose" if on_poses else "motion",
@@ -142,7 +144,7 @@ def _spectrum(S: Array, frame: str, distance: float, on_poses: bool) -> Spectrum
         principal_axes(block) for block in (S[:3, :3], S[3:, 3:], S * units[:, None] * units)
     )
     return Spectrum(
-        frame, rotation * _DEG, axes_r, translation * _MM, axes_t, length, of, joint * _MM, axes_j,
+        frame, rotation * DEG_PER_RAD, axes_r, translation * MM_PER_M, axes_t, length, of, joint * MM_PER_M, axes_j,
         float(joint[0] / joint[-1]),
     )  # fmt: skip
 
@@ -181,7 +183,7 @@ def _diversity(A: Array, poses: PosePairs | None) -> Diversity:
         q = quaternions(poses.effective_robot[:, :3, :3])
         Q = q.T @ q
         total = np.einsum("apq,bpq->ab", Q @ _TURNS @ Q, _TURNS)
-    values, axes = principal_axes(total / max(float(np.trace(total)), 1e-300))
+    values, axes = principal_axes(total / max(float(np.trace(total)), TINY))
     return Diversity(values**2, axes)
 
 
@@ -199,13 +201,10 @@ _TURNS = _turns()
 
 # -------------------------------------------------------------------------------------- errors that all rows share
 
-# The error whose effect is stated.
-SCALE = 1e-3
-
 
 def inflation(found: Autocorrelation) -> float:
     """Factor on the standard deviations of the estimates below; 1 where no correlation was found."""
-    if found.p_value is None or found.factor is None or found.p_value >= RARE:
+    if found.p_value is None or found.factor is None or found.p_value >= CONTRADICTED.probability:
         return 1.0
     return float(np.sqrt(max(found.factor, 1.0)))
 
@@ -251,7 +250,7 @@ def scale_errors(
             reason = Finding("diagnostics.scale_unknown", "note", {"name": name})
         else:
             m = list(known).index(name)
-            shift = SCALE * response[:6, m]
+            shift = REPORTED_SCALE * response[:6, m]
             size = float(np.linalg.norm(to_unit @ shift))
             if visible := bool(after[m] > max(1e-9 * before[m], SIGNAL * 3 * len(k))):
                 estimate, sd = float(score[m] / after[m]), inflation / float(np.sqrt(after[m]))

@@ -10,7 +10,9 @@ import numpy as np
 
 from ...core.files.records import Record
 from ...core.formatting.numbers import column
+from ...core.formatting.units import MM_PER_M
 from ...core.geometry.se3 import Array
+from ...core.numbers.limits import MAX_LISTED
 from ...core.presentation.document import Document, Paragraph, Table, document_of
 from ...core.presentation.shown import Shown
 from ...errors import InputError
@@ -24,8 +26,8 @@ if TYPE_CHECKING:
 
 
 FLAGS = ("kept", "outlier", "downweighted", "rejected", "excluded")
-# Poses that a finding names.
-MOST_NAMED = 5
+# Rows that a table in a report has at most; the file of poses has all.
+MAX_TABLE_ROWS = 100
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -107,7 +109,7 @@ class PoseTable(Record, Shown):
                     "translation": self.translation[k],
                     "distance2": self.distance2[k],
                 }
-                for k in rows[:MOST_NAMED]
+                for k in rows[:5]
             ]
             values = {"item": self.item, "flag": flag, "n": len(self.counted), "count": len(rows), "limit": self.limit}
             found.append(Finding("diagnostics.flagged", "caution", values | {"worst": worst}))
@@ -153,7 +155,7 @@ class PoseTable(Record, Shown):
             {
                 self.item: np.arange(len(self)),
                 "rotation_deg": np.degrees(self.rotation),
-                "translation_mm": 1e3 * self.translation,
+                "translation_mm": MM_PER_M * self.translation,
                 "distance2": self.distance2,
                 "leverage": self.leverage,
                 "weight": self.weight,
@@ -189,30 +191,26 @@ def _of_each(fit: Fit) -> Array:
     return fit.residual if S is None else np.asarray(fit.residual - S.shared @ fit.told(S.shared).z)
 
 
-# Rows that are shown at first; of more, those with the largest d^2.
-FIRST, MOST = 12, 100
-
-
 @document_of.register(PoseTable)
 def pose_table_document(table: PoseTable) -> Document:
     """Return a sentence, the rows with the largest d^2, and all rows."""
     if not len(table):
         return [[Paragraph(f"No {table.item}s.")]]
     rows = _rows(table)
-    few = len(table) <= FIRST
-    worst = np.argsort(-table.distance2, kind="stable")[:FIRST].tolist() if not few else range(len(table))
-    caption = "" if few else f"The {FIRST} with the largest d^2"
+    few = len(table) <= MAX_LISTED
+    worst = np.argsort(-table.distance2, kind="stable")[:MAX_LISTED].tolist() if not few else range(len(table))
+    caption = "" if few else f"The {MAX_LISTED} with the largest d^2"
     what = f"d^2: squared distance from the prediction of the other {table.item}s, in standard deviations"
     shown = [_table(table, caption, [rows[k] for k in worst])]
     first = [Paragraph(f"{table.counts}. {what}; limit {table.limit:.3g}."), *shown]
     if few:
         return [first]
-    more = f" (the first {MOST})" if len(table) > MOST else ""
-    return [first, [_table(table, f"All {len(table):,} {table.item}s{more}", rows[:MOST])]]
+    more = f" (the first {MAX_TABLE_ROWS})" if len(table) > MAX_TABLE_ROWS else ""
+    return [first, [_table(table, f"All {len(table):,} {table.item}s{more}", rows[:MAX_TABLE_ROWS])]]
 
 
 def _rows(table: PoseTable) -> list[list[str]]:
-    columns = [np.degrees(table.rotation), 1e3 * table.translation, table.distance2]
+    columns = [np.degrees(table.rotation), MM_PER_M * table.translation, table.distance2]
     return [
         [str(k), *numbers, f"{100 * table.leverage[k]:.1f}", table.status(k)]
         for k, numbers in enumerate(zip(*map(column, columns), strict=True))

@@ -27,6 +27,7 @@ from scipy.special import betainc, chdtrc, ndtr
 from ...core.files.records import Record
 from ...core.geometry.rotations import matrices_of_quaternions, quaternions, vectors
 from ...core.geometry.se3 import Array
+from ...core.numbers.levels import CONTRADICTED
 from ...findings import Finding
 from ...model.noise.joint_covariance import joint_of
 from ...model.noise.square_roots import gram, is_joint, whiten
@@ -34,14 +35,10 @@ from ...model.poses.pose_pairs import PosePairs
 from ..likelihood.gauss_helmert import SINGULAR, Fit
 from ..likelihood.goodness_of_fit import own_residuals
 
-# False-alarm rates of the tests.
-RARE = 1e-3
-RARE_PATTERN = 1e-4
-# Poses below which there are none; and numbers that the fit must leave, six of each pose less one for each unknown.
-FEWEST = 8
-LEFT = 6.0
-# Lags looked at, and rounds of taking from correlations what the fit has taken.
-LAGS, CORRECTIONS = 5, 4
+# Fewest rows that are tested.
+MIN_ROWS = 8
+# The fit must leave as many degrees of freedom: six of each pose less one for each unknown.
+MIN_FREEDOM = 6.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +104,7 @@ def residual_tests(
     if poses is not None and poses.timestamps is not None:
         rows = rows[np.argsort(poses.timestamps[rows], kind="stable")]
 
-    needed = max(FEWEST, J.shape[-1] // 6 + 3)  # J has the shared errors, too: they may take most of the residuals
+    needed = max(MIN_ROWS, J.shape[-1] // 6 + 3)  # J has the shared errors, too: they may take most of the residuals
 
     def untested(test: str, why: str) -> Finding:
         item = "motion" if fit.W is None else "pose"
@@ -119,7 +116,7 @@ def residual_tests(
         why = "exact"
     elif len(rows) < needed:
         why = "too few"
-    elif 6 * len(rows) - np.sum(_orthonormal(J[rows]) ** 2) < LEFT:
+    elif 6 * len(rows) - np.sum(_orthonormal(J[rows]) ** 2) < MIN_FREEDOM:
         why = "unknowns"
     unknown = np.zeros(0), np.zeros(0), None, None, None, None
     if why is not None:
@@ -159,8 +156,8 @@ def standardised(r: Array, J: Array) -> tuple[Array, Array]:
 def _orthonormal(J: Array) -> Array:
     information, scale = _unit(gram(J))
     values, vectors = np.linalg.eigh(information)
-    told = values > SINGULAR
-    root = vectors * np.where(told, 1.0 / np.sqrt(np.where(told, values, 1.0)), 0.0)[..., None, :]
+    known = values > SINGULAR
+    root = vectors * np.where(known, 1.0 / np.sqrt(np.where(known, values, 1.0)), 0.0)[..., None, :]
     return np.asarray(J @ (scale[..., :, None] * root)[..., None, :, :])
 
 
@@ -188,11 +185,11 @@ def _autocorrelation(r: Array, U: Array, J: Array, known: Array | float) -> Auto
     return Autocorrelation(None, rho, se, float(p), factor, n / factor, float(np.sqrt(growth)))
 
 
-def _integrated(x: Array, V: Array, total: float, p: Array) -> float:
+def _integrated(x: Array, V: Array, total: float, p: Array, rounds: int = 4) -> float:
     """``1 + 2 sum of rho_k``, initial positive sequence (C. J. Geyer 1992), of a series x (n, 6).
 
     The fit has taken from the sum of products at lag k what V (n, 6, p) has at that lag, of a ``total`` at lag 0, and
-    the more, the larger the factor itself is.
+    the more, the larger the factor itself is: this is corrected in ``rounds``.
     """
     n = len(x)
     size = 1 << (2 * n - 1).bit_length()
@@ -201,7 +198,7 @@ def _integrated(x: Array, V: Array, total: float, p: Array) -> float:
     )
     taken = taken / total
     factor = 1.0
-    for _ in range(CORRECTIONS if p < RARE else 1):
+    for _ in range(rounds if p < CONTRADICTED.probability else 1):
         rho = left / left[0] * (1 - factor * taken[0]) + factor * taken
         pairs = rho[: n // 2 * 2].reshape(-1, 2).sum(axis=1)
         last = int(np.argmax(pairs <= 0)) if (pairs <= 0).any() else len(pairs)
@@ -209,14 +206,14 @@ def _integrated(x: Array, V: Array, total: float, p: Array) -> float:
     return factor
 
 
-def autocorrelation_of(r: Array, U: Array) -> tuple[Array, Array, Array]:
+def autocorrelation_of(r: Array, U: Array, max_lags: int = 5) -> tuple[Array, Array, Array]:
     """Correlations (..., lags) and standard errors of `standardised` residuals, and the p-value (...) of the test.
 
     The test looks for positive correlation, at lag 1 and over some lags with falling weights; p is twice the smaller.
     """
     n, freedom = r.shape[-2], _freedom(U)
     both = np.concatenate([U, r[..., None]], axis=-1)
-    lags = min(LAGS, n // 4)
+    lags = min(max_lags, n // 4)
     weights = 1.0 - np.arange(1, lags + 1) / (lags + 1)
     over_lags, traces = np.zeros_like(both), 3.0 * (n - np.arange(1, lags + 1))
     found = []

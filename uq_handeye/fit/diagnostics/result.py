@@ -7,24 +7,26 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, ClassVar, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...core.files.records import INFINITE, Record
 from ...core.geometry.se3 import Array
+from ...core.numbers.levels import CONTRADICTED, RARE
 from ...errors import InputError
 from ...findings import Finding, renumbered, texts
 from ...model.shared_errors.shared_error import FOCAL_LENGTH, ROBOT_SCALE, TARGET_SCALE
-from .residual_patterns import RARE, RARE_PATTERN, Autocorrelation, Normality, Regression
+from .residual_patterns import Autocorrelation, Normality, Regression
 
-# Estimates of a scale error beyond so many standard deviations are findings.
-SCORE = 4.0
+# What a finding holds.
+Value: TypeAlias = str | float | Array | NDArray[np.intp] | list[dict[str, str | float]] | None
 PROBED = (FOCAL_LENGTH, TARGET_SCALE, ROBOT_SCALE)
-# Of motions that come without poses.
+# The frame of X where motions come without poses.
 UNKNOWN_FRAME = "parent frame of X"
-# Poses that move X by more, in standard deviations, are named.
-STRONG = 1.5
+# A pose that moves X by more standard deviations when it is left out is named.
+STRONG_SHIFT_SD = 1.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +90,7 @@ class Influence(Record):
         needed = np.flatnonzero(np.isinf(self.shift_sd))
         if needed.size:
             found.append(_caution("needed_rows", item=item, rows=needed))
-        strong = np.flatnonzero(np.isfinite(self.shift_sd) & (self.shift_sd > STRONG))
+        strong = np.flatnonzero(np.isfinite(self.shift_sd) & (self.shift_sd > STRONG_SHIFT_SD))
         for k in strong[np.argsort(-self.shift_sd[strong])][:3].tolist():
             values = {
                 "item": item,
@@ -98,9 +100,8 @@ class Influence(Record):
                 "translation": np.linalg.norm(self.shift[k, 3:]),
                 "p_value": self.p_value[k],
             }
-            found.append(
-                _caution("wrong_row", **values) if self.p_value[k] < RARE / n else _note("strong_row", **values)
-            )
+            wrong = self.p_value[k] < CONTRADICTED.probability / n
+            found.append(_caution("wrong_row", **values) if wrong else _note("strong_row", **values))
         return tuple(found)
 
 
@@ -129,7 +130,7 @@ class ScaleError(Record):
     @property
     def asked_for(self) -> bool:
         """True if the residuals indicate it beyond chance."""
-        return not self.covered and self.visible and abs(self.z) > SCORE
+        return not self.covered and self.visible and self.z**2 > RARE.chi_square(1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,7 +176,7 @@ class Diagnostics(Record):
     def correlated(self) -> bool:
         """True if neighbouring residuals are correlated beyond chance."""
         p_value = self.autocorrelation.p_value
-        return p_value is not None and p_value < RARE
+        return p_value is not None and p_value < CONTRADICTED.probability
 
     @property
     def not_run(self) -> tuple[Finding, ...]:
@@ -226,9 +227,9 @@ class Diagnostics(Record):
             found.append(m.reason)
             return found + self._of_pattern()
         assert m.p_value is not None and m.p_kurtosis is not None and m.p_skewness is not None
-        if m.p_value < RARE:
-            tails = m.excess_kurtosis if m.p_kurtosis < max(m.p_skewness, RARE) else None
-            skewed = np.abs(m.skewness).max() if m.p_skewness < max(m.p_kurtosis, RARE) else None
+        if m.p_value < CONTRADICTED.probability:
+            tails = m.excess_kurtosis if m.p_kurtosis < max(m.p_skewness, CONTRADICTED.probability) else None
+            skewed = np.abs(m.skewness).max() if m.p_skewness < max(m.p_kurtosis, CONTRADICTED.probability) else None
             found.append(_caution("not_gaussian", p_value=m.p_value, excess_kurtosis=tails, skewness=skewed))
         else:
             found.append(_note("gaussian", p_value=m.p_value))
@@ -239,7 +240,7 @@ class Diagnostics(Record):
         if g.reason is not None:
             return [g.reason]
         assert g.p_value is not None
-        if g.p_value >= RARE_PATTERN:
+        if g.p_value >= RARE.probability:
             return [_note("no_pattern", item=self.item)]
         values = {"r_squared": g.r_squared, "chance": g.chance, "p_value": g.p_value}
         return [_caution("pattern", item=self.item, correlated=self.correlated, **values)]
@@ -250,9 +251,9 @@ class Diagnostics(Record):
         return [_caution("undeclared", errors=errors)] if errors else []
 
 
-def _note(what: str, /, **values: Any) -> Finding:
+def _note(what: str, /, **values: Value) -> Finding:
     return Finding(f"diagnostics.{what}", "note", values)
 
 
-def _caution(what: str, /, **values: Any) -> Finding:
+def _caution(what: str, /, **values: Value) -> Finding:
     return Finding(f"diagnostics.{what}", "caution", values)

@@ -7,42 +7,45 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, TypeAlias
 
 from ...core.formatting.numbers import concise, digits, multiple, probability, signed, times_of_noise
+from ...core.formatting.units import DEG_PER_RAD, MM_PER_M
+from ...core.numbers.levels import CONTRADICTED
 from ...findings import HALVES, MOTION, NEIGHBOURS, NOISE, OUTLIERS, RESIDUALS, SHARED, sentence
 
-_MM, _DEG = 1e3, 180.0 / math.pi
-# An axis within 25 degrees of a direction gives it its name.
-_NEAR = math.cos(math.radians(25.0))
+# The values of a finding, by name.
+Values: TypeAlias = Mapping[str, Any]
+# A direction has the name of an axis within 25 degrees of it.
+NEAR_AXIS_COS = math.cos(math.radians(25.0))
 # Below this ratio of the largest to the smallest standard deviation no direction is worth a name.
-_EVEN = 1.5
-# Share of the rotation about one axis from which on others are asked for.
-_ONE_AXIS = 0.9
+EVEN_RATIO = 1.5
+# Share of the rotation about one axis from which on rotations about others are recommended.
+ONE_AXIS_SHARE = 0.9
 
 
 # ------------------------------------------------------------------------------------------- what X is known to
 
 
-def _flagged_in_short(v: Mapping[str, Any]) -> str:
+def _flagged_in_short(v: Values) -> str:
     what = {"rejected": "rejected", "downweighted": "down-weighted", "outlier": "kept, but do not fit"}[v["flag"]]
     rows = ", ".join(str(one["row"]) for one in v["worst"][:5])
     more = ", ..." if v["count"] > min(len(v["worst"]), 5) else ""
     return f"{v['count']} of {v['n']} {v['item']}s {what}: {rows}{more}"
 
 
-def _flagged_effect(v: Mapping[str, Any]) -> float:
+def _flagged_effect(v: Values) -> float:
     return 1.1 if v["flag"] != "outlier" else math.sqrt(v["worst"][0]["distance2"] / 6.0)
 
 
-def _correlated_in_short(v: Mapping[str, Any]) -> str:
+def _correlated_in_short(v: Values) -> str:
     growth = v["growth"]
     if growth is None or growth < 1.05:
         return f"correlated ({probability(v['p_value'])}), hardly any effect on X"
     return f"correlated; X is about {digits(growth, 2)} times less certain"
 
 
-def _shape_in_short(v: Mapping[str, Any]) -> str:
+def _shape_in_short(v: Values) -> str:
     says = []
     if v["excess_kurtosis"] is not None:
         says.append(f"{'heavier' if v['excess_kurtosis'] > 0 else 'lighter'} tails")
@@ -52,12 +55,12 @@ def _shape_in_short(v: Mapping[str, Any]) -> str:
 
 
 # How data are split into two, for people.
-_SPLITS = {"contiguous": "first and second half", "interleaved": "even and odd rows"}
+SPLITS = {"contiguous": "first and second half", "interleaved": "even and odd rows"}
 
 
-def _halves_in_short(v: Mapping[str, Any]) -> str:
+def _halves_in_short(v: Values) -> str:
     state = "agree" if v["agree"] else "differ"
-    return f"{_SPLITS.get(v['split'], v['split'])} {state} ({probability(v['p_value'])})"
+    return f"{SPLITS.get(v['split'], v['split'])} {state} ({probability(v['p_value'])})"
 
 
 @sentence("diagnostics.direction")
@@ -69,7 +72,7 @@ def direction_words(what: str, largest: float, smallest: float, axis: Sequence[f
     """The least certain direction of "translation" (mm) or "rotation" (deg), from its standard deviations."""
     way, unit = ("along", "mm") if what == "translation" else ("about", "deg")
     least, most = digits(smallest, 2), digits(largest, 2)
-    if largest < _EVEN * smallest:
+    if largest < EVEN_RATIO * smallest:
         sizes = f"about {most}" if least == most else f"{least} to {most}"
         return f"{what} is about equally certain in all directions ({sizes} {unit})"
     ratio = f"{digits(largest / smallest, 2)} times" if smallest > 0 else "infinitely"
@@ -100,7 +103,7 @@ def _(length_m: float, length_of: str, largest: float, smallest: float) -> str:
 def _(share: Sequence[float], axis: Sequence[float], frame: str) -> str:
     shares = ", ".join(f"{round(x, 2):.2g}" for x in share)
     text = f"The robot rotates about three axes, with shares {shares} of the rotation"
-    if share[0] > _ONE_AXIS:
+    if share[0] > ONE_AXIS_SHARE:
         text += f", nearly all of it about {along(axis, frame)}. Add motions that rotate about other axes"
     return f"{text}."
 
@@ -108,7 +111,7 @@ def _(share: Sequence[float], axis: Sequence[float], frame: str) -> str:
 def along(axis: Sequence[float], frame: str) -> str:
     """The name of an axis of a frame, or its components: ``gripper z``."""
     k, name = max(range(3), key=lambda k: abs(axis[k])), frame if "frame" in frame else f"{frame} frame"
-    if abs(axis[k]) > _NEAR:
+    if abs(axis[k]) > NEAR_AXIS_COS:
         return f"{'xyz'[k]} of the {name}" if name == frame else f"{frame} {'xyz'[k]}"
     return f"({', '.join(f'{x:.2f}' for x in axis)}) of the {name}"
 
@@ -272,7 +275,7 @@ DECLARE = {
 }
 
 
-def _declare(values: Mapping[str, Any]) -> str:
+def _declare(values: Values) -> str:
     name, found = values["errors"][0]["name"], abs(float(values["errors"][0]["estimate"]))
     option = f"{DECLARE[name][0]} {digits(100 * found, 1)}%" if name in DECLARE else "--shared defaults"
     return f"measure the {name}, or declare an uncertainty that holds what was found: {option}"
@@ -286,7 +289,7 @@ def _declare(values: Mapping[str, Any]) -> str:
     rejects=True,
     remedy=_declare,
 )
-def _(errors: Sequence[Mapping[str, Any]]) -> str:
+def _(errors: Sequence[Values]) -> str:
     asked = [f"{error['name']} {relative(error['estimate'], error['sd'])}" for error in errors]
     one = len(asked) == 1
     return (
@@ -320,12 +323,7 @@ def _(split: str, error: str) -> str:
 
 
 def _not_run(split: str) -> str:
-    return f"The split-half test ({_SPLITS.get(split, split)}) was not run, because"
-
-
-# Probability below which two halves contradict each other, which deserves a caution.
-CONTRADICTION = 1e-3
-_CONTRADICT = " The covariance is too small, or the halves have different systematic errors."
+    return f"The split-half test ({SPLITS.get(split, split)}) was not run, because"
 
 
 @sentence(
@@ -341,17 +339,19 @@ def _(
 ) -> str:
     verdict, advice = "agree" if agree else "do not agree", ""
     if not agree:  # of several tests one is below 5 % by chance: that is no contradiction yet
-        advice = " Chance alone can explain that." if p_value >= CONTRADICTION else _CONTRADICT
+        advice = " The covariance is too small, or the halves have different systematic errors."
+        if p_value >= CONTRADICTED.probability:
+            advice = " Chance alone can explain that."
     return (
-        f"The two halves of the data ({_SPLITS.get(split, split)}: {sizes[0]} and {sizes[1]}) {verdict} within their "
-        f"covariances: X differs by {_DEG * rotation:.2g} deg and {_MM * translation:.2g} mm (d^2 = {d2:.1f}, expected "
-        f"6; p = {p_value:.2g}).{advice}"
+        f"The two halves of the data ({SPLITS.get(split, split)}: {sizes[0]} and {sizes[1]}) {verdict} within their "
+        f"covariances: X differs by {DEG_PER_RAD * rotation:.2g} deg and {MM_PER_M * translation:.2g} mm "
+        f"(d^2 = {d2:.1f}, expected 6; p = {p_value:.2g}).{advice}"
     )
 
 
 @sentence("diagnostics.many_halves")
 def _(split: str, passed: int, tests: int) -> str:
-    return f"{passed} of {tests} split-half tests ({_SPLITS.get(split, split)}) passed."
+    return f"{passed} of {tests} split-half tests ({SPLITS.get(split, split)}) passed."
 
 
 # ---------------------------------------------------------------------------------------------------- pose table
@@ -365,7 +365,7 @@ def _(split: str, passed: int, tests: int) -> str:
     effect=_flagged_effect,
     remedy="look at the flagged poses in the report: --report report.html",
 )
-def _(item: str, flag: str, n: int, count: int, limit: float, worst: Sequence[Mapping[str, Any]]) -> str:
+def _(item: str, flag: str, n: int, count: int, limit: float, worst: Sequence[Values]) -> str:
     one = count == 1
     what = {
         "rejected": f"{'was' if one else 'were'} rejected as {'an outlier' if one else 'outliers'}",
@@ -374,8 +374,8 @@ def _(item: str, flag: str, n: int, count: int, limit: float, worst: Sequence[Ma
         f"{'it' if one else 'them'} out)",
     }[flag]
     named = ", ".join(
-        f"{item} {row['row']} ({digits(_DEG * row['rotation'], 2)} degrees, {digits(_MM * row['translation'])} mm, "
-        f"d^2 = {digits(row['distance2'])})"
+        f"{item} {row['row']} ({digits(DEG_PER_RAD * row['rotation'], 2)} degrees, "
+        f"{digits(MM_PER_M * row['translation'])} mm, d^2 = {digits(row['distance2'])})"
         for row in worst
     )
     more = f" and {count - len(worst)} more" if count > len(worst) else ""

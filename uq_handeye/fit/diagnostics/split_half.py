@@ -27,18 +27,18 @@ from scipy.special import chdtrc, fdtrc
 
 from ...core.files.records import NUMBER, Record
 from ...core.geometry.se3 import Array, logarithm
+from ...core.numbers.levels import CONTRADICTED, UNUSUAL
 from ...errors import DegenerateMotionError, InputError
 from ...findings import Finding
 from ...model.noise.square_roots import Covariance, cholesky_of, gram, is_joint, pulled, rows_of, whiten
 from ...model.poses.motions import Motions
+from ...model.poses.pose_numbers import MIN_POSES
 from ...model.poses.pose_pairs import PosePairs
 from ..likelihood.gauss_helmert import Fit, inverse_information
-from .sentences import CONTRADICTION
 
-LEVEL = 0.95
-# Rows of a half, and degrees of freedom of estimated noise, below which there is no test: with fewer of these most of
-# what is known of the noise is its prior, and the difference of the halves is no part of that.
-FEWEST, FREEDOM = 3, 12.0
+# Degrees of freedom of estimated noise below which there is no test: with fewer, most of what is known of the noise is
+# its prior, and the difference of the halves is no part of that.
+MIN_FREEDOM = 12.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +69,7 @@ class SplitHalf(Record):
     @property
     def passed(self) -> NDArray[np.bool_] | None:
         """(...) whether the halves agree at the 95 % level; None where the test is not possible."""
-        return None if self.p_value is None else np.asarray(self.p_value > 1 - LEVEL)
+        return None if self.p_value is None else np.asarray(self.p_value > UNUSUAL.probability)
 
     @property
     def possible(self) -> bool:
@@ -95,7 +95,7 @@ class SplitHalf(Record):
             "p_value": self.p_value,
             "agree": self.passed,
         }
-        return Finding("diagnostics.halves", "caution" if self.p_value < CONTRADICTION else "note", values)
+        return Finding("diagnostics.halves", "caution" if self.p_value < CONTRADICTED.probability else "note", values)
 
     @property
     def sentence(self) -> str:
@@ -150,10 +150,10 @@ def split_fit(fit: Fit, data: PosePairs | Motions, split: str, dof: float | None
         return SplitHalf(split, halves, Finding(f"diagnostics.{why}", "note", {"split": split, **values}))
 
     fewest = min(len(half) for half in halves)
-    if fewest < FEWEST:
+    if fewest < MIN_POSES:
         item = "motion" if fit.W is None else "pose"
-        return without("halves_too_small", item=item, rows=fewest, needed=FEWEST)
-    if dof is not None and dof < FREEDOM:
+        return without("halves_too_small", item=item, rows=fewest, needed=MIN_POSES)
+    if dof is not None and dof < MIN_FREEDOM:
         return without("halves_without_freedom", dof=dof)
     joint = is_joint(fit.S)
     stacked = np.concatenate([fit.linear.J, fit.residual[..., None]], axis=-1)

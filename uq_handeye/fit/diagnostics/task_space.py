@@ -23,20 +23,19 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
-from scipy.special import chdtri
 
 from ...core.files.records import Record
 from ...core.formatting.numbers import concise, digits
+from ...core.formatting.units import MM_PER_M
 from ...core.geometry.checks import as_numbers, as_transforms, checked_covariance
 from ...core.geometry.se3 import Array, inverse, inverse_jacobian, skew
+from ...core.numbers.levels import UNUSUAL
+from ...core.numbers.limits import MAX_LISTED
 from ...core.presentation.document import Document, Table, document_of
 from ...core.presentation.shown import Shown
 from ...errors import InputError
 from ..likelihood.open_directions import NEGLIGIBLE
-from .pose_table import FIRST, MOST
-
-# Squared Mahalanobis distance that holds 95 % of a Gaussian in three dimensions.
-_WITHIN_95 = float(chdtri(3, 0.05))
+from .pose_table import MAX_TABLE_ROWS
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -61,7 +60,7 @@ class PointUncertainty(Record, Shown):
         """(...) longest half axis of the 95 % ellipsoid: a sphere of it holds at least 95 %, or is infinite."""
         some = np.asarray(np.isfinite(self.std).all(axis=-1))
         finite = np.where(some[..., None, None], self.covariance, 0.0)
-        return np.asarray(np.where(some, np.sqrt(_WITHIN_95 * np.linalg.eigvalsh(finite)[..., -1]), np.inf))
+        return np.asarray(np.where(some, np.sqrt(UNUSUAL.chi_square(3) * np.linalg.eigvalsh(finite)[..., -1]), np.inf))
 
     @property
     def frame_words(self) -> str:
@@ -69,7 +68,7 @@ class PointUncertainty(Record, Shown):
         return self.frame if " " in self.frame else f"{self.frame} frame"
 
     def __repr__(self) -> str:
-        radius = 1e3 * np.asarray(self.radius_95).ravel()
+        radius = MM_PER_M * np.asarray(self.radius_95).ravel()
         count = f"{len(radius):,} point{'' if len(radius) == 1 else 's'} in the {self.frame_words}"
         ends = [digits(x, 2) if np.isfinite(x) else "open" for x in (radius.min(initial=np.inf), radius.max(initial=0))]
         if not len(radius):
@@ -197,20 +196,20 @@ def point_noise(covariance: Any, points: Array) -> Array | None:
 def points_document(found: PointUncertainty) -> Document:
     """Return a row per point: coordinates with standard deviations, and the radius that holds 95 %."""
     points, std, radius = found.points.reshape(-1, 3), found.std.reshape(-1, 3), found.radius_95.reshape(-1)
-    shown = range(min(len(points), MOST))
+    shown = range(min(len(points), MAX_TABLE_ROWS))
     rows = [
         [
             str(k),
-            *(concise(1e3 * x, 1e3 * s) for x, s in zip(points[k].tolist(), std[k].tolist(), strict=True)),
-            digits(1e3 * radius[k], 2) if np.isfinite(radius[k]) else "open",
+            *(concise(MM_PER_M * x, MM_PER_M * s) for x, s in zip(points[k].tolist(), std[k].tolist(), strict=True)),
+            digits(MM_PER_M * radius[k], 2) if np.isfinite(radius[k]) else "open",
         ]
         for k in shown
     ]
     many = len(points) != 1
     caption = f"{len(points):,} point{'s' if many else ''} in the {found.frame_words}, with 1 sigma"
     head, units = ["point", "x", "y", "z", "95 % radius"], ["", "mm", "mm", "mm", "mm"]
-    first = Table(caption, head, rows[:FIRST], units=units)
-    if len(rows) <= FIRST:
+    first = Table(caption, head, rows[:MAX_LISTED], units=units)
+    if len(rows) <= MAX_LISTED:
         return [[first]]
-    more = f"the first {MOST}" if len(points) > MOST else "all"
+    more = f"the first {MAX_TABLE_ROWS}" if len(points) > MAX_TABLE_ROWS else "all"
     return [[first], [Table(f"Points, {more}", head, rows, units=units)]]
