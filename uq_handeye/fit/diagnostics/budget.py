@@ -26,6 +26,7 @@ from dataclasses import dataclass, replace
 from typing import Annotated, ClassVar, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.special import ndtri, stdtrit
 
 from ...core.files.json_values import JsonObject
@@ -180,7 +181,7 @@ class Budget(Record):
         variances = np.diagonal(self.covariances, axis1=1, axis2=2)
         return {name: _shares(variances[:, part].sum(axis=1)) for name, part in self.groups.items()}
 
-    def budget_at(self, point: Sequence[float] | Array) -> Budget:
+    def budget_at(self, point: ArrayLike) -> Budget:
         """The budget of a point (3,) in camera coordinates (m), expressed in the parent frame of X."""
         p = _points(point)
         if p.shape != (3,) or len(self.covariance) == 3:

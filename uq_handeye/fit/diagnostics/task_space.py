@@ -20,9 +20,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ...core.files.records import Record
 from ...core.formatting.numbers import concise, digits
@@ -93,12 +94,14 @@ class Link(NamedTuple):
     """A pose that points go through, by name, with its covariance (..., 6, 6); None: it is exact."""
 
     name: str
-    T: Any  # (..., 4, 4)
-    covariance: Any
+    T: ArrayLike  # (..., 4, 4)
+    covariance: ArrayLike | None
     inverted: bool = False  # points go through its inverse
 
 
-def through(links: Sequence[Link], points: Any, frame: str, points_covariance: Any = None) -> PointUncertainty:
+def through(
+    links: Sequence[Link], points: ArrayLike, frame: str, points_covariance: ArrayLike | None = None
+) -> PointUncertainty:
     """Points (..., 3) in camera coordinates, expressed in the ``frame`` that poses, independent of each other, lead to.
 
     Parameters
@@ -162,7 +165,7 @@ def frames_of(setup: str | None) -> tuple[str, str]:
     return ("gripper", "base") if setup == "eye-in-hand" else ("base", "gripper")
 
 
-def _pose(T: Any, covariance: Any, name: str) -> tuple[Array, Array]:
+def _pose(T: ArrayLike, covariance: ArrayLike, name: str) -> tuple[Array, Array]:
     S = as_numbers(covariance, f"covariance of {name}")
     if S.ndim < 2 or S.shape[-2:] != (6, 6) or not np.isfinite(S).all():
         raise InputError(f"Expected the covariance of `{name}` to be finite numbers (..., 6, 6), got shape {S.shape}.")
@@ -170,14 +173,14 @@ def _pose(T: Any, covariance: Any, name: str) -> tuple[Array, Array]:
     return as_transforms(T, name, stack=False), S
 
 
-def _points(points: Any) -> Array:
+def _points(points: ArrayLike) -> Array:
     p = as_numbers(points, "points")
     if p.ndim < 1 or p.shape[-1] != 3 or not np.isfinite(p).all():
         raise InputError(f"Expected `points` to be finite numbers (..., 3) in metres, got shape {p.shape}.")
     return p
 
 
-def point_noise(covariance: Any, points: Array) -> Array | None:
+def point_noise(covariance: ArrayLike | None, points: Array) -> Array | None:
     """Noise of points (..., 3), one or of each, as it was given; raises `InputError`."""
     if covariance is None:
         return None
