@@ -8,7 +8,7 @@ from support import SEED, difference, mean_interval, moved, random_covariance, r
 import uq_handeye as uq
 from uq_handeye.fit.likelihood import gauss_helmert as likelihood
 from uq_handeye.fit.likelihood.constraint import Linearised, OnPoses, Unknowns, block_diagonal, constraint_of
-from uq_handeye.fit.likelihood.robust import FULL, NOTHING, consensus, pose_distances, robust_fit, robust_weights
+from uq_handeye.fit.likelihood.robust import FULL, NO_WEIGHT, consensus, pose_distances, robust_fit, robust_weights
 from uq_handeye.fit.likelihood.starts import start_of
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
@@ -116,8 +116,8 @@ def test_a_pose_that_no_other_predicts_is_not_judged():
 
 def test_weights_fall_between_two_quantiles():
     assert pytest.approx(stats.chi2.ppf(0.999, 6), rel=1e-7) == FULL
-    assert pytest.approx(stats.chi2.isf(1e-6, 6), rel=1e-7) == NOTHING
-    d2 = np.array([0.0, FULL, 0.5 * (FULL + NOTHING), NOTHING, 1e9])
+    assert pytest.approx(stats.chi2.isf(1e-6, 6), rel=1e-7) == NO_WEIGHT
+    d2 = np.array([0.0, FULL, 0.5 * (FULL + NO_WEIGHT), NO_WEIGHT, 1e9])
     np.testing.assert_allclose(robust_weights(d2), [1.0, 1.0, 0.5, 0.0, 0.0], atol=1e-12)
 
 

@@ -40,10 +40,10 @@ from ..fit.likelihood.shared_estimates import (
     without_shared_errors,
 )
 from ..fit.likelihood.starts import leaves_open, start_open
-from ..fit.one_model.estimation import BY_VIEW, ROUGH, FoundSizes, JointModel
+from ..fit.one_model.estimation import BY_VIEW, ROUGH_GAIN, FoundSizes, JointModel
 from ..fit.one_model.points import OpenSizes, with_open_sizes
 from ..fit.one_model.telling import tell
-from ..fit.one_model.weights import TAILS, fitted_again, settle, weigh, weigh_from_two_starts
+from ..fit.one_model.weights import TAIL_SLACK, fitted_again, settle, weigh, weigh_from_two_starts
 from ..methods.propagation.published_fit import Published, fit_published
 from ..model.kinematics.kinematic_errors import DECLARED_AS, JOINT_NOISE
 from ..model.noise.joint_covariance import group_of
@@ -164,7 +164,7 @@ def _in_its_branch(job: Job, source: JointModel, at: Unknowns) -> tuple[Job, Joi
         asked = replace(job, arm=arm, columns_of_arm=arm.columns)
         model = source if arm is job.arm else joint_model_of(asked, job.constraint)
         with suppress(NotConvergedError):
-            evidence = model.find(at, rows, gain=ROUGH).mode.log_evidence
+            evidence = model.find(at, rows, gain=ROUGH_GAIN).mode.log_evidence
             if evidence > most + (0.0 if arm is job.arm else MIN_LOG_EVIDENCE_GAIN):
                 best, most = (asked, model), evidence
     return best
@@ -173,7 +173,7 @@ def _in_its_branch(job: Job, source: JointModel, at: Unknowns) -> tuple[Job, Joi
 def _slack(job: Job) -> tuple[float, float]:
     """Factors of the limits of robust weights, and that of all rows alike."""
     accuracy = any(error.name == ROBOT_ACCURACY for error in job.shared)
-    return TAILS if job.arm is not None else 1.0, TAILS if job.arm is not None or accuracy else 1.0
+    return TAIL_SLACK if job.arm is not None else 1.0, TAIL_SLACK if job.arm is not None or accuracy else 1.0
 
 
 def joint_model_of(job: Job, constraint: Constraint) -> JointModel:

@@ -13,7 +13,7 @@ A robust weight w divides the covariance of a camera pose's own noise, or of a r
 group of one edge both are the same, and one weight divides both.
 
 Directions that the data leave open are those whose information is what noise of the measured poses makes of J alone
-(`likelihood.open_directions`): ``u^T I_0 u < SIGNAL u^T N u + |theta|^2 / UNDETERMINED^2``, N summed over the columns
+(`likelihood.open_directions`): ``u^T I_0 u < SIGNAL_RATIO u^T N u + |theta|^2 / UNDETERMINED^2``, N summed over columns
 of the square roots of the covariances of all poses, I_0 and N weighted by the mean variances of an edge's rows.
 """
 
@@ -30,8 +30,8 @@ from scipy.linalg import cho_factor, cho_solve
 from ..core.geometry.se3 import Array, left_jacobian, logarithm, perturb
 from ..core.numbers.rounding import rounding
 from ..errors import DegenerateMotionError, NotConvergedError
-from ..fit.likelihood.gauss_helmert import CLOSED_FORM_STEPS, MOST_STEPS, ROUNDING, STEP
-from ..fit.likelihood.open_directions import SIGNAL, UNDETERMINED
+from ..fit.likelihood.gauss_helmert import CLOSED_FORM_STEPS, MOST_STEPS, STEP_ROUNDING, STEP_SD
+from ..fit.likelihood.open_directions import SIGNAL_RATIO, UNDETERMINED
 from ..model.noise.cholesky import checked_cholesky
 from ..model.noise.models import factor
 from ..model.noise.square_roots import LEAST_WEIGHT
@@ -185,8 +185,8 @@ def fit(
         robot, C = perturb(graph.robot, -v[0]), perturb(graph.C, -v[1])
         if method == "ml":
             longest = max(float(np.abs(T[:, :3, 3]).max(initial=0.0)) for T in (graph.robot, graph.C, at))
-            last = ROUNDING * np.tile(np.repeat([1.0, longest], 3), graph.m)
-            converged = moved < max(STEP**2, float(np.diag(H)[: graph.p] @ last**2)) and done > 1
+            last = STEP_ROUNDING * np.tile(np.repeat([1.0, longest], 3), graph.m)
+            converged = moved < max(STEP_SD**2, float(np.diag(H)[: graph.p] @ last**2)) and done > 1
         else:
             converged = done >= CLOSED_FORM_STEPS and still < MAX_STEP_SD
         if converged:
@@ -350,13 +350,13 @@ def _open(graph: Graph, noise: RigNoise, sides: Sides, at: Array, known: Array, 
             N += graph.gram(one.half_less(other), weights)
     weak = N + np.diag(rounding(2**16) * np.maximum(np.diag(I_0), 1e-12 * float(np.diag(I_0).max())))
     turns = np.arange(graph.p) % 6 < 3
-    weak[turns, turns] += 1.0 / (SIGNAL * UNDETERMINED**2)
+    weak[turns, turns] += 1.0 / (SIGNAL_RATIO * UNDETERMINED**2)
     rough = I_0 + known
     unit = 1.0 / np.sqrt(np.diag(rough + weak))
     scale = np.outer(unit, unit)
     root = np.linalg.cholesky((rough + weak) * scale)
     share, vectors = np.linalg.eigh(np.linalg.solve(root, np.linalg.solve(root, weak * scale).T))
-    found = share > 1.0 / (1.0 + SIGNAL)
+    found = share > 1.0 / (1.0 + SIGNAL_RATIO)
     if not found.any():
         return None
     rig = rig_units(graph, lever)

@@ -31,12 +31,12 @@ from ..core.numbers.limits import MIN_POSES_FOR_ROBUST
 from ..errors import InputError, NotConvergedError
 from ..fit.likelihood.constraint import Unknowns, constraint_of
 from ..fit.likelihood.gauss_helmert import FITS, Fit, corrected
-from ..fit.likelihood.robust import FREE, largest_by_chance, left_out, robust_weights
+from ..fit.likelihood.robust import UNDAMPED_STEPS, largest_by_chance, left_out, robust_weights
 from ..fit.likelihood.robust import fit_robustly as likelihood_robust
 from ..fit.likelihood.shared_estimates import motion_in_session
 from ..fit.one_model.component import Component
 from ..fit.one_model.estimation import JointModel
-from ..fit.one_model.weights import TAILS, settle, weigh_from_two_starts
+from ..fit.one_model.weights import TAIL_SLACK, settle, weigh_from_two_starts
 from ..model.noise.joint_covariance import JointCovariance
 from ..model.noise.models import Noise, PoseNoise, factor, with_prior
 from ..model.noise.pose_prior import PosePrior
@@ -138,7 +138,7 @@ def fit_robustly(
         change = max(np.abs(wanted[0] - w_e).max(), np.abs(wanted[1] - w_k).max(initial=0.0))
         if change < MAX_SETTLED_CHANGE:
             break
-        w_e, w_k = wanted if k < FREE or k >= 20 else (0.5 * (wanted[0] + w_e), 0.5 * (wanted[1] + w_k))
+        w_e, w_k = wanted if k < UNDAMPED_STEPS or k >= 20 else (0.5 * (wanted[0] + w_e), 0.5 * (wanted[1] + w_k))
     else:
         if change > 0.2:
             raise NotConvergedError("The weights of the robust fit did not settle: views contradict each other.", found)
@@ -228,8 +228,8 @@ def find_pair(task: Task, start: Array) -> OfPair | None:
     source = JointModel(constraint, poses=poses, pose_prior=beside, more=parts_at(graph), **known)
     at = Unknowns(start[0], start[1])
     if robust and graph.E >= MIN_POSES_FOR_ROBUST:
-        slack = TAILS if rig.arms[next(iter(rig.arms))].kinematics is not None else 1.0
-        weighed, sizes = weigh_from_two_starts(source, at, method, seed, slack, TAILS if shared else slack)
+        slack = TAIL_SLACK if rig.arms[next(iter(rig.arms))].kinematics is not None else 1.0
+        weighed, sizes = weigh_from_two_starts(source, at, method, seed, slack, TAIL_SLACK if shared else slack)
         if sizes is None or weighed.noise is None:
             return None
         fitted, noise = weighed.fit, weighed.noise

@@ -45,7 +45,7 @@ from ...model.poses.pose_pairs import PosePairs
 from ...model.shared_errors.shared_error import FOCAL_LENGTH, ROBOT_SCALE, TARGET_SCALE
 from ..likelihood.constraint import covariances_of
 from ..likelihood.gauss_helmert import Fit, corrected
-from ..likelihood.shared_estimates import SIGNAL
+from ..likelihood.shared_estimates import MIN_EXPLAINED_RATIO
 from .residual_patterns import Autocorrelation, residual_tests
 from .result import PROBED, UNKNOWN_FRAME, Diagnostics, Diversity, Influence, ScaleError, Spectrum
 
@@ -252,7 +252,7 @@ def scale_errors(
             m = list(known).index(name)
             shift = REPORTED_SCALE * response[:6, m]
             size = float(np.linalg.norm(to_unit @ shift))
-            if visible := bool(after[m] > max(1e-9 * before[m], SIGNAL * 3 * len(k))):
+            if visible := bool(after[m] > max(1e-9 * before[m], MIN_EXPLAINED_RATIO * 3 * len(k))):
                 estimate, sd = float(score[m] / after[m]), inflation / float(np.sqrt(after[m]))
         z = estimate / sd if visible else 0.0
         found.append(ScaleError(name, reason, shift, size, visible, estimate, sd, z, name in covered))

@@ -24,10 +24,11 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtri, gammaincinv
+from scipy.special import gammaincinv
 
 from ...core.geometry.checks import CHUNK
 from ...core.geometry.se3 import Array, skew, vee
+from ...core.numbers.levels import IMPOSSIBLE
 from ...errors import DegenerateMotionError
 from ...methods.procrustes.limit import solve_limit
 from ...model.noise.models import Noise, PoseNoise, marginals
@@ -36,17 +37,17 @@ from ...model.poses.target_views import pivot_of
 from .constraint import Constraint, Unknowns, covariances_of, residual_covariance
 from .gauss_helmert import SINGULAR
 
-# The 1 - 1e-6 quantile of chi-square(6).
-NOTHING = float(chdtri(6, 1e-6))
+# The squared distance from which on a pose has no weight: chi-square(6) of a good one exceeds it once in a million.
+NO_WEIGHT = IMPOSSIBLE.chi_square(6)
 # Share of the poses that the start relies on.
 MAJORITY = 0.6
 # Random subsets: with 40 % wrong poses 0.6^3 of them are clean, 65 on average, and fewer than 20 of them with a
 # probability below 1e-9. Many clean ones matter, as a subset amplifies the noise of its poses.
-SUBSETS = 300
+N_SUBSETS = 300
 # Subsets that are improved, and the steps of it.
-BEST, CONCENTRATION = 10, 3
+N_BEST_SUBSETS, N_CONCENTRATION_STEPS = 10, 3
 # A subset determines X if M of 4DPA (T2) has eigenvalues (rad^2) above this, and above this share of the largest.
-LITTLE_ROTATION, ONE_AXIS = 1e-8, 1e-4
+MIN_EIGENVALUE_RAD2, ONE_AXIS_RATIO = 1e-8, 1e-4
 
 
 class Consensus(NamedTuple):
@@ -68,7 +69,7 @@ def consensus(constraint: Constraint, noise: Noise | None, seed: int | np.random
     pivoted = constraint if pivot is None else replace(constraint, second=_move_origin(constraint.second, pivot))
     hypotheses = _hypotheses(pivoted, np.random.default_rng(seed))
     scales = _scales(pivoted, hypotheses, majority)
-    order = np.argsort(np.log(scales).sum(axis=-1), kind="stable")[:BEST]
+    order = np.argsort(np.log(scales).sum(axis=-1), kind="stable")[:N_BEST_SUBSETS]
     best = Unknowns(hypotheses.X[order], None if hypotheses.W is None else hypotheses.W[order])
     squares = misfit(pivoted, best)
     inside = _smallest((squares / scales[order, None]).sum(axis=-1), majority)
@@ -142,12 +143,12 @@ def _hypotheses(constraint: Constraint, rng: np.random.Generator) -> Unknowns:
         raise DegenerateMotionError(
             f"Only {n} of the rows differ: {size} different {constraint.item}s are needed.", np.eye(6)
         )
-    if n <= (13 if size == 3 else 25):  # no more than about SUBSETS subsets in all
+    if n <= (13 if size == 3 else 25):  # no more than about N_SUBSETS subsets in all
         index = _all_subsets(n, size)
     else:
-        index = rng.integers(n, size=(2 * SUBSETS, size))
+        index = rng.integers(n, size=(2 * N_SUBSETS, size))
         index = np.sort(index, axis=1)
-        index = index[(index[:, 1:] > index[:, :-1]).all(axis=1)][:SUBSETS]
+        index = index[(index[:, 1:] > index[:, :-1]).all(axis=1)][:N_SUBSETS]
     subsets = constraint.rows(_canonical_order(constraint)[index])
     A, B = subsets.motions()
     usable = _determined(A, B)
@@ -172,7 +173,7 @@ def _determined(A: Array, B: Array) -> NDArray[np.bool_]:
     s = np.linalg.svd(H, compute_uv=False)
     sign = np.sign(np.linalg.det(H))
     smallest, largest = s[..., 1] + sign * s[..., 2], s[..., 0] + s[..., 1]
-    return np.asarray((smallest > LITTLE_ROTATION) & (smallest > ONE_AXIS * largest))
+    return np.asarray((smallest > MIN_EIGENVALUE_RAD2) & (smallest > ONE_AXIS_RATIO * largest))
 
 
 def misfit(constraint: Constraint, at: Unknowns) -> Array:
@@ -221,7 +222,7 @@ def _concentrate(constraint: Constraint, noise: Noise, at: Unknowns, inside: Arr
     S = np.asarray(residual_covariance(linear.sides, noise))
     white = whiten(cholesky_of(S), np.concatenate([linear.J, linear.r[..., None]], axis=-1))
     majority = int(inside[0].sum())
-    for _ in range(CONCENTRATION):
+    for _ in range(N_CONCENTRATION_STEPS):
         sums = gram(white * inside[..., None, None])
         unit = 1.0 / np.sqrt(np.maximum(np.diagonal(sums[..., :-1, :-1], axis1=-2, axis2=-1), 1e-300))
         values, vectors = np.linalg.eigh(sums[..., :-1, :-1] * unit[..., :, None] * unit[..., None, :])

@@ -69,9 +69,9 @@ class Linearised(NamedTuple):
     sides: tuple[Array, Array]  # (..., n, 6, 6) by the errors of robot and of camera
 
 
-# Rows whose motions tell how many axes there are, and the mean square of sin(angle) across the main axis below which
-# there may be but one.
-FEW, ONE_AXIS = 40, 0.03
+# Rows from which the number of rotation axes is estimated, and the mean square of sin(angle) across the main axis below
+# which there may be only one axis.
+MAX_AXIS_ROWS, ONE_AXIS_SIN2 = 40, 0.03
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,10 +93,10 @@ class _Rows:
     @cached_property
     def one_axis(self) -> NDArray[np.bool_]:
         """True where the robot rotates about one axis at most (...), whatever the camera says."""
-        few = self.rows(np.unique(np.linspace(0, self.n - 1, min(self.n, FEW)).astype(np.intp)))
+        few = self.rows(np.unique(np.linspace(0, self.n - 1, min(self.n, MAX_AXIS_ROWS)).astype(np.intp)))
         u = 0.5 * vee(few.motions()[0][..., :3, :3])
         across = np.linalg.eigvalsh(u.mT @ u / max(1, u.shape[-2]))[..., :2].sum(axis=-1)
-        return np.asarray(across < ONE_AXIS)
+        return np.asarray(across < ONE_AXIS_SIN2)
 
     def motions(self) -> tuple[Array, Array]:
         """A and B (..., m, 4, 4): of poses those between all pairs of rows, m = n (n - 1) / 2."""

@@ -33,6 +33,7 @@ from numpy.typing import NDArray
 
 from ...core.geometry.checks import as_transforms
 from ...core.geometry.se3 import Array, left_jacobian, perturb
+from ...core.numbers.rounding import rounding
 from ...core.runtime.read_only import ReadOnlyArrays
 from ...errors import DegenerateMotionError, InputError, NotConvergedError, require_type
 from ...model.noise.models import Noise, PairNoise, PoseNoise, with_prior
@@ -56,9 +57,9 @@ from .starts import isotropic_residuals, sound_start, start_of
 
 # Steps of `efficient`, and at most of `ml`.
 CLOSED_FORM_STEPS, MOST_STEPS = 2, 50
-# `ml` stands still when a step moves X and W by less than this, in standard deviations; or, for noise near rounding, by
-# less than so many units of the numbers themselves (translations: of the longest).
-STEP, ROUNDING = 1e-6, 16 * float(np.finfo(float).eps)
+# `ml` has converged when a step moves X and W by less than this, in standard deviations; or, for noise near rounding,
+# by less than so many units of the numbers themselves (translations: of the longest).
+STEP_SD, STEP_ROUNDING = 1e-6, rounding(16)
 # Smallest eigenvalue of the Fisher information scaled to a unit diagonal that still determines all unknowns.
 SINGULAR = 1e-12
 
@@ -394,8 +395,8 @@ def fit(
             converged = np.ones(step.shape[:-1], dtype=bool)
             break
         moved = (step[..., None, :] @ information @ step[..., None])[..., 0, 0]
-        rounding = np.diagonal(information, axis1=-2, axis2=-1) @ _last_places(constraint, unknowns) ** 2
-        converged = np.asarray((moved < np.maximum(STEP**2, rounding)) & (done > 1))
+        smallest = np.diagonal(information, axis1=-2, axis2=-1) @ _last_places(constraint, unknowns) ** 2
+        converged = np.asarray((moved < np.maximum(STEP_SD**2, smallest)) & (done > 1))
         if converged.all():
             break
         errors = _errors(linear.sides, noise, factor, white[..., -1:] + white[..., :-1] @ step[..., None, :, None])
@@ -436,7 +437,7 @@ def _last_places(constraint: Constraint, unknowns: Unknowns) -> Array:
     longest = max(
         float(np.abs(T[..., :3, 3]).max()) for T in (constraint.first, constraint.second, *unknowns) if T is not None
     )
-    return ROUNDING * np.tile(np.repeat([1.0, longest], 3), 1 if unknowns.W is None else 2)
+    return STEP_ROUNDING * np.tile(np.repeat([1.0, longest], 3), 1 if unknowns.W is None else 2)
 
 
 def _by_own_errors(sides: tuple[Array, Array], errors: Errors) -> tuple[Array, Array]:

@@ -51,6 +51,10 @@ if TYPE_CHECKING:
     from ...model.noise.estimate import NoiseEstimate
 
 
+# Information on a shared error, in units of that of its prior, below which the data do not resolve it.
+MIN_INFORMATION = 1e-4
+
+
 @dataclass(frozen=True)
 class GoodnessOfFit:
     """Chi-square test of the noise. ``sigma0`` is the root of ``chi2 / dof``: 1 where the noise is right."""
@@ -129,10 +133,6 @@ def _require_one(fit: Fit) -> None:
         raise InputError(f"Expected the fit of one data set, got leading axes {fit.covariance.shape[:-2]}.")
 
 
-# Information (1 where it equals that of the prior) below which the data tell nothing of a shared error.
-TOLD = 1e-4
-
-
 class OwnResiduals(NamedTuple):
     """Own residuals of one fit, in units of each pose's own noise, without the weights."""
 
@@ -151,7 +151,7 @@ def own_residuals(fit: Fit) -> OwnResiduals:
     z, response, left = fit.told(S.shared)
     # The z are N(0, I) in any axes: those of what the data tell. 1: X and W, or other columns, take it in.
     share, axes = np.linalg.eigh(left)
-    axes = axes[:, share * (1.0 + TOLD) < 1.0]
+    axes = axes[:, share * (1.0 + MIN_INFORMATION) < 1.0]
     p, q = fit.covariance.shape[-1], axes.shape[-1]
     F = S.shared @ axes
     white = whiten(

@@ -40,7 +40,7 @@ from .constraint import OnPoses, Unknowns
 from .gauss_helmert import MOST_STEPS, Fit, corrected, fit, inverse_information
 
 # Rounds at most; the last one moves X, W and intrinsics by less, in standard deviations.
-MOST_ROUNDS, STILL = 20, 1e-5
+MAX_BUNDLE_ROUNDS, LAST_MOVE_SD = 20, 1e-5
 
 
 class RigBundle(NamedTuple):
@@ -154,7 +154,7 @@ def adjust_rig(
     sight = Sight.of(bundle.model, bundle.shape, seen.corners, bundle.used * of_picture[seen.corners.picture])
     k, adjusted, kept = np.array(bundle.parameters), np.array(poses.robot), np.flatnonzero(w > 0)
     done, converged = 0, False
-    while not converged and done < MOST_ROUNDS:
+    while not converged and done < MAX_BUNDLE_ROUNDS:
         of_corners = _as_poses(sight, bundle, k, camera, np.where(w > 0, w, 1.0))
         noise = PoseNoise(robot, of_corners.covariance).rows(kept).weighted(w[kept])
         constraint = OnPoses(poses.robot[kept], of_corners.poses[kept], poses.setup == "eye-to-hand")
@@ -169,7 +169,7 @@ def adjust_rig(
         at, k[free] = found.unknowns, now
         camera = perturb(of_corners.poses, -of_corners.covariance.shared @ told.z[q:])
         adjusted[kept], camera[kept] = corrected(found, noise, constraint.first, constraint.second)
-        done, converged = done + 1, float(np.hypot(np.linalg.norm(moved), np.linalg.norm(of_k))) < STILL
+        done, converged = done + 1, float(np.hypot(np.linalg.norm(moved), np.linalg.norm(of_k))) < LAST_MOVE_SD
     assert at.W is not None
     # Each robot pose brings as many numbers as it has unknowns; an unknown one neither.
     known = 0 if bundle.prior is None else int(free.sum())

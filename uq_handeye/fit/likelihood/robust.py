@@ -41,6 +41,7 @@ from numpy.typing import NDArray
 from scipy.special import betaincinv, chdtri, fdtri, gammaincinv
 
 from ...core.geometry.se3 import Array
+from ...core.numbers.levels import CONTRADICTED, UNUSUAL
 from ...core.runtime.read_only import ReadOnlyArrays
 from ...errors import DegenerateMotionError, InputError, NotConvergedError
 from ...model.noise.models import Noise, with_prior
@@ -48,30 +49,30 @@ from ...model.noise.pose_prior import PosePrior
 from ...model.noise.square_roots import LEAST_WEIGHT, inverse_blocks, is_joint, pulled, weighed_blocks, whiten
 from ...model.poses.motions import Motions
 from ...model.poses.pose_pairs import PosePairs
-from .consensus import MAJORITY, NOTHING, Consensus, consensus, misfit, robust_variance
+from .consensus import MAJORITY, NO_WEIGHT, Consensus, consensus, misfit, robust_variance
 from .constraint import Constraint, Unknowns, constraint_of
 from .gauss_helmert import CLOSED_FORM_STEPS, MOST_STEPS, Fit, fit
 from .starts import isotropic_residuals, leaves_open, sound_start
 
-# The 99.9 % quantile of chi-square(6), below which a pose counts in full; above NOTHING it does not count at all.
-FULL = float(chdtri(6, 1e-3))
-# Weights stand still below this change, which is larger after so many steps: some converge slowly; and the largest
-# number of steps.
-STILL, SLOW, STILL_THEN, MOST_REWEIGHTED = 1e-6, 20, 1e-3, 100
+# The 99.9 % quantile of chi-square(6), below which a pose counts in full; above NO_WEIGHT it does not count at all.
+FULL = CONTRADICTED.chi_square(6)
+# Weights have converged below this change, which is larger after so many steps, as some converge slowly; and the
+# largest number of steps.
+LAST_WEIGHT_CHANGE, SLOW_STEPS, SLOW_WEIGHT_CHANGE, MAX_WEIGHT_STEPS = 1e-6, 20, 1e-3, 100
 # Steps before the scale is held and the weights are damped.
-FREE = 10
+UNDAMPED_STEPS = 10
 # Below this change of the weights it is clear which poses are flagged, while the noise still changes.
-ROUGHLY = 1e-2
+ROUGH_WEIGHT_CHANGE = 1e-2
 # Rounds of noise from the residuals and weights from the noise; share of the poses that may change sides in the last.
-MOST_ROUNDS, BORDER = 20, 1e-3
+MAX_NOISE_ROUNDS, BORDER_SHARE = 20, 1e-3
 
 # Share of the poses kept from which on the iteration that starts from all poses alike is relied on.
-SURE = 0.8
-# How rare a largest distance is that is a surprise. Where the noise is not known: how frequent one may be, and what the
-# median of the distances must be of that of chi-square, for all rows to be taken as they are.
-SURPRISE, USUAL, LIKE_OTHERS = 1e-3, 0.05, 0.75
-# In fewer rows than that a few wrong ones are most of the noise.
-MANY = 25
+MIN_KEPT_SHARE = 0.8
+# Where the noise is not known: the least ratio of the median distance to that of chi-square for which all rows are
+# taken as they are.
+MIN_MEDIAN_RATIO = 0.75
+# Among fewer rows than that a few outliers make most of the noise.
+MIN_POSES_FOR_ALL_ALIKE = 25
 
 # The noise of the constraint near the unknowns, whose rows count with weights (n,); None: the data are exact.
 Estimator = Callable[[Constraint, Unknowns, Array], Noise | None]
@@ -143,8 +144,8 @@ def left_out(information: Array, pull: Array, w: Array) -> Array:
 
 
 def robust_weights(distances: Array) -> Array:
-    """The weight of each d^2 (...): 1 up to FULL, linearly to 0 at NOTHING."""
-    return np.clip((NOTHING - distances) / (NOTHING - FULL), 0.0, 1.0)
+    """The weight of each d^2 (...): 1 up to FULL, linearly to 0 at NO_WEIGHT."""
+    return np.clip((NO_WEIGHT - distances) / (NO_WEIGHT - FULL), 0.0, 1.0)
 
 
 def robust_fit(
@@ -226,7 +227,7 @@ def fit_robustly(
     else:
         assert search is not None
         settled = None
-        if not search.all_alike and constraint.n >= MANY:
+        if not search.all_alike and constraint.n >= MIN_POSES_FOR_ALL_ALIKE:
             noise, settled = _all_agree(constraint, start, search.estimate, method)
     if settled is None:
         alike = noise is None and search is not None and search.all_alike
@@ -278,11 +279,11 @@ def _begin_with_all(constraint: Constraint, noise: Noise, start: Unknowns, metho
     """
     try:
         plain = _settle_clean(constraint, noise, start, method)
-        settled = plain or _settle(constraint, noise, start, np.ones(constraint.n), method, most=FREE)
+        settled = plain or _settle(constraint, noise, start, np.ones(constraint.n), method, most=UNDAMPED_STEPS)
     except (NotConvergedError, DegenerateMotionError):
         return None
     kept = settled.distances <= settled.limit
-    return settled if settled.scale == 1.0 and kept.mean() >= SURE else None
+    return settled if settled.scale == 1.0 and kept.mean() >= MIN_KEPT_SHARE else None
 
 
 def _all_agree(
@@ -294,15 +295,15 @@ def _all_agree(
     """
     try:
         noise = estimate(constraint, start, np.ones(constraint.n))
-        settled = None if noise is None else _settle_clean(constraint, noise, start, method, USUAL)
+        settled = None if noise is None else _settle_clean(constraint, noise, start, method, UNUSUAL.probability)
     except (InputError, NotConvergedError, DegenerateMotionError):
         return None, None
-    agree = settled is not None and robust_variance(settled.distances, 6) > LIKE_OTHERS
+    agree = settled is not None and robust_variance(settled.distances, 6) > MIN_MEDIAN_RATIO
     return (noise, settled) if agree else (None, None)
 
 
 def _settle_clean(
-    constraint: Constraint, noise: Noise, start: Unknowns, method: str, level: float = SURPRISE
+    constraint: Constraint, noise: Noise, start: Unknowns, method: str, level: float = CONTRADICTED.probability
 ) -> _Settled | None:
     """The plain fit, if its largest distance is no surprise at that level; else None."""
     fitted = fit(constraint, noise, start, CLOSED_FORM_STEPS if method == "efficient" else MOST_STEPS)
@@ -315,7 +316,7 @@ def _settle_clean(
     return _Settled(replace(fitted, weights=np.ones(constraint.n)), distances, leverage, 1.0, limit, True, start)
 
 
-def largest_by_chance(n: int, level: float = SURPRISE) -> float:
+def largest_by_chance(n: int, level: float = CONTRADICTED.probability) -> float:
     """The d^2 that the largest of n good poses exceeds in a share ``level`` of data sets."""
     return float(chdtri(6, level / max(n, 1)))
 
@@ -342,12 +343,13 @@ def _settle(
     weights: Array,
     method: str,
     margin: float = 1.0,
-    most: int = MOST_REWEIGHTED,
+    most: int = MAX_WEIGHT_STEPS,
     still_at: float | None = None,
 ) -> _Settled:
     """Fit and weights in turn until they converge; with ``ml``, full maximisations in turn after that.
 
-    ``still_at``: the change of a weight that counts as none (default: `STILL`, `STILL_THEN` of many or slow ones).
+    ``still_at``: the change of a weight that counts as none (default: `LAST_WEIGHT_CHANGE`, and
+    `SLOW_WEIGHT_CHANGE` of many or slow ones).
     """
     steps, scale2, at, plain = CLOSED_FORM_STEPS, 1.0, begin, True
     for k in range(most):
@@ -360,17 +362,19 @@ def _settle(
             )
         at = found.unknowns
         distances, leverage = pose_distances(found)
-        if k < FREE:
+        if k < UNDAMPED_STEPS:
             scale2 = _scale_guard(distances)
         wanted = robust_weights(distances / (scale2 * margin))
-        quick = k >= SLOW or constraint.n * BORDER >= 1.0  # a thousandth of one pose of so many
-        still = bool(np.abs(wanted - weights).max() < (still_at or (STILL_THEN if quick else STILL)))
+        quick = k >= SLOW_STEPS or constraint.n * BORDER_SHARE >= 1.0  # a thousandth of one pose of so many
+        still = bool(
+            np.abs(wanted - weights).max() < (still_at or (SLOW_WEIGHT_CHANGE if quick else LAST_WEIGHT_CHANGE))
+        )
         if still and (method == "efficient" or steps > CLOSED_FORM_STEPS):
             return _Settled(found, distances, leverage, float(np.sqrt(scale2)), FULL * scale2 * margin, plain, begun)
         if still:
             steps, at = MOST_STEPS, begin
         # Two poses that predict each other, or the scale, may take turns: the mean of the weights and one scale end it.
-        weights = wanted if k < FREE else 0.5 * (wanted + weights)
+        weights = wanted if k < UNDAMPED_STEPS else 0.5 * (wanted + weights)
     raise NotConvergedError("The weights of the robust fit did not settle: poses contradict each other.", found)
 
 
@@ -384,14 +388,14 @@ def _alternate(
     noise, at, weights = begun.noise, begun.unknowns, begun.inside
     seen: list[NDArray[np.bool_]] = []
     margin = slack * _margin(constraint)
-    for _ in range(MOST_ROUNDS):
+    for _ in range(MAX_NOISE_ROUNDS):
         # The noise changes again: which poses are flagged is all that counts.
-        settled = _settle(constraint, noise, at, weights, "efficient", margin, still_at=ROUGHLY)
+        settled = _settle(constraint, noise, at, weights, "efficient", margin, still_at=ROUGH_WEIGHT_CHANGE)
         assert settled.fit.weights is not None
         at, weights = settled.fit.unknowns, settled.fit.weights
         good = settled.distances <= settled.limit
         # The noise is theirs; or a circle of poses on the border, or one or two of very many: any of it will do.
-        if any((good != before).sum() <= BORDER * len(good) for before in seen):
+        if any((good != before).sum() <= BORDER_SHARE * len(good) for before in seen):
             break
         seen.append(good)
         # Flagged poses would hide themselves in the noise; leaving out a good one in 1000 makes it 0.4 % smaller.
@@ -405,6 +409,6 @@ def _alternate(
 def _scale_guard(distances: Array) -> float:
     """s^2 >= 1: the noise of most poses in units of the noise given, 1 unless the excess is beyond chance (0.1 %)."""
     scale2 = robust_variance(distances, 6)
-    m = int((distances <= NOTHING * max(scale2, 1.0)).sum())
+    m = int((distances <= NO_WEIGHT * max(scale2, 1.0)).sum())
     u = float(betaincinv(0.5 * (m + 1), 0.5 * (m + 1), 0.999))  # how high the median of m good poses may lie
     return scale2 if scale2 > gammaincinv(3.0, u) / gammaincinv(3.0, 0.5) else 1.0

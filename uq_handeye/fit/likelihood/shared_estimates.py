@@ -24,6 +24,7 @@ from scipy.special import chdtrc, erfc
 from ...core.files.records import Record
 from ...core.formatting.units import small_unit
 from ...core.geometry.se3 import Array, perturb
+from ...core.numbers.rounding import CHAIN_ROUNDING, EPS, SOLUTION_ROUNDING
 from ...errors import InputError
 from ...model.noise.camera_noise import INTRINSICS
 from ...model.noise.joint_covariance import group_of, joint_of
@@ -35,15 +36,11 @@ from ...model.shared_errors.sizes import RobotAccuracy
 from .constraint import covariances_of
 from .gauss_helmert import Fit
 
-# A share of the prior variance below which the data have said nothing of an error: rounding.
-NOTHING = 1e-9
-# No more of it than this is known to be left.
-ROUNDING = float(np.finfo(float).eps)
 # What X and W cannot explain of a column must exceed what the noise of the poses makes of it, in squares, by this
 # factor: else it is that noise which residuals and column have in common.
-SIGNAL = 10.0
+MIN_EXPLAINED_RATIO = 10.0
 # Directions among the numbers of one error of whose prior variance the data take away less are not tested.
-HEARD = 1e-3
+MIN_TESTED_SHARE = 1e-3
 # Times that standard deviations could have been as large (`group_test`).
 TIMES = np.geomspace(1e-2, 1e3, 501)
 
@@ -192,7 +189,7 @@ def group_test(posterior: Posterior, errors: Sequence[SharedError], group: str) 
     unit, at = np.array([sd[posterior.names[k]] for k in of]), posterior.p + np.array(of, dtype=np.intp)
     left = posterior.covariance[np.ix_(at, at)] / np.outer(unit, unit)
     values, vectors = np.linalg.eigh(np.eye(len(unit)) - left)
-    heard = values > HEARD
+    heard = values > MIN_TESTED_SHARE
     if not heard.any():
         return None
     z = posterior.estimate[at - posterior.p] / unit
@@ -217,11 +214,11 @@ def estimates_of(posterior: Posterior, errors: Sequence[SharedError], fit: Fit) 
         return ()
     to_unit, p, found = np.linalg.inv(np.linalg.cholesky(fit.covariance[:6, :6])), posterior.p, []
     for error, name, sd, k in parts:
-        left = float(np.clip(posterior.covariance[p + k, p + k] / sd**2, ROUNDING, 1.0))
+        left = float(np.clip(posterior.covariance[p + k, p + k] / sd**2, EPS, 1.0))
         told, value, effect = 1.0 - left, float(posterior.estimate[k]), posterior.covariance[:6, p + k] / sd
-        says = told > NOTHING
+        says = told > CHAIN_ROUNDING
         if error.name in OF_LENGTHS:
-            says = says and told > SIGNAL * 3 * len(fit.residual) * left * sd * sd
+            says = says and told > MIN_EXPLAINED_RATIO * 3 * len(fit.residual) * left * sd * sd
         found.append(
             SharedEstimate(
                 name, error.name, error.side, error.unit, sd, value,
@@ -238,10 +235,6 @@ def of_moves(moves: Array) -> Array:
     """Covariance (p, p) of X and W by moves (p,), or (p, r) of r independent errors, of one standard deviation each."""
     each = moves.reshape(len(moves), -1)
     return np.asarray(each @ each.T)
-
-
-# Below this share of the largest eigenvalue a direction of X counts as without variance (open).
-_NONE = 1e-12
 
 
 @dataclass(frozen=True)
@@ -306,5 +299,5 @@ def joint_share(parts: Iterable[SharedEstimate], covariance: Array | None) -> fl
     sd = np.sqrt(np.diag(covariance))
     scale = np.where(sd > 0, sd, 1.0)
     E = np.stack([part.effect for part in parts], axis=-1) / scale[:, None]
-    inverse = np.linalg.pinv(covariance / np.outer(scale, scale), _NONE, hermitian=True)
+    inverse = np.linalg.pinv(covariance / np.outer(scale, scale), SOLUTION_ROUNDING, hermitian=True)
     return float(np.clip(np.linalg.eigvalsh(E.T @ inverse @ E)[-1], 0.0, 1.0))

@@ -32,6 +32,7 @@ from scipy.special import chdtri
 from ...core.geometry.nearest_rotation import orthonormalise
 from ...core.geometry.rotations import Rotation
 from ...core.geometry.se3 import Array, vee
+from ...core.numbers.rounding import CHAIN_ROUNDING
 from ...errors import DegenerateMotionError
 from ...methods.procrustes.limit import solve_limit
 from ...methods.propagation.all_pairs import solve_all_pairs
@@ -41,8 +42,19 @@ from ...model.noise.pose_prior import PosePrior
 from ...model.noise.square_roots import cholesky_of, whiten
 from ...model.poses.motions import Motions
 from ...model.poses.pose_pairs import PosePairs
-from .constraint import FEW, Constraint, Linearised, Unknowns, residual_covariance
+from .constraint import MAX_AXIS_ROWS, Constraint, Linearised, Unknowns, residual_covariance
 from .open_directions import closed_basis, lever_of, own_covariances, rig_units, step_from
+
+# Angles about a parallel axis, candidates that are iterated.
+N_START_ANGLES, N_ITERATED_STARTS = 8, 2
+# Singular values below this share of the largest, or at rounding of rotations that are equal, are open.
+OPEN_RATIO = 1e-2
+# Steps, their end in standard deviations, the longest turn of one (rad).
+MAX_START_STEPS, LAST_STEP_SD, MAX_TURN_RAD = 30, 0.1, 0.5
+# Noise to begin with where none is known: rad, and per metre from camera to target.
+FIRST_NOISE = 3e-3
+# Median of chi-square with 3 degrees of freedom.
+MEDIAN = float(chdtri(3, 0.5))
 
 
 def start_of(data: PosePairs | Motions, constraint: Constraint, X: Array | None) -> Unknowns:
@@ -109,18 +121,6 @@ def _of_problem(noise: Noise, k: tuple[int, ...]) -> Noise:
     return noise if noise.prior is None else with_prior(noise, noise.prior.rows(k))
 
 
-# Angles about a parallel axis, candidates that are iterated.
-ANGLES, BEST = 8, 2
-# Singular values below this share of the largest, or this size (rounding of rotations that are equal), are open.
-OPEN, NOTHING = 1e-2, 1e-9
-# Steps, their end in standard deviations, the longest turn of one (rad).
-STEPS, STILL, LONGEST = 30, 0.1, 0.5
-# Noise to begin with where none is known: rad, and per metre from camera to target.
-ROUGH = 3e-3
-# Median of chi-square with 3 degrees of freedom.
-MEDIAN = float(chdtri(3, 0.5))
-
-
 def start_open(constraint: Constraint, noise: Noise | None, prior: PosePrior | None = None) -> Unknowns:
     """X and W of one data set, at the representative nearest to the origin, or to the prior, along what is open.
 
@@ -130,11 +130,11 @@ def start_open(constraint: Constraint, noise: Noise | None, prior: PosePrior | N
     if constraint.n < constraint.fewest - 1:
         raise DegenerateMotionError(f"Expected several {constraint.item}s to determine X, got 1.", np.eye(6))
     known = prior if noise is None else noise.prior
-    few = constraint.rows(np.unique(np.linspace(0, constraint.n - 1, min(constraint.n, FEW)).astype(np.intp)))
+    few = constraint.rows(np.unique(np.linspace(0, constraint.n - 1, min(constraint.n, MAX_AXIS_ROWS)).astype(np.intp)))
     X = _candidates(few, known)
     at = few.complete(X)
     guess = _rough(few, known) if noise is None else _isotropic(noise)
-    order = np.argsort(_cost(few, guess, at))[:BEST]
+    order = np.argsort(_cost(few, guess, at))[:N_ITERATED_STARTS]
     best: tuple[float, Unknowns] | None = None
     for k in order.tolist():
         one = Unknowns(at.X[k], None if at.W is None else at.W[k])
@@ -167,17 +167,17 @@ def _variances(constraint: Constraint, at: Unknowns) -> Array:
 
 def descend(constraint: Constraint, noise: Noise, at: Unknowns) -> Unknowns:
     """Gauss-Newton without steps along what is open, until it converges."""
-    for _ in range(STEPS):
+    for _ in range(MAX_START_STEPS):
         found = step_from(constraint, noise, at)
         turn = float(np.linalg.norm(found.step[:3]))
-        at = at.moved(found.step * min(1.0, LONGEST / max(turn, 1e-300)))
-        if found.step @ found.information @ found.step < STILL**2:
+        at = at.moved(found.step * min(1.0, MAX_TURN_RAD / max(turn, 1e-300)))
+        if found.step @ found.information @ found.step < LAST_STEP_SD**2:
             break
     return at
 
 
 def _rough(constraint: Constraint, prior: PosePrior | None) -> Noise:
-    S = ROUGH**2 * np.diag(np.repeat([1.0, float(lever_of(constraint)) ** 2], 3))
+    S = FIRST_NOISE**2 * np.diag(np.repeat([1.0, float(lever_of(constraint)) ** 2], 3))
     return with_prior(constraint.noise(S, S), prior)
 
 
@@ -206,7 +206,7 @@ def _candidates(constraint: Constraint, prior: PosePrior | None) -> Array:
     ).reshape(-1, 5)
     rows[:, :3] *= length
     solved = _pseudoinverse(rows) @ (along - t_A).ravel()
-    angles = np.append(2.0 * np.pi * np.arange(ANGLES) / ANGLES, np.arctan2(solved[4], solved[3]))
+    angles = np.append(2.0 * np.pi * np.arange(N_START_ANGLES) / N_START_ANGLES, np.arctan2(solved[4], solved[3]))
     about = Rotation.from_rotvec(angles[:, None] * a).as_matrix()
     rotations = [*(about @ R_0), *orthonormalise(np.stack([of_moves + 1e-12 * of_turns, of_moves + of_turns]))]
     if prior is not None and prior.X is not None:
@@ -224,7 +224,7 @@ def _candidates(constraint: Constraint, prior: PosePrior | None) -> Array:
 def _pseudoinverse(M: Array) -> Array:
     """Pseudoinverse without what is open."""
     largest = max(float(np.linalg.norm(M, 2)), 1e-300)
-    return np.asarray(np.linalg.pinv(M, rcond=max(OPEN, NOTHING / largest)), dtype=float)
+    return np.asarray(np.linalg.pinv(M, rcond=max(OPEN_RATIO, CHAIN_ROUNDING / largest)), dtype=float)
 
 
 def _isotropic(noise: Noise) -> Noise:

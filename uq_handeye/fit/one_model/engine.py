@@ -43,18 +43,17 @@ from scipy.linalg.blas import dtrmm
 from scipy.linalg.lapack import dpotrf, dtrtri, dtrtrs
 
 from ...core.geometry.se3 import Array
+from ...core.numbers.rounding import PRODUCT_ROUNDING
 from ...core.runtime.read_only import ReadOnlyArrays
 from ...model.noise.cholesky import checked_cholesky, inverse_factor
 from ..likelihood.constraint import Linearised
 from .component import SIDES, Component
 
-# Share of the largest diagonal that a direction of the unknown poses must keep in H, or x does not move along it.
-RIDGE = 1e-14
 # Share of the energy of an error's rows below which the unknown poses absorb it.
-ABSORBED = 1e-6
+ABSORBED_SHARE = 1e-6
 # Numbers of whitened rows that are held at once where many sizes are asked for, as many as a cache holds; the fewest
 # sizes at once.
-AT_ONCE, FEWEST_AT_ONCE = 100_000, 8
+NUMBERS_AT_ONCE, MIN_SIZES_AT_ONCE = 100_000, 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -277,7 +276,7 @@ class LatentModel(ReadOnlyArrays):
         diagonal[p:] += 1.0
         unit = 1.0 / np.sqrt(np.maximum(diagonal, np.finfo(float).tiny))
         scaled = H * unit[:, None] * unit
-        np.einsum("ii->i", scaled)[:] += RIDGE
+        np.einsum("ii->i", scaled)[:] += PRODUCT_ROUNDING
         C, failed = dpotrf(scaled, lower=1)
         if failed:
             raise np.linalg.LinAlgError("The information of the poses and the errors is not positive definite.")
@@ -357,7 +356,7 @@ class LatentModel(ReadOnlyArrays):
         """The posteriors of the unknown poses alone, for many sizes (d, k)."""
         found, p = [], self.p
         numbers = sum(rows.r.size for rows in self.groups) * (p + self.shared.shape[-1])
-        together = max(FEWEST_AT_ONCE, AT_ONCE // numbers)
+        together = max(MIN_SIZES_AT_ONCE, NUMBERS_AT_ONCE // numbers)
         for start in range(0, len(thetas), together):
             some = thetas[start : start + together]
             _, grams, _, logs = self._whitened(np.array([self.sizes(theta) for theta in some]))
@@ -378,7 +377,7 @@ class LatentModel(ReadOnlyArrays):
         half = at.whole()
         of_x = half[:, :q].T @ half  # (q, p + m) of H^-1
         gain = of_x @ at.A[:-1]
-        root = np.linalg.inv(np.linalg.cholesky(of_x[:, :q] + RIDGE * np.diag(np.diag(of_x[:, :q]))))
+        root = np.linalg.inv(np.linalg.cholesky(of_x[:, :q] + PRODUCT_ROUNDING * np.diag(np.diag(of_x[:, :q]))))
         found = np.zeros(len(self.components))
         for k in range(len(found)):
             columns = root @ of_x[:, p + np.flatnonzero(self._owner == k)]
@@ -395,7 +394,7 @@ class LatentModel(ReadOnlyArrays):
     def absorbed(self, theta: Array) -> dict[int, Array]:
         """Moves (p, m) of the unknowns that the columns of a component are, one standard deviation each.
 
-        By the number of the component, of those whose rows leave less than `ABSORBED` of their energy beside the
+        By the number of the component, of those whose rows leave less than `ABSORBED_SHARE` of their energy beside the
         unknowns: nothing is known of such an error, and its size is in the unknowns.
         """
         A, p, found = self.solved(theta).A.T, self.p, {}
@@ -404,7 +403,7 @@ class LatentModel(ReadOnlyArrays):
             columns = A[:, p + np.flatnonzero(self._owner == k)]
             inside = Q.T @ columns
             energy, left = (columns**2).sum(), ((columns - Q @ inside) ** 2).sum()
-            if energy > 0 and left < ABSORBED * energy:
+            if energy > 0 and left < ABSORBED_SHARE * energy:
                 found[k] = -np.linalg.lstsq(R, inside, rcond=None)[0]
         return found
 

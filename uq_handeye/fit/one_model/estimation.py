@@ -38,31 +38,33 @@ from ..likelihood.starts import Reduced, reduce_rows
 from .component import Component
 from .engine import LatentModel
 from .integration import Mixture, integrate
-from .mode import GAIN, Mode, find_mode, other_modes
-from .mode import REACH as DEVIATIONS
+from .mode import GAIN, REACH_SD, Mode, find_mode, other_modes
 
 KINDS = ("rotation", "translation")
 PIXELS = "pixel noise"
 BY_VIEW = "camera by view"
 # Residuals below this, in rad and relative to the longest translation, are rounding: no noise to estimate.
-ROUNDING = 1e-11
-# The square of a step that leaves larger ones is above that.
-FAR_FROM_EXACT = 1e-4
-# Linearised again until X and W move by less, in standard deviations; how often at most, and what will do then.
-STILL, MOST_ROUNDS, CLOSE = 2e-2, 6, 0.1
-# Not again where the square of the turn of X, which the linear rows leave out, is this small beside the residuals.
-CURVED = 0.1
-# What a further step of the sizes may promise before the model is linearised again, and before weights are final.
-ROUGH = 1e-2
+EXACT_RESIDUAL = 1e-11
+# Residuals above this are not rounding whatever the fit, and no least-squares problem is solved to find out.
+CLEAR_RESIDUAL = 1e-4
+# The model is linearised again until X and W move by less than this, in standard deviations; the largest number of
+# linearisations, and the move that is accepted at the last one.
+LAST_MOVE_SD, MAX_LINEARISATIONS, LAST_ROUND_MOVE_SD = 2e-2, 6, 0.1
+# It is not linearised again where the squared rotation of X, the first term that the linear rows leave out, is below
+# this ratio to the residuals.
+CURVED_RATIO = 0.1
+# Decrease of f that a further step of the sizes may still promise before the model is linearised again, and before the
+# weights are final.
+ROUGH_GAIN = 1e-2
 # Deviations of their priors within which the sizes are held where the unknowns do not settle otherwise.
-NEAR = 2.0
+NEAR_SD = 2.0
 # Poses above which the sizes are found from so many of them, spread over the rows.
-ENOUGH = 300
+MAX_POSES_FOR_SIZES = 300
 # Energy in the whitened rows (1: as one number of noise) below which shared errors do not count as shared for weights.
-FAINT = 1e-2
-# A size that leaves more of the spread of its prior is not told by the data.
-TOLD = 0.6
-REACH = float(ndtri(0.975))
+FAINT_ENERGY = 1e-2
+# A size whose posterior keeps more than this share of the spread of its prior is not resolved by the data.
+MAX_RESOLVED_SPREAD = 0.6
+INTERVAL_SD = float(ndtri(0.975))
 
 _TURN, _SHIFT = np.eye(6)[:, :3], np.eye(6)[:, 3:]
 
@@ -253,14 +255,14 @@ class JointModel:
         constraint = self.constraint if len(kept) == n else self.constraint.rows(kept)
         self._require_freedom(constraint, constraint.p)
         used = np.arange(len(kept))
-        if len(kept) > ENOUGH:
-            used = np.unique(np.linspace(0, len(kept) - 1, ENOUGH).round().astype(np.intp))
+        if len(kept) > MAX_POSES_FOR_SIZES:
+            used = np.unique(np.linspace(0, len(kept) - 1, MAX_POSES_FOR_SIZES).round().astype(np.intp))
         part = constraint.rows(used) if len(used) < len(kept) else constraint
         rows = part, kept, used
         try:
             found = self._converged(rows, at, start, gain)
         except NotConvergedError:  # sizes far in their tails may let errors grow beyond first order: held nearer
-            found = self._converged(rows, at, None, gain, NEAR)
+            found = self._converged(rows, at, None, gain, NEAR_SD)
         if gain > GAIN or found.exact.any():
             return found
         others = other_modes(found.model, found.mode)
@@ -280,14 +282,14 @@ class JointModel:
         at: Unknowns,
         theta: Array | None,
         gain: float,
-        reach: float = DEVIATIONS,
+        reach: float = REACH_SD,
     ) -> FoundSizes:
         """Find sizes and unknowns in turns from ``at``, until the unknowns do not move."""
         part, kept, used = rows
         every = len(used) == self.constraint.n
         components = self.components if every else tuple(one.rows(kept[used]) for one in self.components)
         exact, nothing_open = np.zeros(2, dtype=bool), self.nothing_open and every
-        for done in range(MOST_ROUNDS):
+        for done in range(MAX_LINEARISATIONS):
             model, reduced = self._model(part, at, kept[used], components, nothing_open)
             if not done:
                 nothing_open = reduced.basis is None
@@ -295,14 +297,14 @@ class JointModel:
                 if exact.any():
                     return FoundSizes(self, model, reduced, find_mode(model), at, kept, kept[used], exact)
                 self._require_freedom(part, model.p)
-            exactly = min(gain, GAIN) if done > 2 else gain if done or theta is not None else max(gain, ROUGH)
+            exactly = min(gain, GAIN) if done > 2 else gain if done or theta is not None else max(gain, ROUGH_GAIN)
             mode = find_mode(model, theta, exactly, reach)
             theta = mode.theta
             found = model.of_poses(theta)
             step, C = found.mean, found.covariance
-            enough = CLOSE if done == MOST_ROUNDS - 1 else STILL
+            enough = LAST_ROUND_MOVE_SD if done == MAX_LINEARISATIONS - 1 else LAST_MOVE_SD
             turned = float(np.sum(reduced.unreduced(step)[:3] ** 2))
-            as_linear = exactly <= gain and turned < CURVED**2 * float(np.mean(model.r[:, :3] ** 2)) ** 0.5
+            as_linear = exactly <= gain and turned < CURVED_RATIO**2 * float(np.mean(model.r[:, :3] ** 2)) ** 0.5
             if as_linear or (done and float(step @ np.linalg.lstsq(C, step, rcond=None)[0]) < enough**2):
                 return FoundSizes(self, model, reduced, mode, at, kept, kept[used], exact)
             at = at.moved(reduced.unreduced(step))
@@ -349,12 +351,12 @@ class JointModel:
         size = np.zeros(2)
         for k, rows in enumerate((slice(0, 3), slice(3, 6))):  # noise of one is no residual of the other
             J, r = model.J[:, rows].reshape(-1, model.p), model.r[:, rows].ravel()
-            if np.sqrt(np.mean(r * r)) > FAR_FROM_EXACT * (1.0, longest)[k]:
+            if np.sqrt(np.mean(r * r)) > CLEAR_RESIDUAL * (1.0, longest)[k]:
                 size[k] = np.inf
                 continue
             x, _, rank, _ = np.linalg.lstsq(J, r, rcond=None)
             size[k] = np.sqrt(np.mean((r - J @ x) ** 2)) if rank < len(r) else np.inf  # few rows fit in any case
-        return np.asarray(size < ROUNDING * np.array([1.0, longest]))
+        return np.asarray(size < EXACT_RESIDUAL * np.array([1.0, longest]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -407,7 +409,7 @@ class FoundSizes:
     def noise(self) -> Noise | None:
         """Noise of all poses by the most probable sizes, to weigh them by; None: the data are exact.
 
-        What poses share but the data hardly show (`FAINT`) is noise of each pose here.
+        What poses share but the data hardly show (`FAINT_ENERGY`) is noise of each pose here.
         """
         if self.exact.any():
             return None
@@ -460,8 +462,8 @@ class FoundSizes:
                 shared = np.concatenate(columns, axis=-1)
                 if turns is not None:
                     turn, energy = turns[side]
-                    faint = shared @ turn[:, energy < FAINT]
-                    shared, each, names = shared @ turn[:, energy >= FAINT], each + faint @ faint.mT, []
+                    faint = shared @ turn[:, energy < FAINT_ENERGY]
+                    shared, each, names = shared @ turn[:, energy >= FAINT_ENERGY], each + faint @ faint.mT, []
                 own = JointCovariance(each, shared, tuple(names))
             sides[side] = own
         if source.constraint.item == "pose":

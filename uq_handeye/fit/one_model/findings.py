@@ -10,18 +10,18 @@ import numpy as np
 from scipy.special import ndtr
 
 from ...core.geometry.se3 import Array
+from ...core.numbers.levels import RARE, UNUSUAL
 from ...findings import Finding, Severity
 from ...model.noise.estimate import CAMERA_EXCESS, PICTURE_SHIFT, Component, together
 from ...model.shared_errors.sizes import SIZES
-from .sentences import CONTRADICTION
 
 if TYPE_CHECKING:
     from .estimation import FoundSizes
 
 # What corners of one picture share is said where it is surely above so many times its median: probability below which.
-USUAL, UNLIKELY, REACH = 2.0, 0.05, 1.96
+PICTURE_EXCESS_RATIO, EXCESS_INTERVAL_SD = 2.0, 1.96
 # Share of the variance of X (or W) from which on an error that it absorbs is a caution.
-COUNTS = 0.1
+ABSORBED_CAUTION_SHARE = 0.1
 # Pixel noise above or below these, in pixels, is none.
 MOST_PIXELS, LEAST_PIXELS = 1.5, 0.015
 
@@ -87,10 +87,10 @@ def beside_camera_findings(parts: dict[str, Component], dof: float) -> tuple[Fin
         excess = parts.get(name)
         if excess is None or excess.high is None or not 0 < excess.low < excess.high:
             continue
-        sd = float(np.log(excess.high / excess.low)) / (2.0 * REACH)
-        p = float(ndtr((np.log(USUAL * SIZES[name].median) - np.log(excess.value)) / sd))
-        if p < UNLIKELY:
-            wrong = p < CONTRADICTION
+        sd = float(np.log(excess.high / excess.low)) / (2.0 * EXCESS_INTERVAL_SD)
+        p = float(ndtr((np.log(PICTURE_EXCESS_RATIO * SIZES[name].median) - np.log(excess.value)) / sd))
+        if p < UNUSUAL.probability:
+            wrong = p < RARE.probability
             values = {"pixels": excess.value, "p_value": p, "dof": dof, "wrong": wrong}
             values |= {"shifted": True} if name == PICTURE_SHIFT else {}
             found.append(Finding("noise_estimation.camera_excess", "caution" if wrong else "note", values))
@@ -134,7 +134,10 @@ def size_findings(found: FoundSizes) -> tuple[Finding, ...]:
             axes = [np.linalg.svd(own[part])[0][:, 0].tolist() for part in (slice(0, 3), slice(3, 6))]
             values = {"error": source.components[k].name, "unknown": unknown, "turn": turn, "shift": shift}
             values |= {"axis": axes[0], "along": axes[1], "alone": source.components[k].count == 1}
-            counts = len(moves) != model.p or _share(own, model.of_poses(mode.theta).covariance, number) > COUNTS
+            counts = (
+                len(moves) != model.p
+                or _share(own, model.of_poses(mode.theta).covariance, number) > ABSORBED_CAUTION_SHARE
+            )
             listed.append(Finding("noise_estimation.absorbed", "caution" if counts else "note", values))
             break
     return tuple(listed)

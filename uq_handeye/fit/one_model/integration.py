@@ -23,12 +23,12 @@ import numpy as np
 from ...core.geometry.se3 import Array
 from ...core.runtime.read_only import ReadOnlyArrays
 from .engine import Conditional, LatentModel
-from .mode import REACH, Mode
+from .mode import REACH_SD, Mode
 
 # Pairs of points.
-PAIRS = 16
+N_POINT_PAIRS = 16
 # No point counts more than so many times what it would count under a Gaussian.
-MOST = 20.0
+MAX_WEIGHT_RATIO = 20.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,10 +118,10 @@ def _about(model: LatentModel, mode: Mode) -> tuple[list[Conditional], Array]:
         return [model.of_poses(mode.theta)], np.ones(1)
     v = design(k)
     L = np.linalg.cholesky(mode.state.information)
-    low, high = model.medians - (REACH + 2) * model.spreads, model.medians + (REACH + 2) * model.spreads
+    low, high = model.medians - (REACH_SD + 2) * model.spreads, model.medians + (REACH_SD + 2) * model.spreads
     found = model.of_poses_at(np.clip(mode.theta + np.linalg.solve(L.T, v.T).T, low, high))
     logs = mode.state.value - np.array([point.value for point in found]) + 0.5 * (v * v).sum(axis=1)
-    w = np.exp(np.minimum(logs, np.log(MOST)))
+    w = np.exp(np.minimum(logs, np.log(MAX_WEIGHT_RATIO)))
     return found, w / w.sum()
 
 
@@ -133,6 +133,6 @@ def design(k: int) -> Array:
     >>> v.shape, bool(np.allclose(v.T @ v, len(v) * np.eye(9)))
     ((32, 9), True)
     """
-    half = max(PAIRS, k)
+    half = max(N_POINT_PAIRS, k)
     Q = np.linalg.qr(np.random.default_rng(0).normal(size=(half, k)))[0] * np.sqrt(half)
     return np.concatenate([Q, -Q])

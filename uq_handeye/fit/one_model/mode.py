@@ -1,9 +1,9 @@
 r"""The most probable sizes: a quasi-Newton search that starts from the average information.
 
 The second derivatives of f (`engine`) by log sizes are near their average information I where the sizes are near the
-mode, and not far from it. The search takes steps ``-B^-1 df``, B = I at the start and after long
-steps, updated by the changes of the gradient after short ones (BFGS). A step moves no logarithm by more than `LONGEST`,
-stays within `REACH` deviations of the prior, and is shortened until f falls. SciPy's L-BFGS-B takes no such start, and
+mode, and not far from it. The search takes steps ``-B^-1 df``, B = I at the start and after long steps, updated by the
+changes of the gradient after short ones (BFGS). A step moves no logarithm by more than `MAX_LOG_STEP`, stays within
+`REACH_SD` standard deviations of the prior, and is shortened until f falls. SciPy's L-BFGS-B takes no such start, and
 twice the evaluations.
 """
 
@@ -18,17 +18,17 @@ from numpy.typing import NDArray
 from ...core.geometry.se3 import Array
 from .engine import LatentModel, State
 
-# Deviations of the prior between which a size is looked for; largest change of a logarithm in one step.
-REACH, LONGEST = 5.0, 1.5
-# Change of a logarithm beyond which a step is a long one.
-AWAY = 0.25
-# Other modes (`other_modes`): a size of so many medians counts as one of the tail, which begins at `FAR` of them; a
-# number is seen beyond so many standard deviations; modes are apart by so many.
-TAIL, FAR, SHOWS, APART = 150.0, 10.0, 4.0, 2.0
+# Standard deviations of the prior within which a size is sought; largest change of a logarithm in one step.
+REACH_SD, MAX_LOG_STEP = 5.0, 1.5
+# Change of a logarithm beyond which the curvature of f is computed anew after a step, not updated.
+LONG_LOG_STEP = 0.25
+# Other modes (`other_modes`): a search in the tail begins at a size of so many medians, and the tail at `FAR_RATIO` of
+# them; an error is resolved beyond so many of its standard deviations; two modes differ by at least so many.
+TAIL_RATIO, FAR_RATIO, SHOWN_SD, APART_SD = 150.0, 10.0, 4.0, 2.0
 # A search that has come this near to a mode, in standard deviations of the sizes, will end there.
-ARRIVED = 0.3
+ARRIVED_SD = 0.3
 # The mode is found when a step promises less; steps and halvings at most.
-GAIN, MOST, HALVINGS = 1e-5, 60, 12
+GAIN, MAX_STEPS, MAX_HALVINGS = 1e-5, 60, 12
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,19 +54,19 @@ def find_mode(
     model: LatentModel,
     start: Array | None = None,
     gain: float = GAIN,
-    reach: float = REACH,
+    reach: float = REACH_SD,
     known: Sequence[Mode] = (),
 ) -> Mode:
     """Minimise f from ``start`` (the medians by default), until a step promises less than ``gain``.
 
     ``reach``: deviations of the prior between which the sizes are looked for. ``known``: other modes; a search that
-    comes near one of them ends with it (`_apart` by less than `ARRIVED`).
+    comes near one of them ends with it (`_apart` by less than `ARRIVED_SD`).
     """
     low, high = model.medians - reach * model.spreads, model.medians + reach * model.spreads
     state = model.solved(model.medians if start is None else np.clip(start, low, high))
     slope = model.slope(state)
     B, converged = model.information(state, slope), not len(low)
-    for _ in range(0 if converged else MOST):
+    for _ in range(0 if converged else MAX_STEPS):
         open_ = ~_held(state.theta, slope.gradient, low, high)
         move = np.zeros(len(low))
         if open_.any():
@@ -75,8 +75,8 @@ def find_mode(
         if promised < gain:
             converged = True
             break
-        share = min(1.0, LONGEST / float(np.abs(move).max()))
-        for _ in range(HALVINGS):
+        share = min(1.0, MAX_LOG_STEP / float(np.abs(move).max()))
+        for _ in range(MAX_HALVINGS):
             tried = model.solved(np.clip(state.theta + share * move, low, high))
             if tried.value < state.value - 1e-4 * share * promised:
                 break
@@ -87,10 +87,10 @@ def find_mode(
             converged = promised < 1e-2  # what is left is rounding
             break
         moved, slope_before = tried.theta - state.theta, slope
-        if arrived := [mode for mode in known if not _apart(tried.theta, mode, ARRIVED)]:
+        if arrived := [mode for mode in known if not _apart(tried.theta, mode, ARRIVED_SD)]:
             return arrived[0]
         state, slope = tried, model.slope(tried)
-        if share <= 0.1 or np.abs(moved).max() > AWAY:  # the curvature there is another one
+        if share <= 0.1 or np.abs(moved).max() > LONG_LOG_STEP:  # the curvature there is another one
             B = model.information(state, slope)
         else:
             B = _updated(B, moved, slope.gradient - slope_before.gradient)
@@ -104,9 +104,9 @@ def other_modes(model: LatentModel, mode: Mode) -> list[Mode]:
 
     Of a shared error of one number with a free size, such as the scale of the target, the size may be its usual one,
     the rest of the residuals being the arm's, or as large as the number itself (an inch for 25 mm), the arm being
-    better. A search starts there where a size of `TAIL` usual ones, beside the other sizes found or their medians,
-    shows a number beyond `SHOWS` of its standard deviations and `FAR` usual sizes; where the mode itself is there, at
-    the usual size.
+    better. A search starts there where a size of `TAIL_RATIO` usual ones, with the other sizes at the mode or at their
+    medians, shows a number beyond `SHOWN_SD` of its standard deviations and `FAR_RATIO` usual sizes; where the mode
+    itself is there, at the usual size.
     Noise of each pose has as many explanations: where a size is in its tail, another search starts with the usual one
     beside the other noise as large as the residuals.
     Modes that are not apart count once.
@@ -115,7 +115,7 @@ def other_modes(model: LatentModel, mode: Mode) -> list[Mode]:
     free = model.free.tolist()
     noise = [place for place, number in enumerate(free) if number in model.blocks]
     for place in noise:
-        if mode.theta[place] > model.medians[place] + np.log(FAR):
+        if mode.theta[place] > model.medians[place] + np.log(FAR_RATIO):
             start = mode.theta.copy()
             start[noise] = [np.log(_of_residuals(model, free[k])) for k in noise]
             start[place] = model.medians[place]
@@ -128,14 +128,14 @@ def other_modes(model: LatentModel, mode: Mode) -> list[Mode]:
         usual, at = model.medians[place], model.place(number)
         starts = []
         for start in (mode.theta.copy(), model.medians.copy()):
-            if mode.theta[place] > usual + np.log(FAR):
+            if mode.theta[place] > usual + np.log(FAR_RATIO):
                 start[place] = usual
                 starts.append(start)
                 break
-            start[place] = usual + np.log(TAIL)
+            start[place] = usual + np.log(TAIL_RATIO)
             wide = model.conditional(start)
             size = abs(float(wide.mean[at]))
-            if size > max(SHOWS * float(np.sqrt(wide.covariance[at, at])), FAR * float(np.exp(usual))):
+            if size > max(SHOWN_SD * float(np.sqrt(wide.covariance[at, at])), FAR_RATIO * float(np.exp(usual))):
                 start[place] = np.log(size)
                 starts.append(start)
         for start in starts:
@@ -156,7 +156,7 @@ def _of_residuals(model: LatentModel, number: int) -> float:
     return float(np.sqrt(((model.r**2).sum(axis=0)[rows] / variance[rows]).max()))
 
 
-def _apart(theta: Array, known: Mode, least: float = APART) -> bool:
+def _apart(theta: Array, known: Mode, least: float = APART_SD) -> bool:
     """Return whether sizes are apart from a mode by more than so many standard deviations."""
     off = theta - known.theta
     return float(off @ known.state.information @ off) > least**2

@@ -10,10 +10,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ...core.formatting.numbers import digits, probability
+from ...core.numbers.levels import RARE
 from ...findings import NOISE, sentence
-
-# Probability below which the residuals contradict the camera's covariance.
-CONTRADICTION = 1e-4
 
 Part = Mapping[str, Any]
 
@@ -156,7 +154,7 @@ def _(components: Sequence[Part]) -> str:
 )
 def _(factor: float, p_value: float, dof: float) -> str:
     scale, chance = digits(math.sqrt(factor), 2), probability(p_value)
-    if p_value > CONTRADICTION:
+    if p_value > RARE.probability:
         return f"The residuals agree with the camera's covariance (scale {scale}, {chance})."
     return f"The residuals contradict the camera's covariance: its standard deviations need a scale of {scale} " + (
         f"({chance}). Those of X are too small. Check the camera model, the flatness and size of the board, and the "

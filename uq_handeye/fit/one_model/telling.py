@@ -12,7 +12,7 @@ from ...model.kinematics.kinematic_errors import DECLARED_AS, JOINT_NOISE
 from ...model.noise.camera_noise import CameraNoise
 from ...model.noise.estimate import CAMERA_EXCESS, PICTURE_SHIFT, Component, FoundComponent, NoiseEstimate, together
 from ...model.shared_errors.sizes import SIZES
-from .estimation import KINDS, PIXELS, REACH, TOLD, FoundSizes
+from .estimation import INTERVAL_SD, KINDS, MAX_RESOLVED_SPREAD, PIXELS, FoundSizes
 from .findings import beside_camera_findings, noise_findings, size_findings
 
 UNITS = {"rotation": "rad", "translation": "m"}
@@ -28,7 +28,7 @@ class _Spread:
 
     def component(self, name: str, unit: str, status: str) -> Component:
         """Build the component, with the interval of a log-normal."""
-        low, high = (float(np.exp(self.mean + sign * REACH * self.sd)) for sign in (-1, 1))
+        low, high = (float(np.exp(self.mean + sign * INTERVAL_SD * self.sd)) for sign in (-1, 1))
         return Component(name, unit, float(np.exp(self.mean)), low, high, status)
 
 
@@ -103,7 +103,7 @@ def _status(found: FoundSizes, name: str, spread: _Spread) -> str:
     if not np.isnan(value):
         return "fixed" if source.prior.factor == 1 else "prior"
     part = next(one for one in source.components if one.name == name)
-    return "estimated" if spread.sd < TOLD * np.log(part.size.factor) else "not told apart"
+    return "estimated" if spread.sd < MAX_RESOLVED_SPREAD * np.log(part.size.factor) else "not told apart"
 
 
 def _sized(found: FoundSizes) -> list[Component]:
@@ -122,7 +122,13 @@ def _sized(found: FoundSizes) -> list[Component]:
         j = free[part.name]
         sd = float(np.sqrt(mixture.covariance_theta[j, j]))
         spread = _Spread(float(mixture.mean_theta[j]), float(found.spreads[j]), mixture.theta[:, j])
-        status = "population" if is_group else "estimated" if sd < TOLD * np.log(part.size.factor) else "not told apart"
+        status = (
+            "population"
+            if is_group
+            else "estimated"
+            if sd < MAX_RESOLVED_SPREAD * np.log(part.size.factor)
+            else "not told apart"
+        )
         listed.append(spread.component(part.name, unit, status))
     return listed
 
@@ -138,7 +144,9 @@ def _of_model(found: FoundSizes) -> tuple[FoundComponent, ...]:
         if k in free:
             j = free[k]
             log, sd = float(mixture.mean_theta[j]), float(found.spreads[j])
-        size, low, high = (units.get(part.name, 1.0) * float(np.exp(log + z * sd)) for z in (0.0, -REACH, REACH))
+        size, low, high = (
+            units.get(part.name, 1.0) * float(np.exp(log + z * sd)) for z in (0.0, -INTERVAL_SD, INTERVAL_SD)
+        )
         unit = SIZES[part.name].unit if part.name in SIZES else part.size.unit
         determined, share = float(found.mode.state.determined[k]), float(shares[k])
         listed.append(
@@ -156,7 +164,7 @@ def _findings(found: FoundSizes, parts: dict[str, Component]) -> tuple[Finding, 
     ):
         return ()
     told = not any(parts[f"{side} rotation"].status == "not told apart" for side in sides)
-    width = TOLD * float(np.log(found.source.prior.factor))
+    width = MAX_RESOLVED_SPREAD * float(np.log(found.source.prior.factor))
     sheet = frozenset(name for name, part in parts.items() if _by_sheet(part, width))
     return noise_findings(parts, sides, told, sheet)
 
@@ -167,7 +175,7 @@ def _by_sheet(part: Component, width: float) -> bool:
         return True
     if part.status != "prior" or part.high is None:
         return False
-    return part.low == part.high or float(np.log(part.high / part.low)) / (2.0 * REACH) > width
+    return part.low == part.high or float(np.log(part.high / part.low)) / (2.0 * INTERVAL_SD) > width
 
 
 def _exact(found: FoundSizes) -> NoiseEstimate:

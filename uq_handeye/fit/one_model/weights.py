@@ -7,11 +7,14 @@ corrects them, and the sizes found once more.
 
 Where many poses are rejected, all poses alike are tried as a start as well: what no model of an arm explains differs
 from pose to pose and has tails. Of the two results the more probable one counts, with rejected rows as outliers: off by
-a vector of any size, all orders of magnitude alike (L = `ORDERS` of them), whose density in three dimensions is
-``1 / (4 pi L |v|^3)``, in units of the noise, for v the rotation residual and for v the translation residual given that
-of rotation. Any number k of the n rows may be outliers, all numbers alike and all choices of a number alike. Uniform in
-space it would not be: a detection 20 mm off would then cost as much as one a metre off, and six of twenty would rather
-be noise.
+a vector of any size, all orders of magnitude alike (L = `OUTLIER_LOG_RANGE` of them), whose density in three dimensions
+is ``1 / (4 pi L |v|^3)``, in units of the noise, for v the rotation residual and for v the translation residual given
+that of rotation. Any number k of the n rows may be outliers, all numbers alike and all choices of a number alike.
+Uniform in space it would not be: a detection 20 mm off would then cost as much as one a metre off, and six of twenty
+would rather be noise.
+
+A weighing that rejects ever more poses, many of them, is given up once all poses alike have led to a more probable
+result: rejecting makes the noise of the others smaller, and the next ones outliers.
 """
 
 from __future__ import annotations
@@ -31,16 +34,16 @@ from ...model.noise.square_roots import marginals
 from ..likelihood.constraint import Constraint, Unknowns
 from ..likelihood.gauss_helmert import CLOSED_FORM_STEPS, MOST_STEPS, Fit, fit
 from ..likelihood.robust import NoiseSearch, RobustFit, fit_robustly
-from .estimation import ROUGH, FoundSizes, JointModel
+from .estimation import ROUGH_GAIN, FoundSizes, JointModel
 
 # Share of rejected poses above which all poses are tried as a start as well; and over how many powers of e the size of
 # an outlier is spread.
-MANY_REJECTED, ORDERS = 0.05, 7.0
+MANY_REJECTED_SHARE, OUTLIER_LOG_RANGE = 0.05, 7.0
 # Estimates of the noise after which a weighing that rejects ever more poses may be given up.
 MIN_ESTIMATES = 4
 # Beside the errors of an arm a pose is wrong from this many times the usual d^2 on. Poses left out for their tails make
 # the noise of the others too small for new ones.
-TAILS = 3.0
+TAIL_SLACK = 3.0
 
 
 class _Overtaken(Exception):
@@ -65,12 +68,12 @@ def weigh(
 
     def estimate_noise(constraint: Constraint, at: Unknowns, weights: Array) -> Noise | None:
         nonlocal found
-        found = source.find(at, weights, None if found is None else found.mode.theta, ROUGH)
+        found = source.find(at, weights, None if found is None else found.mode.theta, ROUGH_GAIN)
         if found.noise is None:
             return None
         noise = with_prior(found.noise, source.pose_prior)
         rejected.append(int((weights == 0).sum()))
-        grows = len(rejected) > MIN_ESTIMATES and rejected[-1] > max(rejected[-2], MANY_REJECTED * len(weights))
+        grows = len(rejected) > MIN_ESTIMATES and rejected[-1] > max(rejected[-2], MANY_REJECTED_SHARE * len(weights))
         if rival is not None and grows:
             fitted = fit(constraint, noise, at, CLOSED_FORM_STEPS, weights)
             if _cost_of(fitted, found, len(weights)) > rival():
@@ -105,7 +108,7 @@ def weigh_from_two_starts(
         other = from_all()
         assert other is not None
         return other
-    if found is not None and not found.exact.any() and (robust.weights == 0).mean() > MANY_REJECTED:
+    if found is not None and not found.exact.any() and (robust.weights == 0).mean() > MANY_REJECTED_SHARE:
         other = from_all()
         if other is not None and _cost(other) < _cost((robust, found)):
             return other
@@ -156,5 +159,5 @@ def _as_outliers(fit: Fit, rows: NDArray[np.intp]) -> float:
     away = np.linalg.norm(off.reshape(-1, 2, 3), axis=-1)
     n, k = len(fit.residual), len(rows)
     choices = gammaln(n + 1) - gammaln(k + 1) - gammaln(n - k + 1)
-    density = np.log(4.0 * np.pi * ORDERS) + 3.0 * np.log(np.maximum(away, np.sqrt(3.0)))
+    density = np.log(4.0 * np.pi * OUTLIER_LOG_RANGE) + 3.0 * np.log(np.maximum(away, np.sqrt(3.0)))
     return float(np.log(np.einsum("nii->ni", L)).sum() + density.sum() + choices)

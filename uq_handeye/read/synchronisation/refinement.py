@@ -33,7 +33,7 @@ from ...core.geometry.se3 import Array
 from ...core.numbers.levels import CONTRADICTED
 from ...core.numbers.rounding import HALF_DIGITS, SOLUTION_ROUNDING
 from ...errors import DegenerateMotionError, InputError, NotConvergedError
-from ...fit.likelihood.consensus import NOTHING, consensus, misfit, residual_noise, robust_variance
+from ...fit.likelihood.consensus import NO_WEIGHT, consensus, misfit, residual_noise, robust_variance
 from ...fit.likelihood.constraint import OnPoses, Unknowns
 from ...fit.likelihood.gauss_helmert import CLOSED_FORM_STEPS, Fit, fit
 from ...fit.likelihood.robust import FULL, pose_distances, robust_weights
@@ -180,7 +180,7 @@ def _round(
     falling = (weights > 0) & (weights < 1)
     if determined and falling.any():  # d psi / d r = w + r dw/dr
         along = (left * white[..., 13]).sum(axis=-1)[falling] ** 2 / weights[falling] ** 2
-        slope = 2.0 * float(along.sum()) / ((NOTHING - FULL) * max(robust_variance(distances, 6), 1.0))
+        slope = 2.0 * float(along.sum()) / ((NO_WEIGHT - FULL) * max(robust_variance(distances, 6), 1.0))
         without = without / max(1.0 - slope / information, 0.25)
     return _Round(now, wanted, float(contributions.sum()), information, without, determined)
 
