@@ -453,7 +453,7 @@ def test_lookup(everything):
     assert repr(everything["4dpa"]) == "Row(4dpa 2019, agrees=True, 0 deg and 0 mm from the reference)"
     assert repr(Row("park", 1994, "", "", failure="No.")) == "Row(park 1994, failed)"
     assert "park" in everything and "magic" not in everything
-    with pytest.raises(InputError, match="^Expected the name of a method compared, one of tsai, shiu"):
+    with pytest.raises(InputError, match=r"^Expected the name of a method compared, one of tsai, shiu"):
         everything["magic"]
     assert isinstance(everything, Comparison)
 
