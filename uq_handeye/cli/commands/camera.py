@@ -248,7 +248,7 @@ def _tables(
         if seen.info is not None:
             found["camera_info.yaml"] = camera_info_yaml(seen.info)
     for role, stream in streams.items():
-        for note in stream.source.notes:
+        for note in () if stream.source is None else stream.source.notes:
             LOG.info("%s, %s: %s", recording.name, role, note)
         found[f"{role}.csv"] = pose_text(stream.poses, stream.timestamps)
     if joints is not None:
@@ -307,7 +307,7 @@ def sync_command(
     def written() -> "dict[str, str | Figure]":
         sides = {"robot.csv": found.poses.robot, "camera.csv": found.poses.camera}
         tables = {name: pose_text(poses, found.poses.timestamps) for name, poses in sides.items()}
-        return tables | {"sync.json": found.to_json(), "sync": found.figure()}
+        return {**tables, "sync.json": found.to_json(), "sync": found.figure()}
 
     deliver_answer(found.to_json(), found.summary(), as_json, output, written)
     if output is not None and found.offset_std > 0:
