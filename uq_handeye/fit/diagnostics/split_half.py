@@ -38,7 +38,7 @@ from ..likelihood.gauss_helmert import Fit, inverse_information
 
 # Degrees of freedom of estimated noise below which there is no test: with fewer, most of what is known of the noise is
 # its prior, and the difference of the halves is no part of that.
-MIN_FREEDOM = 12.0
+MIN_NOISE_FREEDOM = 12.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,7 +153,7 @@ def split_fit(fit: Fit, data: PosePairs | Motions, split: str, dof: float | None
     if fewest < MIN_POSES:
         item = "motion" if fit.W is None else "pose"
         return without("halves_too_small", item=item, rows=fewest, needed=MIN_POSES)
-    if dof is not None and dof < MIN_FREEDOM:
+    if dof is not None and dof < MIN_NOISE_FREEDOM:
         return without("halves_without_freedom", dof=dof)
     joint = is_joint(fit.S)
     stacked = np.concatenate([fit.linear.J, fit.residual[..., None]], axis=-1)

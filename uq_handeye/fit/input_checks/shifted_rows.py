@@ -36,6 +36,7 @@ from ...model.poses.pose_pairs import PosePairs
 from ...model.poses.residuals import rotation_angles
 from ..likelihood.consensus import consensus, misfit
 from ..likelihood.constraint import OnPoses, Unknowns
+from .repeated_rows import SAME_NUMBER
 
 # Motions are compared over this many lags: 1, 2, 3, ... times the smallest one over which the robot rotates enough.
 LAGS = 6
@@ -47,8 +48,6 @@ CHANGE_COST = 3.0
 UNPAIRED_COST = 0.5
 # Differences of angles count in full from this multiple of their typical size on.
 MAX_DIFFERENCE_RATIO = 6.0
-# Differences of angles (rad) and residuals (rad, m) below this are rounding of the numbers in the files.
-MIN_DIFFERENCE = 1e-6
 # Rows below which a stretch, or a whole file, proves nothing. Once there is a fit, half of them do.
 MIN_STRETCH_ROWS = 6
 # The median residuals of the rows that moved must fall to this share of what they were.
@@ -143,7 +142,7 @@ def find_shift(poses: PosePairs, max_shift: int = 50) -> Shift | None:
     if max(abs(k) for _, _, k in stretches) == most:
         return None  # the edge of what was looked at: the true shift may lie beyond
     unlike = len(others) >= MIN_STRETCH_ROWS and bool(
-        (fits > SIMILAR_RESIDUAL_RATIO * np.median(others, axis=0) + MIN_DIFFERENCE).any()
+        (fits > SIMILAR_RESIDUAL_RATIO * np.median(others, axis=0) + SAME_NUMBER).any()
     )
     if unlike or not (ratio < CONFIRMED_RATIO).all():
         return None
@@ -165,7 +164,7 @@ def shifted_run(poses: PosePairs, at: Unknowns, wrong: NDArray[np.bool_], ratio:
             if len(rows) < 2:
                 continue
             moved = misfit(OnPoses(poses.robot[rows], poses.camera[rows + shift], inverted), at)
-            if (moved < ratio**2 * typical + MIN_DIFFERENCE**2).all():
+            if (moved < ratio**2 * typical + SAME_NUMBER**2).all():
                 values = {
                     "first": int(rows[0]),
                     "last": int(rows[-1]),
@@ -223,7 +222,7 @@ def _typical(difference: Array) -> float:
     mean = np.where(known >= 3, np.nansum(difference, axis=-1) / np.maximum(known, 1), np.inf)
     best = mean.min(axis=1)
     best = best[np.isfinite(best)]
-    return max(float(np.median(best)), MIN_DIFFERENCE) if best.size else np.inf
+    return max(float(np.median(best)), SAME_NUMBER) if best.size else np.inf
 
 
 def _cost(difference: Array, size: float) -> Array:

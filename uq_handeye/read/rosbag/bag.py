@@ -22,8 +22,7 @@ from ...core.files.open import reason, require_size, shown
 from ...core.numbers.limits import MAX_DESCRIPTION_BYTES
 from ...errors import InputError, InputWarning, MissingExtraError
 from ...formats.ros_messages import printed_name
-from .cut_off_mcap import MAGIC as MCAP_MAGIC
-from .cut_off_mcap import completed
+from .cut_off_mcap import MCAP_MAGIC, completed
 from .decompression import bound_the_reader
 from .message_types import RosMessage, Types, kind_of
 

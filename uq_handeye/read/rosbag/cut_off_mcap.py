@@ -22,12 +22,12 @@ from .decompression import MAX_CHUNK_BYTES
 if TYPE_CHECKING:
     from _typeshed import WriteableBuffer
 
-MAGIC = b"\x89MCAP0\r\n"
+MCAP_MAGIC = b"\x89MCAP0\r\n"
 # Opcodes of the records that the data consist of: all but the footer (2) and the end of the data (15).
 DATA_OPCODES = b"\x01\x03\x04\x05\x06\x07\x08\x09\x0a\x0b\x0c\x0d\x0e"
 CHUNK_OPCODE = b"\x06"
 # The end of the data without a checksum, and the footer without an index.
-FOOTER = b"\x0f\x04" + bytes(7 + 4) + b"\x02\x14" + bytes(7 + 20) + MAGIC
+FOOTER = b"\x0f\x04" + bytes(7 + 4) + b"\x02\x14" + bytes(7 + 20) + MCAP_MAGIC
 
 
 def completed(path: Path) -> SimpleNamespace | None:
@@ -37,11 +37,11 @@ def completed(path: Path) -> SimpleNamespace | None:
     """
     size = os.path.getsize(path)
     with path.open("rb") as file:
-        file.seek(max(0, size - len(MAGIC)))
-        if file.read() == MAGIC and size > len(MAGIC):
+        file.seek(max(0, size - len(MCAP_MAGIC)))
+        if file.read() == MCAP_MAGIC and size > len(MCAP_MAGIC):
             return None
-        end = _end_of_records(file, len(MAGIC), size)
-        if end == len(MAGIC):
+        end = _end_of_records(file, len(MCAP_MAGIC), size)
+        if end == len(MCAP_MAGIC):
             return None
         file.seek(end)
         more = _records_in_chunk(file.read(MAX_CHUNK_BYTES)) + FOOTER

@@ -26,7 +26,7 @@ _TARGET = re.compile(r"tag|marker|aruco|board|target|object|rigid|checker|charuc
 _FINGER = re.compile(r"finger|knuckle|jaw|gripper|\bgrip", re.IGNORECASE)
 _ROBOT = re.compile(r"tcp|tool|flange|\bee\b|end_?effector|arm|robot|current_?pose|cartesian", re.IGNORECASE)
 # Placeholders in the command where nothing is found.
-ROBOT, CAMERA = "BASE:TOOL", "OPTICAL_FRAME:TARGET"
+ROBOT_PLACEHOLDER, CAMERA_PLACEHOLDER = "BASE:TOOL", "OPTICAL_FRAME:TARGET"
 
 
 class Guess(NamedTuple):
@@ -43,7 +43,7 @@ def guess(recording: Recording) -> Guess:
     camera, tag = _camera(recording)
     robot = _robot(recording, camera)
     joints = [name for name, topic in recording.joints.items() if topic.sets]
-    if robot == ROBOT and joints:
+    if robot == ROBOT_PLACEHOLDER and joints:
         return Guess(max(joints, key=lambda name: len(recording.joints[name].tracks[0].names)), camera, tag, True)
     return Guess(robot, camera, tag)
 
@@ -59,7 +59,7 @@ def _robot(recording: Recording, camera: str) -> str:
     named = [name for name in topics if _ROBOT.search(name)]
     if named or len(topics) == 1:
         return (named or topics)[0]
-    return _arm(tree) or ROBOT
+    return _arm(tree) or ROBOT_PLACEHOLDER
 
 
 def _arm(tree: Tree) -> str | None:
@@ -98,7 +98,7 @@ def _camera(recording: Recording) -> tuple[str, bool]:
         seen = [pair for pair in tracks if _seen(pair) or _TARGET.search(name) or _CAMERA.search(pair[0] or name)]
         if seen and (_TARGET.search(name) or not _ROBOT.search(name)):
             return (name if len(tracks) == 1 else f"{name}:{seen[0][1]}"), False
-    return CAMERA, False
+    return CAMERA_PLACEHOLDER, False
 
 
 def _seen(pair: Pair) -> bool:

@@ -9,7 +9,7 @@ from typing import TypeVar
 from ...core.files.json_values import JsonObject
 from ...core.formatting.numbers import digits
 from ...core.presentation.html import macros
-from .guess import CAMERA, ROBOT, Guess, guess
+from .guess import CAMERA_PLACEHOLDER, ROBOT_PLACEHOLDER, Guess, guess
 from .joints import JointTrack
 from .recording import Recording
 from .track import Pair, Samples
@@ -42,7 +42,9 @@ def text_of(recording: Recording, files: list[str]) -> str:
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     aligned = [f"{a:<{widths[0]}}  {b:<{widths[1]}}  {c:>{widths[2]}}  {d}" for a, b, c, d in rows]
     found = guess(recording)
-    nothing = (found.robot, found.camera) == (ROBOT, CAMERA) and not (recording.poses or recording.tree.edges)
+    nothing = (found.robot, found.camera) == (ROBOT_PLACEHOLDER, CAMERA_PLACEHOLDER) and not (
+        recording.poses or recording.tree.edges
+    )
     template = macros(__package__, "listing.j2", html=False, digits=digits, MOST=MAX_LISTING_LINES)
     order = list(recording.tags)
     tags = sorted(_tracks(recording.tags), key=lambda one: (order.index(one[0]), one[1:3]))

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 # Colours of robot, camera and offset that colour-blind people can distinguish.
-ROBOT, CAMERA, OFFSET = "#0072B2", "#D55E00", "black"
+ROBOT_COLOUR, CAMERA_COLOUR, OFFSET_COLOUR = "#0072B2", "#D55E00", "black"
 
 
 def sync_figure(
@@ -58,8 +58,8 @@ def _speeds(axis: Axes, found: Correlation | None, offset: float) -> None:
         _nothing(axis, "no angular speeds")
         return
     parts = (
-        ("robot", found.robot.times - offset, found.robot.speed, ROBOT, "-", 1.8),
-        ("camera", found.camera.times, found.camera.speed, CAMERA, "--", 1.0),
+        ("robot", found.robot.times - offset, found.robot.speed, ROBOT_COLOUR, "-", 1.8),
+        ("camera", found.camera.times, found.camera.speed, CAMERA_COLOUR, "--", 1.0),
     )
     highest = 0.0
     for name, times, speed, colour, line, width in parts:
@@ -77,13 +77,13 @@ def _correlation(axis: Axes, found: Correlation | None, offset: float, shift: fl
     if found is None or not len(found.lags):
         _nothing(axis, "the speeds were not correlated")
         return
-    axis.plot(found.lags + shift, found.values, color=ROBOT, linewidth=1.2)
+    axis.plot(found.lags + shift, found.values, color=ROBOT_COLOUR, linewidth=1.2)
     axis.axhline(found.needed, color="0.4", linestyle=":", linewidth=1.0)
     axis.annotate(
         "chance stays below", (0.02, found.needed), xycoords=("axes fraction", "data"), xytext=(0, 2),
         textcoords="offset points", fontsize=8, color="0.3",
     )  # fmt: skip
-    axis.axvline(offset, color=OFFSET, linewidth=0.9, linestyle="--")
+    axis.axvline(offset, color=OFFSET_COLOUR, linewidth=0.9, linestyle="--")
     axis.set_xlabel("offset (s)")
     axis.set_ylabel("correlation of angular speeds")
 
@@ -96,10 +96,10 @@ def _residuals(axis: Axes, curve: tuple[Array, Array, Array] | None, offset: flo
     if offset_sd > 0:
         low, high = (MS_PER_S * (offset + sign * 2 * offset_sd) for sign in (-1, 1))
         axis.axvspan(low, high, color="0.85", label="offset, 2 standard deviations")
-    axis.axvline(MS_PER_S * offset, color=OFFSET, linewidth=0.9, linestyle="--")
+    axis.axvline(MS_PER_S * offset, color=OFFSET_COLOUR, linewidth=0.9, linestyle="--")
     for values, name, unit, factor, colour, line in (
-        (rotation, "rotation", "deg", DEG_PER_RAD, ROBOT, "-"),
-        (translation, "translation", "mm", MM_PER_M, CAMERA, "-."),
+        (rotation, "rotation", "deg", DEG_PER_RAD, ROBOT_COLOUR, "-"),
+        (translation, "translation", "mm", MM_PER_M, CAMERA_COLOUR, "-."),
     ):
         least = max(float(values.min()), TINY)
         label = f"{name}, smallest {digits(factor * least, 2)} {unit}"

@@ -68,7 +68,7 @@ SAME_RATE_RATIO = 1.05
 # Fewest rows of which an offset is estimated.
 MIN_ROWS_FOR_OFFSET = 10
 # Two candidates fit alike if their residuals differ by less than this factor.
-SIMILAR_RESIDUAL_RATIO = 1.25
+EQUAL_FIT_RATIO = 1.25
 # Share of the poses in common that gaps may cost without a warning.
 MAX_GAP_SHARE = 0.1
 # An offset with a larger standard deviation is not determined by the motion.
@@ -271,7 +271,7 @@ def _estimate(
         raise failure
     tried.sort(key=lambda one: one.score)
     # Two variances, so four times the logarithm of a ratio of deviations.
-    alike = [one for one in tried if one.score - tried[0].score < 4 * np.log(SIMILAR_RESIDUAL_RATIO)]
+    alike = [one for one in tried if one.score - tried[0].score < 4 * np.log(EQUAL_FIT_RATIO)]
     best = min(alike, key=lambda one: abs(one.offset - middle)) if np.isfinite(middle) else tried[0]
     alternatives = {round(one.offset, 6) for one in alike if abs(one.offset - best.offset) > 2 * step}
     refined = best
