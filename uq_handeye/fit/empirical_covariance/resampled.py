@@ -35,9 +35,6 @@ from .sandwich import JOINT, Influence, influence_of, of_known, pooled_influence
 
 KINDS = ("sandwich", "bootstrap")
 
-# Motions whose derivatives are held at once.
-BLOCK = 1024
-
 
 @dataclass(frozen=True, eq=False)
 class Resampled(ReadOnlyArrays):
@@ -220,12 +217,12 @@ class OfMethod:
         assert by_robot is not None
         return by_robot
 
-    def _by_motions(self, A: Array, B: Array, X: Array) -> Array:
-        """``d xi_X / d xi_A`` (N, 6, 6)."""
+    def _by_motions(self, A: Array, B: Array, X: Array, at_once: int = 1024) -> Array:
+        """``d xi_X / d xi_A`` (N, 6, 6); derivatives of ``at_once`` motions are held at once."""
         A, B, N = A[None], B[None], len(A)
         derivatives = METHODS[self.method].solver.derivatives(A, B, self.of_pairs(), X[None])(slice(0, 1))
         F = [
             derivatives.block(A[:, pairs], B[:, pairs], pairs)[0, :, :, 0].transpose(2, 0, 1).copy()
-            for pairs in pair_blocks(N, BLOCK)
+            for pairs in pair_blocks(N, at_once)
         ]
         return np.asarray(derivatives.weight(N)[0] @ np.concatenate(F))

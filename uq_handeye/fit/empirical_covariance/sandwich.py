@@ -67,15 +67,15 @@ from ..likelihood.gauss_helmert import Fit
 from ..likelihood.goodness_of_fit import own_residuals
 
 # Clusters without which no 6x6 covariance can have full rank: the c_k of n clusters add up to about 0.
-FEWEST = 7
+MIN_CLUSTERS = 7
 # Share of the variance of a residual that the fit must leave, in every direction of every pose.
-DISPENSABLE = 1e-4
+MIN_VARIANCE_LEFT = 1e-4
 # Eigenvalue of the share ``-B_k J_k`` of a pose in the estimate, all of which add up to 1, below which it is none.
-NO_SHARE = -0.05
+MIN_SHARE_OF_POSE = -0.05
 # A draw whose information is below this share of that of all poses, in some direction, is near singular.
-NEAR_SINGULAR = 1e-6
+MIN_INFORMATION_SHARE = 1e-6
 # Numbers held at once while draws are solved.
-AT_ONCE = 1_000_000
+MAX_NUMBERS_AT_ONCE = 1_000_000
 
 # Why there is no such covariance under joint noise.
 JOINT = (
@@ -94,10 +94,10 @@ class Influence:
     known: Array | None = None  # (p, p) Lambda, information on the unknowns that is not of the poses
 
     def __post_init__(self) -> None:
-        if self.n < FEWEST:
+        if self.n < MIN_CLUSTERS:
             raise InputError(
-                f"A covariance from the residuals needs at least {FEWEST} poses (or motions) with a weight above 0, "
-                f"got {self.n}. Give the noise instead, or more poses."
+                f"A covariance from the residuals needs at least {MIN_CLUSTERS} poses (or motions) with a weight above "
+                f"0, got {self.n}. Give the noise instead, or more poses."
             )
 
     @property
@@ -122,7 +122,7 @@ class Influence:
     def adjustment(self) -> Array:
         """``V_k^(-1/2)`` (..., n, 6, 6)."""
         values, vectors = np.linalg.eigh(self._variance)
-        require_dispensable(values[..., 0] > DISPENSABLE)
+        require_dispensable(values[..., 0] > MIN_VARIANCE_LEFT)
         return np.asarray((vectors / np.sqrt(values)[..., None, :]) @ vectors.mT)
 
     @cached_property
@@ -137,7 +137,7 @@ class Influence:
     def bootstrap(self, replicates: int = 2000, seed: int | np.random.Generator = 0) -> Array:
         """The covariance (..., p, p) over poses drawn with replacement; all leading axes see the same draws.
 
-        Raises `InputError` for fewer than 2 replicates and where the shares of the poses are no weights (`NO_SHARE`),
+        Raises `InputError` for fewer than 2 replicates and where the shares of the poses are no weights,
         `DegenerateMotionError` where more than half of the draws do not determine X and W.
         """
         require_integer("replicates", replicates, 2)
@@ -151,7 +151,7 @@ class Influence:
             share, directions = np.linalg.eigh(known)
             free = directions[:, share < 0.5]
         own, shares = (B @ self.residual[..., None])[..., 0], -(B @ J)
-        if self.known is None and np.linalg.eigvalsh(0.5 * (shares + shares.mT)).min() < NO_SHARE:
+        if self.known is None and np.linalg.eigvalsh(0.5 * (shares + shares.mT)).min() < MIN_SHARE_OF_POSE:
             raise InputError(
                 "Bootstrap over poses is not available for this method on these poses: to draw one more often would "
                 "make X less certain in some direction. Choose 'sandwich', or give more poses."
@@ -160,16 +160,16 @@ class Influence:
         batch = own.shape[:-2]
         total, square = np.zeros((*batch, p)), np.zeros((*batch, p, p))
         used = np.zeros(batch, dtype=np.intp)
-        size = max(1, AT_ONCE // (math.prod(batch) * 3 * p * p + n))
+        size = max(1, MAX_NUMBERS_AT_ONCE // (math.prod(batch) * 3 * p * p + n))
         for start in range(0, replicates, size):
             counts = rng.multinomial(n, np.full(n, 1.0 / n), size=min(size, replicates - start)).astype(float)
             information = (counts @ shares).reshape(*batch, -1, p, p)
             # far below what counts as singular, and enough for a singular matrix to have an inverse
-            information = information + known + 1e-6 * NEAR_SINGULAR * np.eye(p)
+            information = information + known + 1e-6 * MIN_INFORMATION_SHARE * np.eye(p)
             right = ((counts - 1.0) @ own)[..., None]
             right = np.concatenate([right, np.broadcast_to(free, (*right.shape[:-2], *free.shape))], axis=-1)
             solved = np.linalg.solve(information, right)
-            ok = np.linalg.norm(solved[..., 1:], axis=(-2, -1)) < 1.0 / NEAR_SINGULAR
+            ok = np.linalg.norm(solved[..., 1:], axis=(-2, -1)) < 1.0 / MIN_INFORMATION_SHARE
             moves = np.where(ok[..., None], solved[..., 0], 0.0)
             total += moves.sum(axis=-2)
             square += moves.mT @ moves
@@ -295,7 +295,7 @@ def pooled_influence(residual: Array, J: Array, B: Array) -> Influence:
     """Return the influence for any estimator, from e (n, 6), J (n, 6, p) and B (n, p, 6); the residuals' mean square
     is the working model.
     """
-    if len(residual) < FEWEST:
+    if len(residual) < MIN_CLUSTERS:
         return Influence(residual, J, B)  # which raises
     S = residual.T @ residual / len(residual)
     scale = np.sqrt(np.diagonal(S))
