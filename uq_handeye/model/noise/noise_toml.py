@@ -14,9 +14,10 @@ is to be estimated.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
-from ...core.files.json_values import Json
 from ...core.files.open import StrPath, as_path, shown
 from ...core.files.tree_values import is_list, is_map
 from ...core.files.trees import parse_toml
@@ -66,7 +67,7 @@ def read_noise_file(path: StrPath) -> PoseNoise | PairNoise | None:
     return PairNoise(covariances.get("A"), covariances.get("B"))
 
 
-def _covariance(table: str, content: Json, name: str) -> Array:
+def _covariance(table: str, content: Any, name: str) -> Array:
     """The covariance that one table describes."""
     where = f"{name}, [{table}]"
     if not is_map(content):
@@ -91,7 +92,7 @@ def _covariance(table: str, content: Json, name: str) -> Array:
     return np.diag([rotation**2] * 3 + [translation**2] * 3)
 
 
-def _require_numbers(value: Json, what: str) -> None:
+def _require_numbers(value: Any, what: str) -> None:
     """Raise for what NumPy would quietly turn into numbers, text and booleans, and for what is none of a float."""
     if is_list(value):
         for item in value:
@@ -102,5 +103,5 @@ def _require_numbers(value: Json, what: str) -> None:
         raise InputError("Expected numbers below 1e308, got a larger one.")
 
 
-def _short(value: Json) -> str:
+def _short(value: Any) -> str:
     return f"{value!a:.40}"

@@ -23,7 +23,6 @@ from typing import Any
 
 import numpy as np
 
-from ...core.files.json_values import Json
 from ...core.files.one_line import one_line, short
 from ...core.files.open import StrPath, as_path, opened, shown
 from ...core.files.tree_values import is_list, is_map
@@ -74,7 +73,7 @@ def read_shared_errors(path: StrPath, *, focal_length_px: float | None = None) -
     return tuple(found)
 
 
-def _list(value: Json) -> list[dict[str, Any]]:
+def _list(value: Any) -> list[dict[str, Any]]:
     if not is_list(value) or not all(map(is_map, value)):
         raise InputError(f"columns must be tables [[{SHARED}.columns]], got {short(str(value))}.")
     return value
