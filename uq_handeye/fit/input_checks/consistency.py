@@ -1,4 +1,4 @@
-"""How well robot and camera poses agree under some reading: X is fitted to pairs of poses, and W must be constant."""
+"""Agreement of robot and camera poses under some reading: X is fitted to pairs of poses, and W must be constant."""
 
 from __future__ import annotations
 
