@@ -254,8 +254,8 @@ def compare_times(trees: tuple[Path, Path], environment: dict[str, str], rounds:
                     name, _, value = line.partition(":")
                     found[name] = float(value)
                 if number:  # the first round compiles
-                    for name, value in found.items():
-                        times.setdefault(name, ([], []))[k].append(value)
+                    for name, seconds in found.items():
+                        times.setdefault(name, ([], []))[k].append(seconds)
     print(f"{'CPU time':34} {'before':>10} {'now':>10} {'ratio':>7}")
     for name, both in times.items():
         before, now = map(statistics.median, both)

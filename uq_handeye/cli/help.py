@@ -202,14 +202,23 @@ class _WithHelp:
         found = super().get_params(ctx)  # type: ignore[misc]
         for parameter in found:
             if parameter.nargs == 1 and not isinstance(parameter.process_value, partial):
-                first = next(iter(get_args(annotations.get(parameter.name))), None)
-                kind = {str | None: str, str: str, Path | None: Path, Path: Path}.get(first)
+                kinds: dict[Any, Callable[[str], str | Path]] = {
+                    str: str,
+                    str | None: str,
+                    Path: Path,
+                    Path | None: Path,
+                }
+                kind = kinds.get(next(iter(get_args(annotations.get(parameter.name))), None))
                 parameter.process_value = partial(_taken, parameter, parameter.process_value, kind)
         return found
 
 
 def _taken(
-    parameter: Any, process: Callable[[Any, Any], Any], kind: type[str | Path] | None, context: Any, value: Any
+    parameter: Any,
+    process: Callable[[Any, Any], Any],
+    kind: Callable[[str], str | Path] | None,
+    context: Any,
+    value: Any,
 ) -> Any:
     """Return the value of a parameter by its own ``process``, unless that has nothing to do.
 
