@@ -99,6 +99,7 @@ def test_straight_edges_move_no_corner():
     assert np.abs(bent_edges.bias(camera, corners)).max() < 1e-8
 
 
+@pytest.mark.slow
 def test_without_windows_nothing_is_moved():
     corners, poses, _ = found(BENDING, 0.3)
     camera = SimpleNamespace(model=MODELS["fisheye"], intrinsics=BENDING.parameters, poses=poses)

@@ -135,6 +135,7 @@ def test_a_wrong_model_says_so_and_the_right_one_does_not(drawn, pages, right, w
         assert "is wrong" not in text and "no pattern" in text
 
 
+@pytest.mark.slow
 def test_a_moved_corner_is_seen_and_named(drawn, right):
     corners = right.corners
     name = f"{corners.names[corners.picture[MOVED]]}, corner {corners.place[MOVED]}"

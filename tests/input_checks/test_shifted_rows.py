@@ -168,6 +168,7 @@ def test_change_begins_at_the_rows_without_partner():
         assert _refined([(0, edge, 0), (edge, 20, -2)], cost, shifts) == [(0, 9, 0), (9, 20, -2)]
 
 
+@pytest.mark.slow
 def test_rows_that_belong_together_cost_no_robust_fit(monkeypatch):
     fits = []
     monkeypatch.setattr(shifted_rows, "consensus", lambda *arguments: fits.append(arguments) or consensus(*arguments))

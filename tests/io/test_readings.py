@@ -188,6 +188,7 @@ def test_the_result_names_the_rotations_and_not_the_rows(tmp_path):
     assert right.findings == () and uq.calibrate(right, noise=NOISE).usable
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::uq_handeye.InputWarning")
 def test_motions_that_seem_not_to_determine_x_have_a_cause(tmp_path):
     """Angles of the camera in a wrong order: the reason comes with the error, alone."""

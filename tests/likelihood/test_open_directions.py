@@ -42,6 +42,7 @@ def test_the_covariance_of_the_rest_is_right_and_no_other(kind, setup):
     assert not mean_is(squares, dof, 1 / 1.5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", [efficient, maximum_likelihood])
 @pytest.mark.parametrize("setup", SETUPS)
 @pytest.mark.parametrize("kind", KINDS)
@@ -81,6 +82,7 @@ def test_the_covariance_is_the_limit_of_a_weak_prior_on_the_rest(kind):
         closed.covariance_X)[CLOSED[kind]].min())  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("setup", SETUPS)
 def test_a_prior_of_a_millimetre_closes_it(setup):
     rng = np.random.default_rng([SEED, 17])

@@ -570,6 +570,7 @@ def test_leading_axes_broadcast(rng, scale):
         np.testing.assert_allclose(X, full, rtol=0, atol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scale", [None, 1e3])
 @pytest.mark.parametrize("shape", [(), (3,)])
 @pytest.mark.parametrize("extra", [-1, 0, 1])

@@ -414,6 +414,7 @@ def test_many_problems_are_a_loop(rng):
         assert_same_covariance(batch[k], uq.propagate(A[k], B[k], noise), 1e-9)
 
 
+@pytest.mark.slow
 def test_many_poses(rng):
     """All pairs of so many poses that they take several chunks: sums over shared poses run across them."""
     n = int(np.sqrt(2 * CHUNK)) + 30

@@ -29,6 +29,8 @@ from uq_handeye.report.comparison.compare import compare_beside
 from uq_handeye.report.comparison.figure import comparison_picture
 from uq_handeye.report.figures import figures, pictures
 
+pytestmark = pytest.mark.slow
+
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
 ALL = ["ellipses", "rig", "residuals", "budget", "task_space"]
 
@@ -57,7 +59,6 @@ def table(n=50, flags=None, seed=SEED):
     return PoseTable("pose", *(np.abs(rng.normal(size=(2, n))) * 1e-3), 6 * ones, ones / n, ones, flag)
 
 
-@pytest.mark.slow
 def test_all_figures_have_the_width_of_a_page_and_words(drawn):
     assert list(drawn) == ALL
     for picture in drawn.values():
@@ -65,7 +66,6 @@ def test_all_figures_have_the_width_of_a_page_and_words(drawn):
         assert len(picture.alt) > 60 and len(picture.caption) > 60
 
 
-@pytest.mark.slow
 def test_figures_by_name(both, drawn):
     _, result = both
     assert result.figures == (*ALL, "methods")
@@ -92,7 +92,6 @@ def test_figures_by_name_are_those_that_can_be_drawn(result):
         replace(bare, table=None, analysis=None).plot()
 
 
-@pytest.mark.slow
 def test_what_cannot_be_drawn_is_left_out(result):
     poses = uq.simulate(n_poses=8, noise=NOISE, seed=SEED)
     motions = uq.relative_motions(poses, "consecutive")
@@ -109,7 +108,6 @@ def test_what_cannot_be_drawn_is_left_out(result):
     assert list(figures(replace(stored, covariance=None))) == ["rig", "residuals", "budget"]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", ["residuals", "budget", "task_space"])
 def test_no_text_overlaps(drawn, name):
     assert overlapping(drawn[name].figure) == []
@@ -141,7 +139,6 @@ def test_the_rig_stands_where_the_poses_are(both):
     np.testing.assert_allclose(seen[:, :3, 3], poses.camera[:, :3, 3], atol=0.02)
 
 
-@pytest.mark.slow
 def test_the_ellipsoid_is_that_of_the_translation_in_the_base_frame(both, drawn):
     poses, result = both
     scene = rig(poses, result.X, result.W, result.covariance, None)
@@ -161,7 +158,6 @@ def test_the_ellipsoid_is_that_of_the_translation_in_the_base_frame(both, drawn)
     assert f"{scene.factor:,.0f} times enlarged" in drawn["rig"].caption
 
 
-@pytest.mark.slow
 def test_the_scene_that_can_be_turned_is_the_rig(both, drawn):
     poses, result = both
     scene = json.loads(drawn["rig"].scene)
@@ -188,7 +184,6 @@ def test_a_long_recording_is_a_small_scene_with_its_rejected_poses():
     assert found["rejected"] == [0] and found["names"][0] == "pose 0"
 
 
-@pytest.mark.slow
 def test_the_target_has_the_outline_of_its_corners():
     board = uq.Board(9, 6, "20mm")
     poses, corners = simulated_rig(board, np.random.default_rng(SEED), n=8)
@@ -236,7 +231,6 @@ def test_residuals_show_every_pose_and_name_the_worst():
     assert legend[:3] == ["kept (1,998)", "downweighted (1)", "rejected (1)"]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("largest", [2.6, 15.0, 400.0, 37_982.0, 4e9])
 def test_d2_has_few_plain_ticks_and_shows_every_pose_and_the_limit(largest):
     some = table(30)
@@ -271,13 +265,11 @@ def test_what_stands_still_is_seen_whole(both):
     assert (drawn >= low).all() and (drawn <= high).all()
 
 
-@pytest.mark.slow
 def test_residuals_of_very_many_poses_stay_a_small_drawing():
     text = inline_svg(residual_figure(table(30_000)), "residuals")
     assert len(text) < 700_000 and "data:image/png" in text
 
 
-@pytest.mark.slow
 def test_residuals_of_one_pose_and_of_none():
     for values in (np.zeros(1), np.ones(1)):
         one = replace(table(1), rotation=values, translation=values, distance2=values)
@@ -358,7 +350,6 @@ def test_the_task_space_of_a_pure_translation_error_is_flat(result):
 # ------------------------------------------------------------------------------------------ cross-check and inline SVG
 
 
-@pytest.mark.slow
 def test_a_cross_check_is_laid_over_the_ellipses():
     poses = uq.simulate(n_poses=8, noise=NOISE, seed=SEED)
     result = uq.calibrate(poses, noise=NOISE)
@@ -373,7 +364,6 @@ def test_a_cross_check_is_laid_over_the_ellipses():
         figures(to_hand, check)
 
 
-@pytest.mark.slow
 def test_inline_svg_is_the_same_again_and_shares_no_id(drawn, both):
     first = {name: inline_svg(picture.figure, name) for name, picture in drawn.items()}
     again = {"residuals": residual_figure(both[1].table), "task_space": task_space_figure(both[1])}
@@ -386,7 +376,6 @@ def test_inline_svg_is_the_same_again_and_shares_no_id(drawn, both):
         assert text.startswith("<svg ") and "<metadata>" not in text and "<?xml" not in text
 
 
-@pytest.mark.slow
 def test_every_colour_follows_the_page(drawn):
     """Each has a rule for dark pages, but those of the map of the task space."""
     rules = (resources.files("uq_handeye.core.presentation") / "figures.css").read_text(encoding="utf-8")
@@ -397,7 +386,6 @@ def test_every_colour_follows_the_page(drawn):
         assert len(used) > 2 and used - of_map <= known, stem
 
 
-@pytest.mark.slow
 def test_nothing_is_cut_at_the_rim():
     """No ink on the outermost pixels of any picture; names of methods are the longest labels."""
     result = uq.calibrate(uq.simulate(n_poses=8, noise=NOISE, seed=SEED), noise=NOISE)
