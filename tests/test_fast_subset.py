@@ -106,7 +106,7 @@ def test_each_public_function_is_used(used):
 
 
 def test_each_command_is_run(used):
-    commands = {name for group in app._COMMANDS.values() for name in group}
+    commands = {name for group in app.COMMANDS.values() for name in group}
     assert commands - used[1] == set()
 
 

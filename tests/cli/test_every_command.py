@@ -65,4 +65,4 @@ def test_each_command(folder, command):
 
 
 def test_all_commands_are_here():
-    assert set(CALLS) == {name for group in app._COMMANDS.values() for name in group}
+    assert set(CALLS) == {name for group in app.COMMANDS.values() for name in group}

@@ -18,7 +18,7 @@ import uq_handeye as uq
 from uq_handeye.calibration.request import BUNDLE, COVARIANCES
 from uq_handeye.cli import app as cli
 from uq_handeye.cli import options as cli_options
-from uq_handeye.cli.commands import predict as cli_files
+from uq_handeye.cli.commands import export as cli_files
 from uq_handeye.cli.options import choices, methods_of, one_of, parameters_of, with_messages, without_options
 from uq_handeye.core.formatting.units import LENGTH_UNITS
 from uq_handeye.core.geometry.frames import SETUPS

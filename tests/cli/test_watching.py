@@ -9,7 +9,7 @@ import pytest
 from fixtures.commands import run
 
 import uq_handeye as uq
-from uq_handeye.cli.commands import live as watching
+from uq_handeye.cli import watching
 from uq_handeye.read import write_pose_file
 from uq_handeye.use.live_session.folder import settled
 

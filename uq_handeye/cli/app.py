@@ -26,32 +26,15 @@ from .options import Maker, with_messages
 ClickException: type[Exception] = typer.BadParameter.__mro__[2]
 
 
-# Commands by group of the help, each with the module of `commands` that has it.
-_COMMANDS: dict[str, dict[str, str]] = {
-    "Calibrate": {
-        "calibrate": "calibrate",
-        "live": "live",
-        "demo": "calibrate",
-        "camera": "camera",
-        "points": "camera",
-        "sync": "camera",
-        "bag": "camera",
-    },
-    "Use the result": {
-        "view": "live",
-        "report": "predict",
-        "export": "predict",
-        "predict": "predict",
-        "check": "check",
-        "update": "check",
-        "diff": "check",
-        "verify": "check",
-        "certificate": "predict",
-    },
-    "Improve and compare": {"plan": "plan", "compare": "plan"},
-    "Check the covariance": {"validate": "validate", "cross-check": "validate", "posterior": "validate"},
-    "Simulate and generate code": {"simulate": "simulate", "codegen": "simulate"},
+# Commands by group of the help. Each has a module of its name in `commands`, but for the short forms of others.
+COMMANDS: dict[str, tuple[str, ...]] = {
+    "Calibrate": ("calibrate", "live", "demo", "camera", "points", "sync", "bag"),
+    "Use the result": ("view", "report", "export", "predict", "check", "update", "diff", "verify", "certificate"),
+    "Improve and compare": ("plan", "compare"),
+    "Check the covariance": ("validate", "cross-check", "posterior"),
+    "Simulate and generate code": ("simulate", "codegen"),
 }
+SHORT_FORMS = {"certificate": "report"}
 
 
 @with_help_all
@@ -84,9 +67,10 @@ def program(only: str | None = None) -> typer.Typer:
         context_settings={"help_option_names": ["-h", "--help"]},
     )
     made.callback(invoke_without_command=True)(_start)
-    for group, commands in _COMMANDS.items():
-        for name, module in commands.items():
+    for group, names in COMMANDS.items():
+        for name in names:
             if only in (None, name):
+                module = SHORT_FORMS.get(name, name).replace("-", "_")
                 place = import_module(f".commands.{module}", __package__)
                 command: Maker = getattr(place, f"{name.replace('-', '_')}_command")
                 made.command(name, cls=Command, rich_help_panel=group)(with_help_all(with_messages(command)))
@@ -148,7 +132,7 @@ def _interrupts() -> Iterator[list[int]]:
 
 def _status_of(arguments: list[str], interrupted: list[int]) -> int:
     try:
-        named = arguments[0] if arguments and any(arguments[0] in group for group in _COMMANDS.values()) else None
+        named = arguments[0] if arguments and any(arguments[0] in group for group in COMMANDS.values()) else None
         status = program(named)(arguments, prog_name="uq-handeye", standalone_mode=False)
         if sys.stdout is not None:  # it may be closed
             sys.stdout.flush()

@@ -7,7 +7,7 @@ import pytest
 from fixtures.commands import run, run_process
 
 import uq_handeye as uq
-from uq_handeye.cli.commands import simulate as cli_codegen
+from uq_handeye.cli.commands import codegen as cli_codegen
 from uq_handeye.symbolic import codegen
 from uq_handeye.symbolic.matrices import FORMS
 

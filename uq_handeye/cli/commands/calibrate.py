@@ -1,15 +1,12 @@
-"""Commands ``calibrate`` and ``demo``: X with its uncertainty, as text, files and report."""
+"""Command ``calibrate``: X with its uncertainty, as text, files and report."""
 
 from dataclasses import replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from ...core.runtime.threads import cores
 from ...errors import InputError, NotConvergedError
 from ..delivery import (
-    REPORTS,
     AllOutputs,
-    DemoOutputs,
     ReportOptions,
     Wanted,
     deliver_result,
@@ -17,18 +14,14 @@ from ..delivery import (
     report_options_of,
     wanted_of,
 )
-from ..messages import LOG, fail, progress_wanted, quiet, timed, withheld
+from ..messages import fail, progress_wanted, timed, withheld
 from ..new_poses import Data, Estimation, problem_for
-from ..options import require_writable
 from ..pose_prior import pose_prior_of
 from ..rigs import calibrate_rig_files, is_rig
-from .live import Watch, question_of, watched
+from ..watching import Watch, question_of, watched
 
 if TYPE_CHECKING:
     from ...trials.validation.cross_check.result import CrossCheck
-
-# Written by the demo where no other report is asked for.
-DEMO_REPORT = Path("demo_report.html")
 
 
 def calibrate_command(
@@ -116,38 +109,6 @@ def _watch(data: Data, options: dict[str, Any], wishes: ReportOptions, wanted: W
         return fail("No X: the poses that arrived do not determine it.")
     found = replace(found, about=wishes.about)
     return deliver_result(found, outputs, wanted, wishes, threshold=outputs.threshold)
-
-
-def demo_command(outputs: DemoOutputs) -> int:
-    """Calibrate an embedded data set whose true X is known.
-
-    Examples:
-      uq-handeye demo
-      # Also write result.json, exports and figures
-      uq-handeye demo --report demo.html -o demo/ --figures
-
-    The noise of the poses is estimated, as it is of your own. Prints the
-    estimate, compares it with the true X, and writes the report,
-    demo_report.html unless --report names another file.
-    """
-    from importlib import resources
-
-    from ...calibration.calibrate import calibrate
-    from ...calibration.report.text import against_truth
-    from ...read import read_pose_file, read_poses
-
-    outputs.require_possible()
-    if outputs.report is None and not outputs.as_json and not quiet():
-        try:
-            require_writable(DEMO_REPORT, "--report", REPORTS)
-            outputs = replace(outputs, report=DEMO_REPORT)
-        except InputError as error:
-            LOG.warning("No report is written here. %s", error)
-    with resources.as_file(resources.files("uq_handeye") / "data") as data:
-        poses = read_poses(data / "robot.csv", data / "camera.csv")
-        _, truth = read_pose_file(data / "truth.csv")
-    result = calibrate(poses)
-    return deliver_result(result, outputs, Wanted(None), more=against_truth(result, truth[0]))
 
 
 def _cross_check(problem: dict[str, Any], seed: int) -> "CrossCheck":

@@ -1,31 +1,16 @@
-"""A stored result in use: ``predict`` points and camera poses at other robot poses, ``export`` for programs, ``report``
-for people, ``certificate`` for the file.
-"""
+"""Command ``predict``: points and camera poses at other robot poses."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-from ...core.files.about import read_about
 from ...core.files.csv_text import csv_text
-from ...core.runtime.progress import working
 from ...errors import InputError
 from ..delivery import (
-    REPORTS,
-    Outputs,
-    ReportOptions,
-    Wanted,
     deliver_answer,
-    emit_answer,
-    emit_result,
-    report_options_of,
-    status_of,
-    wanted_of,
 )
-from ..exit_status import ExitStatus
-from ..messages import LOG, fail, progress_wanted, quiet, timed
-from ..options import CONTROLLER_NAMES, PAPERS, coordinates, emit, emit_document, one_of, require_writable
+from ..options import coordinates
 from ..rigs import predict_stored_rig, stored_rig
 
 if TYPE_CHECKING:
@@ -34,13 +19,13 @@ if TYPE_CHECKING:
     from ...core.geometry.se3 import Array
     from ...core.presentation.document import Paragraph
     from ...fit.diagnostics.task_space import PointUncertainty
-    from ...rig.result import RigCalibration
+
 
 TableRow = list[float | str]
+
+
 # Number of rows printed; the files hold all.
 PRINTED = 40
-# Suffixes of a certificate.
-CERTIFICATES = (*REPORTS, ".json")
 
 
 @dataclass(frozen=True)
@@ -189,9 +174,6 @@ def _read_places(
     return np.arange(float(len(next(iter(at.values()))))) if known is None else known, at
 
 
-# ---------------------------------------------------------------------------------------------------------- output
-
-
 def _point_rows(found: "PointUncertainty", times: "Array") -> list[TableRow]:
     rows: list[TableRow] = [["timestamp", "point", *"xyz", "sd_x", "sd_y", "sd_z", "radius_95", *_pairs("xyz")]]
     radius = found.radius_95
@@ -286,184 +268,3 @@ def _more(n: int) -> "list[Paragraph]":
 
 def _mm(values: "Array") -> list[str]:
     return [f"{1e3 * value:.3f}" for value in values]
-
-
-# Names of export.FORMATS, repeated here so that help and completion load quickly.
-EXPORT_NAMES = (
-    *("json", "ros", "launch", "urdf", "opencv", "npz"),
-    *CONTROLLER_NAMES,
-    *("matrix", "franka", "zivid", "halcon"),
-)
-
-
-def export_command(
-    result: Path,
-    file: Path,
-    format: str | None = None,
-    corrects: Path | None = None,
-) -> int:
-    """Export X for ROS, URDF, OpenCV, NumPy, or as a robot writes it.
-
-    Examples:
-      uq-handeye export result/result.json x.urdf
-      uq-handeye export result/result.json handeye.yaml --format ros
-      # ROS 2 launch file that publishes X as a static transform
-      uq-handeye export result/result.json handeye.launch.py
-      # As a KUKA writes a frame: X, Y, Z in mm, A, B, C in deg
-      uq-handeye export result/result.json x.dat --format kuka
-      # All poses of a rig, with the relative poses of its cameras
-      uq-handeye export result/rig.json cameras.launch.py
-      # URDF of the arm, with the estimated errors corrected
-      uq-handeye export result/result.json new.urdf --corrects robot.urdf
-
-    Arguments:
-      FILE: File to write, e.g. x.urdf.
-
-    Options (Output):
-      * --format NAME <EXPORT_NAMES>: Format: {EXPORT_NAMES}; of a rig json, ros, launch, urdf, opencv, toml or npz.
-        Default: by the suffix of FILE.
-      * --corrects ROBOT.urdf: URDF of the calibrated arm, to write with its errors corrected. Corrects the errors that
-        are known (standard deviation below half of the prior) and writes their covariance as JSON.
-    """
-    from ...calibration.result import Calibration, load
-    from ...rig.result import RigCalibration
-
-    require_writable(file, "FILE")
-    if corrects is not None:
-        if format is not None:
-            raise InputError("--format applies to X, not to the URDF of --corrects. Remove it.")
-        found = Calibration.from_json(result).export_urdf(file, corrects)
-        emit(f"Wrote {file} and {file.with_suffix('.corrections.json')}. {found.summary}\n")
-        return 0
-    name = None if format is None else one_of(format, "--format", (*EXPORT_NAMES, "toml"))
-    stored = load(result)
-    if isinstance(stored, RigCalibration):
-        emit(f"Wrote {stored.export(file, name)}\n")
-        return 0
-    if stored.reasons:
-        fail(f"{result} is not usable, so nothing was exported: {stored.reasons[0]}. Calibrate again.")
-        return ExitStatus.NOT_USABLE
-    emit(f"Wrote {stored.export(file, name)}\n")
-    if not stored.usable:
-        LOG.warning(
-            "X is known in part. Not determined: %s. What was written holds one of all X that fit.",
-            "; ".join(stored.open_words),
-        )
-    return status_of(stored, None)
-
-
-def report_command(
-    result: Path,
-    wishes: Annotated["ReportOptions", report_options_of],
-    wanted: Annotated["Wanted", wanted_of],
-    file: Path | None = None,
-    no_compare: bool = False,
-    certificate: bool = False,
-) -> int:
-    """Print a stored result, or write its report.
-
-    Examples:
-      uq-handeye report result/result.json report.html
-      uq-handeye report result/rig.json report.html
-      # Print the result again, and whether it meets a tolerance
-      uq-handeye report result/result.json --tolerance 1mm,0.1deg
-      # The certificate: the pages that are signed and filed
-      uq-handeye report result/result.json certificate.pdf --certificate
-
-    Without FILE, prints what calibrate prints. The report equals that of
-    calibrate --report, except for the cross-check: the result file holds the
-    poses.
-
-    Arguments:
-      FILE: Report to write, .html or .pdf, with --certificate also .json. Default: none, print only.
-
-    Options (Output):
-      --certificate: Certificate in place of the report: measurand, result, uncertainty budget, conditions,
-        traceability and validity, without the comparison of methods.
-    """
-    from ...calibration.result import load
-    from ...rig.result import RigCalibration
-
-    require_writable(file, "FILE", CERTIFICATES if certificate else REPORTS)
-    stored = load(result)
-    if certificate:
-        return _deliver_certificate(stored, file, wanted, wishes.about, wishes.paper)
-    if isinstance(stored, RigCalibration):
-        from ..rigs import deliver_rig
-
-        return deliver_rig(stored, wishes, wanted, Outputs(file))
-    verdict = wanted.verdict(stored)
-    if file is None:
-        return emit_result(stored, verdict)
-    with timed(f"writing {file}"), working(f"writing {file}", progress_wanted()):
-        written = stored.report(
-            file,
-            comparison=not no_compare,
-            about=wishes.about,
-            verdict=verdict,
-            details=wishes.details,
-            paper=wishes.paper,
-        )
-    return emit_answer(stored, verdict, f"Wrote {written}")
-
-
-def certificate_command(
-    result: Path,
-    wanted: Annotated["Wanted", wanted_of],
-    file: Path | None = None,
-    about: list[str] | None = None,
-    paper: str = "a4",
-) -> int:
-    """Write the certificate of a result: report --certificate.
-
-    Examples:
-      uq-handeye certificate result/result.json certificate.pdf
-      # The machine-readable form, with a decision on a tolerance
-      uq-handeye certificate result/result.json certificate.json \\
-          --tolerance 1mm,0.1deg --about cell.toml
-      # All poses of a rig, with a decision on each camera
-      uq-handeye certificate result/rig.json rig.pdf --tolerance 1mm,0.1deg
-
-    A result that is not usable or has no uncertainty is not certified: the
-    file says so and states no X, and the exit status is 3.
-
-    Arguments:
-      FILE: Certificate to write, .html, .pdf or .json. Default: none, print the headline only.
-    """
-    from ...calibration.result import load
-
-    one_of(paper, "--paper", PAPERS)
-    require_writable(file, "FILE", CERTIFICATES)
-    return _deliver_certificate(load(result), file, wanted, read_about(about or ()), paper)
-
-
-def _deliver_certificate(
-    stored: "Calibration | RigCalibration", file: Path | None, wanted: Wanted, about: dict[str, str], paper: str
-) -> int:
-    """Write a certificate, print its headline, and return the exit status."""
-    from ...calibration.report.first_screen import status_of as colour_of
-    from ...core.presentation.document import Answer, Paragraph
-    from ...report.certificate import make_certificate
-    from ...report.rig_certificate import RigCertificate
-
-    found = make_certificate(stored, tolerance=wanted.tolerance, about=about)
-    written = ""
-    if file is not None:
-        with timed(f"writing {file}"):
-            written = f"Wrote {found.write(file, paper=paper)}"
-    if isinstance(found, RigCertificate):
-        lines = [*found.refusals, *(f"{name}: {verdict}" for name, verdict in found.verdicts.items())]
-        head = f"{'' if found.certified else 'NOT CERTIFIED. '}Certificate {found.identifier}. {written}".strip()
-        emit("" if quiet() else "\n".join([head, *lines]) + "\n")
-        missed = any(not verdict.passed for verdict in found.verdicts.values())
-        return ExitStatus.NOT_USABLE if not found.certified else ExitStatus.NOT_PASSED if missed else ExitStatus.DONE
-    verdict = None if found.decision is None else found.decision.verdict
-    if not quiet():
-        blocks = [Answer(found.result.headline, colour_of(found.result))]
-        if not found.certified:
-            blocks = [Answer(f"NOT CERTIFIED. {found.result.headline}", "failed")]
-        elif verdict is not None:
-            blocks.append(Answer(str(verdict), verdict.status))
-        number = f"Certificate {found.identifier}."
-        emit_document([[*blocks, Paragraph(f"{number} {written}".strip(), hang="  ")]])
-    return status_of(found.result, verdict) if found.certified else ExitStatus.NOT_USABLE

@@ -1,4 +1,4 @@
-"""The covariance tested: ``validate`` by simulation, ``cross-check`` by every other one, ``posterior`` by samples."""
+"""Command ``validate``: the covariance tested by Monte Carlo simulation."""
 
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 from ...core.files.csv_text import frame_text
 from ...core.runtime.threads import cores
 from ...errors import InputError
-from ..delivery import REPORTS, deliver, deliver_answer, write_report, wrote
+from ..delivery import deliver, wrote
 from ..exit_status import ExitStatus
-from ..messages import LOG, progress_wanted, timed, verbose
+from ..messages import LOG, progress_wanted, verbose
 from ..new_poses import Session
 from ..options import EVERY_METHOD, emit, emit_document, methods_of, require_writable
 from ..pose_prior import pose_prior_of
@@ -174,153 +174,3 @@ def _deliver(result: "MonteCarlo", folder: Path) -> str:
 def _of_method(figure: Path, name: str, names: list[str]) -> Path:
     """Return the file of a method, with its name if there are several."""
     return figure if len(names) == 1 else figure.with_name(f"{figure.stem}-{name}{figure.suffix}")
-
-
-@dataclass(frozen=True)
-class Work:
-    """Options of the simulation and the sampling.
-
-    Options:
-      * --trials N: Monte Carlo trials of each method.
-      * --posterior/--no-posterior: Sampling of the posterior. Default: on.
-      --seed N: Seed of the random numbers.
-    """
-
-    trials: int = 10_000
-    posterior: bool = True
-    pairs: str = "all"
-    seed: int = 0
-    workers: int | None = None
-
-
-def cross_check_command(
-    session: Session,
-    asked: Work,
-    as_json: bool = False,
-    output: Path | None = None,
-    report: Path | None = None,
-    resume: bool = False,
-) -> int:
-    r"""Compare all covariances of X: formulas, simulation, posterior.
-
-    Examples:
-      uq-handeye cross-check robot.csv camera.csv -o cross_check/
-      # Quick: no posterior, fewer trials
-      uq-handeye cross-check robot.csv camera.csv --no-posterior --trials 1000
-      # With known noise
-      uq-handeye cross-check robot.csv camera.csv \
-          --robot-noise 0.02deg,0.05mm --camera-noise 0.1deg,0.5mm
-
-    Computes every covariance of X of the same problem and tests the relations
-    that must hold between them. A broken relation is a result: the exit status
-    is 0. Ctrl-C prints what is finished (exit status 130); so does a run that
-    lost its workers (exit status 1). With -o DIR, --resume continues it.
-
-    Options (Output):
-      * -o, --output DIR <named_folder>: Folder for the results and the run. It holds cross_check.json, .csv, .png and
-        .svg, and the trials and the chain (run/), for --resume.
-      * --resume: Continue the cross-check in -o DIR, or add trials to it.
-    """
-    if resume and output is None:
-        raise InputError("--resume needs the folder of the run. Add -o DIR.")
-    require_writable(report, "--report", REPORTS)
-    from ...core.presentation.document import document_of
-    from ...trials.validation.cross_check.run import cross_check
-    from ...trials.validation.sentences import INTERRUPTED
-
-    result, problem = session.calibrated(asked.pairs)
-    how = vars(asked) | {"workers": cores() if asked.workers is None else asked.workers}
-    how |= {"directory": None if output is None else output / "run", "resume": resume}
-    with timed("cross-check"):
-        check = cross_check(**problem, **how, progress=progress_wanted())
-    said = document_of(check, verbose=verbose())
-    deliver_answer(check.to_json(), said, as_json, output, lambda: _files_of(check, "cross_check"))
-    if report is not None and result is not None and check.complete:
-        write_report(result, report, True, check)
-    if check.ended is None:
-        return 0
-    return ExitStatus.INTERRUPTED if check.ended.code == INTERRUPTED else ExitStatus.INTERNAL_ERROR
-
-
-CHAIN = "chain.h5"
-
-
-@dataclass(frozen=True)
-class Sampling:
-    """Options of the chain.
-
-    Options (Sampling):
-      * --samples N: Effective samples of every coordinate.
-      --scales/--no-scales: Sampling of unknown factors of the robot and camera noise. Default: on if the noise is
-        estimated.
-      * --student-t NU: Heavy-tailed likelihood with NU degrees of freedom, e.g. 5. Default: Gaussian.
-      --walkers N: Number of walkers.
-      * --max-steps N: Largest number of steps of a walker.
-      --seed N: Seed of the random numbers.
-    """
-
-    samples: int = 10_000
-    scales: bool | None = None
-    student_t: float | None = None
-    walkers: int = 128
-    max_steps: int = 10_000
-    seed: int = 0
-
-
-def posterior_command(
-    session: Session,
-    beforehand: Annotated["dict[str, Any]", pose_prior_of],
-    sampling: Sampling,
-    pairs: str = "disjoint",
-    as_json: bool = False,
-    output: Path | None = None,
-    resume: bool = False,
-) -> None:
-    r"""Sample the posterior of X by Markov chain Monte Carlo.
-
-    Examples:
-      uq-handeye posterior robot.csv camera.csv -o posterior/
-      # Continue a run that was interrupted or did not converge
-      uq-handeye posterior robot.csv camera.csv -o posterior/ --resume
-      # With known noise and a heavy-tailed likelihood
-      uq-handeye posterior robot.csv camera.csv --student-t 5 \
-          --robot-noise 0.02deg,0.05mm --camera-noise 0.1deg,0.5mm
-
-    The prior is flat, except for --prior-x, --prior-w and --known.
-
-    Nothing is reported before the chain has converged (autocorrelation time,
-    split R-hat, effective samples). With -o, an interrupted run continues with
-    --resume and ends in the same numbers.
-
-    Options (Estimation):
-      --pairs NAME <disjoint|consecutive>: Pairs of poses that form a motion, for noise of motions (A and B): disjoint
-        or consecutive.
-
-    Options (Output):
-      * -o, --output DIR <named_folder>: Folder for {CHAIN}, posterior.json and corner.png, .svg.
-      * --resume: Continue the chain in -o DIR.
-    """
-    if resume and output is None:
-        raise InputError("--resume needs the folder of the run. Add -o DIR.")
-    from ...read import write_files
-    from ...trials.validation.posterior.sample import sample_posterior
-
-    _, problem = session.calibrated("all", pairs, shows_checks=False, **beforehand)
-    if output is not None:
-        write_files(output, {})  # makes the folder, or says why not
-        output.mkdir(parents=True, exist_ok=True)
-    with timed("sampling"):
-        result = sample_posterior(
-            **problem,
-            **vars(sampling),
-            file=None if output is None else output / CHAIN,
-            resume=resume,
-            progress=progress_wanted(),
-        )
-    emit(result.to_json() if as_json else result.summary())
-    if output is not None:
-        from ...trials.validation.corner_plot import corner
-
-        deliver(output, {"posterior.json": result.to_json(), "corner": corner(result)})
-        if not as_json:
-            emit(wrote(output, ["posterior.json", "corner.png", "corner.svg", CHAIN]))

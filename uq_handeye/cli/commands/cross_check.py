@@ -1,0 +1,83 @@
+"""Command ``cross-check``: the covariance compared with formulas, simulation and posterior."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ...core.runtime.threads import cores
+from ...errors import InputError
+from ..delivery import REPORTS, deliver_answer, write_report
+from ..exit_status import ExitStatus
+from ..messages import progress_wanted, timed, verbose
+from ..new_poses import Session
+from ..options import require_writable
+
+if TYPE_CHECKING:
+    pass
+from .validate import _files_of
+
+
+@dataclass(frozen=True)
+class Work:
+    """Options of the simulation and the sampling.
+
+    Options:
+      * --trials N: Monte Carlo trials of each method.
+      * --posterior/--no-posterior: Sampling of the posterior. Default: on.
+      --seed N: Seed of the random numbers.
+    """
+
+    trials: int = 10_000
+    posterior: bool = True
+    pairs: str = "all"
+    seed: int = 0
+    workers: int | None = None
+
+
+def cross_check_command(
+    session: Session,
+    asked: Work,
+    as_json: bool = False,
+    output: Path | None = None,
+    report: Path | None = None,
+    resume: bool = False,
+) -> int:
+    r"""Compare all covariances of X: formulas, simulation, posterior.
+
+    Examples:
+      uq-handeye cross-check robot.csv camera.csv -o cross_check/
+      # Quick: no posterior, fewer trials
+      uq-handeye cross-check robot.csv camera.csv --no-posterior --trials 1000
+      # With known noise
+      uq-handeye cross-check robot.csv camera.csv \
+          --robot-noise 0.02deg,0.05mm --camera-noise 0.1deg,0.5mm
+
+    Computes every covariance of X of the same problem and tests the relations
+    that must hold between them. A broken relation is a result: the exit status
+    is 0. Ctrl-C prints what is finished (exit status 130); so does a run that
+    lost its workers (exit status 1). With -o DIR, --resume continues it.
+
+    Options (Output):
+      * -o, --output DIR <named_folder>: Folder for the results and the run. It holds cross_check.json, .csv, .png and
+        .svg, and the trials and the chain (run/), for --resume.
+      * --resume: Continue the cross-check in -o DIR, or add trials to it.
+    """
+    if resume and output is None:
+        raise InputError("--resume needs the folder of the run. Add -o DIR.")
+    require_writable(report, "--report", REPORTS)
+    from ...core.presentation.document import document_of
+    from ...trials.validation.cross_check.run import cross_check
+    from ...trials.validation.sentences import INTERRUPTED
+
+    result, problem = session.calibrated(asked.pairs)
+    how = vars(asked) | {"workers": cores() if asked.workers is None else asked.workers}
+    how |= {"directory": None if output is None else output / "run", "resume": resume}
+    with timed("cross-check"):
+        check = cross_check(**problem, **how, progress=progress_wanted())
+    said = document_of(check, verbose=verbose())
+    deliver_answer(check.to_json(), said, as_json, output, lambda: _files_of(check, "cross_check"))
+    if report is not None and result is not None and check.complete:
+        write_report(result, report, True, check)
+    if check.ended is None:
+        return 0
+    return ExitStatus.INTERRUPTED if check.ended.code == INTERRUPTED else ExitStatus.INTERNAL_ERROR

@@ -1,0 +1,52 @@
+"""Command ``diff``: how far two results differ, with the uncertainty of the difference."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ..delivery import (
+    deliver_answer,
+)
+from ..options import shown
+
+if TYPE_CHECKING:
+    pass
+from .update import names_of
+
+
+def diff_command(
+    old: Path,
+    new: Path,
+    same: list[str] | None = None,
+    as_json: bool = False,
+    output: Path | None = None,
+) -> None:
+    """Print how far two results differ, with uncertainty.
+
+    Examples:
+      uq-handeye diff monday.json friday.json
+      # Two sessions with the same robot and the same camera
+      uq-handeye diff monday.json friday.json --same robot,camera
+
+    The difference of X and of the target, its standard uncertainty, and the
+    probability of one as large if nothing has changed. Results with poses in
+    common are refused: add new poses by update.
+
+    Options (Estimation):
+      * --same NAMES: What is the same in both, out of robot,camera,target: its errors cancel in part. Default:
+        none.
+
+    Arguments:
+      OLD: Result file of before: result.json.
+      NEW: Result file of now: result.json.
+
+    Options (Output):
+      * -o, --output DIR <named_folder>: Folder for diff.json and diff.txt.
+    """
+    from ...calibration.result import Calibration
+    from ...use.maintenance.difference import difference, difference_document
+
+    found = difference(Calibration.from_json(old), Calibration.from_json(new), same=names_of(same, ()))
+    text = found.to_json()
+    deliver_answer(text, shown(difference_document(found)), as_json, output, lambda: {
+        "diff.json": text, "diff.txt": found.summary()
+    })  # fmt: skip

@@ -1,0 +1,79 @@
+"""Command ``export``: X for other programs."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ...errors import InputError
+from ..delivery import (
+    status_of,
+)
+from ..exit_status import ExitStatus
+from ..messages import LOG, fail
+from ..options import CONTROLLER_NAMES, emit, one_of, require_writable
+
+if TYPE_CHECKING:
+    pass
+
+
+# Names of export.FORMATS, repeated here so that help and completion load quickly.
+EXPORT_NAMES = (
+    *("json", "ros", "launch", "urdf", "opencv", "npz"),
+    *CONTROLLER_NAMES,
+    *("matrix", "franka", "zivid", "halcon"),
+)
+
+
+def export_command(
+    result: Path,
+    file: Path,
+    format: str | None = None,
+    corrects: Path | None = None,
+) -> int:
+    """Export X for ROS, URDF, OpenCV, NumPy, or as a robot writes it.
+
+    Examples:
+      uq-handeye export result/result.json x.urdf
+      uq-handeye export result/result.json handeye.yaml --format ros
+      # ROS 2 launch file that publishes X as a static transform
+      uq-handeye export result/result.json handeye.launch.py
+      # As a KUKA writes a frame: X, Y, Z in mm, A, B, C in deg
+      uq-handeye export result/result.json x.dat --format kuka
+      # All poses of a rig, with the relative poses of its cameras
+      uq-handeye export result/rig.json cameras.launch.py
+      # URDF of the arm, with the estimated errors corrected
+      uq-handeye export result/result.json new.urdf --corrects robot.urdf
+
+    Arguments:
+      FILE: File to write, e.g. x.urdf.
+
+    Options (Output):
+      * --format NAME <EXPORT_NAMES>: Format: {EXPORT_NAMES}; of a rig json, ros, launch, urdf, opencv, toml or npz.
+        Default: by the suffix of FILE.
+      * --corrects ROBOT.urdf: URDF of the calibrated arm, to write with its errors corrected. Corrects the errors that
+        are known (standard deviation below half of the prior) and writes their covariance as JSON.
+    """
+    from ...calibration.result import Calibration, load
+    from ...rig.result import RigCalibration
+
+    require_writable(file, "FILE")
+    if corrects is not None:
+        if format is not None:
+            raise InputError("--format applies to X, not to the URDF of --corrects. Remove it.")
+        found = Calibration.from_json(result).export_urdf(file, corrects)
+        emit(f"Wrote {file} and {file.with_suffix('.corrections.json')}. {found.summary}\n")
+        return 0
+    name = None if format is None else one_of(format, "--format", (*EXPORT_NAMES, "toml"))
+    stored = load(result)
+    if isinstance(stored, RigCalibration):
+        emit(f"Wrote {stored.export(file, name)}\n")
+        return 0
+    if stored.reasons:
+        fail(f"{result} is not usable, so nothing was exported: {stored.reasons[0]}. Calibrate again.")
+        return ExitStatus.NOT_USABLE
+    emit(f"Wrote {stored.export(file, name)}\n")
+    if not stored.usable:
+        LOG.warning(
+            "X is known in part. Not determined: %s. What was written holds one of all X that fit.",
+            "; ".join(stored.open_words),
+        )
+    return status_of(stored, None)

@@ -1,0 +1,146 @@
+"""Command ``report``: a stored result as text or as a page; ``certificate`` is its preset for the file."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from ...core.files.about import read_about
+from ...core.runtime.progress import working
+from ..delivery import (
+    REPORTS,
+    Outputs,
+    ReportOptions,
+    Wanted,
+    emit_answer,
+    emit_result,
+    report_options_of,
+    status_of,
+    wanted_of,
+)
+from ..exit_status import ExitStatus
+from ..messages import progress_wanted, quiet, timed
+from ..options import PAPERS, emit, emit_document, one_of, require_writable
+
+if TYPE_CHECKING:
+    from ...calibration.result import Calibration
+    from ...rig.result import RigCalibration
+
+
+# Suffixes of a certificate.
+CERTIFICATES = (*REPORTS, ".json")
+
+
+def report_command(
+    result: Path,
+    wishes: Annotated["ReportOptions", report_options_of],
+    wanted: Annotated["Wanted", wanted_of],
+    file: Path | None = None,
+    no_compare: bool = False,
+    certificate: bool = False,
+) -> int:
+    """Print a stored result, or write its report.
+
+    Examples:
+      uq-handeye report result/result.json report.html
+      uq-handeye report result/rig.json report.html
+      # Print the result again, and whether it meets a tolerance
+      uq-handeye report result/result.json --tolerance 1mm,0.1deg
+      # The certificate: the pages that are signed and filed
+      uq-handeye report result/result.json certificate.pdf --certificate
+
+    Without FILE, prints what calibrate prints. The report equals that of
+    calibrate --report, except for the cross-check: the result file holds the
+    poses.
+
+    Arguments:
+      FILE: Report to write, .html or .pdf, with --certificate also .json. Default: none, print only.
+
+    Options (Output):
+      --certificate: Certificate in place of the report: measurand, result, uncertainty budget, conditions,
+        traceability and validity, without the comparison of methods.
+    """
+    from ...calibration.result import load
+    from ...rig.result import RigCalibration
+
+    require_writable(file, "FILE", CERTIFICATES if certificate else REPORTS)
+    stored = load(result)
+    if certificate:
+        return _deliver_certificate(stored, file, wanted, wishes.about, wishes.paper)
+    if isinstance(stored, RigCalibration):
+        from ..rigs import deliver_rig
+
+        return deliver_rig(stored, wishes, wanted, Outputs(file))
+    verdict = wanted.verdict(stored)
+    if file is None:
+        return emit_result(stored, verdict)
+    with timed(f"writing {file}"), working(f"writing {file}", progress_wanted()):
+        written = stored.report(
+            file,
+            comparison=not no_compare,
+            about=wishes.about,
+            verdict=verdict,
+            details=wishes.details,
+            paper=wishes.paper,
+        )
+    return emit_answer(stored, verdict, f"Wrote {written}")
+
+
+def certificate_command(
+    result: Path,
+    wanted: Annotated["Wanted", wanted_of],
+    file: Path | None = None,
+    about: list[str] | None = None,
+    paper: str = "a4",
+) -> int:
+    """Write the certificate of a result: report --certificate.
+
+    Examples:
+      uq-handeye certificate result/result.json certificate.pdf
+      # The machine-readable form, with a decision on a tolerance
+      uq-handeye certificate result/result.json certificate.json \\
+          --tolerance 1mm,0.1deg --about cell.toml
+      # All poses of a rig, with a decision on each camera
+      uq-handeye certificate result/rig.json rig.pdf --tolerance 1mm,0.1deg
+
+    A result that is not usable or has no uncertainty is not certified: the
+    file says so and states no X, and the exit status is 3.
+
+    Arguments:
+      FILE: Certificate to write, .html, .pdf or .json. Default: none, print the headline only.
+    """
+    from ...calibration.result import load
+
+    one_of(paper, "--paper", PAPERS)
+    require_writable(file, "FILE", CERTIFICATES)
+    return _deliver_certificate(load(result), file, wanted, read_about(about or ()), paper)
+
+
+def _deliver_certificate(
+    stored: "Calibration | RigCalibration", file: Path | None, wanted: Wanted, about: dict[str, str], paper: str
+) -> int:
+    """Write a certificate, print its headline, and return the exit status."""
+    from ...calibration.report.first_screen import status_of as colour_of
+    from ...core.presentation.document import Answer, Paragraph
+    from ...report.certificate import make_certificate
+    from ...report.rig_certificate import RigCertificate
+
+    found = make_certificate(stored, tolerance=wanted.tolerance, about=about)
+    written = ""
+    if file is not None:
+        with timed(f"writing {file}"):
+            written = f"Wrote {found.write(file, paper=paper)}"
+    if isinstance(found, RigCertificate):
+        lines = [*found.refusals, *(f"{name}: {verdict}" for name, verdict in found.verdicts.items())]
+        head = f"{'' if found.certified else 'NOT CERTIFIED. '}Certificate {found.identifier}. {written}".strip()
+        emit("" if quiet() else "\n".join([head, *lines]) + "\n")
+        missed = any(not verdict.passed for verdict in found.verdicts.values())
+        return ExitStatus.NOT_USABLE if not found.certified else ExitStatus.NOT_PASSED if missed else ExitStatus.DONE
+    verdict = None if found.decision is None else found.decision.verdict
+    if not quiet():
+        blocks = [Answer(found.result.headline, colour_of(found.result))]
+        if not found.certified:
+            blocks = [Answer(f"NOT CERTIFIED. {found.result.headline}", "failed")]
+        elif verdict is not None:
+            blocks.append(Answer(str(verdict), verdict.status))
+        number = f"Certificate {found.identifier}."
+        emit_document([[*blocks, Paragraph(f"{number} {written}".strip(), hang="  ")]])
+    return status_of(found.result, verdict) if found.certified else ExitStatus.NOT_USABLE

@@ -1,0 +1,89 @@
+"""Command ``update``: a stored result with new poses added."""
+
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from ...core.files.locks import held
+from ...errors import InputError, NotConvergedError
+from ..delivery import (
+    Outputs,
+    ReportOptions,
+    Wanted,
+    deliver_result,
+    emit_refusal,
+    report_options_of,
+    wanted_of,
+)
+from ..messages import timed, withheld
+from ..new_poses import NewPoses
+from ..rigs import NEW_VIEWS, deliver_rig, new_views, refuse, stored_rig
+
+if TYPE_CHECKING:
+    pass
+
+
+def update_command(
+    result: Path,
+    files: NewPoses,
+    wishes: Annotated["ReportOptions", report_options_of],
+    wanted: Annotated["Wanted", wanted_of],
+    outputs: Outputs,
+    although_changed: bool = False,
+    same: list[str] | None = None,
+) -> int:
+    """Update a stored result by new poses, one or more.
+
+    Examples:
+      uq-handeye update result/result.json robot.csv camera.csv -o new/
+      # New pictures; the camera is adjusted with all of them
+      uq-handeye update result/result.json robot.csv --images 'img/*.png' \\
+          --board 9x6 --square 20mm -o new/
+      # A rig, by new views in a rig file
+      uq-handeye update result/rig.json today.toml -o new/
+
+    The new result is the calibration of all poses together, with the options
+    of the stored one. The order of updates does not matter. New poses that
+    contradict the result are refused.
+
+    Options (Estimation):
+      * --although-changed: Update even if the new poses contradict the result.
+      * --same NAMES: What is that of the result, out of robot,camera,target, or none. Default: all.
+    """
+    if (rig := stored_rig(result)) is not None:
+        refuse(
+            *NEW_VIEWS, "--although-changed", "--report", "--about", "--full-report", "--paper", "--tolerance", "--at"
+        )
+    outputs.require_possible()
+    from ...calibration.result import Calibration
+    from ...model.posterior.owners import THINGS
+    from ...use.maintenance.update import gain, update
+
+    with _held_if_replaced(result, outputs.output):
+        stored: Any = rig or Calibration.from_json(result)
+        poses: Any = files.read(stored, str(result)) if rig is None else new_views(rig, files)
+        with withheld() as said:
+            try:
+                with timed("updating"):
+                    named = names_of(same, THINGS)
+                    found: Any = update(stored, poses, although_changed=although_changed, same=named)
+                said += [] if outputs.as_json else found.warnings
+            except (InputError, NotConvergedError) as error:
+                return emit_refusal(error, outputs.as_json, said)
+        if rig is not None:
+            return deliver_rig(found, wishes, wanted, outputs)
+        found = replace(found, about=found.about | wishes.about)
+        return deliver_result(found, outputs, wanted, wishes, more=gain(stored, found, poses.n))
+
+
+def names_of(same: list[str] | None, otherwise: tuple[str, ...]) -> str | tuple[str, ...]:
+    """Return the names of --same, once or several times."""
+    return otherwise if same is None else ",".join(same)
+
+
+def _held_if_replaced(result: Path, output: Path | None) -> AbstractContextManager[None]:
+    """Return the lock of a result that its update replaces: of two at once, the second starts from the first."""
+    replaced = None if output is None else output / result.name
+    same = replaced is not None and replaced.is_file() and result.is_file() and replaced.samefile(result)
+    return held(result) if same else nullcontext()

@@ -1,0 +1,28 @@
+"""Command ``view``: a stored result in the browser."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ..touches import TouchesToUse
+
+if TYPE_CHECKING:
+    pass
+from .live import PageOptions, _stay
+
+
+def view_command(result: Path, page: PageOptions, touched: TouchesToUse) -> int:
+    """Show a stored calibration in the browser.
+
+    Examples:
+      uq-handeye view result/result.json
+      # A rig with several cameras
+      uq-handeye view rig.json
+
+    Ctrl-C ends the page.
+    """
+    from ...calibration.result import load
+    from ...use.live_session.view import view_page
+
+    shown = load(result)
+    touches = touched.read(getattr(shown, "kinematics", None))
+    return _stay(view_page(shown, page.host, page.port, touches), page)
