@@ -225,6 +225,7 @@ def test_a_damaged_camera_calibration_is_refused(from_corners, damage):
         uq.Calibration.from_dict(data | {"data": data["data"] | {"camera_calibration": camera}})
 
 
+@pytest.mark.slow
 def test_lists_of_numbers_take_one_line():
     """File of 30 poses: smaller than one number to a line made it without the poses."""
     with warnings.catch_warnings():

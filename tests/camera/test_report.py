@@ -36,6 +36,8 @@ from uq_handeye.model.camera.report.page import camera_report_html, report_files
 from uq_handeye.model.camera.residual_pattern import CELLS
 from uq_handeye.report.sections import camera_sections, shares_words
 
+pytestmark = pytest.mark.slow
+
 S = 0.1
 DISTORTION = (-0.3, 0.1, 0.0, 0.0)
 MOVED, SHIFT = 333, 10.0
@@ -93,7 +95,6 @@ def pages(right, wrong):
 # ------------------------------------------------------------------------------------------------------------- figures
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("which", ["right", "wrong", "upright"])
 def test_texts_do_not_overlap_and_are_large_enough(drawn, which):
     assert list(drawn[which]) == STEMS
@@ -105,7 +106,6 @@ def test_texts_do_not_overlap_and_are_large_enough(drawn, which):
         assert min(text.get_fontsize() for text in texts if text.get_text()) >= 7.5
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("which", ["right", "wrong", "upright"])
 def test_nothing_is_cut_at_the_rim(drawn, which):
     for name, picture in drawn[which].items():
@@ -118,7 +118,6 @@ def words(figure):
     return [text.get_text() for text in figure.findobj(lambda artist: hasattr(artist, "get_text")) if text.get_text()]
 
 
-@pytest.mark.slow
 def test_a_wrong_model_says_so_and_the_right_one_does_not(drawn, pages, right, wrong):
     assert wrong.pattern.found and not right.pattern.found
     said = {which: " ".join(words(drawn[which]["pattern"].figure)).replace("\n", " ") for which in ("right", "wrong")}
@@ -135,7 +134,6 @@ def test_a_wrong_model_says_so_and_the_right_one_does_not(drawn, pages, right, w
         assert "is wrong" not in text and "no pattern" in text
 
 
-@pytest.mark.slow
 def test_a_moved_corner_is_seen_and_named(drawn, right):
     corners = right.corners
     name = f"{corners.names[corners.picture[MOVED]]}, corner {corners.place[MOVED]}"
@@ -209,7 +207,6 @@ def test_a_pixel_that_no_direction_reaches_is_said():
     assert np.isnan(rays(MODELS["brown"], parameters, np.array([320.0 + 750.0, 240.0]))).all()
 
 
-@pytest.mark.slow
 def test_the_map_is_the_deviation_of_where_a_point_is_seen(right):
     bundle = right.bundle
     at = np.array([[50.0, 60.0], [320.0, 240.0], [600.0, 400.0]])
@@ -230,7 +227,6 @@ def test_the_map_is_the_deviation_of_where_a_point_is_seen(right):
     assert fixed(np.nanmax(deviation), 2) in camera_pictures(right)["certainty"].caption
 
 
-@pytest.mark.slow
 def test_exact_intrinsics_have_no_map(right):
     cam = calibrate_camera(right.corners, SIZE, "brown", coefficients=[], intrinsics=right.intrinsics)
     assert list(camera_pictures(cam)) == [stem for stem in STEMS if stem != "certainty"]
@@ -238,7 +234,6 @@ def test_exact_intrinsics_have_no_map(right):
     assert "no uncertainty to draw" in camera_report_html(cam)
 
 
-@pytest.mark.slow
 def test_figures_are_written(right, tmp_path):
     path = right.figure(tmp_path / "a.svg", "boards")
     assert path.read_bytes().startswith(b"<?xml")
@@ -248,7 +243,6 @@ def test_figures_are_written(right, tmp_path):
         right.figure(tmp_path / "a.png", "lens")
 
 
-@pytest.mark.slow
 def test_the_same_calibration_gives_the_same_page(right, pages):
     assert camera_report_html(right, date="a day") == pages["right"]
 
@@ -288,7 +282,6 @@ def test_the_summary_says_why_this_model(right, pages):
     assert "further off" not in many.summary(details=True) and "no fit" in many.summary(details=True)
 
 
-@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::uq_handeye.InputWarning")
 def test_little_coverage_is_said():
     corners = seen()
@@ -314,7 +307,6 @@ def test_the_page_is_whole(which, pages, request):
     assert all(name in text for name in cam.corners.names)
 
 
-@pytest.mark.slow
 def test_names_of_pictures_are_escaped(right):
     names = ["<script>alert(1)</script>", *right.corners.names[1:]]
     corners = uq.Corners(right.corners.row, right.corners.points, right.corners.pixels, names)
@@ -322,7 +314,6 @@ def test_names_of_pictures_are_escaped(right):
     assert "<script>alert" not in replace(right, corners=corners)._repr_html_()
 
 
-@pytest.mark.slow
 def test_files_of_the_report(right):
     found = report_files(right)
     assert sorted(found) == sorted(["report.html", *(f"{stem}.{kind}" for stem in STEMS for kind in ("png", "svg"))])

@@ -18,6 +18,8 @@ from uq_handeye.model.camera.description import Board
 from uq_handeye.model.camera.models import MODELS
 from uq_handeye.read import write_pose_file
 
+pytestmark = pytest.mark.slow
+
 cv2 = pytest.importorskip("cv2")
 BOARD = ("--board", "9x6", "--square", "20mm")
 FAR = stats.chi2.ppf(CONFIDENCE, 6)
@@ -54,7 +56,6 @@ def squared_distance(out, truth):
     return float(xi @ np.linalg.solve(np.array(found["covariance"]), xi)), found
 
 
-@pytest.mark.slow
 def test_from_pictures_to_x_in_two_commands(rig):
     folder, truth = rig
     done = run("camera", "img/*.png", *BOARD, "-o", "camera", cwd=folder)
@@ -84,7 +85,6 @@ def test_from_pictures_to_x_in_two_commands(rig):
     assert isinstance(uq.read_poses(folder / "robot.csv", folder / "camera").camera_calibration, uq.CameraCalibration)
 
 
-@pytest.mark.slow
 def test_from_pictures_to_x_in_one_command(rig):
     folder, truth = rig
     command = ("calibrate", "robot.csv", "--images", "img/*.png", *BOARD, "--model", "pinhole", "--json")
@@ -110,7 +110,6 @@ def test_a_picture_too_few_is_said(rig, tmp_path):
     assert "has 9 poses and the pictures 7 pictures, none of them without a board" in done.stderr
 
 
-@pytest.mark.slow
 def test_half_turns_of_a_board_that_does_not_tell_are_resolved(rng, tmp_path):
     poses = write_pictures(tmp_path, Board(8, 6, 0.02), rng, n=8)
     files = sorted((tmp_path / "img").iterdir())
@@ -144,7 +143,6 @@ def test_half_turns_of_a_board_that_does_not_tell_are_resolved(rng, tmp_path):
     assert squared_distance(done.stdout, X)[0] < 6 * stats.f.ppf(CONFIDENCE, 6, 36)
 
 
-@pytest.mark.slow
 def test_corners_of_another_program(table):
     folder, truth = table
     done = run("calibrate", "robot.csv", "camera", "--json", cwd=folder)
@@ -152,7 +150,6 @@ def test_corners_of_another_program(table):
     assert squared_distance(done.stdout, truth)[0] < FAR
 
 
-@pytest.mark.slow
 def test_the_board_as_measured_is_that_of_the_next_pictures(rig, table):
     """The board.csv from pictures says which board it is; from a table it does not, and serves tables."""
     folder, _ = rig
@@ -174,7 +171,6 @@ def test_the_board_as_measured_is_that_of_the_next_pictures(rig, table):
     assert done.returncode == 2 and "does not name the kind of board" in done.stderr
 
 
-@pytest.mark.slow
 def test_json_is_that_of_the_folder(table):
     folder, _ = table
     done = run("camera", "corners.csv", "--image-size", "640X480", "--model", "pinhole", "--json", cwd=folder)
@@ -184,7 +180,6 @@ def test_json_is_that_of_the_folder(table):
     assert "Nothing was written: give -o camera/" in text
 
 
-@pytest.mark.slow
 def test_known_intrinsics_of_a_file(table):
     folder, _ = table
     (folder / "factory.json").write_text('{"fx": [750.0, 0.1], "fy": [746.0, 0.1], "image_size": [640, 480]}')
@@ -200,7 +195,6 @@ def test_known_intrinsics_of_a_file(table):
     assert done.returncode == 2 and "pictures of 1280 x 960 pixels, got 640 x 480. Scale fx" in done.stderr
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     "command",
     [
@@ -219,7 +213,6 @@ def test_other_commands_take_the_folder(table, command):
     assert done.returncode == 0, done.stderr
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

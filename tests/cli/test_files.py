@@ -83,6 +83,7 @@ def test_the_title_block_goes_into_the_result_and_the_report(session, tmp_path, 
         assert done.returncode == 2 and done.stderr.count("\n") == 1
 
 
+@pytest.mark.slow
 def test_the_comparison_of_the_report_is_a_figure_of_the_folder(session, tmp_path, asked):
     files = ("robot.csv", "camera.csv", *NOISE, "-o", tmp_path / "out", "--figures")
     for more in (("--report", tmp_path / "r.html"), ()):

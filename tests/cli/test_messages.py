@@ -287,6 +287,7 @@ def test_colours_of_help():
     assert "\x1b[" in run_process("--help", FORCE_COLOR="1").stdout
 
 
+@pytest.mark.slow
 def test_progress_on_a_terminal_only(session):
     command = ("validate", "robot.csv", "camera.csv", *NOISE, "--method", "4dpa", "--workers", 1, "--trials", 3_000)
     status, seen = run_on_terminal(*command, cwd=session)
@@ -297,12 +298,14 @@ def test_progress_on_a_terminal_only(session):
     assert piped.stderr == "" and "/3,000 trials" not in piped.stdout
 
 
+@pytest.mark.slow
 def test_a_report_that_is_being_written_says_so_on_a_terminal(session, tmp_path):
     report = ("--report", tmp_path / "r.html", "--no-compare")
     status, seen = run_as_on_terminal("calibrate", "robot.csv", "camera.csv", *NOISE, *report, cwd=session)
     assert status == 0 and "writing " in seen and "gripper_T_camera from robot.csv" in seen
 
 
+@pytest.mark.slow
 def test_ctrl_c_before_the_first_trial(session):
     # what a shell starts in the background ignores SIGINT, and so would all that it starts
     program = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"
@@ -372,6 +375,7 @@ def test_roles_are_styled_only_where_there_are_colours(monkeypatch, capsys):
         assert styled("ok", "ok") == "ok"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "arguments", [["calibrate", "robot.csv", "camera.csv", *NOISE], ["export", "r.json", "x.urdf"]]
 )

@@ -63,6 +63,7 @@ def test_choices_complete_the_last_of_a_list():
     assert complete("x") == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("words", "expected"),
     [
@@ -102,6 +103,7 @@ def test_help_and_completion_load_nothing_that_takes_long():
     assert not loaded & {"pandas", "matplotlib", "sympy", "emcee", "scipy", "numpy", "yaml", "jinja2"}
 
 
+@pytest.mark.slow
 def test_a_calibration_loads_nothing_that_it_does_not_need(tmp_path):
     """Each of these takes as long to import as NumPy or the poses to be calibrated."""
     write_session(tmp_path)
@@ -202,6 +204,7 @@ QUICK = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("files", [("camera.csv", "robot.csv"), ("robot.csv", "millimetres.csv")])
 @pytest.mark.parametrize("noise", [NOISE, ()])
 def test_what_calibrate_warns_of_every_command_warns_of(session, files, noise):

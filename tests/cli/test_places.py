@@ -55,6 +55,7 @@ def test_a_folder_without_permission(command, tmp_path, monkeypatch):
     assert "no permission to write" in refused(command, "locked", tmp_path)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [errno.ENOSPC, errno.EROFS, errno.EACCES])
 def test_what_shows_only_in_writing_is_one_line_too(number, tmp_path, monkeypatch):
     def refuse(*_):

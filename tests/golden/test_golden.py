@@ -61,6 +61,7 @@ def results():
     }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", results())
 def test_screens(name):
     result = results()[name]()

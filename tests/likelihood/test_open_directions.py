@@ -126,6 +126,7 @@ def test_no_motion_at_all_is_refused():
         efficient(still, NOISE)
 
 
+@pytest.mark.slow
 def test_a_result_with_a_prior_is_tested_and_one_with_open_directions_is_not():
     data = rig("scara", 15, np.random.default_rng([SEED, 21]))
     with pytest.warns(uq.InputWarning, match="leave open"):

@@ -33,6 +33,7 @@ def joint_fit(poses, robot):
     return efficient(poses, uq.PoseNoise(robot, poses.camera_calibration.covariance))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
 @pytest.mark.parametrize("robot", [ROBOT, None], ids=["noisy robot", "exact robot"])
 @pytest.mark.parametrize("model", ["pinhole", "brown"])
@@ -75,6 +76,7 @@ def test_errors_that_all_robot_poses_share_are_unknowns(rng, setup):
     np.testing.assert_allclose(found.agreement.eigenvalues, 1, atol=0.05)
 
 
+@pytest.mark.slow
 def test_it_is_the_minimum_over_everything_at_once(rng):
     """The same objective, written down once more and minimised over all unknowns without eliminating any."""
     n = 6
@@ -107,6 +109,7 @@ def test_it_is_the_minimum_over_everything_at_once(rng):
     np.testing.assert_allclose(bundle.parameters[:2], found.x[12:14] * seen.bundle.parameters[:2], rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_a_wrong_robot_pose_is_left_out(rng):
     """The result is as without that pose, but its corners still inform the intrinsics."""
     corners, robot, X = recorded(rng, 15)
@@ -168,6 +171,7 @@ def test_what_makes_no_sense_is_refused(rng):
         adjust_rig(poses, np.tile(ROBOT, (5, 1, 1)), at)
 
 
+@pytest.mark.slow
 @needs_data
 @pytest.mark.parametrize("name", ["synthetic_camera_2", "kuka_1"])
 def test_on_recorded_corners(name):

@@ -191,6 +191,7 @@ def test_as_good_as_without_the_outliers(kind, known):
     assert flagged <= stats.binom.ppf(0.9995, 6 * 36, 0.001)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("n", "wrong_ones", "known"), [(10, 1, True), (10, 1, False), (20, 1, False), (40, 15, True)])
 def test_few_poses_and_many_outliers(n, wrong_ones, known):
     for trial in range(5):

@@ -81,6 +81,7 @@ def drawn(name, setup, count, poses, rng):
     return perturb(T, xi["robot"]), perturb(C, xi["camera"]), error
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("setup", SETUPS)
 @pytest.mark.parametrize("name", ERRORS)
 def test_consistent_where_the_error_is_drawn_from_its_prior(name, setup, rng):
@@ -141,6 +142,7 @@ def test_estimates_of_a_prior_that_is_wrong_stand_out(rng):
     assert np.mean(np.array(p_values[10.0]) < 1e-3) > 0.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["sandwich", "bootstrap"])
 def test_covariances_from_residuals_beside_declared_errors(kind):
     """On average they are the model's, in the directions of noise and in those of the declared errors."""

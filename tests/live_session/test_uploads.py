@@ -179,6 +179,7 @@ def test_hostile_bags_through_the_page(page, monkeypatch, content, words):
     assert all(page.session.folder.path in path.resolve().parents for path in inside)
 
 
+@pytest.mark.slow
 def test_touches_are_drawn_beside_each_answer(page):
     for robot, camera in zip(POSES.robot, POSES.camera, strict=True):
         page.session.add(robot, camera, ask=False)

@@ -149,6 +149,7 @@ def test_lengths_in_another_unit_whose_errors_hide_the_contradiction(setup):
         assert found.status == "cannot tell" and option in flat(found)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("setup", SETUPS)
 def test_files_that_are_misread(results, setup):
     poses = moved(setup)

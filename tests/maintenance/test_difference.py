@@ -143,6 +143,7 @@ def test_a_file_without_a_posterior_is_taken_as_independent_and_predicts_nothing
         uq.verify(bare, np.full((4, 3), 0.3), np.full((4, 3), 0.5), robot=poses.robot[:4], touch_sd="0.2mm")
 
 
+@pytest.mark.slow
 def test_independent_results_without_poses_differ_as_with_them():
     poses = replace(uq.simulate(24, noise=NOISE, seed=9), truth=None)
     pair = [quietly(poses.rows(rows)) for rows in (np.arange(12), np.arange(12, 24))]

@@ -206,6 +206,7 @@ def without_poses(result):
     return replace(result, **parts)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("options", "close"),
     [
@@ -293,6 +294,7 @@ def test_another_target_is_not_one_fit():
     assert scale[2] < scale[1] <= scale[0] * (1 + 1e-9)
 
 
+@pytest.mark.slow
 def test_touches_that_were_taken_in_are_taken_in_again():
     """A file holds them: the update is the fit of all poses with the touches."""
     poses = uq.simulate(ALL, noise=NOISE, seed=5)

@@ -304,6 +304,7 @@ def pages_of(path):
     return max(int(count) for found in counts for count in found)
 
 
+@pytest.mark.slow
 def test_a_full_report_has_the_folded_sections_open(small, tmp_path):
     found = Page(small.report(tmp_path / "r.html", comparison=False, details=True).read_text(encoding="utf-8"))
     assert all("open" in attributes for attributes in found.all("details"))
@@ -312,6 +313,7 @@ def test_a_full_report_has_the_folded_sections_open(small, tmp_path):
         small.report(tmp_path / "r.pdf", paper="a5")
 
 
+@pytest.mark.slow
 def test_methods_are_compared_with_this_result(result, page, quick):
     words = page.words("methods")
     assert "efficient (this result)" in words
@@ -326,6 +328,7 @@ def test_methods_are_compared_with_this_result(result, page, quick):
             assert row.failure in own
 
 
+@pytest.mark.slow
 def test_rejected_poses_are_left_out_of_the_comparison(quick):
     poses = simulated()
     camera = np.array(poses.camera)
@@ -336,6 +339,7 @@ def test_rejected_poses_are_left_out_of_the_comparison(quick):
     assert "55 pairs of 11 poses" in words and "Without the pose rejected here." in words
 
 
+@pytest.mark.slow
 def test_a_cross_check_lists_its_relations(result, quick):
     check = uq.cross_check(simulated(), noise=NOISE, trials=200, posterior=False)
     words = Page(report_html(result, cross_check=check)).words("ellipses")
