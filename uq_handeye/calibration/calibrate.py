@@ -1,8 +1,9 @@
-"""calibrate(): from poses or motions, with or without their noise, to X with its uncertainty.
+"""The function `calibrate`: X with its uncertainty from poses or motions, with or without their noise.
 
-The estimate is `likelihood` by default, started from 4DPA, whose own X and covariance stay in the result; or a
-published method (`published_fit`). Where no noise is given it is estimated from the data (`noise_estimation`). Outliers
-are down-weighted (`robust`). What looks wrong is said (`input_checks`, `diagnostics`, `split_half`).
+The default method is maximum likelihood (`likelihood`), started from 4DPA, whose own X and covariance stay in the
+result; the alternative is a published method (`published_fit`). Where no noise is given it is estimated from the data
+(`one_model`). Outliers are down-weighted (`robust`). Suspicious input is reported as findings (`input_checks`,
+`diagnostics`, `split_half`).
 """
 
 from __future__ import annotations

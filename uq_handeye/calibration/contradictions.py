@@ -1,6 +1,6 @@
-"""Findings where the data contradict what was declared: data sheets, corners, shared errors, priors.
+"""Findings about declared errors: those that the data contradict, and those that they cannot separate from X.
 
-Also errors that the data cannot separate from X.
+Declared are the noise of data sheets or corners, the errors that all poses share, and priors.
 """
 
 from __future__ import annotations

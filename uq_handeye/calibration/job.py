@@ -1,4 +1,4 @@
-"""A request with its data: noise, shared errors and arm that fit each other, and what the estimators work on."""
+"""A request with its data: the noise, shared errors, arm and motions that the estimators take, checked together."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Request to `calibrate` beside the data: its arguments, checked once, for these or for fewer poses."""
+"""The options of `calibrate`: all arguments but the data, checked once, and selected with the poses."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Calibration: X with its uncertainty, and everything that belongs to it, in one documented object."""
+"""`Calibration`, the result of `calibrate`: X with its uncertainty, W, the fit, the findings and the origin."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""A `Calibration` as the plain numbers, lists and text of its file, and back.
+"""Conversion of a `Calibration` to the plain numbers, lists and text of its file, and back.
 
-Reading checks types, shapes, that all is finite, and that numbers which others follow from agree with them. Sentences
+Reading checks types, shapes, finite values, and that derived numbers agree with those they follow from. Sentences
 (``warnings``) are written for other programs and not read: the findings are.
 """
 

@@ -1,4 +1,4 @@
-"""Sentences of the findings of `calibrate` beyond the checks that it calls. Values are in rad and m."""
+"""Sentences of the findings of `calibrate` other than those of the checks that it calls. Values are in rad and m."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""Program ``uq-handeye``: parse, call, print.
+"""The program ``uq-handeye``: it parses the command line, calls the command, and ends with its exit status.
 
-`exit_status.py` has the exit statuses.
+The statuses are in `exit_status.py`.
 """
 
 import _thread

@@ -1,4 +1,4 @@
-"""Options of a ROS bag, and its streams in the place of pose files."""
+"""Options of a ROS bag, whose streams take the place of pose files."""
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Options of a board, of which pictures or views are taken."""
+"""Options of the board that is seen in pictures or views."""
 
 from dataclasses import dataclass
 from pathlib import Path

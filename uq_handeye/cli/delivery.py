@@ -1,4 +1,4 @@
-"""Outcome of a command: files in the folder of ``-o DIR``, the report, what is printed, tolerance and exit status."""
+"""Output of a command: files in the folder of ``-o DIR``, the report, the printed text, tolerance and exit status."""
 
 import math
 from collections.abc import Callable, Iterable, Mapping

@@ -1,4 +1,4 @@
-"""Exit statuses of the program, with what each says; the page `exit status` of the documentation has this table."""
+"""Exit statuses of the program and their meaning; the page `exit status` of the documentation has this table."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Help of a command: summary, examples, and the options that people use; every option with --help-all.
+"""Help of a command: summary, examples and the common options; all options with --help-all.
 
 The texts are those of the program: the docstring of a command and the ``help`` of its options. The pages of the
 documentation are made from the same functions.

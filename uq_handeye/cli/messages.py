@@ -1,7 +1,7 @@
 """Messages of the command in addition to its result: notes, warnings and errors on stderr, colours, the log file.
 
-Everything goes through the logger ``uq_handeye``: DEBUG is each step and its duration (-v), INFO a finding on the way
-(a note), WARNING input that looks wrong, ERROR the one line that ends the run. Stdout is for results.
+Everything goes through the logger ``uq_handeye``: DEBUG is each step and its duration (-v), INFO a note, WARNING input
+that looks wrong, ERROR the one line that ends the run. Stdout is for results.
 """
 
 import logging

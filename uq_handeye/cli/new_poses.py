@@ -1,6 +1,6 @@
-"""Data of the commands: those of a calibration with the options of its estimate, and the new poses held against one.
+"""Input of the commands that calibrate first, and of those that compare new poses with a stored calibration.
 
-New poses come in the setup of the stored calibration, with its arm and its camera.
+New poses have the setup, the arm and the camera of the stored calibration.
 """
 
 from contextlib import suppress
@@ -93,7 +93,7 @@ class NewPoses:
 
 @dataclass(frozen=True)
 class Session:
-    """The poses of a command that starts from a calibration, and what is known of their errors."""
+    """The poses of a command that calibrates first, with the declared noise and shared errors."""
 
     files: PoseFiles
     given: Annotated[Given, given_of]
@@ -107,12 +107,11 @@ class Session:
     def calibrated(
         self, pairs: str, of_motions: str | None = None, *, shows_checks: bool = True, **beforehand: Any
     ) -> "tuple[Calibration | None, dict[str, Any]]":
-        """Calibrate, with its warnings; return the result, and the arguments of a question about X (`problem_for`).
+        """Calibrate the poses; return the result, and the arguments of a computation from X (`problem_for`).
 
-        ``shows_checks``: the text of the command has the checks of the calibration, in place of warnings;
-        ``of_motions``: the pairs where the noise is that of motions.
-
-        The result is None if `calibrate` refuses the data, unless X or W are known ``beforehand``: then its error.
+        ``shows_checks``: the text of the command contains the checks of the calibration, in place of warnings.
+        ``of_motions``: the value of ``pairs`` where the noise is that of motions.
+        ``beforehand``: priors of X or W. With them an error of `calibrate` is raised; without, the result is None.
         """
         from ..calibration.calibrate import calibrate
 

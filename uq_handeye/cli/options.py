@@ -1,7 +1,7 @@
-"""Options that several commands share, how options are declared, and how output is printed.
+"""Declaration of the options of all commands by docstrings, and the options that several commands share.
 
-A parameter of a function, or a field of a dataclass, has its type and default where Python has them; what its option
-takes and says stands in the docstring:
+A parameter of a function, or a field of a dataclass, has its type and default where Python has them; the value and the
+help text of its option are in the docstring:
 
     Arguments:
       files = PICTURES: Pictures, or one table of corners.
@@ -13,7 +13,7 @@ takes and says stands in the docstring:
       as_json = --json: Print the result as one JSON object.
 
 The heading names the group of the help, if there is one. ``*`` marks options that the short help shows. Behind the
-names stands what the option takes, nothing for a flag; then, in ``<>``, the names that the shell completes (a constant
+names comes the value of the option, nothing for a flag; then, in ``<>``, the names that the shell completes (a constant
 of the module or of this one, or words with ``|`` between them) or the function of these that checks the value.
 ``{PAIRINGS}`` in the text lists a constant. The parameter of an option is the one of its name, or the one in front of
 ``=``. What several commands take is declared once, in `Common`, and found there by the name of the parameter.

@@ -1,4 +1,4 @@
-"""Options of pictures of a board: camera model, and the camera poses that the pictures give."""
+"""Options of pictures of a board: the camera model, and the camera poses computed from the pictures."""
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Options of what is known of X and W before the data."""
+"""Options of the priors of X and W."""
 
 from pathlib import Path
 from typing import Any

@@ -1,4 +1,4 @@
-"""Rigs, of several cameras, targets and arms: their calibration, and check, update, predict and plan of its result."""
+"""The commands for a rig of several cameras, targets and arms: calibrate, check, update, predict and plan."""
 
 from collections.abc import Iterable
 from dataclasses import replace

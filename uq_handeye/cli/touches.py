@@ -1,4 +1,4 @@
-"""Options of touches: points that the camera saw and the tool touched."""
+"""Options of touches: points that the camera saw and the tool then touched."""
 
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Options of camera poses from other programs: target and camera matrix, from which the camera noise follows."""
+"""Options of camera poses from other programs: target and camera matrix, by which the camera noise is modelled."""
 
 from dataclasses import dataclass
 from pathlib import Path

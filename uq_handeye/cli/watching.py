@@ -1,4 +1,4 @@
-"""A calibration that is computed again after each pose that arrives in a folder."""
+"""The loop of ``calibrate --watch``: X is estimated again after each pose that arrives in a folder."""
 
 import time
 from collections.abc import Callable

@@ -1,7 +1,7 @@
 """The certificate of a calibration: the preset of the report that is signed and filed, as a page and as data.
 
-The page selects the sections that a certificate states, and no X where nothing is certified. The data have stable keys,
-SI units, and quantities with the names of D-SI (PTB's format of SI data).
+The page selects the sections that a certificate states, and shows no X where nothing is certified. The data have stable
+keys, SI units, and quantities with the names of D-SI (PTB's format of SI data).
 """
 
 from __future__ import annotations

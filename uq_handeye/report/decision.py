@@ -1,4 +1,4 @@
-"""The decision on a tolerance, in the terms of JCGM 106, with its guard band; for a rig one decision a camera."""
+"""The decision on a tolerance in the terms of JCGM 106, with its guard band; for a rig one decision per camera."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Editing of a report: no sentence twice, and advice that holds code in the section for those who repeat the run."""
+"""Editing of a report: repeated sentences are removed, advice with code moves to the section on repeating the run."""
 
 from __future__ import annotations
 

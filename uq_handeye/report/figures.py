@@ -1,7 +1,7 @@
-"""All figures of a calibration, each with the words that belong to it.
+"""All figures of a calibration, each with its caption and alternative text.
 
-What cannot be drawn (no covariance, no poses, no noise) is left out; `report.page` says why. This module imports
-Matplotlib; import it where it is used.
+A figure that cannot be drawn (no covariance, no poses, no noise) is left out; `report.page` says why. This module
+imports Matplotlib; import it where it is used.
 """
 
 from __future__ import annotations

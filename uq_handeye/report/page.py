@@ -1,7 +1,7 @@
 """The report of a calibration: one self-contained HTML file, or its two pages as PDF.
 
-Page one has the answer, page two what it rests on; everything else follows in sections that are folded on the
-screen and printed where they are open (``details=True``).
+Page one has the answer, page two the evidence for it; everything else follows in sections that are folded on the
+screen and printed where they are unfolded (``details=True``).
 
 Nothing is loaded from anywhere: style and figures are in the file, and a content security policy forbids the rest. All
 text is escaped by the template. The same result gives the same file, except for the date.

@@ -1,5 +1,8 @@
-"""Sections of the report: about X (ellipses, points in task space, forms to copy, what it covers), about the data
-(residuals, budget, methods, observability, noise, other covariances), and about their origin (camera, how to repeat).
+"""The folded sections of the report, in three groups: X, the data, and their origin.
+
+About X: ellipses, points in task space, forms to copy, the errors that the covariance includes. About the data:
+residuals, budget, methods, observability, noise, other covariances. About the origin: the camera, and how to repeat
+the run.
 """
 
 from __future__ import annotations

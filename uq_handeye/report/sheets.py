@@ -1,4 +1,4 @@
-"""The two printed pages of a report: the answer with the checks and X, and what it rests on."""
+"""The two printed pages of a report: the answer with the checks and X, and the evidence for it."""
 
 from __future__ import annotations
 

@@ -1,9 +1,9 @@
-"""The words of a certificate: measurand, conditions, method, traceability, validity; and the terms of ISO 9283.
+"""The statements of a certificate: measurand, conditions, method, traceability, validity, and terms of ISO 9283.
 
 Pose repeatability RP is the spread of attained poses about their mean, of one commanded pose approached from one
 direction: ``RP_l = mean(l) + 3 S_l``, l the distances from the mean. Pose accuracy AP is the difference between a
-commanded pose and the mean of those attained (ISO 9283, 7.2). A calibration sees neither: it sees what the reported
-poses differ by from those of a rigid rig.
+commanded pose and the mean of those attained (ISO 9283, 7.2). A calibration measures neither: it measures the
+difference of the reported poses from those of a rigid rig.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Estimate of a rig: what is tied, start, noise, weights, fit, result."""
+"""Calibration of a rig: check that its poses are connected, then start, noise, weights, fit and result."""
 
 from __future__ import annotations
 

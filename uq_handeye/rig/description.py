@@ -1,4 +1,4 @@
-r"""Rig: arms, cameras and targets, what each of them is mounted on, and what the cameras saw.
+r"""Description of a rig: arms, cameras and targets, the carrier of each, and the views of targets by cameras.
 
 A camera or a target is ``on`` an arm (its flange) or the world, which is the base of the first arm. A moment is one
 measured robot pose, known by its name: an index, a number in a column, a time. Views of one moment share the errors of

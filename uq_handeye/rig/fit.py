@@ -1,18 +1,18 @@
-r"""All poses of a graph by maximum likelihood, with their joint covariance (T18).
+r"""Maximum likelihood fit of all poses of a graph, with their joint covariance (T18).
 
-Gauss-Helmert as with one camera (`likelihood.gauss_helmert`), with the rows of a group stacked:
+The steps are those of Gauss-Helmert, as with one camera (`likelihood.gauss_helmert`), with the rows of a group stacked:
 
     S_k = D_R Sigma_R D_R^T + blkdiag_e(D_C Sigma_C D_C^T),      A = [J, D K],      H = sum_k A^T S^-1 A + P_0
     (x, z) = -H^-1 A^T S^-1 rho,      v = Sigma D^T S^-1 (rho + A (x, z)) - K z,      rho = r + D v
 
 x errors of the unknown poses, z those that poses share (prior N(0, 1)); ``P_0`` the prior of both. ``H^-1`` is the
-joint covariance. Two steps as `efficient` takes them, more while the last one moved something by a tenth of its
-standard deviation; `ml` goes on until it converges.
+joint covariance. `efficient` takes two steps, and further ones while the last one moved a pose by a tenth of its
+standard deviation; `ml` iterates until it converges.
 
 A robust weight w divides the covariance of a camera pose's own noise, or of a robot pose's, never a row of S. In a
 group of one edge both are the same, and one weight divides both.
 
-Directions that the data leave open are those whose information is what noise of the measured poses makes of J alone
+Directions that the data do not determine are those whose information arises from noise of the measured poses in J alone
 (`likelihood.open_directions`): ``u^T I_0 u < SIGNAL_RATIO u^T N u + |theta|^2 / UNDETERMINED^2``, N summed over columns
 of the square roots of the covariances of all poses, I_0 and N weighted by the mean variances of an edge's rows.
 """
@@ -44,7 +44,7 @@ MAX_STEP_SD = 0.1
 # All directions are determined where the smallest eigenvalue of the information, scaled to a unit diagonal, is
 # above this.
 MIN_CLEAR_EIGENVALUE = 0.01
-# It replaces a robust weight of 0: less would lose the digits of the other rows of a group.
+# This weight replaces a robust weight of 0: a smaller one would lose the digits of the other rows of a group.
 MIN_POSE_WEIGHT = 1e-6
 
 

@@ -1,13 +1,12 @@
-"""Drawing of a rig: cameras on the left, targets on the right, views between them, what each is on, its uncertainty.
-
-Each node has an ellipse: half its width is the error of the rotation, half its height that of the position, on one
-scale for all nodes of the drawing. Where lines of many pairs would cover each other, targets are rows and cameras are
-columns. Written as SVG (`sketch.svg.j2`); classes give it the colours of the page.
-
-The report of a rig: one self-contained HTML file, or its two pages as PDF; the skeleton is that of one camera.
+"""The report of a rig: one self-contained HTML file, or its two pages as PDF, with the skeleton of one camera's report.
 
 Page one has the answer, the drawing of the rig and all poses; page two the relative poses, residuals by camera and
 target, and the noise; the rest follows in sections that are folded on the screen.
+
+The drawing has cameras on the left, targets on the right, and the views between them. Each node names its carrier and
+has an ellipse: half its width is the error of the rotation, half its height that of the position, on one scale for all
+nodes. Where lines of many pairs would cover each other, targets are rows and cameras are columns. The drawing is
+written as SVG (`sketch.svg.j2`); its classes give it the colours of the page.
 """
 
 from __future__ import annotations

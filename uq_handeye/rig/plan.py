@@ -1,21 +1,21 @@
-r"""Position of a point that a camera of a rig sees, in the world or in the frame of another camera, with covariance.
+r"""Predictions from the result of a rig: the position of a point that a camera sees, and the best views to take next.
 
-With ``K_i = [B_a G_a] X_i`` the pose of camera i, ``x = K_i p``; an error xi of a factor T of K moves x by
+*Position of a point*, in the world or in the frame of another camera, with its covariance. With
+``K_i = [B_a G_a] X_i`` the pose of camera i, ``x = K_i p``; an error xi of a factor T of K moves x by
 ``R_< (theta x R s + tau)``, R_< the rotation of the factors before T, R that of T, s the point in the frame of T's
 child. In the frame of camera j, ``q = K_j^-1 x``, the difference of both moves counts, rotated by ``R_j^T``: what i and
 j share, such as the robot pose of one arm, cancels. The errors are those of the posterior and the noise of the robot.
 
-Choice of the view to take next, at which robot pose and by which camera: what each would add.
-
-A candidate is a pair of camera and target that the rig has views of, at a robot pose (of each arm that carries one of
-them). The camera should see the target at ``C = P^-1 Q`` of the estimates; candidates at which it would be nearer or
-farther, more to the side or more tilted than the pair has been seen are left out. Its rows, whitened by the noise of
-robot and camera, and the posterior give the covariance after it; the criterion is the mean square error
+*Next view*: the robot pose and the camera of the view that would add most. A candidate is a pair of camera and target
+that the rig has views of, at a robot pose (of each arm that carries one of them). The camera should see the target at
+``C = P^-1 Q`` of the estimates; candidates at which it would be nearer or farther, more to the side or more tilted than
+in the views so far are left out. The rows of the candidate, whitened by the noise of robot and camera, and the
+posterior give the covariance after it; the criterion is the mean square error
 
     mean over cameras of  L^2 tr Cov(theta) + tr Cov(tau)
 
-L the mean distance of the targets: of points so far ahead. Chosen one after the other, then exchanged
-(`posterior.selection`).
+with L the mean distance of the targets: the mean square error of points at that distance. Views are chosen one after
+the other, then exchanged (`posterior.selection`).
 """
 
 from __future__ import annotations

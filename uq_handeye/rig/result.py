@@ -1,4 +1,4 @@
-"""The result of a rig: all its poses with their joint covariance, and what is done with them.
+"""The result of a rig calibration: all its poses with their joint covariance, and the operations on them.
 
 `RigCalibration` adds to the poses its text and file, the report, exports, and the check, prediction and plan with new
 views.

@@ -1,15 +1,16 @@
-r"""Noise of a rig from its own views: components with owners, whose sizes are found together (`one_model`).
+r"""Noise of a rig, estimated from its own views: components with owners, whose sizes are found jointly (`one_model`).
 
 An arm owns rotation and translation noise of its poses, and its accuracy; a camera rotation and translation noise,
-that by the view, focal length and image centre; a target its scale. The column of an owner is zero in the rows of the
-others. With one camera these are the components of `calibrate`, in their order; what its lens does and the errors by
-the view are then told from nothing else, and the size of its intrinsics is that of the table. Several cameras tell that
-size: it is free, and those of all cameras share a prior, log-normal about a median that is itself log-normal, so that
-few views of one camera borrow from the others. Targets of one printer are wrong by one factor: beside the scale of
-each, several targets share one. How wide the targets are over their distance decides the shape of the noise by the view
-and what the intrinsics do; several cameras tell that, too (`width_of_targets`).
+noise that depends on the view, focal length and image centre; a target its scale. The column of an owner is zero in the
+rows of the others. With one camera these are the components of `calibrate`, in their order; the data then cannot
+separate the distortion of the lens from the errors by the view, and the size of the intrinsics is that of the table.
+Several cameras determine that size: it is free, and the sizes of all cameras share a prior, log-normal about a median
+that is itself log-normal, so that a camera with few views borrows from the others. Targets of one printer are wrong by
+one factor: in addition to the scale of each, several targets share one. The ratio of the targets' width to their
+distance decides the shape of the noise by the view and the effect of the intrinsics; several cameras determine that
+ratio as well (`width_of_targets`).
 
-Rows of one robot pose stand together (`engine.Rows`): views at one moment show the robot's noise directly, by the
+Rows of one robot pose form one block (`engine.Rows`): views at one moment show the robot's noise directly, by the
 correlation of their residuals.
 """
 

@@ -7,15 +7,15 @@ known,
 
 The eigenvector of the smallest eigenvalue of the sum over edges of A^T A (9 m square) holds all rotations in one frame,
 each projected on SO(3). With several arms, whose bases are unknown, the edges have three or more unknown rotations:
-each in turn is the one nearest to what the others say, from many random starts at once, the best of which counts.
-Then all translations, linear given the rotations, by least squares. Wrong rows, judged by the median, are left out and
-all is done again. One camera with one target starts as `calibrate` does (4DPA), and a rig about one axis from its best
-pair along a spanning tree.
+each in turn is the one nearest to the predictions of the others, from many random starts at once, the best of which
+counts. Then all translations, linear given the rotations, follow by least squares. Outlying rows, judged by the median,
+are left out and the start is computed again. One camera with one target starts as `calibrate` does (4DPA), and a rig
+about one axis from its best pair along a spanning tree.
 
-Parts of the graph that nothing ties together are named before. Cameras and targets that see each other, directly or
-through others, are one part. A part is tied to the world if one of its views leads from one thing to another (an arm to
-the world, an arm to another arm), or a pose in it is known. The base of an arm is tied to another arm if a part has
-something on both.
+Parts of the graph that no view connects are reported first. Cameras and targets that see each
+other, directly or through others, are one part. A part is connected to the world if one of its views leads from one
+carrier to another (an arm to the world, an arm to another arm), or a pose in it is known. The base of an arm is
+connected to another arm if a part has a camera or target on both.
 """
 
 from __future__ import annotations

@@ -8,14 +8,12 @@ of covariance Sigma that is tested (of a camera pose or a robot pose),
 
 is the square distance between the pose as measured and as everything else predicts it: chi-square with 6 degrees of
 freedom for a good one, whatever its weight w (`likelihood.robust`). In a group of one edge the two cannot be separated:
-the edge is tested by all of its rows. Where both are suspect in a group of several edges, the robot pose takes the
-blame if it explains more than the worst edge does, as it spoils all of them.
+the edge is tested by all of its rows. Where both are suspect in a group of several edges, the robot pose is
+down-weighted if it explains more than the worst edge does, as its error affects all of them.
 
-A rig that is one camera, one target and one arm: sizes and weights as `calibrate` finds them.
-
-Such a graph has one kind of edge, each with a robot pose of its own: its rows are those of `likelihood.constraint`, and
-`one_model` takes the components of the rig as they are, weighs the poses and finds the sizes (`one_model.weights`).
-What comes back are sizes, weights and unknowns to fit the graph from.
+*One camera, one target, one arm.* Such a graph has one kind of edge, each with its own robot pose: its rows are those
+of `likelihood.constraint`. `one_model` takes the components of the rig, weighs the poses and estimates the sizes
+(`one_model.weights`), as for `calibrate`; its sizes, weights and unknowns are the start of the fit of the graph.
 """
 
 from __future__ import annotations

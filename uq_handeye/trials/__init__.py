@@ -1,1 +1,1 @@
-"""Simulated rigs, and tests whether a covariance is consistent."""
+"""Simulated rigs, and tests of the consistency of a covariance."""

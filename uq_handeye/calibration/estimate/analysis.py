@@ -1,8 +1,8 @@
-"""Quantities of a fit beyond X and its covariance: its analysis, and the arm as it was found.
+"""Results of a fit in addition to X and its covariance: its diagnostics, and the estimated errors of the arm.
 
-The analysis is computed when it is first requested: diagnostics, the covariances that need no noise model beside that
-of the model, the split-half test, the budget of the noise sources. All of one data set and the `Fit` on it; poses that
-robust estimation rejected are left out of the tests. The arm has the errors of its kinematics, and corrects poses.
+`Analysis` computes on first access the diagnostics, the covariances that need no noise model, the split-half test and
+the budget of the noise sources. They belong to one data set and the `Fit` on it; poses that robust estimation rejected
+are left out of the tests. The arm holds the estimated errors of its kinematics and corrects poses by them.
 """
 
 from __future__ import annotations

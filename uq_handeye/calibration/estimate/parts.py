@@ -1,4 +1,4 @@
-"""Parts of a calibration beside X and W: its origin, its solution, its errors, and its quality.
+"""Parts of a calibration in addition to X and W: its origin, its solution, its errors, and its quality.
 
 Each part is a record of the result file. `Named` gives their attributes the names that they have on the result.
 """

@@ -1,13 +1,13 @@
-r"""New poses against a calibration: residuals of the constraint, with their covariance if nothing has changed.
+r"""Residuals of new poses against a stored calibration, with the covariance that they have if nothing has changed.
 
 At the estimates, with robot and camera poses corrected by the estimates of the shared errors, the residual of a new
 pose (`likelihood.constraint`) is to first order in the errors
 
     r = J (xi_X; xi_W) + D_G (F_G (e - estimate) + eta_G) + D_C (F_C (e - estimate) + eta_C)
 
-eta the noise of the new poses. A drift that the calibration found goes on in their session, from where it stood at one
-of the poses of the calibration; poses that were taken between those share its drift itself. If X was moved by delta
-after the calibration, ``E r = -J_X delta``.
+with eta the noise of the new poses. A drift that the calibration estimated continues in their session, from its value
+at one of the poses of the calibration; poses that were taken between those share the estimated drift itself. If X was
+moved by delta after the calibration, ``E r = -J_X delta``.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Sentences of the findings about evidence that a calibration took in. Values are in m."""
+"""Sentences of the findings about new poses and touches that update a calibration. Values are in m."""
 
 from __future__ import annotations
 

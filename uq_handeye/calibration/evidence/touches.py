@@ -1,19 +1,19 @@
-r"""Points that the camera saw and the robot touched, against a calibration.
+r"""Residuals of touches against a stored calibration: points that the camera saw and the tool then touched.
 
-The camera sees a point at p (camera frame) and the tool touches it at b' (base). The difference of the touch and of
-what the calibration says of the point is to first order, with s the errors of the estimates (`posterior`),
+The camera sees a point at p (camera frame) and the tool touches it at b' (base). The difference of the touched point
+and the point that the calibration predicts is to first order, with s the errors of the estimates (`posterior`),
 
     r = b' - G X p = (B_touch - B_seen) s + D_touch xi_touch - D_seen xi_seen + R_touch dtau + n_touch - R_seen n_p
 
-B the derivatives of the point in the base by s (`prediction.predict`), ``xi`` the errors of the two robot poses,
+with B the derivatives of the point in the base by s (`prediction.predict`), ``xi`` the errors of the two robot poses,
 ``dtau`` the error of the tool's offset in the flange, n the noise of touching and of seeing. With ``W = G X`` of
-eye-in-hand, ``R_seen = R_G R_X``; a camera that stands still has G = I.
+eye-in-hand, ``R_seen = R_G R_X``; a camera fixed in the cell has G = I.
 
 - A touch is given as a point in the base, or as a pose (or joints) of the robot and the offset of the tool. A point
   has no orientation of the flange: the tool's error then moves all touches alike.
 - Points that were seen at one and the same robot pose share that pose's noise, and those of one view of a board the
-  noise of the board's pose. They are columns of `TouchEvidence.fresh`: a later touch draws them again.
-- A robot accuracy that was carried to X counts at both poses. A touch that is given as a point is taken to have the
+  noise of the board's pose. These errors are columns of `TouchEvidence.fresh`: a later touch has new values of them.
+- A robot accuracy that was propagated to X counts at both poses. A touch that is given as a point is taken to have the
   orientation of the calibration's nearest robot pose.
 """
 

@@ -1,12 +1,12 @@
-r"""A URDF with the errors of an arm corrected that the data know: origins of joints, and what cannot be written.
+r"""Export of the estimated errors of an arm to a URDF: corrected joint origins, and the errors that a URDF cannot hold.
 
 A geometric error ``E_k`` of joint k, in the frame whose z is its axis (rotated from the joint's by A), makes of the
 joint's ``<origin>`` O the ``O A E_k A^T``. Exported are the numbers whose standard deviation is below a share of the
-one assumed; the others stay as the maker says. Harmonics of transmissions and sag are functions of the joints, for
-which a URDF has no place: what they move is told in mm.
+one assumed; the others keep the manufacturer's values. Harmonics of transmissions and sag are functions of the joints,
+for which a URDF has no element: the motion of the tip that they cause is reported in mm.
 
-The estimates are those of the fit of everything together. X belongs to the arm with all of e: beside a URDF that is
-corrected in part, calibrate again with it, or allow for what is left.
+The estimates are those of the joint fit. X belongs to the arm with all errors e corrected: with a URDF that is
+corrected in part, calibrate again, or allow for the errors that it does not hold.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-r"""Predictions at other robot poses, from the joint posterior of X, W and what all poses share (K4 of the theory).
+r"""Predictions at other robot poses, from the joint posterior of X, W and the errors that all poses share (theory K4).
 
 With the posterior of ``(xi_X, xi_W, e)``, errors of X and W and those that all poses share (focal length, target, arm),
 and the error ``xi_G = F_G (e - estimate)`` of the robot pose G at joints q (``FK(q; e)`` at the estimate), F_G the
@@ -11,12 +11,13 @@ columns there, to first order
 - *point p seen by the camera*: in the base ``b = G X p`` (eye-in-hand), ``d b = R_G (theta_X x R_X p + tau_X) +
   theta_G x (b - t_G) + tau_G``; or ``b = X p`` (eye-to-hand).
 - *tool against point*: ``FK(q') tau - b``, tau the tip of the tool in the flange at joints q': by
-  ``theta_G' x R_G' tau + tau_G'`` less d b; errors that move both, such as those of the base, cancel.
+  ``theta_G' x R_G' tau + tau_G'`` minus d b; errors that move both, such as those of the base, cancel.
 
-X, W and e are correlated: near the poses of the calibration much of their errors cancels. One new measurement adds the
-noise of its own: of the joints, of the robot pose, of the camera. Noise of the robot that was found from the data is
-no matter of measuring: beside repeatability it holds what no model explains of where an arm is (the elbow of one of
-seven axes, its gears), and at another pose that is there again. It counts without a measurement, too.
+X, W and e are correlated: near the poses of the calibration much of their errors cancels. One new measurement adds its
+own noise: of the joints, of the robot pose, of the camera. Noise of the robot that was estimated from the data is not
+measurement noise alone: in addition to repeatability it contains position errors of the arm that no model explains (the
+elbow of one of seven axes, its gears), which occur at any other pose as well. It therefore counts without a measurement
+too.
 """
 
 from __future__ import annotations

@@ -1,5 +1,4 @@
-r"""Distance by which the tool misses a point that the camera sees, over the workspace of the arm and near the
-calibrated poses.
+r"""Miss distance of the tool at a point that the camera sees, over the workspace and near the calibrated poses.
 
 Postures q are drawn over the joint limits (an infinite limit of a revolute joint is half a turn to each side, one of a
 prismatic joint the end of its calibrated range, widened by half), and those of the calibration are taken as they are.
@@ -8,12 +7,13 @@ flange is at the point are found from q by damped least squares, within the limi
 found are left out. Eye-to-hand, the flange is at q and the point there. The covariance is that of `predict`, tool
 against point, with the noise of joints and robot at both.
 
-*Nominal poses.* Who goes on with ``FK(q; 0)`` for both has the mean error ``miss(FK(.; e)) - miss(FK(.; 0))`` on top,
-with e as estimated.
+*Nominal poses.* A user who keeps ``FK(q; 0)`` for both has the mean error ``miss(FK(.; e)) - miss(FK(.; 0))`` in
+addition, with e as estimated.
 
 *Local poses* are so alike that errors of the kinematics are hardly visible in them: their tips lie close together next
-to the reach, and most joints use little of their range. X and the errors of the arm are then known together near these
-poses, and next to nothing of the errors only: predictions elsewhere are as uncertain as the errors were beforehand.
+to the reach, and most joints use little of their range. X and the errors of the arm are then determined together near
+these poses, and the errors by themselves hardly at all: predictions elsewhere are as uncertain as the prior of the
+errors.
 """
 
 from __future__ import annotations

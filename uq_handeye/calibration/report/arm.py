@@ -1,6 +1,6 @@
-"""The robot arm of a calibration in words.
+"""The text about the robot arm of a calibration.
 
-It states which flange X belongs to, what the data determined of the arm's errors, and how far the tool misses a point
+It states which flange X belongs to, which of the arm's errors the data determined, and how far the tool misses a point
 that the camera sees.
 """
 

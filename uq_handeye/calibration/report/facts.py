@@ -1,4 +1,4 @@
-"""Numbers and words of a calibration that its text, page, notebook and certificate show, computed once.
+"""Facts of a calibration that its text, page, notebook and certificate show, computed once.
 
 These are X and W as six numbers with their standard deviations, the least certain directions, and correlations.
 """

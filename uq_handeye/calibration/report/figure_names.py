@@ -1,4 +1,4 @@
-"""Names of the figures that a calibration can have, with the titles that stand above them."""
+"""Names and titles of the figures that a calibration can have."""
 
 from __future__ import annotations
 

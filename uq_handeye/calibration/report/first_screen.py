@@ -1,6 +1,6 @@
 """The first screen of a calibration: the answer, its parts, the checks and X, on 26 lines of 80 columns.
 
-It is made of the statement of the calibration (`statement`), and of the most useful next step in one line; all else is
+It shows the statement of the calibration (`statement`) and, in one line, the most useful next step; everything else is
 in the long text (`text`) and the report.
 """
 

@@ -1,12 +1,13 @@
-r"""The rig in three dimensions, as a figure and as a scene to be rotated: base, grippers, cameras, target, ellipsoid.
+r"""The rig of one calibration in three dimensions, as a figure and as an interactive scene.
 
-Model: everything stands in the base frame, by ``base_T_gripper`` of the poses and the X and W of the result.
+Drawn are base, grippers, cameras, target and the ellipsoid of X, all in the base frame, by ``base_T_gripper`` of the
+poses and the X and W of the result.
 
     eye-in-hand    cameras G X, one target W
     eye-to-hand    one camera X, targets G W
 
-The ellipsoid holds 95 % of the errors of X's translation. It stands about one of the cameras, its axes rotated into the
-base frame, enlarged by a round factor. This module imports Matplotlib; import it where it is used.
+The ellipsoid holds 95 % of the errors of X's translation. It is drawn about one of the cameras, its axes rotated into
+the base frame, enlarged by a round factor. This module imports Matplotlib; import it where it is used.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""Errors that all poses share, the time offset among them, as a table and in words.
+"""Errors that all poses share, including the time offset, as a table and as text.
 
-For each error: what was assumed, what was estimated; and which errors the total includes.
+For each error the table has the assumed and the estimated value; the text says which errors the total includes.
 """
 
 from __future__ import annotations

@@ -1,15 +1,15 @@
 r"""The accuracy of X: total standard uncertainty in the worst direction, for X and at the distance of the target.
 
-The headline is that in one sentence, or that X cannot be used and why.
+The headline states it in one sentence, or that X cannot be used and why.
 
 Model: ``xi = (theta, tau)`` of X has the covariance S of the calibration (noise, shared errors, correlation). The
 standard uncertainty of a part in its worst direction is the root of the largest eigenvalue of its block of S; that of a
 point p straight ahead of the camera is ``sqrt(max eig J S J^T)``, ``J = [-[R p]x, I]`` (`diagnostics.task_space`). The
 coverage factor for 95 % is Student's t with the effective degrees of freedom in that direction (JCGM 100, G.4).
 
-*From the poses.* Errors a of robot, camera and target that are assumed, and whose numbers the data do not determine,
-add what their priors say. With P the joint covariance of xi and a, what the poses alone give is the covariance of xi
-for known a, ``P_xx - P_xa P_aa^-1 P_ax``.
+*From the poses.* Errors a of robot, camera and target that are assumed, and that the data do not determine, add the
+uncertainty of their priors. With P the joint covariance of xi and a, the contribution of the poses alone is the
+covariance of xi for known a, ``P_xx - P_xa P_aa^-1 P_ax``.
 """
 
 from __future__ import annotations

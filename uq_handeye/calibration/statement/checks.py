@@ -1,6 +1,7 @@
-"""Checks of a calibration, one line each; whether X can be used; cautions in the order of their effect on X.
+"""Checks of a calibration, one line each, and the verdict whether X can be used.
 
-Errors that the covariance of X includes, and those that it does not.
+Cautions come in the order of their effect on X. A last part lists the errors that the covariance of X includes and
+those that it does not.
 """
 
 from __future__ import annotations

@@ -1,16 +1,17 @@
 r"""Test whether X meets a tolerance: PASS, FAIL or NOT SHOWN, with the probability.
 
 Model: the error ``xi = (theta, tau)`` of X has the posterior of the calibration: Gaussian with its covariance S, or
-where sizes are open the mixture over them. Without a posterior (motions, covariances by the residuals) it is Gaussian,
-or Student's t with the degrees of freedom of the `reference`: ``xi = L z sqrt(nu / c)``, ``L L^T = S``, z standard
-normal, c chi-square with nu degrees of freedom, so that ``xi^T S^-1 xi / 6`` is F(6, nu). The probability is that of
+where sizes are estimated the mixture over them. Without a posterior (motions, covariances by the residuals) it is
+Gaussian, or Student's t with the degrees of freedom of the `reference`: ``xi = L z sqrt(nu / c)``, ``L L^T = S``, z
+standard normal, c chi-square with nu degrees of freedom, so that ``xi^T S^-1 xi / 6`` is F(6, nu). The probability is
+that of
 
     |theta| <= rotation    and    |tau| <= translation,   or of a point p straight ahead of the camera
     |theta| <= rotation    and    |theta x R p + tau| <= translation
 
 by a scrambled Sobol sequence of 2^14 points (a standard error below 0.001). PASS from a probability of 95 %, FAIL up to
-5 % (JCGM 106, acceptance by a limit of the probability of conformity), else NOT SHOWN. Never PASS where X is not
-usable, a direction of X is open, the accuracy is a lower limit, or a check failed.
+5 % (JCGM 106, acceptance by a limit of the probability of conformity), else NOT SHOWN. It is never PASS where X is not
+usable, a direction of X is not determined, the accuracy is a lower limit, or a check failed.
 """
 
 from __future__ import annotations

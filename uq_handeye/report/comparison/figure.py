@@ -1,9 +1,9 @@
-r"""A comparison of methods as a figure: who agrees with the reference within the own ellipsoid, seen at a glance.
+r"""Figure of a comparison of methods: which of them agree with the reference within their own ellipsoid.
 
 One row per method and one panel per component of the difference ``xi = (theta, tau)`` from the reference (rotation
 first; left rotation, additive translation), with bars of 1 and 2 standard deviations of the method itself. A method
-differs where the reference lies outside its 95 % ellipsoid in all six components together: it is marked and named. What
-lies far outside is an arrow at the rim, with its value.
+differs where the reference lies outside its 95 % ellipsoid in all six components together: it is marked and named. A
+value far outside the axis is an arrow at the rim, with its number.
 
 This module imports Matplotlib; import it where it is used.
 """

@@ -1,4 +1,4 @@
-"""A comparison of methods in words: verdict, two tables, and what the columns mean."""
+"""The text of a comparison of methods: verdict, two tables, and an explanation of their columns."""
 
 from __future__ import annotations
 

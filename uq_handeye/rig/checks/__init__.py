@@ -1,1 +1,1 @@
-"""Checks of a rig: by new views, by paths that should agree, proof of the minimum."""
+"""Checks of a rig: new views, paths that should agree, and a proof of the global minimum."""

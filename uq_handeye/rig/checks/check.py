@@ -1,21 +1,20 @@
-r"""New views against the result of a rig: residuals with their covariance if nothing has changed.
+r"""Test whether the stored result of a rig still holds, by new views.
 
-At the estimates, with poses corrected by the estimates of the shared errors, the rows of a group (`graph`) are
+The p-value is that of the residuals of the new views, with their covariance if nothing has changed. At the estimates,
+with poses corrected by the estimates of the shared errors, the rows of a group (`graph`) are
 
     rho = J xi + D K (e - estimate) + D eta
 
 xi and e those of the posterior, eta the noise of the new poses, correlated within a group by its robot poses. Rows are
-whitened by ``Cov(D eta) = L L^T`` of their group, so that they stand alone (`posterior.rows.NewRows`). Directions that
-the calibration left open take part as free parameters: their columns are projected out.
+whitened by ``Cov(D eta) = L L^T`` of their group, so that they are independent (`posterior.rows.NewRows`). Directions
+that the calibration did not determine are free parameters: their columns are projected out.
 
-Test of whether the result of a rig still holds, by new views: p-value, and what moved if something did.
+All new rows are tested together (`posterior.rows`). Where they contradict the result, each camera and each target is
+tried as the one that moved: the move that explains most, if it explains the contradiction, is named with its size.
+Whatever the answer, ``detectable`` gives the smallest change of each pose that these views would have shown.
 
-All new rows together are tested (`posterior.rows`). Where they contradict the result, each camera and each target is
-tried as the one that moved: the move that explains most, if it explains what is there, is named with its size.
-Whatever the answer, ``detectable`` says which change of each pose these views would have shown.
-
-Where the noise was estimated, d^2 is uncertain by a factor, which the sizes of all noise together decide: its
-distribution is a mixture over their posterior (`evidence`), with 2 / nu the variance of the logarithm of the factor.
+Where the noise was estimated, d^2 is uncertain by a factor that depends on the sizes of all noise: its distribution is
+a mixture over their posterior (`evidence`), with 2 / nu the variance of the logarithm of the factor.
 """
 
 from __future__ import annotations

@@ -13,7 +13,7 @@ independent quadratic equations ``d^T A_aj d = 0``. For any multipliers with
 
 gamma is a lower bound of f over all rotations. The largest one is found by a barrier, Newton's method for
 ``t gamma + log det M`` in 20 m + 1 numbers, t growing; a Cholesky factor of M, with room for its rounding, proves the
-last one (Higham 2002, section 10.1). About the minimum M needs no digits that the gap would not leave.
+last one (Higham 2002, section 10.1). As f is written about the minimum, M keeps the digits that the gap needs.
 
 The bound is on the isotropic objective; the estimate weighs rows as their covariance says, and its distance from that
 minimum in its standard deviations is stated. Where the bound is below the minimum, ``M^-1 e`` leads to a better one.

@@ -1,33 +1,32 @@
-r"""Paths that should agree: every unknown pose against a copy of itself for some of its views (T18).
+r"""Test of the paths of a rig that should agree: which camera or target moved between its views (T18).
 
-With whitened rows ``rho + A (x, z) + B d = 0``, B the columns of one unknown pose in some of its views and 0 in the
-others, d (6,) is by how much the pose in these views differs from that in the rest. Beside the fit, ``H = A^T A + P_0``
-and ``e`` its residual,
+A copy of one unknown pose is estimated for some of its views. With whitened rows ``rho + A (x, z) + B d = 0``, B the
+columns of that pose in these views and 0 in the others, d (6,) is the difference between the copy and the pose. With
+``H = A^T A + P_0`` of the fit and ``e`` its residual,
 
     d = -M^-1 B^T e,      Cov d = M^-1,      M = B^T B - B^T A H^-1 A^T B,      d^T M d ~ chi^2_6
 
-the difference of the chi-square with the copy and without it, with all errors of the joint model (A holds those that
-poses share, the rows of one robot pose are whitened together). Two kinds of copies:
+which is the difference of the chi-square without the copy and with it, for all errors of the joint model (A holds those
+that poses share, the rows of one robot pose are whitened together). There are two kinds of copies:
 
 - a camera in its views of one target, or a target in the views by one camera: the cycle through the two closes or not;
-- a pose from one moment on: it stood still or did not. Of all moments the one with the largest chi-square is kept; its
-  p allows for the choice (DeLong 1981 for the maximum over all moments, or the number of moments if that says less).
+- a pose from one moment on: it moved at that moment or not. Of all moments the one with the largest chi-square is kept;
+  its p allows for the choice (DeLong 1981 for the maximum over all moments, or the number of moments if that is less).
 
 Directions of d that the other views do not determine (share of M in B^T B below `MIN_INFORMATION_SHARE`) do not count:
 6 minus their number.
 Reference: D. W. K. Andrews (1993), Econometrica 61, 821; A. Estrella (2003), Econometric Theory 19, 1128.
 
-Name the pose of a rig that did not stand still: paths that ring are fitted with a copy of their pose.
-
-Paths are tested as the fit weighs the views, but for runs of rejected ones: a camera that was knocked spoils all later
-views, and robust weights that reject them would hide it. Single outliers stay rejected. Every path that rings is then
-a fit of its own, robust, with the copy of its pose as one more unknown; the one with the least
+*The pose that moved.* Paths are tested with the weights of the fit, except for runs of rejected views: a camera that
+was knocked spoils all later views, and robust weights that reject them would hide the move. Single outliers stay
+rejected. For every path that does not close, a robust fit is made with the copy of its pose as a further unknown; the
+one with the least
 
     chi-square of the views that count + PENALTY * limit * (views that are rejected)
 
-is named, with those that explain the views nearly as well. Where the residuals are larger than the noise says even with
-the copy, chi-squares are divided by that (chi-square over degrees of freedom), so that a noise that was given too small
-does not make a move.
+is named, with those that explain the views nearly as well. Where the residuals are larger than the noise explains even
+with the copy, the chi-squares are divided by chi-square over degrees of freedom, so that a noise that was given too
+small is not taken for a move.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Poses of one file with what names them: times, or numbers of poses; rows of two files that belong together.
+"""Poses of one file with their times or pose numbers, by which rows of two files are matched.
 
 A row of a camera belongs to the robot pose of its time, or of its pose number (a column such as ``name`` or ``image``,
 the number in the name of a file). Rows by order only where neither file names its poses and both have as many.

@@ -1,7 +1,7 @@
-"""A `RigCalibration` as the plain numbers, lists and text of its file, and back: bit by bit.
+"""Conversion of a `RigCalibration` to the plain numbers, lists and text of its file, and back without loss.
 
-The file holds the rig with all its poses, so that it can be checked, updated and reported from it. What follows from
-other numbers (poses by name, relative poses) is written for other programs, and must agree with the rest when read.
+The file holds the rig with all its poses, so that it can be checked, updated and reported from it. Derived numbers
+(poses by name, relative poses) are written for other programs, and must agree with the rest when read.
 """
 
 from __future__ import annotations

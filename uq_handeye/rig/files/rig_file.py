@@ -1,4 +1,4 @@
-"""Rig from a TOML file: arms, cameras and targets with what they are on, and the files of the views.
+"""Reader of a rig from a TOML file: arms, cameras and targets with their carriers, and the files of the views.
 
     [arms.arm]
     poses = "robot.csv"              # or several files
@@ -14,15 +14,15 @@
 
 An arm has ``poses``, or ``joints`` with a robot model (``robot_model``, ``urdf``, ``dh`` or ``ur_calibration``, with
 ``base`` and ``tip``), or both; or ``bag`` with the ``topic`` (or frames) of its poses or joints. A view has a ``file``
-of poses or the folder of ``camera -o`` or ``points -o``; or ``corners`` beside known ``intrinsics`` (of the view or its
+of poses or the folder of ``camera -o`` or ``points -o``; or ``corners`` with known ``intrinsics`` (of the view or its
 camera); or a ``bag`` with its ``topic``, and ``tag``, the side of a tag seen by its corners. ``known`` in any of the
 tables names a file with a pose known beforehand and its covariance. ``units``, ``format``, ``rotation`` and ``frame``
-beside a file say how it is read, as the options of ``calibrate`` do.
+of a file say how it is read, as the options of ``calibrate`` do.
 
 Rows are matched by their timestamps, equal or nearest within ``tolerance`` (s, at the top of the file; default 0), or
 by the number of the pose (`pose_rows`), never by their order; files that name no poses only where all have as many. The
-poses of an arm from a bag are interpolated at the times of the views. ``offset`` of a camera (s) is what its clock is
-behind that of the robot; beside a bag it is estimated (`synchronise`) where it is not given.
+poses of an arm from a bag are interpolated at the times of the views. ``offset`` of a camera (s) is the time by which
+its clock is behind that of the robot; with a bag it is estimated (`synchronise`) where it is not given.
 """
 
 from __future__ import annotations

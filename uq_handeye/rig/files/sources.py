@@ -1,4 +1,4 @@
-r"""Sources of poses of a rig file beside pose files: joints, corners by known intrinsics, ROS bags.
+r"""Sources of poses of a rig file other than pose files: joints, corners with known intrinsics, ROS bags.
 
 *Corners.* Only the poses are estimated; with the derivatives ``A_i`` and ``B_i`` of the pixels of picture i by the
 intrinsics and by its pose, an error of the intrinsics, of covariance ``S = T T^T``, moves the pose by

@@ -1,4 +1,4 @@
-r"""Definition of a simulated trial: exact data, the noise that is drawn on them, and the method that is tested.
+r"""Definition of a simulated trial: exact data, the noise that is added to them, and the method that is tested.
 
 Model: true poses with ``G_i X C_i = W``, or true motions with ``A_i X = X B_i``; the measured ones are
 ``R = exp([theta]x) R_true``, ``t = t_true + tau`` with ``xi = (theta, tau)`` drawn from the noise (rad, m). The true

@@ -1,7 +1,7 @@
 """Trials of any method: noise drawn on exact data, X estimated from each draw, and its error.
 
-Work goes in blocks of a fixed number of trials, so that memory is bounded and the numbers depend on the generator
-only. 4DPA on motions has an engine of its own (`fourdpa_on_drawn`); every other method runs on leading batch axes.
+Trials are computed in blocks of a fixed number, so that memory is bounded and the results depend on the generator only.
+4DPA on motions has its own implementation (`fourdpa_on_drawn`); every other method runs on leading batch axes.
 """
 
 from __future__ import annotations

@@ -1,8 +1,9 @@
 """Corner plot of a posterior: each coordinate and the density of each pair, with the Gaussian of the bound.
 
-On the diagonal the histogram of the samples and the normal density of the `ml` covariance; below it the smoothed
-density of two coordinates, with contours that hold 39.3 %, 86.5 % and 98.9 % of the samples (what the 1, 2 and 3 sigma
-ellipses of two dimensions hold), and those ellipses of the `ml` covariance. The origin is the `ml` estimate.
+The diagonal has the histogram of the samples and the normal density of the `ml` covariance. Below it is the smoothed
+density of two coordinates, with contours that hold 39.3 %, 86.5 % and 98.9 % of the samples (the probabilities of the
+1, 2 and 3 sigma ellipses in two dimensions), and those ellipses of the `ml` covariance. The origin is the `ml`
+estimate.
 
 The density is a histogram smoothed by a Gaussian of 0.2 standard deviations, which widens its contours by 2 %.
 

@@ -1,7 +1,7 @@
 """Figure of a cross-check: the ellipses of its covariances in the 15 pairs of components (`ellipses`).
 
-As Fig. 5 of the paper, and with rotation against translation. All are drawn about 0, the posterior too, so that sizes
-and directions can be compared.
+It is like Fig. 5 of the paper, and also shows rotation against translation. All ellipses are drawn about 0, including
+that of the posterior, so that sizes and directions can be compared.
 
 This module imports Matplotlib; import it where it is used.
 """

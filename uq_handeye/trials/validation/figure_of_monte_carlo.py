@@ -1,10 +1,10 @@
-"""Figure of a Monte Carlo run: the errors of the trials against what the covariance predicts.
+"""Figure of a Monte Carlo run: quantiles of the errors of the trials against those that the covariance predicts.
 
-Quantiles of the distance ``d = sqrt(xi^T P^-1 xi)`` of the errors of all trials against those of the chi distribution
-with 6 (joint) or 3 degrees of freedom (rotation, translation). The grey band holds the whole curve of a consistent
-covariance with the confidence of the verdict: it is simultaneous over all quantiles, of equal local level, that level
-found from simulated histograms (Aldor-Noiman et al., The American Statistician 67, 2013). Standard deviations
-of the axes and shares in the ellipsoids, with their intervals, are in the tables.
+The figure compares the quantiles of the distance ``d = sqrt(xi^T P^-1 xi)`` of the errors of all trials with those of
+the chi distribution with 6 (joint) or 3 degrees of freedom (rotation, translation). The grey band holds the whole curve
+of a consistent covariance with the confidence of the verdict: it is simultaneous over all quantiles, of equal local
+level, that level found from simulated histograms (Aldor-Noiman et al., The American Statistician 67, 2013). Standard
+deviations of the axes and shares in the ellipsoids, with their intervals, are in the tables.
 
 This module imports Matplotlib; import it where it is used.
 """

@@ -1,8 +1,8 @@
 """Results of validations: their text, figure and file, and checks of the noise that they draw against their data.
 
-A validation draws the noise that is given or estimated and tests whether a covariance follows from it. It cannot tell
+A validation draws the noise that is given or estimated and tests whether a covariance follows from it. It cannot test
 whether that noise is the noise of these data; their residuals can. A calibration has tested them (its ``checks``). For
-poses or motions alone, the residuals of maximum likelihood are compared with the noise (`goodness_of_fit`).
+poses or motions only, the residuals of maximum likelihood are compared with the noise (`goodness_of_fit`).
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 r"""A run that can be interrupted at any moment, also by kill -9, and resumed to the same bits.
 
-Model: a run is a set of pieces (the trials of a chunk, a chain). Each depends on its own name and on
-the identity of the run only: what the numbers depend on, large arrays by their SHA-256. A run is resumed only where
-its identity is the same. It is kept as
+Model: a run is a set of pieces (the trials of a chunk, a chain). Each depends on its own name and on the identity of
+the run only: all input of the computation, large arrays by their SHA-256. A run is resumed only where its identity is
+the same. It is kept as
 
 - a folder: ``manifest.json`` with the identity, and a folder with one file per piece (``chunks/000000.npz``), or
 - a single file for a single piece, with the manifest as a line behind its content, or
@@ -10,9 +10,9 @@ its identity is the same. It is kept as
 
 A piece ends in 32 bytes, the SHA-256 of identity, name and content. Every file is written whole or not at all:
 ``resume`` continues from whatever an interruption leaves. A piece that is damaged, or belongs to another run or
-place, is made again and never used.
+place, is never used but computed again.
 
-Files are not trusted: nothing is read before its size and its SHA-256 are those of a piece, and no pickles ever.
+Files are not trusted: nothing is read before its size and its SHA-256 are those of a piece, and pickles never are.
 """
 
 from __future__ import annotations

@@ -1,1 +1,1 @@
-"""A calibration that grows: poses on disk, an answer after each, sources of poses, and the page in a browser."""
+"""A session of calibration: poses that arrive one by one, the estimate after each, and the page in a browser."""

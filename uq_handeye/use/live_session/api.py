@@ -1,4 +1,4 @@
-"""The page from Python: `live` follows a session, `view` shows a stored result."""
+"""The Python functions that open the page: `live` follows a session, `view` shows a stored result."""
 
 from __future__ import annotations
 

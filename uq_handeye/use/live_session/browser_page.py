@@ -1,4 +1,4 @@
-"""The base of all pages: their panel, their buttons, and how they are opened, waited for and closed."""
+"""Base class of the pages in a browser: panel, buttons, opening, waiting and closing."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Poses that arrive in a folder: when to look at its files, and the pairs that are complete so far."""
+"""Poses that arrive in a folder: detection of changed files, and the pairs that are complete so far."""
 
 from __future__ import annotations
 

@@ -2,7 +2,7 @@
 
 {"robot": [[1, 0, 0, 0.4], ...], "camera": [[...], ...], "timestamp": 12.5}
 
-Where the robot pose is taken from the arm itself when a line comes, a line holds the camera pose alone.
+Where the robot pose is taken from the arm itself when a line arrives, a line holds only the camera pose.
 """
 
 from __future__ import annotations

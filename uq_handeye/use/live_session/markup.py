@@ -1,4 +1,4 @@
-"""The text of the panel as HTML, by the macros of `panel.html.j2`, with the numbers that it states."""
+"""The text of the panel as HTML, made by the macros of `panel.html.j2`, and the numbers in it."""
 
 from __future__ import annotations
 

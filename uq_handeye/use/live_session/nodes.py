@@ -1,4 +1,4 @@
-"""Drawings of a page by their names: made once, moved afterwards, made again only where what they are made of changes.
+"""Drawings of a page by name: each is made once, then moved, and made again only where its geometry changes.
 
 World: z up, m. A node is a camera as a pyramid, a board, axes, lines, points, a label or an ellipsoid.
 """

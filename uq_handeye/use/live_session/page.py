@@ -1,4 +1,4 @@
-"""The page of a session: the panel with its buttons, the scene, and what a click does."""
+"""The page of a session: the panel with its buttons, the scene, and the action of each click."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A bag played back: its streams on one clock, pair by pair, as if the robot moved again."""
+"""Playback of a bag as a source of poses: its streams on one clock, pair by pair, as in a running session."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""The answer after each pose of a session: how well X is known, which pose is next, and when more hardly help.
+"""The answer after each pose of a session: the accuracy of X, the best next pose, and whether more poses still help.
 
-It is that of `calibrate` on the poses that are there; nothing is carried over from the answer before, so that the last
-one is bit-equal to a calibration of the same files.
+The result is that of `calibrate` on the poses so far; nothing is carried over from the previous answer, so that the
+last one is bit-equal to a calibration of the same files.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Poses of a running ROS 2 system, by tf or by topics, taken when the robot stands still.
+"""Poses of a running ROS 2 system, by tf or by topics, taken while the robot does not move.
 
 A transform that tf calls ``parent -> child`` is the pose ``parent_T_child``: robot ``base_T_gripper``, camera
 ``camera_T_target``; a topic of poses holds these. The newest pose is taken; one older than `MAX_AGE_S` is refused.

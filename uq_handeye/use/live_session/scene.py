@@ -1,8 +1,8 @@
-"""The rig in three dimensions: robot poses, what the camera saw from them, X with its ellipsoid, the next pose.
+"""The scene of a session in three dimensions: robot poses, camera views, X with its ellipsoid, and the next pose.
 
 World: the robot's base frame, z up, m. Eye-in-hand: camera k is ``G_k X`` and the target ``W``; eye-to-hand: the camera
-is ``X`` and target k is ``G_k W``. What moves is drawn once for each pose, in the colour of its residual: the distance
-``d`` of the pose from where the others predict it, over the largest that happens by chance.
+is ``X`` and target k is ``G_k W``. A moving part is drawn once for each pose, in the colour of its residual: the
+distance ``d`` of the pose from its prediction by the others, over the largest that happens by chance.
 """
 
 from __future__ import annotations

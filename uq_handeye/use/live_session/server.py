@@ -2,7 +2,7 @@
 
 viser (Apache-2.0) brings its client in the wheel, so the page loads nothing from another machine. viser has no access
 control of its own, so each request is checked first: the address that is printed holds a token, the answer to it sets
-a cookie, and a request with neither, or from a page of another site, is refused. The page listens on this machine alone
+a cookie, and a request with neither, or from a page of another site, is refused. The page listens on this machine only
 unless another host is given, e.g. for a phone, which has no ``ssh -L``. The tunnel by which viser shares a page through
 a server of its makers is switched off.
 """

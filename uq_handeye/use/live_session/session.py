@@ -1,8 +1,8 @@
-"""A session: poses in a folder, those left out, and the answer to the one question after each change.
+"""State of a session: the poses in its folder, those left out, and the calibration after each change.
 
-Everything that a session knows is on disk when it says so: poses in the files of the folder (those that come one by one
-in ``poses.jsonl``, a line each, matrices to the last bit), what is left out in `CHOICE`, written whole. A session that
-was killed goes on with the same folder, and a second program that reads the files gets the same X.
+The whole state is on disk before it is reported: poses in the files of the folder (those that arrive one by one in
+``poses.jsonl``, a line each, matrices to the last bit), the poses left out in `CHOICE`, written whole. A session that
+was killed continues with the same folder, and a second program that reads the files gets the same X.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""Sources of poses for a session: their interface, and how one feeds a session.
+"""Sources of poses for a session: their interface, and the loop that passes their pairs to the session.
 
-A source gives pairs of poses. Some come by themselves (a program that writes lines, a bag that is played back); others
-are taken when the user says that the robot stands still, one pose from each of two sides, robot and camera.
+A source gives pairs of poses. Some arrive by themselves (a program that writes lines, a bag that is played back);
+others are taken on request of the user while the robot does not move, one pose from each side, robot and camera.
 """
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
-"""Files that are uploaded in the page: kept in the session's folder under names of its own, and read like any other.
+"""Files that are uploaded in the page: stored in the session's folder under generated names, and read like any other.
 
-Only the suffix of a file is taken, so that no name leads out of the folder; its size is bounded before it is written.
+Only the suffix of a file name is kept, so that no name leads out of the folder; the size is bounded before it is
+written.
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
-"""A stored result in the browser: the rig as it was calibrated, and how well a point is known that one drags.
+"""A stored result in the browser: the calibrated rig, and the uncertainty of a point that the user drags.
 
-Of one camera: the point p is in the base frame. Seen from robot pose k it lies at ``(G_k X)^-1 p`` in camera
+The result of one camera shows a point p in the base frame. Seen from robot pose k it lies at ``(G_k X)^-1 p`` in camera
 coordinates (eye-in-hand; eye-to-hand ``X^-1 p``), where `Calibration.predict` gives its covariance.
 
-Of a rig: all arms, cameras and targets at one robot pose, each camera with its ellipsoid. World: the base of the first
-arm, z up, m. A camera or target that an arm carries is at ``B G_k X``, the others at ``X``.
+The result of a rig shows all arms, cameras and targets at one robot pose, each camera with its ellipsoid. The world is
+the base of the first arm, z up, m. A camera or target that an arm carries is at ``B G_k X``, the others at ``X``.
 """
 
 from __future__ import annotations

@@ -1,23 +1,24 @@
-"""Causes of a change: each by generalised least squares, and which of them can be separated.
+"""Causes of a change: each is estimated by generalised least squares, and those that can be separated are named.
 
 A cause with the columns C (p numbers a, ``E r = C a``) takes ``gain`` from d^2. Causes are compared by
 
     BIC = deviance(d^2 - gain) + p log(N)
 
 N the number of residuals, the deviance that of `reference`. ``exp(-BIC / 2)`` over the sum of all is the probability of
-each if one of them is what happened. The first is named if its probability is at least `MIN_PROBABILITY_NAMED`, and
-every other has a larger ``deviance + p``, p being what chance takes away: that the first takes fewer numbers is not
-enough. Else all that together have `MIN_PROBABILITY_OF_SET`, or come so near, are answered as a set.
+each if exactly one of them has happened. The first is named if its probability is at least `MIN_PROBABILITY_NAMED`, and
+every other has a larger ``deviance + p``, with p the expected decrease by chance: fewer parameters of the first are not
+enough. Otherwise all that together have `MIN_PROBABILITY_OF_SET`, or come so near, are returned as a set.
 
-Exactly the same are, whatever the poses: the base of the robot and what stands in the cell (target, eye-in-hand;
-camera, eye-to-hand), and the tool of the robot and what it carries. An image centre that changed is, to first order, a
-camera that rotated about its own x and y axes: it is never named without X. One pose cannot separate X from W.
+Two pairs of causes are the same whatever the poses: a move of the robot's base and of the part fixed in the cell
+(target, eye-in-hand; camera, eye-to-hand), and a move of the robot's tool and of the part that it carries. An image
+centre that changed is, to first order, a camera that rotated about its own x and y axes: it is never named without X.
+One pose cannot separate X from W.
 
 - *X*: ``-J_X delta``, *target*: ``-J_W delta``: the true pose is the estimate moved by delta.
 - *focal length*, *image centre*: the true value moved from that used by e: ``-D_C F e`` (`shared_error`).
 - *target size*: likewise, of the scale of all translations of the camera poses. With the target in the middle of the
   picture it is the same as the focal length.
-- *one pose*: all that is wrong is one of the poses, a wrong detection or robot pose; from three poses on.
+- *one pose*: only one of the poses is an outlier, by a wrong detection or robot pose; tested from three poses on.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Check whether a calibration still holds, by one or more new poses.
 
 The residuals of the new poses against the stored result, with its joint covariance, are tested as a whole
-(`reference`). Whatever the answer, it says which change these poses would have shown (`power`); where something has
-changed, what it is, as far as the poses separate the causes (`causes`), and by how much.
+(`reference`). Whatever the answer, the result states which change these poses would have shown (`power`). Where the
+result no longer holds, it names the cause, as far as the poses separate the causes (`causes`), and its size.
 """
 
 from __future__ import annotations

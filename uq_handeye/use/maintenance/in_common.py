@@ -1,4 +1,4 @@
-r"""Covariance of the difference of two results of different poses that may have errors in common.
+r"""Covariance of the difference of two results from different poses, which may have errors in common.
 
 With the posteriors ``N(0, P_old)`` and ``N(0, P_new)`` of the errors s of two estimates (`posterior`), and the
 information I that has one source in both,
@@ -8,8 +8,8 @@ information I that has one source in both,
 since each estimate answers an error eta of a source with the rows B (whitened by its noise) by ``P B^T eta``. I is the
 sum of
 
-- what was known beforehand of an error that is one and the same in both, ``1 / (sd_old sd_new)``; of errors whose
-  numbers belong to the poses of each, with the correlation of these numbers;
+- the prior information about an error that is the same in both, ``1 / (sd_old sd_new)``; for errors whose numbers
+  belong to the poses of each, with the correlation of these numbers;
 - a prior of X and W that both were given.
 
 Without errors in common this is the sum of both covariances.

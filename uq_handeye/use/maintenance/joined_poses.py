@@ -1,6 +1,6 @@
-"""Poses of two sessions as one data set, and the arguments with which a result is computed again for all of them.
+"""Poses of two sessions joined to one data set, and the arguments with which `calibrate` is run again on all of them.
 
-Robot and camera poses, joints, times, and the camera adjusted with all pictures; the arguments of `calibrate`.
+Joined are robot and camera poses, joints, times, and the pictures, with which the camera is adjusted again.
 """
 
 from __future__ import annotations

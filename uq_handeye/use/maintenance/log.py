@@ -1,8 +1,8 @@
 """Log of the checks of one calibration: a CSV file with one line for each check.
 
 Columns: ``time`` (ISO 8601), number of ``poses``, ``d2``, ``dof``, ``p_value``, ``answer``, ``cause``; the shift of X
-that the check by itself estimates, with standard deviations (mm and deg, left rotation and additive translation);
-``result``, a hash of the calibration. Of a rig the shift is that of the pose which explains most.
+estimated from this check only, with standard deviations (mm and deg, left rotation and additive translation);
+``result``, a hash of the calibration. For a rig the shift is that of the pose which explains most.
 
 A line that cannot be read is skipped and named. The file is replaced as a whole, so that a line is never cut.
 """

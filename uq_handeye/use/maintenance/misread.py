@@ -1,4 +1,4 @@
-"""Poses that contradict a calibration grossly: files that are misread or paired wrongly.
+"""Detection of new pose files that are misread or paired wrongly, where they strongly contradict a calibration.
 
 Each other reading of the files (unit, direction, quaternion order, exchanged files, a factor on lengths, pairing,
 shifted rows) is judged by d^2 against the calibration. Unlike `input_checks.misread_files` nothing is fitted: X and W

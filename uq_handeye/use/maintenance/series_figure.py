@@ -1,4 +1,4 @@
-"""Figure of a series of checks: the shift of X that each check by itself estimates.
+"""Figure of a series of checks: the shift of X estimated from each check.
 
 This module imports Matplotlib; import it where it is used.
 """

@@ -1,19 +1,19 @@
-r"""`update`: a result and new poses together, as if all had been calibrated at once.
+r"""The function `update`: a stored result combined with new poses, as if all had been calibrated at once.
 
 A result that holds its poses is updated by the fit of all poses with the options of its own calibration. The
-update then equals the calibration of all poses, and the order of updates does not matter, but for what the estimate
-itself makes of the order of poses (neighbours of a drift).
+update then equals the calibration of all poses, and the order of updates does not matter, except where the estimate
+itself depends on the order of poses (neighbours of a drift).
 
-The same holds of a file whose poses were left out where its posterior is bound to them: with estimated sizes it keeps
-the poses that it is made of. A result with touches, of another robot, camera or target (``same``), or without these
-poses is updated by its joint posterior (`absorbed_into`), which is the same to first order: old poses cannot be
-weighted or linearised again, and errors of poses keep the columns that they had. With sizes that are estimated rows of
-the old poses are kept, and sizes are found again (`one_model.points`); X is then within 0.04 standard deviations of the
-fit of all in the median of 40 simulated sets, 0.12 at most, but 0.2 to 1.7 on two real recordings (FR3, KUKA) whose X
-moves by 0.4 to 3.3 with the new poses: columns of an unknown arm and of drift are bound to other poses then. With the
-errors ``s = (xi_X, xi_W, e - estimate)`` and their mean and covariance given the measurements (`Posterior.absorb`), X
-and W become ``perturb(X, -mean)``, e becomes ``estimate + mean``, and the joint posterior has the covariance of s. What
-was found about the poses (residuals of the pose table, diagnostics, budget) stays that of the poses.
+The same is true for a file without poses whose posterior is bound to them: with estimated sizes it keeps the poses that
+the posterior needs. A result with touches, of another robot, camera or target (``same``), or without these poses is
+updated by its joint posterior (`absorbed_into`), which is the same to first order: old poses cannot be weighted or
+linearised again, and errors of poses keep their columns. With estimated sizes the rows of the old poses are kept, and
+the sizes are estimated again (`one_model.points`); X is then within 0.04 standard deviations of the fit of all in the
+median of 40 simulated sets, 0.12 at most, but 0.2 to 1.7 on two real recordings (FR3, KUKA) whose X moves by 0.4 to 3.3
+with the new poses: columns of an unknown arm and of drift are bound to other poses then. With the errors
+``s = (xi_X, xi_W, e - estimate)`` and their mean and covariance given the measurements (`Posterior.absorb`), X and W
+become ``perturb(X, -mean)``, e becomes ``estimate + mean``, and the joint posterior has the covariance of s. Results
+about the poses (residuals of the pose table, diagnostics, budget) are not updated.
 """
 
 from __future__ import annotations

@@ -4,8 +4,8 @@ Model: the mean squared error of points at the distance of the target, ``c(S) = 
 (criterion ``trace`` of `planning.plan`), in which S is the whole covariance of X. A planned pose lowers it by as much
 as the plan says; the gain is that of the root, ``1 - sqrt(c_after / c)``.
 
-More poses average the noise. Errors that all poses share stay, as far as the data do not tell them: their part of S,
-without the noise, is a limit that more poses do not pass.
+More poses average the noise. Errors that all poses share remain, as far as the data do not resolve them: their part of
+S, without the noise, is a limit that more poses do not pass.
 """
 
 from __future__ import annotations

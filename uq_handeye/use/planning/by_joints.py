@@ -1,11 +1,11 @@
 """Plans of joints for an arm whose kinematics are known: candidates inside its limits, predictions at task postures.
 
-Of an arm whose kinematics are wrong, X, W and the errors e of the arm are unknowns together, and the criterion
-``prediction`` does not depend on the choice of base and flange (K2): it is the error with which something seen now is
-found elsewhere. Camera poses are drawn as in `candidates`, without a box, and the arm is brought there by inverse
+For an arm with kinematic errors, X, W and the errors e of the arm are joint unknowns, and the criterion ``prediction``
+does not depend on the choice of base and flange (K2): it is the error with which a point seen at one posture is
+predicted at another. Camera poses are drawn as in `candidates`, without a box, and the arm is brought there by inverse
 kinematics (`arms.postures`), half of the draws from near the joints so far, half from postures anywhere inside the
-limits: these take other branches of the elbow and the wrist. Obstacles are unknown, and so is the arm itself in its
-way.
+limits: these take other branches of the elbow and the wrist. Obstacles are unknown, and collisions of the arm with
+itself are not checked.
 """
 
 from __future__ import annotations

@@ -1,15 +1,16 @@
-"""Choosing poses by the posterior of a calibration: its covariance so far is the one that the calibration states.
+"""Choice of poses by the posterior of a calibration: a plan begins with the covariance that the calibration states.
 
 A pose at which the camera pose will be measured with the derivatives A by all errors s of the posterior, and with its
-own noise ``L L^T`` (what is drawn again, and what of the arm is unknown again there), adds the information ``B^T B``,
-``B = L^-1 A`` (`posterior.selection`). More poses do not average what all of them share: it is among s.
+own noise ``L L^T`` (measurement noise, and errors of the arm that are new at that pose), adds the information
+``B^T B``, ``B = L^-1 A`` (`posterior.selection`). More poses do not average the errors that all of them share: these
+are among s.
 
 Criterion ``prediction`` is the mean squared error (m^2) of where the camera is from the target at the task postures,
 
     tr(Q Sigma),    Q = mean over the task of  A_t(q)^T A_t(q),    A_t the rows of the translation,
 
-without what the camera itself misreads there: from most postures of a workspace it does not see the target, and a lens
-says nothing of views that its pictures do not hold.
+without the errors of a camera measurement there: from most postures of a workspace the camera does not see the target,
+and the calibration of a lens does not cover views outside its pictures.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-r"""Planning: which poses to take next, and what they would bring.
+r"""Choice of the poses to measure next, and the covariance of X that they would give.
 
 Model: the calibration of the poses so far has a joint posterior of X, W and all errors that poses share, and a pose yet
 to be taken adds information about all of them that depends on where it is only (`by_posterior`): for a robot pose G the
@@ -22,8 +22,8 @@ to be made small:
 Poses are chosen greedily, then exchanged one by one as long as that helps, and put into the order in which each brings
 most (`selection`). That is no proof of the best set; docs/how-to/plan.md has the gap.
 
-Poses that leave a part of X open (parallel axes, pure translations) can be planned from: there a weak prior stands in
-(`weak_prior`), and `Plan.open_directions` says where.
+Planning also starts from poses that do not determine a part of X (parallel axes, pure translations): a weak prior takes
+the place of the missing information (`weak_prior`), and `Plan.open_directions` has these directions.
 """
 
 from __future__ import annotations

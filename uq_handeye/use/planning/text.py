@@ -1,4 +1,4 @@
-"""Text of a plan: what the poses would bring, a table of them, and what its numbers mean."""
+"""Text of a plan: the gain by the poses, a table of them, and the meaning of its numbers."""
 
 from __future__ import annotations
 

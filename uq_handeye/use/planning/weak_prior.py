@@ -1,16 +1,16 @@
-r"""Information of the poses so far about X and W, for planning: also where they leave a part of X open.
+r"""Information of the poses so far about X and W, for planning, with a weak prior where they do not determine X.
 
 With ``I`` the information (12, 12) about ``(xi_X, xi_W)`` (T5), W eliminated leaves ``I_XX - I_XW I_WW^-1 I_WX``. An
 eigenvector along which that is worth less than a standard deviation of 0.1 rad or 0.1 m is *open*: parallel axes leave
-the translation along them, pure translations all of it. There measured motions say little but noise; an estimate that
-believed them would put X a metre away. So
+the translation along them, pure translations all of it. There measured motions contain little but noise; an estimate
+without a prior would put X a metre away. So
 
 - X is that of `likelihood.open_start`, with the prior that what the gripper carries (camera, or target for eye-to-hand)
   is within 0.1 m of its origin, where no other one is given;
 - the information along open directions is replaced by that of a weak prior, standard deviation 1 rad and 1 m.
 
-A prior of X or W that the noise has counts beside the poses. Where nothing is open there is no weak one; X and the
-information are those of `likelihood.efficient`, unless its residuals are so far above the noise that 4DPA may have
+A prior of X or W that the noise has is added to the information. Where nothing is open there is no weak prior; X and
+the information are those of `likelihood.efficient`, unless its residuals are so far above the noise that 4DPA may have
 started it from a wrong X.
 """
 

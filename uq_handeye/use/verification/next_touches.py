@@ -1,7 +1,7 @@
-"""Touches to add to a verification: those after which the smallest bias would show.
+"""Choice of the touches to add to a verification: those after which the smallest bias would show.
 
-Candidates are points of the region seen so far, or those given, from each robot pose at which points were seen; chosen
-one after the other.
+Candidates are points of the region seen so far, or those given, from each robot pose at which points were seen. They
+are chosen one after the other.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""A bias that touches share: its estimate, its tests, the size that would show, and the number of touches it takes.
+"""A bias that all touches share: its estimate, its tests, the size that would show, and the number of touches needed.
 
 With the whitened differences w and the columns B of a bias (an offset in the base) and T of a tool that is not known,
-both whitened, Q the projection that leaves T out,
+both whitened, and Q the projection that removes T,
 
     b = (B^T Q B)^-1 B^T Q w,    Cov b = (B^T Q B)^-1,    |Q w|^2 = b^T Cov(b)^-1 b + scatter
 

@@ -1,4 +1,4 @@
-"""Result of touches against a calibration: test, bias, table of the points, power, where to touch next; in words."""
+"""Result of a verification by touches, and its text: test, bias, table of the points, power, and touches to add."""
 
 from __future__ import annotations
 

@@ -16,7 +16,7 @@
 | ``seen_at_NAME``, ``touched_at_NAME`` | the same by joints: NAME of the calibration's arm |
 
 Lengths are in m unless the name of a column says otherwise (``seen_x [mm]``, ``touched_sd_mm``) or the caller does;
-joints in rad (``[deg]``). Further columns are left alone.
+joints in rad (``[deg]``). Further columns are ignored.
 Millimetres that were taken for metres, and metres for millimetres, are refused (`require_metres`).
 """
 

@@ -1,7 +1,7 @@
 """Test of a stored calibration by points that the camera saw and the robot touched.
 
-The answer says whether the touches fit the calibration, how large a bias is, which bias these touches would have shown,
-how many it takes to show one of a given size, and where to touch next (`power`, `next_touches`).
+The result states whether the touches fit the calibration, how large a bias is, which bias these touches would have
+shown, how many touches show one of a given size, and where to touch next (`power`, `next_touches`).
 """
 
 from __future__ import annotations

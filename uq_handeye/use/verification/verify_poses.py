@@ -1,9 +1,9 @@
 """Test of a stored calibration by an independent data set of the same cell.
 
-Chi-square of the residuals of the new poses (`evidence.new_poses`). Where the camera poses come from corners, the
-corners of the board as predicted from the robot pose, X and W are compared with those of the board as seen. The
-covariance predicts the RMS distance ``sqrt(mean trace(J S J^T))``, J the derivative of a corner by the pose of the
-board, S the covariance of a new pose measured. Without distortion of the lens.
+The test is the chi-square of the residuals of the new poses (`evidence.new_poses`). Where the camera poses come from
+corners, the corners of the board predicted from the robot pose, X and W are compared with those of the board as seen.
+The covariance predicts the RMS distance ``sqrt(mean trace(J S J^T))``, J the derivative of a corner by the pose of the
+board, S the covariance of a new measured pose. Distortion of the lens is left out of this comparison.
 """
 
 from __future__ import annotations

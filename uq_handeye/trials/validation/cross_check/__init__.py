@@ -1,1 +1,1 @@
-"""Cross-check of the covariance: everything side by side, and the relations that must hold."""
+"""Cross-check of the covariance: all covariances of one problem, and the relations that must hold between them."""

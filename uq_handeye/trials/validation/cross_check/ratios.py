@@ -1,4 +1,4 @@
-"""Ratios of the standard deviations of two covariances over all directions, and what chance makes of them.
+"""Ratios of the standard deviations of two covariances over all directions, and their distribution by chance.
 
 Model: S sampled from T errors ``xi = (theta, tau)`` (rad and m) of covariance P; with ``r^2`` the eigenvalues of
 ``P^-1 S``, r are the ratios of standard deviations; they need no unit.
@@ -6,7 +6,7 @@ Model: S sampled from T errors ``xi = (theta, tau)`` (rad and m) of covariance P
 Sampling alone lets the ratios of a consistent P range over an interval (extreme eigenvalues of a Wishart matrix,
 `consistency`; widened for heavy tails), and the root of the mean of their squares over a narrower one. Both are taken
 at the level of a contradiction, so that about ten comparisons together err in at most one of 100 runs, and widened by
-`HARMLESS_SD_ERROR`: what is left of second order in the noise is not reported below it. S and P are not equal where a
+`HARMLESS_SD_ERROR`, below which second-order effects of the noise are not reported. S and P are not equal where a
 ratio or that mean is outside.
 
 Where tails are heavy and widen that interval beyond four such tolerances, almost any covariance would lie in it: then

@@ -1,11 +1,11 @@
-"""Relations between the covariances of one problem: those that must hold (T8), and those that are only claimed.
+"""Relations between the covariances of one problem: those that must hold (T8), and those that a publication claims.
 
 Model: sampled covariances S of T trials of an estimator, covariances P from formulas, and the Cramer-Rao bound C, all
 of ``xi = (theta, tau)`` (rad and m) in one convention. To first order in the noise, and for an unbiased estimator,
 
     S = P of that estimator;   S = C for `efficient` and `ml`, and for the posterior;   S >= C for every estimator
 
-A relation is broken where the ratios of standard deviations are outside of what chance and the tolerance explain
+A relation is broken where the ratios of standard deviations are outside the range that chance and the tolerance explain
 (`ratios`).
 
 (45) of the paper takes one error for all pairs and the mean derivative; by Jensen's inequality it is then smaller than

@@ -1,7 +1,7 @@
-r"""The rows of a cross-check: each covariance with how long it took, what judges it, and why there is none.
+r"""The rows of a cross-check: each covariance with its computing time, its judgement, or the reason why it is missing.
 
 Model: as in `cross_check`. Formulas are to first order at the truth of the `Experiment`; (45) and Nguyen and Pham's own
-covariances take the noise of each pair only, which noise on poses makes to first order (`noise_of_pairs`).
+covariances take the noise of each pair only, which follows from the noise on poses to first order (`noise_of_pairs`).
 """
 
 from __future__ import annotations

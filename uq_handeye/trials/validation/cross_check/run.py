@@ -1,8 +1,8 @@
-"""One problem, every covariance: formulas, Monte Carlo and posterior side by side, and whether they agree.
+"""Cross-check of all covariances of one problem: formulas, Monte Carlo and posterior, and whether they agree.
 
 Model: true poses (or motions) with Gaussian errors ``xi = (theta, tau)`` (left rotation, additive translation, rad and
 m) of known covariance; every covariance here is of the error of X in the same convention, in its parent frame. The
-truth is that of a simulation where the poses carry it; around real data it is what maximum likelihood finds
+truth is that of a simulation where the poses carry it; around real data it is the maximum likelihood estimate
 (`trials.experiment`).
 
 Rows from formulas are taken at that truth, to first order: 4DPA with pairs taken as independent (T3), pose-aware (T4)
@@ -13,8 +13,8 @@ posterior is that of the measured data (`posterior`). The mean NEES of a row wit
 
     tr( P^-1 E[xi xi^T] )
 
-over the trials of the method it belongs to: 6 if P is consistent, with the interval of chi-square for their number. How
-the rows must relate: `relations`.
+over the trials of the method it belongs to: 6 if P is consistent, with the interval of chi-square for their number. The
+relations that must hold between the rows are in `relations`.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""Chunks of a Monte Carlo run: a fixed number of trials each, with random numbers of their own.
+"""Chunks of a Monte Carlo run: a fixed number of trials each, with random numbers independent of the other chunks.
 
 Chunk k draws from ``SFC64(SeedSequence(seed, spawn_key=(k,)))``, the k-th child of ``SeedSequence(seed).spawn``, and so
 needs no other chunk. It is computed with one thread of linear algebra, on a copy of the problem that was written to
-bytes and read again, wherever that happens. Hence the same numbers, bit by bit, in one process or in many, on one
+bytes and read again, in every process. Hence the results are the same, bit by bit, in one process or in many, on one
 machine or on several with the same type of processor and the same versions of the libraries.
 """
 

@@ -22,7 +22,7 @@ eigenvalues comes from simulated Wishart matrices (Bartlett's decomposition, fix
 The covariance is consistent if none of seven tests rejects: mean NEES and coverage of each part, likelihood ratio;
 probabilities corrected by Holm, so that a consistent covariance is rejected with at most ``1 - confidence``. Trials
 that gave no estimate are in no test: where they are more than 1 %, no covariance is called consistent. The bias is no
-test of the covariance: it is of second order in the noise, and counts as far as it shows in the NEES.
+test of the covariance: it is of second order in the noise, and counts only through the NEES.
 
 Where each trial has its own covariance, the NEES uses that one, and ``P`` is the mean of all of them: the laws above
 then hold to first order only.

@@ -1,4 +1,4 @@
-"""Chunks of a run computed in this process and by an executor at the same time, passed on in their order.
+"""Computation of the chunks of a run in this process and by an executor at the same time, returned in their order.
 
 An executor is any `concurrent.futures.Executor`. It is handed a bounded number of groups of chunks, as bytes and plain
 numbers, and may finish them in any order; the chunks are passed on by number. They depend on their number alone

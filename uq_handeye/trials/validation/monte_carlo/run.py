@@ -1,13 +1,13 @@
-r"""Monte Carlo simulation: noise is drawn many times, X estimated from each draw, a covariance tested by the errors.
+r"""Monte Carlo test of a covariance: noise is drawn many times, and X estimated from each draw.
 
-Model: true poses (or motions), those of a simulation or, around real data, those that maximum likelihood finds; on them
-errors ``xi = (theta, tau)`` drawn from the noise (`trials.experiment`). Each trial gives the error of its X,
+Model: true poses (or motions), those of a simulation or, around real data, the maximum likelihood estimates; to them
+errors ``xi = (theta, tau)`` drawn from the noise are added (`trials.experiment`). Each trial gives the error of its X,
 
     xi = ( log(R_hat R_true^T), t_hat - t_true )                    rotation first; rad and m; parent frame of X
 
-and the sampling covariance of these is what the covariance that is tested claims to be. It is exact in the noise, but
-for its own standard deviation of ``1 / sqrt(2 T)`` of a standard deviation with T trials (JCGM 101 and 102). How it is
-judged: `consistency`.
+and the covariance that is tested should equal the sampling covariance of these errors. The latter is exact in the
+noise, apart from its own relative standard deviation of ``1 / sqrt(2 T)`` per standard deviation with T trials (JCGM
+101 and 102). The tests are in `consistency`.
 
 Trials run in chunks whose random numbers depend on the seed and their number only, added up in their order: the result
 is the same, bit by bit, for any number of workers, for a run that was ended and resumed, and on a cluster (`chunks`).

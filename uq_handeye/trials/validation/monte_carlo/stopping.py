@@ -1,7 +1,8 @@
 """Stopping rule of a Monte Carlo run: the adaptive procedure of JCGM 102:2011, 7.8 (JCGM 101:2008, 7.9).
 
-Trials come in blocks of M. Of each block r = 1 .. h: the mean error ``y_r`` (6,), its standard deviations ``u_r`` (6,),
-the largest eigenvalue ``lambda_r`` of its correlation matrix, and the coverage factor ``k_r`` of the 95 % ellipsoid,
+Trials come in blocks of M. Each block r = 1 .. h gives the mean error ``y_r`` (6,), its standard deviations ``u_r``
+(6,), the largest eigenvalue ``lambda_r`` of its correlation matrix, and the coverage factor ``k_r`` of the 95 %
+ellipsoid,
 
     d^2 = (xi - y_r)^T U_r^-1 (xi - y_r),   U_r the covariance of the block;   a share 0.95 of its trials has d < k_r.
 
@@ -16,10 +17,10 @@ From the standard: blocks of ``max(10^4, 100 / (1 - p))`` = 10,000 trials for p 
 no test before h exceeds 10 (step f; JCGM 101 tests from h = 2, with a standard deviation of two numbers, which is often
 small by chance), the four kinds of numbers and their tolerances (steps g to m), results from all h M trials (step i).
 
-What differs: the coverage factor of the whole run is the mean of those of the blocks, so that no trial is kept (bias of
-the order of 1/M, and it only sets a tolerance); trials without an estimate are left out of their block; the "estimate"
-is the error of X, which has mean zero to first order, where the standard has the quantity itself: the tolerance of y
-comes from u in both.
+Differences from the standard: the coverage factor of the whole run is the mean of those of the blocks, so that no trial
+is kept (bias of the order of 1/M, and it only sets a tolerance); trials without an estimate are left out of their
+block; the "estimate" is the error of X, which has mean zero to first order, where the standard has the quantity
+itself: the tolerance of y comes from u in both.
 """
 
 from __future__ import annotations

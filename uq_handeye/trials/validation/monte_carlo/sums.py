@@ -1,13 +1,14 @@
 """Sums of the errors of trials from which every statistic follows, so that ten million trials need no memory.
 
-Of the errors ``xi = (theta, tau)`` (rad and m, rotation first) of trials with covariance ``P``: their number, sum and
-sum of outer products; and for the parts joint (``xi``), rotation (``theta``) and translation (``tau``), each with its
-own block of ``P``, of the squared Mahalanobis distance
+Kept of the errors ``xi = (theta, tau)`` (rad and m, rotation first) of trials with covariance ``P`` are their number,
+sum and sum of outer products. For each of the parts joint (``xi``), rotation (``theta``) and translation (``tau``),
+with its own block of ``P``, the squared Mahalanobis distance is
 
     d^2 = |L^-1 xi|^2,   P = L L^T   (Cholesky)
 
-sum, sum of squares and a histogram whose edges are quantiles of chi-square: 20 per decade in both tails, from 1e-8
-to 0.01 and from 0.99 to 1 - 1e-8, and every 0.005 between, among them the levels of `LEVELS`.
+of which sum, sum of squares and a histogram are kept. The edges of the histogram are quantiles of chi-square: 20 per
+decade in both tails, from 1e-8 to 0.01 and from 0.99 to 1 - 1e-8, and every 0.005 between, among them the levels of
+`LEVELS`.
 
 Only elementwise products and NumPy's pairwise sums are used, no threaded matrix product: the same errors give the
 same bits with any number of threads.

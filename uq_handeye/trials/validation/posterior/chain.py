@@ -2,12 +2,12 @@
 
 The chain is an ``emcee.backends.HDFBackend`` (group ``mcmc``), which any program that knows emcee reads; it is in the
 sampler's whitened coordinates. The group's attributes also hold the proposal and the length of the burn-in that the
-chain was begun with. No pickles.
+chain was begun with. The file contains no pickles.
 
 emcee writes at every step, and a process that is killed in the middle of that leaves a file that HDF5 may not open
 again. So it writes into an image of the file in memory, which after whole rounds of steps takes the place of the file
-in one step of the file system. What is guaranteed: whenever the process ends, also by kill -9, the file is that of the
-last writing, complete; the steps since then are lost, and sampled again with the same random numbers.
+in one step of the file system. Whenever the process ends, also by kill -9, the file is that of the last writing,
+complete; the steps since then are lost, and sampled again with the same random numbers.
 """
 
 from __future__ import annotations

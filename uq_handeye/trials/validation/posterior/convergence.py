@@ -8,8 +8,8 @@ For each coordinate, over the walkers and the steps kept:
 - *effective sample size*, bulk and tail (the smaller of the 5 % and the 95 % quantile), by ArviZ: at least as many as
   requested.
 
-The walkers of an ensemble move depend on each other through it; that they are taken as chains is customary, and tau is
-the check that does not need it.
+The walkers of an ensemble move depend on each other; to treat them as independent chains is customary, and tau is the
+check that does not rely on it.
 """
 
 from __future__ import annotations

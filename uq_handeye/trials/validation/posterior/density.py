@@ -7,17 +7,18 @@ to first order in their errors, which leaves
 
     -2 log p(X, W) = sum_i rho_i^T S_i^-1 rho_i,   rho_i = r_i(X, W; corrected) + D_i v_i                (T5)
 
-What is exact and what is not:
+Some parts of this density are exact, others hold to first order:
 
 - r is the full residual of X, not linearised in X; its data are those that maximum likelihood corrected, and v are the
-  errors it took off. So the density has its maximum at the estimate of `ml`, whose derivatives are not biased by noise.
+  errors that it removed. So the density has its maximum at the estimate of `ml`, whose derivatives are not biased by
+  noise.
 - S and D are held at the estimate. Against the posterior with every latent motion integrated by importance sampling,
   the mean is off by less than 0.02 standard deviations for 1 mrad + 0.1 mm and 10 mrad + 0.1 mm, by less than 0.1 for
   10 mrad + 10 mm, the standard deviations by less than 3 % (12 motions, tests/validation/posterior/test_density.py). To
   let S and D follow X at the measured data would move it by several standard deviations for 10 mrad + 0.1 mm, where
   the noise sits in the lever arms. Where S changes within the posterior, this density is no check.
-- On poses W, with a flat prior, is integrated out: of W about its best value for each X, to first order in what is left
-  of the residual. As S is held, ``dr/dW = -I`` makes the determinant of that integral the same for every X.
+- On poses W, with a flat prior, is integrated out about its best value for each X, to first order in the remaining
+  residual. As S is held, ``dr/dW = -I`` makes the determinant of that integral the same for every X.
 
 *Noise scales* (optional): ``S_i = s_1^2 S_1i + s_2^2 S_2i`` with the sides robot (A) and camera (B), and log s_j
 Gaussian about 0. ``S_1i`` and ``S_2i`` are diagonalised together once, with eigenvalues ``lambda`` and ``1 - lambda``,

@@ -1,7 +1,7 @@
-"""The posterior of X by Markov chain Monte Carlo: a test of the bound that does not linearise in X.
+"""Sampling of the posterior of X by Markov chain Monte Carlo, a test of the bound that does not linearise in X.
 
 Model: `density` (likelihood of T5, flat prior on the six coordinates of X, W integrated out). For small noise its
-covariance is that of the bound (`likelihood.bound`), not 4DPA's, which wastes information (T8). Sampled by emcee
+covariance is that of the bound (`likelihood.bound`), not 4DPA's, which wastes information (T8). It is sampled by emcee
 (Foreman-Mackey et al. 2013, doi:10.1086/670067) with the moves of `proposal`, until `convergence` finds enough
 effective samples; before that nothing is reported.
 """

@@ -1,7 +1,7 @@
 """Loop of `sample_posterior`: burn-in that fits the proposal, rounds of steps, tests of convergence, the file.
 
-All that decides how long a chain becomes depends on the chain only, and a file holds the state of the random numbers:
-a run that was interrupted and resumed ends in the same numbers, bit by bit, as one that was not.
+The length of a chain depends on the chain only, and the file holds the state of the random numbers: a run that was
+interrupted and resumed ends in the same numbers, bit by bit, as one that was not.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Starts of the search for maxima of a posterior: the estimate, and the estimates from parts of the data.
 
-A Gaussian likelihood has one maximum near the estimate of `ml`. With heavy tails data that contradict each other leave
-several, each near what those data say that agree.
+A Gaussian likelihood has one maximum near the estimate of `ml`. With heavy tails, data that contradict each other give
+several, each near the estimate from a part of the data that agrees.
 """
 
 from __future__ import annotations
