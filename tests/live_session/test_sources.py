@@ -215,7 +215,6 @@ def test_shapes_of_the_scene():
     assert faces.max() < len(points) and [nice(x) for x in (0.3, 1.0, 7.0, 49.0, 1234.0)] == [1, 1, 5, 20, 1000]
 
 
-@pytest.mark.slow
 def test_the_python_interface(tmp_path):
     pytest.importorskip("viser", reason="viser (extra live) is not installed")
     with uq.live(tmp_path / "session", tolerance="1mm,0.1deg", port=0, noise=NOISE) as session:
