@@ -287,6 +287,7 @@ def planar(n, noise, seed=0):
     return uq.PosePairs(robot, camera)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [None, 0, 1, 2])
 def test_parallel_axes_are_answered_and_named(seed):
     noise = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("1mrad", "1mm"))

@@ -219,6 +219,7 @@ def test_what_calibrate_warns_of_every_command_warns_of(session, files, noise):
             assert set(warned) <= set(done.stderr.splitlines()), name
 
 
+@pytest.mark.slow
 def test_good_files_are_not_warned_of(session):
     for name in ("validate", "plan", "cross-check"):
         done = run(name, "robot.csv", "camera.csv", *NOISE, *QUICK[name], cwd=session)

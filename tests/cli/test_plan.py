@@ -147,6 +147,7 @@ def test_bad_usage(run, arguments, parts):
         assert part in err
 
 
+@pytest.mark.slow
 def test_without_noise_it_is_estimated(run):
     status, out, _ = run()
     assert status == 0

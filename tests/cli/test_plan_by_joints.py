@@ -34,6 +34,7 @@ def command(cell, *options):
     return run("plan", "camera.csv", *GIVEN, *options, cwd=cell)
 
 
+@pytest.mark.slow
 def test_a_plan_of_joints(cell):
     found = command(cell, *NOISES, "-k", 3, "--task", "task.csv", "-o", "plan", "--json")
     data = json.loads(found.stdout)
@@ -44,12 +45,14 @@ def test_a_plan_of_joints(cell):
     np.testing.assert_allclose(ARM.poses(q), [step["robot"] for step in data["steps"]], atol=5e-3)  # but for its errors
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("noise", [(), NOISES[2:]])
 def test_noise_that_is_not_given_is_estimated(cell, noise):
     found = command(cell, *noise, "-k", 1)
     assert "axis_6" in found.stdout and "estimated from the poses so far" in found.stdout
 
 
+@pytest.mark.slow
 def test_candidates_are_joints(cell):
     data = json.loads(
         command(cell, *NOISES, "-k", 2, "--candidates", "task.csv", "--criterion", "trace", "--json").stdout

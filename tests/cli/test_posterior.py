@@ -49,6 +49,7 @@ def expected(session):
     )
 
 
+@pytest.mark.slow
 def test_text(run, expected):
     status, out, err = run(*NOISE, *SHORT, "--seed", 2)
     assert (status, err) == (0, "")
@@ -56,12 +57,14 @@ def test_text(run, expected):
     assert out.split("seed 2")[0] == expected.summary().split("seed 2")[0]
 
 
+@pytest.mark.slow
 def test_json(run, expected):
     status, out, err = run(*NOISE, *SHORT, "--seed", 2, "--json")
     assert (status, err) == (0, "")
     np.testing.assert_array_equal(json.loads(out)["covariance"], expected.covariance)
 
 
+@pytest.mark.slow
 def test_stopped_and_resumed(run, expected, tmp_path):
     folder = tmp_path / "new" / "out"
     status, out, err = run(*NOISE, *SHORT, "--seed", 2, "-o", folder, "--max-steps", 20)
@@ -80,6 +83,7 @@ def test_stopped_and_resumed(run, expected, tmp_path):
     np.testing.assert_array_equal(values["covariance"], expected.covariance)
 
 
+@pytest.mark.slow
 def test_noise_on_motions_and_options(run):
     status, out, err = run("--noise", "pairs.toml", "--pairs", "consecutive", "--student-t", 6, "--scales", *SHORT)
     assert status == 0

@@ -55,6 +55,7 @@ def table(file):
     return head, np.array(rows, dtype=float)
 
 
+@pytest.mark.slow
 def test_points_at_joints(stored):
     folder, result, _, ahead, _ = stored
     points = ("--point", "0mm,10mm,300mm", "--point", "0,0,0.5")
@@ -73,6 +74,7 @@ def test_points_at_joints(stored):
     assert f"{1e3 * same.points[0, 0, 0]:.3f}" in text and f"{1e3 * same.radius_95.max():.3g} mm" in text
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("noise", [(), ("--no-noise",)])
 def test_what_the_camera_should_see(stored, noise):
     folder, result, _, ahead, _ = stored

@@ -39,6 +39,7 @@ def sds(folder, *options):
     return {name: sd if " " in sd or sd == "exact" else float(sd) for name, sd in (line.split(": ") for line in lines)}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("options", "expected"),
     [

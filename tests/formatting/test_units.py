@@ -59,6 +59,7 @@ def test_numbers_are_radians_and_metres(value):
     assert parse_angle(value) == parse_length(value) == value
 
 
+@pytest.mark.slow
 @holds_for(
     value=st.floats(-1e6, 1e6).filter(lambda x: x == 0 or abs(x) > 1e-9),
     unit=st.sampled_from(sorted(ANGLE_UNITS)),

@@ -93,6 +93,7 @@ def test_wrong_setup(good, tmp_path):
     assert said(files, setup=good.setup) == ""
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::uq_handeye.InputWarning")
 @pytest.mark.parametrize(
     ("setup", "given", "headline", "step"),

@@ -77,6 +77,7 @@ def test_whole_file(make, k):
             np.testing.assert_allclose(efficient(paired, NOISE).X, truth, atol=0.01)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("n", [30, 61, 200])
 def test_rows_lost_in_the_middle(n):
     rng = np.random.default_rng([SEED, n])

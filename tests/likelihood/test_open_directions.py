@@ -100,6 +100,7 @@ def test_a_prior_of_a_millimetre_closes_it(setup):
     assert not mean_is(squares, 6, 1 / 1.5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("noise", ["3deg", "1deg", "0.1deg"])
 def test_ordinary_rigs_are_not_open(noise):
     """Few poses and large noise do not make a robot that turns about many axes look like one that cannot."""
@@ -145,6 +146,7 @@ def test_a_result_with_a_prior_is_tested_and_one_with_open_directions_is_not():
         uq.cross_check(closed, trials=100, posterior=False)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("setup", SETUPS)
 @pytest.mark.parametrize("noise", [NOISE, None])
 def test_a_robot_that_keeps_its_orientation_exactly(rng, setup, noise):

@@ -51,6 +51,7 @@ def test_the_joint_covariance_is_the_bundle_to_first_order(rng, model, robot, se
     assert low < bundle.chi2 < high
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:The target would sit")
 @pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
 def test_errors_that_all_robot_poses_share_are_unknowns(rng, setup):

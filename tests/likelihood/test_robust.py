@@ -220,6 +220,7 @@ def test_everything_above_five_sigma_is_flagged():
         assert all(found.flags[k] != "kept" for k in wrong[large])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["efficient", "ml"])
 def test_clean_data_lose_nothing(method):
     """The same X as without robustness, but for a step of second order and the rare pose that is flagged."""

@@ -140,6 +140,7 @@ def transposed(T):
     return T
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("setup", SETUPS)
 def test_lengths_in_another_unit_whose_errors_hide_the_contradiction(setup):
     """The accuracy of the arm is in the covariance: a robot 900 m away is uncertain by metres."""

@@ -1,6 +1,7 @@
 """Sizes and poses sampled together by emcee, with the density written out by dense algebra, against the engine."""
 
 import numpy as np
+import pytest
 from support import SEED
 
 import uq_handeye as uq
@@ -30,6 +31,7 @@ def model_of(rng):
     return LatentModel.of(linear, parts), dict(zip(("robot", "camera"), linear.sides, strict=True))
 
 
+@pytest.mark.slow
 def test_sizes_and_poses_sampled_together_agree_with_the_mixture():
     rng = np.random.default_rng([SEED, 4])
     model, sides = model_of(rng)

@@ -371,6 +371,7 @@ def test_ranks_of_the_sizes_are_uniform(sampled, drawn, k):
     assert stats.kstest(narrow, "uniform").pvalue < 1 - CONFIDENCE
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("k", range(5))
 def test_the_design_finds_mean_and_spread_of_the_sizes(drawn, k):
     """Nearly: two points along each axis see less than all of the tail towards small sizes."""

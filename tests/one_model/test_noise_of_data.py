@@ -235,6 +235,7 @@ def test_bad_input():
 # -------------------------------------------------------------------------------------------------- sizes as declared
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
 @pytest.mark.parametrize(("side", "unknown"), [("camera", "X"), ("robot", "W")])
 @pytest.mark.parametrize("known", [True, False])

@@ -64,6 +64,7 @@ def test_the_unit_is_the_rms_position_error_over_the_workspace():
     assert 0.9 < (error**2).sum(axis=2).mean() < 1.1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["irb120", "ur5e", "panda"])
 def test_errors_over_all_of_the_workspace_have_the_unit(name):
     """Poses over the whole workspace of an arm: the RMS of the mixture is near 1, whatever the scale of the poses."""

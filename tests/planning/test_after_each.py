@@ -79,6 +79,7 @@ def test_what_is_missing_before_there_is_x():
     assert words_without(6, InputError("a\nb")) == ["6 poses: no X yet. a b"]
 
 
+@pytest.mark.slow
 def test_the_next_pose_is_within_reach_of_the_arm():
     """Inside joint limits that are narrow about the poses so far, of which a box of robot positions knows nothing."""
     case = session(n=20)

@@ -42,6 +42,7 @@ def exact():
     return poses, planned(poses, task=TASK)
 
 
+@pytest.mark.slow
 def test_predictions_are_those_of_the_enlarged_set(exact):
     poses, found = exact
     after = joined(poses, measured(ARM, np.zeros(len(ARM.errors)), found.joints, np.random.default_rng(0), noise=0.0))

@@ -161,6 +161,7 @@ def test_register_batch_is_a_loop(rng):
         np.testing.assert_allclose(t[k], one[1], rtol=0, atol=1e-12)
 
 
+@pytest.mark.slow
 @holds_for(seed=SEEDS, n=st.sampled_from([2, 3, 4]))
 def test_register_moves_with_its_points(seed, n):
     rng = np.random.default_rng(seed)

@@ -21,6 +21,7 @@ def whitened(covariance, reference):
     return np.linalg.eigvalsh(np.linalg.solve(L, np.linalg.solve(L, covariance).T))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
 @pytest.mark.parametrize("n", [3, 4, 20, 150])
 def test_equals_the_pairs_formed(setup, n, rng):

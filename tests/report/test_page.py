@@ -36,6 +36,8 @@ from uq_handeye.report.comparison.compare import compare_beside
 from uq_handeye.report.page import report_html
 from uq_handeye.report.sections import NO_COVARIANCE, colour_of
 
+pytestmark = pytest.mark.slow
+
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
 FOLDED = [
     "full", "ellipses", "residuals", "full-budget", "shared", "task-space", "observability", "noise", "covariances",
@@ -98,7 +100,6 @@ CASES = {
 }
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("case", CASES)
 @pytest.mark.filterwarnings("ignore::uq_handeye.errors.InputWarning")
 def test_every_kind_of_result_has_every_section(case, quick):
@@ -141,7 +142,6 @@ def repeated(found):
     ]
 
 
-@pytest.mark.slow
 def test_the_number_comes_first_and_x_has_its_deviations(result, page):
     assert page.words("answer").startswith(f"Result {result.headline}")
     words = page.words("x")
@@ -155,14 +155,12 @@ def test_the_number_comes_first_and_x_has_its_deviations(result, page):
     assert translation in page.words("full") and rotation in page.words("full")
 
 
-@pytest.mark.slow
 def test_every_check_is_a_line_with_its_word(result, page):
     words = page.words("checks")
     for check in result.checks:
         assert f"{check.status} {check.name} {pretty(check.text)}" in words
 
 
-@pytest.mark.slow
 def test_points_ahead_agree_with_the_headline(result, page):
     accuracy = result.accuracy
     row = re.search(r"([\d.]+) m \(target\) ([\d.]+) ([\d.]+)", page.words("ahead"))
@@ -204,7 +202,6 @@ def test_the_colour_is_that_of_terminal_and_notebook(statuses, usable, word, col
     assert colour_of(of) != "ok"
 
 
-@pytest.mark.slow
 def test_the_verdict_stands_on_page_one(result, quick):
     for tolerance, word in (("1m,10deg", "PASS"), ("0.001mm", "FAIL")):
         verdict = result.verdict(tolerance)
@@ -213,7 +210,6 @@ def test_the_verdict_stands_on_page_one(result, quick):
         assert f"{verdict.word} {verdict.sentence}" in words
 
 
-@pytest.mark.slow
 def test_cautions_stand_out_in_the_order_of_their_effect(small):
     texts = [f"The axes are <parallel>, number {k}. {'x' * 300}." for k in range(8)]
     of = replace(small, findings=tuple(found for text in texts for found in caution(text)))
@@ -227,7 +223,6 @@ def test_cautions_stand_out_in_the_order_of_their_effect(small):
     assert "cautions" not in Page(report_html(small)).texts
 
 
-@pytest.mark.slow
 def test_what_was_not_tested_is_said(quick):
     few = uq.calibrate(simulated(n=5), noise=NOISE)
     for found in (few, uq.calibrate(simulated(n=5), noise=NOISE, method="park")):
@@ -304,7 +299,6 @@ def pages_of(path):
     return max(int(count) for found in counts for count in found)
 
 
-@pytest.mark.slow
 def test_a_full_report_has_the_folded_sections_open(small, tmp_path):
     found = Page(small.report(tmp_path / "r.html", comparison=False, details=True).read_text(encoding="utf-8"))
     assert all("open" in attributes for attributes in found.all("details"))
@@ -313,7 +307,6 @@ def test_a_full_report_has_the_folded_sections_open(small, tmp_path):
         small.report(tmp_path / "r.pdf", paper="a5")
 
 
-@pytest.mark.slow
 def test_methods_are_compared_with_this_result(result, page, quick):
     words = page.words("methods")
     assert "efficient (this result)" in words
@@ -328,7 +321,6 @@ def test_methods_are_compared_with_this_result(result, page, quick):
             assert row.failure in own
 
 
-@pytest.mark.slow
 def test_rejected_poses_are_left_out_of_the_comparison(quick):
     poses = simulated()
     camera = np.array(poses.camera)
@@ -339,7 +331,6 @@ def test_rejected_poses_are_left_out_of_the_comparison(quick):
     assert "55 pairs of 11 poses" in words and "Without the pose rejected here." in words
 
 
-@pytest.mark.slow
 def test_a_cross_check_lists_its_relations(result, quick):
     check = uq.cross_check(simulated(), noise=NOISE, trials=200, posterior=False)
     words = Page(report_html(result, cross_check=check)).words("ellipses")

@@ -116,6 +116,7 @@ def test_a_fit_in_a_local_minimum_is_left_for_the_global_one(monkeypatch):
     assert left
 
 
+@pytest.mark.slow
 def test_two_arms_are_not_proven_unless_the_base_is_known():
     exact, truth = simulate_rig({"c1": "a"}, {"t1": "b"}, arms=("a", "b"), n_poses=30, seed=4)
     noise = dict.fromkeys((*exact.arms, *exact.cameras), SIZE)

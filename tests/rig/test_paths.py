@@ -108,6 +108,7 @@ def test_single_outliers_are_no_move():
     assert len(found.rejected) == 3 and found.findings == ()
 
 
+@pytest.mark.slow
 def test_a_move_is_found_with_noise_estimated():
     exact, _ = simulate_rig(*CELL, n_poses=40, seed=5)
     noise = dict.fromkeys((*exact.arms, *exact.cameras), SIZE)

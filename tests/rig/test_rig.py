@@ -199,6 +199,7 @@ def test_the_width_of_the_targets_is_found_by_the_noise_of_the_views():
     assert all(part["name"] != "half width of targets" for part in rig.components)
 
 
+@pytest.mark.slow
 def test_a_start_far_away_is_left_by_as_many_steps_as_it_takes():
     """Two arms about two axes near each other: `efficient` stopped after eight steps, 0.8 rad from the minimum."""
     places = {"c1": "a", "c2": "world"}, {"t1": "b", "t2": "a"}
@@ -242,6 +243,7 @@ def test_targets_of_one_printer_share_an_error_of_size():
     assert not others_of(found, "robot, camera, target").any()
 
 
+@pytest.mark.slow
 def test_two_arms_find_their_bases():
     exact, truth = simulate_rig({"c1": "a"}, {"t1": "b"}, arms=("a", "b"), n_poses=30, seed=4)
     found = uq.calibrate_rig(with_noise(exact, noise_of(exact), 1), noise_of(exact))
