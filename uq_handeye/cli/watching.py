@@ -1,4 +1,4 @@
-"""The loop of ``calibrate --watch``: X is estimated again after each pose that arrives in a folder."""
+"""Estimation of X after each pose that arrives in a folder, for ``calibrate --watch`` and ``live``."""
 
 import time
 from collections.abc import Callable

@@ -1,1 +1,1 @@
-"""Geometry, files, text and pages, on which all other packages stand."""
+"""Geometry, numbers, files, text and pages, which all other packages use."""

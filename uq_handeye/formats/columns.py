@@ -1,12 +1,12 @@
-"""Names of the columns of poses: what each means, and the unit that it carries. The one place for a new name.
+"""Names of the columns of poses: the meaning of each name, and the unit that it carries.
 
-Columns of pose files (`meaning_and_unit`), which say what they are without doubt: our own names, short ones
+A new name is added here only. Columns of pose files (`meaning_and_unit`) have unambiguous names: our own, short ones
 (`ALIASES`); ``position`` and ``orientation`` by their parts, as ROS and PlotJuggler name the fields of a
 ``geometry_msgs/Pose``; ``p_RS_R_x`` and ``q_RS_w`` of the EuRoC MAV data sets. A unit may stand behind a name, ``x_mm``
 or ``x [mm]``; ``rostopic echo -p`` counts its ``%time`` in nanoseconds.
 
-Columns of tables as controllers and people write them (`name_in_table`): rotations of any kind, words before the names,
-capitals within them. `pose_columns` makes of them a position, a rotation and a time.
+Columns of tables as controllers and people write them (`name_in_table`) have rotations of any kind, words before the
+names, and capitals within them. `pose_columns` finds the position, the rotation and the time among them.
 """
 
 from __future__ import annotations

@@ -4,8 +4,8 @@ A line is a timestamp (seconds, or a row number), a position (metres) and a unit
 order. Other common names of them are taken as well (`columns`), with units behind them; the timestamp may be left out,
 and further columns are not used. Fields are separated by commas, or, where the header has none, by semicolons (numbers
 then may have decimal commas) or tabs. Blank lines, comment lines that start with ``#``, spaces and quotes around
-fields, a byte order mark and Windows line ends are tolerated, and so is a header that is a comment; everything else
-that is not such a table is an error that names the file, the line as an editor numbers it, and the column.
+fields, a byte order mark and Windows line ends are tolerated, and so is a header that is a comment. Any other deviation
+is an error that names the file, the line as an editor numbers it, and the column.
 """
 
 from __future__ import annotations

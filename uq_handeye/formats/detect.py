@@ -1,4 +1,4 @@
-"""Detection of the format of a file by its content, and its poses as they stand there."""
+"""Detection of the format of a file by its content, and reading of its poses without conversion."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Calibrations as files of other programs: JSON, ROS, URDF, OpenCV, TOML, NPZ, and as robots write poses.
+"""Export of calibrations to the files of other programs: JSON, ROS, URDF, OpenCV, TOML, NPZ and robot controllers.
 
 One result (`write_export`), or the poses of a rig with those that follow from them (`write_several`). ROS static
 transforms, launch files and URDF are trees, in which each frame has one parent: they hold the poses of the cameras,

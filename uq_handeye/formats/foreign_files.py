@@ -1,4 +1,4 @@
-"""Files that people give in place of poses, by their first bytes or their suffix: each refused with what to do."""
+"""Recognition of files that are no pose files, by their first bytes or their suffix, and advice for each."""
 
 from __future__ import annotations
 

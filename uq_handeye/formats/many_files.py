@@ -1,4 +1,4 @@
-"""Poses of a folder or a pattern with one file per pose, as if they stood in one file."""
+"""Poses of a folder or a pattern with one file per pose, read as if they were one file."""
 
 from __future__ import annotations
 

@@ -1,10 +1,10 @@
 """Tables of numbers as people and programs write them: with or without a line of names, in any of the usual styles.
 
-Fields are separated by commas, semicolons, tabs or spaces, or stand in brackets, one pair per pose (Python, JSON and
-NumPy lists, also over several lines); or each number stands behind its name (``X=1 Y=2``, ``{"x": 1, "y": 2}``).
-Taken as well: decimal commas where commas do not separate, quotes, units behind numbers (``90 deg``), comments (lines
-that start with #, %, //, ! or ;), a line of units below the names, a byte order mark, line ends of any system, and
-columns of text, which are left out. What the numbers mean is not decided here.
+Fields are separated by commas, semicolons, tabs or spaces, or are in brackets, one pair per pose (Python, JSON and
+NumPy lists, also over several lines); or each number follows its name (``X=1 Y=2``, ``{"x": 1, "y": 2}``).
+Accepted as well are decimal commas where commas do not separate, quotes, units behind numbers (``90 deg``), comments
+(lines that start with #, %, //, ! or ;), a line of units below the names, a byte order mark, line ends of any system,
+and columns of text, which are left out. The meaning of the numbers is not decided here.
 """
 
 from __future__ import annotations

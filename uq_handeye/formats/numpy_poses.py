@@ -3,8 +3,8 @@
 Names in ``.npz``: ``robot`` and ``camera``, or a frame (`pose_name`), each (n, 4, 4); or rotations and translations by
 the names of OpenCV's arguments (`opencv_storage.PAIRS`); ``timestamps`` for both, or ``robot_timestamps`` and
 ``camera_timestamps``; ``setup``. A file with a single array (n, 4, 4) of another name, or with ``R`` and ``t`` or
-``rvecs`` and ``tvecs`` only, holds one side. Matrices may lack their last row, (n, 3, 4), be flat, (n, 16), or stand
-column by column (`matrices.arrays`). Nothing is unpickled, and the sizes that a file declares are checked before
+``rvecs`` and ``tvecs`` only, holds one side. Matrices may lack their last row, (n, 3, 4), be flat, (n, 16), or be
+stored column by column (`matrices.arrays`). Nothing is unpickled, and the sizes that a file declares are checked before
 anything is read. Source of the rules: numpy/numpy, ``numpy/lib/_format_impl.py``.
 """
 

@@ -1,4 +1,4 @@
-"""A prior of X or W in a file: a pose with its covariance, or an earlier result."""
+"""Reader of a prior of X or W from a file: a pose with its covariance, or an earlier result."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Poses in messages of ROS, told by the names of their fields: of a text as nested dicts, of a bag as objects.
+"""Poses in messages of ROS, recognised by the names of their fields: nested dicts of a text, or objects of a bag.
 
 Fields as in ros/common_msgs and ros2/common_interfaces (``geometry_msgs/msg``: Pose, PoseStamped, PoseArray,
 PoseWithCovarianceStamped, TransformStamped; ``nav_msgs/msg/Odometry``), ros2/geometry2 (``tf2_msgs/msg/TFMessage``),

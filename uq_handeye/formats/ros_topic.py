@@ -1,8 +1,8 @@
 """Output of ``ros2 topic echo`` (ROS 2) and ``rostopic echo`` (ROS 1): messages that hold poses, ``---`` after each.
 
-Read are Pose, PoseStamped, PoseWithCovarianceStamped, TransformStamped, TFMessage, Odometry and what else `messages`
-names, also as rospy and rclpy print them; of ``ros2 topic echo --csv`` PoseStamped, PoseWithCovarianceStamped and
-TransformStamped, whose columns are sec, nanosec, frame_id(, child_frame_id), x, y, z, qx, qy, qz, qw. Sources:
+The messages are Pose, PoseStamped, PoseWithCovarianceStamped, TransformStamped, TFMessage, Odometry and the others of
+`ros_messages`, also as rospy and rclpy print them; of ``ros2 topic echo --csv`` PoseStamped, PoseWithCovarianceStamped
+and TransformStamped, whose columns are sec, nanosec, frame_id(, child_frame_id), x, y, z, qx, qy, qz, qw. Sources:
 ``ros2topic/ros2topic/verb/echo.py`` in ros2/ros2cli with ``rosidl_runtime_py/convert.py`` in
 ros2/rosidl_runtime_py; ``tools/rostopic`` in ros/ros_comm.
 """

@@ -1,11 +1,10 @@
-"""X and its inverse as texts that people copy into other programs, each with its convention and units beside it.
+"""X and its inverse as texts to copy into other programs, each with its convention and units.
 
 Numbers have twelve significant digits. Sources of the rules: NumPy; OpenCV, ``calibrateHandEye`` (docs.opencv.org,
 calib3d); ROS, ``static_transform_publisher`` (ros2/geometry2, ``tf2_ros/src/static_transform_broadcaster_program.cpp``)
 and ``geometry_msgs/msg/PoseWithCovariance.msg`` (ros2/common_interfaces); GTSAM, ``gtsam/geometry/Pose3.h``
-(borglab/gtsam); URDF, ``<origin>`` of ``<joint>`` (wiki.ros.org/urdf/XML/joint).
-
-Frames by name, quaternion and angles about fixed axes of a pose, for every export.
+(borglab/gtsam); URDF, ``<origin>`` of ``<joint>`` (wiki.ros.org/urdf/XML/joint). All exports take from here the frames
+by name, and the quaternion and the angles about fixed axes of a pose.
 """
 
 from __future__ import annotations

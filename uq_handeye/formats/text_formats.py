@@ -1,4 +1,4 @@
-"""Formats of text that their first lines tell: programs of robots, what tools of ROS print, files of one pose."""
+"""Text formats that are recognised by their first lines: robot programs, output of ROS tools, files of one pose."""
 
 from __future__ import annotations
 

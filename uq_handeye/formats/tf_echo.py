@@ -8,8 +8,8 @@
 
 Sources: ``tf2_ros/src/tf2_echo.cpp`` in ros2/geometry2 and ``tf/src/tf_echo.cpp`` in ros/geometry. What is printed is
 ``parent_T_child``, in metres, the scalar of the quaternion last; RPY are angles about fixed axes. The numbers have
-three decimals unless tf2_echo was given a precision. Of a rotation with few decimals the degrees say more than the
-quaternion, which they must agree with. tf2_echo prints the nanoseconds of a stamp without leading zeros.
+three decimals unless tf2_echo was given a precision. With few decimals the angles in degrees are more precise than the
+quaternion, and must agree with it. tf2_echo prints the nanoseconds of a stamp without leading zeros.
 """
 
 from __future__ import annotations

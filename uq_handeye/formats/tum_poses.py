@@ -1,9 +1,9 @@
 """TUM trajectories: ``timestamp tx ty tz qx qy qz qw`` per line, separated by spaces; ``#`` starts a comment line.
 
-Seconds, metres, unit quaternion with the scalar last. A line with these names before the first row is taken, as a
-comment or without #, though the format has none; it may say that the scalar comes first. Source of the rules: TUM RGB-D
-benchmark, "File Formats" (cvg.cit.tum.de/data/datasets/rgbd-dataset/file_formats), and its reader in ``evo``
-(MichaelGrupp/evo, ``evo/tools/file_interface.py``).
+Units are seconds and metres; the scalar of the unit quaternion is last. A line with these names before the first row is
+accepted, as a comment or without #, though the format has none; it may say that the scalar comes first. Source of the
+rules: TUM RGB-D benchmark, "File Formats" (cvg.cit.tum.de/data/datasets/rgbd-dataset/file_formats), and its reader in
+``evo`` (MichaelGrupp/evo, ``evo/tools/file_interface.py``).
 """
 
 from __future__ import annotations

@@ -1,1 +1,1 @@
-"""Closed form of the paper, published methods, and their covariances."""
+"""The closed form of the paper, the other published methods, and their covariances."""

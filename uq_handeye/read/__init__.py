@@ -1,4 +1,4 @@
-"""Readers and writers, one format per file."""
+"""Reading of poses, joints and camera files, and pairing of robot and camera poses."""
 
 from ..core.files.atomic import write_atomically, write_files
 from ..core.files.json_files import json_text

@@ -1,4 +1,4 @@
-"""Poses that arrive in files one by one, as in a live session: the pairs that are complete so far."""
+"""Poses in files that grow during a live session: the pairs that are complete so far."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Joint values read from a file: poses of the robot by forward kinematics, or the joints of poses from another file."""
+"""Joint values read from a file: they give the robot poses by forward kinematics, or go with poses of another file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Poses paired by their rows: what names and numbers of files and timestamps say against it."""
+"""Pairing of poses by rows, and checks of the names, file numbers and timestamps that may contradict it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Poses of two clocks that agree, paired by their times: the nearest within a tolerance, one to one."""
+"""Pairing of poses from synchronised clocks by time: the nearest within a tolerance, one to one."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""Choice of the reading of rotations where a file leaves several: the one with which robot and camera agree.
+"""Choice of the reading of rotations where a file allows several: the one with which robot and camera agree.
 
 Both sides see the same motions. So with the right reading one X explains the poses, and with a wrong one the target
 seems to move by many degrees. A reading is taken only if it fits far better than every other. The same comparison names
-the order of Euler angles that is meant where the one in use does not fit.
+the correct order of Euler angles where the one in use does not fit.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Robot poses alone, in any format: those to predict at, and those to choose from."""
+"""Reader of robot poses without camera poses, in any format: those to predict at, and the candidates of a plan."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Adapters for programs of ROS; ROS itself is imported only where it is."""
+"""Adapters for programs of ROS; ROS itself is imported only where it is installed."""

@@ -1,1 +1,1 @@
-"""Read untrusted files and write whole ones, whatever is in them."""
+"""Reading of untrusted files, and writing of files as a whole."""

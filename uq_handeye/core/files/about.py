@@ -1,4 +1,4 @@
-"""The title block of a report: cell, robot, camera, serial numbers, target, operator, date of the data, a note.
+"""The title block of a report: cell, robot, camera, serial numbers, target, operator, date of the data and a note.
 
 The result file keeps these texts under ``about``; a TOML file or ``KEY=VALUE`` on the command line gives them.
 """

@@ -2,7 +2,7 @@
 
 A spreadsheet runs a cell that begins with ``=``, ``+``, ``-`` or ``@`` as a formula, wherever its text comes from: the
 name of a point, a joint or a picture. Such a text gets an apostrophe before it, as a spreadsheet writes it; numbers do
-not. `plain_text` takes it off again.
+not. `plain_text` removes it again.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Several files that people name at once: a folder, or a pattern such as ``poses/*.txt``."""
+"""Several files given by one name: a folder, or a pattern such as ``poses/*.txt``."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""JSON files of the program: written in a form that people can read, and read back."""
+"""Writing of JSON files in a form that people can read, and reading them back."""
 
 from __future__ import annotations
 

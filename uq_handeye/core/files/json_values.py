@@ -1,4 +1,4 @@
-"""Types of what a JSON or YAML file holds: numbers, text, true and false, nothing, lists and objects of these."""
+"""Types of the values of a JSON or YAML file: numbers, text, booleans, null, and lists and objects of these."""
 
 from __future__ import annotations
 

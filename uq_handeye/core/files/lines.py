@@ -1,4 +1,4 @@
-"""Lines of an untrusted text: bounded in length, decoded, and their numbers."""
+"""Lines of an untrusted text: bounded in length, decoded, and numbered."""
 
 from __future__ import annotations
 

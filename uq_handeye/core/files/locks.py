@@ -1,8 +1,8 @@
 """Locks of files that are read and written back, so that nothing of another process is lost in between.
 
-The lock of NAME is that of the system on ``.uq-handeye-NAME.lock`` beside it, which is removed at the end. The system
-lets go of it when the process ends, however it ends: a lock file that a killed process left behind locks nothing. A
-file system without locks is written to as before.
+The lock of NAME is a lock of the operating system on ``.uq-handeye-NAME.lock`` in the same folder, which is removed at
+the end. The system releases it when the process ends, however it ends: a lock file that a killed process left behind
+locks nothing. On a file system without locks, files are written without one.
 """
 
 from __future__ import annotations

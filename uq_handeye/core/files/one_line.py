@@ -1,7 +1,7 @@
-"""Errors of one line: what a file or a library says, made fit for a message and a terminal.
+"""One-line error messages: text of a file or a library, made safe for a message and a terminal.
 
 Text of a file that a message quotes is escaped and cut, so that it neither floods the message nor moves the cursor of
-a terminal. `refused` turns whatever a library raises on a damaged file into an `InputError` of one line.
+a terminal. `refused` turns any exception of a library on a damaged file into an `InputError` of one line.
 """
 
 from __future__ import annotations

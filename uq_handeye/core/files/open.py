@@ -1,4 +1,4 @@
-"""Files that people name, opened for reading: every failure is a single line that says which file and why."""
+"""Opening of input files for reading: every failure is a one-line error with the name of the file and the reason."""
 
 from __future__ import annotations
 

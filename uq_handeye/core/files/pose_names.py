@@ -1,4 +1,4 @@
-"""Names of poses in files of several arrays or entries: which side they are, and in which frames."""
+"""Names of poses in files of several arrays or entries: the side (robot or camera) and the frames of each name."""
 
 from __future__ import annotations
 

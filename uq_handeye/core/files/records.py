@@ -1,4 +1,4 @@
-"""Records: results as the plain values of a file, and back, by the types of their fields.
+"""Records: results that are converted to the plain values of a file, and back, by the types of their fields.
 
 A `Record` is a frozen dataclass. ``to_dict`` writes its fields as numbers, lists and text, None for what is infinite.
 ``from_dict`` reads each by its type, so that a damaged file is refused where it is read and not where a part is used.
@@ -8,7 +8,7 @@ Types of arrays hold their shape: numbers, or letters for sizes that all arrays 
     share: Annotated[Array, "n"]  # as many as `n` says
     shift: Annotated[Array, "n", 6, INFINITE]  # None in the file stands for an infinite number
 
-A part with a ``from_dict`` of its own, such as `Finding`, looks after itself.
+A part with its own ``from_dict``, such as `Finding`, is read by that.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Origin of numbers: the file of poses, and the versions of what ran."""
+"""Origin of numbers: the file of poses, and the versions of the software."""
 
 from __future__ import annotations
 

@@ -1,13 +1,13 @@
 """The reader of tables in text: CSV, TSV, semicolons or blanks, one row per line under a line of names.
 
 Every table of the toolkit whose columns are known by their names is read here: poses, joints, points, corners, boards,
-matrices by their elements. A `Schema` says what the columns are; the reader does what all have in common: separators,
-quotes, decimal commas where commas do not separate, blank lines and comments (``#``), names that stand in a comment, a
-byte order mark, line ends of any system, bounded size; and errors of one line that name the file, the line as an editor
+matrices by their elements. A `Schema` declares the columns; the reader handles what all have in common: separators,
+quotes, decimal commas where commas do not separate, blank lines and comments (``#``), names in a comment, a byte order
+mark, line ends of any system and bounded size. Its errors are one line that names the file, the line as an editor
 numbers it, and the column.
 
 A new column of a file is an entry in its schema. Tables without known names, as people and controllers write them, are
-taken apart by `formats.number_table`.
+parsed by `formats.number_table`.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Numbers out of trees (`trees`): every error says where in the file, what was expected and what came."""
+"""Numbers from trees (`trees`): every error states the place in the file, the expected and the actual value."""
 
 from __future__ import annotations
 

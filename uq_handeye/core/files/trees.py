@@ -1,7 +1,8 @@
-"""YAML, JSON and XML of people's tools as plain lists, dicts, numbers and texts; nothing in a file can run or grow.
+"""Safe reading of YAML, JSON and XML files as plain lists, dicts, numbers and texts.
 
-Anchors, aliases, document types, deep nesting and files of more than 20 MB are refused. YAML goes through the events of
-PyYAML, so that tags (OpenCV's ``!!opencv-matrix``, or any other) name nothing to be made.
+Nothing in a file can run code or expand: anchors, aliases, document types, deep nesting and files of more than 20 MB
+are refused. YAML is read by the events of PyYAML, so that tags (OpenCV's ``!!opencv-matrix``, or any other) create no
+objects.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Checks of arrays and rigid transforms at the door: shapes, finite numbers, rotations that are some."""
+"""Checks of arrays and rigid transforms given by a caller: shapes, finite numbers, valid rotations."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The frames of X and W by setup."""
+"""Names of the frames of X and W for each setup."""
 
 from __future__ import annotations
 

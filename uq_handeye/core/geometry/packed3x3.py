@@ -1,8 +1,8 @@
 """Algebra of many 3x3 matrices at once, on arrays that hold the pairs last: (T, entries, m) for trials T and pairs m.
 
 NumPy is fastest on long rows, so that each entry of the matrices is one row over the pairs. A symmetric 3x3 matrix is
-packed as ``(xx, yy, zz, yz, xz, xy)``. What `se3` has for matrices (..., 3, 3) stands here in that layout: cross
-matrices, exponentials and Jacobians of rotation vectors.
+packed as ``(xx, yy, zz, yz, xz, xy)``. The functions of `se3` for matrices (..., 3, 3) have their counterparts here in
+that layout: cross matrices, exponentials and Jacobians of rotation vectors.
 """
 
 from __future__ import annotations

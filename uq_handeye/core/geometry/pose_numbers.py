@@ -1,4 +1,4 @@
-"""A pose as the six numbers that people read: translation in mm and rotation vector in deg; principal axes."""
+"""A pose as six numbers for people (translation in mm, rotation vector in deg), and principal axes of a covariance."""
 
 from __future__ import annotations
 

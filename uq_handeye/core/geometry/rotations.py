@@ -1,4 +1,4 @@
-r"""Rotations as vectors, quaternions and matrices, for arrays of any leading shape, and SciPy's class on demand.
+r"""Rotations as vectors, quaternions and matrices, for arrays of any leading shape.
 
 A rotation by the angle a about the unit vector u is the vector ``theta = a u``, the quaternion (x, y, z, w)
 ``(u sin(a/2), cos(a/2))`` and the matrix ``R = exp([theta]x)``:
@@ -6,7 +6,7 @@ A rotation by the angle a about the unit vector u is the vector ``theta = a u``,
     R = cos(a) + sin(a)/a [theta]x + (1 - cos(a))/a^2 theta theta^T,     (1 - cos(a))/a^2 = (sin(a/2) / (a/2))^2 / 2
 
 Both factors are written with ``sinc``, which keeps their digits at small angles. The vector of a matrix is taken by way
-of the quaternion, ``a = 2 atan2(|v|, |w|)``, which keeps them near half a turn too, where the skew part of R is zero.
+of the quaternion, ``a = 2 atan2(|v|, |w|)``, which also keeps them near 180 deg, where the skew part of R is zero.
 
 `Rotation` is that of SciPy, with Euler angles, products and means. Importing it costs as much as all of NumPy, since it
 brings the sparse matrices along: here it is imported when it is first used.

@@ -1,4 +1,4 @@
-r"""Rigid motions as matrices: what SciPy lacks, and the checks at the door.
+r"""Rigid motions as matrices, with the error convention of the toolkit.
 
 Model: a pose ``T = [[R, t], [0, 1]]`` in SE(3), arrays ``(..., 4, 4)`` in float64. The one error convention
 inside the toolkit is ``xi = (theta, tau)``, rotation first, **left** rotation, **additive** translation:

@@ -1,4 +1,4 @@
-"""Statistical levels: the probability at which a test says something, and what it then says.
+"""Statistical levels: the probability at which a test triggers a statement, and that statement.
 
 A test compares the p-value of what was observed with one of these levels. A lower level triggers a stronger
 statement, or belongs to a test that is repeated for many poses, patterns or causes. This is the only table of

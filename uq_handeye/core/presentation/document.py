@@ -1,7 +1,7 @@
-"""The one document model: what a result or a page says, as blocks. Text is made here, HTML by `notebook` and `page`.
+"""The document model: the content of a result or a page as blocks, rendered as text here and as HTML by `html`.
 
-A document is a sequence of blocks, or of lists of blocks that stand together. Everything is plain text; the renderer
-escapes it and decides how it looks.
+A document is a sequence of blocks, or of lists of blocks that belong together. Everything is plain text; the renderer
+escapes it and decides on its appearance.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
-"""Common parts of figures: names and texts for those who do not see them, width, colours, canvas, and SVG that stands
-beside others in one page.
+"""Common parts of figures: names and alternative texts, width, colours, canvas, and SVG for pages with several figures.
 
-All are drawn on white, 6.9 inches wide, the width of an A4 page between its margins, with text of 7.5 points or more.
-Colours are those of Okabe and Ito; hatches, markers or line styles say the same once more, for greyscale and
+All figures are drawn on white, 6.9 inches wide, the width of an A4 page between its margins, with text of 7.5 points or
+more. Colours are those of Okabe and Ito; hatches, markers or line styles say the same once more, for greyscale and
 colour-blind readers. This module imports Matplotlib; import it where it is used.
 """
 

@@ -1,4 +1,4 @@
-"""Blocks of a document as HTML: the one renderer, for a page by classes and for a notebook by styles.
+"""Rendering of the blocks of a document as HTML, with classes for a page and with styles for a notebook.
 
 All text is escaped; trusted are only the markup of drawings and their scenes. A notebook shows results as HTML that
 needs nothing but itself, on light and on dark pages.

@@ -1,4 +1,4 @@
-"""Results that show themselves: as text, in notebooks, and as JSON."""
+"""Display of results as text, in notebooks, and as JSON."""
 
 from __future__ import annotations
 

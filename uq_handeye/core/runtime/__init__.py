@@ -1,1 +1,1 @@
-"""Support of long computations: work arrays, progress, versions of what ran, executors."""
+"""Support of long computations: work arrays, progress, threads, executors, and read-only results."""

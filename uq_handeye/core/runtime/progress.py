@@ -1,4 +1,4 @@
-"""A progress bar on stderr, where that is a terminal: what is done, how fast, and how long it will still take."""
+"""A progress bar on stderr, where that is a terminal: work done, speed, and remaining time."""
 
 from __future__ import annotations
 

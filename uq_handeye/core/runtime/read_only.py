@@ -1,4 +1,4 @@
-"""Results that cannot be changed, arrays included: what a frozen dataclass alone does not give."""
+"""Frozen dataclasses whose arrays are read-only as well."""
 
 from __future__ import annotations
 

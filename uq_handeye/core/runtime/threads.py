@@ -1,4 +1,4 @@
-"""Cores, and threads of linear algebra."""
+"""The number of cores, and the number of threads of linear algebra."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""Poses whose position and rotation stand apart, each as a list behind its name.
+"""Poses whose position and rotation are two lists, each behind its own name.
 
 In lines, ``Position: [0.1, 0.2, 0.3]`` and ``Orientation (quaternion): [0, 0, 0, 1]``, as people print them; or in
-cells of a table, ``"[0.1 0.2 0.3]","[1.2 0.1 0.3]"`` below ``rvec,tvec``, as pandas writes arrays. What the numbers of
-a rotation are, the names say; where they do not, there are several readings (`records`).
+cells of a table, ``"[0.1 0.2 0.3]","[1.2 0.1 0.3]"`` below ``rvec,tvec``, as pandas writes arrays. The names give the
+form of the rotation; where they do not, there are several readings (`records`).
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Poses that stand in the programs and data files of controllers, maker by maker, as one side of a pose file."""
+"""Poses from the programs and data files of controllers, maker by maker, as one side of a pose file."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
 """Readings of the numbers of poses: the rotation and the length unit, by the convention and by the size of the numbers.
 
 A convention says degrees or radians, millimetres or metres. Numbers of the wrong size contradict it: no robot reaches
-20 m, none is calibrated within 5 mm, and no angle in radians is beyond a turn. Then the numbers are right, and a note
-says so; where both may be, both are readings, and the other side decides.
+20 m, none is calibrated within 5 mm, and no angle in radians exceeds one revolution. Then the size of the numbers
+decides, and a note says so; where both units are possible, both are readings, and the other side decides.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""Poses in JSON and YAML under names of people's own: maps of numbers and short lists, one per pose.
+"""Poses in JSON and YAML under user-defined names: maps of numbers and short lists, one per pose.
 
-``{"x": 0.1, ..., "rx": ...}`` is a row of a table; ``position`` and ``rpy`` may be lists, ``R`` a 3x3 matrix. What the
-numbers of a rotation are, the names say; where they do not, there are several readings, as in tables.
+``{"x": 0.1, ..., "rx": ...}`` is a row of a table; ``position`` and ``rpy`` may be lists, ``R`` a 3x3 matrix. The names
+give the form of the rotation; where they do not, there are several readings, as in tables.
 """
 
 from __future__ import annotations

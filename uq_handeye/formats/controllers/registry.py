@@ -1,4 +1,4 @@
-"""Formats of the makers: how each is recognised by its beginning and read, as a program or as a table."""
+"""Registry of the controller formats: how each is recognised by its first lines, and read as program or table."""
 
 from __future__ import annotations
 

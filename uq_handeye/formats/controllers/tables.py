@@ -1,8 +1,8 @@
 """Tables of poses from controllers and people: columns by their names, or by their number where there are no names.
 
 Without names, a line holds x, y, z and three numbers of a rotation, or x, y, z and a quaternion, or axis and angle; one
-or two columns before them may number or time the rows. What the rotation is, the maker says that is asked for; the
-names of the columns; or, where several are possible, the other side (`io.readings`).
+or two columns before them may number or time the rows. The form of the rotation follows from the requested format, from
+the names of the columns or, where several are possible, from the other side (`read.readings`).
 """
 
 from __future__ import annotations

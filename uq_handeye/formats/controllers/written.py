@@ -1,4 +1,4 @@
-"""Poses as texts for a controller, a pendant or software of 3-D cameras: the forms of `forms`, and matrices.
+"""Poses written as text for a controller, a pendant or 3-D camera software, in the forms of `forms` or as matrices.
 
 Where the language of a controller has a literal of a pose, a line is that literal (URScript, KRL, RAPID, VAL 3);
 otherwise the text is a table with units in its header. Numbers have all digits, so that reading them gives the pose

@@ -1,9 +1,9 @@
-"""Places of rotation and translation among the numbers of a pose that is written as a matrix.
+"""Order of rotation and translation among the numbers of a pose that is written as a matrix.
 
-Of 16 numbers the row 0, 0, 0, 1 tells the order: at the end, row by row; as every fourth number, column by column, as
-libfranka, Eigen, MATLAB, OpenGL and three.js store it. Of 12 numbers the place of the 3x3 that is a rotation tells
-whether they are the first three rows (KITTI), a rotation before a translation, or after it; the latter do not say
-whether the rotation stands row by row.
+Of 16 numbers the place of the row 0, 0, 0, 1 gives the order: at the end, row by row; as every fourth number, column by
+column, as libfranka, Eigen, MATLAB, OpenGL and three.js store it. Of 12 numbers the place of the 3x3 that is a rotation
+shows whether they are the first three rows (KITTI), a rotation before a translation, or after it; in the latter two
+cases the order of the rotation's entries, by rows or by columns, remains ambiguous.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Matrices that were found in a text, as the content of a file, with a note of how they stood there."""
+"""Matrices of a text as the content of a pose file, with a note on their layout."""
 
 from __future__ import annotations
 

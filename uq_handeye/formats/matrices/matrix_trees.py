@@ -1,8 +1,8 @@
-"""Matrices in JSON and YAML under names of their own: one per file, a list, an entry per pose.
+"""Matrices in JSON and YAML under user-defined names: one per file, a list, or an entry per pose.
 
-Taken is what leaves no doubt: a matrix or a list of them alone; a map with one entry that is one; entries that are
+Only unambiguous forms are read: a matrix or a list of them alone; a map with one entry that is one; entries that are
 matrices by numbered names (``pose_0``, ``pose_1``); a list of maps that each hold one under the same name, also below a
-single name (``frames`` of NeRF). The order of the 16 numbers is told by their places (`layout`).
+single name (``frames`` of NeRF). The order of the 16 numbers follows from their places (`layout`).
 """
 
 from __future__ import annotations

@@ -3,8 +3,8 @@
 One line: 16 numbers of a 4x4, 12 of its first three rows (KITTI odometry: devkit ``readme.txt``), or 9 + 3 of rotation
 and translation, also with a row number or a time in front, with names of columns above (`columns`) or without. Several
 lines: 4 lines of 4 numbers, 3 lines of 4, or any other division, such as that of ``print`` in Python. Brackets, commas,
-semicolons, names (``T1 =``), labels and comments (``#``, ``%``, ``//``) do not matter. Where the numbers are those of
-the transposed matrix, it is told by their places (`layout`).
+semicolons, names (``T1 =``), labels and comments (``#``, ``%``, ``//``) do not matter. A transposed matrix is
+recognised by the places of its numbers (`layout`).
 """
 
 from __future__ import annotations

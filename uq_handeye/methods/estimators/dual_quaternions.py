@@ -1,4 +1,4 @@
-"""Methods of rotation and translation together: 4DPA in its limit, dual tensors, dual quaternions.
+"""Methods that solve for rotation and translation together: 4DPA in its limit, dual tensors, dual quaternions.
 
 `daniilidis`, `lu`, `heller`, `zhang` and `zhao` write ``q_A q_X = q_X q_B`` in unit dual quaternions ``q + eps q'``;
 `condurache` fits dual rotation vectors, and 4DPA (Wu, Sun, Wang and Liu 2019) in the limit of its scaling factor the

@@ -1,4 +1,4 @@
-"""Gauss-Newton steps of many trials at once for `nguyen`: damping, counting, and when each trial ends.
+"""Gauss-Newton steps of many trials at once for `nguyen`: damping, counting, and the end of each trial.
 
 Model: at each state a stage gives its gradient g and information F; the full step is ``F^-1 g``, of the length
 ``sqrt(g^T F^-1 g)`` in standard deviations, which has no unit. Two rules end an iteration: ``scaled`` by that length,

@@ -1,4 +1,4 @@
-"""METHODS: every estimator under its name, in the order of publication."""
+"""`METHODS`, the registry of estimators by name, in the order of publication."""
 
 from __future__ import annotations
 

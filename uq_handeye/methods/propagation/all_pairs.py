@@ -10,7 +10,7 @@ of such forms therefore needs only one 16x16 moment matrix of the poses. With y 
 
     N = sum_i y_i y'_i^T,     m_kl = 4 sum_(i<j) (u, w)_k (v, z)_l = 1/2 tr( N^T C_kl ),    C_kl = B_k N B_l^T
 
-and ``d m_kl = dy_i^T C_kl y'_i + dy'_i^T C_kl^T y_i``. What T2 and T3 ask of the moments is linear in them, so that the
+and ``d m_kl = dy_i^T C_kl y'_i + dy'_i^T C_kl^T y_i``. T2 and T3 are linear in the moments, so that the
 derivatives of f and h by all poses take six 16x16 matrices.
 """
 

@@ -1,9 +1,9 @@
-r"""Noise carried through the derivatives of X: the sums ``sum F Sigma F^T`` over pairs and over the poses behind them.
+r"""Propagation of noise through the derivatives of X: the sums ``sum F Sigma F^T`` over pairs and over their poses.
 
 A covariance to first order is ``Sigma_X = Q (sum of F Sigma F^T) Q^T`` with the derivatives F (2, 6, 6, T, m) of the
-estimator by the errors of A and B (`estimators.method.Derivatives`), block after block of pairs, for T trials. Here is
-the data's side of it: noise of each pair's own (T3), noise of poses that pairs share (T4), joint or not, and noise of
-poses taken as if every pair had its own.
+estimator by the errors of A and B (`estimators.method.Derivatives`), block after block of pairs, for T trials. This
+module has the noise of the data: noise that is independent for each pair (T3), noise of poses that pairs share (T4),
+joint or not, and noise of poses treated as if it were independent for each pair.
 """
 
 from __future__ import annotations

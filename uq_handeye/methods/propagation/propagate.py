@@ -1,4 +1,4 @@
-"""First-order covariance of X: per pair (T3), pose-aware (T4), literal (45).
+"""First-order covariance of X by propagation of the noise: per pair (T3), pose-aware (T4), literal (45).
 
 Model: the data carry Gaussian errors ``xi = (theta, tau)`` (left rotation, additive translation, rad and m);
 X carries ``xi_X`` in the same convention, in the frame of ``A`` (gripper for eye-in-hand). To first order

@@ -1,4 +1,4 @@
-"""X, W and their covariances by a published method: what `calibrate` needs of METHODS and ROBOT_WORLD_METHODS."""
+"""X, W and their covariances by a published method of METHODS or ROBOT_WORLD_METHODS, for `calibrate`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The words of what is found of a propagated covariance."""
+"""Sentences of the findings about a propagated covariance."""
 
 from ...findings import NOISE, sentence
 

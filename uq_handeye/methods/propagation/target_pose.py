@@ -1,4 +1,4 @@
-"""The target pose W of a published X: the mean that the poses measure, and its derivatives.
+"""The target pose W of a published X: the mean of its measurements by all poses, and its derivatives.
 
 Model: ``G_i X C_i = W`` for poses without noise; ``W = base_T_target`` for eye-in-hand, with ``G = base_T_gripper``,
 and ``W = gripper_T_target`` for eye-to-hand, with ``G = gripper_T_base``. W is the unweighted mean of its n

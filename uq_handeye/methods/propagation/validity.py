@@ -1,4 +1,4 @@
-"""Conditions under which a propagated covariance is not valid, as findings from quantities that are at hand.
+"""Conditions under which a propagated covariance is not valid, as findings from quantities already computed.
 
 Two kinds of methods have a covariance that may be off by factors though that of every other is exact to first order:
 

@@ -1,6 +1,6 @@
 """A bag opened for reading: ROS 1 ``.bag``; ROS 2 folders, ``.db3`` and ``.mcap``. ROS is not needed.
 
-The package rosbags reads all of them. Around it stand what keeps a damaged or hostile file from a traceback or from
+The package rosbags reads all of them. Guards around it keep a damaged or hostile file from causing a traceback or
 filling memory: every failure is one line that names the file, messages are bounded in size, decompression as well
 (`decompression`), and MCAP files without an end are read as far as they go (`cut_off_mcap`).
 """

@@ -1,4 +1,4 @@
-"""The frames, tags and topics of a bag that are most likely the robot and the camera, by their names and what moves."""
+"""Guess of the frames, tags and topics of a bag that are the robot and the camera, by their names and motion."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-r"""The picture in which tags were detected, raw or rectified, where a ``camera_info`` has the intrinsics of both.
+r"""Test of whether tags were detected in the raw or the rectified picture, where a ``camera_info`` has both intrinsics.
 
-With the residuals of the corners r_0 under K and D and r_1 under P, ``g = r_1 - r_0`` is what the wrong lens adds. The
-share of it in r_0,
+With the residuals of the corners r_0 under K and D and r_1 under P, ``g = r_1 - r_0`` is the effect of the wrong lens.
+The share of it in r_0,
 
     a = - sum g r_0 / sum g^2
 

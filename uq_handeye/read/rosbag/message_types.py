@@ -1,8 +1,8 @@
 """Types of ROS messages: which of them are read, and how the messages of a bag are decoded.
 
 A bag usually holds the definitions of its types. Where it does not, the definitions are those of rosbags and of
-``messages.toml``. rosbags compiles a definition into Python code, and a definition comes with the file, from anyone:
-therefore only names of fields and names of types are let through (`Types.require`).
+``messages.toml``. rosbags compiles a definition into Python code, and the definition comes with an untrusted file:
+therefore only names of fields and names of types are accepted (`Types.require`).
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Recording: what a bag holds of robot and camera, read once; also of texts of ``ros2 topic echo``."""
+"""`Recording`: the robot and camera messages of a bag, or of texts of ``ros2 topic echo``, read once."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Streams of robot and camera out of a recording, by frames of tf, by a tag, or by a topic."""
+"""Streams of robot and camera poses from a recording, by frames of tf, by a tag, or by a topic."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Two synchronised streams in words: the offset, what the poses were made of, what was left out and what to know."""
+"""The text on two synchronised streams: the offset, the source of the poses, the poses left out, and remarks."""
 
 from __future__ import annotations
 

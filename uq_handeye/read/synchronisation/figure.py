@@ -1,8 +1,8 @@
 """Two synchronised streams as a figure: the angular speeds on one clock, their correlation, residuals by offset.
 
 Above, the angular speeds (deg/s) of robot and camera on the clock of the camera, the robot's moved by the offset: the
-two curves lie on each other if the offset is right. Below left, the correlation coefficient of both at each lag (s)
-that was looked at. Below right the residuals (per axis, root mean square) of the best X and W at each offset near the
+two curves coincide if the offset is right. Below left, the correlation coefficient of both at each lag (s) that was
+searched. Below right, the residuals (per axis, root mean square) of the best X and W at each offset near the
 estimate, rotation and translation each by its smallest value; the band is the offset with two standard deviations.
 """
 

@@ -24,11 +24,11 @@ the mean of what linear interpolation gives in the one frame and in the other. A
 is taken by SVD (`procrustes.orthonormalise`); the two agree to |t|^2/d^2.
 
 **geodesic.** The screw motion from one sample to the other, ``T_i exp((1 - w) log(T_i^-1 T_(i+1)))``. (Not the geodesic
-of a metric that takes rotation and translation apart, which is slerp beside a straight line: that depends on which of
-the two frames the translation is counted in.)
+of a metric that separates rotation and translation, which is slerp with a straight line: that depends on the frame in
+which the translation is expressed.)
 
-Both do not care whether a pose or its inverse is interpolated, nor about a fixed transform before or behind, X among
-them. They differ by third order in the step: by at most 0.016 theta^3 in rotation for small theta (rad). Both miss
+Both give the same result for a pose and its inverse, and with a fixed transform, such as X, before or behind. They
+differ by third order in the step: by at most 0.016 theta^3 in rotation for small theta (rad). Both miss
 the true motion by second order, ``w (1 - w)/2`` times acceleration times the interval squared.
 
 Between two samples the way is not known if they are half a turn apart: steps beyond `MAX_STEP_RAD` are refused.

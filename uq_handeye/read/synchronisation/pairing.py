@@ -1,4 +1,4 @@
-"""Rows of two streams: poses of one, and the other interpolated at their times for some time offset; their noise."""
+"""Rows of two streams for a given time offset: poses of one, the other interpolated at their times, and their noise."""
 
 from __future__ import annotations
 

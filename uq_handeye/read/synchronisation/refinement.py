@@ -1,24 +1,24 @@
-r"""The time offset refined jointly with X and W, and how well it is known.
+r"""Refinement of the time offset jointly with X and W, and the standard deviation of the offset.
 
 Model: the constraint of `constraint` on poses, ``G(t) X C(t') = W``, with one more unknown, the offset d between the
 clocks. An error of d moves the interpolated side of row i by ``rate_i d`` (left rotation, additive translation), its
 residual therefore by ``j_i d`` with ``j_i = D_i rate_i``, D_i the derivative by that side. Gauss-Newton on
 ``(xi_X, xi_W, d)``, in units in which the covariance of a residual is 1 and with the robust weights of `robust`: with J
-the columns of X and W, what they leave of j is ``k = j - J (J^T J)^-1 J^T j`` (Frisch and Waugh), and
+the columns of X and W, the part of j that they do not explain is ``k = j - J (J^T J)^-1 J^T j`` (Frisch and Waugh), and
 
     d <- d - k^T r / k^T k,        Var(d) = 1 / k^T k    for rows whose errors are independent
 
 r the residual after X and W are fitted. Rates that contain noise cost precision, but do not pull d towards 0: at the
 end ``k^T r = 0``, and the noise of a rate is not that of its row (`interpolation.at_times`).
 
-*Honest standard deviation.* Rows of a video are not independent: errors of the detection last for many frames, a clock
-of 10 ms puts an error along the path into every row, neighbours may share a sample. What row i adds to the error of d
-is ``c_i = -k_i^T r_i / (k^T k - k_i^T k_i)`` (as in a jackknife; and with the slope of the robust weights, which fall
-as residuals grow, in the denominator). Var(d) is that of the model, or ``sum c_i^2`` where that is larger (the sandwich
-of one parameter): errors along the path, of fast rows. Where neighbouring c_i are correlated (p < 0.001) it is
-multiplied by ``1 + 2 sum rho_l``, rho the autocorrelation of c_i, summed over its initial positive
-sequence (C. J. Geyer 1992). That is the model of the timing noise: any stationary error whose correlation dies out
-within the recording. What is constant, such as the delay of a filter, is part of the offset itself.
+*Standard deviation of correlated rows.* Rows of a video are not independent: errors of the detection last for many
+frames, a clock of 10 ms puts an error along the path into every row, neighbours may share a sample. Row i adds to the
+error of d ``c_i = -k_i^T r_i / (k^T k - k_i^T k_i)`` (as in a jackknife; and with the slope of the robust weights,
+which fall as residuals grow, in the denominator). Var(d) is that of the model, or ``sum c_i^2`` where that is larger
+(the sandwich of one parameter), which contains errors along the path of fast rows. Where neighbouring c_i are
+correlated (p < 0.001) it is multiplied by ``1 + 2 sum rho_l``, rho the autocorrelation of c_i, summed over its initial
+positive sequence (C. J. Geyer 1992). The timing noise may thus be any stationary error whose correlation decays within
+the recording. A constant error, such as the delay of a filter, is part of the offset itself.
 """
 
 from __future__ import annotations

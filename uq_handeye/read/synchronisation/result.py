@@ -1,4 +1,4 @@
-"""Synchronised: what `synchronise` returns, the pose pairs with their time offset and how it was found."""
+"""`Synchronised`, the result of `synchronise`: the pose pairs, their time offset and the details of its estimation."""
 
 from __future__ import annotations
 

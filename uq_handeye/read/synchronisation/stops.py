@@ -1,4 +1,4 @@
-"""Stops: intervals in which neither the robot nor the camera moves, each made into one averaged pair of poses.
+"""Stops: intervals in which neither the robot nor the camera moves, each averaged to one pair of poses.
 
 Model: at a stop the pose is constant but for noise. The noise of each stream (rad, m per axis) is estimated from third
 differences of its poses, which smooth motion hardly enters; at the quartile of the smallest, as motion is there as

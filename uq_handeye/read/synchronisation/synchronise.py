@@ -1,11 +1,11 @@
-r"""synchronise(): two time-stamped streams to pose pairs, with their time offset and its uncertainty (Sub-problem 2).
+r"""The function `synchronise`: pose pairs from two time-stamped streams, with their time offset and its uncertainty.
 
 Model: robot and camera poses ``base_T_gripper`` and ``camera_T_target`` were sampled at times of two clocks that run at
 the same rate, ``robot_time = camera_time + offset``. Poses of the denser stream are interpolated at the times of the
-other (`interpolation`): the error of interpolation grows with the square of the interval. Nothing is extrapolated, no
-gap is bridged.
+other (`interpolation`, Sub-problem 2): the error of interpolation grows with the square of the interval. Nothing is
+extrapolated, no gap is bridged.
 
-The offset starts from the correlation of angular speeds (`time_offset`), and is refined jointly with X and W
+The offset starts from the correlation of angular speeds (`correlation`), and is refined jointly with X and W
 (`refinement`). Its uncertainty goes with the poses (`timing`): `calibrate` makes the covariance of X marginal
 over it. An offset error d moves pose i by ``rate_i d``, hence X by ``g d`` with ``g = -C J^T S^-1 j``, ``j_i = D_i
 rate_i``. In the joint fit of (X, W, d) the covariance of X is to first order
@@ -13,9 +13,9 @@ rate_i``. In the joint fit of (X, W, d) the covariance of X is to first order
     C + g Var(d) g^T
 
 which is the inverse of the 13-parameter information if ``Var(d) = 1/(j^T S^-1 j - j^T S^-1 J C J^T S^-1 j)``, and stays
-right where Var(d) is larger because rows are not independent, or smaller because it was known beforehand.
+right where Var(d) is larger because rows are not independent, or smaller because of a prior.
 
-What is not covered: clocks that drift against each other, delays that change, and what interpolation misses
+Not covered are clocks that drift against each other, delays that change, and the error of interpolation
 (`Synchronised.interpolation_error`).
 """
 
