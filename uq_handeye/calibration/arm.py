@@ -59,10 +59,10 @@ class Arm(NamedTuple):
         return self.errors.columns(self.kinematics, self.joints, self.at, self.by_poses)
 
     def linear_about(self, e: Array) -> Array:
-        """(n, 4, 4) poses of the robot in place of those measured, for errors e (m,) of the arm.
+        """(n, 4, 4) poses of the robot in place of the measured ones, for errors e (m,) of the arm.
 
-        ``FK(q; e)`` less ``F(e) e``, where ``FK(q; 0)`` was measured: with it the errors have the mean 0 as before, and
-        ``F(e)`` times them is right to the second order about e.
+        ``FK(q; e)`` minus ``F(e) e``, where ``FK(q; 0)`` was measured: with it the errors have the mean 0 as before,
+        and ``F(e)`` times them is right to the second order about e.
         """
         of = self.kinematics, self.joints, e, self.errors.flange
         nominal, true = self.kinematics.poses(self.joints), poses_with_errors(*of)

@@ -85,12 +85,12 @@ MAX_SECOND_ORDER_SD = 0.05
 MAX_REJECTED_SHARE = 0.15
 # Another branch of the inverse kinematics is taken where the logarithm of its evidence is larger by this.
 MIN_LOG_EVIDENCE_GAIN = 1.0
-# Errors whose columns at other poses are told by those that they were bound to.
+# Errors whose columns at other poses follow from the poses that they were bound to.
 OF_POSES = frozenset({ROBOT_ACCURACY, VIEW, LENS, OUTLINE, FOCAL_LENGTH, f"{PRINCIPAL_POINT} x"})
 
 
 def by_likelihood(job: Job) -> tuple[Calibration, list[Finding]]:
-    """`efficient` or `ml`, with 4DPA beside it."""
+    """Estimate X by `efficient` or `ml`, and by 4DPA for comparison."""
     noise, constraint, known = job.noise, job.constraint, job.pose_prior
     fourdpa: Published | None = None
     with suppress(DegenerateMotionError):
@@ -210,7 +210,7 @@ def _corrected_poses(poses: PosePairs, noise: PoseNoise, fit: Fit) -> PosePairs:
 
 
 def poses_about_errors(job: Job, result: Calibration) -> PosePairs | None:
-    """The poses that stand for those measured once the errors of the arm are derived at their estimate.
+    """The poses that replace the measured ones when the errors of the arm are linearised at their estimate.
 
     None where that makes no difference.
     """
@@ -227,7 +227,7 @@ def poses_about_errors(job: Job, result: Calibration) -> PosePairs | None:
 
 
 def motions_without_shared_errors(motions: Motions, noise: Noise, fit: Fit) -> Motions:
-    """The motions of poses less the errors that all poses share, as the fit estimates them; else as they are."""
+    """Return motions corrected by the estimated errors that all poses share; those without poses are unchanged."""
     poses = motions.poses
     if poses is None or motions.pairs is None or poses.n != len(fit.residual):
         return motions
@@ -388,7 +388,7 @@ def _of_fit(
 
 
 def _wrong_size(found: FoundSizes | None, result: Calibration) -> float | None:
-    """Return the probability that the target has another size, sizes of errors integrated over; None: not asked."""
+    """Return the probability that the target has another size, sizes of errors integrated over; None: not computed."""
     scale = next((error for error in result.shared_at_sizes if error.name == TARGET_SCALE), None)
     if found is None or scale is None:
         return None

@@ -94,7 +94,7 @@ def estimate_unweighted(
 
 
 def bare_result(job: Job, X: Array, W: Array | None, of_pairs: Residuals, noise: Noise | None) -> Calibration:
-    """X with what does not depend on the covariance."""
+    """X with all results that do not depend on the covariance."""
     poses, data, kind = job.poses, job.data, job.request.kind
     kind = kind or ("pairs" if data is job.motions else "poses")
     n_pairs = job.everything.n_pairs if job.everything else job.motions.N
@@ -110,7 +110,7 @@ def bare_result(job: Job, X: Array, W: Array | None, of_pairs: Residuals, noise:
 
 
 def reference_for(fit: Fit, estimate: NoiseEstimate | None) -> Reference:
-    """The distribution that goes with the covariance of the noise; a prior that fixes all of it leaves nothing open."""
+    """The reference distribution for the covariance of the noise: chi-square if a prior fixes the noise completely."""
     dof = float("inf") if estimate is None else effective_dof(fit, estimate)
     known = components_of(fit)
     return Reference("t", dof, known) if np.isfinite(dof) else Reference(components=known)

@@ -157,9 +157,9 @@ def _calibrate_rig(
 
 
 def _with_excluded(result: Calibration, data: PosePairs, selection: Selection, asked: tuple[int, ...]) -> Calibration:
-    """Return the result of the poses that count with the excluded ones in its data and in its table.
+    """Return the result of the poses that count, with the excluded ones added to its data and its table.
 
-    ``asked``: those that were excluded by request; the others repeat a pose.
+    ``asked``: the poses that were excluded by request; the others repeat a pose.
     """
     excluded = tuple(selection.excluded.tolist())
     table, analysis, whole = result.table, result.analysis, result.data
@@ -273,10 +273,11 @@ def _linearised(job: Job, data: PosePairs | Motions) -> tuple[Job, Calibration, 
 
 
 def _plainer(job: Job, error: Exception) -> tuple[Job, Calibration, list[Finding]]:
-    """X without what was not asked for: weights of noise that leaves residuals exact, or robust weights.
+    """Estimate X without weights that the user did not request: those of the noise, or the robust ones.
 
-    The plain fit where the robust one does not determine X; or with the noise given, where it finds no X that most
-    agree on: that noise is the user's, and residuals that contradict it are warned of. Else raise the error.
+    Noise that leaves residuals exact cannot weight them: X is then that of 4DPA. The fit without robust weights is used
+    where the robust one does not determine X, or where with given noise it finds no X on which most poses agree; a
+    warning then reports the residuals that contradict that noise. In all other cases the error is raised.
     """
     request = job.request
     match error:

@@ -53,8 +53,8 @@ def against_data_sheet(result: Calibration) -> list[Finding]:
 def against_corners(estimate: NoiseEstimate, judged: GoodnessOfFit) -> list[Finding]:
     """Return findings if the residuals contradict the covariance of camera poses from corners.
 
-    Noise that is estimated makes up for residuals that are larger; of those that are smaller than the camera's
-    covariance alone allows the lower tail of chi-square tells.
+    Estimated noise compensates for residuals that are larger; the lower tail of chi-square tests for residuals that are
+    smaller than the camera's covariance alone allows.
     """
     found = [one for one in estimate.findings if one.severity != "note"]
     p = float(chdtr(judged.dof, judged.chi2))
@@ -65,7 +65,8 @@ def against_corners(estimate: NoiseEstimate, judged: GoodnessOfFit) -> list[Find
 
 
 def shared_findings(job: Job, result: Calibration, joint: Posterior, wrong_size: float | None = None) -> list[Finding]:
-    """Shared errors that contradict what was assumed of them, that show a wrong size, that X cannot be told from.
+    """Findings of shared errors that contradict their prior, that show a wrong size, or that cannot be separated from
+    X.
 
     The numbers of one error (`group_of`) are tested together: of many single ones some are far out by chance.
     ``wrong_size``: the probability that the target has another size; None: by its Gaussian.
@@ -138,7 +139,7 @@ def _square_of(job: Job) -> float | None:
 def against_prior(fit: Fit) -> list[Finding]:
     """Return a finding if the prior of X and W contradicts the data.
 
-    The estimate less the prior's mean has the covariance ``Lambda^-1 - C`` along what data and prior both determine;
+    The estimate minus the prior's mean has the covariance ``Lambda^-1 - C`` along what data and prior both determine;
     its square is chi-square with as many degrees of freedom.
     """
     if fit.prior is None:

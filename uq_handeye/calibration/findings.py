@@ -96,7 +96,7 @@ def look_at(job: Job) -> list[Finding]:
 
 
 def why_failed(findings: Sequence[Finding]) -> list[Finding]:
-    """Return the failures among findings; those that explain the others alone, where there are some."""
+    """Return the failures among findings; only those that explain the others, where there are any."""
     failures = [finding for finding in findings if finding.severity == "failure"]
     return [finding for finding in failures if finding.explains] or failures
 
@@ -126,7 +126,7 @@ def reasons(job: Job) -> list[Finding]:
 
 
 def shifted(job: Job, result: Calibration | None) -> list[Finding]:
-    """Return a finding if rows of one file are missing or in another order, where the fit gives reason to ask."""
+    """Return a finding if rows of one file are missing or in another order, where the fit gives reason to test it."""
     if job.poses is None or job.poses.n < MIN_POSES_FOR_ROBUST:
         return []
     if result is not None:
@@ -160,7 +160,7 @@ def flipped_poses(job: Job, result: Calibration) -> list[Finding]:
 
 
 def said_open(opened: OpenDirections | None, setup: str | None) -> list[Finding]:
-    """Return what the data leave open of X and W."""
+    """Return the findings about the directions of X and W that the data leave open."""
     if opened is None:
         return []
     return [Finding("calibration.open", "caution", {"directions": opened.single().tolist(), "setup": setup})]

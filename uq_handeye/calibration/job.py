@@ -41,7 +41,7 @@ PoseAndCovariance: TypeAlias = tuple[ArrayLike, ArrayLike]
 
 @dataclass(frozen=True, eq=False)
 class Job:
-    """A request, with what it means for its data."""
+    """A request with its data, checked and converted to the input of the estimators."""
 
     request: Request
     motions: Motions  # of which residuals are taken, and 4DPA where `everything` is None
@@ -103,7 +103,7 @@ def _require_corners(data: PosePairs | Motions, noise: Noise | None, covariance:
 def _open_noise(
     noise: Noise | CameraNoise | None,
 ) -> tuple[Noise | None, CameraNoise | None, Array | JointCovariance | None]:
-    """The noise where it is known; else that of the camera but for its pixels, and the robot's if it is known."""
+    """The noise where it is known; else the camera noise with unknown pixel noise, and the robot's if it is known."""
     match noise:
         case CameraNoise():
             return None, noise, None
@@ -113,7 +113,7 @@ def _open_noise(
 
 
 def _with_corners(noise: Noise | None, motions: Motions) -> Noise | None:
-    """Beside noise of the robot only, the covariance that camera poses from corners or points come with."""
+    """Add to noise of the robot only the covariance of camera poses from corners or points."""
     S = None if motions.poses is None else motions.poses.known_camera
     match noise:
         case PoseNoise(robot=robot, camera=None, prior=prior) if S is not None:
@@ -140,9 +140,9 @@ def _pose_prior(
 
 
 def job_of(request: Request, data: PosePairs | Motions, about: tuple[PosePairs, Array] | None = None) -> Job:
-    """Return the request beside its data; raises `InputError` where they do not fit.
+    """Return the job of a request and its data; raises `InputError` where they do not fit each other.
 
-    ``about``: the poses as they came and the errors of the arm about which the data stand for them (`linear_about`).
+    ``about``: the measured poses and the errors of the arm about which ``data`` is linearised (`linear_about`).
     """
     require_type("data", data, (PosePairs, Motions), "PosePairs or Motions, or poses beside `camera`")
     method, bound, pairs, shared = request.taken_method, request.by_likelihood, request.pairs, request.shared

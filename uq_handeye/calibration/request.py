@@ -154,7 +154,7 @@ class Request:
 
     @property
     def taken_method(self) -> str:
-        """The method; where none was asked for, the one that the other arguments leave."""
+        """The method; where none was given, the default for the other arguments."""
         if self.method is not None:
             return self.method
         return "efficient" if self.scale is None and self.kind in (None, "poses") else "4dpa"
@@ -193,9 +193,9 @@ class Request:
         return replace(self, **changes)
 
     def to_dict(self, at: Array | None, simulated: bool) -> dict[str, Any]:
-        """Return what can be asked of more poses, as plain values, as it was given.
+        """Return the arguments that also apply to more poses, as plain values, as they were given.
 
-        ``at``: the errors of the arm about which the poses of the result stand for those measured (`linear_about`);
+        ``at``: the errors of the arm about which the poses of the result are linearised (`linear_about`);
         ``simulated``: the poses came with their truth, for which no accuracy of the robot is assumed. Of a covariance
         that is joint over the poses only the fact is kept: it does not extend to others.
         """
@@ -241,8 +241,8 @@ def require_poses(S: Any, n: int, side: str) -> None:
 
 
 def documented(doc: str | None) -> str | None:
-    """Return the docstring of a function whose further keywords ``asked`` are a `Request`, with what is said of them
-    there.
+    """Return the docstring of a function whose further keywords ``asked`` are a `Request`, with the documentation of
+    its fields inserted.
     """
     if doc is None or Request.__doc__ is None:  # Python runs without
         return doc

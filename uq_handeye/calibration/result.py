@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False, init=False)
 class Calibration(Statement):
-    """X of AX = XB and what is known about it.
+    """X of AX = XB with its uncertainty.
 
     Model: ``X = (R, t)`` with the error ``xi = (theta, tau)``, ``R = exp([theta]x) R_hat``,
     ``t = t_hat + tau``, in rad and m, in the parent frame of X (gripper for eye-in-hand, base for eye-to-hand);
@@ -398,7 +398,7 @@ class Calibration(Statement):
 
     @classmethod
     def from_json(cls, path: str | Path, data: Any = None) -> Calibration:
-        """Read what `to_json` wrote; ``data``: what the file holds, if it has been read."""
+        """Read the text that `to_json` writes; ``data``: the content of the file, if it has been parsed."""
         data = parsed(path) if data is None else data
         try:
             return cls.from_dict(data)

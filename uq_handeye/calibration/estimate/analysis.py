@@ -48,7 +48,7 @@ MAX_CONTROLLER_RMS = (np.radians(0.01), 1e-4)
 
 
 class ErrorEstimate(NamedTuple):
-    """One number of e: what was assumed of it, and what the data say (rad, m; ``true - model``)."""
+    """One number of e: its prior, and its estimate from the data (rad, m; ``true - model``)."""
 
     name: str
     group: str
@@ -203,7 +203,7 @@ class FittedKinematics(Record):
 
     @classmethod
     def from_dict(cls, data: Any) -> FittedKinematics:
-        """Read what `to_dict` wrote; raises `InputError` on anything else."""
+        """Read the values that `to_dict` writes; raises `InputError` on any others."""
         found = cls(**parts_of(cls, data, "kinematics"))
         m, L = len(found.chain.errors), found.chain.n_joints
         if data.get("names") != found.names or len(found.e) != m or found.joints.shape[1:] != (L,):
@@ -300,7 +300,7 @@ class Analysis(Record):
 
 
 def joint_sides(noise: Noise | None) -> dict[str, JointCovariance]:
-    """The sides of noise whose errors poses share, by name."""
+    """The covariances of noise, by side, in which poses share errors."""
     sides = {} if noise is None else noise.sides
     return {name: S for name, S in sides.items() if isinstance(S, JointCovariance)}
 

@@ -43,7 +43,7 @@ NEGLIGIBLE_SHARE = 0.02
 
 @dataclass(frozen=True, eq=False, init=False)
 class Estimated(Named, Record):
-    """X and W, what they were estimated from, and quantities that follow from these only.
+    """X and W, their data, and quantities that follow from these only.
 
     The attributes are described with `Calibration`.
     """
@@ -73,12 +73,13 @@ class Estimated(Named, Record):
 
     @property
     def components(self) -> tuple[FoundComponent, ...]:
-        """All errors of the joint model, with their sizes and what they do to X; empty where the noise was given."""
+        """All errors of the joint model, with their sizes and their effects on X; empty where the noise was given."""
         return () if self.noise_estimate is None else self.noise_estimate.of_model
 
     @property
     def posterior(self) -> Posterior | None:
-        """X, W and the errors that all poses share, together, over the sizes that are open; None where a part of X is.
+        """Joint posterior of X, W and the errors that all poses share, with uncertain sizes; None if X has open
+        directions.
 
         `predict`, `check`, `verify`, `update`, `difference` and `plan` read it.
         """
@@ -87,7 +88,7 @@ class Estimated(Named, Record):
 
     @cached_property
     def shared(self) -> tuple[SharedEstimate, ...]:
-        """Errors that all poses share, with the standard deviations of the posterior: over the sizes that are open."""
+        """Errors that all poses share, with the standard deviations of the posterior, sizes integrated over."""
         if not isinstance(self.joint_posterior, OpenSizes):
             return self.shared_at_sizes
         of = self.joint_posterior.posterior
@@ -141,7 +142,7 @@ class Estimated(Named, Record):
 
     @property
     def has_budget(self) -> bool:
-        """True if it is known what the covariance is made of."""
+        """True if the contributions to the covariance are known."""
         if self._taken_in:
             return self.posterior is not None
         return self.analysis is not None
@@ -188,7 +189,7 @@ class Estimated(Named, Record):
 
     @property
     def std(self) -> Array | None:
-        """Standard deviations (6,) of (theta, tau), rad and m; infinite for components that move along what is open."""
+        """Standard deviations (6,) of (theta, tau), rad and m; infinite for components in an open direction."""
         if self.covariance is None:
             return None
         return deviations_of(self.covariance, self.opened, "X")
@@ -202,7 +203,7 @@ class Estimated(Named, Record):
 
     @property
     def open_directions(self) -> Array:
-        """(k, 12): what of (xi_X, xi_W) the motions leave open, as errors (theta, tau) of X, then of W, rad and m.
+        """(k, 12): directions of (xi_X, xi_W) that the motions leave open, (theta, tau) of X, then of W, rad and m.
 
         Orthonormal in units of the rig: angles times ``opened.lever``, the distance of camera and target. k = 0 where
         nothing is open.
@@ -211,24 +212,24 @@ class Estimated(Named, Record):
 
     @property
     def open_of_X(self) -> Array | None:
-        """(j, 6): what of X is open; None: nothing."""
+        """(j, 6): open directions of X; None: X is determined."""
         return None if self.opened is None else self.opened.of_X
 
     @property
     def open_of_W(self) -> Array | None:
-        """(j, 6): what of W is open; None: nothing."""
+        """(j, 6): open directions of W; None: W is determined."""
         return None if self.opened is None else self.opened.of_W
 
     @property
     def open_words(self) -> tuple[str, ...]:
-        """Each open direction in words."""
+        """Description of each open direction."""
         return (
             () if self.opened is None else tuple(open_words(one, self.setup) for one in self.opened.single().tolist())
         )
 
     @property
     def correlation(self) -> Array | None:
-        """Correlation matrix (6, 6) of (theta, tau); 0 beside a variance of 0."""
+        """Correlation matrix (6, 6) of (theta, tau); 0 for components with a variance of 0."""
         if self.covariance is None:
             return None
         std = np.sqrt(np.diag(self.covariance))
@@ -318,7 +319,7 @@ class Estimated(Named, Record):
         camera_covariance: ArrayLike | None = None,
         points_covariance: ArrayLike | None = None,
     ) -> PointUncertainty:
-        """The uncertainty of points that the camera measures, where the calibration carries them.
+        """The uncertainty of points that the camera measures, in the frame to which the calibration transforms them.
 
         Model (`task_space`): to first order, errors of X (or W), of the pose given and of the points independent.
 
@@ -387,7 +388,7 @@ class Estimated(Named, Record):
 
 
 def deviations_of(covariance: Array, opened: OpenDirections | None, of: str) -> Array:
-    """Standard deviations (6,) of X or W, infinite for components that move along what is open."""
+    """Standard deviations (6,) of X or W, infinite for components with a part in an open direction."""
     std = np.sqrt(np.diag(covariance))
     if opened is None:
         return np.asarray(std)

@@ -36,9 +36,9 @@ class Provenance(Record):
 
     ``data_sha256`` is the SHA-256 of the poses (or motions) as they were used, float64, little-endian, robot first: the
     same numbers give it whatever file they came from. ``options`` are the arguments of `calibrate`; ``command`` is the
-    command line where there was one. ``request`` holds the arguments as they were given, by which the same can be asked
-    of more poses (`Request.to_dict`); None after an update by the
-    posterior alone, which has no one set of arguments.
+    command line where there was one. ``request`` holds the arguments as they were given, by which the same calibration
+    is repeated with more poses (`Request.to_dict`); None after an update by the posterior alone, which has no single
+    set of arguments.
     """
 
     _if_any: ClassVar[str] = "request"
@@ -52,7 +52,7 @@ class Provenance(Record):
 
 
 def provenance(data: PosePairs | Motions, options: dict[str, Any], request: dict[str, Any]) -> Provenance:
-    """Record what `calibrate` was given."""
+    """Record the input and the options of `calibrate`."""
     sides = (data.robot, data.camera) if isinstance(data, PosePairs) else (data.A, data.B)
     sources = () if data.poses is None else data.poses.sources
     return Provenance(sha256_of(*sides), options, dict(versions()), sources, request=request)
@@ -88,7 +88,7 @@ class Origin(Record):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Solution(Record):
-    """Method by which X was found, and what else was found for the same data."""
+    """The method of the estimate of X, and further results for the same data."""
 
     method: str
     scale: float | None
@@ -103,7 +103,7 @@ class Solution(Record):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Errors(Record):
-    """Noise and the errors that all poses share: what the covariance is of."""
+    """Noise and the errors that all poses share, to which the covariance belongs."""
 
     noise: Noise | None = None
     noise_estimate: NoiseEstimate | None = None  # where the noise comes from the data

@@ -74,7 +74,7 @@ def evidence_of_poses(
     joints: ArrayLike | None = None,
     same: Iterable[str] | str = THINGS,
 ) -> PoseEvidence:
-    """Hold new poses against a calibration.
+    """Compare new poses with a calibration.
 
     Parameters
     ----------
@@ -89,7 +89,7 @@ def evidence_of_poses(
         For a calibration with the kinematics of its arm; None: ``poses.joints``.
 
     same : names out of "robot", "camera" and "target"
-        Which of them are those of the calibration. The errors of others are drawn again, as large as was assumed.
+        Which of them are those of the calibration. The errors of the others are independent, with the assumed size.
 
     Raises
     ------
@@ -149,10 +149,10 @@ def _same_session(result: Estimated, poses: PosePairs) -> bool:
 
 
 def _drift_anew(result: Estimated, poses: PosePairs) -> Array:
-    """(m, 6, z) drift of camera and target in a session of new poses, as large a step as it was found to be.
+    """(m, 6, z) drift of camera and target in a session of new poses, with the estimated size of a step.
 
-    A random walk from where they stand at its start, which is in the covariance of X and W: these are stated as of any
-    pose of a session. Its modes have the mean 0; the mean of m steps has the variance m / 3.
+    It is a random walk from their poses at its start, whose uncertainty is in the covariance of X and W: these are
+    stated for any pose of a session. Its modes have the mean 0; the mean of m steps has the variance m / 3.
     """
     found = [np.zeros((poses.n, 6, 0))]
     if poses.n == 1 or _same_session(result, poses):
@@ -167,7 +167,7 @@ def _drift_anew(result: Estimated, poses: PosePairs) -> Array:
 
 
 def poses_less_shared_errors(result: Estimated, poses: PosePairs) -> PosePairs:
-    """Poses of the rig of a calibration less the estimates of the errors that they share with its poses."""
+    """Poses of the rig of a calibration, corrected by the estimates of the errors that they share with its poses."""
     ahead, _, _, camera = _corrected(result, poses, None)
     return PosePairs(ahead.poses, camera, poses.setup)
 
@@ -204,7 +204,7 @@ def _effects_on_camera(result: Estimated, poses: PosePairs, robot: Array) -> tup
 
 
 def noise_of_pictures(result: Estimated, poses: PosePairs) -> Array | JointCovariance | None:
-    """Return the noise of camera poses that come with theirs: by the camera of the result what each has by itself."""
+    """Return the noise of camera poses with a covariance; with the camera of the result, only each pose's own part."""
     seen = poses.camera_calibration
     if seen is None:
         return poses.camera_covariance

@@ -188,7 +188,7 @@ class TouchEvidence(NewRows):
         return np.asarray(known @ known.T + _sizes_at(self.posterior)[:, None, None] * (fresh @ fresh.T))
 
     def repeated(self, times: float) -> TouchEvidence:
-        """The touches, each made ``times`` times: what is drawn again has so much less variance."""
+        """The touches, each repeated ``times`` times, which divides the variance of their own noise by that number."""
         by_unit = np.array(self.by_unit)
         if self.fresh:
             by_unit[..., -self.fresh :] /= np.sqrt(times)
@@ -381,7 +381,7 @@ def _roots(S: Array) -> Array:
 
 
 def _rows(value: ArrayLike, name: str, shape: tuple[int | None, ...], m: int) -> Array:
-    """Return m rows of a shape; one pose or covariance stands for all. Raises `InputError` for others."""
+    """Return m rows of a shape; one pose or covariance is repeated for all. Raises `InputError` for others."""
     rows = np.asarray(as_transforms(value, name, stack=False)) if shape == (4, 4) else as_numbers(value, name)
     rows = rows[None] if rows.ndim == len(shape) else rows
     fits = rows.ndim > 1 and all(size in (None, given) for size, given in zip(shape, rows.shape[1:], strict=False))

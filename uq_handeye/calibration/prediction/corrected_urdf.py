@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 # A corrected number must have a standard deviation below this share of the one declared for it.
 MIN_NARROWING = 0.5
-# Name of the file beside the URDF, behind that of the URDF.
+# The file of the corrections is named like the URDF, with this suffix.
 BESIDE = ".corrections.json"
 
 
@@ -72,7 +72,7 @@ class CorrectedUrdf(Record):
 
 
 def corrected_urdf(fitted: FittedKinematics | None, urdf: StrPath, narrower: float = MIN_NARROWING) -> CorrectedUrdf:
-    """Return the URDF that the arm was calibrated with, corrected by what is known.
+    """Return the URDF that the arm was calibrated with, corrected by the errors that the data determine.
 
     Parameters
     ----------
@@ -122,7 +122,7 @@ def corrected_urdf(fitted: FittedKinematics | None, urdf: StrPath, narrower: flo
 def write_corrected_urdf(
     fitted: FittedKinematics | None, path: StrPath, urdf: StrPath, narrower: float = MIN_NARROWING
 ) -> CorrectedUrdf:
-    """Write the corrected URDF, and beside it, as ``NAME.corrections.json``, what was corrected and its covariance."""
+    """Write the corrected URDF, and to ``NAME.corrections.json`` the corrections with their covariance."""
     target = as_path(path)
     if target.suffix.lower() != ".urdf":
         raise InputError(f"Expected a corrected URDF to end in .urdf, got {shown(target)}.")

@@ -111,7 +111,7 @@ def total_of(fresh: tuple[FreshNoise, ...], shape: tuple[int, ...]) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class RobotAhead:
-    """Robot poses of predictions, with what the shared errors and new noise do to them."""
+    """Robot poses of predictions, with the effects of the shared errors and of new noise on them."""
 
     poses: Array  # (..., 4, 4) base_T_gripper, corrected by the estimates
     columns: Array  # (..., 6, q) error of the pose by (e - estimate) of each shared error
@@ -126,7 +126,7 @@ class RobotAhead:
 
 @dataclass(frozen=True, eq=False)
 class CameraAhead:
-    """Camera poses of predictions, with what the errors of the posterior and new noise do to them."""
+    """Camera poses of predictions, with the effects of the errors of the posterior and of new noise on them."""
 
     poses: Array  # (..., 4, 4) camera_T_target that will be measured
     columns: Array  # (..., 6, 12 + q) error of the pose by those of the posterior
@@ -283,9 +283,9 @@ def tip_at(ahead: RobotAhead, tool: ArrayLike | None) -> InBase:
 def robot_ahead(
     result: Estimated, joints: ArrayLike | None, robot: PosesLike | None, measured: bool = False
 ) -> RobotAhead:
-    """Poses by joints, corrected by the estimates, or as the controller gives them; raises `InputError`.
+    """Return the robot poses by joints, corrected by the estimates, or as given by the controller; raises `InputError`.
 
-    ``measured``: with the noise of new measurements beside them (`BoundPopulation.unseen`).
+    ``measured``: with the noise of new measurements (`BoundPopulation.unseen`).
     """
     posterior, fitted = posterior_of(result), result.kinematics
     if joints is None and robot is None:
@@ -387,7 +387,7 @@ def fresh_of_camera(result: Estimated, camera: Array) -> tuple[FreshNoise, ...]:
 
 
 def shared_effects(result: Estimated, side: Literal["robot", "camera"], robot: Array, camera: Array) -> Array:
-    """(m, 6, q) what shared errors of a side do to m poses, where names or the camera's calibration tell; else 0."""
+    """(m, 6, q) effects of shared errors of a side on m poses, if known by name or the camera's calibration; else 0."""
     posterior = posterior_of(result)
     found = np.zeros((len(robot), 6, len(posterior.names)))
     poses = PosePairs(robot, camera, result.setup or "eye-in-hand")
@@ -438,7 +438,7 @@ def errors_of_poses(result: Estimated) -> list[SharedError]:
 
 
 def rest_of_robot(result: Estimated, robot: Array, measured: bool = False) -> Array:
-    """(m, 6, 6) what the robot's errors at the poses of the calibration leave of those at other poses."""
+    """(m, 6, 6) covariance of the robot's errors at other poses, given those at the poses of the calibration."""
     sd = next((error.prior_sd for error in result.shared if error.error == ROBOT_ACCURACY), 0.0)
     for error in errors_of_poses(result):
         if error.unseen is not None:

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from ...core.formatting.numbers import digits
 from ...findings import SHARED, Values, sentence
 
-# Errors of the arm are hardly visible where the data take away less of the prior variance, on average over its
-# groups.
+# Errors of the arm are hardly visible where the data reduce the prior variance by less than this share, on average over
+# its groups.
 MIN_VISIBLE_SHARE = 0.3
 
 

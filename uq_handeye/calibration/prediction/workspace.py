@@ -39,11 +39,11 @@ DAMPING_M = 0.02
 ARRIVED_M = 1e-4
 # The workspace is described where at least this many of its postures reach the point.
 MIN_POSTURES = 30
-# Poses are local where no two tips are farther apart than this share of the reach,
+# Poses can only be local where no two tips are farther apart than this share of the reach.
 LOCAL_SPAN = 0.5
-# and half of the joints use less than this share of their ranges.
+# Poses are local if, in addition, half of the joints use less than this share of their ranges.
 LOCAL_RANGE = 1 / 3
-# It is a caution where predictions over the workspace are this many times as uncertain as near the poses.
+# The finding is a caution where predictions over the workspace are this many times as uncertain as near the poses.
 MAX_GROWTH_ELSEWHERE = 3.0
 
 
@@ -71,8 +71,8 @@ class WorkspacePrediction(ReadOnlyArrays):
 def over_workspace(result: Estimated, distance: float, postures: int = 1500) -> WorkspacePrediction | None:
     """Misses over the workspace with the point ``distance`` (m) from the camera, at most half the reach.
 
-    None where the calibration knows no joints or no errors of them, where the noise of the robot poses is that of all
-    together and says nothing of a new one, or where the tool reaches next to no point.
+    None where the calibration has no joints or no errors of them, where the noise of the robot poses is joint over all
+    of them and does not extend to a new one, or where the tool reaches hardly any point.
     """
     fitted = result.kinematics
     if fitted is None or result.posterior is None or result.W is None:
@@ -180,7 +180,7 @@ def _section(chain: Kinematics, at: Array) -> Array:
 
 
 def local_findings(result: Estimated) -> list[Finding]:
-    """One finding for local poses with joints: what they span, what they tell, how well predictions are known."""
+    """Return one finding for local poses with joints: their span, the errors resolved, and the accuracy elsewhere."""
     fitted = result.kinematics
     if fitted is None or result.posterior is None or fitted.how == EXACT or not len(fitted.kept):
         return []
@@ -200,7 +200,7 @@ def local_findings(result: Estimated) -> list[Finding]:
 
 
 def range_shares(chain: Kinematics, q: Array) -> Array:
-    """(L,) what the joints (n, L) use of their ranges: a turn (2 m) where there are no limits."""
+    """(L,) shares of their ranges that the joints (n, L) use; without limits the range is one revolution, or 2 m."""
     width = np.diff(chain.limits, axis=1)[:, 0]
     full = np.where(np.isfinite(width), width, np.where(chain.revolute, 2 * np.pi, 2.0))
     return np.asarray(np.minimum((q.max(axis=0) - q.min(axis=0)) / full, 1.0))

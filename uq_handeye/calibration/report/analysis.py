@@ -59,7 +59,7 @@ def covariance_table(result: Calibration) -> Table | None:
     return Table(caption, ["covariance", *"xyz", *"xyz"], rows, groups=groups)
 
 
-# The directions stand among the numbers of the summary.
+# The directions are part of the numbers of the summary.
 _SAID_ELSEWHERE = {"diagnostics.direction"}
 
 

@@ -28,13 +28,13 @@ _HOW = {
 
 
 def arm_blocks(result: Calibration) -> list[Block]:
-    """The arm under its heading; nothing where the calibration knows no joints."""
+    """The section about the arm with its heading; empty where the calibration has no joints."""
     sentences = arm_sentences(result)
     return [Heading("The arm:"), *map(Paragraph, sentences)] if sentences else []
 
 
 def arm_sentences(result: Calibration) -> list[str]:
-    """Describe what is known of the arm, what X means, and what a prediction is worth."""
+    """Describe the estimated errors of the arm, the meaning of X, and the accuracy of a prediction."""
     fitted = result.kinematics
     if fitted is None:
         return []
@@ -49,13 +49,13 @@ def arm_sentences(result: Calibration) -> list[str]:
 
 
 def told_words(fitted: FittedKinematics) -> str:
-    """Say how much of what was assumed of each group the data took away."""
+    """State by how much the data reduced the prior variance of each group."""
     told = [f"{group} {100 * share:.0f} %" for group, share in fitted.told().items()]
     return f"Share of the assumed variance that the data resolved: {', '.join(told)}." if told else ""
 
 
 def meaning_words(result: Calibration, fitted: FittedKinematics) -> str:
-    """Say which flange (or base) X belongs to, and what it is to be used with."""
+    """State which flange (or base) X belongs to, and the kinematics to use it with."""
     frame = result.frame.split("_T_")[0]
     if fitted.flange == PHYSICAL:
         return f"X is the camera in the machined {frame}; errors of the first and last joint are in its covariance."
@@ -67,8 +67,8 @@ def meaning_words(result: Calibration, fitted: FittedKinematics) -> str:
 
 
 def prediction_words(result: Calibration) -> str:
-    """Say how far the tool misses what the camera sees, near the calibrated poses and anywhere; and with nominal
-    poses.
+    """State how far the tool misses a point that the camera sees, near the calibrated poses and over the workspace; and
+    with nominal poses.
     """
     found = result.over_workspace
     if found is None:

@@ -65,7 +65,7 @@ class Facts:
 
 
 def numbers_of(T: Array, covariance: Array | None, opened: Array | None) -> tuple[Number, ...]:
-    """Return the six numbers of a pose (4, 4), with its covariance (6, 6) and what of it is open (k, 6)."""
+    """Return the six numbers of a pose (4, 4), with its covariance (6, 6) and its open directions (k, 6)."""
     values, deviations = pose_numbers(T, covariance, opened=opened)
     known = [None] * 6 if deviations is None else deviations.tolist()
     return tuple(map(Number, POSE_NUMBERS, values.tolist(), known, ["mm"] * 3 + ["deg"] * 3))

@@ -53,9 +53,9 @@ def first_screen(
     Parameters
     ----------
     verdict : Verdict or None
-        Shown below the headline where a tolerance was asked for.
+        Shown below the headline where a tolerance was given.
     last : sequence of str
-        Paragraphs below all else: what was written and what to do next.
+        Last paragraphs: the files written and the next step.
     width, lines : int
         Size of the text; ``lines=None``: as long as it is.
     """
@@ -103,7 +103,7 @@ def _joined(groups: Sequence[Sequence[Block]], gaps: int) -> Document:
 
 
 def title_of(result: Calibration, width: int = COLUMNS) -> str:
-    """Return what was estimated from what, on one line: ``gripper_T_camera from robot.csv, camera.csv: 25 poses``."""
+    """Return the title line, e.g. ``gripper_T_camera from robot.csv, camera.csv: 25 poses``."""
     parts = [
         data_words(result),
         *([] if result.setup is None else [result.setup]),
@@ -154,7 +154,7 @@ def suited_to(result: Calibration) -> str | None:
 
 
 def answer_blocks(result: Calibration, verdict: Verdict | None = None, why: bool = True) -> list[Block]:
-    """Return the headline, the verdict on a tolerance, and with ``why`` the sentence of what makes X not usable."""
+    """Return the headline, the verdict on a tolerance, and with ``why`` the reason why X is not usable."""
     blocks: list[Block] = [Answer(result.headline, status_of(result))]
     if verdict is not None:
         text = str(verdict) if not result.reasons else f"{verdict.word}: X is not usable."
@@ -167,7 +167,7 @@ def answer_blocks(result: Calibration, verdict: Verdict | None = None, why: bool
 
 
 def accuracy_blocks(result: Calibration, most: int = MAX_PARTS_SHOWN, expanded: bool = True) -> list[Block]:
-    """Return the parts of the accuracy, at most so many, and what is not included; nothing where X is not usable."""
+    """Return the largest parts of the accuracy and the errors not included; nothing where X is not usable."""
     accuracy = result.accuracy
     if accuracy is None or result.reasons:
         return []
@@ -202,9 +202,9 @@ def _sizes(translation: float, rotation: float) -> list[str]:
 
 
 def checks_block(result: Calibration) -> Checks:
-    """Return the checks: first those that are not ok, by their effect on X; those that say the same on one line.
+    """Return the checks, first those that are not ok, by their effect on X; equal ones share a line.
 
-    What the headline says is not said again.
+    Statements of the headline are not repeated.
     """
     order = {id(finding): k for k, finding in enumerate(result.cautions)}
     ranks = {
@@ -251,7 +251,7 @@ def matrix_block(T: Array, width: int = COLUMNS) -> Code:
 
 
 def next_step(result: Calibration, report: str | None = None) -> str:
-    """Return the next step: about the finding of most effect that asks for one, else about the largest part.
+    """Return the next step: for the finding of most effect that has one, else for the largest part of the uncertainty.
 
     ``report`` is the name of the report that was written.
     """
@@ -269,7 +269,7 @@ def next_step(result: Calibration, report: str | None = None) -> str:
 
 
 def step_after(findings: Sequence[Finding]) -> str | None:
-    """Return what to do about the first of some findings that asks for something."""
+    """Return the advice of the first of some findings that has one."""
     return next(filter(None, (finding.remedy for finding in findings)), None)
 
 

@@ -27,7 +27,7 @@ OF_MODEL = (
 
 
 def noise_blocks(result: Calibration) -> list[Block]:
-    """The noise given or estimated, and what the residuals say of it."""
+    """The noise given or estimated, and the test of the residuals against it."""
     blocks: list[Block] = []
     estimate = result.noise_estimate
     if estimate is not None:

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 # More poses are drawn with smaller marks.
 MAX_LARGE_MARKS = 200
-# Marker and colour by the first word of the flag.
+# Marker and colour are chosen by the first word of the flag.
 MARKS: dict[str, dict[str, Any]] = {
     "kept": {"marker": "o", "color": BLUE, "markersize": 3.6, "markeredgewidth": 0},
     "downweighted": {

@@ -54,7 +54,7 @@ def shared_table(result: Calibration) -> Table | None:
 
 
 def shared_blocks(result: Calibration) -> list[Block]:
-    """The table, and what is to be known beside it."""
+    """The table of shared errors, with the explanations that belong to it."""
     table = shared_table(result)
     notes = [str(found) for found in result.findings if found.code in SHARED_CODES and found.severity == "note"]
     if look_alike(result):
@@ -84,7 +84,7 @@ def _declared(group: SharedGroup, estimated: bool) -> list[Cell]:
 
 
 def found_of(group: SharedGroup) -> str:
-    """RMS of the estimates of a group, and how much the data told of it."""
+    """RMS of the estimates of a group, and the share of it that the data resolved."""
     sizes = (f"{digits(float(np.sqrt(np.mean(group.of_unit(unit)[1] ** 2))), 2)} {unit}" for unit in group.units)
     if group.parts[0].stated:
         return f"told {100 * group.told:.0f} %"
@@ -110,7 +110,7 @@ def amount(error: SharedEstimate) -> str:
 
 
 def included_words(result: Calibration) -> str:
-    """Say which shared errors the covariance of X includes, as a sentence."""
+    """Return a sentence with the shared errors that the covariance of X includes."""
     parts = included(result)
     defaults = sum(default for _, default in parts)
     if not parts:
@@ -121,7 +121,7 @@ def included_words(result: Calibration) -> str:
 
 
 def offset_sentence(result: Calibration) -> str:
-    """Say what the time offset of the poses adds to the covariance of X; empty where there is none."""
+    """Return a sentence with the contribution of the time offset to the covariance of X; empty where there is none."""
     found = result.time_offset
     if found is None:
         return ""

@@ -33,7 +33,7 @@ from .noise import noise_blocks
 from .residuals import flagged_blocks, pair_table
 from .shared_errors import included_words, shared_blocks
 
-# Notes that the long text shows beside the cautions.
+# The long text shows these notes with the cautions.
 SHOWN_NOTES = ("calibration.excluded", "kinematics.against_controller")
 
 

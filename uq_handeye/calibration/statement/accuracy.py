@@ -51,9 +51,9 @@ class Part(NamedTuple):
 
 @dataclass(frozen=True)
 class FromPoses(Record):
-    """Standard uncertainties in the worst direction that the poses alone give; see the module.
+    """Standard uncertainties in the worst direction from the poses alone; see the module.
 
-    ``assumed``: the errors whose priors add most of what the total has more, the first one most.
+    ``assumed``: the errors whose priors contribute most to the difference from the total, the largest first.
     """
 
     translation: float  # m
@@ -161,7 +161,7 @@ def parts_of(budget: Budget) -> tuple[Part, ...]:
 
 
 def combined_parts(parts: Sequence[Part], most: int) -> list[Part]:
-    """Return at most so many parts, the smallest as one with their names, or their number where these are long."""
+    """Return a limited number of parts; the smallest are combined in one, with their names or their number."""
     if len(parts) <= most:
         return list(parts)
     rest = parts[most - 1 :]
@@ -244,7 +244,7 @@ def suits_of(accuracy: Accuracy) -> str | None:
     return f"{far}: good for a tolerance of {digits(1e3 * good[0], 1)} mm (95 %); not for {fails}."
 
 
-# What errors whose size is assumed belong to, and how to say what they are here.
+# Owner of each error whose size is assumed, and the option that declares it.
 _ASSUMED = {
     ROBOT_ACCURACY: ("an arm of unknown accuracy", "Give joints (--joints, --urdf), --robot-model or --robot-accuracy"),
     FOCAL_LENGTH: ("the focal length", "Give pictures, or --focal-sd"),
@@ -257,7 +257,7 @@ _ASSUMED = {
 
 
 def two_numbers(accuracy: Accuracy) -> str | None:
-    """Return what the poses give and what assumed errors add, with what to declare; None where they add little."""
+    """Return a sentence on the parts of the poses and of assumed errors, with advice; None if the latter are small."""
     own = accuracy.from_poses
     if own is None:
         return None
@@ -280,7 +280,7 @@ class Statement(Checked):
 
     @cached_property
     def accuracy(self) -> Accuracy | None:
-        """The total standard uncertainty of X in the worst direction, and what it includes; None: not determined."""
+        """The total standard uncertainty of X in the worst direction, with its parts; None: not determined."""
         return accuracy_of(self)
 
     @property

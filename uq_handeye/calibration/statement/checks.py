@@ -185,7 +185,7 @@ def _of_halves(result: Estimated) -> Check:
     return Check(HALVES, "ok", f"X of two halves agrees ({probability(least, 2)})", tuple(h.finding for h in run))
 
 
-# Errors by a name that says more to the reader.
+# These errors have a plainer name in text.
 PLAIN = {VIEW: "camera errors by view"}
 
 
@@ -273,7 +273,7 @@ def _unnamed(noise: Noise) -> bool:
 
 
 class Checked(Estimated):
-    """Checks of a result and what they found, in the order of its effect on X; a part of `Calibration`."""
+    """Checks of a result and their findings, in the order of their effect on X; a part of `Calibration`."""
 
     @cached_property
     def cautions(self) -> tuple[Finding, ...]:

@@ -35,7 +35,7 @@ from .checks import Checked, lower_limit_of
 
 # A tolerance is met from this probability on.
 MET = INTERVAL.probability
-# It is missed up to this one.
+# A tolerance is missed where the probability is not above this.
 MISSED = 1 - MET
 
 

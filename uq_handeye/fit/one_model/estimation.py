@@ -1,10 +1,10 @@
 r"""Noise and shared errors of one data set, estimated together: the components of a request, their sizes, the noise.
 
 Every error that a request declares or leaves to the data is a `Component`: the noise of both sides, that of camera
-poses by their corners or their views, what all poses share (`SharedError`), the arm. Their sizes are found together
-(`mode`), near the unknowns that robust weights start from; at the end they are integrated over (`integration`). What is
-handed on is a `PoseNoise` with the sizes as found, its columns named, and what the open sizes add to the covariance of
-X and W.
+poses by their corners or their views, the errors that all poses share (`SharedError`), the arm. Their sizes are
+estimated jointly (`mode`), near the unknowns that robust weights start from; at the end they are integrated over
+(`integration`). The result is a `PoseNoise` with the estimated sizes and named columns, and the contribution of the
+uncertain sizes to the covariance of X and W.
 """
 
 from __future__ import annotations
@@ -43,24 +43,26 @@ from .mode import GAIN, REACH_SD, Mode, find_mode, other_modes
 KINDS = ("rotation", "translation")
 PIXELS = "pixel noise"
 BY_VIEW = "camera by view"
-# Residuals below this, in rad and relative to the longest translation, are rounding: no noise to estimate.
+# Residuals below this, in rad and relative to the longest translation, are rounding errors: there is no noise to
+# estimate.
 EXACT_RESIDUAL = 1e-11
-# Residuals above this are not rounding whatever the fit, and no least-squares problem is solved to find out.
+# Residuals above this are no rounding errors for any X and W, so that no least-squares problem is solved to test it.
 CLEAR_RESIDUAL = 1e-4
-# The model is linearised again until X and W move by less than this, in standard deviations; the largest number of
-# linearisations, and the move that is accepted at the last one.
+# The model is linearised again until X and W move by less than LAST_MOVE_SD standard deviations, at most
+# MAX_LINEARISATIONS times; at the last one a move of LAST_ROUND_MOVE_SD is accepted.
 LAST_MOVE_SD, MAX_LINEARISATIONS, LAST_ROUND_MOVE_SD = 2e-2, 6, 0.1
-# It is not linearised again where the squared rotation of X, the first term that the linear rows leave out, is below
-# this ratio to the residuals.
+# The model is not linearised again where the squared rotation of X, the first neglected term of the linear rows, is
+# below this ratio to the residuals.
 CURVED_RATIO = 0.1
-# Decrease of f that a further step of the sizes may still promise before the model is linearised again, and before the
-# weights are final.
+# Before the model is linearised again, and before the weights are final, the sizes have converged where the predicted
+# decrease of f by a further step is below this.
 ROUGH_GAIN = 1e-2
-# Deviations of their priors within which the sizes are held where the unknowns do not settle otherwise.
+# Where the unknowns do not converge otherwise, the sizes are kept within this many standard deviations of their priors.
 NEAR_SD = 2.0
-# Poses above which the sizes are found from so many of them, spread over the rows.
+# From more poses than this, the sizes are estimated from a subset of this many, spread over the rows.
 MAX_POSES_FOR_SIZES = 300
-# Energy in the whitened rows (1: as one number of noise) below which shared errors do not count as shared for weights.
+# Shared errors whose energy in the whitened rows (1: that of one number of noise) is below this are not treated as
+# shared in the weights.
 FAINT_ENERGY = 1e-2
 # A size whose posterior keeps more than this share of the spread of its prior is not resolved by the data.
 MAX_RESOLVED_SPREAD = 0.6

@@ -1,10 +1,10 @@
 r"""The most probable sizes: a quasi-Newton search that starts from the average information.
 
 The second derivatives of f (`engine`) by log sizes are near their average information I where the sizes are near the
-mode, and not far from it. The search takes steps ``-B^-1 df``, B = I at the start and after long steps, updated by the
-changes of the gradient after short ones (BFGS). A step moves no logarithm by more than `MAX_LOG_STEP`, stays within
-`REACH_SD` standard deviations of the prior, and is shortened until f falls. SciPy's L-BFGS-B takes no such start, and
-twice the evaluations.
+mode, and differ from it farther away. The search takes steps ``-B^-1 df``, B = I at the start and after long steps,
+updated by the changes of the gradient after short ones (BFGS). A step moves no logarithm by more than `MAX_LOG_STEP`,
+stays within `REACH_SD` standard deviations of the prior, and is shortened until f falls. SciPy's L-BFGS-B cannot start
+from a given B, and needs twice the evaluations.
 """
 
 from __future__ import annotations
@@ -18,16 +18,19 @@ from numpy.typing import NDArray
 from ...core.geometry.se3 import Array
 from .engine import LatentModel, State
 
-# Standard deviations of the prior within which a size is sought; largest change of a logarithm in one step.
+# A size is searched within REACH_SD standard deviations of its prior; MAX_LOG_STEP is the largest change of a logarithm
+# in one step.
 REACH_SD, MAX_LOG_STEP = 5.0, 1.5
-# Change of a logarithm beyond which the curvature of f is computed anew after a step, not updated.
+# After a step that changes a logarithm by more than this, the curvature of f is computed again instead of updated.
 LONG_LOG_STEP = 0.25
-# Other modes (`other_modes`): a search in the tail begins at a size of so many medians, and the tail at `FAR_RATIO` of
-# them; an error is resolved beyond so many of its standard deviations; two modes differ by at least so many.
+# Search for other modes (`other_modes`): it starts at TAIL_RATIO times the median of a size, and the tail begins at
+# FAR_RATIO times the median. An error is resolved if its estimate exceeds SHOWN_SD of its standard deviations. Two
+# modes are different if they are at least APART_SD standard deviations apart.
 TAIL_RATIO, FAR_RATIO, SHOWN_SD, APART_SD = 150.0, 10.0, 4.0, 2.0
-# A search that has come this near to a mode, in standard deviations of the sizes, will end there.
+# A search within this distance of a known mode, in standard deviations of the sizes, is taken to end at that mode.
 ARRIVED_SD = 0.3
-# The mode is found when a step promises less; steps and halvings at most.
+# The search ends when the predicted decrease of f by a step is below GAIN. The other two are the largest numbers of
+# steps, and of halvings of one step.
 GAIN, MAX_STEPS, MAX_HALVINGS = 1e-5, 60, 12
 
 
@@ -57,10 +60,10 @@ def find_mode(
     reach: float = REACH_SD,
     known: Sequence[Mode] = (),
 ) -> Mode:
-    """Minimise f from ``start`` (the medians by default), until a step promises less than ``gain``.
+    """Minimise f from ``start`` (the medians by default), until the predicted decrease by a step is below ``gain``.
 
-    ``reach``: deviations of the prior between which the sizes are looked for. ``known``: other modes; a search that
-    comes near one of them ends with it (`_apart` by less than `ARRIVED_SD`).
+    ``reach``: standard deviations of the prior within which the sizes are searched. ``known``: other modes; a search
+    that comes near one of them ends with it (`_apart` by less than `ARRIVED_SD`).
     """
     low, high = model.medians - reach * model.spreads, model.medians + reach * model.spreads
     state = model.solved(model.medians if start is None else np.clip(start, low, high))

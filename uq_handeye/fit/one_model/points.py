@@ -1,4 +1,4 @@
-r"""The posterior of a calibration with open sizes: a mixture over their points, made when it is first asked for.
+r"""The posterior of a calibration with estimated sizes: a mixture over points of the sizes, computed on first access.
 
 The fit at the mean logarithms of the sizes gives the estimates and P_0, their covariance at these sizes. At each point
 theta_d the `LatentModel` has mean and covariance of all unknowns. Those are taken relative to the model's own at the
@@ -8,11 +8,11 @@ mean sizes, ``M = L(P_0) L(C_0)^-1``, since the fit weighs poses that the model 
 
 and the block of X and W is brought to the covariance that the calibration states.
 
-New measurements change what is known of the sizes, and with them what the old rows tell. Points that were placed for
-the old rows cannot follow: X was 0.1 standard deviations off the fit of all in the median, 0.2 at most. So the rows are
-kept, as the model has them: ``r = B s + noise`` of new ones become rows of it, ``s = -(x, e) + (x, e)_0``, and sizes
-and points are found again (`OpenSizes.absorbed`). At the new mean sizes the old posterior takes the new rows in by a
-Kalman update.
+New measurements change the posterior of the sizes, and with it the weight of the old rows. With points placed for the
+old rows only, X was 0.1 standard deviations off the fit of all data in the median, 0.2 at most. The rows of the model
+are therefore kept: new ones, ``r = B s + noise`` with ``s = -(x, e) + (x, e)_0``, are added to them, and sizes and
+points are estimated again (`OpenSizes.absorbed`). At the new mean sizes the old posterior is updated by the new rows
+with a Kalman update.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-r"""Errors of an arm of which nothing is known: those of a dozen arms, scaled and placed at the poses.
+r"""Prior of the errors of an unknown arm: the errors of a dozen known arms, scaled and placed at the poses.
 
 **Model** (T17). The error of the measured robot poses is ``K z``, z ~ N(0, I), with columns K (n, 6, m) shared by all
 poses: twists ``(theta, tau)`` (left rotation, rad; additive translation, m; in the base). K is in the unit in which the
@@ -13,11 +13,11 @@ kinematics in its usual branch (`WorkPostures`). Columns F of its errors, with t
 |---|---|---|---|---|
 | 0.6 mrad | 0.3 mrad | 0.25 mm per m of reach | 0.12 mrad | 0.3 mrad |
 
-**Gauge.** What a constant base and a constant flange do over the workspace is taken out: 12 numbers by least squares
-for each column at some hundred postures spread over the limits of the joints, rotations weighted by 0.3 of the
-reach, with the same 12 numbers at the poses. Another sample of as many postures gives other frames: 12 further
-columns, motions of base and flange by what one posture contributes to those numbers, hold that; X and W absorb them.
-**Unit**: the RMS over the same postures.
+**Gauge.** The effect of a constant motion of the base and of the flange over the workspace is removed: 12 numbers by
+least squares for each column at some hundred postures spread over the limits of the joints, rotations weighted by 0.3
+of the reach, with the same 12 numbers at the poses. Another sample of as many postures gives other frames, which 12
+further columns describe: motions of base and flange by the contribution of one posture to those numbers; X and W absorb
+them. **Unit**: the RMS over the same postures.
 
 **Mixture.** The columns of all arms that reach at least half of the poses (the three that reach most, if fewer do),
 over the square root of their number, have the second moment of the mixture: ``K K^T = mean over arms K_a K_a^T``. A
@@ -60,19 +60,21 @@ ARMS: tuple[str, ...] = (
 )
 # Standard deviations (rad, or of the reach) of the errors of each arm.
 OFFSET_SD, TILT_SD, LENGTH_SD, HARMONIC_SD, SAG_SD = 0.6e-3, 0.3e-3, 0.25e-3, 0.12e-3, 0.3e-3
-# Length over which translations count as rotations (rad) do.
+# Translations divided by this length count like rotations in rad.
 LENGTH_PER_RAD_M = 0.5
-# Ratio of the uncertainty of the frames of base and of flange between arms to that by a sample of the workspace; and
-# the share of the errors far from the poses of the data that is unknown again (`unseen`). Found by leaving families of
-# arms out.
+# The frames of base and flange are this many times as uncertain between arms as by a sample of the workspace.
+# UNSEEN_SHARE is the share of the errors far from the poses of the data that is independent of the errors at these
+# poses (`unseen`). All three were determined by leaving families of arms out.
 BASE_RATIO, FLANGE_RATIO, UNSEEN_SHARE = 10.0, 5.0, 0.5
-# Share of what z leaves of further poses that counts with noise estimated from the data. What z leaves is the mean over
-# the arms, and a few of them have most of it: of translations one arm has 0.29 of that variance, 0.13 to 0.24 with six
-# axes and 0.5 to 0.8 with seven (`studies.maintenance.what_is_left`, 70 sets of 0.6 mm, no noise; 0.22 without the
-# family of the arm in the population). Squared distances by it are 0.88 of what they should be, since small directions
-# hold more. How far p-values of unchanged rigs depend on it: `studies/maintenance/unknown_arms.md`.
+# With noise estimated from the data, this share of the variance of further poses that z does not explain is added to
+# theirs. That variance is the mean over the arms, and a few of them have most of it: of translations one arm has 0.29
+# of that variance, 0.13 to 0.24 with six axes and 0.5 to 0.8 with seven (`studies.maintenance.what_is_left`, 70 sets of
+# 0.6 mm, no noise; 0.22 without the family of the arm in the population). Squared distances by it are 0.88 of the
+# expected ones, since small directions hold more. The page `studies/maintenance/unknown_arms.md` has the dependence of
+# the p-values of unchanged rigs on it.
 LEFT_BESIDE = 0.35
-# Distance of tips, over the reach, and of orientations at which poses have their errors in common.
+# Poses have their errors in common where their tips, in units of the reach, and their orientations are nearer than
+# this.
 NEAR_TIP_SHARE, NEAR_TURN_RAD = 0.2, 0.5
 
 

@@ -1,8 +1,8 @@
-r"""Errors of finished camera poses that follow from the view: those of a lens, a bent target and wrong corners.
+r"""Errors of camera poses without corners that depend on the view: those of a lens, a bent target and wrong corners.
 
-Model: the error of a camera pose is a smooth function of how the target was seen, the same function for all poses of a
-rig. To first order it is linear in six coordinates c of the view, the direction ``t / |t|`` in which the target stood
-and its normal, both in the camera frame: centred over the poses (their mean is absorbed by X and W), divided by their
+Model: the error of a camera pose is a smooth function of the view of the target, the same function for all poses of a
+rig. To first order it is linear in six coordinates c of the view, the direction ``t / |t|`` of the target and its
+normal, both in the camera frame: centred over the poses (their mean is absorbed by X and W), divided by their
 standard deviation where that is above 0.1. Each of them moves each of the six components,
 
     xi = sum_jk z_jk c_j E_k,      E = ( [theta in rad]; [tau in units of the distance |t|] )
@@ -12,21 +12,22 @@ standard deviation where that is above 0.1. Each of them moves each of the six c
 *Noise by the view.* The noise of a pose that was fitted to the corners of a flat target has a shape that its distance
 and tilt decide (T11): with the derivatives B of the lines of sight u (unit vectors) by the pose the covariance is
 ``(B^T B)^-1`` per square of their noise. Target and lens are not known here: the target is taken as a ring of points
-about where the cameras look (`target_centre`), as wide as `HALF_WIDTH` times the median distance says, so that only the
-size of the noise is unknown. Lines of sight have no axes and a ring has none but its normal: how the camera's frame is
-turned changes nothing, nor how the target's is turned about its normal. That the normal is z is a convention, of boards
-and tags, and data confirm it: against the mean direction of the views, up to 18 degrees away, by 10 to 140 units of log
-probability. A frame with another axis as the normal is other knowledge of the target, not another choice of frame.
-Where the views contradict it, because they are 60 degrees or more from z and -z on average, their mean direction is the
+about the point at which the cameras look (`target_centre`), with a half width of `HALF_WIDTH` times the median
+distance, so that only the size of the noise is unknown. The result does not depend on the orientation of the camera's
+frame, nor on that of the target's frame about its normal. That the normal is z is a convention of boards and tags, and
+data confirm it: against the mean direction of the views, up to 18 degrees away, by 10 to 140 units of log probability.
+A frame with another axis as the normal is different information about the target, not another choice of frame. Where
+the views contradict it, because they are 60 degrees or more from z and -z on average, their mean direction is the
 normal.
 
 *Intrinsics.* Focal length, centre, distortion and the ratio of the two focal lengths that are wrong by dk move the
 directions by A dk (Brown's model, about none), and the poses that were fitted to them by ``-(B^T B)^-1 B^T A dk``. A
 wrong centre does not turn such a pose about the camera: a frontal target takes it as a shift.
 
-*Outline of the target.* These effects are of a square of the usual width about where cameras look. With other sides w
-and h and another place they are others, to first order by dk times the change of the outline, and as neither is known
-each product is a number of its own: ``d xi / (dk dlog w)`` and so on, 32 columns per unit of dk and of the change.
+*Outline of the target.* These effects are those of a square of the usual width about the point at which the cameras
+look. Other sides w and h and another place change them, to first order by dk times the change of the outline. As
+neither is known, each product is an unknown: ``d xi / (dk dlog w)`` and so on, 32 columns per unit of dk and of the
+change.
 """
 
 from __future__ import annotations
@@ -49,9 +50,9 @@ LENS_SHARES = np.array([1.0, 3.0, 0.1, 0.1, 0.05])
 
 
 def view_scale(camera: Array, least_sd: float = 0.1) -> tuple[Array, Array]:
-    """(6,) mean of the coordinates of the view over poses (n, 4, 4), and what they are divided by.
+    """(6,) mean and divisor of the coordinates of the view over poses (n, 4, 4).
 
-    That is their standard deviation, and at least ``least_sd``.
+    The divisor is their standard deviation, and at least ``least_sd``.
     """
     seen = _coordinates(camera)
     return seen.mean(axis=0), np.maximum(seen.std(axis=0), least_sd)
