@@ -179,7 +179,7 @@ class Arm:
 
     @property
     def by_joints(self) -> bool:
-        """True if the joint values stand in place of robot poses."""
+        """True if joint values replace the robot poses."""
         return self.chain.joints is not None
 
     @property

@@ -63,7 +63,7 @@ class BoardOptions(Options):
         return read_board(self.file)
 
     def read(self) -> "Board":
-        """Return the board to look for."""
+        """Return the board that is searched in the pictures."""
         from ..model.camera.description import Board, board_of
 
         if self.of_kalibr:

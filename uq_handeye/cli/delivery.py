@@ -63,7 +63,7 @@ def emit_result(
     last: tuple[str, ...] = (),
     threshold: float = 0.5,
 ) -> int:
-    """Print a calibration as asked for, and return the exit status: JSON, the 4x4 (-q), everything (-v) or one screen.
+    """Print a calibration and return the exit status: JSON, the 4x4 (-q), everything (-v) or one screen.
 
     ``last`` are paragraphs below the text.
     """
@@ -98,7 +98,7 @@ def emit_answer(result: "Calibration", verdict: "Verdict | None", written: str) 
 
 
 def emit_refusal(error: InputError | NotConvergedError, as_json: bool, shown: list[str]) -> int:
-    """Print why there is no X, where it is known what looked wrong with the data; return the exit status.
+    """Print why there is no X, if findings about the data explain it; return the exit status.
 
     Otherwise raise the error. Sentences that are printed are added to ``shown``.
     """
@@ -148,7 +148,7 @@ def status_of(result: "Calibration", verdict: "Verdict | None") -> int:
 
 
 def deliver(directory: Path, files: "Mapping[str, str | bytes | Figure]") -> str:
-    """Write files, and each figure by its stem as PNG and SVG, into a folder; return the line that says so."""
+    """Write files, and each figure by its stem as PNG and SVG, into a folder; return a line with their names."""
     from ..read import write_files
 
     written = rendered(files)
@@ -244,7 +244,7 @@ def report_options_of(
     return ReportOptions(read_about(about or ()), full_report, one_of(paper, "--paper", PAPERS))
 
 
-# X for other programs, beside a result: file by the format of `export`.
+# Files of X for other programs that are written with a result, by the format of `export`.
 EXPORTS = {"ros": "x_ros.yaml", "urdf": "x.urdf", "opencv": "x_opencv.yaml", "npz": "x.npz"}
 
 # Every figure that `report.figures` may draw.

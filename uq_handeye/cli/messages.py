@@ -128,7 +128,7 @@ def terminal_width() -> int:
 
 
 def styled(text: str, role: str) -> str:
-    """Return text as its role (`presentation.document.Style`) looks on stdout: the answer bold, statuses coloured."""
+    """Style text by its role (`presentation.document.Style`) for stdout: the answer bold, statuses coloured."""
     if role not in (*_STATUS_COLOURS, "answer") or not coloured(sys.stdout):
         return text
     return typer.style(text, fg=_STATUS_COLOURS.get(role), bold=True if role == "answer" else None)

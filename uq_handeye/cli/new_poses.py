@@ -133,7 +133,7 @@ def problem_for(
     shared: "list[SharedError] | None",
     pairs: str,
 ) -> dict[str, Any]:
-    """Return the arguments ``data`` and ``noise`` of a question about X: the calibration, or else what was read."""
+    """Return the arguments ``data`` and ``noise`` of a computation from X: of the calibration, or else as read."""
     from ..model.noise.models import PairNoise
     from ..model.poses.motions import relative_motions
     from ..model.shared_errors.in_noise import shared_columns, with_shared

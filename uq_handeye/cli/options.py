@@ -108,7 +108,7 @@ SHOWN_UNDER = {
 
 
 def maker_of(parameter: inspect.Parameter) -> Maker | None:
-    """Return what makes a parameter of further options: a group of them, or what ``Annotated[T, maker]`` names."""
+    """Return the maker of a parameter from further options: a group of them, or that of ``Annotated[T, maker]``."""
     annotation = parameter.annotation
     if hasattr(annotation, "__dataclass_fields__"):
         return annotation  # type: ignore[no-any-return]
@@ -208,7 +208,7 @@ _ENTRY = re.compile(
 def parameters_of(maker: Maker) -> list[inspect.Parameter]:
     """Return the parameters of a command or a group, each with its option where a docstring declares it.
 
-    A parameter that is made of others (`maker_of`) stands for these; an option that two of them have is one.
+    A parameter that is made of others (`maker_of`) is replaced by these; an option that two of them have occurs once.
     """
     docs = [base.__doc__ for base in reversed(maker.__mro__)] if isinstance(maker, type) else [maker.__doc__]
     names = {**globals(), **vars(sys.modules[maker.__module__])}

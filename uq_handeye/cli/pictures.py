@@ -107,7 +107,7 @@ class Pictures:
     of_result: "CameraCalibration | None" = field(default=None, kw_only=True)  # that of a calibration, for new pictures
 
     def read_board(self) -> "Board":
-        """Return the board to look for."""
+        """Return the board that is searched in the pictures."""
         return self.board.read()
 
     def calibrate(self, corners: "Corners") -> "CameraCalibration":
@@ -138,7 +138,7 @@ class Pictures:
 
 
 def either(seen: "Pictures | Views | None") -> tuple[Pictures | None, Views | None]:
-    """Return what is seen as pictures, or as views of finished camera poses."""
+    """Return the pictures, or the views of camera poses without corners."""
     return (seen, None) if isinstance(seen, Pictures) else (None, seen)
 
 

@@ -23,14 +23,14 @@ if TYPE_CHECKING:
 
 
 def folder_of(path: Path, files: StreamFiles, seen: "Pictures | Views | None") -> "Folder":
-    """Return the folder with how its files are read."""
+    """Return the folder, with the options by which its files are read."""
     from ..use.live_session.folder import Folder
 
     return Folder(path, files.reading, seen if isinstance(seen, Pictures) else None)
 
 
 def watched(path: Path, files: PoseFiles, seen: "Pictures | Views | None", output: Path | None) -> "Folder":
-    """Return what is watched; raises `InputError` for options that do not go with it."""
+    """Return the folder to watch; raises `InputError` for options that do not apply to it."""
     if not path.is_dir():
         raise InputError(f"Expected --watch to name a folder, got {path}.")
     if files.robot is not None or files.camera is not None:
@@ -48,7 +48,7 @@ def watched(path: Path, files: PoseFiles, seen: "Pictures | Views | None", outpu
 def question_of(
     given: Given, seen: "Pictures | Views | None", options: dict[str, Any], tolerance: "Tolerance | None"
 ) -> "Question":
-    """Return what is asked after each pose, with the noise and the shared errors as given."""
+    """Return the computation that is repeated after each pose, with the noise and the shared errors as given."""
     from ..use.live_session.question import Question
     from .views import Views
 

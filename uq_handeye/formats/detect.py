@@ -66,7 +66,7 @@ _TREES: dict[str, Callable[[Tree, str], Contents]] = {
     "json": read_json,
     "matrix": read_matrix_tree,
 }
-# Suffixes that say the format, so that nothing needs to be said.
+# The format follows from these suffixes, without a note.
 _SUFFIXES = {
     ".csv": "csv",
     ".tum": "tum",
@@ -82,7 +82,6 @@ _BINARY = {b"PK\x03\x04": "npz", b"PK\x05\x06": "npz", b"\x93NUMPY": "npy", MAT_
 _UTF16 = (b"\xff\xfe", b"\xfe\xff")
 # What word processors and spreadsheets write for a minus and for spaces.
 _PLAIN = str.maketrans({"\u2212": "-", "\u2013": "-", **dict.fromkeys("\u00a0\u202f\u2009\u2007", " "), "\ufeff": ""})
-# What is looked at to tell the format.
 _log = logging.getLogger("uq_handeye")
 
 

@@ -18,7 +18,7 @@ from ..errors import InputError
 _AT = re.compile(r"line (\d+):")
 # A field, an item, or a list of numbers over several lines.
 _FIELD_LINE = re.compile(r"\s*(?:- )*[A-Za-z_]\w*:(?:\s|$)|\s*-\s|[\s\d.,eE+\[\]-]+$")
-# What the tools say between messages.
+# Lines that the tools print between messages.
 SAID = re.compile(
     r"\[?(WARNING|WARN|ERROR|INFO)|A message was lost|total count|Subscribing|Could not|\^C|%YAML"
     r"|\S*[$#>]? ?(ros2 (topic|run|launch)|rostopic |rosrun )"

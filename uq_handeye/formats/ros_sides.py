@@ -15,9 +15,9 @@ from .contents import Contents, Side
 from .ros_messages import Stamped
 
 FIELDS = ("stamp", *(f"translation.{a}" for a in "xyz"), *(f"rotation.{a}" for a in "xyzw"))
-# Poses that differ by less (m, rad) are of a robot that stood still, seen with noise.
+# Poses that differ by less (m, rad) are those of a robot at rest, measured with noise.
 MAX_SHIFT_AT_REST_M, MAX_ROTATION_AT_REST_RAD = 2e-3, 5e-3
-# | |q| - 1 | that rounding to so many decimals explains; more decimals are held to the rule of all formats.
+# Largest | |q| - 1 | that rounding explains, by the number of decimals; more decimals obey the rule of all formats.
 ROUNDED = {1: 0.11, 2: 0.011, 3: 0.0011}
 
 

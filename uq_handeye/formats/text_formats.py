@@ -16,7 +16,7 @@ from .matrices.zivid import is_zivid, read_zivid
 from .ros_topic import is_ros_topic, read_ros_topic
 from .tf_echo import is_tf_echo, read_tf_echo
 
-# Numbers alone, which the others may hold as well.
+# These formats hold only numbers, which the others may hold as well, and are tested last.
 _LAST = ("matrix", "table")
 
 

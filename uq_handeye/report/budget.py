@@ -83,7 +83,7 @@ class Input:
 
 @dataclass(frozen=True)
 class BudgetRow:
-    """One source: its input, and what it contributes to X along the directions in which X is least certain."""
+    """One source: its input, and its contribution to X along the directions in which X is least certain."""
 
     name: str
     type: str  # "A", "B" or "A, B"
@@ -169,7 +169,7 @@ def _rows(result: Calibration) -> Array:
 
 
 def correlation_of(result: Calibration) -> Array:
-    """Return the correlation (6, 6) of translation and rotation vector; NaN beside a number that is not determined."""
+    """Return the correlation (6, 6) of translation and rotation vector; NaN for a number that is not determined."""
     assert result.covariance is not None  # of a certified result
     rows = _rows(result)
     S = rows @ result.covariance @ rows.T
@@ -284,7 +284,7 @@ def _of_noise(names: list[str], result: Calibration) -> Input:
 
 
 def noise_per_axis(S: Array | JointCovariance) -> Array:
-    """Return the standard deviations (2,) of rotation (rad) and translation (m) of what each pose has by itself, on
+    """Return the standard deviations (2,) of rotation (rad) and translation (m) of the noise of single poses, on
     average over axes and poses.
     """
     blocks = S.own if isinstance(S, JointCovariance) else marginals(S)

@@ -46,12 +46,12 @@ UNITS = {"m": "\\metre", "rad": "\\radian"}
 
 @dataclass(frozen=True, eq=False)
 class Certificate(Form):
-    """The statement of a calibration for the file: see `make_certificate`.
+    """The certificate of a calibration; see `make_certificate`.
 
     Attributes
     ----------
     result : Calibration
-        What it is of, with its title block.
+        The result that is certified, with its title block.
     decision : Decision or None
         Verdict on a tolerance, with its guard band, where one was given.
     issued : str

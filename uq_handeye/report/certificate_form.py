@@ -35,7 +35,7 @@ class Form:
 
     @property
     def certified(self) -> bool:
-        """True if the result is stated; else the page and the data say why not."""
+        """True if the result is certified; else the page and the data give the reasons."""
         return not self.refusals
 
     @property
@@ -75,7 +75,7 @@ class Form:
         return json_text(self.to_dict(), path)
 
     def write(self, path: str | Path, *, paper: str = PAPERS[0]) -> Path:
-        """Write the certificate; the suffix says which form: .html, .pdf or .json.
+        """Write the certificate in the form of the suffix: .html, .pdf or .json.
 
         Parameters
         ----------

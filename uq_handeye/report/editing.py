@@ -24,7 +24,7 @@ _BETWEEN = re.compile(r"(?<=[.!?]) (?=[A-Z])")
 
 
 def edited(pages: Sequence[Sequence[Section]]) -> list[list[Section]]:
-    """Return the sections without sentences that stand before, and without code.
+    """Return the sections without sentences that occur in earlier ones, and without code.
 
     Sentences with options of the command or arguments of functions are moved to the section "repeat", if there is one.
     """
@@ -32,7 +32,7 @@ def edited(pages: Sequence[Sequence[Section]]) -> list[list[Section]]:
     advice: list[str] = []
 
     def kept(text: str) -> str:
-        """Return the sentences that were not said yet and hold no code."""
+        """Return the sentences that have not occurred yet and hold no code."""
         found = []
         for sentence in _BETWEEN.split(text):
             if _CODE.search(sentence):

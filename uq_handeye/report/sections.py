@@ -51,7 +51,7 @@ _AXES = "xyz"
 
 
 def folded(anchor: str, title: str, *blocks: Block | str | None) -> Section:
-    """Return a section that is closed on the screen; a text says why something is missing, None is left out."""
+    """Return a section that is folded on the screen; a text gives the reason for a missing part, None is left out."""
     shown = [Paragraph(block, empty=True) if isinstance(block, str) else block for block in blocks if block is not None]
     return Section(anchor, title, shown, folded=True)
 
@@ -105,7 +105,7 @@ def full_section(result: Calibration) -> Section:
 
 
 def arm_sections(result: Calibration, drawings: Mapping[str, Drawing]) -> list[Section]:
-    """The arm, and how far the tool misses over the workspace; none where the calibration knows no joints."""
+    """Sections on the arm and on the miss distance of the tool; none where the calibration has no joints."""
     sentences = arm_sentences(result)
     if not sentences:
         return []
@@ -166,7 +166,7 @@ def forms_section(result: Calibration) -> Section:
 
 
 def scope_section(result: Calibration) -> Section:
-    """Section of what the numbers mean, and what they do not contain."""
+    """Section on the meaning of the numbers, and the errors that they do not contain."""
     facts = result.facts
     meaning = f"All standard deviations are 1 sigma, to first order, of {facts.source}. {included_words(result)}"
     known = [] if result.std is None else [Paragraph(meaning), Paragraph(facts.ellipsoid)]
@@ -225,7 +225,7 @@ def budget_section(result: Calibration, drawings: Mapping[str, Drawing]) -> Sect
 
 
 def shared_section(result: Calibration, drawings: Mapping[str, Drawing]) -> Section:
-    """Errors that all poses share: what was assumed, what was found."""
+    """Section on the errors that all poses share: their priors and their estimates."""
     said = Paragraph(included_words(result))
     return folded("shared", "Errors that all poses share", said, drawings.get("shared"), *shared_blocks(result))
 
@@ -242,7 +242,7 @@ def methods_section(found: Compared, drawing: Drawing | None) -> Section:
 
 
 def _gathered(comparison: Comparison) -> list[str]:
-    """The warnings of single methods; what several say is said once."""
+    """The warnings of single methods; those of several methods are listed once."""
     said: dict[str, list[str]] = {}
     for line in comparison.own_warnings:
         method, _, text = line.partition(": ")  # or methods, which then say the same
@@ -251,7 +251,7 @@ def _gathered(comparison: Comparison) -> list[str]:
 
 
 def observability_section(result: Calibration) -> Section:
-    """Section of what the data can tell about X, in numbers and in words."""
+    """Section on the information of the data about X, in numbers and in text."""
     title = "Observability and tests of the residuals"
     not_run = tests_not_run(result)
     skipped: list[Block] = [Paragraph("Tests that were not run:"), Points(not_run)] if not_run else []
@@ -292,7 +292,7 @@ def _of_noise_alone(result: Calibration) -> str:
 
 
 def noise_section(result: Calibration) -> Section:
-    """The noise given or estimated, and what the residuals say of it."""
+    """Section on the noise given or estimated, and the test of the residuals against it."""
     untested = result.fit is None and result.noise is not None
     why = needs("The chi-square test of the residuals is made", result) if untested else None
     return folded("noise", "The noise", *noise_blocks(result), why)
@@ -326,7 +326,7 @@ def camera_sections(result: Calibration) -> list[Section]:
 
 
 def shares_words(result: Calibration) -> str:
-    """Say which share of the variance of X the intrinsics have, and which the corners; empty where it is not known."""
+    """State the shares of the variance of X from the intrinsics and from the corners; empty where they are unknown."""
     if not result.has_budget or f"camera {SHARED}" not in result.budget.sources:
         return ""
     budget = result.budget
@@ -394,7 +394,7 @@ def _noise(result: Calibration) -> list[list[str]]:
 def folded_sections(
     result: Calibration, drawings: Mapping[str, Drawing], found: Compared, cross_check: CrossCheck | None, date: str
 ) -> list[Section]:
-    """Return what follows the two pages, in the order of the contents."""
+    """Return the sections that follow the two pages, in the order of the contents."""
     return [
         full_section(result),
         *arm_sections(result, drawings),

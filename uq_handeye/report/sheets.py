@@ -128,7 +128,7 @@ def second_sheet(result: Calibration, drawings: Mapping[str, Drawing], cautions:
 
 
 def caution_points(cautions: Sequence[Finding]) -> Points:
-    """Return cautions as a list in which each stands out."""
+    """Return cautions as a highlighted list."""
     return Points([str(finding) for finding in cautions], frozenset(range(len(cautions))))
 
 

@@ -31,7 +31,7 @@ ERROR_MODEL = (
     "The error is xi = (theta, tau): R = exp([theta]x) R_hat, t = t_hat + tau, both in the parent frame of X (rotation "
     "vector in rad, translation in m)."
 )
-# What a reader must know that no number says.
+# Statements that every certificate makes, whatever its numbers.
 STANDING = (
     "Computed by software from the recorded poses, with the inputs declared by the user. It is not a calibration "
     "certificate of an accredited laboratory (ISO/IEC 17025). The person who signs it is responsible for the declared "
@@ -45,7 +45,7 @@ VALIDITY = (
 
 
 def measurand_of(result: Calibration) -> str:
-    """Return what was measured: the pose X, its frames and the setup."""
+    """Return the measurand: the pose X, its frames and the setup."""
     if result.setup is None:
         return f"Measurand: the rigid transform X of AX = XB, of {result.n_pairs} pairs of motions. {ERROR_MODEL}"
     where = "mounted on the robot" if result.setup == "eye-in-hand" else "fixed in the cell"
@@ -56,7 +56,7 @@ def measurand_of(result: Calibration) -> str:
 
 
 def conditions_of(result: Calibration) -> list[tuple[str, str]]:
-    """Return the conditions of the measurement as names and texts; what was not recorded is left out."""
+    """Return the recorded conditions of the measurement as names and texts."""
     rows = [("Data", title_of(result, 120).partition(" from ")[2] or title_of(result, 120))]
     if result.table is not None:
         rejected = len(result.table.rejected)
@@ -100,7 +100,7 @@ def method_of(result: Calibration) -> str:
 
 
 def coverage_of(result: Calibration) -> str:
-    """Return what the expanded uncertainty means, for single numbers and for all six together."""
+    """Return the meaning of the expanded uncertainty, for single numbers and for all six together."""
     text = (
         f"U = k u is the expanded uncertainty for a coverage probability of {percent(LEVEL)}; k is Student's t for the "
         "effective degrees of freedom nu (Welch-Satterthwaite), 1.96 where all inputs are declared."
@@ -158,7 +158,7 @@ def lengths_of(result: Calibration) -> str:
 
 
 def hashes_of(result: Calibration) -> list[tuple[str, str]]:
-    """Return names and SHA-256 of what the result was made of: poses, files, camera, arm."""
+    """Return names and SHA-256 of the input of the result: poses, files, camera, arm."""
     rows = []
     if result.provenance is not None:
         rows.append(("poses as used", result.provenance.data_sha256))
@@ -177,7 +177,7 @@ def _sha256(data: object) -> str:
 
 
 def versions_of(result: Calibration) -> str:
-    """Return the versions of what computed the result."""
+    """Return the versions of the software that computed the result."""
     if result.provenance is None:
         return "not recorded"
     return ", ".join(f"{name} {version}" for name, version in result.provenance.versions.items())
@@ -195,7 +195,7 @@ def fields_of(result: Calibration) -> list[tuple[str, str]]:
 
 
 def robot_words(result: Calibration) -> list[str]:
-    """Return what the numbers say of the robot in the terms of ISO 9283, and what they do not."""
+    """Return the relation of the numbers to the terms of ISO 9283 for the robot."""
     return [_repeatability(result), _accuracy(result), NOT_ISO_9283]
 
 

@@ -55,16 +55,16 @@ def calibrate_rig(
     robust : bool
         Whether views and robot poses that contradict the others are down-weighted.
     shared : bool, or names
-        Where the noise is estimated, whether with errors that poses share, or with which: "accuracy" of each arm,
+        Where the noise is estimated, whether errors that poses share are included, or which: "accuracy" of each arm,
         "focal length", "principal point" and, with one camera, "lens distortion", "target outline" and "view" of each
-        camera, "scale" of each target. What is left out is exact, such as the intrinsics of rendered pictures.
+        camera, "scale" of each target. The others are taken as exact, such as the intrinsics of rendered pictures.
     seed : int
         Of the random starts with several arms.
 
     Raises
     ------
     InputError
-        Parts that nothing ties together, noise that is missing, views that do not agree.
+        Parts that no view connects, noise that is missing, views that do not agree.
     DegenerateMotionError
         The robot poses determine nothing.
     """
@@ -92,7 +92,7 @@ def _calibrated(task: Task, noise: NoiseByName | None) -> RigCalibration:
 
 
 class Estimated(NamedTuple):
-    """A fit, how far its views are, what open sizes add to its covariance, and a line for each component."""
+    """A fit, the distances of its views, the part of its covariance from uncertain sizes, and a line per component."""
 
     found: RigFit
     far: Distances
@@ -123,7 +123,7 @@ def _at_global_minimum(
 def _fitted(task: Task, noise: RigNoise, at: Array, kept: NDArray[np.bool_] | RigFit) -> tuple[RigFit, Distances]:
     """Fit, with robust weights if asked that begin with the views ``kept`` or as in a fit.
 
-    Its errors name the pose that did not stand still, if one explains them.
+    Its errors name the pose that moved, if one explains them.
     """
     graph, weights = task.graph, None
     try:
@@ -219,7 +219,7 @@ def update_rig(result: RigCalibration, rig: Rig, *, although_changed: bool = Fal
     Raises
     ------
     InputError
-        New views that contradict the result, that it has already, or of things that the rig does not have.
+        New views that contradict the result, that it already has, or of cameras or targets that the rig does not have.
     """
     new = like(result, rig)
     have = {(view.camera, view.target, moment) for view in result.rig.views for moment in view.at or ()}

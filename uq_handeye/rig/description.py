@@ -45,7 +45,7 @@ class ArmPoses(ReadOnlyArrays):
     poses : (n, 4, 4)
         ``base_T_gripper``, m.
     names : (n,) hashable, or None
-        Name of each pose, in common with the views and the other arms; None: 0, 1, 2, ...
+        Name of each pose, the same in the views and the other arms; None: 0, 1, 2, ...
     source : str
         Where they come from, for messages.
     kinematics : Kinematics or None
@@ -165,7 +165,7 @@ class ArmPoses(ReadOnlyArrays):
 
 @dataclass(frozen=True, eq=False)
 class View(ReadOnlyArrays):
-    """Poses of one target as one camera saw it.
+    """Measured poses of one target in the frame of one camera.
 
     Parameters
     ----------
@@ -180,7 +180,7 @@ class View(ReadOnlyArrays):
     source : str
         Where they come from, for messages.
     intrinsics : (m, 6, q) or None
-        What one standard deviation of each of q errors of the camera's calibration does to these poses, beside
+        Effect of one standard deviation of each of q errors of the camera's calibration on these poses, in addition to
         ``covariance``; the same q errors in all views of the camera.
     """
 
@@ -221,18 +221,18 @@ class View(ReadOnlyArrays):
 
 @dataclass(frozen=True, eq=False)
 class Rig(ReadOnlyArrays):
-    """Arms, cameras and targets with what they are on, and the views; checked once and never changed.
+    """Arms, cameras and targets with their carriers, and the views; checked once and never changed.
 
     Parameters
     ----------
     arms : mapping of names to (n, 4, 4) or ArmPoses
         Measured ``base_T_gripper`` of each arm. The world is the base of the first.
     cameras, targets : mapping of names to the name of an arm or "world"
-        What each is mounted on.
+        The carrier of each.
     views : sequence of View
     known : mapping of names to (pose (4, 4), covariance (6, 6)) or PosePrior, or None
-        Poses that are known beforehand, of cameras, targets or bases of arms, on what they are on: a measurement beside
-        the views. Infinity on the diagonal of a covariance: not known.
+        Priors of the poses of cameras, targets or bases of arms, in the frame of their carrier: measurements in
+        addition to the views. Infinity on the diagonal of a covariance: not known.
 
     Raises
     ------
@@ -375,7 +375,7 @@ def require_left_out(where: str, **options: Any) -> None:
 
 
 def require_names(arms: Iterable[str], cameras: Mapping[str, str], targets: Mapping[str, str]) -> None:
-    """Raise `InputError` for a name that occurs twice, and for what is on nothing, on two things or on no arm."""
+    """Raise `InputError` for a name that occurs twice, a part without a carrier, with two, or on an unknown arm."""
     places = (WORLD, *arms)
     if twice := [name for name, count in Counter([*places, *cameras, *targets]).items() if count > 1]:
         raise InputError(

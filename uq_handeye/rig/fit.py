@@ -65,7 +65,7 @@ class Task(NamedTuple):
 
     @classmethod
     def of(cls, rig: Rig, method: str, robust: bool, shared: Shared, seed: int) -> Task:
-        """Number what a rig holds."""
+        """Number the poses, views and unknowns of a rig."""
         graph = Graph.of(rig)
         known = {graph.names.index(name): (of.X, of.information_X) for name, of in (rig.known or {}).items()}
         return cls(rig, graph, known, method, robust, shared, seed)
@@ -73,7 +73,7 @@ class Task(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class White:
-    """Rows of one batch: what they are made of, and whitened."""
+    """Rows of one batch: their residuals and derivatives, and the whitened rows."""
 
     batch: Batch
     L: Array  # (b, d, d) with S = L L^T, weights in it
@@ -134,7 +134,7 @@ class RigFit:
 
     @property
     def dof(self) -> int:
-        """Degrees of freedom of `chi_square`: rows that count less determined unknowns."""
+        """Degrees of freedom of `chi_square`: the rows that count minus the determined unknowns."""
         counted = int((self.edge_weights > 0).sum())
         return 6 * counted - (self.graph.p - len(self.open)) + self.prior_rank
 

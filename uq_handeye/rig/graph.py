@@ -76,7 +76,7 @@ class Graph:
 
     @classmethod
     def of(cls, rig: Rig) -> Graph:
-        """Number what a rig holds; robot poses without a view are left out."""
+        """Number the poses, views and unknowns of a rig; robot poses without a view are left out."""
         arms = list(rig.arms)
         names = (*rig.cameras, *rig.targets, *arms[1:])
         number = {name: k for k, name in enumerate(names)}

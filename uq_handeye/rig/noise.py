@@ -113,7 +113,7 @@ def require_noise(rig: Rig, noise: Mapping[str, NoiseOfOne]) -> None:
 
 
 def intrinsics_of(rig: Rig, graph: Graph, name: str) -> Array | None:
-    """(E, 6, q) what the errors of a camera's calibration do to all views, 0 in those of others; None without any."""
+    """(E, 6, q) effects of the errors of a camera's calibration on all views, 0 for other cameras; None without any."""
     sizes = {view.intrinsics.shape[-1] for view in rig.views if view.camera == name and view.intrinsics is not None}
     if not sizes:
         return None

@@ -33,7 +33,7 @@ from .description import WORLD
 from .graph import Graph
 from .poses import EstimatedPose, RigPoses
 
-# It is a caution where a larger share of the views is rejected.
+# The headline is a caution where a larger share of the views is rejected.
 MANY_REJECTED_SHARE = 0.1
 
 
@@ -162,7 +162,7 @@ FRAMES = (
 
 
 def headline(result: RigPoses) -> tuple[str, str]:
-    """Return the sentence that a rig is asked for, with its status: ok, caution or failed."""
+    """Return the headline of a rig, with its status: ok, caution or failed."""
     if result.reasons:
         return f"Not usable. {result.reasons[0]}", "failed"
     caution = any(finding.severity == "caution" for finding in result.findings)

@@ -75,7 +75,7 @@ def predict_points(
     points : (n, 3) or (3,)
         In the frame of the camera, m.
     robot : mapping of names of arms to poses (k, 4, 4) or (4, 4), or None
-        Where the arms stand, row by row; None for cameras that stand still, and for two cameras of one arm.
+        Poses of the arms, row by row; None for cameras fixed in the world, and for two cameras of one arm.
     into : "world" or the name of a camera
 
     Raises

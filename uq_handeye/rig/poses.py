@@ -85,7 +85,7 @@ class EstimatedPose(ReadOnlyArrays):
 
     @property
     def said(self) -> tuple[str, str]:
-        """The same in words: of the translation in mm and of the rotation in deg, or open."""
+        """Text of the standard deviations: of the translation in mm and of the rotation in deg, or open."""
         turn, shift = self.sizes
         mm, deg = (digits(x, 2) if np.isfinite(x) else "open" for x in (1e3 * shift, float(np.degrees(turn))))
         return mm, deg
@@ -129,21 +129,22 @@ class RigPoses(Record):
     noise : mapping
         Standard deviations per axis (rad, m) by arm and camera.
     components : tuple of mappings
-        Sizes of all errors, where they were estimated; ``logs``: of how far their logarithms are off at points of the
+        Sizes of all errors, where they were estimated; ``logs``: differences of their logarithms at points of the
         posterior of the sizes.
     size_weights : (d,)
         Weights of these points.
     paths : tuple of RigPath
-        Two ways to one pose each, with the chi-square of their difference: which pose did not stand still.
+        Two estimates of one pose each, with the chi-square of their difference: a large one shows a pose that moved.
     optimality : Optimality
         Whether the estimate is proven to be the global minimum.
     reference : Reference
         Distribution of intervals.
     findings : tuple of Finding
     posterior : Posterior or None
-        Of all poses and of the errors that measurements share, with the noise of new ones, by arm and camera.
+        Joint posterior of all poses and of the errors that measurements share, with the noise of new ones, by arm and
+        camera.
     provenance : mapping or None
-        Versions of what ran, and the arguments of `calibrate_rig`.
+        Versions of the software, and the arguments of `calibrate_rig`.
     """
 
     rig: Rig
@@ -226,7 +227,7 @@ class RigPoses(Record):
     def relative(self, one: str, two: str) -> EstimatedPose:
         """Return the pose of ``two`` in the frame of ``one``, with the covariance from the joint one.
 
-        Both must be on the same thing: an arm, or the world (bases of arms, too). Raises `InputError` otherwise.
+        Both must have the same carrier: an arm, or the world (bases of arms, too). Raises `InputError` otherwise.
         """
         i, j = self._number(one), self._number(two)
         places = self.rig.place(one), self.rig.place(two)
@@ -294,7 +295,7 @@ class RigPoses(Record):
 
     @property
     def rejected_words(self) -> list[str]:
-        """Words about what was rejected: a line for each target by a camera, and for each arm."""
+        """Text about rejected views and poses: a line for each pair of target and camera, and for each arm."""
         of: dict[str, list[Any]] = {}
         for camera, target, moment in self.rejected:
             of.setdefault(f"{target} by {camera}", []).append(moment)

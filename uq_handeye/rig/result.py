@@ -95,12 +95,12 @@ class RigCalibration(RigPoses):
 
     @classmethod
     def from_dict(cls, data: Any) -> RigCalibration:
-        """Read what `to_dict` wrote; raises `InputError` on anything else."""
+        """Read the values that `to_dict` writes; raises `InputError` on any others."""
         return from_dict(cls, data)
 
     @classmethod
     def from_json(cls, path: StrPath, data: Any = None) -> RigCalibration:
-        """Read what `save` wrote; ``data``: what the file holds, if it has been read."""
+        """Read the file that `save` writes; ``data``: its content, if it has been parsed."""
         try:
             return cls.from_dict(parsed(path) if data is None else data)
         except InputError as error:

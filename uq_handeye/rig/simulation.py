@@ -30,7 +30,7 @@ def simulate_rig(
 
     Parameters
     ----------
-    cameras, targets : mapping of names to what they are on
+    cameras, targets : mapping of names to their carriers
     arms : names of the arms; all move to a pose of their own at each moment
     n_poses : number of moments
     noise : as `calibrate_rig` takes it; None: exact poses

@@ -49,11 +49,11 @@ from .noise import RigNoise, given_covariances, intrinsics_of, kinematic_compone
 CAMERA_SPREAD_FACTOR = 2.0
 # Factor by which the sizes of focal length and image centre are uncertain in a rig.
 SPREAD_IN_RIG = 3.0
-# Widths of the targets that are tried, in units of the usual one.
+# These widths of the targets are tried, in units of the usual one.
 WIDTHS = tuple(0.5**k for k in range(6))
 # Another width than the usual one is taken where the logarithm of its evidence is larger by this.
 MIN_WIDTH_EVIDENCE = 3.0
-# Name of the line of the width: half of it over the distance.
+# The line of the width has this name; it states half of the width over the distance.
 WIDTH = "half width of targets"
 # The sizes are found from at most this many views, in whole groups.
 MAX_VIEWS_FOR_SIZES = 600
@@ -61,7 +61,7 @@ MAX_VIEWS_FOR_SIZES = 600
 MAX_CONVERGED_STEP_SD = 0.02
 # Owner of the error of size that all targets of a rig have in common: they come from one printer.
 ALL_TARGETS = "all targets"
-# What all poses of an arm, a camera or a target share.
+# Names of the errors that all poses of an arm, a camera or a target share.
 SHARED = ("accuracy", FOCAL_LENGTH, PRINCIPAL_POINT, "scale", LENS, OUTLINE, "view")
 OF_EACH_CAMERA = ("rotation", "translation", "by view", "focal length", "principal point")
 _PARTS = (("rotation", np.eye(6)[:, :3]), ("translation", np.eye(6)[:, 3:]))
@@ -69,7 +69,7 @@ _PARTS = (("rotation", np.eye(6)[:, :3]), ("translation", np.eye(6)[:, 3:]))
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """Noise with the sizes as found, what the open sizes add to the covariance, and a line for each component."""
+    """Noise with the estimated sizes, the effect of their uncertainty on the covariance, and a line per component."""
 
     noise: RigNoise
     spread: Array  # (p, p)
@@ -83,9 +83,9 @@ def components_of(
 ) -> tuple[Component, ...]:
     """Return all components of the poses of a graph: columns (P, 6, m) of the robot, (E, 6, m) of the cameras.
 
-    ``shared``: with what all poses of an owner share (`SHARED`), or some of it; without, noise of each pose only.
-    ``bound``: the rig and the graph whose poses the shared errors belong to; None: this one. ``width`` of the targets,
-    in units of the usual one (`view`).
+    ``shared``: with the errors that all poses of an owner share (`SHARED`), or some of them; else only noise of each
+    pose. ``bound``: the rig and the graph whose poses the shared errors belong to; None: this one. ``width`` of the
+    targets, in units of the usual one (`view`).
     """
     both = ((rig, graph), (rig, graph) if bound is None else bound)
     before = both[1][1]
@@ -197,7 +197,7 @@ def _place_of(C: Array, cameras: Array, width: float) -> tuple[float, Array]:
 def width_of_targets(task: Task, at: Array, kept: NDArray[np.bool_]) -> float:
     """Return how wide the targets are, in units of the usual width (`view`), by the noise of the views ``kept`` (E,).
 
-    Poses of a small target far away are noisy in tilt and distance beside what they are sideways. The width is that of
+    Poses of a small target far away are noisier in tilt and distance than sideways. The width is that of
     the largest evidence, with noise of each pose only, between a few: the top of the parabola through the best three.
     """
     rig, graph = task.rig, task.graph
@@ -224,8 +224,8 @@ def find_sizes(
 ) -> Found:
     """Find the sizes near the poses ``at`` (m, 4, 4), from the views ``kept`` (E,).
 
-    ``theta`` (k,): logarithms to begin with. ``whole``: integrated over what the data leave open, not the most probable
-    ones alone.
+    ``theta`` (k,): logarithms to begin with. ``whole``: integrate over the uncertainty of the sizes instead of taking
+    the most probable ones only.
 
     Raises `NotConvergedError` where poses or sizes do not converge.
     """
@@ -260,9 +260,9 @@ def find_sizes(
 def found_of(
     rig: Rig, graph: Graph, parts: tuple[Component, ...], mixture: Mixture, spread: Array, width: float = 1.0
 ) -> Found:
-    """Return the noise that components of a graph make with sizes that were found, and their lines.
+    """Return the noise of the components of a graph with the estimated sizes, and their lines.
 
-    ``logs`` of a line: how far the logarithm of its size is from that at each point of the sizes.
+    ``logs`` of a line: difference of the logarithm of its size at each point of the sizes.
     """
     free = np.array([not part.size.is_known for part in parts], dtype=bool)
     sizes, logs = np.array([part.size.median for part in parts]), np.zeros((len(parts), len(mixture.weights)))
@@ -279,7 +279,7 @@ def found_of(
 
 
 def _spread_over(graph: Graph, kept: NDArray[np.intp], most: int) -> NDArray[np.intp]:
-    """Return edges of whole groups, spread over all of them, about so many at most."""
+    """Return a limited number of edges in whole groups, spread over all groups."""
     if len(kept) <= most:
         return kept
     groups = np.unique(graph.group[kept])

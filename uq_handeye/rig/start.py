@@ -65,7 +65,7 @@ def _all_seen(graph: Graph, kept: NDArray[np.bool_]) -> bool:
 
 
 def agreeing(graph: Graph, at: Array) -> NDArray[np.bool_]:
-    """Return the edges whose misfit is not far above the median, of rotation and of translation."""
+    """Return the edges whose residuals of rotation and of translation are not far above the median."""
     r = graph.linearise(at).r.reshape(-1, 2, 3)
     size = np.linalg.norm(r, axis=-1)
     median = np.maximum(np.median(size, axis=0), 1e-12)

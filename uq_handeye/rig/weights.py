@@ -62,7 +62,7 @@ class Distances:
 
 
 def distances(found: RigFit) -> Distances:
-    """Return how far each measured pose is from what the others predict."""
+    """Return the distance of each measured pose from its prediction by the others."""
     graph, noise = found.graph, found.noise
     of_edges, of_poses = np.zeros(graph.E), np.zeros(graph.P)
     alone = np.zeros(graph.P, dtype=bool)
@@ -108,7 +108,7 @@ def fit_robustly(
     prior: Prior | None = None,
     begin: NDArray[np.bool_] | RigFit | None = None,
 ) -> tuple[RigFit, Distances]:
-    """Fit with weights of the views and of the robot poses; all 1 where the largest distance is no surprise.
+    """Fit with weights of the views and of the robot poses; all are 1 where the largest distance is not unusual.
 
     ``begin`` (E,): the edges that count at first, or a fit whose weights are those to begin with. Raises `InputError`
     where less than half of the views agree.

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 MAX_DEPTH = 30  # levels of nesting
 _DEEP = f"at most {MAX_DEPTH} levels of nesting, got more"
 
-# What stands between two documents of JSON.
+# Characters allowed between two documents of JSON.
 _BETWEEN = re.compile(r"[\s,]*")
 
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|[-+]?\.(inf|Inf|INF)|\.(nan|Nan|NaN|NAN)")

@@ -36,8 +36,8 @@ LEVELS = (1, 2, 3)
 SYMBOLS = (r"\theta_x", r"\theta_y", r"\theta_z", r"\tau_x", r"\tau_y", r"\tau_z")
 PAIRS_WITHIN = ((0, 1), (1, 2), (0, 2))
 
-# Colours of Okabe and Ito, of clearly different lightness, each with a line style of its own: the ellipses
-# can be told apart in greyscale and by colour-blind readers.
+# Colours of Okabe and Ito, of clearly different lightness, each with its own line style: the ellipses
+# can be distinguished in greyscale and by colour-blind readers.
 STYLES: tuple[tuple[str, Any], ...] = (
     ("black", "-"),
     ("#56B4E9", "--"),

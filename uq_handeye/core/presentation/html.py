@@ -242,7 +242,7 @@ for _status, _colour in {"ok": "#009e73", "caution": "#e69f00", "failed": "#d55e
     _strong = "bold" if _status in ("caution", "failed") else "normal"
     _STYLES[f"status {_status}"] = f"border:0;{_line};padding:0.05em 0.7em;text-align:left;font-weight:{_strong}"
 LOOK = Look({role: f' style="{style}"' for role, style in _STYLES.items()}, page=False)
-# Red and blue of equal lightness that colour-blind readers can tell apart; the sign is printed, too.
+# Red and blue of equal lightness that colour-blind readers can distinguish; the sign is printed, too.
 _POSITIVE, _NEGATIVE = "213,94,0", "0,114,178"
 
 

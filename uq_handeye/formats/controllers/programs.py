@@ -25,7 +25,7 @@ class Program(NamedTuple):
     loose: Callable[[str], object] = lambda head: False  # what is theirs only if the format is asked for
 
 
-# In this order a text is asked.
+# A text is tested for these formats in this order.
 PROGRAMS = {
     "yaskawa": Program(IS_YASKAWA.search, add_yaskawa_poses),
     "fanuc": Program(IS_FANUC.search, add_fanuc_poses),

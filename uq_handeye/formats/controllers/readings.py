@@ -23,7 +23,7 @@ from .forms import CONTROLLERS, PoseForm, forms_of
 MAX_ROBOT_REACH_M, MIN_ROBOT_REACH_MM = 5.0, 20.0
 # An angle in rad is at most a full circle; the rest is rounding.
 MAX_ANGLE_RAD = 2.0 * np.pi + 1e-3
-# Forms of three numbers whose names do not say which they are; and by the names rx, ry, rz, each about its own axis.
+# Possible forms of three numbers whose names do not give the form; and of rx, ry, rz, each about its own axis.
 _UNSAID = forms_of("ur", "rpy", "XYZ-rad", "ZYX-rad", "ZYZ-rad", "kuka", "fanuc", "staubli", "kawasaki", "rotvec-deg")
 _BY_AXES = forms_of("ur", "rpy", "XYZ-rad", "yaskawa", "staubli", "rotvec-deg")
 _BY_KIND = {

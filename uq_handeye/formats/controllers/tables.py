@@ -34,7 +34,7 @@ from .forms import CONTROLLERS, PoseForm
 from .readings import interpret
 
 HELP = "see docs/how-to/controller.md"
-# Rows that tell whether a text is a table of poses.
+# The first rows, up to this many, decide whether a text is a table of poses.
 HEAD_LINES = 50
 _POSITION = ("x", "y", "z")
 # Words before the columns of one side, in a table of both.

@@ -79,7 +79,7 @@ def compare(
     timed: bool = True,
     progress: bool = False,
 ) -> Comparison:
-    """Every method on the same pairs, each with its own covariance, beside the answer of `calibrate`.
+    """Compare every method on the same pairs, each with its own covariance, with the result of `calibrate`.
 
     The row ``efficient`` is what ``calibrate(data, noise=noise)`` gives. All methods get the poses that count in it,
     and its noise. A method that fails keeps its row, which says why, and so does one whose extra is not installed. All
@@ -155,9 +155,9 @@ def compare(
 
 
 def explained_motions(result: Calibration, motions: Motions) -> Motions:
-    """Return the motions less the shared errors that a calibration estimates, which every method's residuals leave out.
+    """Return the motions corrected by the shared errors that a calibration estimates, for the residuals of all methods.
 
-    Else the X of a method that takes up the wrong size of a target would seem to fit best.
+    Otherwise the X of a method that absorbs the wrong size of a target would seem to fit best.
     """
     poses = motions.poses
     if poses is None or motions.pairs is None or result.posterior is None or result.W is None:
@@ -179,7 +179,7 @@ class Work(NamedTuple):
 def compare_rows(
     names: Sequence[str], work: Work, found: dict[str, Row], reference: str, timed: bool, progress: bool = False
 ) -> Comparison:
-    """The comparison of these methods; the rows that are ``found`` already are taken as they are."""
+    """Compare these methods; rows that are already ``found`` are used unchanged."""
     motions, noise = work.motions, work.noise
     poses = motions.poses
     found = dict(found)

@@ -40,7 +40,7 @@ _FORMAT = "uq-handeye comparison 1"
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """One row per method, in the order asked for; see `compare`."""
+    """One row per method, in the requested order; see `compare`."""
 
     rows: tuple[Row, ...]
     reference: str | None  # what the differences are taken from; None: every method failed
@@ -267,7 +267,7 @@ def squared_distance(xi: Array, covariance: Array) -> float:
 
 
 def flat(row: Row, base: Row | None) -> JsonObject:
-    """The row of the data frame, beside the reference ``base``."""
+    """The row of the data frame, with the rotation vector of X next to that of the reference ``base``."""
     missing = np.full(6, np.nan)
     X = np.full((4, 4), np.nan) if row.X is None else row.X
     rotvec = missing[:3] if row.X is None else pose_numbers(row.X, None, None if base is None else base.X)[0][3:]
@@ -313,7 +313,7 @@ def _scaled(value: float | None, factor: float) -> float | None:
 
 
 def without_numbers(text: str) -> str:
-    """The text with # for every number: what is the same if only the numbers differ."""
+    """Replace every number of a text by #, so that texts that differ only in numbers become equal."""
     return re.sub(r"[-+]?\d[\w.+-]*", "#", text)
 
 
@@ -370,12 +370,12 @@ def to_rely_on(row: Row) -> str:
 
 
 def apart(value: float | None, factor: float = 1.0) -> str:
-    """A difference: as `digits`, and what is rounding as such."""
+    """Format a difference as `digits` does; a rounding error is marked as such."""
     return "<1e-9" if value is not None and 0 < value * factor < 1e-9 else digits(value, factor)
 
 
 def digits(value: float | None, factor: float = 1.0) -> str:
-    """Three significant digits, all digits of larger numbers; ``-`` for what is not there."""
+    """Format three significant digits, all digits of larger numbers; ``-`` for a missing number."""
     if value is None:
         return "-"
     value *= factor

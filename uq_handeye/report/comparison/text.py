@@ -26,7 +26,7 @@ from ...core.presentation.document import (
 )
 from .result import Comparison, Row, apart, digits, to_rely_on, verdict, without_numbers
 
-# Column of the verdict.
+# The verdict is in this column.
 _VERDICT = 3
 # Of each column its name and unit, and what a row shows there; the verdict needs the reference.
 _Show = Callable[["Row"], str]
@@ -73,7 +73,7 @@ _LEGEND = (
 
 
 def notes(comparison: Comparison, of_pairs: bool = True) -> list[str]:
-    """Return what is not as requested or expected; ``of_pairs``: also that not all pairs were used."""
+    """Return notes on deviations from the request; ``of_pairs``: also that not all pairs were used."""
     found = []
     reference, asked = comparison.reference, comparison.asked_reference
     if reference is not None and reference != asked:
@@ -98,7 +98,7 @@ def notes(comparison: Comparison, of_pairs: bool = True) -> list[str]:
 
 @document_of.register(Comparison)
 def comparison_document(comparison: Comparison, verbose: bool = False) -> Document:
-    """Return verdict, what looks wrong, and differences per method; ``verbose``: all numbers, X, legend, warnings."""
+    """Return verdict, warnings and differences per method; ``verbose``: all numbers, X, legend, all warnings."""
     count = len(comparison.rows)
     found = [row for row in comparison.rows if row.X is not None]
     doubts = comparison.doubts

@@ -54,7 +54,7 @@ VISIBLE_CHANGE = 0.01
 
 @dataclass(frozen=True, eq=False)
 class RigEvidence(ReadOnlyArrays):
-    """New views against a calibrated rig: whitened rows, and what causes are made of."""
+    """New views compared with a calibrated rig: whitened rows, and the columns of the causes."""
 
     graph: Graph
     rows: NewRows  # (M, 1): one number each, of variance 1
@@ -66,7 +66,7 @@ class RigEvidence(ReadOnlyArrays):
 
     @property
     def dof(self) -> int:
-        """Numbers less those that open directions take."""
+        """Number of residuals minus that of the open directions."""
         return int(len(self.J) - np.linalg.matrix_rank(self.free)) if self.free.size else len(self.J)
 
     def moved(self, name: str, of: NDArray[np.bool_] | None = None) -> Array:
@@ -79,7 +79,7 @@ class RigEvidence(ReadOnlyArrays):
 
 
 def like(result: RigPoses, rig: Rig) -> Rig:
-    """Return new poses and views as those of the calibrated rig; raises `InputError` for what it does not have."""
+    """Return new poses and views as a rig like the calibrated one; raises `InputError` for names it does not have."""
     if not isinstance(rig, Rig):
         raise InputError(f"Expected new views of a rig as a Rig (uq.Rig, uq.read_rig), got {type(rig).__name__}.")
     old = result.rig
@@ -106,7 +106,7 @@ def posterior_of(result: RigPoses) -> Posterior:
 def new_noise(result: RigPoses, rig: Rig, graph: Graph) -> RigNoise:
     """Return the noise of new poses and the columns of the shared errors.
 
-    By the components that were found, at each new pose; where the noise was given, the mean of each arm and camera.
+    The noise is that of the estimated components at each new pose; where it was given, the mean of each arm and camera.
     """
     posterior = posterior_of(result)
     mean = {one.name: one.covariance for one in posterior.noise}
@@ -127,7 +127,7 @@ def new_noise(result: RigPoses, rig: Rig, graph: Graph) -> RigNoise:
 
 
 def parts_of(result: RigPoses, rig: Rig, graph: Graph) -> tuple[Component, ...]:
-    """Return the components of new poses, with the sizes that were found as known ones."""
+    """Return the components of new poses, with the estimated sizes as known ones."""
     lines = {part["name"]: part["size"] for part in result.components}
     names = posterior_of(result).names
     if not (lines or names):
@@ -139,7 +139,7 @@ def parts_of(result: RigPoses, rig: Rig, graph: Graph) -> tuple[Component, ...]:
 
 
 def others_of(result: RigPoses, same: Iterable[str] | str | None) -> NDArray[np.bool_]:
-    """(q,) shared errors of things that are not ``same``: names in the rig, or robot, camera, target, or none."""
+    """(q,) shared errors of arms, cameras and targets that are not ``same``: names, or robot, camera, target, none."""
     rig, names = result.rig, posterior_of(result).names
     kinds = {"robot": list(rig.arms), "camera": list(rig.cameras), "target": list(rig.targets)}
     things = [name for of in kinds.values() for name in of]
@@ -159,9 +159,9 @@ def others_of(result: RigPoses, same: Iterable[str] | str | None) -> NDArray[np.
 
 
 def evidence_of_views(result: RigPoses, rig: Rig, same: Iterable[str] | str | None = None) -> RigEvidence:
-    """Hold new views against the result of a rig; raises `InputError` for views of something else.
+    """Compare new views with the result of a rig; raises `InputError` for views of another rig.
 
-    Errors of things that are not the ``same`` are drawn again, as large as they were found to be.
+    Errors of arms, cameras and targets that are not the ``same`` are independent, with the estimated size.
     """
     rig = like(result, rig)
     graph = Graph.of(rig)
@@ -193,10 +193,10 @@ def evidence_of_views(result: RigPoses, rig: Rig, same: Iterable[str] | str | No
 
 
 def _scales(result: RigPoses, rig: Rig, graph: Graph, halves: list[Array], V: Array) -> Array:
-    """Mean of d^2 over its k numbers at each point of the open sizes, 1 at those that the noise was made with.
+    """Mean of d^2 over its k numbers at each point of the uncertain sizes; it is 1 at the sizes of the noise used.
 
-    With ``Sigma = 1 + V V^T`` of the whitened rows and T_c what component c adds to the 1: ``1 + sum_c
-    (exp(2 delta_c) - 1) tr(Sigma^-1 T_c) / k``, delta_c the logarithm of the size of c at the point less the one used.
+    With ``Sigma = 1 + V V^T`` of the whitened rows and T_c the part of component c in the 1, it is ``1 + sum_c
+    (exp(2 delta_c) - 1) tr(Sigma^-1 T_c) / k``, delta_c the logarithm of the size of c at the point minus the one used.
     """
     lines = {part["name"]: part["logs"] for part in result.components if "logs" in part}
     parts = tuple(one for one in parts_of(result, rig, graph) if one.block is not None and one.name in lines)
@@ -269,7 +269,7 @@ class RigCheck(Record, Shown):
     p_value, d2 : float
         Of all new views, if nothing has changed.
     dof, count : int
-        Numbers of them; views.
+        Degrees of freedom of d2; number of views.
     noise_dof : float or None
         Degrees of freedom of the noise, where it was estimated.
     moves : tuple of RigMove
@@ -278,7 +278,7 @@ class RigCheck(Record, Shown):
     views : dict
         p-value of the views of each pair of camera and target, by "camera, target".
     unseen : tuple of str
-        Cameras and targets of the rig that no new view shows, of which the check says nothing.
+        Cameras and targets of the rig without a new view, which are not checked.
     limits : (translation (m), rotation (rad))
         Change of a camera that must show.
     """
@@ -310,7 +310,7 @@ class RigCheck(Record, Shown):
 
     @property
     def cause(self) -> str | None:
-        """Name of what moved, where one pose explains it."""
+        """Name of the camera, target or base that moved, where one pose explains the change."""
         return self.moves[0].name if self.status == MOVED else None
 
     @property
@@ -370,7 +370,7 @@ def check_rig(
     ----------
     result : RigCalibration
     rig : Rig
-        New robot poses and views, with names and places of the calibrated rig; it may lack some of its things.
+        New robot poses and views, with names and carriers of the calibrated rig; some of its parts may be missing.
     level : float
         Probability of a false alarm.
     tolerance : (translation (m), rotation (rad)) or None
@@ -382,7 +382,7 @@ def check_rig(
     Raises
     ------
     InputError
-        Names or places that the calibrated rig does not have, a level that is no probability.
+        Names or carriers that the calibrated rig does not have, a level that is no probability.
     """
     if not 0 < level < 1:
         raise InputError(f"Expected `level` between 0 and 1, got {level!r}.")

@@ -211,7 +211,7 @@ class Isotropic:
         return 6 * len(self.rows.X)
 
     def value(self, at: Array) -> float:
-        """f at poses (m, 4, 4), whose translations are replaced by the best ones."""
+        """Value of f at poses (m, 4, 4), whose translations are replaced by the best ones."""
         return float(self.quadratic(at)[0][-1, -1])
 
     def quadratic(self, at: Array) -> tuple[Array, Array]:

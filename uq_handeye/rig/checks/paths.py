@@ -68,7 +68,7 @@ PENALTY = 3.0
 
 @dataclass(frozen=True, eq=False)
 class RigPath(Record):
-    """Two ways to one pose, and how far they differ.
+    """Two estimates of one pose by different views, and their difference.
 
     Attributes
     ----------
@@ -79,11 +79,11 @@ class RigPath(Record):
     since : moment or None
         Name of the first robot pose of the other, for a change in time.
     chi_square, dof, p : float
-        Of the difference; p of a change allows for the choice of the moment.
+        Test of the difference; p of a change allows for the choice of the moment.
     change : (6,)
         ``(theta, tau)`` of the one minus the other, rad and m.
     covariance : (6, 6)
-        Of the change; 0 along directions that are not told.
+        Of the change; 0 along directions that are not resolved.
     count : int
         Views that belong to the one, or come after the change.
     """
@@ -231,10 +231,10 @@ class _Copied:
 
 
 def judged_paths(task: Task, found: RigFit) -> tuple[tuple[RigPath, ...], tuple[Finding, ...]]:
-    """Return all paths of a fit, and what they say about a pose that did not stand still.
+    """Return all paths of a fit, and the findings about a pose that moved.
 
-    Paths are those of the fit as it weighs the views. That of a pose that moved counts the runs of rejected views; one
-    that rings although no move explains it is a finding of its own.
+    Paths have the weights of the fit; the path of a pose that moved also counts the runs of rejected views. A path that
+    does not close although no move explains it is a separate finding.
     """
     paths = paths_of(task.rig, found)
     if (moved := _moved(task, found, paths)) is not None:
@@ -277,7 +277,7 @@ def _moved(task: Task, found: RigFit, own: tuple[RigPath, ...]) -> tuple[RigPath
 
 
 def named_error(task: Task, noise: RigNoise, at: Array, error: Exception) -> Exception:
-    """Return the error of a robust fit that failed, with the pose that did not stand still if one explains it."""
+    """Return the error of a robust fit that failed, with the pose that moved if one explains it."""
     try:
         plain = fit(task.graph, noise, at, "efficient", prior=task.prior)
         _, findings = judged_paths(task._replace(method="efficient", robust=True), plain)

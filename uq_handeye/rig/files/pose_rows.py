@@ -102,7 +102,8 @@ class PoseRows:
     def names_among(self, robot: PoseRows, names: tuple[Hashable, ...], tolerance: float) -> tuple[Hashable, ...]:
         """Names of the robot poses (as ``names`` has them) that the rows belong to.
 
-        A row without a partner keeps its own name. Raises `InputError` where nothing tells what belongs together.
+        A row without a partner keeps its own name. Raises `InputError` where neither file has names by which rows
+        match.
         """
         if self.rows:
             if self.rows[-1] >= len(robot.poses):

@@ -30,12 +30,12 @@ _NAME = "rig"
 
 
 def is_rig_result(data: Any) -> bool:
-    """Return whether what a JSON file holds is the result of a rig."""
+    """Return whether the content of a JSON file is the result of a rig."""
     return is_map(data) and str(data.get("format", "")).startswith("uq-handeye rig ")
 
 
 def to_dict(result: RigPoses, fields: tuple[str, ...]) -> JsonObject:
-    """Return the result as plain values: what follows for other programs first, then its fields."""
+    """Return the result as plain values: derived values for other programs first, then its fields."""
     found = {"format": FORMAT, **attributes(result, DERIVED)}
     for name in fields:
         found[name] = rig_to_dict(result.rig) if name == _NAME else plain(getattr(result, name))
@@ -47,7 +47,7 @@ def to_dict(result: RigPoses, fields: tuple[str, ...]) -> JsonObject:
 
 
 def from_dict(kind: type[C], data: Any) -> C:
-    """Read what `to_dict` wrote; raises `InputError` on anything else, and where parts do not belong together."""
+    """Read the values that `to_dict` writes; raises `InputError` on others, and where parts do not belong together."""
     if not is_rig_result(data) or data["format"] != FORMAT:
         found = data.get("format") if is_map(data) else data
         raise InputError(
@@ -102,7 +102,7 @@ def rig_to_dict(rig: Rig) -> JsonObject:
 
 
 def rig_from_dict(data: Mapping[str, Any]) -> Rig:
-    """Read what `rig_to_dict` wrote."""
+    """Read the values that `rig_to_dict` writes."""
     arms = {name: _arm(arm) for name, arm in data["arms"].items()}
     views = tuple(
         View(

@@ -76,7 +76,7 @@ _VIEW |= _READING
 def read_rig(path: StrPath) -> tuple[Rig, dict[str, Any] | None]:
     """Read a rig file: the rig, and the noise of its arms and cameras, None where it is to be estimated.
 
-    Raises `InputError`, with the name of the file, for what it cannot mean.
+    Raises `InputError`, with the name of the file, for invalid content.
     """
     target = as_path(path)
     try:

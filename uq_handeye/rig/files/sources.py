@@ -146,7 +146,7 @@ def _adjusted(model: Any, values: Array, corners: Corners) -> tuple[Corners, Bun
 
 
 def _intrinsics(given: Any, folder: Path) -> tuple[Any, Array, Array]:
-    """Model, parameters (p,) and a root T (p, q) of their covariance; (p, 0) where none is said."""
+    """Model, parameters (p,) and a root T (p, q) of their covariance; (p, 0) where none is given."""
     from ...model.camera.calibration_files import is_camera_folder
     from ...model.camera.intrinsics_file import read_intrinsics
     from ...model.camera.models import LINEAR, MODELS
@@ -179,7 +179,7 @@ def _intrinsics(given: Any, folder: Path) -> tuple[Any, Array, Array]:
 def apart_by_calibration(seen: Sequence[PoseRows], cameras: Sequence[str]) -> list[PoseRows]:
     """Return rows whose columns of intrinsics are those of one camera: one calibration, the same errors.
 
-    Views of two calibrations of one camera, such as of a folder for each board, have errors of their own.
+    Views of two calibrations of one camera, such as of a folder for each board, have independent errors.
     """
     found = list(seen)
     for camera in dict.fromkeys(cameras):
@@ -206,7 +206,7 @@ class Bags:
         self._read: dict[tuple[Path, ...], Any] = {}
 
     def recording(self, paths: Sequence[Path]) -> Any:
-        """Return what bags of one session hold."""
+        """Return the recording of the bags of one session."""
         from ...read.rosbag.recording import read_recording
 
         key = tuple(paths)
@@ -247,7 +247,7 @@ def _rows_of(stream: Stream, name: str) -> PoseRows:
 
 
 def clock_offset(camera: str, given: Any, views: Iterable[tuple[Sequence[PoseRows], PoseRows]], fixed: bool) -> float:
-    """Return what is added to the times of a camera (s): as given, or estimated by a view of it (`synchronise`)."""
+    """Return the offset added to the times of a camera (s): as given, or estimated by a view of it (`synchronise`)."""
     from ...read.synchronisation.synchronise import synchronise
 
     if given is not None:

@@ -29,7 +29,7 @@ from ...model.noise.models import PairNoise
 
 # Motions of one side in all trials of a block, which stays in cache, and the fewest trials that are worth a call.
 BLOCK_MOTIONS, MIN_BLOCK_TRIALS = 8192, 32
-# Cofactor (i, j) is the product of two entries less that of two others.
+# Cofactor (i, j) is the product of two entries minus that of two others.
 _COFACTORS = np.array(
     [[3 * ((i + p) % 3) + (j + q) % 3 for i in range(3) for j in range(3)] for p, q in ((1, 1), (2, 2), (1, 2), (2, 1))]
 )

@@ -157,7 +157,7 @@ _MOVED = {
     ("eye-to-hand", CAMERA_MOVED): ("the camera moved in the cell", "the robot's base did"),
     ("eye-to-hand", TARGET_MOVED): ("the target moved on the gripper", "the robot's tool frame was changed"),
 }
-# What is more and less of a cause that is a ratio.
+# Words for an increase and a decrease of a cause that is a ratio.
 _WAYS = {FOCAL_LENGTH: ("longer", "shorter"), TARGET_SIZE: ("larger", "smaller")}
 _STATUS = {UNCHANGED: "ok", CHANGED: "failed", CANNOT_TELL: "caution"}
 

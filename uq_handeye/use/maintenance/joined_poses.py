@@ -39,7 +39,7 @@ from ...model.shared_errors.camera_noise import camera_noise_at
 ANOTHER_UNIT_RATIO = 50.0
 # Corners of one picture differ by less, once bent edges are taken out by two calibrations of the camera; px.
 SAME_CORNER_PX = 0.02
-# Standard deviations of a camera's prior from which on it says nothing (`camera.adjustment.setting`).
+# A prior of a camera carries no information from these standard deviations on (`camera.adjustment.setting`).
 _SILENT = {True: 1e6, False: 1e3}
 
 

@@ -39,7 +39,7 @@ NUMBERS = tuple(f"{axis}_mm" for axis in "xyz") + tuple(f"r{axis}_deg" for axis 
 SHIFT = tuple(f"X_{name}" for name in NUMBERS)
 SHIFT_STD = tuple(f"sd_{name}" for name in SHIFT)
 COLUMNS = ("time", "poses", "d2", "dof", "p_value", "answer", "cause", *SHIFT, *SHIFT_STD, "result")
-# Checks whose poses say nothing of the calibration, by what the log calls the cause: codes of their findings.
+# Codes of the findings of checks whose poses do not test the calibration, by the name of the cause in the log.
 WRONG_POSES = {
     "one pose wrong": ("maintenance.one_pose_wrong",),
     "another rig": ("maintenance.another_rig",),

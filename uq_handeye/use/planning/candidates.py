@@ -28,7 +28,7 @@ from ...core.geometry.se3 import Array, inverse, pose, skew
 from ...errors import InputError
 from ...model.poses.pose_pairs import PosePairs
 
-# Candidates at most, at 3 kB each in planning.
+# At most this many candidates are drawn, as planning takes 3 kB for each.
 MAX_CANDIDATES = 100_000
 _HALF_TURN = np.diag([1.0, -1.0, -1.0, 1.0])
 

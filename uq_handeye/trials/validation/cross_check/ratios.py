@@ -26,7 +26,7 @@ from ....core.numbers.rounding import TINY
 from ..monte_carlo.consistency import HARMLESS_SD_ERROR, extreme_eigenvalues, heavy_from, in_words
 from ..monte_carlo.sums import COMPONENTS
 
-# Beyond this ratio what chance explains for heavy tails alone says nothing.
+# An interval by chance that is wider than this ratio, for heavy tails, cannot confirm a covariance.
 WIDE_RATIO = 1 + 4 * HARMLESS_SD_ERROR
 
 

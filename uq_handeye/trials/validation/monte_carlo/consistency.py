@@ -51,7 +51,7 @@ __all__ = ["LEVELS", "PARTS", "Consistency", "Sums", "consistency", "in_words"]
 
 # With fewer trials the sampled covariance is not judged as a matrix, direction by direction.
 MIN_TRIALS_FOR_SPREAD = 30
-# With fewer trials the verdict says first what they cannot show.
+# With fewer trials the verdict begins with a sentence on what they cannot show.
 MIN_TRIALS = 100
 # A relative error of a standard deviation below this matters to hardly anyone.
 HARMLESS_SD_ERROR = 0.05
