@@ -68,4 +68,4 @@ def test_every_table_with_texts_is_written_in_one_place():
         for path in (ROOT / "uq_handeye").rglob("*.py")
         if writes.search(path.read_text(encoding="utf-8"))
     }
-    assert found == {"core/files/lines.py"}
+    assert found == {"core/files/csv_text.py"}

@@ -287,7 +287,7 @@ def test_nothing_may_be_the_same(results):
     for same in (None, "", 5):
         with pytest.raises(uq.InputError, match=f"target, got {str(same)!r}"):
             uq.update(result, poses, same=same)
-    with pytest.raises(uq.InputError, match="20 poses in common, which are of one robot"):
+    with pytest.raises(uq.InputError, match="have 20 poses in common"):
         uq.difference(old_result(noise=NOISE, shared=[]), replace(result, X=result.X + 0.0), same="none")
 
 

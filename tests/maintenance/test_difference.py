@@ -48,7 +48,7 @@ def test_the_covariance_is_that_of_the_differences(setup):
 
 
 def test_results_with_poses_in_common_are_refused():
-    """By their numbers, or by their hashes where the files hold no poses; `update` is named."""
+    """Poses in common are found by their numbers, or by hashes where the files hold no poses; `update` is named."""
     poses = replace(uq.simulate(30, noise=NOISE, seed=1), truth=None)
     old, new = (fitted(poses.rows(np.arange(n)), noise=NOISE) for n in (18, 30))
     with pytest.raises(uq.InputError, match=r"have 18 poses in common.*uq-handeye update"):

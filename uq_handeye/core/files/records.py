@@ -14,7 +14,7 @@ A part with its own ``from_dict``, such as `Finding`, is read by that.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Hashable, Mapping
 from dataclasses import MISSING, fields, is_dataclass
 from functools import cache
 from operator import attrgetter
@@ -206,7 +206,8 @@ def read(hint: Any, data: Any, path: str, sizes: dict[str, int] | None = None) -
     if kind in (Union, UnionType):
         if data is None and NoneType in args:
             return None
-        return read(next(arg for arg in args if arg is not NoneType), data, path, sizes)
+        kinds = [arg for arg in args if arg is not NoneType]
+        return data if len(kinds) > 1 else read(kinds[0], data, path, sizes)  # a value of JSON
     if kind in _PLAIN:
         if type(data) is not kind and not (kind is float and type(data) is int):
             raise InputError(f"Expected {path} to be {_PLAIN[kind]}, got {data!r:.40}.")
@@ -217,7 +218,7 @@ def read(hint: Any, data: Any, path: str, sizes: dict[str, int] | None = None) -
         return data
     if kind in (tuple, dict):
         return _many(kind, args, data, path, sizes)
-    if kind is Any:
+    if kind in (Any, Hashable, list):
         return data
     if hasattr(kind, "from_dict") and getattr(kind.from_dict, "__func__", None) is not Record.from_dict.__func__:  # type: ignore[attr-defined]
         return kind.from_dict(data)

@@ -1,4 +1,4 @@
-"""Which parameters of a camera and its board are estimated, with their prior and the start of the fit."""
+"""The parameters of a camera and its board that are estimated, with their prior and the start of the fit."""
 
 from __future__ import annotations
 
