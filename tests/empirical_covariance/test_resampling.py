@@ -153,7 +153,7 @@ def test_bootstrap_solves_the_linear_problem_with_repeated_rows(monkeypatch):
         moves.append(-np.linalg.lstsq(J[rows], e[rows], rcond=None)[0])
     value = bootstrap(found, 40, seed=5)
     assert_same_covariance(value, np.cov(np.array(moves).T), 1e-6)
-    monkeypatch.setattr(by_influence, "MAX_NUMBERS_AT_ONCE", 3000)  # some 7 draws at once
+    monkeypatch.setattr(by_influence, "CHUNK", 250)  # some 7 draws at once
     assert_same_covariance(bootstrap(found, 40, seed=5), value, 1e-9)
     assert np.abs(bootstrap(found, 40, seed=6) - value).max() > 0
 

@@ -9,7 +9,7 @@ import uq_handeye as uq
 from uq_handeye.fit.likelihood.constraint import constraint_of, covariances_of
 from uq_handeye.fit.likelihood.gauss_helmert import (
     CLOSED_FORM_STEPS,
-    MOST_STEPS,
+    MAX_ML_STEPS,
     bound,
     efficient,
     fit,
@@ -157,7 +157,7 @@ def test_a_weight_of_zero_leaves_a_pose_out(setup, joint, rng):
     data = uq.PosePairs(robot, given.data.camera, setup)
     constraint = constraint_of(data, given.noise)
     start = start_of(rest, constraint_of(rest, None), None)
-    found = fit(constraint, given.noise, start, MOST_STEPS, weights)
+    found = fit(constraint, given.noise, start, MAX_ML_STEPS, weights)
     assert found.converged and distance(found, of_rest.X, of_rest.W, of_rest.covariance) < 1e-5
     assert_same_covariance(found.covariance, of_rest.covariance, 1e-5)
 

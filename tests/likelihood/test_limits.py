@@ -16,7 +16,7 @@ from support import (
 )
 
 import uq_handeye as uq
-from uq_handeye.fit.likelihood.gauss_helmert import MOST_STEPS, Fit, bound, efficient, maximum_likelihood
+from uq_handeye.fit.likelihood.gauss_helmert import MAX_ML_STEPS, Fit, bound, efficient, maximum_likelihood
 
 # ---------------------------------------------------------------------------------------------------- limits
 
@@ -69,7 +69,7 @@ def test_not_converged_says_so_and_gives_what_it_has(rng):
     ) as c:
         maximum_likelihood(uq.PosePairs(poses.robot, camera), noise)
     partial = c.value.partial
-    assert isinstance(partial, Fit) and partial.iterations == MOST_STEPS
+    assert isinstance(partial, Fit) and partial.iterations == MAX_ML_STEPS
     assert partial.converged[:2].all() and not partial.converged.all()
     good = maximum_likelihood(uq.PosePairs(poses.robot[:2], poses.camera[:2]), noise)
     assert distance(good, partial.X[:2], partial.W[:2], good.covariance) < 1e-5

@@ -196,7 +196,7 @@ def test_many_sizes_at_once_are_those_one_by_one(with_prior, rng, monkeypatch):
     model = model_of("eye-in-hand", rng, with_prior)
     thetas = model.medians + np.linspace(-1, 1, 5)[:, None]
     for at_once in (1, 10**9):
-        monkeypatch.setattr(engine, "NUMBERS_AT_ONCE", at_once)
+        monkeypatch.setattr(engine, "CHUNK", at_once)
         for found, theta in zip(model.of_poses_at(thetas), thetas, strict=True):
             assert found.value == pytest.approx(model.value(theta), rel=1e-12)
             whole = model.conditional(theta)

@@ -12,7 +12,7 @@ import numpy as np
 from ..core.geometry.se3 import Array, difference
 from ..core.numbers.levels import DOUBTFUL, UNUSUAL
 from ..core.numbers.limits import MIN_POSES_FOR_ROBUST
-from ..core.numbers.rounding import CHAIN_ROUNDING
+from ..core.numbers.rounding import CHAIN_ROUNDING, SOLUTION_ROUNDING
 from ..core.runtime.read_only import read_only
 from ..errors import DegenerateMotionError, InputError, NotConvergedError
 from ..findings import Finding
@@ -24,7 +24,6 @@ from ..fit.input_checks.rotations import require_signal
 from ..fit.likelihood.constraint import Constraint, Unknowns
 from ..fit.likelihood.gauss_helmert import (
     FITS,
-    SINGULAR,
     Fit,
     corrected,
     offset_sensitivity,
@@ -405,6 +404,6 @@ def _time_offset(poses: PosePairs | None, fit: Fit, covariance: Array) -> tuple[
         return None, None
     g = offset_sensitivity(fit, timing)
     move = timing.std * g
-    added = float(move[:6] @ np.linalg.pinv(covariance, rcond=SINGULAR, hermitian=True) @ move[:6])
+    added = float(move[:6] @ np.linalg.pinv(covariance, rcond=SOLUTION_ROUNDING, hermitian=True) @ move[:6])
     sensitivity = tuple(float(value) for value in g[:6])
     return TimeOffset(timing.offset, timing.std, timing.side, sensitivity, added / (1.0 + added)), move

@@ -13,8 +13,8 @@ A robust weight w divides the covariance of a camera pose's own noise, or of a r
 group of one edge both are the same, and one weight divides both.
 
 Directions that the data do not determine are those whose information arises from noise of the measured poses in J alone
-(`likelihood.open_directions`): ``u^T I_0 u < SIGNAL_RATIO u^T N u + |theta|^2 / UNDETERMINED^2``, N summed over columns
-of the square roots of the covariances of all poses, I_0 and N weighted by the mean variances of an edge's rows.
+(`likelihood.open_directions`): ``u^T I_0 u < SIGNAL_RATIO u^T N u + |theta|^2 / MAX_ROTATION_SD_RAD^2``, N summed over
+columns of the square roots of the covariances of all poses, I_0 and N weighted by the mean variances of an edge's rows.
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from ..core.geometry.se3 import Array, left_jacobian, logarithm, perturb
-from ..core.numbers.rounding import rounding
+from ..core.numbers.rounding import FIT_ROUNDING
 from ..errors import DegenerateMotionError, NotConvergedError
-from ..fit.likelihood.gauss_helmert import CLOSED_FORM_STEPS, MOST_STEPS, STEP_ROUNDING, STEP_SD
-from ..fit.likelihood.open_directions import SIGNAL_RATIO, UNDETERMINED
+from ..fit.likelihood.gauss_helmert import CLOSED_FORM_STEPS, MAX_ML_STEPS, STEP_ROUNDING, STEP_SD
+from ..fit.likelihood.open_directions import MAX_ROTATION_SD_RAD, SIGNAL_RATIO
 from ..model.noise.cholesky import checked_cholesky
 from ..model.noise.models import factor
 from ..model.noise.square_roots import LEAST_WEIGHT
@@ -160,7 +160,7 @@ def fit(
     if v is not None:
         robot, C = perturb(graph.robot, -v[0]), perturb(graph.C, -v[1])
     lever, closed = lever_of(graph, start), False
-    for done in range(1, MOST_STEPS + 1):
+    for done in range(1, MAX_ML_STEPS + 1):
         sides = graph.linearise(at, robot, C)
         if v is not None and method == "ml":
             sides = _by_own_errors(sides, graph, v)
@@ -348,9 +348,9 @@ def _open(graph: Graph, noise: RigNoise, sides: Sides, at: Array, known: Array, 
             moves = (perturb(poses, sign * roots[s][..., a]) for sign in (1.0, -1.0))
             one, other = (graph.linearise(at, *((T, None) if s == 0 else (None, T))) for T in moves)
             N += graph.gram(one.half_less(other), weights)
-    weak = N + np.diag(rounding(2**16) * np.maximum(np.diag(I_0), 1e-12 * float(np.diag(I_0).max())))
+    weak = N + np.diag(FIT_ROUNDING * np.maximum(np.diag(I_0), 1e-12 * float(np.diag(I_0).max())))
     turns = np.arange(graph.p) % 6 < 3
-    weak[turns, turns] += 1.0 / (SIGNAL_RATIO * UNDETERMINED**2)
+    weak[turns, turns] += 1.0 / (SIGNAL_RATIO * MAX_ROTATION_SD_RAD**2)
     rough = I_0 + known
     unit = 1.0 / np.sqrt(np.diag(rough + weak))
     scale = np.outer(unit, unit)

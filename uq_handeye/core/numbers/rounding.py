@@ -23,6 +23,8 @@ def rounding(operations: int) -> float:
 PRODUCT_ROUNDING = rounding(2**6)
 # The solution of a small linear system or eigenvalue problem, 9.1e-13: a relative eigenvalue below it is zero.
 SOLUTION_ROUNDING = rounding(2**12)
+# The fit of a model to many rows, 1.5e-11: residuals and relative eigenvalues of the information below it are zero.
+FIT_ROUNDING = rounding(2**16)
 # A result of a long chain of solutions (an iteration, numbers that went through a file), 9.3e-10.
 CHAIN_ROUNDING = rounding(2**22)
 # The square root of eps, 1.5e-8: a length whose square is exact to eps; the best step of a one-sided derivative.

@@ -28,11 +28,12 @@ from ...core.files.records import Record
 from ...core.geometry.rotations import matrices_of_quaternions, quaternions, vectors
 from ...core.geometry.se3 import Array
 from ...core.numbers.levels import CONTRADICTED
+from ...core.numbers.rounding import SOLUTION_ROUNDING
 from ...findings import Finding
 from ...model.noise.joint_covariance import joint_of
 from ...model.noise.square_roots import gram, is_joint, whiten
 from ...model.poses.pose_pairs import PosePairs
-from ..likelihood.gauss_helmert import SINGULAR, Fit
+from ..likelihood.gauss_helmert import Fit
 from ..likelihood.goodness_of_fit import own_residuals
 
 # Fewest rows that are tested.
@@ -156,7 +157,7 @@ def standardised(r: Array, J: Array) -> tuple[Array, Array]:
 def _orthonormal(J: Array) -> Array:
     information, scale = _unit(gram(J))
     values, vectors = np.linalg.eigh(information)
-    known = values > SINGULAR
+    known = values > SOLUTION_ROUNDING
     root = vectors * np.where(known, 1.0 / np.sqrt(np.where(known, values, 1.0)), 0.0)[..., None, :]
     return np.asarray(J @ (scale[..., :, None] * root)[..., None, :, :])
 
@@ -179,7 +180,7 @@ def _autocorrelation(r: Array, U: Array, J: Array, known: Array | float) -> Auto
     factor = _integrated(r, U, r.size, p)
     # What each row adds to X, in units where X has the covariance I: how these add up is what X feels.
     unit, scale = _unit(gram(J) + known)
-    C = np.linalg.pinv(unit, rcond=SINGULAR, hermitian=True) * np.outer(scale, scale)
+    C = np.linalg.pinv(unit, rcond=SOLUTION_ROUNDING, hermitian=True) * np.outer(scale, scale)
     A = J @ C[:, :6] @ np.linalg.inv(np.linalg.cholesky(C[:6, :6])).T  # (n, 6, 6)
     growth = _integrated((A.mT @ r[..., None])[..., 0], A.mT @ U, 6.0, p)
     return Autocorrelation(None, rho, se, float(p), factor, n / factor, float(np.sqrt(growth)))

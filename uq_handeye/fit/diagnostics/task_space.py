@@ -35,7 +35,7 @@ from ...core.numbers.limits import MAX_LISTED
 from ...core.presentation.document import Document, Table, document_of
 from ...core.presentation.shown import Shown
 from ...errors import InputError
-from ..likelihood.open_directions import NEGLIGIBLE_PART
+from ..likelihood.open_directions import MIN_OPEN_PART
 from .pose_table import MAX_TABLE_ROWS
 
 
@@ -81,7 +81,7 @@ class PointUncertainty(Record, Shown):
         """Return the points with infinite variance in coordinates that move along open directions, (..., k, 3) metres
         for one of length 1.
         """
-        moved = np.asarray((np.abs(moves) > NEGLIGIBLE_PART).any(axis=-2))
+        moved = np.asarray((np.abs(moves) > MIN_OPEN_PART).any(axis=-2))
         if not moved.any():
             return self
         S = np.where(moved[..., :, None] | moved[..., None, :], 0.0, self.covariance)

@@ -53,29 +53,24 @@ with 30 poses, 0.996 with 15: on the safe side with few poses.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ...core.geometry.checks import CHUNK
 from ...core.geometry.se3 import Array
+from ...core.numbers.rounding import PRODUCT_ROUNDING, SOLUTION_ROUNDING
 from ...errors import DegenerateMotionError, InputError, require_integer
 from ...model.noise.joint_covariance import joint_of
 from ...model.noise.square_roots import cholesky_of, is_joint, whiten
+from ..likelihood.constraint import MIN_RESOLVED_SHARE
 from ..likelihood.gauss_helmert import Fit
 from ..likelihood.goodness_of_fit import own_residuals
 
-# Clusters without which no 6x6 covariance can have full rank: the c_k of n clusters add up to about 0.
-MIN_CLUSTERS = 7
-# Share of the variance of a residual that the fit must leave, in every direction of every pose.
-MIN_VARIANCE_LEFT = 1e-4
-# Eigenvalue of the share ``-B_k J_k`` of a pose in the estimate, all of which add up to 1, below which it is none.
+# The shares ``-B_k J_k`` of the poses in the estimate add up to 1; one with an eigenvalue below this is no weight.
 MIN_SHARE_OF_POSE = -0.05
-# A draw whose information is below this share of that of all poses, in some direction, is near singular.
-MIN_INFORMATION_SHARE = 1e-6
-# Numbers held at once while draws are solved.
-MAX_NUMBERS_AT_ONCE = 1_000_000
 
 # Why there is no such covariance under joint noise.
 JOINT = (
@@ -94,9 +89,9 @@ class Influence:
     known: Array | None = None  # (p, p) Lambda, information on the unknowns that is not of the poses
 
     def __post_init__(self) -> None:
-        if self.n < MIN_CLUSTERS:
+        if self.n <= 6:  # n contributions add up to about 0: their products have the rank n - 1, of 6 components
             raise InputError(
-                f"A covariance from the residuals needs at least {MIN_CLUSTERS} poses (or motions) with a weight above "
+                "A covariance from the residuals needs at least 7 poses (or motions) with a weight above "
                 f"0, got {self.n}. Give the noise instead, or more poses."
             )
 
@@ -122,7 +117,7 @@ class Influence:
     def adjustment(self) -> Array:
         """``V_k^(-1/2)`` (..., n, 6, 6)."""
         values, vectors = np.linalg.eigh(self._variance)
-        require_dispensable(values[..., 0] > MIN_VARIANCE_LEFT)
+        require_dispensable(values[..., 0] > MIN_RESOLVED_SHARE)
         return np.asarray((vectors / np.sqrt(values)[..., None, :]) @ vectors.mT)
 
     @cached_property
@@ -160,16 +155,16 @@ class Influence:
         batch = own.shape[:-2]
         total, square = np.zeros((*batch, p)), np.zeros((*batch, p, p))
         used = np.zeros(batch, dtype=np.intp)
-        size = max(1, MAX_NUMBERS_AT_ONCE // (math.prod(batch) * 3 * p * p + n))
+        size = max(1, 12 * CHUNK // (math.prod(batch) * 3 * p * p + n))
         for start in range(0, replicates, size):
             counts = rng.multinomial(n, np.full(n, 1.0 / n), size=min(size, replicates - start)).astype(float)
             information = (counts @ shares).reshape(*batch, -1, p, p)
-            # far below what counts as singular, and enough for a singular matrix to have an inverse
-            information = information + known + 1e-6 * MIN_INFORMATION_SHARE * np.eye(p)
+            # far below the information of a draw that counts, and enough for a singular matrix to have an inverse
+            information = information + known + SOLUTION_ROUNDING * np.eye(p)
             right = ((counts - 1.0) @ own)[..., None]
             right = np.concatenate([right, np.broadcast_to(free, (*right.shape[:-2], *free.shape))], axis=-1)
             solved = np.linalg.solve(information, right)
-            ok = np.linalg.norm(solved[..., 1:], axis=(-2, -1)) < 1.0 / MIN_INFORMATION_SHARE
+            ok = np.linalg.norm(solved[..., 1:], axis=(-2, -1)) < 100.0 / MIN_RESOLVED_SHARE  # else near singular
             moves = np.where(ok[..., None], solved[..., 0], 0.0)
             total += moves.sum(axis=-2)
             square += moves.mT @ moves
@@ -295,16 +290,15 @@ def pooled_influence(residual: Array, J: Array, B: Array) -> Influence:
     """Return the influence for any estimator, from e (n, 6), J (n, 6, p) and B (n, p, 6); the residuals' mean square
     is the working model.
     """
-    if len(residual) < MIN_CLUSTERS:
-        return Influence(residual, J, B)  # which raises
+    found = Influence(residual, J, B)  # which refuses few poses
     S = residual.T @ residual / len(residual)
     scale = np.sqrt(np.diagonal(S))
-    rounding = 64 * np.finfo(float).eps * max(1.0, float(np.abs(J).max()))
-    if not (scale > rounding).all() or np.linalg.eigvalsh(S / np.outer(scale, scale))[0] < 1e-12:
+    rounding = PRODUCT_ROUNDING * max(1.0, float(np.abs(J).max()))
+    if not (scale > rounding).all() or np.linalg.eigvalsh(S / np.outer(scale, scale))[0] < SOLUTION_ROUNDING:
         raise InputError(
             "Some component of the residuals is 0 for all poses: exact residuals say nothing about the noise. Use the "
             "covariance of a noise model."
         )
     L = np.asarray(cholesky_of(S))
     white = whiten(L, np.concatenate([J, residual[..., None]], axis=-1))
-    return Influence(white[..., -1], white[..., :-1], B @ L)
+    return replace(found, residual=white[..., -1], J=white[..., :-1], B=B @ L)

@@ -29,25 +29,21 @@ from scipy.special import gammaincinv
 from ...core.geometry.checks import CHUNK
 from ...core.geometry.se3 import Array, skew, vee
 from ...core.numbers.levels import IMPOSSIBLE
+from ...core.numbers.rounding import SOLUTION_ROUNDING
 from ...errors import DegenerateMotionError
 from ...methods.procrustes.limit import solve_limit
 from ...model.noise.models import Noise, PoseNoise, marginals
 from ...model.noise.square_roots import cholesky_of, gram, whiten
 from ...model.poses.target_views import pivot_of
-from .constraint import Constraint, Unknowns, covariances_of, residual_covariance
-from .gauss_helmert import SINGULAR
+from .constraint import MIN_RESOLVED_SHARE, Constraint, Unknowns, covariances_of, residual_covariance
 
 # The squared distance from which on a pose has no weight: chi-square(6) of a good one exceeds it once in a million.
 NO_WEIGHT = IMPOSSIBLE.chi_square(6)
-# Share of the poses that the start relies on.
+# The start relies on the smallest residuals of this share of the poses, so that all others may be wrong.
 MAJORITY = 0.6
-# Random subsets: with 40 % wrong poses 0.6^3 of them are clean, 65 on average, and fewer than 20 of them with a
-# probability below 1e-9. Many clean ones matter, as a subset amplifies the noise of its poses.
+# Number of random subsets. With 40 % wrong poses 0.6^3 of them are clean, 65 on average, and fewer than 20 of them with
+# a probability below 1e-9. Many clean ones matter, as a subset amplifies the noise of its poses.
 N_SUBSETS = 300
-# Subsets that are improved, and the steps of it.
-N_BEST_SUBSETS, N_CONCENTRATION_STEPS = 10, 3
-# A subset determines X if M of 4DPA (T2) has eigenvalues (rad^2) above this, and above this share of the largest.
-MIN_EIGENVALUE_RAD2, ONE_AXIS_RATIO = 1e-8, 1e-4
 
 
 class Consensus(NamedTuple):
@@ -69,7 +65,7 @@ def consensus(constraint: Constraint, noise: Noise | None, seed: int | np.random
     pivoted = constraint if pivot is None else replace(constraint, second=_move_origin(constraint.second, pivot))
     hypotheses = _hypotheses(pivoted, np.random.default_rng(seed))
     scales = _scales(pivoted, hypotheses, majority)
-    order = np.argsort(np.log(scales).sum(axis=-1), kind="stable")[:N_BEST_SUBSETS]
+    order = np.argsort(np.log(scales).sum(axis=-1), kind="stable")[: N_SUBSETS // 30]
     best = Unknowns(hypotheses.X[order], None if hypotheses.W is None else hypotheses.W[order])
     squares = misfit(pivoted, best)
     inside = _smallest((squares / scales[order, None]).sum(axis=-1), majority)
@@ -168,12 +164,16 @@ def _hypotheses(constraint: Constraint, rng: np.random.Generator) -> Unknowns:
 
 
 def _determined(A: Array, B: Array) -> NDArray[np.bool_]:
-    """Return whether the motions (T, m, 4, 4) of each subset rotate about two axes, by the eigenvalues of M (T2)."""
+    """Return whether the motions (T, m, 4, 4) of each subset rotate about two axes.
+
+    The smallest eigenvalue of M of 4DPA (T2, rad^2) must be above `MIN_RESOLVED_SHARE` of the largest one, or of that
+    share itself where the robot hardly rotates.
+    """
     H = (0.25 * vee(A[..., :3, :3])).mT @ vee(B[..., :3, :3])
     s = np.linalg.svd(H, compute_uv=False)
     sign = np.sign(np.linalg.det(H))
     smallest, largest = s[..., 1] + sign * s[..., 2], s[..., 0] + s[..., 1]
-    return np.asarray((smallest > MIN_EIGENVALUE_RAD2) & (smallest > ONE_AXIS_RATIO * largest))
+    return np.asarray(smallest > MIN_RESOLVED_SHARE * np.maximum(largest, MIN_RESOLVED_SHARE))
 
 
 def misfit(constraint: Constraint, at: Unknowns) -> Array:
@@ -222,11 +222,11 @@ def _concentrate(constraint: Constraint, noise: Noise, at: Unknowns, inside: Arr
     S = np.asarray(residual_covariance(linear.sides, noise))
     white = whiten(cholesky_of(S), np.concatenate([linear.J, linear.r[..., None]], axis=-1))
     majority = int(inside[0].sum())
-    for _ in range(N_CONCENTRATION_STEPS):
+    for _ in range(3):
         sums = gram(white * inside[..., None, None])
         unit = 1.0 / np.sqrt(np.maximum(np.diagonal(sums[..., :-1, :-1], axis1=-2, axis2=-1), 1e-300))
         values, vectors = np.linalg.eigh(sums[..., :-1, :-1] * unit[..., :, None] * unit[..., None, :])
-        usable = values[..., 0] > SINGULAR
+        usable = values[..., 0] > SOLUTION_ROUNDING
         if not usable.any():
             return None
         if not usable.all():

@@ -41,6 +41,14 @@ from ...model.noise.models import Noise, PairNoise, PoseNoise, is_joint, require
 from ...model.poses.motions import Motions
 from ...model.poses.pose_pairs import PosePairs
 
+# Largest number of rows whose motions are looked at to find the axes of rotation and a start.
+MAX_AXIS_ROWS = 40
+# The robot may rotate about one axis only if the mean square of sin(angle) across the main axis is below this.
+ONE_AXIS_SIN2 = 0.03
+# A direction on which the data have less than this share of the information on others, or of that which was given
+# beforehand, is not resolved by them. The same holds for what a fit leaves of the variance of a residual.
+MIN_RESOLVED_SHARE = 1e-4
+
 _EYE = np.eye(3)
 _EYE6 = np.eye(6)
 
@@ -67,11 +75,6 @@ class Linearised(NamedTuple):
     r: Array  # (..., n, 6)
     J: Array  # (..., n, 6, p) by the unknowns, p = 12 on poses and 6 on motions
     sides: tuple[Array, Array]  # (..., n, 6, 6) by the errors of robot and of camera
-
-
-# Rows from which the number of rotation axes is estimated, and the mean square of sin(angle) across the main axis below
-# which there may be only one axis.
-MAX_AXIS_ROWS, ONE_AXIS_SIN2 = 40, 0.03
 
 
 @dataclass(frozen=True, eq=False)

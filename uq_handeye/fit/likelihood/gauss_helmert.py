@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 
 from ...core.geometry.checks import as_transforms
 from ...core.geometry.se3 import Array, left_jacobian, perturb
-from ...core.numbers.rounding import rounding
+from ...core.numbers.rounding import SOLUTION_ROUNDING, rounding
 from ...core.runtime.read_only import ReadOnlyArrays
 from ...errors import DegenerateMotionError, InputError, NotConvergedError, require_type
 from ...model.noise.models import Noise, PairNoise, PoseNoise, with_prior
@@ -55,14 +55,19 @@ from .open_directions import (
 )
 from .starts import isotropic_residuals, sound_start, start_of
 
-# Steps of `efficient`, and at most of `ml`.
-CLOSED_FORM_STEPS, MOST_STEPS = 2, 50
-# `ml` has converged when a step moves X and W by less than this, in standard deviations; or, for noise near rounding,
-# by less than so many units of the numbers themselves (translations: of the longest).
-STEP_SD, STEP_ROUNDING = 1e-6, rounding(16)
-# Smallest eigenvalue of the Fisher information scaled to a unit diagonal that still determines all unknowns.
-SINGULAR = 1e-12
-
+# Number of steps of `efficient`.
+CLOSED_FORM_STEPS = 2
+# Largest number of steps of `ml`.
+MAX_ML_STEPS = 50
+# Largest number of rounds of an iteration that fits X and W in each of them: noise and weights in turn, or corners
+# that are linearised again.
+MAX_ROUNDS = 20
+# `ml` has converged when a step moves X and W by less than this, in standard deviations; robust weights have when none
+# of them changes by more.
+STEP_SD = 1e-6
+# For noise near rounding `ml` has also converged when a step is below this share of the rotations and of the longest
+# translation.
+STEP_ROUNDING = rounding(16)
 
 # Of robot and camera (..., n, 6); None where there are none.
 Errors = tuple[Array | None, Array | None]
@@ -245,7 +250,7 @@ def maximum_likelihood(data: PosePairs | Motions, noise: Noise, start: Array | N
     """
     constraint = _checked(data, noise)
     if start is None:
-        return _require_converged(fit_data(data, constraint, noise, MOST_STEPS))
+        return _require_converged(fit_data(data, constraint, noise, MAX_ML_STEPS))
     return fit_ml(constraint, noise, start_of(data, constraint, start))
 
 
@@ -256,7 +261,7 @@ def fit_efficient(constraint: Constraint, noise: Noise, start: Unknowns) -> Fit:
 
 def fit_ml(constraint: Constraint, noise: Noise, start: Unknowns) -> Fit:
     """`maximum_likelihood` of a constraint, from the unknowns given."""
-    return _require_converged(fit(constraint, noise, start, MOST_STEPS))
+    return _require_converged(fit(constraint, noise, start, MAX_ML_STEPS))
 
 
 def _require_converged(found: Fit) -> Fit:
@@ -481,7 +486,7 @@ def inverse_information(information: Array) -> Array:
     unit = 1.0 / np.sqrt(diagonal)
     scale = unit[..., :, None] * unit[..., None, :]
     values, vectors = np.linalg.eigh(information * scale)
-    if not (values[..., 0] > SINGULAR).all():
+    if not (values[..., 0] > SOLUTION_ROUNDING).all():
         where = np.unravel_index(int(np.argmin(values[..., 0])), values.shape[:-1])
         direction = unit[where] * vectors[where][:, 0]
         direction = direction[:6] / max(float(np.linalg.norm(direction[:6])), 1e-300)

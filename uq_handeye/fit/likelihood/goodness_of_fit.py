@@ -45,14 +45,11 @@ from ...model.noise.square_roots import (
     weighed_blocks,
     whiten,
 )
+from .constraint import MIN_RESOLVED_SHARE
 from .gauss_helmert import Fit
 
 if TYPE_CHECKING:
     from ...model.noise.estimate import NoiseEstimate
-
-
-# Information on a shared error, in units of that of its prior, below which the data do not resolve it.
-MIN_INFORMATION = 1e-4
 
 
 @dataclass(frozen=True)
@@ -151,7 +148,7 @@ def own_residuals(fit: Fit) -> OwnResiduals:
     z, response, left = fit.told(S.shared)
     # The z are N(0, I) in any axes: those of what the data tell. 1: X and W, or other columns, take it in.
     share, axes = np.linalg.eigh(left)
-    axes = axes[:, share * (1.0 + MIN_INFORMATION) < 1.0]
+    axes = axes[:, share * (1.0 + MIN_RESOLVED_SHARE) < 1.0]
     p, q = fit.covariance.shape[-1], axes.shape[-1]
     F = S.shared @ axes
     white = whiten(

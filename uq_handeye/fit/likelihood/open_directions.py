@@ -17,9 +17,9 @@ mean variances of the rotation and the translation of each residual: where rotat
 translation noise, S has nearly exact combinations, and with them I is the noise's, whatever the motions. A direction is
 open where, with ``I_0 = sum J^T S_0^-1 J`` and the prior of X and W,
 
-    u^T I_0 u  <  SIGNAL_RATIO (u^T N u) + |theta_X|^2 / UNDETERMINED^2
+    u^T I_0 u  <  SIGNAL_RATIO (u^T N u) + |theta_X|^2 / MAX_ROTATION_SD_RAD^2
 
-The second term: a rotation that is known no better than UNDETERMINED has no covariance of first order.
+The second term: a rotation that is known no better than MAX_ROTATION_SD_RAD has no covariance of first order.
 
 *Units.* Directions are compared in units of the rig: an angle times ``lever``, the root mean square distance of camera
 and target, against a length. A step does not move along open directions: X and W stay at the representative nearest
@@ -38,23 +38,25 @@ from scipy.linalg import qr
 
 from ...core.files.records import Record
 from ...core.geometry.se3 import Array, skew
+from ...core.numbers.rounding import FIT_ROUNDING, SOLUTION_ROUNDING
 from ...errors import DegenerateMotionError, InputError
 from ...model.noise.models import Noise
 from ...model.noise.square_roots import Covariance, cholesky_of, gram, marginals, weighed_blocks, whiten
 from .constraint import Constraint, Linearised, Unknowns, covariances_of, residual_covariance
 
-# How far the information must be above that of noise alone. Along degenerate motions of n poses their ratio is about
-# chi-square with 2 n - 2 degrees of freedom over 2 n: above 9 once in 10^14 cases for n = 3, never for more.
+# A direction is determined if the information on it is above this many times that of noise alone. Along degenerate
+# motions of n poses their ratio is about chi-square with 2 n - 2 degrees of freedom over 2 n: above 9 once in 10^14
+# cases for n = 3, never for more.
 SIGNAL_RATIO = 9.0
-# Standard deviation (rad) from which on a first-order covariance of a rotation means nothing.
-UNDETERMINED = np.radians(20.0)
-# Information that is rounding beside what the components have by themselves, and the smallest rotation noise (rad).
-SINGULAR_INFORMATION, MIN_ROTATION_NOISE_RAD = 1e-11, 1e-6
-# Far above what noise makes in units of the components' own information: nothing to look at.
+# A rotation whose standard deviation is larger than this (rad) has no covariance of first order.
+MAX_ROTATION_SD_RAD = np.radians(20.0)
+# Where the smallest eigenvalue of the information is above this many times what noise could make, no direction can be
+# open, and none is computed.
 CLEAR_SIGNAL_RATIO = 2e3
-# Part of a direction, in units of the rig, that counts as none: the axes found are themselves measured.
-NEGLIGIBLE_PART = 0.02
-# A component of an open direction that is smaller than so many of its standard deviations is taken as 0.
+# A part of an open direction below this, in units of the rig, counts as 0, because the axes of the robot are themselves
+# measured.
+MIN_OPEN_PART = 0.02
+# A component of an open direction counts as 0 if it is smaller than this many of its standard deviations.
 RESOLVED_SD = 4.5
 
 
@@ -131,7 +133,7 @@ def solve_information(
     scale = unit[..., :, None] * unit[..., None, :]
     values, vectors = np.linalg.eigh(information * scale)
     lever = lever_of(constraint)
-    singular = values[..., 0] <= SINGULAR_INFORMATION
+    singular = values[..., 0] <= FIT_ROUNDING
     suspicious = _suspicious(values[..., 0], diagonal, noise, lever)
     if suspicious.any():  # several axes leave nothing open, however large the noise
         suspicious &= constraint.one_axis
@@ -147,8 +149,8 @@ def solve_information(
     unit = _unit_factors(diagonal)
     own = unit[..., :, None] * unit[..., None, :]
     some = np.arange(p)
-    weak[..., some, some] += SINGULAR_INFORMATION * np.maximum(diagonal, 1e-12 * diagonal.max(axis=-1, keepdims=True))
-    weak[..., some[:3], some[:3]] += 1.0 / (SIGNAL_RATIO * UNDETERMINED**2)
+    weak[..., some, some] += FIT_ROUNDING * np.maximum(diagonal, 1e-12 * diagonal.max(axis=-1, keepdims=True))
+    weak[..., some[:3], some[:3]] += 1.0 / (SIGNAL_RATIO * MAX_ROTATION_SD_RAD**2)
     root = np.linalg.cholesky((rough + weak) * own)
     half = np.linalg.solve(root, weak * own)
     share, vectors_of_weak = np.linalg.eigh(np.linalg.solve(root, half.mT))
@@ -216,15 +218,13 @@ def _suspicious(smallest: Array, diagonal: Array, noise: Noise, lever: Array) ->
         if S is not None
     ]
     rotation, travel = (sum(part) for part in zip(*levels, strict=True))
-    by_noise = smallest < np.maximum(
-        1e-9, CLEAR_SIGNAL_RATIO * (MIN_ROTATION_NOISE_RAD**2 + rotation + travel / lever**2)
-    )
-    return np.asarray(by_noise | (diagonal[..., :3].min(axis=-1) * smallest < UNDETERMINED**-2.0))
+    by_noise = smallest < np.maximum(1e-9, CLEAR_SIGNAL_RATIO * (SOLUTION_ROUNDING + rotation + travel / lever**2))
+    return np.asarray(by_noise | (diagonal[..., :3].min(axis=-1) * smallest < MAX_ROTATION_SD_RAD**-2.0))
 
 
 def _inverted(values: Array, vectors: Array, scale: Array) -> Array:
     """The inverse from the eigenvalues of the matrix that was scaled to a unit diagonal."""
-    told = values > SINGULAR_INFORMATION  # where it is not, directions are open and this is not used
+    told = values > FIT_ROUNDING  # where it is not, directions are open and this is not used
     result = (vectors * np.where(told, 1.0 / np.where(told, values, 1.0), 0.0)[..., None, :]) @ vectors.mT
     return np.asarray(0.5 * (result + result.mT) * scale)
 
@@ -331,7 +331,7 @@ def tilts_of(
     if not constraint.split_known:
         of_z[..., :3, :3] = marginals(S)[..., :3, :3]
     index = np.arange(3)
-    of_z[..., index, index] = np.maximum(of_z[..., index, index], 0.0) + MIN_ROTATION_NOISE_RAD**2
+    of_z[..., index, index] = np.maximum(of_z[..., index, index], 0.0) + SOLUTION_ROUNDING
     # dJ by each component of z
     turned = J.copy()
     if constraint.item == "pose":
@@ -371,12 +371,12 @@ def rig_units(lever: Array, p: int) -> Array:
 def open_basis(projector: Array, rig: Array) -> Array:
     """The open directions (k, p) of unknowns, or of some of them: orthonormal in units of the rig, in rad and m."""
     values, vectors = np.linalg.eigh(projector)
-    return np.asarray(vectors[:, values > NEGLIGIBLE_PART**2].T[::-1] / rig)
+    return np.asarray(vectors[:, values > MIN_OPEN_PART**2].T[::-1] / rig)
 
 
 def moves_along(basis: Array, lever: float) -> NDArray[np.bool_]:
     """(6,): which components of a pose move along the open directions (k, 6), by more than the axes found are off."""
-    return np.asarray((np.abs(basis * rig_units(np.asarray(lever), 6)) > NEGLIGIBLE_PART).any(axis=0))
+    return np.asarray((np.abs(basis * rig_units(np.asarray(lever), 6)) > MIN_OPEN_PART).any(axis=0))
 
 
 def closed_basis(projector: Array, rig: Array) -> Array:

@@ -37,10 +37,7 @@ from ...model.noise.models import PoseNoise, is_joint, require_count
 from ...model.noise.square_roots import pulled, whiten
 from ...model.poses.pose_pairs import PosePairs
 from .constraint import OnPoses, Unknowns
-from .gauss_helmert import MOST_STEPS, Fit, corrected, fit, inverse_information
-
-# Rounds at most; the last one moves X, W and intrinsics by less, in standard deviations.
-MAX_BUNDLE_ROUNDS, LAST_MOVE_SD = 20, 1e-5
+from .gauss_helmert import MAX_ML_STEPS, MAX_ROUNDS, STEP_SD, Fit, corrected, fit, inverse_information
 
 
 class RigBundle(NamedTuple):
@@ -154,11 +151,11 @@ def adjust_rig(
     sight = Sight.of(bundle.model, bundle.shape, seen.corners, bundle.used * of_picture[seen.corners.picture])
     k, adjusted, kept = np.array(bundle.parameters), np.array(poses.robot), np.flatnonzero(w > 0)
     done, converged = 0, False
-    while not converged and done < MAX_BUNDLE_ROUNDS:
+    while not converged and done < MAX_ROUNDS:
         of_corners = _as_poses(sight, bundle, k, camera, np.where(w > 0, w, 1.0))
         noise = PoseNoise(robot, of_corners.covariance).rows(kept).weighted(w[kept])
         constraint = OnPoses(poses.robot[kept], of_corners.poses[kept], poses.setup == "eye-to-hand")
-        found = fit(constraint, noise, at, MOST_STEPS)
+        found = fit(constraint, noise, at, MAX_ML_STEPS)
         S = joint_of(found.S)
         assert S is not None and found.W is not None and at.W is not None
         told, q = found.told(S.shared), S.shared.shape[-1] - len(of_corners.half)  # q of the robot come first
@@ -169,7 +166,8 @@ def adjust_rig(
         at, k[free] = found.unknowns, now
         camera = perturb(of_corners.poses, -of_corners.covariance.shared @ told.z[q:])
         adjusted[kept], camera[kept] = corrected(found, noise, constraint.first, constraint.second)
-        done, converged = done + 1, float(np.hypot(np.linalg.norm(moved), np.linalg.norm(of_k))) < LAST_MOVE_SD
+        move = float(np.hypot(np.linalg.norm(moved), np.linalg.norm(of_k)))
+        done, converged = done + 1, move < 10.0 * STEP_SD  # the steps inside a round end at STEP_SD
     assert at.W is not None
     # Each robot pose brings as many numbers as it has unknowns; an unknown one neither.
     known = 0 if bundle.prior is None else int(free.sum())

@@ -51,27 +51,23 @@ from ...model.poses.motions import Motions
 from ...model.poses.pose_pairs import PosePairs
 from .consensus import MAJORITY, NO_WEIGHT, Consensus, consensus, misfit, robust_variance
 from .constraint import Constraint, Unknowns, constraint_of
-from .gauss_helmert import CLOSED_FORM_STEPS, MOST_STEPS, Fit, fit
+from .gauss_helmert import CLOSED_FORM_STEPS, MAX_ML_STEPS, MAX_ROUNDS, STEP_SD, Fit, fit
 from .starts import isotropic_residuals, leaves_open, sound_start
 
 # The 99.9 % quantile of chi-square(6), below which a pose counts in full; above NO_WEIGHT it does not count at all.
 FULL = CONTRADICTED.chi_square(6)
-# Weights have converged below this change, which is larger after so many steps, as some converge slowly; and the
-# largest number of steps.
-LAST_WEIGHT_CHANGE, SLOW_STEPS, SLOW_WEIGHT_CHANGE, MAX_WEIGHT_STEPS = 1e-6, 20, 1e-3, 100
-# Steps before the scale is held and the weights are damped.
-UNDAMPED_STEPS = 10
-# Below this change of the weights it is clear which poses are flagged, while the noise still changes.
-ROUGH_WEIGHT_CHANGE = 1e-2
-# Rounds of noise from the residuals and weights from the noise; share of the poses that may change sides in the last.
-MAX_NOISE_ROUNDS, BORDER_SHARE = 20, 1e-3
-
-# Share of the poses kept from which on the iteration that starts from all poses alike is relied on.
-MIN_KEPT_SHARE = 0.8
-# Where the noise is not known: the least ratio of the median distance to that of chi-square for which all rows are
-# taken as they are.
+# The scale is held and the weights are damped after the first half of the rounds.
+UNDAMPED_STEPS = MAX_ROUNDS // 2
+# Weights that converge slowly have converged when none changes by more than this; and noise and weights have when no
+# larger share of the poses changes between kept and flagged: as many good poses are flagged by chance.
+BORDER_SHARE = CONTRADICTED.probability
+# The iteration that starts from all poses alike is relied on if it keeps this share of them: two such sets of poses
+# share `MAJORITY` of all.
+MIN_KEPT_SHARE = 0.5 * (1.0 + MAJORITY)
+# Where the noise is not known, all rows count in full if their median distance is at least this many times that of
+# chi-square.
 MIN_MEDIAN_RATIO = 0.75
-# Among fewer rows than that a few outliers make most of the noise.
+# Among fewer rows than these a few outliers make most of the noise.
 MIN_POSES_FOR_ALL_ALIKE = 25
 
 # The noise of the constraint near the unknowns, whose rows count with weights (n,); None: the data are exact.
@@ -254,7 +250,7 @@ def fit_robustly(
         for d, w in zip(distances.tolist(), weights.tolist(), strict=True)
     )
     if noise is not None and (weights == 1).all():  # the plain fit, to the last digit
-        steps = CLOSED_FORM_STEPS if method == "efficient" else MOST_STEPS
+        steps = CLOSED_FORM_STEPS if method == "efficient" else MAX_ML_STEPS
         fitted, begun_at = replace(fitted, weights=None) if plain else fit(constraint, noise, start, steps), start
     return RobustFit(fitted, noise, weights, distances, leverage, flags, scale, limit, begun_at)
 
@@ -306,7 +302,7 @@ def _settle_clean(
     constraint: Constraint, noise: Noise, start: Unknowns, method: str, level: float = CONTRADICTED.probability
 ) -> _Settled | None:
     """The plain fit, if its largest distance is no surprise at that level; else None."""
-    fitted = fit(constraint, noise, start, CLOSED_FORM_STEPS if method == "efficient" else MOST_STEPS)
+    fitted = fit(constraint, noise, start, CLOSED_FORM_STEPS if method == "efficient" else MAX_ML_STEPS)
     if not fitted.converged.all():
         return None
     distances, leverage = pose_distances(fitted)
@@ -343,13 +339,13 @@ def _settle(
     weights: Array,
     method: str,
     margin: float = 1.0,
-    most: int = MAX_WEIGHT_STEPS,
+    most: int = 5 * MAX_ROUNDS,
     still_at: float | None = None,
 ) -> _Settled:
     """Fit and weights in turn until they converge; with ``ml``, full maximisations in turn after that.
 
-    ``still_at``: the change of a weight that counts as none (default: `LAST_WEIGHT_CHANGE`, and
-    `SLOW_WEIGHT_CHANGE` of many or slow ones).
+    ``still_at``: the change of a weight that counts as none (default: `STEP_SD`, and `BORDER_SHARE` of many or slow
+    ones).
     """
     steps, scale2, at, plain = CLOSED_FORM_STEPS, 1.0, begin, True
     for k in range(most):
@@ -365,14 +361,12 @@ def _settle(
         if k < UNDAMPED_STEPS:
             scale2 = _scale_guard(distances)
         wanted = robust_weights(distances / (scale2 * margin))
-        quick = k >= SLOW_STEPS or constraint.n * BORDER_SHARE >= 1.0  # a thousandth of one pose of so many
-        still = bool(
-            np.abs(wanted - weights).max() < (still_at or (SLOW_WEIGHT_CHANGE if quick else LAST_WEIGHT_CHANGE))
-        )
+        quick = k >= MAX_ROUNDS or constraint.n * BORDER_SHARE >= 1.0  # a thousandth of one pose of so many
+        still = bool(np.abs(wanted - weights).max() < (still_at or (BORDER_SHARE if quick else STEP_SD)))
         if still and (method == "efficient" or steps > CLOSED_FORM_STEPS):
             return _Settled(found, distances, leverage, float(np.sqrt(scale2)), FULL * scale2 * margin, plain, begun)
         if still:
-            steps, at = MOST_STEPS, begin
+            steps, at = MAX_ML_STEPS, begin
         # Two poses that predict each other, or the scale, may take turns: the mean of the weights and one scale end it.
         weights = wanted if k < UNDAMPED_STEPS else 0.5 * (wanted + weights)
     raise NotConvergedError("The weights of the robust fit did not settle: poses contradict each other.", found)
@@ -388,9 +382,9 @@ def _alternate(
     noise, at, weights = begun.noise, begun.unknowns, begun.inside
     seen: list[NDArray[np.bool_]] = []
     margin = slack * _margin(constraint)
-    for _ in range(MAX_NOISE_ROUNDS):
-        # The noise changes again: which poses are flagged is all that counts.
-        settled = _settle(constraint, noise, at, weights, "efficient", margin, still_at=ROUGH_WEIGHT_CHANGE)
+    for _ in range(MAX_ROUNDS):
+        # The noise changes again: which poses are flagged is all that counts, for which rough weights are enough.
+        settled = _settle(constraint, noise, at, weights, "efficient", margin, still_at=10.0 * BORDER_SHARE)
         assert settled.fit.weights is not None
         at, weights = settled.fit.unknowns, settled.fit.weights
         good = settled.distances <= settled.limit

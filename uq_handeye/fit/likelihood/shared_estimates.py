@@ -33,16 +33,15 @@ from ...model.posterior.posterior import Posterior
 from ...model.shared_errors.assumed import DRIFT
 from ...model.shared_errors.shared_error import OF_LENGTHS, SharedError
 from ...model.shared_errors.sizes import RobotAccuracy
-from .constraint import covariances_of
+from .constraint import MIN_RESOLVED_SHARE, covariances_of
 from .gauss_helmert import Fit
 
 # What X and W cannot explain of a column must exceed what the noise of the poses makes of it, in squares, by this
-# factor: else it is that noise which residuals and column have in common.
+# factor: else it is that noise which residuals and column have in common. By the same factor the data must resolve a
+# direction better than `MIN_RESOLVED_SHARE` before it is tested.
 MIN_EXPLAINED_RATIO = 10.0
-# Directions among the numbers of one error of whose prior variance the data take away less are not tested.
-MIN_TESTED_SHARE = 1e-3
-# Times that standard deviations could have been as large (`group_test`).
-TIMES = np.geomspace(1e-2, 1e3, 501)
+# Factors by which the standard deviations of an error are multiplied in its test.
+SD_FACTORS = np.geomspace(1e-2, 1e3, 501)
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,16 +188,16 @@ def group_test(posterior: Posterior, errors: Sequence[SharedError], group: str) 
     unit, at = np.array([sd[posterior.names[k]] for k in of]), posterior.p + np.array(of, dtype=np.intp)
     left = posterior.covariance[np.ix_(at, at)] / np.outer(unit, unit)
     values, vectors = np.linalg.eigh(np.eye(len(unit)) - left)
-    heard = values > MIN_TESTED_SHARE
+    heard = values > MIN_EXPLAINED_RATIO * MIN_RESOLVED_SHARE
     if not heard.any():
         return None
     z = posterior.estimate[at - posterior.p] / unit
     told = values[heard]
     squares = (vectors.T @ z)[heard] ** 2 / told
-    variances = 1.0 + (np.append(TIMES, 1.0)[:, None] ** 2 - 1.0) * told
+    variances = 1.0 + (np.append(SD_FACTORS, 1.0)[:, None] ** 2 - 1.0) * told
     costs = np.sum(np.log(variances) + squares / variances, axis=1)
     best = int(np.argmin(costs[:-1]))
-    return GroupTest(float(chdtrc(1, max(costs[-1] - costs[best], 0.0))), float(TIMES[best]))
+    return GroupTest(float(chdtrc(1, max(costs[-1] - costs[best], 0.0))), float(SD_FACTORS[best]))
 
 
 def estimates_of(posterior: Posterior, errors: Sequence[SharedError], fit: Fit) -> tuple[SharedEstimate, ...]:

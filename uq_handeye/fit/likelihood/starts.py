@@ -42,19 +42,20 @@ from ...model.noise.pose_prior import PosePrior
 from ...model.noise.square_roots import cholesky_of, whiten
 from ...model.poses.motions import Motions
 from ...model.poses.pose_pairs import PosePairs
-from .constraint import MAX_AXIS_ROWS, Constraint, Linearised, Unknowns, residual_covariance
+from .constraint import MAX_AXIS_ROWS, MIN_RESOLVED_SHARE, Constraint, Linearised, Unknowns, residual_covariance
 from .open_directions import closed_basis, lever_of, own_covariances, rig_units, step_from
 
-# Angles about a parallel axis, candidates that are iterated.
-N_START_ANGLES, N_ITERATED_STARTS = 8, 2
-# Singular values below this share of the largest, or at rounding of rotations that are equal, are open.
-OPEN_RATIO = 1e-2
-# Steps, their end in standard deviations, the longest turn of one (rad).
-MAX_START_STEPS, LAST_STEP_SD, MAX_TURN_RAD = 30, 0.1, 0.5
-# Noise to begin with where none is known: rad, and per metre from camera to target.
-FIRST_NOISE = 3e-3
-# Median of chi-square with 3 degrees of freedom.
-MEDIAN = float(chdtri(3, 0.5))
+# Largest number of steps of a search for a start.
+MAX_START_STEPS = 30
+# A start has converged when a step moves X and W by less than this, in standard deviations.
+ROUGH_STEP_SD = 0.1
+# A step that rotates X by more than this (rad) is shortened.
+MAX_TURN_RAD = 0.5
+# Where no noise is known, a search begins with this noise of rotations; of translations with the same per metre from
+# camera to target.
+FIRST_NOISE_RAD = 3e-3
+# Median of the squared length of a vector of three standard normal numbers.
+MEDIAN_SQUARE = float(chdtri(3, 0.5))
 
 
 def start_of(data: PosePairs | Motions, constraint: Constraint, X: Array | None) -> Unknowns:
@@ -134,7 +135,7 @@ def start_open(constraint: Constraint, noise: Noise | None, prior: PosePrior | N
     X = _candidates(few, known)
     at = few.complete(X)
     guess = _rough(few, known) if noise is None else _isotropic(noise)
-    order = np.argsort(_cost(few, guess, at))[:N_ITERATED_STARTS]
+    order = np.argsort(_cost(few, guess, at))[:2]
     best: tuple[float, Unknowns] | None = None
     for k in order.tolist():
         one = Unknowns(at.X[k], None if at.W is None else at.W[k])
@@ -162,7 +163,7 @@ def _variances(constraint: Constraint, at: Unknowns) -> Array:
     """Return variances of the residuals per axis (2,), rotation and translation, from their medians."""
     r = constraint.residual(at, constraint.first, constraint.second)
     squares = (r * r).reshape(-1, 2, 3).sum(axis=-1)
-    return np.asarray(np.maximum(np.median(squares, axis=0) / MEDIAN, 1e-24))
+    return np.asarray(np.maximum(np.median(squares, axis=0) / MEDIAN_SQUARE, 1e-24))
 
 
 def descend(constraint: Constraint, noise: Noise, at: Unknowns) -> Unknowns:
@@ -171,13 +172,13 @@ def descend(constraint: Constraint, noise: Noise, at: Unknowns) -> Unknowns:
         found = step_from(constraint, noise, at)
         turn = float(np.linalg.norm(found.step[:3]))
         at = at.moved(found.step * min(1.0, MAX_TURN_RAD / max(turn, 1e-300)))
-        if found.step @ found.information @ found.step < LAST_STEP_SD**2:
+        if found.step @ found.information @ found.step < ROUGH_STEP_SD**2:
             break
     return at
 
 
 def _rough(constraint: Constraint, prior: PosePrior | None) -> Noise:
-    S = FIRST_NOISE**2 * np.diag(np.repeat([1.0, float(lever_of(constraint)) ** 2], 3))
+    S = FIRST_NOISE_RAD**2 * np.diag(np.repeat([1.0, float(lever_of(constraint)) ** 2], 3))
     return with_prior(constraint.noise(S, S), prior)
 
 
@@ -206,7 +207,7 @@ def _candidates(constraint: Constraint, prior: PosePrior | None) -> Array:
     ).reshape(-1, 5)
     rows[:, :3] *= length
     solved = _pseudoinverse(rows) @ (along - t_A).ravel()
-    angles = np.append(2.0 * np.pi * np.arange(N_START_ANGLES) / N_START_ANGLES, np.arctan2(solved[4], solved[3]))
+    angles = np.append(np.linspace(0.0, 2.0 * np.pi, 8, endpoint=False), np.arctan2(solved[4], solved[3]))
     about = Rotation.from_rotvec(angles[:, None] * a).as_matrix()
     rotations = [*(about @ R_0), *orthonormalise(np.stack([of_moves + 1e-12 * of_turns, of_moves + of_turns]))]
     if prior is not None and prior.X is not None:
@@ -222,9 +223,9 @@ def _candidates(constraint: Constraint, prior: PosePrior | None) -> Array:
 
 
 def _pseudoinverse(M: Array) -> Array:
-    """Pseudoinverse without what is open."""
+    """Pseudoinverse without the directions that are not resolved, or determined by the rounding of equal rotations."""
     largest = max(float(np.linalg.norm(M, 2)), 1e-300)
-    return np.asarray(np.linalg.pinv(M, rcond=max(OPEN_RATIO, CHAIN_ROUNDING / largest)), dtype=float)
+    return np.asarray(np.linalg.pinv(M, rcond=max(np.sqrt(MIN_RESOLVED_SHARE), CHAIN_ROUNDING / largest)), dtype=float)
 
 
 def _isotropic(noise: Noise) -> Noise:

@@ -42,18 +42,13 @@ from numpy.typing import NDArray
 from scipy.linalg.blas import dtrmm
 from scipy.linalg.lapack import dpotrf, dtrtri, dtrtrs
 
+from ...core.geometry.checks import CHUNK
 from ...core.geometry.se3 import Array
 from ...core.numbers.rounding import PRODUCT_ROUNDING
 from ...core.runtime.read_only import ReadOnlyArrays
 from ...model.noise.cholesky import checked_cholesky, inverse_factor
-from ..likelihood.constraint import Linearised
+from ..likelihood.constraint import MIN_RESOLVED_SHARE, Linearised
 from .component import SIDES, Component
-
-# Share of the energy of an error's rows below which the unknown poses absorb it.
-ABSORBED_SHARE = 1e-6
-# Numbers of whitened rows that are held at once where many sizes are asked for, as many as a cache holds; the fewest
-# sizes at once.
-NUMBERS_AT_ONCE, MIN_SIZES_AT_ONCE = 100_000, 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -356,7 +351,7 @@ class LatentModel(ReadOnlyArrays):
         """The posteriors of the unknown poses alone, for many sizes (d, k)."""
         found, p = [], self.p
         numbers = sum(rows.r.size for rows in self.groups) * (p + self.shared.shape[-1])
-        together = max(MIN_SIZES_AT_ONCE, NUMBERS_AT_ONCE // numbers)
+        together = max(1, 12 * CHUNK // numbers)  # as many sizes as a cache holds whitened rows of
         for start in range(0, len(thetas), together):
             some = thetas[start : start + together]
             _, grams, _, logs = self._whitened(np.array([self.sizes(theta) for theta in some]))
@@ -394,8 +389,8 @@ class LatentModel(ReadOnlyArrays):
     def absorbed(self, theta: Array) -> dict[int, Array]:
         """Moves (p, m) of the unknowns that the columns of a component are, one standard deviation each.
 
-        By the number of the component, of those whose rows leave less than `ABSORBED_SHARE` of their energy beside the
-        unknowns: nothing is known of such an error, and its size is in the unknowns.
+        By the number of the component, of those of whose rows the unknowns leave less than a hundredth of
+        `MIN_RESOLVED_SHARE` of the energy: the data say nothing of such an error, and the unknowns take it in.
         """
         A, p, found = self.solved(theta).A.T, self.p, {}
         Q, R = np.linalg.qr(A[:, :p])
@@ -403,7 +398,7 @@ class LatentModel(ReadOnlyArrays):
             columns = A[:, p + np.flatnonzero(self._owner == k)]
             inside = Q.T @ columns
             energy, left = (columns**2).sum(), ((columns - Q @ inside) ** 2).sum()
-            if energy > 0 and left < ABSORBED_SHARE * energy:
+            if energy > 0 and left < MIN_RESOLVED_SHARE / 100.0 * energy:
                 found[k] = -np.linalg.lstsq(R, inside, rcond=None)[0]
         return found
 

@@ -20,6 +20,8 @@ from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 
 from ...core.geometry.se3 import Array
+from ...core.numbers.levels import INTERVAL
+from ...core.numbers.rounding import FIT_ROUNDING, SOLUTION_ROUNDING, THIRD_DIGITS
 from ...errors import InputError, NotConvergedError
 from ...model.kinematics.errors import LENGTHS
 from ...model.kinematics.kinematic_errors import DECLARED, DECLARED_AS, JOINT_NOISE, KinematicColumns
@@ -34,39 +36,27 @@ from ...model.shared_errors.shared_error import SharedError
 from ...model.shared_errors.sizes import SIZES, Size
 from ...model.shared_errors.view import view_block
 from ..likelihood.constraint import Constraint, Unknowns
-from ..likelihood.starts import Reduced, reduce_rows
+from ..likelihood.starts import ROUGH_STEP_SD, Reduced, reduce_rows
 from .component import Component
 from .engine import LatentModel
 from .integration import Mixture, integrate
-from .mode import GAIN, REACH_SD, Mode, find_mode, other_modes
+from .mode import GAIN, NEAR_SD, REACH_SD, Mode, find_mode, other_modes
 
 KINDS = ("rotation", "translation")
 PIXELS = "pixel noise"
 BY_VIEW = "camera by view"
-# Residuals below this, in rad and relative to the longest translation, are rounding errors: there is no noise to
-# estimate.
-EXACT_RESIDUAL = 1e-11
-# Residuals above this are no rounding errors for any X and W, so that no least-squares problem is solved to test it.
-CLEAR_RESIDUAL = 1e-4
-# The model is linearised again until X and W move by less than LAST_MOVE_SD standard deviations, at most
-# MAX_LINEARISATIONS times; at the last one a move of LAST_ROUND_MOVE_SD is accepted.
-LAST_MOVE_SD, MAX_LINEARISATIONS, LAST_ROUND_MOVE_SD = 2e-2, 6, 0.1
-# The model is not linearised again where the squared rotation of X, the first neglected term of the linear rows, is
-# below this ratio to the residuals.
-CURVED_RATIO = 0.1
-# Before the model is linearised again, and before the weights are final, the sizes have converged where the predicted
-# decrease of f by a further step is below this.
+# Largest number of times that the model is linearised.
+MAX_LINEARISATIONS = 6
+# The sizes need not be exact before the unknowns and the robust weights are final: a step that would decrease f by less
+# than this is not taken, and shared errors whose energy in the whitened rows is below it count as noise of each pose
+# for the weights (the noise itself has the energy 1 in each number).
 ROUGH_GAIN = 1e-2
-# Where the unknowns do not converge otherwise, the sizes are kept within this many standard deviations of their priors.
-NEAR_SD = 2.0
-# From more poses than this, the sizes are estimated from a subset of this many, spread over the rows.
+# Of more poses than these only so many, evenly spread over the rows, are used to estimate the sizes.
 MAX_POSES_FOR_SIZES = 300
-# Shared errors whose energy in the whitened rows (1: that of one number of noise) is below this are not treated as
-# shared in the weights.
-FAINT_ENERGY = 1e-2
-# A size whose posterior keeps more than this share of the spread of its prior is not resolved by the data.
+# The data do not resolve a size whose logarithm has a posterior standard deviation above this share of its prior one.
 MAX_RESOLVED_SPREAD = 0.6
-INTERVAL_SD = float(ndtri(0.975))
+# Half the width of an interval of a normal distribution, in standard deviations.
+INTERVAL_SD = float(ndtri(0.5 * (1.0 + INTERVAL.probability)))
 
 _TURN, _SHIFT = np.eye(6)[:, :3], np.eye(6)[:, 3:]
 
@@ -304,9 +294,10 @@ class JointModel:
             theta = mode.theta
             found = model.of_poses(theta)
             step, C = found.mean, found.covariance
-            enough = LAST_ROUND_MOVE_SD if done == MAX_LINEARISATIONS - 1 else LAST_MOVE_SD
-            turned = float(np.sum(reduced.unreduced(step)[:3] ** 2))
-            as_linear = exactly <= gain and turned < CURVED_RATIO**2 * float(np.mean(model.r[:, :3] ** 2)) ** 0.5
+            enough = ROUGH_STEP_SD if done == MAX_LINEARISATIONS - 1 else ROUGH_STEP_SD / 5.0
+            # the first term that linear rows leave out: the squared rotation of X
+            left_out = float(np.sum(reduced.unreduced(step)[:3] ** 2))
+            as_linear = exactly <= gain and left_out < ROUGH_STEP_SD**2 * float(np.mean(model.r[:, :3] ** 2)) ** 0.5
             if as_linear or (done and float(step @ np.linalg.lstsq(C, step, rcond=None)[0]) < enough**2):
                 return FoundSizes(self, model, reduced, mode, at, kept, kept[used], exact)
             at = at.moved(reduced.unreduced(step))
@@ -353,12 +344,12 @@ class JointModel:
         size = np.zeros(2)
         for k, rows in enumerate((slice(0, 3), slice(3, 6))):  # noise of one is no residual of the other
             J, r = model.J[:, rows].reshape(-1, model.p), model.r[:, rows].ravel()
-            if np.sqrt(np.mean(r * r)) > CLEAR_RESIDUAL * (1.0, longest)[k]:
+            if np.sqrt(np.mean(r * r)) > THIRD_DIGITS * (1.0, longest)[k]:  # squares of them remain, no rounding
                 size[k] = np.inf
                 continue
             x, _, rank, _ = np.linalg.lstsq(J, r, rcond=None)
             size[k] = np.sqrt(np.mean((r - J @ x) ** 2)) if rank < len(r) else np.inf  # few rows fit in any case
-        return np.asarray(size < EXACT_RESIDUAL * np.array([1.0, longest]))
+        return np.asarray(size < FIT_ROUNDING * np.array([1.0, longest]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -411,7 +402,7 @@ class FoundSizes:
     def noise(self) -> Noise | None:
         """Noise of all poses by the most probable sizes, to weigh them by; None: the data are exact.
 
-        What poses share but the data hardly show (`FAINT_ENERGY`) is noise of each pose here.
+        What poses share but the data hardly show (`ROUGH_GAIN`) is noise of each pose here.
         """
         if self.exact.any():
             return None
@@ -464,8 +455,8 @@ class FoundSizes:
                 shared = np.concatenate(columns, axis=-1)
                 if turns is not None:
                     turn, energy = turns[side]
-                    faint = shared @ turn[:, energy < FAINT_ENERGY]
-                    shared, each, names = shared @ turn[:, energy >= FAINT_ENERGY], each + faint @ faint.mT, []
+                    faint = shared @ turn[:, energy < ROUGH_GAIN]
+                    shared, each, names = shared @ turn[:, energy >= ROUGH_GAIN], each + faint @ faint.mT, []
                 own = JointCovariance(each, shared, tuple(names))
             sides[side] = own
         if source.constraint.item == "pose":
@@ -488,7 +479,7 @@ class FoundSizes:
         more = mixture.about(centre.mean)[:p, :p] - centre.covariance[:p, :p]
         unit = np.sqrt(np.diag(centre.covariance)[:p])
         values, vectors = np.linalg.eigh(more / np.outer(unit, unit))
-        kept = values > 1e-12
+        kept = values > SOLUTION_ROUNDING
         moves = unit[:, None] * vectors[:, kept] * np.sqrt(values[kept])
         return np.asarray(moves if self.reduced.basis is None else self.reduced.basis @ moves)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from scipy.special import ndtr
@@ -14,16 +14,14 @@ from ...core.numbers.levels import RARE, UNUSUAL
 from ...findings import Finding, Severity
 from ...model.noise.estimate import CAMERA_EXCESS, PICTURE_SHIFT, Component, together
 from ...model.shared_errors.sizes import SIZES
+from .estimation import INTERVAL_SD, FoundSizes
 
-if TYPE_CHECKING:
-    from .estimation import FoundSizes
-
-# What corners of one picture share is said where it is surely above so many times its median: probability below which.
-PICTURE_EXCESS_RATIO, EXCESS_INTERVAL_SD = 2.0, 1.96
-# Share of the variance of X (or W) from which on an error that it absorbs is a caution.
+# Errors that the corners of one picture share are reported if they are surely above this many times their usual size.
+PICTURE_EXCESS_RATIO = 2.0
+# An error that X (or W) absorbs is a caution if it has more than this share of its variance.
 ABSORBED_CAUTION_SHARE = 0.1
-# Pixel noise above or below these, in pixels, is none.
-MOST_PIXELS, LEAST_PIXELS = 1.5, 0.015
+# The noise of no detector of corners is above this, or below a hundredth of it.
+MAX_NOISE_PX = 1.5
 
 
 def noise_findings(
@@ -79,7 +77,7 @@ def beside_camera_findings(parts: dict[str, Component], dof: float) -> tuple[Fin
     else:
         found = [_note("camera_by_geometry", component=asdict(pixels), components=_plain(camera))]
         high = float("inf") if pixels.high is None else pixels.high
-        if pixels.status == "estimated" and (pixels.low > MOST_PIXELS or high < LEAST_PIXELS):
+        if pixels.status == "estimated" and (pixels.low > MAX_NOISE_PX or high < MAX_NOISE_PX / 100):
             found.append(unusual_pixels(pixels))
     if robot:
         found.append(_note("robot_shows", components=_plain(robot)))
@@ -87,7 +85,7 @@ def beside_camera_findings(parts: dict[str, Component], dof: float) -> tuple[Fin
         excess = parts.get(name)
         if excess is None or excess.high is None or not 0 < excess.low < excess.high:
             continue
-        sd = float(np.log(excess.high / excess.low)) / (2.0 * EXCESS_INTERVAL_SD)
+        sd = float(np.log(excess.high / excess.low)) / (2.0 * INTERVAL_SD)
         p = float(ndtr((np.log(PICTURE_EXCESS_RATIO * SIZES[name].median) - np.log(excess.value)) / sd))
         if p < UNUSUAL.probability:
             wrong = p < RARE.probability

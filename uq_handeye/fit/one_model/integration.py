@@ -25,9 +25,7 @@ from ...core.runtime.read_only import ReadOnlyArrays
 from .engine import Conditional, LatentModel
 from .mode import REACH_SD, Mode
 
-# Pairs of points.
-N_POINT_PAIRS = 16
-# No point counts more than so many times what it would count under a Gaussian.
+# The weight of a point is at most this many times that which it would have if the posterior were Gaussian.
 MAX_WEIGHT_RATIO = 20.0
 
 
@@ -126,13 +124,15 @@ def _about(model: LatentModel, mode: Mode) -> tuple[list[Conditional], Array]:
 
 
 @cache
-def design(k: int) -> Array:
-    """(m, k) points of a standard normal distribution, mean 0 and second moments 1, each with its opposite.
+def design(k: int, pairs: int = 16) -> Array:
+    """Return points (m, k) of a standard normal distribution, mean 0 and second moments 1, each with its opposite.
+
+    There are ``pairs`` of them, or k if that is more.
 
     >>> v = design(9)
     >>> v.shape, bool(np.allclose(v.T @ v, len(v) * np.eye(9)))
     ((32, 9), True)
     """
-    half = max(N_POINT_PAIRS, k)
+    half = max(pairs, k)
     Q = np.linalg.qr(np.random.default_rng(0).normal(size=(half, k)))[0] * np.sqrt(half)
     return np.concatenate([Q, -Q])

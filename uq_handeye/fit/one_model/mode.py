@@ -16,22 +16,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.geometry.se3 import Array
+from ..likelihood.starts import MAX_START_STEPS
 from .engine import LatentModel, State
 
-# A size is searched within REACH_SD standard deviations of its prior; MAX_LOG_STEP is the largest change of a logarithm
-# in one step.
-REACH_SD, MAX_LOG_STEP = 5.0, 1.5
-# After a step that changes a logarithm by more than this, the curvature of f is computed again instead of updated.
-LONG_LOG_STEP = 0.25
-# Search for other modes (`other_modes`): it starts at TAIL_RATIO times the median of a size, and the tail begins at
-# FAR_RATIO times the median. An error is resolved if its estimate exceeds SHOWN_SD of its standard deviations. Two
-# modes are different if they are at least APART_SD standard deviations apart.
-TAIL_RATIO, FAR_RATIO, SHOWN_SD, APART_SD = 150.0, 10.0, 4.0, 2.0
-# A search within this distance of a known mode, in standard deviations of the sizes, is taken to end at that mode.
+# The logarithm of a size is sought within this many standard deviations of its prior.
+REACH_SD = 5.0
+# One step changes the logarithm of a size by at most this; after a step of more than a sixth of it the curvature of f
+# is computed again, not updated.
+MAX_LOG_STEP = 1.5
+# The tail of the prior of a size begins at this many times its median.
+FAR_RATIO = 10.0
+# Sizes within this many standard deviations of each other belong to one mode. A single error is resolved if it is
+# larger than twice as many of its own.
+NEAR_SD = 2.0
+# A search that comes within this many standard deviations of a mode would end there.
 ARRIVED_SD = 0.3
-# The search ends when the predicted decrease of f by a step is below GAIN. The other two are the largest numbers of
-# steps, and of halvings of one step.
-GAIN, MAX_STEPS, MAX_HALVINGS = 1e-5, 60, 12
+# The search ends when the next step is expected to decrease f, minus the logarithm of the density, by less than this.
+GAIN = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +70,7 @@ def find_mode(
     state = model.solved(model.medians if start is None else np.clip(start, low, high))
     slope = model.slope(state)
     B, converged = model.information(state, slope), not len(low)
-    for _ in range(0 if converged else MAX_STEPS):
+    for _ in range(0 if converged else 2 * MAX_START_STEPS):
         open_ = ~_held(state.theta, slope.gradient, low, high)
         move = np.zeros(len(low))
         if open_.any():
@@ -79,7 +80,7 @@ def find_mode(
             converged = True
             break
         share = min(1.0, MAX_LOG_STEP / float(np.abs(move).max()))
-        for _ in range(MAX_HALVINGS):
+        for _ in range(12):
             tried = model.solved(np.clip(state.theta + share * move, low, high))
             if tried.value < state.value - 1e-4 * share * promised:
                 break
@@ -93,7 +94,7 @@ def find_mode(
         if arrived := [mode for mode in known if not _apart(tried.theta, mode, ARRIVED_SD)]:
             return arrived[0]
         state, slope = tried, model.slope(tried)
-        if share <= 0.1 or np.abs(moved).max() > LONG_LOG_STEP:  # the curvature there is another one
+        if share <= 0.1 or np.abs(moved).max() > MAX_LOG_STEP / 6.0:  # the curvature there is another one
             B = model.information(state, slope)
         else:
             B = _updated(B, moved, slope.gradient - slope_before.gradient)
@@ -107,9 +108,9 @@ def other_modes(model: LatentModel, mode: Mode) -> list[Mode]:
 
     Of a shared error of one number with a free size, such as the scale of the target, the size may be its usual one,
     the rest of the residuals being the arm's, or as large as the number itself (an inch for 25 mm), the arm being
-    better. A search starts there where a size of `TAIL_RATIO` usual ones, with the other sizes at the mode or at their
-    medians, shows a number beyond `SHOWN_SD` of its standard deviations and `FAR_RATIO` usual sizes; where the mode
-    itself is there, at the usual size.
+    better. A search starts there where a size of 15 `FAR_RATIO` medians, with the other sizes at the mode or at their
+    medians, makes the number larger than twice `NEAR_SD` of its standard deviations and than `FAR_RATIO` medians;
+    where the mode itself is there, the search starts at the median.
     Noise of each pose has as many explanations: where a size is in its tail, another search starts with the usual one
     beside the other noise as large as the residuals.
     Modes that are not apart count once.
@@ -135,10 +136,10 @@ def other_modes(model: LatentModel, mode: Mode) -> list[Mode]:
                 start[place] = usual
                 starts.append(start)
                 break
-            start[place] = usual + np.log(TAIL_RATIO)
+            start[place] = usual + np.log(15.0 * FAR_RATIO)
             wide = model.conditional(start)
             size = abs(float(wide.mean[at]))
-            if size > max(SHOWN_SD * float(np.sqrt(wide.covariance[at, at])), FAR_RATIO * float(np.exp(usual))):
+            if size > max(2.0 * NEAR_SD * float(np.sqrt(wide.covariance[at, at])), FAR_RATIO * float(np.exp(usual))):
                 start[place] = np.log(size)
                 starts.append(start)
         for start in starts:
@@ -159,7 +160,7 @@ def _of_residuals(model: LatentModel, number: int) -> float:
     return float(np.sqrt(((model.r**2).sum(axis=0)[rows] / variance[rows]).max()))
 
 
-def _apart(theta: Array, known: Mode, least: float = APART_SD) -> bool:
+def _apart(theta: Array, known: Mode, least: float = NEAR_SD) -> bool:
     """Return whether sizes are apart from a mode by more than so many standard deviations."""
     off = theta - known.theta
     return float(off @ known.state.information @ off) > least**2

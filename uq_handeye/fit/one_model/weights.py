@@ -32,7 +32,7 @@ from ...errors import InputError, NotConvergedError
 from ...model.noise.models import Noise, with_prior
 from ...model.noise.square_roots import marginals
 from ..likelihood.constraint import Constraint, Unknowns
-from ..likelihood.gauss_helmert import CLOSED_FORM_STEPS, MOST_STEPS, Fit, fit
+from ..likelihood.gauss_helmert import CLOSED_FORM_STEPS, MAX_ML_STEPS, Fit, fit
 from ..likelihood.robust import NoiseSearch, RobustFit, fit_robustly
 from .estimation import ROUGH_GAIN, FoundSizes, JointModel
 
@@ -129,7 +129,7 @@ def settle(
 def fitted_again(constraint: Constraint, noise: Noise, found: Fit, method: str) -> Fit:
     """The fit with other noise, from the unknowns and with the weights that were found."""
     return fit(
-        constraint, noise, found.unknowns, CLOSED_FORM_STEPS if method == "efficient" else MOST_STEPS, found.weights
+        constraint, noise, found.unknowns, CLOSED_FORM_STEPS if method == "efficient" else MAX_ML_STEPS, found.weights
     )
 
 

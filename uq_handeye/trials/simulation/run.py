@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ...core.geometry.se3 import Array, difference
 from ...errors import InputError
 from ...fit.likelihood.constraint import constraint_of, covariances_of
-from ...fit.likelihood.gauss_helmert import CLOSED_FORM_STEPS, ESTIMATORS, MOST_STEPS, fit_data
+from ...fit.likelihood.gauss_helmert import CLOSED_FORM_STEPS, ESTIMATORS, MAX_ML_STEPS, fit_data
 from ...methods.estimators.registry import METHODS, ROBOT_WORLD_METHODS
 from ...methods.procrustes.scaled import solve_4dpa
 from ...methods.propagation.all_pairs import solve_all_pairs
@@ -126,7 +126,7 @@ def _estimates(experiment: Experiment, first: Array, second: Array, each: bool) 
     every = np.ones(len(first), dtype=bool)
     data = experiment.measured(first, second)
     if method in ESTIMATORS:
-        steps = CLOSED_FORM_STEPS if method == "efficient" else MOST_STEPS
+        steps = CLOSED_FORM_STEPS if method == "efficient" else MAX_ML_STEPS
         found = fit_data(data, constraint_of(data, noise), noise, steps)
         return Estimates(found.X, np.asarray(found.converged), found.covariance_X if each else None)
     poses = data.poses
