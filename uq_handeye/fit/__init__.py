@@ -1,1 +1,1 @@
-"""Joint model of poses and errors, fitted; what residuals and geometry say."""
+"""The fit of the joint model of poses and errors, and the checks of its residuals and of its geometry."""

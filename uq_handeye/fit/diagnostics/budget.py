@@ -1,5 +1,4 @@
-r"""Uncertainty budget: shares of the variance of a point, or of X, by source; combined and expanded, in the terms of
-JCGM 100 (GUM).
+r"""Uncertainty budget of a point or of X in the terms of JCGM 100 (GUM): variance by source, combined and expanded.
 
 The covariance is the sum over the sources, of type A (evaluated from the data) or B (declared: data sheets, priors,
 what is assumed). A standard uncertainty of a group of components, such as X's translation, is per axis: the root of the
@@ -12,10 +11,10 @@ which is Welch and Satterthwaite's formula (JCGM 100, G.2b) where the estimates 
 `likelihood.goodness_of_fit` for one component. The coverage factor is k = t_p(nu_eff), ``U = k u_c``.
 
 Type A: noise that was estimated from residuals or corners, with the correlation of neighbouring poses, and a clock
-offset that two streams gave. Type B: noise as given or fixed by a data sheet, shared errors with what is assumed of
-them. Type A, B: errors of an arm whose standard deviation comes from both, that of the population of such arms and the
+offset estimated from two streams. Type B: noise as given or fixed by a data sheet, shared errors with their priors.
+Type A, B: errors of an arm whose standard deviation comes from both, that of the population of such arms and the
 residuals. Degrees of freedom are known where the noise was estimated; elsewhere they count as infinite. So they do
-where sizes are integrated over: the covariance holds what is open of them, and needs no wider factor (JCGM 101, 6.4.9).
+where sizes are integrated over: the covariance contains their uncertainty, and needs no wider factor (JCGM 101, 6.4.9).
 That of a t distribution of this covariance, ``t_p(nu) sqrt(1 - 2 / nu)``, exceeds the normal one by at most 2 %.
 """
 

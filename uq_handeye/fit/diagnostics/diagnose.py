@@ -16,9 +16,9 @@ A shift d of X is stated "in standard deviations" as its length ``sqrt(d^T C_XX^
 share adds ``k s`` to r. It moves X by ``-C J^T S^-1 k s``; as one more unknown it is estimated by ``s = k' . r' /
 |k'|^2`` with the standard deviation ``1 / |k'|``, where k' is the whitened k less what X and W can explain of it (a
 score test). The lengths are those of the poses as the fit corrects them, whose noise is independent of r. Columns of
-errors that were declared are in S: the score of another is beside theirs.
+errors that were declared are in S: the score of another error is in addition to theirs.
 
-The tests of the residuals are in `residual_patterns`, what all of it comes to in `result`.
+The tests of the residuals are in `residual_patterns`, the findings from all of it in `result`.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""One line per pose (or motion): residual, how far it lies from where the others predict it, leverage, weight, flag."""
+"""Table with a line per pose (or motion): residual, distance from its prediction by others, leverage, weight, flag."""
 
 from __future__ import annotations
 

@@ -11,9 +11,9 @@ residuals on the poses is an F test of the columns that the fit has not used up 
 are brought to normal scores by D'Agostino (1970) and by Anscombe and Glynn (1983).
 
 Where poses have errors in common the residuals are those of each pose itself, with the shared errors as unknowns
-(`likelihood.own_residuals`). With a covariance (6n, 6n), row i is
-what the poses before i do not predict of pose i: independent as well where the noise is right. A test that was not run
-has a ``reason``, and no numbers.
+(`likelihood.own_residuals`). With a covariance (6n, 6n), row i is the part of pose i that the poses before i do not
+predict, which is independent as well where the noise is right. A test that was not run has a ``reason``, and no
+numbers.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ from ..likelihood.goodness_of_fit import own_residuals
 
 # Fewest rows that are tested.
 MIN_ROWS = 8
-# The fit must leave as many degrees of freedom: six of each pose less one for each unknown.
+# The fit must leave this many degrees of freedom: six of each pose minus one for each unknown.
 MIN_FREEDOM = 6.0
 
 

@@ -1,6 +1,6 @@
-"""Diagnostics of a fit: observability, influence, residual tests, systematic errors; and what each of them comes to.
+"""Result of the diagnostics of a fit: observability, influence, residual tests, systematic errors, and their findings.
 
-All numbers are those of `diagnose`, which has the model. ``findings`` judge them; their words are in `sentences`.
+All numbers are those of `diagnose`, which has the model. ``findings`` judge them; their texts are in `sentences`.
 """
 
 from __future__ import annotations

@@ -8,12 +8,12 @@ from the fit of all rows, linearised there. The difference ``d = (theta, tau)``,
 
 K_12 = 0 for errors that are independent from pose to pose; S_12 is the covariance of the residuals of one half with
 those of the other, which a joint noise fills. ``d^T V^-1 d`` is chi-square(6) distributed if the noise is known. Noise
-that was estimated with nu degrees of freedom is several sizes with priors, and d a small part of what they are made
-of: ``d^2 / 6`` is taken as F(6, nu) distributed. (Were it one scale without a prior, d^2 could not exceed nu, and
-``d^2 / nu`` would be Beta distributed; with priors that rejects right data far too often.)
+that was estimated with nu degrees of freedom is several sizes with priors, and d a small part of the data that they are
+estimated from: ``d^2 / 6`` is taken as F(6, nu) distributed. (Were it one scale without a prior, d^2 could not exceed
+nu, and ``d^2 / nu`` would be Beta distributed; with priors that rejects right data far too often.)
 
-The test sees errors that differ between the halves (drift, wrong kinematics, a noise given too small). What both
-halves share, such as the error of the intrinsics, it does not see.
+The test detects errors that differ between the halves (drift, wrong kinematics, a noise given too small). It does not
+detect errors that both halves share, such as that of the intrinsics.
 """
 
 from __future__ import annotations

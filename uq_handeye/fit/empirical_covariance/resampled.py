@@ -1,12 +1,11 @@
 r"""Covariances of X and W of any estimator that need no noise model, by pose.
 
-Each pose is one draw from an unknown distribution of errors, independent of the others.
-Motions that came without poses take the place of poses. Units and conventions: ``xi = (theta, tau)``,
-left rotation, additive translation, rad and m.
+Each pose is one draw from an unknown distribution of errors, independent of the others. Motions that came without poses
+take the place of poses. Units and conventions: ``xi = (theta, tau)``, left rotation, additive translation, rad and m.
 
-A published method is taken by its first derivatives: how far X and W move with the residual of each pose. Of pairs of
-poses that is the share of each pose in the pairs that it is in.
-`studies.real_cell` prints how often the 95 % ellipsoid of each kind holds the truth.
+A published method enters by the first derivatives of X and W by the residual of each pose. For pairs of poses these
+are the sums over the pairs that a pose is in. `studies.real_cell` prints the coverage of the 95 % ellipsoid of each
+kind.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 r"""Covariances of X and W from the residuals only, by pose: sandwich and bootstrap.
 
 Model: to first order the estimate errs by ``xi = (xi_X, xi_W) = sum_k B_k r_k``, with the residual r_k (6) of pose k at
-true X and W (`constraint`; rad and m, left rotation, additive translation), r_k of mean zero. Nothing else is asked of
-the covariances of r_k: they may differ from pose to pose in any way. After the fit the residuals are
+true X and W (`constraint`; rad and m, left rotation, additive translation), r_k of mean zero. Nothing else is assumed
+about the covariances of r_k: they may differ from pose to pose in any way. After the fit the residuals are
 ``e = (1 + J B) r``. In units in which a *working* covariance S_k of r_k is the unit matrix,
 
     V_k = [(1 + J B)(1 + J B)^T]_kk = 1 + J_k B_k + (J_k B_k)^T + J_k (sum_j B_j B_j^T) J_k^T
@@ -21,7 +21,7 @@ Any smooth estimator of X depends on the errors of pose k only through r_k, so t
 
     sum_k m_k B_k (e_k + J_k (x* - x)) - M Lambda (x* - x) = const,      x for m_k = 1
 
-(Lambda: what is known of the unknowns beforehand, below). n poses drawn with replacement, m multinomial, move it by
+(Lambda: the prior information about the unknowns, below). n poses drawn with replacement, m multinomial, move it by
 
     x* - x = (M Lambda - sum_k m_k B_k J_k)^-1 sum_k (m_k - 1) B_k e_k
 
@@ -35,8 +35,8 @@ Poses are taken as independent. Where neighbours share errors, as in a video, th
 estimated with the noise (`drift`).
 
 Errors that all poses share and that were declared with a standard deviation (`SharedError`) are further unknowns z with
-the prior N(0, 1), X and W may have one as well, ``M = (J^T J + Lambda)^-1``: residuals tell the covariance of the
-poses' own errors; what the prior adds, ``M Lambda M`` (`of_known`), is that of the model.
+the prior N(0, 1), X and W may have one as well, ``M = (J^T J + Lambda)^-1``: residuals determine the covariance of the
+poses' own errors; the contribution of the prior, ``M Lambda M`` (`of_known`), is that of the model.
 
 Reference distribution. Such a covariance is itself random. Under the working model with Gaussian errors it is close to
 a Wishart matrix of nu degrees of freedom, nu from its second moments, so that for the 6 components of X

@@ -1,4 +1,4 @@
-"""Rows of one file in the alphabetical order of numbered names: 1, 10, 11, ..., 2, 20, ..."""
+"""Detection of rows in the alphabetical order of numbered names: 1, 10, 11, ..., 2, 20, ..."""
 
 from __future__ import annotations
 

@@ -1,12 +1,12 @@
-r"""Boards that look the same after a turn: which way up each picture shows them, decided by the robot poses.
+r"""Orientation of a rotationally symmetric board in each picture, decided by the robot poses.
 
-Of a board with the symmetry Q (a turn by 360/K degrees about its middle) picture i shows ``C_i Q^l_i`` with an unknown
-number l_i. With ``E_i X C_i Q^l_i = W`` and ``angle`` that of a rotation, for all pairs of poses
+Of a board with the symmetry Q (a rotation by 360/K degrees about its middle) picture i shows ``C_i Q^l_i`` with an
+unknown number l_i. With ``E_i X C_i Q^l_i = W`` and ``angle`` that of a rotation, for all pairs of poses
 
     angle(E_i^-1 E_j) = angle(C_i Q^(l_i - l_j) C_j^-1)
 
-whatever X is. Taken are the l with the smallest sum of the differences of both sides, each counted
-as at most `MAX_ANGLE_DIFFERENCE_RAD`.
+whatever X is. The estimate is the l with the smallest sum of the differences of both sides, each limited to
+`MAX_ANGLE_DIFFERENCE_RAD`.
 """
 
 from __future__ import annotations

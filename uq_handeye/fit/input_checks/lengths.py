@@ -1,4 +1,4 @@
-"""Check of the lengths of X and W: what a gripper carries is shorter than the way from the base to a fixed part."""
+"""Check of the lengths of X and W: a part on the gripper is nearer to it than the base to a part fixed in the cell."""
 
 from __future__ import annotations
 

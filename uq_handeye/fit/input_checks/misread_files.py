@@ -1,8 +1,8 @@
 """Other readings of the two files that would fit: the other setup, inverse poses, other rotations, another unit.
 
-`residuals` looks for them where X does not explain the poses. A reading is a mapping of plain values: its ``kind``
-("inverse robot", "inverse camera", "quaternion", "transposed", "mirrored", "scale") and what belongs to it; `sentences`
-names the argument of `read_poses` and the option. The likeliest reading comes first.
+`residuals` searches them where X does not explain the poses. A reading is a mapping of plain values: its ``kind``
+("inverse robot", "inverse camera", "quaternion", "transposed", "mirrored", "scale") and the values that belong to it;
+`sentences` names the argument of `read_poses` and the option. The likeliest reading comes first.
 """
 
 from __future__ import annotations
@@ -17,9 +17,10 @@ from .consistency import LARGE_ROTATION_RAD, MAX_MISFIT_SHARE, consistency
 from .misread_scale import scaled_reading
 from .readings import OTHER_SETUP, Reading
 
-# Data without noise, from a simulation, say nothing about noise (rad, or share of the travel).
+# Data with smaller residuals (rad, or share of the travel) are simulated without noise, and have no noise to compare.
 NOISE_FREE = 1e-7
-# Of two readings that fit, the worse is named if its translation residuals are below so many times those of the better.
+# Of two readings that fit, the worse is named if its translation residuals are below this many times those of the
+# better.
 SIMILAR_FIT_RATIO = 4.0
 # Readings of which one comes with the other.
 INVERSE = ("inverse robot", "inverse camera")

@@ -1,4 +1,4 @@
-"""A file in another unit of length, or a target of another size: the factor that makes robot and camera agree."""
+"""Estimate of the factor of length between robot and camera, which shows another unit or another size of the target."""
 
 from __future__ import annotations
 

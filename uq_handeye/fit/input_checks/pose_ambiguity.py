@@ -1,4 +1,4 @@
-r"""Second solutions of the pose of a small flat target, such as a single tag: the other poses decide between both.
+r"""Choice between the two solutions of the pose of a small flat target, such as a single tag, by the other poses.
 
 Both minima C_k of picture i (`camera.adjustment.two_minima`) have the sums of squares q_k in pixels^2. Where
 ``(q_2 - q_1) / s^2`` is small, s the pixel noise, the picture alone does not decide. The robot does: with X and W of
@@ -6,11 +6,12 @@ the poses that agree (`consensus`), minus twice the logarithm of the likelihood 
 
     L_k = q_k / s^2 + r_k^T S_k^-1 r_k / f
 
-r_k the residual of ``E X C_k = W``, S_k its covariance by the pixel noise at that minimum and f how much larger the
-residuals of the poses are than S says. Taken is the smaller; X and W are fitted again until no pose changes.
+r_k the residual of ``E X C_k = W``, S_k its covariance by the pixel noise at that minimum and f the ratio of the
+residuals of the poses to those expected by S. The solution with the smaller value is taken; X and W are fitted again
+until no pose changes.
 
-Finished poses come without corners. Of one that is an outlier the other minimum is that of the corners which it
-predicts (`flipped_rows`): it is named, and not put in the place of the pose, as its errors are not known.
+Poses from other programs come without corners. For an outlier among them, the other minimum is that of the corners
+which it predicts (`flipped_rows`): it is reported, but does not replace the pose, as its errors are not known.
 """
 
 from __future__ import annotations

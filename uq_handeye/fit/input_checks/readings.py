@@ -1,6 +1,6 @@
-"""Other readings of the two files in words: what each says of them, in short and in full, and the option to ask for it.
+"""Text on other readings of the two files: the meaning of each, short and in full, and the option that selects it.
 
-A reading is what `misread_files.other_readings` returns: a mapping with its ``kind`` and what belongs to it.
+A reading is a mapping as `misread_files.other_readings` returns it: its ``kind`` and the values that belong to it.
 """
 
 from __future__ import annotations

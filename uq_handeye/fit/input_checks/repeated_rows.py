@@ -1,4 +1,4 @@
-"""Poses that were given more than once, wherever they are (files put together twice, rows copied): they count once."""
+"""Removal of poses that occur more than once, in any rows (files joined twice, rows copied): they count once."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from ...findings import Finding
 from ...model.poses.pose_numbers import Selection
 from ...model.poses.pose_pairs import PosePairs
 
-# Numbers (rad, m) that differ by less are the same but for rounding: no camera measures so well.
+# Numbers (rad, m) that differ by less are the same apart from rounding: no camera is so precise.
 SAME_NUMBER = 1e-6
 
 

@@ -1,4 +1,4 @@
-"""Checks of the residuals of X: against their noise and each other, and for another reading of the two files.
+"""Checks of the residuals of X: against their noise, against each other, and for another reading of the two files.
 
 The residuals of poses are those of ``W_k = G_k X C_k``, which is the same for every k without noise (G inverted for
 eye-to-hand): a rotation and a translation for each pose, so that a bad row can be named.

@@ -1,4 +1,4 @@
-"""Checks of the rotations of robot and camera: their angles must agree, and must stand out of their noise.
+"""Checks of the rotations of robot and camera: their angles must agree, and must exceed their noise.
 
 Robot and camera see the same rotation angle of a motion, whatever X is.
 """
@@ -26,7 +26,7 @@ MAX_NOISE_SHARE = 0.15
 SMALL_ANGLE_RAD = np.radians(5.0)
 # The angle beyond which 4DPA gives a motion almost no weight.
 NEAR_HALF_TURN_RAD = np.radians(150.0)
-# The rotations must stand out of their noise by this factor, or X is an accident of the noise.
+# The rotations must exceed their noise by this factor; otherwise X is determined by the noise.
 SIGNAL_TO_NOISE = 4.0
 # Rotations whose mean squared sine across the main axis stays below this may be noise.
 POOR_ROTATION = 0.03

@@ -1,4 +1,4 @@
-"""Sentences of the findings of the input checks: which thing looks wrong, and which argument or option to try.
+"""Sentences of the findings of the input checks: the suspicious input, and the argument or option to try.
 
 Values are in rad and m; rows count from 0.
 """

@@ -1,4 +1,4 @@
-r"""Rows of two pose files that were paired with a shift: found by rotation angles, confirmed by a fit.
+r"""Detection of rows of two pose files that were paired with a shift, by rotation angles, confirmed by a fit.
 
 Model: robot row i was taken at the moment of camera row ``i + k(i)``, k constant over long stretches of the file. A
 detection that failed and was left out moves all later camera rows up by one (k falls by 1), a camera row without a
@@ -14,10 +14,11 @@ angles of (i, i + l) and (i + k, i + k + l), or of the lags backwards, whichever
 changes, one of the two sides has the same k. The path k(i) with the smallest sum of costs, a price for each change
 included, is found by dynamic programming (Viterbi) in O(n K).
 
-What the angles suggest is reported only if a fit confirms it. X and W are fitted robustly (`robust.consensus`) to the
-rows as paired again; their residuals take the place of the angles as the cost, which gives the rows of the changes.
-Over the rows that moved, the median residuals of rotation and of translation must both fall below `CONFIRMED_RATIO` of
-what they are in a robust fit to the rows as given, and must be like those of the rows that did not move.
+A shift that the angles suggest is reported only if a fit confirms it. X and W are fitted robustly (`robust.consensus`)
+to the rows as paired again; their residuals take the place of the angles as the cost, which gives the rows of the
+changes. Over the rows that moved, the median residuals of rotation and of translation must both fall below
+`CONFIRMED_RATIO` of what they are in a robust fit to the rows as given, and must be like those of the rows that did not
+move.
 """
 
 from __future__ import annotations

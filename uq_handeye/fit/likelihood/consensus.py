@@ -3,11 +3,11 @@ r"""Consensus of most poses (or motions): a start that outliers do not affect.
 Model: most poses obey ``G X C = W`` (motions: ``A X = X B``) with Gaussian noise; the others, at most 40 %, hold
 anything.
 
-Smallest subsets (3 poses, 2 motions), 4DPA on each; the subsets under which 60 % of the poses have the smallest
+4DPA is solved on smallest subsets (3 poses, 2 motions); the subsets under which 60 % of the poses have the smallest
 rotation and translation residuals (least quantile of squares, Rousseeuw, J. Am. Stat. Assoc. 79, 1984) are improved on
 those 60 % (concentration steps of Rousseeuw and van Driessen, Data Min. Knowl. Disc. 12, 2006), and the one with the
 smallest trimmed sum of squares is taken. Exact copies of a row fit each other, whatever X is: only the first of them
-is looked at.
+is used.
 
 The answer depends neither on the order of the rows nor on the choice of the frames. The subsets are drawn from rows
 sorted by numbers that no choice of frames changes (`_canonical_order`), and translation residuals are measured at a

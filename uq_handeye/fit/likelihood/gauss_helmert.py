@@ -12,10 +12,10 @@ One step (Gauss-Helmert) linearises r at guesses of X, W and the errors v. With 
 The first step from 4DPA's X, with v = 0, is that of T5: at the bound to first order in the errors. It takes the
 derivatives at measured data, whose noise biases X and makes ``I_F^-1`` too small where rotation noise times a lever
 exceeds the translation noise (motions with 10 mrad and 0.1 mm in `studies.likelihood`: mean NEES 8 and 12, not 6).
-``efficient`` therefore takes a second one, with the derivatives at the poses as the first corrected them. What further
-steps change is small beside the standard deviations, but for the largest noise there. ``ml`` goes on until it
-converges: there the conditions of the constrained maximum hold exactly. The covariance of both is ``I_F^-1``, where the
-last step was taken; its block of X (the Schur complement on X) is marginal over W.
+``efficient`` therefore takes a second one, with the derivatives at the poses as the first corrected them. The changes
+by further steps are small compared with the standard deviations, except for the largest noise there. ``ml`` iterates
+until it converges: there the conditions of the constrained maximum hold exactly. The covariance of both is ``I_F^-1``,
+where the last step was taken; its block of X (the Schur complement on X) is marginal over W.
 
 Exact sides (noise None) and covariances that are joint over poses (T4b) need no special case, as Sigma is never
 inverted; S must be. Leading axes are independent problems.
@@ -69,7 +69,7 @@ STEP_SD = 1e-6
 # translation.
 STEP_ROUNDING = rounding(16)
 
-# Of robot and camera (..., n, 6); None where there are none.
+# Errors of robot and camera (..., n, 6); None for a side without errors.
 Errors = tuple[Array | None, Array | None]
 
 

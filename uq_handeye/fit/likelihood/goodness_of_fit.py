@@ -1,27 +1,26 @@
-r"""Goodness of fit: test whether the noise explains the residuals; residuals of single poses; reference distributions.
+r"""Goodness of fit: tests whether the noise explains the residuals of all poses or of one, with their distributions.
 
-Goodness of fit. With residuals e after the fit, their covariance S from the noise and p unknowns
+*Test of all residuals.* With residuals e after the fit, their covariance S from the noise and p unknowns
 
     chi2 = e^T S^-1 e  ~  chi-square with dof = 6 n - p,      sigma_0^2 = chi2 / dof  (1 if the noise is right)
 
-Unknowns along open directions take no degree of freedom. A prior of X or W is so many measurements more: ``xi^T Lambda
-xi`` is part of chi2, the rank of Lambda of dof.
+Unknowns along open directions take no degree of freedom. A prior of X or W counts as further measurements:
+``xi^T Lambda xi`` is part of chi2, the rank of Lambda of dof.
 
-With noise that was estimated from the same residuals (`one_model`) sigma_0 is 1 by construction: the test then
-says nothing, that of rotation and translation alone little.
+With noise that was estimated from the same residuals (`one_model`) sigma_0 is 1 by construction: the test then has
+no power, and that of rotation or translation only has little.
 
 Rotation and translation only: ``sum e_i^T S_i^-1 e_i`` over that part, over its expectation
 ``sum tr(S_i^-1 (S_i - J_i C J_i^T))`` (the redundancy of that part; C is the covariance of the unknowns). Where errors
-are shared by the poses (T4b) those residuals are all alike; there ``g = S^-1 e`` takes their place, what of each pose
-the others do not predict, with the covariance ``P = S^-1 - S^-1 J C J^T S^-1``: ``sum g_i^T P_ii^-1 g_i`` over that
-part, over the number of its components.
+are shared by the poses (T4b) those residuals are all alike; there ``g = S^-1 e`` takes their place, the part of each
+pose that the others do not predict, with the covariance ``P = S^-1 - S^-1 J C J^T S^-1``: ``sum g_i^T P_ii^-1 g_i``
+over that part, over the number of its components.
 
 *Own residuals* are those after the errors that all poses share are taken out: with ``S = blkdiag(S_i) + F F^T``, r the
 residuals after the fit and z the estimate of the shared errors (`Fit.told`), ``e = r - F z``, whitened by S_i. They
 belong to one pose each, as residuals of independent noise do, with the unknowns (X, W, z).
 
-*Reference*: the distribution that ``d^2 = xi^T Sigma^-1 xi`` of the error xi of X follows, how far an ellipsoid
-reaches.
+*Reference*: the distribution of ``d^2 = xi^T Sigma^-1 xi`` of the error xi of X, which gives the size of an ellipsoid.
 """
 
 from __future__ import annotations

@@ -2,15 +2,15 @@ r"""Directions of (X, W) that the data leave open: robots that cannot rotate abo
 
 Information I (p, p) of the unknowns (xi_X, xi_W). Along an open direction u of exact data ``u^T I u = 0``: parallel
 axes leave the translation of X along the axis open together with W's, pure translations all of X's translation with
-W's. Measured axes are never parallel: noise tilts them, so that I states a finite and wrong standard deviation. What
-noise alone makes is, with ``dJ`` the first-order change of the derivatives J by errors of the poses,
+W's. Measured axes are never parallel: noise tilts them, so that I states a finite and wrong standard deviation. The
+information by noise alone is, with ``dJ`` the first-order change of the derivatives J by errors of the poses,
 
     N = sum_i E[dJ_i^T S_0i^-1 dJ_i],    dJ = [[theta]x, [theta]x] J_X + [[0, 0], [-[f]x R_G, 0]]
 
-theta the error of R_G and f that of ``R_G R_X t_C``, with the covariance that is left in the poses at which J was
-taken: all of it at measured poses, ``Cov z - Cov(z, r) S^-1 Cov(r, z)``, ``z = (theta, f)``, at those that the fit
-corrected. Noise that was estimated says little of how it is split between robot and camera, and the errors of the robot
-tilt its axes, whatever share the split gives them: there the covariance of theta is that of the rotation of r, the
+theta the error of R_G and f that of ``R_G R_X t_C``, with the remaining covariance of the poses at which J was taken:
+all of it at measured poses, ``Cov z - Cov(z, r) S^-1 Cov(r, z)``, ``z = (theta, f)``, at those that the fit
+corrected. The split of estimated noise between robot and camera is uncertain, and the errors of the robot tilt its
+axes, whatever share the split gives them: there the covariance of theta is that of the rotation of r, the
 noise of both. Along a direction of degenerate motions ``u^T I u`` is about ``u^T N u`` (as a mean of squares), along
 one that the data determine it is many times that. Both are compared with ``S_0 = diag(s_theta^2 I, s_tau^2 I)``, the
 mean variances of the rotation and the translation of each residual: where rotation noise times a lever exceeds the

@@ -1,4 +1,4 @@
-r"""Everything at once on the corners: intrinsics, X, W and robot poses, by `ml` with the corners linearised again.
+r"""Bundle adjustment of intrinsics, X, W and robot poses on the corners: `ml` with repeated linearisation of them.
 
 Model: with true robot poses G_i (inverted for eye-to-hand), X and W, the board is seen at ``C_i = (G_i X)^-1 W``.
 Corner j of picture i is ``z_ij = project(k, C_i P_j) + e``, e independent with the standard deviation s per coordinate
@@ -13,12 +13,12 @@ by k and B by the error of C_i, at any k and C_i (`camera.adjustment.bundle`), a
 
     S_i = (B^T B)^-1,   d_i = -S_i B^T r,   G_i = -S_i B^T A,   H = sum_i (A + B G_i)^T (A + B G_i) + Sigma_0^-1
 
-C_i moved by d_i is a measured camera pose with its own covariance S_i, and k with ``H^-1`` what all of them share,
-through G_i: the joint covariance of T4b. `gauss_helmert` estimates X, W, k and the true poses by it, the corners are
-linearised at those, and so on until nothing moves: Gauss-Newton of the sum above. To first order, and so after the
+C_i moved by d_i is a measured camera pose with its own covariance S_i, and k with ``H^-1`` the error that all of them
+share, through G_i: the joint covariance of T4b. `gauss_helmert` estimates X, W, k and the true poses by it, the corners
+are linearised at those, and so on until nothing moves: Gauss-Newton of the sum above. To first order, and so after the
 first round, it is `efficient`.
 
-A picture whose robot pose is wrong (robust weight 0) keeps its corners, which still tell the intrinsics.
+A picture whose robot pose is wrong (robust weight 0) keeps its corners, which still inform about the intrinsics.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
-r"""Estimates that wrong detections do not spoil: a consensus start, redescending weights, and a flag for every pose.
+r"""Robust estimates of X and W: a consensus start, redescending weights, and a flag for every pose.
 
 Model: most poses (or motions) obey ``G X C = W`` (``A X = X B``) with the Gaussian noise of `likelihood`; the others,
 at most 40 %, hold anything. Frames, units and residuals are those of `constraint` (rad, m).
 
-*Distance.* How far a pose lies from where the others predict it. With the residual e of pose i after the fit, whitened
+*Distance* of a pose from its prediction by the others. With the residual e of pose i after the fit, whitened
 by its own covariance ``S_i = L L^T``, its hat block ``H = L^-1 J P J^T L^-T`` (P the covariance of the unknowns) and
 its weight w in that fit, the residual predicted *without* pose i and its covariance are, exactly for a linear model,
 
@@ -19,15 +19,15 @@ A direction in which no other pose can predict pose i does not count.
 quantile. Iteratively reweighted least squares: each step is the one of `likelihood.fit`. d^2 does not depend on the
 pose's own weight but through the linearisation, so that the iteration settles at once. Where the noise comes from the
 residuals too, a and b are those quantiles of ``6 F(6, m/2)``, with one factor for both, that of 99.9 %: of the
-``m = 6 n - p`` degrees of freedom, half tell the noise of rotation and half that of translation.
+``m = 6 n - p`` degrees of freedom, half determine the noise of rotation and half that of translation.
 
-*Start.* With the noise given, first all poses alike: they count in full if the largest distance in their fit is one
-that good poses exceed once in 1000 data sets. Else what the iteration settles at from there is taken if at least 80 %
-of the poses are kept by noise that needs no scale: two such X share most of their poses and are the same within the
-noise. Otherwise the iteration starts from `consensus`. Where the noise comes from the residuals several outliers may
-hide each other, in few poses the more. From 25 poses on all count in full if the noise of all of them leaves a largest
-distance that good poses exceed in one of twenty data sets, and the median where it belongs, which the noise of outliers
-would make small.
+*Start.* With the noise given, all poses are first weighted alike: they count in full if the largest distance in their
+fit is one that good poses exceed once in 1000 data sets. Otherwise the limit of the iteration from there is taken if it
+keeps at least 80 % of the poses with noise that needs no scale: two such X share most of their poses and are the same
+within the noise. Otherwise the iteration starts from `consensus`. Where the noise comes from the residuals several
+outliers may hide each other, in few poses the more. From 25 poses on all count in full if the noise of all of them
+leaves a largest distance that good poses exceed in one of twenty data sets, and the median where it belongs, which the
+noise of outliers would make small.
 """
 
 from __future__ import annotations

@@ -1,14 +1,14 @@
-r"""The posterior of one fit: its unknown poses and the errors that all poses share, and what it says of these.
+r"""The posterior of one fit for the errors that all poses share: estimates, test of each, and their effect on X.
 
 Model: a `Fit` whose noise holds columns F with a name (`SharedError`), scaled by their standard deviations, so that
-``e = sd z``, ``z ~ N(0, I)``; z, its covariance and what it does to X and W are `Fit.told`, the joint fit of (x, z).
-What the residuals alone say of one of them, without its prior but with those of the others, is ``z / (1 - v) +- sqrt(v
-/ (1 - v))``, v its variance: the score test of one more unknown.
+``e = sd z``, ``z ~ N(0, I)``; z, its covariance and its effect on X and W are `Fit.told`, the joint fit of (x, z).
+The estimate of one of them from the residuals, without its prior but with those of the others, is
+``z / (1 - v) +- sqrt(v / (1 - v))``, v its variance: the score test of one more unknown.
 
 *Groups* are errors of many numbers that all poses share, such as one for each joint, as one. The numbers of one error
 have names that agree before ": " (`noise.joint_covariance.group_of`). With the moves ``E = [d_1 .. d_k]`` (6, k) of X
-for one prior standard deviation of each, once the fit has done its best, the variance of X along u that comes of all of
-them is ``u^T E E^T u``, and the largest share of the variance ``u^T C u`` along any u the largest eigenvalue of ``E^T
+for one prior standard deviation of each after the fit, the variance of X along u that comes from all of them is
+``u^T E E^T u``, and the largest share of the variance ``u^T C u`` along any u the largest eigenvalue of ``E^T
 C^-1 E``. It is not the sum of the shares of the single numbers: directions differ.
 """
 

@@ -1,7 +1,7 @@
 r"""Start of the fit of X and W: 4DPA, or another start where the data leave directions open.
 
-*Start where the motions leave a part of X open* and 4DPA has no answer. Candidates for the rotation of X, from all
-motions of a few rows (residuals of ``A X = X B``):
+*Open directions.* Where the motions do not determine a part of X, 4DPA has no solution. The candidates for the rotation
+of X, from all motions of a few rows (residuals of ``A X = X B``), are:
 
 - parallel axes a and b of robot and camera, the first singular vectors of ``sum u v^T``, u and v = sin(angle) axis:
   ``R = exp([phi a]x) R_0`` with ``R_0 b = a``. The translations are linear in ``(cos phi, sin phi, t)``,

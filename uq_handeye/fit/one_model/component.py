@@ -1,4 +1,4 @@
-r"""One error of the poses: where it enters, what it does, how large it is before the data.
+r"""`Component`, one error of the poses: its side, its effect on each pose, and the prior of its size.
 
 Every error is a `Component`. It enters on one side, as errors ``xi = (theta, tau)`` of the robot's or the camera's
 poses (left rotation in rad, additive translation in m), in one of two ways or both:

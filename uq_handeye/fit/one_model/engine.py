@@ -21,12 +21,12 @@ with ``e = y + A (x, z)``. Its gradient comes from the same factors: with ``T = 
     df/dtheta_c = m_c - tr (H^-1)_cc - |z_c|^2 + prior
     df/dtheta_w = sum_i [tr T_i - tr(T_i A_i H^-1 A_i^T) - e_i^T T_i e_i] + prior
 
-``m_c - tr (H^-1)_cc`` is the number of numbers of a component that the data determine. In place of the second
-derivatives stand their average over data and expectation (average information, Gilmour, Thompson and Cullis 1995):
+``m_c - tr (H^-1)_cc`` is the number of numbers of a component that the data determine. The second derivatives are
+replaced by the average of observed and expected ones (average information, Gilmour, Thompson and Cullis 1995):
 ``W^T (1 - A H^-1 A^T) W / 2`` with the columns ``2 A_c z_c`` and ``2 T_w e``. Everything is O(n (p + m)^2).
 
-Rows that share an error drawn again, such as that of one robot pose in all views of its time, are one block: i counts
-groups of rows, of 6 each where a group is one pose. Groups of other sizes stand beside them (`Rows`).
+Rows that share an independent error, such as that of one robot pose in all views of its time, are one block: i counts
+groups of rows, of 6 each where a group is one pose. Groups of different sizes are kept in separate arrays (`Rows`).
 Reference: Rue, Martino and Chopin (2009); the mode with flat priors is restricted maximum likelihood.
 """
 

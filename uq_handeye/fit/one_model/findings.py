@@ -1,4 +1,4 @@
-"""Findings about what a data set can and cannot tell about its noise, worded in `sentences`."""
+"""Findings about the noise of a data set: sizes that the data resolve, contradict or cannot resolve."""
 
 from __future__ import annotations
 

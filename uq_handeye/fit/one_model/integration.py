@@ -1,13 +1,12 @@
-r"""Sizes integrated over: a design of points about each mode, and the mixture of its posteriors.
+r"""Integration over the sizes: a design of points about each mode, and the mixture of the posteriors at these points.
 
 With f about a mode theta* like ``(theta - theta*)^T I (theta - theta*) / 2``, points ``theta = theta* + I^-1/2 v``
-with v
-from a standard normal distribution have the weights ``exp(f* - f + |v|^2 / 2)``, all alike where f is that parabola.
-The
-v are few and always the same: normal numbers whose mean is 0 and whose second moments are exactly 1, v and -v in pairs.
+with v from a standard normal distribution have the weights ``exp(f* - f + |v|^2 / 2)``, all alike where f is that
+parabola. The v are few and always the same: normal numbers whose mean is 0 and whose second moments are exactly 1, v
+and -v in pairs.
 (The central composite design of Rue, Martino and Chopin 2009 puts its points ``sqrt(k)`` away, where the square of a
-size that the data leave open, ``exp(2 theta)``, is far above its mean.) Of several modes each has its evidence as
-weight. Posterior of the unknown poses: mean and covariance of the mixture,
+size that the data leave open, ``exp(2 theta)``, is far above its mean.) Each of several modes has its evidence as
+weight. The posterior of the unknown poses has the mean and the covariance of the mixture,
 
     mean = sum w mean_i,      C = sum w (C_i + (mean_i - mean) (mean_i - mean)^T)
 """

@@ -1,4 +1,4 @@
-"""Noise of a data set by its own residuals, with what can be said of it."""
+"""The noise of a data set, estimated from its own residuals, with the report and the findings about it."""
 
 from __future__ import annotations
 

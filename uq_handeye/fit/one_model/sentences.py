@@ -1,4 +1,4 @@
-"""Sentences about what a data set can and cannot tell about its noise.
+"""Sentences of the findings about the noise of a data set.
 
 Values hold `Component` as dictionaries of its fields, in rad and m.
 """

@@ -1,4 +1,4 @@
-"""Report of the noise that was found: each standard deviation with its 95 % interval, and what the data tell of it."""
+"""Report of the estimated noise: each standard deviation with its 95 % interval, and whether the data resolve it."""
 
 from __future__ import annotations
 

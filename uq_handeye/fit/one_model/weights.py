@@ -1,20 +1,20 @@
-r"""Robust weights of the poses and sizes of all errors in turn, and the sizes again once the weights stand.
+r"""Robust weights of the poses and sizes of all errors, estimated in turn.
 
-Weights ask for the noise (`robust`), the noise for the weights (`estimation`). Columns of shared errors are first taken
-at the poses as measured, whose noise they hold, and the residuals hold it too: where X and W absorb all else of a
-column, the residuals would seem to ask for the error. Once the weights stand they are taken at the poses as the fit
-corrects them, and the sizes found once more.
+Weights depend on the noise (`robust`), the noise on the weights (`estimation`). Columns of shared errors are first
+computed at the measured poses. They then contain the noise of these, and so do the residuals: where X and W absorb the
+rest of a column, the residuals would seem to show the error. Once the weights have converged, the columns are computed
+at the poses as the fit corrects them, and the sizes are estimated again.
 
-Where many poses are rejected, all poses alike are tried as a start as well: what no model of an arm explains differs
-from pose to pose and has tails. Of the two results the more probable one counts, with rejected rows as outliers: off by
-a vector of any size, all orders of magnitude alike (L = `OUTLIER_LOG_RANGE` of them), whose density in three dimensions
-is ``1 / (4 pi L |v|^3)``, in units of the noise, for v the rotation residual and for v the translation residual given
-that of rotation. Any number k of the n rows may be outliers, all numbers alike and all choices of a number alike.
-Uniform in space it would not be: a detection 20 mm off would then cost as much as one a metre off, and six of twenty
-would rather be noise.
+Where many poses are rejected, a start with all weights 1 is tried as well: errors that no model of an arm explains
+differ from pose to pose and have heavy tails. Of the two results the more probable one counts, with rejected rows as
+outliers: off by a vector of any size, all orders of magnitude alike (L = `OUTLIER_LOG_RANGE` of them), whose density in
+three dimensions is ``1 / (4 pi L |v|^3)``, in units of the noise, for v the rotation residual and for v the translation
+residual given that of rotation. Any number k of the n rows may be outliers, all numbers alike and all choices of a
+number alike. A density uniform in space is not used: a detection 20 mm off would then cost as much as one a metre off,
+and six of twenty would be explained as noise.
 
-A weighing that rejects ever more poses, many of them, is given up once all poses alike have led to a more probable
-result: rejecting makes the noise of the others smaller, and the next ones outliers.
+An iteration that rejects more and more poses is stopped once the start with all weights 1 has led to a more probable
+result: rejecting poses makes the noise of the others smaller, and further ones outliers.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""The corners of a board in each of several pictures.
+"""Detection of the corners of a board in several pictures.
 
-Boards and their frames: `description`; how each kind is found: `chessboard`, `charuco`, `tags`.
+Boards and their frames are in `description`, the detection of each kind in `chessboard`, `charuco` and `tags`.
 """
 
 from __future__ import annotations

@@ -1,11 +1,11 @@
-r"""Points of a target in CSV, one per line: ``x,y,z`` as they are, and of a board as measured with their covariance.
+r"""Points of a target in CSV, one per line: ``x,y,z``, and for a measured board also their covariance.
 
 ``x_mm,y_mm,z_mm`` and ``x [mm]`` are read as well. Such a file describes any target that no `Board` describes: circles,
 tags on a plate, marks.
 
-``board.csv`` of a calibrated camera has, in metres, the points as measured, as they were meant, and the q columns of a
-factor F (3u, q) of the covariance ``F F^T`` of all of them: no column where the board was taken as flat. A comment
-before the header says which board that is, where it is known:
+``board.csv`` of a calibrated camera has, in metres, the points as measured, their nominal places, and the q columns of
+a factor F (3u, q) of the covariance ``F F^T`` of all of them: no column where the board was taken as flat. A comment
+before the header names the board, where it is known:
 
     # board: kind=chessboard columns=9 rows=6 square=0.02
     x,y,z,nominal_x,nominal_y,nominal_z,dx_1,dy_1,dz_1,dx_2,...

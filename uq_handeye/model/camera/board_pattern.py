@@ -1,18 +1,18 @@
-r"""Test of the shape of the board: residuals that follow its points show that these lie elsewhere.
+r"""Test of the shape of the board: residuals that repeat at its points show that these are displaced.
 
 Model: with point j of the board off by d_j (3,) the residuals of picture i, multiplied by the root of its weight, gain
 ``D_ij d_j``, ``D_ij = d project / d P_j`` (2, 3). Over all pictures
 
     M_j = sum_i D_ij^T D_ij,   g_j = sum_i D_ij^T r_ij,   d_j = M_j^-1 g_j          r measured minus predicted
-    T = sum_j g_j^T M_j^-1 g_j / s^2 = |P r|^2 / s^2,   P = D M^-1 D^T the projector on what points can do
+    T = sum_j g_j^T M_j^-1 g_j / s^2 = |P r|^2 / s^2,   P = D M^-1 D^T the projector on displacements of points
 
-The fit has taken a part H out of the errors, ``Cov(r) = s^2 (I - H)``: that of the poses, block by block, and that of
+The fit has removed a part H of the errors, ``Cov(r) = s^2 (I - H)``: that of the poses, block by block, and that of
 the shared parameters with their covariance Sigma_k, ``H = Q Q^T + J Sigma_k J^T / s^2``. So T is about chi-square with
 
     nu = tr P (I - H) = 3u - sum_i |P^(1/2) Q_i|^2 - sum_j tr M_j^-1 G_j Sigma_k G_j^T / s^2,   G_j = sum_i D_ij^T J_ij
 
 degrees of freedom; the rank of M_j counts where it is less than 3. Its size is judged as that of the pattern over the
-picture (`residual_pattern`): the root mean square of what T has beyond nu, per coordinate, as a share of s.
+picture (`residual_pattern`): the root mean square of the excess of T over nu, per coordinate, as a share of s.
 """
 
 from __future__ import annotations

@@ -7,16 +7,16 @@ estimated from pictures, in metres. The fields B come from polynomials in the pl
 - ``plane1``: aspect ``(x, -y)`` and shear ``(y, x)`` in the plane;
 - ``plane2``: these and the monomials of degree 2 of both coordinates (8 columns).
 
-``bow3+plane2`` has both kinds. What a rigid motion or the scale of the board does is taken out: the poses and the
-length of a square determine that. With Z (3u, 7) the fields of three shifts, three rotations and the scale at the u
-points and M those of the polynomials, degree by degree,
+``bow3+plane2`` has both kinds. The effects of a rigid motion and of the scale of the board are removed: the poses and
+the length of a square determine these. With Z (3u, 7) the fields of three shifts, three rotations and the scale at the
+u points and M those of the polynomials, degree by degree,
 
     [Z M] = Q R,    B = sqrt(u) Q_M            so that  B^T B = u I  and  Z^T B = 0
 
 and a coefficient is the root mean square displacement of its field. A longer family begins with the fields of a
 shorter one: shapes are nested.
 
-A board that was *measured* (`board.csv`) has the offset that was found, and as fields a factor F of the covariance
+A board that was *measured* (`board.csv`) has the estimated offset, and as fields a factor F of the covariance
 ``F F^T`` of all its points, with coefficients of standard deviation 1.
 """
 

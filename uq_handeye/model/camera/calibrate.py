@@ -1,4 +1,4 @@
-r"""`calibrate_camera`: corners of a board in, intrinsics, camera poses and their joint covariance out.
+r"""The function `calibrate_camera`: intrinsics, camera poses and their joint covariance from corners of a board.
 
 All poses of one camera share the errors of its intrinsics: an error of the focal length moves all of them along the
 optical axis. The result therefore holds the joint covariance of the poses: the part of each pose by itself, and the
@@ -36,9 +36,9 @@ from .result import CameraCalibration
 MIN_PICTURES = 3
 # Standard deviation of the focal length, relative, above which distances are too uncertain.
 MAX_FOCAL_SD_SHARE = 0.01
-# Corners that bent edges moved by less are not mentioned.
+# Shifts of corners by bent edges below this are not reported.
 MIN_SHIFT_PX = 0.001
-# Squares that are wider than high by less, relative, are not mentioned.
+# Relative differences of width and height of the squares below this are not reported.
 MIN_STRETCH = 5e-4
 # Pixel noise above it is that of corners of another board.
 MAX_PIXEL_NOISE_PX = 3.0

@@ -1,4 +1,4 @@
-"""A calibrated camera in numbers: what was found, and statistics of its pictures (boards, coverage, residuals)."""
+"""The numbers of a calibrated camera: the estimates, and statistics of its pictures (boards, coverage, residuals)."""
 
 from __future__ import annotations
 

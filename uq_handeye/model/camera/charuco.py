@@ -1,4 +1,4 @@
-"""ChArUco boards in a picture, also seen in part."""
+"""Detection of ChArUco boards in a picture, also of boards seen in part."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Chessboards in a picture, and which of their corners is the first."""
+"""Detection of chessboards in a picture, and of the first of their corners."""
 
 from __future__ import annotations
 

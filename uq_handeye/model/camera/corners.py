@@ -1,4 +1,4 @@
-"""Corners: where the points of a board were seen, picture by picture."""
+"""`Corners`, the pixels at which the points of a board were seen, picture by picture."""
 
 from __future__ import annotations
 

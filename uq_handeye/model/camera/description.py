@@ -1,4 +1,4 @@
-"""Boards of squares or tags: their dimensions, and where their corners are.
+"""Description of boards of squares or tags: their dimensions, frames, and the places of their corners.
 
 Frame of a board: x along a row of corners to the right, y along a column downwards, z away from the camera.
 
@@ -10,12 +10,12 @@ aruco         a grid of markers (OpenCV's GridBoard): origin at the outer corner
 aprilgrid     Kalibr's grid of AprilTags: origin at the outer corner of the upper left tag. Ids run row by row from the
               lower left one, upwards. Kalibr's own frame has its origin at the outer corner of the lower left tag, y up
               and z towards the camera: x' = x, y' = height - y, z' = -z
-one tag       ``apriltag``, or ``aruco`` of 1 x 1: origin in the middle. So has AprilTag its frame; OpenCV's (of
-              `tag_points`, and of its ArUco samples) is half a turn about x from it
+one tag       ``apriltag``, or ``aruco`` of 1 x 1: origin in the middle, as in AprilTag; OpenCV's frame (of
+              `tag_points`, and of its ArUco samples) is rotated by 180 deg about x from it
 ============  =========================================================================================================
 
 Corners are numbered row by row. A tag has four, the outer corners of its black border: upper left, upper right, lower
-left, lower right of the tag as it stands upright.
+left, lower right of the upright tag.
 
 A chessboard looks the same after half a turn. Where one of its numbers of inner corners is even and the other odd, the
 colours decide: the corners are ordered such that the square between the first four of them is dark, at whatever angle

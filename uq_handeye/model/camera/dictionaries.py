@@ -1,4 +1,4 @@
-"""Dictionaries of markers in OpenCV, and which way up OpenCV draws the tags of AprilTag's families."""
+"""Dictionaries of markers in OpenCV, and the orientation in which OpenCV draws the tags of AprilTag's families."""
 
 from __future__ import annotations
 

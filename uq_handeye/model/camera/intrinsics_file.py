@@ -1,4 +1,4 @@
-"""Intrinsics in files and texts: JSON of this package, OpenCV's FileStorage, camera_info of ROS, data of a maker.
+"""Reading and writing of intrinsics: JSON of this package, OpenCV's FileStorage, camera_info of ROS, data sheets.
 
 The texts are for other programs, each with its convention and units. Sources of the rules:
 OpenCV, ``calibrateCamera`` and ``fisheye`` (docs.opencv.org, calib3d); ROS, ``sensor_msgs/msg/CameraInfo.msg``

@@ -1,4 +1,4 @@
-"""Poses of a board in new pictures by a camera that has been calibrated: its intrinsics stay as they are."""
+"""Poses of a board in new pictures of a calibrated camera, with its intrinsics unchanged."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A board as measured: where its points lie, how far it bows, and how well that is known.
+"""A measured board: the places of its points, its bow, and their uncertainty.
 
 Its points are ``P = p + o + B w`` (`board_shape`), and their errors ``F a`` with independent a of standard deviation 1,
 ``F = B L``, ``L L^T`` the covariance of w. Every number is linear in the points or, to first order, taken as such: its

@@ -1,4 +1,4 @@
-r"""Camera models: where a point in front of the camera is seen, and the derivatives of it.
+r"""Camera models: the pixel of a point in front of the camera, and its derivatives.
 
 A point ``p = (x, y, z)`` in the camera frame (z along the optical axis, x right, y down; the unit of length of the
 board) is seen at the pixel

@@ -1,4 +1,4 @@
-"""Files of pictures: which are meant, in which order, and their content in grey."""
+"""Files of pictures: their selection by name, their order, and reading them in grey."""
 
 from __future__ import annotations
 

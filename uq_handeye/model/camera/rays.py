@@ -1,4 +1,4 @@
-"""Directions in the camera frame that are seen at pixels, and their uncertainty from the intrinsics.
+"""Directions in the camera frame that belong to pixels, and their uncertainty from the intrinsics.
 
 Model: the pixel z of a direction d, ``|d| = 1``, is ``project(k, d)`` (`models`). Its inverse has no closed form.
 Newton steps on the sphere give it,  ``d <- (d + J^+ (z - project(k, d))) / |...|`` with ``J = d project / d d`` (2, 3),

@@ -8,8 +8,8 @@ and
 
 The means are plain ones: weights would hide a wrong model, which makes pictures that reach far out look noisy.
 
-With tens of thousands of corners T finds patterns of a hundredth of a pixel, which harm nobody. What is judged is
-therefore their size too: the root mean square of the cells' means beyond what chance gives, as a share of s.
+With tens of thousands of corners T detects patterns of a hundredth of a pixel, which do no harm. Their size is
+therefore judged as well: the root mean square of the cells' means beyond the expectation by chance, as a share of s.
 """
 
 from __future__ import annotations

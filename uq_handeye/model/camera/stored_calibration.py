@@ -1,6 +1,6 @@
-"""A camera calibration read from its folder, or from the object that holds the same; nothing is estimated again.
+"""Reading of a camera calibration from its folder, or from the object that holds the same; nothing is estimated again.
 
-What belongs together is checked: the residuals must follow from poses, intrinsics and corners.
+The consistency of its parts is checked: the residuals must follow from poses, intrinsics and corners.
 """
 
 from __future__ import annotations

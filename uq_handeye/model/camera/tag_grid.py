@@ -1,4 +1,4 @@
-"""The grid in which the tags of a picture lie: number of columns, gap between tags, direction of the ids.
+"""Recognition of the grid of the tags in a picture: number of columns, gap between tags, direction of the ids.
 
 The four corners of a tag give the plane of the board in units of its side, in which a neighbour lies at (1 + gap, 0).
 This needs no camera, and its accuracy is that of the corners over the size of a tag. `contradiction` compares what the

@@ -1,4 +1,4 @@
-r"""Tags in a picture, in grids that may be seen in part or alone, by OpenCV's ArUco module.
+r"""Detection of tags in a picture, single or in grids that may be seen in part, by OpenCV's ArUco module.
 
 Kalibr's AprilGrid has tags with a black border two cells wide, and small black squares between the corners of
 neighbouring tags, which make chessboard corners of them: these are refined as such (`corner_refinement`). Other corners

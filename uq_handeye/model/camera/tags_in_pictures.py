@@ -1,4 +1,4 @@
-"""Tags in pictures in which the board was not found: their dictionary and ids, for the message of the error."""
+"""Search for tags in pictures in which the board was not detected: dictionary and ids, for the error message."""
 
 from __future__ import annotations
 

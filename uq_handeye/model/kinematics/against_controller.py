@@ -1,14 +1,14 @@
-r"""The controller's poses of a robot against the forward kinematics of its joints.
+r"""Comparison of the controller's poses of a robot with the forward kinematics of its joints.
 
 A controller may give its poses in another base frame B and at another tool E than the chain of the URDF, G_i = B T_i E
-with T_i = FK(q_i). The frames are fitted, none, tool, base or both, and the simplest is taken that explains the poses
-as well as the others; the remaining difference in mm and deg is that of the two kinematics. With Z_i = T_i^-1 G_i the
-tool is the mean of Z_i, with Z_i = G_i T_i^-1 the base; both together are a hand-eye problem, which is solved by the
-axes of the relative rotations (R_E), the mean (R_B), linear least squares (translations) and a few Gauss-Newton steps
-on none of which the frames depend much. Each fit is repeated on the poses that it explains best: a row whose joints
-are of another moment does not spoil it.
+with T_i = FK(q_i). Neither frame, the tool, the base or both are fitted, and the simplest fit is taken that explains
+the poses as well as the others; the remaining difference in mm and deg is that of the two kinematics. With Z_i = T_i^-1
+G_i the tool is the mean of Z_i, with Z_i = G_i T_i^-1 the base; both together are a hand-eye problem, which is solved
+by the axes of the relative rotations (R_E), the mean (R_B), linear least squares (translations) and a few Gauss-Newton
+steps, on none of which the frames depend much. Each fit is repeated on the poses that it explains best, so that a row
+whose joints are of another moment does not affect it.
 
-Where nothing explains the poses they are of another arm, or one of the two files is read in a wrong way. Then joints in
+Where no fit explains the poses they are of another arm, or one of the two files is misread. Then joints in
 degrees for radians, in another order, with another sign or zero, robot poses inverted or in millimetres, and rows that
 are shifted by one are tried.
 """

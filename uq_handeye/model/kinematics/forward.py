@@ -11,7 +11,7 @@ is that of motions about or along z between fixed transforms,
 
 Arrays inside have the postures as their *last* axis.
 
-*Gravity.* The load that it puts on each joint, relative to the largest:
+*Gravity* loads each joint, relative to the largest load, by
 
     raw_k(q) = -u . (z_k x sum_i (p_i - p_k))  revolute,     -u . z_k (number of i)  prismatic,     i = k + 1 .. L, tip
     g_k(q) = raw_k(q) / max |raw_k|

@@ -1,6 +1,6 @@
-"""One moving joint of a serial chain, and what a file says of a chain.
+"""The joints of a serial chain as a file describes them, and the check of joint values against their limits.
 
-Joint values far outside the limits of the joints are refused, with the unit that they may be in.
+Joint values far outside the limits are refused, with a hint at the unit that they may be in.
 """
 
 from __future__ import annotations

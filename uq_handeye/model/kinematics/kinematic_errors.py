@@ -1,11 +1,11 @@
 r"""Assumed kinematic errors of an arm, and their effects at the poses of one data set.
 
 The errors e of an arm (`chain.Kinematics.errors`) are drawn once and shared by all of its poses. Those of a group, such
-as the offsets of its joints, have one standard deviation. A few poses of one region cannot tell it (theory T13): it is
-known beforehand from arms of the kind, their *population*, within a factor:
+as the offsets of its joints, have one standard deviation. A few poses of one region do not determine it (theory T13):
+its prior comes from arms of the kind, their *population*, within a factor:
 
-- ``declared``: the standard deviations are those given, as they are;
-- ``estimate``: those given are the least that is assumed; the data may say that this arm is worse, with a prior of the
+- ``declared``: the standard deviations are exactly those given;
+- ``estimate``: those given are the smallest that are assumed; the data may show larger ones, with a prior of the
   logarithm that falls off like a Gaussian with ``log(factor)`` as its standard deviation;
 - ``exact``: the arm is its model; poses come from its joints, without errors.
 

@@ -1,16 +1,16 @@
 r"""Errors of an arm without those of its base and its flange: the gauge in which X is stated (T17).
 
-A constant motion of the base or of the flange is in W or X, whatever the arm. Which one an arm has is a matter of
-definition; here base and flange are those frames in which the arm, over its whole workspace, moves as nearly as can be
-as its nominal kinematics say. With the twists ``B_i (12)`` of base and flange at postures spread over the joint limits,
-the flange above the floor, rotations weighted by `LEVER_M`, the motion that is in a column F is
+A constant motion of the base or of the flange is in W or X, whatever the arm. The base and flange of an arm are a
+matter of definition; here they are the frames in which the arm, over its whole workspace, moves as closely as possible
+to its nominal kinematics. With the twists ``B_i (12)`` of base and flange at postures spread over the joint limits, the
+flange above the floor, rotations weighted by `LEVER_M`, the motion of base and flange in a column F is
 
     g = argmin sum_i |w (F_i - B_i g)|^2        (12 numbers for each error)
 
-A joint that turns more than once passes the same postures again: its range is one turn. A workspace is no sharp set:
-whoever states an accuracy has taken some postures, a few hundred, and others would give other frames. X is
-uncertain by that, too (`frames_of`). The errors that count are ``F - B g`` at any posture, the poses ``FK(q; e)`` less
-``B g e``.
+A joint that rotates by more than one revolution passes the same postures again: its range is one revolution. The
+workspace is not a sharply defined set: a stated accuracy refers to some postures, a few hundred, and others would give
+other frames, which adds to the uncertainty of X (`frames_of`). The errors that count are ``F - B g`` at any posture,
+the poses ``FK(q; e)`` minus ``B g e``.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""The noise of camera poses whose pixel noise is to be estimated (`CameraNoise`).
+"""`CameraNoise`, the noise of camera poses without corners whose pixel noise is to be estimated.
 
-The poses come without corners, and their covariance has a known shape (`shared_errors.camera_noise`). With s the
+The covariance of such poses has a known shape (`shared_errors.camera_noise`). With s the
 standard deviation of the pixels of the corners they were made from,
 
     Sigma(s) = s^2 (blkdiag(own) + F_1 F_1^T) + F_0 F_0^T

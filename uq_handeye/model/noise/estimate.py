@@ -1,7 +1,6 @@
-"""Noise before and after it is estimated: data sheets, components, the estimate as a whole.
+"""Noise before and after its estimation: priors by data sheets, components, and the complete estimate.
 
-Units: rad and m, standard deviations per axis; text is in degrees and mm. How it is found: `noise_estimation`, and for
-camera poses from corners `one_model`.
+Units are rad and m, standard deviations per axis; text is in degrees and mm. The estimation is in `fit.one_model`.
 """
 
 from __future__ import annotations

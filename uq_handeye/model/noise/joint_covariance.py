@@ -1,4 +1,4 @@
-"""The covariance of many poses that share a few errors, kept as what it is made of.
+"""The covariance of many poses that share a few errors, stored by its parts.
 
 Poses of one camera share the errors of its intrinsics: the errors of pose i are ``xi_i = eta_i + F_i z`` with eta_i of
 its own, covariance S_i, and z standard normal, common to all (q components, 4 to 12 for a camera). The joint covariance
@@ -10,8 +10,8 @@ B of the blocks, ``V = B^-1 F``, ``V^T V = Y diag(h^2 - 1) Y^T`` and ``U = V Y``
 
     Sigma = L L^T,   L = B (I + V V^T)^(1/2),   L^-1 = (I - U diag(1 / (h (1 + h))) U^T) B^-1
 
-which `JointFactor` applies without forming it. A column may bear the name of what it is
-the error of (a focal length); results report it by that name. Columns whose names agree before ": "
+which `JointFactor` applies without forming it. A column may have the name of the quantity whose error it is (a focal
+length); results report it by that name. Columns whose names agree before ": "
 ("joint offsets: elbow", "joint offsets: wrist") are the numbers of one error, and one source of a budget (`group_of`).
 """
 

@@ -1,6 +1,6 @@
 """Noise models: PairNoise on the motions, PoseNoise on the poses.
 
-Both say: the error ``xi = (theta, tau)`` (rotation first, left rotation, additive translation, rad and m)
+In both, the error ``xi = (theta, tau)`` (rotation first, left rotation, additive translation, rad and m)
 of each motion or pose is Gaussian with zero mean and the covariance given, 6x6, independent between robot and
 camera. The frames are those of the quantity itself: for ``base_T_gripper`` the base, for
 ``camera_T_target`` the camera, for ``A`` the gripper, for ``B`` the camera.

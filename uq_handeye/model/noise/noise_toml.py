@@ -8,8 +8,8 @@
     covariance = [[...], ...]    # 6 x 6, or n x 6 x 6: one per pose; [robot] and [camera] also 6n x 6n: joint
 
 A table that is left out means that the quantity is exact. Frames as in `models`. The table [shared]
-holds errors that all poses share and is read by `uq_handeye.model.shared_errors.shared_toml`; with it alone the noise
-is to be estimated.
+holds errors that all poses share and is read by `uq_handeye.model.shared_errors.shared_toml`; where it is the only
+table, the noise is to be estimated.
 """
 
 from __future__ import annotations

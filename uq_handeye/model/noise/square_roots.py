@@ -1,8 +1,8 @@
-r"""Forms of a covariance S of poses or residuals, their square roots ``S = L L^T``, and what is done with them.
+r"""Forms of a covariance S of poses or residuals, their square roots ``S = L L^T``, and operations with them.
 
 S has one of three forms: blocks (..., n, 6, 6), independent from pose to pose, or one (6, 6) for all; an array
 (..., 6n, 6n), joint; or a `JointCovariance`, joint by a few errors that all share. Values are (..., n, 6, p) always.
-`form_of` tells which, and each form does the same things in its own way.
+`form_of` returns the form; each form has its own implementation of the same operations.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Poses of a target by closed form, as starts of the fit, also where some points are wrong.
+"""Poses of a target in closed form, as starts of the fit, also where some points are outliers.
 
 `kabsch` minimises the weighted squares of the residuals of each pose in closed form (Kabsch, Acta Cryst. A32, 1976).
 `robust_kabsch` repeats it with weights that fall with the residual. `consensus` solves a pose that still has points far

@@ -1,4 +1,4 @@
-"""`poses_from_points`: points in the frame of the camera in, poses of the target and their covariance out."""
+"""The function `poses_from_points`: poses of a target and their covariance from points in the frame of the camera."""
 
 from __future__ import annotations
 

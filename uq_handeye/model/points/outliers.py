@@ -1,9 +1,9 @@
-r"""Wrong points: a test of each against all others.
+r"""Rejection of outlying points: a test of each against all others.
 
 A point of residual r that was used has ``r^T (V - Q)^-1 r``, Q the covariance of its prediction, and one that was left
 out ``r^T (V + Q)^-1 r``; both are chi-square distributed with 3 degrees of freedom if it is as the others. In each
-round the worst point of each pose leaves, because it spoils the residuals of the others, and points that fit again
-return. The limit counts all points: one data set in 1000 without a wrong point loses one.
+round the worst point of each pose is removed, because it affects the residuals of the others, and points that fit again
+return. The limit allows for the number of points: one data set in 1000 without an outlier loses a point.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Poses from points in numbers: what was measured, found and left out."""
+"""Numbers of poses from points: measured points, residuals, and points left out."""
 
 from __future__ import annotations
 

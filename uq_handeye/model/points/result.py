@@ -1,4 +1,4 @@
-"""Result of `poses_from_points`, and the folder of files that it writes; read again, nothing is estimated."""
+"""Result of `poses_from_points`, and the folder of files that it writes and reads without a new estimate."""
 
 from __future__ import annotations
 

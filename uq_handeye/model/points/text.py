@@ -1,4 +1,4 @@
-"""Poses from points in words and numbers."""
+"""The text on poses from points."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Motions: the relative motions A and B of AX = XB, and which poses each pair was made from.
+"""`Motions`, the relative motions A and B of AX = XB, with the poses that each pair was made from.
 
 With ``G = base_T_gripper`` (inverted for eye-to-hand), ``C = camera_T_target`` and a pair ``(i, j)``
 

@@ -1,4 +1,4 @@
-"""Poses and motions as plain numbers of a file, and back without loss; their SHA-256."""
+"""Conversion of poses and motions to plain numbers of a file and back without loss, and their SHA-256."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""PosePairs: robot and camera poses taken at the same moments.
+"""`PosePairs`: robot and camera poses taken at the same moments, with joint values where there are any.
 
 Frames: ``robot[k] = base_T_gripper(k)``, ``camera[k] = camera_T_target(k)``. Two setups:
 
@@ -8,9 +8,7 @@ Frames: ``robot[k] = base_T_gripper(k)``, ``camera[k] = camera_T_target(k)``. Tw
   ``gripper_T_base X camera_T_target = gripper_T_target`` is constant. It is the same equation with the
   robot poses inverted.
 
-Joint values of the robot that go with its poses.
-
-Selection of poses by their numbers, counted from 0 in the order of the data.
+Rows are selected by their numbers, counted from 0 in the order of the data.
 
 """
 

@@ -1,4 +1,4 @@
-"""Sentences about pose data: what reading them showed, and what a computation leaves out."""
+"""Sentences of the findings about pose data: remarks on their reading, and poses that are left out."""
 
 from __future__ import annotations
 

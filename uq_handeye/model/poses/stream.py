@@ -1,4 +1,4 @@
-"""Stream: poses of one sensor with their times, not yet paired with those of another."""
+"""`Stream`: poses of one sensor with their times, not yet paired with those of another."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""The joint posterior of unknown poses and of every error: one object that all that follows a calibration reads."""
+"""The joint posterior of the unknown poses and of every error, which check, update, plan and predict use."""

@@ -1,4 +1,4 @@
-"""Whose an error is: of the robot, the camera or the target, and the same tomorrow; or drawn again in each session."""
+"""Owner of each error (robot, camera or target), and whether it is the same in a later session or independent there."""
 
 from __future__ import annotations
 

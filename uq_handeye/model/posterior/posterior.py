@@ -1,7 +1,7 @@
 r"""The joint posterior of unknown poses and of every error that measurements share.
 
 The errors of the estimates are ``s = (xi_1, ..., xi_b, e - estimate)``: xi of each unknown pose (6 numbers ``(theta,
-tau)``, left rotation in rad, additive translation in m, estimate less truth), e the errors in their units (rad, m, or
+tau)``, left rotation in rad, additive translation in m, estimate minus truth), e the errors in their units (rad, m, or
 relative). For given sizes of the errors s is Gaussian; sizes that the data leave open are points theta_d with weights
 w_d (`one_model.integration`), and s is a mixture,
 
@@ -10,9 +10,9 @@ w_d (`one_model.integration`), and s is a mixture,
 P is `covariance`, the mean square about the estimate. m_d and C_d are kept relative to it, ``L^-1 m_d`` and
 ``L^-1 C_d L^-T``, so that they stay with the posterior when it is refined. Where sizes are known there is one point.
 
-Noise of new measurements is drawn again (`FreshNoise`): its covariance at a pose times the square of its size at each
-point. Errors whose columns belong to poses (an arm of which nothing is known, the view) are computed at other poses
-from the poses that they were bound to, which are kept as well (`bound`).
+Noise of new measurements is independent (`FreshNoise`): its covariance at a pose times the square of its size at each
+point. Errors whose columns belong to poses (an unknown arm, the view) are computed at other poses from the poses that
+they were bound to, which are kept as well (`bound`).
 """
 
 from __future__ import annotations

@@ -1,12 +1,12 @@
-r"""New measurements against a posterior: their test, what a cause would explain, and what they tell.
+r"""New measurements against a posterior: their test, the part that a cause explains, and the update of the errors.
 
-A measurement of k numbers differs from what the estimates say by r. If nothing has changed,
+A measurement of k numbers differs from its prediction by the estimates by r. If nothing has changed,
 
     r = V u + own noise,      s = L u  (`posterior`),      Sigma = blkdiag(own) + V V^T
 
-V holds the errors of the unknown poses and of what measurements share, and errors that these measurements share by
-themselves (a tool that is not known). ``d^2 = r^T Sigma^-1 r`` is tested (`PredictiveReference`). A cause with the
-columns C, ``E r = C a``, is estimated by generalised least squares,
+V holds the errors of the unknown poses, the errors that all measurements share, and errors that only the new
+measurements share (a tool that is not known). ``d^2 = r^T Sigma^-1 r`` is tested (`PredictiveReference`). A cause with
+the columns C, ``E r = C a``, is estimated by generalised least squares,
 
     a = (C^T Sigma^-1 C)^-1 C^T Sigma^-1 r,      Cov a = (C^T Sigma^-1 C)^-1
 

@@ -1,4 +1,4 @@
-r"""Choosing poses by the information that each would bring: criteria, greedy choice, exchange.
+r"""Choice of poses by the information that each would add: criteria, greedy choice, exchange.
 
 With the covariance ``Sigma`` (12, 12) of ``(xi_X, xi_W)`` so far, whitened derivatives B (6, 12) of one more pose,
 ``V = B Sigma`` and ``K = I + V B^T`` (6, 6), the matrix inversion lemma gives, for all candidates at once,
@@ -6,7 +6,7 @@ With the covariance ``Sigma`` (12, 12) of ``(xi_X, xi_W)`` so far, whitened deri
     tr(Q Sigma'_X) = tr(Q Sigma_X) - tr(K^-1 V_X Q V_X^T),
     log det Sigma'_X = log det Sigma_X + log det(K - V_X Sigma_X^-1 V_X^T) - log det K.
 
-Further unknowns stand behind these. A criterion is Q of X (6, 6) or of the first r unknowns (then V_X is of these), or
+Further unknowns follow these. A criterion is Q of X (6, 6) or of the first r unknowns (then V_X is of these), or
 None for the determinant. Exchange: V. V. Fedorov, *Theory of optimal experiments*, 1972.
 """
 

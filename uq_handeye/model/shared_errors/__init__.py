@@ -1,1 +1,1 @@
-"""Errors that all poses share: focal length, principal point, scales, clock offset; what they do to each pose."""
+"""Errors that all poses share (focal length, principal point, scales, clock offset), and their effect on each pose."""

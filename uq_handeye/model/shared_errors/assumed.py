@@ -6,9 +6,9 @@ is in the first six terms of the Karhunen-Loeve expansion over n steps,
 
     b(i) = sum_k z_k sqrt(2 n) sin((k - 1/2) pi i / n) / ((k - 1/2) pi)
 
-so that drift has six columns for each term. What moves is the *camera*, about its own origin (a left error of
-``camera_T_target``), or the *target*, about its own (a right one). There is no drift where there are no timestamps: the
-order of the rows of a file means nothing.
+so that drift has six columns for each term. Either the *camera* moves, about its own origin (a left error of
+``camera_T_target``), or the *target*, about its own (a right one). There is no drift where there are no timestamps, as
+the order of the rows of a file has no meaning.
 """
 
 from __future__ import annotations

@@ -1,12 +1,12 @@
-r"""The covariance of camera poses that come without corners, by the geometry of what was seen.
+r"""The covariance of camera poses that come without corners, computed from the geometry of the views.
 
 Model: pose i, ``C_i = camera_T_target``, is the least-squares fit to the pixels of the points P_j of a board, each with
 independent noise of standard deviation s per coordinate,
 
     z_ij = project(k, C_i P_j) + e_ij,      e ~ N(0, s^2)
 
-whose corners are no longer there. To first order they are not needed: where the corners were, board, pose and
-intrinsics k say. With the derivatives A_i of the pixels by k and B_i by the error ``xi_i = (theta, tau)`` of pose i
+whose corners are no longer available. To first order they are not needed: their places follow from board, pose and
+intrinsics k. With the derivatives A_i of the pixels by k and B_i by the error ``xi_i = (theta, tau)`` of pose i
 (left rotation, additive translation, in the camera frame; rad and m)
 
     V_i = B_i^T B_i,     G_i = d xi_i / d k = -V_i^-1 B_i^T A_i

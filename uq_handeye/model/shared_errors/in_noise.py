@@ -1,4 +1,4 @@
-"""Noise of poses with the columns of shared errors, and without them; those of an arm as shared errors."""
+"""Addition of shared errors to the noise of poses, their removal, and the errors of an arm as shared errors."""
 
 from __future__ import annotations
 

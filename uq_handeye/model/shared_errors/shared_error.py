@@ -21,8 +21,8 @@ t is the translation of ``camera_T_target`` or ``base_T_gripper`` (m). The colum
 and by `calibrate` once more as the fit corrects them.
 
 A standard deviation may itself be known within a factor only (``factor``, one sigma of its logarithm): its size is
-then found with everything else, and integrated over (`one_model`). A square is what the drawing says, to 0.03 %, or
-somebody measured it wrong: that is the tail of such a size.
+then estimated jointly, and integrated over (`one_model`). The tail of such a size covers mistakes: a square agrees with
+its drawing to 0.03 %, or it was measured wrongly.
 The errors of an arm's kinematics are one `SharedError` for each group of them.
 """
 

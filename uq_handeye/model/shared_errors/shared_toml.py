@@ -10,7 +10,7 @@ robot_accuracy = "0.5mm,0.05deg"  # of its data sheet: translation and rotation
 
 [[shared.columns]]           # an error of the user's own
 name = "thermal drift"
-file = "thermal.csv"         # beside this file: .csv, n rows of 6 k numbers; .npy or .npz, (n, 6, k)
+file = "thermal.csv"         # in the folder of this file: .csv, n rows of 6 k numbers; .npy or .npz, (n, 6, k)
 sd = 1.0                     # one number, or k
 side = "robot"               # or "camera"
 unit = "K"                   # may be left out

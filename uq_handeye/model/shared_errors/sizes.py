@@ -1,4 +1,4 @@
-"""Sizes of errors before the data: medians and factors, in one table with their sources.
+"""Priors of the sizes of errors: medians and factors, in one table with their sources.
 
 *Accuracy of a robot*, as its data sheet states it, is that of a population of arms (`population`). A data sheet's
 accuracy is read as the root mean square, over the workspace, of the distance (and of the angle) between the pose

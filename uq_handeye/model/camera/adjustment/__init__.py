@@ -1,1 +1,1 @@
-"""The fit of a camera: what is estimated, its start, least squares, outlying corners, and the choice of the model."""
+"""The fit of a camera: parameters, start, least squares, outlying corners, and the choice of the model."""

@@ -20,7 +20,7 @@ meets at the angle phi:
 
 Near the corner there is none, which makes ``<s^2>`` a third larger than in a sharp picture where a is 10. The edges of
 a board run along its x and y axes; the camera model says where they go in the picture, and its second differences how
-they bend. All pictures of a lens bend edges towards the same side: what d does to X does not average out.
+they bend. All pictures of a lens bend edges towards the same side: the effect of d on X does not average out.
 
 Corners of tags may come from straight lines through their edges (`tags`; ``window`` -L, L the geometric mean of
 the lengths of both edges). Such a line through an edge of length L is off by ``-kappa L^2 / 12`` at its ends, so that

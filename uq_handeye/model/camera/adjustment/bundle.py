@@ -1,14 +1,14 @@
 r"""Bundle adjustment of intrinsics and camera poses on the corners of a board, and the joint covariance of the poses.
 
 Model: corner j of picture i is seen at ``z_ij = project(c, C_i P_j(w)) + e``, ``C_i = camera_T_target``, e Gaussian and
-independent with the standard deviation s (pixels) per coordinate. What all pictures share, ``k = (c, w)``, the
-intrinsics c and the shape w of the board (`board_shape`), may have a Gaussian prior. Minimised is
+independent with the standard deviation s (pixels) per coordinate. All pictures share ``k = (c, w)``, the intrinsics c
+and the shape w of the board (`board_shape`), which may have a Gaussian prior. The sum
 
     sum_ij w_i |z_ij - project(c, C_i P_j(w))|^2 / s^2  +  (k - k_0)^T Sigma_0^-1 (k - k_0)
 
-with a weight w_i for each picture (`picture_weights`; rows of picture i below are multiplied by its root), over k and
-all poses; the poses are eliminated (`variable_projection`). With the derivatives of the residuals A_i by k and B_i by
-the error ``xi_i = (theta, tau)`` of pose i (left rotation, additive translation),
+is minimised over k and all poses, with a weight w_i for each picture (`picture_weights`; rows of picture i below are
+multiplied by its root); the poses are eliminated (`variable_projection`). With the derivatives of the residuals A_i by
+k and B_i by the error ``xi_i = (theta, tau)`` of pose i (left rotation, additive translation),
 
     V_i = B_i^T B_i,   G_i = d xi_i / d k = -V_i^-1 B_i^T A_i,   d r_i / d k = A_i + B_i G_i
 

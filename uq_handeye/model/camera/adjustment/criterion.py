@@ -1,19 +1,20 @@
 r"""Bayesian information criterion of camera models and board shapes, and the model that it chooses.
 
-Of candidates with p free parameters in common, that leave the sum of squares Q of the N coordinates that count in n
-pictures (G. Schwarz, Annals of Statistics 6 (1978)):
+A candidate with p free parameters that all pictures share, and the sum of squares Q of the N coordinates that count in
+n pictures, has (G. Schwarz, Annals of Statistics 6 (1978))
 
     BIC = nu ln(Q / nu) + p ln nu  nu / (nu - p - 2),    nu = N - 6 n
 
-the smallest is best. nu and not N: the poses of the pictures take 6 numbers each, whatever the candidate. Their
-marginal likelihood has the exponent nu / 2; with N the profile likelihood counts what they take as evidence (J. Neyman,
-E. Scott, Econometrica 16 (1948)), which for boards of few corners takes coefficients that are not there. The last
+and the smallest is best. nu takes the place of N as the poses of the pictures have 6 numbers each, whatever the
+candidate. Their marginal likelihood has the exponent nu / 2; with N the profile likelihood counts the fit of the poses
+as evidence (J. Neyman, E. Scott, Econometrica 16 (1948)), which for boards of few corners selects coefficients that are
+not there. The last
 factor is the correction for few residuals (A. McQuarrie, Statistics & Probability Letters 44 (1999)): ln Q falls by
 more than chi-square predicts where p is no small part of nu; with many corners it is 1.
-The criterion takes residuals of different corners as independent. Where they are not it takes more coefficients than
-there are; that does little harm, as X is then only a little less certain, while one that is missing shifts X.
+The criterion takes residuals of different corners as independent. Where they are not it selects more coefficients than
+there are; that does little harm, as X is then only a little less certain, while a missing one shifts X.
 
-A lens that distorts is not centred to the last micron either. Too small for the criterion, the decentring p1, p2 still
+A lens with distortion is never centred exactly. The decentring p1, p2 may be too small for the criterion, and still
 rotates X by several standard deviations where it is taken as 0: with k1 = -0.1, p1 = 3e-4, p2 = -2e-4 and 20 pictures
 of 54 corners the criterion alone took k1 only, and the truth lay in its 95 % ellipsoid in 6 sets of 24; with p1 and p2
 free in 23. Where a radial model has the smallest BIC, `best` therefore takes the best of those that hold p1 and p2

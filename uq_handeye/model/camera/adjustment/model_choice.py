@@ -1,9 +1,9 @@
 """Search for the camera model and the shape of the board, by the Bayesian information criterion (`criterion`).
 
-All lenses are fitted with a flat board, then all shapes with the best
-lens, and so on in turn until the best stays. Each starts from the best of those that are nested in it, simple ones
-first: from few pictures a rich lens finds a focal length far off, from which a plain one does not find back. Models
-that are not nested, such as a fisheye and a lens with polynomials in the plane, are both fitted.
+All lenses are fitted with a flat board, then all shapes with the best lens, and so on in turn until the choice no
+longer changes. Each starts from the best of those that are nested in it, simple ones first: with few pictures a lens of
+many coefficients may converge to a focal length far off, from which a simple one does not recover. Models that are not
+nested, such as a fisheye and a lens with polynomials in the plane, are both fitted.
 """
 
 from __future__ import annotations

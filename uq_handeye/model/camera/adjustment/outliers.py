@@ -1,4 +1,4 @@
-r"""Corners that were detected in the wrong place are left out, and named.
+r"""Rejection of corners that were detected in the wrong place.
 
 A corner is left out where its residual, the distance in pixels between measured and predicted, exceeds
 ``MAX_DISTANCE_SD`` times the pixel noise s. For Gaussian noise that happens to one good corner in
@@ -12,7 +12,7 @@ One wrong corner drags the pose of its picture, so that the good corners of that
 corners of a picture are left out at a time that are at least half as far off as the worst; then the bundle is adjusted
 again. Corners that the new fit predicts well return.
 
-A picture without four good corners keeps bad ones, because its pose needs them, and they spoil s: `spoilt` names such
+A picture without four good corners keeps bad ones, because its pose needs them, and they bias s: `spoilt` returns such
 pictures, which are to be left out as a whole.
 """
 

@@ -1,10 +1,10 @@
 r"""Weights of pictures, which differ in noise by blur, distance and light.
 
-Of picture i the residuals r_i give the variance ``s_i^2 = |r_i|^2 / m_i`` per coordinate, with the degrees of freedom
-``m_i = 2 n_i - 6``, minus its share of the intrinsics'. How much the pictures have in common follows from all of
-them (empirical Bayes): the true variances are spread about a common one as scaled inverse chi-square with nu degrees of
-freedom, ``v_0 nu / v_i ~ chi^2(nu)``, so that s_i^2 is distributed as ``v_0 F(m_i, nu)`` and the mean of 1 / v_i given
-the data is that of
+The residuals r_i of picture i give the variance ``s_i^2 = |r_i|^2 / m_i`` per coordinate, with the degrees of freedom
+``m_i = 2 n_i - 6``, minus its share of the intrinsics'. The spread of the variances between pictures follows from all
+of them (empirical Bayes): the true variances are spread about a common one as scaled inverse chi-square with nu degrees
+of freedom, ``v_0 nu / v_i ~ chi^2(nu)``, so that s_i^2 is distributed as ``v_0 F(m_i, nu)`` and the mean of 1 / v_i
+given the data is that of
 
     v_i = (nu v_0 + m_i s_i^2) / (nu + m_i)
 

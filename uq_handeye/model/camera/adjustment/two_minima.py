@@ -1,7 +1,7 @@
-r"""Both poses that a small flat target may have, by the two minima of its reprojection error.
+r"""The two possible poses of a small flat target: the minima of its reprojection error.
 
-Where perspective is weak there are two: with l the unit line of sight to the middle of the target and R its rotation,
-the columns r_1, r_2 and the same with their component along l reversed,
+Where perspective is weak there are two minima: with l the unit line of sight to the middle of the target and R its
+rotation, the columns r_1, r_2 and the same with their component along l reversed,
 
     R' = (1 - 2 l l^T) R diag(1, 1, -1)
 

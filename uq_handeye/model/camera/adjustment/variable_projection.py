@@ -13,10 +13,10 @@ Pictures are taken a few at a time, so that time grows with the number of residu
 Levenberg-Marquardt in these coordinates, each damped by its own diagonal (D. Marquardt, J. SIAM 11 (1963)); the damping
 follows the decrease found over that predicted (H. Nielsen, IMM-REP-1999-05, Technical University of Denmark).
 
-A point is predicted to lie as much above the minimum as the undamped step lowers the sum of squares. It is the last one
-where that is less than NEAR_SHARE of it, and the step, if it gains like the one before, leaves less than
-CONVERGED_SHARE: for N residuals within ``sqrt(CONVERGED_SHARE N)`` standard deviations of the minimum. That step needs
-no further evaluation.
+The distance of a point above the minimum is predicted by the decrease of the sum of squares by the undamped step. The
+step is the last one where that is less than NEAR_SHARE of the sum, and where after a gain like that of the step before
+less than CONVERGED_SHARE would remain: for N residuals within ``sqrt(CONVERGED_SHARE N)`` standard deviations of the
+minimum. That step needs no further evaluation.
 """
 
 from __future__ import annotations

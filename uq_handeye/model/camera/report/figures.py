@@ -1,4 +1,4 @@
-"""All figures of a camera calibration, each with the words that belong to it."""
+"""All figures of a camera calibration, each with its caption and alternative text."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The report of a camera calibration: one self-contained HTML file, in the look of that of a hand-eye calibration."""
+"""The report of a camera calibration: one self-contained HTML file, in the style of the hand-eye report."""
 
 from __future__ import annotations
 

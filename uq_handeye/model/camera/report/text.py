@@ -1,4 +1,4 @@
-"""A calibrated camera in words and numbers: what was found, how well it is known, and what looks wrong."""
+"""The text on a calibrated camera: the estimates, their uncertainty, and warnings."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The elbow of an arm of seven axes, which poses do not determine: brought to the middle of the limits, or moved."""
+"""Choice of the elbow angle of an arm of seven axes, which poses do not determine, within the joint limits."""
 
 from __future__ import annotations
 

@@ -9,7 +9,8 @@ with the axis and the direction of its positive rotation in the base, the positi
 joint before it (mm, axes of the base), the limits of the joint (deg), and the range that it has in ordinary work (deg):
 elbow up, tool in front, wrist bent to one side, so that one pose has one posture there; the roll of the elbow of seven
 axes has a narrow range. The last line is the flange: its position from the last joint frame, and which axes of the base
-its x and z are. Such lines hold what Denavit-Hartenberg rows do and the signs and zeros of the joints as well.
+its x and z are. Such lines contain the information of Denavit-Hartenberg rows, and the signs and zeros of the joints as
+well.
 
 Joint values, base and flange are those of the maker's controller (its tool 0), with these exceptions:
 

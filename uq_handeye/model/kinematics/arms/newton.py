@@ -2,8 +2,8 @@ r"""Postures of a chain at given poses, by damped Newton steps of many postures 
 
 Each step solves ``min |r - J d|^2 + damping^2 |d|^2`` for the twist r from the pose of the tip to the one wanted, with
 lengths over `LEVER_SHARE` of the arm's reach so that they count as angles do. No joint moves by more than a largest
-step, and a step is cut off at the joint limits. There is no search beyond that: a posture that does not reach its pose
-is marked as such, and of several postures that do, the result is one near the start.
+step, and a step is cut off at the joint limits. There is no further search: a posture that does not reach its pose is
+marked as such, and of several postures that do, the result is one near the start.
 """
 
 from __future__ import annotations

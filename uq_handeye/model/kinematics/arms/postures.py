@@ -7,7 +7,7 @@ order of
     0.2 (RMS distance of the joints from the middle of their limits, over half the range)
         - 2 (mean height of the joint frames + mean distance in front) / reach
 
-elbow up and in front first, until one reaches the poses. The flip of a spherical wrist is left to chance: it only
+elbow up and in front first, until one reaches the poses. The flip of a spherical wrist is not prescribed, as it only
 changes signs of the errors of the arm.
 
 *Postures.* Each pose starts from the middle posture; where that does not arrive, or beyond a singularity, from the

@@ -1,4 +1,4 @@
-r"""Several revolute arms as one: their poses, derivatives and errors at the same number of postures each.
+r"""Several revolute arms computed at once: poses, derivatives and errors at the same number of postures each.
 
 All arms have seven joints here, the third of which rolls the elbow; an arm of six axes has a joint there that does not
 move. Lengths are in units of the arm's reach, the largest distance of its tip from its second joint. With the axes of

@@ -1,1 +1,1 @@
-"""Descriptions of arms in files: URDF, DH tables, what a Universal Robots controller calibrated."""
+"""Descriptions of arms in files: URDF, DH tables, and the calibrated kinematics of Universal Robots controllers."""
