@@ -71,7 +71,7 @@ class Arm(NamedTuple):
 
 
 def with_declared(noise: PoseNoise, columns: KinematicColumns) -> tuple[PoseNoise, tuple[SharedError, ...]]:
-    """The noise with joint noise, which comes with it; and the errors of the arm as declared, which do not."""
+    """Return the noise with joint noise added, and the declared errors of the arm, which all poses share."""
     deviations = columns.given.standard_deviations
     joint = kinematic_covariance(columns, deviations | {JOINT_NOISE: float(columns.given.joint_sd or 0.0)})
     own = replace(joint, shared=joint.shared[..., :0], names=())

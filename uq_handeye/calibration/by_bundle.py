@@ -23,7 +23,7 @@ MAX_BUNDLE_DIFFERENCE = 1.5
 
 
 def by_bundle(job: Job) -> tuple[Calibration, list[Finding]]:
-    """`efficient`, which finds noise and outliers, and the bundle adjustment from there: of independent poses."""
+    """Estimate X by bundle adjustment with independent poses, from the noise, the outliers and the X of `efficient`."""
     result, findings = by_likelihood(replace(job, method="efficient", request=replace(job.request, correlation="none")))
     analysis, poses = result.analysis, job.poses
     assert isinstance(analysis, Analysis) and isinstance(analysis.noise, PoseNoise) and poses is not None

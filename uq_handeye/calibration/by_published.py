@@ -31,7 +31,7 @@ NEAR_HALF_TURN_OF_X = np.radians(170.0)
 
 
 def by_published(job: Job) -> tuple[Calibration, list[Finding]]:
-    """A method of METHODS or ROBOT_WORLD_METHODS."""
+    """Estimate X by a method of METHODS or ROBOT_WORLD_METHODS."""
     motions, poses = job.motions, job.poses
     found = fit_published(motions, job.noise, job.method, job.request.scale, job.everything)
     angle, distance = residuals(motions.A, motions.B, found.X)
@@ -117,5 +117,5 @@ def reference_for(fit: Fit, estimate: NoiseEstimate | None) -> Reference:
 
 
 def reference_of(resample: Resampled) -> Reference:
-    """The distribution that goes with a covariance from residuals."""
+    """The reference distribution for a covariance from residuals."""
     return Reference("Hotelling", resample.freedom)

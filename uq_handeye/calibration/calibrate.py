@@ -69,13 +69,14 @@ def calibrate(
 
     Parameters
     ----------
-    data : PosePairs or Motions; or (n, 4, 4) robot poses base_T_gripper, beside `camera`; or Rig
-        Poses side by side are arrays, lists, or SciPy's RigidTransform. A Rig of several cameras, targets and arms is
-        estimated by `calibrate_rig`: with noise, method, robust and seed; ``shared=[]`` leaves out what poses share.
+    data : PosePairs or Motions; or (n, 4, 4) robot poses base_T_gripper, together with `camera`; or Rig
+        Robot and camera poses are arrays, lists, or SciPy's RigidTransform. A Rig of several cameras, targets and arms
+        is estimated by `calibrate_rig`, with noise, method, robust and seed; ``shared=[]`` leaves out the errors that
+        poses share.
     camera : (n, 4, 4) or None
         Camera poses camera_T_target.
     setup : "eye-in-hand" (None) or "eye-to-hand"
-        Of poses side by side.
+        Setup of robot and camera poses given as arrays.
     **asked
         The fields of `Request`.
     exclude, only : sequence of int, text such as ``"12,14-16"``, or None
@@ -84,8 +85,8 @@ def calibrate(
         the weight 0. A camera calibration from corners stays that of all its pictures.
 
     Motions that leave directions of X open (parallel axes of a SCARA or a vehicle, pure translations of a gantry) are
-    answered by ``efficient`` and ``ml`` all the same: ``result.open_directions`` says which, X is one of all that fit,
-    and the covariance is that of the other directions. Published methods refuse them.
+    accepted by ``efficient`` and ``ml``: ``result.open_directions`` has these directions, X is one of all that fit, and
+    the covariance is that of the other directions. Published methods refuse them.
 
     Where poses are given, W comes with X (for a published method the mean of ``G X C``, `robot_world`), with its
     covariance if the noise is on the poses. A method that weights by the noise (``nguyen``) takes the
@@ -96,9 +97,9 @@ def calibrate(
     InputError
         Input that cannot be used.
     DegenerateMotionError
-        The motions determine nothing of X; or, with a published method, not all of it: their rotations do not stand
-        out of their noise (`require_signal` in `input_checks.checks`), or leave its rotation open by more than 20
-        degrees, where a first-order covariance means nothing: only then ``partial`` holds the `Calibration`.
+        The motions determine nothing of X; or, with a published method, not all of it: their rotations do not exceed
+        their noise (`require_signal` in `input_checks.checks`), or leave its rotation uncertain by more than 20
+        degrees, where a first-order covariance is meaningless: only then ``partial`` holds the `Calibration`.
     NotConvergedError
         An iterative method did not converge.
 

@@ -67,7 +67,7 @@ SUSPICIOUS = np.radians(1.0)
 
 
 def wrong_poses(job: Job, noise: Noise, table: PoseTable) -> list[Finding]:
-    """Find the poses that a plain fit should leave out, by robust estimation, as outliers affect all residuals."""
+    """Return the poses that a fit without robust weights should leave out, as outliers affect all residuals."""
     if not (table.distance2 > table.limit_of_all).any():
         return []
     with suppress(InputError, NotConvergedError):
@@ -144,7 +144,7 @@ def shifted(job: Job, result: Calibration | None) -> list[Finding]:
 
 
 def flipped_poses(job: Job, result: Calibration) -> list[Finding]:
-    """Return a finding if outliers among finished camera poses fit with the target flipped."""
+    """Return a finding if outliers among camera poses without corners fit with the target flipped."""
     table, poses = result.table, job.poses
     if (
         poses is None

@@ -37,24 +37,24 @@ BUNDLE = "bundle"
 
 @dataclass(frozen=True, eq=False)
 class Request:
-    """The arguments of `calibrate` beside its data. Raises `InputError` for those that fit no data.
+    """The arguments of `calibrate` other than its data. Raises `InputError` for those that fit no data.
 
     Attributes
     ----------
     noise : PoseNoise, PairNoise, CameraNoise or None
-        Noise of the poses or of the motions. `camera_noise`, the covariance of finished camera poses by what they saw,
-        leaves the pixel noise and that of the robot to be estimated; with ``PoseNoise(robot=..., camera=...)`` of it
-        the pixel noise alone, unless its ``pixel_sd`` is given. None estimates it from the data (`estimate_noise`):
-        isotropic components for rotation and translation of robot and camera. Camera poses from corners
-        (``data.camera_calibration``) bring their joint covariance: it is used where `noise` is None, and the robot's
-        noise estimated beside it, or where `noise` has no ``camera``. Otherwise a side that PoseNoise leaves out is
+        Noise of the poses or of the motions. `camera_noise`, the covariance of camera poses without corners by their
+        views, leaves the pixel noise and that of the robot to be estimated; in ``PoseNoise(robot=..., camera=...)``
+        only the pixel noise, unless its ``pixel_sd`` is given. None estimates the noise from the data
+        (`estimate_noise`): isotropic components for rotation and translation of robot and camera. Camera poses from
+        corners (``data.camera_calibration``) have a joint covariance: it is used where `noise` is None, with the
+        robot's noise estimated, or where `noise` has no ``camera``. Otherwise a side that PoseNoise leaves out is
         exact; where its noise is not known, give that of the other side as
         ``prior=NoisePrior(robot=(..., ...), factor=1)`` in place of `noise`.
     method : str or None
         ``efficient``, at the Cramer-Rao bound; ``ml``, its iteration to maximum likelihood; ``bundle``, on the corners
-        themselves, for camera poses from corners (`rig_bundle`), with `efficient` beside it; a name in `METHODS` or,
-        for poses, in `ROBOT_WORLD_METHODS`. None is ``efficient``; or ``4dpa`` where `scale` or `kind` ask for it, or
-        where the noise given leaves a part of the residuals exact, so that nothing can be weighted by its inverse.
+        themselves, for camera poses from corners (`rig_bundle`), in addition to `efficient`; a name in `METHODS` or,
+        for poses, in `ROBOT_WORLD_METHODS`. None is ``efficient``; or ``4dpa`` where `scale` or `kind` require it, or
+        where the noise given leaves a part of the residuals exact, so that it has no inverse for weights.
     pairs : "all", "consecutive", "disjoint" or (N, 2) integers
         Pairs to make of the poses (`relative_motions`); Motions come with theirs. ``efficient`` and ``ml`` work on the
         poses themselves; for them, as for `ROBOT_WORLD_METHODS`, pairs serve 4DPA and the residuals only.
@@ -66,27 +66,26 @@ class Request:
         ``model``: that of the noise, to first order (`monte_carlo` tests it, and samples it beyond first order); the
         others come from the residuals of the poses and need no noise model (`empirical_covariance`).
     robust : bool or None
-        Down-weight outliers and say which (`robust`), by ``efficient``, ``ml`` and ``bundle``. None does so from 5
-        poses (or motions) on. Where no pose stands out the estimate is the plain one. False: all poses count in full.
+        Down-weight outliers and name them (`robust`), with ``efficient``, ``ml`` and ``bundle``. None does so from 5
+        poses (or motions) on. Without outliers the estimate is the same as with False: all poses count in full.
     prior : NoisePrior or None
-        What is known of the noise to be estimated, for example from a data sheet.
+        Prior of the noise to be estimated, for example from a data sheet.
     prior_X, prior_W : tuple of a pose (4, 4) and a covariance (6, 6), or None
-        What is known of X and of W before the data, for example by a drawing or a tape measure: a Gaussian whose mean
-        is the pose, with the covariance of ``xi = (theta, tau)`` (left rotation, additive translation, rad and m).
-        Infinity on the diagonal: that component is not known (`known` makes both of text). It counts as a measurement
-        beside the poses, and can close what the motions leave open.
+        Priors of X and of W, for example by a drawing or a tape measure: a Gaussian whose mean is the pose, with the
+        covariance of ``xi = (theta, tau)`` (left rotation, additive translation, rad and m). Infinity on the diagonal:
+        that component is not known (`known` makes both of text). A prior counts as a further measurement, and can
+        determine directions that the motions leave open.
     seed : int
         Of the random subsets and bootstrap replicates.
     shared : sequence of SharedError or None
         Errors that all poses share, such as ``SharedError.focal_length(0.001)``: unknowns with a prior, whose effect is
-        part of the covariance (``result.shared`` says what the data tell of each). Where the noise is estimated, each
+        part of the covariance (``result.shared`` has the estimate of each). Where the noise is estimated, each
         replaces the default of its name (`shared_errors.assumed`), and the other defaults stay, as with None; with
         noise given there are no defaults. ``[]``: none.
     correlation : "auto" or "none"
         Whether errors of neighbouring poses may be correlated: a drift of camera or target, or noise that is correlated
         in time. ``auto`` estimates it with the noise, and where the data show some the covariance ("model") contains it
-        (`shared_errors.assumed`). With `noise` given it is tested, no more;
-        ``bundle`` takes the poses as independent.
+        (`shared_errors.assumed`). With `noise` given it is only tested; ``bundle`` takes the poses as independent.
     joints : (n, L) or None
         Joint values of the robot at the poses, rad (prismatic: m), in the order of ``kinematics.names``; None:
         ``data.joints``.
@@ -95,12 +94,13 @@ class Request:
         a prior: part of the covariance, estimated, and taken into account by ``result.predict`` and
         ``result.predict_camera``. By ``efficient`` and ``ml``.
     kinematic_errors : KinematicErrors or None
-        What is known of the arm before the data; None: estimated, with the errors of industrial arms as the least.
+        Priors of the errors of the arm; None: estimated, with those of industrial arms as the smallest sizes.
     sizes : mapping of names to Size, (median, factor) or a number, or None
         Sizes of errors in place of those of the table `sizes.SIZES`, by the names there: a median that is known
         within a factor (one sigma of its logarithm), or a number that is known, rad or m. Where the noise is estimated.
     components : sequence of Component
-        Errors of the user's own, beside the others, with sizes that are known or found. Where the noise is estimated.
+        User-defined errors in addition to the others, with sizes that are known or estimated. Where the noise is
+        estimated.
     """
 
     noise: Noise | CameraNoise | None = None

@@ -48,12 +48,13 @@ class Calibration(Statement):
     ``t = t_hat + tau``, in rad and m, in the parent frame of X (gripper for eye-in-hand, base for eye-to-hand);
     ``covariance`` is that of xi, to first order.
 
-    `diagnostics`, `covariances`, `split_half` and `budget` are computed when they are first asked for.
+    `diagnostics`, `covariances`, `split_half` and `budget` are computed on first access.
 
     Attributes
     ----------
     X : (4, 4)
-        The pose that was sought, `frame`: ``gripper_T_camera`` for eye-in-hand, ``base_T_camera`` for eye-to-hand; m.
+        The estimated pose, in the frames `frame`: ``gripper_T_camera`` for eye-in-hand, ``base_T_camera`` for
+        eye-to-hand; m.
     covariance : (6, 6) or None
         Of (theta, tau), rad and m. None: not determined, as no noise was given and none could be estimated.
     method : str
@@ -73,8 +74,8 @@ class Calibration(Statement):
     residuals : Residuals
         How well X explains the pairs: RMS, median, maximum. It is not how accurate X is.
     findings : tuple of Finding
-        What was found about data and fit: code, severity ("note", "caution" or "failure") and values;
-        ``str(finding)`` is its sentence. A failure says that X or its covariance cannot be used as it is.
+        Findings about data and fit: code, severity ("note", "caution" or "failure") and values; ``str(finding)`` is its
+        sentence. With a failure X or its covariance cannot be used.
     warnings : tuple of str
         The sentences of the findings that are more than a note. Read them before X is used.
     W : (4, 4) or None
@@ -93,7 +94,7 @@ class Calibration(Statement):
         Cramer-Rao bound at this noise and these poses: no unbiased estimate has a smaller covariance. Of `efficient`
         and `ml`.
     fourdpa : FourDPA or None
-        ``X`` and ``covariance`` by 4DPA only, beside `efficient` and `ml`.
+        ``X`` and ``covariance`` by 4DPA, for comparison with `efficient` and `ml`.
     fit : GoodnessOfFit or None
         Chi-square test of the residuals against the noise.
     table : PoseTable or None
@@ -104,29 +105,30 @@ class Calibration(Statement):
         Errors that all poses share: assumed standard deviation, estimate and standard deviation after the fit, share
         of the variance of X.
     shared_at_sizes : tuple of SharedEstimate
-        What `shared` is made of: the same for the mean sizes of the errors, as the numbers of `kinematics` are.
+        The source of `shared`: the same for the mean sizes of the errors, as the numbers of `kinematics` are.
     agreement : Agreement or None
-        Of method "bundle": how far it is from `efficient`, and the time of each.
+        Of method "bundle": its distance from `efficient`, and the time of each.
     provenance : Provenance or None
         Files, options, versions: enough to repeat the run.
     data : PosePairs, Motions or None
-        What was given, with the excluded poses. None when it was read from a file of a version that did not store
+        The input, with the excluded poses. None when it was read from a file of a version that did not store
         poses.
     excluded : tuple of int
         Numbers of the poses that were left out by ``exclude`` or ``only``, counted from 0 in `data`.
     opened : OpenDirections or None
-        What of X and W the motions leave open; None: nothing. `covariance` and `covariance_W` are then those of the
-        other directions, and have the variance 0 along these: use them together with `open_directions`.
+        Directions of X and W that the motions leave open; None: there are none. `covariance` and `covariance_W` are
+        then those of the other directions, and have the variance 0 along these: use them together with
+        `open_directions`.
     about : dict of str to str
         Title block of the report: cell, robot, camera, serial numbers, ... (`files.about.ABOUT`).
     kinematics : FittedKinematics or None
         The errors of the arm, where its joints and kinematics were given.
     joint_posterior : Posterior, OpenSizes or None
-        What `posterior` is made of.
+        The source of `posterior`.
     analysis : Analysis, StoredAnalysis or None
-        Where `diagnostics`, `covariances`, `split_half`, `split_in_time` and `budget` come from.
+        The source of `diagnostics`, `covariances`, `split_half`, `split_in_time` and `budget`.
     origin, solution, errors, quality : Origin, Solution, Errors, Quality
-        Parts that hold the above but X, W, their covariances, `opened` and `findings`, by the same names.
+        Parts that hold the above by the same names, except X, W, their covariances, `opened` and `findings`.
     """
 
     def predict(
@@ -141,18 +143,18 @@ class Calibration(Statement):
     ) -> PointUncertainty:
         """Predict where points that the camera sees lie in the base, with the covariance of X and the arm together.
 
-        With ``reached_at``: how far the tip of the tool misses the points, at these joints. This is what counts where
-        the robot goes to what the camera saw: errors that move the point and the tool alike cancel.
+        With ``reached_at``: the distance by which the tip of the tool misses the points, at these joints. This is the
+        error of a robot that moves to a point seen by the camera: errors that move the point and the tool alike cancel.
 
         Parameters
         ----------
         points : (..., 3)
             In camera coordinates, m.
         joints : (..., L) or None
-            Of the robot when they were seen, rad (prismatic: m): the pose is corrected by the errors of the arm that
-            were found. Leading axes broadcast with those of the points.
+            Of the robot when they were seen, rad (prismatic: m): the pose is corrected by the estimated errors of the
+            arm. Leading axes broadcast with those of the points.
         robot : (..., 4, 4) or None
-            ``base_T_gripper``, in place of joints where the calibration knows none; and beside them where the
+            ``base_T_gripper``, in place of joints where the calibration has none; and together with them where the
             controller's poses are not those of the joints.
         points_covariance : (3, 3), (..., 3, 3) or None
             Noise of the points themselves, in the camera frame.
@@ -170,7 +172,7 @@ class Calibration(Statement):
         Raises
         ------
         InputError
-            Shapes that do not fit, joints where none are known; a calibration that leaves a part of X open.
+            Shapes that do not fit, joints where the calibration has none; a calibration that leaves a part of X open.
         """
         return predict_points(self, points, joints, robot, points_covariance, reached_at, tool)
 
@@ -190,15 +192,16 @@ class Calibration(Statement):
         Parameters
         ----------
         poses : (..., 4, 4), RigidTransform or None
-            Robot poses ``base_T_gripper``, where the calibration knows no joints; and beside `joints` where the
+            Robot poses ``base_T_gripper``, where the calibration has no joints; and together with `joints` where the
             controller's poses are not those of the joints.
         joints : (..., L) or None
             Of the robot, rad (prismatic: m).
         robot : (..., 4, 4) or None
             Another name of `poses`.
         new_measurement : bool
-            With the noise of one new measurement, of joints, robot and camera: what a measured pose differs by. Without
-            it noise of the robot that was found from the data still counts: it is where the arm itself is not known.
+            Include the noise of one new measurement, of joints, robot and camera, for comparison with a measured pose.
+            Without it, noise of the robot that was estimated from the data still counts, as it includes the unknown
+            position error of the arm.
 
         Raises
         ------
@@ -224,7 +227,7 @@ class Calibration(Statement):
 
     @cached_property
     def facts(self) -> Facts:
-        """Numbers and words that the views of the result select from: text, page, notebook, certificate, tables."""
+        """Facts that the views of the result select from: text, page, notebook, certificate, tables."""
         return facts_of(self)
 
     def __repr__(self) -> str:
@@ -241,7 +244,7 @@ class Calibration(Statement):
         return f"Calibration({self.frame} by {self.method}, {data}: {known})"
 
     def summary(self, verbose: bool = False, threshold: float = 0.5) -> str:
-        """Return the result as text: the first screen, or with ``verbose`` everything that is known.
+        """Return the result as text: the first screen, or with ``verbose`` the long text.
 
         The first screen has at most 26 lines of 80 columns. The long text lists correlations at or above ``threshold``.
         """
@@ -271,18 +274,18 @@ class Calibration(Statement):
         Parameters
         ----------
         path : str or Path
-            Its suffix says which: .html or .pdf.
+            Its suffix selects the format: .html or .pdf.
         comparison : Comparison, Compared or bool
-            The methods side by side: what `compare` or `compare_beside` gave. True compares them first, which is all
-            that is computed for a report; False leaves the section without.
+            The comparison of methods by `compare` or `compare_beside`. True computes it, the only computation for a
+            report; False leaves it out.
         cross_check : CrossCheck or None
-            Where given, its covariances are drawn over the ellipses and its relations listed.
+            If given, its covariances are drawn over the ellipses and its relations listed.
         about : mapping or None
             Title block: cell, robot, camera, operator, ... (`files.about.ABOUT`), added to those of `about`.
         verdict : Verdict or None
             Of a tolerance: PASS, FAIL or NOT SHOWN, with the probability.
         details : bool
-            Open the folded sections, also in the PDF, which otherwise has the two pages only.
+            Unfold the folded sections, also in the PDF, which otherwise has the two pages only.
         paper : str
             Of the PDF: "a4" or "letter".
         certificate : bool

@@ -91,7 +91,7 @@ def _row(value: Any) -> Row:  # a parameter of the copy of Click that Typer carr
 
 
 def help_text(context: typer.Context, every: bool) -> str:
-    """Return the help of the command of ``context``, of ``every`` option or of those that people use."""
+    """Return the help of the command of ``context``, with ``every`` option or the common ones."""
     page = _Page()
     command = context.command
     if isinstance(command, TyperGroup):

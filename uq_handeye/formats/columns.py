@@ -2,7 +2,7 @@
 
 A new name is added here only. Columns of pose files (`meaning_and_unit`) have unambiguous names: our own, short ones
 (`ALIASES`); ``position`` and ``orientation`` by their parts, as ROS and PlotJuggler name the fields of a
-``geometry_msgs/Pose``; ``p_RS_R_x`` and ``q_RS_w`` of the EuRoC MAV data sets. A unit may stand behind a name, ``x_mm``
+``geometry_msgs/Pose``; ``p_RS_R_x`` and ``q_RS_w`` of the EuRoC MAV data sets. A unit may follow a name, ``x_mm``
 or ``x [mm]``; ``rostopic echo -p`` counts its ``%time`` in nanoseconds.
 
 Columns of tables as controllers and people write them (`name_in_table`) have rotations of any kind, words before the

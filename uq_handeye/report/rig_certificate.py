@@ -33,7 +33,7 @@ from .statements import ERROR_MODEL, VALIDITY
 
 @dataclass(frozen=True, eq=False)
 class RigCertificate(Form):
-    """The statement of a rig for the file: see `make_certificate`."""
+    """The certificate of a rig; see `make_certificate`."""
 
     _format: ClassVar[str] = "uq-handeye rig certificate 1"
 

@@ -64,7 +64,7 @@ def colour_of(result: Calibration, verdict: Verdict | None = None) -> str:
 
 
 def full_section(result: Calibration) -> Section:
-    """X and W with their standard deviations, and the directions in which X is known least."""
+    """X and W with their standard deviations, and the directions in which X is least certain."""
     facts = result.facts
     blocks: list[Block] = [Paragraph(text) for text in facts.directions]
     if result.agreement is not None:

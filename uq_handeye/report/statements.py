@@ -89,7 +89,7 @@ def _recorded(data: PosePairs) -> str | None:
 
 
 def method_of(result: Calibration) -> str:
-    """Return how X and its uncertainty were evaluated."""
+    """Return a description of the evaluation of X and its uncertainty."""
     text = (
         f"X by method {result.method}; covariance from {result.facts.source} (first order, JCGM 100:2008, JCGM "
         "102:2011)."
@@ -115,7 +115,7 @@ def coverage_of(result: Calibration) -> str:
 
 
 def noise_source(result: Calibration) -> str:
-    """Return where the noise of the poses comes from."""
+    """Return the source of the noise of the poses."""
     estimate = result.noise_estimate
     if result.noise is None:
         return "not known"
@@ -138,7 +138,7 @@ _OF_ARM = {DECLARED: "declared", ESTIMATE: "from arms of the kind and the residu
 
 
 def lengths_of(result: Calibration) -> str:
-    """Return where lengths come from, and whether that is traceable."""
+    """Return the source of lengths, and whether it is traceable."""
     sizes = {group.parts[0].error: group for group in shared_groups(result)}
     parts = ["robot poses", "the size of the target"]
     known = []

@@ -125,7 +125,7 @@ class ArmPoses(ReadOnlyArrays):
         return cls(T, tuple(names), source, against.adapt(chain), q, robot_class)
 
     def like(self, new: ArmPoses) -> ArmPoses:
-        """Return new poses of this arm, with its kinematics; joints that are lacking from the nearest posture here."""
+        """Return new poses of this arm, with its kinematics; missing joints are computed from the nearest posture."""
         chain, q = self.kinematics, new.joints
         if chain is None:
             return new if new.kinematics is None else ArmPoses(new.poses, new.names, new.source)
@@ -326,7 +326,7 @@ class Rig(ReadOnlyArrays):
         return found
 
     def places(self, view: View) -> tuple[str, str]:
-        """Carriers of camera and target of a view: nothing moves between them where both are the same."""
+        """Carriers of camera and target of a view; where both are the same, there is no motion between them."""
         of_camera, of_target = self.cameras[view.camera], self.targets[view.target]
         return (WORLD, WORLD) if of_camera == of_target else (of_camera, of_target)
 

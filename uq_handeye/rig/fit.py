@@ -92,7 +92,7 @@ class White:
 
 @dataclass(frozen=True, eq=False)
 class RigFit:
-    """Estimate of all poses with everything that tests and weights are made of."""
+    """Estimate of all poses, with the quantities that tests and weights need."""
 
     graph: Graph
     noise: RigNoise

@@ -45,7 +45,7 @@ class Sides(NamedTuple):
     camera: Array  # by the camera pose C
 
     def half_less(self, other: Sides) -> Sides:
-        """Half of the difference from another one, of the derivatives by the unknowns."""
+        """Half of the difference of the derivatives by the unknowns from those of another one."""
         base = (0.5 * (self.base[0] - other.base[0]), 0.5 * (self.base[1] - other.base[1]))
         return self._replace(X=0.5 * (self.X - other.X), W=0.5 * (self.W - other.W), base=base)
 

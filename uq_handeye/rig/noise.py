@@ -97,7 +97,7 @@ def given_noise(rig: Rig, graph: Graph, noise: NoiseByName) -> RigNoise:
 
 
 def given_covariances(rig: Rig, graph: Graph) -> tuple[Array, NDArray[np.bool_]]:
-    """Return the covariances (E, 6, 6) that views came with, 0 of the others, and which have one (E,)."""
+    """Return the covariances (E, 6, 6) of views that have one, 0 for the others, and which have one (E,)."""
     found, some = np.zeros((graph.E, 6, 6)), np.zeros(graph.E, dtype=bool)
     for k, view in enumerate(rig.views):
         if (S := view.covariance) is not None:
@@ -157,7 +157,7 @@ def _by_name(rig: Rig, noise: NoiseByName) -> Mapping[str, NoiseOfOne]:
 
 
 def plain_noise(rig: Rig, noise: NoiseByName | None) -> Json:
-    """Noise as it was given as plain values of a file, which `given_noise` takes; None where it is estimated."""
+    """Return the given noise as plain values of a file, which `given_noise` takes; None where it is estimated."""
     found: Json = None if noise is None else plain(_by_name(rig, noise))
     return found
 

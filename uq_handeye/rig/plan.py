@@ -195,7 +195,7 @@ class RigPlan(Record):
 def plan_rig(
     result: RigPoses, candidates: Mapping[str, ArrayLike] | None = None, k: int = 5, *, sample: int = 200, seed: int = 0
 ) -> RigPlan:
-    """Choose the k views that make the cameras of a rig known best.
+    """Choose the k views after which the poses of the cameras have the smallest errors.
 
     Parameters
     ----------

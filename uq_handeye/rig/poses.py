@@ -255,7 +255,7 @@ class RigPoses(Record):
 
     @property
     def p_value(self) -> float:
-        """Probability of a larger chi-square for true noise."""
+        """Probability of a larger chi-square if the noise is right."""
         return float(chdtrc(self.dof, self.chi_square)) if self.dof > 0 else float("nan")
 
     @property

@@ -100,7 +100,7 @@ class FittedKinematics(Record):
         return found
 
     def told(self) -> dict[str, float]:
-        """Share of the prior variance that the data took away from each group of errors, on average, 0 to 1."""
+        """Share by which the data reduced the prior variance of each group of errors, on average, 0 to 1."""
         rows = self.table()
         shares = {group: [row.told for row in rows if row.group == group] for group in GROUPS}
         return {group: float(np.mean(share)) for group, share in shares.items() if share}
@@ -271,12 +271,12 @@ class Analysis(Record):
 
     @cached_property
     def split_half(self) -> SplitHalf:
-        """X from the even and from the odd rows against each other."""
+        """Comparison of X from the even rows with X from the odd rows."""
         return self._split("interleaved")
 
     @cached_property
     def split_in_time(self) -> SplitHalf:
-        """X from the first and from the last rows against each other, which finds drift."""
+        """Comparison of X from the first rows with X from the last rows, which detects drift."""
         return self._split("contiguous")
 
     def _split(self, split: str) -> SplitHalf:

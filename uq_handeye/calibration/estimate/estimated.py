@@ -121,17 +121,17 @@ class Estimated(Named, Record):
 
     @property
     def split_half(self) -> SplitHalf:
-        """X from the even and from the odd rows against each other."""
+        """Comparison of X from the even rows with X from the odd rows."""
         return self._analysed().split_half
 
     @property
     def split_in_time(self) -> SplitHalf:
-        """X from the first and from the last rows against each other, which finds drift."""
+        """Comparison of X from the first rows with X from the last rows, which detects drift."""
         return self._analysed().split_in_time
 
     @property
     def budget(self) -> Budget:
-        """Shares of the variance by source, by the posterior; where measurements were taken in, with those."""
+        """Shares of the variance by source, from the posterior, including measurements by which it was updated."""
         if not (self._taken_in and self.has_budget):
             return self._analysed().budget
         assert self.posterior is not None

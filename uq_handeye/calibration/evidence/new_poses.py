@@ -52,7 +52,7 @@ NoiseAhead: TypeAlias = Array | JointCovariance | tuple[FreshNoise, ...] | None
 
 @dataclass(frozen=True, eq=False)
 class PoseEvidence(NewRows):
-    """New poses against a calibration, with the derivatives that the columns of causes are made of."""
+    """Residuals of new poses against a calibration, with the derivatives for the columns of causes."""
 
     _each = (*NewRows._each, "by_state", "robot", "camera")
 

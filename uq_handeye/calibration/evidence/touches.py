@@ -154,7 +154,7 @@ class Touches(Record):
 
     @property
     def tool_known(self) -> bool:
-        """True unless nothing is known of the tool's offset."""
+        """True unless the offset of the tool is unknown."""
         return bool(np.isfinite(self.tool_sd))
 
     def rows(self, index: Any) -> Touches:
@@ -175,7 +175,7 @@ class Touches(Record):
 
 @dataclass(frozen=True, eq=False)
 class TouchEvidence(NewRows):
-    """Touches against a calibration: r is the touch minus the point as the calibration has it, base frame, m."""
+    """Residuals of touches: the touched point minus the one predicted by the calibration, base frame, m."""
 
     _each = (*NewRows._each, "at", "by_tool")
 
@@ -197,7 +197,7 @@ class TouchEvidence(NewRows):
 
 
 def evidence_of_touches(result: Estimated, touches: Touches) -> TouchEvidence:
-    """Hold points that were seen and touched against a calibration.
+    """Compare points that were seen and touched with a calibration.
 
     A tool of which nothing is known adds no columns here: its three numbers are `TouchEvidence.by_tool`.
 
@@ -277,7 +277,7 @@ def _sizes_at(posterior: Joint) -> Array:
 
 
 def with_tool(evidence: TouchEvidence) -> TouchEvidence:
-    """Add columns of a tool of which nothing is known, by a prior of one metre."""
+    """Add columns of a tool with unknown offset, by a prior of one metre."""
     k = evidence.by_unit.shape[-1] - evidence.fresh
     before, fresh = evidence.by_unit[..., :k], evidence.by_unit[..., k:]
     return replace(evidence, by_unit=np.concatenate([before, evidence.by_tool, fresh], axis=-1))

@@ -89,7 +89,7 @@ def posterior_of(result: Estimated) -> Posterior:
 
 @dataclass(frozen=True, eq=False)
 class CameraPrediction(Record):
-    """Prediction of what the camera should see: ``camera_T_target`` at m robot poses."""
+    """Predicted camera poses ``camera_T_target`` at m robot poses."""
 
     _in_file: ClassVar[str] = "frame new_measurement poses covariance std"
     frame: ClassVar[str] = "camera_T_target"
@@ -105,7 +105,7 @@ class CameraPrediction(Record):
 
 
 def total_of(fresh: tuple[FreshNoise, ...], shape: tuple[int, ...]) -> Array:
-    """(..., 6, 6) of noises together."""
+    """(..., 6, 6) sum of the covariances of several noises."""
     return sum((one.size**2 * one.covariance for one in fresh), np.zeros((*shape, 6, 6)))
 
 
@@ -120,7 +120,7 @@ class RobotAhead:
 
     @property
     def noise(self) -> Array:
-        """(..., 6, 6) of all that is drawn again."""
+        """(..., 6, 6) covariance of all independent noise."""
         return total_of(self.fresh, self.poses.shape[:-2])
 
 
@@ -227,14 +227,14 @@ def predict_points(
 
 
 class InBase(NamedTuple):
-    """Points in the base, with their derivatives by the joint posterior and the noise that is drawn again."""
+    """Points in the base, with their derivatives by the joint posterior and their independent noise."""
 
     at: Array  # (..., 3)
     by_all: Array  # (..., 3, 12 + q)
     new: Array  # (..., 3, 3)
 
     def less(self, other: InBase) -> InBase:
-        """The difference, with the noise of both."""
+        """The difference from other points, with the noise of both."""
         return InBase(self.at - other.at, self.by_all - other.by_all, self.new + other.new)
 
     def covariance(self, result: Estimated) -> Array:
@@ -243,7 +243,7 @@ class InBase(NamedTuple):
 
 
 def seen_at(result: Estimated, p: Array, ahead: RobotAhead | None, noise: Array | None = None) -> InBase:
-    """Points (..., 3) that the camera sees, at robot poses; ``noise`` (..., 3, 3) their own."""
+    """Points (..., 3) that the camera sees at robot poses; ``noise`` (..., 3, 3): that of the points themselves."""
     X, q = result.X, posterior_of(result).covariance.shape[0] - 12
     arm = p @ X[:3, :3].T
     by_X = by_pose(arm)
@@ -369,7 +369,7 @@ def _fresh_of_robot(result: Estimated, G: Array, of_joints: Array | None) -> tup
 
 
 def fresh_of_camera(result: Estimated, camera: Array) -> tuple[FreshNoise, ...]:
-    """Noises of camera poses (m, 4, 4) to come."""
+    """Noises of future camera poses (m, 4, 4)."""
     posterior, shape = posterior_of(result), (len(camera), 6, 6)
     if not posterior.noise:
         return (FreshNoise("given", "camera", np.broadcast_to(own_noise(result, "camera"), shape), 1.0, NONE),)

@@ -17,7 +17,7 @@ from .noise import NO_TEST_OF_NOISE
 
 
 def beside_blocks(result: Calibration) -> list[Block]:
-    """4DPA's own answer and its efficiency; of a bundle adjustment, how far it is from `efficient`."""
+    """Blocks on the result of 4DPA and its efficiency, and on the distance of a bundle adjustment from `efficient`."""
     beside, efficiency = result.fourdpa, result.efficiency
     blocks: list[Block] = [] if result.agreement is None else [Paragraph(result.agreement.sentence)]
     if beside is None or beside.covariance is None or efficiency is None or not np.isfinite(efficiency).all():
@@ -64,7 +64,7 @@ _SAID_ELSEWHERE = {"diagnostics.direction"}
 
 
 def diagnosis_blocks(result: Calibration) -> list[Block]:
-    """Diagnostics and split halves in words."""
+    """Text on the diagnostics and on the split halves."""
     analysis = result.analysis
     if analysis is None:
         return [Heading("Diagnostics:"), Points(tests_not_run(result))]

@@ -52,7 +52,7 @@ class Number(NamedTuple):
 
 @dataclass(frozen=True)
 class Facts:
-    """Numbers and words of a calibration that more than one view shows."""
+    """Numbers and texts of a calibration that more than one view shows."""
 
     X: tuple[Number, ...]  # translation and rotation vector
     W: tuple[Number, ...]  # empty where there is no W

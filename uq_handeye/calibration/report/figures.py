@@ -40,7 +40,7 @@ _HALF_ANGLE = np.tan(np.radians(30.0))
 
 
 def task_space_figure(result: Calibration) -> Figure:
-    """Left the standard deviation over the distance, right a map of the plane in front of the camera."""
+    """Figure of the standard deviation over the distance (left) and in the plane in front of the camera (right)."""
     typical, known = distance_of(result.analysis)
     reach = 2.0 * typical
     line = ahead(result, np.linspace(0.0, reach, 81))
@@ -86,7 +86,7 @@ _STYLES = ((BLUE, ""), (ORANGE, "////"))  # rotation, translation
 
 
 def budget_figure(shares: Mapping[str, Array]) -> Figure:
-    """Two bars for each source, of ``shares`` (2,): of the variances of X's rotation and translation."""
+    """Figure with two bars for each source: its ``shares`` (2,) of the variances of X's rotation and translation."""
     count = len(shares)
     figure = canvas(0.95 + 0.52 * count)
     axis = figure.subplots()
@@ -110,7 +110,7 @@ def budget_figure(shares: Mapping[str, Array]) -> Figure:
 
 
 def shared_figure(errors: Sequence[SharedGroup]) -> Figure:
-    """A bar of +- one assumed standard deviation for each error, and its estimate with the one after the fit.
+    """Figure of the assumed standard deviation of each error, as a bar, and its estimate with the one after the fit.
 
     Of an error of many numbers the estimates are dots, without their standard deviations.
     """

@@ -1,4 +1,4 @@
-"""The uncertainty that X gives a point straight ahead of the camera, by its distance.
+"""Uncertainty of a point straight ahead of the camera by the error of X, over its distance.
 
 Model: `task_space`. The point itself is exact, so that only the error of X counts. "Worst" is the standard deviation in
 the worst direction, the root of the largest eigenvalue of the covariance of the point.

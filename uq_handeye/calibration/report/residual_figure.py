@@ -51,7 +51,7 @@ MARKS: dict[str, dict[str, Any]] = {
 
 
 def residual_figure(table: PoseTable, small: bool = False) -> Figure:
-    """Three panels over the numbers of the poses (or motions); ``small``: without d^2, in half the width."""
+    """Figure of three panels over the numbers of the poses (or motions); ``small``: without d^2, in half the width."""
     figure = canvas(2.0, WIDTH / 2) if small else canvas(5.4)
     axes: Any = figure.subplots(2 if small else 3, 1, sharex=True, height_ratios=[1, 1, 1.15][: 2 if small else 3])
     values = (1e3 * table.translation, np.degrees(table.rotation), np.maximum(table.distance2, 1e-3))

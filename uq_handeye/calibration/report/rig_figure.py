@@ -81,7 +81,7 @@ class Rig(NamedTuple):
 
     @property
     def enlarged(self) -> str:
-        """The size of the ellipsoid in words."""
+        """Text on the enlargement of the ellipsoid."""
         return f"{self.factor:,.0f} times enlarged" if self.factor > 1 else "in true size"
 
 
@@ -141,7 +141,7 @@ def _board(poses: PosePairs, size: float) -> Array:
 
 
 def rig_figure(scene: Rig) -> Figure:
-    """The scene from the side, and from above."""
+    """Figure of the scene from the side and from above."""
     figure = NamedFigure(figsize=(WIDTH, 3.5))
     strokes = _strokes(scene)
     side: Any = figure.add_axes((0.0, 0.13, 0.6, 0.84), projection="3d", proj_type="ortho", computed_zorder=False)

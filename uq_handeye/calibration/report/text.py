@@ -39,12 +39,12 @@ SHOWN_NOTES = ("calibration.excluded", "kinematics.against_controller")
 
 @document_of.register(Calibration)
 def calibration_document(result: Calibration, verbose: bool = False, threshold: float = 0.5) -> Document:
-    """Return the first screen, or with ``verbose`` all that is known (`long_document`)."""
+    """Return the first screen, or with ``verbose`` the long text (`long_document`)."""
     return long_document(result, threshold) if verbose else first_screen(result)
 
 
 def long_document(result: Calibration, threshold: float = 0.5, verdict: Verdict | None = None) -> Document:
-    """Return all that is known: the statement, cautions, X, noise, fit, poses, diagnostics, other forms of X.
+    """Return the long text: the statement, cautions, X, noise, fit, poses, diagnostics, other forms of X.
 
     Correlations at or above ``threshold`` are listed.
     """

@@ -39,7 +39,7 @@ MIN_COLOUR_RATIO = 1.5
 
 
 def workspace_figure(found: WorkspacePrediction) -> Figure:
-    """Left a section of the workspace with the 95 % radius, right the same over the distance from calibrated poses."""
+    """Figure of the 95 % radius in a section of the workspace, and over the distance from calibrated poses."""
     figure = canvas(3.5)
     left, right = figure.subplots(1, 2, width_ratios=[0.85, 1])
     _section(figure, left, found)

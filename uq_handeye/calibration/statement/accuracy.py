@@ -227,7 +227,7 @@ NOT_USABLE = "NOT USABLE"
 
 
 def suits_of(accuracy: Accuracy) -> str | None:
-    """Return for which tolerance of points X is good enough, and for which it is not; None where that is not known.
+    """Return a sentence with the tolerances of points that X meets and does not meet; None where that is not known.
 
     Of the steps 1, 2, 5 mm and so on: the least that 95 % of the errors of a point at the distance of the target are
     within, in the worst direction, and the largest that a third of them are beyond.
@@ -286,7 +286,7 @@ class Statement(Checked):
     @property
     def answered(self) -> Literal["whole", "in part", "no"]:
         """``whole``: X explains the poses and is determined by them. ``in part``: directions of it are open
-        (`open_directions`), and the others are known. ``no``: X is of no use (`reasons`).
+        (`open_directions`), and the others are known. ``no``: X cannot be used (`reasons`).
         """
         if self.reasons:
             return "no"
@@ -294,7 +294,7 @@ class Statement(Checked):
 
     @property
     def usable(self) -> bool:
-        """True if X explains the poses and is determined by them; `reasons` or `open_directions` say why not."""
+        """True if X explains the poses and is determined by them; otherwise see `reasons` and `open_directions`."""
         return self.answered == "whole"
 
     @cached_property

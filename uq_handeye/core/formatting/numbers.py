@@ -1,4 +1,4 @@
-"""Numbers as people read them: few digits, no exponent where that is short, standard deviations beside values."""
+"""Formatting of numbers for people: few digits, no exponent where that is short, values with standard deviations."""
 
 from __future__ import annotations
 

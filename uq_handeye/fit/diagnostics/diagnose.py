@@ -14,7 +14,7 @@ A shift d of X is stated "in standard deviations" as its length ``sqrt(d^T C_XX^
 
 *Errors that all rows share* (focal length, target scale, robot scale): the relative error s of a length that all rows
 share adds ``k s`` to r. It moves X by ``-C J^T S^-1 k s``; as one more unknown it is estimated by ``s = k' . r' /
-|k'|^2`` with the standard deviation ``1 / |k'|``, where k' is the whitened k less what X and W can explain of it (a
+|k'|^2`` with the standard deviation ``1 / |k'|``, where k' is the whitened k minus the part that X and W explain (a
 score test). The lengths are those of the poses as the fit corrects them, whose noise is independent of r. Columns of
 errors that were declared are in S: the score of another error is in addition to theirs.
 

@@ -1,8 +1,8 @@
 """``O_T_EE`` of Franka robots: the 16 numbers of base_T_end-effector, column by column, in m.
 
-Read are tables with the columns ``O_T_EE_0`` to ``O_T_EE_15`` (also ``O_T_EE[0]``, ``field.O_T_EE0``), and the numbers
-behind each ``O_T_EE`` in JSON, in robot states as libfranka prints them, and in messages that ROS prints; where the
-format is asked for, also lines of 16 numbers without names. Source:
+The reader accepts tables with the columns ``O_T_EE_0`` to ``O_T_EE_15`` (also ``O_T_EE[0]``, ``field.O_T_EE0``), and
+the numbers behind each ``O_T_EE`` in JSON, in robot states as libfranka prints them, and in messages that ROS prints;
+where the format is asked for, also lines of 16 numbers without names. Source:
 frankaemika/libfranka, ``include/franka/robot_state.h`` (``O_T_EE``: column-major) and ``src/robot_state.cpp``;
 ``franka_msgs/FrankaState``.
 """

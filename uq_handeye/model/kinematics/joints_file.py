@@ -2,7 +2,7 @@
 
     timestamp,shoulder [deg],elbow [deg],wrist_deg
 
-Columns are taken by name, in any order; further ones are ignored. A unit may stand behind the name. Names may have
+Columns are taken by name, in any order; further ones are ignored. A unit may follow the name. Names may have
 parts around them, as PlotJuggler, LeRobot and others write them (``/joint_states/elbow/position``, ``elbow.pos``);
 columns of velocities and efforts are none. Rows of ``rostopic echo -p``, with the names of a ``JointState`` in columns
 ``name0``, ``name1`` and its values in ``position0``, ..., are sorted by those names, row by row.

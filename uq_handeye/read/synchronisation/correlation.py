@@ -10,7 +10,7 @@ speeds are cut off at one level, the smaller of the two 98 % quantiles. The corr
 of the grid times at which both speeds are known (neither gap nor end), by FFT in O(n log n); a parabola refines the
 peak.
 
-The peak counts if it stands out of what unrelated motions of the same smoothness show by chance: with Bartlett's
+The peak counts if it exceeds the correlation of unrelated motions of the same smoothness by chance: with Bartlett's
 effective number ``n / (1 + 2 sum rho_robot rho_camera)`` and as many trials as there are independent lags. Other peaks
 that are nearly as high are kept: a periodic motion has one per period, and the hand-eye residual has to choose.
 """

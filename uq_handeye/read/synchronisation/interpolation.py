@@ -31,7 +31,7 @@ Both give the same result for a pose and its inverse, and with a fixed transform
 differ by third order in the step: by at most 0.016 theta^3 in rotation for small theta (rad). Both miss
 the true motion by second order, ``w (1 - w)/2`` times acceleration times the interval squared.
 
-Between two samples the way is not known if they are half a turn apart: steps beyond `MAX_STEP_RAD` are refused.
+Between two samples 180 deg apart the path is not known: steps beyond `MAX_STEP_RAD` are refused.
 """
 
 from __future__ import annotations

@@ -166,7 +166,7 @@ def explained_motions(result: Calibration, motions: Motions) -> Motions:
 
 
 class Work(NamedTuple):
-    """Data that all methods of a comparison are given; their residuals are those of the motions ``seen``."""
+    """Input of all methods of a comparison; their residuals are those of the motions ``seen``."""
 
     motions: Motions
     noise: Noise | None
@@ -399,7 +399,7 @@ def _sorted_warnings(rows: list[Row], base: Row | None) -> tuple[tuple[str, ...]
 
 
 class Compared(NamedTuple):
-    """A comparison, or why there is none."""
+    """A comparison, or the reason why there is none."""
 
     comparison: Comparison | None
     reason: str  # why there is none

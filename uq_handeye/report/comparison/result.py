@@ -100,14 +100,14 @@ class Comparison:
 
     @property
     def most_central(self) -> tuple[str, int] | None:
-        """The method that most others would agree with as the reference, and how many; None without covariances."""
+        """The method with which most others agree as the reference, and their number; None without covariances."""
         rows = [row for row in self.rows if row.covariance is not None and row.failure is None]
         counts = {base.method: sum(bool(against(row, base).agrees) for row in rows) - 1 for base in rows}
         return max(counts.items(), key=lambda item: item[1], default=None)
 
     @property
     def verdict(self) -> str:
-        """Verdict in words: which methods agree, differ or failed."""
+        """Sentence with the methods that agree, differ or failed."""
         return verdict(self.rows, self.reference, self.noise is not None)
 
     @property

@@ -1,6 +1,6 @@
 """The chain of joints between two links of a URDF (Unified Robot Description Format), ROS's XML of robots.
 
-Read are ``<link>``, and of ``<joint>`` its type, ``<parent>``, ``<child>``, ``<origin xyz rpy>``, ``<axis>``,
+The reader uses ``<link>``, and of ``<joint>`` its type, ``<parent>``, ``<child>``, ``<origin xyz rpy>``, ``<axis>``,
 ``<limit>`` and ``<mimic>``; metres and radians, ``rpy`` about the fixed axes x, y, z in this order. A joint without
 ``<axis>`` has (1, 0, 0), as the format says. Limits that are missing or equal are none.
 

@@ -2,7 +2,7 @@
 
 An executor is any `concurrent.futures.Executor`. It is handed a bounded number of groups of chunks, as bytes and plain
 numbers, and may finish them in any order; the chunks are passed on by number. They depend on their number alone
-(`chunks`): who computes one changes no digit.
+(`chunks`): the process that computes one changes no digit.
 """
 
 from __future__ import annotations
