@@ -218,10 +218,9 @@ class Calibration(Statement):
 
     @cached_property
     def over_workspace(self) -> WorkspacePrediction | None:
-        """Distance by which the tool misses what the camera sees, near the calibrated poses and over the whole
-        workspace.
+        """Miss distance of the tool at a point that the camera sees, near the calibrated poses and over the workspace.
 
-        Computed when it is first asked for. None where the calibration knows no errors of an arm (`kinematics`).
+        It is computed on first access. None where the calibration has no errors of an arm (`kinematics`).
         """
         return over_workspace(self, distance_of(self.analysis)[0])
 
@@ -339,11 +338,11 @@ class Calibration(Statement):
         return write_export(self, path, format)
 
     def export_urdf(self, path: str | Path, urdf: str | Path, narrower: float = 0.5) -> CorrectedUrdf:
-        """The URDF of the arm with the errors corrected that are known, written to ``path``.
+        """Write the URDF of the arm, corrected by the errors that the data determine, to ``path``.
 
-        Only numbers whose standard deviation is below ``narrower`` times the one assumed; their covariance, and what
-        was left as it was, is written beside it as ``NAME.corrections.json`` (`prediction.corrected_urdf`). ``urdf`` is
-        the file that the arm was calibrated with.
+        Numbers are corrected whose standard deviation is below ``narrower`` times the one assumed; their covariance,
+        and the numbers left unchanged, are written to ``NAME.corrections.json`` (`prediction.corrected_urdf`). ``urdf``
+        is the file that the arm was calibrated with.
         """
         return write_corrected_urdf(self.kinematics, path, urdf, narrower)
 

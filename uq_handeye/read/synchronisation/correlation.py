@@ -4,11 +4,11 @@ Model: the gripper and the camera (or the target) are one rigid body, so that bo
 speed at the same moment, whatever X: ``|omega_robot(t + offset)| = |omega_camera(t)|``. No X, no W, no axes are needed.
 
 Both streams are brought to one grid (the larger of the two median intervals); the speed at a grid time is the angle
-between the poses half a window before and behind, by the window (rad/s). Of three windows that one is taken whose
-correlation stands out most: short ones follow fast motion, long ones average noise. Wrong detections rotate fast: both
-speeds are cut off at one level, the smaller of the two 98 % quantiles. The correlation coefficient at every lag is that
-of the grid times at which both speeds are known (neither gap nor end), by FFT in O(n log n); a parabola refines the
-peak.
+between the poses half a window before and behind, by the window (rad/s). Of three windows the one with the
+most significant correlation is taken: short ones follow fast motion, long ones average noise. Wrong detections rotate
+fast: both speeds are cut off at one level, the smaller of the two 98 % quantiles. The correlation coefficient at every
+lag is that of the grid times at which both speeds are known (neither gap nor end), by FFT in O(n log n); a parabola
+refines the peak.
 
 The peak counts if it exceeds the correlation of unrelated motions of the same smoothness by chance: with Bartlett's
 effective number ``n / (1 + 2 sum rho_robot rho_camera)`` and as many trials as there are independent lags. Other peaks
