@@ -86,7 +86,7 @@ def consensus(constraint: Constraint, noise: Noise | None, seed: int | np.random
         return Consensus(at, kept, noise)
     lever = np.broadcast_to(np.eye(6), (constraint.n, 6, 6)).copy()  # of errors about the pivot to those at the origin
     lever[:, 3:, :3] = skew(constraint.second[:, :3, :3] @ pivot)
-    noise = PoseNoise(camera=lever @ covariances_of(noise)[1] @ lever.mT)
+    noise = PoseNoise(camera=lever @ np.asarray(covariances_of(noise)[1]) @ lever.mT)
     return Consensus(_back_to_origin(at, pivot), kept, noise)
 
 

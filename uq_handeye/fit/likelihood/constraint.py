@@ -27,7 +27,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, ClassVar, NamedTuple, Self
+from typing import ClassVar, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +38,7 @@ from ...errors import InputError, require_type
 from ...methods.propagation.target_pose import loop_derivatives
 from ...model.noise.joint_covariance import JointCovariance, joint_of
 from ...model.noise.models import Noise, PairNoise, PoseNoise, is_joint, require_count
+from ...model.noise.square_roots import Covariance
 from ...model.poses.motions import Motions
 from ...model.poses.pose_pairs import PosePairs
 
@@ -89,7 +90,7 @@ class _Rows:
         """Number of rows."""
         return int(self.first.shape[-3])
 
-    def rows(self, index: NDArray[Any]) -> Self:
+    def rows(self, index: NDArray[np.intp]) -> Self:
         """Some of the rows."""
         return replace(self, first=self.first[..., index, :, :], second=self.second[..., index, :, :])
 
@@ -232,7 +233,7 @@ def constraint_of(data: PosePairs | Motions, noise: Noise | None) -> Constraint:
     return OnPoses(poses.robot, poses.camera, poses.setup == "eye-to-hand")
 
 
-def covariances_of(noise: Noise) -> tuple[Any, Any]:
+def covariances_of(noise: Noise) -> tuple[Covariance | None, Covariance | None]:
     """Return the covariances of side 1 and side 2, None where exact."""
     first, second = noise.sides.values()
     return first, second
@@ -265,16 +266,17 @@ def residual_covariance(sides: tuple[Array, Array], noise: Noise) -> Array | Joi
     return np.asarray(result)
 
 
-def _structured(sides: tuple[Array, Array], covariances: tuple[Any, Any]) -> JointCovariance | None:
+def _structured(sides: tuple[Array, Array], covariances: tuple[Covariance | None, ...]) -> JointCovariance | None:
     """S as a `JointCovariance` where a side is one; None where the other is a joint array, which makes it one too."""
     joint = [joint_of(S) for S in covariances]
-    known = [part.carried(D) for D, part in zip(sides, joint, strict=True) if part is not None]
+    known = [S.carried(D) for D, S in zip(sides, joint, strict=True) if S is not None]
     others = [(D, S) for D, S, part in zip(sides, covariances, joint, strict=True) if part is None and S is not None]
     if not known or any(is_joint(S) for _, S in others):
         return None
     result = known[0]
-    for more in (*known[1:], *(D @ S @ D.mT for D, S in others)):
-        result = result.plus(more)
+    more: list[Covariance] = [*known[1:], *(D @ np.asarray(S) @ D.mT for D, S in others)]
+    for part in more:
+        result = result.plus(part)
     return result
 
 

@@ -30,7 +30,7 @@ other directions, and so that of every function of them that the open directions
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar, NamedTuple
+from typing import Annotated, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -282,7 +282,7 @@ class Tilts:
     B: Array  # (..., n, 6, 6, 6): dJ_X by each component of z
     P: Array  # (..., n, 6, 6): covariance of z
 
-    def __getitem__(self, k: Any) -> Tilts:
+    def __getitem__(self, k: tuple[int, ...]) -> Tilts:
         """Return the tilts of one problem."""
         return Tilts(self.J[k], self.A[k], self.B[k], self.P[k])
 

@@ -23,7 +23,7 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -232,7 +232,7 @@ def _isotropic(noise: Noise) -> Noise:
     """Return noise of the same size, one for every row: a start is not made better by details, and biased by nearly
     exact ones.
     """
-    parts: list[Any] = []
+    parts: list[Array | None] = []
     for S in own_covariances(noise):
         if S is not None:
             variances = np.diagonal(S.reshape(-1, 6, 6).mean(axis=0)).reshape(2, 3).mean(axis=1)

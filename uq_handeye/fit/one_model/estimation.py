@@ -30,6 +30,7 @@ from ...model.noise.estimate import CAMERA_EXCESS, PICTURE_SHIFT, NoisePrior
 from ...model.noise.joint_covariance import JointCovariance
 from ...model.noise.models import Noise, PairNoise, PoseNoise, marginals
 from ...model.noise.pose_prior import PosePrior
+from ...model.noise.square_roots import Covariance
 from ...model.poses.pose_pairs import PosePairs
 from ...model.shared_errors.in_noise import errors_of_arm
 from ...model.shared_errors.shared_error import SharedError
@@ -67,8 +68,10 @@ class JointModel:
 
     constraint: Constraint
     prior: NoisePrior = field(default_factory=NoisePrior)
-    camera: Any = None  # covariance of the camera poses, or CameraNoise; None: to be estimated
-    robot: Any = None  # covariance of the robot poses; None: to be estimated
+    camera: Covariance | CameraNoise | None = (
+        None  # covariance of the camera poses, or CameraNoise; None: to be estimated
+    )
+    robot: Covariance | None = None  # of the robot poses; None: to be estimated
     errors: tuple[SharedError, ...] = ()  # what all poses share
     poses: PosePairs | None = None
     pose_prior: PosePrior | None = None
@@ -87,8 +90,8 @@ class JointModel:
         constraint: Constraint,
         poses: PosePairs | None,
         prior: NoisePrior | None = None,
-        camera: Any = None,
-        robot: Any = None,
+        camera: Covariance | CameraNoise | None = None,
+        robot: Covariance | None = None,
         errors: tuple[SharedError, ...] = (),
         **others: Any,
     ) -> JointModel:
@@ -433,9 +436,9 @@ class FoundSizes:
     def _noise_by(self, sizes: dict[str, float], turns: Mapping[str, tuple[Array, Array]] | None = None) -> Noise:
         """Noise by sizes; ``turns`` (r, energies) of the columns of a side: those that are faint go to each pose."""
         source = self.source
-        sides: dict[str, Any] = {}
+        sides: dict[str, Covariance | None] = {}
         for side in ("robot", "camera"):
-            own: Any = source.known.get(side)
+            own: Array | None = source.known.get(side)
             own = None if own is not None and not own.any() else own
             columns: list[Array] = []
             names: list[str] = []
@@ -457,11 +460,13 @@ class FoundSizes:
                     turn, energy = turns[side]
                     faint = shared @ turn[:, energy < ROUGH_GAIN]
                     shared, each, names = shared @ turn[:, energy >= ROUGH_GAIN], each + faint @ faint.mT, []
-                own = JointCovariance(each, shared, tuple(names))
-            sides[side] = own
+                sides[side] = JointCovariance(each, shared, tuple(names))
+            else:
+                sides[side] = own
         if source.constraint.item == "pose":
-            return PoseNoise(**sides)
-        return PairNoise(A=sides["robot"], B=sides["camera"])
+            return PoseNoise(sides["robot"], sides["camera"])
+        A, B = (None if S is None else np.asarray(S) for S in sides.values())
+        return PairNoise(A, B)
 
     @cached_property
     def errors(self) -> tuple[SharedError, ...]:

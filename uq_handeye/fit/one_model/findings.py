@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import asdict
-from typing import Any
 
 import numpy as np
 from scipy.special import ndtr
 
+from ...core.files.json_values import Json, JsonObject
 from ...core.geometry.se3 import Array
 from ...core.numbers.levels import RARE, UNUSUAL
 from ...findings import Finding, Severity
@@ -99,15 +99,17 @@ def size_findings(found: FoundSizes) -> tuple[Finding, ...]:
     """Report sizes that the data push to the end of their range, and errors that X and W absorb."""
     source, model, mode = found.source, found.model, found.mode
     units = {error.name: float(error.sd[0]) for error in source.errors}
-    ends: list[dict[str, Any]] = []
+    ends: list[JsonObject] = []
+    low: list[JsonObject] = []  # of them, those that are smaller than usual
     for place in mode.at_bound:
         part = source.components[int(model.free[place])]
         unit = SIZES[part.name].unit if part.name in SIZES else part.size.unit
         value, usual = (units.get(part.name, 1.0) * float(np.exp(x[place])) for x in (mode.theta, model.medians))
         ends.append({"error": part.name, "of": unit, "value": value, "usual": usual, "factor": part.size.factor})
-    low = [values for values in ends if values["value"] < values["usual"]]
+        if value < usual:
+            low.append(ends[-1])
     listed = []
-    if len(low) > 1:  # less noise than assumed, said once
+    if len(low) > 1:  # less noise than assumed: one finding for all
         listed.append(Finding("noise_estimation.sizes_at_low_end", "caution", {"ends": low}))
         ends = [values for values in ends if values not in low]
     listed += [Finding("noise_estimation.size_at_end", "caution", values) for values in ends]
@@ -159,9 +161,9 @@ def _by_sheet(what: str, parts: list[Component], sides: tuple[str, str], sheet: 
     return _note("with_data_sheet", what=what, sides=sides, components=_plain(parts), decided=decided)
 
 
-def _plain(parts: Iterable[Component]) -> list[dict[str, Any]]:
+def _plain(parts: Iterable[Component]) -> list[JsonObject]:
     return [asdict(part) for part in parts]
 
 
-def _note(what: str, /, **values: Any) -> Finding:
+def _note(what: str, /, **values: Json) -> Finding:
     return Finding(f"noise_estimation.{what}", "note", values)

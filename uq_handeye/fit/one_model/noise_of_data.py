@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
@@ -13,6 +12,7 @@ from ...errors import InputError
 from ...model.noise.camera_noise import CameraNoise
 from ...model.noise.estimate import NoiseEstimate, NoisePrior
 from ...model.noise.models import PoseNoise
+from ...model.noise.square_roots import Covariance
 from ...model.poses.motions import Motions
 from ...model.poses.pose_pairs import PosePairs
 from ...model.shared_errors.shared_error import SharedError, checked_errors
@@ -29,7 +29,7 @@ def estimate_noise(
     start: Array | None = None,
     weights: Array | None = None,
     camera: CameraNoise | None = None,
-    robot: Any = None,
+    robot: Covariance | None = None,
     shared: Sequence[SharedError] = (),
 ) -> NoiseEstimate:
     """Standard deviations of robot and camera from the residuals of the data themselves (`engine`, `sizes`).
@@ -96,7 +96,7 @@ def estimate_noise(
 
 def estimate_robot_noise(
     data: PosePairs,
-    camera: Any,
+    camera: Covariance | CameraNoise,
     prior: NoisePrior | None = None,
     *,
     start: Array | None = None,

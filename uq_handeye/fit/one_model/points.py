@@ -25,6 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
+from ...core.files.json_values import JsonObject
 from ...core.files.records import array_of
 from ...core.geometry.se3 import Array
 from ...core.runtime.read_only import ReadOnlyArrays
@@ -172,7 +173,7 @@ class OpenSizes(ReadOnlyArrays):
 
     # ------------------------------------------------------------------------------------------- file
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonObject:
         """Plain numbers and text: the posterior at the mean sizes, and the model whose sizes are open."""
         components = [
             [part.name, part.side, part.size.median, part.size.factor, part.size.unit, part.size.source, part.count]

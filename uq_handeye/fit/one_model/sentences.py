@@ -6,14 +6,14 @@ Values hold `Component` as dictionaries of its fields, in rad and m.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 from ...core.formatting.numbers import digits, probability
 from ...core.numbers.levels import RARE
-from ...findings import NOISE, sentence
+from ...findings import NOISE, Values, sentence
 
-Part = Mapping[str, Any]
+# The fields of a `Component`.
+Part = Values
 
 
 @sentence(
@@ -228,7 +228,7 @@ def _(error: str, of: str, value: float, usual: float, factor: float, declared: 
     phrase=lambda v: f"less than assumed: {len(v['ends'])} sizes at their low ends",
     effect=1.1,
 )
-def _(ends: list[dict[str, Any]]) -> str:
+def _(ends: Sequence[Part]) -> str:
     found = ", ".join(f"{one['error']} {_in_unit(one['value'], one['of'])}" for one in ends)
     return (
         f"The data have less noise than assumed: they push {len(ends)} sizes of errors to the low ends of their "
