@@ -32,7 +32,7 @@ def by_bundle(job: Job) -> tuple[Calibration, list[Finding]]:
     components = () if result.noise_estimate is None else result.noise_estimate.components
     calibration = poses.camera_calibration
     corners = 0.0 if calibration is None else float(np.median(np.bincount(calibration.corners.picture)))
-    # A shift of a picture that the data tell is noise of its corners that moves their mean by as much.
+    # A shift of a picture that the data resolve is noise of its corners that moves their mean by as much.
     times = {CAMERA_EXCESS: 1.0, PICTURE_SHIFT: corners}
     told = [part for part in components if part.name == CAMERA_EXCESS or part.status == "estimated"]
     excess = float(np.sqrt(sum(times.get(part.name, 0.0) * part.value**2 for part in told)))

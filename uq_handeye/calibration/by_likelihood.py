@@ -374,7 +374,7 @@ def _of_fit(
     assert isinstance(noise, PoseNoise)
     kept = table.weight > 0
     rest, rest_noise = (poses, noise) if kept.all() else (poses.rows(kept), noise.rows(kept))
-    # noise that was estimated explains any residuals, and says only how those of the poses differ
+    # estimated noise explains any residuals, and shows only how those of the poses differ
     known, own = (rest_noise, None) if estimate is None else (None, rest_noise)
     if own is not None and not (is_of_each(own.robot) or is_of_each(own.camera)):
         own = None

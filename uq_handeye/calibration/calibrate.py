@@ -166,7 +166,7 @@ def _with_excluded(result: Calibration, data: PosePairs, selection: Selection, a
     table, analysis, whole = result.table, result.analysis, result.data
     if isinstance(whole, PosePairs):
         robot = data.robot.copy()
-        robot[selection.kept] = whole.robot  # those of an arm may stand for the ones measured
+        robot[selection.kept] = whole.robot  # those of an arm may replace the measured ones
         timing = data.timing
         if timing is not None and whole.timing is not None:
             timing = replace(timing, std=whole.timing.std)  # may have been given
@@ -201,7 +201,7 @@ def _answer(
         warn(error.findings, 3)
         raise
     findings += more
-    if result.opened is not None:  # says what parallel axes leave open, and that nothing of it is stated
+    if result.opened is not None:  # its finding includes that of parallel axes
         findings = [finding for finding in findings if finding.code != "input_checks.parallel_axes"]
     if flips := flipped_poses(job, result):  # which are why angles disagree
         findings = [finding for finding in findings if finding.code != "input_checks.angles_disagree"]

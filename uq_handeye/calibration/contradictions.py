@@ -78,7 +78,7 @@ def shared_findings(job: Job, result: Calibration, joint: Posterior, wrong_size:
     for name, errors in by_name.items():
         declared = len(errors) > 1 and not errors[0].default  # sizes that are assumed were found by these data
         test = group_test(joint, job.shared, name) if declared else None
-        # An arm of right accuracy is within a factor of 2 of the population that stands for it.
+        # An arm of right accuracy is within a factor of 2 of the population that represents it.
         within = (0.5, 2.0) if errors[0].accuracy is not None else (0.0, 1.0)
         if test is not None and (test.times > within[1] or test.times < within[0]):
             severity: Severity = "caution" if test.times > 1 else "note"

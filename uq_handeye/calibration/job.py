@@ -50,12 +50,12 @@ class Job:
     method: str
     robust: bool
     camera_noise: CameraNoise | None = None  # but for pixel noise or robot noise, which are to be estimated
-    robot_noise: Array | JointCovariance | None = None  # covariance beside it, where it is known
+    robot_noise: Array | JointCovariance | None = None  # covariance of the robot poses, where it is known
     shared: tuple[SharedError, ...] = ()  # what all poses share, as unknowns
     pose_prior: PosePrior | None = None  # of X and W; the noise has it too, where it is known
     arm: Arm | None = None  # the robot's joints, where its kinematic errors count
     columns_of_arm: KinematicColumns | None = None  # at the poses, where deviations are to be estimated
-    given: PoseNoise | None = None  # noise beside which they are
+    given: PoseNoise | None = None  # noise in addition to which these are estimated
 
     @property
     def poses(self) -> PosePairs | None:
@@ -165,7 +165,7 @@ def job_of(request: Request, data: PosePairs | Motions, about: tuple[PosePairs, 
                 if direct and (of_all := AllPairs(data)).precise:
                     everything = of_all
                 if everything or method in ROBOT_WORLD_METHODS:
-                    pairs = spread_pairs(data.n, 200_000)  # they serve residuals and checks alone
+                    pairs = spread_pairs(data.n, 200_000)  # used for residuals and checks only
             motions = relative_motions(data, pairs)
         case Motions():
             motions = data

@@ -55,7 +55,7 @@ def _start(context: typer.Context, version: bool = False) -> None:
 
 @cache
 def program(only: str | None = None) -> typer.Typer:
-    """Return the program with all its commands, or with one: a run does not wait for the options of the others."""
+    """Return the program with all its commands, or with one, so that a run does not load the options of the others."""
     made = typer.Typer(
         cls=Program,
         help="""Estimate the pose X of a camera on a robot or in its cell (AX = XB), and its uncertainty.

@@ -101,7 +101,7 @@ class ChainOptions(Options):
         if self.joint_units is not None and self.joints is None:
             raise InputError("--joint-units needs --joints. Remove it.")
         if self.robot_model is not None:
-            self.kinematics()  # before the work, so that a wrong name is told at once
+            self.kinematics()  # before the work, so that a wrong name is reported at once
 
     def kinematics(self) -> "Kinematics":
         """Read the kinematic chain."""

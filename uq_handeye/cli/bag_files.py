@@ -51,7 +51,7 @@ class RobotGiven:
 
 @dataclass(frozen=True)
 class BagGiven:
-    """Bag with what is the robot and the camera in it."""
+    """Bag with the names of robot and camera in it."""
 
     paths: list[Path]
     robot: str | None
@@ -151,7 +151,7 @@ class BagGiven:
 
 
 def info_of(text: str) -> "CameraInfo | str":
-    """Return the intrinsics of --camera-matrix as those of a camera_info, or the word that chooses among those."""
+    """Return the intrinsics of --camera-matrix in the form of a camera_info, or the word that selects among its own."""
     import numpy as np
 
     from ..model.camera.models import LINEAR, MODELS

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Wanted:
-    """The tolerance that is asked for; None: none."""
+    """The requested tolerance; None: none."""
 
     tolerance: "Tolerance | None"
 
@@ -176,7 +176,7 @@ def deliver_answer(
     output: Path | None,
     files: "Callable[[], Mapping[str, str | bytes | Figure]]",
 ) -> None:
-    """Print a result, as JSON ``text`` or as what is ``said``; then write its files, and say so."""
+    """Print a result, as JSON ``text`` or as the text ``said``; then write its files, and print their names."""
     if as_json:
         emit(text)
     elif isinstance(said, str):
@@ -200,7 +200,7 @@ def wrote(directory: Path, names: Iterable[str]) -> str:
 def deliver_camera_poses(
     found: "CameraCalibration | PointPoses", text: Callable[[], str], output: Path | None, as_json: bool, example: str
 ) -> None:
-    """Write camera poses into the folder of -o, and print them with the command that goes on with them.
+    """Write camera poses into the folder of -o, and print them with the next command.
 
     ``example`` is the folder that is named where none is given.
     """

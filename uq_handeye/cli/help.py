@@ -192,7 +192,7 @@ class _WithHelp:
     """Help of this module in place of Typer's."""
 
     def format_help(self, context: Any, formatter: Any) -> None:
-        context.color = coloured(sys.stdout)  # what prints the text takes escapes out unless it is told not to
+        context.color = coloured(sys.stdout)  # otherwise escapes are removed when the text is printed
         formatter.write(help_text(context, every=False))
 
     def get_params(self, ctx: Any) -> Any:

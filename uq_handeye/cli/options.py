@@ -88,7 +88,7 @@ ROBOT_CLASSES = ("industrial", "cobot", "hobby")
 ACCURACY_CLASSES = ("calibrated", "industrial", "cobot")
 EVERY_CLASS = tuple(dict.fromkeys((*ACCURACY_CLASSES, *ROBOT_CLASSES)))
 
-# Groups of options in the help, in their order; a command's own groups stand where OPTIONS does.
+# Groups of options in the help, in their order; a command's own groups take the place of OPTIONS.
 ARGUMENTS, OPTIONS, MESSAGES = "Arguments", "Options", "Messages"
 _BEFORE = (
     *(ARGUMENTS, "Pictures of a board", "Pose files", "Camera poses from other programs", "Robot joints"),

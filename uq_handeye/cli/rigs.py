@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from .pose_files import PoseFiles
 
 
-# Options that a rig takes beside the rig file, and beside a file for each camera.
+# Options that a rig takes with a rig file, and with a file for each camera.
 _ALWAYS = {"ROBOT", "--method", "--no-robust", "--robust", "--seed", "--shared", "--tolerance", "--at", "--report",
            "--json", "--output", "--about", "--full-report", "--paper", "--quiet", "--verbose", "--no-color",
            "--log-file"}  # fmt: skip
@@ -235,7 +235,7 @@ def new_views(stored: "RigCalibration", new: "NewPoses") -> "Rig":
 def predict_stored_rig(
     stored: "RigCalibration", asked: Any, robot: Path | None, as_json: bool, output: Path | None
 ) -> None:
-    """Predict points of a camera of a rig, as ``predict`` asks, at robot poses of its arm or where it stands still."""
+    """Predict points of a camera of a rig, for ``predict``, at robot poses of its arm or with a fixed camera."""
     import numpy as np
 
     from ..read import json_text
@@ -262,7 +262,7 @@ def predict_stored_rig(
 
 
 def plan_stored_rig(stored: "RigCalibration", asked: Any, as_json: bool, output: Path | None) -> None:
-    """Choose the views of a rig to take next, as ``plan`` is asked."""
+    """Choose the views of a rig to take next, for ``plan``."""
     import numpy as np
 
     from ..read import pose_text

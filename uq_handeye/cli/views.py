@@ -47,7 +47,7 @@ class Views:
 
     board: BoardOptions
     options: ViewOptions
-    intrinsics: str | None  # estimated, exact, or None: as the camera says
+    intrinsics: str | None  # estimated, exact, or None: as stated by the camera
 
     def beside(
         self, poses: "PosePairs", noise: "Noise | None", prior: "NoisePrior | None"

@@ -65,7 +65,7 @@ class Stated:
 
     name: str
     unit: str  # "m" or "rad"
-    value: float | None  # None: a statement on the error alone
+    value: float | None  # None: a statement on the error only
     u: float  # infinite: not determined
     dof: float
     k: float

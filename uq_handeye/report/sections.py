@@ -245,7 +245,7 @@ def _gathered(comparison: Comparison) -> list[str]:
     """The warnings of single methods; those of several methods are listed once."""
     said: dict[str, list[str]] = {}
     for line in comparison.own_warnings:
-        method, _, text = line.partition(": ")  # or methods, which then say the same
+        method, _, text = line.partition(": ")  # or methods with the same warning
         said.setdefault(text.replace(f"method '{method}'", "the method"), []).append(method)
     return [f"{', '.join(methods)}: {text}" for text, methods in said.items()]
 

@@ -121,7 +121,7 @@ def _at_global_minimum(
 
 
 def _fitted(task: Task, noise: RigNoise, at: Array, kept: NDArray[np.bool_] | RigFit) -> tuple[RigFit, Distances]:
-    """Fit, with robust weights if asked that begin with the views ``kept`` or as in a fit.
+    """Fit, with robust weights on request, which start with the views ``kept`` or as in a fit.
 
     Its errors name the pose that moved, if one explains them.
     """

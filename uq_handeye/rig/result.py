@@ -86,7 +86,7 @@ class RigCalibration(RigPoses):
     def predict(
         self, camera: str, points: ArrayLike, robot: Mapping[str, ArrayLike] | None = None, into: str = WORLD
     ) -> RigPoints:
-        """Predict where points that a camera sees are; see `uq_handeye.rig.plan`."""
+        """Predict the position of points that a camera sees; see `uq_handeye.rig.plan`."""
         return predict_points(self, camera, points, robot, into)
 
     def plan(self, candidates: Mapping[str, ArrayLike] | None = None, k: int = 5, **options: Any) -> RigPlan:

@@ -195,7 +195,7 @@ def _place_of(C: Array, cameras: Array, width: float) -> tuple[float, Array]:
 
 
 def width_of_targets(task: Task, at: Array, kept: NDArray[np.bool_]) -> float:
-    """Return how wide the targets are, in units of the usual width (`view`), by the noise of the views ``kept`` (E,).
+    """Return the width of the targets, in units of the usual one (`view`), by the noise of the views ``kept`` (E,).
 
     Poses of a small target far away are noisier in tilt and distance than sideways. The width is that of
     the largest evidence, with noise of each pose only, between a few: the top of the parabola through the best three.

@@ -42,7 +42,7 @@ MAX_MISFIT_MEDIANS = 6.0
 
 
 def start_of(graph: Graph, seed: int = 0) -> tuple[Array, NDArray[np.bool_]]:
-    """Return all poses (m, 4, 4), and which edges (E,) they rest on."""
+    """Return all poses (m, 4, 4), and the edges (E,) that they were computed from."""
     kept = np.ones(graph.E, dtype=bool)
     if graph.m == 2 and not _moves_twice(graph):
         with suppress(DegenerateMotionError):
@@ -242,7 +242,7 @@ def parts_of(rig: Rig) -> list[list[str]]:
 
 
 def require_tied(rig: Rig) -> None:
-    """Raise `InputError` for a camera or a target that no view has, a part that floats, an arm that nothing ties."""
+    """Raise `InputError` for a camera or target without views, and for parts and arms not connected to the world."""
     known = rig.known or {}
     views = [view for view in rig.views if len(view.poses)]
     seen = {name for view in views for name in (view.camera, view.target)}
@@ -268,7 +268,7 @@ def require_arms_tied(rig: Rig, parts: list[list[str]]) -> None:
     places = [{rig.place(name) for name in part} for part in parts]
     known = {name for name in (rig.known or {}) if name not in arms}
     for part, where in zip(parts, places, strict=True):
-        if known & set(part):  # a target whose pose in the world is known stands for the first arm
+        if known & set(part):  # a target whose pose in the world is known takes the place of the first arm
             where.add(arms[0])
     grown = True
     while grown:

@@ -58,7 +58,7 @@ class Distances:
 
     edges: Array  # (E,)
     poses: Array  # (P,); 0 where the group has one edge
-    alone: NDArray[np.bool_]  # (P,) robot poses that cannot be judged beside their only view
+    alone: NDArray[np.bool_]  # (P,) robot poses that cannot be separated from their only view
 
 
 def distances(found: RigFit) -> Distances:
@@ -192,7 +192,7 @@ class OfPair(NamedTuple):
 
 
 def is_pair(task: Task) -> bool:
-    """Return whether the graph has one kind of edge, each with a robot pose of its own, and all covariances or none."""
+    """Return whether the graph has one kind of edge, each with its own robot pose, and all covariances or none."""
     graph = task.graph
     sides = [side < graph.P for side in graph.side]
     one_kind = graph.m == 2 and bool((sides[0] ^ sides[1]).all() and (sides[0] == sides[0][0]).all())
@@ -249,7 +249,7 @@ def find_pair(task: Task, start: Array) -> OfPair | None:
 
 
 def weigh_pair(task: Task, noise: RigNoise, start: Array) -> tuple[Array, Array]:
-    """Poses to fit a pair from, and weights, where the noise is given."""
+    """Return start poses and weights for the fit of a pair, where the noise is given."""
     poses, robots = _poses_of(task.graph)
     sides = {"robot": (noise.robot[robots], noise.K_robot[robots]), "camera": (noise.camera, noise.K_camera)}
     of_poses: dict[str, Any] = {

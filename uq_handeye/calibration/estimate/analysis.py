@@ -77,7 +77,7 @@ class FittedKinematics(Record):
     how: str  # "estimate", "declared" or "exact"
     flange: str  # "workspace", "controller" or "physical"
     joints: Annotated[Array, "n", "joints"]  # (n, L) at which it was calibrated
-    beside_controller: tuple[float, float]  # RMS of the controller's poses less those of the joints, rad and m
+    beside_controller: tuple[float, float]  # RMS of the controller's poses minus those of the joints, rad and m
 
     @property
     def joint_noise(self) -> float:
@@ -224,7 +224,7 @@ class Analysis(Record):
     estimate: NoiseEstimate | None = field(default=None, repr=False)  # where the noise comes from the data
     dof: float | None = None  # degrees of freedom of the covariance then
     seed: int = 0
-    # How X and W move, (p,) or (p, r), with errors that are beside the noise, by name: one standard deviation each.
+    # Moves of X and W, (p,) or (p, r), by one standard deviation of each error in addition to the noise, by name.
     beside: dict[str, Array] = field(default_factory=dict, repr=False)
     # Covariances (n, 6, 6) within what each robot pose has by itself, by name: of joint noise.
     within: dict[str, Array] = field(default_factory=dict, repr=False)

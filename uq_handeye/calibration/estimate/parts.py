@@ -73,7 +73,7 @@ class Origin(Record):
     n_poses: int | None
     n_pairs: int
     data: PosePairs | Motions | None = None
-    excluded: tuple[int, ...] = ()  # numbers of poses in `data` that the fit left out as asked for
+    excluded: tuple[int, ...] = ()  # numbers of poses in `data` that were left out by request
     provenance: Provenance | None = None  # files, options and versions: enough to repeat the run
     about: dict[str, str] = field(default_factory=dict)  # title block of the report, by the names of `files.about`
 
@@ -97,7 +97,7 @@ class Solution(Record):
     covariance_kind: str = "model"  # one of `request.COVARIANCES`
     reference: Reference = field(default_factory=Reference)  # the distribution of d^2 = xi^T covariance^-1 xi
     bound: Array | None = None  # (6, 6) Cramer-Rao bound at this noise and these poses; of efficient and ml
-    fourdpa: FourDPA | None = None  # 4DPA's own answer, beside efficient and ml
+    fourdpa: FourDPA | None = None  # result of 4DPA, for comparison with efficient and ml
     agreement: Agreement | None = None  # of method "bundle" with `efficient`
 
 

@@ -226,7 +226,7 @@ def evidence_of_touches(result: Estimated, touches: Touches) -> TouchEvidence:
         b, by_tool = tip.at if touches.touched is None else touches.touched, reached.poses[:, :3, :3]
         by_state = by_state + tip.by_all
         touch_noise = touch_noise + tip.new
-    if reached is None:  # the robot told where it touched, and has its errors there
+    if reached is None:  # the touched point comes from a robot pose, and has its errors
         at_touch = _poses_of_points(result, touches)
         lever = by_pose(b - at_touch[:, :3, 3])
         eye = np.broadcast_to(np.eye(4), at_touch.shape)

@@ -72,7 +72,7 @@ def budget_table(result: Calibration, most: int | None = None) -> Table | None:
     ):
         rows.append([title, "", *cells, "", "", ""])
     head = ["source", "type", "u (mm)", "u (deg)", "% of mm", "% of deg", "dof"]
-    if not np.isfinite([*budget.dof, *(found.dof for _, found in of)]).any():  # said once
+    if not np.isfinite([*budget.dof, *(found.dof for _, found in of)]).any():  # stated once
         rows = [row[:-1] for row in rows if not row or row[0] != DOF]
         return Table(f"{BUDGET_CAPTION}; all degrees of freedom are infinite", head[:-1], rows, frozenset({1}))
     return Table(BUDGET_CAPTION, head, rows, frozenset({1}))

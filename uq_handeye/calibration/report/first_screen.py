@@ -75,7 +75,7 @@ def first_screen(
     if lines is not None and height(_joined(groups, 0), width) > lines:
         groups[1] = answer_blocks(result, verdict, why=False)
         if result.reasons and height(_joined(groups, 0), width) > lines:
-            groups[4] = X[:1]  # the numbers alone of an X that is of no use
+            groups[4] = X[:1]  # only the numbers of an X that cannot be used
     return _joined(groups, 0)
 
 

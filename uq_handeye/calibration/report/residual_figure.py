@@ -98,14 +98,14 @@ def _limits(axis: Axes, value: Array, logarithmic: bool) -> None:
         return
     axis.set_yscale("log")
     positive = value[value > 0]
-    # Of very many poses the smallest residuals say nothing; of few all are shown.
+    # Of very many poses the smallest residuals are not informative; of few all are shown.
     low = float(np.quantile(positive, 0.01 if len(positive) > MAX_LARGE_MARKS else 0.0)) if positive.size else 1.0
     high = float(positive.max()) if positive.size else 1.0
     axis.set_ylim(0.5 * max(low, 1e-6 * high), 3.0 * high)
 
 
 def _named(axis: Axes, rows: list[int], value: Array, count: int) -> None:
-    """Numbers beside the farthest of the flagged poses, unless another number is in the way."""
+    """Write numbers next to the farthest of the flagged poses, unless another number is in the way."""
     low, high = np.log(axis.get_ylim())
     taken: list[tuple[float, float]] = []
     for k in rows:

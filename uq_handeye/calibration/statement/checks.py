@@ -49,7 +49,7 @@ MAX_REJECTED_OF_FEW = 0.35
 MIN_MANY_POSES = 20
 # Ten tests are made of a result: together they raise a caution in 5 % of data sets (Bonferroni).
 CAUTION_OF_TEN_TESTS = UNUSUAL.probability / 10
-# Methods whose results hold the residuals of the poses, unless they were updated by the joint posterior alone.
+# Methods whose results hold the residuals of the poses, unless they were updated by the joint posterior only.
 _WITH_RESIDUALS = ("efficient", "ml", "bundle")
 
 Status = Literal["ok", "caution", "failed", "not run"]
@@ -284,7 +284,7 @@ class Checked(Estimated):
     def checks(self) -> tuple[Check, ...]:
         """The checks of data and fit, one line each: ok, caution, failed or not run."""
         found: dict[str, list[Finding]] = {name: [] for name in CHECKS}
-        misread = any(finding.explains for finding in self.cautions)  # then the fit says nothing of the rest
+        misread = any(finding.explains for finding in self.cautions)  # then the fit does not test the rest
         for finding in self.cautions:
             found.setdefault(finding.record.check, []).append(finding)
         checks = []

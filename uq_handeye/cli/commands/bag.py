@@ -90,7 +90,7 @@ def _tables(
     of_tag: tuple[str | None, str | None],
     joints: str | None,
 ) -> dict[str, str]:
-    """Return the tables that are asked for, by the names of their files."""
+    """Return the requested tables, by the names of their files."""
     from ...read import pose_text
     from ...read.rosbag.camera_info import camera_info_yaml
     from ...read.rosbag.joints import joints_csv

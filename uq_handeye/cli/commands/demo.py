@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     pass
 
 
-# Written by the demo where no other report is asked for.
+# The demo writes this report if no other one is requested.
 DEMO_REPORT = Path("demo_report.html")
 
 

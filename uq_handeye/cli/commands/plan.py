@@ -75,7 +75,7 @@ class Planning:
     repeat: bool = False
 
     def require_possible(self, arm: "Arm | None") -> None:
-        """Raise `InputError` for what cannot be, or not together."""
+        """Raise `InputError` for options that are impossible or exclude each other."""
         for name, value, least in (("-k", self.k, 1), ("--sample", self.sample, 1), ("--seed", self.seed, 0)):
             if value < least:
                 raise InputError(f"Expected {name} to be at least {least}, got {value}.")

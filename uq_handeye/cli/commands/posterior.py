@@ -80,7 +80,7 @@ def posterior_command(
 
     _, problem = session.calibrated("all", pairs, shows_checks=False, **beforehand)
     if output is not None:
-        write_files(output, {})  # makes the folder, or says why not
+        write_files(output, {})  # makes the folder, or raises
         output.mkdir(parents=True, exist_ok=True)
     with timed("sampling"):
         result = sample_posterior(

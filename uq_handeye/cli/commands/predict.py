@@ -72,7 +72,7 @@ class Asked:
     no_noise: bool = False
 
     def require_possible(self, at: Places) -> None:
-        """Raise `InputError` for what cannot be, or not together."""
+        """Raise `InputError` for options that are impossible or exclude each other."""
         if self.of is not None or self.into is not None:
             raise InputError("--of and --into are for the result of a rig. Remove them.")
         if bool(self.point) == self.camera:

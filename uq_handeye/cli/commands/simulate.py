@@ -61,7 +61,7 @@ def simulate_command(
     from ...trials.simulation.rig import simulate
 
     given, known = options.read()
-    noise = require_of_poses(given, "simulate") if known is None else exact_beside(known)  # nothing is drawn beside
+    noise = require_of_poses(given, "simulate") if known is None else exact_beside(known)  # no further noise is drawn
     if options.noise is not None and read_shared_errors(options.noise):
         raise InputError(f"simulate draws independent noise for each pose. Remove [shared] from {options.noise}.")
     if seed < 0:

@@ -183,7 +183,7 @@ def compare_rows(
     motions, noise = work.motions, work.noise
     poses = motions.poses
     found = dict(found)
-    with warnings.catch_warnings(record=True) as others:  # of progress itself, and what numpy says
+    with warnings.catch_warnings(record=True) as others:  # those of progress itself, and of numpy
         warnings.simplefilter("always")
         with progress_bar("compare", len(names), "methods", progress) as advance:
             for name in sorted(names, key=lambda name: name != reference):
@@ -193,7 +193,7 @@ def compare_rows(
     rows = [found[name] for name in names]
     base = next((found[name] for name in (reference, *names) if found[name].failure is None), None)
     common, own = _sorted_warnings(rows, base)
-    if base is None and OWN in found:  # what calibrate says of data that no method answers
+    if base is None and OWN in found:  # the error of calibrate for data that no method accepts
         common = tuple(dict.fromkeys((*found[OWN].warnings, *common)))
 
     def judged(row: Row) -> Residuals | None:
@@ -284,7 +284,7 @@ def _row_of(name: str, motions: Motions, noise: Noise | None, timed: bool) -> Ro
     if not timed or row.X is None:
         return row
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # they stand in the row
+        warnings.simplefilter("ignore")  # the row holds them
         with suppress(*REFUSALS):  # what reached no end is not timed
             return replace(row, seconds=_seconds(_alone(method, motions, noise)))
     return row

@@ -175,7 +175,7 @@ class Row(Record):
     X: Array | None = None  # (4, 4); with a failure: what the method came to all the same, if anything
     covariance: Array | None = None  # (6, 6) of (theta, tau), the method's own; None without noise
     residuals: Residuals | None = None
-    seconds: float | None = None  # of the estimator alone
+    seconds: float | None = None  # of the estimator only
     converged: bool | None = None
     iterations: int | None = None  # 0 in closed form
     not_run: bool = False  # its extra is not installed

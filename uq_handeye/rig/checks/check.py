@@ -446,5 +446,5 @@ def _of_pair(found: RigEvidence, rig: Rig, camera: str, target: str) -> float:
 
 
 def _reference(found: RigEvidence, size: int) -> PredictiveReference:
-    """Distribution of d^2 of so many numbers, at the points of the sizes of the noise."""
+    """Distribution of d^2 of ``size`` numbers, at the points of the sizes of the noise."""
     return PredictiveReference(size, found.weights, found.scales, np.full(len(found.scales), float(size)))

@@ -110,9 +110,7 @@ def prove(rig: Rig, found: RigFit, prior: Prior | None = None) -> tuple[Optimali
             "found."
         ), None  # fmt: skip
     far = _distance(found, at, problem.others)
-    if (
-        far > MAX_DISTANCE_SD
-    ):  # weights of all views alike say little of those of different noise: is it reached from there?
+    if far > MAX_DISTANCE_SD:  # equal weights represent different noise badly: is the minimum reached from there?
         again = fit(found.graph, found.noise, at, "efficient", found.edge_weights, found.pose_weights, prior)
         if (apart := _distance(found, again.at, problem.others)) > MAX_SAME_DISTANCE_SD:
             return Optimality(
@@ -319,7 +317,7 @@ def largest_bound(Q: Array) -> tuple[float, Array]:
         scaled = 1.0 / np.sqrt(np.diagonal(H))
         try:
             step = scaled * cho_solve(cho_factor(H * np.outer(scaled, scaled) + 1e-13 * np.eye(len(H))), scaled * g)
-        except LinAlgError:  # far from a minimum that is not the global one digits run out: what is proven stands
+        except LinAlgError:  # far from a local minimum digits run out: the proven bound remains valid
             break
         decrement = max(float(g @ step), 0.0) ** 0.5
         share = 1.0
@@ -415,6 +413,6 @@ def _constraints() -> Array:
             a, b = (i + 1) % 3, (i + 2) % 3
             found.append(np.outer(one[a], two[b]) - np.outer(one[b], two[a]) - np.outer(three[i], h))
     A = np.array([0.5 * (F + F.T) for F in found])
-    # combinations without terms in h last: these weigh little beside the others, and rounding must not mix the two
+    # combinations without terms in h last: these weigh little compared with the others, and rounding must not mix them
     U = np.linalg.svd(A[:, -1, :9])[0]
     return np.asarray(np.tensordot(U.T, A, axes=1))

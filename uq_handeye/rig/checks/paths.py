@@ -163,7 +163,7 @@ def _through_pairs(found: RigFit, white: list[Array]) -> list[RigPath]:
     ]:
         of_all = (u == graph.X) | (u == graph.W)
         listed = np.unique(partners).tolist()
-        # of two ways to one pose each is the other's other: one of them says it
+        # both estimates of one pose give the same difference: one of them is reported
         for v in listed if len(listed) > 2 else listed[1:]:
             of = of_all & ((v == graph.X) | (v == graph.W))
             total = np.zeros((6, 6 + white[0].shape[-1]))
