@@ -1,7 +1,7 @@
 r"""Consensus of most poses (or motions): a start that outliers do not affect.
 
-Model: most poses obey ``G X C = W`` (motions: ``A X = X B``) with Gaussian noise; the others, at most 40 %, hold
-anything.
+Model: most poses obey ``G X C = W`` (motions: ``A X = X B``) with Gaussian noise; the others, at most 40 %, may be
+arbitrary.
 
 4DPA is solved on smallest subsets (3 poses, 2 motions); the subsets under which 60 % of the poses have the smallest
 rotation and translation residuals (least quantile of squares, Rousseeuw, J. Am. Stat. Assoc. 79, 1984) are improved on
@@ -9,10 +9,10 @@ those 60 % (concentration steps of Rousseeuw and van Driessen, Data Min. Knowl. 
 smallest trimmed sum of squares is taken. Exact copies of a row fit each other, whatever X is: only the first of them
 is used.
 
-The answer depends neither on the order of the rows nor on the choice of the frames. The subsets are drawn from rows
+The result depends neither on the order of the rows nor on the choice of the frames. The subsets are drawn from rows
 sorted by numbers that no choice of frames changes (`_canonical_order`), and translation residuals are measured at a
-point of the target that the data define, not at the origin of its frame: the point that moves least in the camera frame
-(`poses.pivot`), about where the cameras look.
+point of the target that the data define, not at the origin of its frame: the point that moves least in the camera
+frame (`poses.target_views`), near the point at which the cameras look.
 """
 
 from __future__ import annotations

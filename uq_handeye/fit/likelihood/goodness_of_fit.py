@@ -10,13 +10,13 @@ Unknowns along open directions take no degree of freedom. A prior of X or W coun
 With noise that was estimated from the same residuals (`one_model`) sigma_0 is 1 by construction: the test then has
 no power, and that of rotation or translation only has little.
 
-Rotation and translation only: ``sum e_i^T S_i^-1 e_i`` over that part, over its expectation
+*Test of rotation or translation only*: ``sum e_i^T S_i^-1 e_i`` over that part, divided by its expectation
 ``sum tr(S_i^-1 (S_i - J_i C J_i^T))`` (the redundancy of that part; C is the covariance of the unknowns). Where errors
 are shared by the poses (T4b) those residuals are all alike; there ``g = S^-1 e`` takes their place, the part of each
 pose that the others do not predict, with the covariance ``P = S^-1 - S^-1 J C J^T S^-1``: ``sum g_i^T P_ii^-1 g_i``
-over that part, over the number of its components.
+over that part, divided by the number of its components.
 
-*Own residuals* are those after the errors that all poses share are taken out: with ``S = blkdiag(S_i) + F F^T``, r the
+*Own residuals* are those after the errors that all poses share are removed: with ``S = blkdiag(S_i) + F F^T``, r the
 residuals after the fit and z the estimate of the shared errors (`Fit.told`), ``e = r - F z``, whitened by S_i. They
 belong to one pose each, as residuals of independent noise do, with the unknowns (X, W, z).
 

@@ -1,9 +1,9 @@
 r"""Directions of (X, W) that the data leave open: robots that cannot rotate about two axes (T14).
 
-Information I (p, p) of the unknowns (xi_X, xi_W). Along an open direction u of exact data ``u^T I u = 0``: parallel
-axes leave the translation of X along the axis open together with W's, pure translations all of X's translation with
-W's. Measured axes are never parallel: noise tilts them, so that I states a finite and wrong standard deviation. The
-information by noise alone is, with ``dJ`` the first-order change of the derivatives J by errors of the poses,
+I (p, p) is the information about the unknowns (xi_X, xi_W). Along an open direction u of exact data ``u^T I u = 0``:
+parallel axes leave the translation of X along the axis open together with W's, pure translations all of X's translation
+with W's. Measured axes are never parallel: noise tilts them, so that I states a finite and wrong standard deviation.
+The information by noise alone is, with ``dJ`` the first-order change of the derivatives J by errors of the poses,
 
     N = sum_i E[dJ_i^T S_0i^-1 dJ_i],    dJ = [[theta]x, [theta]x] J_X + [[0, 0], [-[f]x R_G, 0]]
 
@@ -19,7 +19,8 @@ open where, with ``I_0 = sum J^T S_0^-1 J`` and the prior of X and W,
 
     u^T I_0 u  <  SIGNAL_RATIO (u^T N u) + |theta_X|^2 / MAX_ROTATION_SD_RAD^2
 
-The second term: a rotation that is known no better than MAX_ROTATION_SD_RAD has no covariance of first order.
+The second term is there as a rotation with a larger standard deviation than MAX_ROTATION_SD_RAD has no first-order
+covariance.
 
 *Units.* Directions are compared in units of the rig: an angle times ``lever``, the root mean square distance of camera
 and target, against a length. A step does not move along open directions: X and W stay at the representative nearest

@@ -4,18 +4,18 @@ Model: with true robot poses G_i (inverted for eye-to-hand), X and W, the board 
 Corner j of picture i is ``z_ij = project(k, C_i P_j) + e``, e independent with the standard deviation s per coordinate
 (pixels); the measured robot pose is the true one with the error ``xi_i = L_i u_i + F_i v`` (left rotation in rad,
 additive translation in m), u_i and v standard normal, ``L_i L_i^T`` its own covariance, singular or 0 where the robot
-is exact, v errors that all robot poses share. Minimised is
+is exact, v errors that all robot poses share. The objective is
 
     sum_ij |z_ij - project(k, C_i P_j)|^2 / s^2  +  sum_i |u_i|^2  +  |v|^2  +  (k - k_0)^T Sigma_0^-1 (k - k_0)
 
-over X, W, the free intrinsics k and all u_i and v. With the rows r of the corners of picture i and their derivatives A
-by k and B by the error of C_i, at any k and C_i (`camera.adjustment.bundle`), all over s,
+minimised over X, W, the free intrinsics k and all u_i and v. With the rows r of the corners of picture i and their
+derivatives A by k and B by the error of C_i, at any k and C_i (`camera.adjustment.bundle`), all over s,
 
     S_i = (B^T B)^-1,   d_i = -S_i B^T r,   G_i = -S_i B^T A,   H = sum_i (A + B G_i)^T (A + B G_i) + Sigma_0^-1
 
 C_i moved by d_i is a measured camera pose with its own covariance S_i, and k with ``H^-1`` the error that all of them
 share, through G_i: the joint covariance of T4b. `gauss_helmert` estimates X, W, k and the true poses by it, the corners
-are linearised at those, and so on until nothing moves: Gauss-Newton of the sum above. To first order, and so after the
+are linearised at those, and so on until it converges: Gauss-Newton of the sum above. To first order, and so after the
 first round, it is `efficient`.
 
 A picture whose robot pose is wrong (robust weight 0) keeps its corners, which still inform about the intrinsics.

@@ -12,22 +12,22 @@ its weight w in that fit, the residual predicted *without* pose i and its covari
 chi-square with 6 degrees of freedom if the pose is good (for w = 1: ``e^T (I - H)^-1 e``). With errors that are
 correlated over the poses (T4b) the prediction uses the errors of the others too: with ``M = S^-1 - S^-1 J P J^T S^-1``
 the predicted residual is ``M_ii^-1 (S^-1 r)_i`` with covariance ``M_ii^-1`` (S with the block of pose i divided by w,
-of a `JointCovariance` its own part only, which is taken back from that covariance).
+of a `JointCovariance` its own part only, which is subtracted from that covariance).
 A direction in which no other pose can predict pose i does not count.
 
-*Weight.* 1 up to ``d^2 = a``, the 99.9 % quantile of chi-square(6); from there linearly down to 0 at b, its 1 - 1e-6
-quantile. Iteratively reweighted least squares: each step is the one of `likelihood.fit`. d^2 does not depend on the
-pose's own weight but through the linearisation, so that the iteration settles at once. Where the noise comes from the
-residuals too, a and b are those quantiles of ``6 F(6, m/2)``, with one factor for both, that of 99.9 %: of the
-``m = 6 n - p`` degrees of freedom, half determine the noise of rotation and half that of translation.
+*Weight.* It is 1 up to ``d^2 = a``, the 99.9 % quantile of chi-square(6), and falls from there linearly to 0 at b, its
+1 - 1e-6 quantile. The fit is iteratively reweighted least squares: each step is the one of `likelihood.fit`. d^2
+depends on the pose's own weight only through the linearisation, so that the iteration converges at once. Where the
+noise comes from the residuals too, a and b are those quantiles of ``6 F(6, m/2)``, with one factor for both, that of
+99.9 %: of the ``m = 6 n - p`` degrees of freedom, half determine the noise of rotation and half that of translation.
 
 *Start.* With the noise given, all poses are first weighted alike: they count in full if the largest distance in their
 fit is one that good poses exceed once in 1000 data sets. Otherwise the limit of the iteration from there is taken if it
 keeps at least 80 % of the poses with noise that needs no scale: two such X share most of their poses and are the same
 within the noise. Otherwise the iteration starts from `consensus`. Where the noise comes from the residuals several
-outliers may hide each other, in few poses the more. From 25 poses on all count in full if the noise of all of them
-leaves a largest distance that good poses exceed in one of twenty data sets, and the median where it belongs, which the
-noise of outliers would make small.
+outliers may hide each other, especially in few poses. From 25 poses on all count in full if, with the noise of all of
+them, the largest distance is one that good poses exceed in one of twenty data sets, and the median distance is as
+expected, which the noise of outliers would reduce.
 """
 
 from __future__ import annotations

@@ -5,7 +5,7 @@ Model: a `Fit` whose noise holds columns F with a name (`SharedError`), scaled b
 The estimate of one of them from the residuals, without its prior but with those of the others, is
 ``z / (1 - v) +- sqrt(v / (1 - v))``, v its variance: the score test of one more unknown.
 
-*Groups* are errors of many numbers that all poses share, such as one for each joint, as one. The numbers of one error
+*Groups* combine errors of many numbers that all poses share, such as one for each joint. The numbers of one error
 have names that agree before ": " (`noise.joint_covariance.group_of`). With the moves ``E = [d_1 .. d_k]`` (6, k) of X
 for one prior standard deviation of each after the fit, the variance of X along u that comes from all of them is
 ``u^T E E^T u``, and the largest share of the variance ``u^T C u`` along any u the largest eigenvalue of ``E^T

@@ -1,6 +1,6 @@
 r"""`Component`, one error of the poses: its side, its effect on each pose, and the prior of its size.
 
-Every error is a `Component`. It enters on one side, as errors ``xi = (theta, tau)`` of the robot's or the camera's
+The error enters on one side, as errors ``xi = (theta, tau)`` of the robot's or the camera's
 poses (left rotation in rad, additive translation in m), in one of two ways or both:
 
 - ``columns`` K (n, 6, m), shared by all poses: ``xi_i = s K_i z``, z ~ N(0, I_m) drawn once;

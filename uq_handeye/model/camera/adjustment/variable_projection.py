@@ -1,7 +1,7 @@
 r"""Least squares over few global values and a small block of numbers for each picture (variable projection).
 
-Minimised is ``sum_i |r_i(v, p_i)|^2 + |R (v - v_0)|^2`` over the values v (f) and the blocks p_i (6 numbers each) of n
-pictures. With the derivatives A_i by v and B_i by p_i, and
+The objective ``sum_i |r_i(v, p_i)|^2 + |R (v - v_0)|^2`` is minimised over the values v (f) and the blocks p_i (6
+numbers each) of n pictures. With the derivatives A_i by v and B_i by p_i, and
 
     G_i = d p_i / d v = -(B_i^T B_i)^-1 B_i^T A_i,      d r_i / d v = A_i + B_i G_i  with the blocks at their minima,
 
