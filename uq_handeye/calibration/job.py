@@ -44,14 +44,14 @@ class Job:
     """A request with its data, checked and converted to the input of the estimators."""
 
     request: Request
-    motions: Motions  # of which residuals are taken, and 4DPA where `everything` is None
+    motions: Motions  # for residuals, and for 4DPA where `everything` is None
     everything: AllPairs | None  # 4DPA of all pairs, without forming them
     noise: Noise | None
     method: str
     robust: bool
-    camera_noise: CameraNoise | None = None  # but for pixel noise or robot noise, which are to be estimated
+    camera_noise: CameraNoise | None = None  # camera noise whose pixel noise, or the robot noise, is to be estimated
     robot_noise: Array | JointCovariance | None = None  # covariance of the robot poses, where it is known
-    shared: tuple[SharedError, ...] = ()  # what all poses share, as unknowns
+    shared: tuple[SharedError, ...] = ()  # errors that all poses share, as unknowns
     pose_prior: PosePrior | None = None  # of X and W; the noise has it too, where it is known
     arm: Arm | None = None  # the robot's joints, where its kinematic errors count
     columns_of_arm: KinematicColumns | None = None  # at the poses, where deviations are to be estimated

@@ -131,7 +131,7 @@ class CameraAhead:
     poses: Array  # (..., 4, 4) camera_T_target that will be measured
     columns: Array  # (..., 6, 12 + q) error of the pose by those of the posterior
     noise: Array  # (..., 6, 6) of joints, robot pose and camera pose, drawn again
-    of_robot: Array  # (..., 6, 6) that of joints and robot pose alone, where it was found from the data
+    of_robot: Array  # (..., 6, 6) that of joints and robot pose only, where it was estimated from the data
     robot: Array  # (..., 4, 4) base_T_gripper, corrected by the estimates
     unseen: Array  # (..., 6, 6) of errors of the robot there of which its poses so far say nothing
 

@@ -52,7 +52,7 @@ MAX_LINEARISATIONS = 6
 # than this is not taken, and shared errors whose energy in the whitened rows is below it count as noise of each pose
 # for the weights (the noise itself has the energy 1 in each number).
 ROUGH_GAIN = 1e-2
-# Of more poses than these only so many, evenly spread over the rows, are used to estimate the sizes.
+# At most this many poses, evenly spread over the rows, are used to estimate the sizes.
 MAX_POSES_FOR_SIZES = 300
 # The data do not resolve a size whose logarithm has a posterior standard deviation above this share of its prior one.
 MAX_RESOLVED_SPREAD = 0.6

@@ -26,8 +26,8 @@ REACH_SD = 5.0
 MAX_LOG_STEP = 1.5
 # The tail of the prior of a size begins at this many times its median.
 FAR_RATIO = 10.0
-# Sizes within this many standard deviations of each other belong to one mode. A single error is resolved if it is
-# larger than twice as many of its own.
+# Sizes within this many standard deviations of each other belong to one mode. A single error is resolved if it exceeds
+# twice this many of its own standard deviations.
 NEAR_SD = 2.0
 # A search that comes within this many standard deviations of a mode would end there.
 ARRIVED_SD = 0.3

@@ -45,7 +45,7 @@ from .mode import find_mode, other_modes
 
 @dataclass(frozen=True, eq=False)
 class OpenSizes(ReadOnlyArrays):
-    """Ingredients of the posterior with open sizes; see the module."""
+    """The quantities from which the posterior with estimated sizes is computed; see the module."""
 
     base: Posterior  # at the mean sizes, its block of X and W as the calibration states it
     of_poses: Array  # (p, p) that block at the mean sizes
@@ -56,7 +56,7 @@ class OpenSizes(ReadOnlyArrays):
     names: tuple[str, ...]  # (k,)
     order: NDArray[np.intp]  # (q,) columns of the model in the order of the names of `base`
     unit: Array  # (q,) of each, in place of that of the model
-    beside: Array  # (p, p) of X and W by what the model does not hold, independent of the rest; in `base`
+    beside: Array  # (p, p) of X and W by errors outside the model, independent of the rest; in `base`
 
     @cached_property
     def _index(self) -> NDArray[np.intp]:
@@ -65,7 +65,7 @@ class OpenSizes(ReadOnlyArrays):
 
     @cached_property
     def _sign(self) -> Array:
-        """(N,) what the numbers of the model are times: it has the opposite signs, and sizes of 1."""
+        """(N,) factors of the numbers of the model, which have the opposite signs, and sizes of 1."""
         return -np.concatenate([np.ones(self.model.p), self.unit])
 
     def _told(self, theta: Array) -> tuple[Array, Array]:

@@ -80,7 +80,7 @@ NEAR_TIP_SHARE, NEAR_TURN_RAD = 0.2, 0.5
 
 @dataclass(frozen=True, eq=False)
 class ArmPopulation:
-    """Geometries of some arms, with what does not depend on the poses."""
+    """Geometries of some arms, with the quantities that do not depend on the poses."""
 
     names: tuple[str, ...]
     stack: ArmStack
@@ -194,13 +194,14 @@ class BoundPopulation(ReadOnlyArrays):
         return np.concatenate([K, twists(np.asarray(robot, dtype=float)) @ self.frames], axis=-1)
 
     def unseen(self, robot: Array, measured: bool = False) -> Array:
-        """(n, 6, 6) covariance that z leaves of other poses (n, 4, 4), a share of whose variance is unknown again.
+        """(n, 6, 6) covariance of errors of other poses (n, 4, 4) that z does not explain.
 
-        The share is ``UNSEEN_SHARE^2 (1 - rho^2)^4``, rho the correlation ``exp(-d^2 / 2)`` with the nearest pose of
-        the data: 0 at these. What is wrong with the geometries is smooth, and known where it was seen. ``measured``:
-        beside noise that was estimated from the data, which holds what is unknown again of a pose that is as far from
-        the others as the poses of the data are from each other; only what is above that of nine of ten counts, and
-        `LEFT_BESIDE` of what z leaves.
+        A share of their variance is independent of the poses of the data: ``UNSEEN_SHARE^2 (1 - rho^2)^4``, rho the
+        correlation ``exp(-d^2 / 2)`` with the nearest pose of the data, so that it is 0 at these. The errors of the
+        geometries are smooth, and known where they were measured. ``measured``: in addition to noise estimated from the
+        data. This noise already contains that share for a pose as far from the others as the poses of the data are from
+        each other; only the excess over the share of nine of ten of these poses counts, and `LEFT_BESIDE` of the
+        covariance that z does not explain.
         """
         whole, known = self._at(robot)
         share = self._unknown_again(self._apart(robot))[:, None, None]

@@ -110,7 +110,7 @@ def part_of(what: str, stated: tuple[float, float] | None) -> str:
 
 
 def noise_of_data(data: object, used: PosePairs | Motions, noise: Noise | None, estimated: bool) -> NoiseOfData:
-    """Return what the data say about the noise.
+    """Return a sentence on the agreement of the data with the noise.
 
     Parameters
     ----------
@@ -162,7 +162,7 @@ def _level(data: PosePairs | Motions, noise: Noise | None) -> NoiseCheck:
 
 
 def limit(who: str, found: NoiseOfData | None) -> str:
-    """Return what a validation cannot tell, and what the data say about it, in one paragraph."""
+    """Return the limits of a validation, and the test of the noise by the data, in one paragraph."""
     text = f"{who} cannot tell whether the noise is right."
     return text if found is None else f"{text}{found.part} {found}"
 

@@ -70,7 +70,7 @@ def _keeping() -> Iterator[None]:
 
 @dataclass(frozen=True, kw_only=True)
 class Kept:
-    """Folder that keeps a run, and what is shown of it."""
+    """Folder that stores a run, and the display of its progress."""
 
     directory: str | os.PathLike[str] | None = None
     resume: bool = False
@@ -112,7 +112,7 @@ def _sha256_of_noise(noise: Noise) -> str:
 
 
 def identity_of(data: PosePairs | Motions, noise: Noise | None, arrays: Mapping[str, Any], **more: Json) -> JsonObject:
-    """Return what the numbers of a run depend on.
+    """Return the identity of a run: the input that its numbers depend on.
 
     Parameters
     ----------

@@ -66,7 +66,7 @@ def _estimated(poses: PosePairs) -> NoiseAndShared:
 
 @dataclass(frozen=True)
 class Question:
-    """Request to `calibrate` that is repeated, and the tolerance asked for.
+    """Request to `calibrate` that is repeated after each pose, and the tolerance.
 
     ``beside`` returns the noise and the shared errors that go with the poses, as `calibrate` takes them.
     """
@@ -105,7 +105,7 @@ class Question:
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """Knowledge after ``n`` poses; without a ``result`` the ``lines`` say why there is none."""
+    """The calibration after ``n`` poses; without a ``result`` the ``lines`` give the reason."""
 
     n: int
     lines: tuple[str, ...]

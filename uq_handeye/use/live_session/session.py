@@ -47,7 +47,7 @@ class Choice:
 
 
 class Session:
-    """Poses of one folder and what is known from them; safe to use from several threads.
+    """Poses of one folder and the calibration by them; safe to use from several threads.
 
     Parameters
     ----------
@@ -240,7 +240,7 @@ class Session:
             return deliver(self.answer, self.folder.path / "result")
 
     def note(self, problem: str) -> None:
-        """Say what could not be used: it is shown with the answers."""
+        """Record input that could not be used; it is shown with the answers."""
         self.notes.append(" ".join(problem.split()))
         self._tell()
 

@@ -41,7 +41,7 @@ class Source(Protocol):
         """Return the next pair; None: there will be no more. Raises `InputError` for one that cannot be used."""
 
     def close(self) -> None:
-        """Let go of what the source holds."""
+        """Release the resources of the source."""
 
 
 class Side:
@@ -52,11 +52,11 @@ class Side:
         raise NotImplementedError
 
     def close(self) -> None:
-        """Let go of what the side holds."""
+        """Release the resources of the side."""
 
 
 class Taken:
-    """Pairs of two sides, taken when the user says that the robot stands still."""
+    """Pairs of two sides, taken on request of the user while the robot does not move."""
 
     on_demand, pending = True, False
 

@@ -73,7 +73,7 @@ class Cause(Record):
 
     @property
     def explains(self) -> bool:
-        """True if what is left of d^2 is what noise makes."""
+        """True if the rest of d^2 is explained by noise."""
         return self.p_left >= CONTRADICTED.probability
 
 
@@ -157,7 +157,7 @@ def compare_causes(evidence: NewRows, columns: Mapping[str, Array], reference: P
 
 
 def distances(evidence: NewRows) -> Array:
-    """(m,) squared distance of each measurement from what all others predict of it."""
+    """(m,) squared distance of each measurement from its prediction by all others."""
     m, k = evidence.r.shape
     white = evidence.whitened(np.eye(m * k).reshape(m, k, m * k))
     g = (white.T @ evidence.white).reshape(m, k)  # Sigma^-1 r

@@ -38,7 +38,7 @@ MAX_TOUCHES = 10_000
 
 @dataclass(frozen=True, eq=False)
 class Bias(ReadOnlyArrays):
-    """Bias of touches and what is left of them, with the tests of both."""
+    """Bias of touches and the scatter about it, with the tests of both."""
 
     evidence: TouchEvidence
     estimate: Array  # (3,), 0 along directions that a tool hides

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class CrossCheck(Outcome):
-    """Every covariance of one problem and what they have to do with each other; see `cross_check`."""
+    """Every covariance of one problem, and the relations between them; see `cross_check`."""
 
     title: ClassVar[str] = "Cross-check"
     kind: ClassVar[str] = "cross-check"

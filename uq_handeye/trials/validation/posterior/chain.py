@@ -28,7 +28,7 @@ GROUP = "mcmc"
 
 
 class Chain(NamedTuple):
-    """A chain, and what it was begun with."""
+    """A chain, and the settings that it was begun with."""
 
     backend: Backend  # of emcee: steps, walkers, d whitened coordinates; log density; state of the random numbers
     proposal: Proposal

@@ -79,7 +79,7 @@ def moves_of(proposal: Proposal, shares: tuple[float, float, float] = (0.8, 0.16
 
 
 class Peak(NamedTuple):
-    """A maximum (d,) of a density, L of the Gaussian there, and the log of what that Gaussian holds."""
+    """A maximum (d,) of a density, L of the Gaussian there, and the logarithm of its integral."""
 
     location: Array
     factor: Array

@@ -52,7 +52,7 @@ def _free_scales(scales: Any, student_t: Any, estimated: bool) -> ScalePrior | N
 
 @dataclass(frozen=True, kw_only=True)
 class InFile:
-    """File that keeps a chain, and what is shown of it."""
+    """File that stores a chain, and the display of its progress."""
 
     file: str | os.PathLike[str] | None = None
     resume: bool = False
