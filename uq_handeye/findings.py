@@ -1,4 +1,4 @@
-"""Findings of tests, fits and runs: a code, how serious it is, and its values; the words come last.
+"""Findings of tests, fits and runs: code, severity and values of each, from which its sentence is made.
 
 Whoever finds something makes a `Finding`; whoever decides looks at its code, severity and values. A package words the
 codes that begin with its name in its module ``sentences``, by functions that take the values by name, and says there

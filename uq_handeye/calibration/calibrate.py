@@ -303,5 +303,5 @@ def _plainer(job: Job, error: Exception) -> tuple[Job, Calibration, list[Finding
             raise error from None
         raise
     if undetermined and (result.table is None or (result.table.distance2 > result.table.limit_of_all).any()):
-        raise error  # it is the wrong poses that seem to determine X
+        raise error  # only the outliers seem to determine X
     return job, result, [said, *findings]

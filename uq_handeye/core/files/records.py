@@ -31,7 +31,7 @@ from .tree_values import is_list, is_map, is_plain_number, items_of
 
 T = TypeVar("T")
 
-# Numbers that are worked out from others again may differ from those in the file by this, relative to the largest of
+# Numbers that are computed from others again may differ from those in the file by this, relative to the largest of
 # their row: files come from other machines.
 FILE_ROUNDING = 1e-5
 _LARGEST = int(np.finfo(float).max)

@@ -41,7 +41,7 @@ from .constraint import MIN_RESOLVED_SHARE, Constraint, Unknowns, covariances_of
 NO_WEIGHT = IMPOSSIBLE.chi_square(6)
 # The start relies on the smallest residuals of this share of the poses, so that all others may be wrong.
 MAJORITY = 0.6
-# Number of random subsets. With 40 % wrong poses 0.6^3 of them are clean, 65 on average, and fewer than 20 of them with
+# Number of random subsets. With 40 % outliers 0.6^3 of them are clean, 65 on average, and fewer than 20 of them with
 # a probability below 1e-9. Many clean ones matter, as a subset amplifies the noise of its poses.
 N_SUBSETS = 300
 
@@ -266,7 +266,7 @@ def robust_variance(squares: Array, freedom: int) -> float:
     middle, gross = _levels(freedom)
     ordered = np.sort(squares)
     count = 0
-    while count != len(ordered):  # what is left out stays out, so that the count falls until it stands still
+    while count != len(ordered):  # poses once left out stay out, so that the count falls until it no longer changes
         count = len(ordered)
         variance = 0.5 * float(ordered[(count - 1) // 2] + ordered[count // 2]) / middle
         ordered = ordered[: np.searchsorted(ordered, gross * variance, side="right")]

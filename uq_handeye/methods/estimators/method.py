@@ -161,7 +161,7 @@ class Method(Published):
     mathematics: str | None  # the model, and what was chosen where the publication leaves it open
     extra: str | None = None  # the optional extra of the package that it needs
     weighted: bool = False  # whether X depends on the noise model
-    smooth: bool = True  # X is differentiable; else the solver has a `covariance`, and derivatives in the mean alone
+    smooth: bool = True  # X is differentiable; else the solver has a `covariance`, and derivatives only on average
 
     @property
     def description(self) -> str:

@@ -110,7 +110,7 @@ class ControllerComparison(ReadOnlyArrays):
         Jacobians and columns of errors are then at the controller's tool, in the controller's base.
         """
         if self.base is None and self.tool is None:
-            return kinematics  # with what it has worked out
+            return kinematics  # with its cached values
         first, *others = kinematics.joints
         end, up = kinematics.end, kinematics.up
         if self.base is not None:

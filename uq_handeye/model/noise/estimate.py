@@ -156,7 +156,7 @@ class FoundComponent:
     low: float
     high: float
     known: bool
-    count: int  # 0 for noise that is drawn anew at each pose
+    count: int  # 0 for noise that is independent at each pose
     determined: float
     share: float
 

@@ -1,3 +1,3 @@
-"""The data: pose pairs, motions, streams, their timing; residuals."""
+"""Pose data: pairs of poses, motions, streams with their timing, and their residuals."""
 
 from . import sentences as sentences
