@@ -147,6 +147,7 @@ def test_every_field_of_a_result_is_on_its_page():
     assert {*fields, *fields["analysis"], *fields["provenance"]} <= names
 
 
+@pytest.mark.slow
 def test_every_field_of_a_result_is_in_the_reference(monkeypatch):
     """Fields that the docstring does not list come from the comments beside them, by an extension of the build."""
     monkeypatch.syspath_prepend(DOCS / "_ext")

@@ -42,6 +42,7 @@ def texts(package):
     return found
 
 
+@pytest.mark.docs
 @pytest.mark.parametrize("package", PACKAGES)
 def test_docstrings_open_with_an_imperative_or_a_noun_phrase(package):
     openings = [(at, text.strip().partition("\n")[0]) for at, is_docstring, text in texts(package) if is_docstring]
@@ -50,6 +51,7 @@ def test_docstrings_open_with_an_imperative_or_a_noun_phrase(package):
     assert found == []
 
 
+@pytest.mark.docs
 @pytest.mark.parametrize("package", ["uq_handeye", "symbolic"])
 def test_texts_use_the_terms_of_the_field(package):
     found = [f"{at}: {text[:100]}" for at, _, text in texts(package) if text != STATUS and ODD.search(text)]

@@ -72,6 +72,7 @@ def test_a_code_is_worded_once():
         sentence("tests.too_few")(str)
 
 
+@pytest.mark.slow
 def test_a_stored_finding_is_worded_in_a_process_that_made_none():
     """Its package was not imported: `uq.load` of a result said its code and values."""
     code = "from uq_handeye.findings import Finding; print(Finding('input_checks.same_file', 'failure', {}).phrase)"

@@ -30,6 +30,7 @@ def test_every_package_is_on_the_page_in_its_place():
     assert {package(module) for module in SOURCES} == set(FLOORS) | FOLDERS
 
 
+@pytest.mark.docs
 @pytest.mark.parametrize("name", FLOORS)
 def test_imports_go_down(name):
     """Imports at the top of a module, in functions and for type checkers, but for the door to the report."""
@@ -43,6 +44,7 @@ def test_imports_go_down(name):
     assert upward == []
 
 
+@pytest.mark.docs
 def test_no_circle_of_files():
     TopologicalSorter({m: {other for _, other in SCRIPT["imports"](m)} - {m} for m in SOURCES}).prepare()
 

@@ -43,6 +43,7 @@ def test_importing_the_package_loads_nothing_slow():
     assert done.stdout.strip() == "[]"
 
 
+@pytest.mark.slow
 def test_modules_are_found_without_being_imported():
     done = subprocess.run(
         [sys.executable, "-c", "import uq_handeye as uq; print(uq.read.read_pose_file.__name__)"],

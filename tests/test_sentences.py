@@ -111,6 +111,7 @@ def emitted(node):
     return None
 
 
+@pytest.mark.docs
 def test_only_sentences_have_words_and_only_of_codes_that_are_found():
     """Calls of Finding hold no text but codes, names and states: at most three words, without a full stop."""
     plain, found = [], set()
@@ -187,6 +188,7 @@ def everything_found(result):
     return found
 
 
+@pytest.mark.docs
 @pytest.mark.parametrize("name", spoilt())
 def test_what_is_found_in_bad_data_has_words_and_is_stored_as_it_is(name):
     data, options = spoilt()[name]
@@ -205,6 +207,7 @@ def test_what_is_found_in_bad_data_has_words_and_is_stored_as_it_is(name):
     assert again.summary() == result.summary()
 
 
+@pytest.mark.docs
 def test_severity_says_whether_X_can_be_used():
     worst = {
         name: max((found.severity for found in quietly(data, **options).findings), key=ORDER.index, default="note")
@@ -233,6 +236,7 @@ EXPECTED = {
 # -------------------------------------------------------------------------------------------------- what is stored
 
 
+@pytest.mark.docs
 def test_a_reworded_sentence_leaves_files_readable(monkeypatch):
     result = quietly(with_wrong(uq.simulate(20, noise=NOISE, seed=SEED), 4))
     data = json.loads(result.to_json())
@@ -245,6 +249,7 @@ def test_a_reworded_sentence_leaves_files_readable(monkeypatch):
     assert again.warnings == tuple(f"Something else about {f.code}." for f in result.findings if f.severity != "note")
 
 
+@pytest.mark.docs
 def test_reading_words_nothing(monkeypatch):
     result = quietly(with_wrong(uq.simulate(20, noise=NOISE, seed=SEED), 4))
     data = json.loads(result.to_json())

@@ -219,7 +219,8 @@ def compare_results(trees: tuple[Path, Path], environment: dict[str, str], only:
             if only and not any(word in case.name for word in only):
                 continue
             before, after = (result_of(case, tree, environment) for tree in trees)
-            exact = difference(*({key: found[key] for key in EXACT if key in found} for found in (before, after)))
+            parts = [{key: found[key] for key in EXACT if key in found} for found in (before, after)]
+            exact = difference(parts[0], parts[1])
             findings = difference(before.get("findings"), after.get("findings"), "findings")
             allowed = MAX_DIFFERENCE
             if MAX_DIFFERENCE < findings[0] < np.inf:

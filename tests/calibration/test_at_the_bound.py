@@ -115,6 +115,7 @@ def test_published_methods_take_the_same_noise(poses, method):
     assert (again.reference.kind, again.noise_estimate) == ("chi-square", None)
 
 
+@pytest.mark.slow
 def test_a_prior_passes_through(poses):
     fixed = quietly(poses, prior=uq.NoisePrior(robot=(None, "0.07mm"), factor=1)).noise_estimate
     assert (fixed["robot translation"].status, fixed["robot translation"].value) == ("fixed", pytest.approx(7e-5))
@@ -126,6 +127,7 @@ def test_a_prior_passes_through(poses):
         assert result.noise_estimate["robot translation"].value == pytest.approx(7e-5)
 
 
+@pytest.mark.slow
 def test_noise_that_is_known_in_full_has_its_own_reference(poses):
     """Result with every component fixed: nothing is estimated, as with that noise given."""
     prior = uq.NoisePrior(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"), factor=1)
@@ -152,6 +154,7 @@ def test_refuses_what_contradicts_itself(poses):
             uq.calibrate(poses, **options)
 
 
+@pytest.mark.slow
 def test_exact_data_have_no_noise_to_estimate(poses):
     exact = uq.PosePairs(poses.truth.robot, poses.truth.camera)
     for method in ("efficient", "ml", "4dpa"):
@@ -197,6 +200,7 @@ def test_covariance_by_residuals(poses, given, kind):
     assert_same_covariance(result.covariances[kind], result.covariance, CLOSE)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["4dpa", "park", "shah"])
 def test_covariance_by_residuals_of_published_methods(poses, method):
     result = quietly(poses, noise=NOISE, covariance="sandwich", method=method)

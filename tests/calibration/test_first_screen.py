@@ -86,6 +86,7 @@ def test_it_fits_a_terminal(result):
     assert result.summary() == to_text(first_screen(result), COLUMNS)
 
 
+@pytest.mark.slow
 def test_it_has_every_part_once(result):
     text = to_text(first_screen(result, last=last_of(result)), COLUMNS)
     flat = " ".join(text.split())

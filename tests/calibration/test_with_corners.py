@@ -36,6 +36,7 @@ def result(recording):
     return calibrate(recording[0])
 
 
+@pytest.mark.slow
 def test_nothing_but_poses_from_corners(recording, result):
     poses, X = recording
     assert result.method == "efficient" and isinstance(result.noise.camera, JointCovariance)

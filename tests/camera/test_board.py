@@ -69,6 +69,7 @@ def test_that_it_is_not_known_is_said(rng, tmp_path):
         uq.detect_board(images, board)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("shape", "dictionary"), [((7, 5), "4X4_50"), ((6, 8), "5X5_100")])
 def test_charuco_also_in_part(rng, tmp_path, shape, dictionary):
     board = uq.Board(*shape, 0.03, "charuco", 0.022, dictionary)

@@ -75,6 +75,7 @@ def test_models_are_those_of_opencv_and_their_derivatives_true(rng, name):
     np.testing.assert_allclose(directions, points / np.linalg.norm(points, axis=1, keepdims=True), atol=1e-6)
 
 
+@pytest.mark.slow
 def test_one_wrong_corner_is_found_and_changes_nothing(rng):
     corners, _, _ = recorded(rng)
     for pixels, model in ((5.0, "pinhole"), (20.0, "auto"), (400.0, "pinhole")):

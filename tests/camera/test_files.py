@@ -38,6 +38,7 @@ def calibrated(rng, model="pinhole", **options):
     return poses, uq.calibrate_camera(corners, model=model, **options)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::uq_handeye.InputWarning")
 @pytest.mark.parametrize("model", ["pinhole", "brown", "fisheye"])
 def test_a_camera_is_read_as_it_was_written(rng, tmp_path, model):

@@ -60,6 +60,7 @@ def test_changed_with_files(folder):
     assert done.stdout.count("\n") <= 2
 
 
+@pytest.mark.slow
 def test_cannot_tell(folder):
     done = check(folder, "one", "--tolerance", "0.2mm")
     assert done.returncode == 3

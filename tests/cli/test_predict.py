@@ -116,6 +116,7 @@ def test_beside_poses_of_the_controller(stored):
     np.testing.assert_allclose(found["covariance"], same.covariance, rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_how_far_the_tool_misses(stored):
     folder, result, _, ahead, _ = stored
     write_joints(folder / "there.csv", ahead + 0.1)

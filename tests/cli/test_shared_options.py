@@ -85,6 +85,7 @@ def test_they_are_in_the_covariance(folder):
     assert np.trace(expected.covariance) > 1.1 * np.trace(uq.calibrate(poses, noise=MODEL).covariance)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("given", [NOISE, NOISE[:2], ()], ids=["noise", "one side", "none"])
 @pytest.mark.parametrize(
     ("command", "more", "key"),
@@ -150,6 +151,7 @@ def test_bad_options(folder, options, parts):
         assert part in found.stderr
 
 
+@pytest.mark.slow
 def test_sizes_by_name(folder):
     """A size takes the place of that of the table: exact, or the median within a factor."""
 
@@ -176,6 +178,7 @@ def test_offset_needs_times(folder):
     assert run("calibrate", untimed, *NOISE, "--offset-sd", "none").returncode in (None, 0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("sd", "expected"), [("20ms", 0.02), ("exact", 0.0)])
 def test_offset_of_streams_takes_the_place_of_the_one_estimated(tmp_path, rng, sd, expected):
     *_, robot, camera = streams(rng, motion(rng, 6.0), 0.02, 6.0)

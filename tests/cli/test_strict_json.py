@@ -45,6 +45,7 @@ def session(request, tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", COMMANDS)
 def test_every_command(session, command):
     done = run(*COMMANDS[command], "--json", cwd=session)
@@ -56,6 +57,7 @@ def test_every_command(session, command):
     assert np.isfinite(done.returncode)
 
 
+@pytest.mark.slow
 def test_one_new_pose_is_enough(tmp_path):
     """`check --only 3` speaks of that pose, and `calibrate --only` of at least three."""
     for name, of in (("old", uq.simulate(12, noise=MODEL, seed=3)), ("new", uq.simulate(5, noise=MODEL, seed=4))):

@@ -46,6 +46,7 @@ def error(out, truth):
     return 1e3 * np.linalg.norm(np.array(json.loads(out)["X"])[:3, 3] - truth[:3, 3])
 
 
+@pytest.mark.slow
 def test_an_aprilgrid_by_its_options_and_by_the_file_of_kalibr(grid):
     folder, truth = grid
     done = run("camera", "img/*.png", *GRID, "--model", "pinhole", "--board-shape", "flat", "-o", "camera", cwd=folder)
@@ -58,6 +59,7 @@ def test_an_aprilgrid_by_its_options_and_by_the_file_of_kalibr(grid):
     np.testing.assert_allclose(json.loads(again.stdout)["X"], json.loads(done.stdout)["X"], atol=1e-9)
 
 
+@pytest.mark.slow
 def test_pictures_of_a_single_tag(tag):
     folder, truth = tag
     done = run("calibrate", "robot.csv", "--images", "img/*.png", *TAG, "--json", cwd=folder)

@@ -31,6 +31,7 @@ def update(folder, name, *options):
     return run("update", folder / "result.json", *files, *options)
 
 
+@pytest.mark.slow
 def test_update_and_difference(folder):
     done = update(folder, "new", "-o", folder / "new")
     assert (done.returncode, done.stderr) == (0, "")

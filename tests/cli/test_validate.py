@@ -51,6 +51,7 @@ def expected(session, **options):
     return monte_carlo(read_poses(session / "robot.csv", session / "camera.csv"), noise=NOISE, **options)
 
 
+@pytest.mark.slow
 def test_text(run, session):
     status, out, err = run(*OPTIONS, "--trials", 1000, "--seed", 4)
     assert (status, err) == (0, "")
@@ -67,6 +68,7 @@ def test_text(run, session):
     assert "Likelihood ratio" in everything and "Likelihood ratio" not in out
 
 
+@pytest.mark.slow
 def test_json_figure_and_folder(run, session, tmp_path):
     arguments = (*OPTIONS, "--trials", 1500, "--method", "4dpa", "--json", "-o", tmp_path / "run")
     status, out, err = run(*arguments, "--figure", tmp_path / "figure.svg")
@@ -82,6 +84,7 @@ def test_json_figure_and_folder(run, session, tmp_path):
     assert (status, again["resumed"], again["covariance"]) == (0, 1500, data["covariance"])
 
 
+@pytest.mark.slow
 def test_several_methods(run, tmp_path):
     options = ("--trials", 300, "--method", "4dpa,park", "--method", "Efficient", "--workers", 1)
     status, out, err = run(*OPTIONS, *options, "-o", tmp_path / "run", "--figure", tmp_path / "f.png")
@@ -97,12 +100,14 @@ def test_several_methods(run, tmp_path):
     assert [part["method"] for part in json.loads(out)["methods"]] == ["4dpa", "park", "efficient"]
 
 
+@pytest.mark.slow
 def test_noise_from_the_data_and_covariance_of_each(run):
     status, out, _ = run("--trials", 500, "--covariance", "each", "--json")
     data = json.loads(out)
     assert (status, data["noise_estimated"], data["tested"], data["origin"]) == (0, True, "each", "fit to the data")
 
 
+@pytest.mark.slow
 def test_digits(run):
     status, out, err = run(*OPTIONS, "--digits", 1, "--trials", 10_000, "--method", "4dpa")
     assert (status, err) == (0, "")
@@ -144,6 +149,7 @@ def test_bad_usage_is_one_line(run, arguments, words):
     assert out == ""
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")  # of distributed
 def test_a_scheduler_that_is_not_there(run, monkeypatch):
     pytest.importorskip("distributed")
@@ -152,6 +158,7 @@ def test_a_scheduler_that_is_not_there(run, monkeypatch):
     assert (status, out) == (2, "") and "Cannot reach the Dask scheduler" in err.splitlines()[-1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("workers", [1, 2])
 def test_ctrl_c_prints_what_is_done_and_can_be_resumed(session, tmp_path, workers):
     """SIGINT to the whole group, as a terminal sends it: no worker may complain."""
@@ -204,6 +211,7 @@ def test_ctrl_c_before_there_is_anything_to_print(run, monkeypatch):
         assert run(*OPTIONS, "--trials", 100) == (130, "", "uq-handeye: interrupted\n")
 
 
+@pytest.mark.slow
 def test_workers_that_are_lost_are_exit_status_1(run, monkeypatch, tmp_path):
     def lost(self, index):
         if index == 2:
@@ -227,6 +235,7 @@ def test_workers_that_are_lost_are_exit_status_1(run, monkeypatch, tmp_path):
     assert run(*options, "-o", tmp_path / "run", "--resume")[::2] == (0, "")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("more", [(), ("--resume",)])
 def test_several_methods_do_not_go_into_the_run_of_one(run, tmp_path, more):
     options = (*OPTIONS, "--trials", 100, "-o", tmp_path / "run")

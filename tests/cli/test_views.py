@@ -52,6 +52,7 @@ def components(found):
     return {part["name"]: part for part in found["noise_estimate"]["components"]}
 
 
+@pytest.mark.slow
 def test_board_and_camera_matrix_give_the_noise(rig):
     folder, X, K, _ = rig
     found = calibrate(folder, *BOARD, "--camera-matrix", K)
@@ -65,6 +66,7 @@ def test_board_and_camera_matrix_give_the_noise(rig):
     assert "geometry of the views" in text and " px " in text
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("matrix", ["info.yaml", "topic.yaml", "known.json"])
 def test_the_camera_in_files_and_the_board_as_points(rig, matrix):
     folder, _, K, _ = rig
@@ -73,6 +75,7 @@ def test_the_camera_in_files_and_the_board_as_points(rig, matrix):
     np.testing.assert_allclose(found["X"], given["X"], atol=1e-9)
 
 
+@pytest.mark.slow
 def test_what_is_known_of_the_intrinsics_and_of_the_noise(rig):
     folder, _, K, poses = rig
     sizes = {}
@@ -101,6 +104,7 @@ def test_what_is_known_of_the_intrinsics_and_of_the_noise(rig):
     assert components(calibrate(folder, *BOARD, "--camera-matrix", "camera"))["pixel noise"]["value"] > 0
 
 
+@pytest.mark.slow
 def test_other_commands_take_the_same(rig):
     folder, _, K, _ = rig
     given = ("robot.csv", "camera.csv", *BOARD, "--camera-matrix", K)

@@ -70,6 +70,7 @@ def test_answers_after_each_pose(tmp_path, arriving):
     assert "Stopped after 9 poses." in said and any("from robot.csv, camera.csv: 9 poses" in line for line in said)
 
 
+@pytest.mark.slow
 def test_a_file_for_each_pose(tmp_path, arriving):
     def both(k):
         text = json.dumps([{"robot": POSES.robot[k].tolist(), "camera": POSES.camera[k].tolist()}])

@@ -92,6 +92,7 @@ def test_all_methods_have_a_row_as_calibrate_gives_it(poses, everything):
     np.testing.assert_allclose(eigenvalues, 1, rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_differences_are_those_of_the_convention(everything):
     reference = everything["4dpa"]
     assert (reference.d2, reference.agrees, reference.difference_rotation) == (0, True, 0)
@@ -258,6 +259,7 @@ def test_every_method_fails():
     json.loads(result.to_json(), parse_constant=no_constant)
 
 
+@pytest.mark.slow
 def test_reference_and_methods(poses):
     result = compare(poses, methods=["park", "tsai", "park"], reference="chou")
     assert [row.method for row in result.rows] == ["chou", "park", "tsai"]
@@ -362,6 +364,7 @@ def test_most_differ_points_to_the_central_method(poses, monkeypatch):
     assert f"agree with {result.most_central[0]}" in " ".join(result.to_text(verbose=True).split())
 
 
+@pytest.mark.slow
 def test_warnings_come_once(poses):
     with pytest.warns(InputWarning) as caught:
         result = compare(dataclasses.replace(poses, camera=poses.camera[::-1]), methods=("park", "chou"))
@@ -394,6 +397,7 @@ def undetermined(name, poses):
     return DegenerateMotionError("With this noise the motions do not determine X.", np.eye(6)[:1], partial)
 
 
+@pytest.mark.slow
 def test_an_undetermined_method_keeps_its_x(poses, monkeypatch):
     error = undetermined("park", poses)
     replaced(monkeypatch, "park", raises(error))

@@ -185,6 +185,7 @@ def test_failures_are_left_out(agreeing):
     assert len(names) == len(agreeing.rows) - 3 and not {"gwak", "shiu", "tsai"} & set(names)
 
 
+@pytest.mark.slow
 def test_nothing_to_draw(agreeing):
     nothing = dataclasses.replace(failing(agreeing, "", *uq.METHODS), reference=None)
     assert comparison_picture(nothing) is None

@@ -37,6 +37,7 @@ def no_constant(name):
     raise AssertionError(f"{name} in JSON")
 
 
+@pytest.mark.slow
 def test_json(everything, tmp_path):
     text = everything.to_json(tmp_path / "comparison.json")
     assert (tmp_path / "comparison.json").read_text() == text

@@ -32,6 +32,7 @@ def test_the_best_fit_looks_best(scaled, tmp_path):
     np.testing.assert_allclose([row.residuals.translation_rms for row in again], expected, rtol=0.02)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::uq_handeye.InputWarning")
 def test_one_number_of_poses_that_are_right_and_scaled(scaled):
     poses = uq.simulate(25, noise=NOISE, seed=3)

@@ -40,6 +40,7 @@ def estimated(arm, poses):
     return quietly(poses, kinematics=arm, shared=[], robust=False, correlation="none")
 
 
+@pytest.mark.slow
 def test_noise_of_the_joints_is_a_source_of_its_own(declared):
     budget = declared.budget
     own = ["robot rotation", "robot translation"]

@@ -321,6 +321,7 @@ def test_noise_of_translations_alone(rng):
         assert np.isfinite([data["normality"]["p_value"], data["autocorrelation"]["factor"]]).all()
 
 
+@pytest.mark.slow
 def test_a_bent_camera_leaves_a_pattern():
     def bent(poses):
         camera = poses.camera.copy()

@@ -177,6 +177,7 @@ def test_the_budget_of_a_fit_is_that_of_numerical_derivatives(rng, setup, kind):
             np.testing.assert_allclose(part / sd / sd[:, None], expected / sd / sd[:, None], atol=2e-4)
 
 
+@pytest.mark.slow
 def test_sources_by_monte_carlo(rng):
     """X scatters, with one source at work, by that source's part of the budget."""
     true = uq.simulate(10, seed=5)

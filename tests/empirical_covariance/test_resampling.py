@@ -169,6 +169,7 @@ def test_draws_of_too_few_poses_are_left_out():
 # --------------------------------------------------------------------------------- against the sampling covariance
 
 
+@pytest.mark.slow
 def test_with_the_true_noise_model_the_sandwich_is_unbiased():
     poses, found = simulated()
     trials = len(found.X)
@@ -304,6 +305,7 @@ def test_bootstrap_of_other_methods_is_that_of_solving_again_to_first_order(meth
 # -------------------------------------------------------------------------------------------------- on motions
 
 
+@pytest.mark.slow
 def test_on_motions_the_clusters_are_motions(rng):
     trials, N = 1000, 25
     _, A, B = exact_motions(rng, N)

@@ -104,6 +104,7 @@ def test_hard_problems_are_certified(rng):
     assert METHOD.estimate(A, B).converged.all()
 
 
+@pytest.mark.slow
 def test_derivatives_are_those_of_the_estimate(rng):
     pytest.importorskip("cvxpy")
     _, A, B = noisy_motions(rng, 6, sd=1e-2)

@@ -167,6 +167,7 @@ def test_shiu_needs_an_axis_of_every_motion(rng):
             assert np.abs(difference(uq.solve(A, B, method=name), X)).max() < 1e-9, name
 
 
+@pytest.mark.slow
 def test_translations_of_zero(method, rng):
     """A camera in the wrist's centre: only andreff needs translations, to fix the scale of its matrix."""
     X, A, B = exact_motions(rng, 6)

@@ -204,6 +204,7 @@ def test_axes_that_noise_turned_round(rng):
     assert 2.5 < nees(error[:, :3], result.Sigma_R).mean() < 3.5
 
 
+@pytest.mark.slow
 def test_batch_is_a_loop(rng):
     """Leading axes broadcast; damped, early and late problems do not disturb each other; N and blocks do not matter."""
     noise = uq.PairNoise(random_covariance(rng, shape=(9,), sd=0.1), random_covariance(rng, shape=(9,), sd=0.1))
@@ -363,6 +364,7 @@ def in_unit(A, B, noise, unit):
     return along(A, unit), along(B, unit), uq.PairNoise(*S)
 
 
+@pytest.mark.slow
 def test_scaled_stop_has_no_unit(rng):
     """Metres, millimetres, nanometres: the same iterations and, up to rounding, the same estimate."""
     _, A, B = exact_motions(rng, 20)
@@ -380,6 +382,7 @@ def test_scaled_stop_has_no_unit(rng):
             np.testing.assert_allclose(other.Sigma_t / unit**2, metres.Sigma_t, rtol=1e-8, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_published_stop_has_a_unit(rng):
     """150 data sets with much noise, 10 iterations at most: most converge in metres, few of the same in millimetres."""
     _, A, B = exact_motions(rng, 60)
@@ -429,6 +432,7 @@ def test_accurate_translations_converge(rng, translation):
     assert result.iterations.max() < 40
 
 
+@pytest.mark.slow
 def test_not_converged_is_said(rng):
     """One iteration is not enough; a published cross-covariance that is impossible gives no covariance."""
     _, A, B = random_problems(rng, 500, 5)

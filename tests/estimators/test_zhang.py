@@ -125,6 +125,7 @@ def test_no_iterations_no_answer(rng):
         method(A, B)
 
 
+@pytest.mark.slow
 def test_what_has_converged_is_stationary(rng):
     """Also on wild data: a step of Newton's method from there leads nowhere."""
     _, A, B = noisy_motions(rng, 3, sd=0.1, shape=(200,), smallest=0.02, largest=0.06)

@@ -250,6 +250,7 @@ def test_npz_file(result, unknown, tmp_path):
         assert "not determined" in str(data["convention"])
 
 
+@pytest.mark.slow
 @holds_for(examples=50, scale=st.floats(1e-12, 1e3))
 def test_any_size_of_covariance_is_read_back(scale):
     from uq_handeye.formats.opencv_storage import yaml_number

@@ -198,6 +198,7 @@ def test_measured_columns_beside_commanded_ones(robot_file, rigs):
         assert any("not used: the columns" in note and "target_TCP" in note for note in source.notes)
 
 
+@pytest.mark.slow
 def test_other_forms_of_programs(robot_file, rigs):
     numbers, T = rigs["staubli"]
     rows = [", ".join(map(repr, row)) for row in numbers.tolist()]
@@ -229,6 +230,7 @@ def test_other_forms_of_programs(robot_file, rigs):
     check(robot_file("\n".join(f"12:00:{k:02d}.5 INFO p[{row}]" for k, row in enumerate(rows))), T)
 
 
+@pytest.mark.slow
 def test_tables_of_other_programs(robot_file, rigs):
     numbers, T = rigs["kuka"]
     rows = [list(map(repr, row)) for row in numbers.tolist()]

@@ -96,6 +96,7 @@ def test_easy_handeye_that_does_not_say_the_setup(name):
         assert read_poses(SAMPLES / name).setup == "eye-in-hand"
 
 
+@pytest.mark.slow
 def test_every_format_has_a_sample():
     found = set()
     for path in SAMPLES.iterdir():

@@ -80,6 +80,7 @@ def test_left_jacobian_against_scipy(angle):
     np.testing.assert_allclose(se3.left_jacobian(theta), jacobian(turned, 3), rtol=0, atol=1e-11)
 
 
+@pytest.mark.slow
 @holds_for(seed=st.integers(0, 2**32 - 1), exponent=st.floats(-12, 0.8))
 def test_left_jacobian_properties(seed, exponent):
     """``J(-theta) = J(theta)^T``, ``J theta = theta``, ``exp(theta) = I + [theta]x J = J(theta) J(-theta)^-1``."""

@@ -195,6 +195,7 @@ def lengths_warned_of(poses):
     return " | ".join(str(item.message) for item in caught if "would sit" in str(item.message))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("distance", [("0.4m", "0.8m"), ("1m", "2m")])
 def test_both_files_inverse_and_swapped_files(good, distance):
     poses = uq.simulate(20, noise=NOISE, setup=good.setup, distance=distance, seed=3)

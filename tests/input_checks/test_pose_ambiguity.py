@@ -103,6 +103,7 @@ def test_flipped_poses_of_another_program_are_named(with_views):
     assert all(one.code != "input_checks.angles_disagree" for one in result.findings)
 
 
+@pytest.mark.slow
 def test_outliers_that_are_not_flipped_are_not_named():
     truth, poses = seen_tag(6, side=0.2, noise=0.05)
     camera = poses.camera.copy()

@@ -192,6 +192,7 @@ def test_other_chains(kinds):
     assert found.reached.mean() > 0.6
 
 
+@pytest.mark.slow
 def test_a_pose_out_of_reach_is_told_and_three_poses_are_enough():
     chain = Kinematics.from_name("ur5e")
     poses = chain.poses(cluster("ur5e", np.random.default_rng(0), n=3))

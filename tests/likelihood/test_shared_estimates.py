@@ -107,6 +107,7 @@ def error_of(X, truth):
     return np.concatenate([turn, truth[:3, 3] - X[..., :3, 3]], axis=-1)
 
 
+@pytest.mark.slow
 def test_a_size_is_what_the_data_say_of_it():
     """A target whose size is right keeps a small error, one that is 1 % wrong is found in the tail of its prior."""
     for wrong in (0.0, 0.01):

@@ -99,6 +99,7 @@ def test_wrong_poses_are_named_as_the_cause(calibrated, log):
     assert len(series) == 5 and series.checks[-1].cause == "one pose wrong"
 
 
+@pytest.mark.slow
 def test_the_figure_shows_every_check(calibrated, log):
     from uq_handeye.use.maintenance.series_figure import series_figure
 

@@ -78,6 +78,7 @@ def test_an_update_is_the_fit_of_all_poses_in_any_order(setup, options, close):
     assert apart(start, whole) > 0.1  # the new poses said something
 
 
+@pytest.mark.slow
 def test_poses_with_their_truth_are_asked_the_same_from_a_file():
     """No accuracy of the robot is assumed of simulated poses, whose truth a file does not hold."""
     poses = uq.simulate(ALL, noise=NOISE, seed=5)
@@ -166,6 +167,7 @@ def test_the_camera_is_adjusted_with_all_pictures(method):
             uq.update(quietly(first, **options), wrong)
 
 
+@pytest.mark.slow
 def test_what_is_not_of_the_same_question_is_refused():
     poses = uq.simulate(ALL, noise=NOISE, seed=9)
     first, second = parts_of(poses, 20, 6)

@@ -57,6 +57,7 @@ def test_predictions_are_those_of_the_enlarged_set(exact):
     assert (np.diff([found.criterion_before, *found.criterion_values]) < 0).all()
 
 
+@pytest.mark.slow
 def test_its_poses_are_those_of_its_joints(exact):
     _, found = exact
     np.testing.assert_allclose(found.robot, ARM.poses(found.joints), atol=1e-9)
@@ -86,6 +87,7 @@ def test_candidates_are_inside_the_limits_and_see_the_target(setup):
     assert np.abs(found[:, 5] - 0.5 * (q[:, 5].min() + q[:, 5].max())).max() <= np.pi + 1e-9
 
 
+@pytest.mark.slow
 def test_eight_poses_chosen_by_joints_beat_local_ones_far_away():
     """True errors of predictions all over the workspace: 8 + 8 chosen ones against 16 and 30 local ones."""
     squares, stated = [], []
@@ -125,6 +127,7 @@ def test_text_json_and_csv_list_the_joints(exact, tmp_path):
     np.testing.assert_allclose(read_joints(tmp_path / "next.csv", ARM).q, found.joints, atol=1e-8)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("criterion", ["trace", "logdet"])
 def test_other_criteria_are_of_X(exact, criterion):
     poses, _ = exact
@@ -137,12 +140,14 @@ def test_other_criteria_are_of_X(exact, criterion):
     np.testing.assert_allclose(found.criterion_values, expected, rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_an_arm_that_is_exact_is_planned_for_too(exact):
     poses, _ = exact
     found = planned(poses, 2, kinematic_errors=uq.KinematicErrors("exact"))
     assert found.criterion_values[-1] < found.criterion_before < planned(poses, 1).criterion_before
 
 
+@pytest.mark.slow
 def test_what_cannot_be_is_refused(exact):
     poses, _ = exact
     for options, message in (

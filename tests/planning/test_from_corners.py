@@ -40,6 +40,7 @@ def test_what_is_known_before_is_what_efficient_says(poses):
     np.testing.assert_allclose(same.covariances, found.covariances)
 
 
+@pytest.mark.slow
 def test_the_error_of_the_intrinsics_does_not_average_out(poses):
     """Poses taken again and again: of independent errors the variance falls as 1 / n, of the intrinsics' it stays."""
     S = poses.camera_calibration.covariance
@@ -54,6 +55,7 @@ def test_the_error_of_the_intrinsics_does_not_average_out(poses):
     assert estimated.noise_estimated and np.linalg.eigvalsh(estimated.covariances).min() > 0
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:.*outlier")
 def test_a_pose_that_does_not_belong_is_left_out_of_noise_and_poses(poses):
     robot = poses.robot.copy()

@@ -215,6 +215,7 @@ def test_no_single_exchange_improves_the_plan():
                 assert direct(information + sum(rows[j].T @ rows[j] for j in other), Q) > reached - 1e-9
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("criterion", CRITERIA)
 def test_plan_beats_random_choice(criterion):
     data = simulate(6, seed=SEED)
@@ -270,6 +271,7 @@ def open_session(setup, turn, noisy, seed):
     return PosePairs(G, C, setup), X, W, axis
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("setup", SETUPS)
 @pytest.mark.parametrize("noisy", [False, True])
 @pytest.mark.parametrize("seed", [SEED, SEED + 1])
@@ -380,6 +382,7 @@ def test_candidates_that_cannot_be():
 # ------------------------------------------------------------------------------------------------ arguments and output
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -516,6 +519,7 @@ def test_value_of_a_stack():
     np.testing.assert_allclose(value(S, None), np.log(np.linalg.det(S)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("setup", SETUPS)
 def test_a_prior_of_x_closes_what_parallel_axes_leave_open(setup):
     """The plan starts from what `efficient` knows with the prior; without, from the weak one."""

@@ -71,6 +71,7 @@ def session(tmp_path_factory):
     return folder, seen
 
 
+@pytest.mark.slow
 def test_a_folder_takes_the_place_of_the_camera_file(session):
     folder, seen = session
     poses = uq.read_poses(folder / "robot.csv", folder / "seen")
@@ -106,6 +107,7 @@ def test_poses_numbered_from_1_and_missing_ones(session):
         uq.read_poses(folder / "robot.csv", more)
 
 
+@pytest.mark.slow
 def test_new_points_are_added(session):
     folder, seen = session
     poses = uq.read_poses(folder / "robot.csv", seen)

@@ -78,6 +78,7 @@ def test_covariance_of_poses_of_a_known_target(axial, noise):
         assert abs(sd / true - 1) < 4.0 / np.sqrt(2 * dof)
 
 
+@pytest.mark.slow
 def test_a_covariance_of_the_wrong_shape_is_rejected():
     """Isotropic noise assumed of a camera whose axial noise is five times the lateral one."""
     rng = np.random.default_rng(SEED + 3)

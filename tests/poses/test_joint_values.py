@@ -57,6 +57,7 @@ def test_interpolates_each_joint_on_its_own():
     np.testing.assert_allclose(found, [[1.0, 0.5], [4.0, -1.0]])
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:Interpolation of the camera")
 @pytest.mark.parametrize("rates", [(200.0, 20.0), (40.0, 60.0)], ids=["robot interpolated", "camera interpolated"])
 def test_synchronised_joints_are_those_at_the_time_of_the_pose(rng, rates):

@@ -69,6 +69,7 @@ def test_pair_kinds(kind):
     assert index.dtype == np.intp
 
 
+@pytest.mark.slow
 @holds_for(n=st.integers(0, 40))
 def test_pair_counts(n):
     every = {tuple(p) for p in pair_indices(n, "all").tolist()}

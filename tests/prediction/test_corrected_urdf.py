@@ -36,6 +36,7 @@ def test_the_corrected_urdf_has_the_poses_of_the_errors_exported(result):
     assert not np.allclose(again.poses(Q), ARM.poses(Q), atol=1e-4)
 
 
+@pytest.mark.slow
 def test_only_what_the_data_know_is_exported(result):
     found = corrected_urdf(result.kinematics, SIX_AXES)
     exported = {row.name for row in found.exported}

@@ -34,6 +34,7 @@ def test_each_error_that_counts_has_a_row(found):
         assert row.told == pytest.approx(1 - (of.sd / of.prior_sd) ** 2, abs=1e-6) and 0 <= row.told <= 1
 
 
+@pytest.mark.slow
 def test_the_share_told_of_groups_is_the_mean_of_theirs(found):
     _, result = found
     rows, told = result.kinematics.table(), result.kinematics.told()

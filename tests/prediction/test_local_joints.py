@@ -16,6 +16,7 @@ def found_in(result):
     return [finding for finding in result.findings if finding.code == CODE]
 
 
+@pytest.mark.slow
 def test_local_poses_are_named():
     case = session(1, 20, 0.1)
     result = calibrated(case)

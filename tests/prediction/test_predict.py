@@ -145,6 +145,7 @@ def without_intrinsics(posterior):
     return type(posterior)(names, posterior.estimate[kept], posterior.covariance[np.ix_(both, both)])
 
 
+@pytest.mark.slow
 def test_a_file_predicts_the_same(rng, tmp_path):
     found = rig(rng)
     result = calibrated(found)

@@ -52,6 +52,7 @@ def test_far_from_the_calibrated_poses_the_tool_misses_by_more(result):
     assert found.nominal > 1e-4
 
 
+@pytest.mark.slow
 def test_radii_are_those_of_predict():
     result = calibrated()
     q = result.kinematics.joints[:6]
@@ -89,6 +90,7 @@ def test_figure(result):
     )
 
 
+@pytest.mark.slow
 def test_without_an_arm_there_is_none():
     plain = calibrated(errors=None, near=1.5)
     assert plain.over_workspace is None and arm_sentences(plain) == []

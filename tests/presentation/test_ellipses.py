@@ -120,6 +120,7 @@ def test_extreme_covariances_are_drawn(covariance):
         assert "\N{MINUS SIGN}0.000" not in title
 
 
+@pytest.mark.slow
 def test_undefined_correlation_says_so():
     figure = covariance_ellipses(X, np.diag([0.0, 1, 1, 1, 1, 1]))
     titles = [axis.get_title(loc="right") for axis in figure.get_axes()]
@@ -143,6 +144,7 @@ def texts_overlap(figure):
     return [(a, b) for k, (a, p) in enumerate(boxes) for b, q in boxes[:k] if p.overlaps(q)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sizes", [[1, 1, 1, 1, 1, 1], [1, 30, 2, 300, 7, 1e4]])
 def test_no_text_overlaps(sizes):
     S = COVARIANCE * np.outer(sizes, sizes)
@@ -172,6 +174,7 @@ def test_refuses(arguments, match):
         covariance_ellipses(**({"X": X, "covariance": np.eye(6)} | arguments))
 
 
+@pytest.mark.slow
 def test_files():
     png, svg = (render(covariance_ellipses(X, COVARIANCE), kind) for kind in ("png", "svg"))
     assert png.startswith(b"\x89PNG") and b"<svg" in svg[:1000]
@@ -181,6 +184,7 @@ def test_files():
         render(figure, "gif")
 
 
+@pytest.mark.slow
 def test_readers_stay_light_and_figures_leave_no_state():
     code = (
         "import sys, uq_handeye.read; "

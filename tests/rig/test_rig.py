@@ -362,6 +362,7 @@ def with_intrinsics(rig, camera, q=3):
     return uq.Rig(rig.arms, rig.cameras, rig.targets, tuple(views))
 
 
+@pytest.mark.slow
 def test_errors_of_a_camera_calibration_are_shared_by_its_views():
     """NEES with them is one; without them, as if each pose had its own noise alone, it is not."""
     exact, truth = simulate_rig({"c1": "arm", "c2": "arm"}, {"t1": "world", "t2": "world"}, n_poses=20, seed=5)

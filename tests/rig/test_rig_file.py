@@ -401,6 +401,7 @@ def test_a_rig_that_is_not_determined_says_so_in_its_report():
 # ------------------------------------------------------------------------------- in use, on the command line
 
 
+@pytest.mark.slow
 def test_check_predict_plan_and_update_on_the_command_line(two_on_the_hand, capsys):
     """The last five poses are new views, in a rig file of their own."""
     path = two_on_the_hand

@@ -49,6 +49,7 @@ def matrix(message):
     return T
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
 def test_samples_give_x_with_its_covariance(setup, tmp_path):
     poses = uq.simulate(15, noise=NOISE, seed=2, setup=setup)

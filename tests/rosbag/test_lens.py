@@ -41,6 +41,7 @@ def track_of(pixels):
 INFO = CameraInfo("cam", (1280, 720), "plumb_bob", K, np.array(D), K)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("raw", [True, False])
 def test_the_corners_say_which_picture_they_lie_in(raw):
     _, pixels = seen(SIDE, raw)

@@ -16,6 +16,7 @@ from uq_handeye.core.runtime import executors
 from uq_handeye.core.runtime.executors import LocalProcesses, connect_to_dask
 
 
+@pytest.mark.slow
 def test_leaving_ends_worker_processes_at_once():
     """Work that was handed to them is broken or cancelled, not waited for."""
     started = time.monotonic()
@@ -33,6 +34,7 @@ def _half_a_result() -> None:
     time.sleep(600)
 
 
+@pytest.mark.slow
 def test_half_a_result_is_not_waited_for():
     with LocalProcesses(1) as pool:
         assert pool.submit(max, 1, 2).result(60) == 2
@@ -58,6 +60,7 @@ def test_without_dask_the_extra_is_named(monkeypatch):
         pass
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")  # of distributed
 def test_a_scheduler_that_is_not_there(monkeypatch):
     pytest.importorskip("distributed")

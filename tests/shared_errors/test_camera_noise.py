@@ -147,6 +147,7 @@ def test_errors_are_consistent_and_with_exact_intrinsics_they_are_not():
     assert np.median(d2) > 3 * stats.chi2.median(6)
 
 
+@pytest.mark.slow
 def test_pixel_noise_and_robot_noise_are_found_beside_each_other(rng):
     robot = np.diag([3e-4] * 3 + [2e-4] * 3) ** 2
     poses, rounded, _, _ = finished(rng, 30, robot=robot, pixel=0.15)

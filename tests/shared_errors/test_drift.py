@@ -42,6 +42,7 @@ def of_motion(result):
     return dict(zip(result.budget.sources, result.budget.covariances, strict=True))[MOTION]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
 @pytest.mark.parametrize("what", ["camera", "target"])
 def test_the_motion_stated_is_that_of_the_data(setup, what):
@@ -61,6 +62,7 @@ def test_the_motion_stated_is_that_of_the_data(setup, what):
     assert np.trace(stated[still, still]) < 0.01 * np.trace(true)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
 def test_x_is_stated_for_any_pose_of_the_session(setup):
     """d^2 of X at the first, the last and the mean pose; without the motion the first and the last are far outside."""
@@ -78,6 +80,7 @@ def test_x_is_stated_for_any_pose_of_the_session(setup):
     assert d2[:, 1, :2].mean() > 12
 
 
+@pytest.mark.slow
 def test_nothing_moves_in_rows_without_a_time():
     poses, _, _ = session("eye-in-hand", "camera", np.random.default_rng([SEED, 3]))
     with pytest.warns(uq.InputWarning, match="Neighbouring residuals are correlated"):

@@ -85,6 +85,7 @@ def test_target_scale_is_that_of_a_board_of_another_size(setup):
         np.testing.assert_allclose(found, column[:, 0], atol=2e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("setup", SETUPS)
 def test_focal_length_and_principal_point_of_a_target_that_is_fitted(setup):
     """A camera taken as too long in focus, or centred elsewhere: the pose that is found anew, of the target assumed."""

@@ -35,6 +35,7 @@ def by_solve(X, A, B, noise, trials):
 
 
 # one of each branch of the series, 9 and 140 mrad, and of blocks of pairs
+@pytest.mark.slow
 @pytest.mark.parametrize("sd", [1e-9, 1e-3, 2e-2, 0.3, 2.0])
 @pytest.mark.parametrize("N", [2, 7, 60, 700])
 def test_same_errors_as_solve(sd, N):

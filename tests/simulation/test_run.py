@@ -171,6 +171,7 @@ def test_what_no_draw_can_solve_raises():
         run(experiment(poses, uq.PoseNoise(camera=1e-30 * np.eye(6)), "park"), np.random.default_rng(0), 4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["4dpa", "efficient", "nguyen"])
 def test_same_generator_same_numbers(method):
     poses = uq.simulate(8, noise=NOISE, seed=SEED)

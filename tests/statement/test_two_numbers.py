@@ -15,6 +15,7 @@ def result():
     return quietly(uq.PosePairs(poses.robot, poses.camera, "eye-to-hand"))
 
 
+@pytest.mark.slow
 def test_the_poses_alone_give_the_covariance_for_known_errors(result):
     """Check by the block of the information matrix, in place of the Schur complement."""
     own, posterior = result.accuracy.from_poses, result.posterior

@@ -47,6 +47,7 @@ def test_second_call_reads(entry, build):
     assert build.calls == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["J_34", "F2", "dF11q_db", "u"])
 def test_round_trip(name, tmp_path, monkeypatch, build):
     """The cache returns what was derived, with the same symbols and the same order of terms."""
@@ -194,6 +195,7 @@ for _ in range(60):
 """
 
 
+@pytest.mark.slow
 def test_two_processes_write_at_once(entry, build):
     writers = [
         subprocess.Popen([sys.executable, "-c", WRITER], stderr=subprocess.PIPE, env=os.environ.copy())

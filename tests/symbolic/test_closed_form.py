@@ -75,6 +75,7 @@ def arguments(rng, form, batch=(), dtype=np.float64):
 # Every function ---------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_every_form_is_a_function():
     assert sorted(FORMS) == dir(cf)
     for name, form in FORMS.items():

@@ -36,12 +36,14 @@ def checkout(tmp_path, monkeypatch):
     return tmp_path
 
 
+@pytest.mark.slow
 @same_sympy
 def test_checked_in_files_are_current(checkout, capsys):
     assert generate.main(["--check"]) == 0
     assert capsys.readouterr().out == ""
 
 
+@pytest.mark.slow
 @same_sympy
 def test_text_depends_on_nothing_else(checkout, tmp_path):
     """Another process, another hash seed, a cold cache, a folder below the checkout: the same bytes."""
@@ -53,6 +55,7 @@ def test_text_depends_on_nothing_else(checkout, tmp_path):
     assert (result.returncode, result.stdout, result.stderr) == (0, "", "")
 
 
+@pytest.mark.slow
 @same_sympy
 @pytest.mark.parametrize(
     ("name", "damage", "shown"),
@@ -77,6 +80,7 @@ def test_check_sees_one_changed_byte(checkout, capsys, name, damage, shown):
     assert path.read_bytes() == before
 
 
+@pytest.mark.slow
 def test_check_sees_missing_and_extra_files(checkout, capsys):
     folder = checkout / "uq_handeye" / "methods" / "_closed_form"
     assert generate.main([]) == 0
@@ -91,6 +95,7 @@ def test_check_sees_missing_and_extra_files(checkout, capsys):
     assert generate.main(["--check"]) == 0
 
 
+@pytest.mark.slow
 def test_only_what_the_package_runs_is_checked_in():
     """Every name read from `_closed_form` by a module of the package is there, and nothing else."""
     modules = [path for path in PACKAGE.parents[1].rglob("*.py") if PACKAGE not in path.parents]
@@ -142,6 +147,7 @@ def test_find_checkout(tmp_path):
     assert generate.find_checkout(Path(tmp_path.anchor), inner) == tmp_path
 
 
+@pytest.mark.slow
 def test_banner_and_docstrings():
     for name, text in generate.texts().items():
         assert text.startswith(BANNER), name

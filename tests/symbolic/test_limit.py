@@ -58,6 +58,7 @@ def test_isoclinic_parts_of_F2(side, read, sign):
     assert identical(Matrix([read(F2(R, t, 1 / EPSILON))[0]]), Matrix([(trace(R) + 1) / 4]))
 
 
+@pytest.mark.slow
 def test_problem_2_is_two_wahba_problems():
     """2: q^T F11 q = 4 (|E|^2 + |Z|^2)|q|^2 - 32 (a_0 b_0 |q|^2 + a . Rot(q) b) for all E, Z, q.
 
@@ -81,6 +82,7 @@ def test_stationarity_of_a_wahba_problem():
     assert identical(slope.T, y.cross(u))
 
 
+@pytest.mark.slow
 @SIDES
 def test_rotations_of_the_isoclinic_parts(side, read, sign):
     """3: conjugation with F2(X, d) acts on them as (I + sign epsilon [t]x) R, up to epsilon^2.
@@ -99,6 +101,7 @@ def test_rotations_of_the_isoclinic_parts(side, read, sign):
     assert identical(conjugated, up_to_first_order(rotated))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sign", [-1, 1])
 def test_stationarity_in_the_limit(sign):
     """4: the condition of either Wahba problem is g + sign epsilon h + O(epsilon^2), any R, t, u, w, v, z."""
@@ -119,6 +122,7 @@ def test_closed_form_of_the_translation():
     assert identical(u.cross(t.cross(y)), (trace(HRt) * eye(3) - HRt.T) * t)
 
 
+@pytest.mark.slow
 def test_orthogonality_of_the_maps():
     """(49)-(51): F2 F2^T = I + O(1/d^2), but F1 F1^T = I + [[0, 2 t], [2 t^T, 0]]/d + O(1/d^2)."""
     q, t = coordinates("q", 4, first=0), coordinates("tau", 3)

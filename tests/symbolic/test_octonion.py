@@ -30,6 +30,7 @@ def test_left_and_right_matrices_are_the_products():
     assert identical(R_R(X).T * R_R(X), norm)
 
 
+@pytest.mark.slow
 def test_rotation_is_in_so4():
     """(16), (18): R^T R = |q_L|^2 |q_R|^2 I with q = sqrt(2) sigma; det R = (|q_L| |q_R|)^4 at a point."""
     R = rotation(SIGMA)

@@ -27,6 +27,7 @@ def sym(X):
     return (X + X.T) / 2
 
 
+@pytest.mark.slow
 def test_W_is_the_objective_of_problem_1():
     """(13): sigma^T W sigma = tr(R H), which R minimising (13) maximises; W symmetric."""
     assert identical(Matrix([SIGMA.dot(W(H) * SIGMA)]), Matrix([trace(rotation(SIGMA) * H)]))
@@ -40,6 +41,7 @@ def test_W_is_the_left_side_of_22():
     assert identical(W(H) * SIGMA, left)
 
 
+@pytest.mark.slow
 def test_blocks_of_W():
     """(25): W = [[0, K], [K^T, 0]], and q_L^T K q_R = tr(R H)."""
     zero = zeros(4, 4)
@@ -48,6 +50,7 @@ def test_blocks_of_W():
     assert identical(Q_LEFT.T * K(H) * Q_RIGHT, Matrix([trace(R * H)]))
 
 
+@pytest.mark.slow
 def test_determinant_of_W():
     """(26): det(lambda I - W) = det(lambda^2 I - K^T K), for every K and lambda.
 
@@ -75,12 +78,14 @@ def test_J_is_the_residual(j, k):
     assert identical(Q_LEFT.T * J(j, k, E, Z) * Q_RIGHT, Matrix([residual]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("side", "number"), [("L", 0), ("R", 1)])
 def test_collapsed_form_is_the_sum_over_J(side, number):
     """The printed collapsed form of F11 and F22 equals (35) for all E, Z."""
     assert over_ring(F(side, E, Z), RING) == definition()[number]
 
 
+@pytest.mark.slow
 def test_collapse_T1():
     """T1 as stated, for all E and Z, orthogonal or not.
 
@@ -92,6 +97,7 @@ def test_collapse_T1():
     assert (over_ring(F11, RING), over_ring(F22, RING)) == definition()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("side", "number"), [("L", 0), ("R", 1)])
 def test_derivatives_by_the_data(side, number):
     """(43), (45): d vec(F)/d b from the J by the product rule, and its contraction with q."""

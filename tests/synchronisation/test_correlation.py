@@ -48,6 +48,7 @@ def test_gaps_are_left_out():
     assert np.isnan(found.camera.speed).any()
 
 
+@pytest.mark.slow
 def test_motions_that_have_nothing_in_common_are_not_taken_for_it():
     """Chance gives a peak that counts in fewer than 1 of 20 cases (4 of 60 at most, by the binomial distribution)."""
     rng = np.random.default_rng(SEED)

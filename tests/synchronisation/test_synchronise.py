@@ -85,6 +85,7 @@ def test_offset_and_X(interpolation, setup, rates, side):
     assert sync.poses.timestamps.max() <= camera.timestamps.max()
 
 
+@pytest.mark.slow
 def test_both_interpolations_agree(plain):
     *_, robot, camera, sync = plain
     other = uq.synchronise(robot, camera, interpolation="geodesic")
@@ -181,6 +182,7 @@ def test_an_offset_of_the_wrong_sign_is_contradicted(plain, offset):
         uq.synchronise(robot, camera, offset=offset, max_offset=1.0)
 
 
+@pytest.mark.slow
 def test_a_prior_weighs_by_its_deviation(plain):
     *_, robot, camera, sync = plain
     at, std = OFFSET + 2e-5, sync.offset_std
@@ -202,6 +204,7 @@ def test_no_offset_is_refused(plain, offset):
 # ------------------------------------------------------------------------------------------------- what is left out
 
 
+@pytest.mark.slow
 def test_gaps_and_ends_are_left_out_and_named(plain):
     *_, robot, camera, _ = plain
     begin, end = 5.0, 5.3
@@ -321,6 +324,7 @@ def test_a_motion_that_repeats_itself_is_said():
         uq.synchronise(robot, camera, offset=(0.1, 0.05))
 
 
+@pytest.mark.slow
 def test_what_interpolation_does_to_X_is_warned_of():
     rng = np.random.default_rng(SEED)
     pose = motion(rng, DURATION, knot=0.4)
@@ -442,6 +446,7 @@ def test_other_covariances_take_it_in(plain, kind):
     assert_same_covariance(result.covariance, without.covariance + np.outer(move, move), 1e-9)
 
 
+@pytest.mark.slow
 def test_what_does_not_take_it_in_says_so(plain):
     sync = plain[-1]
     with pytest.warns(InputWarning, match="method 'park' takes it as exact"):
@@ -465,6 +470,7 @@ def test_what_takes_the_offset_as_exact_says_so(plain, name, call):
         call(poses, pose_noise(LARGER))
 
 
+@pytest.mark.slow
 def test_damaged_files_are_refused(plain):
     data = calibrated(plain[-1].poses).to_dict()
     for name, value in (("share", 2.0), ("side", "left"), ("sensitivity", [1.0]), ("std", "1 ms")):
@@ -577,6 +583,7 @@ def test_a_real_arm_that_moves_while_it_is_recorded():
     assert np.abs(difference(theirs.X, ours.X) - moved).max() < 2e-5
 
 
+@pytest.mark.slow
 def test_few_poses_at_a_second_have_a_figure(tmp_path):
     """Some rows are at the best offset only; the noise of the others is theirs."""
     poses = uq.simulate(

@@ -64,6 +64,7 @@ def test_killed_at_any_moment_and_resumed(tmp_path):
     assert not list(folder.rglob(".uq-handeye-*"))
 
 
+@pytest.mark.slow
 def test_another_cross_check_is_refused(tmp_path):
     options = {"noise": NOISE, "posterior": False, "directory": tmp_path / "run"}
     uq.cross_check(poses_of_program(), trials=200, **options)

@@ -42,6 +42,7 @@ def cell(tmp_path_factory):
     return folder, result, case
 
 
+@pytest.mark.slow
 def test_the_command_agrees_with_the_function(cell):
     folder, result, case = cell
     done = run("verify", folder / "result.json", folder / "same.csv", *DEVIATIONS, "--json", "-o", folder / "out")
@@ -55,6 +56,7 @@ def test_the_command_agrees_with_the_function(cell):
     assert len(rows) == 9 and rows[0].startswith("point,difference_x")
 
 
+@pytest.mark.slow
 def test_a_bias_is_an_exit_status_and_an_answer(cell):
     folder, *_ = cell
     done = run("verify", folder / "result.json", folder / "moved.csv", *DEVIATIONS, "--show", "20mm")

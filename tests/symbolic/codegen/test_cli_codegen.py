@@ -27,6 +27,7 @@ def test_list():
     assert all(name in done.stdout.splitlines()[0] for name in cli_codegen.LANGUAGE_NAMES)
 
 
+@pytest.mark.slow
 def test_files(tmp_path):
     out = tmp_path / "deep" / "generated"
     done = run("codegen", "--language", "c", "--matrix", "J_11", "--matrix", "u,solve_4dpa", "dw_dxi", "-o", out)
@@ -44,6 +45,7 @@ def test_files(tmp_path):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("language", cli_codegen.LANGUAGE_NAMES)
 def test_all(language, tmp_path, generated):
     done = run("codegen", "--language", language, "--all", "-o", tmp_path / "out")
@@ -102,6 +104,7 @@ def test_help_is_quick():
     assert loaded.stdout.splitlines()[-1] == "False"
 
 
+@pytest.mark.slow
 def test_in_a_process_of_its_own(tmp_path):
     done = run_process("codegen", "--language", "latex", "--matrix", "K", cwd=tmp_path, UQ_HANDEYE_CACHE=str(tmp_path))
     assert done.returncode == 0 and done.stdout.endswith("\\end{document}\n") and done.stderr == ""

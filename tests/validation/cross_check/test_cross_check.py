@@ -190,6 +190,7 @@ def test_what_cannot_be_worked_out_says_why():
     json.loads(check.to_json())
 
 
+@pytest.mark.slow
 def test_a_posterior_that_did_not_converge(monkeypatch, poses):
     def refuse(*args, **kwargs):
         raise uq.NotConvergedError("The posterior has not converged: no.")

@@ -53,6 +53,7 @@ def test_ellipses_are_those_of_the_rows(figure, check):
         assert np.allclose(points.get_ydata(), 1e3 * check.runs["4dpa"].errors[:, j])
 
 
+@pytest.mark.slow
 def test_what_there_is_not_is_not_drawn(check):
     rows = tuple(replace(row, covariance=None) if row.key in ("bound", "posterior") else row for row in check.rows)
     figure = cross_check_figure(replace(check, rows=rows))
@@ -62,6 +63,7 @@ def test_what_there_is_not_is_not_drawn(check):
     assert len(cross_check_figure(replace(check, rows=nothing, runs={})).axes) == 15
 
 
+@pytest.mark.slow
 def test_files(check, tmp_path):
     check.figure(tmp_path / "check.png")
     check.figure(tmp_path / "check.svg")

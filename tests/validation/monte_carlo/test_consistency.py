@@ -297,6 +297,7 @@ def test_a_bias_is_named_as_such_and_counts_through_the_nees_alone(rng, P):
     np.testing.assert_allclose(large.bias_sd, large.bias / large.std)
 
 
+@pytest.mark.slow
 def test_a_tiny_difference_is_significant_and_harmless(rng):
     P = np.diag([1e-3] * 3 + [1e-4] * 3) ** 2
     total = None
@@ -337,6 +338,7 @@ def test_few_trials_say_what_they_cannot_tell(rng, P, count):
         assert ("single directions cannot be judged" in verdict(c)) == (count < 30)
 
 
+@pytest.mark.slow
 def test_trials_without_an_estimate_come_first_and_nothing_is_called_consistent(rng, P):
     errors = draw(rng, P, (500,))
     few = consistency(Sums.of(errors, np.arange(500) >= 4, P), P)  # 0.8 %

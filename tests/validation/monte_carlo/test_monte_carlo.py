@@ -119,6 +119,7 @@ def test_pairs_taken_as_independent_are_rejected(poses):
     assert result.mean_nees > 20 and "too small" in result.verdict
 
 
+@pytest.mark.slow
 def test_the_covariance_of_each_trial(problem):
     result = monte_carlo(*problem[:1], noise=problem[1], covariance="each", trials=2_000, seed=SEED)
     assert result.tested == "each" and result.consistency.own and result.consistent
@@ -207,6 +208,7 @@ def test_it_stops_once_the_digits_are_stable(problem):
     assert_same(monte_carlo(problem[0], noise=problem[1], digits=1, seed=SEED, workers=2), result)
 
 
+@pytest.mark.slow
 def test_digits_that_are_not_reached_are_said(problem):
     result = monte_carlo(problem[0], noise=problem[1], digits=3, trials=20_000, seed=SEED)
     assert not result.complete and result.reason.startswith("all trials done, but not stable: 2 blocks of trials")

@@ -171,6 +171,7 @@ def scrambled():
         yield executor
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("ahead", "group"), [(1, 1), (3, 1), (4, 7)])
 @pytest.mark.parametrize("there", [(), (0, 1, 2), (5, 17, 18, 99), range(100)])
 def test_chunks_come_in_order_and_a_bounded_number_ahead(scrambled, monkeypatch, ahead, group, there):
@@ -223,6 +224,7 @@ def test_what_goes_wrong_in_a_worker_is_told(scrambled, error, raised, words):
         list(crew.chunks())
 
 
+@pytest.mark.slow
 def test_an_executor_that_is_shut_down(problem, alone):
     executor = ThreadPoolExecutor(1)
     executor.shutdown()
@@ -232,6 +234,7 @@ def test_an_executor_that_is_shut_down(problem, alone):
     np.testing.assert_array_equal(result.errors, alone.errors[:1000])
 
 
+@pytest.mark.slow
 def test_what_is_left_is_cancelled(problem, scrambled, monkeypatch):
     """The executor stays usable."""
     monkeypatch.setattr(workers, "MIN_GROUPS_AHEAD", 4)
@@ -262,6 +265,7 @@ def test_the_same_bits_by_any_executor(problem, alone, make):
         assert_same(result, alone)
 
 
+@pytest.mark.slow
 def test_covariances_of_each_trial_by_an_executor(problem, scrambled):
     options = {"noise": problem[1], "trials": 3_500, "covariance": "each", "seed": SEED}
     assert_same(monte_carlo(problem[0], **options, executor=scrambled), monte_carlo(problem[0], **options))

@@ -66,6 +66,7 @@ def test_two_maxima_are_said_in_words(posteriors):
     assert posterior.to_dict()["maxima"] == 2
 
 
+@pytest.mark.slow
 def test_repr_is_short(posteriors):
     posterior = posteriors[0]
     assert repr(posterior).startswith("Posterior(X, ") and repr(posterior).endswith(" samples, 2 maxima)")

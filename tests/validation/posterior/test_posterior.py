@@ -97,6 +97,7 @@ def test_seeds():
     assert np.mean(one.samples[:n] == other.samples[:n]) < 0.01
 
 
+@pytest.mark.slow
 def test_highest_density(posterior):
     for level in (0.5, 0.9):
         region = posterior.hpd(level)
@@ -149,6 +150,7 @@ def test_nothing_is_reported_before_it_has_converged(tmp_path):
     assert len(partial.chain) > 0
 
 
+@pytest.mark.slow
 def test_to_arviz(posterior):
     data = posterior.to_arviz()
     assert data["posterior"].attrs["converged"] == 1
@@ -254,6 +256,7 @@ def test_student_t_bears_wrong_poses():
     assert found.names[6:] == tuple(f"W_{axis}" for axis in found.names[:6])
 
 
+@pytest.mark.slow
 def test_noise_that_is_estimated():
     found = sample_posterior(POSES, samples=300, walkers=48)
     assert found.noise_estimated
