@@ -18,7 +18,7 @@ from uq_handeye.calibration.statement.tolerance import MET, Tolerance, probabili
 from uq_handeye.core.geometry.se3 import logarithm
 from uq_handeye.errors import InputError, NotConvergedError
 from uq_handeye.fit.likelihood.gauss_helmert import efficient
-from uq_handeye.fit.likelihood.goodness_of_fit import Reference
+from uq_handeye.fit.likelihood.reference import Reference
 
 NOISE = uq.PoseNoise.isotropic(robot=("0.02deg", "0.05mm"), camera=("0.1deg", "0.5mm"))
 LOOSE, TIGHT = Tolerance.read("3mm,0.4deg"), Tolerance.read("1.2mm,0.15deg")

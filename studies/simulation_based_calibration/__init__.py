@@ -105,7 +105,7 @@ def problem(case: Case, rng: np.random.Generator) -> tuple[Array, uq.PosePairs |
 
 
 def told(case: Case) -> uq.PairNoise | uq.PoseNoise:
-    return type(case.noise)(*(S * case.told**2 for S in covariances_of(case.noise)))
+    return type(case.noise)(*(np.asarray(S) * case.told**2 for S in covariances_of(case.noise)))
 
 
 def ranked(case: Case, seed: int, number: int) -> tuple[list[str], Array]:

@@ -19,7 +19,7 @@ import uq_handeye as uq
 from uq_handeye.errors import SingularNoiseError
 from uq_handeye.fit.empirical_covariance.resampled import KINDS, resampled
 from uq_handeye.fit.likelihood.gauss_helmert import bound, efficient
-from uq_handeye.fit.likelihood.goodness_of_fit import Reference
+from uq_handeye.fit.likelihood.reference import Reference
 
 # --------------------------------------------------------------------------------- the estimate, 4DPA beside it, W
 

@@ -20,7 +20,8 @@ from uq_handeye.fit.diagnostics import sentences as diagnosis_words
 from uq_handeye.fit.diagnostics.diagnose import diagnose, scale_errors, shared_lengths
 from uq_handeye.fit.diagnostics.result import Diagnostics
 from uq_handeye.fit.likelihood.gauss_helmert import corrected, efficient, maximum_likelihood
-from uq_handeye.fit.likelihood.goodness_of_fit import goodness_of_fit, own_residuals
+from uq_handeye.fit.likelihood.goodness_of_fit import goodness_of_fit
+from uq_handeye.fit.likelihood.own_residuals import own_residuals
 from uq_handeye.fit.likelihood.robust import robust_fit
 from uq_handeye.model.noise.square_roots import cholesky_of, whiten
 from uq_handeye.model.shared_errors.in_noise import shared_columns, with_shared

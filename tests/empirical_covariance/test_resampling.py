@@ -27,7 +27,7 @@ from uq_handeye.fit.empirical_covariance.resampled import KINDS, OfMethod, resam
 from uq_handeye.fit.empirical_covariance.sandwich import influence_of, of_known
 from uq_handeye.fit.likelihood.constraint import OnMotions, OnPoses
 from uq_handeye.fit.likelihood.gauss_helmert import efficient, fit
-from uq_handeye.fit.likelihood.goodness_of_fit import Reference
+from uq_handeye.fit.likelihood.reference import Reference
 from uq_handeye.fit.likelihood.starts import start_of
 from uq_handeye.methods.estimators.registry import METHODS, ROBOT_WORLD_METHODS
 from uq_handeye.methods.propagation.all_pairs import solve_all_pairs

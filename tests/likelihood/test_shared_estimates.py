@@ -12,7 +12,7 @@ from uq_handeye.core.geometry.se3 import perturb
 from uq_handeye.fit.empirical_covariance.resampled import resampled
 from uq_handeye.fit.likelihood.constraint import constraint_of
 from uq_handeye.fit.likelihood.gauss_helmert import efficient, fit
-from uq_handeye.fit.likelihood.goodness_of_fit import own_residuals
+from uq_handeye.fit.likelihood.own_residuals import own_residuals
 from uq_handeye.fit.likelihood.shared_estimates import estimates_of, posterior_of_fit
 from uq_handeye.fit.likelihood.starts import start_of
 from uq_handeye.model.noise.square_roots import cholesky_of, gram, whiten

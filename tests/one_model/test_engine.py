@@ -11,7 +11,7 @@ import uq_handeye as uq
 from uq_handeye.errors import InputError
 from uq_handeye.fit.likelihood.constraint import constraint_of
 from uq_handeye.fit.likelihood.gauss_helmert import efficient
-from uq_handeye.fit.likelihood.goodness_of_fit import Reference
+from uq_handeye.fit.likelihood.reference import Reference
 from uq_handeye.fit.likelihood.starts import start_of
 from uq_handeye.fit.one_model import engine
 from uq_handeye.fit.one_model.component import Component

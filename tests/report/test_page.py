@@ -94,7 +94,7 @@ CASES = {
     "exact": lambda: uq.calibrate(uq.simulate(n_poses=6, seed=SEED)),
     "three poses, Hotelling": lambda: replace(
         uq.calibrate(uq.simulate(n_poses=4, noise=NOISE, seed=SEED), noise=NOISE),
-        reference=uq.fit.likelihood.goodness_of_fit.Reference("Hotelling", 3.0),
+        reference=uq.fit.likelihood.reference.Reference("Hotelling", 3.0),
     ),
     "loaded": lambda: replace(uq.calibrate(simulated(), noise=NOISE), data=None),
 }

@@ -14,7 +14,8 @@ from ..fit.empirical_covariance.resampled import Resampled, resampled
 from ..fit.input_checks.residuals import check_fit, check_motions
 from ..fit.input_checks.rotations import require_signal
 from ..fit.likelihood.gauss_helmert import Fit, efficient
-from ..fit.likelihood.goodness_of_fit import Reference, components_of, effective_dof
+from ..fit.likelihood.goodness_of_fit import components_of, effective_dof
+from ..fit.likelihood.reference import Reference
 from ..fit.one_model.noise_of_data import estimate_noise
 from ..methods.estimators.registry import ROBOT_WORLD_METHODS
 from ..methods.propagation.published_fit import Published, fit_published

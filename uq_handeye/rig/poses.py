@@ -26,7 +26,7 @@ from ..core.geometry.se3 import Array, block, inverse, skew
 from ..core.runtime.read_only import ReadOnlyArrays
 from ..errors import InputError
 from ..findings import Finding, texts
-from ..fit.likelihood.goodness_of_fit import Reference
+from ..fit.likelihood.reference import Reference
 from ..model.poses.pose_numbers import ranges
 from ..model.posterior.posterior import Posterior
 from .checks.optimality import Optimality

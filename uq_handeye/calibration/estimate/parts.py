@@ -15,7 +15,8 @@ from ...core.files.records import Record
 from ...core.files.source import Source, versions
 from ...core.geometry.se3 import Array
 from ...fit.diagnostics.pose_table import PoseTable
-from ...fit.likelihood.goodness_of_fit import GoodnessOfFit, Reference
+from ...fit.likelihood.goodness_of_fit import GoodnessOfFit
+from ...fit.likelihood.reference import Reference
 from ...fit.likelihood.rig_bundle import Agreement
 from ...fit.likelihood.shared_estimates import SharedEstimate
 from ...fit.one_model.points import OpenSizes

@@ -29,7 +29,7 @@ from ...core.formatting.units import ANGLE_UNITS, parse_angle, parse_length
 from ...core.geometry.se3 import Array
 from ...core.numbers.levels import INTERVAL
 from ...errors import InputError
-from ...fit.likelihood.goodness_of_fit import Reference
+from ...fit.likelihood.reference import Reference
 from ..estimate.estimated import Estimated
 from .checks import Checked, lower_limit_of
 

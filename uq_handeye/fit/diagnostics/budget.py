@@ -8,7 +8,7 @@ combined one and R_kl the covariance of the estimated variances k and l relative
     u_c^2 = sum_k u_k^2,    nu_k = 2 / R_kk,    nu_eff = 2 u_c^4 / sum_kl R_kl u_k^2 u_l^2
 
 which is Welch and Satterthwaite's formula (JCGM 100, G.2b) where the estimates are independent, and that of
-`likelihood.goodness_of_fit` for one component. The coverage factor is k = t_p(nu_eff), ``U = k u_c``.
+`likelihood.reference` for one component. The coverage factor is k = t_p(nu_eff), ``U = k u_c``.
 
 Type A: noise that was estimated from residuals or corners, with the correlation of neighbouring poses, and a clock
 offset estimated from two streams. Type B: noise as given or fixed by a data sheet, shared errors with their priors.

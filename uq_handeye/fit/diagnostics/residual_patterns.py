@@ -34,7 +34,7 @@ from ...model.noise.joint_covariance import joint_of
 from ...model.noise.square_roots import gram, is_joint, whiten
 from ...model.poses.pose_pairs import PosePairs
 from ..likelihood.gauss_helmert import Fit
-from ..likelihood.goodness_of_fit import own_residuals
+from ..likelihood.own_residuals import own_residuals
 
 # Fewest rows that are tested.
 MIN_ROWS = 8

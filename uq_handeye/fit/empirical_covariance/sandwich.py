@@ -67,7 +67,7 @@ from ...model.noise.joint_covariance import joint_of
 from ...model.noise.square_roots import cholesky_of, is_joint, whiten
 from ..likelihood.constraint import MIN_RESOLVED_SHARE
 from ..likelihood.gauss_helmert import Fit
-from ..likelihood.goodness_of_fit import own_residuals
+from ..likelihood.own_residuals import own_residuals
 
 # The shares ``-B_k J_k`` of the poses in the estimate add up to 1; one with an eigenvalue below this is no weight.
 MIN_SHARE_OF_POSE = -0.05

@@ -15,15 +15,12 @@ of X, from all motions of a few rows (residuals of ``A X = X B``), are:
 The translation of X is the shortest of those that fit best: along open directions the camera is at the origin of the
 frame that carries it. The candidate with the smallest weighted residuals is iterated (Gauss-Newton without steps along
 open directions, `open_directions`), with the prior, until it converges.
-
-*Reduced rows* are the linearised constraint without the directions that stay open, for estimates of the noise.
 """
 
 from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,8 +39,8 @@ from ...model.noise.pose_prior import PosePrior
 from ...model.noise.square_roots import cholesky_of, whiten
 from ...model.poses.motions import Motions
 from ...model.poses.pose_pairs import PosePairs
-from .constraint import MAX_AXIS_ROWS, MIN_RESOLVED_SHARE, Constraint, Linearised, Unknowns, residual_covariance
-from .open_directions import closed_basis, lever_of, own_covariances, rig_units, step_from
+from .constraint import MAX_AXIS_ROWS, MIN_RESOLVED_SHARE, Constraint, Unknowns, residual_covariance
+from .open_directions import lever_of, own_covariances, step_from
 
 # Largest number of steps of a search for a start.
 MAX_START_STEPS = 30
@@ -239,45 +236,3 @@ def _isotropic(noise: Noise) -> Noise:
             S = np.diag(np.repeat(variances, 3))
         parts.append(S)
     return with_prior(type(noise)(*parts), noise.prior)
-
-
-class Reduced(NamedTuple):
-    """Rows of one problem by what the data and the prior determine, for estimates of the noise."""
-
-    J: Array  # (n, 6, q), by unknowns along the directions that are not open
-    basis: Array | None  # (p, q): unknowns of those; None: they are the same
-    known: Array | None  # (q + 1, q + 1): what the prior adds to ``[J, r]^T S^-1 [J, r]``
-
-    def unreduced(self, step: Array) -> Array:
-        """A step of all unknowns."""
-        return step if self.basis is None else step @ self.basis.T
-
-
-def reduce_rows(
-    constraint: Constraint,
-    linear: Linearised,
-    at: Unknowns,
-    prior: PosePrior | None,
-    nothing_open: bool = False,
-) -> Reduced:
-    """Rows without the directions that are open beside isotropic noise of the size of the residuals.
-
-    Leading axes are kept as they are: all directions count then, as where ``nothing_open`` is known.
-    """
-    known: Array | None = None
-    if prior is not None:
-        more, pull, square = prior.normal_equations(at.X, at.W)
-        known = np.block([[more, pull[:, None]], [pull, square]])
-    if linear.r.ndim > 2 or nothing_open:
-        return Reduced(linear.J, None, known)
-    opened: Array | None = None
-    with suppress(DegenerateMotionError):  # residuals that large are those of data that do not fit
-        opened = step_from(constraint, with_prior(isotropic_residuals(constraint, at), prior), at).open
-    if opened is None:
-        return Reduced(linear.J, None, known)
-    basis = closed_basis(opened, rig_units(lever_of(constraint), len(opened)))
-    if known is not None:
-        wide = np.pad(basis, [(0, 1), (0, 1)])
-        wide[-1, -1] = 1.0
-        known = wide.T @ known @ wide
-    return Reduced(linear.J @ basis, basis, known)

@@ -37,7 +37,8 @@ from ...model.shared_errors.shared_error import SharedError
 from ...model.shared_errors.sizes import SIZES, Size
 from ...model.shared_errors.view import view_block
 from ..likelihood.constraint import Constraint, Unknowns
-from ..likelihood.starts import ROUGH_STEP_SD, Reduced, reduce_rows
+from ..likelihood.reduced_rows import Reduced, reduce_rows
+from ..likelihood.starts import ROUGH_STEP_SD
 from .component import Component
 from .engine import LatentModel
 from .integration import Mixture, integrate

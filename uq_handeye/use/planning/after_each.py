@@ -20,7 +20,7 @@ from ...calibration.statement.accuracy import amounts, part_name
 from ...calibration.statement.tolerance import MET, Verdict, percent, probability_within
 from ...core.geometry.se3 import Array, logarithm
 from ...errors import DegenerateMotionError, InputError, NotConvergedError
-from ...fit.likelihood.goodness_of_fit import Reference
+from ...fit.likelihood.reference import Reference
 from ...model.noise.models import Noise, PoseNoise
 from ...model.poses.pose_pairs import PosePairs
 from ...model.shared_errors.shared_error import OF_ANY_POSES, SharedError

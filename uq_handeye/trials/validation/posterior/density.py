@@ -49,8 +49,8 @@ from ....core.numbers.rounding import TINY
 from ....errors import DegenerateMotionError, InputError
 from ....fit.likelihood.constraint import Constraint, block_diagonal, constraint_of, covariances_of, residual_covariance
 from ....fit.likelihood.gauss_helmert import Fit, corrected, maximum_likelihood
-from ....model.noise.models import Noise, is_joint
-from ....model.noise.square_roots import cholesky_of, gram, whiten
+from ....model.noise.models import Noise, PairNoise, PoseNoise, is_joint
+from ....model.noise.square_roots import Covariance, cholesky_of, gram, whiten
 from ....model.poses.motions import Motions
 from ....model.poses.pose_pairs import PosePairs
 from ...simulation.run import BLOCK_POSES
@@ -273,7 +273,7 @@ def density_of(
     return Density(constraint, fit, first, second, whitening, share, by_W, factor, follow, sampled, student_t, names)
 
 
-def _scales_of(prior: ScalePrior | None, covariances: tuple[Array | None, Array | None]) -> Scales:
+def _scales_of(prior: ScalePrior | None, covariances: tuple[Covariance | None, Covariance | None]) -> Scales:
     """The scales of sides that have noise and a prior."""
     if prior is None:
         return Scales((), np.empty(0))
@@ -295,7 +295,7 @@ def _together(fit: Fit, noise: Noise, split: bool) -> tuple[Array, Array]:
     first = covariances_of(noise)[0]
     if first is None:
         return inverse, np.zeros((n, 6))
-    alone = type(noise)(first)
+    alone = PoseNoise(first) if isinstance(noise, PoseNoise) else PairNoise(np.asarray(first))
     S_1 = np.asarray(residual_covariance(fit.linear.sides, alone))
     if S_1.shape != fit.S.shape:  # only the other side is joint
         S_1 = block_diagonal(S_1)

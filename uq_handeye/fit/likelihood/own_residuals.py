@@ -1,0 +1,50 @@
+r"""Residuals of each pose without the errors that all poses share.
+
+Residuals after a fit with shared errors are alike in all poses. With ``S = blkdiag(S_i) + F F^T``, r the residuals
+after the fit and z the estimate of the shared errors (`Fit.told`), the own residuals are ``e = r - F z``, whitened by
+S_i. They belong to one pose each, as residuals of independent noise do, with the unknowns (X, W, z).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ...core.geometry.se3 import Array
+from ...errors import InputError
+from ...model.noise.joint_covariance import joint_of
+from ...model.noise.square_roots import cholesky_of, whiten
+from .constraint import MIN_RESOLVED_SHARE
+from .gauss_helmert import Fit
+
+
+class OwnResiduals(NamedTuple):
+    """Own residuals of one fit, in units of each pose's own noise, without the weights."""
+
+    e: Array  # (n, 6)
+    J: Array  # (n, 6, p + q), q combinations of shared errors of which the data tell something
+    M: Array  # (p + q, p + q) covariance of the unknowns, with weights and priors
+    known: Array  # (p + q, p + q) information of the priors
+
+
+def own_residuals(fit: Fit) -> OwnResiduals:
+    """Return the own residuals of one fit; raises `InputError` on fits of several data sets."""
+    S = joint_of(fit.S)
+    assert S is not None
+    if fit.covariance.ndim != 2:
+        raise InputError(f"Expected one data set beside shared errors, got leading axes {fit.covariance.shape[:-2]}.")
+    z, response, left = fit.told(S.shared)
+    # The z are N(0, I) in any axes: those of what the data tell. 1: X and W, or other columns, take it in.
+    share, axes = np.linalg.eigh(left)
+    axes = axes[:, share * (1.0 + MIN_RESOLVED_SHARE) < 1.0]
+    p, q = fit.covariance.shape[-1], axes.shape[-1]
+    F = S.shared @ axes
+    white = whiten(
+        cholesky_of(S.own), np.concatenate([fit.linear.J, F, (fit.residual - S.shared @ z)[..., None]], axis=-1)
+    )
+    M = np.block([[fit.covariance, response @ axes], [(response @ axes).T, axes.T @ left @ axes]])
+    known = np.diag((np.arange(p + q) >= p).astype(float))
+    if fit.prior is not None:
+        known[:p, :p] = fit.prior.normal_equations(fit.X, fit.W)[0]
+    return OwnResiduals(white[..., -1], white[..., :-1], M, known)
