@@ -24,7 +24,8 @@ from uq_handeye.core.presentation.ellipses import render
 from uq_handeye.core.presentation.figure_parts import BLUE, GREEN, WIDTH, inline_svg
 from uq_handeye.errors import InputError
 from uq_handeye.fit.diagnostics.pose_table import PoseTable
-from uq_handeye.fit.likelihood.shared_estimates import SharedEstimate, grouped
+from uq_handeye.fit.likelihood.shared_estimates import SharedEstimate
+from uq_handeye.fit.likelihood.shared_groups import grouped
 from uq_handeye.report.comparison.compare import compare_beside
 from uq_handeye.report.comparison.figure import comparison_picture
 from uq_handeye.report.figures import figures, pictures

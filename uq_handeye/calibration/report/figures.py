@@ -26,7 +26,7 @@ from ...core.presentation.figure_parts import (
     finished,
     plain,
 )
-from ...fit.likelihood.shared_estimates import SharedGroup
+from ...fit.likelihood.shared_groups import SharedGroup
 from ..estimate.estimated import distance_of
 from .budget import KINDS
 from .points_ahead import ahead, worst_deviation

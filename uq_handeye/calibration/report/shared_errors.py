@@ -16,7 +16,8 @@ from ...core.presentation.document import (
 )
 from ...fit.diagnostics.result import ScaleError
 from ...fit.diagnostics.sentences import relative
-from ...fit.likelihood.shared_estimates import SharedEstimate, SharedGroup
+from ...fit.likelihood.shared_estimates import SharedEstimate
+from ...fit.likelihood.shared_groups import SharedGroup
 from ...model.shared_errors.shared_error import CLOCK_OFFSET, ROBOT_SCALE, TARGET_SCALE, WRONG_SIZE
 from ..result import Calibration
 from ..statement.checks import included, shared_groups, sizes_of

@@ -29,7 +29,7 @@ from ...findings import (
     Finding,
     without_consequences,
 )
-from ...fit.likelihood.shared_estimates import SharedGroup, grouped
+from ...fit.likelihood.shared_groups import SharedGroup, grouped
 from ...model.kinematics.kinematic_errors import DECLARED_AS
 from ...model.noise.camera_noise import INTRINSICS
 from ...model.noise.joint_covariance import group_of

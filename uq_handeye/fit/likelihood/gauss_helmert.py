@@ -99,7 +99,7 @@ class Fit(ReadOnlyArrays):
     weights: Array | None = None  # (..., n) in [0, 1], robust weights of the poses; None: all 1
     open: Array | None = None  # (..., p, p): projector onto the directions that stay open (`open_directions`)
     lever: Array | None = None  # (...): the length that makes an angle of them a length (m)
-    prior: PosePrior | None = None  # of X and W, that counted beside the data
+    prior: PosePrior | None = None  # of X and W, used in addition to the data
 
     @property
     def X(self) -> Array:

@@ -199,7 +199,7 @@ def step_from(constraint: Constraint, noise: Noise, at: Unknowns) -> Step:
 
 
 def beside_prior(information: Array, gradient: Array, noise: Noise, at: Unknowns) -> tuple[Array, Array]:
-    """The normal equations with those of the prior of X and W, which is a measurement beside the data."""
+    """Add the normal equations of the prior of X and W, which counts as one more measurement."""
     if noise.prior is None:
         return information, gradient
     more, pull, _ = noise.prior.normal_equations(at.X, at.W)
@@ -256,7 +256,7 @@ def _of_closed(closed: Array, information: Array) -> Array:
 
 
 def _without_noise(U: Array, rig: Array, information: Array, tilts: Tilts) -> Array:
-    """A basis (p, k) of the open directions U in units of the rig, with what is not told from 0 as 0.
+    """Return a basis (p, k) of the open directions U in units of the rig, with components within their noise as 0.
 
     The rows of U that carry most are made the identity; the others follow from ``I u = 0`` with the errors
     ``C dG`` of their least squares, C the inverse of I on those rows and ``Cov dG = sum J^T A Cov(dJ u) A J``.

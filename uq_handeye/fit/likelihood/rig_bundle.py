@@ -50,7 +50,7 @@ class RigBundle(NamedTuple):
     )
     parameters: Array  # (p,) intrinsics and shape of the board
     robot: Array  # (n, 4, 4) as adjusted
-    chi2: float  # what is left of the objective
+    chi2: float  # the objective at the estimate
     dof: int
     iterations: int
 
@@ -129,7 +129,7 @@ def adjust_rig(
         Robust weights in [0, 1]: divide the variances of the corners and of the robot pose; 0 says that the robot pose
         belongs to another picture or is wrong, and is taken as unknown.
     excess : float
-        Pixels: noise of all corners beside that of the camera calibration (`noise.estimate.CAMERA_EXCESS`).
+        Pixels: noise of all corners in addition to that of the camera calibration (`noise.estimate.CAMERA_EXCESS`).
 
     Raises
     ------

@@ -84,7 +84,7 @@ class RobustFit(ReadOnlyArrays):
     distances: Array  # (n,) d^2, chi-square(6) for good poses and true noise
     leverage: Array  # (n,) share of each pose in the estimate; the sum is 1
     flags: tuple[str, ...]  # "kept", "downweighted" or "rejected"
-    scale: float  # the noise of most poses is so many times the one given; 1 unless it is surely larger
+    scale: float  # factor from the given noise to that of most poses; 1 unless it is surely larger
     limit: float  # poses with d^2 above it are flagged
     begun: Unknowns | None = None  # where the steps of the fit began
 
@@ -285,7 +285,7 @@ def _begin_with_all(constraint: Constraint, noise: Noise, start: Unknowns, metho
 def _all_agree(
     constraint: Constraint, start: Unknowns, estimate: Estimator, method: str
 ) -> tuple[Noise | None, _Settled | None]:
-    """Noise of all rows and the plain fit with it, if no row stands out beside it; else None.
+    """Return the noise of all rows and the plain fit with it, if no row is an outlier for that noise; else None.
 
     Wrong rows make the noise larger: then the distances of the others are too small, their median among them.
     """
@@ -361,7 +361,7 @@ def _settle(
         if k < UNDAMPED_STEPS:
             scale2 = _scale_guard(distances)
         wanted = robust_weights(distances / (scale2 * margin))
-        quick = k >= MAX_ROUNDS or constraint.n * BORDER_SHARE >= 1.0  # a thousandth of one pose of so many
+        quick = k >= MAX_ROUNDS or constraint.n * BORDER_SHARE >= 1.0  # or one of more than a thousand poses
         still = bool(np.abs(wanted - weights).max() < (still_at or (BORDER_SHARE if quick else STEP_SD)))
         if still and (method == "efficient" or steps > CLOSED_FORM_STEPS):
             return _Settled(found, distances, leverage, float(np.sqrt(scale2)), FULL * scale2 * margin, plain, begun)

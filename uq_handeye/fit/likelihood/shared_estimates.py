@@ -4,17 +4,11 @@ Model: a `Fit` whose noise holds columns F with a name (`SharedError`), scaled b
 ``e = sd z``, ``z ~ N(0, I)``; z, its covariance and its effect on X and W are `Fit.told`, the joint fit of (x, z).
 The estimate of one of them from the residuals, without its prior but with those of the others, is
 ``z / (1 - v) +- sqrt(v / (1 - v))``, v its variance: the score test of one more unknown.
-
-*Groups* combine errors of many numbers that all poses share, such as one for each joint. The numbers of one error
-have names that agree before ": " (`noise.joint_covariance.group_of`). With the moves ``E = [d_1 .. d_k]`` (6, k) of X
-for one prior standard deviation of each after the fit, the variance of X along u that comes from all of them is
-``u^T E E^T u``, and the largest share of the variance ``u^T C u`` along any u the largest eigenvalue of ``E^T
-C^-1 E``. It is not the sum of the shares of the single numbers: directions differ.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, NamedTuple
 
@@ -24,7 +18,7 @@ from scipy.special import chdtrc, erfc
 from ...core.files.records import Record
 from ...core.formatting.units import small_unit
 from ...core.geometry.se3 import Array, perturb
-from ...core.numbers.rounding import CHAIN_ROUNDING, EPS, SOLUTION_ROUNDING
+from ...core.numbers.rounding import CHAIN_ROUNDING, EPS
 from ...errors import InputError
 from ...model.noise.camera_noise import INTRINSICS
 from ...model.noise.joint_covariance import group_of, joint_of
@@ -70,7 +64,7 @@ class SharedEstimate(Record):
     focal_length_px: float | None = None  # of a principal point, where it is known
     stated: str = ""  # the prior in words, where the number is in units of it
     accuracy: RobotAccuracy | None = None  # of a robot: the prior in numbers
-    told: float | None = None  # share of the prior variance that the data took away, for the sizes they settle on
+    told: float | None = None  # share of the prior variance that the data remove, at the estimated sizes
 
     @property
     def resolved(self) -> float:
@@ -110,7 +104,7 @@ class GroupTest(NamedTuple):
     """The numbers of one error, all together, against what was assumed of them."""
 
     p_value: float
-    times: float  # that the standard deviations should have been so many times as large
+    times: float  # the factor of the standard deviations that explains the estimates best
 
 
 def posterior_of_fit(
@@ -179,7 +173,7 @@ def group_test(posterior: Posterior, errors: Sequence[SharedError], group: str) 
     """Test whether the estimates of the numbers of an error are as large as assumed.
 
     In units of the prior and along the eigenvectors of what the data tell, ``I - P = V diag(v) V^T``, an estimate has
-    the variance ``v (1 + (s^2 - 1) v)`` if the standard deviations should have been s times as large: weakly told
+    the variance ``v (1 + (s^2 - 1) v)`` if the standard deviations should have been s times as large: weakly resolved
     numbers say little of s. s is the one of largest likelihood, p that of the likelihood ratio to s = 1 (chi-square
     with one degree of freedom, asymptotically). None where the data say nothing.
     """
@@ -234,69 +228,3 @@ def of_moves(moves: Array) -> Array:
     """Covariance (p, p) of X and W by moves (p,), or (p, r) of r independent errors, of one standard deviation each."""
     each = moves.reshape(len(moves), -1)
     return np.asarray(each @ each.T)
-
-
-@dataclass(frozen=True)
-class SharedGroup:
-    """The numbers of one error; or one number by itself, whose ``name`` is its own then."""
-
-    name: str
-    parts: tuple[SharedEstimate, ...]
-    share: float  # of the variance of X by all parts, in the direction where it matters most
-
-    @property
-    def count(self) -> int:
-        """Number of the parts."""
-        return len(self.parts)
-
-    @property
-    def default(self) -> bool:
-        """Assumed, not declared."""
-        return self.parts[0].default
-
-    @property
-    def told(self) -> float:
-        """Mean share of the prior variances that the data took away: 0 nothing, 1 everything."""
-        return float(np.mean([part.resolved for part in self.parts]))
-
-    @property
-    def units(self) -> tuple[str, ...]:
-        """Units of the numbers as people read them, in order."""
-        return tuple(dict.fromkeys(part.shown[1] for part in self.parts))
-
-    def of_unit(self, unit: str) -> tuple[Array, Array, Array]:
-        """Prior standard deviations, estimates and standard deviations after the fit of the numbers of a unit."""
-        parts = [part for part in self.parts if part.shown[1] == unit]
-        rows = [[part.shown[0] * x for x in (part.prior_sd, part.estimate, part.sd)] for part in parts]
-        prior, estimate, sd = np.array(rows).T
-        return prior, estimate, sd
-
-
-def grouped(estimates: Iterable[SharedEstimate], covariance: Array | None) -> list[SharedGroup]:
-    """Group the estimates in their order; ``covariance`` (6, 6) of X is the one that their effects were found
-    beside.
-    """
-    groups: dict[str, list[SharedEstimate]] = {}
-    for estimate in estimates:
-        groups.setdefault(group_of(estimate.name), []).append(estimate)
-    found = []
-    for name, parts in groups.items():
-        if len(parts) == 1:
-            found.append(SharedGroup(parts[0].name, (parts[0],), parts[0].share))
-        else:
-            found.append(SharedGroup(name, tuple(parts), joint_share(parts, covariance)))
-    return found
-
-
-def joint_share(parts: Iterable[SharedEstimate], covariance: Array | None) -> float:
-    """Return the share of all parts together in the variance of X; without its covariance the largest of the single
-    shares.
-    """
-    parts = list(parts)
-    if covariance is None:
-        return max(part.share for part in parts)
-    sd = np.sqrt(np.diag(covariance))
-    scale = np.where(sd > 0, sd, 1.0)
-    E = np.stack([part.effect for part in parts], axis=-1) / scale[:, None]
-    inverse = np.linalg.pinv(covariance / np.outer(scale, scale), SOLUTION_ROUNDING, hermitian=True)
-    return float(np.clip(np.linalg.eigvalsh(E.T @ inverse @ E)[-1], 0.0, 1.0))

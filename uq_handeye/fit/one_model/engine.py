@@ -229,7 +229,7 @@ class LatentModel(ReadOnlyArrays):
 
     @cached_property
     def _known_points(self) -> dict[bytes, Solved]:
-        """Solution of `of_poses` at its sizes, without the rows: `conditional` is asked at the same ones."""
+        """Solution of `of_poses` at its sizes, without the rows: `conditional` is evaluated at the same ones."""
         return {}
 
     @cached_property

@@ -77,7 +77,7 @@ class JointModel:
     poses: PosePairs | None = None
     pose_prior: PosePrior | None = None
     arm: KinematicColumns | None = None
-    excess: JointCovariance | None = None  # of the camera beside what corners say, per pixel^2
+    excess: JointCovariance | None = None  # of the camera in addition to its covariance from corners, per pixel^2
     shift: Array | None = None  # (n, 6, 2) of the camera where all corners of a picture are shifted, per pixel
     sizes: Mapping[str, Size] = field(default_factory=dict)  # in place of those of the table, by name
     more: tuple[Component, ...] = ()  # of the user's own
@@ -96,7 +96,7 @@ class JointModel:
         errors: tuple[SharedError, ...] = (),
         **others: Any,
     ) -> JointModel:
-        """Build the model of poses; without ``camera`` beside the covariance that camera poses come with.
+        """Build the model of poses; ``camera`` None takes the covariance that the camera poses come with.
 
         Raises `InputError` for a prior of a side that is known.
         """
@@ -242,7 +242,7 @@ class JointModel:
         Raises
         ------
         InputError
-            No residuals left beside the unknowns.
+            No more residuals than unknowns.
         NotConvergedError
             Unknowns or sizes that do not converge.
         """
@@ -406,7 +406,7 @@ class FoundSizes:
     def noise(self) -> Noise | None:
         """Noise of all poses by the most probable sizes, to weigh them by; None: the data are exact.
 
-        What poses share but the data hardly show (`ROUGH_GAIN`) is noise of each pose here.
+        Shared errors that the data hardly show (energy below `ROUGH_GAIN`) are noise of each pose here.
         """
         if self.exact.any():
             return None
@@ -479,7 +479,7 @@ class FoundSizes:
 
     @cached_property
     def spread(self) -> Array:
-        """(p, r) moves of X and W that the open sizes leave, one standard deviation each: beside the noise."""
+        """(p, r) moves of X and W by the uncertain sizes, one standard deviation each, in addition to the noise."""
         p, mixture = self.model.p, self.mixture
         centre = self.model.of_poses(mixture.mean_theta)
         more = mixture.about(centre.mean)[:p, :p] - centre.covariance[:p, :p]

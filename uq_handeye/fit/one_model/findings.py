@@ -59,7 +59,7 @@ def noise_findings(
 
 
 def beside_camera_findings(parts: dict[str, Component], dof: float) -> tuple[Finding, ...]:
-    """Report the robot's noise beside the covariance of the camera poses, the noise of their pixels, and what the
+    """Report the robot's noise, given the covariance of the camera poses, the noise of their pixels, and what the
     corners of one picture share.
     """
     camera, robot = (

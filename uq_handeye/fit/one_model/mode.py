@@ -88,7 +88,7 @@ def find_mode(
             curved = tried.value - state.value + share * promised
             share *= float(np.clip(0.5 * share * promised / max(curved, 1e-300), 0.1, 0.5))
         else:
-            converged = promised < 1e-2  # what is left is rounding
+            converged = promised < 1e-2  # the rest is rounding
             break
         moved, slope_before = tried.theta - state.theta, slope
         if arrived := [mode for mode in known if not _apart(tried.theta, mode, ARRIVED_SD)]:
@@ -112,7 +112,7 @@ def other_modes(model: LatentModel, mode: Mode) -> list[Mode]:
     medians, makes the number larger than twice `NEAR_SD` of its standard deviations and than `FAR_RATIO` medians;
     where the mode itself is there, the search starts at the median.
     Noise of each pose has as many explanations: where a size is in its tail, another search starts with the usual one
-    beside the other noise as large as the residuals.
+    and the other noise as large as the residuals.
     Modes that are not apart count once.
     """
     found: list[Mode] = []
@@ -161,7 +161,7 @@ def _of_residuals(model: LatentModel, number: int) -> float:
 
 
 def _apart(theta: Array, known: Mode, least: float = NEAR_SD) -> bool:
-    """Return whether sizes are apart from a mode by more than so many standard deviations."""
+    """Return whether sizes are apart from a mode by more than ``least`` standard deviations."""
     off = theta - known.theta
     return float(off @ known.state.information @ off) > least**2
 

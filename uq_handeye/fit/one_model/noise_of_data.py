@@ -40,7 +40,7 @@ def estimate_noise(
     ----------
     data : PosePairs or Motions
         One data set (no leading axes); on poses where there are any. With camera poses from corners
-        (``camera_calibration``) or points (``camera_covariance``) the robot's noise is estimated beside their joint
+        (``camera_calibration``) or points (``camera_covariance``) the robot's noise is estimated given their joint
         covariance.
     prior : NoisePrior or None
         What a data sheet says; None: the medians of `sizes`.
@@ -51,9 +51,9 @@ def estimate_noise(
     camera : CameraNoise or None
         The covariance of the camera poses but for their pixel noise (`camera_noise`).
     robot : covariance or None
-        Of the robot poses beside `camera`; None: estimated too.
+        Of the robot poses, where `camera` is given; None: estimated too.
     shared : sequence of SharedError
-        Errors that all poses share, unknowns with a prior beside X and W; the noise that is returned contains them.
+        Errors that all poses share, further unknowns with a prior; the noise that is returned contains them.
 
     Raises
     ------
@@ -101,7 +101,7 @@ def estimate_robot_noise(
     *,
     start: Array | None = None,
 ) -> NoiseEstimate:
-    """Rotation and translation noise of the robot poses, beside the covariance of the camera poses.
+    """Estimate rotation and translation noise of the robot poses, given the covariance of the camera poses.
 
     Parameters
     ----------

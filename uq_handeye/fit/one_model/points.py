@@ -259,7 +259,7 @@ def _rows_of(data: dict[str, Any], p: int, m: int, components: int) -> Rows:
 def with_open_sizes(base: Posterior, of_poses: Array, beside: Array, found: FoundSizes) -> Posterior | OpenSizes:
     """Return the posterior over the sizes that were found; ``of_poses`` (12, 12) is the block of X and W at their mean.
 
-    ``base`` is the posterior at the mean sizes, with ``beside`` (12, 12), what the model does not hold, in that block.
+    ``base`` is the posterior at the mean sizes, with ``beside`` (12, 12), by errors outside the model, in that block.
     """
     model, mixture, source = found.model, found.mixture, found.source
     sizes = np.array([model.sizes(theta) for theta in mixture.theta])  # (d, components)

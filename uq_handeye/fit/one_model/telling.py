@@ -107,7 +107,7 @@ def _status(found: FoundSizes, name: str, spread: _Spread) -> str:
 
 
 def _sized(found: FoundSizes) -> list[Component]:
-    """Components of what has a size of its own beside the noise of the sides: pixels, joints, groups of an arm."""
+    """Return the components with a size that are no noise of a side: pixels, joints, groups of an arm."""
     mixture, listed = found.mixture, []
     free = {found.source.components[k].name: j for j, k in enumerate(found.model.free.tolist())}
     for part in found.source.components:
